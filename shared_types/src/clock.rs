@@ -1,0 +1,103 @@
+//! Time on the board: CLOCK_MONOTONIC in nanoseconds, the same for every process.
+//!
+//! Autopilot time is mapped to it by the gateway and appears nowhere else. Reading the clock is the runtime's
+//! business; the mathematics only ever receives a [`Timestamp`].
+
+use crate::layout::{Layout, ZeroCopySend, hash_start};
+use std::time::Duration;
+
+/// A moment: nanoseconds of CLOCK_MONOTONIC. Zero means "never".
+#[repr(transparent)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Timestamp {
+    /// Nanoseconds since the clock's arbitrary start.
+    pub ns: u64,
+}
+
+#[allow(unsafe_code)]
+// SAFETY: a transparent u64.
+unsafe impl ZeroCopySend for Timestamp {}
+#[allow(unsafe_code)]
+// SAFETY: a transparent u64: no padding, every pattern valid.
+unsafe impl Layout for Timestamp {
+    const LAYOUT_HASH: u64 = hash_start("Timestamp", 8, 8);
+}
+
+impl Timestamp {
+    /// The moment that never was: an unset time.
+    pub const NEVER: Self = Self { ns: 0 };
+
+    /// `ns` nanoseconds of the monotonic clock.
+    pub const fn from_ns(ns: u64) -> Self {
+        Self { ns }
+    }
+
+    /// `seconds` of the monotonic clock; negative and NaN become [`Timestamp::NEVER`].
+    pub fn from_seconds(seconds: f64) -> Self {
+        Self {
+            ns: (seconds * 1e9) as u64,
+        }
+    }
+
+    /// Seconds since the clock's start.
+    pub fn seconds(self) -> f64 {
+        self.ns as f64 * 1e-9
+    }
+
+    /// Whether this is a moment at all.
+    pub const fn is_set(self) -> bool {
+        self.ns != 0
+    }
+
+    /// Seconds from `earlier` to `self`; negative if `earlier` is later.
+    pub fn seconds_since(self, earlier: Self) -> f64 {
+        if self.ns >= earlier.ns {
+            (self.ns - earlier.ns) as f64 * 1e-9
+        } else {
+            -((earlier.ns - self.ns) as f64 * 1e-9)
+        }
+    }
+
+    /// Nanoseconds from `earlier` to `self`, zero if `earlier` is later.
+    pub const fn ns_since(self, earlier: Self) -> u64 {
+        self.ns.saturating_sub(earlier.ns)
+    }
+
+    /// The moment `seconds` later (earlier if negative), saturating at the clock's ends.
+    pub fn plus_seconds(self, seconds: f64) -> Self {
+        if seconds >= 0.0 {
+            Self {
+                ns: self.ns.saturating_add((seconds * 1e9).round() as u64),
+            }
+        } else {
+            Self {
+                ns: self.ns.saturating_sub((-seconds * 1e9).round() as u64),
+            }
+        }
+    }
+
+    /// The moment `duration` later.
+    pub fn plus(self, duration: Duration) -> Self {
+        Self {
+            ns: self
+                .ns
+                .saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Timestamp;
+
+    #[test]
+    fn differences_are_signed_and_sums_saturate() {
+        let early = Timestamp::from_ns(1_000_000_000);
+        let late = early.plus_seconds(0.25);
+        assert_eq!(late.ns, 1_250_000_000);
+        assert!((late.seconds_since(early) - 0.25).abs() < 1e-12);
+        assert!((early.seconds_since(late) + 0.25).abs() < 1e-12);
+        assert_eq!(early.ns_since(late), 0);
+        assert_eq!(early.plus_seconds(-5.0), Timestamp::NEVER);
+    }
+}

@@ -1,0 +1,162 @@
+//! The event table: what pilots and logs are told, once per change of state.
+
+use crate::coded::Coded;
+use crate::health::Name;
+
+crate::wire_enum! {
+    /// Severity, as in RFC 5424 and MAV_SEVERITY (the number is the code).
+    pub enum Severity {
+        /// Normal but worth a record.
+        Debug = 7 "debug",
+        /// The aircraft cannot be kept safe by jink any more.
+        Emergency = 0 "emergency",
+        /// Act now.
+        Alert = 1 "alert",
+        /// A primary function is lost.
+        Critical = 2 "critical",
+        /// A function is lost or an intervention took place.
+        Error = 3 "error",
+        /// Something is wrong and may get worse.
+        Warning = 4 "warning",
+        /// Unusual, not wrong.
+        Notice = 5 "notice",
+        /// Normal operation.
+        Info = 6 "info",
+    }
+}
+
+/// One row of the event table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Event {
+    /// Identity, never reused.
+    pub id: u16,
+    /// Severity.
+    pub severity: Severity,
+    /// Text for the pilot, at most 50 bytes after `{name}`, `{0}` and `{1}` have been filled in.
+    pub text: &'static str,
+    /// What the pilot should do.
+    pub action: &'static str,
+}
+
+macro_rules! events {
+    ($( $(#[$meta:meta])* $name:ident = $id:literal, $severity:ident, $text:literal, $action:literal; )*) => {
+        $( $(#[$meta])* pub const $name: Event = Event {
+            id: $id, severity: Severity::$severity, text: $text, action: $action,
+        }; )*
+        /// Every event, in order of id.
+        pub const TABLE: &[Event] = &[$($name),*];
+    };
+}
+
+events! {
+    /// The whole chain has become healthy.
+    AVOIDANCE_READY = 1, Info, "jink: avoidance ready", "None.";
+    /// A part of the chain is missing.
+    AVOIDANCE_DEGRADED = 2, Critical, "jink: avoidance degraded, {name}", "Expect a stop; take over or wait.";
+    /// A process died and was started again.
+    PROCESS_RESTARTED = 3, Warning, "jink: {name} restarted in {0} ms", "None if it happens once.";
+    /// A process hung and was killed.
+    PROCESS_HUNG = 4, Error, "jink: {name} hung for {0} ms, replaced", "None if it happens once.";
+    /// A process was given up.
+    PROCESS_FAILED = 5, Alert, "jink: {name} failed for good", "Land; look at its log.";
+    /// No fresh range data.
+    RANGES_LOST = 6, Critical, "jink: range data lost, stopping", "Take over or wait.";
+    /// Range data are back.
+    RANGES_BACK = 7, Notice, "jink: range data back", "None.";
+    /// The planner finds no way.
+    NO_PATH = 8, Warning, "jink: no path to the goal, holding", "Wait, or choose another goal.";
+    /// The planner has found a way again.
+    PATH_FOUND = 9, Info, "jink: path found", "None.";
+    /// Something new stands on the committed path and there was a certified way out.
+    COMMITMENT_CHANGED = 10, Notice, "jink: path blocked, evading", "None.";
+    /// The committed trajectory lost its certificate and no certified stop was found.
+    CERTIFICATE_LOST = 11, Alert, "jink: certificate lost, braking", "Be ready to take over.";
+    /// The guard replaced a trajectory by a brake.
+    GUARD_BRAKED = 12, Error, "jink: guard brakes, {name} {0} m ahead", "Be ready to take over.";
+    /// The guard lets trajectories pass again.
+    GUARD_RELEASED = 13, Notice, "jink: guard released", "None.";
+    /// The estimator's position jumped.
+    ESTIMATOR_RESET = 14, Warning, "jink: position reset, map dropped", "Watch the estimator.";
+    /// The autopilot is not heard.
+    AUTOPILOT_LOST = 15, Critical, "jink: autopilot not heard", "Check the link.";
+    /// The autopilot is heard.
+    AUTOPILOT_FOUND = 16, Info, "jink: autopilot heard, system {0}", "None.";
+}
+
+/// The event with identity `id`.
+pub fn find(id: u16) -> Option<&'static Event> {
+    TABLE.iter().find(|event| event.id == id)
+}
+
+crate::sample! {
+    /// An event on its way to the pilot.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    pub struct EventSample: 48 {
+        /// Fills `{name}`.
+        pub name: Name,
+        /// Fill `{0}` and `{1}`.
+        pub numbers: [f64; 2],
+        /// Row of the table.
+        pub id: u16,
+        /// Explicit padding, zero.
+        pub reserved: [u8; 5],
+        /// Severity, repeated so that an unknown id still has one.
+        pub severity: Coded<Severity>,
+    }
+}
+
+impl EventSample {
+    /// `event` about `name` with `numbers`.
+    pub fn new(event: &Event, name: &str, numbers: [f64; 2]) -> Self {
+        Self {
+            name: Name::new(name),
+            numbers,
+            id: event.id,
+            reserved: [0; 5],
+            severity: Coded::new(event.severity),
+        }
+    }
+
+    /// The text with everything filled in; numbers keep at most one decimal.
+    pub fn text(&self) -> String {
+        let Some(event) = find(self.id) else {
+            return format!("jink: event {}", self.id);
+        };
+        let number = |value: f64| {
+            if value.fract().abs() < 0.05 {
+                format!("{value:.0}")
+            } else {
+                format!("{value:.1}")
+            }
+        };
+        event
+            .text
+            .replace("{name}", self.name.as_str())
+            .replace("{0}", &number(self.numbers[0]))
+            .replace("{1}", &number(self.numbers[1]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{EventSample, PROCESS_RESTARTED, TABLE};
+
+    #[test]
+    fn ids_are_unique_and_ascending() {
+        assert!(TABLE.windows(2).all(|pair| pair[0].id < pair[1].id));
+    }
+
+    #[test]
+    fn every_text_fits_a_status_line() {
+        for event in TABLE {
+            let sample = EventSample::new(event, "obstacle_fusion", [1234.5, 9.9]);
+            assert!(sample.text().len() <= 50, "{} is too long", sample.text());
+        }
+    }
+
+    #[test]
+    fn numbers_and_names_are_filled_in() {
+        let sample = EventSample::new(&PROCESS_RESTARTED, "planner", [12.0, 0.0]);
+        assert_eq!(sample.text(), "jink: planner restarted in 12 ms");
+    }
+}

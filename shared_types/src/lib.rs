@@ -1,0 +1,38 @@
+//! The contract between jink's processes: what they say to each other, in which units and frames, how often,
+//! and what happens when it does not arrive. Everything else is derived from the tables in this crate.
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`topics`] | the topic table: name, payload, producer, consumers, rate, deadline |
+//! | [`params`] | the parameter table: name, type, default, range, unit, help |
+//! | [`events`] | the event table: what pilots and logs are told |
+//! | [`sample`] | the header every sample carries, and `Fresh / Stale / Never` |
+//! | [`vehicle`], [`ranges`], [`map`], [`ring`], [`motion`], [`health`], [`link`], [`truth`] | the payloads |
+//! | [`bezier`] | the mathematics of the curves that several services evaluate |
+//! | [`frames`], [`clock`], [`coded`], [`layout`] | units and frames, time, enums on the wire, layout hashes |
+//!
+//! Units stand in field names (`_m`, `_mps`, `_rad`, `_ns`); frames stand in types
+//! ([`frames::LocalNed`], [`frames::BodyFrd`]).
+
+pub mod bezier;
+pub mod clock;
+pub mod coded;
+pub mod events;
+pub mod frames;
+pub mod health;
+pub mod layout;
+pub mod link;
+pub mod map;
+pub mod motion;
+pub mod params;
+pub mod ranges;
+pub mod ring;
+pub mod sample;
+pub mod topics;
+pub mod truth;
+pub mod vehicle;
+
+pub use clock::Timestamp;
+pub use coded::{Coded, Flag};
+pub use frames::{Acceleration, BodyFrd, LocalNed, Point, Velocity};
+pub use sample::{Reading, SampleHeader, Stage, Stamped};

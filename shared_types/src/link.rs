@@ -1,0 +1,65 @@
+//! What the gateway knows of its link, for people and for the supervisor.
+
+use crate::coded::{Coded, Flag};
+use crate::health::Histogram;
+
+crate::wire_enum! {
+    /// What the avoidance heartbeat (component 196) says; numbers are MAV_STATE.
+    pub enum AvoidanceState {
+        /// Nothing sent yet.
+        Uninit = 0 "uninit",
+        /// Starting.
+        Boot = 1 "boot",
+        /// Ready, not every input there yet.
+        Standby = 3 "standby",
+        /// The whole chain is healthy.
+        Active = 4 "active",
+        /// A part of the chain is missing.
+        Critical = 5 "critical",
+        /// Given up.
+        Termination = 8 "termination",
+    }
+}
+
+crate::sample! {
+    /// The gateway's counters since its start.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    pub struct LinkStatus: 1400 {
+        /// Messages received from the autopilot.
+        pub received: u64,
+        /// Messages that could not be decoded, or came from somebody who does not concern us.
+        pub ignored: u64,
+        /// Bytes that belonged to no message.
+        pub garbage_bytes: u64,
+        /// Messages sent.
+        pub sent: u64,
+        /// Setpoints sent (trajectories and mirrored ones).
+        pub setpoints: u64,
+        /// Largest time between two setpoints [us].
+        pub setpoint_gap_max_us: u32,
+        /// The autopilot's system id; 0 = not heard.
+        pub system_id: u8,
+        /// The autopilot's clock is mapped.
+        pub timesync_converged: Flag,
+        /// State in our heartbeat.
+        pub avoidance: Coded<AvoidanceState>,
+        /// The autopilot has been heard within 1.5 s.
+        pub autopilot_alive: Flag,
+        /// Autopilot clock minus board clock [ns].
+        pub clock_offset_ns: i64,
+        /// Shortest round trip of a time synchronisation [us].
+        pub round_trip_us: u32,
+        /// Good samples of the time synchronisation so far.
+        pub timesync_samples: u32,
+        /// TRAJECTORY_REPRESENTATION_WAYPOINTS received.
+        pub desired_paths: u64,
+        /// OBSTACLE_DISTANCE sent.
+        pub obstacle_distances: u64,
+        /// Explicit padding, zero.
+        pub reserved: u64,
+        /// Capture of the newest range behind a planned setpoint to its bytes handed to the kernel.
+        pub capture_to_wire: Histogram,
+        /// Approved trajectory published to its first bytes handed to the kernel.
+        pub approved_to_wire: Histogram,
+    }
+}

@@ -1,0 +1,240 @@
+//! The parameter table. What a user may tune stands here and nowhere else; everything else is a constant beside the
+//! code it belongs to. Names have at most 16 characters, as MAVLink parameters do.
+
+use std::fmt;
+
+/// Type of a parameter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParamType {
+    /// A 32-bit float on the wire.
+    Float,
+    /// A 32-bit integer on the wire.
+    Integer,
+    /// 0 or 1.
+    Boolean,
+}
+
+/// When a changed value takes effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Apply {
+    /// At once.
+    Live,
+    /// At the next start of the services.
+    Restart,
+}
+
+/// One row of the table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Param {
+    /// Name.
+    pub name: &'static str,
+    /// Type.
+    pub kind: ParamType,
+    /// Value if nothing else is given.
+    pub default: f64,
+    /// Smallest value accepted.
+    pub min: f64,
+    /// Largest value accepted.
+    pub max: f64,
+    /// Unit; empty for none.
+    pub unit: &'static str,
+    /// One line of help.
+    pub help: &'static str,
+    /// When a change takes effect.
+    pub apply: Apply,
+}
+
+macro_rules! params {
+    ($( $name:ident = $kind:ident, $default:literal, $min:literal .. $max:literal, $unit:literal, $apply:ident, $help:literal; )*) => {
+        $(
+            #[doc = $help]
+            pub const $name: Param = Param {
+                name: stringify!($name),
+                kind: ParamType::$kind,
+                default: $default,
+                min: $min,
+                max: $max,
+                unit: $unit,
+                help: $help,
+                apply: Apply::$apply,
+            };
+        )*
+        /// Every parameter, in a fixed order.
+        pub const TABLE: &[Param] = &[$($name),*];
+    };
+}
+
+params! {
+    OA_VEH_RADIUS = Float, 0.30, 0.05 .. 3.0, "m", Restart, "Radius of the sphere around the centre of gravity that holds the whole vehicle, propellers included";
+    OA_MAP_ERR = Float, 0.10, 0.0 .. 1.0, "m", Restart, "Error of the map that motion must allow for besides the cell size: sensor noise and pose error";
+    OA_SPD_MAX = Float, 3.0, 0.3 .. 20.0, "m/s", Live, "Highest speed of a planned motion";
+    OA_SPD_CLIMB = Float, 1.5, 0.2 .. 5.0, "m/s", Live, "Highest speed upwards";
+    OA_SPD_DESC = Float, 1.0, 0.2 .. 5.0, "m/s", Live, "Highest speed downwards";
+    OA_ALT_MIN = Float, 1.0, 0.0 .. 100.0, "m", Live, "Lowest height above home that a planned motion may use";
+    OA_ALT_MAX = Float, 120.0, 1.0 .. 1000.0, "m", Live, "Greatest height above home that a planned motion may use";
+    OA_GOAL_RAD = Float, 0.3, 0.05 .. 5.0, "m", Live, "Distance at which a goal counts as reached";
+    OA_YAW_MODE = Integer, 1.0, 0.0 .. 1.0, "", Live, "Heading of planned motion: 0 as the mission asks, 1 along the path";
+    OA_CARVE_RNG = Float, 12.0, 3.0 .. 12.0, "m", Restart, "Range up to which rays clear the map";
+    GD_MARGIN = Float, 0.10, 0.0 .. 2.0, "m", Live, "Distance the guard keeps besides the vehicle radius";
+    GD_BAND = Float, 0.50, 0.1 .. 5.0, "m", Restart, "Half height of the band around the vehicle in which the guard counts obstacles";
+    GD_ACC_BRAKE = Float, 2.0, 0.5 .. 15.0, "m/s2", Live, "Deceleration the guard counts on and brakes with";
+    GD_DELAY = Float, 0.35, 0.0 .. 2.0, "s", Live, "Reaction time the guard counts on: sensor, link and autopilot";
+    GW_RATE = Float, 20.0, 5.0 .. 50.0, "Hz", Restart, "Rate of the setpoint stream to the autopilot";
+    GW_HORIZON = Float, 0.8, 0.3 .. 2.0, "s", Restart, "Duration of each Bezier curve sent to the autopilot";
+}
+
+/// Why a parameter was refused.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ParamError {
+    /// No such parameter.
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// The most similar name that exists.
+        nearest: &'static str,
+    },
+    /// The value lies outside the row's range, or is no number, or no integer where one is needed.
+    OutOfRange {
+        /// Parameter.
+        name: &'static str,
+        /// Refused value.
+        value: f64,
+        /// Smallest value accepted.
+        min: f64,
+        /// Largest value accepted.
+        max: f64,
+    },
+}
+
+impl fmt::Display for ParamError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            ParamError::Unknown { name, nearest } => {
+                write!(f, "unknown parameter {name}; did you mean {nearest}?")
+            }
+            ParamError::OutOfRange {
+                name,
+                value,
+                min,
+                max,
+            } => {
+                write!(f, "{name} = {value} is outside {min} to {max}")
+            }
+        }
+    }
+}
+impl std::error::Error for ParamError {}
+
+/// The values in force, one per row of the table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParamSet {
+    values: Vec<f64>,
+}
+
+impl Default for ParamSet {
+    fn default() -> Self {
+        Self {
+            values: TABLE.iter().map(|param| param.default).collect(),
+        }
+    }
+}
+
+impl ParamSet {
+    /// The value of `param`.
+    pub fn get(&self, param: &Param) -> f64 {
+        TABLE
+            .iter()
+            .position(|row| row.name == param.name)
+            .map_or(param.default, |index| self.values[index])
+    }
+
+    /// Sets the parameter called `name`.
+    ///
+    /// # Errors
+    /// [`ParamError::Unknown`] with the nearest name; [`ParamError::OutOfRange`] with the range.
+    pub fn set(&mut self, name: &str, value: f64) -> Result<(), ParamError> {
+        let Some(index) = TABLE.iter().position(|row| row.name == name) else {
+            return Err(ParamError::Unknown {
+                name: name.to_owned(),
+                nearest: nearest(name, TABLE.iter().map(|row| row.name)).unwrap_or(""),
+            });
+        };
+        let row = &TABLE[index];
+        let whole = row.kind == ParamType::Float || value.fract() == 0.0;
+        if !(row.min..=row.max).contains(&value) || !whole {
+            return Err(ParamError::OutOfRange {
+                name: row.name,
+                value,
+                min: row.min,
+                max: row.max,
+            });
+        }
+        self.values[index] = value;
+        Ok(())
+    }
+}
+
+/// The candidate most similar to `name` (Levenshtein distance, case ignored), for error messages.
+pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let name = name.to_ascii_lowercase();
+    candidates.min_by_key(|candidate| levenshtein(&name, &candidate.to_ascii_lowercase()))
+}
+
+fn levenshtein(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, cb) in b.iter().enumerate() {
+            let substituted = diagonal + usize::from(ca != *cb);
+            diagonal = row[j + 1];
+            row[j + 1] = substituted.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{OA_SPD_MAX, ParamError, ParamSet, TABLE};
+
+    #[test]
+    fn every_row_fits_mavlink_and_its_own_range() {
+        for row in TABLE {
+            assert!(row.name.len() <= 16, "{}", row.name);
+            assert!((row.min..=row.max).contains(&row.default), "{}", row.name);
+            assert!(!row.help.is_empty());
+        }
+    }
+
+    #[test]
+    fn a_value_outside_its_range_changes_nothing() {
+        let mut set = ParamSet::default();
+        let before = set.get(&OA_SPD_MAX);
+        for bad in [1e3, -1.0, f64::NAN] {
+            assert!(matches!(
+                set.set("OA_SPD_MAX", bad),
+                Err(ParamError::OutOfRange { .. })
+            ));
+            assert_eq!(set.get(&OA_SPD_MAX), before);
+        }
+        assert!(set.set("OA_SPD_MAX", 5.0).is_ok());
+        assert_eq!(set.get(&OA_SPD_MAX), 5.0);
+    }
+
+    #[test]
+    fn a_typing_error_is_met_with_the_nearest_name() {
+        let mut set = ParamSet::default();
+        let error = set.set("OA_SPEED_MAX", 3.0).unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "unknown parameter OA_SPEED_MAX; did you mean OA_SPD_MAX?"
+        );
+    }
+
+    #[test]
+    fn an_integer_stays_one() {
+        assert!(ParamSet::default().set("OA_YAW_MODE", 0.5).is_err());
+    }
+}

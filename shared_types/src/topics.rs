@@ -1,0 +1,207 @@
+//! The topic table: the whole data flow on one screen. Service names, quality of service, wait-set deadlines, the
+//! commands that look at topics and the documentation are derived from it; nothing about a topic is said twice.
+//!
+//! A name that ends in `*` is a family: one topic per sensor or per process, e.g. `range/cloud/front`. A service
+//! cannot open a topic in whose row it does not stand.
+
+use crate::events::EventSample;
+use crate::health::{Heartbeat, SystemStatus};
+use crate::link::LinkStatus;
+use crate::map::LocalMap;
+use crate::motion::{ApprovedTrajectory, Route, Trajectory};
+use crate::ranges::{PointCloud, RangeScan};
+use crate::ring::SectorRing;
+use crate::truth::SimTruth;
+use crate::vehicle::{DesiredPath, VehicleState};
+use std::marker::PhantomData;
+
+/// One row of the table.
+#[derive(Clone, Copy, Debug)]
+pub struct TopicRow {
+    /// Name, or family if it ends in `*`.
+    pub name: &'static str,
+    /// Name of the payload type.
+    pub payload: &'static str,
+    /// Programs that may publish it.
+    pub producers: &'static [&'static str],
+    /// Programs that may read it; `*` = every one. The command line tool may read every topic.
+    pub consumers: &'static [&'static str],
+    /// Nominal rate [Hz]; 0 = on change.
+    pub rate_hz: f64,
+    /// Age at which a sample counts as stale [ms].
+    pub deadline_ms: f64,
+    /// Samples a reader can fall behind before the oldest is dropped.
+    pub buffer: usize,
+    /// Recorders keep it.
+    pub logged: bool,
+}
+
+impl TopicRow {
+    /// Whether the row is a family of topics.
+    pub fn is_family(&self) -> bool {
+        self.name.ends_with('*')
+    }
+
+    /// The name of one topic of this row: `member` replaces the `*` of a family and is ignored elsewhere.
+    pub fn topic_name(&self, member: &str) -> String {
+        self.name.replace('*', member)
+    }
+
+    /// Whether `program` may publish the topic.
+    pub fn may_publish(&self, program: &str) -> bool {
+        self.producers.iter().any(|name| *name == "*" || *name == program)
+    }
+
+    /// Whether `program` may read the topic.
+    pub fn may_read(&self, program: &str) -> bool {
+        program == "cli" || self.consumers.iter().any(|name| *name == "*" || *name == program)
+    }
+}
+
+/// A row with its payload type.
+#[derive(Debug)]
+pub struct Topic<T> {
+    /// The row.
+    pub row: TopicRow,
+    payload: PhantomData<fn() -> T>,
+}
+impl<T> Clone for Topic<T> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<T> Copy for Topic<T> {}
+
+macro_rules! topics {
+    ($(
+        $(#[$meta:meta])*
+        $name:ident: $payload:ident = $topic:literal, from $producers:expr, to $consumers:expr,
+            $rate_hz:literal Hz, stale after $deadline_ms:literal ms, buffer $buffer:literal, logged $logged:literal;
+    )*) => {
+        $(
+            $(#[$meta])*
+            pub const $name: Topic<$payload> = Topic {
+                row: TopicRow {
+                    name: $topic,
+                    payload: stringify!($payload),
+                    producers: &$producers,
+                    consumers: &$consumers,
+                    rate_hz: $rate_hz,
+                    deadline_ms: $deadline_ms,
+                    buffer: $buffer,
+                    logged: $logged,
+                },
+                payload: PhantomData,
+            };
+        )*
+        /// Every row.
+        pub const TABLE: &[TopicRow] = &[$($name.row),*];
+    };
+}
+
+topics! {
+    /// Planar scans and single beams, one topic per sensor.
+    RANGE_SCAN: RangeScan = "range/scan/*",
+        from ["simulator", "rangefinder_driver", "lidar_driver", "replay_driver", "mavlink_gateway"],
+        to ["obstacle_fusion", "collision_guard"],
+        20.0 Hz, stale after 250.0 ms, buffer 4, logged true;
+    /// 3-D lidar sweeps and depth images as points, one topic per sensor. Deadline: two and a half periods of 10 Hz.
+    RANGE_CLOUD: PointCloud = "range/cloud/*",
+        from ["simulator", "lidar_driver", "depth_driver", "replay_driver"],
+        to ["obstacle_fusion", "collision_guard"],
+        10.0 Hz, stale after 250.0 ms, buffer 2, logged true;
+    /// The vehicle as the autopilot estimates it.
+    VEHICLE_STATE: VehicleState = "vehicle/state",
+        from ["mavlink_gateway"], to ["*"],
+        50.0 Hz, stale after 100.0 ms, buffer 16, logged true;
+    /// What the autopilot wants to do.
+    DESIRED_PATH: DesiredPath = "vehicle/desired_path",
+        from ["mavlink_gateway"], to ["planner"],
+        5.0 Hz, stale after 500.0 ms, buffer 2, logged true;
+    /// What is occupied, free and unknown around the vehicle.
+    LOCAL_MAP: LocalMap = "map/local",
+        from ["obstacle_fusion"], to ["planner"],
+        10.0 Hz, stale after 250.0 ms, buffer 2, logged true;
+    /// The planner's answer.
+    ROUTE: Route = "plan/route",
+        from ["planner"], to ["bezier_generator"],
+        30.0 Hz, stale after 150.0 ms, buffer 4, logged true;
+    /// Curves for the route.
+    TRAJECTORY: Trajectory = "plan/trajectory",
+        from ["bezier_generator"], to ["collision_guard"],
+        30.0 Hz, stale after 150.0 ms, buffer 4, logged true;
+    /// What may leave for the autopilot.
+    APPROVED: ApprovedTrajectory = "guard/approved",
+        from ["collision_guard"], to ["mavlink_gateway", "planner", "bezier_generator"],
+        30.0 Hz, stale after 150.0 ms, buffer 4, logged true;
+    /// The guard's own view: nearest obstacle per sector.
+    RING: SectorRing = "guard/ring",
+        from ["collision_guard"], to ["mavlink_gateway"],
+        15.0 Hz, stale after 200.0 ms, buffer 2, logged true;
+    /// Signs of life, one topic per process.
+    HEALTH: Heartbeat = "health/*",
+        from ["*"], to ["supervisor"],
+        20.0 Hz, stale after 100.0 ms, buffer 4, logged true;
+    /// News for the pilot, one topic per process.
+    EVENT: EventSample = "event/*",
+        from ["*"], to ["mavlink_gateway"],
+        0.0 Hz, stale after 5000.0 ms, buffer 16, logged true;
+    /// Every process, and the health of the whole.
+    SYSTEM_STATUS: SystemStatus = "system/status",
+        from ["supervisor"], to ["*"],
+        10.0 Hz, stale after 300.0 ms, buffer 2, logged true;
+    /// The gateway's counters.
+    LINK_STATUS: LinkStatus = "link/status",
+        from ["mavlink_gateway"], to ["supervisor"],
+        5.0 Hz, stale after 600.0 ms, buffer 2, logged true;
+    /// Ground truth, in simulations only. The sensor rendering uses it where the vehicle is simulated, too.
+    SIM_TRUTH: SimTruth = "sim/truth",
+        from ["simulator"], to ["simulator"],
+        50.0 Hz, stale after 200.0 ms, buffer 4, logged true;
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{RANGE_CLOUD, TABLE, VEHICLE_STATE};
+
+    #[test]
+    fn names_are_unique() {
+        for (i, row) in TABLE.iter().enumerate() {
+            assert!(
+                TABLE[..i].iter().all(|other| other.name != row.name),
+                "{}",
+                row.name
+            );
+        }
+    }
+
+    #[test]
+    fn every_topic_has_a_producer_and_a_reader() {
+        for row in TABLE {
+            assert!(
+                !row.producers.is_empty() && !row.consumers.is_empty(),
+                "{}",
+                row.name
+            );
+        }
+    }
+
+    #[test]
+    fn a_deadline_allows_for_more_than_two_periods() {
+        for row in TABLE.iter().filter(|row| row.rate_hz > 0.0) {
+            assert!(row.deadline_ms * row.rate_hz / 1e3 >= 2.0, "{}", row.name);
+        }
+    }
+
+    #[test]
+    fn only_the_row_decides_who_may_publish() {
+        assert!(VEHICLE_STATE.row.may_publish("mavlink_gateway"));
+        assert!(!VEHICLE_STATE.row.may_publish("planner"));
+        assert!(VEHICLE_STATE.row.may_read("planner"));
+        assert!(
+            !RANGE_CLOUD.row.may_read("planner"),
+            "the planner sees the map, not the ranges"
+        );
+        assert!(RANGE_CLOUD.row.may_read("cli"));
+    }
+}

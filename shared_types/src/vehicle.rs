@@ -1,0 +1,164 @@
+//! What the gateway knows of the vehicle and of its mission.
+
+use crate::clock::Timestamp;
+use crate::coded::{Coded, Flag};
+use crate::frames::{AngularRate, Attitude, BodyFrd, LocalNed, Point, Velocity};
+
+crate::wire_enum! {
+    /// What the autopilot is doing, independent of its make.
+    pub enum NavMode {
+        /// Not known: no heartbeat yet, or a mode this build has no name for.
+        Unknown = 0 "unknown",
+        /// The pilot flies (any mode in which jink must not plan).
+        Manual = 1 "manual",
+        /// Position hold under sticks.
+        Position = 2 "position",
+        /// Automatic take-off.
+        Takeoff = 3 "takeoff",
+        /// Automatic mission.
+        Mission = 4 "mission",
+        /// Automatic hold (loiter).
+        Hold = 5 "hold",
+        /// Automatic return.
+        Return = 6 "return",
+        /// Automatic landing.
+        Land = 7 "land",
+        /// External setpoints (PX4 OFFBOARD, ArduPilot GUIDED).
+        Offboard = 8 "offboard",
+    }
+}
+
+impl NavMode {
+    /// Whether this is one of PX4's automatic modes, in which it asks its companion for setpoints.
+    pub fn is_automatic(self) -> bool {
+        matches!(
+            self,
+            NavMode::Takeoff | NavMode::Mission | NavMode::Hold | NavMode::Return | NavMode::Land
+        )
+    }
+}
+
+crate::sample! {
+    /// The vehicle as the autopilot estimates it; validity time in the header's `capture`.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    pub struct VehicleState: 144 {
+        /// Position of the centre of gravity.
+        pub position: Point<LocalNed>,
+        /// Velocity.
+        pub velocity: Velocity<LocalNed>,
+        /// `local_q_body`.
+        pub attitude: Attitude,
+        /// Body rates.
+        pub rates: AngularRate<BodyFrd>,
+        /// Height of the home position above the local origin, as down coordinate [m]; NaN unknown.
+        pub home_down_m: f64,
+        /// Distance to the ground below, if the autopilot reports it [m]; NaN unknown.
+        pub ground_distance_m: f64,
+        /// Counts horizontal and vertical position resets of the estimator.
+        pub estimator_resets: u32,
+        /// The vehicle's MAVLink system id; 0 unknown.
+        pub system_id: u8,
+        /// Mode.
+        pub mode: Coded<NavMode>,
+        /// Motors armed.
+        pub armed: Flag,
+        /// On the ground, as the autopilot says.
+        pub landed: Flag,
+        /// Horizontal and vertical position may be used.
+        pub position_valid: Flag,
+        /// The autopilot has been heard within the last 1.5 s.
+        pub autopilot_alive: Flag,
+        /// Explicit padding, zero.
+        pub reserved: [u8; 6],
+        /// Time of the position measurement, before any propagation to `capture`.
+        pub position_time: Timestamp,
+    }
+}
+
+/// MAV_CMD of a desired point that is a take-off.
+pub const COMMAND_TAKEOFF: u16 = 22;
+/// MAV_CMD of a desired point that is a hold.
+pub const COMMAND_LOITER: u16 = 17;
+/// MAV_CMD of a desired point that is a landing.
+pub const COMMAND_LAND: u16 = 21;
+/// The value PX4 puts where a desired point has no command (a plain waypoint).
+pub const COMMAND_NONE: u16 = u16::MAX;
+
+crate::sample! {
+    /// One of the three points of PX4's desired path. NaN means "not given", in every field.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct DesiredPoint: 64 {
+        /// Position; z is NaN while landing.
+        pub position: Point<LocalNed>,
+        /// Velocity; only z is given, and only while landing.
+        pub velocity: Velocity<LocalNed>,
+        /// Heading [rad].
+        pub yaw_rad: f32,
+        /// Heading rate [rad/s].
+        pub yaw_rate_radps: f32,
+        /// MAV_CMD of the mission item, [`COMMAND_NONE`] if none.
+        pub command: u16,
+        /// Whether the autopilot marked the point as valid.
+        pub valid: Flag,
+        /// Explicit padding, zero.
+        pub reserved: [u8; 5],
+    }
+}
+
+impl Default for DesiredPoint {
+    fn default() -> Self {
+        Self {
+            position: Point::UNSET,
+            velocity: Velocity::UNSET,
+            yaw_rad: f32::NAN,
+            yaw_rate_radps: f32::NAN,
+            command: COMMAND_NONE,
+            valid: Flag::NO,
+            reserved: [0; 5],
+        }
+    }
+}
+
+crate::sample! {
+    /// What the autopilot wants to do: PX4's TRAJECTORY_REPRESENTATION_WAYPOINTS, or a goal in its shape.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct DesiredPath: 216 {
+        /// 0: the present setpoint, adapted to its type; 1: the current waypoint; 2: the next waypoint.
+        pub points: [DesiredPoint; 3],
+        /// Speed the mission asks for [m/s]; NaN not known.
+        pub mission_speed_mps: f64,
+        /// The autopilot's own time stamp, microseconds of its clock.
+        pub autopilot_time_us: u64,
+        /// Mode in which this was asked for.
+        pub mode: Coded<NavMode>,
+        /// Explicit padding, zero.
+        pub reserved: [u8; 7],
+    }
+}
+
+impl Default for DesiredPath {
+    fn default() -> Self {
+        Self {
+            points: [DesiredPoint::default(); 3],
+            mission_speed_mps: f64::NAN,
+            autopilot_time_us: 0,
+            mode: Coded::new(NavMode::Unknown),
+            reserved: [0; 7],
+        }
+    }
+}
+
+impl DesiredPath {
+    /// Whether this asks for a motion that jink plans itself; everything else is mirrored back.
+    ///
+    /// Planned: the waypoints of a mission and the level legs of a return. Mirrored: take-off, hold, landing
+    /// (also as mission items), and anything without a finite target.
+    pub fn wants_planning(&self) -> bool {
+        let planned_mode = matches!(self.mode.get(), NavMode::Mission | NavMode::Return);
+        let plain = !matches!(
+            self.points[0].command,
+            COMMAND_TAKEOFF | COMMAND_LAND | COMMAND_LOITER
+        ) && !matches!(self.points[1].command, COMMAND_TAKEOFF | COMMAND_LAND);
+        planned_mode && plain && self.points[0].position.is_finite() && self.points[1].position.is_finite()
+    }
+}
