@@ -1,0 +1,313 @@
+//! `jink.toml`: what this vehicle is, which sensors it has, where its autopilot is.
+//!
+//! Unknown keys and values out of range are refused with file, line and the nearest valid name; nothing is guessed.
+
+use jink_shared_types::params::{ParamSet, nearest};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+/// Name of the configuration file in its folder.
+pub const CONFIG_FILE: &str = "jink.toml";
+
+/// What is wrong with a configuration file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ConfigError {
+    /// The file.
+    pub file: PathBuf,
+    /// Line, counted from 1; 0 if the file as a whole is meant.
+    pub line: usize,
+    /// What is wrong, in one sentence.
+    pub message: String,
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.line > 0 {
+            write!(f, "{}:{}: {}", self.file.display(), self.line, self.message)
+        } else {
+            write!(f, "{}: {}", self.file.display(), self.message)
+        }
+    }
+}
+impl std::error::Error for ConfigError {}
+
+/// The configuration in force.
+#[derive(Clone, Debug, Default)]
+pub struct Config {
+    /// The parameters.
+    pub params: ParamSet,
+    /// The link to the autopilot.
+    pub link: Link,
+    /// The virtual world, where there is one.
+    pub simulation: Simulation,
+    /// Names of the sensors that publish point clouds, and of those that publish scans.
+    pub sensors: Vec<Sensor>,
+}
+
+/// The link to the autopilot.
+#[derive(Clone, Debug, Deserialize, PartialEq, Eq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Link {
+    /// `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT` or `serial:DEVICE:BAUD`.
+    pub address: String,
+    /// The vehicle's system id; 0 = that of the only autopilot heard.
+    pub system_id: u8,
+}
+
+impl Default for Link {
+    fn default() -> Self {
+        Self {
+            address: "udpin:127.0.0.1:14540".to_owned(),
+            system_id: 0,
+        }
+    }
+}
+
+/// The virtual world.
+#[derive(Clone, Debug, Deserialize, PartialEq)]
+#[serde(deny_unknown_fields, default)]
+pub struct Simulation {
+    /// Kind of world: forest, gap, corridor, utrap, empty.
+    pub world: String,
+    /// Seed of everything random.
+    pub seed: u64,
+    /// Trees per square metre; unset = the world's own.
+    pub density_per_m2: Option<f64>,
+    /// UDP port on which the simulated autopilot talks to ground stations (it sends to it); 0 = none.
+    pub ground_station_port: u16,
+    /// UDP port the simulated autopilot binds for its companion; 0 = any free one.
+    pub autopilot_port: u16,
+}
+
+impl Default for Simulation {
+    fn default() -> Self {
+        Self {
+            world: "forest".to_owned(),
+            seed: 1,
+            density_per_m2: None,
+            ground_station_port: 14550,
+            autopilot_port: 0,
+        }
+    }
+}
+
+/// What a sensor publishes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SensorOutput {
+    /// `range/cloud/<name>`.
+    Cloud,
+    /// `range/scan/<name>`.
+    Scan,
+}
+
+/// One sensor as every service needs to know it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sensor {
+    /// Its name: the last part of its topic.
+    pub name: String,
+    /// What it publishes.
+    pub output: SensorOutput,
+}
+
+/// The kinds of sensors and what they publish. The driver that owns a kind knows its other keys.
+const SENSOR_KINDS: &[(&str, SensorOutput)] = &[
+    ("lidar_3d", SensorOutput::Cloud),
+    ("depth_camera", SensorOutput::Cloud),
+    ("lidar_2d", SensorOutput::Scan),
+    ("rangefinder", SensorOutput::Scan),
+];
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+#[derive(Default)]
+struct File {
+    params: BTreeMap<Spanned<String>, Spanned<f64>>,
+    link: Link,
+    simulation: Simulation,
+    sensor: Vec<Spanned<SensorTable>>,
+}
+
+#[derive(Deserialize)]
+struct SensorTable {
+    name: Spanned<String>,
+    kind: Spanned<String>,
+    #[serde(flatten)]
+    _of_the_driver: BTreeMap<String, toml::Value>,
+}
+
+impl Config {
+    /// Reads `jink.toml` in `folder`.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming file and line.
+    pub fn load(folder: &Path) -> Result<Self, ConfigError> {
+        let file = folder.join(CONFIG_FILE);
+        let text = read(&file)?;
+        Self::parse(&file, &text)
+    }
+
+    /// Reads the text of a configuration file; `file` only appears in errors.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming file and line.
+    pub fn parse(file: &Path, text: &str) -> Result<Self, ConfigError> {
+        let parsed: File = parse_toml(file, text)?;
+        let at = |offset: usize, message: String| ConfigError {
+            file: file.to_owned(),
+            line: line_of(text, offset),
+            message,
+        };
+        let mut config = Self {
+            link: parsed.link,
+            simulation: parsed.simulation,
+            ..Self::default()
+        };
+        for (name, value) in &parsed.params {
+            config
+                .params
+                .set(name.get_ref(), *value.get_ref())
+                .map_err(|error| at(name.span().start, error.to_string()))?;
+        }
+        for table in &parsed.sensor {
+            config.add_sensor(table.get_ref(), &at)?;
+        }
+        Ok(config)
+    }
+
+    fn add_sensor(
+        &mut self,
+        table: &SensorTable,
+        at: &impl Fn(usize, String) -> ConfigError,
+    ) -> Result<(), ConfigError> {
+        let name = table.name.get_ref();
+        let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+        if name.is_empty() || name.len() > 20 || !name.chars().all(plain) {
+            let message =
+                format!("sensor name {name:?}: use 1 to 20 lower-case letters, digits and underscores");
+            return Err(at(table.name.span().start, message));
+        }
+        if self.sensors.iter().any(|sensor| sensor.name == *name) {
+            return Err(at(
+                table.name.span().start,
+                format!("two sensors are called {name:?}"),
+            ));
+        }
+        let kind = table.kind.get_ref();
+        let Some((_, output)) = SENSOR_KINDS.iter().find(|(known, _)| known == kind) else {
+            let known = nearest(kind, SENSOR_KINDS.iter().map(|(known, _)| *known)).unwrap_or("");
+            let message = format!("unknown kind of sensor {kind:?}; did you mean {known:?}?");
+            return Err(at(table.kind.span().start, message));
+        };
+        self.sensors.push(Sensor {
+            name: name.clone(),
+            output: *output,
+        });
+        Ok(())
+    }
+}
+
+/// Reads a whole text file.
+///
+/// # Errors
+/// [`ConfigError`] naming the file.
+pub fn read(file: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(file).map_err(|error| ConfigError {
+        file: file.to_owned(),
+        line: 0,
+        message: format!("cannot be read: {error}"),
+    })
+}
+
+/// Parses TOML into `T`; an unknown key is answered with the nearest one that exists.
+///
+/// # Errors
+/// [`ConfigError`] naming file and line.
+pub fn parse_toml<T: DeserializeOwned>(file: &Path, text: &str) -> Result<T, ConfigError> {
+    toml::from_str(text).map_err(|error| ConfigError {
+        file: file.to_owned(),
+        line: error.span().map_or(0, |span| line_of(text, span.start)),
+        message: with_nearest(error.message()),
+    })
+}
+
+/// Line (from 1) of byte `offset` in `text`.
+pub fn line_of(text: &str, offset: usize) -> usize {
+    1 + text.bytes().take(offset).filter(|byte| *byte == b'\n').count()
+}
+
+/// Shortens serde's "unknown field `x`, expected one of `a`, `b`" to what a person needs: the nearest name.
+fn with_nearest(message: &str) -> String {
+    let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
+    match (message.starts_with("unknown field"), quoted.split_first()) {
+        (true, Some((unknown, known))) => match nearest(unknown, known.iter().copied()) {
+            Some(near) => format!("unknown key `{unknown}`; did you mean `{near}`?"),
+            None => format!("unknown key `{unknown}`"),
+        },
+        _ => message.trim().replace('\n', " "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Config, SensorOutput};
+    use jink_shared_types::params;
+    use std::path::Path;
+
+    fn error_of(text: &str) -> String {
+        Config::parse(Path::new("jink.toml"), text)
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn a_good_file_is_read_whole() {
+        let text = "[params]\nOA_SPD_MAX = 4\n[link]\naddress = \"udpin:127.0.0.1:14541\"\n\
+                    [[sensor]]\nname = \"lidar\"\nkind = \"lidar_3d\"\nrate_hz = 10\n";
+        let config = Config::parse(Path::new("jink.toml"), text).unwrap();
+        assert_eq!(config.params.get(&params::OA_SPD_MAX), 4.0);
+        assert_eq!(config.link.address, "udpin:127.0.0.1:14541");
+        assert_eq!(config.sensors[0].output, SensorOutput::Cloud);
+    }
+
+    #[test]
+    fn an_unknown_key_is_refused_with_line_and_nearest() {
+        assert_eq!(
+            error_of("[link]\nadress = \"x\"\n"),
+            "jink.toml:2: unknown key `adress`; did you mean `address`?"
+        );
+        assert_eq!(
+            error_of("\n[lnk]\n"),
+            "jink.toml:2: unknown key `lnk`; did you mean `link`?"
+        );
+        assert_eq!(
+            error_of("[params]\n\nOA_SPEED_MAX = 3.0\n"),
+            "jink.toml:3: unknown parameter OA_SPEED_MAX; did you mean OA_SPD_MAX?"
+        );
+    }
+
+    #[test]
+    fn a_value_out_of_range_or_of_the_wrong_type_is_refused_with_its_line() {
+        assert_eq!(
+            error_of("[params]\nOA_SPD_MAX = 99\n"),
+            "jink.toml:2: OA_SPD_MAX = 99 is outside 0.3 to 20"
+        );
+        assert!(error_of("[link]\nsystem_id = \"one\"\n").starts_with("jink.toml:2: "));
+        assert!(error_of("[link\n").starts_with("jink.toml:1: "));
+    }
+
+    #[test]
+    fn sensors_have_names_of_their_own_and_known_kinds() {
+        let twice =
+            "[[sensor]]\nname = \"a\"\nkind = \"lidar_3d\"\n[[sensor]]\nname = \"a\"\nkind = \"lidar_2d\"\n";
+        assert_eq!(error_of(twice), "jink.toml:5: two sensors are called \"a\"");
+        let odd = "[[sensor]]\nname = \"a\"\nkind = \"lidar3d\"\n";
+        assert_eq!(
+            error_of(odd),
+            "jink.toml:3: unknown kind of sensor \"lidar3d\"; did you mean \"lidar_3d\"?"
+        );
+    }
+}

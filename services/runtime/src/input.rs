@@ -1,0 +1,128 @@
+//! A topic as a reader sees it: the newest sample with its age, or every unread one in order.
+
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::ipc;
+use iceoryx2::sample::Sample;
+use jink_shared_types::layout::Layout;
+use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
+use std::cell::Cell;
+use std::fmt;
+use std::rc::Rc;
+
+/// What the loop wants to know of an input without borrowing it.
+#[derive(Debug)]
+pub(crate) struct InputHealth {
+    pub(crate) newest: Cell<Timestamp>,
+    pub(crate) deadline_ms: f64,
+    pub(crate) needed: Cell<bool>,
+}
+
+impl InputHealth {
+    pub(crate) fn is_fresh(&self, now: Timestamp) -> bool {
+        let newest = self.newest.get();
+        newest.is_set() && now.seconds_since(newest) * 1e3 <= self.deadline_ms
+    }
+}
+
+/// A topic opened for reading.
+pub struct Input<T: Layout> {
+    subscriber: Subscriber<ipc::Service, T, SampleHeader>,
+    newest: Option<Sample<ipc::Service, T, SampleHeader>>,
+    last_sequence: u64,
+    name: String,
+    lost: u64,
+    health: Rc<InputHealth>,
+}
+
+impl<T: Layout> fmt::Debug for Input<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Input({})", self.name)
+    }
+}
+
+impl<T: Layout> Input<T> {
+    pub(crate) fn new(
+        subscriber: Subscriber<ipc::Service, T, SampleHeader>,
+        name: String,
+        deadline_ms: f64,
+    ) -> Self {
+        // Without this a publisher that is idle now would not be connected before its next sample.
+        let _not_yet = subscriber.update_connections();
+        Self {
+            subscriber,
+            newest: None,
+            last_sequence: 0,
+            name,
+            lost: 0,
+            health: Rc::new(InputHealth {
+                newest: Cell::new(Timestamp::NEVER),
+                deadline_ms,
+                needed: Cell::new(false),
+            }),
+        }
+    }
+
+    /// Marks the input as one the service cannot work without: while it is stale, the service is degraded.
+    pub fn needed(self) -> Self {
+        self.health.needed.set(true);
+        self
+    }
+
+    /// The topic's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Samples that were overwritten before they could be read.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    pub(crate) fn health(&self) -> Rc<InputHealth> {
+        Rc::clone(&self.health)
+    }
+
+    /// Takes all waiting samples and returns the newest one ever received, judged against the topic's deadline.
+    pub fn latest(&mut self, now: Timestamp) -> Reading<'_, T> {
+        while self.receive().is_some() {}
+        Reading::judge(self.newest(), now, self.health.deadline_ms)
+    }
+
+    /// Hands every unread sample to `visit`, oldest first.
+    pub fn each(&mut self, mut visit: impl FnMut(Stamped<'_, T>)) {
+        while self.receive().is_some() {
+            if let Some(stamped) = self.newest() {
+                visit(stamped);
+            }
+        }
+    }
+
+    /// The newest sample received so far, however old: for what must outlive its producer.
+    pub fn newest(&self) -> Option<Stamped<'_, T>> {
+        self.newest.as_ref().map(|sample| Stamped {
+            sample: sample.payload(),
+            header: sample.user_header(),
+        })
+    }
+
+    /// Moves to the next unread sample. Samples of a producer that has been replaced may arrive after those of its
+    /// successor: whatever does not advance the sequence is dropped.
+    fn receive(&mut self) -> Option<()> {
+        loop {
+            let sample = self.subscriber.receive().ok().flatten()?;
+            let sequence = sample.user_header().sequence;
+            if sequence <= self.last_sequence && self.newest.is_some() {
+                continue;
+            }
+            let same_producer = sequence >> 32 == self.last_sequence >> 32;
+            if same_producer && self.newest.is_some() {
+                self.lost += sequence - self.last_sequence - 1;
+            }
+            self.last_sequence = sequence;
+            self.health.newest.set(sample.user_header().publish);
+            self.newest = Some(sample);
+            return Some(());
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! What every service's `main` uses: topics from the table, an event-driven loop, heartbeats, deadlines,
+//! configuration, logging. A service implements [`Service`] and calls [`run::<S>()`](run).
+//!
+//! ```no_run
+//! use jink_runtime::{Cycle, Input, Output, Ports, Service, StartError, Wake};
+//! use jink_shared_types::motion::{ApprovedTrajectory, Route};
+//! use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
+//!
+//! struct Echo {
+//!     approved: Input<ApprovedTrajectory>,
+//!     route: Output<Route>,
+//! }
+//!
+//! impl Service for Echo {
+//!     const PROGRAM: &'static str = "planner";
+//!
+//!     fn open(ports: &mut Ports) -> Result<Self, StartError> {
+//!         Ok(Self {
+//!             approved: ports.trigger(topics::APPROVED)?,
+//!             route: ports.output(topics::ROUTE)?,
+//!         })
+//!     }
+//!
+//!     fn cycle(&mut self, cycle: &mut Cycle) -> Wake {
+//!         if let Some(approved) = self.approved.latest(cycle.now).fresh() {
+//!             let header = approved.header.derived(Stage::Planner, cycle.now);
+//!             self.route.send(header, &Route::default());
+//!         }
+//!         Wake::within_s(0.033)
+//!     }
+//! }
+//!
+//! fn main() -> std::process::ExitCode {
+//!     jink_runtime::run::<Echo>()
+//! }
+//! ```
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`config`] | `jink.toml`: read, checked, errors with file, line and nearest key |
+//! | [`instance`] | names and folders that keep two jinks on one host apart |
+//! | [`session`] | one process's connection to shared memory; [`Input`] and [`Output`] |
+//! | [`service`] | the loop |
+//! | [`heartbeat`] | cycle statistics |
+//! | [`realtime`] | memory locking, scheduling, clock |
+//! | [`logging`] | `tracing` for people and for journals |
+
+pub mod config;
+pub mod events;
+pub mod heartbeat;
+pub mod input;
+pub mod instance;
+pub mod logging;
+pub mod output;
+pub mod realtime;
+pub mod service;
+pub mod session;
+mod wakeup;
+
+pub use events::EventSender;
+pub use input::Input;
+pub use instance::Instance;
+pub use output::Output;
+pub use realtime::now;
+pub use service::{Cycle, Ports, Service, Setup, StartError, Wake, run};
+pub use session::{OpenError, Session};

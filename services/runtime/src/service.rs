@@ -1,0 +1,424 @@
+//! The loop of every service: sleep until a topic, a socket or a timer wakes it, run one cycle, tell that it lives.
+//!
+//! Nothing polls for data: the process sleeps in one `ppoll` over the wake-ups of its trigger topics and the file
+//! descriptors the service watches, at most until the next moment the service or the heartbeat asked for.
+
+use crate::config::{Config, ConfigError};
+use crate::events::EventSender;
+use crate::heartbeat::{CycleMeter, HEARTBEAT_PERIOD_S};
+use crate::input::{Input, InputHealth};
+use crate::instance::Instance;
+use crate::output::Output;
+use crate::realtime::{self, RealtimeWish};
+use crate::session::{OpenError, Session};
+use crate::wakeup::Wakeup;
+use clap::Parser;
+use jink_shared_types::health::{Heartbeat, ServiceState};
+use jink_shared_types::layout::Layout;
+use jink_shared_types::topics::{self, Topic};
+use jink_shared_types::{SampleHeader, Timestamp};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::fmt;
+use std::os::fd::BorrowedFd;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Descriptors a service may watch besides its topics.
+pub const WATCHED_FDS: usize = 4;
+/// Trigger topics and watched descriptors together.
+const POLL_FDS: usize = 32;
+/// Exit code of a service that could not start: wrong configuration, missing device, refused topic. The supervisor does
+/// not restart it at once: it would fail again.
+pub const EXIT_CANNOT_START: u8 = 78;
+
+/// What the supervisor tells a process when it starts it.
+#[derive(Clone, Debug, Parser)]
+#[command(
+    about = "A jink service. It is started by jink-supervisor; by hand only for tests.",
+    version
+)]
+pub struct Setup {
+    /// Name of the process in the process table
+    #[arg(long)]
+    pub process: String,
+    /// Instance to join
+    #[arg(long, default_value = "default")]
+    pub instance: Instance,
+    /// Folder with jink.toml
+    #[arg(long, default_value = "config")]
+    pub config: PathBuf,
+    /// Which start of this process it is
+    #[arg(long, default_value_t = 1)]
+    pub generation: u32,
+    /// Cycle budget [us], 0 = none
+    #[arg(long, default_value_t = 0)]
+    pub budget_us: u32,
+    /// SCHED_FIFO priority, 0 = ordinary scheduling
+    #[arg(long, default_value_t = 0)]
+    pub priority: u8,
+    /// Core to stay on
+    #[arg(long)]
+    pub core: Option<usize>,
+    /// Keep all pages in memory
+    #[arg(long)]
+    pub lock_memory: bool,
+    /// Log level: error, warn, info, debug, trace
+    #[arg(long, default_value = "info")]
+    pub log: tracing::Level,
+    /// Arguments of this kind of service
+    #[arg(last = true)]
+    pub arguments: Vec<String>,
+}
+
+/// Why a service could not start.
+#[derive(Debug)]
+pub enum StartError {
+    /// A topic could not be opened.
+    Topic(OpenError),
+    /// The configuration is wrong.
+    Config(ConfigError),
+    /// Something else the service needs is not to be had.
+    Needs {
+        /// What it needs.
+        what: String,
+        /// Why it is not there.
+        cause: String,
+    },
+}
+
+impl fmt::Display for StartError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Topic(error) => write!(f, "{error}"),
+            Self::Config(error) => write!(f, "{error}"),
+            Self::Needs { what, cause } => write!(f, "{what}: {cause}"),
+        }
+    }
+}
+impl std::error::Error for StartError {}
+impl From<OpenError> for StartError {
+    fn from(error: OpenError) -> Self {
+        Self::Topic(error)
+    }
+}
+impl From<ConfigError> for StartError {
+    fn from(error: ConfigError) -> Self {
+        Self::Config(error)
+    }
+}
+
+/// When a service wants to run again at the latest, data or not.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Wake {
+    at: Timestamp,
+}
+
+impl Wake {
+    /// Only when data arrive.
+    pub fn on_data() -> Self {
+        Self {
+            at: Timestamp::from_ns(u64::MAX),
+        }
+    }
+
+    /// At `time`.
+    pub fn at(time: Timestamp) -> Self {
+        Self { at: time }
+    }
+
+    /// `seconds` from now.
+    pub fn within_s(seconds: f64) -> Self {
+        Self {
+            at: realtime::now().plus_seconds(seconds),
+        }
+    }
+}
+
+/// One run of a service.
+#[derive(Debug)]
+pub struct Cycle<'a> {
+    /// When it was woken.
+    pub now: Timestamp,
+    /// News for the pilot.
+    pub events: &'a mut EventSender,
+}
+
+/// A service: opened once, then run cycle by cycle.
+pub trait Service: Sized {
+    /// The program's name in the topic table.
+    const PROGRAM: &'static str;
+
+    /// Opens topics and devices.
+    ///
+    /// # Errors
+    /// Whatever keeps the service from working at all; it is logged and the process ends.
+    fn open(ports: &mut Ports) -> Result<Self, StartError>;
+
+    /// Does what there is to do now and says when it must run again without data.
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake;
+
+    /// Descriptors whose readability starts a cycle; they may change from cycle to cycle.
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
+        [None; WATCHED_FDS]
+    }
+}
+
+/// Opens the topics of a service.
+pub struct Ports {
+    session: Session,
+    setup: Setup,
+    config: Config,
+    inputs: Vec<Rc<InputHealth>>,
+    wakeups: Vec<Wakeup>,
+}
+
+impl fmt::Debug for Ports {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Ports({}, {} inputs)", self.setup.process, self.inputs.len())
+    }
+}
+
+impl Ports {
+    /// What the supervisor said.
+    pub fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    /// The configuration.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// A topic to publish.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn output<T: Layout>(&mut self, topic: Topic<T>) -> Result<Output<T>, OpenError> {
+        self.output_of(topic, "")
+    }
+
+    /// One topic of a family to publish.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn output_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Output<T>, OpenError> {
+        self.session.output(topic, member, self.setup.generation)
+    }
+
+    /// A topic to look at in every cycle.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn input<T: Layout>(&mut self, topic: Topic<T>) -> Result<Input<T>, OpenError> {
+        self.input_of(topic, "")
+    }
+
+    /// One topic of a family to look at in every cycle.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn input_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Input<T>, OpenError> {
+        let input = self.session.input(topic, member)?;
+        self.inputs.push(input.health());
+        Ok(input)
+    }
+
+    /// A topic whose samples start a cycle.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn trigger<T: Layout>(&mut self, topic: Topic<T>) -> Result<Input<T>, OpenError> {
+        self.trigger_of(topic, "")
+    }
+
+    /// One topic of a family whose samples start a cycle.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn trigger_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Input<T>, OpenError> {
+        self.wakeups
+            .push(Wakeup::new(self.session.listener(topic, member)?));
+        self.input_of(topic, member)
+    }
+
+    fn masks(&self, now: Timestamp) -> (u32, u32) {
+        let mut fresh = 0;
+        let mut needed = 0;
+        for (index, input) in self.inputs.iter().enumerate().take(32) {
+            fresh |= u32::from(input.is_fresh(now)) << index;
+            needed |= u32::from(input.needed.get()) << index;
+        }
+        (fresh, needed)
+    }
+
+    /// Alive and blind is told from alive and well: a needed input that is stale degrades, one that never came is a
+    /// reason to stand by.
+    fn state(&self, now: Timestamp) -> ServiceState {
+        let needed = || self.inputs.iter().filter(|input| input.needed.get());
+        if needed().any(|input| !input.newest.get().is_set()) {
+            ServiceState::Standby
+        } else if needed().all(|input| input.is_fresh(now)) {
+            ServiceState::Active
+        } else {
+            ServiceState::Degraded
+        }
+    }
+}
+
+/// Runs service `S` until SIGTERM or SIGINT: the whole `main` of a service.
+pub fn run<S: Service>() -> ExitCode {
+    let setup = Setup::parse();
+    crate::logging::init(&setup.process, setup.log);
+    match start::<S>(setup) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            tracing::error!("{} cannot start: {error}", S::PROGRAM);
+            ExitCode::from(EXIT_CANNOT_START)
+        }
+    }
+}
+
+fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|error| StartError::Needs {
+            what: "a signal handler".to_owned(),
+            cause: error.to_string(),
+        })?;
+    }
+    let config = Config::load(&setup.config)?;
+    let wish = RealtimeWish {
+        priority: setup.priority,
+        core: setup.core,
+        lock_memory: setup.lock_memory,
+    };
+    for refusal in realtime::apply(wish) {
+        tracing::warn!("{refusal}");
+    }
+    let session = Session::open(&setup.instance, S::PROGRAM)?;
+    let health = session.output(topics::HEALTH, &setup.process, setup.generation)?;
+    let mut events = EventSender::new(session.output(topics::EVENT, &setup.process, setup.generation)?);
+    let mut ports = Ports {
+        session,
+        config,
+        inputs: Vec::new(),
+        wakeups: Vec::new(),
+        setup,
+    };
+    let mut beat = Beat::new(&ports.setup, health);
+    beat.send(ServiceState::Starting, 0, 0);
+    let mut service = S::open(&mut ports)?;
+    tracing::debug!(pid = std::process::id(), "{} runs", ports.setup.process);
+    serve(&mut service, &ports, &mut beat, &mut events, &stop);
+    beat.send(ServiceState::Stopping, 0, 0);
+    Ok(())
+}
+
+fn serve<S: Service>(
+    service: &mut S,
+    ports: &Ports,
+    beat: &mut Beat,
+    events: &mut EventSender,
+    stop: &AtomicBool,
+) {
+    let mut late = 0u32;
+    while !stop.load(Ordering::Relaxed) {
+        let now = realtime::now();
+        let wake = service.cycle(&mut Cycle { now, events });
+        let end = realtime::now();
+        beat.meter.cycle(now, end);
+        let (fresh, needed) = ports.masks(end);
+        let now_late = needed & !fresh;
+        for _ in 0..(now_late & !late).count_ones() {
+            beat.meter.deadline_missed();
+        }
+        late = now_late;
+        beat.send_if_due(end, ports.state(end), fresh, needed);
+        sleep(service, ports, wake.at.min(beat.due), stop, beat);
+    }
+}
+
+/// Sleeps until something happens or `until`; heartbeats that fall due meanwhile are the caller's next turn.
+fn sleep<S: Service>(service: &S, ports: &Ports, until: Timestamp, stop: &AtomicBool, beat: &mut Beat) {
+    let mut deadline = until;
+    loop {
+        let signalled = wait(service, ports, deadline);
+        let now = realtime::now();
+        if signalled || stop.load(Ordering::Relaxed) || now >= until && until < beat.due {
+            return;
+        }
+        // Only the heartbeat was due: send it without starting a cycle.
+        let (fresh, needed) = ports.masks(now);
+        beat.send_if_due(now, ports.state(now), fresh, needed);
+        if now >= until {
+            return;
+        }
+        deadline = until.min(beat.due);
+    }
+}
+
+/// One `ppoll`; `true` if a topic or a watched descriptor has something.
+fn wait<S: Service>(service: &S, ports: &Ports, until: Timestamp) -> bool {
+    let left_ns = until.ns_since(realtime::now());
+    let timeout = Timespec {
+        tv_sec: i64::try_from(left_ns / 1_000_000_000).unwrap_or(i64::MAX),
+        tv_nsec: (left_ns % 1_000_000_000) as i64,
+    };
+    let watched = service.watched();
+    let mut sources = ports
+        .wakeups
+        .iter()
+        .map(Wakeup::fd)
+        .chain(watched.into_iter().flatten());
+    let stdin = rustix::stdio::stdin();
+    let mut used = 0;
+    // Unused places hold a descriptor with no events asked for, and are not handed to the kernel.
+    let mut fds: [PollFd<'_>; POLL_FDS] = std::array::from_fn(|_| match sources.next() {
+        Some(fd) => {
+            used += 1;
+            PollFd::from_borrowed_fd(fd, PollFlags::IN)
+        }
+        None => PollFd::from_borrowed_fd(stdin, PollFlags::empty()),
+    });
+    // Interrupted by a signal: as good as a time-out, the caller looks at the stop flag.
+    let ready = poll(&mut fds[..used], Some(&timeout)).unwrap_or(0);
+    if ready > 0 {
+        for wakeup in &ports.wakeups {
+            wakeup.clear();
+        }
+    }
+    ready > 0
+}
+
+/// The heartbeat with its period.
+struct Beat {
+    meter: CycleMeter,
+    output: Output<Heartbeat>,
+    due: Timestamp,
+}
+
+impl Beat {
+    fn new(setup: &Setup, output: Output<Heartbeat>) -> Self {
+        Self {
+            meter: CycleMeter::new(&setup.process, setup.generation, setup.budget_us),
+            output,
+            due: realtime::now(),
+        }
+    }
+
+    fn send(&mut self, state: ServiceState, fresh: u32, needed: u32) {
+        let now = realtime::now();
+        let heartbeat = self.meter.beat(state, fresh, needed);
+        self.output.send(SampleHeader::at(now), &heartbeat);
+        self.due = now.plus_seconds(HEARTBEAT_PERIOD_S);
+    }
+
+    fn send_if_due(&mut self, now: Timestamp, state: ServiceState, fresh: u32, needed: u32) {
+        if now >= self.due {
+            self.send(state, fresh, needed);
+        }
+    }
+}
