@@ -1,0 +1,250 @@
+//! Convex pieces of certified space around a guide.
+//!
+//! Around a segment that is known to be safe, every unsafe cell in the neighbourhood is cut off by the plane through its
+//! point nearest to the segment, at right angles to the line between the two: nearest cells first, and each plane takes
+//! all cells behind it along (S. Liu et al., "Planning Dynamically Feasible Trajectories for Quadrotors Using Safe
+//! Flight Corridors in 3-D Complex Environments", RA-L 2017, section III, with the segment itself as seed instead of
+//! an ellipsoid). The segment stays inside by construction: both are convex, so the plane separates them.
+
+use crate::space::Space;
+use jink_shared_types::map::{CELL_M, Cell, SIZE_X, center_of};
+use jink_shared_types::motion::{HalfSpace, POLYTOPE_PLANES, Polytope};
+use nalgebra::Vector3;
+
+/// How far a polytope may reach to the side of its segment [m], first try.
+const REACH_M: f64 = 2.0;
+/// The same upwards and downwards [m]: level flight needs less.
+const REACH_VERTICAL_M: f64 = 1.0;
+/// Tries with half the reach each, if the half-spaces do not suffice.
+const TRIES: u32 = 4;
+/// Taken off every plane [m], so that rounding never touches an unsafe cell.
+const INSET_M: f64 = 1e-3;
+
+/// Reusable memory of the corridor builder.
+#[derive(Debug)]
+pub struct CorridorBuilder {
+    cells: Vec<(f64, Vector3<f64>)>,
+}
+
+impl Default for CorridorBuilder {
+    fn default() -> Self {
+        Self {
+            cells: Vec::with_capacity(32_768),
+        }
+    }
+}
+
+impl CorridorBuilder {
+    /// The polytope around the segment from `a` to `b` in `gear`, between the heights `down_range_m` (smallest and
+    /// largest down coordinate). `None` if the segment itself touches an unsafe cell.
+    pub fn polytope(
+        &mut self,
+        space: &Space,
+        gear: usize,
+        a: &Vector3<f64>,
+        b: &Vector3<f64>,
+        down_range_m: (f64, f64),
+    ) -> Option<Polytope> {
+        let mut reach = 1.0;
+        for _ in 0..TRIES {
+            let size = Vector3::new(REACH_M, REACH_M, REACH_VERTICAL_M) * reach;
+            let mut low = a.inf(b) - size;
+            let mut high = a.sup(b) + size;
+            low.z = low.z.max(down_range_m.0.min(a.z.min(b.z)));
+            high.z = high.z.min(down_range_m.1.max(a.z.max(b.z)));
+            self.collect(space, gear, &low, &high, a, b);
+            match self.cut(a, b, &low, &high) {
+                Cut::Done(polytope) => return Some(*polytope),
+                Cut::TouchesSegment => return None,
+                Cut::TooManyPlanes => reach *= 0.5,
+            }
+        }
+        None
+    }
+
+    /// Gathers the unsafe cells in the box that border on safe ones, with their distance from the segment.
+    fn collect(
+        &mut self,
+        space: &Space,
+        gear: usize,
+        low: &Vector3<f64>,
+        high: &Vector3<f64>,
+        a: &Vector3<f64>,
+        b: &Vector3<f64>,
+    ) {
+        self.cells.clear();
+        let first: Cell = std::array::from_fn(|axis| (low[axis] / CELL_M).floor() as i32 - 1);
+        let last: Cell = std::array::from_fn(|axis| (high[axis] / CELL_M).floor() as i32 + 1);
+        let unsafe_row = |y: i32, z: i32| {
+            let cell = [first[0], y, z];
+            // Rows outside the window are unknown as a whole.
+            if space.contains([space.min_cell()[0], y, z]) {
+                space.blocked(gear).row_at(cell)
+            } else {
+                u128::MAX
+            }
+        };
+        for z in first[2]..=last[2] {
+            for y in first[1]..=last[1] {
+                let row = unsafe_row(y, z);
+                let inner = row.rotate_left(1)
+                    & row.rotate_right(1)
+                    & unsafe_row(y - 1, z)
+                    & unsafe_row(y + 1, z)
+                    & unsafe_row(y, z - 1)
+                    & unsafe_row(y, z + 1);
+                let border = row & !inner;
+                for x in first[0]..=last[0] {
+                    let inside = (x - space.min_cell()[0]) as usize & !(SIZE_X - 1) == 0;
+                    let bit = x as usize & (SIZE_X - 1);
+                    if inside && border >> bit & 1 == 1 {
+                        let center = center_of([x, y, z]).vector();
+                        let distance_m2 = (center - nearest_on_segment(a, b, &center)).norm_squared();
+                        self.cells.push((distance_m2, center));
+                    }
+                }
+            }
+        }
+    }
+
+    fn cut(&mut self, a: &Vector3<f64>, b: &Vector3<f64>, low: &Vector3<f64>, high: &Vector3<f64>) -> Cut {
+        let mut polytope = Box::new(box_of(low, high));
+        while let Some(nearest) = self
+            .cells
+            .iter()
+            .copied()
+            .reduce(|best, cell| if cell.0 < best.0 { cell } else { best })
+        {
+            let Some(plane) = separate(a, b, &nearest.1) else {
+                return Cut::TouchesSegment;
+            };
+            if polytope.len as usize >= POLYTOPE_PLANES {
+                return Cut::TooManyPlanes;
+            }
+            polytope.push(plane);
+            let normal = Vector3::from(plane.normal);
+            let half_width_m = 0.5 * CELL_M * normal.iter().map(|n| n.abs()).sum::<f64>();
+            self.cells
+                .retain(|(_, center)| normal.dot(center) - half_width_m < plane.offset_m - 1e-9);
+        }
+        Cut::Done(polytope)
+    }
+}
+
+enum Cut {
+    Done(Box<Polytope>),
+    TouchesSegment,
+    TooManyPlanes,
+}
+
+fn box_of(low: &Vector3<f64>, high: &Vector3<f64>) -> Polytope {
+    let mut polytope = Polytope::default();
+    for axis in 0..3 {
+        let mut normal = [0.0; 3];
+        normal[axis] = 1.0;
+        polytope.push(HalfSpace {
+            normal,
+            offset_m: high[axis],
+        });
+        normal[axis] = -1.0;
+        polytope.push(HalfSpace {
+            normal,
+            offset_m: -low[axis],
+        });
+    }
+    polytope
+}
+
+/// The point of the segment nearest to `point`.
+fn nearest_on_segment(a: &Vector3<f64>, b: &Vector3<f64>, point: &Vector3<f64>) -> Vector3<f64> {
+    let way = b - a;
+    let length2 = way.norm_squared();
+    if length2 < 1e-12 {
+        return *a;
+    }
+    a + way * ((point - a).dot(&way) / length2).clamp(0.0, 1.0)
+}
+
+/// The half-space that holds the segment and leaves out the cell around `center`, through the cell's point nearest to
+/// the segment. `None` if they touch.
+///
+/// The nearest pair is found by alternating projections onto the two convex sets (von Neumann; Cheney and Goldstein
+/// 1959), which converges for a box and a segment in a few rounds.
+fn separate(a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f64>) -> Option<HalfSpace> {
+    let half = Vector3::repeat(0.5 * CELL_M);
+    let (low, high) = (center - half, center + half);
+    let mut on_segment = nearest_on_segment(a, b, center);
+    let mut on_cell = *center;
+    for _ in 0..40 {
+        on_cell = on_segment.sup(&low).inf(&high);
+        let next = nearest_on_segment(a, b, &on_cell);
+        let moved = (next - on_segment).norm_squared();
+        on_segment = next;
+        if moved < 1e-18 {
+            break;
+        }
+    }
+    let between = on_cell - on_segment;
+    let gap_m = between.norm();
+    if gap_m < 1e-6 {
+        return None;
+    }
+    let normal = between / gap_m;
+    // Alternating projections stop a hair before the nearest pair: the plane is moved until it clears the whole cell.
+    let half_width_m = 0.5 * CELL_M * normal.iter().map(|n| n.abs()).sum::<f64>();
+    let cell_side_m = normal.dot(center) - half_width_m;
+    let segment_side_m = normal.dot(a).max(normal.dot(b));
+    let inset_m = INSET_M.min(0.5 * (cell_side_m - segment_side_m));
+    (inset_m > 0.0).then(|| HalfSpace {
+        normal: normal.into(),
+        offset_m: cell_side_m - inset_m,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::CorridorBuilder;
+    use crate::space::tests::{known_map, space_of};
+    use jink_shared_types::frames::Point;
+    use jink_shared_types::map::cell_of;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    const HEIGHTS: (f64, f64) = (-6.0, 6.0);
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+        #[test]
+        fn a_polytope_holds_its_segment_and_no_unsafe_point(
+            trees in proptest::collection::vec((-6.0..6.0f64, -6.0..6.0f64), 1..8),
+            a in (-4.0..4.0f64, -4.0..4.0f64), b in (-4.0..4.0f64, -4.0..4.0f64),
+            samples in proptest::collection::vec((-7.0..7.0f64, -7.0..7.0f64, -1.5..1.5f64), 400),
+        ) {
+            let map = known_map(|p| trees.iter().any(|(x, y)| (p.x - x).hypot(p.y - y) < 0.3));
+            let space = space_of(&map);
+            let (a, b) = (Vector3::new(a.0, a.1, 0.05), Vector3::new(b.0, b.1, 0.05));
+            prop_assume!(space.segment_is_safe(1, &a, &b));
+            let polytope = CorridorBuilder::default().polytope(&space, 1, &a, &b, HEIGHTS);
+            prop_assert!(polytope.is_some());
+            let polytope = polytope.unwrap();
+            prop_assert!(polytope.depth_m(&a) > 0.0 && polytope.depth_m(&b) > 0.0);
+            for (x, y, z) in samples {
+                let point = Vector3::new(x, y, z);
+                if polytope.depth_m(&point) >= 0.0 {
+                    prop_assert!(space.is_safe(1, cell_of(Point::from_vector(point))), "{point}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_segment_through_an_obstacle_has_no_polytope() {
+        let space = space_of(&known_map(|p| p.xy().norm() < 0.3));
+        let (a, b) = (Vector3::new(-4.0, 0.1, 0.1), Vector3::new(4.0, 0.1, 0.1));
+        assert!(
+            CorridorBuilder::default()
+                .polytope(&space, 1, &a, &b, HEIGHTS)
+                .is_none()
+        );
+    }
+}

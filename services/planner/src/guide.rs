@@ -1,0 +1,224 @@
+//! From a chain of cells to a short guide of straight legs, all of it known to be safe.
+
+use crate::space::Space;
+use jink_shared_types::map::{Cell, center_of};
+use jink_shared_types::motion::CORRIDOR_POLYTOPES;
+use nalgebra::Vector3;
+
+/// Longest leg [m]: each leg becomes one polynomial piece, and a long one cannot follow the speed profile.
+const LEG_MAX_M: f64 = 3.0;
+/// Shorter than this a leg is numerical dust [m].
+const DUST_M: f64 = 1e-3;
+
+/// The straight legs of a way, first vertex = its start.
+#[derive(Clone, Debug)]
+pub struct Guide {
+    vertices: Vec<Vector3<f64>>,
+    points: Vec<Vector3<f64>>,
+}
+
+impl Default for Guide {
+    fn default() -> Self {
+        Self {
+            vertices: Vec::with_capacity(64),
+            points: Vec::with_capacity(4096),
+        }
+    }
+}
+
+impl Guide {
+    /// The vertices.
+    pub fn vertices(&self) -> &[Vector3<f64>] {
+        &self.vertices
+    }
+
+    /// Total length [m].
+    pub fn length_m(&self) -> f64 {
+        length_m(&self.vertices)
+    }
+
+    /// Builds the guide from `start` along `path` (cells, the first one holds `start`) as far as it is safe in `gear`,
+    /// at most `length_max_m`, and `margin_m` short of where safety ends. `goal` replaces the last cell's centre if
+    /// the path ends in its cell. Returns whether the goal itself is the end.
+    pub fn build(
+        &mut self,
+        space: &Space,
+        gear: usize,
+        start: &Vector3<f64>,
+        path: &[Cell],
+        goal: Option<&Vector3<f64>>,
+        length_max_m: f64,
+        margin_m: f64,
+    ) -> bool {
+        let reaches_end = self.safe_points(space, gear, start, path, goal);
+        let whole_m = length_m(&self.points);
+        let at_goal = goal.is_some() && reaches_end && whole_m <= length_max_m;
+        let wanted_m = (whole_m - margin_m).min(length_max_m);
+        if !at_goal {
+            cut_to(&mut self.points, wanted_m);
+        }
+        self.pull_taut(space, gear);
+        self.split_long_legs();
+        at_goal && self.vertices.len() <= CORRIDOR_POLYTOPES + 1 || {
+            self.vertices.truncate(CORRIDOR_POLYTOPES + 1);
+            false
+        }
+    }
+
+    /// The way as points, cut where it stops being safe; `true` if all of it is.
+    fn safe_points(
+        &mut self,
+        space: &Space,
+        gear: usize,
+        start: &Vector3<f64>,
+        path: &[Cell],
+        goal: Option<&Vector3<f64>>,
+    ) -> bool {
+        self.points.clear();
+        self.points.push(*start);
+        let mut last = *start;
+        for (index, cell) in path.iter().enumerate().skip(1) {
+            let at_end = index + 1 == path.len();
+            let next = match goal {
+                Some(goal) if at_end => *goal,
+                _ => center_of(*cell).vector(),
+            };
+            if !space.segment_is_safe(gear, &last, &next) {
+                return false;
+            }
+            self.points.push(next);
+            last = next;
+        }
+        if let (Some(goal), 1) = (goal, path.len()) {
+            if !space.segment_is_safe(gear, &last, goal) {
+                return false;
+            }
+            self.points.push(*goal);
+        }
+        true
+    }
+
+    /// Replaces chains of points by the longest straight legs that stay safe.
+    fn pull_taut(&mut self, space: &Space, gear: usize) {
+        self.vertices.clear();
+        let Some(first) = self.points.first() else {
+            return;
+        };
+        self.vertices.push(*first);
+        let mut anchor = 0;
+        while anchor + 1 < self.points.len() {
+            let mut far = anchor + 1;
+            for candidate in anchor + 2..self.points.len() {
+                if space.segment_is_safe(gear, &self.points[anchor], &self.points[candidate]) {
+                    far = candidate;
+                } else {
+                    break;
+                }
+            }
+            self.vertices.push(self.points[far]);
+            anchor = far;
+        }
+    }
+
+    fn split_long_legs(&mut self) {
+        self.points.clear();
+        self.points.extend_from_slice(&self.vertices);
+        self.vertices.clear();
+        for (index, point) in self.points.iter().enumerate() {
+            if let Some(last) = self.vertices.last().copied() {
+                let leg = point - last;
+                if leg.norm() < DUST_M && index + 1 < self.points.len() {
+                    continue;
+                }
+                let parts = (leg.norm() / LEG_MAX_M).ceil().max(1.0) as usize;
+                for part in 1..parts {
+                    self.vertices.push(last + leg * (part as f64 / parts as f64));
+                }
+            }
+            self.vertices.push(*point);
+        }
+    }
+}
+
+fn length_m(points: &[Vector3<f64>]) -> f64 {
+    points.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum()
+}
+
+/// Cuts a chain of points after `length_m`.
+fn cut_to(points: &mut Vec<Vector3<f64>>, length_m: f64) {
+    let mut left_m = length_m.max(0.0);
+    for index in 1..points.len() {
+        let leg = points[index] - points[index - 1];
+        if leg.norm() >= left_m {
+            points[index] = points[index - 1] + leg * (left_m / leg.norm().max(1e-9));
+            points.truncate(index + 1);
+            return;
+        }
+        left_m -= leg.norm();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Guide;
+    use crate::search::{Query, Search};
+    use crate::space::tests::{known_map, space_of};
+    use jink_shared_types::map::center_of;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn a_guide_is_safe_taut_and_stops_short_of_the_unknown() {
+        let map = {
+            let mut map = known_map(|p| (p.x - 4.0).hypot(p.y) < 0.5);
+            for row in 0..map.known.len() {
+                // Unknown beyond x = 8 m (cell 40 on).
+                let known = u128::from(map.known[row][0]) | u128::from(map.known[row][1]) << 64;
+                let mut mask = 0u128;
+                for x in -64..40i32 {
+                    mask |= 1 << (x as usize & 127);
+                }
+                let known = known & mask;
+                map.known[row] = [known as u64, (known >> 64) as u64];
+            }
+            map
+        };
+        let space = space_of(&map);
+        let mut search = Search::default();
+        let query = Query {
+            gear: 1,
+            start: [0, 0, 0],
+            goal: [60, 0, 0],
+            z_range: (-5, 5),
+        };
+        search.run(&space, &query).unwrap();
+        let mut guide = Guide::default();
+        let start = center_of([0, 0, 0]).vector();
+        let at_goal = guide.build(&space, 1, &start, search.path(), None, 20.0, 0.5);
+        assert!(!at_goal);
+        let vertices = guide.vertices();
+        assert!((2..9).contains(&vertices.len()), "{vertices:?}");
+        for pair in vertices.windows(2) {
+            assert!(space.segment_is_safe(1, &pair[0], &pair[1]));
+        }
+        let end = vertices.last().unwrap();
+        assert!(end.x > 5.5 && end.x < 7.3, "{end}");
+    }
+
+    #[test]
+    fn a_near_goal_is_reached_exactly() {
+        let space = space_of(&known_map(|_| false));
+        let mut search = Search::default();
+        let goal = Vector3::new(1.03, 0.51, 0.07);
+        let query = Query {
+            gear: 0,
+            start: [0, 0, 0],
+            goal: [5, 2, 0],
+            z_range: (-5, 5),
+        };
+        search.run(&space, &query).unwrap();
+        let mut guide = Guide::default();
+        let start = Vector3::new(0.1, 0.1, 0.1);
+        assert!(guide.build(&space, 0, &start, search.path(), Some(&goal), 20.0, 0.5));
+        assert_eq!(*guide.vertices().last().unwrap(), goal);
+    }
+}

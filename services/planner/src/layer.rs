@@ -1,0 +1,202 @@
+//! Bit layers over the local map's window and their dilation by a ball.
+//!
+//! A layer holds one `u128` per row of cells. Addressing is modular like the map's, so that shifting along an axis is a
+//! rotation; what wraps over the window's seam is harmless because the outermost shell of cells always counts as
+//! unknown (see [`Layer::load_unsafe`]).
+//!
+//! Dilation is exact on the safe side: a cell is set if *any* point in it is nearer than the radius to *any* point of
+//! a set cell, so that a vehicle anywhere in an unset cell has the radius to itself.
+
+use jink_shared_types::map::{CELL_M, Cell, LocalMap, Plane, ROWS, SIZE_X, SIZE_Y, SIZE_Z, bit_of, row_of};
+
+/// One bit per cell of the window.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Layer {
+    rows: Vec<u128>,
+}
+
+impl Default for Layer {
+    fn default() -> Self {
+        Self { rows: vec![0; ROWS] }
+    }
+}
+
+/// The row of a plane as one number.
+fn row(plane: &Plane, index: usize) -> u128 {
+    u128::from(plane[index][0]) | u128::from(plane[index][1]) << 64
+}
+
+/// The rows' index for local coordinates `y`, `z` (taken modulo the size).
+fn index_of(y: usize, z: usize) -> usize {
+    (z & (SIZE_Z - 1)) * SIZE_Y + (y & (SIZE_Y - 1))
+}
+
+impl Layer {
+    /// Whether the bit of `cell` is set; the caller answers for the cell being inside the window.
+    pub fn test(&self, cell: Cell) -> bool {
+        self.rows[row_of(cell)] >> bit_of(cell) & 1 == 1
+    }
+
+    /// Sets the bit of `cell`.
+    pub fn set(&mut self, cell: Cell) {
+        self.rows[row_of(cell)] |= 1 << bit_of(cell);
+    }
+
+    /// Unsets all bits.
+    pub fn clear(&mut self) {
+        self.rows.fill(0);
+    }
+
+    /// The row of cells with the `y` and `z` of `cell`.
+    pub fn row_at(&self, cell: Cell) -> u128 {
+        self.rows[row_of(cell)]
+    }
+
+    /// Becomes the occupied cells of `map`.
+    pub fn load_occupied(&mut self, map: &LocalMap) {
+        for (index, out) in self.rows.iter_mut().enumerate() {
+            *out = row(&map.occupied, index);
+        }
+    }
+
+    /// Becomes everything that is not known to be free: occupied, unknown, and the window's outermost shell, beyond
+    /// which nothing is known.
+    pub fn load_unsafe(&mut self, map: &LocalMap) {
+        let first_x = bit_of(map.min_cell);
+        let last_x = (first_x + SIZE_X as u32 - 1) % SIZE_X as u32;
+        let shell_x = 1u128 << first_x | 1u128 << last_x;
+        let first_y = map.min_cell[1] as usize & (SIZE_Y - 1);
+        let last_y = (first_y + SIZE_Y - 1) & (SIZE_Y - 1);
+        let first_z = map.min_cell[2] as usize & (SIZE_Z - 1);
+        let last_z = (first_z + SIZE_Z - 1) & (SIZE_Z - 1);
+        for (index, out) in self.rows.iter_mut().enumerate() {
+            let (y, z) = (index % SIZE_Y, index / SIZE_Y);
+            *out = if y == first_y || y == last_y || z == first_z || z == last_z {
+                u128::MAX
+            } else {
+                row(&map.occupied, index) | !row(&map.known, index) | shell_x
+            };
+        }
+    }
+}
+
+/// A ball as the widths of its rows, for bit-parallel dilation.
+#[derive(Clone, Debug)]
+pub struct Ball {
+    /// Per half width (index): the row offsets `(dy, dz)` at which the ball is that wide.
+    offsets: Vec<Vec<(usize, usize)>>,
+}
+
+impl Ball {
+    /// The ball of `radius_m`; every cell counts whose nearest point is nearer than that.
+    pub fn new(radius_m: f64) -> Self {
+        let gap_m = |offset: i32| f64::from((offset.abs() - 1).max(0)) * CELL_M;
+        let reach = (radius_m / CELL_M).ceil() as i32 + 1;
+        let mut offsets = Vec::new();
+        for dz in -reach..=reach {
+            for dy in -reach..=reach {
+                let across_m2 = gap_m(dy).powi(2) + gap_m(dz).powi(2);
+                let width = (0..=reach)
+                    .rev()
+                    .find(|dx| across_m2 + gap_m(*dx).powi(2) < radius_m * radius_m);
+                if let Some(width) = width {
+                    let width = width as usize;
+                    if offsets.len() <= width {
+                        offsets.resize(width + 1, Vec::new());
+                    }
+                    let wrap = |d: i32, size: usize| d.rem_euclid(size as i32) as usize;
+                    offsets[width].push((wrap(dy, SIZE_Y), wrap(dz, SIZE_Z)));
+                }
+            }
+        }
+        Self { offsets }
+    }
+
+    /// Writes into `out` all cells that the ball around a cell of `source` reaches; `scratch` is overwritten.
+    pub fn dilate(&self, source: &Layer, scratch: &mut Layer, out: &mut Layer) {
+        scratch.rows.copy_from_slice(&source.rows);
+        out.rows.fill(0);
+        for (width, offsets) in self.offsets.iter().enumerate() {
+            if width > 0 {
+                let shift = width as u32;
+                for (wide, narrow) in scratch.rows.iter_mut().zip(&source.rows) {
+                    *wide |= narrow.rotate_left(shift) | narrow.rotate_right(shift);
+                }
+            }
+            for (dy, dz) in offsets {
+                or_shifted(&scratch.rows, *dy, *dz, &mut out.rows);
+            }
+        }
+    }
+}
+
+/// `out[y + dy, z + dz] |= rows[y, z]`, slice by slice so that the inner loop is straight.
+fn or_shifted(rows: &[u128], dy: usize, dz: usize, out: &mut [u128]) {
+    for z in 0..SIZE_Z {
+        let from = &rows[z * SIZE_Y..(z + 1) * SIZE_Y];
+        let start = index_of(0, z + dz);
+        let to = &mut out[start..start + SIZE_Y];
+        let (head, tail) = to.split_at_mut(dy);
+        let (low, high) = from.split_at(SIZE_Y - dy);
+        for (a, b) in tail.iter_mut().zip(low) {
+            *a |= b;
+        }
+        for (a, b) in head.iter_mut().zip(high) {
+            *a |= b;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Ball, Layer};
+    use jink_shared_types::map::{CELL_M, Cell, LocalMap, set};
+    use proptest::prelude::*;
+
+    fn nearest_m(a: Cell, b: Cell) -> f64 {
+        (0..3)
+            .map(|axis| (f64::from((a[axis] - b[axis]).abs() - 1).max(0.0) * CELL_M).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        #[test]
+        fn dilation_sets_exactly_the_cells_within_the_radius(
+            cells in proptest::collection::vec((-50..50i32, -50..50i32, -20..20i32), 1..6),
+            radius in 0.1..1.1f64,
+        ) {
+            let mut source = Layer::default();
+            for (x, y, z) in &cells {
+                source.set([*x, *y, *z]);
+            }
+            let (mut scratch, mut out) = (Layer::default(), Layer::default());
+            Ball::new(radius).dilate(&source, &mut scratch, &mut out);
+            for x in -60..60 {
+                for y in -60..60 {
+                    for z in -28..28 {
+                        let near = cells.iter().any(|(cx, cy, cz)| nearest_m([x, y, z], [*cx, *cy, *cz]) < radius);
+                        prop_assert_eq!(out.test([x, y, z]), near, "{} {} {}", x, y, z);
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_known_free_is_unsafe_and_so_is_the_windows_shell() {
+        let mut map = LocalMap::boxed();
+        map.min_cell = [-64, -64, -32];
+        for x in -64..64 {
+            set(&mut map.known, [x, 0, 0]);
+        }
+        set(&mut map.occupied, [5, 0, 0]);
+        let mut layer = Layer::default();
+        layer.load_unsafe(&map);
+        assert!(!layer.test([4, 0, 0]), "known and free");
+        assert!(layer.test([5, 0, 0]), "occupied");
+        assert!(layer.test([4, 1, 0]), "unknown");
+        assert!(layer.test([-64, 0, 0]) && layer.test([63, 0, 0]), "shell");
+    }
+}

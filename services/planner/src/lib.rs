@@ -1,0 +1,495 @@
+//! Map and desired path to a route with a certified corridor: never a motion that does not end at rest in space known to
+//! be free.
+//!
+//! | in | out |
+//! |---|---|
+//! | local map, vehicle state, desired path, the trajectory being flown | [`Route`], events |
+//!
+//! In every cycle the planner looks at what is committed. If the newest map shows an obstacle in its tube (rule I3), it
+//! must be left: by a new plan, else by a certified stop, else by braking as hard as allowed. Otherwise a new plan is
+//! made for every new map, from the state the committed trajectory will have in [`SPLICE_LEAD_S`], and replaces it
+//! only if it is certified (rule I2). Without fresh ranges or a valid state nothing new is committed (rule I4).
+//!
+//! A plan is: a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
+//! pieces of certified space around it ([`corridor`]); tried in the highest [`gears`] that is worth it.
+
+pub mod corridor;
+pub mod gears;
+pub mod guide;
+pub mod layer;
+pub mod search;
+pub mod space;
+pub mod stops;
+
+use crate::corridor::CorridorBuilder;
+use crate::gears::{GEARS, gears};
+use crate::guide::Guide;
+use crate::search::{Found, PathEnd, Query, Search};
+use crate::space::Space;
+use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::frames::{LocalNed, Point};
+use jink_shared_types::map::{CELL_M, LocalMap, cell_of};
+use jink_shared_types::motion::{
+    ApprovedTrajectory, MotionLimits, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
+};
+use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
+use jink_shared_types::{Coded, Flag, Reading, Timestamp};
+
+/// How far ahead a new plan departs from the committed one [s]: planning, curves, guard and their hand-overs take some
+/// 10 ms; 100 ms leave room for a restart of any of them in between.
+pub const SPLICE_LEAD_S: f64 = 0.10;
+/// Longest guide [m]: three seconds of flight and the stop behind them at the speeds the tubes allow; more would be
+/// re-planned before it is flown.
+const GUIDE_MAX_M: f64 = 11.0;
+/// A plan that gains less than this is not worth committing [m].
+const PROGRESS_MIN_M: f64 = 0.25;
+/// A lower gear is tried when the way in the higher one is this much longer than the straight line.
+const DETOUR_WORTH_A_GEAR: f32 = 1.25;
+/// A moving start may exceed a gear's speed by this share: the curve slows down within its first piece.
+const SPEED_TOLERANCE: f64 = 1.02;
+/// How long planning must fail while the vehicle stands before the pilot is told [s].
+const NO_PATH_AFTER_S: f64 = 1.5;
+/// Distance between two looks at the committed trajectory [s].
+const RECHECK_STEP_S: f64 = 0.03;
+
+/// What the planner reads.
+#[derive(Clone, Copy, Debug)]
+pub struct Inputs<'a> {
+    /// The newest map.
+    pub map: Reading<'a, LocalMap>,
+    /// The vehicle.
+    pub state: Reading<'a, VehicleState>,
+    /// What the autopilot wants.
+    pub desired: Reading<'a, DesiredPath>,
+    /// What is being flown, however old: it outlives its producer.
+    pub approved: Option<&'a ApprovedTrajectory>,
+}
+
+/// The planner.
+#[derive(Debug)]
+pub struct Planner {
+    limits: [MotionLimits; GEARS],
+    goal_radius_m: f64,
+    height_range_m: (f64, f64),
+    yaw_along_path: bool,
+    space: Space,
+    search: Search,
+    guide: Guide,
+    corridor: CorridorBuilder,
+    route_id: u64,
+    map_publish: Timestamp,
+    planned_goal: Option<Point<LocalNed>>,
+    failing_since: Option<Timestamp>,
+    no_path_told: bool,
+    blocked_told: bool,
+    events: Vec<EventSample>,
+}
+
+/// A committed motion, or the vehicle at rest: where the next plan departs from.
+#[derive(Clone, Copy, Debug)]
+struct Departure {
+    base_id: u64,
+    splice: Timestamp,
+    state: MotionState,
+}
+
+impl Planner {
+    /// A planner with the given parameters; `generation` keeps its route ids apart from those of earlier starts.
+    pub fn new(params: &ParamSet, generation: u32) -> Self {
+        let limits = gears(params);
+        Self {
+            limits,
+            goal_radius_m: params.get(&params::OA_GOAL_RAD),
+            height_range_m: (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX)),
+            yaw_along_path: params.get(&params::OA_YAW_MODE) == 1.0,
+            space: Space::new(
+                &limits,
+                params.get(&params::OA_VEH_RADIUS),
+                params.get(&params::OA_MAP_ERR),
+            ),
+            search: Search::default(),
+            guide: Guide::default(),
+            corridor: CorridorBuilder::default(),
+            route_id: u64::from(generation) << 32,
+            map_publish: Timestamp::NEVER,
+            planned_goal: None,
+            failing_since: None,
+            no_path_told: false,
+            blocked_told: false,
+            events: Vec::with_capacity(8),
+        }
+    }
+
+    /// What happened in the last step that a pilot should know.
+    pub fn events(&self) -> &[EventSample] {
+        &self.events
+    }
+
+    /// One cycle at `now`; the answer is written into `route`.
+    pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, route: &mut Route) {
+        self.events.clear();
+        self.route_id += 1;
+        *route = Route {
+            id: self.route_id,
+            ..Route::default()
+        };
+        let new_map = self.take_map(inputs);
+        let Some(state) = inputs.state.fresh() else {
+            return; // I4: without a state nothing new; Keep.
+        };
+        let Some(desired) = self.wanted(&state, inputs) else {
+            route.mode = Coded::new(RouteMode::Mirror);
+            self.planned_goal = None;
+            self.search.forget();
+            return;
+        };
+        let Some(desired) = desired else {
+            return; // The wish is late: keep what is committed.
+        };
+        let goal = self.clamped_goal(&desired, &state);
+        let committed = inputs.approved.map(|approved| &approved.trajectory);
+        let departure = departure(now, committed, &state);
+        let blocked = self.is_blocked(now, committed);
+        route.goal = goal;
+        if inputs.map.fresh().is_none_or(|map| !map.ranges_fresh.is_set()) || !state.position_valid.is_set() {
+            if blocked {
+                self.leave(now, &departure, route);
+            }
+            return; // I4: blind, the committed trajectory runs to its own stop.
+        }
+        let goal_moved = self
+            .planned_goal
+            .is_none_or(|old| (old.vector() - goal.vector()).norm() > 0.1);
+        if is_at(&departure.state, &goal) {
+            self.report(now, true, &state, &goal);
+        } else if new_map || goal_moved || blocked || self.failing_since.is_some() {
+            let planned = self.plan(&departure, &desired, &goal, route);
+            self.report(now, planned, &state, &goal);
+            if !planned && blocked {
+                self.leave(now, &departure, route);
+            }
+        }
+        route.must_leave = Flag::from(blocked);
+        self.tell_blocked(blocked, now);
+    }
+
+    fn take_map(&mut self, inputs: &Inputs<'_>) -> bool {
+        let Some(map) = inputs.map.fresh() else {
+            return false;
+        };
+        if map.header.publish == self.map_publish {
+            return false;
+        }
+        self.map_publish = map.header.publish;
+        self.space.load(map.sample);
+        true
+    }
+
+    /// `None`: mirror. `Some(None)`: plan, but the wish is late. `Some(Some(_))`: plan.
+    fn wanted(&self, state: &VehicleState, inputs: &Inputs<'_>) -> Option<Option<DesiredPath>> {
+        let planned_mode = matches!(state.mode.get(), NavMode::Mission | NavMode::Return);
+        if !planned_mode || !state.armed.is_set() {
+            return None;
+        }
+        match inputs.desired.fresh() {
+            Some(desired) => desired.wants_planning().then_some(Some(*desired.sample)),
+            None => Some(None),
+        }
+    }
+
+    /// The waypoint, kept between the heights allowed.
+    fn clamped_goal(&self, desired: &DesiredPath, state: &VehicleState) -> Point<LocalNed> {
+        let waypoint = desired.points[1].position;
+        let (highest_m, lowest_m) = self.down_range_m(state);
+        Point::new(
+            waypoint.x_m,
+            waypoint.y_m,
+            waypoint.z_m.clamp(highest_m, lowest_m),
+        )
+    }
+
+    /// Smallest and largest down coordinate allowed [m].
+    fn down_range_m(&self, state: &VehicleState) -> (f64, f64) {
+        let home_m = if state.home_down_m.is_finite() {
+            state.home_down_m
+        } else {
+            0.0
+        };
+        let lowest_m = home_m - self.height_range_m.0;
+        (home_m - self.height_range_m.1, lowest_m.max(state.position.z_m))
+    }
+
+    /// Whether an obstacle has come into the tube of what is committed from `now` on.
+    fn is_blocked(&self, now: Timestamp, committed: Option<&Trajectory>) -> bool {
+        let Some(committed) = committed.filter(|trajectory| is_flown(trajectory)) else {
+            return false;
+        };
+        if !self.space.is_loaded() {
+            return false;
+        }
+        let gear = self.gear_of(committed.limits.tube_m);
+        let mut time = now;
+        let end = committed.end();
+        loop {
+            let Some(state) = committed.at(time) else {
+                return false;
+            };
+            if self.space.is_hit(gear, cell_of(state.position)) {
+                return true;
+            }
+            if time >= end {
+                return false;
+            }
+            time = time.plus_seconds(RECHECK_STEP_S).min(end);
+        }
+    }
+
+    /// The widest gear whose tube is not wider than `tube_m`.
+    fn gear_of(&self, tube_m: f64) -> usize {
+        self.limits
+            .iter()
+            .position(|limits| limits.tube_m <= tube_m + 1e-9)
+            .unwrap_or(GEARS - 1)
+    }
+
+    /// Finds the best plan over the gears and writes it into `route`; `false` if there is none.
+    fn plan(
+        &mut self,
+        departure: &Departure,
+        desired: &DesiredPath,
+        goal: &Point<LocalNed>,
+        route: &mut Route,
+    ) -> bool {
+        let start = departure.state.position.vector();
+        let straight_m = (goal.vector() - start).norm();
+        let speed_mps = departure.state.velocity.vector().norm();
+        let mut best: Option<(f64, usize)> = None;
+        for gear in 0..GEARS {
+            if speed_mps > self.limits[gear].speed_mps * SPEED_TOLERANCE
+                || !self.space.is_safe(gear, cell_of(departure.state.position))
+            {
+                continue;
+            }
+            let Some(found) = self.find(gear, departure, goal) else {
+                continue;
+            };
+            // Estimated time to the goal; a way that ends nowhere near it is a last resort.
+            let dead_end = if found.end == PathEnd::Nearest { 1e3 } else { 0.0 };
+            let time_s = f64::from(found.cost_m) / self.limits[gear].speed_mps + dead_end;
+            if best.is_none_or(|(best_s, _)| time_s < best_s)
+                && self.guide_reaches(gear, departure, goal, &found)
+            {
+                best = Some((time_s, gear));
+            }
+            let good =
+                found.end != PathEnd::Nearest && found.cost_m <= DETOUR_WORTH_A_GEAR * straight_m as f32;
+            if best.is_some() && good {
+                break;
+            }
+        }
+        let Some((_, gear)) = best else {
+            return false;
+        };
+        let Some(found) = self.find(gear, departure, goal) else {
+            return false;
+        };
+        self.search.prefer_path();
+        let target_is_goal = self.build_guide(gear, departure, goal, &found);
+        self.write_plan(gear, departure, desired, target_is_goal, route)
+    }
+
+    fn find(&mut self, gear: usize, departure: &Departure, goal: &Point<LocalNed>) -> Option<Found> {
+        let (top, bottom) = (
+            goal.z_m.min(departure.state.position.z_m) - 2.0,
+            goal.z_m.max(departure.state.position.z_m),
+        );
+        let query = Query {
+            gear,
+            start: cell_of(departure.state.position),
+            goal: cell_of(*goal),
+            z_range: ((top / CELL_M).floor() as i32, (bottom / CELL_M).floor() as i32),
+        };
+        self.search.run(&self.space, &query)
+    }
+
+    fn build_guide(
+        &mut self,
+        gear: usize,
+        departure: &Departure,
+        goal: &Point<LocalNed>,
+        found: &Found,
+    ) -> bool {
+        let goal = goal.vector();
+        let start = departure.state.position.vector();
+        self.guide.build(
+            &self.space,
+            gear,
+            &start,
+            self.search.path(),
+            (found.end == PathEnd::Goal).then_some(&goal),
+            GUIDE_MAX_M,
+            self.limits[gear].overshoot_m,
+        )
+    }
+
+    /// Whether the guide in `gear` gets anywhere.
+    fn guide_reaches(
+        &mut self,
+        gear: usize,
+        departure: &Departure,
+        goal: &Point<LocalNed>,
+        found: &Found,
+    ) -> bool {
+        let at_goal = self.build_guide(gear, departure, goal, found);
+        at_goal || self.guide.length_m() >= PROGRESS_MIN_M
+    }
+
+    fn write_plan(
+        &mut self,
+        gear: usize,
+        departure: &Departure,
+        desired: &DesiredPath,
+        target_is_goal: bool,
+        route: &mut Route,
+    ) -> bool {
+        let down_range_m = {
+            let heights = self.guide.vertices().iter().map(|v| v.z);
+            let (low, high) = heights.fold((f64::MAX, f64::MIN), |(a, b), z| (a.min(z), b.max(z)));
+            (low - 1.0, high + 0.3)
+        };
+        route.guide_len = 0;
+        route.corridor_len = 0;
+        for (index, vertex) in self.guide.vertices().iter().enumerate() {
+            route.guide[index] = Point::from_vector(*vertex);
+            route.guide_len += 1;
+        }
+        for index in 1..self.guide.vertices().len() {
+            let (a, b) = (self.guide.vertices()[index - 1], self.guide.vertices()[index]);
+            let Some(polytope) = self.corridor.polytope(&self.space, gear, &a, &b, down_range_m) else {
+                return false;
+            };
+            route.corridor[index - 1] = polytope;
+            route.corridor_len += 1;
+        }
+        if route.corridor_len == 0 {
+            return false;
+        }
+        route.base_id = departure.base_id;
+        route.splice = departure.splice;
+        route.start = departure.state;
+        route.limits = self.limits[gear];
+        if desired.mission_speed_mps.is_finite() {
+            route.limits.speed_mps = route.limits.speed_mps.min(desired.mission_speed_mps.max(0.3));
+        }
+        route.target = route.guide[route.guide_len as usize - 1];
+        route.target_is_goal = Flag::from(target_is_goal);
+        route.goal_yaw_rad = if self.yaw_along_path {
+            f64::NAN
+        } else {
+            f64::from(desired.points[1].yaw_rad)
+        };
+        route.mode = Coded::new(RouteMode::Plan);
+        if let Some(stop) = stops::certified(&self.space, gear, &departure.state) {
+            route.stop = stop;
+            route.has_stop = Flag::YES;
+        }
+        true
+    }
+
+    /// I3: a certified stop if there is one, else the hardest braking allowed, and say so.
+    fn leave(&mut self, now: Timestamp, departure: &Departure, route: &mut Route) {
+        let gear = (0..GEARS)
+            .find_map(|gear| stops::certified(&self.space, gear, &departure.state).map(|stop| (gear, stop)));
+        let (limits, stop) = match gear {
+            Some((gear, stop)) => (self.limits[gear], stop),
+            None => {
+                if !self.blocked_told {
+                    self.tell(&events::CERTIFICATE_LOST, now);
+                }
+                (
+                    self.limits[GEARS - 1],
+                    stops::stop(&departure.state, stops::HARDEST_MPS2, 0.0),
+                )
+            }
+        };
+        route.base_id = departure.base_id;
+        route.splice = departure.splice;
+        route.start = departure.state;
+        route.limits = MotionLimits {
+            speed_mps: limits
+                .speed_mps
+                .max(departure.state.velocity.vector().norm() * SPEED_TOLERANCE),
+            acceleration_mps2: stops::HARDEST_MPS2 * 1.5,
+            jerk_mps3: 12.0,
+            ..limits
+        };
+        route.stop = stop;
+        route.has_stop = Flag::YES;
+        route.must_leave = Flag::YES;
+        route.target = stop.at(stop.duration_s).position;
+        route.mode = Coded::new(RouteMode::Stop);
+    }
+
+    fn report(&mut self, now: Timestamp, planned: bool, state: &VehicleState, goal: &Point<LocalNed>) {
+        let at_goal = (state.position.vector() - goal.vector()).norm() <= self.goal_radius_m;
+        if planned || at_goal {
+            self.planned_goal = Some(*goal);
+            self.failing_since = None;
+            if self.no_path_told {
+                self.no_path_told = false;
+                self.tell(&events::PATH_FOUND, now);
+            }
+            return;
+        }
+        let since = *self.failing_since.get_or_insert(now);
+        let standing = state.velocity.vector().norm() < 0.3;
+        if standing && !self.no_path_told && now.seconds_since(since) > NO_PATH_AFTER_S {
+            self.no_path_told = true;
+            self.tell(&events::NO_PATH, now);
+        }
+    }
+
+    fn tell_blocked(&mut self, blocked: bool, now: Timestamp) {
+        if blocked && !self.blocked_told {
+            self.tell(&events::COMMITMENT_CHANGED, now);
+        }
+        self.blocked_told = blocked;
+    }
+
+    fn tell(&mut self, event: &events::Event, _now: Timestamp) {
+        self.events.push(EventSample::new(event, "planner", [0.0, 0.0]));
+    }
+}
+
+/// Whether the reference rests at `goal` already.
+fn is_at(reference: &MotionState, goal: &Point<LocalNed>) -> bool {
+    const HERE_M: f64 = 0.05;
+    const RESTING_MPS: f64 = 0.05;
+    (reference.position.vector() - goal.vector()).norm() < HERE_M
+        && reference.velocity.vector().norm() < RESTING_MPS
+}
+
+/// Whether a trajectory is one the vehicle flies (not a mirrored or an empty one).
+fn is_flown(trajectory: &Trajectory) -> bool {
+    trajectory.mode.get() != TrajectoryMode::Mirror && trajectory.is_sound()
+}
+
+/// Where the next plan departs from: the committed trajectory a little ahead, or the vehicle where it stands.
+fn departure(now: Timestamp, committed: Option<&Trajectory>, state: &VehicleState) -> Departure {
+    let splice = now.plus_seconds(SPLICE_LEAD_S);
+    if let Some(committed) = committed.filter(|trajectory| is_flown(trajectory))
+        && let Some(reference) = committed.at(splice)
+    {
+        return Departure {
+            base_id: committed.id,
+            splice,
+            state: reference,
+        };
+    }
+    Departure {
+        base_id: 0,
+        splice,
+        state: MotionState::at_rest(state.position, state.attitude.yaw_rad()),
+    }
+}

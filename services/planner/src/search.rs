@@ -1,0 +1,396 @@
+//! A* over the inflated map: the guide to the goal, through unknown space where it must be, at a price.
+//!
+//! 26-connected on the map's own cells; a diagonal step needs every cell it touches. The search ends at the goal, at the
+//! window's border (where the straight way to the goal is the best guess of what is left), or, if neither can be
+//! reached, at the cell it found nearest to the goal.
+
+use crate::layer::Layer;
+use crate::space::Space;
+use jink_shared_types::map::{CELL_M, Cell, SIZE_X, SIZE_Y, SIZE_Z};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// Price of a metre that is not known to be free. Above 1 so that seen space is preferred; low enough that a short
+/// look around a trunk beats a long way round it.
+const UNKNOWN_FACTOR: f32 = 1.6;
+/// Price of a metre in uncomfortable nearness to an obstacle.
+const NEAR_FACTOR: f32 = 1.6;
+/// Price of a metre along the previous guide: keeps the choice of side between two equal ways.
+const PREFERRED_FACTOR: f32 = 0.85;
+/// Additional price of a metre of height: going around costs less energy than going over.
+const HEIGHT_PRICE: f32 = 0.5;
+/// Most cells expanded: bounds the time in mazes to some milliseconds; what was found by then is used.
+const EXPANSIONS_MAX: usize = 60_000;
+
+const CELLS: usize = SIZE_X * SIZE_Y * SIZE_Z;
+
+/// Where a search ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PathEnd {
+    /// At the goal.
+    Goal,
+    /// At the border of the window, on the way to a goal beyond.
+    Window,
+    /// At the reachable cell nearest to the goal.
+    Nearest,
+}
+
+/// What was found.
+#[derive(Clone, Copy, Debug)]
+pub struct Found {
+    /// Where it ends.
+    pub end: PathEnd,
+    /// Estimated price of the whole way to the goal [m, weighted].
+    pub cost_m: f32,
+}
+
+/// One step of the 26 neighbours.
+#[derive(Clone, Copy, Debug)]
+struct Step {
+    by: Cell,
+    length_m: f32,
+    /// Bits of the 27-neighbourhood (`(dz + 1) * 9 + (dy + 1) * 3 + dx + 1`) that must be free.
+    needs: u32,
+}
+
+/// Reusable memory of a search.
+#[derive(Debug)]
+pub struct Search {
+    steps: Vec<Step>,
+    cost_m: Vec<f32>,
+    came_by: Vec<u8>,
+    visit: Vec<u32>,
+    round: u32,
+    open: BinaryHeap<Reverse<u64>>,
+    path: Vec<Cell>,
+    preferred: Layer,
+}
+
+impl Default for Search {
+    fn default() -> Self {
+        Self {
+            steps: steps(),
+            cost_m: vec![0.0; CELLS],
+            came_by: vec![0; CELLS],
+            visit: vec![0; CELLS],
+            round: 0,
+            open: BinaryHeap::with_capacity(8 * EXPANSIONS_MAX),
+            path: Vec::with_capacity(4096),
+            preferred: Layer::default(),
+        }
+    }
+}
+
+fn steps() -> Vec<Step> {
+    let bit = |dx: i32, dy: i32, dz: i32| 1u32 << ((dz + 1) * 9 + (dy + 1) * 3 + dx + 1);
+    let mut steps = Vec::with_capacity(26);
+    for dz in -1..=1 {
+        for dy in -1..=1 {
+            for dx in -1..=1i32 {
+                if (dx, dy, dz) == (0, 0, 0) {
+                    continue;
+                }
+                let mut needs = 0;
+                for x in [0, dx] {
+                    for y in [0, dy] {
+                        for z in [0, dz] {
+                            needs |= bit(x, y, z);
+                        }
+                    }
+                }
+                let cells = f64::from(dx * dx + dy * dy + dz * dz).sqrt();
+                steps.push(Step {
+                    by: [dx, dy, dz],
+                    length_m: (cells * CELL_M) as f32,
+                    needs: needs & !bit(0, 0, 0),
+                });
+            }
+        }
+    }
+    steps
+}
+
+fn index_of(cell: Cell) -> usize {
+    let x = cell[0] as usize & (SIZE_X - 1);
+    let y = cell[1] as usize & (SIZE_Y - 1);
+    let z = cell[2] as usize & (SIZE_Z - 1);
+    (z * SIZE_Y + y) * SIZE_X + x
+}
+
+/// The cell inside the window that starts at `min_cell` whose memory is `index`.
+fn cell_at(index: usize, min_cell: Cell) -> Cell {
+    let local = [index % SIZE_X, index / SIZE_X % SIZE_Y, index / (SIZE_X * SIZE_Y)];
+    let size = [SIZE_X, SIZE_Y, SIZE_Z];
+    std::array::from_fn(|axis| {
+        let offset = local[axis].wrapping_sub(min_cell[axis] as usize) & (size[axis] - 1);
+        min_cell[axis] + offset as i32
+    })
+}
+
+/// What to search for.
+#[derive(Clone, Copy, Debug)]
+pub struct Query {
+    /// Gear whose radius counts.
+    pub gear: usize,
+    /// Where the way begins.
+    pub start: Cell,
+    /// Where it should end; may lie outside the window.
+    pub goal: Cell,
+    /// Lowest and highest z index allowed (z points down).
+    pub z_range: (i32, i32),
+}
+
+impl Search {
+    /// The cells of the last path found, start first.
+    pub fn path(&self) -> &[Cell] {
+        &self.path
+    }
+
+    /// Forgets the preference for earlier paths.
+    pub fn forget(&mut self) {
+        self.preferred.clear();
+    }
+
+    /// Makes the last path found, one cell to each side, the preferred way of the next searches.
+    pub fn prefer_path(&mut self) {
+        self.preferred.clear();
+        for cell in &self.path {
+            for dx in -1..=1 {
+                for dy in -1..=1 {
+                    self.preferred.set([cell[0] + dx, cell[1] + dy, cell[2]]);
+                }
+            }
+        }
+    }
+
+    /// Searches; `None` if the start itself is too near to an obstacle or outside the window.
+    pub fn run(&mut self, space: &Space, query: &Query) -> Option<Found> {
+        if !space.contains(query.start) || space.is_hit(query.gear, query.start) {
+            return None;
+        }
+        self.begin();
+        let start = index_of(query.start);
+        self.cost_m[start] = 0.0;
+        self.came_by[start] = u8::MAX;
+        self.visit[start] = self.round;
+        self.push(0.0, query.start, query.goal);
+        let mut nearest = (heuristic_m(query.start, query.goal), query.start);
+        let mut expansions = 0;
+        while let Some(Reverse(key)) = self.open.pop() {
+            let index = (key & u64::from(u32::MAX)) as usize;
+            if self.visit[index] == self.round + 1 {
+                continue;
+            }
+            self.visit[index] = self.round + 1;
+            let cell = cell_at(index, space.min_cell());
+            let left_m = heuristic_m(cell, query.goal);
+            if left_m < nearest.0 {
+                nearest = (left_m, cell);
+            }
+            if cell == query.goal {
+                return Some(self.finish(space, cell, PathEnd::Goal, 0.0));
+            }
+            if on_shell(space, cell) && cell != query.start {
+                return Some(self.finish(space, cell, PathEnd::Window, left_m));
+            }
+            expansions += 1;
+            if expansions >= EXPANSIONS_MAX {
+                break;
+            }
+            self.expand(space, query, cell, index);
+        }
+        Some(self.finish(space, nearest.1, PathEnd::Nearest, nearest.0))
+    }
+
+    fn begin(&mut self) {
+        // Two marks per round: open and closed. On overflow the memory is wiped once in 2^31 rounds.
+        self.round = match self.round.checked_add(2) {
+            Some(round) if round < u32::MAX - 1 => round,
+            _ => {
+                self.visit.fill(0);
+                2
+            }
+        };
+        self.open.clear();
+        self.path.clear();
+    }
+
+    fn push(&mut self, cost_m: f32, cell: Cell, goal: Cell) {
+        let estimate = cost_m + PREFERRED_FACTOR * heuristic_m(cell, goal);
+        // Positive floats order like their bits; the index breaks ties the same way every time.
+        let key = u64::from(estimate.to_bits()) << 32 | index_of(cell) as u64;
+        self.open.push(Reverse(key));
+    }
+
+    fn expand(&mut self, space: &Space, query: &Query, cell: Cell, index: usize) {
+        let free = free_neighbours(space, query.gear, cell);
+        let here_m = self.cost_m[index];
+        for number in 0..self.steps.len() {
+            let step = self.steps[number];
+            if free & step.needs != step.needs {
+                continue;
+            }
+            let next: Cell = std::array::from_fn(|axis| cell[axis] + step.by[axis]);
+            if next[2] < query.z_range.0 || next[2] > query.z_range.1 || !space.contains(next) {
+                continue;
+            }
+            let next_index = index_of(next);
+            if self.visit[next_index] == self.round + 1 {
+                continue;
+            }
+            let cost_m = here_m + self.price_m(space, query.gear, next, &step);
+            if self.visit[next_index] != self.round || cost_m < self.cost_m[next_index] {
+                self.visit[next_index] = self.round;
+                self.cost_m[next_index] = cost_m;
+                self.came_by[next_index] = number as u8;
+                self.push(cost_m, next, query.goal);
+            }
+        }
+    }
+
+    fn price_m(&self, space: &Space, gear: usize, next: Cell, step: &Step) -> f32 {
+        let mut factor = 1.0;
+        if space.is_near(next) {
+            factor *= NEAR_FACTOR;
+        } else if !space.is_safe(gear, next) {
+            factor *= UNKNOWN_FACTOR;
+        }
+        if self.preferred.test(next) {
+            factor *= PREFERRED_FACTOR;
+        }
+        step.length_m * factor + HEIGHT_PRICE * CELL_M as f32 * step.by[2].abs() as f32
+    }
+
+    fn finish(&mut self, space: &Space, end: Cell, kind: PathEnd, left_m: f32) -> Found {
+        let cost_m = self.cost_m[index_of(end)] + left_m;
+        let mut cell = end;
+        loop {
+            self.path.push(cell);
+            let Some(step) = self.steps.get(self.came_by[index_of(cell)] as usize) else {
+                break;
+            };
+            cell = std::array::from_fn(|axis| cell[axis] - step.by[axis]);
+            if !space.contains(cell) {
+                break;
+            }
+        }
+        self.path.reverse();
+        Found { end: kind, cost_m }
+    }
+}
+
+/// Straight distance between the centres of two cells [m].
+fn heuristic_m(a: Cell, b: Cell) -> f32 {
+    let square: f64 = (0..3)
+        .map(|axis| (f64::from(a[axis]) - f64::from(b[axis])).powi(2))
+        .sum();
+    (square.sqrt() * CELL_M) as f32
+}
+
+/// Whether `cell` lies in the outermost two cells of the window.
+fn on_shell(space: &Space, cell: Cell) -> bool {
+    let min = space.min_cell();
+    let size = [SIZE_X as i32, SIZE_Y as i32, SIZE_Z as i32];
+    (0..3).any(|axis| {
+        let offset = cell[axis] - min[axis];
+        offset < 2 || offset >= size[axis] - 2
+    })
+}
+
+/// The 27 cells around `cell` that are clear of obstacles, as bits.
+fn free_neighbours(space: &Space, gear: usize, cell: Cell) -> u32 {
+    let hit = space.hit(gear);
+    let shift = jink_shared_types::map::bit_of(cell);
+    let mut free = 0;
+    let mut place = 0;
+    for dz in -1..=1 {
+        for dy in -1..=1 {
+            let row = hit.row_at([cell[0], cell[1] + dy, cell[2] + dz]);
+            // Bits x-1, x, x+1, turned to the bottom.
+            let three = row.rotate_right(shift).rotate_left(1) as u32 & 0b111;
+            free |= (!three & 0b111) << place;
+            place += 3;
+        }
+    }
+    free
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{PathEnd, Query, Search, cell_at, index_of};
+    use crate::space::tests::{known_map, space_of};
+    use proptest::prelude::*;
+
+    fn query(gear: usize, goal: [i32; 3]) -> Query {
+        Query {
+            gear,
+            start: [0, 0, 0],
+            goal,
+            z_range: (-20, 20),
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn memory_and_cells_map_onto_each_other(
+            min in proptest::array::uniform3(-1000..1000i32), offset in (0..128i32, 0..128i32, 0..64i32),
+        ) {
+            let cell = [min[0] + offset.0, min[1] + offset.1, min[2] + offset.2];
+            prop_assert_eq!(cell_at(index_of(cell), min), cell);
+        }
+    }
+
+    #[test]
+    fn an_open_field_is_crossed_straight() {
+        let space = space_of(&known_map(|_| false));
+        let mut search = Search::default();
+        let found = search.run(&space, &query(0, [40, 0, 0])).unwrap();
+        assert_eq!(found.end, PathEnd::Goal);
+        assert_eq!(search.path().len(), 41);
+        assert!(search.path().iter().all(|cell| cell[1] == 0 && cell[2] == 0));
+    }
+
+    #[test]
+    fn a_path_keeps_clear_of_every_obstacle_and_no_step_cuts_a_corner() {
+        let map = known_map(|p| (p.x - 4.0).hypot(p.y) < 0.5 || (p.x - 6.0).hypot(p.y - 2.0) < 0.5);
+        let space = space_of(&map);
+        let mut search = Search::default();
+        let found = search.run(&space, &query(0, [50, 3, 0])).unwrap();
+        assert_eq!(found.end, PathEnd::Goal);
+        for pair in search.path().windows(2) {
+            for x in [pair[0][0], pair[1][0]] {
+                for y in [pair[0][1], pair[1][1]] {
+                    for z in [pair[0][2], pair[1][2]] {
+                        assert!(!space.is_hit(0, [x, y, z]));
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_goal_beyond_the_window_is_approached_through_its_border() {
+        let space = space_of(&known_map(|_| false));
+        let mut search = Search::default();
+        let found = search.run(&space, &query(0, [400, 0, 0])).unwrap();
+        assert_eq!(found.end, PathEnd::Window);
+        assert!(search.path().last().unwrap()[0] >= 60);
+    }
+
+    #[test]
+    fn a_walled_in_goal_is_approached_as_near_as_possible() {
+        let wall = known_map(|p| (p.x - 6.0).abs() < 0.3);
+        let space = space_of(&wall);
+        let mut search = Search::default();
+        let found = search.run(&space, &query(2, [45, 0, 0])).unwrap();
+        assert_eq!(found.end, PathEnd::Nearest);
+        let end = search.path().last().unwrap();
+        assert!((20..28).contains(&end[0]), "{end:?}");
+    }
+
+    #[test]
+    fn a_start_inside_an_obstacle_has_no_path() {
+        let space = space_of(&known_map(|p| p.norm() < 0.5));
+        assert!(Search::default().run(&space, &query(0, [40, 0, 0])).is_none());
+    }
+}

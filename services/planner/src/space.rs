@@ -1,0 +1,262 @@
+//! Where the vehicle's centre may be: the map inflated for every gear.
+//!
+//! | layer | holds | use |
+//! |---|---|---|
+//! | `blocked` | ball around (occupied or unknown) | certificates: outside it the vehicle is safe |
+//! | `hit` | ball around occupied | search (unknown may be explored), re-check of what is already committed |
+//! | `near` | a wider ball around occupied | cost only: prefer room |
+
+use crate::gears::GEARS;
+use crate::layer::{Ball, Layer};
+use jink_shared_types::frames::{LocalNed, Point};
+use jink_shared_types::map::{CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, cell_of};
+use jink_shared_types::motion::MotionLimits;
+use nalgebra::Vector3;
+
+/// Additional clearance that the search pays for rather than give up [m].
+const COMFORT_M: f64 = 0.4;
+
+/// The inflated map.
+#[derive(Debug)]
+pub struct Space {
+    min_cell: Cell,
+    balls: [Ball; GEARS],
+    comfort: Ball,
+    source: Layer,
+    scratch: Layer,
+    blocked: [Layer; GEARS],
+    hit: [Layer; GEARS],
+    near: Layer,
+    epoch: u32,
+    loaded: bool,
+}
+
+impl Space {
+    /// For a vehicle of `radius_m` in a map with error `map_error_m`.
+    pub fn new(gears: &[MotionLimits; GEARS], radius_m: f64, map_error_m: f64) -> Self {
+        let body_m = radius_m + map_error_m;
+        Self {
+            min_cell: [0; 3],
+            balls: std::array::from_fn(|gear| Ball::new(body_m + gears[gear].tube_m)),
+            comfort: Ball::new(body_m + gears[0].tube_m + COMFORT_M),
+            source: Layer::default(),
+            scratch: Layer::default(),
+            blocked: std::array::from_fn(|_| Layer::default()),
+            hit: std::array::from_fn(|_| Layer::default()),
+            near: Layer::default(),
+            epoch: 0,
+            loaded: false,
+        }
+    }
+
+    /// Takes over a new map.
+    pub fn load(&mut self, map: &LocalMap) {
+        self.min_cell = map.min_cell;
+        self.epoch = map.epoch;
+        self.loaded = true;
+        self.source.load_unsafe(map);
+        for gear in 0..GEARS {
+            self.balls[gear].dilate(&self.source, &mut self.scratch, &mut self.blocked[gear]);
+        }
+        self.source.load_occupied(map);
+        for gear in 0..GEARS {
+            self.balls[gear].dilate(&self.source, &mut self.scratch, &mut self.hit[gear]);
+        }
+        self.comfort
+            .dilate(&self.source, &mut self.scratch, &mut self.near);
+    }
+
+    /// Whether a map has ever been loaded.
+    pub fn is_loaded(&self) -> bool {
+        self.loaded
+    }
+
+    /// Smallest cell of the window.
+    pub fn min_cell(&self) -> Cell {
+        self.min_cell
+    }
+
+    /// Whether `cell` lies inside the window.
+    pub fn contains(&self, cell: Cell) -> bool {
+        let inside = |axis: usize, size: usize| {
+            let offset = cell[axis].wrapping_sub(self.min_cell[axis]);
+            (0..size as i32).contains(&offset)
+        };
+        inside(0, SIZE_X) && inside(1, SIZE_Y) && inside(2, SIZE_Z)
+    }
+
+    /// Whether the vehicle's centre may be anywhere in `cell` in `gear`: everything around it is known free.
+    pub fn is_safe(&self, gear: usize, cell: Cell) -> bool {
+        self.contains(cell) && !self.blocked[gear].test(cell)
+    }
+
+    /// Whether an obstacle is known within the gear's radius of `cell`; outside the window none is known.
+    pub fn is_hit(&self, gear: usize, cell: Cell) -> bool {
+        self.contains(cell) && self.hit[gear].test(cell)
+    }
+
+    /// Whether `cell` is uncomfortably near to an obstacle.
+    pub fn is_near(&self, cell: Cell) -> bool {
+        self.contains(cell) && self.near.test(cell)
+    }
+
+    /// The layer of a gear that holds everything unsafe.
+    pub fn blocked(&self, gear: usize) -> &Layer {
+        &self.blocked[gear]
+    }
+
+    /// The layer of a gear that holds everything too near to a known obstacle.
+    pub fn hit(&self, gear: usize) -> &Layer {
+        &self.hit[gear]
+    }
+
+    /// Whether every cell that the segment from `a` to `b` touches satisfies `wanted`.
+    pub fn segment_all(
+        &self,
+        a: &Vector3<f64>,
+        b: &Vector3<f64>,
+        mut wanted: impl FnMut(&Self, Cell) -> bool,
+    ) -> bool {
+        let mut walk = CellWalk::new(a, b);
+        loop {
+            if !wanted(self, walk.cell) {
+                return false;
+            }
+            if !walk.advance() {
+                return true;
+            }
+        }
+    }
+
+    /// Whether the straight way from `a` to `b` is safe in `gear`.
+    pub fn segment_is_safe(&self, gear: usize, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
+        self.segment_all(a, b, |space, cell| space.is_safe(gear, cell))
+    }
+}
+
+/// Visits every cell a segment passes, in order (Amanatides and Woo 1987).
+#[derive(Debug)]
+struct CellWalk {
+    cell: Cell,
+    step: [i32; 3],
+    next_t: [f64; 3],
+    delta_t: [f64; 3],
+}
+
+impl CellWalk {
+    fn new(a: &Vector3<f64>, b: &Vector3<f64>) -> Self {
+        let cell = cell_of(Point::<LocalNed>::from_vector(*a));
+        let way = b - a;
+        let mut walk = Self {
+            cell,
+            step: [0; 3],
+            next_t: [f64::INFINITY; 3],
+            delta_t: [f64::INFINITY; 3],
+        };
+        for axis in 0..3 {
+            if way[axis].abs() > 1e-12 {
+                let forward = way[axis] > 0.0;
+                walk.step[axis] = if forward { 1 } else { -1 };
+                let border_m = (f64::from(cell[axis]) + f64::from(u8::from(forward))) * CELL_M;
+                walk.next_t[axis] = (border_m - a[axis]) / way[axis];
+                walk.delta_t[axis] = CELL_M / way[axis].abs();
+            }
+        }
+        walk
+    }
+
+    /// Moves to the next cell; `false` at the end of the segment.
+    fn advance(&mut self) -> bool {
+        let axis = (0..3).fold(0, |best, axis| {
+            if self.next_t[axis] < self.next_t[best] {
+                axis
+            } else {
+                best
+            }
+        });
+        if self.next_t[axis] > 1.0 {
+            return false;
+        }
+        self.cell[axis] += self.step[axis];
+        self.next_t[axis] += self.delta_t[axis];
+        true
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::gears::gears;
+    use jink_shared_types::map::{center_of, set};
+    use jink_shared_types::params::ParamSet;
+    use proptest::prelude::*;
+
+    /// A map whose cells are all known free except where `occupied` says so.
+    pub(crate) fn known_map(occupied: impl Fn(Vector3<f64>) -> bool) -> Box<LocalMap> {
+        let mut map = LocalMap::boxed();
+        map.min_cell = [-64, -64, -32];
+        for x in -64..64 {
+            for y in -64..64 {
+                for z in -32..32 {
+                    set(&mut map.known, [x, y, z]);
+                    if occupied(center_of([x, y, z]).vector()) {
+                        set(&mut map.occupied, [x, y, z]);
+                    }
+                }
+            }
+        }
+        map.ranges_fresh = true.into();
+        map
+    }
+
+    pub(crate) fn space_of(map: &LocalMap) -> Space {
+        let mut space = Space::new(&gears(&ParamSet::default()), 0.3, 0.1);
+        space.load(map);
+        space
+    }
+
+    #[test]
+    fn a_post_blocks_its_surroundings_and_less_of_them_in_a_lower_gear() {
+        let map = known_map(|p| (p.x - 5.0).hypot(p.y) < 0.3);
+        let space = space_of(&map);
+        let radius = |gear: usize| {
+            (0..200)
+                .map(|i| f64::from(i) * 0.02)
+                .find(|d| space.is_safe(gear, cell_of(Point::new(5.0 - d, 0.1, 0.1))))
+                .unwrap()
+        };
+        assert!(radius(2) < radius(1) && radius(1) < radius(0));
+        assert!(radius(0) > 0.3 + 0.4 + 0.4);
+    }
+
+    #[test]
+    fn nothing_outside_the_window_is_safe() {
+        let space = space_of(&known_map(|_| false));
+        assert!(space.is_safe(0, [0, 0, 0]));
+        assert!(!space.is_safe(0, [64, 0, 0]));
+        assert!(!space.is_safe(0, [63, 0, 0]), "one cell from the unknown");
+    }
+
+    proptest! {
+        #[test]
+        fn a_walk_visits_the_cell_of_every_point(
+            a in proptest::array::uniform3(-5.0..5.0f64), b in proptest::array::uniform3(-5.0..5.0f64),
+        ) {
+            let (a, b) = (Vector3::from(a), Vector3::from(b));
+            let mut walk = CellWalk::new(&a, &b);
+            let mut visited = vec![walk.cell];
+            while walk.advance() {
+                visited.push(walk.cell);
+            }
+            for i in 0..=100 {
+                let point = a + (b - a) * (f64::from(i) / 100.0);
+                let cell = cell_of(Point::from_vector(point));
+                let near_border = (0..3).any(|k| {
+                    let f = (point[k] / CELL_M).rem_euclid(1.0);
+                    !(1e-6..=1.0 - 1e-6).contains(&f)
+                });
+                prop_assert!(near_border || visited.contains(&cell));
+            }
+        }
+    }
+}

@@ -1,0 +1,145 @@
+//! The stop family: ways to come to rest from a state of motion, in closed form.
+//!
+//! Every stop is a quintic that ends at rest. With the end half of `v T` ahead and no initial acceleration its speed
+//! falls as `v (1 - 3 u^2 + 2 u^3)`: the deceleration peaks at `1.5 v / T` half way and the jerk at `6 v / T^2` at
+//! both ends, which gives the shortest duration for given limits.
+
+use crate::space::Space;
+use jink_shared_types::bezier::{End, quintic_between};
+use jink_shared_types::motion::{BezierPiece, MotionState};
+use nalgebra::{Rotation3, Vector3};
+
+/// Jerk that braking may use [m/s3]: PX4's MPC_JERK_MAX is 8.
+const JERK_MPS3: f64 = 6.0;
+/// Hardest braking [m/s2]: PX4's MPC_ACC_HOR.
+pub const HARDEST_MPS2: f64 = 3.0;
+/// Decelerations tried, gentle first [m/s2].
+const DECELERATIONS_MPS2: [f64; 4] = [1.2, 1.8, 2.4, HARDEST_MPS2];
+/// Changes of direction tried [degrees], straight first.
+const TURNS_DEG: [f64; 7] = [0.0, 15.0, -15.0, 30.0, -30.0, 50.0, -50.0];
+/// Points looked at along a stop.
+const SAMPLES: usize = 40;
+
+/// The stop from `start` with peak deceleration `deceleration_mps2`, its end turned by `turn_rad` about the vertical.
+pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> BezierPiece {
+    /// Below this a stop is over; a duration of zero would divide by zero.
+    const SHORTEST_S: f64 = 0.3;
+    let velocity = start.velocity.vector();
+    let speed = velocity.norm();
+    let duration_s = (1.5 * speed / deceleration_mps2)
+        .max((6.0 * speed / JERK_MPS3).sqrt())
+        .max((2.0 * start.acceleration.vector().norm() / JERK_MPS3).max(SHORTEST_S));
+    let ahead = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad) * velocity * (0.5 * duration_s);
+    // What the initial acceleration adds before it has faded: the quintic's own share of it over one duration.
+    let drift = start.acceleration.vector() * (duration_s * duration_s / 12.0);
+    let end = End {
+        position: start.position.vector() + ahead + drift,
+        velocity: Vector3::zeros(),
+        acceleration: Vector3::zeros(),
+    };
+    let points = quintic_between(&start.end(), &end, duration_s);
+    // The heading runs out like the speed does.
+    let yaw_end = start.yaw_rad + 0.5 * start.yaw_rate_radps * duration_s;
+    let yaw = jink_shared_types::bezier::quintic_between(
+        &yaw_state(start.yaw_rad, start.yaw_rate_radps),
+        &yaw_state(yaw_end, 0.0),
+        duration_s,
+    )
+    .map(|point| point.x);
+    BezierPiece::new(&points, yaw, duration_s)
+}
+
+fn yaw_state(yaw_rad: f64, rate_radps: f64) -> End {
+    End {
+        position: Vector3::new(yaw_rad, 0.0, 0.0),
+        velocity: Vector3::new(rate_radps, 0.0, 0.0),
+        acceleration: Vector3::zeros(),
+    }
+}
+
+/// The first stop of the family, gentle and straight first, all of whose cells are safe in `gear`.
+pub fn certified(space: &Space, gear: usize, start: &MotionState) -> Option<BezierPiece> {
+    for deceleration_mps2 in DECELERATIONS_MPS2 {
+        for turn_deg in TURNS_DEG {
+            let piece = stop(start, deceleration_mps2, turn_deg.to_radians());
+            if is_safe(space, gear, &piece) {
+                return Some(piece);
+            }
+        }
+    }
+    None
+}
+
+/// Whether every cell that `piece` passes is safe in `gear`.
+fn is_safe(space: &Space, gear: usize, piece: &BezierPiece) -> bool {
+    let mut last = piece.at(0.0).position.vector();
+    (1..=SAMPLES).all(|i| {
+        let next = piece
+            .at(piece.duration_s * i as f64 / SAMPLES as f64)
+            .position
+            .vector();
+        let safe = space.segment_is_safe(gear, &last, &next);
+        last = next;
+        safe
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{HARDEST_MPS2, certified, stop};
+    use crate::space::tests::{known_map, space_of};
+    use jink_shared_types::frames::{Acceleration, Point, Velocity};
+    use jink_shared_types::motion::MotionState;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    fn moving(speed: f64) -> MotionState {
+        MotionState {
+            velocity: Velocity::new(speed, 0.0, 0.0),
+            ..MotionState::default()
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_stop_starts_as_it_must_ends_at_rest_and_brakes_within_its_limit(
+            v in proptest::array::uniform3(-4.0..4.0f64), a in proptest::array::uniform3(-1.0..1.0f64),
+            deceleration in 1.0..3.0f64,
+        ) {
+            let start = MotionState {
+                velocity: Velocity::new(v[0], v[1], v[2]),
+                acceleration: Acceleration::new(a[0], a[1], a[2]),
+                ..MotionState::default()
+            };
+            let piece = stop(&start, deceleration, 0.0);
+            let first = piece.at(0.0);
+            prop_assert!((first.velocity.vector() - start.velocity.vector()).norm() < 1e-6);
+            prop_assert!((first.acceleration.vector() - start.acceleration.vector()).norm() < 1e-6);
+            let last = piece.at(piece.duration_s);
+            prop_assert!(last.velocity.vector().norm() < 1e-6 && last.acceleration.vector().norm() < 1e-6);
+            for i in 0..=20 {
+                let state = piece.at(piece.duration_s * f64::from(i) / 20.0);
+                // Some of the initial acceleration adds to the braking.
+                prop_assert!(state.acceleration.vector().norm() <= deceleration + 2.0 * Vector3::from(a).norm() + 0.05);
+            }
+        }
+    }
+
+    #[test]
+    fn a_post_ahead_is_met_by_braking_harder_or_aside() {
+        let space = space_of(&known_map(|p| (p.x - 4.6).hypot(p.y) < 0.3));
+        let piece = certified(&space, 1, &moving(3.0)).unwrap();
+        let end = piece.at(piece.duration_s).position;
+        assert!(end.x_m < 4.0 || end.y_m.abs() > 0.5, "{end:?}");
+        assert!(
+            certified(&space, 1, &moving(12.0)).is_none(),
+            "too fast for anything"
+        );
+    }
+
+    #[test]
+    fn the_hardest_stop_from_three_metres_per_second_is_short() {
+        let end = stop(&moving(3.0), HARDEST_MPS2, 0.0).at(10.0).position;
+        assert!(end.vector().x < 3.0 && end != Point::ZERO);
+    }
+}
