@@ -1,0 +1,107 @@
+//! Headings along a curve: towards where it goes, no faster than the vehicle turns.
+
+use jink_shared_types::bezier::{End, QUINTIC, quintic_between};
+use jink_shared_types::frames::wrap_pi;
+use jink_shared_types::motion::MotionState;
+use nalgebra::Vector3;
+
+/// Below this horizontal speed a curve has no direction worth turning to [m/s].
+const SPEED_MIN_MPS: f64 = 0.4;
+/// A quintic between two headings peaks at 1.875 times its mean rate; with end rates given, less.
+const PEAK_OVER_MEAN: f64 = 1.875;
+
+/// The heading so far; pieces are added one after the other.
+#[derive(Clone, Copy, Debug)]
+pub struct Heading {
+    yaw_rad: f64,
+    rate_radps: f64,
+    wanted_rad: f64,
+    rate_max_radps: f64,
+}
+
+impl Heading {
+    /// Starts at the heading of `start`; `wanted_rad` is kept throughout if finite, otherwise the curve's direction is
+    /// followed; never faster than `rate_max_radps`.
+    pub fn new(start: &MotionState, wanted_rad: f64, rate_max_radps: f64) -> Self {
+        Self {
+            yaw_rad: start.yaw_rad,
+            rate_radps: start.yaw_rate_radps,
+            wanted_rad,
+            rate_max_radps,
+        }
+    }
+
+    /// The heading's control points [rad] over the next piece, whose position has the control points `points`.
+    pub fn piece(&mut self, points: &[Vector3<f64>; QUINTIC], duration_s: f64) -> [f64; QUINTIC] {
+        let goal_rad = if self.wanted_rad.is_finite() {
+            self.wanted_rad
+        } else {
+            self.direction(points, duration_s)
+        };
+        let turn_max_rad = self.rate_max_radps / PEAK_OVER_MEAN * duration_s;
+        let turn_rad = wrap_pi(goal_rad - self.yaw_rad).clamp(-turn_max_rad, turn_max_rad);
+        let start = along(self.yaw_rad, self.rate_radps);
+        self.yaw_rad += turn_rad;
+        // Every piece ends without turning: the next direction is not known yet, and rates stay within the limit.
+        self.rate_radps = 0.0;
+        quintic_between(&start, &along(self.yaw_rad, 0.0), duration_s).map(|point| point.x)
+    }
+
+    /// The direction in which the piece leaves, or mostly goes if it ends at rest.
+    fn direction(&self, points: &[Vector3<f64>; QUINTIC], duration_s: f64) -> f64 {
+        let leaving = (points[QUINTIC - 1] - points[QUINTIC - 2]) * (5.0 / duration_s);
+        let mean = (points[QUINTIC - 1] - points[0]) / duration_s;
+        for way in [leaving, mean] {
+            if way.xy().norm() > SPEED_MIN_MPS {
+                return way.y.atan2(way.x);
+            }
+        }
+        self.yaw_rad
+    }
+}
+
+fn along(yaw_rad: f64, rate_radps: f64) -> End {
+    End {
+        position: Vector3::new(yaw_rad, 0.0, 0.0),
+        velocity: Vector3::new(rate_radps, 0.0, 0.0),
+        acceleration: Vector3::zeros(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Heading;
+    use jink_shared_types::bezier::{derivative_scalar, evaluate_scalar};
+    use jink_shared_types::motion::MotionState;
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+    use std::f64::consts::PI;
+
+    proptest! {
+        #[test]
+        fn the_heading_never_turns_faster_than_allowed(
+            yaw in -PI..PI, direction in -PI..PI, duration in 0.3..4.0f64, rate_max in 0.2..2.0f64,
+        ) {
+            let start = MotionState { yaw_rad: yaw, ..MotionState::default() };
+            let way = Vector3::new(direction.cos(), direction.sin(), 0.0);
+            let points = std::array::from_fn(|i| way * (i as f64 * duration * 0.4));
+            let mut heading = Heading::new(&start, f64::NAN, rate_max);
+            let yaw_rad = heading.piece(&points, duration);
+            let rates: [f64; 5] = derivative_scalar(&yaw_rad, duration);
+            for i in 0..=50 {
+                prop_assert!(evaluate_scalar(&rates, f64::from(i) / 50.0).abs() <= rate_max * 1.001);
+            }
+        }
+    }
+
+    #[test]
+    fn a_slow_curve_keeps_the_heading() {
+        let start = MotionState {
+            yaw_rad: 0.7,
+            ..MotionState::default()
+        };
+        let points = std::array::from_fn(|i| Vector3::new(0.0, i as f64 * 0.01, 0.0));
+        let yaw_rad = Heading::new(&start, f64::NAN, 1.0).piece(&points, 1.0);
+        assert!(yaw_rad.iter().all(|yaw| (yaw - 0.7).abs() < 1e-12));
+    }
+}

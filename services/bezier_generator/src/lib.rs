@@ -1,0 +1,519 @@
+//! Route and corridor to Bezier pieces with bounded speed, acceleration and jerk, continuous with what is being flown,
+//! ending at rest.
+//!
+//! | in | out |
+//! |---|---|
+//! | route, the trajectory it departs from | a [`Trajectory`], certified, or nothing |
+//!
+//! The new trajectory repeats its base up to the splice, then follows the route's corridor. It is only put out with a
+//! certificate, computed anew from the finished control points: every control point of a piece inside one polytope of
+//! the corridor, every control point of the derivatives within the limits. Failing is safe: the base goes on and ends at
+//! rest. Only a route that must be left is answered with its stop when no curve is found.
+
+pub mod heading;
+pub mod problem;
+pub mod profile;
+
+use crate::problem::{Infeasible, PieceSpec, solve};
+use crate::profile::{PIECE_MIN_S, durations};
+use jink_shared_types::bezier::{QUINTIC, derivative};
+use jink_shared_types::motion::{
+    BezierPiece, CORRIDOR_POLYTOPES, MotionLimits, Polytope, Route, RouteMode, Trajectory, TrajectoryMode,
+};
+use jink_shared_types::{Coded, Timestamp};
+use nalgebra::Vector3;
+
+/// Stretchings of the profile that are tried one after the other: a slower curve has more room within its limits, a
+/// shorter first piece fits a moving start into a narrow corridor.
+const STRETCHES: [f64; 4] = [1.0, 1.25, 1.6, 0.8];
+/// A first piece longer than this is cut in two [s], so that a moving start need not keep its polynomial for long.
+const FIRST_PIECE_MAX_S: f64 = 0.7;
+/// How much of its base a trajectory repeats before now [s]: the gateway dates its curves back by 10 ms, and a reader that
+/// lags still finds its place.
+const PREFIX_S: f64 = 0.15;
+/// A trajectory that would be ready later than this before its splice is not sent [s].
+const READY_BEFORE_S: f64 = 0.005;
+/// Rounding allowed when a finished curve is checked against its corridor [m] and its limits [share].
+const CERTIFICATE_TOLERANCE: f64 = 1e-4;
+/// Most pieces of a plan: one per polytope and one for a cut first piece.
+const PIECES_MAX: usize = CORRIDOR_POLYTOPES + 1;
+
+/// Why no trajectory was put out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum NoTrajectory {
+    /// The route asks for none.
+    NotAsked,
+    /// The route departs from a trajectory that is not the one being flown.
+    WrongBase {
+        /// What the route departs from.
+        wanted: u64,
+        /// What is being flown.
+        flown: u64,
+    },
+    /// The splice is over, or too near.
+    Late {
+        /// Time left until the splice [s].
+        left_s: f64,
+    },
+    /// The route's corridor or its numbers make no sense.
+    BadRoute,
+    /// The old part and the new part together have too many pieces.
+    TooManyPieces,
+    /// No curve within corridor and limits was found.
+    Infeasible(Infeasible),
+    /// A curve was found but did not pass its own check.
+    NotCertified,
+}
+
+/// The generator.
+#[derive(Debug)]
+pub struct Generator {
+    next_id: u64,
+    curves: Vec<[Vector3<f64>; QUINTIC]>,
+}
+
+impl Generator {
+    /// A generator whose trajectories carry `generation` in their ids.
+    pub fn new(generation: u32) -> Self {
+        Self {
+            next_id: u64::from(generation) << 32 | 1,
+            curves: Vec::with_capacity(PIECES_MAX),
+        }
+    }
+
+    /// Answers `route`; `flown` is the trajectory in force. On success `out` holds the new trajectory.
+    ///
+    /// # Errors
+    /// [`NoTrajectory`]: `out` is then not to be used.
+    pub fn step(
+        &mut self,
+        now: Timestamp,
+        route: &Route,
+        flown: Option<&Trajectory>,
+        out: &mut Trajectory,
+    ) -> Result<(), NoTrajectory> {
+        *out = Trajectory {
+            id: self.next_id,
+            base_id: route.base_id,
+            route_id: route.id,
+            splice: route.splice,
+            ..Trajectory::default()
+        };
+        match route.mode.get() {
+            RouteMode::Keep => return Err(NoTrajectory::NotAsked),
+            RouteMode::Mirror => {
+                out.base_id = 0;
+                out.start = now;
+                out.mode = Coded::new(TrajectoryMode::Mirror);
+            }
+            RouteMode::Plan => {
+                prefix(now, route, flown, out)?;
+                match self.plan(route, out) {
+                    Err(_) if route.must_leave.is_set() && route.has_stop.is_set() => {
+                        prefix(now, route, flown, out)?;
+                        append_stop(route, out)?;
+                    }
+                    answer => answer?,
+                }
+            }
+            RouteMode::Stop => {
+                prefix(now, route, flown, out)?;
+                append_stop(route, out)?;
+            }
+        }
+        self.next_id += 1;
+        Ok(())
+    }
+
+    fn plan(&mut self, route: &Route, out: &mut Trajectory) -> Result<(), NoTrajectory> {
+        let legs = route.corridor().len();
+        if legs == 0 || route.guide().len() != legs + 1 {
+            return Err(NoTrajectory::BadRoute);
+        }
+        let mut failure = NoTrajectory::BadRoute;
+        for stretch in STRETCHES {
+            let mut specs = [PieceSpec {
+                duration_s: 0.0,
+                polytope: &route.corridor[0],
+                guide: Vector3::zeros(),
+            }; PIECES_MAX];
+            let count = specify(route, stretch, &mut specs);
+            match solve(
+                &route.start,
+                &specs[..count],
+                &route.target.vector(),
+                &route.limits,
+                &mut self.curves,
+            ) {
+                Ok(()) if is_certified(&self.curves, &specs[..count], &route.limits) => {
+                    return self.append_curves(route, &specs[..count], out);
+                }
+                Ok(()) => failure = NoTrajectory::NotCertified,
+                Err(cause) => failure = NoTrajectory::Infeasible(cause),
+            }
+        }
+        Err(failure)
+    }
+
+    fn append_curves(
+        &self,
+        route: &Route,
+        specs: &[PieceSpec<'_>],
+        out: &mut Trajectory,
+    ) -> Result<(), NoTrajectory> {
+        let mut heading =
+            heading::Heading::new(&route.start, route.goal_yaw_rad, route.limits.yaw_rate_radps);
+        for (points, spec) in self.curves.iter().zip(specs) {
+            let yaw_rad = heading.piece(points, spec.duration_s);
+            if !out.push(BezierPiece::new(points, yaw_rad, spec.duration_s)) {
+                return Err(NoTrajectory::TooManyPieces);
+            }
+        }
+        out.limits = route.limits;
+        out.mode = Coded::new(TrajectoryMode::Plan);
+        out.reaches_goal = route.target_is_goal;
+        if out.is_sound() {
+            Ok(())
+        } else {
+            Err(NoTrajectory::BadRoute)
+        }
+    }
+}
+
+/// Puts what is left of the base until the splice into `out`.
+fn prefix(
+    now: Timestamp,
+    route: &Route,
+    flown: Option<&Trajectory>,
+    out: &mut Trajectory,
+) -> Result<(), NoTrajectory> {
+    let left_s = route.splice.seconds_since(now);
+    if left_s < READY_BEFORE_S {
+        return Err(NoTrajectory::Late { left_s });
+    }
+    out.len = 0;
+    out.start = route.splice;
+    if route.base_id == 0 {
+        return Ok(());
+    }
+    match flown {
+        Some(base) if base.id == route.base_id => {
+            // A base that has ended is rest: nothing of it needs repeating.
+            if base.end() <= now {
+                return Ok(());
+            }
+            let fits = out.take_prefix(
+                base,
+                now.plus_seconds(-PREFIX_S).max(base.start),
+                route.splice.min(base.end()),
+            );
+            if !fits {
+                return Err(NoTrajectory::TooManyPieces);
+            }
+            hold_until_splice(route, base, out)
+        }
+        other => Err(NoTrajectory::WrongBase {
+            wanted: route.base_id,
+            flown: other.map_or(0, |trajectory| trajectory.id),
+        }),
+    }
+}
+
+/// A base that ends before the splice rests until then.
+fn hold_until_splice(route: &Route, base: &Trajectory, out: &mut Trajectory) -> Result<(), NoTrajectory> {
+    let rest_s = route.splice.seconds_since(base.end());
+    if rest_s <= 0.0 {
+        return Ok(());
+    }
+    let Some(end) = base.at(base.end()) else {
+        return Err(NoTrajectory::BadRoute);
+    };
+    let still = BezierPiece::new(&[end.position.vector(); QUINTIC], [end.yaw_rad; QUINTIC], rest_s);
+    if out.push(still) {
+        Ok(())
+    } else {
+        Err(NoTrajectory::TooManyPieces)
+    }
+}
+
+fn append_stop(route: &Route, out: &mut Trajectory) -> Result<(), NoTrajectory> {
+    if !route.has_stop.is_set() || !out.push(route.stop) {
+        return Err(NoTrajectory::BadRoute);
+    }
+    out.limits = route.limits;
+    out.mode = Coded::new(TrajectoryMode::Stop);
+    if out.is_sound() {
+        Ok(())
+    } else {
+        Err(NoTrajectory::BadRoute)
+    }
+}
+
+/// Pieces for the route's legs, the first one cut in two if it is long.
+fn specify<'a>(route: &'a Route, stretch: f64, specs: &mut [PieceSpec<'a>; PIECES_MAX]) -> usize {
+    let legs = route.corridor().len();
+    let mut vertices = [Vector3::zeros(); CORRIDOR_POLYTOPES + 1];
+    for (vertex, point) in vertices.iter_mut().zip(route.guide()) {
+        *vertex = point.vector();
+    }
+    let mut times_s = [PIECE_MIN_S; CORRIDOR_POLYTOPES];
+    durations(
+        &vertices[..=legs],
+        &route.start.velocity.vector(),
+        route.limits.speed_mps,
+        route.limits.acceleration_mps2,
+        &mut times_s,
+    );
+    let mut count = 0;
+    for (leg, polytope) in route.corridor().iter().enumerate() {
+        let (from, to) = (vertices[leg], vertices[leg + 1]);
+        let time_s = times_s[leg] * stretch;
+        let cut = leg == 0 && time_s > FIRST_PIECE_MAX_S;
+        if cut {
+            specs[count] = PieceSpec {
+                duration_s: 0.5 * time_s,
+                polytope,
+                guide: from + (to - from) * 0.4,
+            };
+            count += 1;
+        }
+        specs[count] = PieceSpec {
+            duration_s: if cut { 0.5 * time_s } else { time_s },
+            polytope,
+            guide: to,
+        };
+        count += 1;
+    }
+    count
+}
+
+/// The certificate: from the finished control points alone.
+fn is_certified(curves: &[[Vector3<f64>; QUINTIC]], specs: &[PieceSpec<'_>], limits: &MotionLimits) -> bool {
+    let inside = |points: &[Vector3<f64>], polytope: &Polytope| {
+        points
+            .iter()
+            .all(|point| polytope.depth_m(point) >= -CERTIFICATE_TOLERANCE)
+    };
+    let within = |points: &[Vector3<f64>], limit: f64| {
+        points
+            .iter()
+            .all(|point| point.norm() <= limit * (1.01 + CERTIFICATE_TOLERANCE))
+    };
+    curves.iter().zip(specs).all(|(points, spec)| {
+        let velocity: [_; 5] = derivative(points, spec.duration_s);
+        let acceleration: [_; 4] = derivative(&velocity, spec.duration_s);
+        let jerk: [_; 3] = derivative(&acceleration, spec.duration_s);
+        inside(points, spec.polytope)
+            && within(&velocity, limits.speed_mps)
+            && within(&acceleration, limits.acceleration_mps2)
+            && within(&jerk, limits.jerk_mps3)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Generator, NoTrajectory};
+    use jink_shared_types::frames::{Acceleration, Point, Velocity};
+    use jink_shared_types::motion::{
+        HalfSpace, MotionLimits, MotionState, Polytope, Route, RouteMode, Trajectory, TrajectoryMode,
+    };
+    use jink_shared_types::{Coded, Flag, Timestamp};
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    const LIMITS: MotionLimits = MotionLimits {
+        speed_mps: 3.0,
+        climb_mps: 1.5,
+        descent_mps: 1.0,
+        acceleration_mps2: 1.2,
+        jerk_mps3: 2.5,
+        yaw_rate_radps: 0.5,
+        tube_m: 0.45,
+        overshoot_m: 0.56,
+    };
+
+    fn now() -> Timestamp {
+        Timestamp::from_seconds(100.0)
+    }
+
+    /// A box around the segment from `a` to `b`, `side_m` to each side.
+    fn around(a: &Vector3<f64>, b: &Vector3<f64>, side_m: f64) -> Polytope {
+        let (low, high) = (a.inf(b).add_scalar(-side_m), a.sup(b).add_scalar(side_m));
+        let mut polytope = Polytope::default();
+        for axis in 0..3 {
+            for sign in [1.0, -1.0] {
+                let mut normal = [0.0; 3];
+                normal[axis] = sign;
+                let offset_m = if sign > 0.0 { high[axis] } else { -low[axis] };
+                polytope.push(HalfSpace { normal, offset_m });
+            }
+        }
+        polytope
+    }
+
+    fn route(vertices: &[Vector3<f64>], velocity: Vector3<f64>, side_m: f64) -> Route {
+        let mut route = Route {
+            id: 7,
+            mode: Coded::new(RouteMode::Plan),
+            splice: now().plus_seconds(0.1),
+            start: MotionState {
+                position: Point::from_vector(vertices[0]),
+                velocity: Velocity::from_vector(velocity),
+                acceleration: Acceleration::ZERO,
+                ..MotionState::default()
+            },
+            target: Point::from_vector(*vertices.last().unwrap()),
+            limits: LIMITS,
+            ..Route::default()
+        };
+        for (i, vertex) in vertices.iter().enumerate() {
+            route.guide[i] = Point::from_vector(*vertex);
+            route.guide_len += 1;
+        }
+        for (i, pair) in vertices.windows(2).enumerate() {
+            route.corridor[i] = around(&pair[0], &pair[1], side_m);
+            route.corridor_len += 1;
+        }
+        route
+    }
+
+    fn zigzag() -> Vec<Vector3<f64>> {
+        vec![
+            Vector3::new(0.0, 0.0, -2.5),
+            Vector3::new(3.0, 0.5, -2.5),
+            Vector3::new(5.5, 2.0, -2.5),
+            Vector3::new(8.5, 2.0, -2.5),
+            Vector3::new(10.0, 0.5, -2.5),
+        ]
+    }
+
+    #[test]
+    fn from_rest_the_target_is_reached_at_a_reasonable_speed() {
+        let mut out = Trajectory::default();
+        let route = route(&zigzag(), Vector3::zeros(), 0.7);
+        Generator::new(1).step(now(), &route, None, &mut out).unwrap();
+        let end = out.at(out.end()).unwrap();
+        assert!(
+            (end.position.vector() - route.target.vector()).norm() < 0.3,
+            "{:?}",
+            end.position
+        );
+        assert!(end.velocity.vector().norm() < 1e-6);
+        assert!(out.duration_s() < 9.0, "{} s", out.duration_s());
+        assert_eq!((out.base_id, out.route_id), (0, 7));
+    }
+
+    #[test]
+    fn a_moving_start_is_joined_with_continuous_motion() {
+        let mut generator = Generator::new(1);
+        let (mut first, mut second) = (Trajectory::default(), Trajectory::default());
+        let slalom = zigzag();
+        generator
+            .step(now(), &route(&slalom, Vector3::zeros(), 0.7), None, &mut first)
+            .unwrap();
+        let later = now().plus_seconds(2.0);
+        let splice = later.plus_seconds(0.1);
+        let state = first.at(splice).unwrap();
+        let mut vertices = vec![state.position.vector()];
+        vertices.extend(slalom.iter().filter(|v| v.x > state.position.x_m + 0.5));
+        let next = Route {
+            base_id: first.id,
+            splice,
+            start: state,
+            ..route(&vertices, state.velocity.vector(), 0.9)
+        };
+        generator.step(later, &next, Some(&first), &mut second).unwrap();
+        assert_ne!(first.id, second.id);
+        let a = second.at(splice.plus_seconds(-1e-6)).unwrap();
+        let b = second.at(splice.plus_seconds(1e-6)).unwrap();
+        assert!((a.position.vector() - b.position.vector()).norm() < 1e-4);
+        assert!((a.velocity.vector() - b.velocity.vector()).norm() < 1e-3);
+        assert!((a.acceleration.vector() - b.acceleration.vector()).norm() < 1e-2);
+        for i in 0..10 {
+            let time = later.plus_seconds(0.01 * f64::from(i));
+            let (a, b) = (first.at(time).unwrap(), second.at(time).unwrap());
+            assert!(
+                (a.position.vector() - b.position.vector()).norm() < 1e-6,
+                "the old part is repeated"
+            );
+        }
+    }
+
+    #[test]
+    fn a_stop_is_put_out_when_no_curve_exists_and_the_old_one_must_be_left() {
+        let mut generator = Generator::new(1);
+        let (mut base, mut out) = (Trajectory::default(), Trajectory::default());
+        generator
+            .step(now(), &route(&zigzag(), Vector3::zeros(), 0.7), None, &mut base)
+            .unwrap();
+        let splice = now().plus_seconds(3.1);
+        let state = base.at(splice).unwrap();
+        // A corridor far away from where the vehicle is cannot be entered.
+        let mut hopeless = route(
+            &[Vector3::new(50.0, 0.0, -2.5), Vector3::new(53.0, 0.0, -2.5)],
+            Vector3::zeros(),
+            0.5,
+        );
+        hopeless.base_id = base.id;
+        hopeless.splice = splice;
+        hopeless.start = state;
+        let later = now().plus_seconds(3.0);
+        let refused = generator.step(later, &hopeless, Some(&base), &mut out);
+        assert!(matches!(refused, Err(NoTrajectory::Infeasible(_))), "{refused:?}");
+        hopeless.must_leave = Flag::YES;
+        hopeless.has_stop = Flag::YES;
+        hopeless.stop = base.pieces()[base.len as usize - 1];
+        generator.step(later, &hopeless, Some(&base), &mut out).unwrap();
+        assert_eq!(out.mode.get(), TrajectoryMode::Stop);
+    }
+
+    #[test]
+    fn a_late_or_foreign_route_is_refused() {
+        let mut out = Trajectory::default();
+        let mut generator = Generator::new(1);
+        let mut late = route(&zigzag(), Vector3::zeros(), 0.7);
+        late.splice = now();
+        assert!(matches!(
+            generator.step(now(), &late, None, &mut out),
+            Err(NoTrajectory::Late { .. })
+        ));
+        let mut foreign = route(&zigzag(), Vector3::zeros(), 0.7);
+        foreign.base_id = 99;
+        assert_eq!(
+            generator.step(now(), &foreign, None, &mut out),
+            Err(NoTrajectory::WrongBase { wanted: 99, flown: 0 })
+        );
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn whatever_is_put_out_keeps_its_corridor_and_its_limits(
+            turns in proptest::collection::vec((1.0..3.0f64, -0.9..0.9f64), 1..7),
+            speed in 0.0..2.9f64, side in 0.3..1.2f64,
+        ) {
+            let mut vertices = vec![Vector3::new(0.0, 0.0, -2.5)];
+            let mut direction = 0.0f64;
+            for (length, turn) in turns {
+                direction += turn;
+                let last = *vertices.last().unwrap();
+                vertices.push(last + Vector3::new(direction.cos(), direction.sin(), 0.0) * length);
+            }
+            let way = (vertices[1] - vertices[0]).normalize();
+            let route = route(&vertices, way * speed, side);
+            let mut out = Trajectory::default();
+            if Generator::new(1).step(now(), &route, None, &mut out).is_ok() {
+                let mut time = out.start;
+                while time <= out.end() {
+                    let state = out.at(time).unwrap();
+                    let inside = route.corridor().iter().any(|p| p.depth_m(&state.position.vector()) > -1e-3);
+                    prop_assert!(inside, "{:?} at {}", state.position, time.seconds_since(out.start));
+                    prop_assert!(state.velocity.vector().norm() <= LIMITS.speed_mps * 1.011);
+                    prop_assert!(state.acceleration.vector().norm() <= LIMITS.acceleration_mps2 * 1.011);
+                    time = time.plus_seconds(0.01);
+                }
+                prop_assert!(out.at(out.end()).unwrap().velocity.vector().norm() < 1e-6);
+            }
+        }
+    }
+}
