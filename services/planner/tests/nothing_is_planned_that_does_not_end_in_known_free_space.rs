@@ -1,0 +1,298 @@
+//! The planner's promises at its border: what it answers to which inputs.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use jink_planner::{Inputs, Planner};
+use jink_shared_types::events;
+use jink_shared_types::frames::{Point, Velocity};
+use jink_shared_types::map::{LocalMap, center_of, set};
+use jink_shared_types::motion::{
+    ApprovedTrajectory, BezierPiece, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
+};
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_TAKEOFF, DesiredPath, NavMode, VehicleState};
+use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped, Timestamp};
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+const NOW_S: f64 = 50.0;
+const HEIGHT_M: f64 = 2.5;
+
+fn now() -> Timestamp {
+    Timestamp::from_seconds(NOW_S)
+}
+
+/// Around the vehicle at the origin, 2.5 m up: known free except the ground, what `occupied` says, and what lies beyond
+/// `known_to_m` from the vehicle.
+fn map(known_to_m: f64, occupied: impl Fn(Vector3<f64>) -> bool) -> Box<LocalMap> {
+    let mut map = LocalMap::boxed();
+    map.min_cell = [-64, -64, -44];
+    for x in -64..64 {
+        for y in -64..64 {
+            for z in -44..20 {
+                let p = center_of([x, y, z]).vector();
+                if (p - Vector3::new(0.0, 0.0, -HEIGHT_M)).norm() < known_to_m {
+                    set(&mut map.known, [x, y, z]);
+                    if p.z > 0.0 || occupied(p) {
+                        set(&mut map.occupied, [x, y, z]);
+                    }
+                }
+            }
+        }
+    }
+    map.ranges_fresh = Flag::YES;
+    map
+}
+
+fn hovering() -> VehicleState {
+    VehicleState {
+        position: Point::new(0.0, 0.0, -HEIGHT_M),
+        mode: Coded::new(NavMode::Mission),
+        armed: Flag::YES,
+        position_valid: Flag::YES,
+        autopilot_alive: Flag::YES,
+        home_down_m: 0.0,
+        ..VehicleState::default()
+    }
+}
+
+fn to(north_m: f64, east_m: f64) -> DesiredPath {
+    let mut desired = DesiredPath {
+        mode: Coded::new(NavMode::Mission),
+        ..DesiredPath::default()
+    };
+    for point in &mut desired.points {
+        point.position = Point::new(north_m, east_m, -HEIGHT_M);
+        point.valid = Flag::YES;
+    }
+    desired
+}
+
+/// One step with everything fresh unless given as `None`.
+fn answer(
+    planner: &mut Planner,
+    map: Option<&LocalMap>,
+    state: Option<&VehicleState>,
+    desired: &DesiredPath,
+    approved: Option<&ApprovedTrajectory>,
+) -> Route {
+    let header = SampleHeader::at(now());
+    fn fresh<'a, T>(sample: Option<&'a T>, header: &'a SampleHeader) -> Reading<'a, T> {
+        sample.map_or(Reading::Stale { age_s: 1.0 }, |sample| {
+            Reading::Fresh(Stamped { sample, header })
+        })
+    }
+    let inputs = Inputs {
+        map: fresh(map, &header),
+        state: fresh(state, &header),
+        desired: fresh(Some(desired), &header),
+        approved,
+    };
+    let mut route = Route::default();
+    planner.step(now(), &inputs, &mut route);
+    route
+}
+
+fn planner() -> Planner {
+    Planner::new(&ParamSet::default(), 1)
+}
+
+/// A trajectory that flies straight north at 2 m/s for `length_m` and then stops dead (for re-checks only).
+fn flying_north(length_m: f64) -> ApprovedTrajectory {
+    let speed = 2.0;
+    let duration_s = length_m / speed;
+    let points = std::array::from_fn(|i| Vector3::new(length_m * i as f64 / 5.0, 0.0, -HEIGHT_M));
+    let mut trajectory = Trajectory {
+        id: 77,
+        start: now().plus_seconds(-0.05),
+        mode: Coded::new(TrajectoryMode::Plan),
+        limits: jink_planner::gears::gears(&ParamSet::default())[0],
+        ..Trajectory::default()
+    };
+    assert!(trajectory.push(BezierPiece::new(&points, [0.0; 6], duration_s)));
+    ApprovedTrajectory {
+        trajectory,
+        ..ApprovedTrajectory::default()
+    }
+}
+
+#[test]
+fn a_mission_leg_in_the_open_is_planned_to_its_goal_or_to_the_edge_of_what_is_known() {
+    let map = map(10.0, |_| false);
+    let near = answer(&mut planner(), Some(&map), Some(&hovering()), &to(4.0, 1.0), None);
+    assert_eq!(near.mode.get(), RouteMode::Plan);
+    assert!(near.target_is_goal.is_set());
+    assert_eq!(near.target, Point::new(4.0, 1.0, -HEIGHT_M));
+    let far = answer(
+        &mut planner(),
+        Some(&map),
+        Some(&hovering()),
+        &to(60.0, 0.0),
+        None,
+    );
+    assert_eq!(far.mode.get(), RouteMode::Plan);
+    assert!(!far.target_is_goal.is_set());
+    assert!(far.target.x_m > 6.0 && far.target.x_m < 9.5, "{:?}", far.target);
+    assert_eq!(far.base_id, 0, "it starts from rest");
+    assert!(far.splice > now());
+}
+
+#[test]
+fn what_jink_does_not_plan_is_mirrored() {
+    let map = map(10.0, |_| false);
+    for mode in [
+        NavMode::Takeoff,
+        NavMode::Hold,
+        NavMode::Land,
+        NavMode::Manual,
+        NavMode::Unknown,
+    ] {
+        let state = VehicleState {
+            mode: Coded::new(mode),
+            ..hovering()
+        };
+        let route = answer(&mut planner(), Some(&map), Some(&state), &to(9.0, 0.0), None);
+        assert_eq!(route.mode.get(), RouteMode::Mirror, "{mode}");
+    }
+    for command in [COMMAND_TAKEOFF, COMMAND_LAND] {
+        let mut desired = to(9.0, 0.0);
+        desired.points[0].command = command;
+        let route = answer(&mut planner(), Some(&map), Some(&hovering()), &desired, None);
+        assert_eq!(route.mode.get(), RouteMode::Mirror, "command {command}");
+    }
+    let disarmed = VehicleState {
+        armed: Flag::NO,
+        ..hovering()
+    };
+    let route = answer(&mut planner(), Some(&map), Some(&disarmed), &to(9.0, 0.0), None);
+    assert_eq!(route.mode.get(), RouteMode::Mirror);
+}
+
+#[test]
+fn without_map_ranges_state_or_position_nothing_new_is_committed() {
+    let good = map(10.0, |_| false);
+    let mut blind = map(10.0, |_| false);
+    blind.ranges_fresh = Flag::NO;
+    let lost = VehicleState {
+        position_valid: Flag::NO,
+        ..hovering()
+    };
+    for (map, state) in [
+        (None, Some(&hovering())),
+        (Some(&*good), None),
+        (Some(&*blind), Some(&hovering())),
+        (Some(&*good), Some(&lost)),
+    ] {
+        let route = answer(&mut planner(), map, state, &to(9.0, 0.0), None);
+        assert_eq!(route.mode.get(), RouteMode::Keep);
+    }
+}
+
+#[test]
+fn an_unknown_neighbourhood_is_not_entered() {
+    let map = map(0.6, |_| false);
+    let route = answer(&mut planner(), Some(&map), Some(&hovering()), &to(9.0, 0.0), None);
+    assert_eq!(route.mode.get(), RouteMode::Keep);
+}
+
+#[test]
+fn a_new_obstacle_on_the_committed_way_is_evaded_or_stopped_for() {
+    let clear = map(11.0, |_| false);
+    let flown = flying_north(9.0);
+    let mut planner = planner();
+    let route = answer(
+        &mut planner,
+        Some(&clear),
+        Some(&hovering()),
+        &to(60.0, 0.0),
+        Some(&flown),
+    );
+    assert!(!route.must_leave.is_set());
+    let post = map(11.0, |p| (p.x - 6.0).hypot(p.y) < 0.3);
+    let route = answer(
+        &mut self::planner(),
+        Some(&post),
+        Some(&hovering()),
+        &to(60.0, 0.0),
+        Some(&flown),
+    );
+    assert!(route.must_leave.is_set());
+    assert_eq!(route.base_id, 77);
+    assert!(matches!(route.mode.get(), RouteMode::Plan | RouteMode::Stop));
+    assert!(route.has_stop.is_set());
+}
+
+#[test]
+fn a_wall_out_of_nowhere_is_braked_for_and_said() {
+    let wall = map(11.0, |p| (p.x - 1.4).abs() < 0.2);
+    let mut state = hovering();
+    state.velocity = Velocity::new(2.0, 0.0, 0.0);
+    let mut planner = planner();
+    let route = answer(
+        &mut planner,
+        Some(&wall),
+        Some(&state),
+        &to(60.0, 0.0),
+        Some(&flying_north(9.0)),
+    );
+    assert_eq!(route.mode.get(), RouteMode::Stop);
+    assert!(
+        planner
+            .events()
+            .iter()
+            .any(|event| event.id == events::CERTIFICATE_LOST.id)
+    );
+    let end = route.stop.at(route.stop.duration_s);
+    assert!(end.velocity.vector().norm() < 1e-6);
+    assert!(end.position.x_m < 1.9, "{:?}", end.position);
+}
+
+#[test]
+fn at_the_goal_there_is_nothing_to_plan() {
+    let map = map(10.0, |_| false);
+    let route = answer(&mut planner(), Some(&map), Some(&hovering()), &to(0.0, 0.0), None);
+    assert_eq!(route.mode.get(), RouteMode::Keep);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(16))]
+    #[test]
+    fn every_point_of_every_corridor_is_far_from_obstacles_and_from_the_unknown(
+        trees in proptest::collection::vec((1.5..9.0f64, -6.0..6.0f64), 0..10),
+        goal in (6.0..60.0f64, -8.0..8.0f64),
+        samples in proptest::collection::vec((-1.0..11.0f64, -8.0..8.0f64, -4.0..-1.0f64), 600),
+    ) {
+        let tree = |p: &Vector3<f64>| trees.iter().map(|(x, y)| (p.x - x).hypot(p.y - y)).fold(f64::MAX, f64::min);
+        let map = map(10.0, |p| tree(&p) < 0.3);
+        let route = answer(&mut planner(), Some(&map), Some(&hovering()), &to(goal.0, goal.1), None);
+        let keep_m = 0.3 + 0.1 + route.limits.tube_m;
+        for (x, y, z) in samples {
+            let p = Vector3::new(x, y, z);
+            if route.corridor().iter().any(|polytope| polytope.depth_m(&p) >= 0.0) {
+                prop_assert!(tree(&p) > 0.3 + keep_m - 0.15, "{p} is {} m from a tree", tree(&p));
+                prop_assert!((p - Vector3::new(0.0, 0.0, -HEIGHT_M)).norm() < 10.0 - keep_m + 0.2, "{p} is unknown");
+            }
+        }
+        for (polytope, leg) in route.corridor().iter().zip(route.guide().windows(2)) {
+            prop_assert!(polytope.depth_m(&leg[0].vector()) > 0.0 && polytope.depth_m(&leg[1].vector()) > 0.0);
+        }
+    }
+}
+
+#[test]
+fn the_same_inputs_give_the_same_route_to_the_bit() {
+    let map = map(10.0, |p| (p.x - 4.0).hypot(p.y - 0.2) < 0.3);
+    let run = || {
+        answer(
+            &mut planner(),
+            Some(&map),
+            Some(&hovering()),
+            &to(60.0, 3.0),
+            None,
+        )
+    };
+    assert_eq!(format!("{:?}", run()), format!("{:?}", run()));
+    assert_eq!(
+        run().start,
+        MotionState::at_rest(Point::new(0.0, 0.0, -HEIGHT_M), 0.0)
+    );
+}
