@@ -2,6 +2,10 @@
 //!
 //! Unknown keys and values out of range are refused with file, line and the nearest valid name; nothing is guessed.
 
+mod overlay;
+
+pub use overlay::{PROFILE_FOLDER, Resolved};
+
 use jink_shared_types::params::{ParamSet, nearest};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;

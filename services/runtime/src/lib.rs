@@ -42,6 +42,7 @@
 //! | [`session`] | one process's connection to shared memory; [`Input`] and [`Output`] |
 //! | [`service`] | the loop |
 //! | [`heartbeat`] | cycle statistics |
+//! | [`ranges`] | the range topics of all configured sensors |
 //! | [`realtime`] | memory locking, scheduling, clock |
 //! | [`logging`] | `tracing` for people and for journals |
 
@@ -52,6 +53,7 @@ pub mod input;
 pub mod instance;
 pub mod logging;
 pub mod output;
+pub mod ranges;
 pub mod realtime;
 pub mod service;
 pub mod session;
@@ -61,6 +63,7 @@ pub use events::EventSender;
 pub use input::Input;
 pub use instance::Instance;
 pub use output::Output;
+pub use ranges::{RangeInputs, RangeSample};
 pub use realtime::now;
 pub use service::{Cycle, Ports, Service, Setup, StartError, Wake, run};
 pub use session::{OpenError, Session};

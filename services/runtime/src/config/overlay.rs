@@ -1,0 +1,246 @@
+//! Overlays: the configuration file, then a profile, then the command line, each checked on its own so that an error
+//! names the file and line (or the argument) it comes from.
+
+use super::{CONFIG_FILE, Config, ConfigError, read};
+use jink_shared_types::params::nearest;
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// Folder of the profiles inside a configuration folder.
+pub const PROFILE_FOLDER: &str = "profiles";
+
+/// A configuration with every overlay applied.
+#[derive(Clone, Debug)]
+pub struct Resolved {
+    /// As a configuration file, to be given to the services.
+    pub text: String,
+    /// As values.
+    pub config: Config,
+}
+
+impl Config {
+    /// Reads `jink.toml` in `folder`, lays `profiles/<profile>.toml` over it, then the `section.key=value` of
+    /// `overrides` in their order. A list (the sensors) replaces the list below it, everything else key by key.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming file and line, or the override.
+    pub fn resolve(
+        folder: &Path,
+        profile: Option<&str>,
+        overrides: &[String],
+    ) -> Result<Resolved, ConfigError> {
+        let base = folder.join(CONFIG_FILE);
+        let mut sources = vec![base.display().to_string()];
+        let mut merged = checked(&base, &read(&base)?)?;
+        if let Some(profile) = profile {
+            let file = profile_file(folder, profile)?;
+            lay_over(&mut merged, checked(&file, &read(&file)?)?);
+            sources.push(file.display().to_string());
+        }
+        for text in overrides {
+            lay_over(&mut merged, override_table(text)?);
+            sources.push(format!("--set {text}"));
+        }
+        let whole = PathBuf::from("merged configuration");
+        let body = toml::to_string(&merged).map_err(|error| problem(&whole, error.to_string()))?;
+        let text = format!(
+            "# Merged while starting, from: {}\n{body}",
+            sources.join(", ").replace('\n', " ")
+        );
+        let config = Self::parse(&whole, &text)?;
+        Ok(Resolved { text, config })
+    }
+}
+
+fn problem(file: &Path, message: String) -> ConfigError {
+    ConfigError {
+        file: file.to_owned(),
+        line: 0,
+        message,
+    }
+}
+
+/// The file as a table, after it has been found to be a valid configuration by itself.
+fn checked(file: &Path, text: &str) -> Result<Table, ConfigError> {
+    Config::parse(file, text)?;
+    text.parse()
+        .map_err(|error: toml::de::Error| problem(file, error.message().to_owned()))
+}
+
+fn profile_file(folder: &Path, profile: &str) -> Result<PathBuf, ConfigError> {
+    let profiles = folder.join(PROFILE_FOLDER);
+    let file = profiles.join(format!("{profile}.toml"));
+    if file.is_file() {
+        return Ok(file);
+    }
+    let mut known: Vec<String> = std::fs::read_dir(&profiles)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter_map(|entry| {
+            entry
+                .file_name()
+                .to_str()?
+                .strip_suffix(".toml")
+                .map(str::to_owned)
+        })
+        .collect();
+    known.sort();
+    let hint = match nearest(profile, known.iter().map(String::as_str)) {
+        Some(near) => format!("; did you mean {near:?}?"),
+        None => format!("; {} holds none", profiles.display()),
+    };
+    Err(problem(&file, format!("there is no profile {profile:?}{hint}")))
+}
+
+/// One `section.key=value` as a table. A value that is no TOML is taken as text, so that an address needs no quotes.
+fn override_table(text: &str) -> Result<Table, ConfigError> {
+    let label = PathBuf::from(format!("--set {text}"));
+    let refused = |message: &str| problem(&label, message.to_owned());
+    let Some(((section, key), value)) = text
+        .split_once('=')
+        .and_then(|(path, value)| Some((path.trim().split_once('.')?, value.trim())))
+    else {
+        return Err(refused(
+            "write section.key=value, e.g. link.address=udpin:0.0.0.0:14540",
+        ));
+    };
+    if section == "sensor" {
+        return Err(refused(
+            "sensors are a list: change them in jink.toml or in a profile",
+        ));
+    }
+    let value = value
+        .parse::<Value>()
+        .unwrap_or_else(|_| Value::String(value.to_owned()));
+    let inner = Table::from_iter([(key.to_owned(), value)]);
+    let table = Table::from_iter([(section.to_owned(), Value::Table(inner))]);
+    let alone = toml::to_string(&table).map_err(|error| refused(&error.to_string()))?;
+    match Config::parse(&label, &alone) {
+        Ok(_) => Ok(table),
+        Err(error) => Err(ConfigError { line: 0, ..error }),
+    }
+}
+
+fn lay_over(base: &mut Table, over: Table) {
+    for (key, value) in over {
+        match (base.get_mut(&key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => lay_over(below, above),
+            (_, value) => {
+                base.insert(key, value);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{CONFIG_FILE, Config, PROFILE_FOLDER};
+    use jink_shared_types::params;
+    use std::path::PathBuf;
+
+    /// A configuration folder of its own that is removed again.
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new(test: &str, base: &str, profile: &str) -> Self {
+            let path = std::env::temp_dir().join(format!("jink_overlay_{test}_{}", std::process::id()));
+            std::fs::create_dir_all(path.join(PROFILE_FOLDER)).unwrap();
+            std::fs::write(path.join(CONFIG_FILE), base).unwrap();
+            std::fs::write(path.join(PROFILE_FOLDER).join("fast.toml"), profile).unwrap();
+            Self(path)
+        }
+
+        fn error(&self, profile: Option<&str>, overrides: &[&str]) -> String {
+            let overrides: Vec<String> = overrides.iter().map(|&text| text.to_owned()).collect();
+            let error = Config::resolve(&self.0, profile, &overrides)
+                .unwrap_err()
+                .to_string();
+            error.replace(&format!("{}/", self.0.display()), "")
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            std::fs::remove_dir_all(&self.0).unwrap();
+        }
+    }
+
+    const BASE: &str = "[params]\nOA_SPD_MAX = 2\nOA_ALT_MAX = 50\n[link]\naddress = \"udpin:127.0.0.1:1\"\n\
+                        [[sensor]]\nname = \"lidar\"\nkind = \"lidar_3d\"\nrate_hz = 10\n";
+
+    #[test]
+    fn the_later_source_wins_key_by_key() {
+        let folder = Folder::new("wins", BASE, "[params]\nOA_SPD_MAX = 6\nOA_GOAL_RAD = 1\n");
+        let overrides =
+            ["params.OA_SPD_MAX=4.5", "link.address=serial:/dev/ttyTHS1:921600"].map(str::to_owned);
+        let resolved = Config::resolve(&folder.0, Some("fast"), &overrides).unwrap();
+        let again = Config::parse(&folder.0, &resolved.text).unwrap();
+        for config in [&resolved.config, &again] {
+            assert_eq!(
+                config.params.get(&params::OA_SPD_MAX),
+                4.5,
+                "command line over profile"
+            );
+            assert_eq!(config.params.get(&params::OA_GOAL_RAD), 1.0, "profile over file");
+            assert_eq!(
+                config.params.get(&params::OA_ALT_MAX),
+                50.0,
+                "what nobody overrides stays"
+            );
+            assert_eq!(config.link.address, "serial:/dev/ttyTHS1:921600");
+        }
+        assert!(
+            resolved.text.contains("rate_hz = 10"),
+            "keys of the drivers are kept"
+        );
+    }
+
+    #[test]
+    fn the_sensors_of_an_overlay_replace_the_list() {
+        let folder = Folder::new(
+            "list",
+            BASE,
+            "[[sensor]]\nname = \"front\"\nkind = \"depth_camera\"\n",
+        );
+        let resolved = Config::resolve(&folder.0, Some("fast"), &[]).unwrap();
+        let names: Vec<&str> = resolved.config.sensors.iter().map(|s| s.name.as_str()).collect();
+        assert_eq!(names, ["front"]);
+    }
+
+    #[test]
+    fn every_source_is_named_in_its_own_errors() {
+        let folder = Folder::new("errors", BASE, "[params]\n\nOA_SPD_MAX = 60\n");
+        assert_eq!(
+            folder.error(Some("fast"), &[]),
+            "profiles/fast.toml:3: OA_SPD_MAX = 60 is outside 0.3 to 20"
+        );
+        assert_eq!(
+            folder.error(Some("fats"), &[]),
+            "profiles/fats.toml: there is no profile \"fats\"; did you mean \"fast\"?"
+        );
+        assert_eq!(
+            folder.error(None, &["link.adress=x"]),
+            "--set link.adress=x: unknown key `adress`; did you mean `address`?"
+        );
+        assert_eq!(
+            folder.error(None, &["params.OA_SPD_MAX=99"]),
+            "--set params.OA_SPD_MAX=99: OA_SPD_MAX = 99 is outside 0.3 to 20"
+        );
+        assert!(
+            folder
+                .error(None, &["OA_SPD_MAX"])
+                .contains("write section.key=value")
+        );
+        assert!(
+            folder
+                .error(None, &["sensor.name=x"])
+                .contains("sensors are a list")
+        );
+        assert!(
+            folder
+                .error(None, &["params.OA_SPD_MAX=fast"])
+                .starts_with("--set params.OA_SPD_MAX=fast: ")
+        );
+    }
+}
