@@ -83,11 +83,11 @@ pub fn split_scalar<const N: usize>(points: &[f64; N], u: f64) -> ([f64; N], [f6
 /// Position, velocity and acceleration at one end of a curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct End {
-    /// Position [m].
+    /// Position (m).
     pub position: Vector3<f64>,
-    /// Velocity [m/s].
+    /// Velocity (m/s).
     pub velocity: Vector3<f64>,
-    /// Acceleration [m/s^2].
+    /// Acceleration (m/s^2).
     pub acceleration: Vector3<f64>,
 }
 

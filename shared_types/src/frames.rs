@@ -38,32 +38,32 @@ macro_rules! quantity {
         $(#[$meta])*
         #[repr(C)]
         pub struct $name<F> {
-            #[doc = concat!("First axis of the frame [", $unit, "].")]
+            #[doc = concat!("First axis of the frame (", $unit, ").")]
             pub $x: f64,
-            #[doc = concat!("Second axis of the frame [", $unit, "].")]
+            #[doc = concat!("Second axis of the frame (", $unit, ").")]
             pub $y: f64,
-            #[doc = concat!("Third axis of the frame [", $unit, "].")]
+            #[doc = concat!("Third axis of the frame (", $unit, ").")]
             pub $z: f64,
             frame: PhantomData<F>,
         }
 
         impl<F: Frame> $name<F> {
-            #[doc = concat!("All components zero [", $unit, "].")]
+            #[doc = concat!("All components zero (", $unit, ").")]
             pub const ZERO: Self = Self::new(0.0, 0.0, 0.0);
-            #[doc = concat!("All components NaN: \"not given\" [", $unit, "].")]
+            #[doc = concat!("All components NaN: \"not given\" (", $unit, ").")]
             pub const UNSET: Self = Self::new(f64::NAN, f64::NAN, f64::NAN);
 
-            #[doc = concat!("From the three components [", $unit, "] along the frame's axes.")]
+            #[doc = concat!("From the three components (", $unit, ") along the frame's axes.")]
             pub const fn new($x: f64, $y: f64, $z: f64) -> Self {
                 Self { $x, $y, $z, frame: PhantomData }
             }
 
-            #[doc = concat!("From a vector whose components are in this frame [", $unit, "].")]
+            #[doc = concat!("From a vector whose components are in this frame (", $unit, ").")]
             pub fn from_vector(v: Vector3<f64>) -> Self {
                 Self::new(v.x, v.y, v.z)
             }
 
-            #[doc = concat!("As a vector [", $unit, "], frame no longer tracked.")]
+            #[doc = concat!("As a vector (", $unit, "), frame no longer tracked.")]
             pub fn vector(self) -> Vector3<f64> {
                 Vector3::new(self.$x, self.$y, self.$z)
             }
@@ -176,7 +176,7 @@ impl Attitude {
         }
     }
 
-    /// Heading [rad], -pi..pi, clockwise from north seen from above (3-2-1 Euler yaw).
+    /// Heading (rad), -pi..pi, clockwise from north seen from above (3-2-1 Euler yaw).
     pub fn yaw_rad(self) -> f64 {
         (2.0 * (self.w * self.z + self.x * self.y)).atan2(1.0 - 2.0 * (self.y * self.y + self.z * self.z))
     }

@@ -3,7 +3,7 @@
 use crate::clock::Timestamp;
 use crate::coded::{Coded, Flag};
 
-/// Longest name of a process in a sample [bytes].
+/// Longest name of a process in a sample (bytes).
 pub const NAME_BYTES: usize = 24;
 /// Most processes in one system.
 pub const PROCESSES: usize = 24;
@@ -79,19 +79,19 @@ crate::sample! {
         pub budget_misses: u64,
         /// Inputs that were late, counted once per lateness.
         pub deadline_misses: u64,
-        /// Last cycle [us].
+        /// Last cycle (us).
         pub cycle_last_us: u32,
-        /// Median cycle [us].
+        /// Median cycle (us).
         pub cycle_p50_us: u32,
-        /// 99th percentile [us].
+        /// 99th percentile (us).
         pub cycle_p99_us: u32,
-        /// Longest since the start [us].
+        /// Longest since the start (us).
         pub cycle_max_us: u32,
         /// One bit per input in the order of opening: set = fresh.
         pub inputs_fresh: u32,
         /// One bit per input: set = the service needs it to work.
         pub inputs_needed: u32,
-        /// CPU time used since the start [ms].
+        /// CPU time used since the start (ms).
         pub cpu_ms: u32,
         /// State.
         pub state: Coded<ServiceState>,
@@ -110,11 +110,11 @@ crate::sample! {
         pub heartbeat_time: Timestamp,
         /// When the process was started.
         pub started: Timestamp,
-        /// Cycle budget from the process table [us]; 0 = none.
+        /// Cycle budget from the process table (us); 0 = none.
         pub cycle_budget_us: u32,
         /// Restarts since the system came up.
         pub restarts: u32,
-        /// How long the last restart took, from the death to the first active heartbeat [us]; 0 = none yet.
+        /// How long the last restart took, from the death to the first active heartbeat (us); 0 = none yet.
         pub recovery_us: u32,
         /// Exit status of the last death: code, or 256 + signal.
         pub last_exit: u32,
@@ -201,7 +201,7 @@ crate::sample! {
     pub struct Histogram: 656 {
         /// Values counted.
         pub count: u64,
-        /// Largest value [us].
+        /// Largest value (us).
         pub max_us: u32,
         /// Explicit padding, zero.
         pub reserved: u32,
@@ -255,7 +255,7 @@ impl Histogram {
         self.max_us = self.max_us.max(other.max_us);
     }
 
-    /// The value below which `quantile` (0..1) of all values lie [us]: the top of its bucket, at most 12.5 % too high;
+    /// The value below which `quantile` (0..1) of all values lie (us): the top of its bucket, at most 12.5 % too high;
     /// 0 without values.
     pub fn quantile_us(&self, quantile: f64) -> f64 {
         if self.count == 0 {

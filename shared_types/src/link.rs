@@ -35,7 +35,7 @@ crate::sample! {
         pub sent: u64,
         /// Setpoints sent (trajectories and mirrored ones).
         pub setpoints: u64,
-        /// Largest time between two setpoints [us].
+        /// Largest time between two setpoints (us).
         pub setpoint_gap_max_us: u32,
         /// The autopilot's system id; 0 = not heard.
         pub system_id: u8,
@@ -45,9 +45,9 @@ crate::sample! {
         pub avoidance: Coded<AvoidanceState>,
         /// The autopilot has been heard within 1.5 s.
         pub autopilot_alive: Flag,
-        /// Autopilot clock minus board clock [ns].
+        /// Autopilot clock minus board clock (ns).
         pub clock_offset_ns: i64,
-        /// Shortest round trip of a time synchronisation [us].
+        /// Shortest round trip of a time synchronisation (us).
         pub round_trip_us: u32,
         /// Good samples of the time synchronisation so far.
         pub timesync_samples: u32,

@@ -10,7 +10,7 @@
 use crate::coded::Flag;
 use crate::frames::{LocalNed, Point};
 
-/// Edge of a cell [m]. Half a vehicle radius resolves gaps of vehicle size; half of it again costs eight times the work.
+/// Edge of a cell (m). Half a vehicle radius resolves gaps of vehicle size; half of it again costs eight times the work.
 pub const CELL_M: f64 = 0.2;
 /// Cells along north.
 pub const SIZE_X: usize = 128;

@@ -25,13 +25,13 @@ crate::sample! {
     pub struct HalfSpace: 32 {
         /// Outward normal.
         pub normal: [f64; 3],
-        /// Distance of the plane from the local origin along the normal [m].
+        /// Distance of the plane from the local origin along the normal (m).
         pub offset_m: f64,
     }
 }
 
 impl HalfSpace {
-    /// How far `point` lies inside [m]; negative outside.
+    /// How far `point` lies inside (m); negative outside.
     pub fn depth_m(&self, point: &Vector3<f64>) -> f64 {
         self.offset_m - Vector3::from(self.normal).dot(point)
     }
@@ -69,7 +69,7 @@ impl Polytope {
         }
     }
 
-    /// How deep `point` lies inside all half-spaces [m]; negative outside.
+    /// How deep `point` lies inside all half-spaces (m); negative outside.
     pub fn depth_m(&self, point: &Vector3<f64>) -> f64 {
         self.planes()
             .iter()
@@ -82,21 +82,21 @@ crate::sample! {
     /// What a motion may not exceed. All limits hold for the Euclidean norm of the whole vector unless stated.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct MotionLimits: 64 {
-        /// Speed [m/s].
+        /// Speed (m/s).
         pub speed_mps: f64,
-        /// Speed upwards [m/s].
+        /// Speed upwards (m/s).
         pub climb_mps: f64,
-        /// Speed downwards [m/s].
+        /// Speed downwards (m/s).
         pub descent_mps: f64,
-        /// Acceleration [m/s^2].
+        /// Acceleration (m/s^2).
         pub acceleration_mps2: f64,
-        /// Jerk [m/s^3].
+        /// Jerk (m/s^3).
         pub jerk_mps3: f64,
-        /// Heading rate [rad/s].
+        /// Heading rate (rad/s).
         pub yaw_rate_radps: f64,
-        /// Tracking tube: how far the vehicle may be from the reference within these limits [m].
+        /// Tracking tube: how far the vehicle may be from the reference within these limits (m).
         pub tube_m: f64,
-        /// How far it may run past the end of a stop within these limits [m].
+        /// How far it may run past the end of a stop within these limits (m).
         pub overshoot_m: f64,
     }
 }
@@ -111,9 +111,9 @@ crate::sample! {
         pub velocity: Velocity<LocalNed>,
         /// Acceleration.
         pub acceleration: Acceleration<LocalNed>,
-        /// Heading [rad].
+        /// Heading (rad).
         pub yaw_rad: f64,
-        /// Heading rate [rad/s].
+        /// Heading rate (rad/s).
         pub yaw_rate_radps: f64,
     }
 }
@@ -144,9 +144,9 @@ crate::sample! {
     pub struct BezierPiece: 200 {
         /// Control points of the position.
         pub position: [Point<LocalNed>; QUINTIC],
-        /// Control points of the heading [rad], continuous (not wrapped).
+        /// Control points of the heading (rad), continuous (not wrapped).
         pub yaw_rad: [f64; QUINTIC],
-        /// Duration [s], positive.
+        /// Duration (s), positive.
         pub duration_s: f64,
     }
 }
@@ -232,7 +232,7 @@ crate::sample! {
         pub target: Point<LocalNed>,
         /// Final goal behind it.
         pub goal: Point<LocalNed>,
-        /// Heading wanted at the end [rad]; NaN = along the path.
+        /// Heading wanted at the end (rad); NaN = along the path.
         pub goal_yaw_rad: f64,
         /// Limits under which the corridor was certified.
         pub limits: MotionLimits,
@@ -359,7 +359,7 @@ impl Trajectory {
         }
     }
 
-    /// Total duration [s].
+    /// Total duration (s).
     pub fn duration_s(&self) -> f64 {
         self.pieces().iter().map(|piece| piece.duration_s).sum()
     }
@@ -473,9 +473,9 @@ crate::sample! {
     pub struct ApprovedTrajectory: 4144 {
         /// The trajectory.
         pub trajectory: Trajectory,
-        /// Way left to the first conflict the guard sees [m]; infinity if none.
+        /// Way left to the first conflict the guard sees (m); infinity if none.
         pub free_way_m: f64,
-        /// Way needed to stop from here [m].
+        /// Way needed to stop from here (m).
         pub stopping_m: f64,
         /// Decision.
         pub verdict: Coded<Verdict>,
@@ -486,7 +486,7 @@ crate::sample! {
     }
 }
 
-/// Distance needed to come to rest [m] from `speed_mps`, with a reaction time `delay_s`, a jerk-limited build-up and
+/// Distance needed to come to rest (m) from `speed_mps`, with a reaction time `delay_s`, a jerk-limited build-up and
 /// then constant `deceleration_mps2`: `v tau + v a / (2 j) + v^2 / (2 a)`. The build-up term is the one that PX4 uses
 /// in its own speed limits (`computeMaxSpeedFromDistance`), on the safe side of the exact value.
 pub fn stopping_distance_m(speed_mps: f64, delay_s: f64, deceleration_mps2: f64, jerk_mps3: f64) -> f64 {
@@ -495,7 +495,7 @@ pub fn stopping_distance_m(speed_mps: f64, delay_s: f64, deceleration_mps2: f64,
         + speed_mps * speed_mps / (2.0 * deceleration_mps2)
 }
 
-/// The speed [m/s] whose [`stopping_distance_m`] is `distance_m`; zero for none.
+/// The speed (m/s) whose [`stopping_distance_m`] is `distance_m`; zero for none.
 pub fn stoppable_speed_mps(distance_m: f64, delay_s: f64, deceleration_mps2: f64, jerk_mps3: f64) -> f64 {
     if distance_m <= 0.0 {
         return 0.0;

@@ -27,19 +27,19 @@ crate::sample! {
         pub mounting: Attitude,
         /// When the first beam was measured.
         pub first_beam: Timestamp,
-        /// Time between two beams [s]; 0 for a scan taken at once.
+        /// Time between two beams (s); 0 for a scan taken at once.
         pub beam_interval_s: f32,
-        /// Direction of beam 0 [rad].
+        /// Direction of beam 0 (rad).
         pub angle_first_rad: f32,
-        /// Angle between beams [rad], positive clockwise.
+        /// Angle between beams (rad), positive clockwise.
         pub angle_step_rad: f32,
-        /// Full opening angle of one beam [rad].
+        /// Full opening angle of one beam (rad).
         pub beam_width_rad: f32,
-        /// Shortest range the sensor measures [m].
+        /// Shortest range the sensor measures (m).
         pub range_min_m: f32,
-        /// Longest range the sensor measures [m].
+        /// Longest range the sensor measures (m).
         pub range_max_m: f32,
-        /// One standard deviation of a range [m].
+        /// One standard deviation of a range (m).
         pub range_sigma_m: f32,
         /// Beams in use, at most [`SCAN_BEAMS`].
         pub beams: u32,
@@ -73,11 +73,11 @@ crate::sample! {
     /// The end of one ray, in the body frame as it stood when the ray was measured.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct CloudPoint: 16 {
-        /// Forward [m].
+        /// Forward (m).
         pub forward_m: f32,
-        /// Right [m].
+        /// Right (m).
         pub right_m: f32,
-        /// Down [m].
+        /// Down (m).
         pub down_m: f32,
         /// When it was measured: time after [`PointCloud::first_point`] in units of 10 us.
         pub offset_10us: u16,
@@ -95,11 +95,11 @@ crate::sample! {
         pub origin: Point<BodyFrd>,
         /// When the first point was measured; the header's `capture` is the time of the last.
         pub first_point: Timestamp,
-        /// Shortest range the sensor measures [m].
+        /// Shortest range the sensor measures (m).
         pub range_min_m: f32,
-        /// Longest range the sensor measures [m].
+        /// Longest range the sensor measures (m).
         pub range_max_m: f32,
-        /// One standard deviation of a range [m].
+        /// One standard deviation of a range (m).
         pub range_sigma_m: f32,
         /// Points in use, at most [`CLOUD_POINTS`].
         pub len: u32,

@@ -6,7 +6,7 @@ use crate::frames::{Attitude, LocalNed, Point};
 /// Number of sectors.
 pub const SECTORS: usize = 72;
 
-/// Width of a sector [rad]: 5 degrees.
+/// Width of a sector (rad): 5 degrees.
 pub const SECTOR_WIDTH_RAD: f64 = std::f64::consts::TAU / SECTORS as f64;
 
 crate::sample! {
@@ -17,15 +17,15 @@ crate::sample! {
         pub position: Point<LocalNed>,
         /// Its attitude; sectors turn with its heading and stay level.
         pub attitude: Attitude,
-        /// Horizontal distance to the nearest obstacle [m]; infinity = nothing up to `range_max_m`; NaN = unknown.
+        /// Horizontal distance to the nearest obstacle (m); infinity = nothing up to `range_max_m`; NaN = unknown.
         pub distance_m: [f32; SECTORS],
-        /// How far the sensor of this sector sees [m]; 0 while unknown.
+        /// How far the sensor of this sector sees (m); 0 while unknown.
         pub range_max_m: [f32; SECTORS],
         /// When the sector was last measured.
         pub seen: [Timestamp; SECTORS],
-        /// Shortest range that any contributing sensor measures [m].
+        /// Shortest range that any contributing sensor measures (m).
         pub range_min_m: f32,
-        /// Half height of the band around the vehicle that counts [m].
+        /// Half height of the band around the vehicle that counts (m).
         pub band_half_m: f32,
     }
 }
@@ -50,7 +50,7 @@ pub fn sector_of(bearing_rad: f64) -> usize {
     (turns.rem_euclid(SECTORS as f64) as usize) % SECTORS
 }
 
-/// The bearing of a sector's centre [rad], 0 to 2 pi.
+/// The bearing of a sector's centre (rad), 0 to 2 pi.
 pub fn sector_bearing_rad(sector: usize) -> f64 {
     sector as f64 * SECTOR_WIDTH_RAD
 }

@@ -111,7 +111,7 @@ pub enum Reading<'a, T> {
     Fresh(Stamped<'a, T>),
     /// The newest sample is older than the topic's deadline.
     Stale {
-        /// Its age [s] since publication.
+        /// Its age (s) since publication.
         age_s: f64,
     },
     /// Nothing has ever arrived.
@@ -126,7 +126,7 @@ impl<T> Clone for Reading<'_, T> {
 impl<T> Copy for Reading<'_, T> {}
 
 impl<'a, T> Reading<'a, T> {
-    /// Judges `stamped` at time `now` against the topic's deadline [ms].
+    /// Judges `stamped` at time `now` against the topic's deadline (ms).
     pub fn judge(stamped: Option<Stamped<'a, T>>, now: Timestamp, deadline_ms: f64) -> Self {
         match stamped {
             None => Reading::Never,

@@ -26,9 +26,9 @@ pub struct TopicRow {
     pub producers: &'static [&'static str],
     /// Programs that may read it; `*` = every one. The command line tool may read every topic.
     pub consumers: &'static [&'static str],
-    /// Nominal rate [Hz]; 0 = on change.
+    /// Nominal rate (Hz); 0 = on change.
     pub rate_hz: f64,
-    /// Age at which a sample counts as stale [ms].
+    /// Age at which a sample counts as stale (ms).
     pub deadline_ms: f64,
     /// Samples a reader can fall behind before the oldest is dropped.
     pub buffer: usize,
@@ -157,7 +157,7 @@ topics! {
     /// Ground truth, in simulations only. The sensor rendering uses it where the vehicle is simulated, too.
     SIM_TRUTH: SimTruth = "sim/truth",
         from ["simulator"], to ["simulator"],
-        50.0 Hz, stale after 200.0 ms, buffer 4, logged true;
+        125.0 Hz, stale after 200.0 ms, buffer 4, logged true;
 }
 
 #[cfg(test)]

@@ -14,19 +14,19 @@ crate::sample! {
         pub velocity: Velocity<LocalNed>,
         /// True `local_q_body`.
         pub attitude: Attitude,
-        /// Distance from the vehicle's hull to the nearest obstacle now [m]; negative inside.
+        /// Distance from the vehicle's hull to the nearest obstacle now (m); negative inside.
         pub clearance_m: f64,
-        /// Smallest of those since take-off [m]; infinity before.
+        /// Smallest of those since take-off (m); infinity before.
         pub min_clearance_m: f64,
-        /// Way flown since take-off [m].
+        /// Way flown since take-off (m).
         pub flown_m: f64,
-        /// Time under way (in the air, outside take-off and landing) [s].
+        /// Time under way (in the air, outside take-off and landing) (s).
         pub cruise_s: f64,
-        /// Way flown in that time [m].
+        /// Way flown in that time (m).
         pub cruise_m: f64,
-        /// Simulated time since the start [s].
+        /// Simulated time since the start (s).
         pub time_s: f64,
-        /// Largest time between two setpoints the autopilot received in automatic flight [s].
+        /// Largest time between two setpoints the autopilot received in automatic flight (s).
         pub setpoint_gap_max_s: f64,
         /// Setpoints the autopilot received.
         pub setpoints: u64,
@@ -46,7 +46,7 @@ crate::sample! {
         pub landed: Flag,
         /// The last mission item has been reached.
         pub mission_done: Flag,
-        /// Radius of the vehicle's hull [m].
+        /// Radius of the vehicle's hull (m).
         pub hull_radius_m: f64,
         /// Explicit padding, zero.
         pub reserved: u64,

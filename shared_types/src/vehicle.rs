@@ -50,9 +50,9 @@ crate::sample! {
         pub attitude: Attitude,
         /// Body rates.
         pub rates: AngularRate<BodyFrd>,
-        /// Height of the home position above the local origin, as down coordinate [m]; NaN unknown.
+        /// Height of the home position above the local origin, as down coordinate (m); NaN unknown.
         pub home_down_m: f64,
-        /// Distance to the ground below, if the autopilot reports it [m]; NaN unknown.
+        /// Distance to the ground below, if the autopilot reports it (m); NaN unknown.
         pub ground_distance_m: f64,
         /// Counts horizontal and vertical position resets of the estimator.
         pub estimator_resets: u32,
@@ -92,9 +92,9 @@ crate::sample! {
         pub position: Point<LocalNed>,
         /// Velocity; only z is given, and only while landing.
         pub velocity: Velocity<LocalNed>,
-        /// Heading [rad].
+        /// Heading (rad).
         pub yaw_rad: f32,
-        /// Heading rate [rad/s].
+        /// Heading rate (rad/s).
         pub yaw_rate_radps: f32,
         /// MAV_CMD of the mission item, [`COMMAND_NONE`] if none.
         pub command: u16,
@@ -125,7 +125,7 @@ crate::sample! {
     pub struct DesiredPath: 216 {
         /// 0: the present setpoint, adapted to its type; 1: the current waypoint; 2: the next waypoint.
         pub points: [DesiredPoint; 3],
-        /// Speed the mission asks for [m/s]; NaN not known.
+        /// Speed the mission asks for (m/s); NaN not known.
         pub mission_speed_mps: f64,
         /// The autopilot's own time stamp, microseconds of its clock.
         pub autopilot_time_us: u64,

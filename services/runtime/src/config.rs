@@ -17,6 +17,9 @@ use toml::Spanned;
 /// Name of the configuration file in its folder.
 pub const CONFIG_FILE: &str = "jink.toml";
 
+/// Name of the process table in the same folder.
+pub const PROCESS_FILE: &str = "services.toml";
+
 /// What is wrong with a configuration file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ConfigError {
@@ -58,6 +61,8 @@ pub struct Config {
 pub struct Link {
     /// `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT` or `serial:DEVICE:BAUD`.
     pub address: String,
+    /// How setpoints are spoken: `px4_trajectory`.
+    pub profile: String,
     /// The vehicle's system id; 0 = that of the only autopilot heard.
     pub system_id: u8,
 }
@@ -66,6 +71,7 @@ impl Default for Link {
     fn default() -> Self {
         Self {
             address: "udpin:127.0.0.1:14540".to_owned(),
+            profile: "px4_trajectory".to_owned(),
             system_id: 0,
         }
     }
@@ -224,6 +230,26 @@ pub fn read(file: &Path) -> Result<String, ConfigError> {
         line: 0,
         message: format!("cannot be read: {error}"),
     })
+}
+
+/// The names in the process table that lies beside `jink.toml`; empty if there is none. The table itself is the
+/// supervisor's, which has checked it; others only need to know who there is.
+pub fn process_names(folder: &Path) -> Vec<String> {
+    #[derive(Deserialize)]
+    struct Table {
+        #[serde(default)]
+        process: Vec<Row>,
+    }
+    #[derive(Deserialize)]
+    struct Row {
+        name: String,
+    }
+    let text = std::fs::read_to_string(folder.join(PROCESS_FILE)).unwrap_or_default();
+    let table = toml::from_str::<Table>(&text);
+    table.map_or_else(
+        |_| Vec::new(),
+        |table| table.process.into_iter().map(|row| row.name).collect(),
+    )
 }
 
 /// Parses TOML into `T`; an unknown key is answered with the nearest one that exists.

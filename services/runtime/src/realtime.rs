@@ -12,7 +12,7 @@ pub fn now() -> Timestamp {
     Timestamp::from_ns(time.tv_sec.unsigned_abs() * 1_000_000_000 + time.tv_nsec.unsigned_abs())
 }
 
-/// CPU time this process has used [ms].
+/// CPU time this process has used (ms).
 pub fn cpu_time_ms() -> u32 {
     let time = clock_gettime(ClockId::ProcessCPUTime);
     (time.tv_sec * 1_000 + time.tv_nsec / 1_000_000) as u32

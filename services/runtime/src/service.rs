@@ -53,7 +53,7 @@ pub struct Setup {
     /// Which start of this process it is
     #[arg(long, default_value_t = 1)]
     pub generation: u32,
-    /// Cycle budget [us], 0 = none
+    /// Cycle budget (us), 0 = none
     #[arg(long, default_value_t = 0)]
     pub budget_us: u32,
     /// SCHED_FIFO priority, 0 = ordinary scheduling
