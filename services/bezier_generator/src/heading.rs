@@ -5,7 +5,7 @@ use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::motion::MotionState;
 use nalgebra::Vector3;
 
-/// Below this horizontal speed a curve has no direction worth turning to [m/s].
+/// Below this horizontal speed a curve has no direction worth turning to (m/s).
 const SPEED_MIN_MPS: f64 = 0.4;
 /// A quintic between two headings peaks at 1.875 times its mean rate; with end rates given, less.
 const PEAK_OVER_MEAN: f64 = 1.875;
@@ -31,7 +31,7 @@ impl Heading {
         }
     }
 
-    /// The heading's control points [rad] over the next piece, whose position has the control points `points`.
+    /// The heading's control points (rad) over the next piece, whose position has the control points `points`.
     pub fn piece(&mut self, points: &[Vector3<f64>; QUINTIC], duration_s: f64) -> [f64; QUINTIC] {
         let goal_rad = if self.wanted_rad.is_finite() {
             self.wanted_rad

@@ -26,14 +26,14 @@ use nalgebra::Vector3;
 /// Stretchings of the profile that are tried one after the other: a slower curve has more room within its limits, a
 /// shorter first piece fits a moving start into a narrow corridor.
 const STRETCHES: [f64; 4] = [1.0, 1.25, 1.6, 0.8];
-/// A first piece longer than this is cut in two [s], so that a moving start need not keep its polynomial for long.
+/// A first piece longer than this is cut in two (s), so that a moving start need not keep its polynomial for long.
 const FIRST_PIECE_MAX_S: f64 = 0.7;
-/// How much of its base a trajectory repeats before now [s]: the gateway dates its curves back by 10 ms, and a reader that
+/// How much of its base a trajectory repeats before now (s): the gateway dates its curves back by 10 ms, and a reader that
 /// lags still finds its place.
 const PREFIX_S: f64 = 0.15;
-/// A trajectory that would be ready later than this before its splice is not sent [s].
+/// A trajectory that would be ready later than this before its splice is not sent (s).
 const READY_BEFORE_S: f64 = 0.005;
-/// Rounding allowed when a finished curve is checked against its corridor [m] and its limits [share].
+/// Rounding allowed when a finished curve is checked against its corridor (m) and its limits (share).
 const CERTIFICATE_TOLERANCE: f64 = 1e-4;
 /// Most pieces of a plan: one per polytope and one for a cut first piece.
 const PIECES_MAX: usize = CORRIDOR_POLYTOPES + 1;
@@ -52,7 +52,7 @@ pub enum NoTrajectory {
     },
     /// The splice is over, or too near.
     Late {
-        /// Time left until the splice [s].
+        /// Time left until the splice (s).
         left_s: f64,
     },
     /// The route's corridor or its numbers make no sense.

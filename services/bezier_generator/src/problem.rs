@@ -35,6 +35,8 @@ const JERK_WEIGHT: f64 = 0.05;
 const GUIDE_WEIGHT: f64 = 0.05;
 /// Kept from every bound, so that the solver's tolerance never breaks it (metres, and share of a limit).
 const MARGIN: f64 = 1e-3;
+/// The start may lie on a plane of its polytope, up to rounding (m).
+const ON_THE_PLANE_M: f64 = 1e-5;
 /// Iterations after which a problem counts as infeasible: feasible ones need 8 to 20.
 const ITERATIONS_MAX: u32 = 40;
 
@@ -48,7 +50,7 @@ const GRAM: [[f64; 3]; 3] = [
 /// One piece to be found.
 #[derive(Clone, Copy, Debug)]
 pub struct PieceSpec<'a> {
-    /// Its duration [s].
+    /// Its duration (s).
     pub duration_s: f64,
     /// Where all of it must lie.
     pub polytope: &'a Polytope,
@@ -300,7 +302,7 @@ fn keep_inside(
         let normal = Vector3::from(plane.normal);
         let bound = plane.offset_m - normal.dot(origin);
         if control.is_constant() {
-            if normal.dot(&control.constant) > bound {
+            if normal.dot(&control.constant) > bound + ON_THE_PLANE_M {
                 return Err(Infeasible::Start);
             }
         } else {

@@ -9,13 +9,13 @@ use nalgebra::Vector3;
 /// Share of the acceleration limit that the profile counts on. A polynomial piece peaks at 1.5 to 1.9 times its mean
 /// acceleration.
 const ACCELERATION_SHARE: f64 = 0.6;
-/// Shortest piece [s]: shorter ones only amplify rounding in the derivatives.
+/// Shortest piece (s): shorter ones only amplify rounding in the derivatives.
 pub const PIECE_MIN_S: f64 = 0.25;
-/// Turns below this do not limit the speed [rad].
+/// Turns below this do not limit the speed (rad).
 const TURN_FREE_RAD: f64 = 0.05;
 
-/// Writes the duration [s] of every leg of the guide `vertices` into `durations_s` (one less than vertices), for a start
-/// with `start_velocity` [m/s] and an end at rest, within `speed_mps` and `acceleration_mps2`.
+/// Writes the duration (s) of every leg of the guide `vertices` into `durations_s` (one less than vertices), for a start
+/// with `start_velocity` (m/s) and an end at rest, within `speed_mps` and `acceleration_mps2`.
 pub fn durations(
     vertices: &[Vector3<f64>],
     start_velocity: &Vector3<f64>,

@@ -11,14 +11,17 @@ use jink_shared_types::map::{CELL_M, Cell, SIZE_X, center_of};
 use jink_shared_types::motion::{HalfSpace, POLYTOPE_PLANES, Polytope};
 use nalgebra::Vector3;
 
-/// How far a polytope may reach to the side of its segment [m], first try.
+/// How far a polytope may reach to the side of its segment (m), first try.
 const REACH_M: f64 = 2.0;
-/// The same upwards and downwards [m]: level flight needs less.
+/// The same upwards and downwards (m): level flight needs less.
 const REACH_VERTICAL_M: f64 = 1.0;
 /// Tries with half the reach each, if the half-spaces do not suffice.
 const TRIES: u32 = 4;
-/// Taken off every plane [m], so that rounding never touches an unsafe cell.
+/// Taken off every plane (m), so that rounding never touches an unsafe cell.
 const INSET_M: f64 = 1e-3;
+
+/// Nearer than this a segment and a cell touch (m).
+const TOUCHING_M: f64 = 1e-6;
 
 /// Reusable memory of the corridor builder.
 #[derive(Debug)]
@@ -186,8 +189,8 @@ fn separate(a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f64>) -> Option
     }
     let between = on_cell - on_segment;
     let gap_m = between.norm();
-    if gap_m < 1e-6 {
-        return None;
+    if gap_m < TOUCHING_M {
+        return separate_touching(a, b, center);
     }
     let normal = between / gap_m;
     // Alternating projections stop a hair before the nearest pair: the plane is moved until it clears the whole cell.
@@ -199,6 +202,26 @@ fn separate(a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f64>) -> Option
         normal: normal.into(),
         offset_m: cell_side_m - inset_m,
     })
+}
+
+/// The same for a segment that runs along the cell's face, as one does that starts on the border between two cells: the
+/// face's own plane.
+fn separate_touching(a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f64>) -> Option<HalfSpace> {
+    for axis in 0..3 {
+        for sign in [1.0, -1.0] {
+            let mut normal = Vector3::zeros();
+            normal[axis] = sign;
+            let offset_m = normal.dot(center) - 0.5 * CELL_M;
+            let segment_side_m = normal.dot(a).max(normal.dot(b));
+            if segment_side_m <= offset_m + TOUCHING_M {
+                return Some(HalfSpace {
+                    normal: normal.into(),
+                    offset_m: offset_m.max(segment_side_m),
+                });
+            }
+        }
+    }
+    None
 }
 
 #[cfg(test)]

@@ -13,14 +13,14 @@ use jink_shared_types::params::{self, ParamSet};
 /// Number of gears.
 pub const GEARS: usize = 3;
 
-/// Wobble on a straight [m]: 0.02 to 0.03 m measured, doubled for wind and for other airframes.
+/// Wobble on a straight (m): 0.02 to 0.03 m measured, doubled for wind and for other airframes.
 const TUBE_BASE_M: f64 = 0.06;
-/// Corner cutting per commanded acceleration [m per m/s2]: 0.60 m at 1.8 m/s2.
+/// Corner cutting per commanded acceleration (m per m/s2): 0.60 m at 1.8 m/s2.
 const TUBE_PER_ACCELERATION: f64 = 0.33;
-/// Overshoot of a stop per commanded deceleration [m per m/s2]: 0.93 m at 2 m/s2, 1.37 m at 3 m/s2.
+/// Overshoot of a stop per commanded deceleration (m per m/s2): 0.93 m at 2 m/s2, 1.37 m at 3 m/s2.
 const OVERSHOOT_PER_DECELERATION: f64 = 0.47;
 
-/// Share of the highest speed, acceleration [m/s2] and jerk [m/s3] of each gear. The highest acceleration stays below
+/// Share of the highest speed, acceleration (m/s2) and jerk (m/s3) of each gear. The highest acceleration stays below
 /// half of PX4's MPC_ACC_HOR, the jerk below its MPC_JERK_AUTO: beyond, PX4 flies another path than the one certified.
 const TABLE: [(f64, f64, f64); GEARS] = [(1.0, 1.2, 2.5), (0.5, 0.7, 2.0), (0.25, 0.4, 1.5)];
 

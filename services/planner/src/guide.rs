@@ -5,9 +5,9 @@ use jink_shared_types::map::{Cell, center_of};
 use jink_shared_types::motion::CORRIDOR_POLYTOPES;
 use nalgebra::Vector3;
 
-/// Longest leg [m]: each leg becomes one polynomial piece, and a long one cannot follow the speed profile.
+/// Longest leg (m): each leg becomes one polynomial piece, and a long one cannot follow the speed profile.
 const LEG_MAX_M: f64 = 3.0;
-/// Shorter than this a leg is numerical dust [m].
+/// Shorter than this a leg is numerical dust (m).
 const DUST_M: f64 = 1e-3;
 
 /// The straight legs of a way, first vertex = its start.
@@ -32,7 +32,7 @@ impl Guide {
         &self.vertices
     }
 
-    /// Total length [m].
+    /// Total length (m).
     pub fn length_m(&self) -> f64 {
         length_m(&self.vertices)
     }

@@ -11,7 +11,7 @@
 //! only if it is certified (rule I2). Without fresh ranges or a valid state nothing new is committed (rule I4).
 //!
 //! A plan is: a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
-//! pieces of certified space around it ([`corridor`]); tried in the highest [`gears`] that is worth it.
+//! pieces of certified space around it ([`corridor`]); tried in the highest [gear](mod@gears) that is worth it.
 
 pub mod corridor;
 pub mod gears;
@@ -36,21 +36,25 @@ use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, Reading, Timestamp};
 
-/// How far ahead a new plan departs from the committed one [s]: planning, curves, guard and their hand-overs take some
+/// How far ahead a new plan departs from the committed one (s): planning, curves, guard and their hand-overs take some
 /// 10 ms; 100 ms leave room for a restart of any of them in between.
 pub const SPLICE_LEAD_S: f64 = 0.10;
-/// Longest guide [m]: three seconds of flight and the stop behind them at the speeds the tubes allow; more would be
+/// Longest guide (m): three seconds of flight and the stop behind them at the speeds the tubes allow; more would be
 /// re-planned before it is flown.
 const GUIDE_MAX_M: f64 = 11.0;
-/// A plan that gains less than this is not worth committing [m].
+/// A plan that gains less than this is not worth committing (m).
 const PROGRESS_MIN_M: f64 = 0.25;
-/// A lower gear is tried when the way in the higher one is this much longer than the straight line.
+/// A way of a lower gear is begun in a higher one if that carries at least this far (m); shorter is not worth speeding up.
+const HIGHER_GEAR_MIN_M: f64 = 1.5;
+/// Lower gears are looked at when the way in the higher one is this much dearer than the straight line.
 const DETOUR_WORTH_A_GEAR: f32 = 1.25;
+/// Time that slowing down for one gear is expected to cost (s): some metres at half the speed.
+const GEAR_PRICE_S: f64 = 2.0;
 /// A moving start may exceed a gear's speed by this share: the curve slows down within its first piece.
 const SPEED_TOLERANCE: f64 = 1.02;
-/// How long planning must fail while the vehicle stands before the pilot is told [s].
+/// How long planning must fail while the vehicle stands before the pilot is told (s).
 const NO_PATH_AFTER_S: f64 = 1.5;
-/// Distance between two looks at the committed trajectory [s].
+/// Distance between two looks at the committed trajectory (s).
 const RECHECK_STEP_S: f64 = 0.03;
 
 /// What the planner reads.
@@ -209,7 +213,7 @@ impl Planner {
         )
     }
 
-    /// Smallest and largest down coordinate allowed [m].
+    /// Smallest and largest down coordinate allowed (m).
     fn down_range_m(&self, state: &VehicleState) -> (f64, f64) {
         let home_m = if state.home_down_m.is_finite() {
             state.home_down_m
@@ -254,7 +258,10 @@ impl Planner {
             .unwrap_or(GEARS - 1)
     }
 
-    /// Finds the best plan over the gears and writes it into `route`; `false` if there is none.
+    /// Finds the best way over the gears and writes a plan along it into `route`; `false` if there is none.
+    ///
+    /// A way may need a low gear somewhere (a gap) and still be flown in a higher one up to there: for each gear's way the
+    /// guide is cut where the flown gear stops being safe, and the lower gear takes over when the vehicle is slow enough.
     fn plan(
         &mut self,
         departure: &Departure,
@@ -264,42 +271,61 @@ impl Planner {
     ) -> bool {
         let start = departure.state.position.vector();
         let straight_m = (goal.vector() - start).norm();
-        let speed_mps = departure.state.velocity.vector().norm();
-        let mut best: Option<(f64, usize)> = None;
+        let mut best: Option<(f64, usize, usize)> = None;
         for gear in 0..GEARS {
-            if speed_mps > self.limits[gear].speed_mps * SPEED_TOLERANCE {
-                continue;
-            }
             self.space.prepare(gear);
-            if !self.space.is_safe(gear, cell_of(departure.state.position)) {
-                continue;
-            }
             let Some(found) = self.find(gear, departure, goal) else {
                 continue;
             };
-            // Estimated time to the goal; a way that ends nowhere near it is a last resort.
-            let dead_end = if found.end == PathEnd::Nearest { 1e3 } else { 0.0 };
-            let time_s = f64::from(found.cost_m) / self.limits[gear].speed_mps + dead_end;
-            if best.is_none_or(|(best_s, _)| time_s < best_s)
-                && self.guide_reaches(gear, departure, goal, &found)
+            // A way that ends nowhere near the goal is a last resort.
+            let dead_end_s = if found.end == PathEnd::Nearest { 1e3 } else { 0.0 };
+            let time_s =
+                f64::from(found.cost_m) / self.limits[0].speed_mps + GEAR_PRICE_S * gear as f64 + dead_end_s;
+            if best.is_none_or(|(best_s, _, _)| time_s < best_s)
+                && let Some(flown) = self.flown_gear(gear, departure, goal, &found)
             {
-                best = Some((time_s, gear));
+                best = Some((time_s, gear, flown));
             }
-            let good =
+            let direct =
                 found.end != PathEnd::Nearest && found.cost_m <= DETOUR_WORTH_A_GEAR * straight_m as f32;
-            if best.is_some() && good {
+            if best.is_some() && direct {
                 break;
             }
         }
-        let Some((_, gear)) = best else {
+        let Some((_, gear, flown)) = best else {
             return false;
         };
         let Some(found) = self.find(gear, departure, goal) else {
             return false;
         };
         self.search.prefer_path();
-        let target_is_goal = self.build_guide(gear, departure, goal, &found);
-        self.write_plan(gear, departure, desired, target_is_goal, route)
+        let target_is_goal = self.build_guide(flown, departure, goal, &found);
+        self.write_plan(flown, departure, desired, target_is_goal, route)
+    }
+
+    /// The highest gear in which the way found for `gear` can be begun from this departure; `None` if in none.
+    fn flown_gear(
+        &mut self,
+        gear: usize,
+        departure: &Departure,
+        goal: &Point<LocalNed>,
+        found: &Found,
+    ) -> Option<usize> {
+        let speed_mps = departure.state.velocity.vector().norm();
+        (0..=gear).find(|flown| {
+            if speed_mps > self.limits[*flown].speed_mps * SPEED_TOLERANCE
+                || !self.space.is_safe(*flown, cell_of(departure.state.position))
+            {
+                return false;
+            }
+            let at_goal = self.build_guide(*flown, departure, goal, found);
+            let worth_m = if *flown < gear {
+                HIGHER_GEAR_MIN_M
+            } else {
+                PROGRESS_MIN_M
+            };
+            at_goal || self.guide.length_m() >= worth_m
+        })
     }
 
     fn find(&mut self, gear: usize, departure: &Departure, goal: &Point<LocalNed>) -> Option<Found> {
@@ -336,18 +362,6 @@ impl Planner {
         )
     }
 
-    /// Whether the guide in `gear` gets anywhere.
-    fn guide_reaches(
-        &mut self,
-        gear: usize,
-        departure: &Departure,
-        goal: &Point<LocalNed>,
-        found: &Found,
-    ) -> bool {
-        let at_goal = self.build_guide(gear, departure, goal, found);
-        at_goal || self.guide.length_m() >= PROGRESS_MIN_M
-    }
-
     fn write_plan(
         &mut self,
         gear: usize,
@@ -369,8 +383,10 @@ impl Planner {
         }
         for index in 1..self.guide.vertices().len() {
             let (a, b) = (self.guide.vertices()[index - 1], self.guide.vertices()[index]);
+            // Where a leg cannot be surrounded the plan ends before it: it rests there, and the next plan sees more.
             let Some(polytope) = self.corridor.polytope(&self.space, gear, &a, &b, down_range_m) else {
-                return false;
+                route.guide_len = index as u32;
+                break;
             };
             route.corridor[index - 1] = polytope;
             route.corridor_len += 1;
@@ -386,7 +402,8 @@ impl Planner {
             route.limits.speed_mps = route.limits.speed_mps.min(desired.mission_speed_mps.max(0.3));
         }
         route.target = route.guide[route.guide_len as usize - 1];
-        route.target_is_goal = Flag::from(target_is_goal);
+        let whole = route.corridor_len as usize + 1 == self.guide.vertices().len();
+        route.target_is_goal = Flag::from(target_is_goal && whole);
         route.goal_yaw_rad = if self.yaw_along_path {
             f64::NAN
         } else {

@@ -8,7 +8,7 @@ use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{SampleHeader, Stage, topics};
 use std::process::ExitCode;
 
-/// Routes go out at this rate even when nothing is new, so that a silent planner is told from a content one [s].
+/// Routes go out at this rate even when nothing is new, so that a silent planner is told from a content one (s).
 const PERIOD_S: f64 = 1.0 / 30.0;
 
 struct PlannerService {

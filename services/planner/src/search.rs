@@ -13,6 +13,8 @@ use std::collections::BinaryHeap;
 /// Price of a metre that is not known to be free. Above 1 so that seen space is preferred; low enough that a short
 /// look around a trunk beats a long way round it.
 const UNKNOWN_FACTOR: f32 = 1.6;
+/// Price of a metre beyond the window, where not even a guess of the way exists.
+const BEYOND_FACTOR: f32 = 1.3;
 /// Price of a metre in uncomfortable nearness to an obstacle.
 const NEAR_FACTOR: f32 = 1.6;
 /// Price of a metre along the previous guide: keeps the choice of side between two equal ways.
@@ -44,7 +46,7 @@ pub enum PathEnd {
 pub struct Found {
     /// Where it ends.
     pub end: PathEnd,
-    /// Estimated price of the whole way to the goal [m, weighted].
+    /// Estimated price of the whole way to the goal (m, weighted).
     pub cost_m: f32,
 }
 
@@ -195,7 +197,7 @@ impl Search {
                 return Some(self.finish(space, cell, PathEnd::Goal, 0.0));
             }
             if on_shell(space, cell) && cell != query.start {
-                return Some(self.finish(space, cell, PathEnd::Window, left_m));
+                return Some(self.finish(space, cell, PathEnd::Window, BEYOND_FACTOR * left_m));
             }
             expansions += 1;
             if expansions >= EXPANSIONS_MAX {
@@ -283,7 +285,7 @@ impl Search {
     }
 }
 
-/// Straight distance between the centres of two cells [m].
+/// Straight distance between the centres of two cells (m).
 fn heuristic_m(a: Cell, b: Cell) -> f32 {
     let square: f64 = (0..3)
         .map(|axis| (f64::from(a[axis]) - f64::from(b[axis])).powi(2))

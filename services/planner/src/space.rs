@@ -13,7 +13,7 @@ use jink_shared_types::map::{CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, cel
 use jink_shared_types::motion::MotionLimits;
 use nalgebra::Vector3;
 
-/// Additional clearance that the search pays for rather than give up [m].
+/// Additional clearance that the search pays for rather than give up (m).
 const COMFORT_M: f64 = 0.4;
 
 /// The inflated map.

@@ -9,13 +9,13 @@ use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::motion::{BezierPiece, MotionState};
 use nalgebra::{Rotation3, Vector3};
 
-/// Jerk that braking may use [m/s3]: PX4's MPC_JERK_MAX is 8.
+/// Jerk that braking may use (m/s3): PX4's MPC_JERK_MAX is 8.
 const JERK_MPS3: f64 = 6.0;
-/// Hardest braking [m/s2]: PX4's MPC_ACC_HOR.
+/// Hardest braking (m/s2): PX4's MPC_ACC_HOR.
 pub const HARDEST_MPS2: f64 = 3.0;
-/// Decelerations tried, gentle first [m/s2].
+/// Decelerations tried, gentle first (m/s2).
 const DECELERATIONS_MPS2: [f64; 4] = [1.2, 1.8, 2.4, HARDEST_MPS2];
-/// Changes of direction tried [degrees], straight first.
+/// Changes of direction tried (degrees), straight first.
 const TURNS_DEG: [f64; 7] = [0.0, 15.0, -15.0, 30.0, -30.0, 50.0, -50.0];
 /// Points looked at along a stop.
 const SAMPLES: usize = 40;
