@@ -1,0 +1,362 @@
+//! An autopilot that speaks MAVLink as PX4 of July 2021 was observed to, and flies like it.
+//!
+//! | in | out |
+//! |---|---|
+//! | [`Packet`]s received on two links | [`Packet`]s to send |
+//! | | the motion of the [`Vehicle`] it flies |
+//!
+//! [`Autopilot::step`] is 4 ms of autopilot and vehicle; boot time starts at 0 and knows no other clock. The same packets
+//! in the same steps give the same flight to the bit. The parts, in the order of a step:
+//!
+//! | file | idea |
+//! |---|---|
+//! | `link`, `receive`, `command` | messages in, acknowledgements |
+//! | `mission`, `mission_protocol`, `parameters`, `parameter_protocol` | what a ground station uploads and sets |
+//! | `companion_health`, `commander`, `modes` | who is alive, who may arm, which mode |
+//! | `navigator`, `return_home`, `land_detector`, `takeoff` | what a mode means as waypoints and phases |
+//! | `auto_task`, `track`, `heading`, `trajectory`, `speed_rules`, `smoothing` | waypoints to smooth setpoints |
+//! | `avoidance`, `bezier`, `timesync` | the companion's trajectory in between, with all known traps |
+//! | `offboard`, `position_task` | the other sources of setpoints |
+//! | `position_control`, `control` | setpoints to attitude and thrust |
+//! | `streams`, `telemetry`, `statistics` | messages out, observations |
+
+mod auto_task;
+mod avoidance;
+mod bezier;
+mod command;
+mod commander;
+mod companion_health;
+mod control;
+mod geo;
+mod heading;
+mod land_detector;
+mod link;
+mod mission;
+mod mission_protocol;
+mod modes;
+mod navigator;
+mod offboard;
+mod parameter_protocol;
+mod parameters;
+mod position_control;
+mod position_task;
+mod receive;
+mod return_home;
+mod setpoint;
+mod smoothing;
+mod speed_rules;
+mod statistics;
+mod streams;
+mod takeoff;
+mod telemetry;
+mod timesync;
+mod track;
+mod trajectory;
+
+pub use avoidance::{HoldCause, Variant};
+pub use commander::HoldFall;
+pub use geo::{GlobalPoint, Projection};
+pub use link::{Link, Packet};
+pub use modes::{custom_mode, mode_of_custom};
+pub use statistics::SetpointStatistics;
+
+use crate::vehicle::estimator::{Estimate, Estimator, EstimatorConfig};
+use crate::vehicle::{ActuatorCommand, STEP_US, Vehicle, VehicleConfig, VehicleTruth};
+use auto_task::AutoTask;
+use avoidance::AvoidanceConsumer;
+use commander::{Commander, Situation};
+use control::{CONTROL_STEPS, FlightTask};
+use jink_shared_types::vehicle::NavMode;
+use land_detector::LandDetector;
+use link::Wire;
+use mission::{ITEMS_MAX, Mission, MissionFrame};
+use mission_protocol::MissionProtocol;
+use nalgebra::Vector3;
+use navigator::Navigator;
+use offboard::Offboard;
+use parameter_protocol::ParameterProtocol;
+use parameters::{Parameter, Parameters};
+use position_control::PositionController;
+use position_task::{PositionTask, Sticks};
+use setpoint::{MotionSetpoint, single};
+use std::collections::VecDeque;
+use streams::Streams;
+use takeoff::Takeoff;
+use timesync::Timesync;
+
+/// What an autopilot is told at its start.
+#[derive(Clone, Debug)]
+pub struct AutopilotConfig {
+    /// MAVLink system id. PX4's own demand for Hold reaches system 1 only.
+    pub system_id: u8,
+    /// Which firmware takes the companion's trajectories.
+    pub variant: Variant,
+    /// The vehicle.
+    pub vehicle: VehicleConfig,
+    /// The estimator.
+    pub estimator: EstimatorConfig,
+    /// Local origin on the globe.
+    pub origin: GlobalPoint,
+    /// Height of the local origin above sea level (m).
+    pub origin_altitude_m: f64,
+    /// From boot until the estimator has a position (s).
+    pub ready_after_s: f64,
+    /// Wall clock at boot, for SYSTEM_TIME only (us since 1970).
+    pub unix_start_us: u64,
+    /// Parameters that differ from the defaults, by PX4's name.
+    pub parameters: Vec<(String, f64)>,
+}
+
+impl Default for AutopilotConfig {
+    fn default() -> Self {
+        Self {
+            system_id: 1,
+            variant: Variant::A,
+            vehicle: VehicleConfig::default(),
+            estimator: EstimatorConfig::default(),
+            origin: GlobalPoint {
+                latitude_deg: 47.397_742,
+                longitude_deg: 8.545_594,
+            },
+            origin_altitude_m: 488.0,
+            ready_after_s: 1.0,
+            unix_start_us: 1_626_393_600_000_000,
+            parameters: Vec::new(),
+        }
+    }
+}
+
+/// How far a mission has come.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct MissionProgress {
+    /// Item being flown.
+    pub current: u16,
+    /// Items.
+    pub total: u16,
+    /// The last one is done.
+    pub done: bool,
+}
+
+/// A parameter the emulator does not have.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownParameter {
+    /// The name that was asked for.
+    pub name: String,
+}
+
+impl std::fmt::Display for UnknownParameter {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "the autopilot has no parameter {}", self.name)
+    }
+}
+impl std::error::Error for UnknownParameter {}
+
+/// Autopilot and vehicle.
+#[derive(Clone, Debug)]
+pub struct Autopilot {
+    config: AutopilotConfig,
+    now_us: u64,
+    steps: u64,
+    vehicle: Vehicle,
+    estimator: Estimator,
+    estimate: Estimate,
+    resets_handled: u32,
+    parameters: Parameters,
+    frame: MissionFrame,
+    home: Vector3<f64>,
+    commander: Commander,
+    navigator: Navigator,
+    mission: Mission,
+    land_detector: LandDetector,
+    takeoff: Takeoff,
+    task: FlightTask,
+    auto_task: AutoTask,
+    position_task: PositionTask,
+    sticks: Sticks,
+    offboard: Offboard,
+    avoidance: AvoidanceConsumer,
+    controller: PositionController,
+    tilt_limit_rad: f64,
+    last_setpoint: MotionSetpoint,
+    command: Option<ActuatorCommand>,
+    wire: Wire,
+    streams: Streams,
+    timesync: [Timesync; 2],
+    mission_protocol: MissionProtocol,
+    parameter_protocol: ParameterProtocol,
+    reached_items: VecDeque<u16>,
+    statistics: SetpointStatistics,
+}
+
+impl Autopilot {
+    /// Boots on the ground, disarmed, in MANUAL.
+    ///
+    /// # Errors
+    /// [`UnknownParameter`] for a name in the configuration that does not exist here.
+    pub fn new(config: AutopilotConfig) -> Result<Self, UnknownParameter> {
+        let mut parameters = Parameters::default();
+        for (name, value) in &config.parameters {
+            let parameter = parameters::find(name).ok_or_else(|| UnknownParameter { name: name.clone() })?;
+            parameters.set(parameter, *value);
+        }
+        let vehicle = Vehicle::new(&config.vehicle);
+        let mut estimator = Estimator::new(&config.estimator, vehicle.truth());
+        let estimate = estimator.step(vehicle.truth());
+        let home = single(config.vehicle.start.vector());
+        Ok(Self {
+            now_us: 0,
+            steps: 0,
+            estimator,
+            estimate,
+            resets_handled: 0,
+            tilt_limit_rad: parameters.radians(Parameter::MPC_TILTMAX_LND),
+            parameters,
+            frame: MissionFrame {
+                projection: Projection::new(config.origin),
+                origin_altitude_m: config.origin_altitude_m,
+                home_down_m: home.z,
+            },
+            home,
+            commander: Commander::default(),
+            navigator: Navigator::default(),
+            mission: Mission::default(),
+            land_detector: LandDetector::default(),
+            takeoff: Takeoff::default(),
+            task: FlightTask::None,
+            auto_task: AutoTask::new(),
+            position_task: PositionTask::default(),
+            sticks: Sticks::default(),
+            offboard: Offboard::default(),
+            avoidance: AvoidanceConsumer::new(config.variant),
+            controller: PositionController::default(),
+            last_setpoint: MotionSetpoint::unset(),
+            command: None,
+            wire: Wire::new(config.system_id),
+            streams: Streams::default(),
+            timesync: [Timesync::default(), Timesync::default()],
+            mission_protocol: MissionProtocol::default(),
+            parameter_protocol: ParameterProtocol::default(),
+            reached_items: VecDeque::with_capacity(ITEMS_MAX),
+            statistics: SetpointStatistics::default(),
+            vehicle,
+            config,
+        })
+    }
+
+    /// 4 ms: takes `inbox`, flies, and appends what it has to say to `outbox`.
+    pub fn step(&mut self, inbox: &[Packet], outbox: &mut Vec<Packet>) {
+        for packet in inbox {
+            self.receive(packet, outbox);
+        }
+        let situation = self.situation();
+        let wire = &mut self.wire;
+        self.commander
+            .step(&situation, &self.parameters, |(severity, text)| {
+                wire.say(outbox, severity, text);
+            });
+        self.mission_protocol.step(self.now_us, &mut self.wire, outbox);
+        self.parameter_protocol
+            .step(&self.parameters, &mut self.wire, outbox);
+        if self.steps.is_multiple_of(CONTROL_STEPS) {
+            self.control();
+        }
+        self.vehicle.step(self.command.as_ref());
+        self.estimate = self.estimator.step(self.vehicle.truth());
+        self.steps += 1;
+        self.now_us += STEP_US;
+        self.watch_setpoints();
+        self.send_streams(outbox);
+    }
+
+    fn watch_setpoints(&mut self) {
+        let mode = self.commander.mode();
+        let by_companion =
+            mode == NavMode::Offboard || (mode.is_automatic() && self.parameters.avoidance_enabled());
+        let in_air = self.commander.is_armed() && !self.land_detector.is_landed();
+        self.statistics.step(self.now_us, by_companion && in_air);
+    }
+
+    fn situation(&self) -> Situation {
+        let timeout_s = self.parameters.get(Parameter::COM_OF_LOSS_T);
+        Situation {
+            now_us: self.now_us,
+            landed: self.land_detector.is_landed(),
+            position_ready: self.is_ready(),
+            has_mission: !self.mission.is_empty(),
+            offboard_alive: self.offboard.is_alive(self.now_us, timeout_s),
+        }
+    }
+
+    fn is_ready(&self) -> bool {
+        self.time_s() >= self.config.ready_after_s
+    }
+
+    /// Time since boot (s).
+    pub fn time_s(&self) -> f64 {
+        self.now_us as f64 * 1e-6
+    }
+
+    /// Where the vehicle really is.
+    pub fn truth(&self) -> &VehicleTruth {
+        self.vehicle.truth()
+    }
+
+    /// Where it believes to be.
+    pub fn estimate(&self) -> &Estimate {
+        &self.estimate
+    }
+
+    /// Mode in force.
+    pub fn mode(&self) -> NavMode {
+        self.commander.mode()
+    }
+
+    /// Motors armed.
+    pub fn is_armed(&self) -> bool {
+        self.commander.is_armed()
+    }
+
+    /// On the ground, as the land detector says.
+    pub fn is_landed(&self) -> bool {
+        self.land_detector.is_landed()
+    }
+
+    /// How far the mission has come.
+    pub fn mission(&self) -> MissionProgress {
+        MissionProgress {
+            current: self.navigator.item() as u16,
+            total: self.mission.len() as u16,
+            done: self.navigator.mission_finished(),
+        }
+    }
+
+    /// How often it fell to Hold because its companion failed it.
+    pub fn hold_count(&self) -> u32 {
+        self.commander.fall_count()
+    }
+
+    /// When and why it did, the first 64 times.
+    pub fn holds(&self) -> &[HoldFall] {
+        self.commander.falls()
+    }
+
+    /// What arrived from the companion.
+    pub fn setpoint_statistics(&self) -> &SetpointStatistics {
+        &self.statistics
+    }
+
+    /// Whether the companion's time stamps on `link` are believed.
+    pub fn timesync_converged(&self, link: Link) -> bool {
+        self.timesync[link as usize].is_converged()
+    }
+
+    /// The value of the parameter with PX4's name `name`.
+    pub fn parameter(&self, name: &str) -> Option<f64> {
+        parameters::find(name).map(|p| self.parameters.get(p))
+    }
+
+    /// Lets the estimated position jump by `by` (m, local NED), as a reset of the estimator does.
+    pub fn jump_estimate(&mut self, by: Vector3<f64>) {
+        self.estimator.jump(by);
+    }
+}

@@ -1,0 +1,313 @@
+//! The messages of the streams, made from the autopilot's state.
+
+// The trajectory messages are deprecated for the very reason this emulator exists: current PX4 has dropped them.
+#![allow(deprecated)]
+
+use super::Autopilot;
+use super::link::Packet;
+use super::modes::{base_mode, custom_mode};
+use super::setpoint::PointKind;
+use super::streams::{Stream, Streams};
+use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF, NavMode};
+use mavlink::dialects::ardupilotmega as m;
+use mavlink::dialects::ardupilotmega::{MavMessage, MavSysStatusSensor};
+
+impl Autopilot {
+    /// Sends what is due.
+    pub(super) fn send_streams(&mut self, outbox: &mut Vec<Packet>) {
+        for index in 0..Streams::COUNT {
+            let Some((link, stream)) = self.streams.due(index, self.now_us) else {
+                continue;
+            };
+            let message = self.message(stream);
+            self.streams.served(index, self.now_us, message.is_some());
+            if let Some(message) = message {
+                self.wire.send(outbox, link, message);
+            }
+        }
+        while let Some(seq) = self.reached_items.pop_front() {
+            let reached = MavMessage::MISSION_ITEM_REACHED(m::MISSION_ITEM_REACHED_DATA { seq });
+            self.wire.broadcast(outbox, &reached);
+            if let Some(current) = self.message(Stream::MissionCurrent) {
+                self.wire.broadcast(outbox, &current);
+            }
+        }
+    }
+
+    /// The message of `stream` now; `None` if there is nothing to say.
+    pub(super) fn message(&self, stream: Stream) -> Option<MavMessage> {
+        match stream {
+            Stream::Heartbeat => Some(self.heartbeat()),
+            Stream::SysStatus => Some(self.sys_status()),
+            Stream::SystemTime => Some(MavMessage::SYSTEM_TIME(m::SYSTEM_TIME_DATA {
+                time_unix_usec: self.config.unix_start_us + self.now_us,
+                time_boot_ms: self.boot_ms(),
+            })),
+            Stream::Timesync => Some(MavMessage::TIMESYNC(m::TIMESYNC_DATA {
+                tc1: 0,
+                ts1: self.now_us as i64 * 1_000,
+                ..m::TIMESYNC_DATA::default()
+            })),
+            Stream::Attitude => Some(self.attitude()),
+            Stream::AttitudeQuaternion => Some(self.attitude_quaternion()),
+            Stream::LocalPosition if self.is_ready() => Some(self.local_position()),
+            Stream::GlobalPosition if self.is_ready() => Some(self.global_position()),
+            Stream::Altitude if self.is_ready() => Some(self.altitude()),
+            Stream::HomePosition if self.is_ready() => Some(self.home_position()),
+            Stream::PositionTarget => self.position_target(),
+            Stream::ExtendedSysState => Some(MavMessage::EXTENDED_SYS_STATE(m::EXTENDED_SYS_STATE_DATA {
+                vtol_state: m::MavVtolState::MAV_VTOL_STATE_UNDEFINED,
+                landed_state: self.landed_state(),
+            })),
+            Stream::MissionCurrent => Some(MavMessage::MISSION_CURRENT(m::MISSION_CURRENT_DATA {
+                seq: self.navigator.item() as u16,
+                ..m::MISSION_CURRENT_DATA::default()
+            })),
+            Stream::Trajectory => self.trajectory(),
+            _ => None,
+        }
+    }
+
+    fn boot_ms(&self) -> u32 {
+        (self.now_us / 1_000) as u32
+    }
+
+    fn heartbeat(&self) -> MavMessage {
+        let (mode, armed) = (self.commander.mode(), self.commander.is_armed());
+        MavMessage::HEARTBEAT(m::HEARTBEAT_DATA {
+            custom_mode: custom_mode(mode),
+            mavtype: m::MavType::MAV_TYPE_QUADROTOR,
+            autopilot: m::MavAutopilot::MAV_AUTOPILOT_PX4,
+            base_mode: base_mode(mode, armed),
+            system_status: if self.commander.in_failsafe() {
+                m::MavState::MAV_STATE_CRITICAL
+            } else if armed {
+                m::MavState::MAV_STATE_ACTIVE
+            } else {
+                m::MavState::MAV_STATE_STANDBY
+            },
+            ..m::HEARTBEAT_DATA::default()
+        })
+    }
+
+    /// The avoidance bit: present if required or heard of, enabled in automatic modes, healthy as the heartbeat says.
+    fn sys_status(&self) -> MavMessage {
+        use MavSysStatusSensor as S;
+        let always = S::MAV_SYS_STATUS_SENSOR_3D_GYRO
+            | S::MAV_SYS_STATUS_SENSOR_3D_ACCEL
+            | S::MAV_SYS_STATUS_SENSOR_3D_MAG
+            | S::MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
+            | S::MAV_SYS_STATUS_SENSOR_GPS
+            | S::MAV_SYS_STATUS_AHRS
+            | S::MAV_SYS_STATUS_PREARM_CHECK;
+        let flag = |bit: S, set: bool| if set { bit } else { S::empty() };
+        let avoidance = S::MAV_SYS_STATUS_OBSTACLE_AVOIDANCE;
+        let required = self.parameters.avoidance_enabled();
+        let valid = self.commander.companion.is_valid();
+        let mode = self.commander.mode();
+        let prearm_ok = self
+            .commander
+            .check_arming(&self.parameters, &self.situation())
+            .is_ok();
+        let healthy = always - flag(S::MAV_SYS_STATUS_PREARM_CHECK, !prearm_ok);
+        let watched = mode.is_automatic() || mode == NavMode::Position;
+        MavMessage::SYS_STATUS(m::SYS_STATUS_DATA {
+            onboard_control_sensors_present: always | flag(avoidance, required || valid),
+            onboard_control_sensors_enabled: always | flag(avoidance, required && mode.is_automatic()),
+            onboard_control_sensors_health: healthy | flag(avoidance, valid && watched),
+            voltage_battery: 16_200,
+            current_battery: -1,
+            battery_remaining: 100,
+            ..m::SYS_STATUS_DATA::default()
+        })
+    }
+
+    fn attitude(&self) -> MavMessage {
+        let (roll, pitch, yaw) = self.estimate.attitude.rotation().euler_angles();
+        let rates = self.estimate.rates;
+        MavMessage::ATTITUDE(m::ATTITUDE_DATA {
+            time_boot_ms: self.boot_ms(),
+            roll: roll as f32,
+            pitch: pitch as f32,
+            yaw: yaw as f32,
+            rollspeed: rates.x_radps as f32,
+            pitchspeed: rates.y_radps as f32,
+            yawspeed: rates.z_radps as f32,
+        })
+    }
+
+    fn attitude_quaternion(&self) -> MavMessage {
+        let (q, rates) = (self.estimate.attitude, self.estimate.rates);
+        MavMessage::ATTITUDE_QUATERNION(m::ATTITUDE_QUATERNION_DATA {
+            time_boot_ms: self.boot_ms(),
+            q1: q.w as f32,
+            q2: q.x as f32,
+            q3: q.y as f32,
+            q4: q.z as f32,
+            rollspeed: rates.x_radps as f32,
+            pitchspeed: rates.y_radps as f32,
+            yawspeed: rates.z_radps as f32,
+            repr_offset_q: [0.0; 4],
+        })
+    }
+
+    fn local_position(&self) -> MavMessage {
+        let (p, v) = (self.estimate.position, self.estimate.velocity);
+        MavMessage::LOCAL_POSITION_NED(m::LOCAL_POSITION_NED_DATA {
+            time_boot_ms: self.boot_ms(),
+            x: p.x_m as f32,
+            y: p.y_m as f32,
+            z: p.z_m as f32,
+            vx: v.x_mps as f32,
+            vy: v.y_mps as f32,
+            vz: v.z_mps as f32,
+        })
+    }
+
+    fn global_position(&self) -> MavMessage {
+        let (p, v) = (self.estimate.position, self.estimate.velocity);
+        let (lat, lon) = self.frame.projection.to_global(p.vector().xy()).to_e7();
+        let millimetres = |metres: f64| (metres * 1e3).round() as i32;
+        let centimetres = |mps: f64| (mps * 1e2).round() as i16;
+        let heading_deg = self.estimate.attitude.yaw_rad().to_degrees().rem_euclid(360.0);
+        MavMessage::GLOBAL_POSITION_INT(m::GLOBAL_POSITION_INT_DATA {
+            time_boot_ms: self.boot_ms(),
+            lat,
+            lon,
+            alt: millimetres(self.frame.origin_altitude_m - p.z_m),
+            relative_alt: millimetres(self.home.z - p.z_m),
+            vx: centimetres(v.x_mps),
+            vy: centimetres(v.y_mps),
+            vz: centimetres(v.z_mps),
+            hdg: (heading_deg * 100.0) as u16 % 36_000,
+        })
+    }
+
+    fn altitude(&self) -> MavMessage {
+        let up_m = -self.estimate.position.z_m;
+        let amsl_m = self.frame.origin_altitude_m + up_m;
+        MavMessage::ALTITUDE(m::ALTITUDE_DATA {
+            time_usec: self.now_us,
+            altitude_monotonic: amsl_m as f32,
+            altitude_amsl: amsl_m as f32,
+            altitude_local: up_m as f32,
+            altitude_relative: (up_m + self.home.z) as f32,
+            altitude_terrain: f32::NAN,
+            bottom_clearance: f32::NAN,
+        })
+    }
+
+    fn home_position(&self) -> MavMessage {
+        let (latitude, longitude) = self.frame.projection.to_global(self.home.xy()).to_e7();
+        MavMessage::HOME_POSITION(m::HOME_POSITION_DATA {
+            latitude,
+            longitude,
+            altitude: ((self.frame.origin_altitude_m - self.home.z) * 1e3).round() as i32,
+            x: self.home.x as f32,
+            y: self.home.y as f32,
+            z: self.home.z as f32,
+            q: [1.0, 0.0, 0.0, 0.0],
+            time_usec: self.now_us,
+            ..m::HOME_POSITION_DATA::default()
+        })
+    }
+
+    /// What the controller follows, once it flies.
+    fn position_target(&self) -> Option<MavMessage> {
+        self.command?;
+        let setpoint = self.controller.followed();
+        let [x, y, z] = setpoint.position.map(|c| c as f32).into();
+        let [vx, vy, vz] = setpoint.velocity.map(|c| c as f32).into();
+        let [afx, afy, afz] = setpoint.acceleration.map(|c| c as f32).into();
+        Some(MavMessage::POSITION_TARGET_LOCAL_NED(
+            m::POSITION_TARGET_LOCAL_NED_DATA {
+                time_boot_ms: self.boot_ms(),
+                x,
+                y,
+                z,
+                vx,
+                vy,
+                vz,
+                afx,
+                afy,
+                afz,
+                yaw: setpoint.yaw_rad as f32,
+                yaw_rate: setpoint.yaw_rate_radps as f32,
+                type_mask: m::PositionTargetTypemask::empty(),
+                coordinate_frame: m::MavFrame::MAV_FRAME_LOCAL_NED,
+            },
+        ))
+    }
+
+    fn landed_state(&self) -> m::MavLandedState {
+        use m::MavLandedState as L;
+        if self.land_detector.is_landed() {
+            return L::MAV_LANDED_STATE_ON_GROUND;
+        }
+        match self.commander.mode() {
+            NavMode::Takeoff => L::MAV_LANDED_STATE_TAKEOFF,
+            NavMode::Land => L::MAV_LANDED_STATE_LANDING,
+            _ => L::MAV_LANDED_STATE_IN_AIR,
+        }
+    }
+
+    /// What the companion is asked, in automatic modes only.
+    fn trajectory(&self) -> Option<MavMessage> {
+        let asking =
+            self.parameters.avoidance_enabled() && self.commander.mode().is_automatic() && self.is_ready();
+        if !asking {
+            return None;
+        }
+        let desired = self.auto_task.desired();
+        let mut message = unset_waypoints();
+        message.time_usec = desired.time_us;
+        let command = command_of(desired.kind);
+        let (position, velocity) = desired.setpoint;
+        [message.pos_x[0], message.pos_y[0], message.pos_z[0]] = position.map(|c| c as f32).into();
+        [message.vel_x[0], message.vel_y[0], message.vel_z[0]] = velocity.map(|c| c as f32).into();
+        message.command[0] = command;
+        message.valid_points = 1;
+        if let Some((position, yaw_rad, yaw_rate_radps)) = desired.current {
+            [message.pos_x[1], message.pos_y[1], message.pos_z[1]] = position.map(|c| c as f32).into();
+            message.pos_yaw[1] = yaw_rad as f32;
+            message.vel_yaw[1] = yaw_rate_radps as f32;
+            message.command[1] = command;
+            message.valid_points += 1;
+        }
+        if let Some((position, yaw_rad)) = desired.next {
+            [message.pos_x[2], message.pos_y[2], message.pos_z[2]] = position.map(|c| c as f32).into();
+            message.pos_yaw[2] = yaw_rad as f32;
+            message.valid_points += 1;
+        }
+        Some(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(message))
+    }
+}
+
+/// MAV_CMD of a waypoint's kind.
+fn command_of(kind: PointKind) -> u16 {
+    match kind {
+        PointKind::Takeoff => COMMAND_TAKEOFF,
+        PointKind::Loiter => COMMAND_LOITER,
+        PointKind::Land => COMMAND_LAND,
+        PointKind::Position | PointKind::Idle => COMMAND_NONE,
+    }
+}
+
+fn unset_waypoints() -> m::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA {
+    let unset = [f32::NAN; 5];
+    m::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA {
+        pos_x: unset,
+        pos_y: unset,
+        pos_z: unset,
+        vel_x: unset,
+        vel_y: unset,
+        vel_z: unset,
+        acc_x: unset,
+        acc_y: unset,
+        acc_z: unset,
+        pos_yaw: unset,
+        vel_yaw: unset,
+        command: [COMMAND_NONE; 5],
+        ..m::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA::default()
+    }
+}

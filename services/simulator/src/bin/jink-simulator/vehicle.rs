@@ -1,0 +1,158 @@
+//! World, vehicle and autopilot as a process: 250 steps a second in real time, MAVLink over UDP, ground truth.
+
+use crate::settings;
+use crate::udp::MavUdp;
+use jink_runtime::{Cycle, Output, Ports, Service, StartError, Wake};
+use jink_shared_types::truth::SimTruth;
+use jink_shared_types::{SampleHeader, Timestamp, params, topics};
+use jink_simulator::autopilot::{Autopilot, AutopilotConfig, Link, Packet};
+use jink_simulator::truth::Observer;
+use jink_simulator::vehicle::STEP_US;
+use jink_simulator::world::World;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::os::fd::BorrowedFd;
+
+/// More steps than this behind, the simulation goes on slower than real time instead of catching up: 200 ms.
+const CATCH_UP_STEPS: u64 = 50;
+/// The truth is published every second step: 125 Hz, so that sensors lag at most 8 ms behind.
+const TRUTH_STEPS: u64 = 2;
+
+/// The simulated aircraft.
+pub struct VehicleService {
+    world: World,
+    autopilot: Autopilot,
+    observer: Observer,
+    companion: MavUdp,
+    ground_station: Option<MavUdp>,
+    truth: Output<SimTruth>,
+    begin: Timestamp,
+    steps: u64,
+    received: Vec<(mavlink::MavHeader, mavlink::dialects::ardupilotmega::MavMessage)>,
+    inbox: Vec<Packet>,
+    outbox: Vec<Packet>,
+}
+
+impl Service for VehicleService {
+    const PROGRAM: &'static str = "simulator";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let config = ports.config().clone();
+        let simulation = &config.simulation;
+        let companion_at = companion_address(&config.link.address)?;
+        let companion = open_udp(simulation.autopilot_port, companion_at)?;
+        let ground_station = match simulation.ground_station_port {
+            0 => None,
+            port => Some(open_udp(0, SocketAddr::from((Ipv4Addr::LOCALHOST, port)))?),
+        };
+        let mut autopilot = AutopilotConfig {
+            system_id: config.link.system_id.max(1),
+            ..AutopilotConfig::default()
+        };
+        autopilot.vehicle.seed = simulation.seed;
+        Ok(Self {
+            world: settings::world(&config)?,
+            autopilot: Autopilot::new(autopilot).map_err(|error| StartError::Needs {
+                what: "the autopilot".to_owned(),
+                cause: error.to_string(),
+            })?,
+            observer: Observer::new(config.params.get(&params::OA_VEH_RADIUS)),
+            companion,
+            ground_station,
+            truth: ports.output(topics::SIM_TRUTH)?,
+            begin: jink_runtime::now(),
+            steps: 0,
+            received: Vec::new(),
+            inbox: Vec::new(),
+            outbox: Vec::new(),
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        self.receive();
+        let due = cycle.now.ns_since(self.begin) / (STEP_US * 1_000);
+        if due > self.steps + CATCH_UP_STEPS {
+            let behind = due - self.steps - CATCH_UP_STEPS;
+            self.begin = self.begin.plus_seconds(behind as f64 * STEP_US as f64 * 1e-6);
+        }
+        while self.step_time(self.steps + 1) <= cycle.now {
+            self.step();
+        }
+        Wake::at(self.step_time(self.steps + 1))
+    }
+
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; jink_runtime::service::WATCHED_FDS] {
+        let station = self.ground_station.as_ref().map(MavUdp::fd);
+        [Some(self.companion.fd()), station, None, None]
+    }
+}
+
+impl VehicleService {
+    /// When a step is due on the board's clock.
+    fn step_time(&self, step: u64) -> Timestamp {
+        Timestamp::from_ns(self.begin.ns + step * STEP_US * 1_000)
+    }
+
+    fn receive(&mut self) {
+        let Self {
+            received,
+            inbox,
+            companion,
+            ground_station,
+            ..
+        } = self;
+        let links = [
+            (Link::Companion, Some(companion)),
+            (Link::GroundStation, ground_station.as_mut()),
+        ];
+        for (link, udp) in links {
+            let Some(udp) = udp else { continue };
+            received.clear();
+            udp.receive(received);
+            inbox.extend(received.drain(..).map(|(header, message)| Packet {
+                link,
+                header,
+                message,
+            }));
+        }
+    }
+
+    fn step(&mut self) {
+        self.outbox.clear();
+        self.autopilot.step(&self.inbox, &mut self.outbox);
+        self.inbox.clear();
+        for packet in &self.outbox {
+            match (packet.link, &self.ground_station) {
+                (Link::Companion, _) => self.companion.send(&packet.header, &packet.message),
+                (Link::GroundStation, Some(station)) => station.send(&packet.header, &packet.message),
+                (Link::GroundStation, None) => {}
+            }
+        }
+        self.steps += 1;
+        let truth = self.observer.observe(&self.autopilot, &self.world);
+        if self.steps.is_multiple_of(TRUTH_STEPS) {
+            let header = SampleHeader {
+                capture: self.step_time(self.steps),
+                ..SampleHeader::default()
+            };
+            self.truth.send(header, &truth);
+        }
+    }
+}
+
+fn open_udp(port: u16, peer: SocketAddr) -> Result<MavUdp, StartError> {
+    let local = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+    MavUdp::open(local, Some(peer)).map_err(|error| StartError::Needs {
+        what: format!("UDP port {port} for the simulated autopilot"),
+        cause: format!("{error}; is another simulator running?"),
+    })
+}
+
+/// Where the gateway waits for its autopilot.
+fn companion_address(link: &str) -> Result<SocketAddr, StartError> {
+    link.strip_prefix("udpin:")
+        .and_then(|address| address.parse().ok())
+        .ok_or_else(|| StartError::Needs {
+            what: format!("link.address = {link:?}"),
+            cause: "the simulated autopilot speaks to udpin:ADDRESS:PORT only".to_owned(),
+        })
+}

@@ -1,0 +1,447 @@
+//! A ground station that flies a plan over MAVLink.
+//!
+//! | in | out |
+//! |---|---|
+//! | messages of the autopilot, a [`FlightPlan`] | messages to it, [`Progress`] |
+//!
+//! It does what a person at a ground station does: waits for the autopilot and its position, uploads the mission, holds,
+//! arms, takes off, flies the mission, lands, waits for the motors to stop. Everything is ordinary MAVLink, repeated
+//! until it is seen to work, so it flies a real PX4 as well as the simulated one. Every phase has a time limit and ends
+//! in a named failure.
+
+mod plan;
+mod upload;
+
+pub use plan::{Ending, FlightPlan};
+
+use crate::autopilot::{GlobalPoint, custom_mode, mode_of_custom};
+use jink_shared_types::frames::{LocalNed, Point};
+use jink_shared_types::vehicle::NavMode;
+use mavlink::MavHeader;
+use mavlink::dialects::ardupilotmega::{
+    COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult, MavState,
+    MavType,
+};
+use upload::Upload;
+
+/// Our address: what ground stations use.
+const SYSTEM_ID: u8 = 255;
+const COMPONENT_ID: u8 = 190;
+/// Requests that have shown no effect are repeated after this (s).
+const REPEAT_S: f64 = 1.0;
+/// Height missing to the take-off height at which the mission may start (m).
+const TAKEOFF_SLACK_M: f64 = 0.4;
+
+macro_rules! phases {
+    ($( $(#[$meta:meta])* $name:ident = $text:literal, $limit_s:expr; )*) => {
+        /// Where the flight is.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+        pub enum Phase {
+            $( $(#[$meta])* $name, )*
+        }
+
+        impl Phase {
+            /// Name in lower case.
+            pub fn name(self) -> &'static str {
+                match self { $( Self::$name => $text, )* }
+            }
+
+            /// Longest time it may take (s).
+            fn limit_s(self) -> f64 {
+                match self { $( Self::$name => $limit_s, )* }
+            }
+        }
+    };
+}
+phases! {
+    /// Waiting for the autopilot's heartbeat.
+    Connect = "connect", 60.0;
+    /// Waiting for its position.
+    Position = "position", 90.0;
+    /// Uploading the mission.
+    Upload = "upload", 30.0;
+    /// Setting Hold.
+    Hold = "hold", 20.0;
+    /// Arming; refusals are repeated, their reason is kept.
+    Arm = "arm", 120.0;
+    /// Climbing.
+    Takeoff = "takeoff", 60.0;
+    /// Setting and flying the mission. Its limit is the plan's own.
+    Mission = "mission", f64::INFINITY;
+    /// Coming down.
+    Land = "land", 180.0;
+    /// Over.
+    Done = "done", f64::INFINITY;
+}
+
+/// How a flight ended.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// Every item reached, ending as planned.
+    Done,
+    /// A phase took too long.
+    TimedOut {
+        /// Which one.
+        phase: Phase,
+        /// Its limit (s).
+        limit_s: f64,
+        /// The last thing the autopilot said, or what was missing.
+        reason: String,
+    },
+    /// The autopilot refused the mission.
+    MissionRefused {
+        /// MAV_MISSION_RESULT.
+        result: u32,
+    },
+}
+
+/// What a person wants to see.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Progress {
+    /// Phase.
+    pub phase: Phase,
+    /// Mode the autopilot reports.
+    pub mode: NavMode,
+    /// Waypoints reached.
+    pub reached: usize,
+    /// Waypoints.
+    pub waypoints: usize,
+    /// Distance to the last waypoint (m); NaN while unknown.
+    pub to_goal_m: f64,
+    /// Times the autopilot left the mission unasked.
+    pub fell_out: u32,
+    /// The last thing the autopilot said.
+    pub said: String,
+    /// Set when the flight is over.
+    pub outcome: Option<Outcome>,
+}
+
+/// The ground station.
+#[derive(Clone, Debug)]
+pub struct GroundStation {
+    plan: FlightPlan,
+    progress: Progress,
+    phase_since_s: f64,
+    asked_s: f64,
+    heartbeat_s: f64,
+    sequence: u8,
+    vehicle: Vehicle,
+    upload: Option<Upload>,
+}
+
+/// What is known of the vehicle.
+#[derive(Clone, Copy, Debug, Default)]
+struct Vehicle {
+    system_id: Option<u8>,
+    armed: bool,
+    global: Option<GlobalPoint>,
+    local: Option<Point<LocalNed>>,
+    /// Down coordinate when the plan was made: the ground.
+    ground_down_m: f64,
+}
+
+impl GroundStation {
+    /// For one flight of `plan`.
+    pub fn new(plan: FlightPlan) -> Self {
+        Self {
+            progress: Progress {
+                phase: Phase::Connect,
+                mode: NavMode::Unknown,
+                reached: 0,
+                waypoints: plan.waypoints.len(),
+                to_goal_m: f64::NAN,
+                fell_out: 0,
+                said: String::new(),
+                outcome: None,
+            },
+            plan,
+            phase_since_s: 0.0,
+            asked_s: f64::NEG_INFINITY,
+            heartbeat_s: f64::NEG_INFINITY,
+            sequence: 0,
+            vehicle: Vehicle::default(),
+            upload: None,
+        }
+    }
+
+    /// The latest progress.
+    pub fn progress(&self) -> &Progress {
+        &self.progress
+    }
+
+    /// Takes what has arrived by `now_s` (any steady clock) and appends what is to be sent.
+    pub fn step(
+        &mut self,
+        now_s: f64,
+        inbox: &[(MavHeader, MavMessage)],
+        outbox: &mut Vec<(MavHeader, MavMessage)>,
+    ) {
+        for (header, message) in inbox {
+            self.receive(now_s, header, message, outbox);
+        }
+        if now_s - self.heartbeat_s >= 1.0 {
+            self.heartbeat_s = now_s;
+            self.send(outbox, heartbeat());
+        }
+        if self.progress.outcome.is_none() {
+            self.act(now_s, outbox);
+            self.check_limit(now_s);
+        }
+    }
+
+    fn receive(
+        &mut self,
+        now_s: f64,
+        header: &MavHeader,
+        message: &MavMessage,
+        outbox: &mut Vec<(MavHeader, MavMessage)>,
+    ) {
+        let from = header.system_id as u8;
+        if header.component_id != 1 || self.vehicle.system_id.is_some_and(|id| id != from) {
+            return;
+        }
+        match message {
+            MavMessage::HEARTBEAT(beat) if beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID => {
+                self.vehicle.system_id = Some(from);
+                self.vehicle.armed = beat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+                self.note_mode(mode_of_custom(beat.custom_mode).unwrap_or(NavMode::Unknown));
+            }
+            MavMessage::GLOBAL_POSITION_INT(p) => {
+                self.vehicle.global = Some(GlobalPoint::from_e7(p.lat, p.lon));
+            }
+            MavMessage::LOCAL_POSITION_NED(p) => {
+                let position = Point::new(f64::from(p.x), f64::from(p.y), f64::from(p.z));
+                self.vehicle.local = Some(position);
+                if let Some(goal) = self.plan.waypoints.last() {
+                    self.progress.to_goal_m = (goal.vector() - position.vector()).norm();
+                }
+            }
+            MavMessage::STATUSTEXT(text) => {
+                self.progress.said = text.text.to_str().unwrap_or("").to_owned();
+            }
+            MavMessage::COMMAND_ACK(ack)
+                if ack.result != MavResult::MAV_RESULT_ACCEPTED && self.progress.said.is_empty() =>
+            {
+                self.progress.said = format!("{:?} answered {:?}", ack.command, ack.result);
+            }
+            MavMessage::MISSION_ITEM_REACHED(item) => self.note_reached(item.seq),
+            _ => {}
+        }
+        let answer = self
+            .upload
+            .as_mut()
+            .and_then(|upload| upload.receive(now_s, message));
+        if let Some(answer) = answer {
+            self.send(outbox, answer);
+        }
+    }
+
+    fn note_mode(&mut self, mode: NavMode) {
+        let left = self.progress.mode == NavMode::Mission && mode == NavMode::Hold;
+        if self.progress.phase == Phase::Mission && left && !self.is_finished() {
+            self.progress.fell_out += 1;
+        }
+        self.progress.mode = mode;
+    }
+
+    fn note_reached(&mut self, sequence: u16) {
+        let first = self.plan.items_before_waypoints();
+        let reached = (usize::from(sequence) + 1).saturating_sub(first);
+        self.progress.reached = self.progress.reached.max(reached.min(self.plan.waypoints.len()));
+    }
+
+    fn is_finished(&self) -> bool {
+        self.progress.reached >= self.plan.waypoints.len()
+    }
+
+    fn enter(&mut self, phase: Phase, now_s: f64) {
+        self.progress.phase = phase;
+        self.phase_since_s = now_s;
+        self.asked_s = f64::NEG_INFINITY;
+        if phase == Phase::Done {
+            self.progress.outcome = Some(Outcome::Done);
+        }
+    }
+
+    /// Whether it is time to ask again.
+    fn may_ask(&mut self, now_s: f64) -> bool {
+        let due = now_s - self.asked_s >= REPEAT_S;
+        if due {
+            self.asked_s = now_s;
+        }
+        due
+    }
+
+    fn act(&mut self, now_s: f64, outbox: &mut Vec<(MavHeader, MavMessage)>) {
+        match self.progress.phase {
+            Phase::Connect => {
+                if self.vehicle.system_id.is_some() {
+                    self.enter(Phase::Position, now_s);
+                }
+            }
+            Phase::Position => {
+                if let (Some(_), Some(local)) = (self.vehicle.global, self.vehicle.local) {
+                    self.vehicle.ground_down_m = local.z_m;
+                    self.enter(Phase::Upload, now_s);
+                }
+            }
+            Phase::Upload => self.act_upload(now_s, outbox),
+            Phase::Hold => self.reach_mode(NavMode::Hold, Phase::Arm, now_s, outbox),
+            Phase::Arm => {
+                if self.vehicle.armed {
+                    self.enter(Phase::Takeoff, now_s);
+                } else if self.may_ask(now_s) {
+                    self.command(outbox, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, &[1.0]);
+                }
+            }
+            Phase::Takeoff => self.act_takeoff(now_s, outbox),
+            Phase::Mission => self.act_mission(now_s, outbox),
+            Phase::Land => {
+                let mode = self.plan.ending.mode();
+                if !self.vehicle.armed {
+                    self.enter(Phase::Done, now_s);
+                } else if let Some(mode) = mode.filter(|mode| self.progress.mode != *mode)
+                    && self.progress.mode != NavMode::Land
+                    && self.may_ask(now_s)
+                {
+                    self.set_mode(outbox, mode);
+                }
+            }
+            Phase::Done => {}
+        }
+    }
+
+    fn act_upload(&mut self, now_s: f64, outbox: &mut Vec<(MavHeader, MavMessage)>) {
+        let (Some(global), Some(local)) = (self.vehicle.global, self.vehicle.local) else {
+            return;
+        };
+        let target = self.vehicle.system_id.unwrap_or(1);
+        let (plan, ground_down_m) = (&self.plan, self.vehicle.ground_down_m);
+        let upload = self
+            .upload
+            .get_or_insert_with(|| Upload::new(plan.items(global, local, ground_down_m, target), target));
+        match upload.result() {
+            Some(0) => {
+                self.upload = None;
+                self.enter(Phase::Hold, now_s);
+            }
+            Some(result) => self.progress.outcome = Some(Outcome::MissionRefused { result }),
+            None => {
+                if let Some(message) = upload.announce(now_s) {
+                    self.send(outbox, message);
+                }
+            }
+        }
+    }
+
+    fn act_takeoff(&mut self, now_s: f64, outbox: &mut Vec<(MavHeader, MavMessage)>) {
+        let height_m = self
+            .vehicle
+            .local
+            .map_or(0.0, |p| self.vehicle.ground_down_m - p.z_m);
+        if height_m >= self.plan.takeoff_height_m - TAKEOFF_SLACK_M {
+            self.enter(Phase::Mission, now_s);
+        } else if self.progress.mode != NavMode::Takeoff && height_m < 0.5 && self.may_ask(now_s) {
+            self.set_mode(outbox, NavMode::Takeoff);
+        }
+    }
+
+    fn act_mission(&mut self, now_s: f64, outbox: &mut Vec<(MavHeader, MavMessage)>) {
+        if self.is_finished() {
+            match self.plan.ending {
+                Ending::Hold => self.enter(Phase::Done, now_s),
+                Ending::Land | Ending::Return => self.enter(Phase::Land, now_s),
+            }
+        } else if self.progress.mode != NavMode::Mission {
+            let asked_before = self.asked_s.is_finite() && self.progress.fell_out > 0;
+            if (self.plan.resume || !asked_before) && self.may_ask(now_s) {
+                self.set_mode(outbox, NavMode::Mission);
+            }
+        }
+    }
+
+    fn reach_mode(
+        &mut self,
+        mode: NavMode,
+        next: Phase,
+        now_s: f64,
+        outbox: &mut Vec<(MavHeader, MavMessage)>,
+    ) {
+        if self.progress.mode == mode {
+            self.enter(next, now_s);
+        } else if self.may_ask(now_s) {
+            self.set_mode(outbox, mode);
+        }
+    }
+
+    fn check_limit(&mut self, now_s: f64) {
+        let phase = self.progress.phase;
+        let limit_s = if phase == Phase::Mission {
+            self.plan.mission_limit_s
+        } else {
+            phase.limit_s()
+        };
+        if now_s - self.phase_since_s > limit_s {
+            let missing = match phase {
+                Phase::Connect => "no heartbeat of an autopilot",
+                Phase::Position => "no position",
+                _ => "no progress",
+            };
+            let said = &self.progress.said;
+            self.progress.outcome = Some(Outcome::TimedOut {
+                phase,
+                limit_s,
+                reason: if said.is_empty() {
+                    missing.to_owned()
+                } else {
+                    said.clone()
+                },
+            });
+        }
+    }
+
+    fn set_mode(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>, mode: NavMode) {
+        let [_, _, main, sub] = custom_mode(mode).to_le_bytes();
+        let custom = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.bits() as f32;
+        self.command(
+            outbox,
+            MavCmd::MAV_CMD_DO_SET_MODE,
+            &[custom, f32::from(main), f32::from(sub)],
+        );
+    }
+
+    fn command(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>, command: MavCmd, values: &[f32]) {
+        let value = |index: usize| values.get(index).copied().unwrap_or(0.0);
+        let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            target_system: self.vehicle.system_id.unwrap_or(1),
+            target_component: 1,
+            command,
+            param1: value(0),
+            param2: value(1),
+            param3: value(2),
+            ..COMMAND_LONG_DATA::default()
+        });
+        self.send(outbox, message);
+    }
+
+    fn send(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>, message: MavMessage) {
+        let header = MavHeader {
+            system_id: SYSTEM_ID.into(),
+            component_id: COMPONENT_ID,
+            sequence: self.sequence,
+        };
+        self.sequence = self.sequence.wrapping_add(1);
+        outbox.push((header, message));
+    }
+}
+
+fn heartbeat() -> MavMessage {
+    MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+        custom_mode: 0,
+        mavtype: MavType::MAV_TYPE_GCS,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+        base_mode: MavModeFlag::empty(),
+        system_status: MavState::MAV_STATE_ACTIVE,
+        mavlink_version: 3,
+    })
+}

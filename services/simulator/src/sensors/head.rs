@@ -1,0 +1,211 @@
+//! What all kinds of sensor share: where they sit, how far they see, and what a beam reports of what it met.
+//!
+//! One standard deviation of a range `r` grows as `a + b r + c r^2`: constant for a time-of-flight lidar,
+//! proportional for a cheap rangefinder, quadratic for stereo depth (`c = s / (f b)` with disparity noise `s`,
+//! focal length `f` and baseline `b`: the error of a triangulated depth).
+
+use super::error::SensorError;
+use super::pose::Pose;
+use super::spec::SensorSpec;
+use crate::random::Random;
+use crate::world::{Hit, Target, World};
+use jink_shared_types::frames::Attitude;
+use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
+use jink_shared_types::{BodyFrd, LocalNed, Point};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+/// What differs between the kinds when the spec says nothing.
+pub(super) struct HeadDefaults {
+    pub range_m: [f64; 2],
+    pub sigma_m: f64,
+    pub sigma_ratio: f64,
+    pub sigma_per_m: f64,
+    pub dropout: f64,
+}
+
+/// Mounting, range and noise of one sensor.
+#[derive(Clone, Debug)]
+pub(super) struct Head {
+    /// Position in the body (m).
+    position: Vector3<f64>,
+    body_q_sensor: UnitQuaternion<f64>,
+    body_r_sensor: Matrix3<f64>,
+    pub range_min_m: f64,
+    pub range_max_m: f64,
+    sigma_m: f64,
+    sigma_ratio: f64,
+    sigma_per_m: f64,
+    dropout: f64,
+    pub random: Random,
+}
+
+/// Where the sensor looks from at one moment.
+pub(super) struct View {
+    origin: Point<LocalNed>,
+    local_r_body: Matrix3<f64>,
+}
+
+/// What one ray says; ranges along the ray (m).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Answer {
+    Hit(f64),
+    /// Nothing up to the sensor's range.
+    Clear,
+    Unknown,
+}
+
+impl Head {
+    pub fn new(spec: &SensorSpec, rig_seed: u64, defaults: &HeadDefaults) -> Result<Self, SensorError> {
+        let [near_m, far_m] = defaults.range_m;
+        let range_min_m = spec.number("range_min_m", spec.range_min_m, near_m, [0.0, 10.0])?;
+        let range_max_m = spec.number("range_max_m", spec.range_max_m, far_m, [0.1, 200.0])?;
+        spec.ordered(["range_min_m", "range_max_m"], range_min_m, range_max_m)?;
+        let offset = |option, given_m| spec.number(option, Some(given_m), 0.0, [-10.0, 10.0]);
+        let turn = |option, given_deg| spec.angle_rad(option, Some(given_deg), 0.0, [-360.0, 360.0]);
+        let body_q_sensor = UnitQuaternion::from_euler_angles(
+            turn("roll_deg", spec.roll_deg)?,
+            turn("pitch_deg", spec.pitch_deg)?,
+            turn("yaw_deg", spec.yaw_deg)?,
+        );
+        Ok(Self {
+            position: Vector3::new(
+                offset("forward_m", spec.forward_m)?,
+                offset("right_m", spec.right_m)?,
+                offset("down_m", spec.down_m)?,
+            ),
+            body_q_sensor,
+            body_r_sensor: body_q_sensor.to_rotation_matrix().into_inner(),
+            range_min_m,
+            range_max_m,
+            sigma_m: spec.number("sigma_m", spec.sigma_m, defaults.sigma_m, [0.0, 10.0])?,
+            sigma_ratio: spec.share("sigma_ratio", spec.sigma_ratio, defaults.sigma_ratio)?,
+            sigma_per_m: spec.share("sigma_per_m", spec.sigma_per_m, defaults.sigma_per_m)?,
+            dropout: spec.share("dropout", spec.dropout, defaults.dropout)?,
+            random: Random::new(rig_seed.wrapping_add(spec.seed), name_hash(&spec.name)),
+        })
+    }
+
+    /// Position in the body.
+    pub fn origin(&self) -> Point<BodyFrd> {
+        Point::from_vector(self.position)
+    }
+
+    /// `body_q_sensor`.
+    pub fn mounting(&self) -> Attitude {
+        Attitude::from_rotation(self.body_q_sensor)
+    }
+
+    /// The view of the sensor while the vehicle is at `pose`.
+    pub fn view(&self, pose: &Pose) -> View {
+        let local_r_body = pose.attitude.to_rotation_matrix().into_inner();
+        View {
+            origin: Point::from_vector(pose.position.vector() + local_r_body * self.position),
+            local_r_body,
+        }
+    }
+
+    /// A direction of the sensor in body components.
+    pub fn to_body(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+        self.body_r_sensor * direction
+    }
+
+    /// What stands first within range along the unit vector `direction` (body).
+    pub fn cast(&self, world: &World, view: &View, direction: &Vector3<f64>) -> Option<Hit> {
+        world.cast(view.origin, &(view.local_r_body * direction), self.range_max_m)
+    }
+
+    /// As [`Self::cast`] with a beam of finite width: it misses an object thinner than itself the more often the
+    /// thinner the object is, `miss` times for a vanishing one, and then meets what stands behind.
+    pub fn cast_beam(
+        &mut self,
+        world: &World,
+        view: &View,
+        direction: &Vector3<f64>,
+        beam: &Beam,
+    ) -> Option<Hit> {
+        let hit = self.cast(world, view, direction)?;
+        let Target::Obstacle(index) = hit.what else {
+            return Some(hit);
+        };
+        let thickness_m = world.obstacles().get(index).map_or(0.0, |o| o.thickness_m());
+        let covered = thickness_m / (beam.width_rad * hit.range_m);
+        if covered < 1.0 && self.happens(beam.thin_miss * (1.0 - covered)) {
+            let direction = view.local_r_body * direction;
+            return world.cast_ignoring(view.origin, &direction, self.range_max_m, Some(index));
+        }
+        Some(hit)
+    }
+
+    /// One standard deviation at `range_m` (m).
+    pub fn sigma_at_m(&self, range_m: f64) -> f64 {
+        self.sigma_m + range_m * (self.sigma_ratio + range_m * self.sigma_per_m)
+    }
+
+    /// `range_m` as measured (m), within 0 and the sensor's range.
+    pub fn measured_m(&mut self, range_m: f64) -> f64 {
+        (range_m + self.sigma_at_m(range_m) * self.random.normal()).clamp(0.0, self.range_max_m)
+    }
+
+    /// True with `probability`.
+    pub fn happens(&mut self, probability: f64) -> bool {
+        probability > 0.0 && self.random.unit() < probability
+    }
+
+    /// Whether a ray gives no answer.
+    pub fn drops_out(&mut self) -> bool {
+        self.happens(self.dropout)
+    }
+
+    /// Writes a cloud's fixed part and empties it.
+    pub fn begin_cloud(&self, cloud: &mut PointCloud) {
+        cloud.origin = self.origin();
+        cloud.range_min_m = self.range_min_m as f32;
+        cloud.range_max_m = self.range_max_m as f32;
+        cloud.range_sigma_m = self.sigma_at_m(self.range_max_m) as f32;
+        cloud.len = 0;
+        cloud.reserved = [0; 2];
+    }
+
+    /// The end of one ray along `direction` (body).
+    pub fn point(&self, direction: &Vector3<f64>, answer: Answer, offset_10us: u16) -> CloudPoint {
+        let (end, kind) = match answer {
+            Answer::Hit(range_m) => (self.position + direction * range_m, RayKind::Hit),
+            Answer::Clear => (self.position + direction * self.range_max_m, RayKind::Clear),
+            Answer::Unknown => (Vector3::zeros(), RayKind::Unknown),
+        };
+        CloudPoint {
+            forward_m: end.x as f32,
+            right_m: end.y as f32,
+            down_m: end.z as f32,
+            offset_10us,
+            kind: kind.into(),
+            reserved: 0,
+        }
+    }
+}
+
+/// A beam's cross-section.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Beam {
+    /// Full opening angle (rad).
+    pub width_rad: f64,
+    /// Probability of missing an object of no thickness.
+    thin_miss: f64,
+}
+
+impl Beam {
+    pub fn new(spec: &SensorSpec) -> Result<Self, SensorError> {
+        // 5 cm at 10 m, as small time-of-flight lidars have.
+        Ok(Self {
+            width_rad: spec.angle_rad("beam_width_deg", spec.beam_width_deg, 0.3, [0.0, 90.0])?,
+            thin_miss: spec.share("thin_miss", spec.thin_miss, 0.5)?,
+        })
+    }
+}
+
+/// FNV-1a: a sensor's noise depends on its name, so that adding another sensor changes nothing for it.
+fn name_hash(name: &str) -> u64 {
+    name.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    })
+}

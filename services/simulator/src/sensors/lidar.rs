@@ -1,0 +1,124 @@
+//! A 3-D lidar whose pattern does not repeat: every sweep fills the gaps of the ones before.
+//!
+//! Directions come from the additive recurrence `R2` (M. Roberts, "The Unreasonable Effectiveness of Quasirandom
+//! Sequences", 2018): `(i a mod 1, i a^2 mod 1)` with `1 / a` the plastic number 1.3247..., the two-dimensional
+//! counterpart of the golden ratio. The first coordinate is the azimuth, the second the sine of the elevation,
+//! which spreads the rays evenly over the solid angle (Archimedes' hat-box theorem). The index runs on over all
+//! sweeps, in exact 64-bit fractions.
+
+use super::error::SensorError;
+use super::head::{Answer, Beam, Head, HeadDefaults};
+use super::pose::PoseCursor;
+use super::spec::SensorSpec;
+use crate::world::World;
+use jink_shared_types::Timestamp;
+use jink_shared_types::ranges::{CLOUD_POINTS, PointCloud};
+use nalgebra::Vector3;
+
+/// Time unit of a point's offset (ns).
+const TICK_NS: u64 = 10_000;
+
+/// 2^64 as a number: turns fractions of a turn into 64-bit fractions.
+const FULL: f64 = 18_446_744_073_709_551_616.0;
+
+/// `a` and `a^2` as 64-bit fractions.
+const STEP: [u64; 2] = [
+    (0.754_877_666_246_692_7 * FULL) as u64,
+    (0.569_840_290_998_053_2 * FULL) as u64,
+];
+
+pub(super) const DEFAULT_RATE_HZ: f64 = 10.0;
+
+#[derive(Clone, Debug)]
+pub(super) struct Lidar3d {
+    head: Head,
+    beam: Beam,
+    rays: u64,
+    azimuth_first_rad: f64,
+    azimuth_span_rad: f64,
+    /// Sine of the lowest elevation and its distance to the highest.
+    sine_first: f64,
+    sine_span: f64,
+    /// Where the sequence stands, as 64-bit fractions.
+    place: [u64; 2],
+}
+
+impl Lidar3d {
+    pub fn new(spec: &SensorSpec, rig_seed: u64) -> Result<Self, SensorError> {
+        let mut head = Head::new(
+            spec,
+            rig_seed,
+            &HeadDefaults {
+                range_m: [0.1, 12.0],
+                sigma_m: 0.02,
+                sigma_ratio: 0.0,
+                sigma_per_m: 0.0,
+                dropout: 0.0,
+            },
+        )?;
+        let (low, high) = ("elevation_min_deg", "elevation_max_deg");
+        let elevation_min_rad = spec.angle_rad(low, spec.elevation_min_deg, -45.0, [-90.0, 90.0])?;
+        let elevation_max_rad = spec.angle_rad(high, spec.elevation_max_deg, 60.0, [-90.0, 90.0])?;
+        spec.ordered([low, high], elevation_min_rad, elevation_max_rad)?;
+        let azimuth_span_rad = spec.fov_horizontal_rad(360.0, [1.0, 360.0])?;
+        Ok(Self {
+            beam: Beam::new(spec)?,
+            rays: spec.count("rays", spec.rays, 20_000, CLOUD_POINTS)? as u64,
+            azimuth_first_rad: -0.5 * azimuth_span_rad,
+            azimuth_span_rad,
+            sine_first: elevation_min_rad.sin(),
+            sine_span: elevation_max_rad.sin() - elevation_min_rad.sin(),
+            place: [head.random.bits(), head.random.bits()],
+            head,
+        })
+    }
+
+    /// The next direction of the pattern, in the sensor's frame.
+    fn next_direction(&mut self) -> Vector3<f64> {
+        self.place = [
+            self.place[0].wrapping_add(STEP[0]),
+            self.place[1].wrapping_add(STEP[1]),
+        ];
+        let [u, v] = self.place.map(|fraction| fraction as f64 * (1.0 / FULL));
+        let (sine, cosine) = (self.azimuth_first_rad + self.azimuth_span_rad * u).sin_cos();
+        let up = self.sine_first + self.sine_span * v;
+        let level = (1.0 - up * up).max(0.0).sqrt();
+        Vector3::new(level * cosine, level * sine, -up)
+    }
+
+    /// One sweep from `begin` to `end`. Rays are spread evenly over it, each from the pose at its own time as told
+    /// by its offset.
+    pub fn render(
+        &mut self,
+        world: &World,
+        poses: &mut PoseCursor<'_>,
+        begin: Timestamp,
+        end: Timestamp,
+        cloud: &mut PointCloud,
+    ) {
+        self.head.begin_cloud(cloud);
+        cloud.first_point = begin;
+        let ticks = end.ns_since(begin) / TICK_NS;
+        let mut tick = 0;
+        let mut view = self.head.view(&poses.at(begin));
+        for ray in 0..self.rays {
+            let due = ray * ticks / self.rays;
+            if due != tick {
+                tick = due;
+                view = self
+                    .head
+                    .view(&poses.at(Timestamp::from_ns(begin.ns + tick * TICK_NS)));
+            }
+            let direction = self.next_direction();
+            let direction = self.head.to_body(&direction);
+            let answer = match self.head.cast_beam(world, &view, &direction, &self.beam) {
+                _ if self.head.drops_out() => Answer::Unknown,
+                None => Answer::Clear,
+                // Too near to be measured: that something is there is lost, so nothing may be called clear.
+                Some(hit) if hit.range_m < self.head.range_min_m => Answer::Unknown,
+                Some(hit) => Answer::Hit(self.head.measured_m(hit.range_m)),
+            };
+            cloud.push(self.head.point(&direction, answer, tick as u16));
+        }
+    }
+}

@@ -1,0 +1,312 @@
+//! Which sensors a vehicle carries, as written in its configuration, and every way in which that can be wrong.
+//!
+//! ```toml
+//! [[sensor]]
+//! name = "lidar"
+//! kind = "lidar_3d"
+//! rate_hz = 10
+//! range_max_m = 8
+//! ```
+//!
+//! Everything but name and kind has a default that depends on the kind ([`SensorKind`]).
+
+use super::error::SensorError;
+use serde::Deserialize;
+
+/// Longest name: it becomes part of a topic's name.
+pub(super) const NAME_CHARACTERS: usize = 16;
+
+/// The kinds of sensor.
+///
+/// | kind | field of view | rays | range | noise (one sigma) | rate |
+/// |---|---|---|---|---|---|
+/// | `lidar_3d` | 360 x -45..60 deg | 20,000 | 0.1..12 m | 2 cm | 10 Hz |
+/// | `depth_camera` | 90 x 75 deg | 160 x 120 | 0.2..4 m | 0.005 z^2 | 15 Hz |
+/// | `lidar_2d` | 360 deg | 360 | 0.1..12 m | 1 cm | 10 Hz |
+/// | `rangefinder` | cone of 27 deg | nearest of 9 | 0.1..8 m | 2 cm + 1 % | 20 Hz |
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+pub enum SensorKind {
+    /// A lidar whose pattern does not repeat; renders a point cloud over its whole period.
+    #[serde(rename = "lidar_3d")]
+    Lidar3d,
+    /// A pinhole depth camera with global shutter; renders a point cloud at once.
+    #[serde(rename = "depth_camera")]
+    DepthCamera,
+    /// A rotating planar lidar; renders a range scan over its whole period.
+    #[serde(rename = "lidar_2d")]
+    Lidar2d,
+    /// One wide beam; renders a range scan with one beam.
+    #[serde(rename = "rangefinder")]
+    Rangefinder,
+}
+
+impl SensorKind {
+    /// The name in configuration files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Lidar3d => "lidar_3d",
+            Self::DepthCamera => "depth_camera",
+            Self::Lidar2d => "lidar_2d",
+            Self::Rangefinder => "rangefinder",
+        }
+    }
+}
+
+/// One sensor as configured. What is `None` takes the kind's default; what the kind does not know is refused.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorSpec {
+    /// Name, unique in the rig: 1 to 16 of `a-z`, `0-9`, `_`.
+    pub name: String,
+    /// Kind.
+    pub kind: SensorKind,
+    /// Frames per second (Hz), 2 to 200.
+    pub rate_hz: Option<f64>,
+    /// Added to the rig's seed: tells sensors of one rig apart beyond their names.
+    #[serde(default)]
+    pub seed: u64,
+    /// Mounting position in the body, forward (m).
+    #[serde(default)]
+    pub forward_m: f64,
+    /// Mounting position in the body, right (m).
+    #[serde(default)]
+    pub right_m: f64,
+    /// Mounting position in the body, down (m).
+    #[serde(default)]
+    pub down_m: f64,
+    /// Mounting: turned to the right (deg) (first of the three rotations, about down).
+    #[serde(default)]
+    pub yaw_deg: f64,
+    /// Mounting: nose up (deg) (second, about the new right); -90 looks down.
+    #[serde(default)]
+    pub pitch_deg: f64,
+    /// Mounting: right side down (deg) (third, about the new forward).
+    #[serde(default)]
+    pub roll_deg: f64,
+    /// Shortest range (m).
+    pub range_min_m: Option<f64>,
+    /// Longest range (m).
+    pub range_max_m: Option<f64>,
+    /// Noise, constant part of one sigma (m).
+    pub sigma_m: Option<f64>,
+    /// Noise, part proportional to range.
+    pub sigma_ratio: Option<f64>,
+    /// Noise, part proportional to range squared (1/m).
+    pub sigma_per_m: Option<f64>,
+    /// Probability that a ray gives no answer ("unknown"), whatever stands there.
+    pub dropout: Option<f64>,
+    /// Rays per frame (`lidar_3d`).
+    pub rays: Option<u32>,
+    /// Beams per turn (`lidar_2d`).
+    pub beams: Option<u32>,
+    /// Horizontal field of view (deg) (`lidar_3d`, `lidar_2d`, `depth_camera`).
+    pub fov_horizontal_deg: Option<f64>,
+    /// Vertical field of view (deg) (`depth_camera`).
+    pub fov_vertical_deg: Option<f64>,
+    /// Lowest ray above the sensor's horizon (deg) (`lidar_3d`).
+    pub elevation_min_deg: Option<f64>,
+    /// Highest ray above the sensor's horizon (deg) (`lidar_3d`).
+    pub elevation_max_deg: Option<f64>,
+    /// Pixels per row (`depth_camera`).
+    pub width_px: Option<u32>,
+    /// Pixels per column (`depth_camera`).
+    pub height_px: Option<u32>,
+    /// Full opening angle of one beam (deg) (`lidar_3d`, `lidar_2d`, `rangefinder`).
+    pub beam_width_deg: Option<f64>,
+    /// Probability that a beam misses an object much thinner than itself and reports what stands behind it
+    /// (`lidar_3d`, `lidar_2d`).
+    pub thin_miss: Option<f64>,
+    /// How far a pixel at a depth edge may slide towards its neighbour's depth, 0 to 1 (`depth_camera`).
+    pub edge_mixing: Option<f64>,
+}
+
+impl SensorSpec {
+    /// A sensor with all its kind's defaults, at the body's origin, looking forward.
+    pub fn new(name: &str, kind: SensorKind) -> Self {
+        Self {
+            name: name.to_owned(),
+            kind,
+            rate_hz: None,
+            seed: 0,
+            forward_m: 0.0,
+            right_m: 0.0,
+            down_m: 0.0,
+            yaw_deg: 0.0,
+            pitch_deg: 0.0,
+            roll_deg: 0.0,
+            range_min_m: None,
+            range_max_m: None,
+            sigma_m: None,
+            sigma_ratio: None,
+            sigma_per_m: None,
+            dropout: None,
+            rays: None,
+            beams: None,
+            fov_horizontal_deg: None,
+            fov_vertical_deg: None,
+            elevation_min_deg: None,
+            elevation_max_deg: None,
+            width_px: None,
+            height_px: None,
+            beam_width_deg: None,
+            thin_miss: None,
+            edge_mixing: None,
+        }
+    }
+
+    /// What the forest vehicle carries: a 3-D lidar "lidar" at 10 Hz and a rangefinder "ground" looking down at 20
+    /// Hz.
+    pub fn default_rig() -> Vec<Self> {
+        let mut ground = Self::new("ground", SensorKind::Rangefinder);
+        ground.pitch_deg = -90.0;
+        vec![Self::new("lidar", SensorKind::Lidar3d), ground]
+    }
+
+    /// Whether everything but the name's uniqueness is in order.
+    ///
+    /// # Errors
+    /// The first mistake found.
+    pub fn validate(&self) -> Result<(), SensorError> {
+        super::Sensor::new(self, 0).map(drop)
+    }
+
+    /// Whether the name can be one and every option given means something to the kind.
+    pub(super) fn check(&self) -> Result<(), SensorError> {
+        self.check_name()?;
+        self.check_kind()
+    }
+
+    fn check_name(&self) -> Result<(), SensorError> {
+        let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+        if self.name.is_empty() || self.name.len() > NAME_CHARACTERS || !self.name.chars().all(allowed) {
+            return Err(SensorError::BadName {
+                name: self.name.clone(),
+            });
+        }
+        Ok(())
+    }
+
+    /// Refuses options that mean nothing to the kind: they would be silently without effect.
+    fn check_kind(&self) -> Result<(), SensorError> {
+        use SensorKind::{DepthCamera, Lidar2d, Lidar3d, Rangefinder};
+        let table: [(&'static str, bool, &[SensorKind]); 11] = [
+            ("rays", self.rays.is_some(), &[Lidar3d]),
+            ("beams", self.beams.is_some(), &[Lidar2d]),
+            (
+                "fov_horizontal_deg",
+                self.fov_horizontal_deg.is_some(),
+                &[Lidar3d, Lidar2d, DepthCamera],
+            ),
+            (
+                "fov_vertical_deg",
+                self.fov_vertical_deg.is_some(),
+                &[DepthCamera],
+            ),
+            ("elevation_min_deg", self.elevation_min_deg.is_some(), &[Lidar3d]),
+            ("elevation_max_deg", self.elevation_max_deg.is_some(), &[Lidar3d]),
+            ("width_px", self.width_px.is_some(), &[DepthCamera]),
+            ("height_px", self.height_px.is_some(), &[DepthCamera]),
+            (
+                "beam_width_deg",
+                self.beam_width_deg.is_some(),
+                &[Lidar3d, Lidar2d, Rangefinder],
+            ),
+            ("thin_miss", self.thin_miss.is_some(), &[Lidar3d, Lidar2d]),
+            ("edge_mixing", self.edge_mixing.is_some(), &[DepthCamera]),
+        ];
+        for (option, given, kinds) in table {
+            if given && !kinds.contains(&self.kind) {
+                return Err(SensorError::NotOfThisKind {
+                    sensor: self.name.clone(),
+                    option,
+                    kind: self.kind,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The number given for `option` or its default, if it lies within `limits`.
+    pub(super) fn number(
+        &self,
+        option: &'static str,
+        given: Option<f64>,
+        default: f64,
+        limits: [f64; 2],
+    ) -> Result<f64, SensorError> {
+        let value = given.unwrap_or(default);
+        let [least, most] = limits;
+        if (least..=most).contains(&value) {
+            Ok(value)
+        } else {
+            Err(SensorError::OutOfRange {
+                sensor: self.name.clone(),
+                option,
+                value,
+                least,
+                most,
+            })
+        }
+    }
+
+    /// As [`Self::number`] for degrees, in radians.
+    pub(super) fn angle_rad(
+        &self,
+        option: &'static str,
+        given: Option<f64>,
+        default_deg: f64,
+        limits_deg: [f64; 2],
+    ) -> Result<f64, SensorError> {
+        self.number(option, given, default_deg, limits_deg)
+            .map(f64::to_radians)
+    }
+
+    /// The horizontal field of view (rad), which three kinds have.
+    pub(super) fn fov_horizontal_rad(
+        &self,
+        default_deg: f64,
+        limits_deg: [f64; 2],
+    ) -> Result<f64, SensorError> {
+        self.angle_rad(
+            "fov_horizontal_deg",
+            self.fov_horizontal_deg,
+            default_deg,
+            limits_deg,
+        )
+    }
+
+    /// As [`Self::number`] for a count of at least 1.
+    pub(super) fn count(
+        &self,
+        option: &'static str,
+        given: Option<u32>,
+        default: u32,
+        most: usize,
+    ) -> Result<usize, SensorError> {
+        let value = f64::from(given.unwrap_or(default));
+        self.number(option, Some(value), value, [1.0, most as f64])
+            .map(|count| count as usize)
+    }
+
+    /// As [`Self::number`] for a share or probability.
+    pub(super) fn share(
+        &self,
+        option: &'static str,
+        given: Option<f64>,
+        default: f64,
+    ) -> Result<f64, SensorError> {
+        self.number(option, given, default, [0.0, 1.0])
+    }
+
+    /// Refuses a lower limit that is not below its upper limit.
+    pub(super) fn ordered(&self, options: [&'static str; 2], low: f64, high: f64) -> Result<(), SensorError> {
+        if low < high {
+            return Ok(());
+        }
+        Err(SensorError::WrongOrder {
+            sensor: self.name.clone(),
+            low: options[0],
+            high: options[1],
+        })
+    }
+}

@@ -1,0 +1,257 @@
+//! Helpers for the promises of this module, then what concerns all kinds of sensor.
+
+mod allocation;
+mod clouds;
+mod scans;
+mod specs;
+
+use super::*;
+use crate::world::{Bounds, Cylinder, Obstacle, Scene, WorldKind, YawedBox};
+use jink_shared_types::ranges::{CloudPoint, RayKind};
+use jink_shared_types::{BodyFrd, LocalNed, Point};
+use nalgebra::{UnitQuaternion, Vector3};
+
+fn forest(seed: u64) -> World {
+    World::generate(WorldKind::ALL[0], seed).unwrap()
+}
+
+fn scene(obstacles: Vec<Obstacle>) -> World {
+    World::new(Scene {
+        name: "test",
+        seed: 0,
+        goals: Vec::new(),
+        bounds: Bounds {
+            north_min_m: -50.0,
+            north_max_m: 50.0,
+            east_min_m: -50.0,
+            east_max_m: 50.0,
+            up_max_m: 50.0,
+        },
+        obstacles,
+    })
+}
+
+/// A wall across north, its near face `north_m` away.
+fn wall(north_m: f64) -> Obstacle {
+    Obstacle::Box(YawedBox::new(north_m + 0.5, 0.0, 1.0, 200.0, 0.0, 100.0))
+}
+
+fn pole(north_m: f64, east_m: f64, radius_m: f64) -> Obstacle {
+    Obstacle::Cylinder(Cylinder {
+        north_m,
+        east_m,
+        radius_m,
+        top_m: 10.0,
+    })
+}
+
+fn hover(up_m: f64) -> PoseTrack {
+    standing(Pose::level(Point::new(0.0, 0.0, -up_m), 0.0))
+}
+
+fn standing(pose: Pose) -> PoseTrack {
+    let mut track = PoseTrack::new(1.0, 0.5);
+    track.push(Timestamp::from_ns(1), pose);
+    track
+}
+
+/// From 1 s on: 6 m/s, climbing, turning at 2 rad/s, swinging in roll; a pose every 4 ms.
+fn swerving() -> PoseTrack {
+    let mut track = PoseTrack::new(1.0, 0.004);
+    for step in 0..200_u32 {
+        let t = f64::from(step) * 0.004;
+        let pose = Pose {
+            position: Point::new(6.0 * t, 0.5 * (4.0 * t).sin(), -2.5 - 0.5 * t),
+            attitude: UnitQuaternion::from_euler_angles(0.3 * (9.0 * t).sin(), -0.2, 2.0 * t),
+        };
+        track.push(Timestamp::from_seconds(1.0 + t), pose);
+    }
+    track
+}
+
+fn rig(spec: &SensorSpec, seed: u64) -> SensorRig {
+    SensorRig::new(std::slice::from_ref(spec), seed).unwrap()
+}
+
+/// The frames of the first `seconds` after 1 s.
+fn frames(rig: &mut SensorRig, seconds: f64) -> Vec<Frame> {
+    let mut frames = Vec::new();
+    for step in 0..=(seconds * 250.0).round() as u64 {
+        while let Some(frame) = rig.next_due(Timestamp::from_ns(1_000_000_000 + 4_000_000 * step)) {
+            frames.push(frame);
+        }
+    }
+    frames
+}
+
+fn clouds(
+    spec: &SensorSpec,
+    seed: u64,
+    world: &World,
+    track: &PoseTrack,
+    seconds: f64,
+) -> Vec<Box<PointCloud>> {
+    let mut rig = rig(spec, seed);
+    frames(&mut rig, seconds)
+        .iter()
+        .map(|frame| {
+            let mut cloud = PointCloud::boxed();
+            rig.render_cloud(frame, world, track, &mut cloud).unwrap();
+            cloud
+        })
+        .collect()
+}
+
+fn scans(spec: &SensorSpec, seed: u64, world: &World, track: &PoseTrack, seconds: f64) -> Vec<RangeScan> {
+    let mut rig = rig(spec, seed);
+    frames(&mut rig, seconds)
+        .iter()
+        .map(|frame| {
+            let mut scan = RangeScan::default();
+            rig.render_scan(frame, world, track, &mut scan).unwrap();
+            scan
+        })
+        .collect()
+}
+
+fn body(point: &CloudPoint) -> Point<BodyFrd> {
+    Point::new(
+        f64::from(point.forward_m),
+        f64::from(point.right_m),
+        f64::from(point.down_m),
+    )
+}
+
+fn time_of(cloud: &PointCloud, point: &CloudPoint) -> Timestamp {
+    Timestamp::from_ns(cloud.first_point.ns + u64::from(point.offset_10us) * 10_000)
+}
+
+/// What the world has in the direction of a point, from the pose at the point's own time (m); and the measured
+/// range.
+fn truth_m(world: &World, track: &PoseTrack, cloud: &PointCloud, point: &CloudPoint) -> (Option<f64>, f64) {
+    let pose = track.at(time_of(cloud, point)).unwrap();
+    let origin = pose.to_local(cloud.origin);
+    let ray = pose.to_local(body(point)).vector() - origin.vector();
+    let hit = world.cast(origin, &ray.normalize(), f64::from(cloud.range_max_m));
+    (hit.map(|hit| hit.range_m), ray.norm())
+}
+
+fn mean_and_sigma(values: &[f64]) -> (f64, f64) {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let square = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
+    (mean, square.sqrt())
+}
+
+#[test]
+fn frames_follow_each_other_without_gap_at_their_rate() {
+    let mut camera = SensorSpec::new("camera", SensorKind::DepthCamera);
+    camera.rate_hz = Some(30.0);
+    let mut specs = SensorSpec::default_rig();
+    specs.push(camera);
+    let mut rig = SensorRig::new(&specs, 1).unwrap();
+    assert_eq!(rig.len(), 3);
+    assert_eq!(rig.name(1), Some("ground"));
+    assert_eq!(rig.longest_frame_s(), 0.1);
+    assert_eq!(
+        rig.outputs().collect::<Vec<_>>(),
+        [
+            ("lidar", Output::Cloud),
+            ("ground", Output::Scan),
+            ("camera", Output::Cloud)
+        ]
+    );
+    let all = frames(&mut rig, 10.0);
+    assert!(all.windows(2).all(|pair| pair[0].end <= pair[1].end));
+    for (sensor, count, period_ns) in [(0, 100, 100_000_000), (1, 200, 50_000_000), (2, 300, 33_333_333)] {
+        let own: Vec<_> = all.iter().filter(|frame| frame.sensor == sensor).collect();
+        assert_eq!(own.len(), count);
+        assert_eq!(own[0].end.ns, 1_000_000_000 + period_ns);
+        for pair in own.windows(2) {
+            assert_eq!(pair[1].end.ns_since(pair[0].end), period_ns);
+            // Only a sweep takes time.
+            let begin = if sensor == 0 { pair[0].end } else { pair[1].end };
+            assert_eq!(pair[1].begin, begin);
+        }
+    }
+}
+
+#[test]
+fn a_wrong_request_is_refused_and_changes_nothing() {
+    let mut rig = SensorRig::new(&SensorSpec::default_rig(), 1).unwrap();
+    let due = frames(&mut rig, 0.1);
+    let (ground, lidar) = (due[0], due[1]);
+    assert_eq!((ground.sensor, lidar.sensor), (1, 0));
+    let (world, track) = (forest(1), hover(2.5));
+    let (mut cloud, mut scan) = (PointCloud::boxed(), RangeScan::default());
+    assert_eq!(
+        rig.render_cloud(&ground, &world, &track, &mut cloud),
+        Err(RenderError::OtherOutput {
+            sensor: 1,
+            kind: SensorKind::Rangefinder
+        })
+    );
+    assert_eq!(
+        rig.render_scan(&lidar, &world, &track, &mut scan),
+        Err(RenderError::OtherOutput {
+            sensor: 0,
+            kind: SensorKind::Lidar3d
+        })
+    );
+    let foreign = Frame { sensor: 7, ..ground };
+    assert_eq!(
+        rig.render_scan(&foreign, &world, &track, &mut scan),
+        Err(RenderError::NoSuchSensor {
+            sensor: 7,
+            sensors: 2
+        })
+    );
+    let empty = PoseTrack::new(1.0, 0.1);
+    assert_eq!(
+        rig.render_cloud(&lidar, &world, &empty, &mut cloud),
+        Err(RenderError::NoPose)
+    );
+    assert!(cloud.points().is_empty() && scan.ranges().is_empty());
+}
+
+#[test]
+fn a_seed_gives_the_same_measurements_to_the_bit() {
+    let (world, track) = (forest(3), swerving());
+    for kind in [SensorKind::Lidar3d, SensorKind::DepthCamera] {
+        let spec = SensorSpec::new("eye", kind);
+        let render = |seed| clouds(&spec, seed, &world, &track, 0.3);
+        let bits = |clouds: &[Box<PointCloud>]| -> Vec<[u32; 3]> {
+            clouds
+                .iter()
+                .flat_map(|cloud| cloud.points())
+                .map(|p| [p.forward_m.to_bits(), p.right_m.to_bits(), p.down_m.to_bits()])
+                .collect()
+        };
+        assert_eq!(bits(&render(5)), bits(&render(5)));
+        assert_ne!(bits(&render(5)), bits(&render(6)));
+    }
+    for kind in [SensorKind::Lidar2d, SensorKind::Rangefinder] {
+        let spec = SensorSpec::new("eye", kind);
+        let bits = |seed| -> Vec<u32> {
+            scans(&spec, seed, &world, &track, 0.5)
+                .iter()
+                .flat_map(|scan| scan.range_m.map(f32::to_bits))
+                .collect()
+        };
+        assert_eq!(bits(5), bits(5));
+        assert_ne!(bits(5), bits(6));
+    }
+}
+
+#[test]
+fn another_sensor_in_the_rig_leaves_the_first_alone() {
+    let (world, track) = (forest(3), swerving());
+    let own = SensorSpec::new("eye", SensorKind::Lidar3d);
+    let alone = clouds(&own, 4, &world, &track, 0.1);
+    let mut rig = SensorRig::new(&[SensorSpec::new("other", SensorKind::DepthCamera), own], 4).unwrap();
+    let mut cloud = PointCloud::boxed();
+    for frame in frames(&mut rig, 0.1) {
+        rig.render_cloud(&frame, &world, &track, &mut cloud).unwrap();
+    }
+    assert_eq!(cloud.points(), alone[0].points());
+}

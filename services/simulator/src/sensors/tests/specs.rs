@@ -1,0 +1,104 @@
+//! Promises about the configuration. JSON stands in for TOML: both go through the same `Deserialize`.
+
+use super::*;
+use serde_json::json;
+
+fn parse(value: serde_json::Value) -> Result<SensorSpec, serde_json::Error> {
+    serde_json::from_value(value)
+}
+
+#[test]
+fn name_and_kind_are_enough() {
+    for (text, kind) in [
+        ("lidar_3d", SensorKind::Lidar3d),
+        ("depth_camera", SensorKind::DepthCamera),
+        ("lidar_2d", SensorKind::Lidar2d),
+        ("rangefinder", SensorKind::Rangefinder),
+    ] {
+        let spec = parse(json!({"name": "front", "kind": text})).unwrap();
+        assert_eq!(spec, SensorSpec::new("front", kind));
+        assert_eq!(spec.validate(), Ok(()));
+        assert_eq!(kind.name(), text);
+    }
+}
+
+#[test]
+fn options_take_effect_whole_numbers_too() {
+    let spec = parse(json!({
+        "name": "lidar", "kind": "lidar_3d", "rate_hz": 20, "range_max_m": 8, "rays": 500, "down_m": -0.1, "seed": 3
+    }))
+    .unwrap();
+    let mut rig = rig(&spec, 1);
+    assert_eq!(rig.longest_frame_s(), 0.05);
+    let due = frames(&mut rig, 0.05);
+    let mut cloud = PointCloud::boxed();
+    rig.render_cloud(&due[0], &forest(1), &hover(2.5), &mut cloud)
+        .unwrap();
+    assert_eq!(
+        (cloud.points().len(), cloud.range_max_m, cloud.origin.z_m),
+        (500, 8.0, -0.1)
+    );
+}
+
+#[test]
+fn unknown_keys_and_kinds_are_refused_by_name() {
+    let error = parse(json!({"name": "a", "kind": "lidar_3d", "range": 5})).unwrap_err();
+    assert!(error.to_string().contains("unknown field `range`"), "{error}");
+    let error = parse(json!({"name": "a", "kind": "sonar"})).unwrap_err();
+    assert!(error.to_string().contains("unknown variant `sonar`"), "{error}");
+    let error = parse(json!({"kind": "lidar_3d"})).unwrap_err();
+    assert!(error.to_string().contains("missing field `name`"), "{error}");
+}
+
+#[test]
+fn every_wrong_number_is_refused_with_its_name_and_limits() {
+    let refusal = |kind, change: &dyn Fn(&mut SensorSpec)| {
+        let mut spec = SensorSpec::new("eye", kind);
+        change(&mut spec);
+        let said = |error: Option<SensorError>| error.map(|e| e.to_string()).unwrap_or_default();
+        let rig = SensorRig::new(std::slice::from_ref(&spec), 1);
+        assert_eq!(said(spec.validate().err()), said(rig.err()));
+        said(spec.validate().err())
+    };
+    use SensorKind::{DepthCamera, Lidar2d, Lidar3d, Rangefinder};
+    let said = [
+        refusal(Lidar3d, &|s| s.rate_hz = Some(1.0)),
+        refusal(Lidar3d, &|s| s.rays = Some(0)),
+        refusal(Lidar3d, &|s| s.sigma_m = Some(f64::NAN)),
+        refusal(Lidar3d, &|s| s.elevation_min_deg = Some(70.0)),
+        refusal(Lidar2d, &|s| s.beams = Some(2_000)),
+        refusal(Lidar2d, &|s| s.range_min_m = Some(9.0)),
+        refusal(Lidar2d, &|s| {
+            s.range_min_m = Some(9.0);
+            s.range_max_m = Some(8.0);
+        }),
+        refusal(DepthCamera, &|s| s.fov_horizontal_deg = Some(180.0)),
+        refusal(DepthCamera, &|s| {
+            s.width_px = Some(640);
+            s.height_px = Some(480);
+        }),
+        refusal(Rangefinder, &|s| s.pitch_deg = f64::INFINITY),
+        refusal(Rangefinder, &|s| s.rays = Some(9)),
+        refusal(Rangefinder, &|s| s.name = "Ground!".to_owned()),
+    ];
+    assert_eq!(
+        said,
+        [
+            "sensor \"eye\": rate_hz = 1 is not within 2 to 200",
+            "sensor \"eye\": rays = 0 is not within 1 to 131072",
+            "sensor \"eye\": sigma_m = NaN is not within 0 to 10",
+            "sensor \"eye\": elevation_min_deg must be less than elevation_max_deg",
+            "sensor \"eye\": beams = 2000 is not within 1 to 1024",
+            "",
+            "sensor \"eye\": range_min_m must be less than range_max_m",
+            "sensor \"eye\": fov_horizontal_deg = 180 is not within 1 to 170",
+            "sensor \"eye\": 640 x 480 pixels are more than the 131072 points of a cloud",
+            "sensor \"eye\": pitch_deg = inf is not within -360 to 360",
+            "sensor \"eye\": a rangefinder has no rays",
+            "\"Ground!\" is no name for a sensor: 1 to 16 of a-z, 0-9 and _",
+        ]
+    );
+    let twice = [SensorSpec::new("a", Lidar3d), SensorSpec::new("a", Lidar2d)];
+    let error = SensorRig::new(&twice, 1).unwrap_err();
+    assert_eq!(error.to_string(), "two sensors are called \"a\"");
+}

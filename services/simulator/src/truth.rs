@@ -1,0 +1,93 @@
+//! The ground truth of a flight: how close it came, how fast it went, what failed.
+
+use crate::autopilot::Autopilot;
+use crate::world::World;
+use jink_shared_types::truth::SimTruth;
+use jink_shared_types::vehicle::NavMode;
+use jink_shared_types::{Coded, Flag};
+use nalgebra::Vector3;
+
+/// A contact counts again after the vehicle has been this far from everything (m).
+const CLEAR_AGAIN_M: f64 = 0.05;
+
+/// Watches one flight.
+#[derive(Clone, Debug)]
+pub struct Observer {
+    hull_radius_m: f64,
+    min_clearance_m: f64,
+    collisions: u32,
+    touching: bool,
+    flown_m: f64,
+    cruise_s: f64,
+    cruise_m: f64,
+    last: Option<(f64, Vector3<f64>)>,
+}
+
+impl Observer {
+    /// For a vehicle within a sphere of `hull_radius_m`.
+    pub fn new(hull_radius_m: f64) -> Self {
+        Self {
+            hull_radius_m,
+            min_clearance_m: f64::INFINITY,
+            collisions: 0,
+            touching: false,
+            flown_m: 0.0,
+            cruise_s: 0.0,
+            cruise_m: 0.0,
+            last: None,
+        }
+    }
+
+    /// Looks at the state after a step; the ground is no obstacle.
+    pub fn observe(&mut self, autopilot: &Autopilot, world: &World) -> SimTruth {
+        let truth = autopilot.truth();
+        let in_air = autopilot.is_armed() && !truth.on_ground;
+        let clearance_m = world.clearance_to_obstacles_m(truth.position) - self.hull_radius_m;
+        if in_air {
+            self.min_clearance_m = self.min_clearance_m.min(clearance_m);
+        }
+        if clearance_m < 0.0 && !self.touching {
+            self.collisions += 1;
+        }
+        self.touching = clearance_m < 0.0 || self.touching && clearance_m < CLEAR_AGAIN_M;
+        self.measure_way(autopilot, in_air);
+        let mission = autopilot.mission();
+        let setpoints = autopilot.setpoint_statistics();
+        SimTruth {
+            position: truth.position,
+            velocity: truth.velocity,
+            attitude: truth.attitude,
+            clearance_m,
+            min_clearance_m: self.min_clearance_m,
+            flown_m: self.flown_m,
+            cruise_s: self.cruise_s,
+            cruise_m: self.cruise_m,
+            time_s: autopilot.time_s(),
+            setpoint_gap_max_s: setpoints.gap_max_s,
+            setpoints: setpoints.count,
+            collisions: self.collisions,
+            hold_count: autopilot.hold_count(),
+            mission_item: mission.current,
+            mission_items: mission.total,
+            mode: Coded::new(autopilot.mode()),
+            armed: Flag::from(autopilot.is_armed()),
+            landed: Flag::from(autopilot.is_landed()),
+            mission_done: Flag::from(mission.done),
+            hull_radius_m: self.hull_radius_m,
+            reserved: 0,
+        }
+    }
+
+    fn measure_way(&mut self, autopilot: &Autopilot, in_air: bool) {
+        let (now_s, position) = (autopilot.time_s(), autopilot.truth().position.vector());
+        if let (Some((last_s, last)), true) = (self.last, in_air) {
+            let way_m = (position - last).norm();
+            self.flown_m += way_m;
+            if autopilot.mode() == NavMode::Mission && !autopilot.mission().done {
+                self.cruise_s += now_s - last_s;
+                self.cruise_m += way_m;
+            }
+        }
+        self.last = Some((now_s, position));
+    }
+}

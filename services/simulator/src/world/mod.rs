@@ -1,0 +1,263 @@
+//! Obstacles and what can be asked of them: a world is built once from a kind and a seed and never changes.
+//!
+//! | in | out |
+//! |---|---|
+//! | kind, seed | [`World`]: obstacles, start, goals, flight height, bounds |
+//! | a point | distance to the nearest obstacle, height above ground |
+//! | a ray | the first surface it meets |
+//! | - | the world as JSON |
+//!
+//! All answers are exact (closed forms over cylinders, boxes, spheres and flat ground at down = 0), so that a
+//! collision is a fact and not an artefact of a mesh. Rays are sped up by a grid that is walked cell by cell.
+
+mod generate;
+mod grid;
+mod solids;
+mod spec;
+mod way;
+
+#[cfg(test)]
+mod tests;
+
+pub use solids::{Contact, Cylinder, Obstacle, Sphere, YawedBox};
+pub use spec::{DEFAULT_DENSITY_PER_M2, MAX_DENSITY_PER_M2, WorldError, WorldKind, WorldSpec};
+
+use grid::Grid;
+use jink_shared_types::{LocalNed, Point};
+use nalgebra::Vector3;
+use serde::Serialize;
+use serde_json::{Value, json};
+
+/// Suggested flight height above ground (m).
+pub const FLIGHT_HEIGHT_M: f64 = 2.5;
+
+/// The box that start, goals and every way between them lie in. Nothing keeps a vehicle inside.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Bounds {
+    /// Southern edge (m).
+    pub north_min_m: f64,
+    /// Northern edge (m).
+    pub north_max_m: f64,
+    /// Western edge (m).
+    pub east_min_m: f64,
+    /// Eastern edge (m).
+    pub east_max_m: f64,
+    /// Upper edge above ground (m).
+    pub up_max_m: f64,
+}
+
+/// What a world is made of; sizes are finite and positive.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// Name, as in the JSON.
+    pub name: &'static str,
+    /// Seed it was made from.
+    pub seed: u64,
+    /// Suggested goals, in order of flight.
+    pub goals: Vec<Point<LocalNed>>,
+    /// Bounds.
+    pub bounds: Bounds,
+    /// Obstacles.
+    pub obstacles: Vec<Obstacle>,
+}
+
+/// What a ray met.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// The ground.
+    Ground,
+    /// An obstacle: index into [`World::obstacles`].
+    Obstacle(usize),
+}
+
+/// Where a ray ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Distance along the ray (m); 0 if it starts inside an obstacle.
+    pub range_m: f64,
+    /// Cosine of the angle between ray and surface normal, 0 (grazing) to 1 (head-on).
+    pub incidence_cos: f64,
+    /// What was met.
+    pub what: Target,
+}
+
+/// Obstacles on flat ground.
+#[derive(Clone, Debug)]
+pub struct World {
+    scene: Scene,
+    grid: Grid,
+    top_m: f64,
+    discarded: u32,
+}
+
+impl World {
+    /// The world of a scene. The start is always the local origin, on the ground.
+    pub fn new(scene: Scene) -> Self {
+        Self {
+            grid: Grid::new(&scene.obstacles),
+            top_m: scene.obstacles.iter().fold(0.0, |top, o| o.top_m().max(top)),
+            scene,
+            discarded: 0,
+        }
+    }
+
+    /// The world of `kind` and `seed`; the same two give the same world to the bit.
+    ///
+    /// # Errors
+    /// [`WorldError::DensityOutOfRange`], or [`WorldError::NoWayThrough`] for a forest too dense to be passable.
+    pub fn generate(kind: WorldKind, seed: u64) -> Result<Self, WorldError> {
+        generate::generate(kind, seed)
+    }
+
+    /// The world a user asked for.
+    ///
+    /// # Errors
+    /// As [`World::generate`], and [`WorldError::DensityWithoutTrees`].
+    pub fn from_spec(spec: &WorldSpec) -> Result<Self, WorldError> {
+        Self::generate(spec.resolved_kind()?, spec.seed)
+    }
+
+    /// Name of its kind.
+    pub fn name(&self) -> &'static str {
+        self.scene.name
+    }
+
+    /// The seed it was made from.
+    pub fn seed(&self) -> u64 {
+        self.scene.seed
+    }
+
+    /// Where the vehicle stands at first: the local origin.
+    pub fn start(&self) -> Point<LocalNed> {
+        Point::ZERO
+    }
+
+    /// Suggested goals in order of flight, at flight height.
+    pub fn goals(&self) -> &[Point<LocalNed>] {
+        &self.scene.goals
+    }
+
+    /// Suggested flight height above ground (m).
+    pub fn flight_height_m(&self) -> f64 {
+        FLIGHT_HEIGHT_M
+    }
+
+    /// The box the flight belongs in.
+    pub fn bounds(&self) -> &Bounds {
+        &self.scene.bounds
+    }
+
+    /// All obstacles; the ground is none of them.
+    pub fn obstacles(&self) -> &[Obstacle] {
+        &self.scene.obstacles
+    }
+
+    /// Forests drawn before this one that had no way through.
+    pub fn discarded_maps(&self) -> u32 {
+        self.discarded
+    }
+
+    /// Signed distance from `point` to the nearest obstacle's surface (m): negative inside, infinity without
+    /// obstacles. The ground does not count.
+    pub fn clearance_to_obstacles_m(&self, point: Point<LocalNed>) -> f64 {
+        let point = point.vector();
+        self.scene
+            .obstacles
+            .iter()
+            .fold(f64::INFINITY, |nearest, o| nearest.min(o.distance_m(&point)))
+    }
+
+    /// Height of `point` above ground (m), negative below.
+    pub fn height_above_ground_m(&self, point: Point<LocalNed>) -> f64 {
+        -point.z_m
+    }
+
+    /// A short way at flight height from the start through all goals, as corners, that keeps about `clearance_m`
+    /// from every obstacle (exactly so at the centres of grid cells of 0.25 m) and stays in the bounds; `None` if
+    /// there is none.
+    ///
+    /// Its length bounds the shortest such way from above, usually within a few per cent. For scoring, not for
+    /// flight.
+    pub fn way(&self, clearance_m: f64) -> Option<Vec<Point<LocalNed>>> {
+        way::way(self, clearance_m)
+    }
+
+    /// The first surface within `max_range_m` along the unit vector `direction` (local NED).
+    ///
+    /// A ray that starts inside an obstacle, or goes down from below the ground, ends at range 0.
+    pub fn cast(&self, origin: Point<LocalNed>, direction: &Vector3<f64>, max_range_m: f64) -> Option<Hit> {
+        self.cast_ignoring(origin, direction, max_range_m, None)
+    }
+
+    /// As [`World::cast`], as if the obstacle of index `ignored` were not there.
+    pub fn cast_ignoring(
+        &self,
+        origin: Point<LocalNed>,
+        direction: &Vector3<f64>,
+        max_range_m: f64,
+        ignored: Option<usize>,
+    ) -> Option<Hit> {
+        let origin = origin.vector();
+        let (up, climb) = (-origin.z, -direction.z);
+        let ground = (climb < 0.0)
+            .then(|| Hit {
+                range_m: (up / -climb).max(0.0),
+                incidence_cos: -climb,
+                what: Target::Ground,
+            })
+            .filter(|hit| hit.range_m <= max_range_m);
+
+        let mut nearest = ground;
+        let mut limit_m = ground.map_or(max_range_m, |hit| hit.range_m);
+        // Nothing stands above the highest top: that part of the ray needs no walking.
+        let (from_m, to_m) = match (up > self.top_m, climb) {
+            (true, 0.0..) => return nearest,
+            (true, _) => ((self.top_m - up) / climb, limit_m),
+            (false, _) if climb > 0.0 => (0.0, limit_m.min((self.top_m - up) / climb)),
+            (false, _) => (0.0, limit_m),
+        };
+        self.grid.walk(&origin, direction, from_m, to_m, |items, exit_m| {
+            for item in items {
+                let index = item.obstacle as usize;
+                if !item.may_meet(&origin, direction) || Some(index) == ignored {
+                    continue;
+                }
+                if let Some(contact) = self.scene.obstacles[index].meets(&origin, direction)
+                    && contact.range_m <= limit_m
+                {
+                    limit_m = contact.range_m;
+                    nearest = Some(Hit {
+                        range_m: contact.range_m,
+                        incidence_cos: contact.incidence_cos,
+                        what: Target::Obstacle(index),
+                    });
+                }
+            }
+            limit_m > exit_m
+        });
+        nearest
+    }
+
+    /// The world for drawing: name, seed, start, goals, bounds and all solids, heights up.
+    pub fn json(&self) -> Value {
+        let place = |p: &Point<LocalNed>| json!({"north_m": p.x_m, "east_m": p.y_m, "up_m": 0.0 - p.z_m});
+        let (mut cylinders, mut boxes, mut spheres) = (Vec::new(), Vec::new(), Vec::new());
+        for obstacle in &self.scene.obstacles {
+            match obstacle {
+                Obstacle::Cylinder(solid) => cylinders.push(solid),
+                Obstacle::Box(solid) => boxes.push(solid),
+                Obstacle::Sphere(solid) => spheres.push(solid),
+            }
+        }
+        json!({
+            "world": self.scene.name,
+            "seed": self.scene.seed,
+            "start": place(&self.start()),
+            "goals": self.scene.goals.iter().map(place).collect::<Vec<_>>(),
+            "bounds": self.scene.bounds,
+            "cylinders": cylinders,
+            "boxes": boxes,
+            "spheres": spheres,
+        })
+    }
+}

@@ -1,0 +1,148 @@
+//! Which world to build: its kind, its seed, and the errors of a wrong request.
+
+use std::fmt;
+use std::str::FromStr;
+
+/// Trees per square metre of the default forest: the densest of the published Poisson forests (1/49, 1/36, 1/25).
+pub const DEFAULT_DENSITY_PER_M2: f64 = 1.0 / 25.0;
+
+/// Densest forest offered (trees/m2): half of its maps have no way through. At 0.25 it is 19 of 20, so that the few
+/// maps that pass would be no sample of a Poisson forest any more.
+pub const MAX_DENSITY_PER_M2: f64 = 0.2;
+
+/// The kinds of world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum WorldKind {
+    /// Trees placed by a homogeneous Poisson process, 60 m by 30 m.
+    Forest {
+        /// Trees per square metre, above 0 and at most [`MAX_DENSITY_PER_M2`].
+        density_per_m2: f64,
+    },
+    /// A wall across the way with one gap of 2 m.
+    Gap,
+    /// Two parallel walls with boxes alternating on both sides.
+    Corridor,
+    /// A U-shaped wall, open towards the start, across the straight line to the goal.
+    UTrap,
+    /// Ground only.
+    Empty,
+}
+
+impl WorldKind {
+    /// The name on the command line and in JSON.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Forest { .. } => "forest",
+            Self::Gap => "gap",
+            Self::Corridor => "corridor",
+            Self::UTrap => "utrap",
+            Self::Empty => "empty",
+        }
+    }
+
+    /// Every kind with its default parameters.
+    pub const ALL: [Self; 5] = [
+        Self::Forest {
+            density_per_m2: DEFAULT_DENSITY_PER_M2,
+        },
+        Self::Gap,
+        Self::Corridor,
+        Self::UTrap,
+        Self::Empty,
+    ];
+}
+
+impl FromStr for WorldKind {
+    type Err = WorldError;
+
+    fn from_str(text: &str) -> Result<Self, WorldError> {
+        Self::ALL
+            .into_iter()
+            .find(|kind| kind.name() == text)
+            .ok_or_else(|| WorldError::UnknownKind {
+                name: text.to_owned(),
+            })
+    }
+}
+
+/// A world as a user asks for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WorldSpec {
+    /// Kind.
+    pub kind: WorldKind,
+    /// Seed: the same one gives the same world, to the bit.
+    pub seed: u64,
+    /// Trees per square metre instead of the kind's own; only a forest has any.
+    pub density_per_m2: Option<f64>,
+}
+
+impl WorldSpec {
+    /// The kind with the optional fields applied.
+    ///
+    /// # Errors
+    /// [`WorldError::DensityWithoutTrees`] if a density is given for a world that has no trees.
+    pub fn resolved_kind(&self) -> Result<WorldKind, WorldError> {
+        match (self.kind, self.density_per_m2) {
+            (kind, None) => Ok(kind),
+            (WorldKind::Forest { .. }, Some(density_per_m2)) => Ok(WorldKind::Forest { density_per_m2 }),
+            (kind, Some(_)) => Err(WorldError::DensityWithoutTrees { kind: kind.name() }),
+        }
+    }
+}
+
+/// Why a world cannot be built.
+#[derive(Clone, Debug, PartialEq)]
+pub enum WorldError {
+    /// No kind has this name.
+    UnknownKind {
+        /// The name given.
+        name: String,
+    },
+    /// The forest's density is no number, not positive, or too large.
+    DensityOutOfRange {
+        /// The density given (trees/m2).
+        density_per_m2: f64,
+    },
+    /// A density for a world without trees.
+    DensityWithoutTrees {
+        /// Name of the kind.
+        kind: &'static str,
+    },
+    /// Every forest drawn was closed.
+    NoWayThrough {
+        /// The density asked for (trees/m2).
+        density_per_m2: f64,
+        /// Forests drawn.
+        draws: u32,
+    },
+}
+
+impl fmt::Display for WorldError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::UnknownKind { name } => {
+                write!(f, "no world is called \"{name}\"; choose one of")?;
+                for (index, kind) in WorldKind::ALL.into_iter().enumerate() {
+                    write!(f, "{} {}", if index == 0 { "" } else { "," }, kind.name())?;
+                }
+                Ok(())
+            }
+            Self::DensityOutOfRange { density_per_m2 } => write!(
+                f,
+                "a forest of {density_per_m2} trees/m2 cannot be drawn: more than 0, at most {MAX_DENSITY_PER_M2}"
+            ),
+            Self::DensityWithoutTrees { kind } => {
+                write!(f, "the world \"{kind}\" has no trees, so it takes no density")
+            }
+            Self::NoWayThrough {
+                density_per_m2,
+                draws,
+            } => write!(
+                f,
+                "none of {draws} forests of {density_per_m2} trees/m2 has a way through"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for WorldError {}

@@ -1,0 +1,65 @@
+//! A step of autopilot and vehicle takes no memory from the heap once it flies.
+
+#![allow(
+    deprecated,
+    unsafe_code,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
+
+mod support;
+
+use jink_simulator::autopilot::{Link, Packet};
+use mavlink::MavHeader;
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: every call goes to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+#[test]
+fn a_step_in_flight_allocates_nothing() {
+    let mut flight = support::cruising();
+    flight.run(2.0);
+    let (_, desired) = flight.desired.clone().expect("a question");
+    let reply = Packet {
+        link: Link::Companion,
+        header: MavHeader {
+            system_id: 1,
+            component_id: 196,
+            sequence: 0,
+        },
+        message: support::mirror(&desired),
+    };
+    let inbox = [reply];
+    let mut outbox = Vec::with_capacity(256);
+    let before = ALLOCATIONS.with(Cell::get);
+    let mut sent = 0;
+    for step in 0..2_000 {
+        outbox.clear();
+        let heard = if step % 12 == 0 { &inbox[..] } else { &[] };
+        flight.autopilot.step(heard, &mut outbox);
+        sent += outbox.len();
+    }
+    assert_eq!(ALLOCATIONS.with(Cell::get), before);
+    assert!(sent > 2_000);
+}
