@@ -1,0 +1,249 @@
+//! Bytes to MAVLink frames: whatever arrives, every intact frame comes out and nothing else does.
+//!
+//! | in | out |
+//! |---|---|
+//! | bytes of a stream, in pieces of any size ([`Splitter::push`]) | [`Frame`]s with a verified checksum |
+//! | whole datagrams ([`Splitter::load_datagram`]) | the same; nothing is carried from one datagram to the next |
+//!
+//! A frame is a start byte (`0xFD` MAVLink 2, `0xFE` MAVLink 1), a header that tells its length, the payload, and a CRC-16/MCRF4XX
+//! that is seeded with a byte per message type. A candidate is accepted only if that checksum fits; otherwise the
+//! search goes on one byte further, so that a frame hidden behind a false start is never lost. The message types of
+//! another dialect have an unknown seed: they cannot be verified and count as garbage.
+//!
+//! Source: MAVLink developer guide, "Packet Serialization".
+
+use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::error::ParserError;
+use mavlink::{MAV_STX, MAV_STX_V2, MavHeader, MavlinkVersion, Message, calculate_crc, consts};
+
+/// Bytes kept at most: any UDP datagram that fits an Ethernet frame several times over, and dozens of frames of a stream.
+pub const SPLITTER_BYTES: usize = 8192;
+
+/// One verified frame, borrowed from the splitter.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Sender and sequence number.
+    pub header: MavHeader,
+    /// Message type.
+    pub message_id: u32,
+    /// Protocol version.
+    pub version: MavlinkVersion,
+    /// Payload; trailing zeros may have been cut by the sender.
+    pub payload: &'a [u8],
+}
+
+impl Frame<'_> {
+    /// The message inside.
+    ///
+    /// # Errors
+    /// [`ParserError`] if a field holds a value that its enumeration does not know.
+    pub fn decode(&self) -> Result<MavMessage, ParserError> {
+        MavMessage::parse(self.version, self.message_id, self.payload)
+    }
+}
+
+/// Where the parts of a candidate frame lie.
+#[derive(Clone, Copy, Debug)]
+struct Layout {
+    version: MavlinkVersion,
+    header_len: usize,
+    payload_len: usize,
+    frame_len: usize,
+    wide_system_id: bool,
+}
+
+impl Layout {
+    /// Reads as much of the header as the length needs; `Ok(None)` = more bytes needed, `Err` = no frame can start so.
+    fn of(candidate: &[u8]) -> Result<Option<Self>, NoFrame> {
+        let (version, flags) = match candidate.first() {
+            Some(&MAV_STX) => (MavlinkVersion::V1, 0),
+            Some(&MAV_STX_V2) => match candidate.get(consts::v2::INCOMPAT_FLAGS_OFFSET) {
+                Some(flags) if flags & !consts::v2::SUPPORTED_IFLAGS != 0 => return Err(NoFrame),
+                Some(flags) => (MavlinkVersion::V2, *flags),
+                None => return Ok(None),
+            },
+            Some(_) => return Err(NoFrame),
+            None => return Ok(None),
+        };
+        let Some(payload_len) = candidate.get(consts::PAYLOAD_LEN_OFFSET).copied() else {
+            return Ok(None);
+        };
+        let payload_len = usize::from(payload_len);
+        let wide_system_id = flags & consts::v2::IFLAG_SYSID32 != 0;
+        let header_len = consts::STX_SIZE
+            + match version {
+                MavlinkVersion::V1 => consts::v1::HEADER_SIZE,
+                MavlinkVersion::V2 if wide_system_id => consts::v2::MAX_HEADER_SIZE,
+                MavlinkVersion::V2 => consts::v2::MIN_HEADER_SIZE,
+            };
+        let signature_len = if flags & consts::v2::IFLAG_SIGNED != 0 {
+            consts::v2::SIGNATURE_SIZE
+        } else {
+            0
+        };
+        Ok(Some(Self {
+            version,
+            header_len,
+            payload_len,
+            frame_len: header_len + payload_len + consts::CHECKSUM_SIZE + signature_len,
+            wide_system_id,
+        }))
+    }
+
+    /// The message type; `bytes` hold the whole frame.
+    fn message_id(&self, bytes: &[u8]) -> u32 {
+        match self.version {
+            MavlinkVersion::V1 => u32::from(bytes[5]),
+            MavlinkVersion::V2 => {
+                let at = self.header_len - 3;
+                u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], 0])
+            }
+        }
+    }
+
+    fn header(&self, bytes: &[u8]) -> MavHeader {
+        let (sequence, system_at) = match self.version {
+            MavlinkVersion::V1 => (bytes[2], 3),
+            MavlinkVersion::V2 => (bytes[4], 5),
+        };
+        let (system_id, component_at) = if self.wide_system_id {
+            let wide = [bytes[5], bytes[6], bytes[7], bytes[8]];
+            (u32::from_le_bytes(wide), system_at + 4)
+        } else {
+            (u32::from(bytes[system_at]), system_at + 1)
+        };
+        MavHeader {
+            system_id,
+            component_id: bytes[component_at],
+            sequence,
+        }
+    }
+
+    /// Whether the checksum fits; `bytes` hold the whole frame.
+    fn is_intact(&self, bytes: &[u8]) -> bool {
+        let message_id = self.message_id(bytes);
+        let seed = MavMessage::extra_crc(message_id);
+        if seed == 0 && MavMessage::default_message_from_id(message_id).is_none() {
+            return false;
+        }
+        let end = self.header_len + self.payload_len;
+        let told = u16::from_le_bytes([bytes[end], bytes[end + 1]]);
+        told == calculate_crc(&bytes[consts::STX_SIZE..end], seed)
+    }
+}
+
+/// No frame starts here.
+struct NoFrame;
+
+/// Splits bytes into frames; holds the unfinished rest of a stream.
+#[derive(Debug)]
+pub struct Splitter {
+    buffer: Box<[u8]>,
+    start: usize,
+    end: usize,
+    /// The buffer holds a datagram: what is incomplete now stays incomplete.
+    whole: bool,
+    garbage_bytes: u64,
+}
+
+impl Default for Splitter {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Splitter {
+    /// An empty splitter.
+    pub fn new() -> Self {
+        Self {
+            buffer: vec![0; SPLITTER_BYTES].into_boxed_slice(),
+            start: 0,
+            end: 0,
+            whole: false,
+            garbage_bytes: 0,
+        }
+    }
+
+    /// Bytes so far that belonged to no frame.
+    pub fn garbage_bytes(&self) -> u64 {
+        self.garbage_bytes
+    }
+
+    /// Bytes that wait for the rest of their frame, or to be taken by [`Self::next_frame`].
+    pub fn pending(&self) -> usize {
+        self.end - self.start
+    }
+
+    /// Appends bytes of a stream and returns how many there was room for: all of them, if [`Self::next_frame`] was called
+    /// until it returned `None` and no more than `SPLITTER_BYTES - 293` bytes come at once.
+    pub fn push(&mut self, bytes: &[u8]) -> usize {
+        self.whole = false;
+        if self.start > 0 {
+            self.buffer.copy_within(self.start..self.end, 0);
+            self.end -= self.start;
+            self.start = 0;
+        }
+        let taken = bytes.len().min(self.buffer.len() - self.end);
+        self.buffer[self.end..self.end + taken].copy_from_slice(&bytes[..taken]);
+        self.end += taken;
+        taken
+    }
+
+    /// Replaces the content by one datagram. What was left of the last one is garbage, as is anything beyond
+    /// [`SPLITTER_BYTES`].
+    pub fn load_datagram(&mut self, datagram: &[u8]) {
+        self.garbage_bytes += self.pending() as u64;
+        self.start = 0;
+        self.end = 0;
+        let taken = self.push(datagram);
+        self.garbage_bytes += (datagram.len() - taken) as u64;
+        self.whole = true;
+    }
+
+    /// Drops the unfinished rest, as garbage: the stream it belonged to is gone.
+    pub fn reset(&mut self) {
+        self.load_datagram(&[]);
+    }
+
+    /// The next intact frame; `None` when more bytes are needed.
+    pub fn next_frame(&mut self) -> Option<Frame<'_>> {
+        loop {
+            let skipped = self.buffer[self.start..self.end]
+                .iter()
+                .position(|byte| *byte == MAV_STX || *byte == MAV_STX_V2)
+                .unwrap_or(self.end - self.start);
+            self.discard(skipped);
+            let candidate = &self.buffer[self.start..self.end];
+            let layout = match Layout::of(candidate) {
+                Ok(Some(layout)) if candidate.len() >= layout.frame_len => layout,
+                Ok(_) if self.whole && !candidate.is_empty() => {
+                    self.discard(1);
+                    continue;
+                }
+                Ok(_) => return None,
+                Err(NoFrame) => {
+                    self.discard(1);
+                    continue;
+                }
+            };
+            if !layout.is_intact(candidate) {
+                self.discard(1);
+                continue;
+            }
+            let first = self.start;
+            self.start += layout.frame_len;
+            let bytes = &self.buffer[first..self.start];
+            return Some(Frame {
+                header: layout.header(bytes),
+                message_id: layout.message_id(bytes),
+                version: layout.version,
+                payload: &bytes[layout.header_len..layout.header_len + layout.payload_len],
+            });
+        }
+    }
+
+    fn discard(&mut self, count: usize) {
+        self.start += count;
+        self.garbage_bytes += count as u64;
+    }
+}

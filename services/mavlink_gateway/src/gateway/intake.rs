@@ -1,0 +1,162 @@
+//! What the gateway makes of each message it receives.
+
+use super::{Gateway, nanoseconds};
+use crate::clock_map::ClockMap;
+use crate::commands::Command;
+use crate::desired;
+use crate::io::Outputs;
+use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Outgoing, Received};
+use crate::streams::Streams;
+use crate::vehicle::AttitudeNews;
+use jink_shared_types::Timestamp;
+use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType, TIMESYNC_DATA};
+use mavlink::{MavHeader, Message};
+
+impl Gateway {
+    /// Takes in one message.
+    pub(super) fn take(&mut self, now: Timestamp, received: &Received, outputs: &mut Outputs) {
+        let header = received.header;
+        if let Some(command) = Command::of(&received.content)
+            && self.is_for_us(now, &command)
+        {
+            self.answer_command(now, &command, header, outputs);
+            return;
+        }
+        if let Content::Message(message) = &received.content
+            && header.component_id == COMPONENT_AUTOPILOT
+            && let Ok(system_id) = u8::try_from(header.system_id)
+        {
+            if speaks_as_autopilot(message) {
+                self.latch.hear(system_id, received.time);
+            }
+            if self.latch.system_id(now) == Some(system_id) {
+                self.wire.status.received += 1;
+                self.vehicle.heard(received.time);
+                self.take_message(now, received, message, outputs);
+                return;
+            }
+        }
+        self.ignored += 1;
+    }
+
+    /// Whether a command names one of our components.
+    fn is_for_us(&self, now: Timestamp, command: &Command) -> bool {
+        let component = command.target_component;
+        let ours =
+            component == self.config.component_id || Some(component) == self.config.computer_component_id;
+        ours && self.latch.system_id(now) == Some(command.target_system)
+    }
+
+    fn answer_command(&mut self, now: Timestamp, command: &Command, from: MavHeader, outputs: &mut Outputs) {
+        let asker = (from.system_id as u8, from.component_id);
+        let (ack, message) = command.answer(asker);
+        for body in [Some(ack), message.map(Body::Message)].into_iter().flatten() {
+            outputs.answer(Outgoing {
+                component_id: command.target_component,
+                ..self.outgoing(now, body)
+            });
+        }
+    }
+
+    #[allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
+    fn take_message(
+        &mut self,
+        now: Timestamp,
+        received: &Received,
+        message: &MavMessage,
+        outputs: &mut Outputs,
+    ) {
+        let time = received.time;
+        self.streams.arrived(message.message_id());
+        match message {
+            MavMessage::HEARTBEAT(heartbeat) if is_autopilot(heartbeat) => {
+                self.vehicle.take_heartbeat(heartbeat);
+            }
+            MavMessage::LOCAL_POSITION_NED(position) => {
+                let mapped = self.clock.map_ms(position.time_boot_ms, time);
+                if self.vehicle.take_position(position, time, mapped) {
+                    self.autopilot_restarted();
+                }
+            }
+            MavMessage::ATTITUDE_QUATERNION(attitude) => {
+                let mapped = self.clock.map_ms(attitude.time_boot_ms, time);
+                match self.vehicle.take_attitude(attitude, time, mapped) {
+                    AttitudeNews::Taken => outputs.vehicle_state = self.vehicle_state(now),
+                    AttitudeNews::Ignored => {}
+                    AttitudeNews::Reboot => self.autopilot_restarted(),
+                }
+            }
+            MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(waypoints) => {
+                let path = desired::read(waypoints, self.vehicle.heartbeat_mode());
+                self.vehicle.infer_mode(path.mode.get());
+                let capture = self.clock.map_us(path.autopilot_time_us, time);
+                self.wire.status.desired_paths += 1;
+                self.desired = Some(path);
+                outputs.desired_path = Some((path, capture));
+            }
+            MavMessage::TIMESYNC(sync) => self.take_timesync(now, received, sync, outputs),
+            MavMessage::EXTENDED_SYS_STATE(state) => self.vehicle.take_landed(state),
+            MavMessage::ALTITUDE(altitude) => self.vehicle.take_altitude(altitude, time),
+            MavMessage::HOME_POSITION(home) => self.vehicle.take_home(home),
+            MavMessage::COMMAND_ACK(ack) => self.streams.answered(now, ack),
+            _ => {}
+        }
+    }
+
+    /// A request (`tc1 == 0`) is answered with our clock and its own time stamp; an answer to us goes to the clock map.
+    fn take_timesync(
+        &mut self,
+        now: Timestamp,
+        received: &Received,
+        sync: &TIMESYNC_DATA,
+        outputs: &mut Outputs,
+    ) {
+        let ours = self.latch.system_id(now).unwrap_or(0);
+        let for_another = |target: u8, own: u8| target != 0 && target != own;
+        if for_another(sync.target_system, ours)
+            || for_another(sync.target_component, self.config.component_id)
+        {
+            return;
+        }
+        if sync.tc1 != 0 {
+            self.clock.answer(received.time, sync.tc1, sync.ts1);
+            return;
+        }
+        let answer = MavMessage::TIMESYNC(TIMESYNC_DATA {
+            tc1: nanoseconds(now),
+            ts1: sync.ts1,
+            target_system: received.header.system_id as u8,
+            target_component: received.header.component_id,
+        });
+        outputs.answer(self.outgoing(now, Body::Message(answer)));
+    }
+
+    /// Its clock and its coordinates have begun anew.
+    fn autopilot_restarted(&mut self) {
+        self.clock = ClockMap::default();
+        self.streams = Streams::default();
+        self.desired = None;
+        self.profile.reset();
+        self.wire.interrupted();
+    }
+}
+
+/// Whether a message comes from an autopilot and nobody else.
+#[allow(deprecated)]
+fn speaks_as_autopilot(message: &MavMessage) -> bool {
+    match message {
+        MavMessage::HEARTBEAT(heartbeat) => is_autopilot(heartbeat),
+        MavMessage::LOCAL_POSITION_NED(_)
+        | MavMessage::ATTITUDE_QUATERNION(_)
+        | MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(_) => true,
+        _ => false,
+    }
+}
+
+fn is_autopilot(heartbeat: &HEARTBEAT_DATA) -> bool {
+    heartbeat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID
+        && !matches!(
+            heartbeat.mavtype,
+            MavType::MAV_TYPE_GCS | MavType::MAV_TYPE_ONBOARD_CONTROLLER
+        )
+}

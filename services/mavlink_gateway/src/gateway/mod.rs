@@ -1,0 +1,287 @@
+//! The gateway itself: one pure step from messages and samples to messages and samples.
+
+mod intake;
+
+use crate::avoidance::{self, Heartbeats, Input};
+use crate::clock_map::ClockMap;
+use crate::config::GatewayConfig;
+use crate::io::{Inputs, Outputs};
+use crate::latch::Latch;
+use crate::message::{Body, COMPONENT_AUTOPILOT, Outgoing, Receipt};
+use crate::obstacles;
+use crate::profile::{Profile, Situation};
+use crate::streams::Streams;
+use crate::texts::Texts;
+use crate::ticker::Ticker;
+use crate::vehicle::VehicleTracker;
+use crate::wire::Wire;
+use jink_shared_types::events::{AUTOPILOT_FOUND, AUTOPILOT_LOST, Event, EventSample};
+use jink_shared_types::link::{AvoidanceState, LinkStatus};
+use jink_shared_types::vehicle::DesiredPath;
+use jink_shared_types::{Coded, Flag, Timestamp};
+use mavlink::dialects::ardupilotmega::{MavMessage, TIMESYNC_DATA};
+
+/// Rate of OBSTACLE_DISTANCE (Hz): 10 were enough for 4 m/s in the autopilot's own tests; faster vehicles need more.
+const OBSTACLES_RATE_HZ: f64 = 15.0;
+/// Rate of our TIMESYNC requests (Hz), the autopilot's own.
+const TIMESYNC_RATE_HZ: f64 = 10.0;
+/// Rate at which the counters are published (Hz), as the topic table says.
+const STATUS_RATE_HZ: f64 = 5.0;
+/// A new trajectory does not wait for the beat, but setpoints keep at least this part of a period apart.
+const SOONEST_PERIODS: f64 = 0.5;
+
+/// The gateway between jink and one autopilot.
+#[derive(Debug)]
+pub struct Gateway {
+    config: GatewayConfig,
+    profile: Box<dyn Profile>,
+    latch: Latch,
+    clock: ClockMap,
+    vehicle: VehicleTracker,
+    desired: Option<DesiredPath>,
+    position: Input,
+    ranges: Input,
+    approved: Input,
+    was_alive: bool,
+    ignored: u64,
+    last_setpoint: Timestamp,
+    heartbeats: Heartbeats,
+    streams: Streams,
+    texts: Texts,
+    wire: Wire,
+    setpoints: Ticker,
+    obstacles: Ticker,
+    timesync: Ticker,
+    status: Ticker,
+}
+
+impl Gateway {
+    /// A gateway that has heard nothing yet.
+    pub fn new(config: GatewayConfig) -> Self {
+        Self {
+            profile: config
+                .profile
+                .build(config.longest_curve_s(), config.shortest_curve_s()),
+            latch: Latch::new(config.system_id),
+            clock: ClockMap::default(),
+            vehicle: VehicleTracker::default(),
+            desired: None,
+            position: Input::Missing,
+            ranges: Input::Missing,
+            approved: Input::Missing,
+            was_alive: false,
+            ignored: 0,
+            last_setpoint: Timestamp::NEVER,
+            heartbeats: Heartbeats::default(),
+            streams: Streams::default(),
+            texts: Texts::default(),
+            wire: Wire::default(),
+            setpoints: Ticker::new(config.setpoint_rate_hz),
+            obstacles: Ticker::new(OBSTACLES_RATE_HZ),
+            timesync: Ticker::new(TIMESYNC_RATE_HZ),
+            status: Ticker::new(STATUS_RATE_HZ),
+            config,
+        }
+    }
+
+    /// One step: takes in what has come, gives out what is due. To be called whenever an input changes, and at the
+    /// latest at [`Self::next_wake`].
+    pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
+        outputs.clear();
+        for received in inputs.messages {
+            self.take(now, received, outputs);
+        }
+        self.notice_life(now, outputs);
+        for event in inputs.events {
+            self.texts.push(now, event);
+        }
+        self.judge(now, inputs);
+        self.fly(now, inputs, outputs);
+        self.speak(now, inputs, outputs);
+        if self.status.take(now) {
+            outputs.link_status = Some(*self.link_status(now, inputs));
+        }
+    }
+
+    /// When the next step is due at the latest. May lie in the past: then at once.
+    pub fn next_wake(&self, now: Timestamp) -> Timestamp {
+        let with_computer = self.config.computer_component_id.is_some();
+        let mut wake = self.heartbeats.next_wake(with_computer).min(self.status.due());
+        if let Some(line) = self.texts.next_wake() {
+            wake = wake.min(line);
+        }
+        if self.was_alive {
+            wake = wake.min(self.vehicle.alive_until().plus_seconds(1e-3));
+        }
+        if self.latch.system_id(now).is_some() {
+            wake = wake.min(self.obstacles.due()).min(self.timesync.due());
+            if self.was_alive {
+                wake = wake.min(self.streams.next_wake());
+            }
+            if self.vehicle.present(now).is_some() {
+                wake = wake.min(self.setpoints.due());
+            }
+        }
+        wake
+    }
+
+    /// Reports that the bytes of a message were handed to the kernel at `now`.
+    pub fn wire(&mut self, now: Timestamp, receipt: Receipt) {
+        self.wire.sent(now, receipt);
+    }
+
+    /// A second autopilot on the link, while it is not clear which one is ours: the configuration must name one.
+    pub fn rival(&self, now: Timestamp) -> Option<u8> {
+        self.latch.rival(now)
+    }
+
+    fn vehicle_state(&self, now: Timestamp) -> Option<(jink_shared_types::vehicle::VehicleState, Timestamp)> {
+        let system_id = self.latch.system_id(now).unwrap_or(0);
+        self.vehicle.state(now, system_id)
+    }
+
+    /// Tells when the autopilot is heard for the first time, is lost, and is back; at a loss consumers get one last
+    /// state that says so.
+    fn notice_life(&mut self, now: Timestamp, outputs: &mut Outputs) {
+        let alive = self.vehicle.is_alive(now) && self.latch.system_id(now).is_some();
+        if alive == self.was_alive {
+            return;
+        }
+        self.was_alive = alive;
+        let system_id = f64::from(self.latch.system_id(now).unwrap_or(0));
+        if alive {
+            self.tell(now, &AUTOPILOT_FOUND, system_id, outputs);
+        } else {
+            self.wire.interrupted();
+            self.tell(now, &AUTOPILOT_LOST, system_id, outputs);
+            outputs.vehicle_state = self.vehicle_state(now);
+        }
+    }
+
+    fn tell(&mut self, now: Timestamp, event: &Event, number: f64, outputs: &mut Outputs) {
+        let sample = EventSample::new(event, "", [number, 0.0]);
+        self.texts.push(now, &sample);
+        outputs.tell(sample);
+    }
+
+    fn judge(&mut self, now: Timestamp, inputs: &Inputs<'_>) {
+        self.position
+            .notice(self.was_alive && self.vehicle.is_position_valid(now));
+        self.ranges.notice(avoidance::ranges_flow(now, inputs.ring));
+        self.approved.notice(inputs.approved.is_fresh());
+        let needed = [self.position, self.ranges, self.approved];
+        self.heartbeats
+            .set_state(avoidance::judge(inputs.system, &needed));
+    }
+
+    fn fly(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
+        if self.latch.system_id(now).is_none() {
+            return;
+        }
+        let mode = self.vehicle.mode();
+        let situation = Situation {
+            now,
+            vehicle: self.vehicle.present(now),
+            mode,
+            desired: self
+                .desired
+                .as_ref()
+                .filter(|path| self.was_alive && path.mode == mode),
+            approved: inputs.approved,
+        };
+        if self.profile.observe(&situation) {
+            let soonest_s = SOONEST_PERIODS * self.setpoints.period_s();
+            self.setpoints
+                .hasten(self.last_setpoint.plus_seconds(soonest_s).max(now));
+        }
+        if situation.vehicle.is_some()
+            && self.setpoints.take(now)
+            && let Some(setpoint) = self.profile.setpoint(&situation)
+        {
+            self.last_setpoint = now;
+            let receipt = Receipt::Setpoint {
+                first_of: setpoint.first_of,
+            };
+            outputs.send(Outgoing {
+                receipt,
+                ..self.outgoing(now, Body::Message(setpoint.message))
+            });
+        }
+    }
+
+    /// Everything that is said at a rate of its own besides setpoints.
+    fn speak(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
+        if let Some(heartbeat) = self.heartbeats.avoidance(now) {
+            outputs.send(self.outgoing(now, Body::Message(heartbeat)));
+        }
+        if let Some(component_id) = self.config.computer_component_id
+            && let Some(heartbeat) = self.heartbeats.computer(now)
+        {
+            outputs.send(Outgoing {
+                component_id,
+                ..self.outgoing(now, Body::Message(heartbeat))
+            });
+        }
+        if let Some(line) = self.texts.next(now) {
+            outputs.send(self.outgoing(now, Body::Message(line)));
+        }
+        let Some(system_id) = self.latch.system_id(now) else {
+            return;
+        };
+        let autopilot = (system_id, COMPONENT_AUTOPILOT);
+        if self.obstacles.take(now) {
+            outputs.send(Outgoing {
+                receipt: Receipt::Obstacles,
+                ..self.outgoing(now, Body::Message(obstacles::message(now, inputs.ring)))
+            });
+        }
+        if self.timesync.take(now) {
+            self.clock.request(now);
+            let request = MavMessage::TIMESYNC(TIMESYNC_DATA {
+                tc1: 0,
+                ts1: nanoseconds(now),
+                target_system: autopilot.0,
+                target_component: autopilot.1,
+            });
+            outputs.send(self.outgoing(now, Body::Message(request)));
+        }
+        let automatic = self.vehicle.mode().is_automatic();
+        if self.was_alive
+            && let Some(request) = self.streams.request(now, automatic, autopilot)
+        {
+            outputs.send(self.outgoing(now, Body::Message(request)));
+        }
+    }
+
+    fn outgoing(&self, now: Timestamp, body: Body) -> Outgoing {
+        Outgoing {
+            system_id: self
+                .latch
+                .system_id(now)
+                .unwrap_or_else(|| self.latch.greeting_id()),
+            component_id: self.config.component_id,
+            body,
+            receipt: Receipt::Plain,
+        }
+    }
+
+    fn link_status(&mut self, now: Timestamp, inputs: &Inputs<'_>) -> &LinkStatus {
+        let said: AvoidanceState = self.heartbeats.said();
+        let status = &mut self.wire.status;
+        status.garbage_bytes = inputs.link.garbage_bytes;
+        status.ignored = self.ignored + inputs.link.undecodable;
+        status.system_id = self.latch.system_id(now).unwrap_or(0);
+        status.timesync_converged = Flag::from(self.clock.is_converged());
+        status.avoidance = Coded::new(said);
+        status.autopilot_alive = Flag::from(self.was_alive);
+        status.clock_offset_ns = self.clock.offset_ns();
+        status.round_trip_us = u32::try_from(self.clock.round_trip_ns() / 1000).unwrap_or(u32::MAX);
+        status.timesync_samples = self.clock.samples();
+        status
+    }
+}
+
+/// Nanoseconds as TIMESYNC carries them.
+fn nanoseconds(time: Timestamp) -> i64 {
+    i64::try_from(time.ns).unwrap_or(i64::MAX)
+}

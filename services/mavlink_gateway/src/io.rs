@@ -1,0 +1,100 @@
+//! What goes into a step of the gateway and what comes out.
+
+use crate::link::LinkCounters;
+use crate::message::{Outgoing, Received};
+use jink_shared_types::events::EventSample;
+use jink_shared_types::health::SystemStatus;
+use jink_shared_types::link::LinkStatus;
+use jink_shared_types::motion::ApprovedTrajectory;
+use jink_shared_types::ring::SectorRing;
+use jink_shared_types::vehicle::{DesiredPath, VehicleState};
+use jink_shared_types::{Reading, Timestamp};
+
+/// Messages that fit into one step's output. Of its own accord the gateway sends at most nine per step.
+pub const OUTBOX: usize = 64;
+/// Part of it that answers may fill: a flood of requests must not push out a setpoint.
+const ANSWERS: usize = OUTBOX - 16;
+/// Events that fit into one step's output.
+const EVENTS: usize = 4;
+
+/// Inputs of a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Inputs<'a> {
+    /// Messages since the last step, oldest first.
+    pub messages: &'a [Received],
+    /// The link's own counters.
+    pub link: LinkCounters,
+    /// What the guard lets through.
+    pub approved: Reading<'a, ApprovedTrajectory>,
+    /// What the guard sees.
+    pub ring: Reading<'a, SectorRing>,
+    /// Health of the whole.
+    pub system: Reading<'a, SystemStatus>,
+    /// News for the pilot since the last step.
+    pub events: &'a [EventSample],
+}
+
+/// Outputs of a step; made once and used again.
+#[derive(Debug)]
+pub struct Outputs {
+    messages: Vec<Outgoing>,
+    events: Vec<EventSample>,
+    /// The vehicle's state with its time of validity, if there is a new one.
+    pub vehicle_state: Option<(VehicleState, Timestamp)>,
+    /// What the autopilot wants, with its time of validity, if it was told anew.
+    pub desired_path: Option<(DesiredPath, Timestamp)>,
+    /// The counters, when they are due for publication.
+    pub link_status: Option<LinkStatus>,
+}
+
+impl Default for Outputs {
+    fn default() -> Self {
+        Self {
+            messages: Vec::with_capacity(OUTBOX),
+            events: Vec::with_capacity(EVENTS),
+            vehicle_state: None,
+            desired_path: None,
+            link_status: None,
+        }
+    }
+}
+
+impl Outputs {
+    /// Messages to be sent, in this order.
+    pub fn messages(&self) -> &[Outgoing] {
+        &self.messages
+    }
+
+    /// What the gateway itself has to tell; it is on its way to the pilot already.
+    pub fn events(&self) -> &[EventSample] {
+        &self.events
+    }
+
+    pub(crate) fn clear(&mut self) {
+        self.messages.clear();
+        self.events.clear();
+        self.vehicle_state = None;
+        self.desired_path = None;
+        self.link_status = None;
+    }
+
+    /// Adds an answer, unless the answers' part is full.
+    pub(crate) fn answer(&mut self, message: Outgoing) {
+        if self.messages.len() < ANSWERS {
+            self.messages.push(message);
+        }
+    }
+
+    /// Adds a message that the gateway sends of its own accord.
+    pub(crate) fn send(&mut self, message: Outgoing) {
+        if self.messages.len() < OUTBOX {
+            self.messages.push(message);
+        }
+    }
+
+    pub(crate) fn tell(&mut self, event: EventSample) {
+        if self.events.len() < EVENTS {
+            self.events.push(event);
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Which vehicle is ours: the configured system id, or the only autopilot heard.
+//!
+//! Without a configured id the first autopilot heard is taken at once, so that a restarted gateway does not keep a flying
+//! vehicle waiting. If a second one is heard within three seconds of that, nobody can tell which is meant: then neither is
+//! ours until only one is left. Later strangers are ignored.
+
+use jink_shared_types::Timestamp;
+
+/// How long a second autopilot puts the first in doubt (s).
+const DOUBT_S: f64 = 3.0;
+
+/// Finds and keeps our vehicle.
+#[derive(Clone, Copy, Debug)]
+pub struct Latch {
+    configured: Option<u8>,
+    first: Option<(u8, Timestamp)>,
+    rival: Option<(u8, Timestamp)>,
+}
+
+impl Latch {
+    /// With the system id from the configuration, if it names one.
+    pub fn new(configured: Option<u8>) -> Self {
+        Self {
+            configured,
+            first: None,
+            rival: None,
+        }
+    }
+
+    /// Takes note of an autopilot's message.
+    pub fn hear(&mut self, system_id: u8, time: Timestamp) {
+        if self.configured.is_some_and(|configured| configured != system_id) {
+            return;
+        }
+        match self.first {
+            None => self.first = Some((system_id, time)),
+            Some((first, since)) if first != system_id => {
+                if self.rival.is_some() || time.seconds_since(since) <= DOUBT_S {
+                    self.rival = Some((system_id, time));
+                }
+            }
+            Some(_) => {}
+        }
+    }
+
+    /// Our vehicle's system id; `None` before an autopilot was heard, and while there are two.
+    pub fn system_id(&self, now: Timestamp) -> Option<u8> {
+        match (self.first, self.rival(now)) {
+            (Some((first, _)), None) => Some(first),
+            _ => None,
+        }
+    }
+
+    /// The second autopilot that puts the first in doubt.
+    pub fn rival(&self, now: Timestamp) -> Option<u8> {
+        self.rival
+            .filter(|(_, heard)| now.seconds_since(*heard) <= DOUBT_S)
+            .map(|(rival, _)| rival)
+    }
+
+    /// The system id to sign with while no autopilot was heard: somebody has to speak first on some links. 1 is what
+    /// autopilots are delivered with.
+    pub fn greeting_id(&self) -> u8 {
+        self.configured.unwrap_or(1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Latch;
+    use jink_shared_types::Timestamp;
+
+    fn at(s: f64) -> Timestamp {
+        Timestamp::from_seconds(100.0 + s)
+    }
+
+    #[test]
+    fn the_only_autopilot_is_taken_at_once_and_kept() {
+        let mut latch = Latch::new(None);
+        assert_eq!(latch.system_id(at(0.0)), None);
+        latch.hear(7, at(0.0));
+        assert_eq!(latch.system_id(at(0.0)), Some(7));
+        latch.hear(9, at(60.0));
+        assert_eq!(latch.system_id(at(60.0)), Some(7));
+    }
+
+    #[test]
+    fn two_autopilots_at_the_start_are_nobodys() {
+        let mut latch = Latch::new(None);
+        latch.hear(7, at(0.0));
+        latch.hear(9, at(1.0));
+        assert_eq!((latch.system_id(at(1.0)), latch.rival(at(1.0))), (None, Some(9)));
+        latch.hear(9, at(20.0));
+        assert_eq!(latch.system_id(at(20.0)), None, "the rival is still there");
+        assert_eq!(latch.system_id(at(24.0)), Some(7), "the rival is gone");
+    }
+
+    #[test]
+    fn the_configured_one_is_ours_whoever_else_speaks() {
+        let mut latch = Latch::new(Some(9));
+        latch.hear(7, at(0.0));
+        assert_eq!((latch.system_id(at(0.0)), latch.greeting_id()), (None, 9));
+        latch.hear(9, at(0.1));
+        latch.hear(7, at(0.2));
+        assert_eq!(latch.system_id(at(0.2)), Some(9));
+    }
+}

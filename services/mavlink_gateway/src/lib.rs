@@ -1,0 +1,76 @@
+//! The only service that knows MAVLink: it keeps the autopilot in setpoints, whatever dies behind it.
+//!
+//! | in | out |
+//! |---|---|
+//! | autopilot: HEARTBEAT, LOCAL_POSITION_NED, ATTITUDE_QUATERNION, ALTITUDE, EXTENDED_SYS_STATE, HOME_POSITION | `vehicle/state` |
+//! | autopilot: TRAJECTORY_REPRESENTATION_WAYPOINTS | `vehicle/desired_path` |
+//! | `guard/approved` | TRAJECTORY_REPRESENTATION_BEZIER, 20 Hz, in every mode |
+//! | `guard/ring` | OBSTACLE_DISTANCE, 15 Hz |
+//! | `system/status` | HEARTBEAT of component 196, honest |
+//! | `event/*` | STATUSTEXT |
+//! | TIMESYNC, commands | answers; the autopilot's clock mapped to the board's |
+//!
+//! [`Gateway::step`] is pure; [`link::Link`] moves the bytes, [`frame::Splitter`] and [`Encoder`] turn them into
+//! messages and back:
+//!
+//! ```
+//! use jink_mavlink_gateway::{Encoder, Gateway, GatewayConfig, Inputs, Outputs};
+//! use jink_shared_types::{Reading, Timestamp};
+//!
+//! let mut gateway = Gateway::new(GatewayConfig::default());
+//! let mut outputs = Outputs::default();
+//! let mut encoder = Encoder::new();
+//! let now = Timestamp::from_seconds(1.0);
+//! let inputs = Inputs {
+//!     messages: &[],
+//!     link: Default::default(),
+//!     approved: Reading::Never,
+//!     ring: Reading::Never,
+//!     system: Reading::Never,
+//!     events: &[],
+//! };
+//! gateway.step(now, &inputs, &mut outputs);
+//! for message in outputs.messages() {
+//!     let bytes = encoder.encode(message.system_id, message.component_id, &message.body);
+//!     assert!(!bytes.is_empty()); // hand them to a `Link`, and after that:
+//!     gateway.wire(now, message.receipt);
+//! }
+//! assert!(gateway.next_wake(now) > now);
+//! ```
+//!
+//! The rule behind everything: silence is a bug. A setpoint goes out at every beat once a position was known: the
+//! approved trajectory, else the rest of the last one (it ends at rest in space that was certified), else the
+//! autopilot's own target, else a held point. Which of them, and why, is the table in [`profile::pilot`]; how it is said,
+//! the one in [`profile::px4_trajectory`].
+
+mod avoidance;
+mod clock_map;
+mod commands;
+mod config;
+mod desired;
+mod encoder;
+pub mod frame;
+mod gateway;
+mod io;
+mod latch;
+pub mod link;
+mod message;
+mod obstacles;
+pub mod profile;
+pub mod px4_mode;
+mod streams;
+mod texts;
+mod ticker;
+mod vehicle;
+mod wire;
+
+pub use config::GatewayConfig;
+pub use encoder::Encoder;
+pub use gateway::Gateway;
+pub use io::{Inputs, OUTBOX, Outputs};
+pub use message::{
+    Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, CommandAck, Content,
+    Outgoing, Provenance, Receipt, Received,
+};
+pub use profile::ProfileName;
+pub use vehicle::Present;

@@ -1,0 +1,101 @@
+//! What can go wrong with a link, with what the operator needs to put it right.
+
+use super::endpoint::Endpoint;
+use std::fmt;
+use std::io;
+
+/// Why a link could not be opened, or was lost. A lost link is opened again by itself.
+#[derive(Debug)]
+pub enum LinkError {
+    /// The host's name has no address.
+    Resolve {
+        /// The link.
+        endpoint: Endpoint,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// Another program holds the port.
+    AddressInUse {
+        /// The link.
+        endpoint: Endpoint,
+        /// The port.
+        port: u16,
+    },
+    /// The device file does not exist.
+    NoDevice {
+        /// Its path.
+        path: String,
+    },
+    /// The device may not be opened.
+    Permission {
+        /// Its path.
+        path: String,
+    },
+    /// The file is no serial port, or does not take this speed.
+    NotSerial {
+        /// Its path.
+        path: String,
+        /// The speed asked for (bit/s).
+        baud: u32,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// Anything else while opening.
+    Open {
+        /// The link.
+        endpoint: Endpoint,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The link was open and broke.
+    Lost {
+        /// The link.
+        endpoint: Endpoint,
+        /// What the system says.
+        source: io::Error,
+    },
+}
+
+impl fmt::Display for LinkError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            LinkError::Resolve { endpoint, source } => write!(f, "{endpoint}: no address: {source}"),
+            LinkError::AddressInUse { endpoint, port } => write!(
+                f,
+                "{endpoint}: port {port} is taken by another program (a second jink, MAVROS, MAVSDK, a router?); \
+                 `ss -lpn | grep :{port}` names it"
+            ),
+            LinkError::NoDevice { path } => {
+                write!(
+                    f,
+                    "{path}: no such device; is it plugged in, and is the name right?"
+                )
+            }
+            LinkError::Permission { path } => {
+                write!(
+                    f,
+                    "{path}: permission denied; the user must be in the group dialout"
+                )
+            }
+            LinkError::NotSerial { path, baud, source } => {
+                write!(f, "{path}: no serial port that runs at {baud} bit/s: {source}")
+            }
+            LinkError::Open { endpoint, source } => write!(f, "{endpoint}: cannot open: {source}"),
+            LinkError::Lost { endpoint, source } => write!(f, "{endpoint}: lost, reopening: {source}"),
+        }
+    }
+}
+
+impl std::error::Error for LinkError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            LinkError::Resolve { source, .. }
+            | LinkError::NotSerial { source, .. }
+            | LinkError::Open { source, .. }
+            | LinkError::Lost { source, .. } => Some(source),
+            LinkError::AddressInUse { .. } | LinkError::NoDevice { .. } | LinkError::Permission { .. } => {
+                None
+            }
+        }
+    }
+}

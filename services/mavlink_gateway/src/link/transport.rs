@@ -1,0 +1,315 @@
+//! The kinds of transport behind one interface: non-blocking reads of chunks, writes of whole frames.
+
+use super::backlog::Backlog;
+use super::endpoint::Endpoint;
+use super::error::LinkError;
+use super::serial;
+use rustix::net::{AddressFamily, SocketFlags, SocketType};
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+
+/// How long a peer may leave bytes unacknowledged before the connection counts as lost (ms). The system's own
+/// limit is a quarter of an hour, in which a restarted peer could not get in.
+const UNACKNOWLEDGED_MS: u32 = 5000;
+
+/// What became of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sent {
+    /// The kernel has its bytes, or will get them before any later frame's.
+    Yes,
+    /// Nobody to send it to yet.
+    NoPeer,
+    /// The link is slower than what it is given; the frame was dropped whole.
+    Busy,
+}
+
+/// An open transport.
+#[derive(Debug)]
+pub(super) enum Transport {
+    /// Answers the last sender that spoke as an autopilot.
+    UdpIn {
+        socket: UdpSocket,
+        peer: Option<SocketAddr>,
+        last_sender: Option<SocketAddr>,
+    },
+    UdpOut(UdpSocket),
+    TcpIn {
+        listener: TcpListener,
+        client: Option<(TcpStream, Backlog)>,
+    },
+    TcpOut(TcpStream, Backlog),
+    Serial(OwnedFd, Backlog),
+}
+
+/// What a read brought.
+pub(super) enum Chunk {
+    /// This many bytes of a stream.
+    Stream(usize),
+    /// One datagram of this many bytes.
+    Datagram(usize),
+    /// Nothing now.
+    Nothing,
+    /// Another file descriptor has to be watched from now on.
+    Moved,
+}
+
+impl Transport {
+    pub(super) fn open(endpoint: &Endpoint) -> Result<Self, LinkError> {
+        match endpoint {
+            Endpoint::UdpIn { host, port } => {
+                let socket = with_address(endpoint, host, *port, UdpSocket::bind::<SocketAddr>)?;
+                set_nonblocking(endpoint, socket.set_nonblocking(true))?;
+                Ok(Transport::UdpIn {
+                    socket,
+                    peer: None,
+                    last_sender: None,
+                })
+            }
+            Endpoint::UdpOut { host, port } => {
+                let socket = with_address(endpoint, host, *port, connect_udp)?;
+                set_nonblocking(endpoint, socket.set_nonblocking(true))?;
+                Ok(Transport::UdpOut(socket))
+            }
+            Endpoint::TcpIn { host, port } => {
+                let listener = with_address(endpoint, host, *port, TcpListener::bind::<SocketAddr>)?;
+                set_nonblocking(endpoint, listener.set_nonblocking(true))?;
+                Ok(Transport::TcpIn {
+                    listener,
+                    client: None,
+                })
+            }
+            Endpoint::TcpOut { host, port } => {
+                let stream = with_address(endpoint, host, *port, connect_tcp)?;
+                Ok(Transport::TcpOut(stream, Backlog::default()))
+            }
+            Endpoint::Serial { path, baud } => {
+                serial::open(path, *baud).map(|fd| Transport::Serial(fd, Backlog::default()))
+            }
+        }
+    }
+
+    pub(super) fn fd(&self) -> BorrowedFd<'_> {
+        match self {
+            Transport::UdpIn { socket, .. } | Transport::UdpOut(socket) => socket.as_fd(),
+            Transport::TcpIn {
+                client: Some((stream, _)),
+                ..
+            }
+            | Transport::TcpOut(stream, _) => stream.as_fd(),
+            Transport::TcpIn {
+                listener,
+                client: None,
+            } => listener.as_fd(),
+            Transport::Serial(fd, _) => fd.as_fd(),
+        }
+    }
+
+    /// Reads what is there. Errors are fatal for the transport.
+    pub(super) fn read(&mut self, chunk: &mut [u8]) -> io::Result<Chunk> {
+        match self {
+            Transport::UdpIn {
+                socket, last_sender, ..
+            } => match socket.recv_from(chunk) {
+                Ok((len, sender)) => {
+                    *last_sender = Some(sender);
+                    Ok(Chunk::Datagram(len))
+                }
+                Err(error) => datagram_error(&error),
+            },
+            Transport::UdpOut(socket) => match socket.recv(chunk) {
+                Ok(len) => Ok(Chunk::Datagram(len)),
+                Err(error) => datagram_error(&error),
+            },
+            Transport::TcpIn { listener, client } => match client {
+                Some((stream, backlog)) => {
+                    let read = backlog.flush(stream).and_then(|()| stream_read(stream, chunk));
+                    if read.is_err() {
+                        *client = None;
+                        return Ok(Chunk::Moved);
+                    }
+                    read
+                }
+                None => accept(listener).map(|accepted| match accepted {
+                    Some(stream) => {
+                        *client = Some((stream, Backlog::default()));
+                        Chunk::Moved
+                    }
+                    None => Chunk::Nothing,
+                }),
+            },
+            Transport::TcpOut(stream, backlog) => {
+                backlog.flush(stream)?;
+                stream_read(stream, chunk)
+            }
+            Transport::Serial(fd, backlog) => {
+                let mut port = serial::Port(&*fd);
+                backlog.flush(&mut port)?;
+                stream_read(&mut port, chunk)
+            }
+        }
+    }
+
+    /// Writes one frame. Errors are fatal for the transport.
+    pub(super) fn write(&mut self, frame: &[u8]) -> io::Result<Sent> {
+        match self {
+            Transport::UdpIn { socket, peer, .. } => match peer {
+                Some(peer) => datagram_write(|| socket.send_to(frame, *peer)),
+                None => Ok(Sent::NoPeer),
+            },
+            Transport::UdpOut(socket) => datagram_write(|| socket.send(frame)),
+            Transport::TcpIn { client, .. } => match client {
+                Some((stream, backlog)) => match backlog.write(stream, frame) {
+                    Ok(sent) => Ok(sent),
+                    // The next read notices the loss, too, and then the listener is watched again.
+                    Err(_) => Ok(Sent::NoPeer),
+                },
+                None => Ok(Sent::NoPeer),
+            },
+            Transport::TcpOut(stream, backlog) => backlog.write(stream, frame),
+            Transport::Serial(fd, backlog) => backlog.write(&mut serial::Port(&*fd), frame),
+        }
+    }
+
+    /// The datagram just read came from an autopilot: answers go there.
+    pub(super) fn last_sender_is_autopilot(&mut self) {
+        if let Transport::UdpIn {
+            peer,
+            last_sender: Some(sender),
+            ..
+        } = self
+        {
+            *peer = Some(*sender);
+        }
+    }
+}
+
+fn set_nonblocking(endpoint: &Endpoint, done: io::Result<()>) -> Result<(), LinkError> {
+    done.map_err(|source| LinkError::Open {
+        endpoint: endpoint.clone(),
+        source,
+    })
+}
+
+/// Tries `open` on every address of the host until one works.
+fn with_address<T>(
+    endpoint: &Endpoint,
+    host: &str,
+    port: u16,
+    open: impl Fn(SocketAddr) -> io::Result<T>,
+) -> Result<T, LinkError> {
+    let resolve_error = |source| LinkError::Resolve {
+        endpoint: endpoint.clone(),
+        source,
+    };
+    let name = host.trim_start_matches('[').trim_end_matches(']');
+    let mut failure = io::Error::new(ErrorKind::NotFound, "the name has no address");
+    for address in (name, port).to_socket_addrs().map_err(resolve_error)? {
+        match open(address) {
+            Ok(opened) => return Ok(opened),
+            Err(error) => failure = error,
+        }
+    }
+    Err(match failure.kind() {
+        ErrorKind::AddrInUse => LinkError::AddressInUse {
+            endpoint: endpoint.clone(),
+            port,
+        },
+        _ => LinkError::Open {
+            endpoint: endpoint.clone(),
+            source: failure,
+        },
+    })
+}
+
+/// Connecting a datagram socket only fixes the peer: foreign datagrams are dropped by the kernel, and a peer that is
+/// not up yet shows as a refusal that is not fatal.
+fn connect_udp(peer: SocketAddr) -> io::Result<UdpSocket> {
+    let any = if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
+    let socket = UdpSocket::bind(any)?;
+    socket.connect(peer)?;
+    Ok(socket)
+}
+
+/// Starts a connection without waiting for it: until it stands reads bring nothing, and a failure shows as a read error.
+fn connect_tcp(peer: SocketAddr) -> io::Result<TcpStream> {
+    let family = if peer.is_ipv4() {
+        AddressFamily::INET
+    } else {
+        AddressFamily::INET6
+    };
+    let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
+    let socket = rustix::net::socket_with(family, SocketType::STREAM, flags, None)?;
+    match rustix::net::connect(&socket, &peer) {
+        Ok(()) | Err(rustix::io::Errno::INPROGRESS) => {}
+        Err(error) => return Err(error.into()),
+    }
+    let stream = TcpStream::from(socket);
+    tune(&stream)?;
+    Ok(stream)
+}
+
+/// Frames leave at once, and a peer that is gone without a word is noticed.
+fn tune(stream: &TcpStream) -> io::Result<()> {
+    stream.set_nodelay(true)?;
+    Ok(rustix::net::sockopt::set_tcp_user_timeout(
+        stream,
+        UNACKNOWLEDGED_MS,
+    )?)
+}
+
+fn accept(listener: &TcpListener) -> io::Result<Option<TcpStream>> {
+    match listener.accept() {
+        Ok((stream, _)) => {
+            stream.set_nonblocking(true)?;
+            tune(&stream)?;
+            Ok(Some(stream))
+        }
+        // A client that is gone before it was accepted is no fault of the listener.
+        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::ConnectionAborted) => {
+            Ok(None)
+        }
+        Err(error) if error.kind() == ErrorKind::Interrupted => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// No error of a datagram socket ends the link: a refusal means that the peer is not up (yet), anything else concerns
+/// one datagram. A refusal clears itself, so the next read goes on behind it.
+fn datagram_error(error: &io::Error) -> io::Result<Chunk> {
+    match error.kind() {
+        ErrorKind::WouldBlock => Ok(Chunk::Nothing),
+        _ => Ok(Chunk::Datagram(0)),
+    }
+}
+
+/// A refusal of an earlier datagram is reported on this one, which was then not sent: one more attempt.
+fn datagram_write(send: impl Fn() -> io::Result<usize>) -> io::Result<Sent> {
+    match send().or_else(|_| send()) {
+        Ok(_) => Ok(Sent::Yes),
+        Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(Sent::Busy),
+        Err(_) => Ok(Sent::NoPeer),
+    }
+}
+
+fn stream_read(stream: &mut (impl Read + ?Sized), chunk: &mut [u8]) -> io::Result<Chunk> {
+    match stream.read(chunk) {
+        Ok(0) => Err(io::Error::new(
+            ErrorKind::UnexpectedEof,
+            "closed by the other side",
+        )),
+        Ok(len) => Ok(Chunk::Stream(len)),
+        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+            Ok(Chunk::Nothing)
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// Writes like [`Write::write`], but "not now" is zero bytes and no error.
+pub(super) fn write_now(stream: &mut (impl Write + ?Sized), bytes: &[u8]) -> io::Result<usize> {
+    match stream.write(bytes) {
+        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(0),
+        written => written,
+    }
+}

@@ -1,0 +1,180 @@
+//! The gateway as a process: woken by the link, by approved trajectories, and by its own beat.
+
+use jink_mavlink_gateway::link::{Endpoint, Link, Progress, Sent};
+use jink_mavlink_gateway::{
+    COMPONENT_AVOIDANCE, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Received,
+};
+use jink_runtime::config::process_names;
+use jink_runtime::service::WATCHED_FDS;
+use jink_runtime::{Cycle, Input, Output, Ports, Service, StartError, Wake};
+use jink_shared_types::events::EventSample;
+use jink_shared_types::health::SystemStatus;
+use jink_shared_types::link::LinkStatus;
+use jink_shared_types::motion::ApprovedTrajectory;
+use jink_shared_types::ring::SectorRing;
+use jink_shared_types::vehicle::{DesiredPath, VehicleState};
+use jink_shared_types::{SampleHeader, Timestamp, topics};
+use std::fmt::Display;
+use std::os::fd::BorrowedFd;
+use std::process::ExitCode;
+
+/// Messages handled per cycle; a link that floods is read on in the next one, after the setpoint.
+const MESSAGES_MAX: usize = 256;
+/// Events handled per cycle.
+const EVENTS_MAX: usize = 32;
+
+struct GatewayService {
+    gateway: Gateway,
+    link: Link,
+    link_lost: bool,
+    encoder: Encoder,
+    outputs: Outputs,
+    received: Vec<Received>,
+    news: Vec<EventSample>,
+    approved: Input<ApprovedTrajectory>,
+    ring: Input<SectorRing>,
+    system: Input<SystemStatus>,
+    events: Vec<Input<EventSample>>,
+    state: Output<VehicleState>,
+    desired: Output<DesiredPath>,
+    status: Output<LinkStatus>,
+}
+
+fn needs<E: Display>(what: String) -> impl FnOnce(E) -> StartError {
+    move |cause| StartError::Needs {
+        what,
+        cause: cause.to_string(),
+    }
+}
+
+impl Service for GatewayService {
+    const PROGRAM: &'static str = "mavlink_gateway";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let settings = ports.config().link.clone();
+        let at = format!("link.address = {:?}", settings.address);
+        let endpoint: Endpoint = settings.address.parse().map_err(needs(at.clone()))?;
+        let link = Link::open(endpoint).map_err(needs(at))?;
+        let profile: ProfileName = settings
+            .profile
+            .parse()
+            .map_err(needs("link.profile".to_owned()))?;
+        let config = GatewayConfig {
+            system_id: (settings.system_id != 0).then_some(settings.system_id),
+            component_id: COMPONENT_AVOIDANCE,
+            ..GatewayConfig::from_params(&ports.config().params, profile)
+        };
+        // Its own events are on their way already.
+        let me = ports.setup().process.clone();
+        let mut events = Vec::new();
+        let mut others = process_names(&ports.setup().config);
+        others.push("supervisor".to_owned());
+        for process in others.iter().filter(|name| **name != me) {
+            events.push(ports.trigger_of(topics::EVENT, process)?);
+        }
+        Ok(Self {
+            gateway: Gateway::new(config),
+            link,
+            link_lost: false,
+            encoder: Encoder::new(),
+            outputs: Outputs::default(),
+            received: Vec::with_capacity(MESSAGES_MAX),
+            news: Vec::with_capacity(EVENTS_MAX),
+            approved: ports.trigger(topics::APPROVED)?,
+            ring: ports.input(topics::RING)?,
+            system: ports.trigger(topics::SYSTEM_STATUS)?,
+            events,
+            state: ports.output(topics::VEHICLE_STATE)?,
+            desired: ports.output(topics::DESIRED_PATH)?,
+            status: ports.output(topics::LINK_STATUS)?,
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        let now = cycle.now;
+        let progress = self.receive(now);
+        self.news.clear();
+        for input in &mut self.events {
+            input.each(|event| {
+                if self.news.len() < EVENTS_MAX {
+                    self.news.push(*event.sample);
+                }
+            });
+        }
+        let inputs = Inputs {
+            messages: &self.received,
+            link: self.link.counters(),
+            approved: self.approved.latest(now),
+            ring: self.ring.latest(now),
+            system: self.system.latest(now),
+            events: &self.news,
+        };
+        self.gateway.step(now, &inputs, &mut self.outputs);
+        self.send();
+        self.publish();
+        for event in self.outputs.events() {
+            cycle.events.publish(now, event);
+        }
+        if progress == Progress::More {
+            return Wake::at(now);
+        }
+        let link = self.link.next_wake().unwrap_or(Timestamp::from_ns(u64::MAX));
+        Wake::at(self.gateway.next_wake(now).min(link))
+    }
+
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
+        [self.link.fd(), None, None, None]
+    }
+}
+
+impl GatewayService {
+    fn receive(&mut self, now: Timestamp) -> Progress {
+        self.received.clear();
+        let answer = self.link.receive(now, &mut self.received);
+        self.tell_link(answer.is_err(), answer.as_ref().err());
+        answer.unwrap_or(Progress::Drained)
+    }
+
+    /// Logs a lost link once, and its return once.
+    fn tell_link(&mut self, lost: bool, cause: Option<&impl Display>) {
+        match (lost, cause) {
+            (true, Some(cause)) if !self.link_lost => tracing::warn!("{cause}"),
+            (false, _) if self.link_lost => tracing::info!("the link is back"),
+            _ => {}
+        }
+        self.link_lost = lost || self.link.fd().is_none();
+    }
+
+    fn send(&mut self) {
+        for message in self.outputs.messages() {
+            let bytes = self
+                .encoder
+                .encode(message.system_id, message.component_id, &message.body);
+            let now = jink_runtime::now();
+            // A broken link shows at the next reception, where it is told and reopened.
+            if let Ok(Sent::Yes) = self.link.send(now, bytes) {
+                self.gateway.wire(jink_runtime::now(), message.receipt);
+            }
+        }
+    }
+
+    fn publish(&mut self) {
+        let captured = |capture: Timestamp| SampleHeader {
+            capture,
+            ..SampleHeader::default()
+        };
+        if let Some((state, capture)) = &self.outputs.vehicle_state {
+            self.state.send(captured(*capture), state);
+        }
+        if let Some((desired, capture)) = &self.outputs.desired_path {
+            self.desired.send(captured(*capture), desired);
+        }
+        if let Some(status) = &self.outputs.link_status {
+            self.status.send(SampleHeader::at(jink_runtime::now()), status);
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    jink_runtime::run::<GatewayService>()
+}

@@ -1,0 +1,277 @@
+//! The messages that the gateway lives on, asked for politely when they do not come by themselves.
+//!
+//! Every two seconds the arrivals are compared with what is needed. A stream that brings less than half of it is asked
+//! for by MAV_CMD_SET_MESSAGE_INTERVAL, a one-off message by MAV_CMD_REQUEST_MESSAGE; one request at a time, each
+//! repeated after seconds, and after a refusal only after half a minute.
+
+use jink_shared_types::Timestamp;
+use mavlink::MessageData;
+#[allow(deprecated)] // Gone from PX4 1.16 on; this profile is for the versions before.
+use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
+use mavlink::dialects::ardupilotmega::{
+    ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, EXTENDED_SYS_STATE_DATA,
+    HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA, MavCmd, MavMessage, MavResult,
+};
+
+/// How long arrivals are counted before they are judged (s).
+const WINDOW_S: f64 = 2.0;
+/// Pause between two requests of any kind (s).
+const PAUSE_S: f64 = 0.5;
+/// Pause before the same stream is asked for again (s).
+const REPEAT_S: f64 = 4.0;
+/// The same after a refusal (s): the autopilot may have been busy, but hardly changes its mind.
+const REFUSED_S: f64 = 30.0;
+
+/// When a stream is needed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Need {
+    Always,
+    /// Sent by PX4 in automatic modes only.
+    InAutomaticModes,
+    /// One message is enough.
+    Once,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Stream {
+    message_id: u32,
+    rate_hz: f64,
+    need: Need,
+    arrived: u32,
+    is_short: bool,
+    not_before: Timestamp,
+}
+
+const fn stream(message_id: u32, rate_hz: f64, need: Need) -> Stream {
+    Stream {
+        message_id,
+        rate_hz,
+        need,
+        arrived: 0,
+        is_short: false,
+        not_before: Timestamp::NEVER,
+    }
+}
+
+/// What is needed, most important first.
+#[allow(deprecated)]
+const STREAMS: [Stream; 6] = [
+    stream(LOCAL_POSITION_NED_DATA::ID, 30.0, Need::Always),
+    stream(ATTITUDE_QUATERNION_DATA::ID, 50.0, Need::Always),
+    stream(
+        TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA::ID,
+        5.0,
+        Need::InAutomaticModes,
+    ),
+    stream(HOME_POSITION_DATA::ID, 0.5, Need::Once),
+    stream(EXTENDED_SYS_STATE_DATA::ID, 2.0, Need::Always),
+    stream(ALTITUDE_DATA::ID, 5.0, Need::Always),
+];
+
+/// Watches the streams and asks for what is missing.
+#[derive(Clone, Debug)]
+pub struct Streams {
+    streams: [Stream; STREAMS.len()],
+    window_end: Timestamp,
+    window_automatic: bool,
+    next_request: Timestamp,
+    asked: Option<usize>,
+}
+
+impl Default for Streams {
+    fn default() -> Self {
+        Self {
+            streams: STREAMS,
+            window_end: Timestamp::NEVER,
+            window_automatic: false,
+            next_request: Timestamp::NEVER,
+            asked: None,
+        }
+    }
+}
+
+impl Streams {
+    /// Counts an arrival.
+    pub fn arrived(&mut self, message_id: u32) {
+        if let Some(stream) = self.streams.iter_mut().find(|s| s.message_id == message_id) {
+            stream.arrived = stream.arrived.saturating_add(1);
+        }
+    }
+
+    /// Takes the answer to the last request.
+    pub fn answered(&mut self, now: Timestamp, ack: &COMMAND_ACK_DATA) {
+        let ours = matches!(
+            ack.command,
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL | MavCmd::MAV_CMD_REQUEST_MESSAGE
+        );
+        let refused = matches!(
+            ack.result,
+            MavResult::MAV_RESULT_DENIED | MavResult::MAV_RESULT_UNSUPPORTED | MavResult::MAV_RESULT_FAILED
+        );
+        if ours
+            && let Some(asked) = self.asked.take()
+            && refused
+        {
+            self.streams[asked].not_before = now.plus_seconds(REFUSED_S);
+        }
+    }
+
+    /// The next request to the autopilot of `system_id`, if one is due. `automatic`: the autopilot is in an automatic mode.
+    pub fn request(&mut self, now: Timestamp, automatic: bool, target: (u8, u8)) -> Option<MavMessage> {
+        if !self.window_end.is_set() {
+            self.begin_window(now, automatic);
+        }
+        self.window_automatic &= automatic;
+        if now >= self.window_end {
+            self.judge();
+            self.begin_window(now, automatic);
+        }
+        if now < self.next_request {
+            return None;
+        }
+        let due = self
+            .streams
+            .iter()
+            .position(|s| s.is_short && now >= s.not_before)?;
+        let stream = &mut self.streams[due];
+        stream.not_before = now.plus_seconds(REPEAT_S);
+        self.next_request = now.plus_seconds(PAUSE_S);
+        self.asked = Some(due);
+        Some(ask(stream, target))
+    }
+
+    /// When [`Self::request`] has something to do next.
+    pub fn next_wake(&self) -> Timestamp {
+        self.streams
+            .iter()
+            .filter(|s| s.is_short)
+            .map(|s| s.not_before.max(self.next_request))
+            .fold(self.window_end, Timestamp::min)
+    }
+
+    fn begin_window(&mut self, now: Timestamp, automatic: bool) {
+        self.window_end = now.plus_seconds(WINDOW_S);
+        self.window_automatic = automatic;
+    }
+
+    fn judge(&mut self) {
+        for stream in &mut self.streams {
+            let enough = (0.5 * WINDOW_S * stream.rate_hz).max(1.0);
+            let came = f64::from(stream.arrived) >= enough;
+            stream.is_short = !came
+                && match stream.need {
+                    Need::Always | Need::Once => true,
+                    Need::InAutomaticModes => self.window_automatic,
+                };
+            if stream.need != Need::Once {
+                stream.arrived = 0;
+            }
+        }
+    }
+}
+
+fn ask(stream: &Stream, (target_system, target_component): (u8, u8)) -> MavMessage {
+    let once = stream.need == Need::Once;
+    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+        param1: stream.message_id as f32,
+        param2: if once { 0.0 } else { (1e6 / stream.rate_hz) as f32 },
+        command: if once {
+            MavCmd::MAV_CMD_REQUEST_MESSAGE
+        } else {
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL
+        },
+        target_system,
+        target_component,
+        ..COMMAND_LONG_DATA::default()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{STREAMS, Streams};
+    use jink_shared_types::Timestamp;
+    use mavlink::dialects::ardupilotmega::{
+        COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult,
+    };
+
+    /// Runs 20 s at 100 Hz; `arrives` says which messages come at 100 Hz. Returns the requests with their times.
+    fn run(
+        streams: &mut Streams,
+        automatic: bool,
+        arrives: impl Fn(u32) -> bool,
+        answer: Option<MavResult>,
+    ) -> Vec<(f64, COMMAND_LONG_DATA)> {
+        let mut requests = Vec::new();
+        for i in 0..2000 {
+            let now = Timestamp::from_seconds(10.0 + f64::from(i) * 0.01);
+            for stream in STREAMS.iter().filter(|s| arrives(s.message_id)) {
+                streams.arrived(stream.message_id);
+            }
+            if let Some(MavMessage::COMMAND_LONG(request)) = streams.request(now, automatic, (1, 1)) {
+                if let Some(result) = answer {
+                    let ack = COMMAND_ACK_DATA {
+                        command: request.command,
+                        result,
+                        ..COMMAND_ACK_DATA::default()
+                    };
+                    streams.answered(now, &ack);
+                }
+                requests.push((f64::from(i) * 0.01, request));
+            }
+        }
+        requests
+    }
+
+    #[test]
+    fn nothing_is_asked_for_that_comes_by_itself() {
+        assert!(run(&mut Streams::default(), true, |_| true, None).is_empty());
+    }
+
+    #[test]
+    fn what_is_missing_after_two_seconds_is_asked_for_and_never_flooded() {
+        let requests = run(&mut Streams::default(), true, |_| false, None);
+        assert!(requests[0].0 >= 2.0);
+        for pair in requests.windows(2) {
+            assert!(pair[1].0 - pair[0].0 >= 0.499);
+        }
+        for stream in STREAMS {
+            let times: Vec<_> = requests
+                .iter()
+                .filter(|(_, request)| request.param1 == stream.message_id as f32)
+                .map(|(time, _)| *time)
+                .collect();
+            assert!(
+                times.len() >= 3,
+                "{} was asked for {} times",
+                stream.message_id,
+                times.len()
+            );
+            assert!(times.windows(2).all(|pair| pair[1] - pair[0] >= 3.99));
+        }
+        let position = &requests[0].1;
+        assert_eq!(position.command, MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL);
+        assert_eq!((position.param1, position.param2.round()), (32.0, 33333.0));
+        assert!(requests.iter().any(|(_, request)| {
+            request.command == MavCmd::MAV_CMD_REQUEST_MESSAGE && request.param1 == 242.0
+        }));
+    }
+
+    #[test]
+    fn a_refusal_is_respected_for_half_a_minute() {
+        let requests = run(
+            &mut Streams::default(),
+            true,
+            |_| false,
+            Some(MavResult::MAV_RESULT_UNSUPPORTED),
+        );
+        assert_eq!(requests.len(), STREAMS.len());
+    }
+
+    #[test]
+    fn the_desired_path_is_missed_in_automatic_modes_only() {
+        let requests = run(&mut Streams::default(), false, |id| id != 332, None);
+        assert!(requests.is_empty());
+        let requests = run(&mut Streams::default(), true, |id| id != 332, None);
+        assert!(!requests.is_empty() && requests.iter().all(|(_, request)| request.param1 == 332.0));
+    }
+}

@@ -1,0 +1,349 @@
+//! The vehicle, put together from the messages of the autopilot.
+//!
+//! | in | out |
+//! |---|---|
+//! | ATTITUDE_QUATERNION (50 Hz) | one [`VehicleState`] each |
+//! | LOCAL_POSITION_NED (30 Hz) | its position, carried on by its velocity to the time of the attitude |
+//! | HEARTBEAT, EXTENDED_SYS_STATE, ALTITUDE, HOME_POSITION | mode, armed, landed, ground distance, home |
+//!
+//! A position that is not where the last one and the velocities in between lead to is a reset of the estimator: the
+//! vehicle has not moved, its coordinates have. The sum of these jumps ([`Present::shift`]) lets a held point keep
+//! its place in the world.
+
+use crate::px4_mode;
+use jink_shared_types::frames::{AngularRate, Attitude};
+use jink_shared_types::vehicle::{NavMode, VehicleState};
+use jink_shared_types::{Coded, Flag, LocalNed, Point, Timestamp, Velocity};
+use mavlink::dialects::ardupilotmega::{
+    ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, EXTENDED_SYS_STATE_DATA, HEARTBEAT_DATA, HOME_POSITION_DATA,
+    LOCAL_POSITION_NED_DATA, MavAutopilot, MavLandedState, MavModeFlag,
+};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+/// The autopilot counts as alive for this long after its last message (s): one lost heartbeat at 1 Hz is forgiven.
+pub const ALIVE_S: f64 = 1.5;
+/// Coordinates beyond this (m) are no position: single precision resolves only decimetres there.
+pub const MAX_COORDINATE_M: f64 = 1e6;
+/// Speeds beyond this (m/s) are no measurement of a multicopter.
+pub const MAX_SPEED_MPS: f64 = 200.0;
+
+/// A position this old (s) is not carried on any further and no longer valid: fifteen periods at 30 Hz.
+const POSITION_VALID_S: f64 = 0.5;
+/// How long a distance to the ground is believed (s); it comes at 10 Hz.
+const GROUND_VALID_S: f64 = 1.0;
+/// Between two positions the velocity explains the way up to this much (m): what estimators correct without a reset.
+const JUMP_FLOOR_M: f64 = 0.3;
+/// And up to what an acceleration of this size could add in between (m/s^2), which matters after lost messages.
+const JUMP_ACCELERATION_MPS2: f64 = 10.0;
+/// A stamp this much older than the one before (ms) comes from a new start of the autopilot, not from a late packet.
+const REBOOT_BACK_MS: i32 = 1000;
+/// A stamp that runs ahead of the board's clock by this much (s) does, too (the counter has wrapped or was reset).
+const REBOOT_AHEAD_S: f64 = 10.0;
+
+/// Where the vehicle is now.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Present {
+    /// Position in the local frame (m).
+    pub position: Vector3<f64>,
+    /// Heading (rad).
+    pub yaw_rad: f64,
+    /// Sum of all jumps of the estimator so far (m): a fixed place in the world moves by its change.
+    pub shift: Vector3<f64>,
+}
+
+/// What a stamp says about its message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Order {
+    Next,
+    Late,
+    Reboot,
+}
+
+/// What became of an attitude.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AttitudeNews {
+    /// The state has changed.
+    Taken,
+    /// It was no rotation, or came late.
+    Ignored,
+    /// Its stamp shows that the autopilot has started anew (see [`VehicleTracker::take_position`]).
+    Reboot,
+}
+
+/// The last stamp of one kind of message.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stamp(Option<(u32, Timestamp)>);
+
+impl Stamp {
+    fn take(&mut self, boot_ms: u32, received: Timestamp) -> Order {
+        let order = match self.0 {
+            None => Order::Next,
+            Some((last_ms, last_received)) => {
+                let forward_ms = boot_ms.wrapping_sub(last_ms) as i32;
+                let passed_s = received.seconds_since(last_received);
+                if forward_ms <= -REBOOT_BACK_MS || f64::from(forward_ms) * 1e-3 > passed_s + REBOOT_AHEAD_S {
+                    Order::Reboot
+                } else if forward_ms < 0 {
+                    Order::Late
+                } else {
+                    Order::Next
+                }
+            }
+        };
+        if order != Order::Late {
+            self.0 = Some((boot_ms, received));
+        }
+        order
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Fix {
+    position: Vector3<f64>,
+    velocity: Vector3<f64>,
+    boot_ms: u32,
+    time: Timestamp,
+}
+
+impl Fix {
+    fn carried_to(&self, time: Timestamp) -> Vector3<f64> {
+        let ahead_s = time
+            .seconds_since(self.time)
+            .clamp(-POSITION_VALID_S, POSITION_VALID_S);
+        self.position + self.velocity * ahead_s
+    }
+}
+
+/// Puts the vehicle's state together.
+#[derive(Clone, Debug)]
+pub struct VehicleTracker {
+    fix: Option<Fix>,
+    attitude: Attitude,
+    rates: AngularRate<jink_shared_types::BodyFrd>,
+    attitude_time: Timestamp,
+    position_stamp: Stamp,
+    attitude_stamp: Stamp,
+    heard: Timestamp,
+    mode: NavMode,
+    heartbeat_mode: (NavMode, bool),
+    armed: bool,
+    landed: bool,
+    home_down_m: f64,
+    ground: (f64, Timestamp),
+    resets: u32,
+    shift: Vector3<f64>,
+}
+
+impl Default for VehicleTracker {
+    fn default() -> Self {
+        Self {
+            fix: None,
+            attitude: Attitude::default(),
+            rates: AngularRate::ZERO,
+            attitude_time: Timestamp::NEVER,
+            position_stamp: Stamp::default(),
+            attitude_stamp: Stamp::default(),
+            heard: Timestamp::NEVER,
+            mode: NavMode::Unknown,
+            heartbeat_mode: (NavMode::Unknown, true),
+            armed: false,
+            landed: false,
+            home_down_m: f64::NAN,
+            ground: (f64::NAN, Timestamp::NEVER),
+            resets: 0,
+            shift: Vector3::zeros(),
+        }
+    }
+}
+
+impl VehicleTracker {
+    /// Notes that the autopilot was heard.
+    pub fn heard(&mut self, received: Timestamp) {
+        self.heard = self.heard.max(received);
+    }
+
+    /// Whether the autopilot was heard within the last 1.5 s.
+    pub fn is_alive(&self, now: Timestamp) -> bool {
+        self.heard.is_set() && now.seconds_since(self.heard) <= ALIVE_S
+    }
+
+    /// When it stops being alive, if it is heard no more.
+    pub fn alive_until(&self) -> Timestamp {
+        self.heard.plus_seconds(ALIVE_S)
+    }
+
+    /// Mode in force.
+    pub fn mode(&self) -> NavMode {
+        self.mode
+    }
+
+    /// Mode of the last heartbeat, and whether it has a name here (see [`px4_mode::infer`]).
+    pub fn heartbeat_mode(&self) -> (NavMode, bool) {
+        self.heartbeat_mode
+    }
+
+    /// Takes over a mode that was inferred from the desired path; stands until the next heartbeat.
+    pub fn infer_mode(&mut self, mode: NavMode) {
+        self.mode = mode;
+    }
+
+    /// Where the vehicle is at `now`; `None` before the first position.
+    pub fn present(&self, now: Timestamp) -> Option<Present> {
+        self.fix.map(|fix| Present {
+            position: fix.carried_to(now),
+            yaw_rad: self.attitude.yaw_rad(),
+            shift: self.shift,
+        })
+    }
+
+    /// Whether the position may be used at `now`.
+    pub fn is_position_valid(&self, now: Timestamp) -> bool {
+        self.fix
+            .is_some_and(|fix| now.seconds_since(fix.time) <= POSITION_VALID_S)
+    }
+
+    /// Takes the mode and the arming state.
+    pub fn take_heartbeat(&mut self, heartbeat: &HEARTBEAT_DATA) {
+        // Another make's numbers mean something else.
+        self.mode = match heartbeat.autopilot {
+            MavAutopilot::MAV_AUTOPILOT_PX4 => px4_mode::nav_mode(heartbeat.custom_mode),
+            _ => NavMode::Unknown,
+        };
+        let named = self.mode != NavMode::Unknown || !px4_mode::is_auto(heartbeat.custom_mode);
+        self.heartbeat_mode = (self.mode, named);
+        self.armed = heartbeat
+            .base_mode
+            .contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+    }
+
+    /// Takes whether the vehicle stands on the ground.
+    pub fn take_landed(&mut self, state: &EXTENDED_SYS_STATE_DATA) {
+        self.landed = state.landed_state == MavLandedState::MAV_LANDED_STATE_ON_GROUND;
+    }
+
+    /// Takes the distance to the ground; negative ones and NaN mean "not known".
+    pub fn take_altitude(&mut self, altitude: &ALTITUDE_DATA, received: Timestamp) {
+        let clearance_m = f64::from(altitude.bottom_clearance);
+        let known = (0.0..MAX_COORDINATE_M).contains(&clearance_m);
+        self.ground = (if known { clearance_m } else { f64::NAN }, received);
+    }
+
+    /// Takes the height of the home position.
+    pub fn take_home(&mut self, home: &HOME_POSITION_DATA) {
+        let down_m = f64::from(home.z);
+        if down_m.abs() <= MAX_COORDINATE_M {
+            self.home_down_m = down_m;
+        }
+    }
+
+    /// Takes a position. Returns `true` if its stamp shows that the autopilot has started anew; all motion is then
+    /// forgotten, the coordinates count as reset, and the message itself is left out because its time is not known yet.
+    pub fn take_position(
+        &mut self,
+        message: &LOCAL_POSITION_NED_DATA,
+        received: Timestamp,
+        time: Timestamp,
+    ) -> bool {
+        let position = Vector3::new(message.x, message.y, message.z).map(f64::from);
+        let velocity = Vector3::new(message.vx, message.vy, message.vz).map(f64::from);
+        let sane = position.iter().all(|c| c.abs() <= MAX_COORDINATE_M)
+            && velocity.iter().all(|c| c.abs() <= MAX_SPEED_MPS);
+        if !sane {
+            return false;
+        }
+        match self.position_stamp.take(message.time_boot_ms, received) {
+            Order::Late => return false,
+            Order::Reboot => {
+                self.forget_motion();
+                return true;
+            }
+            Order::Next => {}
+        }
+        let fix = Fix {
+            position,
+            velocity,
+            boot_ms: message.time_boot_ms,
+            time,
+        };
+        if let Some(last) = self.fix {
+            self.notice_jump(&last, &fix);
+        }
+        self.fix = Some(fix);
+        false
+    }
+
+    fn notice_jump(&mut self, last: &Fix, fix: &Fix) {
+        let passed_s = f64::from(fix.boot_ms.wrapping_sub(last.boot_ms)) * 1e-3;
+        let expected = last.position + (last.velocity + fix.velocity) * (0.5 * passed_s);
+        let jump = fix.position - expected;
+        if jump.norm() > JUMP_FLOOR_M + 0.5 * JUMP_ACCELERATION_MPS2 * passed_s * passed_s {
+            self.resets = self.resets.wrapping_add(1);
+            self.shift += jump;
+        }
+    }
+
+    /// Takes an attitude; says what became of it.
+    pub fn take_attitude(
+        &mut self,
+        message: &ATTITUDE_QUATERNION_DATA,
+        received: Timestamp,
+        time: Timestamp,
+    ) -> AttitudeNews {
+        let raw = Quaternion::new(message.q1, message.q2, message.q3, message.q4).cast::<f64>();
+        let rates = Vector3::new(message.rollspeed, message.pitchspeed, message.yawspeed).map(f64::from);
+        let is_rotation = (0.9..1.1).contains(&raw.norm());
+        if !is_rotation || !rates.iter().all(|rate| rate.is_finite()) {
+            return AttitudeNews::Ignored;
+        }
+        match self.attitude_stamp.take(message.time_boot_ms, received) {
+            Order::Late => return AttitudeNews::Ignored,
+            Order::Reboot => {
+                self.forget_motion();
+                return AttitudeNews::Reboot;
+            }
+            Order::Next => {}
+        }
+        self.attitude = Attitude::from_rotation(UnitQuaternion::new_normalize(raw));
+        self.rates = AngularRate::from_vector(rates);
+        self.attitude_time = time.max(self.attitude_time);
+        AttitudeNews::Taken
+    }
+
+    fn forget_motion(&mut self) {
+        if self.fix.take().is_some() {
+            self.resets = self.resets.wrapping_add(1);
+        }
+        self.ground = (f64::NAN, Timestamp::NEVER);
+        self.home_down_m = f64::NAN;
+        self.position_stamp = Stamp::default();
+        self.attitude_stamp = Stamp::default();
+    }
+
+    /// The state at the time of the last attitude, with that time; `None` before the first position and attitude.
+    pub fn state(&self, now: Timestamp, system_id: u8) -> Option<(VehicleState, Timestamp)> {
+        let fix = self.fix?;
+        if !self.attitude_time.is_set() {
+            return None;
+        }
+        let alive = self.is_alive(now);
+        let ground_is_fresh = now.seconds_since(self.ground.1) <= GROUND_VALID_S;
+        let state = VehicleState {
+            position: Point::<LocalNed>::from_vector(fix.carried_to(self.attitude_time)),
+            velocity: Velocity::from_vector(fix.velocity),
+            attitude: self.attitude,
+            rates: self.rates,
+            home_down_m: self.home_down_m,
+            ground_distance_m: if ground_is_fresh { self.ground.0 } else { f64::NAN },
+            estimator_resets: self.resets,
+            system_id,
+            mode: Coded::new(self.mode),
+            armed: Flag::from(self.armed),
+            landed: Flag::from(self.landed),
+            position_valid: Flag::from(alive && self.is_position_valid(now)),
+            autopilot_alive: Flag::from(alive),
+            reserved: [0; 6],
+            position_time: fix.time,
+        };
+        Some((state, self.attitude_time))
+    }
+}

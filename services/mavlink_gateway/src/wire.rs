@@ -1,0 +1,103 @@
+//! What has happened on the wire: counters, the largest gap between setpoints, latencies.
+
+use crate::message::Receipt;
+use jink_shared_types::Timestamp;
+use jink_shared_types::link::LinkStatus;
+
+/// Counts what was really sent.
+#[derive(Clone, Debug, Default)]
+pub struct Wire {
+    /// The counters; what is not about sending is filled in by the gateway.
+    pub status: LinkStatus,
+    last_setpoint: Timestamp,
+}
+
+impl Wire {
+    /// The bytes of a message were handed to the kernel at `now`.
+    pub fn sent(&mut self, now: Timestamp, receipt: Receipt) {
+        self.status.sent += 1;
+        match receipt {
+            Receipt::Plain => {}
+            Receipt::Obstacles => self.status.obstacle_distances += 1,
+            Receipt::Setpoint { first_of } => {
+                self.status.setpoints += 1;
+                if self.last_setpoint.is_set() {
+                    let gap_us = microseconds(now, self.last_setpoint);
+                    self.status.setpoint_gap_max_us = self.status.setpoint_gap_max_us.max(gap_us);
+                }
+                self.last_setpoint = now;
+                if let Some(provenance) = first_of {
+                    let of_range = microseconds(now, provenance.capture);
+                    let of_approval = microseconds(now, provenance.published);
+                    self.status.capture_to_wire.record_us(of_range);
+                    self.status.approved_to_wire.record_us(of_approval);
+                }
+            }
+        }
+    }
+
+    /// The stream was interrupted with good reason (the autopilot is gone or has started anew): the next gap does not count.
+    pub fn interrupted(&mut self) {
+        self.last_setpoint = Timestamp::NEVER;
+    }
+}
+
+fn microseconds(now: Timestamp, then: Timestamp) -> u32 {
+    u32::try_from(now.ns_since(then) / 1000).unwrap_or(u32::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Wire;
+    use crate::message::{Provenance, Receipt};
+    use jink_shared_types::Timestamp;
+
+    fn at(ms: u64) -> Timestamp {
+        Timestamp::from_ns(1_000_000_000 + ms * 1_000_000)
+    }
+
+    #[test]
+    fn the_largest_gap_and_the_latencies_are_kept() {
+        let mut wire = Wire::default();
+        let plain = Receipt::Setpoint { first_of: None };
+        let planned = Receipt::Setpoint {
+            first_of: Some(Provenance {
+                capture: at(80),
+                published: at(97),
+            }),
+        };
+        for (ms, receipt) in [
+            (0, plain),
+            (50, plain),
+            (100, planned),
+            (170, plain),
+            (220, plain),
+        ] {
+            wire.sent(at(ms), receipt);
+        }
+        wire.sent(at(221), Receipt::Obstacles);
+        let status = &wire.status;
+        assert_eq!(
+            (status.sent, status.setpoints, status.obstacle_distances),
+            (6, 5, 1)
+        );
+        assert_eq!(status.setpoint_gap_max_us, 70_000);
+        assert_eq!(
+            (status.capture_to_wire.count, status.capture_to_wire.max_us),
+            (1, 20_000)
+        );
+        assert_eq!(
+            (status.approved_to_wire.count, status.approved_to_wire.max_us),
+            (1, 3_000)
+        );
+    }
+
+    #[test]
+    fn a_gap_with_a_good_reason_does_not_count() {
+        let mut wire = Wire::default();
+        wire.sent(at(0), Receipt::Setpoint { first_of: None });
+        wire.interrupted();
+        wire.sent(at(5000), Receipt::Setpoint { first_of: None });
+        assert_eq!(wire.status.setpoint_gap_max_us, 0);
+    }
+}
