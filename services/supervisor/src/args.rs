@@ -1,0 +1,47 @@
+//! The command line.
+
+use clap::Parser;
+use jink_runtime::Instance;
+use jink_supervisor::table::Mode;
+use std::path::PathBuf;
+
+/// Starts, watches and restarts the processes of one jink instance
+#[derive(Clone, Debug, Parser)]
+#[command(version)]
+pub struct Args {
+    /// Instance to run; its folder is /dev/shm/jink_INSTANCE
+    #[arg(long, default_value = "default")]
+    pub instance: Instance,
+    /// Folder with jink.toml, services.toml and profiles/
+    #[arg(long, default_value = "config")]
+    pub config: PathBuf,
+    /// Profile laid over jink.toml: profiles/PROFILE.toml
+    #[arg(long)]
+    pub profile: Option<String>,
+    /// Value laid over the configuration, e.g. link.address=udpin:0.0.0.0:14540 (repeatable)
+    #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
+    pub overrides: Vec<String>,
+    /// What flies: real, virtual_world (external autopilot, rendered sensors) or simulated_vehicle
+    #[arg(long, default_value = "real", value_parser = mode)]
+    pub mode: Mode,
+    /// Log level: error, warn, info, debug, trace
+    #[arg(long, default_value = "info")]
+    pub log: tracing::Level,
+    /// Write the log to the instance's log folder instead of standard error
+    #[arg(long)]
+    pub log_to_file: bool,
+    /// Keep the logs after the stop even if nothing went wrong
+    #[arg(long)]
+    pub keep_logs: bool,
+    /// End what a killed supervisor of this instance left running, remove its memory, and leave
+    #[arg(long)]
+    pub sweep: bool,
+}
+
+fn mode(text: &str) -> Result<Mode, String> {
+    let known = Mode::NAMES.iter().find(|(name, _)| *name == text);
+    known.map(|(_, mode)| *mode).ok_or_else(|| {
+        let names = Mode::NAMES.map(|(name, _)| name);
+        format!("use one of {}", names.join(", "))
+    })
+}

@@ -1,0 +1,127 @@
+//! The claim on an instance: a lock that the kernel drops when its holder dies, and the right to remove the instance's
+//! memory that comes with it.
+
+use jink_runtime::Instance;
+use std::fmt;
+use std::fs::{File, TryLockError};
+use std::io::{Read, Write};
+use std::os::unix::fs::MetadataExt;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Somebody who only looks whether the instance is up holds the lock for an instant: that passes.
+const ATTEMPTS: u32 = 20;
+const PAUSE: Duration = Duration::from_millis(5);
+
+/// Why an instance cannot be had.
+#[derive(Debug)]
+pub enum ClaimError {
+    /// Another supervisor holds it.
+    Held {
+        /// The instance.
+        instance: String,
+        /// The other supervisor's process id, as it wrote it down.
+        pid: String,
+    },
+    /// The lock file cannot be made.
+    Io {
+        /// The lock file.
+        path: PathBuf,
+        /// Why.
+        cause: std::io::Error,
+    },
+}
+
+impl fmt::Display for ClaimError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Held { instance, pid } => write!(
+                f,
+                "instance {instance} is already up, held by the supervisor with process id {pid}"
+            ),
+            Self::Io { path, cause } => write!(f, "{}: {cause}", path.display()),
+        }
+    }
+}
+impl std::error::Error for ClaimError {}
+
+/// Being the only supervisor of an instance, as long as this lives.
+#[derive(Debug)]
+pub struct Claim {
+    instance: Instance,
+    _lock: File,
+}
+
+impl Claim {
+    /// Takes the instance, or says who has it.
+    pub fn take(instance: &Instance) -> Result<Self, ClaimError> {
+        let path = instance.lock_file();
+        let failed = |cause: std::io::Error| ClaimError::Io {
+            path: path.clone(),
+            cause,
+        };
+        for _ in 0..ATTEMPTS {
+            std::fs::create_dir_all(instance.folder()).map_err(failed)?;
+            let open = File::options()
+                .create(true)
+                .truncate(false)
+                .read(true)
+                .write(true)
+                .open(&path);
+            let mut file = match open {
+                // The folder was removed by a supervisor that is just ending.
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
+                other => other.map_err(failed)?,
+            };
+            match file.try_lock() {
+                // The file may have been removed between opening and locking it: then the lock is worth nothing.
+                Ok(()) if is_still(&path, &file) => {
+                    file.set_len(0).map_err(failed)?;
+                    writeln!(file, "{}", std::process::id()).map_err(failed)?;
+                    return Ok(Self {
+                        instance: instance.clone(),
+                        _lock: file,
+                    });
+                }
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => std::thread::sleep(PAUSE),
+                Err(TryLockError::Error(cause)) => return Err(failed(cause)),
+            }
+        }
+        let mut pid = String::new();
+        let _unreadable = File::open(&path).and_then(|mut file| file.read_to_string(&mut pid));
+        Err(ClaimError::Held {
+            instance: instance.to_string(),
+            pid: pid.trim().to_owned(),
+        })
+    }
+
+    /// Removes everything the instance left in memory, logs included.
+    pub fn clear(&self) -> std::io::Result<()> {
+        self.instance.wipe()
+    }
+
+    /// Removes everything but the logs; answers where they are.
+    pub fn clear_but_logs(&self) -> std::io::Result<PathBuf> {
+        let logs = self.instance.log_folder();
+        let aside = logs.with_extension("kept");
+        std::fs::rename(&logs, &aside)?;
+        self.instance.wipe()?;
+        std::fs::rename(&aside, &logs)?;
+        super::record::remove(&self.instance);
+        Ok(logs)
+    }
+
+    /// Removes everything, the instance's folder included.
+    pub fn release(&self) -> std::io::Result<()> {
+        self.instance.wipe()?;
+        std::fs::remove_dir_all(self.instance.folder())
+    }
+}
+
+fn is_still(path: &std::path::Path, file: &File) -> bool {
+    match (std::fs::metadata(path), file.metadata()) {
+        (Ok(named), Ok(held)) => (named.dev(), named.ino()) == (held.dev(), held.ino()),
+        _ => false,
+    }
+}

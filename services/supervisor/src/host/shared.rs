@@ -1,0 +1,111 @@
+//! The supervisor's part of shared memory: it creates every topic and holds it open, so that a topic outlives the
+//! processes that use it; it reads heartbeats and publishes status and events.
+
+use jink_runtime::config::{Config, SensorOutput};
+use jink_runtime::session::HeldTopic;
+use jink_runtime::{Input, OpenError, Output, Session};
+use jink_shared_types::coded::Wire;
+use jink_shared_types::events::{EventSample, Severity};
+use jink_shared_types::health::{Heartbeat, SystemStatus};
+use jink_shared_types::{SampleHeader, Timestamp, topics};
+use jink_supervisor::supervision::Observation;
+
+/// The supervisor in the topic table, and its member of the event topics.
+pub const PROGRAM: &str = "supervisor";
+
+/// Which start of the supervisor it is: the instance's memory is wiped before, so always the first.
+const GENERATION: u32 = 1;
+
+/// Ports and topics. Ports go before the session that they belong to.
+pub struct Shared {
+    heartbeats: Vec<Input<Heartbeat>>,
+    events: Output<EventSample>,
+    status: Output<SystemStatus>,
+    _held: Vec<HeldTopic>,
+    session: Session,
+}
+
+impl Shared {
+    /// Creates every topic that `processes` and the sensors of `config` can use.
+    pub fn open(session: Session, config: &Config, processes: &[&str]) -> Result<Self, OpenError> {
+        let mut heartbeats = Vec::new();
+        for process in processes {
+            heartbeats.push(session.input(topics::HEALTH, process)?);
+        }
+        Ok(Self {
+            heartbeats,
+            events: session.output(topics::EVENT, PROGRAM, GENERATION)?,
+            status: session.output(topics::SYSTEM_STATUS, "", GENERATION)?,
+            _held: hold_all(&session, config, processes)?,
+            session,
+        })
+    }
+
+    /// Appends the newest heartbeat of every process that has sent one since the last call.
+    pub fn read_heartbeats(&mut self, observations: &mut Vec<Observation>) {
+        for (process, input) in self.heartbeats.iter_mut().enumerate() {
+            let mut newest = None;
+            input.each(|beat| newest = Some((*beat.sample, beat.header.publish)));
+            if let Some((heartbeat, time)) = newest {
+                observations.push(Observation::Heartbeat {
+                    process,
+                    heartbeat,
+                    time,
+                });
+            }
+        }
+    }
+
+    /// Publishes the status.
+    pub fn publish(&mut self, now: Timestamp, status: &SystemStatus) {
+        self.status.send(SampleHeader::at(now), status);
+    }
+
+    /// Tells the pilot, and the log.
+    pub fn raise(&mut self, now: Timestamp, event: &EventSample) {
+        let text = event.text();
+        match event.severity.get() {
+            Severity::Debug | Severity::Info | Severity::Notice => tracing::info!(event = event.id, "{text}"),
+            severity => tracing::warn!(event = event.id, severity = severity.name(), "{text}"),
+        }
+        self.events.send(SampleHeader::at(now), event);
+    }
+
+    /// Lets readers that came after the last event find it.
+    pub fn greet(&self) {
+        self.events.greet();
+    }
+
+    /// Removes what dead processes left behind.
+    pub fn clean_up(&self) {
+        self.session.clean_up_dead();
+    }
+}
+
+/// One held topic per row of the table; of a family, one per process or sensor.
+fn hold_all(session: &Session, config: &Config, processes: &[&str]) -> Result<Vec<HeldTopic>, OpenError> {
+    let mut held = vec![
+        session.hold(topics::VEHICLE_STATE, "")?,
+        session.hold(topics::DESIRED_PATH, "")?,
+        session.hold(topics::LOCAL_MAP, "")?,
+        session.hold(topics::ROUTE, "")?,
+        session.hold(topics::TRAJECTORY, "")?,
+        session.hold(topics::APPROVED, "")?,
+        session.hold(topics::RING, "")?,
+        session.hold(topics::SYSTEM_STATUS, "")?,
+        session.hold(topics::LINK_STATUS, "")?,
+        session.hold(topics::SIM_TRUTH, "")?,
+    ];
+    for process in processes {
+        held.push(session.hold(topics::HEALTH, process)?);
+        held.push(session.hold(topics::EVENT, process)?);
+    }
+    held.push(session.hold(topics::EVENT, PROGRAM)?);
+    for sensor in &config.sensors {
+        held.push(match sensor.output {
+            SensorOutput::Cloud => session.hold(topics::RANGE_CLOUD, &sensor.name)?,
+            SensorOutput::Scan => session.hold(topics::RANGE_SCAN, &sensor.name)?,
+        });
+    }
+    Ok(held)
+}

@@ -1,0 +1,412 @@
+//! The state machine: what was observed in, what to do out. It holds no handle and reads no clock.
+//!
+//! * Start: in table order, the next process as soon as the essential one before it has been heard or its grace is
+//!   over. An essential process that says it cannot start while the system is coming up ends the whole start: a wrong
+//!   configuration is shown to whoever starts the system, not retried.
+//! * Death: restart by [`crate::policy`]; what the dead left in shared memory is removed only after its replacement has been
+//!   started, because removing takes longer than starting.
+//! * Hang: silence longer than the row allows is answered with SIGKILL, unless the process wants to run and cannot. A supervisor that was itself not running for a
+//!   while judges nobody until everybody had time for a heartbeat.
+//! * Stop: in reverse order, one at a time, SIGTERM and after a second SIGKILL.
+
+mod exchange;
+
+use crate::health::{Announcer, judge};
+use crate::policy::Verdict;
+use crate::process::{Life, Process};
+use crate::table::{OnFailure, Rules};
+use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
+use jink_runtime::service::EXIT_CANNOT_START;
+use jink_shared_types::Timestamp;
+use jink_shared_types::coded::Coded;
+use jink_shared_types::events::{self, Event, EventSample};
+use jink_shared_types::health::{Health, PROCESSES, ServiceState, SystemStatus};
+
+pub use crate::process::Exit;
+pub use exchange::{Action, End, Observation};
+
+/// From SIGTERM to SIGKILL (s): a service leaves its loop within a cycle, which is two orders of magnitude less.
+const PATIENCE_S: f64 = 1.0;
+/// How often a process that is starting is looked at (s): bounds how late the next one starts and a recovery is seen.
+const LOOK_S: f64 = 0.01;
+/// A silent process that could run is starved if it has used less than this share of the time it may be silent: whoever
+/// loops without an end uses nearly all of it.
+const STARVED_SHARE: f64 = 0.5;
+/// Starving is believed for this many times the silence allowed: at 100 ms a second and a half, within which a committed
+/// trajectory is still far from its end. Then the process is replaced after all.
+const STARVED_TIMES: f64 = 15.0;
+/// How long one look at a starved process excuses its silence (s): it may have been stopped right after.
+const EXCUSE_S: f64 = 0.02;
+/// A wake-up this much later than planned says that the whole machine stood still, not that a process hangs (s).
+const STALL_S: f64 = 0.02;
+
+/// The state machine over all processes.
+#[derive(Clone, Debug)]
+pub struct Supervision {
+    started: Timestamp,
+    pid: u32,
+    processes: Vec<Process>,
+    stopping: Option<End>,
+    ended: bool,
+    up: bool,
+    health: Health,
+    was_healthy: bool,
+    announcer: Announcer,
+    expected: Timestamp,
+    judge_from: Timestamp,
+    shown: Vec<(ServiceState, u32, u32)>,
+}
+
+impl Supervision {
+    /// A system of the given processes, in start order, none of them started; `pid` is the supervisor's own.
+    /// Processes beyond [`PROCESSES`] are left out (the table refuses them).
+    pub fn new(rules: impl IntoIterator<Item = Rules>, now: Timestamp, pid: u32) -> Self {
+        let processes: Vec<Process> = rules.into_iter().take(PROCESSES).map(Process::new).collect();
+        Self {
+            started: now,
+            pid,
+            shown: Vec::with_capacity(processes.len()),
+            processes,
+            stopping: None,
+            ended: false,
+            up: false,
+            health: Health::Starting,
+            was_healthy: false,
+            announcer: Announcer::default(),
+            expected: now,
+            judge_from: now,
+        }
+    }
+
+    /// Takes what was observed until `now` and appends what to do now to `actions`. Answers whether the status has
+    /// changed in a way that readers should know at once.
+    pub fn step(&mut self, now: Timestamp, observations: &[Observation], actions: &mut Vec<Action>) -> bool {
+        if self.ended {
+            return false;
+        }
+        if now.seconds_since(self.expected) > STALL_S {
+            self.judge_from = now.plus_seconds(HEARTBEAT_PERIOD_S + STALL_S);
+        }
+        for observation in observations {
+            self.observe(now, observation, actions);
+        }
+        self.kill_the_stubborn(now, actions);
+        if self.stopping.is_some() {
+            self.stop_next(now, actions);
+        } else {
+            self.suspect_silence(now, actions);
+            self.start_due(now, actions);
+        }
+        self.remove_remains(actions);
+        let changed = self.refresh(now, actions);
+        self.expected = self.next_wake(now);
+        changed
+    }
+
+    /// When the machine wants to be stepped at the latest, if nothing is observed.
+    pub fn next_wake(&self, now: Timestamp) -> Timestamp {
+        let of_processes = self.processes.iter().filter_map(|process| match process.life {
+            Life::Running if process.in_loop() => Some(process.suspicious_from().max(self.judge_from)),
+            Life::Running => Some(now.plus_seconds(LOOK_S)),
+            Life::Ending { kill_at, .. } => kill_at,
+            Life::Resting { until } => Some(until),
+            Life::Waiting | Life::Down | Life::Failed => None,
+        });
+        let never = Timestamp::from_ns(u64::MAX);
+        of_processes.chain(self.announcer.due()).min().unwrap_or(never)
+    }
+
+    /// Every essential process has reached its loop at least once: the system is started, healthy or not.
+    pub fn is_up(&self) -> bool {
+        self.up
+    }
+
+    /// Health of the whole.
+    pub fn health(&self) -> Health {
+        self.health
+    }
+
+    /// Name of a process, and how long it has been up at `now` (s).
+    pub fn describe(&self, process: usize, now: Timestamp) -> Option<(&str, f64)> {
+        let process = self.processes.get(process)?;
+        Some((&process.rules.name, now.seconds_since(process.started)))
+    }
+
+    /// Writes the whole status.
+    pub fn write_status(&self, status: &mut SystemStatus) {
+        status.started = self.started;
+        status.health = Coded::new(self.health);
+        status.len = self.processes.len() as u32;
+        status.pid = self.pid;
+        status.restarts = 0;
+        for (slot, process) in status.processes.iter_mut().zip(&self.processes) {
+            *slot = process.status(self.stopping.is_some());
+            status.restarts += slot.restarts;
+        }
+    }
+
+    fn observe(&mut self, now: Timestamp, observation: &Observation, actions: &mut Vec<Action>) {
+        match *observation {
+            Observation::StopRequested => self.begin_stop(End::Stopped),
+            Observation::Spawned { process, pid } => {
+                if let Some(process) = self.processes.get_mut(process) {
+                    process.pid = pid;
+                }
+            }
+            Observation::Heartbeat {
+                process,
+                heartbeat,
+                time,
+            } => {
+                if let Some(process) = self.processes.get_mut(process)
+                    && let Some(missing_s) = process.heard(&heartbeat, time)
+                {
+                    raise(actions, &events::PROCESS_RESTARTED, process, missing_s);
+                }
+            }
+            Observation::Examined {
+                process,
+                runnable,
+                cpu_s,
+            } => self.examined(now, process, runnable, cpu_s, actions),
+            Observation::Died { process, exit } => self.died(now, process, exit, actions),
+        }
+    }
+
+    fn died(&mut self, now: Timestamp, index: usize, exit: Exit, actions: &mut Vec<Action>) {
+        let (stopping, coming_up) = (self.stopping.is_some(), !self.up);
+        let Some(process) = self.processes.get_mut(index) else {
+            return;
+        };
+        process.end(exit);
+        let for_good = matches!(process.life, Life::Ending { for_good: true, .. });
+        if stopping || for_good {
+            process.life = Life::Down;
+            return;
+        }
+        process.missing_since.get_or_insert(now);
+        let lived_s = now.seconds_since(process.started);
+        let cannot_start = exit == Exit::Code(EXIT_CANNOT_START) && lived_s < process.rules.start_grace_s;
+        if cannot_start && coming_up && process.rules.essential {
+            process.life = Life::Failed;
+            self.begin_stop(End::CannotStart { process: index });
+            return;
+        }
+        match process
+            .history
+            .died(&process.rules.restart, now, lived_s, cannot_start)
+        {
+            Verdict::RestartAfter(delay_s) => {
+                process.life = Life::Resting {
+                    until: now.plus_seconds(delay_s),
+                };
+            }
+            Verdict::GiveUp => {
+                process.life = Life::Failed;
+                raise(actions, &events::PROCESS_FAILED, process, 0.0);
+                match process.rules.on_failure {
+                    OnFailure::Hold | OnFailure::Ignore => {}
+                    OnFailure::StopOutput => self.stop_output(now, actions),
+                    OnFailure::Shutdown => self.begin_stop(End::GaveUp { process: index }),
+                }
+            }
+        }
+    }
+
+    fn begin_stop(&mut self, end: End) {
+        if self.stopping.is_some() {
+            return;
+        }
+        self.stopping = Some(end);
+        for process in &mut self.processes {
+            if matches!(process.life, Life::Waiting | Life::Resting { .. }) {
+                process.life = Life::Down;
+            }
+        }
+    }
+
+    fn stop_output(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
+        for index in 0..self.processes.len() {
+            let process = &mut self.processes[index];
+            if !process.rules.is_output {
+                continue;
+            }
+            match process.life {
+                Life::Running => terminate(process, index, now, actions),
+                Life::Ending { kill_at, .. } => {
+                    process.life = Life::Ending {
+                        kill_at,
+                        for_good: true,
+                    };
+                }
+                Life::Waiting | Life::Resting { .. } => process.life = Life::Down,
+                Life::Down | Life::Failed => {}
+            }
+        }
+    }
+
+    fn kill_the_stubborn(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
+        for (index, process) in self.processes.iter_mut().enumerate() {
+            if let Life::Ending {
+                kill_at: Some(at),
+                for_good,
+            } = process.life
+                && now >= at
+            {
+                process.life = Life::Ending {
+                    kill_at: None,
+                    for_good,
+                };
+                actions.push(Action::Kill { process: index });
+            }
+        }
+    }
+
+    /// Reverse order: the last one started that is still alive goes first, then the one before it.
+    fn stop_next(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
+        let last_alive = self.processes.iter().rposition(Process::is_alive);
+        match (last_alive, self.stopping) {
+            (Some(index), _) => {
+                let process = &mut self.processes[index];
+                if process.life == Life::Running {
+                    terminate(process, index, now, actions);
+                }
+            }
+            (None, Some(end)) => {
+                self.ended = true;
+                actions.push(Action::End(end));
+            }
+            (None, None) => {}
+        }
+    }
+
+    fn suspect_silence(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
+        if now < self.judge_from {
+            return;
+        }
+        for (index, process) in self.processes.iter().enumerate() {
+            if process.life == Life::Running && now > process.suspicious_from() {
+                actions.push(Action::Examine { process: index });
+            }
+        }
+    }
+
+    fn examined(
+        &mut self,
+        now: Timestamp,
+        index: usize,
+        runnable: bool,
+        cpu_s: f64,
+        actions: &mut Vec<Action>,
+    ) {
+        let Some(process) = self.processes.get_mut(index) else {
+            return;
+        };
+        // A heartbeat, or its death, may have come before the answer.
+        if process.life != Life::Running || now <= process.suspicious_from() {
+            return;
+        }
+        let limit_s = process.silence_limit_s();
+        let silence_s = now.seconds_since(process.silent_since());
+        let starved = runnable && process.cpu_since_heartbeat_s(cpu_s) < STARVED_SHARE * limit_s;
+        if starved && silence_s < STARVED_TIMES * limit_s {
+            process.excused_until = now.plus_seconds(EXCUSE_S);
+            return;
+        }
+        raise(actions, &events::PROCESS_HUNG, process, silence_s);
+        process.missing_since.get_or_insert(now);
+        process.life = Life::Ending {
+            kill_at: None,
+            for_good: false,
+        };
+        actions.push(Action::Kill { process: index });
+    }
+
+    fn start_due(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
+        let mut before_lets_start = true;
+        for (index, process) in self.processes.iter_mut().enumerate() {
+            let due = match process.life {
+                Life::Waiting => before_lets_start,
+                Life::Resting { until } => now >= until,
+                Life::Running | Life::Ending { .. } | Life::Down | Life::Failed => false,
+            };
+            if due {
+                process.start(now);
+                actions.push(Action::Spawn {
+                    process: index,
+                    generation: process.generation,
+                });
+            }
+            before_lets_start = process.lets_next_start(now);
+        }
+    }
+
+    /// Only after the replacement has been started, or when there will be none. When the whole system stops, its memory
+    /// is wiped as a whole.
+    fn remove_remains(&mut self, actions: &mut Vec<Action>) {
+        let mut any = false;
+        for process in &mut self.processes {
+            let settled = matches!(process.life, Life::Running | Life::Failed | Life::Down);
+            if process.left_behind && settled {
+                process.left_behind = false;
+                any = true;
+            }
+        }
+        if any && self.stopping.is_none() {
+            actions.push(Action::CleanUp);
+        }
+    }
+
+    fn refresh(&mut self, now: Timestamp, actions: &mut Vec<Action>) -> bool {
+        let stopping = self.stopping.is_some();
+        let essential = || self.processes.iter().filter(|process| process.rules.essential);
+        self.up |= essential().all(|process| process.was_up)
+            && self.processes.iter().all(|process| process.life != Life::Waiting);
+        let health = if stopping {
+            Health::Stopping
+        } else {
+            judge(
+                self.processes.iter().map(|process| process.view(false)),
+                self.was_healthy,
+            )
+        };
+        let culprit = essential()
+            .map(|process| process.view(stopping))
+            .find(|view| view.state != ServiceState::Active)
+            .map_or("", |view| view.name);
+        if let Some(event) = self.announcer.update(now, health, culprit) {
+            actions.push(Action::Raise(event));
+        }
+        let mut changed = health != self.health;
+        self.health = health;
+        self.was_healthy |= health == Health::Healthy;
+        for (index, process) in self.processes.iter().enumerate() {
+            let shown = (process.state(stopping), process.pid, process.generation);
+            match self.shown.get_mut(index) {
+                Some(before) => {
+                    changed |= *before != shown;
+                    *before = shown;
+                }
+                None => self.shown.push(shown),
+            }
+        }
+        changed
+    }
+}
+
+fn terminate(process: &mut Process, index: usize, now: Timestamp, actions: &mut Vec<Action>) {
+    process.life = Life::Ending {
+        kill_at: Some(now.plus_seconds(PATIENCE_S)),
+        for_good: true,
+    };
+    actions.push(Action::Terminate { process: index });
+}
+
+/// An event about a process with a duration in milliseconds.
+fn raise(actions: &mut Vec<Action>, event: &Event, process: &Process, seconds: f64) {
+    let sample = EventSample::new(event, &process.rules.name, [(seconds * 1e3).round(), 0.0]);
+    actions.push(Action::Raise(sample));
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,312 @@
+//! The process table (`services.toml`): which processes there are, in which order they start, and what is expected of
+//! each.
+//!
+//! | key | default | meaning |
+//! |---|---|---|
+//! | `name` | - | name in logs, status and commands; 1 to 20 lower-case letters, digits, underscores |
+//! | `program` | - | program beside the supervisor, or an absolute path |
+//! | `arguments` | `[]` | what this kind of service is told after `--` |
+//! | `arguments_external` | as `arguments` | the same where the autopilot is not the simulated one |
+//! | `when` | `"always"` | `"always"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered) |
+//! | `essential` | `true` | the system cannot fly without it |
+//! | `cycle_budget_us` | `0` | longest cycle; 0 = none |
+//! | `heartbeat_timeout_ms` | `100` | silence that counts as a hang: two heartbeat periods, so that one late beat is none |
+//! | `start_grace_ms` | `3000` | time from start to the first beat of its loop: opening devices may take that long |
+//! | `restart` | see [`RestartRule::default`] | `{ floor_ms, ceiling_ms, factor, intensity, period_s }` |
+//! | `on_failure` | `"hold"` | see [`OnFailure`] |
+//! | `core`, `priority`, `lock_memory` | none, `0`, `false` | CPU to stay on, SCHED_FIFO priority, pages kept in memory |
+//! | `log` | the supervisor's | `"error"`, `"warn"`, `"info"`, `"debug"`, `"trace"` |
+//!
+//! A `[defaults]` section may give any key but the first five; a row wins over it. Whatever is not understood is
+//! refused with file, line and the nearest valid word.
+
+mod check;
+
+use crate::policy::RestartRule;
+use jink_runtime::config::{ConfigError, PROCESS_FILE, line_of, parse_toml, read};
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+/// What flies and where the sensors' data come from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// A real vehicle with real sensors.
+    Real,
+    /// An external autopilot (real, or another simulator's) in a virtual world: only the sensors are rendered.
+    VirtualWorld,
+    /// Vehicle, autopilot and sensors are simulated.
+    SimulatedVehicle,
+}
+
+impl Mode {
+    /// Every mode with its name on the command line.
+    pub const NAMES: [(&'static str, Self); 3] = [
+        ("real", Self::Real),
+        ("virtual_world", Self::VirtualWorld),
+        ("simulated_vehicle", Self::SimulatedVehicle),
+    ];
+}
+
+/// In which modes a process is started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum When {
+    /// In all.
+    Always,
+    /// Where the vehicle is simulated.
+    SimulatedVehicle,
+    /// Where sensors are rendered, around the simulated or an external vehicle.
+    VirtualWorld,
+}
+
+impl When {
+    /// Whether the process runs in `mode`.
+    pub fn includes(self, mode: Mode) -> bool {
+        match self {
+            Self::Always => true,
+            Self::SimulatedVehicle => mode == Mode::SimulatedVehicle,
+            Self::VirtualWorld => mode != Mode::Real,
+        }
+    }
+}
+
+/// What happens when a process has been given up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OnFailure {
+    /// The system counts as failed and everything else goes on: the committed stop is flown and the gateway keeps
+    /// the autopilot holding.
+    Hold,
+    /// The system counts as failed and the gateway is stopped as well, so that the autopilot's own fail-safe for a
+    /// lost companion decides what happens next.
+    StopOutput,
+    /// Nothing: the system counts as degraded at most.
+    Ignore,
+    /// The whole system is stopped.
+    Shutdown,
+}
+
+/// One process as the state machine needs to know it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rules {
+    /// Name.
+    pub name: String,
+    /// The system cannot fly without it.
+    pub essential: bool,
+    /// It speaks to the autopilot: [`OnFailure::StopOutput`] of another process stops it.
+    pub is_output: bool,
+    /// Longest cycle (us); 0 = none.
+    pub cycle_budget_us: u32,
+    /// Silence that counts as a hang (s).
+    pub heartbeat_timeout_s: f64,
+    /// Time from its start to the first heartbeat of its loop (s).
+    pub start_grace_s: f64,
+    /// How it is restarted.
+    pub restart: RestartRule,
+    /// What happens when it has been given up.
+    pub on_failure: OnFailure,
+}
+
+/// One row of the table, checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProcessRow {
+    /// What the state machine needs.
+    pub rules: Rules,
+    /// Program: a name beside the supervisor's own, or an absolute path.
+    pub program: PathBuf,
+    /// Arguments of this kind of service.
+    pub arguments: Vec<String>,
+    /// The same where the autopilot is an external one; `None` = no difference.
+    pub arguments_external: Option<Vec<String>>,
+    /// In which modes it runs.
+    pub when: When,
+    /// Core to stay on.
+    pub core: Option<usize>,
+    /// SCHED_FIFO priority, 0 = ordinary scheduling.
+    pub priority: u8,
+    /// Keep all pages in memory.
+    pub lock_memory: bool,
+    /// Log level; `None` = the supervisor's.
+    pub log: Option<tracing::Level>,
+    /// Where in the table it stands, for errors.
+    pub line: usize,
+}
+
+/// The whole table, in start order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProcessTable {
+    /// File it came from.
+    pub file: PathBuf,
+    /// Rows.
+    pub rows: Vec<ProcessRow>,
+}
+
+impl ProcessTable {
+    /// Reads `services.toml` in `folder`.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming file and line.
+    pub fn load(folder: &Path) -> Result<Self, ConfigError> {
+        let file = folder.join(PROCESS_FILE);
+        let text = read(&file)?;
+        Self::parse(&file, &text)
+    }
+
+    /// Reads the text of a table; `file` only appears in errors.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming file and line.
+    pub fn parse(file: &Path, text: &str) -> Result<Self, ConfigError> {
+        let parsed: File = parse_toml(file, text)?;
+        let at = |offset: usize, message: String| ConfigError {
+            file: file.to_owned(),
+            line: line_of(text, offset),
+            message,
+        };
+        parsed.defaults.check_as_defaults(&at)?;
+        let mut rows: Vec<ProcessRow> = Vec::new();
+        for written in &parsed.process {
+            let line = line_of(text, written.span().start);
+            let row = check::row(written, &parsed.defaults, line, &at)?;
+            if let Some(other) = rows.iter().find(|other| other.rules.name == row.rules.name) {
+                let message = format!(
+                    "{:?} is already the process of line {}",
+                    row.rules.name, other.line
+                );
+                return Err(at(written.get_ref().name_offset(written), message));
+            }
+            rows.push(row);
+        }
+        check::size(&rows, &at)?;
+        Ok(Self {
+            file: file.to_owned(),
+            rows,
+        })
+    }
+
+    /// The rows that run in `mode`, with the arguments for it and with the full path of their programs, which must be
+    /// executable files: absolute, or in `folder`.
+    ///
+    /// # Errors
+    /// [`ConfigError`] naming the line of the row and the path that was tried.
+    pub fn select(&self, mode: Mode, folder: &Path) -> Result<Vec<ProcessRow>, ConfigError> {
+        let mut selected = Vec::new();
+        for row in self.rows.iter().filter(|row| row.when.includes(mode)) {
+            let mut row = row.clone();
+            row.program = folder.join(&row.program);
+            if !check::is_executable(&row.program) {
+                return Err(ConfigError {
+                    file: self.file.clone(),
+                    line: row.line,
+                    message: format!(
+                        "the program of {:?} is missing: {} is no executable file",
+                        row.rules.name,
+                        row.program.display()
+                    ),
+                });
+            }
+            if mode == Mode::VirtualWorld
+                && let Some(external) = row.arguments_external.take()
+            {
+                row.arguments = external;
+            }
+            selected.push(row);
+        }
+        Ok(selected)
+    }
+}
+
+/// The file as written.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct File {
+    defaults: Written,
+    process: Vec<Spanned<Written>>,
+}
+
+/// A row, or the defaults, as written.
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Written {
+    name: Option<Spanned<String>>,
+    program: Option<Spanned<String>>,
+    arguments: Option<Spanned<Vec<String>>>,
+    arguments_external: Option<Spanned<Vec<String>>>,
+    when: Option<Spanned<String>>,
+    essential: Option<bool>,
+    cycle_budget_us: Option<Spanned<i64>>,
+    heartbeat_timeout_ms: Option<Spanned<i64>>,
+    start_grace_ms: Option<Spanned<i64>>,
+    restart: Option<Spanned<WrittenRestart>>,
+    on_failure: Option<Spanned<String>>,
+    core: Option<Spanned<i64>>,
+    priority: Option<Spanned<i64>>,
+    lock_memory: Option<bool>,
+    log: Option<Spanned<String>>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct WrittenRestart {
+    floor_ms: Option<Spanned<f64>>,
+    ceiling_ms: Option<Spanned<f64>>,
+    factor: Option<Spanned<f64>>,
+    intensity: Option<Spanned<i64>>,
+    period_s: Option<Spanned<f64>>,
+}
+
+/// Makes an error of a place in the file and a sentence.
+type At<'a> = dyn Fn(usize, String) -> ConfigError + 'a;
+
+impl Written {
+    fn name_offset(&self, row: &Spanned<Written>) -> usize {
+        self.name
+            .as_ref()
+            .map_or(row.span().start, |name| name.span().start)
+    }
+
+    fn check_as_defaults(&self, at: &At<'_>) -> Result<(), ConfigError> {
+        let of_a_row = [
+            ("name", self.name.as_ref().map(Spanned::span)),
+            ("program", self.program.as_ref().map(Spanned::span)),
+            ("arguments", self.arguments.as_ref().map(Spanned::span)),
+            (
+                "arguments_external",
+                self.arguments_external.as_ref().map(Spanned::span),
+            ),
+            ("when", self.when.as_ref().map(Spanned::span)),
+        ];
+        for (key, span) in of_a_row {
+            if let Some(span) = span {
+                return Err(at(
+                    span.start,
+                    format!("`{key}` belongs into a [[process]] row, not into [defaults]"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The value called `word` among `known`, or an error with all of them.
+fn choose<T: Copy>(
+    what: &str,
+    word: &Spanned<String>,
+    known: &[(&'static str, T)],
+    at: &At<'_>,
+) -> Result<T, ConfigError> {
+    match known.iter().find(|(name, _)| name == word.get_ref()) {
+        Some((_, value)) => Ok(*value),
+        None => {
+            let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
+            let message = format!(
+                "unknown {what} {:?}; use one of {}",
+                word.get_ref(),
+                names.join(", ")
+            );
+            Err(at(word.span().start, message))
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,250 @@
+//! Makes a checked row of a written one.
+
+use super::{At, OnFailure, ProcessRow, Rules, When, Written, WrittenRestart, choose};
+use crate::policy::RestartRule;
+use jink_runtime::config::ConfigError;
+use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
+use jink_shared_types::health::PROCESSES;
+use jink_shared_types::topics;
+use std::ops::RangeInclusive;
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path, PathBuf};
+use toml::Spanned;
+
+/// Longest name of a process: fits a status line of 50 characters together with the longest event text.
+const NAME_MAX: usize = 20;
+/// The supervisor's own name on the event topic.
+const RESERVED_NAME: &str = "supervisor";
+/// One late heartbeat must not be a hang.
+const HEARTBEAT_TIMEOUT_MIN_MS: i64 = (2.0 * HEARTBEAT_PERIOD_S * 1e3) as i64;
+
+const DEFAULT_START_GRACE_MS: i64 = 3_000;
+
+const WHEN: [(&str, When); 3] = [
+    ("always", When::Always),
+    ("simulated_vehicle", When::SimulatedVehicle),
+    ("virtual_world", When::VirtualWorld),
+];
+
+const ON_FAILURE: [(&str, OnFailure); 4] = [
+    ("hold", OnFailure::Hold),
+    ("stop_output", OnFailure::StopOutput),
+    ("ignore", OnFailure::Ignore),
+    ("shutdown", OnFailure::Shutdown),
+];
+
+const LOG_LEVELS: [(&str, tracing::Level); 5] = [
+    ("error", tracing::Level::ERROR),
+    ("warn", tracing::Level::WARN),
+    ("info", tracing::Level::INFO),
+    ("debug", tracing::Level::DEBUG),
+    ("trace", tracing::Level::TRACE),
+];
+
+/// Whether `path` is a file that may be executed by somebody.
+pub(super) fn is_executable(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
+}
+
+/// There is something to start, and not more than a status sample can hold.
+pub(super) fn size(rows: &[ProcessRow], at: &At<'_>) -> Result<(), ConfigError> {
+    match rows.len() {
+        0 => Err(at(0, "there is no [[process]] row".to_owned())),
+        n if n > PROCESSES => Err(at(0, format!("{n} processes; at most {PROCESSES} are possible"))),
+        _ => Ok(()),
+    }
+}
+
+/// The row that starts at `line`, completed by `defaults`.
+pub(super) fn row(
+    written: &Spanned<Written>,
+    defaults: &Written,
+    line: usize,
+    at: &At<'_>,
+) -> Result<ProcessRow, ConfigError> {
+    let start = written.span().start;
+    let written = written.get_ref();
+    let name = name(written, start, at)?;
+    let program = program(written, start, &name, at)?;
+    let timeout_ms = integer(
+        "heartbeat_timeout_ms",
+        [&written.heartbeat_timeout_ms, &defaults.heartbeat_timeout_ms],
+        HEARTBEAT_TIMEOUT_MIN_MS,
+        HEARTBEAT_TIMEOUT_MIN_MS..=60_000,
+        at,
+    )?;
+    let grace_ms = integer(
+        "start_grace_ms",
+        [&written.start_grace_ms, &defaults.start_grace_ms],
+        DEFAULT_START_GRACE_MS,
+        100..=120_000,
+        at,
+    )?;
+    let budget_us = integer(
+        "cycle_budget_us",
+        [&written.cycle_budget_us, &defaults.cycle_budget_us],
+        0,
+        0..=1_000_000,
+        at,
+    )?;
+    let priority = integer("priority", [&written.priority, &defaults.priority], 0, 0..=98, at)?;
+    let core = integer("core", [&written.core, &defaults.core], -1, 0..=1023, at)?;
+    let word = |of: fn(&Written) -> &Option<Spanned<String>>| of(written).as_ref().or(of(defaults).as_ref());
+    Ok(ProcessRow {
+        rules: Rules {
+            is_output: is_output(&program),
+            name,
+            essential: written.essential.or(defaults.essential).unwrap_or(true),
+            cycle_budget_us: u32::try_from(budget_us).unwrap_or(0),
+            heartbeat_timeout_s: timeout_ms as f64 * 1e-3,
+            start_grace_s: grace_ms as f64 * 1e-3,
+            restart: restart(written, defaults, at)?,
+            on_failure: match word(|row| &row.on_failure) {
+                Some(word) => choose("on_failure", word, &ON_FAILURE, at)?,
+                None => OnFailure::Hold,
+            },
+        },
+        program,
+        arguments: list(&written.arguments).unwrap_or_default(),
+        arguments_external: list(&written.arguments_external),
+        when: match &written.when {
+            Some(word) => choose("when", word, &WHEN, at)?,
+            None => When::Always,
+        },
+        core: usize::try_from(core).ok(),
+        priority: u8::try_from(priority).unwrap_or(0),
+        lock_memory: written.lock_memory.or(defaults.lock_memory).unwrap_or(false),
+        log: match word(|row| &row.log) {
+            Some(word) => Some(choose("log level", word, &LOG_LEVELS, at)?),
+            None => None,
+        },
+        line,
+    })
+}
+
+fn list(written: &Option<Spanned<Vec<String>>>) -> Option<Vec<String>> {
+    written.as_ref().map(|list| list.get_ref().clone())
+}
+
+fn name(written: &Written, start: usize, at: &At<'_>) -> Result<String, ConfigError> {
+    let Some(name) = &written.name else {
+        return Err(at(start, "a process needs a `name`".to_owned()));
+    };
+    let text = name.get_ref();
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    if text.is_empty() || text.len() > NAME_MAX || !text.chars().all(plain) {
+        let message =
+            format!("process name {text:?}: use 1 to {NAME_MAX} lower-case letters, digits and underscores");
+        return Err(at(name.span().start, message));
+    }
+    if text == RESERVED_NAME {
+        let message = format!("process name {text:?} is the supervisor's own");
+        return Err(at(name.span().start, message));
+    }
+    Ok(text.clone())
+}
+
+fn program(written: &Written, start: usize, name: &str, at: &At<'_>) -> Result<PathBuf, ConfigError> {
+    let Some(program) = &written.program else {
+        return Err(at(start, format!("process {name:?} needs a `program`")));
+    };
+    let path = PathBuf::from(program.get_ref());
+    // A relative path would depend on where the supervisor was started from.
+    let bare = path.components().count() == 1 && path.file_name().is_some();
+    if bare || path.is_absolute() {
+        return Ok(path);
+    }
+    let message = format!(
+        "program {:?}: give a name beside the supervisor's own, or an absolute path",
+        program.get_ref()
+    );
+    Err(at(program.span().start, message))
+}
+
+/// The output to the autopilot is whoever publishes the state of the link to it.
+fn is_output(program: &Path) -> bool {
+    let name = program.file_name().and_then(|name| name.to_str()).unwrap_or("");
+    name.strip_prefix("jink-")
+        .is_some_and(|name| topics::LINK_STATUS.row.may_publish(&name.replace('-', "_")))
+}
+
+fn integer(
+    key: &str,
+    sources: [&Option<Spanned<i64>>; 2],
+    default: i64,
+    range: RangeInclusive<i64>,
+    at: &At<'_>,
+) -> Result<i64, ConfigError> {
+    match sources.into_iter().flatten().next() {
+        None => Ok(default),
+        Some(value) if range.contains(value.get_ref()) => Ok(*value.get_ref()),
+        Some(value) => {
+            let message = format!(
+                "{key} = {} is outside {} to {}",
+                value.get_ref(),
+                range.start(),
+                range.end()
+            );
+            Err(at(value.span().start, message))
+        }
+    }
+}
+
+fn number(
+    key: &str,
+    sources: [Option<&Spanned<f64>>; 2],
+    default: f64,
+    range: RangeInclusive<f64>,
+    at: &At<'_>,
+) -> Result<f64, ConfigError> {
+    match sources.into_iter().flatten().next() {
+        None => Ok(default),
+        Some(value) if range.contains(value.get_ref()) => Ok(*value.get_ref()),
+        Some(value) => {
+            let message = format!(
+                "{key} = {} is outside {} to {}",
+                value.get_ref(),
+                range.start(),
+                range.end()
+            );
+            Err(at(value.span().start, message))
+        }
+    }
+}
+
+fn restart(written: &Written, defaults: &Written, at: &At<'_>) -> Result<RestartRule, ConfigError> {
+    let [own, shared] =
+        [&written.restart, &defaults.restart].map(|table| table.as_ref().map(Spanned::get_ref));
+    let default = RestartRule::default();
+    type Key = fn(&WrittenRestart) -> &Option<Spanned<f64>>;
+    let get = |key: &str, of: Key, default: f64, range: RangeInclusive<f64>| {
+        let sources = [own, shared].map(|table| table.and_then(|table| of(table).as_ref()));
+        number(key, sources, default, range, at)
+    };
+    let none = None;
+    let intensity = [own, shared].map(|table| table.map_or(&none, |table| &table.intensity));
+    let rule = RestartRule {
+        floor_s: get("floor_ms", |t| &t.floor_ms, default.floor_s * 1e3, 0.0..=60_000.0)? * 1e-3,
+        ceiling_s: get(
+            "ceiling_ms",
+            |t| &t.ceiling_ms,
+            default.ceiling_s * 1e3,
+            1.0..=60_000.0,
+        )? * 1e-3,
+        factor: get("factor", |t| &t.factor, default.factor, 1.0..=10.0)?,
+        intensity: integer("intensity", intensity, i64::from(default.intensity), 0..=1000, at)?
+            .try_into()
+            .unwrap_or(default.intensity),
+        period_s: get("period_s", |t| &t.period_s, default.period_s, 0.1..=3600.0)?,
+    };
+    if rule.floor_s > rule.ceiling_s {
+        let place = written.restart.as_ref().or(defaults.restart.as_ref());
+        let message = format!(
+            "restart: floor_ms = {} is above ceiling_ms = {}",
+            rule.floor_s * 1e3,
+            rule.ceiling_s * 1e3
+        );
+        return Err(at(place.map_or(0, |table| table.span().start), message));
+    }
+    Ok(rule)
+}

@@ -1,0 +1,221 @@
+use super::{Mode, OnFailure, ProcessTable, When};
+use std::path::Path;
+
+fn parse(text: &str) -> ProcessTable {
+    ProcessTable::parse(Path::new("services.toml"), text).unwrap()
+}
+
+fn error_of(text: &str) -> String {
+    ProcessTable::parse(Path::new("services.toml"), text)
+        .unwrap_err()
+        .to_string()
+}
+
+const SHORT: &str = "[[process]]\nname = \"planner\"\nprogram = \"jink-planner\"\n";
+
+#[test]
+fn a_short_row_has_sensible_defaults() {
+    let row = &parse(SHORT).rows[0];
+    assert_eq!(row.rules.heartbeat_timeout_s, 0.1);
+    assert!(row.rules.essential && row.when == When::Always && !row.rules.is_output);
+    assert_eq!(row.rules.on_failure, OnFailure::Hold);
+    assert_eq!(row.core, None);
+}
+
+#[test]
+fn a_row_wins_over_the_defaults_section_key_by_key() {
+    let text = "[defaults]\nheartbeat_timeout_ms = 200\nlog = \"warn\"\nrestart = { intensity = 3, floor_ms = 5 }\n\
+                [[process]]\nname = \"a\"\nprogram = \"jink-a\"\nrestart = { floor_ms = 7 }\n\
+                [[process]]\nname = \"b\"\nprogram = \"jink-b\"\nheartbeat_timeout_ms = 300\ncore = 1\n";
+    let rows = parse(text).rows;
+    let timeouts = [
+        rows[0].rules.heartbeat_timeout_s,
+        rows[1].rules.heartbeat_timeout_s,
+    ];
+    assert_eq!(timeouts, [0.2, 0.3]);
+    assert_eq!(
+        (rows[0].rules.restart.intensity, rows[0].rules.restart.floor_s),
+        (3, 0.007)
+    );
+    assert_eq!(
+        (rows[1].rules.restart.intensity, rows[1].rules.restart.floor_s),
+        (3, 0.005)
+    );
+    assert_eq!(rows[1].core, Some(1));
+    assert_eq!(rows[0].log, Some(tracing::Level::WARN));
+}
+
+#[test]
+fn the_gateway_is_recognised_as_the_output() {
+    let text = "[[process]]\nname = \"link\"\nprogram = \"/opt/jink/bin/jink-mavlink-gateway\"\n";
+    assert!(parse(text).rows[0].rules.is_output);
+}
+
+#[test]
+fn unknown_keys_and_words_are_refused_with_line_and_nearest() {
+    assert_eq!(
+        error_of("[[process]]\nname = \"a\"\nprogram = \"b\"\nesential = true\n"),
+        "services.toml:4: unknown key `esential`; did you mean `essential`?"
+    );
+    assert_eq!(
+        error_of("[[proces]]\nname = \"a\"\n"),
+        "services.toml:1: unknown key `proces`; did you mean `process`?"
+    );
+    assert_eq!(
+        error_of(&format!("{SHORT}restart = {{ ceilng_ms = 5 }}\n")),
+        "services.toml:4: unknown key `ceilng_ms`; did you mean `ceiling_ms`?"
+    );
+    assert_eq!(
+        error_of(&format!("{SHORT}when = \"simulated\"\n")),
+        "services.toml:4: unknown when \"simulated\"; use one of always, simulated_vehicle, virtual_world"
+    );
+    assert_eq!(
+        error_of(&format!("{SHORT}on_failure = \"stop\"\n")),
+        "services.toml:4: unknown on_failure \"stop\"; use one of hold, stop_output, ignore, shutdown"
+    );
+    assert_eq!(
+        error_of(&format!("{SHORT}log = \"verbose\"\n")),
+        "services.toml:4: unknown log level \"verbose\"; use one of error, warn, info, debug, trace"
+    );
+}
+
+#[test]
+fn a_row_without_name_or_program_is_refused_with_its_line() {
+    assert_eq!(
+        error_of("\n[[process]]\nprogram = \"jink-planner\"\n"),
+        "services.toml:2: a process needs a `name`"
+    );
+    assert_eq!(
+        error_of("[[process]]\nname = \"planner\"\n"),
+        "services.toml:1: process \"planner\" needs a `program`"
+    );
+    assert_eq!(
+        error_of("# nothing\n"),
+        "services.toml:1: there is no [[process]] row"
+    );
+}
+
+#[test]
+fn two_processes_of_one_name_are_refused() {
+    let text = format!("{SHORT}\n{SHORT}");
+    assert_eq!(
+        error_of(&text),
+        "services.toml:6: \"planner\" is already the process of line 1"
+    );
+}
+
+#[test]
+fn names_that_do_not_fit_topics_and_status_lines_are_refused() {
+    for bad in [
+        "",
+        "Planner",
+        "with space",
+        "a/b",
+        "x23456789012345678901",
+        "supervisor",
+    ] {
+        let message = error_of(&format!("[[process]]\nname = \"{bad}\"\nprogram = \"b\"\n"));
+        assert!(message.starts_with("services.toml:2: process name "), "{message}");
+    }
+}
+
+#[test]
+fn a_program_that_depends_on_the_working_directory_is_refused() {
+    for bad in ["./jink-a", "bin/jink-a", "..", ""] {
+        let message = error_of(&format!("[[process]]\nname = \"a\"\nprogram = \"{bad}\"\n"));
+        assert!(message.starts_with("services.toml:3: program "), "{message}");
+    }
+}
+
+#[test]
+fn nonsense_numbers_are_refused_with_their_line() {
+    let cases = [
+        (
+            "heartbeat_timeout_ms = 60",
+            "heartbeat_timeout_ms = 60 is outside 100 to 60000",
+        ),
+        (
+            "start_grace_ms = -1",
+            "start_grace_ms = -1 is outside 100 to 120000",
+        ),
+        (
+            "cycle_budget_us = 5000000000",
+            "cycle_budget_us = 5000000000 is outside 0 to 1000000",
+        ),
+        ("priority = 99", "priority = 99 is outside 0 to 98"),
+        ("core = -1", "core = -1 is outside 0 to 1023"),
+        ("restart = { factor = 0.5 }", "factor = 0.5 is outside 1 to 10"),
+        ("restart = { factor = nan }", "factor = NaN is outside 1 to 10"),
+        (
+            "restart = { period_s = 0 }",
+            "period_s = 0 is outside 0.1 to 3600",
+        ),
+        (
+            "restart = { intensity = -2 }",
+            "intensity = -2 is outside 0 to 1000",
+        ),
+        (
+            "restart = { floor_ms = 50, ceiling_ms = 20 }",
+            "restart: floor_ms = 50 is above ceiling_ms = 20",
+        ),
+    ];
+    for (line, message) in cases {
+        assert_eq!(
+            error_of(&format!("{SHORT}{line}\n")),
+            format!("services.toml:4: {message}")
+        );
+    }
+    assert!(error_of(&format!("{SHORT}cycle_budget_us = \"fast\"\n")).starts_with("services.toml:4: "));
+}
+
+#[test]
+fn what_belongs_to_one_process_is_no_default() {
+    assert_eq!(
+        error_of(&format!("[defaults]\nwhen = \"always\"\n{SHORT}")),
+        "services.toml:2: `when` belongs into a [[process]] row, not into [defaults]"
+    );
+}
+
+#[test]
+fn more_processes_than_a_status_can_hold_are_refused() {
+    let text: String = (0..25)
+        .map(|n| format!("[[process]]\nname = \"p{n}\"\nprogram = \"jink-p\"\n"))
+        .collect();
+    assert!(error_of(&text).contains("25 processes; at most 24"));
+}
+
+#[test]
+fn a_missing_program_is_named_with_the_path_that_was_tried() {
+    let table = parse(&format!("\n{SHORT}"));
+    let message = table
+        .select(Mode::Real, Path::new("/nowhere/bin"))
+        .unwrap_err()
+        .to_string();
+    assert_eq!(
+        message,
+        "services.toml:2: the program of \"planner\" is missing: /nowhere/bin/jink-planner is no executable file"
+    );
+}
+
+#[test]
+fn each_mode_has_its_processes_and_arguments() {
+    let row = |name: &str, when: &str| {
+        format!(
+            "[[process]]\nname = \"{name}\"\nprogram = \"/bin/sh\"\nwhen = \"{when}\"\n\
+             arguments = [\"{name}\"]\narguments_external = [\"{name}\", \"external\"]\n"
+        )
+    };
+    let rows = [
+        row("a", "always"),
+        row("v", "simulated_vehicle"),
+        row("s", "virtual_world"),
+    ];
+    let table = parse(&rows.concat());
+    let started = |mode: Mode| -> Vec<String> {
+        let rows = table.select(mode, Path::new("/")).unwrap();
+        rows.iter().map(|row| row.arguments.join(" ")).collect()
+    };
+    assert_eq!(started(Mode::Real), ["a"]);
+    assert_eq!(started(Mode::SimulatedVehicle), ["a", "v", "s"]);
+    assert_eq!(started(Mode::VirtualWorld), ["a external", "s external"]);
+}
