@@ -1,0 +1,223 @@
+//! The flight from the outside: look at shared memory fifty times a second until it is over.
+
+use super::drills::Drills;
+use super::pilot::Pilot;
+use super::sensed::Sensed;
+use super::show::Show;
+use crate::cmd::supervisor::Supervisor;
+use crate::cmd::watch::Watch;
+use crate::cmd::{Interrupt, Problem};
+use jink_cli::drill::Kill;
+use jink_cli::flight::{FlightLog, Outcome, Summary};
+use jink_cli::narrate::Narrator;
+use jink_runtime::Input;
+use jink_shared_types::health::{Health, SystemStatus};
+use jink_shared_types::topics;
+use jink_shared_types::truth::SimTruth;
+use jink_shared_types::vehicle::NavMode;
+use std::time::{Duration, Instant};
+
+/// Period of the ground truth: each sample is seen.
+const LOOK: Duration = Duration::from_millis(20);
+/// Longest time until every service is active (s).
+const READY_PATIENCE: Duration = Duration::from_secs(60);
+/// Longest wait for the landing once the last mission item has been reached.
+const LANDING_PATIENCE: Duration = Duration::from_secs(30);
+
+/// A flight under way.
+pub struct Flight {
+    truth: Input<SimTruth>,
+    sensed: Option<Sensed>,
+    log: FlightLog,
+    drills: Drills,
+    narrator: Narrator,
+    status: Option<SystemStatus>,
+    done_since: Option<Instant>,
+    // Last: the ports above belong to its connection.
+    watch: Watch,
+}
+
+/// A flight that is over.
+pub struct Flown {
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Its figures.
+    pub summary: Summary,
+    /// Its course.
+    pub log: FlightLog,
+    /// What the system saw: north, east (m).
+    pub sensed: Vec<(f64, f64)>,
+}
+
+impl Flight {
+    /// A flight that has not begun; `look_at_map` keeps what the system saw.
+    pub fn new(watch: Watch, look_at_map: bool, kills: Vec<Kill>) -> Result<Self, Problem> {
+        let session = watch.session();
+        Ok(Self {
+            truth: session.input(topics::SIM_TRUTH, "")?,
+            sensed: look_at_map.then(|| Sensed::new(session)).transpose()?,
+            log: FlightLog::default(),
+            drills: Drills::new(kills),
+            narrator: Narrator::default(),
+            status: None,
+            done_since: None,
+            watch,
+        })
+    }
+
+    /// Waits until every service is active; an outcome if that does not happen.
+    pub fn wait_until_ready(
+        &mut self,
+        supervisor: &mut Supervisor,
+        show: &mut Show,
+        interrupt: &Interrupt,
+    ) -> Result<Option<Outcome>, Problem> {
+        let begin = Instant::now();
+        loop {
+            self.look(show);
+            if let Some(outcome) = self.trouble(supervisor, interrupt)? {
+                return Ok(Some(outcome));
+            }
+            if let Some(status) = &self.status
+                && status.health == Health::Healthy
+            {
+                let checked = self.drills.check(status);
+                return Ok(checked.err().map(|reason| Outcome::Failed { reason }));
+            }
+            if begin.elapsed() > READY_PATIENCE {
+                let reason = format!(
+                    "not every service was active within {} s",
+                    READY_PATIENCE.as_secs()
+                );
+                return Ok(Some(Outcome::Failed { reason }));
+            }
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// Follows the flight until it is over.
+    pub fn fly(
+        &mut self,
+        supervisor: &mut Supervisor,
+        pilot: &mut Pilot,
+        show: &mut Show,
+        interrupt: &Interrupt,
+        limit: Duration,
+    ) -> Result<Outcome, Problem> {
+        let begin = Instant::now();
+        loop {
+            self.look(show);
+            for line in pilot.news() {
+                show.news(&line);
+            }
+            self.drill(show);
+            if let Some(outcome) = self.trouble(supervisor, interrupt)? {
+                return Ok(outcome);
+            }
+            if let Some(outcome) = self.finish(pilot)? {
+                return Ok(outcome);
+            }
+            if begin.elapsed() > limit {
+                return Ok(Outcome::Timeout);
+            }
+            show.progress(|| self.progress());
+            std::thread::sleep(LOOK);
+        }
+    }
+
+    /// The figures of the flight that ended as `outcome`.
+    pub fn end(self, outcome: Outcome, world: &str, seed: u64) -> Flown {
+        let restarts = self.status.map_or(0, |status| status.restarts);
+        let kills = self.drills.into_records();
+        Flown {
+            summary: self.log.summary(&outcome, world, seed, restarts, kills),
+            outcome,
+            sensed: self.sensed.map(|sensed| sensed.centres()).unwrap_or_default(),
+            log: self.log,
+        }
+    }
+
+    fn look(&mut self, show: &mut Show) {
+        let log = &mut self.log;
+        self.truth.each(|truth| log.see_truth(truth.sample));
+        if let Some(link) = self.watch.link() {
+            log.see_link(link.header.generation, link.sample);
+        }
+        if let Some(status) = self.watch.status() {
+            for line in self.narrator.news(&status) {
+                show.news(&line);
+            }
+            self.status = Some(status);
+        }
+        // Not while taking off or landing: the map below is then the ground.
+        if let (Some(sensed), Some(truth)) = (&mut self.sensed, self.log.truth())
+            && truth.mode == NavMode::Mission
+        {
+            sensed.look(truth.position);
+        }
+    }
+
+    fn drill(&mut self, show: &mut Show) {
+        if let (Some(time_s), Some(truth), Some(status)) =
+            (self.log.mission_time_s(), self.log.truth(), &self.status)
+        {
+            for line in self.drills.step(time_s, truth, status) {
+                show.news(&line);
+            }
+        }
+    }
+
+    /// What ends any flight: the user, the system, an obstacle.
+    fn trouble(
+        &self,
+        supervisor: &mut Supervisor,
+        interrupt: &Interrupt,
+    ) -> Result<Option<Outcome>, Problem> {
+        if interrupt.has_come() {
+            let reason = "interrupted".to_owned();
+            return Ok(Some(Outcome::Failed { reason }));
+        }
+        if supervisor.ended()?.is_some() {
+            let reason = supervisor.reason();
+            return Ok(Some(Outcome::Failed { reason }));
+        }
+        if self.log.has_collided() {
+            return Ok(Some(Outcome::Collision));
+        }
+        let failed = self
+            .status
+            .as_ref()
+            .is_some_and(|status| status.health == Health::Failed);
+        let reason = "an essential process was given up".to_owned();
+        Ok(failed.then_some(Outcome::Failed { reason }))
+    }
+
+    /// The end of a good flight: the last item reached, and landed if the mission says so. Or a ground station that
+    /// gave up.
+    fn finish(&mut self, pilot: &mut Pilot) -> Result<Option<Outcome>, Problem> {
+        let pilot_ended = pilot.ended()?;
+        if self.log.is_done() {
+            let since = *self.done_since.get_or_insert_with(Instant::now);
+            let landed = self.log.truth().is_some_and(|truth| truth.landed.is_set());
+            let over = landed || pilot_ended.is_some() || since.elapsed() > LANDING_PATIENCE;
+            return Ok(over.then_some(Outcome::Goal));
+        }
+        let Some(status) = pilot_ended else {
+            return Ok(None);
+        };
+        pilot.news();
+        let reason = format!(
+            "the ground station ended before the goal ({status}): {}",
+            pilot.last_words()
+        );
+        Ok(Some(Outcome::Failed { reason }))
+    }
+
+    fn progress(&self) -> String {
+        let health = self
+            .status
+            .map_or("no status".to_owned(), |status| status.health.get().to_string());
+        self.log
+            .progress(&health, self.status.map_or(0, |status| status.restarts))
+    }
+}

@@ -1,0 +1,236 @@
+//! `jink demo`: a whole system in an instance of its own, a mission through a virtual world, faults on request, figures.
+
+mod drills;
+mod fly;
+mod pilot;
+mod sensed;
+mod show;
+
+use super::supervisor::{StartOptions, Supervisor, world_overrides};
+use super::watch::Watch;
+use super::{DEFAULT_INSTANCE, EXIT_PROBLEM, Interrupt, Problem, places, world};
+use fly::{Flight, Flown};
+use jink_cli::drill::Kill;
+use jink_cli::flight::{Outcome, Summary};
+use jink_cli::picture::{Scene, World, svg};
+use jink_runtime::Instance;
+use pilot::Pilot;
+use show::Show;
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+use std::time::Duration;
+
+/// What to fly.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "\
+Names for --kill: planner, fusion, bezier, guard, gateway, sensor, or any name of the process table.
+
+Exit codes: 0 the goal was reached without a collision; 1 otherwise.")]
+pub struct Args {
+    /// Build every program in release first
+    #[arg(long)]
+    build: bool,
+    /// Virtual world: forest, gap, corridor, utrap, empty
+    #[arg(long, default_value = "forest")]
+    world: String,
+    /// Seed of the world
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Trees per square metre
+    #[arg(long)]
+    density: Option<f64>,
+    /// Highest speed (m/s)
+    #[arg(long, value_name = "V")]
+    speed: Option<f64>,
+    /// Kill a process so long after the start of the mission, e.g. planner@8s (repeatable)
+    #[arg(long = "kill", value_name = "NAME@TIMEs")]
+    kills: Vec<Kill>,
+    /// Longest flight (s)
+    #[arg(long, default_value_t = 180.0, value_name = "S")]
+    timeout: f64,
+    /// Draw the flight from above
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
+    /// Plain lines of progress even on a terminal
+    #[arg(long)]
+    headless: bool,
+    /// One JSON object with the figures as the last line
+    #[arg(long)]
+    json: bool,
+    /// Configuration folder; without it ./config, /etc/jink or that of the checkout
+    #[arg(long, value_name = "DIR")]
+    config: Option<PathBuf>,
+    /// Value laid over the configuration (repeatable)
+    #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
+    overrides: Vec<String>,
+}
+
+/// Flies the demonstration, in an instance of its own unless `instance` names one.
+pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
+    let programs = if args.build {
+        build()?
+    } else {
+        places::program_folder()?
+    };
+    let world = args
+        .svg
+        .as_ref()
+        .map(|_| describe_world(&programs, args))
+        .transpose()?;
+    let interrupt = Interrupt::listen()?;
+    let instance = if instance.to_string() == DEFAULT_INSTANCE {
+        own_instance()?
+    } else {
+        instance.clone()
+    };
+    let ports = free_ports()?;
+    let mut supervisor = Supervisor::start(&instance, &options(args, &programs, ports)?)?;
+    let mut show = Show::new(args.headless);
+    let flown = with_system(args, &programs, ports[1], &mut supervisor, &mut show, &interrupt);
+    show.finish();
+    // Whatever happened, the system is taken down before anything is said about it.
+    let stopped = supervisor.stop();
+    let flown = flown?;
+    conclude(args, world.as_ref(), &flown)?;
+    let good = flown.outcome == Outcome::Goal;
+    match stopped {
+        Ok(_) if good => drop(std::fs::remove_dir_all(instance.folder())),
+        Ok(_) if instance.log_folder().is_dir() => eprintln!("logs: {}", instance.log_folder().display()),
+        Ok(_) => {}
+        Err(problem) => eprintln!("jink: {problem}"),
+    }
+    if args.json {
+        let json =
+            serde_json::to_string(&flown.summary).map_err(|error| Problem::Other(error.to_string()))?;
+        println!("{json}");
+    }
+    Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))
+}
+
+/// Builds the checkout that this program lies in; answers where the programs are then.
+fn build() -> Result<PathBuf, Problem> {
+    let own = places::program_folder()?;
+    let workspace = places::workspace(&own)?;
+    let status = Command::new("cargo")
+        .args(["build", "--release", "--workspace", "--bins"])
+        .current_dir(&workspace)
+        .status()
+        .map_err(Problem::io("cargo"))?;
+    if !status.success() {
+        return Err(Problem::Other(format!("the build failed ({status})")));
+    }
+    // Beside the folder of this build's own profile.
+    Ok(own.with_file_name("release"))
+}
+
+fn describe_world(programs: &Path, args: &Args) -> Result<World, Problem> {
+    let mut command = world::command(programs, &args.world, args.seed, args.density)?;
+    let answer = command
+        .arg("--json")
+        .output()
+        .map_err(Problem::io("jink-simulator"))?;
+    if !answer.status.success() {
+        let words = String::from_utf8_lossy(&answer.stderr);
+        return Err(Problem::Other(format!(
+            "the world cannot be made: {}",
+            words.trim()
+        )));
+    }
+    serde_json::from_slice(&answer.stdout)
+        .map_err(|error| Problem::Other(format!("the description of the world is not understood: {error}")))
+}
+
+fn own_instance() -> Result<Instance, Problem> {
+    let name = format!("demo_{}", std::process::id());
+    name.parse().map_err(|error| Problem::Other(format!("{error}")))
+}
+
+/// Two UDP ports that are free now: for the gateway, and for the ground station.
+fn free_ports() -> Result<[u16; 2], Problem> {
+    let bind = || UdpSocket::bind(("127.0.0.1", 0)).map_err(Problem::io("UDP port"));
+    // Both open at once, so that they differ.
+    let (gateway, ground_station) = (bind()?, bind()?);
+    let port = |socket: &UdpSocket| {
+        socket
+            .local_addr()
+            .map(|address| address.port())
+            .map_err(Problem::io("UDP port"))
+    };
+    Ok([port(&gateway)?, port(&ground_station)?])
+}
+
+fn options(
+    args: &Args,
+    programs: &Path,
+    [gateway, ground_station]: [u16; 2],
+) -> Result<StartOptions, Problem> {
+    let mut overrides = vec![
+        format!("link.address=udpin:127.0.0.1:{gateway}"),
+        format!("simulation.ground_station_port={ground_station}"),
+    ];
+    overrides.extend(world_overrides(Some(&args.world), Some(args.seed), args.density));
+    overrides.extend(args.speed.map(|speed| format!("params.OA_SPD_MAX={speed}")));
+    overrides.extend(args.overrides.iter().cloned());
+    Ok(StartOptions {
+        programs: programs.to_owned(),
+        config: places::config_folder(args.config.as_deref())?,
+        profile: None,
+        overrides,
+        mode: "simulated_vehicle",
+        // A flight that ended badly is looked into; after a good one the folder is removed below.
+        keep_logs: true,
+    })
+}
+
+/// Everything between the start and the stop of the system. The readers of shared memory end with it.
+fn with_system(
+    args: &Args,
+    programs: &Path,
+    ground_station_port: u16,
+    supervisor: &mut Supervisor,
+    show: &mut Show,
+    interrupt: &Interrupt,
+) -> Result<Flown, Problem> {
+    let watch: Watch = supervisor.watch(interrupt)?;
+    let mut flight = Flight::new(watch, args.svg.is_some(), args.kills.clone())?;
+    let outcome = match flight.wait_until_ready(supervisor, show, interrupt)? {
+        Some(outcome) => outcome,
+        None => {
+            let mut pilot = Pilot::start(programs, ground_station_port, args)?;
+            let limit = Duration::try_from_secs_f64(args.timeout)
+                .map_err(|error| Problem::Other(format!("--timeout {}: {error}", args.timeout)))?;
+            flight.fly(supervisor, &mut pilot, show, interrupt, limit)?
+        }
+    };
+    Ok(flight.end(outcome, &args.world, args.seed))
+}
+
+fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Problem> {
+    print!("{}", flown.summary.text());
+    if let (Some(world), Some(file)) = (world, &args.svg) {
+        let picture = svg(&Scene {
+            world,
+            course: flown.log.course(),
+            sensed: &flown.sensed,
+            kills: &flown.summary.kills,
+            title: &title(&flown.summary),
+        });
+        std::fs::write(file, picture).map_err(Problem::io(file.display().to_string()))?;
+        println!("picture: {}", file.display());
+    }
+    Ok(())
+}
+
+fn title(summary: &Summary) -> String {
+    format!(
+        "jink: {} {}, {}, {:.2} m/s mean, clearance {}",
+        summary.world,
+        summary.seed,
+        summary.outcome,
+        summary.mean_speed_mps,
+        summary
+            .min_clearance_m
+            .map_or("-".to_owned(), |m| format!("{m:.2} m"))
+    )
+}

@@ -1,0 +1,79 @@
+//! Whether an instance is up: its supervisor holds a lock that the kernel drops when it dies.
+
+use super::Problem;
+use jink_runtime::Instance;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use std::fs::{File, TryLockError};
+use std::io::Read;
+use std::os::fd::{AsFd, OwnedFd};
+use std::time::Duration;
+
+/// The supervisor of a running instance.
+#[derive(Debug)]
+pub struct RunningSupervisor {
+    /// Its process id.
+    pub pid: u32,
+    handle: OwnedFd,
+}
+
+/// The supervisor of `instance`, if there is one.
+pub fn find(instance: &Instance) -> Result<Option<RunningSupervisor>, Problem> {
+    let path = instance.lock_file();
+    let mut file = match File::open(&path) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        other => other.map_err(Problem::io(path.display().to_string()))?,
+    };
+    match file.try_lock_shared() {
+        Ok(()) => return Ok(None),
+        Err(TryLockError::Error(error)) => return Err(Problem::io(path.display().to_string())(error)),
+        Err(TryLockError::WouldBlock) => {}
+    }
+    let mut text = String::new();
+    file.read_to_string(&mut text)
+        .map_err(Problem::io(path.display().to_string()))?;
+    // Empty for the instant between taking the lock and writing; gone if it ended meanwhile.
+    let pid = text.trim().parse::<i32>().ok().and_then(Pid::from_raw);
+    let Some(handle) = pid.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok()) else {
+        return Ok(None);
+    };
+    Ok(pid.map(|pid| RunningSupervisor {
+        pid: pid.as_raw_nonzero().get().unsigned_abs(),
+        handle,
+    }))
+}
+
+/// Whether a supervisor of `instance` was killed and left processes on record.
+pub fn has_orphans(instance: &Instance) -> bool {
+    instance.folder().join("processes").exists()
+}
+
+impl RunningSupervisor {
+    /// Asks it to stop; answers whether it has ended within `patience`.
+    pub fn stop(&self, patience: Duration) -> Result<bool, Problem> {
+        self.signal(Signal::TERM);
+        self.has_ended_within(patience)
+    }
+
+    /// Ends it; its processes stay.
+    pub fn kill(&self) -> Result<bool, Problem> {
+        self.signal(Signal::KILL);
+        self.has_ended_within(Duration::from_secs(2))
+    }
+
+    fn signal(&self, signal: Signal) {
+        // It may have ended meanwhile, which is what is wanted.
+        let _gone_already = pidfd_send_signal(&self.handle, signal);
+    }
+
+    fn has_ended_within(&self, patience: Duration) -> Result<bool, Problem> {
+        let mut fds = [PollFd::from_borrowed_fd(self.handle.as_fd(), PollFlags::IN)];
+        let timeout = Timespec {
+            tv_sec: i64::try_from(patience.as_secs()).unwrap_or(i64::MAX),
+            tv_nsec: i64::from(patience.subsec_nanos()),
+        };
+        let ready = poll(&mut fds, Some(&timeout))
+            .map_err(|error| Problem::io("waiting for the supervisor")(error.into()))?;
+        Ok(ready > 0)
+    }
+}

@@ -1,0 +1,71 @@
+//! `jink status`.
+
+use super::watch::Watch;
+use super::{EXIT_NOT_RUNNING, Problem, running};
+use jink_cli::report::{Report, exit_code};
+use jink_runtime::Instance;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// How to look.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "Exit codes: 0 healthy; 1 starting, degraded or stopping; 2 failed; 3 not running.")]
+pub struct Args {
+    /// One JSON object instead of a screen
+    #[arg(long)]
+    json: bool,
+}
+
+/// The status comes ten times a second; a supervisor that is silent for so long does not work.
+const STATUS_PATIENCE: Duration = Duration::from_secs(2);
+/// The link's figures come five times a second, if a gateway runs.
+const LINK_PATIENCE: Duration = Duration::from_millis(500);
+const EXIT_SILENT: u8 = 1;
+const EXIT_FAILED: u8 = 2;
+
+/// Shows the state of the instance.
+pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
+    let Some(supervisor) = running::find(instance)? else {
+        if running::has_orphans(instance) {
+            eprintln!(
+                "jink {instance}: the supervisor was killed, its processes may still fly; `jink down` ends them"
+            );
+            return Ok(ExitCode::from(EXIT_FAILED));
+        }
+        eprintln!("jink {instance}: not running");
+        return Ok(ExitCode::from(EXIT_NOT_RUNNING));
+    };
+    let status = wait(STATUS_PATIENCE, || Watch::is_ready(instance).then_some(()))
+        .map(|()| Watch::open(instance))
+        .transpose()?
+        .and_then(|mut watch| Some((wait(STATUS_PATIENCE, || watch.status())?, watch)));
+    let Some((status, mut watch)) = status else {
+        eprintln!(
+            "jink {instance}: the supervisor (process id {}) gives no status",
+            supervisor.pid
+        );
+        return Ok(ExitCode::from(EXIT_SILENT));
+    };
+    wait(LINK_PATIENCE, || watch.link().map(|_| ()));
+    // Newer by the time spent waiting.
+    let status = watch.status().unwrap_or(status);
+    let report = Report::new(&instance.to_string(), jink_runtime::now(), &status, watch.link());
+    if args.json {
+        let json = serde_json::to_string(&report).map_err(|error| Problem::Other(error.to_string()))?;
+        println!("{json}");
+    } else {
+        print!("{}", report.text());
+    }
+    Ok(ExitCode::from(exit_code(status.health.get())))
+}
+
+fn wait<T>(patience: Duration, mut condition: impl FnMut() -> Option<T>) -> Option<T> {
+    let begin = Instant::now();
+    loop {
+        let value = condition();
+        if value.is_some() || begin.elapsed() > patience {
+            return value;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}

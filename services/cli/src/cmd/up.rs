@@ -1,0 +1,177 @@
+//! `jink up`.
+
+use super::supervisor::{StartOptions, Supervisor, exit_code, world_overrides};
+use super::{Interrupt, Problem, places};
+use jink_cli::narrate::{Narrator, health_line, is_standing_by};
+use jink_runtime::Instance;
+use jink_shared_types::health::{Health, SystemStatus};
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// What to start, and how to watch it.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "\
+Without --link and --world the vehicle of the configuration is flown. --world alone simulates vehicle, autopilot and
+sensors; --link and --world render the sensors around an external autopilot.
+
+Exit codes: 0 stopped on request (with --detach: started); 70 a process was given up and the process table says that
+the system then stops; 78 the system cannot start; 1 anything else.")]
+pub struct Args {
+    /// Profile laid over jink.toml: profiles/PROFILE.toml
+    #[arg(long)]
+    profile: Option<String>,
+    /// Where the autopilot is: udpin:ADDRESS:PORT, udpout:ADDRESS:PORT or serial:DEVICE:BAUD
+    #[arg(long, value_name = "ADDRESS")]
+    link: Option<String>,
+    /// Virtual world: forest, gap, corridor, utrap, empty
+    #[arg(long)]
+    world: Option<String>,
+    /// Seed of the world
+    #[arg(long, requires = "world")]
+    seed: Option<u64>,
+    /// Trees per square metre
+    #[arg(long, requires = "world")]
+    density: Option<f64>,
+    /// Configuration folder; without it ./config, /etc/jink or that of the checkout
+    #[arg(long, value_name = "DIR")]
+    config: Option<PathBuf>,
+    /// Value laid over the configuration, e.g. params.OA_SPD_MAX=4 (repeatable)
+    #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
+    overrides: Vec<String>,
+    /// Return as soon as the system is ready or stands by
+    #[arg(long)]
+    detach: bool,
+}
+
+/// How often there may be news.
+const LOOK: Duration = Duration::from_millis(20);
+/// A system that is not up by then has a reason that a person must see; a good one takes a second or two.
+const READY_PATIENCE: Duration = Duration::from_secs(30);
+/// Standing by for this long means waiting for somebody else (the autopilot), not passing through.
+const STANDBY_FOR: Duration = Duration::from_secs(1);
+
+/// Starts the instance and watches it until Ctrl-C, or until it is started.
+pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
+    let interrupt = Interrupt::listen()?;
+    let mut supervisor = Supervisor::start(instance, &options(args)?)?;
+    let mut watch = supervisor.watch(&interrupt)?;
+    let mut narrator = Narrator::default();
+    let begin = Instant::now();
+    let mut standing_by_since = None;
+    loop {
+        if let Some(status) = watch.status() {
+            for line in narrator.news(&status) {
+                println!("{line}");
+            }
+            if status.health == Health::Stopping {
+                drop(watch);
+                return conclude(&mut supervisor);
+            }
+            let since = is_standing_by(&status).then(|| *standing_by_since.get_or_insert(Instant::now()));
+            standing_by_since = since;
+            let settled = since.is_some_and(|since| since.elapsed() > STANDBY_FOR);
+            if args.detach && (status.health == Health::Healthy || settled) {
+                println!("jink {instance} runs; `jink status` shows it, `jink down` stops it");
+                return Ok(ExitCode::SUCCESS);
+            }
+            if args.detach && begin.elapsed() > READY_PATIENCE {
+                drop(watch);
+                supervisor.stop()?;
+                return Err(Problem::Other(not_ready(instance, &status)));
+            }
+        }
+        if supervisor.ended()?.is_some() || interrupt.has_come() {
+            drop(watch);
+            return conclude(&mut supervisor);
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+fn not_ready(instance: &Instance, status: &SystemStatus) -> String {
+    let mut text = format!(
+        "not ready within {} s, stopped again; {}",
+        READY_PATIENCE.as_secs(),
+        health_line(status)
+    );
+    let logs = instance.log_folder();
+    if logs.is_dir() {
+        text += &format!("\nlogs: {}", logs.display());
+    }
+    text
+}
+
+fn options(args: &Args) -> Result<StartOptions, Problem> {
+    let link = args
+        .link
+        .as_ref()
+        .map(|address| format!("link.address={address}"));
+    let world = world_overrides(args.world.as_deref(), args.seed, args.density);
+    Ok(StartOptions {
+        programs: places::program_folder()?,
+        config: places::config_folder(args.config.as_deref())?,
+        profile: args.profile.clone(),
+        overrides: link
+            .into_iter()
+            .chain(world)
+            .chain(args.overrides.iter().cloned())
+            .collect(),
+        mode: match (&args.link, &args.world) {
+            (_, None) => "real",
+            (Some(_), Some(_)) => "virtual_world",
+            (None, Some(_)) => "simulated_vehicle",
+        },
+        keep_logs: false,
+    })
+}
+
+/// Waits for the end, asks for it if need be, and says why if it was not asked for.
+fn conclude(supervisor: &mut Supervisor) -> Result<ExitCode, Problem> {
+    let code = exit_code(supervisor.stop()?);
+    if code == 0 {
+        println!("stopped");
+    } else {
+        eprintln!("jink: {}", supervisor.reason());
+    }
+    Ok(ExitCode::from(code))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Args, options};
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn link_and_world_choose_the_mode() {
+        let mode = |line: &str| {
+            let line = format!("up --config here {line}");
+            let args = Line::parse_from(line.split_whitespace()).args;
+            let options = options(&args).unwrap();
+            (options.mode, options.overrides.join(" "))
+        };
+        assert_eq!(mode(""), ("real", String::new()));
+        assert_eq!(mode("--link serial:/dev/x:1").0, "real");
+        let (mode_of_both, overrides) =
+            mode("--link udpin:0.0.0.0:1 --world gap --seed 3 --set params.OA_SPD_MAX=4");
+        assert_eq!(mode_of_both, "virtual_world");
+        assert_eq!(
+            overrides,
+            "link.address=udpin:0.0.0.0:1 simulation.world=gap simulation.seed=3 params.OA_SPD_MAX=4"
+        );
+        let (alone, overrides) = mode("--world forest --density 1");
+        assert_eq!(
+            (alone, overrides.as_str()),
+            (
+                "simulated_vehicle",
+                "simulation.world=forest simulation.density_per_m2=1.0"
+            )
+        );
+    }
+}

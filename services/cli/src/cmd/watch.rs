@@ -1,0 +1,56 @@
+//! Looking at a running system through shared memory.
+
+use super::Problem;
+use jink_runtime::{Input, Instance, Session};
+use jink_shared_types::health::SystemStatus;
+use jink_shared_types::link::LinkStatus;
+use jink_shared_types::{Reading, Stamped, topics};
+
+/// This command in the topic table: it may read everything.
+pub const PROGRAM: &str = "cli";
+
+/// Status and link of one instance.
+pub struct Watch {
+    status: Input<SystemStatus>,
+    link: Input<LinkStatus>,
+    session: Session,
+}
+
+impl Watch {
+    /// Connects. Only to be called once the supervisor has prepared the memory.
+    pub fn open(instance: &Instance) -> Result<Self, Problem> {
+        let session = Session::open(instance, PROGRAM)?;
+        Ok(Self {
+            status: session.input(topics::SYSTEM_STATUS, "")?,
+            link: session.input(topics::LINK_STATUS, "")?,
+            session,
+        })
+    }
+
+    /// Whether the supervisor of `instance` has prepared the memory: it writes the configuration in force last.
+    pub fn is_ready(instance: &Instance) -> bool {
+        instance
+            .run_config()
+            .join(jink_runtime::config::CONFIG_FILE)
+            .is_file()
+    }
+
+    /// The connection, for further topics.
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// The newest status, if it is fresh.
+    pub fn status(&mut self) -> Option<SystemStatus> {
+        match self.status.latest(jink_runtime::now()) {
+            Reading::Fresh(status) => Some(*status.sample),
+            Reading::Stale { .. } | Reading::Never => None,
+        }
+    }
+
+    /// The newest figures of the link, however old.
+    pub fn link(&mut self) -> Option<Stamped<'_, LinkStatus>> {
+        self.link.latest(jink_runtime::now());
+        self.link.newest()
+    }
+}

@@ -1,0 +1,404 @@
+//! The course of a demonstration flight: what the simulation and the gateway said, and the summary of it.
+
+use crate::report::round;
+use jink_shared_types::health::Histogram;
+use jink_shared_types::link::LinkStatus;
+use jink_shared_types::truth::SimTruth;
+use jink_shared_types::vehicle::NavMode;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// Distance between two kept points of the course (m): finer than anything in a picture of it.
+const SPACING_M: f64 = 0.1;
+
+/// A point of the course.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CoursePoint {
+    /// North of the start (m).
+    pub north_m: f64,
+    /// East of the start (m).
+    pub east_m: f64,
+    /// Above the start (m).
+    pub up_m: f64,
+    /// Speed (m/s).
+    pub speed_mps: f64,
+}
+
+impl CoursePoint {
+    fn of(truth: &SimTruth) -> Self {
+        Self {
+            north_m: truth.position.x_m,
+            east_m: truth.position.y_m,
+            up_m: -truth.position.z_m,
+            speed_mps: truth.velocity.vector().norm(),
+        }
+    }
+
+    fn is_apart(&self, other: &Self) -> bool {
+        let (north, east) = (self.north_m - other.north_m, self.east_m - other.east_m);
+        (north * north + east * east + (self.up_m - other.up_m).powi(2)).sqrt() >= SPACING_M
+    }
+}
+
+/// How a flight ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The last mission item was reached without touching anything.
+    Goal,
+    /// The vehicle touched an obstacle.
+    Collision,
+    /// The time was over first.
+    Timeout,
+    /// Something else kept it from flying.
+    Failed {
+        /// What.
+        reason: String,
+    },
+}
+
+impl Outcome {
+    /// The word in the summary.
+    pub fn word(&self) -> &'static str {
+        match self {
+            Self::Goal => "goal",
+            Self::Collision => "collision",
+            Self::Timeout => "timeout",
+            Self::Failed { .. } => "failed",
+        }
+    }
+}
+
+/// A process that was killed during the flight, and what came of it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct KillRecord {
+    /// The process.
+    pub process: String,
+    /// When, after the start of the mission (s).
+    pub at_s: f64,
+    /// From its death to the first heartbeat of its replacement's loop (ms); `None` = it did not come back in time.
+    pub recovery_ms: Option<f64>,
+    /// Where the vehicle was, north of the start (m).
+    pub north_m: f64,
+    /// Where the vehicle was, east of the start (m).
+    pub east_m: f64,
+}
+
+/// What was heard of the flight so far.
+#[derive(Clone, Debug, Default)]
+pub struct FlightLog {
+    course: Vec<CoursePoint>,
+    truth: Option<SimTruth>,
+    mission_began_s: Option<f64>,
+    /// The newest figures of each start of the gateway: they count from its start.
+    links: BTreeMap<u32, LinkStatus>,
+}
+
+impl FlightLog {
+    /// Takes a sample of the ground truth.
+    pub fn see_truth(&mut self, truth: &SimTruth) {
+        if self.mission_began_s.is_none() && truth.armed.is_set() && truth.mode == NavMode::Mission {
+            self.mission_began_s = Some(truth.time_s);
+        }
+        let point = CoursePoint::of(truth);
+        if self.course.last().is_none_or(|last| point.is_apart(last)) {
+            self.course.push(point);
+        }
+        self.truth = Some(*truth);
+    }
+
+    /// Takes the gateway's figures; `generation` tells its starts apart.
+    pub fn see_link(&mut self, generation: u32, link: &LinkStatus) {
+        self.links.insert(generation, *link);
+    }
+
+    /// The newest ground truth.
+    pub fn truth(&self) -> Option<&SimTruth> {
+        self.truth.as_ref()
+    }
+
+    /// The course flown.
+    pub fn course(&self) -> &[CoursePoint] {
+        &self.course
+    }
+
+    /// Time since the mission began (s); `None` = not yet.
+    pub fn mission_time_s(&self) -> Option<f64> {
+        Some(self.truth.as_ref()?.time_s - self.mission_began_s?)
+    }
+
+    /// Whether the vehicle has touched an obstacle.
+    pub fn has_collided(&self) -> bool {
+        self.truth.is_some_and(|truth| truth.collisions > 0)
+    }
+
+    /// Whether the last mission item has been reached.
+    pub fn is_done(&self) -> bool {
+        self.truth.is_some_and(|truth| truth.mission_done.is_set())
+    }
+
+    /// One line on how it goes.
+    pub fn progress(&self, health: &str, restarts: u32) -> String {
+        let Some(truth) = &self.truth else {
+            return format!("waiting for the simulation ({health})");
+        };
+        let clearance = if truth.clearance_m.is_finite() {
+            format!("{:.1} m", truth.clearance_m)
+        } else {
+            "-".to_owned()
+        };
+        format!(
+            "{:5.1} s  {:<8} item {}/{}  north {:6.1} east {:6.1} up {:4.1} m  {:4.1} m/s  clearance {clearance:<7} \
+             {health}, {restarts} restarts",
+            self.mission_time_s().unwrap_or(0.0),
+            truth.mode.get().to_string(),
+            truth.mission_item,
+            truth.mission_items,
+            truth.position.x_m,
+            truth.position.y_m,
+            0.0 - truth.position.z_m,
+            truth.velocity.vector().norm(),
+        )
+    }
+
+    /// The summary of a flight that ended as `outcome` in `world`.
+    pub fn summary(
+        &self,
+        outcome: &Outcome,
+        world: &str,
+        seed: u64,
+        restarts: u32,
+        kills: Vec<KillRecord>,
+    ) -> Summary {
+        let mut latency = Histogram::default();
+        for link in self.links.values() {
+            latency.merge(&link.capture_to_wire);
+        }
+        let truth = self.truth.unwrap_or_default();
+        let speed_mps = (truth.cruise_s > 0.0).then(|| truth.cruise_m / truth.cruise_s);
+        Summary {
+            outcome: outcome.word(),
+            reason: match outcome {
+                Outcome::Failed { reason } => Some(reason.clone()),
+                _ => None,
+            },
+            world: world.to_owned(),
+            seed,
+            collisions: truth.collisions,
+            min_clearance_m: Some(round(truth.min_clearance_m))
+                .filter(|m| m.is_finite() && self.truth.is_some()),
+            mean_speed_mps: round(speed_mps.unwrap_or(0.0)),
+            flown_m: round(truth.flown_m),
+            flight_time_s: round(self.mission_time_s().unwrap_or(0.0)),
+            setpoint_max_gap_ms: round(truth.setpoint_gap_max_s * 1e3),
+            setpoints: truth.setpoints,
+            fcu_hold_count: truth.hold_count,
+            latency_p50_ms: round(latency.quantile_us(0.5) * 1e-3),
+            latency_p99_ms: round(latency.quantile_us(0.99) * 1e-3),
+            latency_max_ms: round(f64::from(latency.max_us) * 1e-3),
+            restarts,
+            kills,
+        }
+    }
+}
+
+/// A flight in figures.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Summary {
+    /// `goal`, `collision`, `timeout` or `failed`.
+    pub outcome: &'static str,
+    /// Why it failed; `None` otherwise.
+    pub reason: Option<String>,
+    /// Kind of world.
+    pub world: String,
+    /// Seed of the world.
+    pub seed: u64,
+    /// Contacts with obstacles.
+    pub collisions: u32,
+    /// Smallest distance from the vehicle's hull to an obstacle (m); `None` without obstacles.
+    pub min_clearance_m: Option<f64>,
+    /// Mean speed under way, without take-off and landing (m/s).
+    pub mean_speed_mps: f64,
+    /// Way flown (m).
+    pub flown_m: f64,
+    /// Duration of the mission (s).
+    pub flight_time_s: f64,
+    /// Largest time between two setpoints as the autopilot saw it (ms).
+    pub setpoint_max_gap_ms: f64,
+    /// Setpoints the autopilot received.
+    pub setpoints: u64,
+    /// How often the autopilot fell back to Hold because its companion failed it.
+    pub fcu_hold_count: u32,
+    /// Capture of the newest range behind a setpoint to its bytes handed to the kernel, median (ms).
+    pub latency_p50_ms: f64,
+    /// 99th percentile (ms).
+    pub latency_p99_ms: f64,
+    /// Longest (ms).
+    pub latency_max_ms: f64,
+    /// Restarts of processes.
+    pub restarts: u32,
+    /// Processes killed on purpose.
+    pub kills: Vec<KillRecord>,
+}
+
+impl Summary {
+    /// For people.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        let reason = self
+            .reason
+            .as_ref()
+            .map_or(String::new(), |reason| format!(": {reason}"));
+        let clearance = self.min_clearance_m.map_or("no obstacles".to_owned(), |m| {
+            format!("smallest clearance {m:.2} m")
+        });
+        let lines = [
+            format!(
+                "{} (world {}, seed {}){reason}",
+                self.outcome, self.world, self.seed
+            ),
+            format!("  {} collisions, {clearance}", self.collisions),
+            format!(
+                "  {:.1} m in {:.1} s, mean speed {:.2} m/s under way",
+                self.flown_m, self.flight_time_s, self.mean_speed_mps
+            ),
+            format!(
+                "  {} setpoints, largest gap {:.0} ms, autopilot fell back to Hold {} times",
+                self.setpoints, self.setpoint_max_gap_ms, self.fcu_hold_count
+            ),
+            format!(
+                "  capture to wire {:.1} / {:.1} / {:.1} ms p50/p99/max",
+                self.latency_p50_ms, self.latency_p99_ms, self.latency_max_ms
+            ),
+            format!("  {} restarts", self.restarts),
+        ];
+        for line in lines {
+            // Writing into a string cannot fail.
+            let _infallible = writeln!(out, "{line}");
+        }
+        for kill in &self.kills {
+            let back = kill.recovery_ms.map_or("did not come back".to_owned(), |ms| {
+                format!("back after {ms:.0} ms")
+            });
+            let _infallible = writeln!(out, "  {} killed at {:.1} s, {back}", kill.process, kill.at_s);
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{FlightLog, KillRecord, Outcome};
+    use jink_shared_types::coded::{Coded, Flag};
+    use jink_shared_types::frames::Point;
+    use jink_shared_types::link::LinkStatus;
+    use jink_shared_types::truth::SimTruth;
+    use jink_shared_types::vehicle::NavMode;
+
+    fn truth(time_s: f64, north_m: f64) -> SimTruth {
+        SimTruth {
+            position: Point::new(north_m, 0.0, -2.5),
+            mode: Coded::new(NavMode::Mission),
+            armed: Flag::YES,
+            time_s,
+            min_clearance_m: 0.7,
+            cruise_s: 10.0,
+            cruise_m: 28.0,
+            setpoint_gap_max_s: 0.061,
+            ..SimTruth::default()
+        }
+    }
+
+    #[test]
+    fn mission_time_runs_from_the_first_armed_mission_sample() {
+        let mut log = FlightLog::default();
+        log.see_truth(&SimTruth {
+            armed: Flag::NO,
+            ..truth(3.0, 0.0)
+        });
+        assert_eq!(log.mission_time_s(), None);
+        log.see_truth(&truth(5.0, 0.0));
+        log.see_truth(&truth(13.5, 4.0));
+        assert_eq!(log.mission_time_s(), Some(8.5));
+    }
+
+    #[test]
+    fn the_course_keeps_shape_not_samples() {
+        let mut log = FlightLog::default();
+        for step in 0..1000 {
+            log.see_truth(&truth(f64::from(step) * 0.02, f64::from(step) * 0.01));
+        }
+        assert!((90..=110).contains(&log.course().len()), "{}", log.course().len());
+    }
+
+    #[test]
+    fn latencies_of_all_starts_of_the_gateway_are_added() {
+        let mut log = FlightLog::default();
+        log.see_truth(&truth(1.0, 0.0));
+        let mut first = LinkStatus::default();
+        for _ in 0..100 {
+            first.capture_to_wire.record_us(8_000);
+        }
+        log.see_link(1, &LinkStatus::default());
+        log.see_link(1, &first);
+        let mut second = LinkStatus::default();
+        second.capture_to_wire.record_us(30_000);
+        log.see_link(2, &second);
+        let summary = log.summary(&Outcome::Goal, "forest", 7, 1, Vec::new());
+        assert_eq!(summary.latency_max_ms, 30.0);
+        assert!(
+            (8.0..=9.0).contains(&summary.latency_p50_ms),
+            "{}",
+            summary.latency_p50_ms
+        );
+    }
+
+    #[test]
+    fn the_summary_has_the_figures_scripts_rely_on() {
+        let mut log = FlightLog::default();
+        log.see_truth(&truth(2.0, 0.0));
+        log.see_truth(&truth(30.0, 40.0));
+        let kill = KillRecord {
+            process: "planner".to_owned(),
+            at_s: 8.0,
+            recovery_ms: Some(57.0),
+            north_m: 10.0,
+            east_m: 0.0,
+        };
+        let summary = log.summary(&Outcome::Goal, "forest", 7, 1, vec![kill]);
+        let json = serde_json::to_value(&summary).unwrap();
+        assert_eq!(json["outcome"], "goal");
+        assert_eq!(json["min_clearance_m"], 0.7);
+        assert_eq!(json["mean_speed_mps"], 2.8);
+        assert_eq!(json["setpoint_max_gap_ms"], 61.0);
+        assert_eq!(json["flight_time_s"], 28.0);
+        assert_eq!(json["kills"][0]["recovery_ms"], 57.0);
+        for key in [
+            "collisions",
+            "latency_p50_ms",
+            "latency_p99_ms",
+            "latency_max_ms",
+            "restarts",
+            "fcu_hold_count",
+        ] {
+            assert!(json[key].is_number(), "{key}");
+        }
+        assert!(
+            summary
+                .text()
+                .contains("planner killed at 8.0 s, back after 57 ms")
+        );
+    }
+
+    #[test]
+    fn a_flight_that_never_began_has_a_summary_with_a_reason() {
+        let reason = "no simulator".to_owned();
+        let summary = FlightLog::default().summary(&Outcome::Failed { reason }, "gap", 1, 0, Vec::new());
+        assert_eq!(summary.min_clearance_m, None);
+        assert!(
+            summary
+                .text()
+                .starts_with("failed (world gap, seed 1): no simulator\n")
+        );
+    }
+}

@@ -1,0 +1,50 @@
+//! `jink`: start, stop, look at and try out an obstacle-avoidance system.
+
+mod cmd;
+
+use clap::{Parser, Subcommand};
+use jink_runtime::Instance;
+use std::process::ExitCode;
+
+/// Obstacle avoidance for multicopters
+#[derive(Debug, Parser)]
+#[command(version, propagate_version = true, arg_required_else_help = true)]
+struct Cli {
+    /// Which jink on this host (the demonstration takes one of its own)
+    #[arg(long, global = true, default_value = cmd::DEFAULT_INSTANCE)]
+    instance: Instance,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Start the system
+    Up(cmd::up::Args),
+    /// Stop the system
+    #[command(after_help = cmd::down::EXIT_CODES)]
+    Down,
+    /// Show every service, the health of the whole and the link
+    Status(cmd::status::Args),
+    /// Show a virtual world
+    World(cmd::world::Args),
+    /// Fly a mission in a virtual world
+    Demo(cmd::demo::Args),
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    // Also keeps the transport's own messages to what is wrong.
+    jink_runtime::logging::init("jink", tracing::Level::ERROR);
+    let outcome = match cli.command {
+        Command::Up(args) => cmd::up::run(&cli.instance, &args),
+        Command::Down => cmd::down::run(&cli.instance),
+        Command::Status(args) => cmd::status::run(&cli.instance, &args),
+        Command::World(args) => cmd::world::run(&args),
+        Command::Demo(args) => cmd::demo::run(&cli.instance, &args),
+    };
+    outcome.unwrap_or_else(|problem| {
+        eprintln!("jink: {problem}");
+        ExitCode::from(problem.exit_code())
+    })
+}

@@ -1,0 +1,382 @@
+//! A flight from above as SVG: north to the right, east downwards, as a map that was turned by a quarter.
+
+mod world;
+
+pub use world::{Bounds, Cylinder, Place, Sphere, World, YawedBox};
+
+use crate::flight::{CoursePoint, KillRecord};
+use std::fmt::Write;
+
+/// Pixels per metre.
+const SCALE: f64 = 16.0;
+/// Room around the world (m).
+const MARGIN_M: f64 = 3.0;
+/// Room below the world for legend and scale bar (pixels).
+const FOOTER: f64 = 64.0;
+/// Height of a line of text (pixels).
+const LINE: f64 = 18.0;
+/// Edge of a sensed cell (m).
+const CELL_M: f64 = jink_shared_types::map::CELL_M;
+
+/// Everything that is drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene<'a> {
+    /// The world.
+    pub world: &'a World,
+    /// The course flown.
+    pub course: &'a [CoursePoint],
+    /// Centres of cells that were seen occupied near the height of flight: north, east (m).
+    pub sensed: &'a [(f64, f64)],
+    /// Processes killed under way.
+    pub kills: &'a [KillRecord],
+    /// One line above it all.
+    pub title: &'a str,
+}
+
+/// The picture.
+pub fn svg(scene: &Scene<'_>) -> String {
+    let frame = Frame::around(scene.world);
+    let mut out = String::with_capacity(1 << 16);
+    put(
+        &mut out,
+        format_args!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {w:.0} {h:.0}\" width=\"{w:.0}\" height=\"{h:.0}\" \
+             font-family=\"sans-serif\" font-size=\"13\">",
+            w = frame.width,
+            h = frame.height + FOOTER + LINE * scene.kills.len() as f64
+        ),
+    );
+    out.push_str("<rect width=\"100%\" height=\"100%\" fill=\"#fcfcfa\"/>\n");
+    grid(&mut out, &frame);
+    sensed(&mut out, &frame, scene.sensed);
+    obstacles(&mut out, &frame, scene.world);
+    let fastest_mps = scene
+        .course
+        .iter()
+        .map(|point| point.speed_mps)
+        .fold(0.0, f64::max);
+    course(&mut out, &frame, scene.course, fastest_mps);
+    ends(&mut out, &frame, scene.world);
+    kills(&mut out, &frame, scene.kills);
+    legend(&mut out, &frame, fastest_mps);
+    put(
+        &mut out,
+        format_args!(
+            "<text x=\"12\" y=\"20\" font-size=\"15\">{}</text>",
+            escaped(scene.title)
+        ),
+    );
+    out.push_str("</svg>\n");
+    out
+}
+
+/// From metres to pixels.
+struct Frame {
+    north_min_m: f64,
+    east_min_m: f64,
+    width: f64,
+    height: f64,
+}
+
+impl Frame {
+    fn around(world: &World) -> Self {
+        let bounds = &world.bounds;
+        let north_min_m = bounds.north_min_m - MARGIN_M;
+        let east_min_m = bounds.east_min_m - MARGIN_M;
+        Self {
+            north_min_m,
+            east_min_m,
+            width: (bounds.north_max_m + MARGIN_M - north_min_m) * SCALE,
+            height: (bounds.east_max_m + MARGIN_M - east_min_m) * SCALE,
+        }
+    }
+
+    fn at(&self, north_m: f64, east_m: f64) -> (f64, f64) {
+        (
+            (north_m - self.north_min_m) * SCALE,
+            (east_m - self.east_min_m) * SCALE,
+        )
+    }
+}
+
+fn put(out: &mut String, line: std::fmt::Arguments<'_>) {
+    // Writing into a string cannot fail.
+    let _infallible = out.write_fmt(line);
+    out.push('\n');
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+}
+
+/// A line every ten metres.
+fn grid(out: &mut String, frame: &Frame) {
+    const STEP: f64 = 10.0;
+    let line = |out: &mut String, x1: f64, y1: f64, x2: f64, y2: f64| {
+        put(
+            out,
+            format_args!("<path d=\"M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}\" stroke=\"#e4e4de\"/>"),
+        );
+    };
+    let mut north_m = (frame.north_min_m / STEP).ceil() * STEP;
+    while (north_m - frame.north_min_m) * SCALE < frame.width {
+        let (x, _) = frame.at(north_m, 0.0);
+        line(out, x, 0.0, x, frame.height);
+        north_m += STEP;
+    }
+    let mut east_m = (frame.east_min_m / STEP).ceil() * STEP;
+    while (east_m - frame.east_min_m) * SCALE < frame.height {
+        let (_, y) = frame.at(0.0, east_m);
+        line(out, 0.0, y, frame.width, y);
+        east_m += STEP;
+    }
+}
+
+fn sensed(out: &mut String, frame: &Frame, cells: &[(f64, f64)]) {
+    out.push_str("<g fill=\"#f2a65a\" fill-opacity=\"0.7\">\n");
+    for (north_m, east_m) in cells {
+        let (x, y) = frame.at(north_m - CELL_M / 2.0, east_m - CELL_M / 2.0);
+        let edge = CELL_M * SCALE;
+        put(
+            out,
+            format_args!("<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{edge:.1}\" height=\"{edge:.1}\"/>"),
+        );
+    }
+    out.push_str("</g>\n");
+}
+
+fn obstacles(out: &mut String, frame: &Frame, world: &World) {
+    out.push_str("<g fill=\"#6b705c\" fill-opacity=\"0.75\" stroke=\"#3f4238\">\n");
+    let circles = world.cylinders.iter().map(|c| (c.north_m, c.east_m, c.radius_m));
+    let spheres = world.spheres.iter().map(|s| (s.north_m, s.east_m, s.radius_m));
+    for (north_m, east_m, radius_m) in circles.chain(spheres) {
+        let (x, y) = frame.at(north_m, east_m);
+        put(
+            out,
+            format_args!(
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\"/>",
+                radius_m * SCALE
+            ),
+        );
+    }
+    for solid in &world.boxes {
+        let (x, y) = frame.at(solid.north_m, solid.east_m);
+        let (length, width) = (solid.length_m * SCALE, solid.width_m * SCALE);
+        put(
+            out,
+            format_args!(
+                "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{length:.1}\" height=\"{width:.1}\" transform=\"rotate({:.2} {x:.1} {y:.1})\"/>",
+                x - length / 2.0,
+                y - width / 2.0,
+                solid.yaw_rad.to_degrees()
+            ),
+        );
+    }
+    out.push_str("</g>\n");
+}
+
+fn course(out: &mut String, frame: &Frame, course: &[CoursePoint], fastest_mps: f64) {
+    out.push_str("<g fill=\"none\" stroke-width=\"3\" stroke-linecap=\"round\">\n");
+    for pair in course.windows(2) {
+        let (x1, y1) = frame.at(pair[0].north_m, pair[0].east_m);
+        let (x2, y2) = frame.at(pair[1].north_m, pair[1].east_m);
+        let colour = speed_colour(pair[1].speed_mps, fastest_mps);
+        put(
+            out,
+            format_args!("<path d=\"M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}\" stroke=\"{colour}\"/>"),
+        );
+    }
+    out.push_str("</g>\n");
+}
+
+/// From blue (standing) over green and yellow to red (the fastest).
+fn speed_colour(speed_mps: f64, fastest_mps: f64) -> String {
+    let share = if fastest_mps > 0.0 {
+        (speed_mps / fastest_mps).clamp(0.0, 1.0)
+    } else {
+        0.0
+    };
+    format!("hsl({:.0},80%,45%)", 240.0 * (1.0 - share))
+}
+
+fn ends(out: &mut String, frame: &Frame, world: &World) {
+    let (x, y) = frame.at(world.start.north_m, world.start.east_m);
+    put(
+        out,
+        format_args!(
+            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"7\" fill=\"#2a9d8f\" stroke=\"#fff\"/><text x=\"{:.1}\" y=\"{:.1}\">start</text>",
+            x + 10.0,
+            y - 8.0
+        ),
+    );
+    for (index, goal) in world.goals.iter().enumerate() {
+        let (x, y) = frame.at(goal.north_m, goal.east_m);
+        let number = if world.goals.len() > 1 {
+            format!(" {}", index + 1)
+        } else {
+            String::new()
+        };
+        put(
+            out,
+            format_args!(
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"8\" fill=\"none\" stroke=\"#d62828\" stroke-width=\"2.5\"/><circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.5\" fill=\"#d62828\"/><text x=\"{:.1}\" y=\"{:.1}\">goal{number}</text>",
+                x + 11.0,
+                y - 8.0
+            ),
+        );
+    }
+}
+
+/// A numbered cross where a process was killed; what became of it is listed below the picture.
+fn kills(out: &mut String, frame: &Frame, kills: &[KillRecord]) {
+    for (index, kill) in kills.iter().enumerate() {
+        let number = index + 1;
+        let (x, y) = frame.at(kill.north_m, kill.east_m);
+        put(
+            out,
+            format_args!(
+                "<path d=\"M{:.1} {:.1}l12 12m0 -12l-12 12\" stroke=\"#000\" stroke-width=\"2.5\"/>\
+                 <text x=\"{:.1}\" y=\"{:.1}\" font-weight=\"bold\">{number}</text>",
+                x - 6.0,
+                y - 6.0,
+                x + 8.0,
+                y + 18.0,
+            ),
+        );
+        let back = kill
+            .recovery_ms
+            .map_or("not back".to_owned(), |ms| format!("back in {ms:.0} ms"));
+        put(
+            out,
+            format_args!(
+                "<text x=\"12\" y=\"{:.1}\"><tspan font-weight=\"bold\">{number}</tspan> {} killed at {:.1} s, {back}</text>",
+                frame.height + FOOTER + LINE * index as f64 + 10.0,
+                escaped(&kill.process),
+                kill.at_s
+            ),
+        );
+    }
+}
+
+fn legend(out: &mut String, frame: &Frame, fastest_mps: f64) {
+    let y = frame.height + 30.0;
+    let bar = 10.0 * SCALE;
+    put(
+        out,
+        format_args!(
+            "<path d=\"M12 {y:.1}v-6v12v-6h{bar:.1}v-6v12\" stroke=\"#333\" stroke-width=\"2\" fill=\"none\"/><text x=\"12\" y=\"{:.1}\">10 m</text>",
+            y + 22.0
+        ),
+    );
+    let left = bar + 60.0;
+    const STEPS: u32 = 24;
+    for step in 0..STEPS {
+        let colour = speed_colour(f64::from(step), f64::from(STEPS - 1));
+        put(
+            out,
+            format_args!(
+                "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"6.5\" height=\"10\" fill=\"{colour}\"/>",
+                left + 6.0 * f64::from(step),
+                y - 5.0
+            ),
+        );
+    }
+    let right = left + 6.0 * f64::from(STEPS) + 24.0;
+    put(
+        out,
+        format_args!(
+            "<text x=\"{left:.1}\" y=\"{below:.1}\">speed 0 to {fastest_mps:.1} m/s</text>\
+             <circle cx=\"{:.1}\" cy=\"{y:.1}\" r=\"6\" fill=\"#6b705c\" stroke=\"#3f4238\"/><text x=\"{:.1}\" y=\"{text:.1}\">obstacle</text>\
+             <rect x=\"{:.1}\" y=\"{:.1}\" width=\"10\" height=\"10\" fill=\"#f2a65a\"/><text x=\"{:.1}\" y=\"{text:.1}\">sensed occupied</text>\
+             <path d=\"M{:.1} {y:.1}h30m-8 -5l8 5l-8 5\" stroke=\"#333\" stroke-width=\"2\" fill=\"none\"/><text x=\"{:.1}\" y=\"{text:.1}\">north</text>",
+            right + 6.0,
+            right + 18.0,
+            right + 92.0,
+            y - 5.0,
+            right + 108.0,
+            right + 226.0,
+            right + 262.0,
+            below = y + 22.0,
+            text = y + 5.0,
+        ),
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Scene, World, svg};
+    use crate::flight::{CoursePoint, KillRecord};
+
+    const WORLD: &str = r#"{
+        "world": "forest", "seed": 7,
+        "start": {"north_m": 0, "east_m": 0, "up_m": 0},
+        "goals": [{"north_m": 40, "east_m": 0, "up_m": 2.5}],
+        "bounds": {"north_min_m": -5, "north_max_m": 45, "east_min_m": -10, "east_max_m": 10, "up_max_m": 6},
+        "cylinders": [{"north_m": 10, "east_m": 1, "radius_m": 0.5, "top_m": 5}],
+        "boxes": [{"north_m": 20, "east_m": -2, "length_m": 4, "width_m": 1, "yaw_rad": 0.5, "bottom_m": 0, "top_m": 3}],
+        "spheres": []
+    }"#;
+
+    fn point(north_m: f64, speed_mps: f64) -> CoursePoint {
+        CoursePoint {
+            north_m,
+            east_m: 0.0,
+            up_m: 2.5,
+            speed_mps,
+        }
+    }
+
+    #[test]
+    fn everything_that_happened_is_in_the_picture() {
+        let world: World = serde_json::from_str(WORLD).unwrap();
+        let kill = KillRecord {
+            process: "planner".to_owned(),
+            at_s: 3.0,
+            recovery_ms: Some(58.0),
+            north_m: 9.0,
+            east_m: 0.0,
+        };
+        let picture = svg(&Scene {
+            world: &world,
+            course: &[point(0.0, 0.0), point(5.0, 1.5), point(10.0, 3.0)],
+            sensed: &[(9.5, 1.1)],
+            kills: &[kill],
+            title: "forest <7>",
+        });
+        // 3 m of margin beyond the bounds, 16 pixels per metre: the tree's centre and radius.
+        assert!(picture.contains("<circle cx=\"288.0\" cy=\"224.0\" r=\"8.0\"/>"));
+        assert!(
+            picture.contains("rotate(28.65 448.0 176.0)"),
+            "a box turns clockwise from north"
+        );
+        let speeds = ["hsl(120,80%,45%)", "hsl(0,80%,45%)"];
+        assert!(speeds.iter().all(|colour| picture.contains(colour)));
+        for text in [
+            "start",
+            "goal",
+            "planner killed at 3.0 s, back in 58 ms",
+            "10 m",
+            "speed 0 to 3.0 m/s",
+            "forest &lt;7&gt;",
+        ] {
+            assert!(picture.contains(text), "{text}");
+        }
+        assert_eq!(picture.matches("<g ").count(), picture.matches("</g>").count());
+        assert!(picture.trim_end().ends_with("</svg>"));
+    }
+
+    #[test]
+    fn a_flight_that_never_began_still_has_a_picture() {
+        let world: World = serde_json::from_str(WORLD).unwrap();
+        let picture = svg(&Scene {
+            world: &world,
+            course: &[],
+            sensed: &[],
+            kills: &[],
+            title: "",
+        });
+        assert!(picture.contains("speed 0 to 0.0 m/s") && !picture.contains("NaN"));
+    }
+}

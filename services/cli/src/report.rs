@@ -1,0 +1,307 @@
+//! The state of a running system on one screen, and as JSON for scripts.
+
+use jink_shared_types::health::{Health, ProcessStatus, ServiceState, SystemStatus};
+use jink_shared_types::link::LinkStatus;
+use jink_shared_types::{Stamped, Timestamp};
+use serde::Serialize;
+use std::fmt::Write;
+
+/// Everything there is to show.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Report {
+    /// Name of the instance.
+    pub instance: String,
+    /// Health of the whole.
+    pub health: String,
+    /// Time since the supervisor started (s).
+    pub uptime_s: f64,
+    /// Process id of the supervisor.
+    pub supervisor_pid: u32,
+    /// The processes, in start order.
+    pub services: Vec<Service>,
+    /// The link to the autopilot; `None` if the gateway has said nothing.
+    pub link: Option<Link>,
+}
+
+/// One process.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Service {
+    /// Name in the process table.
+    pub name: String,
+    /// Process id; `None` if it does not run.
+    pub pid: Option<u32>,
+    /// State as the supervisor judges it.
+    pub state: String,
+    /// The system cannot fly without it.
+    pub essential: bool,
+    /// Which start of it this is; 0 = never heard.
+    pub generation: u32,
+    /// Time since this start (s); `None` if it does not run.
+    pub uptime_s: Option<f64>,
+    /// Restarts since the system came up.
+    pub restarts: u32,
+    /// How it ended last; `None` = never.
+    pub last_exit: Option<String>,
+    /// From its last death to the first heartbeat of its replacement's loop (ms); `None` = no restart yet.
+    pub recovery_ms: Option<f64>,
+    /// Time since its last heartbeat (ms); `None` = none yet.
+    pub heartbeat_age_ms: Option<f64>,
+    /// Median cycle of the last seconds (us).
+    pub cycle_p50_us: u32,
+    /// 99th percentile of the last seconds (us).
+    pub cycle_p99_us: u32,
+    /// Longest cycle since the start (us).
+    pub cycle_max_us: u32,
+    /// Cycle budget (us); 0 = none.
+    pub budget_us: u32,
+    /// Cycles over budget.
+    pub budget_misses: u64,
+    /// Inputs that were late.
+    pub deadline_misses: u64,
+    /// CPU time since the start (ms).
+    pub cpu_ms: u32,
+    /// Inputs it needs.
+    pub inputs_needed: u32,
+    /// Of those, how many are fresh.
+    pub inputs_fresh: u32,
+}
+
+/// The link to the autopilot.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Link {
+    /// Age of these figures (ms).
+    pub age_ms: f64,
+    /// The autopilot has been heard within 1.5 s.
+    pub autopilot_heard: bool,
+    /// Its MAVLink system id; 0 = not known.
+    pub system_id: u8,
+    /// What the avoidance heartbeat says.
+    pub avoidance: String,
+    /// The autopilot's clock is mapped.
+    pub timesync_converged: bool,
+    /// Shortest round trip of a time synchronisation (ms).
+    pub round_trip_ms: f64,
+    /// Setpoints sent.
+    pub setpoints: u64,
+    /// Largest time between two of them (ms).
+    pub setpoint_gap_max_ms: f64,
+    /// Capture of the newest range behind a setpoint to its bytes handed to the kernel, median (ms).
+    pub capture_to_wire_p50_ms: f64,
+    /// 99th percentile (ms).
+    pub capture_to_wire_p99_ms: f64,
+    /// Longest (ms).
+    pub capture_to_wire_max_ms: f64,
+}
+
+impl Report {
+    /// The report of `instance` at `now`.
+    pub fn new(
+        instance: &str,
+        now: Timestamp,
+        status: &SystemStatus,
+        link: Option<Stamped<'_, LinkStatus>>,
+    ) -> Self {
+        Self {
+            instance: instance.to_owned(),
+            health: status.health.get().to_string(),
+            uptime_s: round(now.seconds_since(status.started)),
+            supervisor_pid: status.pid,
+            services: status
+                .processes()
+                .iter()
+                .map(|process| Service::new(now, process))
+                .collect(),
+            link: link.map(|link| Link::new(now, link)),
+        }
+    }
+
+    /// For people: one line per service, then the link.
+    pub fn text(&self) -> String {
+        let restarts: u32 = self.services.iter().map(|service| service.restarts).sum();
+        let mut out = format!(
+            "jink {}: {}, up {}, {} restart{}\n\n",
+            self.instance,
+            self.health,
+            duration(self.uptime_s),
+            restarts,
+            if restarts == 1 { "" } else { "s" }
+        );
+        let rows: Vec<[String; COLUMNS]> = std::iter::once(HEADER.map(str::to_owned))
+            .chain(self.services.iter().map(Service::cells))
+            .collect();
+        write_table(&mut out, &rows);
+        out.push('\n');
+        out.push_str(&self.link.as_ref().map_or_else(
+            || "link: the gateway has said nothing yet\n".to_owned(),
+            Link::line,
+        ));
+        out
+    }
+}
+
+/// Exit code of `jink status`: 0 healthy, 1 degraded, starting or stopping, 2 failed.
+pub fn exit_code(health: Health) -> u8 {
+    match health {
+        Health::Healthy => 0,
+        Health::Starting | Health::Degraded | Health::Stopping => 1,
+        Health::Failed => 2,
+    }
+}
+
+/// An exit status as the supervisor codes it, in words.
+pub fn exit_text(last_exit: u32) -> String {
+    match last_exit {
+        0..256 => format!("code {last_exit}"),
+        signal => format!("signal {}", signal - 256),
+    }
+}
+
+const COLUMNS: usize = 11;
+const HEADER: [&str; COLUMNS] = [
+    "service",
+    "state",
+    "pid",
+    "up",
+    "restarts",
+    "last exit",
+    "beat ms",
+    "cycle ms p50/p99/max",
+    "budget ms",
+    "misses",
+    "inputs",
+];
+
+impl Service {
+    fn new(now: Timestamp, process: &ProcessStatus) -> Self {
+        let beat = &process.heartbeat;
+        let runs = process.pid != 0;
+        let ended = process.restarts > 0 || process.last_exit != 0;
+        Self {
+            name: beat.name.as_str().to_owned(),
+            pid: runs.then_some(process.pid),
+            state: process.state.get().to_string(),
+            essential: process.essential.is_set(),
+            generation: beat.generation,
+            uptime_s: runs.then(|| round(now.seconds_since(process.started))),
+            restarts: process.restarts,
+            last_exit: ended.then(|| exit_text(process.last_exit)),
+            recovery_ms: (process.recovery_us > 0).then(|| round(f64::from(process.recovery_us) * 1e-3)),
+            heartbeat_age_ms: process
+                .heartbeat_time
+                .is_set()
+                .then(|| round(now.seconds_since(process.heartbeat_time) * 1e3)),
+            cycle_p50_us: beat.cycle_p50_us,
+            cycle_p99_us: beat.cycle_p99_us,
+            cycle_max_us: beat.cycle_max_us,
+            budget_us: process.cycle_budget_us,
+            budget_misses: beat.budget_misses,
+            deadline_misses: beat.deadline_misses,
+            cpu_ms: beat.cpu_ms,
+            inputs_needed: beat.inputs_needed.count_ones(),
+            inputs_fresh: (beat.inputs_fresh & beat.inputs_needed).count_ones(),
+        }
+    }
+
+    fn cells(&self) -> [String; COLUMNS] {
+        let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
+        let ms = |us: u32| format!("{:.1}", f64::from(us) * 1e-3);
+        let mark = if self.state == ServiceState::Active.to_string() || !self.essential {
+            ""
+        } else {
+            " !"
+        };
+        [
+            self.name.clone(),
+            format!("{}{mark}", self.state),
+            or_dash(self.pid.map(|pid| pid.to_string())),
+            or_dash(self.uptime_s.map(duration)),
+            self.restarts.to_string(),
+            or_dash(self.last_exit.clone()),
+            or_dash(self.heartbeat_age_ms.map(|age| format!("{age:.0}"))),
+            [self.cycle_p50_us, self.cycle_p99_us, self.cycle_max_us]
+                .map(ms)
+                .join(" / "),
+            if self.budget_us == 0 {
+                "-".to_owned()
+            } else {
+                ms(self.budget_us)
+            },
+            format!("{}", self.budget_misses + self.deadline_misses),
+            format!("{}/{}", self.inputs_fresh, self.inputs_needed),
+        ]
+    }
+}
+
+impl Link {
+    fn new(now: Timestamp, link: Stamped<'_, LinkStatus>) -> Self {
+        let latency = &link.sample.capture_to_wire;
+        let us = |us: f64| round(us * 1e-3);
+        Self {
+            age_ms: round(now.seconds_since(link.header.publish) * 1e3),
+            autopilot_heard: link.sample.autopilot_alive.is_set(),
+            system_id: link.sample.system_id,
+            avoidance: link.sample.avoidance.get().to_string(),
+            timesync_converged: link.sample.timesync_converged.is_set(),
+            round_trip_ms: us(f64::from(link.sample.round_trip_us)),
+            setpoints: link.sample.setpoints,
+            setpoint_gap_max_ms: us(f64::from(link.sample.setpoint_gap_max_us)),
+            capture_to_wire_p50_ms: us(latency.quantile_us(0.5)),
+            capture_to_wire_p99_ms: us(latency.quantile_us(0.99)),
+            capture_to_wire_max_ms: us(f64::from(latency.max_us)),
+        }
+    }
+
+    fn line(&self) -> String {
+        if !self.autopilot_heard {
+            return "link: the autopilot is not heard\n".to_owned();
+        }
+        let clock = if self.timesync_converged {
+            format!("clock mapped (round trip {:.1} ms)", self.round_trip_ms)
+        } else {
+            "clock not mapped yet".to_owned()
+        };
+        format!(
+            "link: autopilot {} heard, {clock}, avoidance {}\n      {} setpoints, largest gap {:.0} ms; capture to \
+             wire {:.1} / {:.1} / {:.1} ms p50/p99/max\n",
+            self.system_id,
+            self.avoidance,
+            self.setpoints,
+            self.setpoint_gap_max_ms,
+            self.capture_to_wire_p50_ms,
+            self.capture_to_wire_p99_ms,
+            self.capture_to_wire_max_ms
+        )
+    }
+}
+
+fn write_table(out: &mut String, rows: &[[String; COLUMNS]]) {
+    let widths: [usize; COLUMNS] =
+        std::array::from_fn(|column| rows.iter().map(|row| row[column].len()).max().unwrap_or(0));
+    for row in rows {
+        let mut line = String::new();
+        for (cell, width) in row.iter().zip(widths) {
+            // Writing into a string cannot fail.
+            let _infallible = write!(line, "{cell:<width$}  ");
+        }
+        out.push_str(line.trim_end());
+        out.push('\n');
+    }
+}
+
+/// To three decimals: what is measured is not known better, and JSON stays readable.
+pub fn round(value: f64) -> f64 {
+    (value * 1e3).round() / 1e3
+}
+
+/// `12 s`, `3 min 5 s`, `2 h 4 min`.
+fn duration(seconds: f64) -> String {
+    let whole = seconds.max(0.0) as u64;
+    match whole {
+        0..60 => format!("{whole} s"),
+        60..3600 => format!("{} min {} s", whole / 60, whole % 60),
+        _ => format!("{} h {} min", whole / 3600, whole / 60 % 60),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,142 @@
+use super::{Report, duration, exit_code, exit_text};
+use jink_shared_types::coded::{Coded, Flag};
+use jink_shared_types::health::{Health, Heartbeat, Name, ProcessStatus, ServiceState, SystemStatus};
+use jink_shared_types::link::LinkStatus;
+use jink_shared_types::{SampleHeader, Stamped, Timestamp};
+
+fn at(seconds: f64) -> Timestamp {
+    Timestamp::from_seconds(seconds)
+}
+
+fn status() -> SystemStatus {
+    let mut status = SystemStatus {
+        started: at(100.0),
+        health: Coded::new(Health::Degraded),
+        len: 2,
+        pid: 77,
+        ..SystemStatus::default()
+    };
+    let planner = ProcessStatus {
+        heartbeat: Heartbeat {
+            name: Name::new("planner"),
+            generation: 3,
+            cycle_p50_us: 1_400,
+            cycle_p99_us: 5_200,
+            cycle_max_us: 9_000,
+            budget_misses: 2,
+            deadline_misses: 1,
+            inputs_needed: 0b11,
+            inputs_fresh: 0b101,
+            ..Heartbeat::default()
+        },
+        heartbeat_time: at(129.98),
+        started: at(120.0),
+        cycle_budget_us: 8_000,
+        restarts: 2,
+        recovery_us: 57_300,
+        last_exit: 256 + 9,
+        state: Coded::new(ServiceState::Degraded),
+        essential: Flag::YES,
+        pid: 1234,
+        ..ProcessStatus::default()
+    };
+    status.processes[0] = planner;
+    status.processes[1].heartbeat.name = Name::new("sensors");
+    status
+}
+
+fn report(link: Option<&LinkStatus>) -> Report {
+    let header = SampleHeader::at(at(129.9));
+    let link = link.map(|sample| Stamped {
+        sample,
+        header: &header,
+    });
+    Report::new("default", at(130.0), &status(), link)
+}
+
+#[test]
+fn the_screen_shows_every_service_with_its_figures() {
+    let text = report(None).text();
+    let planner = text.lines().find(|line| line.starts_with("planner")).unwrap();
+    for figure in [
+        "degraded !",
+        "1234",
+        "10 s",
+        "signal 9",
+        "1.4 / 5.2 / 9.0",
+        "8.0",
+        "1/2",
+    ] {
+        assert!(planner.contains(figure), "{figure} in {planner}");
+    }
+    let sensors = text.lines().find(|line| line.starts_with("sensors")).unwrap();
+    assert!(
+        sensors.contains("unknown") && sensors.contains(" - "),
+        "{sensors}"
+    );
+    assert!(text.starts_with("jink default: degraded, up 30 s, 2 restarts\n"));
+    assert!(text.ends_with("link: the gateway has said nothing yet\n"));
+}
+
+#[test]
+fn the_columns_line_up() {
+    let text = report(None).text();
+    let column = |line: &str, word: &str| line.find(word).unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    assert_eq!(column(lines[2], "state"), column(lines[3], "degraded"));
+    assert_eq!(column(lines[2], "last exit"), column(lines[3], "signal 9"));
+}
+
+#[test]
+fn the_json_has_null_where_nothing_is_known() {
+    let json = serde_json::to_value(report(None)).unwrap();
+    assert_eq!(json["health"], "degraded");
+    assert_eq!(json["services"][0]["last_exit"], "signal 9");
+    assert_eq!(json["services"][0]["recovery_ms"], 57.3);
+    assert_eq!(json["services"][0]["heartbeat_age_ms"], 20.0);
+    for key in ["pid", "uptime_s", "last_exit", "recovery_ms", "heartbeat_age_ms"] {
+        assert!(json["services"][1][key].is_null(), "{key}");
+    }
+    assert!(json["link"].is_null());
+}
+
+#[test]
+fn the_link_says_whether_the_autopilot_is_heard_and_how_fast_the_chain_is() {
+    let mut link = LinkStatus::default();
+    assert!(
+        report(Some(&link))
+            .text()
+            .ends_with("link: the autopilot is not heard\n")
+    );
+    link.autopilot_alive = Flag::YES;
+    link.system_id = 1;
+    link.setpoint_gap_max_us = 61_000;
+    link.capture_to_wire.record_us(12_000);
+    let text = report(Some(&link)).text();
+    assert!(text.contains("autopilot 1 heard, clock not mapped yet"), "{text}");
+    assert!(
+        text.contains("largest gap 61 ms; capture to wire 12.0 / 12.0 / 12.0 ms"),
+        "{text}"
+    );
+}
+
+#[test]
+fn scripts_can_tell_by_the_exit_code() {
+    let codes = [
+        Health::Healthy,
+        Health::Starting,
+        Health::Degraded,
+        Health::Failed,
+    ]
+    .map(exit_code);
+    assert_eq!(codes, [0, 1, 1, 2]);
+}
+
+#[test]
+fn durations_and_exits_read_well() {
+    assert_eq!(
+        [5.9, 65.0, 7_440.0].map(duration),
+        ["5 s", "1 min 5 s", "2 h 4 min"]
+    );
+    assert_eq!([0, 78, 265].map(exit_text), ["code 0", "code 78", "signal 9"]);
+}

@@ -1,0 +1,58 @@
+//! The `jink` program as a script sees it where nothing runs.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use std::process::{Command, Output};
+
+fn jink(arguments: &[&str]) -> Output {
+    let instance = format!("cli{}", std::process::id());
+    let mut command = Command::new(env!("CARGO_BIN_EXE_jink"));
+    command
+        .args(["--instance", &instance])
+        .args(arguments)
+        .output()
+        .unwrap()
+}
+
+fn words(output: &[u8]) -> String {
+    String::from_utf8(output.to_vec()).unwrap()
+}
+
+#[test]
+fn nothing_running_is_three() {
+    let status = jink(&["status"]);
+    assert_eq!(status.status.code(), Some(3));
+    assert!(words(&status.stderr).contains("not running"));
+    let down = jink(&["down"]);
+    assert_eq!(down.status.code(), Some(3));
+    assert!(words(&down.stdout).contains("nothing is running"));
+}
+
+#[test]
+fn what_cannot_be_understood_is_two_and_says_how_to_write_it() {
+    let demo = jink(&["demo", "--kill", "planner"]);
+    assert_eq!(demo.status.code(), Some(2));
+    assert!(words(&demo.stderr).contains("write NAME@TIMEs, e.g. planner@8s"));
+    let up = jink(&["up", "--seed", "3"]);
+    assert_eq!(up.status.code(), Some(2));
+    assert!(
+        words(&up.stderr).contains("--world"),
+        "a seed without a world means nothing"
+    );
+}
+
+#[test]
+fn what_cannot_be_done_is_said_in_one_line() {
+    let up = jink(&["up", "--detach", "--config", "/nowhere"]);
+    assert!(!up.status.success());
+    let said = words(&up.stderr);
+    assert!(said.starts_with("jink: ") && said.lines().count() == 1, "{said}");
+}
+
+#[test]
+fn every_command_explains_itself() {
+    for command in ["up", "down", "status", "world", "demo"] {
+        let help = jink(&[command, "--help"]);
+        assert!(help.status.success());
+        assert!(words(&help.stdout).contains("Usage: jink"), "{command}");
+    }
+}
