@@ -1,0 +1,190 @@
+//! What a trajectory must be, whatever stands in its way: sound, within its own limits, at rest at its end, and a
+//! continuation of what is being flown.
+//!
+//! Limits are tested on the control points of the derivatives: a curve lies in the hull of its control points, so a bound
+//! that holds for them holds for the curve (see [`jink_shared_types::bezier`]). The hull is larger than the curve; where it
+//! sticks out the curve is cut in halves, twice at most, which takes away fifteen sixteenths of the excess.
+
+use jink_shared_types::Timestamp;
+use jink_shared_types::bezier::{self, derivative, derivative_scalar};
+use jink_shared_types::motion::{BezierPiece, GuardReason, MotionLimits, MotionState, Trajectory};
+use nalgebra::Vector3;
+
+/// How far two states that should be one may differ. The prefix of a new trajectory is cut out of the old one at times rounded
+/// to 0.1 ms (`Trajectory::take_prefix`): at 20 m/s, 15 m/s2 and 60 m/s3 that is 2 mm, 1.5 mm/s and 6 mm/s2. The
+/// tolerances allow ten times that, for sums and for generators that match the splice by iteration, and are still below what an
+/// autopilot's controller notices: its position noise, and a change of tilt by half a degree.
+const SAME_POSITION_M: f64 = 0.02;
+const SAME_VELOCITY_MPS: f64 = 0.05;
+const SAME_ACCELERATION_MPS2: f64 = 0.1;
+/// Share by which limits may be exceeded: rounding, and solvers that stop just outside.
+const LIMIT_TOLERANCE: f64 = 0.02;
+/// The same, absolute, where a limit is zero.
+const LIMIT_SLACK: f64 = 1e-3;
+/// How often a curve is halved before its hull counts as its extent.
+const HALVINGS: u32 = 2;
+/// Pieces cut shorter than this (s) are numerical dust.
+const DUST_S: f64 = 1e-4;
+/// Limits beyond these are damage, not wishes: what the parameter table allows, and a jerk beyond any multicopter's.
+const SANE_SPEED_MPS: f64 = 25.0;
+const SANE_ACCELERATION_MPS2: f64 = 20.0;
+const SANE_JERK_MPS3: f64 = 500.0;
+const SANE_YAW_RATE_RADPS: f64 = 20.0;
+
+/// Whether `candidate` is a trajectory at all that keeps what it promises: sound, continuous from piece to piece, at rest at
+/// its end, and after its departure within its own limits.
+///
+/// # Errors
+/// [`GuardReason::Unsound`] or, for a jump between pieces, [`GuardReason::Discontinuous`].
+pub fn examine(candidate: &Trajectory) -> Result<(), GuardReason> {
+    // Identity zero means "none": a successor could not say that it departs from it.
+    if !candidate.is_sound() || candidate.id == 0 || !are_sane(&candidate.limits) {
+        return Err(GuardReason::Unsound);
+    }
+    let pieces = candidate.pieces();
+    for (before, after) in pieces.iter().zip(pieces.iter().skip(1)) {
+        if !are_same(&before.at(before.duration_s), &after.at(0.0)) {
+            return Err(GuardReason::Discontinuous);
+        }
+    }
+    let ends_at_rest = pieces.last().is_some_and(|last| {
+        let end = last.at(last.duration_s);
+        are_same(&end, &MotionState::at_rest(end.position, end.yaw_rad))
+    });
+    if !ends_at_rest || !keeps_its_limits(candidate) {
+        return Err(GuardReason::Unsound);
+    }
+    Ok(())
+}
+
+/// When `trajectory` leaves what was flown before.
+pub fn departure(trajectory: &Trajectory) -> Timestamp {
+    if trajectory.splice.is_set() {
+        trajectory.splice
+    } else {
+        trajectory.start
+    }
+}
+
+/// Whether `candidate` does the same as `active` from `now` to its departure, and leaves it there without a jump.
+///
+/// # Errors
+/// [`GuardReason::Discontinuous`].
+pub fn joins(candidate: &Trajectory, active: &Trajectory, now: Timestamp) -> Result<(), GuardReason> {
+    /// A reader may switch at any moment up to the splice, so more than its two ends is compared.
+    const COMPARED: usize = 5;
+    let span_s = departure(candidate).seconds_since(now).max(0.0);
+    for i in 0..COMPARED {
+        let time = now.plus_seconds(span_s * i as f64 / (COMPARED - 1) as f64);
+        let same = match (candidate.at(time), active.at(time)) {
+            (Some(new), Some(old)) => are_same(&new, &old),
+            _ => false,
+        };
+        if !same {
+            return Err(GuardReason::Discontinuous);
+        }
+    }
+    Ok(())
+}
+
+/// Not true for anything that is not a number.
+fn are_same(a: &MotionState, b: &MotionState) -> bool {
+    (a.position.vector() - b.position.vector()).norm() <= SAME_POSITION_M
+        && (a.velocity.vector() - b.velocity.vector()).norm() <= SAME_VELOCITY_MPS
+        && (a.acceleration.vector() - b.acceleration.vector()).norm() <= SAME_ACCELERATION_MPS2
+}
+
+fn are_sane(limits: &MotionLimits) -> bool {
+    let positive = |value: f64, most: f64| value > 0.0 && value <= most;
+    positive(limits.speed_mps, SANE_SPEED_MPS)
+        && positive(limits.climb_mps, SANE_SPEED_MPS)
+        && positive(limits.descent_mps, SANE_SPEED_MPS)
+        && positive(limits.acceleration_mps2, SANE_ACCELERATION_MPS2)
+        && positive(limits.jerk_mps3, SANE_JERK_MPS3)
+        && (0.0..=SANE_YAW_RATE_RADPS).contains(&limits.yaw_rate_radps)
+}
+
+/// Only what comes after the departure is judged: the prefix was judged when it was approved, perhaps under other limits. For
+/// the same reason the state at the departure may exceed a limit (a brake is harder than a plan); the rest must not
+/// exceed it further.
+fn keeps_its_limits(candidate: &Trajectory) -> bool {
+    let skip_s = departure(candidate).seconds_since(candidate.start).max(0.0);
+    let Some(start) = candidate.at(candidate.start.plus_seconds(skip_s)) else {
+        return false;
+    };
+    let bounds = Bounds::new(&candidate.limits, &start);
+    let mut piece_start_s = 0.0;
+    for piece in candidate.pieces() {
+        let cut_s = skip_s - piece_start_s;
+        piece_start_s += piece.duration_s;
+        if cut_s > piece.duration_s - DUST_S {
+            continue;
+        }
+        let after = if cut_s > DUST_S {
+            piece.split(cut_s).1
+        } else {
+            *piece
+        };
+        if !bounds.hold_for(&after) {
+            return false;
+        }
+    }
+    true
+}
+
+struct Bounds {
+    speed_mps: f64,
+    climb_mps: f64,
+    descent_mps: f64,
+    acceleration_mps2: f64,
+    jerk_mps3: f64,
+    yaw_rate_radps: f64,
+}
+
+impl Bounds {
+    fn new(limits: &MotionLimits, start: &MotionState) -> Self {
+        let bound = |limit: f64, inherited: f64| limit.max(inherited) * (1.0 + LIMIT_TOLERANCE) + LIMIT_SLACK;
+        Self {
+            speed_mps: bound(limits.speed_mps, start.velocity.vector().norm()),
+            climb_mps: bound(limits.climb_mps, -start.velocity.z_mps),
+            descent_mps: bound(limits.descent_mps, start.velocity.z_mps),
+            acceleration_mps2: bound(limits.acceleration_mps2, start.acceleration.vector().norm()),
+            jerk_mps3: bound(limits.jerk_mps3, 0.0),
+            yaw_rate_radps: bound(limits.yaw_rate_radps, start.yaw_rate_radps.abs()),
+        }
+    }
+
+    fn hold_for(&self, piece: &BezierPiece) -> bool {
+        let velocity: [_; 5] = derivative(&piece.points(), piece.duration_s);
+        let acceleration: [_; 4] = derivative(&velocity, piece.duration_s);
+        let jerk: [_; 3] = derivative(&acceleration, piece.duration_s);
+        let yaw_rate: [f64; 5] = derivative_scalar(&piece.yaw_rad, piece.duration_s);
+        hull_keeps(&velocity, HALVINGS, &|v: &Vector3<f64>| {
+            v.norm() <= self.speed_mps && -v.z <= self.climb_mps && v.z <= self.descent_mps
+        }) && hull_keeps(&acceleration, HALVINGS, &|a: &Vector3<f64>| {
+            a.norm() <= self.acceleration_mps2
+        }) && hull_keeps(&jerk, HALVINGS, &|j: &Vector3<f64>| j.norm() <= self.jerk_mps3)
+            && hull_keeps(
+                &yaw_rate.map(|rate| Vector3::new(rate, 0.0, 0.0)),
+                HALVINGS,
+                &|rate: &Vector3<f64>| rate.x.abs() <= self.yaw_rate_radps,
+            )
+    }
+}
+
+/// Whether the curve with these control points keeps the convex condition `keeps`, as far as its hull, halved at most
+/// `halvings` times, can tell.
+fn hull_keeps<const N: usize>(
+    points: &[Vector3<f64>; N],
+    halvings: u32,
+    keeps: &impl Fn(&Vector3<f64>) -> bool,
+) -> bool {
+    if points.iter().all(keeps) {
+        return true;
+    }
+    if halvings == 0 {
+        return false;
+    }
+    let (before, after) = bezier::split(points, 0.5);
+    hull_keeps(&before, halvings - 1, keeps) && hull_keeps(&after, halvings - 1, keeps)
+}

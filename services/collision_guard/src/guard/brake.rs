@@ -1,0 +1,290 @@
+//! The guard's own brake: from a state of motion to rest, straight ahead, as hard as it may.
+//!
+//! Three phases of constant jerk: the acceleration is led to full braking against the direction of motion, held there, and
+//! led to zero as the speed vanishes. Each phase is a cubic, which a quintic between its ends reproduces exactly. From a
+//! steady speed `v` the way is `v a / 2j + v^2 / 2a`, what [`jink_shared_types::motion::stopping_distance_m`] counts on.
+//!
+//! With an acceleration `a0` at the start (a curve, say) the first phase also has to get rid of that. During a phase of
+//! duration `t1` that changes the acceleration linearly from `a0` to `a1` the velocity becomes `v0 + a0 t1 / 2 + a1 t1 / 2`.
+//! It is parallel to `a1`, and the rest of the brake straight, if `a1` points against `v0 + a0 t1 / 2`; `t1` itself
+//! follows from `a1` and the jerk, so both are found by iteration.
+
+use jink_shared_types::bezier::{End, derivative, quintic_between, split_scalar};
+use jink_shared_types::motion::{BezierPiece, MotionState, Trajectory, TrajectoryMode};
+use jink_shared_types::{Coded, Flag, Timestamp};
+use nalgebra::Vector3;
+
+/// The brake begins this long after now (s): one period of a setpoint stream of 20 Hz, so that a reader that is at most one
+/// period late still finds itself on the common part. Longer wastes way, at the speed of flight.
+pub const LEAD_S: f64 = 0.05;
+/// Phases shorter than this (s) are left out: their derivatives would be noise.
+const SHORTEST_S: f64 = 2e-3;
+/// Halvings of the interval in which the deceleration is sought: a billionth of it remains.
+const BISECTIONS: u32 = 30;
+/// Share by which the brake may exceed its own limits.
+const TOLERANCE: f64 = 0.01;
+
+/// How hard the brake may be.
+#[derive(Clone, Copy, Debug)]
+pub struct Hardness {
+    /// Deceleration (m/s2).
+    pub deceleration_mps2: f64,
+    /// Jerk (m/s3).
+    pub jerk_mps3: f64,
+}
+
+/// Makes `out` the brake of `active`: what that does until `now` plus [`LEAD_S`], then to rest.
+pub fn brake(active: &Trajectory, now: Timestamp, hardness: Hardness, id: u64, out: &mut Trajectory) {
+    let mut begin = now.plus_seconds(LEAD_S);
+    let room = jink_shared_types::motion::TRAJECTORY_PIECES - PHASES;
+    let fits = out.take_prefix(active, now, begin) && out.pieces().len() <= room;
+    if !fits || out.len == 0 {
+        // Nothing to repeat (rest, or a start still to come), or pieces too small to keep: brake from now.
+        out.len = 0;
+        out.start = now;
+        begin = now;
+    }
+    let (start, yaw_rad) = match out.pieces().last() {
+        Some(last) => (last.at(last.duration_s), last.yaw_rad[last.yaw_rad.len() - 1]),
+        None => {
+            let state = active.at(begin).unwrap_or_default();
+            (state, state.yaw_rad)
+        }
+    };
+    let hardness = Hardness {
+        deceleration_mps2: hardness.deceleration_mps2.max(present_deceleration_mps2(&start)),
+        ..hardness
+    };
+    let legs = Legs::new(&start, hardness);
+    legs.append(&start, yaw_rad, out);
+    out.id = id;
+    out.base_id = active.id;
+    out.route_id = active.route_id;
+    out.splice = begin;
+    out.limits = active.limits;
+    out.limits.acceleration_mps2 = active
+        .limits
+        .acceleration_mps2
+        .max(hardness.deceleration_mps2)
+        .max(start.acceleration.vector().norm());
+    out.mode = Coded::new(TrajectoryMode::Brake);
+    out.reaches_goal = Flag::NO;
+}
+
+/// Who brakes harder already must not be made to brake less.
+fn present_deceleration_mps2(state: &MotionState) -> f64 {
+    let velocity = state.velocity.vector();
+    let speed_mps = velocity.norm();
+    if speed_mps > 1e-6 {
+        -state.acceleration.vector().dot(&velocity) / speed_mps
+    } else {
+        0.0
+    }
+}
+
+/// Most legs of a brake.
+const PHASES: usize = 3;
+
+/// The legs of a brake: where each ends, and how long it takes.
+struct Legs {
+    ends: [End; PHASES],
+    durations_s: [f64; PHASES],
+    len: usize,
+}
+
+impl Legs {
+    fn new(start: &MotionState, hardness: Hardness) -> Self {
+        Self::three_phases(&start.end(), hardness)
+            .unwrap_or_else(|| Self::one_quintic(&start.end(), hardness))
+    }
+
+    /// `None` if the speed is too small for the phases to have a direction.
+    fn three_phases(start: &End, hardness: Hardness) -> Option<Self> {
+        let Hardness {
+            deceleration_mps2,
+            jerk_mps3,
+        } = hardness;
+        let mut lead_in = LeadIn::to(start, deceleration_mps2, jerk_mps3)?;
+        if lead_in.spare_mps < 0.0 {
+            let (mut low, mut high) = (0.0, deceleration_mps2);
+            for _ in 0..BISECTIONS {
+                let middle = 0.5 * (low + high);
+                match LeadIn::to(start, middle, jerk_mps3) {
+                    Some(tried) if tried.spare_mps >= 0.0 => {
+                        low = middle;
+                        lead_in = tried;
+                    }
+                    _ => high = middle,
+                }
+            }
+        }
+        if lead_in.spare_mps < 0.0 || lead_in.deceleration.norm() < 1e-3 {
+            return None;
+        }
+        let full = lead_in.deceleration.norm();
+        let mut legs = Self {
+            ends: [*start; PHASES],
+            durations_s: [0.0; PHASES],
+            len: 0,
+        };
+        let mut at = *start;
+        for (duration_s, acceleration) in [
+            (lead_in.duration_s, lead_in.deceleration),
+            (lead_in.spare_mps / full, lead_in.deceleration),
+            (full / jerk_mps3, Vector3::zeros()),
+        ] {
+            if duration_s > SHORTEST_S {
+                at = after(&at, &acceleration, duration_s);
+                legs.push(at, duration_s);
+            }
+        }
+        legs.end_at_rest();
+        legs.keep(start, hardness).then_some(legs)
+    }
+
+    /// One quintic, for speeds too small for phases: as long as it takes to stay within the limits.
+    fn one_quintic(start: &End, hardness: Hardness) -> Self {
+        /// Doubled at most this often; from the shortest that is an hour, more than any state within the limits takes.
+        const LENGTHENINGS: u32 = 60;
+        let mut duration_s = 0.1;
+        let mut legs = Self::quintic_of(start, duration_s);
+        for _ in 0..LENGTHENINGS {
+            if legs.keep(start, hardness) {
+                break;
+            }
+            duration_s *= 1.2;
+            legs = Self::quintic_of(start, duration_s);
+        }
+        legs
+    }
+
+    fn quintic_of(start: &End, duration_s: f64) -> Self {
+        // The end that a quintic reaches with the least jerk: half the way of its speed, and what its acceleration adds.
+        let end = End {
+            position: start.position
+                + start.velocity * (0.5 * duration_s)
+                + start.acceleration * (duration_s * duration_s / 12.0),
+            velocity: Vector3::zeros(),
+            acceleration: Vector3::zeros(),
+        };
+        let mut legs = Self {
+            ends: [end; PHASES],
+            durations_s: [0.0; PHASES],
+            len: 0,
+        };
+        legs.push(end, duration_s);
+        legs
+    }
+
+    fn push(&mut self, end: End, duration_s: f64) {
+        if let (Some(slot), Some(duration)) =
+            (self.ends.get_mut(self.len), self.durations_s.get_mut(self.len))
+        {
+            *slot = end;
+            *duration = duration_s;
+            self.len += 1;
+        }
+    }
+
+    /// What rounding and left-out phases leave of speed and acceleration ends here.
+    fn end_at_rest(&mut self) {
+        if let Some(last) = self.len.checked_sub(1).and_then(|index| self.ends.get_mut(index)) {
+            last.velocity = Vector3::zeros();
+            last.acceleration = Vector3::zeros();
+        }
+    }
+
+    fn legs(&self) -> impl Iterator<Item = (&End, f64)> {
+        self.ends.iter().zip(self.durations_s).take(self.len)
+    }
+
+    /// Whether no leg brakes harder than allowed, or than it starts with.
+    fn keep(&self, start: &End, hardness: Hardness) -> bool {
+        let most_mps2 = hardness.deceleration_mps2.max(start.acceleration.norm()) * (1.0 + TOLERANCE) + 1e-6;
+        let most_mps3 = hardness.jerk_mps3 * (1.0 + TOLERANCE) + 1e-6;
+        let mut from = *start;
+        self.len > 0
+            && self.legs().all(|(end, duration_s)| {
+                let points = quintic_between(&from, end, duration_s);
+                from = *end;
+                let velocity: [_; 5] = derivative(&points, duration_s);
+                let acceleration: [_; 4] = derivative(&velocity, duration_s);
+                let jerk: [_; 3] = derivative(&acceleration, duration_s);
+                acceleration.iter().all(|a| a.norm() <= most_mps2)
+                    && jerk.iter().all(|j| j.norm() <= most_mps3)
+            })
+    }
+
+    /// Appends the legs to `out`. The heading runs out as the speed does.
+    fn append(&self, start: &MotionState, yaw_rad: f64, out: &mut Trajectory) {
+        let total_s: f64 = self.legs().map(|(_, duration_s)| duration_s).sum();
+        let turn = |yaw_rad: f64, rate_radps: f64| End {
+            position: Vector3::new(yaw_rad, 0.0, 0.0),
+            velocity: Vector3::new(rate_radps, 0.0, 0.0),
+            acceleration: Vector3::zeros(),
+        };
+        let yaw_end_rad = yaw_rad + 0.5 * start.yaw_rate_radps * total_s;
+        let mut yaw = quintic_between(
+            &turn(yaw_rad, start.yaw_rate_radps),
+            &turn(yaw_end_rad, 0.0),
+            total_s,
+        )
+        .map(|p| p.x);
+        let mut left_s = total_s;
+        let mut from = start.end();
+        for (end, duration_s) in self.legs() {
+            let (before, after) = split_scalar(&yaw, (duration_s / left_s).min(1.0));
+            let points = quintic_between(&from, end, duration_s);
+            if !out.push(BezierPiece::new(&points, before, duration_s)) {
+                return;
+            }
+            yaw = after;
+            left_s -= duration_s;
+            from = *end;
+        }
+    }
+}
+
+/// The first phase of a brake.
+struct LeadIn {
+    /// Acceleration at its end.
+    deceleration: Vector3<f64>,
+    duration_s: f64,
+    /// Speed left for the second phase; negative if the third one would need more than there is.
+    spare_mps: f64,
+}
+
+impl LeadIn {
+    /// To a deceleration of `full_mps2`. `None` if no direction can be found.
+    fn to(start: &End, full_mps2: f64, jerk_mps3: f64) -> Option<Self> {
+        /// The iteration contracts by `a a0 / (2 j v)` per round; where that is not well below one the speed is so small
+        /// that the caller has another way.
+        const ROUNDS: usize = 24;
+        let mut duration_s = 0.0;
+        let mut deceleration = Vector3::zeros();
+        for _ in 0..ROUNDS {
+            let toward = (start.velocity + start.acceleration * (0.5 * duration_s)).try_normalize(1e-6)?;
+            deceleration = -toward * full_mps2;
+            duration_s = (deceleration - start.acceleration).norm() / jerk_mps3;
+        }
+        let carried_mps = (start.velocity + start.acceleration * (0.5 * duration_s)).norm();
+        Some(Self {
+            deceleration,
+            duration_s,
+            spare_mps: carried_mps - 0.5 * full_mps2 * duration_s - 0.5 * full_mps2 * full_mps2 / jerk_mps3,
+        })
+    }
+}
+
+/// The state after a phase of constant jerk that leads the acceleration to `acceleration`.
+fn after(start: &End, acceleration: &Vector3<f64>, t_s: f64) -> End {
+    let change = acceleration - start.acceleration;
+    End {
+        position: start.position
+            + start.velocity * t_s
+            + start.acceleration * (0.5 * t_s * t_s)
+            + change * (t_s * t_s / 6.0),
+        velocity: start.velocity + (start.acceleration + change * 0.5) * t_s,
+        acceleration: *acceleration,
+    }
+}

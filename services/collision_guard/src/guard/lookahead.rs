@@ -1,0 +1,271 @@
+//! How far the way along a trajectory is free, by what the ring knows now.
+//!
+//! The reference is followed from now to its end in steps of at most [`STEP_M`]. It meets a conflict at the first place
+//!
+//! * that is nearer to an obstacle point than the clearance asked for (horizontally; the obstacles are the ring's points,
+//!   not the arcs of its sectors, so that sectors that are wide far away punish nobody), or
+//! * that nobody has seen to be free.
+//!
+//! A vehicle that is already nearer to something than it should be may leave: as long as it is too near, its way must not
+//! bring it nearer still.
+
+use crate::ring::{Outlook, SENSORS, SLOTS, Sight};
+use jink_shared_types::bezier::{self, derivative};
+use jink_shared_types::motion::{BezierPiece, GuardReason, Trajectory, stopping_distance_m};
+use jink_shared_types::{Timestamp, motion::MotionState};
+
+/// Longest step along the way (m): an eighth of the smallest clearance that makes sense, so that between two steps the
+/// reference is at most 1 mm nearer to an obstacle point than at the nearer one of them.
+const STEP_M: f64 = 0.05;
+/// How far ahead is looked (m); beyond counts as unseen. No range sensor of a multicopter sees farther.
+const FARTHEST_M: f64 = 60.0;
+/// Steps after which looking ends, and the rest counts as unseen: bounds the time that a senseless trajectory can take. A
+/// sensible one takes at most two steps for [`STEP_M`], the hull of its velocity being larger than its speed.
+const STEPS: usize = 4_000;
+/// What a vehicle that is too near already may come nearer still (m): the noise of a lidar from one sweep to the next.
+const LEAVING_SLACK_M: f64 = 0.05;
+
+/// What the guard demands of a way.
+#[derive(Clone, Copy, Debug)]
+pub struct Demand {
+    /// Clearance between the reference and any obstacle point (m).
+    pub clearance_m: f64,
+    /// Reaction time (s).
+    pub delay_s: f64,
+    /// Deceleration of the guard's own brake (m/s2).
+    pub brake_mps2: f64,
+    /// For how long from now no brake must become necessary (s): zero for what is flown, more for what is new.
+    pub horizon_s: f64,
+    /// Whether places in the view of a sensor that has fallen silent count as unseen.
+    pub loss_counts: bool,
+}
+
+/// What is ahead.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Prospect {
+    /// Way to the first conflict (m); infinity for none.
+    pub free_way_m: f64,
+    /// What the conflict is; [`GuardReason::None`] for none.
+    pub conflict: GuardReason,
+    /// Way needed to stop from the present speed (m).
+    pub stopping_m: f64,
+    /// Way that has to be free (m): to stop before the conflict from any moment within the horizon.
+    pub needed_m: f64,
+}
+
+impl Prospect {
+    /// Whether the conflict lies too near to stop before it.
+    pub fn is_blocked(&self) -> bool {
+        self.free_way_m < self.needed_m
+    }
+}
+
+/// Looks ahead. Holds the memory for the obstacle points.
+#[derive(Clone, Debug)]
+pub struct Lookahead {
+    /// Obstacle points relative to `anchor_m`, one array per axis so that they are compared several at a time.
+    north_m: Vec<f32>,
+    east_m: Vec<f32>,
+    anchor_m: [f64; 2],
+}
+
+impl Lookahead {
+    /// With all its memory.
+    pub fn new() -> Self {
+        Self {
+            north_m: Vec::with_capacity(SENSORS * SLOTS),
+            east_m: Vec::with_capacity(SENSORS * SLOTS),
+            anchor_m: [0.0; 2],
+        }
+    }
+
+    /// Follows `trajectory` from `now` on.
+    pub fn follow(
+        &mut self,
+        now: Timestamp,
+        trajectory: &Trajectory,
+        outlook: &Outlook<'_>,
+        demand: &Demand,
+    ) -> Prospect {
+        let Some(start) = trajectory.at(now) else {
+            return Prospect {
+                free_way_m: f64::INFINITY,
+                conflict: GuardReason::None,
+                stopping_m: 0.0,
+                needed_m: 0.0,
+            };
+        };
+        self.gather(&start, outlook);
+        let stopping_m = stopping_m(&start, trajectory.limits.jerk_mps3, demand);
+        let mut walk = Walk {
+            way_m: 0.0,
+            last: start.position.vector(),
+            best_clearance_m: self.clearance_m([start.position.x_m, start.position.y_m]),
+            clear_until_m: 0.0,
+            steps: 0,
+            reach_m: stopping_m,
+            longest_stop_m: stopping_m,
+        };
+        let mut skip_s = now.seconds_since(trajectory.start).max(0.0);
+        let mut ahead_s = trajectory.start.seconds_since(now).max(0.0);
+        for piece in trajectory.pieces() {
+            if skip_s >= piece.duration_s {
+                skip_s -= piece.duration_s;
+                continue;
+            }
+            let begin_s = skip_s;
+            skip_s = 0.0;
+            let steps = steps_for(piece, begin_s);
+            let step_s = (piece.duration_s - begin_s) / steps as f64;
+            for step in 1..=steps {
+                let t_s = begin_s + step_s * step as f64;
+                ahead_s += step_s;
+                let conflict = self.step(&mut walk, piece, t_s, outlook, demand);
+                if conflict != GuardReason::None {
+                    return walk.end(conflict, ahead_s <= demand.horizon_s, stopping_m);
+                }
+                if ahead_s <= demand.horizon_s {
+                    walk.must_stop_from(&piece.at(t_s), trajectory.limits.jerk_mps3, demand);
+                }
+            }
+        }
+        Prospect {
+            free_way_m: f64::INFINITY,
+            conflict: GuardReason::None,
+            stopping_m,
+            needed_m: stopping_m,
+        }
+    }
+
+    fn step(
+        &self,
+        walk: &mut Walk,
+        piece: &BezierPiece,
+        t_s: f64,
+        outlook: &Outlook<'_>,
+        demand: &Demand,
+    ) -> GuardReason {
+        let position = bezier::evaluate(&piece.points(), t_s / piece.duration_s);
+        walk.way_m += (position - walk.last).norm();
+        walk.last = position;
+        walk.steps += 1;
+        let place_m = [position.x, position.y];
+        if walk.way_m >= walk.clear_until_m && !self.is_clear(walk, place_m, demand) {
+            return GuardReason::Obstacle;
+        }
+        if walk.way_m > FARTHEST_M || walk.steps > STEPS {
+            return GuardReason::Unseen;
+        }
+        // Where the vehicle is, nothing else can be.
+        if outlook.is_here(place_m, demand.clearance_m) {
+            return GuardReason::None;
+        }
+        match outlook.sight(place_m, position.z, demand.clearance_m) {
+            Sight::Free => GuardReason::None,
+            Sight::Lost if !demand.loss_counts => GuardReason::None,
+            Sight::Lost | Sight::Unseen => GuardReason::Unseen,
+        }
+    }
+
+    /// Whether the place (north, east) has the clearance asked for.
+    fn is_clear(&self, walk: &mut Walk, place_m: [f64; 2], demand: &Demand) -> bool {
+        let clearance_m = self.clearance_m(place_m);
+        if walk.best_clearance_m < demand.clearance_m {
+            let asked_m = walk.best_clearance_m - LEAVING_SLACK_M;
+            walk.best_clearance_m = walk.best_clearance_m.max(clearance_m);
+            return clearance_m >= asked_m;
+        }
+        // Nothing comes nearer faster than the way goes on: there is no need to look again before.
+        walk.clear_until_m = walk.way_m + clearance_m - demand.clearance_m;
+        clearance_m >= demand.clearance_m
+    }
+
+    fn gather(&mut self, start: &MotionState, outlook: &Outlook<'_>) {
+        self.anchor_m = [start.position.x_m, start.position.y_m];
+        self.north_m.clear();
+        self.east_m.clear();
+        // The iterator yields at most one point per slot and sensor: never more than there is room for.
+        for [north, east] in outlook.obstacles().take(SENSORS * SLOTS) {
+            self.north_m.push((north - self.anchor_m[0]) as f32);
+            self.east_m.push((east - self.anchor_m[1]) as f32);
+        }
+    }
+
+    /// Horizontal distance from a place (north, east) to the nearest obstacle point (m); infinity for none.
+    fn clearance_m(&self, place_m: [f64; 2]) -> f64 {
+        let north = (place_m[0] - self.anchor_m[0]) as f32;
+        let east = (place_m[1] - self.anchor_m[1]) as f32;
+        let nearest_m2 = self
+            .north_m
+            .iter()
+            .zip(&self.east_m)
+            .map(|(n, e)| (n - north) * (n - north) + (e - east) * (e - east))
+            .fold(
+                f32::INFINITY,
+                |nearest, m2| if m2 < nearest { m2 } else { nearest },
+            );
+        f64::from(nearest_m2).sqrt()
+    }
+}
+
+struct Walk {
+    way_m: f64,
+    last: nalgebra::Vector3<f64>,
+    /// The greatest clearance so far, while it is less than asked for.
+    best_clearance_m: f64,
+    /// No obstacle can be too near before the way has become this long (m).
+    clear_until_m: f64,
+    steps: usize,
+    /// Farthest place to which a stop from any moment within the horizon leads (m).
+    reach_m: f64,
+    /// Longest of those stops (m).
+    longest_stop_m: f64,
+}
+
+impl Walk {
+    fn must_stop_from(&mut self, state: &MotionState, jerk_mps3: f64, demand: &Demand) {
+        let stop_m = stopping_m(state, jerk_mps3, demand);
+        self.reach_m = self.reach_m.max(self.way_m + stop_m);
+        self.longest_stop_m = self.longest_stop_m.max(stop_m);
+    }
+
+    /// The end of what is unseen moves on with the vehicle, because it sees farther from there: the longest stop has to fit in
+    /// front of it. An obstacle stays: every stop has to end before it. What is met within the horizon leaves no room.
+    fn end(&self, conflict: GuardReason, is_within_horizon: bool, stopping_m: f64) -> Prospect {
+        let needed_m = if is_within_horizon {
+            f64::INFINITY
+        } else if conflict == GuardReason::Obstacle {
+            self.reach_m
+        } else {
+            self.longest_stop_m
+        };
+        Prospect {
+            free_way_m: self.way_m,
+            conflict,
+            stopping_m,
+            needed_m,
+        }
+    }
+}
+
+fn steps_for(piece: &BezierPiece, begin_s: f64) -> usize {
+    let velocity: [_; 5] = derivative(&piece.points(), piece.duration_s);
+    let fastest_mps = velocity.iter().map(|v| v.norm()).fold(0.0, f64::max);
+    let longest_m = fastest_mps * (piece.duration_s - begin_s);
+    ((longest_m / STEP_M).ceil() as usize).clamp(1, STEPS)
+}
+
+/// Way to stop from `state`. A reference that is still speeding up first has to give up its acceleration `a` with the jerk
+/// `j`: meanwhile it gains `a^2 / 2j` of speed, over a time `a / j`.
+fn stopping_m(state: &MotionState, jerk_mps3: f64, demand: &Demand) -> f64 {
+    let velocity = state.velocity.vector();
+    let speed_mps = velocity.norm();
+    let gain_mps2 = if speed_mps > 1e-6 {
+        (state.acceleration.vector().dot(&velocity) / speed_mps).max(0.0)
+    } else {
+        0.0
+    };
+    let release_s = gain_mps2 / jerk_mps3;
+    let top_mps = speed_mps + 0.5 * gain_mps2 * release_s;
+    top_mps * release_s + stopping_distance_m(top_mps, demand.delay_s, demand.brake_mps2, jerk_mps3)
+}

@@ -1,0 +1,373 @@
+//! The guard: lets a trajectory pass, keeps the one before, or brakes.
+//!
+//! | in | out |
+//! |---|---|
+//! | a new trajectory, if one has come | the trajectory that may leave, on every call |
+//! | vehicle state, with its age | verdict, reason, free way, stopping distance |
+//! | the [`Ring`] | [`News`] for the pilot, once per change |
+//!
+//! # What is let through
+//! A new trajectory passes if it is sound and within its own limits (`admission.rs`); departs from what is flown and joins it
+//! without a jump; comes before its splice; ranges and vehicle state are fresh; and its way is free as far as the guard would
+//! need to stop (`lookahead.rs`). Otherwise the one before goes on: it ends at rest, so refusing is always safe. A
+//! [`TrajectoryMode::Mirror`] passes always and ends what is flown. A stop (or brake) passes without fresh data: it is what one
+//! wants then.
+//!
+//! # What is watched
+//! What is flown is followed at every step. If a conflict lies nearer than the stopping distance, it is replaced by its own
+//! brake (`brake.rs`), unless it comes to rest within a shorter way itself. The brake is flown until a trajectory that departs
+//! from it passes. Unknown sectors are a conflict, except those of a sensor that has fallen silent: what was approved was
+//! certified then, and runs on to its own stop.
+//!
+//! # After a restart
+//! A guard that has just started does not know what is flown. It approves nothing until a trajectory comes, and takes the
+//! first one that covers the present moment, has not departed yet, is near the measured position, and passes everything else. That is
+//! safe: up to its departure a trajectory repeats the approved one it was made from, so the vehicle is on it already, and
+//! what it adds is checked like anything new. One that has departed is refused: whatever is flown instead went elsewhere.
+
+mod admission;
+mod brake;
+mod lookahead;
+mod news;
+
+pub use news::News;
+
+use crate::ring::Ring;
+use admission::departure;
+use brake::Hardness;
+use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::motion::{
+    ApprovedTrajectory, GuardReason, MotionState, Trajectory, TrajectoryMode, Verdict,
+};
+use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::{Coded, Reading, Timestamp};
+use lookahead::{Demand, Lookahead, Prospect};
+
+/// How far from the measured position a motion from rest may start (m): an estimator's jump, a gust.
+const START_ERROR_M: f64 = 1.0;
+/// Added per speed (s): how old the measured position is by then, and how long the vehicle takes to follow.
+const START_ERROR_S: f64 = 0.5;
+/// A new trajectory must not need a brake for this long from now (s). Without that a start toward an obstacle would be
+/// approved, because who stands has no stopping distance, and braked when it has gained some speed: half a second later.
+const HORIZON_S: f64 = 1.0;
+/// A brake is made only if it comes to rest within this share of the way that the flown trajectory takes anyway.
+const WORTH_BRAKING: f64 = 0.98;
+/// Bit that marks identities made by the guard.
+const GUARD_MADE: u64 = 1 << 63;
+
+/// What a user may tune.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GuardConfig {
+    /// Radius of the vehicle (m).
+    pub vehicle_radius_m: f64,
+    /// Distance kept besides the radius (m).
+    pub margin_m: f64,
+    /// Deceleration counted on and braked with (m/s2).
+    pub brake_mps2: f64,
+    /// Reaction time counted on (s).
+    pub delay_s: f64,
+}
+
+impl GuardConfig {
+    /// The values in force.
+    pub fn from_params(params: &ParamSet) -> Self {
+        Self {
+            vehicle_radius_m: params.get(&params::OA_VEH_RADIUS),
+            margin_m: params.get(&params::GD_MARGIN),
+            brake_mps2: params.get(&params::GD_ACC_BRAKE),
+            delay_s: params.get(&params::GD_DELAY),
+        }
+    }
+}
+
+/// What one step works on.
+#[derive(Clone, Copy, Debug)]
+pub struct GuardInputs<'a> {
+    /// A trajectory that has come since the last step.
+    pub trajectory: Option<&'a Trajectory>,
+    /// The vehicle's state.
+    pub state: Reading<'a, VehicleState>,
+    /// What stands around.
+    pub ring: &'a Ring,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Flown {
+    /// Nobody has told yet.
+    Unknown,
+    /// The autopilot's own setpoints.
+    Mirror,
+    /// The active trajectory.
+    Active,
+}
+
+/// The guard.
+#[derive(Clone, Debug)]
+pub struct Guard {
+    config: GuardConfig,
+    generation: u32,
+    brakes: u32,
+    flown: Flown,
+    active: Trajectory,
+    /// Where a brake is made before it replaces the active trajectory.
+    draft: Trajectory,
+    /// The active trajectory is the guard's own brake.
+    is_braking: bool,
+    verdict: Verdict,
+    reason: GuardReason,
+    /// Whether ranges were fresh at the last step; `None` as long as there have never been any.
+    had_ranges: Option<bool>,
+    lookahead: Lookahead,
+}
+
+impl Guard {
+    /// A guard that knows nothing yet. `generation` tells this start of the process from others.
+    pub fn new(config: GuardConfig, generation: u32) -> Self {
+        Self {
+            config,
+            generation,
+            brakes: 0,
+            flown: Flown::Unknown,
+            active: Trajectory::default(),
+            draft: Trajectory::default(),
+            is_braking: false,
+            verdict: Verdict::Hold,
+            reason: GuardReason::None,
+            had_ranges: None,
+            lookahead: Lookahead::new(),
+        }
+    }
+
+    /// Takes new values from now on.
+    pub fn configure(&mut self, config: GuardConfig) {
+        self.config = config;
+    }
+
+    /// One step: judges what is new, watches what is flown, tells in `out` what may leave.
+    ///
+    /// Verdict and reason are those of the last decision, and stay until the next one: a refusal is told until something passes or
+    /// a brake is made. Whether what leaves is a brake, its mode says. Without fresh ranges the free way is infinite: nothing is
+    /// known that ends it.
+    pub fn step(&mut self, now: Timestamp, inputs: &GuardInputs<'_>, out: &mut ApprovedTrajectory) -> News {
+        let mut news = News::default();
+        let has_ranges = inputs.ring.is_fresh(now);
+        self.tell_ranges(has_ranges, &mut news);
+
+        let mut prospect = None;
+        if let Some(candidate) = inputs.trajectory.filter(|candidate| self.is_new(candidate)) {
+            match self.judge(now, candidate, inputs, has_ranges) {
+                Ok(seen) => {
+                    self.take(candidate, &mut news);
+                    prospect = seen;
+                }
+                Err(reason) => self.refuse(reason),
+            }
+        }
+        if self.flown == Flown::Active && has_ranges && prospect.is_none() {
+            let seen = self.look(now, None, inputs.ring);
+            if seen.is_blocked() {
+                self.brake(now, &seen, &mut news);
+            }
+            prospect = Some(seen);
+        }
+
+        out.trajectory = self.active;
+        out.free_way_m = prospect.map_or(f64::INFINITY, |seen| seen.free_way_m);
+        out.stopping_m = prospect.map_or(0.0, |seen| seen.stopping_m);
+        out.verdict = Coded::new(self.verdict);
+        out.reason = Coded::new(self.reason);
+        news
+    }
+
+    fn is_new(&self, candidate: &Trajectory) -> bool {
+        self.flown != Flown::Active || candidate.id != self.active.id
+    }
+
+    /// Whether `candidate` may be flown; what is ahead of it, if that could be looked at.
+    fn judge(
+        &mut self,
+        now: Timestamp,
+        candidate: &Trajectory,
+        inputs: &GuardInputs<'_>,
+        has_ranges: bool,
+    ) -> Result<Option<Prospect>, GuardReason> {
+        let mode = candidate.mode.get();
+        if mode == TrajectoryMode::Mirror {
+            // A mirror carries no pieces; with pieces it is a damaged trajectory whose mode byte has become unreadable.
+            return if candidate.len == 0 {
+                Ok(None)
+            } else {
+                Err(GuardReason::Unsound)
+            };
+        }
+        admission::examine(candidate)?;
+        let state = inputs.state.fresh().filter(|state| is_usable(state.sample));
+        self.connects(now, candidate, state.map(|state| state.sample))?;
+        let is_stop = matches!(mode, TrajectoryMode::Stop | TrajectoryMode::Brake);
+        if !is_stop && !has_ranges {
+            return Err(GuardReason::RangesStale);
+        }
+        if !is_stop && state.is_none() {
+            return Err(GuardReason::StateStale);
+        }
+        if !has_ranges {
+            return Ok(None);
+        }
+        let seen = self.look(now, Some(candidate), inputs.ring);
+        if seen.is_blocked() {
+            Err(seen.conflict)
+        } else {
+            Ok(Some(seen))
+        }
+    }
+
+    /// Whether `candidate` departs, in time and without a jump, from what is flown.
+    fn connects(
+        &self,
+        now: Timestamp,
+        candidate: &Trajectory,
+        state: Option<&VehicleState>,
+    ) -> Result<(), GuardReason> {
+        let departs = departure(candidate);
+        let is_on_time = if now <= departs {
+            Ok(())
+        } else {
+            Err(GuardReason::Late)
+        };
+        if self.flown == Flown::Active && candidate.base_id == self.active.id {
+            is_on_time?;
+            return admission::joins(candidate, &self.active, now);
+        }
+        let from_rest = candidate.base_id == 0;
+        let may_start = match self.flown {
+            Flown::Active => from_rest && self.active.end() <= departs,
+            Flown::Mirror => from_rest,
+            Flown::Unknown => from_rest || candidate.start <= now,
+        };
+        if !may_start {
+            return Err(GuardReason::WrongBase);
+        }
+        is_on_time?;
+        let state = state.ok_or(GuardReason::StateStale)?;
+        let reference = candidate.at(now).ok_or(GuardReason::Unsound)?;
+        if is_near(&reference, state) {
+            Ok(())
+        } else {
+            Err(GuardReason::Discontinuous)
+        }
+    }
+
+    /// What is ahead of `candidate`, or of what is flown.
+    fn look(&mut self, now: Timestamp, candidate: Option<&Trajectory>, ring: &Ring) -> Prospect {
+        let demand = Demand {
+            clearance_m: self.config.vehicle_radius_m + self.config.margin_m,
+            delay_s: self.config.delay_s,
+            brake_mps2: self.config.brake_mps2,
+            horizon_s: if candidate.is_some() { HORIZON_S } else { 0.0 },
+            loss_counts: candidate.is_some(),
+        };
+        let trajectory = candidate.unwrap_or(&self.active);
+        self.lookahead
+            .follow(now, trajectory, &ring.outlook(now), &demand)
+    }
+
+    fn take(&mut self, candidate: &Trajectory, news: &mut News) {
+        if self.is_braking {
+            news.add(EventSample::new(&events::GUARD_RELEASED, "", [0.0; 2]));
+        }
+        self.is_braking = false;
+        self.active = *candidate;
+        self.flown = if candidate.mode == TrajectoryMode::Mirror {
+            Flown::Mirror
+        } else {
+            Flown::Active
+        };
+        self.verdict = Verdict::Passed;
+        self.reason = GuardReason::None;
+    }
+
+    fn refuse(&mut self, reason: GuardReason) {
+        self.verdict = if self.flown == Flown::Unknown {
+            Verdict::Hold
+        } else {
+            Verdict::Kept
+        };
+        self.reason = reason;
+    }
+
+    /// Replaces the active trajectory by its brake, if that is of any use.
+    fn brake(&mut self, now: Timestamp, seen: &Prospect, news: &mut News) {
+        if self.is_braking {
+            return;
+        }
+        let id = GUARD_MADE | (u64::from(self.generation) << 32) | u64::from(self.brakes);
+        let hardness = Hardness {
+            deceleration_mps2: self.config.brake_mps2,
+            jerk_mps3: self.active.limits.jerk_mps3,
+        };
+        brake::brake(&self.active, now, hardness, id, &mut self.draft);
+        if way_left_m(&self.draft, now) > WORTH_BRAKING * way_left_m(&self.active, now) {
+            return;
+        }
+        self.brakes = self.brakes.wrapping_add(1);
+        std::mem::swap(&mut self.active, &mut self.draft);
+        self.is_braking = true;
+        self.verdict = Verdict::Braked;
+        self.reason = seen.conflict;
+        let what = if seen.conflict == GuardReason::Obstacle {
+            "obstacle"
+        } else {
+            "unseen"
+        };
+        news.add(EventSample::new(
+            &events::GUARD_BRAKED,
+            what,
+            [seen.free_way_m, 0.0],
+        ));
+    }
+
+    fn tell_ranges(&mut self, has_ranges: bool, news: &mut News) {
+        match (self.had_ranges, has_ranges) {
+            (None, false) => return,
+            (Some(true), false) => news.add(EventSample::new(&events::RANGES_LOST, "", [0.0; 2])),
+            (Some(false), true) => news.add(EventSample::new(&events::RANGES_BACK, "", [0.0; 2])),
+            (None | Some(true), true) | (Some(false), false) => {}
+        }
+        self.had_ranges = Some(has_ranges);
+    }
+}
+
+fn is_usable(state: &VehicleState) -> bool {
+    /// No multicopter is faster: such a speed is damage, and must not excuse a start far away.
+    const FASTEST_MPS: f64 = 60.0;
+    state.position_valid.is_set()
+        && state.position.is_finite()
+        && state.velocity.vector().norm() <= FASTEST_MPS
+}
+
+fn is_near(reference: &MotionState, state: &VehicleState) -> bool {
+    let speed_mps = state.velocity.vector().norm();
+    let error_m = (reference.position.vector() - state.position.vector()).norm();
+    error_m <= START_ERROR_M + START_ERROR_S * speed_mps
+}
+
+/// Way that `trajectory` takes from `now` to rest (m).
+fn way_left_m(trajectory: &Trajectory, now: Timestamp) -> f64 {
+    /// Enough for a comparison: chords of a quintic piece miss less than one percent of its way.
+    const CHORDS: u32 = 16;
+    let mut skip_s = now.seconds_since(trajectory.start).max(0.0);
+    let mut way_m = 0.0;
+    for piece in trajectory.pieces() {
+        let begin_s = skip_s.min(piece.duration_s);
+        skip_s -= begin_s;
+        let mut last = piece.at(begin_s).position.vector();
+        for chord in 1..=CHORDS {
+            let t_s = begin_s + (piece.duration_s - begin_s) * f64::from(chord) / f64::from(CHORDS);
+            let next = piece.at(t_s).position.vector();
+            way_m += (next - last).norm();
+            last = next;
+        }
+    }
+    way_m
+}

@@ -1,0 +1,114 @@
+//! The guard as a process: woken by ranges, trajectories and vehicle states; it answers each trajectory and each new ring.
+
+use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
+use jink_collision_guard::ring::Ring;
+use jink_runtime::{Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake};
+use jink_shared_types::motion::{ApprovedTrajectory, Trajectory};
+use jink_shared_types::ring::SectorRing;
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
+use std::process::ExitCode;
+
+/// What is flown is looked at, and said again, this often (s).
+const PERIOD_S: f64 = 1.0 / 30.0;
+/// The ring goes out this often (s).
+const RING_PERIOD_S: f64 = 1.0 / 15.0;
+
+struct GuardService {
+    guard: Guard,
+    ring: Ring,
+    ranges: RangeInputs,
+    state: Input<VehicleState>,
+    trajectory: Input<Trajectory>,
+    approved: Output<ApprovedTrajectory>,
+    sectors: Output<SectorRing>,
+    answer: ApprovedTrajectory,
+    ring_sample: SectorRing,
+    answered: Timestamp,
+    header: SampleHeader,
+    due: Timestamp,
+    ring_due: Timestamp,
+}
+
+impl Service for GuardService {
+    const PROGRAM: &'static str = "collision_guard";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let params = ports.config().params.clone();
+        Ok(Self {
+            guard: Guard::new(GuardConfig::from_params(&params), ports.setup().generation),
+            ring: Ring::from_params(&params),
+            ranges: RangeInputs::open(ports)?,
+            state: ports.input(topics::VEHICLE_STATE)?.needed(),
+            trajectory: ports.trigger(topics::TRAJECTORY)?,
+            approved: ports.output(topics::APPROVED)?,
+            sectors: ports.output(topics::RING)?,
+            answer: ApprovedTrajectory::default(),
+            ring_sample: SectorRing::default(),
+            answered: Timestamp::NEVER,
+            header: SampleHeader::default(),
+            due: Timestamp::NEVER,
+            ring_due: Timestamp::NEVER,
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        let now = cycle.now;
+        self.take_ranges();
+        let newest = self.trajectory.latest(now).fresh();
+        let new = newest.filter(|trajectory| trajectory.header.publish != self.answered);
+        if new.is_some() || now >= self.due {
+            if let Some(new) = &new {
+                self.answered = new.header.publish;
+                self.header = *new.header;
+            }
+            let inputs = GuardInputs {
+                trajectory: new.map(|trajectory| trajectory.sample),
+                state: self.state.latest(now),
+                ring: &self.ring,
+            };
+            let news = self.guard.step(now, &inputs, &mut self.answer);
+            let answer = &self.answer;
+            self.approved
+                .write(self.header.derived(Stage::Guard, now), |slot| {
+                    slot.clone_from(answer);
+                });
+            for event in news.events() {
+                cycle.events.publish(now, event);
+            }
+            self.due = now.plus_seconds(PERIOD_S);
+        }
+        if now >= self.ring_due {
+            self.ring_due = now.plus_seconds(RING_PERIOD_S);
+            self.ring.ring(now, &mut self.ring_sample);
+            self.sectors.send(SampleHeader::at(now), &self.ring_sample);
+        }
+        Wake::at(self.due.min(self.ring_due))
+    }
+}
+
+impl GuardService {
+    fn take_ranges(&mut self) {
+        let Self {
+            ring, state, ranges, ..
+        } = self;
+        state.each(|state| {
+            if let Err(refused) = ring.vehicle(state.sample, state.header) {
+                tracing::debug!("{refused}");
+            }
+        });
+        ranges.each(|number, sample| {
+            let taken = match sample {
+                RangeSample::Cloud(cloud) => ring.cloud(number, cloud.sample, cloud.header),
+                RangeSample::Scan(scan) => ring.scan(number, scan.sample, scan.header),
+            };
+            if let Err(refused) = taken {
+                tracing::debug!("{refused}");
+            }
+        });
+    }
+}
+
+fn main() -> ExitCode {
+    jink_runtime::run::<GuardService>()
+}

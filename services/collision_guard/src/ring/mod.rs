@@ -1,0 +1,351 @@
+//! The sector ring from raw ranges: what stands around the vehicle, and how far it is known to be free.
+//!
+//! | in | out |
+//! |---|---|
+//! | vehicle states ([`Ring::vehicle`]) | |
+//! | point clouds and scans, per sensor ([`Ring::cloud`], [`Ring::scan`]) | [`SectorRing`] at any later moment ([`Ring::ring`]) |
+//! | | the [`Outlook`] on a path: obstacle points, and whether a place is known to be free |
+//!
+//! * One layer per sensor. Over layers the smallest distance to an obstacle wins; free is what any layer saw free.
+//! * Sectors are level: every ray is rotated by the attitude the vehicle had when it was measured (`sweep.rs`).
+//! * What a layer saw stays fixed in local NED. The ring at a later pose is recomputed from it: the vehicle has moved and
+//!   turned, the obstacles have not.
+//! * Only the height band around the vehicle counts. Hits above and below are no obstacles; a ray is known to be free
+//!   only as far as it stays inside the band. A hit within the vehicle's own radius is the vehicle: no obstacle, and its ray
+//!   tells nothing.
+//! * A layer older than its topic's deadline contributes nothing: its sectors become unknown, and unknown is not free.
+//!
+//! **Limit.** The ring is flat: it says nothing of what is above or below the band. For a motion that climbs or descends,
+//! an obstacle inside the band counts as a column of any height, and one outside the band does not count until the vehicle
+//! has come to its height. Vertical clearance is the planner's affair.
+
+mod bearing;
+mod cloud;
+mod layer;
+mod memory;
+mod outlook;
+mod poses;
+mod scan;
+mod sweep;
+mod view;
+
+pub use outlook::{Outlook, Sight};
+pub use poses::PoseRefused;
+
+pub(crate) use bearing::SLOTS;
+
+use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::ranges::{PointCloud, RangeScan};
+use jink_shared_types::ring::{SECTORS, SectorRing, sector_bearing_rad};
+use jink_shared_types::topics;
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::{Point, SampleHeader, Timestamp};
+use layer::Layer;
+use memory::Memory;
+use poses::{Pose, Poses};
+use std::fmt;
+use sweep::{Collector, Hull, Sweep};
+use view::Borders;
+
+/// Most sensors: sixteen single beams around the vehicle, or any smaller number of better ones.
+pub const SENSORS: usize = 16;
+
+/// Longest sweep (s): what the 16-bit time offset of a cloud point can say.
+const SWEEP_S: f64 = 0.655_35;
+
+/// Why ranges were not taken in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RangeRefused {
+    /// The sensor has no layer.
+    NoSuchSensor {
+        /// Its number.
+        sensor: usize,
+        /// How many there are.
+        sensors: usize,
+    },
+    /// The sample contradicts itself: its reach is no positive number.
+    BadReach {
+        /// What it says (m).
+        range_max_m: f32,
+    },
+    /// The sample contradicts itself: its first ray is later than its last, or more than a sweep earlier.
+    BadTimes {
+        /// First ray.
+        first: Timestamp,
+        /// Last ray.
+        last: Timestamp,
+    },
+    /// Nobody knows where the vehicle was when the rays were measured.
+    NoPose {
+        /// First ray.
+        first: Timestamp,
+        /// Last ray.
+        last: Timestamp,
+        /// The newest vehicle state.
+        newest: Timestamp,
+    },
+}
+
+impl fmt::Display for RangeRefused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            RangeRefused::NoSuchSensor { sensor, sensors } => {
+                write!(f, "sensor {sensor}, but there are only {sensors}")
+            }
+            RangeRefused::BadReach { range_max_m } => write!(f, "a reach of {range_max_m} m"),
+            RangeRefused::BadTimes { first, last } => {
+                write!(f, "rays from {} ns to {} ns", first.ns, last.ns)
+            }
+            RangeRefused::NoPose { first, last, newest } => write!(
+                f,
+                "no vehicle state for rays from {} ns to {} ns, the newest is of {} ns",
+                first.ns, last.ns, newest.ns
+            ),
+        }
+    }
+}
+impl std::error::Error for RangeRefused {}
+
+/// The sector ring.
+#[derive(Clone, Debug)]
+pub struct Ring {
+    hull: Hull,
+    poses: Poses,
+    layers: Vec<Layer>,
+    memory: Memory,
+    collector: Collector,
+    borders: Borders,
+}
+
+impl Ring {
+    /// With the vehicle's radius and the height band of `params`.
+    pub fn from_params(params: &ParamSet) -> Self {
+        Self {
+            hull: Hull {
+                radius_m: params.get(&params::OA_VEH_RADIUS),
+                band_half_m: params.get(&params::GD_BAND),
+            },
+            poses: Poses::new(),
+            layers: vec![Layer::new(); SENSORS],
+            memory: Memory::new(),
+            collector: Collector::new(),
+            borders: Borders::new(),
+        }
+    }
+
+    /// Takes a vehicle state; ranges measured after it need it. If the estimator has moved its origin, everything seen so far
+    /// is dropped.
+    ///
+    /// # Errors
+    /// [`PoseRefused`] if the state is invalid or late; the history stays as it was.
+    pub fn vehicle(&mut self, state: &VehicleState, header: &SampleHeader) -> Result<(), PoseRefused> {
+        if self.poses.push(state, header)? {
+            self.memory.clear();
+            for layer in &mut self.layers {
+                layer.is_placed = false;
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes a point cloud as the new layer of `sensor` (0 to [`SENSORS`] - 1; scans and clouds share the numbers).
+    ///
+    /// # Errors
+    /// [`RangeRefused`]; the sensor's last layer stays, and grows old.
+    pub fn cloud(
+        &mut self,
+        sensor: usize,
+        cloud: &PointCloud,
+        header: &SampleHeader,
+    ) -> Result<(), RangeRefused> {
+        let first = if cloud.first_point.is_set() {
+            cloud.first_point
+        } else {
+            header.capture
+        };
+        let rays = Rays {
+            first,
+            last: header.capture,
+            published: header.publish,
+            sensor_m: cloud.origin,
+            range_min_m: cloud.range_min_m,
+            range_max_m: cloud.range_max_m,
+            deadline_ms: topics::RANGE_CLOUD.row.deadline_ms,
+        };
+        let sweep = self.begin(sensor, &rays)?;
+        cloud::collect(cloud, &sweep, &mut self.collector);
+        self.end(sensor, &sweep, &rays);
+        Ok(())
+    }
+
+    /// Takes a planar scan or a single beam as the new layer of `sensor`. A beam as wide as several sectors fills them all.
+    ///
+    /// # Errors
+    /// [`RangeRefused`]; the sensor's last layer stays, and grows old.
+    pub fn scan(
+        &mut self,
+        sensor: usize,
+        scan: &RangeScan,
+        header: &SampleHeader,
+    ) -> Result<(), RangeRefused> {
+        let first = if scan.first_beam.is_set() {
+            scan.first_beam
+        } else {
+            header.capture
+        };
+        let rays = Rays {
+            first,
+            last: header.capture,
+            published: header.publish,
+            sensor_m: scan.origin,
+            range_min_m: scan.range_min_m,
+            range_max_m: scan.range_max_m,
+            deadline_ms: topics::RANGE_SCAN.row.deadline_ms,
+        };
+        let sweep = self.begin(sensor, &rays)?;
+        scan::collect(scan, &sweep, &mut self.collector);
+        self.end(sensor, &sweep, &rays);
+        Ok(())
+    }
+
+    /// The ring as it looks from where the vehicle is at `now`. Without a pose everything is unknown.
+    pub fn ring(&self, now: Timestamp, out: &mut SectorRing) {
+        *out = SectorRing {
+            band_half_m: self.hull.band_half_m as f32,
+            ..SectorRing::default()
+        };
+        let Some(pose) = self.poses.at(now) else {
+            return;
+        };
+        out.position = Point::from_vector(pose.position);
+        out.attitude = jink_shared_types::frames::Attitude::from_rotation(pose.attitude);
+        let mut range_min_m = f32::INFINITY;
+        for layer in self.layers.iter().filter(|layer| layer.is_live(now)) {
+            range_min_m = range_min_m.min(layer.range_min_m);
+            self.add_free_ways(layer, &pose, out);
+            add_hits(layer, &pose, out);
+        }
+        if range_min_m.is_finite() {
+            out.range_min_m = range_min_m;
+        }
+    }
+
+    /// Whether any sensor still sends ranges.
+    pub fn is_fresh(&self, now: Timestamp) -> bool {
+        self.layers.iter().any(|layer| layer.is_arriving(now))
+    }
+
+    /// What is known at `now` of places around.
+    pub fn outlook(&self, now: Timestamp) -> Outlook<'_> {
+        Outlook::new(self, now)
+    }
+
+    /// Radius of the vehicle (m).
+    pub fn vehicle_radius_m(&self) -> f64 {
+        self.hull.radius_m
+    }
+
+    fn begin(&mut self, sensor: usize, rays: &Rays) -> Result<Sweep, RangeRefused> {
+        if !(rays.range_max_m > 0.0 && rays.range_max_m.is_finite()) {
+            return Err(RangeRefused::BadReach {
+                range_max_m: rays.range_max_m,
+            });
+        }
+        let (first, last) = (rays.first, rays.last);
+        if !(0.0..=SWEEP_S).contains(&last.seconds_since(first)) {
+            return Err(RangeRefused::BadTimes { first, last });
+        }
+        let sensors = self.layers.len();
+        let Some(layer) = self.layers.get_mut(sensor) else {
+            return Err(RangeRefused::NoSuchSensor { sensor, sensors });
+        };
+        layer.arrived = rays.published;
+        layer.deadline_s = rays.deadline_ms * 1e-3;
+        let (Some(first_pose), Some(last_pose)) = (self.poses.at(first), self.poses.at(last)) else {
+            return Err(RangeRefused::NoPose {
+                first,
+                last,
+                newest: self.poses.newest(),
+            });
+        };
+        layer.view.reset(&last_pose);
+        self.collector.start();
+        Ok(Sweep::new(
+            (first, &first_pose),
+            (last, &last_pose),
+            rays.sensor_m.vector(),
+            rays.range_max_m,
+            self.hull,
+        ))
+    }
+
+    fn end(&mut self, sensor: usize, sweep: &Sweep, rays: &Rays) {
+        let Some(layer) = self.layers.get_mut(sensor) else {
+            return;
+        };
+        self.collector.finish(sweep, &mut layer.view);
+        layer.published = rays.published;
+        layer.is_placed = true;
+        layer.range_min_m = rays.range_min_m.max(0.0);
+        self.memory.offer(sensor, &layer.view, rays.last);
+    }
+
+    fn add_free_ways(&self, layer: &Layer, pose: &Pose, out: &mut SectorRing) {
+        let place_m = [pose.position.x, pose.position.y];
+        let trodden_m = self.hull.radius_m as f32;
+        let yaw_rad = pose.yaw_rad();
+        for sector in 0..SECTORS {
+            let toward_rad = yaw_rad + sector_bearing_rad(sector);
+            let way = layer
+                .view
+                .free_way_m(&self.borders, place_m, toward_rad, trodden_m);
+            let Some(way) = way else {
+                continue;
+            };
+            if way.way_m > out.range_max_m[sector] {
+                out.range_max_m[sector] = way.way_m;
+            }
+            // What ends at an obstacle is not "nothing up to here", even if the obstacle's nearest point lies in the sector
+            // next to it by now.
+            let distance_m = if way.ends_at_obstacle {
+                way.way_m
+            } else {
+                f32::INFINITY
+            };
+            note(out, sector, distance_m, way.sector.seen);
+        }
+    }
+}
+
+/// Notes a distance, if it is the smallest so far. NaN, still unknown, is not smaller than anything.
+fn note(out: &mut SectorRing, sector: usize, distance_m: f32, seen: Timestamp) {
+    let has_smaller = out.distance_m[sector] <= distance_m;
+    if !has_smaller {
+        out.distance_m[sector] = distance_m;
+        out.seen[sector] = seen;
+    }
+}
+
+fn add_hits(layer: &Layer, pose: &Pose, out: &mut SectorRing) {
+    let (sin, cos) = pose.yaw_rad().sin_cos();
+    for (place_m, seen) in layer.view.places() {
+        let (north, east) = (place_m[0] - pose.position.x, place_m[1] - pose.position.y);
+        let (forward, right) = (
+            (north * cos + east * sin) as f32,
+            (east * cos - north * sin) as f32,
+        );
+        let distance_m = forward.hypot(right);
+        note(out, bearing::sector_toward(forward, right), distance_m, seen);
+    }
+}
+
+/// What clouds and scans have in common.
+struct Rays {
+    first: Timestamp,
+    last: Timestamp,
+    published: Timestamp,
+    sensor_m: Point<jink_shared_types::BodyFrd>,
+    range_min_m: f32,
+    range_max_m: f32,
+    deadline_ms: f64,
+}

@@ -1,0 +1,87 @@
+//! What the ring knows of the places along a path.
+
+use super::Ring;
+use super::layer::Layer;
+use jink_shared_types::Timestamp;
+use jink_shared_types::ring::{SECTORS, sector_of};
+
+/// What is known of a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sight {
+    /// A sensor sees it free, or saw it free a moment ago from where the vehicle was then.
+    Free,
+    /// It lies where a sensor looked that has fallen silent.
+    Lost,
+    /// Nobody knows.
+    Unseen,
+}
+
+/// The ring at one moment, to be asked about places.
+#[derive(Debug)]
+pub struct Outlook<'a> {
+    ring: &'a Ring,
+    now: Timestamp,
+    /// Where the vehicle is (north, east) (m) and its heading (rad).
+    place_m: [f64; 2],
+    yaw_rad: f64,
+    /// Body sectors that were covered by sensors now silent, and are covered by no other.
+    lost: [bool; SECTORS],
+}
+
+impl<'a> Outlook<'a> {
+    pub(super) fn new(ring: &'a Ring, now: Timestamp) -> Self {
+        let pose = ring.poses.at(now).or_else(|| ring.poses.at(ring.poses.newest()));
+        let mut covered = [false; SECTORS];
+        let mut lost = [false; SECTORS];
+        for layer in &ring.layers {
+            if layer.is_live(now) {
+                layer.mark_covered(&mut covered);
+            } else if layer.is_lost(now) {
+                layer.mark_covered(&mut lost);
+            }
+        }
+        for (lost, covered) in lost.iter_mut().zip(covered) {
+            *lost &= !covered;
+        }
+        Self {
+            ring,
+            now,
+            place_m: pose.map_or([0.0; 2], |pose| [pose.position.x, pose.position.y]),
+            yaw_rad: pose.map_or(0.0, |pose| pose.yaw_rad()),
+            lost,
+        }
+    }
+
+    fn live_layers(&self) -> impl Iterator<Item = &'a Layer> {
+        let now = self.now;
+        self.ring.layers.iter().filter(move |layer| layer.is_live(now))
+    }
+
+    /// The obstacle points in sight: the nearest of every quarter of a sector of every live sensor, local NED (north, east) (m).
+    pub fn obstacles(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.live_layers()
+            .flat_map(|layer| layer.view.places().map(|(place_m, _)| place_m))
+    }
+
+    /// What is known of the place (north, east) (m) at height `down_m`; if it is hidden now, it must have been seen with
+    /// `clearance_m` around it.
+    pub fn sight(&self, place_m: [f64; 2], down_m: f64, clearance_m: f64) -> Sight {
+        if self.live_layers().any(|layer| layer.view.admits(place_m)) {
+            return Sight::Free;
+        }
+        let bearing_rad = (place_m[1] - self.place_m[1]).atan2(place_m[0] - self.place_m[0]) - self.yaw_rad;
+        if self.lost[sector_of(bearing_rad)] {
+            return Sight::Lost;
+        }
+        let remembered =
+            self.ring
+                .memory
+                .admits(self.now, place_m, down_m, clearance_m, self.ring.hull.band_half_m);
+        if remembered { Sight::Free } else { Sight::Unseen }
+    }
+
+    /// Whether the place (north, east) (m) lies where the vehicle is now, within `radius_m`.
+    pub fn is_here(&self, place_m: [f64; 2], radius_m: f64) -> bool {
+        (place_m[0] - self.place_m[0]).hypot(place_m[1] - self.place_m[1]) <= radius_m
+    }
+}

@@ -1,0 +1,110 @@
+//! The hot path allocates nothing: not for states, clouds, scans, rings, refusals, brakes.
+#![allow(
+    unsafe_code,
+    reason = "a global allocator that counts cannot be written without"
+)]
+#![allow(
+    clippy::unwrap_used,
+    reason = "a helper that cannot do its work fails the test"
+)]
+
+mod common;
+
+use common::{Lidar, Random, World, beam, fly, guard, on, ring, straight, time};
+use jink_collision_guard::guard::GuardInputs;
+use jink_shared_types::motion::{ApprovedTrajectory, GuardReason, Verdict};
+use jink_shared_types::ring::SectorRing;
+use jink_shared_types::sample::Stamped;
+use jink_shared_types::{Reading, SampleHeader};
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+struct Counting;
+
+// SAFETY: hands everything to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.dealloc(block, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+fn allocations_of(run: impl FnOnce()) -> u64 {
+    let before = ALLOCATIONS.with(Cell::get);
+    run();
+    ALLOCATIONS.with(Cell::get) - before
+}
+
+#[test]
+fn the_counter_counts() {
+    assert_eq!(allocations_of(|| drop(std::hint::black_box(Box::new(7)))), 1);
+}
+
+#[test]
+fn a_flight_with_everything_in_it_allocates_nothing() {
+    let world = World(vec![[22.0, 0.0, 0.3], [5.0, 4.0, 0.3], [12.0, -3.0, 0.3]]);
+    let first = straight(7, 10.0, 3.0, 2.0, 40.0);
+    let mut late = first;
+    (late.id, late.base_id, late.splice) = (8, 7, time(10.0));
+    let mut guard = guard();
+    let mut ring = ring();
+    let mut out = ApprovedTrajectory::default();
+    let mut sectors = SectorRing::default();
+    let mut verdicts = Vec::with_capacity(1_000);
+    let mut flown = first;
+    for i in 0..140_u32 {
+        let t = 10.0 + 0.05 * f64::from(i);
+        let place = move |t: f64| on(&flown, t);
+        // Made outside the count: worlds and clouds are the test's own.
+        let (cloud, header) = Lidar::default().sweep(&world, &place, t, &mut Random(u64::from(i)));
+        let single = beam(6.0, 0.4, 1.0);
+        let state = place(t).state();
+        let state_header = SampleHeader::at(time(t));
+        let candidate = match i {
+            0 => Some(&first),
+            20 => Some(&late),
+            _ => None,
+        };
+        let counted = allocations_of(|| {
+            fly(&mut ring, &place, t - 0.2, t);
+            // For a while there are no ranges at all.
+            if !(30..40).contains(&i) {
+                ring.cloud(0, &cloud, &header).unwrap();
+                ring.scan(1, &single, &header).unwrap();
+            }
+            let inputs = GuardInputs {
+                trajectory: candidate,
+                state: Reading::Fresh(Stamped {
+                    sample: &state,
+                    header: &state_header,
+                }),
+                ring: &ring,
+            };
+            guard.step(time(t), &inputs, &mut out);
+            ring.ring(time(t), &mut sectors);
+        });
+        assert_eq!(counted, 0, "at {t}");
+        verdicts.push((out.verdict.get(), out.reason.get()));
+        flown = out.trajectory;
+    }
+    // All of it happened.
+    for needed in [
+        (Verdict::Passed, GuardReason::None),
+        (Verdict::Kept, GuardReason::Late),
+        (Verdict::Braked, GuardReason::Obstacle),
+    ] {
+        assert!(verdicts.contains(&needed), "{needed:?}");
+    }
+}
