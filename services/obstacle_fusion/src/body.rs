@@ -1,0 +1,33 @@
+//! The vehicle's own body: space that is free because the vehicle is in it.
+
+use crate::frame::Frame;
+use crate::window::Window;
+use jink_shared_types::Point;
+use jink_shared_types::map::{CELL_M, Cell, cell_of, center_of};
+use nalgebra::Vector3;
+
+/// Marks the cells of the ball of `radius_m` around `center_m` (local) as free in `frame`: those with their centre in
+/// the ball. Of these, cells that reach out of the ball and are occupied keep what they are: the obstacle may well
+/// stand in the part outside, in a sensor's blind zone, and hovering beside it must not wear it away.
+pub(crate) fn mark_body(frame: &mut Frame, window: &Window, center_m: Vector3<f64>, radius_m: f64) {
+    let corner = |offset_m: f64| cell_of(Point::from_vector(center_m.add_scalar(offset_m)));
+    let (low, high) = (corner(-radius_m), corner(radius_m));
+    for z in low[2]..=high[2] {
+        for y in low[1]..=high[1] {
+            for x in low[0]..=high[0] {
+                let cell = [x, y, z];
+                let whole = farthest_m(cell, center_m) <= radius_m;
+                let mostly = (center_of(cell).vector() - center_m).norm() <= radius_m;
+                if whole || (mostly && !window.is_occupied(cell)) {
+                    frame.mark_free(cell);
+                }
+            }
+        }
+    }
+}
+
+/// Distance from `point_m` to the corner of `cell` farthest from it.
+fn farthest_m(cell: Cell, point_m: Vector3<f64>) -> f64 {
+    let offset = (center_of(cell).vector() - point_m).abs();
+    offset.add_scalar(0.5 * CELL_M).norm()
+}

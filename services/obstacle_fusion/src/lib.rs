@@ -1,0 +1,227 @@
+//! Ranges to a sliding tri-state voxel map: what is occupied, what is known to be free, and what nobody has seen.
+//!
+//! Promise: a cell is free only if a ray was seen to pass through it, or the vehicle itself was in it, and no hit
+//! outweighs that. Unknown is not free; what cannot be placed, timed or believed opens no space.
+//!
+//! | in | out |
+//! |---|---|
+//! | [`VehicleState`]: where the sensors were at each moment | [`LocalMap`]: bit planes `occupied` and `known` |
+//! | [`PointCloud`], [`RangeScan`]: hits, "nothing there", "I do not know" | live sensors, whether ranges are fresh |
+//!
+//! The way of a frame: every ray is placed with the vehicle's pose at the moment it was measured (`poses`), judged
+//! against its sensor's limits (`rays`, `cloud`, `scan`), and entered into two bit planes, cells hit and cells
+//! looked through (`frame`); the vehicle's body is free (`body`). Then the frame counts once, as log-odds evidence
+//! (`window`): one hit makes a cell occupied, one miss never makes an occupied cell free. The shape follows ROG-Map
+//! (Ren et al., arXiv 2302.14819): modular addressing, sliding by clearing, evidence per frame.
+//!
+//! Moving obstacles: a cell that something has left is free again when rays have passed through it often enough, twelve
+//! frames at most. Until then it is a ghost: that costs room, not safety. The reverse is the limit of this map: free
+//! is what was free when it was last seen. A mover may since have entered; the map learns of it with the next ray that
+//! hits it, the guard reads raw ranges, and free cells do not age. Letting free evidence near tracked movers expire
+//! needs tracks first, and is not part of this map.
+//!
+//! [`Fusion`] is deterministic to the bit and allocates nothing after [`Fusion::new`].
+
+mod body;
+mod cells;
+mod cloud;
+mod frame;
+mod poses;
+mod rays;
+mod scan;
+mod sensors;
+mod window;
+
+use frame::Frame;
+use jink_shared_types::frames::{BodyFrd, Point};
+use jink_shared_types::map::{LocalMap, cell_of};
+use jink_shared_types::params::{OA_CARVE_RNG, OA_VEH_RADIUS, ParamSet};
+use jink_shared_types::ranges::{CLOUD_POINTS, PointCloud, RangeScan};
+use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::{Flag, SampleHeader, Timestamp};
+use poses::{Order, PoseHistory, SweepPoses};
+use rays::{Limits, Tracer};
+use sensors::Sensors;
+use window::Window;
+
+/// What the map needs to know of the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FusionConfig {
+    /// Radius of the sphere around the centre of gravity that holds the whole vehicle (m).
+    pub vehicle_radius_m: f64,
+    /// Range up to which rays clear the map (m), at most 12: the window is made for that.
+    pub carve_range_m: f64,
+    /// How many range sensors there are. They are numbered from 0, whatever their kind.
+    pub sensor_count: usize,
+    /// [`LocalMap::epoch`] of the first map: a restarted process continues the count of its predecessor.
+    pub first_epoch: u32,
+}
+
+impl FusionConfig {
+    /// `OA_VEH_RADIUS` and `OA_CARVE_RNG` from `params`, for `sensor_count` range topics; epochs count from 0.
+    pub fn from_params(params: &ParamSet, sensor_count: usize) -> Self {
+        Self {
+            vehicle_radius_m: params.get(&OA_VEH_RADIUS),
+            carve_range_m: params.get(&OA_CARVE_RNG),
+            sensor_count,
+            first_epoch: 0,
+        }
+    }
+}
+
+/// What was left out, since construction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Vehicle states out of order, without a valid position, or with impossible numbers.
+    pub states_refused: u64,
+    /// Clouds and scans of unknown sensors, out of order, or with an impossible description.
+    pub frames_refused: u64,
+    /// Rays measured at a moment for which no pose is known.
+    pub rays_without_pose: u64,
+    /// Rays whose numbers make no sense for their sensor.
+    pub rays_malformed: u64,
+    /// Hits inside the vehicle's radius.
+    pub self_hits: u64,
+}
+
+/// The map and everything it is made from.
+pub struct Fusion {
+    config: FusionConfig,
+    history: PoseHistory,
+    sweep: SweepPoses,
+    frame: Frame,
+    window: Window,
+    sensors: Sensors,
+    counters: Counters,
+    estimator_resets: Option<u32>,
+    epoch: u32,
+    /// Frames traced so far.
+    frames: u64,
+}
+
+impl Fusion {
+    /// An all-unknown map around the local origin. Allocates everything that will ever be needed.
+    pub fn new(config: FusionConfig) -> Self {
+        Self {
+            config,
+            history: PoseHistory::new(),
+            sweep: SweepPoses::new(),
+            frame: Frame::new(),
+            window: Window::new(),
+            sensors: Sensors::new(config.sensor_count),
+            counters: Counters::default(),
+            estimator_resets: None,
+            epoch: config.first_epoch,
+            frames: 0,
+        }
+    }
+
+    /// Takes the vehicle state valid at `header.capture`; the window follows the vehicle.
+    ///
+    /// A changed reset count means that the local frame has moved under the map: map, poses and contributions are
+    /// dropped and the epoch counts up, whether or not the state itself can be used.
+    pub fn vehicle(&mut self, state: &VehicleState, header: &SampleHeader) {
+        match Order::judge(header.capture, self.history.newest()) {
+            Order::Newer => {}
+            Order::ClockStep => self.history.clear(),
+            Order::Late => {
+                self.counters.states_refused += 1;
+                return;
+            }
+        }
+        let known_resets = self.estimator_resets.replace(state.estimator_resets);
+        if known_resets.is_some_and(|resets| resets != state.estimator_resets) {
+            self.drop_map();
+        }
+        if self.history.push(state, header.capture) {
+            self.window.follow(cell_of(state.position));
+        } else {
+            self.counters.states_refused += 1;
+        }
+    }
+
+    fn drop_map(&mut self) {
+        self.window.forget();
+        self.history.clear();
+        self.sensors.forget_contributions();
+        self.epoch = self.epoch.wrapping_add(1);
+    }
+
+    /// Enters the cloud of sensor number `sensor`.
+    pub fn cloud(&mut self, sensor: usize, cloud: &PointCloud, header: &SampleHeader) {
+        let plausible = cloud.len as usize <= CLOUD_POINTS;
+        let limits = self.limits(cloud.origin, cloud.range_min_m, cloud.range_max_m);
+        let Some(limits) = limits.filter(|_| plausible && self.sensors.accept(sensor, header.capture)) else {
+            self.counters.frames_refused += 1;
+            return;
+        };
+        if self.trace(limits, header.capture, |tracer| tracer.cloud(cloud)) {
+            self.sensors
+                .contributed(sensor, false, RANGE_CLOUD.row.deadline_ms);
+        }
+    }
+
+    /// Enters the scan of sensor number `sensor`.
+    pub fn scan(&mut self, sensor: usize, scan: &RangeScan, header: &SampleHeader) {
+        let plausible = scan::is_plausible(scan);
+        let limits = self.limits(scan.origin, scan.range_min_m, scan.range_max_m);
+        let Some(limits) = limits.filter(|_| plausible && self.sensors.accept(sensor, header.capture)) else {
+            self.counters.frames_refused += 1;
+            return;
+        };
+        if self.trace(limits, header.capture, |tracer| tracer.scan(scan)) {
+            let single_beam = scan.beams <= 1;
+            self.sensors
+                .contributed(sensor, single_beam, RANGE_SCAN.row.deadline_ms);
+        }
+    }
+
+    fn limits(&self, origin: Point<BodyFrd>, min_m: f32, max_m: f32) -> Option<Limits> {
+        Limits::check(origin, min_m, max_m, &self.config)
+    }
+
+    /// Collects the rays that `enter` enters, adds the body at the time of capture and counts the frame as evidence;
+    /// whether any ray said something.
+    fn trace(&mut self, limits: Limits, capture: Timestamp, enter: impl FnOnce(&mut Tracer)) -> bool {
+        self.frame.begin(self.window.min_cell());
+        let mut tracer = Tracer {
+            limits,
+            frame: &mut self.frame,
+            counters: &mut self.counters,
+            informed: false,
+            number: self.frames,
+            sweep: &mut self.sweep,
+            history: &self.history,
+            offset_10us: None,
+            place: None,
+        };
+        enter(&mut tracer);
+        self.frames = self.frames.wrapping_add(1);
+        let informed = tracer.informed;
+        if let Some(pose) = self.history.at(capture) {
+            let radius_m = self.config.vehicle_radius_m;
+            body::mark_body(&mut self.frame, &self.window, pose.position_m, radius_m);
+        }
+        self.window.apply(&self.frame);
+        informed
+    }
+
+    /// Writes the whole map as it stands at `now`, every field of it.
+    pub fn write(&self, now: Timestamp, out: &mut LocalMap) {
+        let (occupied_cells, known_cells) = self.window.write(&mut out.occupied, &mut out.known);
+        out.min_cell = self.window.min_cell();
+        out.live_sensors = self.sensors.live(now);
+        out.ranges_fresh = Flag::from(self.sensors.fresh(now));
+        out.reserved = [0; 5];
+        out.epoch = self.epoch;
+        out.occupied_cells = occupied_cells;
+        out.known_cells = known_cells;
+        out.reserved2 = [0; 4];
+    }
+
+    /// What was left out so far.
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+}

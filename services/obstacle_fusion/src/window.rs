@@ -1,0 +1,367 @@
+//! The sliding window: evidence per cell, and what follows from it.
+//!
+//! | in | out |
+//! |---|---|
+//! | the vehicle's cell; the hit and free bits of one frame | the planes `occupied` and `known` |
+//!
+//! Evidence is a saturating log-odds number per cell (Moravec and Elfes, "High resolution maps from wide angle
+//! sonar", 1985; in the additive, clamped form of Yguel, Aycard and Laugier, 2007), in units of one miss. It is
+//! applied once per frame, whatever the number of rays through a cell, so that a dense sensor does not shout down a
+//! sparse one. Cells are addressed by their global index modulo the size; the window slides by clearing what enters.
+
+use crate::cells::{BitPlane, SIZE, bits, number, offset_in, plane};
+use crate::frame::Frame;
+use jink_shared_types::map::{Cell, Plane, SIZE_X, SIZE_Y, SIZE_Z};
+
+/// Cells per window.
+const CELLS: usize = SIZE_X * SIZE_Y * SIZE_Z;
+
+/// Evidence of a frame in which rays passed through the cell and none ended in it: the unit.
+const MISS: i8 = 1;
+
+/// Evidence of a frame in which a ray ended in the cell. With [`FREE_FLOOR`] it leaves 7: one hit makes even the best
+/// known free cell occupied, and six frames in a row that look through it do not undo that. A wire that returns one
+/// frame in seven therefore never disappears, and a false hit in open space is gone after 0.7 s at 10 Hz.
+const HIT: i8 = 8;
+
+/// Evidence stops here on the free side: at one miss, because a cell that was free for a minute is no safer from
+/// something moving in than one that was free once. It also settles a cell with its first miss, which makes most of a
+/// frame's free cells a matter of one mask.
+const FREE_FLOOR: i8 = -MISS;
+
+/// Evidence stops here on the occupied side: what was removed is forgotten after this many frames that look through
+/// its place (1.2 s at 10 Hz). A higher value would keep ghosts of moved obstacles, a lower one lose wires in rain.
+const OCCUPIED_CEILING: i8 = 12;
+
+/// How far (cells) the vehicle may be off the centre before the window follows. Half the window (64 cells) less the
+/// longest carve range (60 cells): rays of full length stay inside, and a hovering vehicle moves nothing.
+const HYSTERESIS: i32 = 4;
+
+/// The window. See the module's text.
+pub(crate) struct Window {
+    min_cell: Cell,
+    evidence: Box<[i8; CELLS]>,
+    occupied: Box<BitPlane>,
+    known: Box<BitPlane>,
+    /// Cells at [`FREE_FLOOR`], which further misses do not change: most of a settled map.
+    settled: Box<BitPlane>,
+}
+
+impl Window {
+    /// An all-unknown window around the local origin.
+    pub fn new() -> Self {
+        Self {
+            min_cell: centred_on([0; 3]),
+            evidence: zeroed_evidence(),
+            occupied: plane(),
+            known: plane(),
+            settled: plane(),
+        }
+    }
+
+    /// Smallest global index inside, per axis.
+    pub fn min_cell(&self) -> Cell {
+        self.min_cell
+    }
+
+    /// Makes every cell unknown.
+    pub fn forget(&mut self) {
+        self.evidence.fill(0);
+        self.occupied.fill(0);
+        self.known.fill(0);
+        self.settled.fill(0);
+    }
+
+    /// Whether `cell`, which lies inside, was seen occupied.
+    pub fn is_occupied(&self, cell: Cell) -> bool {
+        let modulo = [0, 1, 2].map(|axis| cell[axis] & (SIZE[axis] - 1));
+        let number = number(modulo);
+        offset_in(self.min_cell, cell).is_some() && (self.occupied[number >> 6] >> (number & 63)) & 1 == 1
+    }
+
+    /// Slides so that `vehicle` is in the middle of every axis on which it has strayed by more than [`HYSTERESIS`].
+    pub fn follow(&mut self, vehicle: Cell) {
+        for (axis, target) in centred_on(vehicle).into_iter().enumerate() {
+            let shift = target - self.min_cell[axis];
+            if shift.abs() > HYSTERESIS {
+                self.slide(axis, shift);
+            }
+        }
+    }
+
+    fn slide(&mut self, axis: usize, shift: i32) {
+        let old_min = self.min_cell[axis];
+        self.min_cell[axis] += shift;
+        let entering = shift.abs().min(SIZE[axis]);
+        // Entering from above: the indices after the old end, which are the last ones of the new window.
+        let first = if shift > 0 {
+            old_min + shift + SIZE[axis] - entering
+        } else {
+            old_min + shift
+        };
+        for index in first..first + entering {
+            self.clear_layer(axis, index);
+        }
+    }
+
+    /// Makes the layer of cells with global index `index` on `axis` unknown.
+    fn clear_layer(&mut self, axis: usize, index: i32) {
+        let local = (index & (SIZE[axis] - 1)) as usize;
+        match axis {
+            0 => (0..SIZE_Y * SIZE_Z).for_each(|row| self.clear_cells(row * SIZE_X + local, 1)),
+            1 => (0..SIZE_Z).for_each(|z| self.clear_cells((z * SIZE_Y + local) * SIZE_X, SIZE_X)),
+            _ => self.clear_cells(local * SIZE_Y * SIZE_X, SIZE_Y * SIZE_X),
+        }
+    }
+
+    /// Makes one cell, or `count` (a multiple of 64) cells from a word's start, unknown.
+    fn clear_cells(&mut self, first: usize, count: usize) {
+        self.evidence[first..first + count].fill(0);
+        for bits in [&mut self.occupied, &mut self.known, &mut self.settled] {
+            if count == 1 {
+                bits[first >> 6] &= !(1 << (first & 63));
+            } else {
+                bits[first >> 6..(first + count) >> 6].fill(0);
+            }
+        }
+    }
+
+    /// Adds the evidence of one frame, made for this window's position: a hit cell is never counted free.
+    pub fn apply(&mut self, frame: &Frame) {
+        let [turn_x, first_y, first_z] = [0, 1, 2].map(|axis| self.min_cell[axis] & (SIZE[axis] - 1));
+        for z in 0..SIZE[2] {
+            for y in 0..SIZE[1] {
+                let from = number([0, y, z]) >> 6;
+                let hit = row(&frame.hit, from);
+                let free = row(&frame.free, from) & !hit;
+                if hit | free == 0 {
+                    continue;
+                }
+                let into = [0, (y + first_y) & (SIZE[1] - 1), (z + first_z) & (SIZE[2] - 1)];
+                let (hit, free) = (hit.rotate_left(turn_x as u32), free.rotate_left(turn_x as u32));
+                let word = number(into) >> 6;
+                self.apply_word(word, hit as u64, free as u64);
+                self.apply_word(word + 1, (hit >> 64) as u64, (free >> 64) as u64);
+            }
+        }
+    }
+
+    fn apply_word(&mut self, word: usize, hit: u64, free: u64) {
+        self.known[word] |= hit | free;
+        for bit in bits(free & !self.settled[word]) {
+            self.miss(word, bit);
+        }
+        for bit in bits(hit) {
+            let evidence = &mut self.evidence[word << 6 | bit as usize];
+            *evidence = (*evidence + HIT).min(OCCUPIED_CEILING);
+        }
+        // One hit outweighs everything a cell can have against it (see FREE_FLOOR).
+        self.occupied[word] |= hit;
+        self.settled[word] &= !hit;
+    }
+
+    fn miss(&mut self, word: usize, bit: u32) {
+        let evidence = &mut self.evidence[word << 6 | bit as usize];
+        *evidence = (*evidence - MISS).max(FREE_FLOOR);
+        if *evidence <= 0 {
+            self.occupied[word] &= !(1 << bit);
+        }
+        if *evidence == FREE_FLOOR {
+            self.settled[word] |= 1 << bit;
+        }
+    }
+
+    /// Copies the planes out; returns how many cells are occupied and how many known.
+    pub fn write(&self, occupied: &mut Plane, known: &mut Plane) -> (u32, u32) {
+        (
+            copy_plane(&self.occupied, occupied),
+            copy_plane(&self.known, known),
+        )
+    }
+}
+
+const _: () = assert!(FREE_FLOOR + HIT > 6 * MISS, "a hit cell must survive six misses");
+
+/// The row of 128 cells that starts at `word`.
+fn row(bits: &BitPlane, word: usize) -> u128 {
+    u128::from(bits[word]) | u128::from(bits[word + 1]) << 64
+}
+
+fn copy_plane(from: &BitPlane, to: &mut Plane) -> u32 {
+    let mut cells = 0;
+    for (words, row) in from.chunks_exact(2).zip(to.iter_mut()) {
+        *row = [words[0], words[1]];
+        cells += words[0].count_ones() + words[1].count_ones();
+    }
+    cells
+}
+
+fn centred_on(vehicle: Cell) -> Cell {
+    [0, 1, 2].map(|axis| vehicle[axis] - SIZE[axis] / 2)
+}
+
+fn zeroed_evidence() -> Box<[i8; CELLS]> {
+    jink_shared_types::sample::zeroed_box()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{FREE_FLOOR, HIT, HYSTERESIS, MISS, OCCUPIED_CEILING, Window};
+    use crate::cells::{SIZE, number, offset_in};
+    use crate::frame::Frame;
+    use jink_shared_types::map::{Cell, LocalMap};
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
+
+    /// The same map the slow way: a sorted list of known cells, everything else is unknown.
+    struct Naive {
+        min_cell: Cell,
+        evidence: BTreeMap<Cell, i8>,
+    }
+
+    impl Naive {
+        fn follow(&mut self, vehicle: Cell) {
+            for axis in 0..3 {
+                let centred = vehicle[axis] - SIZE[axis] / 2;
+                if (centred - self.min_cell[axis]).abs() > HYSTERESIS {
+                    self.min_cell[axis] = centred;
+                }
+            }
+            let min_cell = self.min_cell;
+            self.evidence
+                .retain(|cell, _| offset_in(min_cell, *cell).is_some());
+        }
+
+        fn apply(&mut self, hits: &[Cell], frees: &[Cell]) {
+            for cell in frees.iter().filter(|cell| !hits.contains(cell)) {
+                let evidence = self.evidence.entry(*cell).or_default();
+                *evidence = (*evidence - MISS).max(FREE_FLOOR);
+            }
+            for cell in hits {
+                let evidence = self.evidence.entry(*cell).or_default();
+                *evidence = (*evidence + HIT).min(OCCUPIED_CEILING);
+            }
+        }
+    }
+
+    fn set_all(frame: &mut Frame, min_cell: Cell, hits: &[Cell], frees: &[Cell]) {
+        frame.begin(min_cell);
+        for cell in hits {
+            let number = number(offset_in(min_cell, *cell).unwrap());
+            frame.hit[number >> 6] |= 1 << (number & 63);
+        }
+        for cell in frees {
+            frame.mark_free(*cell);
+        }
+    }
+
+    fn assert_same(window: &Window, naive: &Naive, map: &mut LocalMap) {
+        map.min_cell = window.min_cell();
+        let (occupied, known) = window.write(&mut map.occupied, &mut map.known);
+        assert_eq!(map.min_cell, naive.min_cell);
+        assert_eq!(known as usize, naive.evidence.len());
+        let occupied_naive = naive.evidence.values().filter(|evidence| **evidence > 0).count();
+        assert_eq!(occupied as usize, occupied_naive);
+        for (cell, evidence) in &naive.evidence {
+            assert_eq!(map.is_occupied(*cell), *evidence > 0, "{cell:?}");
+            assert_eq!(map.is_free(*cell), *evidence <= 0, "{cell:?}");
+            assert_eq!(window.is_occupied(*cell), *evidence > 0, "{cell:?}");
+        }
+    }
+
+    /// A step of the vehicle, mostly small; offsets (modulo the window) of hit and of free cells. Few different cells,
+    /// so that evidence piles up.
+    fn scene() -> impl Strategy<Value = (Cell, Vec<Cell>, Vec<Cell>)> {
+        let step = prop_oneof![4 => -9..9i32, 1 => -200..200i32];
+        let offset = (0..6i32, 0..6i32, 0..6i32).prop_map(|(x, y, z)| [x * 25, y * 25, z * 12]);
+        let cells = prop::collection::vec(offset, 0..60);
+        (prop::array::uniform3(step), cells.clone(), cells)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn sliding_keeps_what_stays_and_forgets_what_enters(scenes in prop::collection::vec(scene(), 1..25)) {
+            let mut window = Window::new();
+            let mut frame = Frame::new();
+            let mut naive = Naive { min_cell: window.min_cell(), evidence: BTreeMap::new() };
+            let mut map = LocalMap::boxed();
+            let mut vehicle = [0, 0, 0];
+            for (step, hits, frees) in scenes {
+                vehicle = [0, 1, 2].map(|axis| vehicle[axis] + step[axis]);
+                window.follow(vehicle);
+                naive.follow(vehicle);
+                assert_same(&window, &naive, &mut map);
+                // The last cell of each axis belongs to the window, too.
+                let place = |offsets: Vec<Cell>| {
+                    let mut cells: Vec<Cell> = offsets
+                        .into_iter()
+                        .map(|o| [0, 1, 2].map(|axis| naive.min_cell[axis] + o[axis].min(SIZE[axis] - 1)))
+                        .collect();
+                    cells.sort_unstable();
+                    cells.dedup();
+                    cells
+                };
+                let (hits, frees) = (place(hits), place(frees));
+                set_all(&mut frame, window.min_cell(), &hits, &frees);
+                window.apply(&frame);
+                naive.apply(&hits, &frees);
+                assert_same(&window, &naive, &mut map);
+            }
+        }
+    }
+
+    #[test]
+    fn one_hit_outlives_six_misses_whatever_was_before() {
+        let cell = [3, 4, 5];
+        for (free_frames_before, outlived) in [(0, 7), (1, 6), (50, 6)] {
+            let mut window = Window::new();
+            let mut frame = Frame::new();
+            let mut apply = |hits: &[Cell], frees: &[Cell]| {
+                set_all(&mut frame, window.min_cell(), hits, frees);
+                window.apply(&frame);
+                window.is_occupied(cell)
+            };
+            for _ in 0..free_frames_before {
+                assert!(!apply(&[], &[cell]));
+            }
+            // Rays that pass through the cell in the same frame do not count.
+            assert!(apply(&[cell], &[cell]));
+            for _ in 0..outlived {
+                assert!(apply(&[], &[cell]));
+            }
+            assert!(!apply(&[], &[cell]));
+        }
+    }
+
+    #[test]
+    fn what_is_gone_is_forgotten_after_as_many_frames_as_the_ceiling_says() {
+        let cell = [3, 4, 5];
+        let mut window = Window::new();
+        let mut frame = Frame::new();
+        set_all(&mut frame, window.min_cell(), &[cell], &[]);
+        (0..100).for_each(|_| window.apply(&frame));
+        set_all(&mut frame, window.min_cell(), &[], &[cell]);
+        let frames = (1..100).find(|_| {
+            window.apply(&frame);
+            !window.is_occupied(cell)
+        });
+        assert_eq!(frames, Some(i32::from(OCCUPIED_CEILING)));
+    }
+
+    #[test]
+    fn a_hovering_vehicle_does_not_move_the_window() {
+        let mut window = Window::new();
+        let before = window.min_cell();
+        for step in -HYSTERESIS..=HYSTERESIS {
+            window.follow([step, -step, step]);
+        }
+        assert_eq!(window.min_cell(), before);
+        window.follow([HYSTERESIS + 1, 0, 0]);
+        assert_eq!(
+            window.min_cell(),
+            [before[0] + HYSTERESIS + 1, before[1], before[2]]
+        );
+    }
+}
