@@ -6,7 +6,7 @@
 //! | [`topics`] | the topic table: name, payload, producer, consumers, rate, deadline |
 //! | [`params`] | the parameter table: name, type, default, range, unit, help |
 //! | [`events`] | the event table: what pilots and logs are told |
-//! | [`sample`] | the header every sample carries, and `Fresh / Stale / Never` |
+//! | [`mod@sample`] | the header every sample carries, and `Fresh / Stale / Never` |
 //! | [`vehicle`], [`ranges`], [`map`], [`ring`], [`motion`], [`health`], [`link`], [`truth`] | the payloads |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
 //! | [`frames`], [`clock`], [`coded`], [`layout`] | units and frames, time, enums on the wire, layout hashes |

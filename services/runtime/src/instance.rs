@@ -84,9 +84,10 @@ impl Instance {
         self.folder().join("supervisor.pid")
     }
 
-    /// Prefix of the names of shared memory objects.
+    /// Prefix of the names of shared memory objects. It ends in a character that no instance name has, so that no prefix
+    /// begins another one.
     pub fn shm_prefix(&self) -> String {
-        format!("jink_{}_", self.name)
+        format!("jink_{}-", self.name)
     }
 
     /// iceoryx2's configuration for this instance. Workers never clean up after others: that belongs to the
@@ -143,8 +144,8 @@ mod tests {
 
     #[test]
     fn two_instances_share_nothing() {
-        let one: Instance = "one".parse().unwrap();
-        let other: Instance = "other".parse().unwrap();
+        let one: Instance = "one_2".parse().unwrap();
+        let other: Instance = "one".parse().unwrap();
         assert_ne!(one.folder(), other.folder());
         assert_ne!(one.shm_prefix(), other.shm_prefix());
         assert!(!one.shm_prefix().starts_with(&other.shm_prefix()));

@@ -312,6 +312,8 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
     beat.send(ServiceState::Starting, 0, 0);
     let mut service = S::open(&mut ports)?;
     tracing::debug!(pid = std::process::id(), "{} runs", ports.setup.process);
+    // The supervisor waits for the first heartbeat from the loop: after the first cycle, not a period later.
+    beat.due = realtime::now();
     serve(&mut service, &ports, &mut beat, &mut events, &stop);
     beat.send(ServiceState::Stopping, 0, 0);
     Ok(())

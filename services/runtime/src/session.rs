@@ -19,8 +19,8 @@ use std::time::Duration;
 
 /// Active, shadow, and one dead that has not been cleaned up yet.
 const MAX_PUBLISHERS: usize = 3;
-/// Consumers and their shadows, recorder, two command line tools.
-const MAX_SUBSCRIBERS: usize = 8;
+/// Consumers and their shadows, recorder, several command line tools.
+const MAX_SUBSCRIBERS: usize = 12;
 /// Nodes that may know a topic at once.
 const MAX_NODES: usize = 32;
 /// The sample being read, the next one, and one spare while the queue is drained.

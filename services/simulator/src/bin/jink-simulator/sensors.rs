@@ -102,12 +102,12 @@ impl Service for SensorService {
             match sinks.get_mut(frame.sensor) {
                 Some(Sink::Cloud(output)) => {
                     output.write(header, |cloud| {
-                        rendered = rig.render_cloud(&frame, world, track, cloud)
+                        rendered = rig.render_cloud(&frame, world, track, cloud);
                     });
                 }
                 Some(Sink::Scan(output)) => {
                     output.write(header, |scan| {
-                        rendered = rig.render_scan(&frame, world, track, scan)
+                        rendered = rig.render_scan(&frame, world, track, scan);
                     });
                 }
                 None => {}

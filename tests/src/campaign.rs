@@ -1,0 +1,218 @@
+//! Flights by the hundred: one line per flight, one table at the end.
+
+use crate::lockstep::{FlightSetup, LockStep};
+use jink_shared_types::events;
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::vehicle::NavMode;
+use jink_simulator::autopilot::AutopilotConfig;
+use jink_simulator::ground_station::{Ending, FlightPlan, Outcome};
+use jink_simulator::sensors::{SensorKind, SensorSpec};
+use jink_simulator::world::{World, WorldKind, WorldSpec};
+use serde::Serialize;
+use std::time::Instant;
+
+/// What to fly.
+#[derive(Clone, Debug)]
+pub struct Cell {
+    /// Kind of world.
+    pub kind: WorldKind,
+    /// Trees per square metre, if not the world's own.
+    pub density_per_m2: Option<f64>,
+    /// Highest speed (m/s).
+    pub speed_mps: f64,
+    /// Longest mission (s).
+    pub limit_s: f64,
+}
+
+/// How a flight ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FlightOutcome {
+    /// The last waypoint was reached without a contact, and the vehicle landed.
+    Goal,
+    /// It touched an obstacle.
+    CollisionStatic,
+    /// It flew faster than the limit allows.
+    LimitViolation,
+    /// It stood still until the time was over.
+    Stuck,
+    /// The time was over.
+    Timeout,
+}
+
+/// One flight.
+#[derive(Clone, Debug, Serialize)]
+pub struct FlightReport {
+    /// World.
+    pub world: String,
+    /// Seed.
+    pub seed: u64,
+    /// Outcome.
+    pub outcome: FlightOutcome,
+    /// Contacts with obstacles.
+    pub collisions: u32,
+    /// Smallest distance between hull and obstacles (m).
+    pub min_clearance_m: f64,
+    /// Mean speed of the mission (m/s).
+    pub mean_speed_mps: f64,
+    /// Top speed (m/s).
+    pub top_speed_mps: f64,
+    /// Way flown in the mission (m).
+    pub path_m: f64,
+    /// Way flown over the straight line (1).
+    pub path_ratio: f64,
+    /// Time of the mission (s).
+    pub time_s: f64,
+    /// Falls to Hold because of the companion.
+    pub hold_count: u32,
+    /// Largest gap between setpoints as the autopilot saw it (ms).
+    pub setpoint_gap_ms: f64,
+    /// Times the guard braked.
+    pub guard_brakes: u32,
+    /// Times the committed way was found blocked.
+    pub commitments_changed: usize,
+    /// Times the certificate was lost.
+    pub certificates_lost: usize,
+    /// Planner cycle with a new map: median, 99th percentile, largest (ms).
+    pub plan_ms: [f64; 3],
+    /// Curve generation (ms).
+    pub curve_ms: [f64; 3],
+    /// Map and ring update (ms).
+    pub map_ms: [f64; 3],
+    /// Simulated time over wall time.
+    pub speed_up: f64,
+    /// Hash over the true positions every 20 ms.
+    pub hash: String,
+}
+
+/// The sensors of a campaign flight: a 3-D lidar that sees all around, and nothing else.
+pub fn default_sensors() -> Vec<SensorSpec> {
+    let mut lidar = SensorSpec::new("lidar", SensorKind::Lidar3d);
+    lidar.elevation_min_deg = Some(-90.0);
+    lidar.elevation_max_deg = Some(90.0);
+    vec![lidar]
+}
+
+/// The set-up of one flight of `cell`.
+///
+/// # Errors
+/// A text naming what cannot be built.
+pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
+    let spec = WorldSpec {
+        kind: cell.kind,
+        seed,
+        density_per_m2: cell.density_per_m2,
+    };
+    let world = World::from_spec(&spec).map_err(|error| error.to_string())?;
+    let mut params = ParamSet::default();
+    params
+        .set("OA_SPD_MAX", cell.speed_mps)
+        .map_err(|error| error.to_string())?;
+    let plan = FlightPlan {
+        takeoff_height_m: world.flight_height_m(),
+        waypoints: world.goals().to_vec(),
+        cruise_speed_mps: None,
+        ending: Ending::Land,
+        resume: true,
+        mission_limit_s: cell.limit_s,
+    };
+    Ok(FlightSetup {
+        world,
+        seed,
+        params,
+        sensors: default_sensors(),
+        autopilot: AutopilotConfig::default(),
+        plan,
+    })
+}
+
+/// Flies one flight.
+///
+/// # Errors
+/// A text naming what cannot be built.
+pub fn fly(cell: &Cell, seed: u64) -> Result<FlightReport, String> {
+    let setup = setup(cell, seed)?;
+    let world = setup.world.name().to_owned();
+    let straight_m = setup
+        .plan
+        .waypoints
+        .last()
+        .map_or(1.0, |goal| (goal.x_m.powi(2) + goal.y_m.powi(2)).sqrt());
+    let mut flight = LockStep::new(setup)?;
+    let begin = Instant::now();
+    let (mut hash, mut top_speed_mps, mut still_s, mut steps) = (Hash::new(), 0.0f64, 0.0, 0u64);
+    while flight.outcome().is_none() {
+        flight.step();
+        steps += 1;
+        let truth = flight.truth();
+        let speed_mps = truth.velocity.vector().norm();
+        if steps.is_multiple_of(5) {
+            let p = truth.position;
+            [p.x_m, p.y_m, p.z_m].iter().for_each(|x| hash.add(x.to_bits()));
+        }
+        if truth.mode.get() == NavMode::Mission {
+            top_speed_mps = top_speed_mps.max(speed_mps);
+            still_s = if speed_mps < 0.1 { still_s + 0.004 } else { 0.0 };
+        }
+    }
+    let truth = flight.truth();
+    let reached = flight.outcome() == Some(&Outcome::Done);
+    // The vehicle overshoots a reference a little; a tenth is what PX4 itself does.
+    let outcome = match (truth.collisions, reached) {
+        (1.., _) => FlightOutcome::CollisionStatic,
+        (0, _) if top_speed_mps > cell.speed_mps * 1.1 => FlightOutcome::LimitViolation,
+        (0, true) => FlightOutcome::Goal,
+        (0, false) if still_s > 10.0 => FlightOutcome::Stuck,
+        (0, false) => FlightOutcome::Timeout,
+    };
+    Ok(FlightReport {
+        world,
+        seed,
+        outcome,
+        collisions: truth.collisions,
+        min_clearance_m: truth.min_clearance_m,
+        mean_speed_mps: truth.cruise_m / truth.cruise_s.max(1e-9),
+        top_speed_mps,
+        path_m: truth.cruise_m,
+        path_ratio: truth.cruise_m / straight_m,
+        time_s: truth.cruise_s,
+        hold_count: truth.hold_count,
+        setpoint_gap_ms: truth.setpoint_gap_max_s * 1e3,
+        guard_brakes: flight.brakes,
+        commitments_changed: flight.count(&events::COMMITMENT_CHANGED),
+        certificates_lost: flight.count(&events::CERTIFICATE_LOST),
+        plan_ms: percentiles(&flight.costs.plan_ms),
+        curve_ms: percentiles(&flight.costs.curve_ms),
+        map_ms: percentiles(&flight.costs.map_ms),
+        speed_up: truth.time_s / begin.elapsed().as_secs_f64(),
+        hash: hash.text(),
+    })
+}
+
+/// Median, 99th percentile and maximum; zeros without values.
+pub fn percentiles(values: &[f64]) -> [f64; 3] {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let at = |q: f64| {
+        let index = (sorted.len().saturating_sub(1) as f64 * q).round() as usize;
+        sorted.get(index).copied().unwrap_or(0.0)
+    };
+    [at(0.5), at(0.99), at(1.0)]
+}
+
+/// FNV-1a over numbers.
+struct Hash(u64);
+
+impl Hash {
+    fn new() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+
+    fn add(&mut self, number: u64) {
+        self.0 = jink_shared_types::layout::hash_number(self.0, number);
+    }
+
+    fn text(&self) -> String {
+        format!("{:016x}", self.0)
+    }
+}

@@ -1,0 +1,61 @@
+//! Lock-step flights through forests: the goal is reached, nothing is touched, no limit is broken, and the same seed gives
+//! the same flight to the bit.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use jink_simulator::world::WorldKind;
+use jink_tests::campaign::{Cell, FlightOutcome, fly};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+fn forest() -> Cell {
+    Cell {
+        kind: "forest".parse::<WorldKind>().unwrap(),
+        density_per_m2: None,
+        speed_mps: 3.0,
+        limit_s: 120.0,
+    }
+}
+
+#[test]
+fn twenty_forests_at_three_metres_per_second() {
+    let next = AtomicU64::new(1);
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                loop {
+                    let seed = next.fetch_add(1, Ordering::Relaxed);
+                    if seed > 20 {
+                        return;
+                    }
+                    let report = fly(&forest(), seed).unwrap();
+                    assert_eq!(report.outcome, FlightOutcome::Goal, "{report:?}");
+                    assert_eq!(report.collisions, 0, "{report:?}");
+                    assert_eq!(report.hold_count, 0, "{report:?}");
+                    assert_eq!(report.certificates_lost, 0, "{report:?}");
+                    assert!(report.setpoint_gap_ms <= 100.0, "{report:?}");
+                }
+            });
+        }
+    });
+}
+
+#[test]
+fn the_same_seed_gives_the_same_flight_to_the_bit() {
+    let once = fly(&forest(), 23).unwrap();
+    let again = fly(&forest(), 23).unwrap();
+    assert_eq!(once.hash, again.hash);
+    let other = fly(&forest(), 24).unwrap();
+    assert_ne!(once.hash, other.hash);
+}
+
+#[test]
+fn a_gap_a_corridor_and_a_trap_are_passed() {
+    for world in ["gap", "corridor", "utrap"] {
+        let cell = Cell {
+            kind: world.parse().unwrap(),
+            ..forest()
+        };
+        let report = fly(&cell, 1).unwrap();
+        assert_eq!(report.outcome, FlightOutcome::Goal, "{report:?}");
+        assert_eq!(report.collisions, 0, "{report:?}");
+    }
+}
