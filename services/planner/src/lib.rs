@@ -158,7 +158,7 @@ impl Planner {
         route.goal = goal;
         if inputs.map.fresh().is_none_or(|map| !map.ranges_fresh.is_set()) || !state.position_valid.is_set() {
             if blocked {
-                self.leave(now, &departure, route);
+                self.leave(&departure, route);
             }
             return; // I4: blind, the committed trajectory runs to its own stop.
         }
@@ -171,11 +171,11 @@ impl Planner {
             let planned = self.plan(&departure, &desired, &goal, route);
             self.report(now, planned, &state, &goal);
             if !planned && blocked {
-                self.leave(now, &departure, route);
+                self.leave(&departure, route);
             }
         }
         route.must_leave = Flag::from(blocked);
-        self.tell_blocked(blocked, now);
+        self.tell_blocked(blocked);
     }
 
     fn take_map(&mut self, inputs: &Inputs<'_>) -> bool {
@@ -418,7 +418,7 @@ impl Planner {
     }
 
     /// I3: a certified stop if there is one, else the hardest braking allowed, and say so.
-    fn leave(&mut self, now: Timestamp, departure: &Departure, route: &mut Route) {
+    fn leave(&mut self, departure: &Departure, route: &mut Route) {
         let gear = (0..GEARS).find_map(|gear| {
             self.space.prepare(gear);
             stops::certified(&self.space, gear, &departure.state).map(|stop| (gear, stop))
@@ -427,7 +427,7 @@ impl Planner {
             Some((gear, stop)) => (self.limits[gear], stop),
             None => {
                 if !self.blocked_told {
-                    self.tell(&events::CERTIFICATE_LOST, now);
+                    self.tell(&events::CERTIFICATE_LOST);
                 }
                 (
                     self.limits[GEARS - 1],
@@ -460,7 +460,7 @@ impl Planner {
             self.failing_since = None;
             if self.no_path_told {
                 self.no_path_told = false;
-                self.tell(&events::PATH_FOUND, now);
+                self.tell(&events::PATH_FOUND);
             }
             return;
         }
@@ -468,18 +468,18 @@ impl Planner {
         let standing = state.velocity.vector().norm() < 0.3;
         if standing && !self.no_path_told && now.seconds_since(since) > NO_PATH_AFTER_S {
             self.no_path_told = true;
-            self.tell(&events::NO_PATH, now);
+            self.tell(&events::NO_PATH);
         }
     }
 
-    fn tell_blocked(&mut self, blocked: bool, now: Timestamp) {
+    fn tell_blocked(&mut self, blocked: bool) {
         if blocked && !self.blocked_told {
-            self.tell(&events::COMMITMENT_CHANGED, now);
+            self.tell(&events::COMMITMENT_CHANGED);
         }
         self.blocked_told = blocked;
     }
 
-    fn tell(&mut self, event: &events::Event, _now: Timestamp) {
+    fn tell(&mut self, event: &events::Event) {
         self.events.push(EventSample::new(event, "planner", [0.0, 0.0]));
     }
 }
