@@ -270,4 +270,16 @@ mod tests {
                 .is_none()
         );
     }
+    #[test]
+    fn a_segment_on_the_border_of_an_unsafe_cell_still_has_a_polytope() {
+        let space = space_of(&known_map(|p| (p.y - 1.3).abs() < 0.1));
+        let unsafe_from = (-20..20).find(|y| !space.is_safe(1, [0, *y, 0])).unwrap();
+        let border_m = f64::from(unsafe_from) * 0.2;
+        let (a, b) = (Vector3::new(0.0, border_m, 0.1), Vector3::new(2.0, border_m, 0.1));
+        let polytope = CorridorBuilder::default()
+            .polytope(&space, 1, &a, &b, HEIGHTS)
+            .unwrap();
+        assert!(polytope.depth_m(&a) > -1e-5);
+        assert!(polytope.depth_m(&Vector3::new(1.0, border_m + 0.01, 0.1)) < 0.0);
+    }
 }
