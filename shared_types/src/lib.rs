@@ -35,4 +35,4 @@ pub mod vehicle;
 pub use clock::Timestamp;
 pub use coded::{Coded, Flag};
 pub use frames::{Acceleration, BodyFrd, LocalNed, Point, Velocity};
-pub use sample::{Reading, SampleHeader, Stage, Stamped};
+pub use sample::{Reading, STAGE_NAMES, STAGES, SampleHeader, Stage, StageTime, Stamped};

@@ -2,6 +2,7 @@
 
 use crate::coded::{Coded, Flag};
 use crate::health::Histogram;
+use crate::STAGES;
 
 crate::wire_enum! {
     /// What the avoidance heartbeat (component 196) says; numbers are MAV_STATE.
@@ -24,7 +25,7 @@ crate::wire_enum! {
 crate::sample! {
     /// The gateway's counters since its start.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct LinkStatus: 1400 {
+    pub struct LinkStatus: 4680 {
         /// Messages received from the autopilot.
         pub received: u64,
         /// Messages that could not be decoded, or came from somebody who does not concern us.
@@ -59,7 +60,7 @@ crate::sample! {
         pub reserved: u64,
         /// Capture of the newest range behind a planned setpoint to its bytes handed to the kernel.
         pub capture_to_wire: Histogram,
-        /// Approved trajectory published to its first bytes handed to the kernel.
-        pub approved_to_wire: Histogram,
+        /// What each stage added to that, waiting included: from the end of the stage before it to its own end.
+        pub stages: [Histogram; STAGES],
     }
 }

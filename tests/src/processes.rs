@@ -1,8 +1,11 @@
 //! The real programs, run as a user runs them.
+// A harness for tests: without its programs, ports and folders there is nothing to test.
+#![allow(clippy::expect_used)]
 
 use serde_json::Value;
+use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
 /// The folder of the workspace.
@@ -48,6 +51,173 @@ pub fn program(name: &str, arguments: &[&str]) -> Command {
     command
 }
 
+/// What a program answered.
+#[derive(Debug)]
+pub struct Answer {
+    /// Standard output.
+    pub stdout: String,
+    /// Standard error.
+    pub stderr: String,
+    /// Its exit code; `None` if it was killed.
+    pub code: Option<i32>,
+}
+
+/// Runs a command to its end.
+///
+/// # Panics
+/// If it cannot be started: then there is nothing to test.
+pub fn answer(command: &mut Command) -> Answer {
+    let output = command.stdin(Stdio::null()).output();
+    let output = output.expect("a program can be started");
+    Answer {
+        stdout: String::from_utf8_lossy(&output.stdout).into_owned(),
+        stderr: String::from_utf8_lossy(&output.stderr).into_owned(),
+        code: output.status.code(),
+    }
+}
+
+/// A jink that runs in the background in an instance of its own; it is taken down with this.
+#[derive(Debug)]
+pub struct System {
+    instance: String,
+}
+
+impl System {
+    /// `jink up --detach` with further `arguments`, in an instance named after `role` and this process.
+    ///
+    /// # Panics
+    /// If it does not come up: the text says why.
+    pub fn up(role: &str, arguments: &[&str]) -> Self {
+        let instance = format!("test_{role}_{}", std::process::id());
+        let system = Self { instance };
+        let mut command = system.jink(&["up", "--detach"]);
+        let up = answer(command.args(arguments));
+        assert_eq!(up.code, Some(0), "{up:?}");
+        system
+    }
+
+    /// The jink command for this instance.
+    pub fn jink(&self, arguments: &[&str]) -> Command {
+        let mut command = program("jink", &["--instance", &self.instance]);
+        command.args(arguments);
+        command
+    }
+
+    /// What `jink status --json` says; null if it says nothing.
+    pub fn status(&self) -> Value {
+        let answer = answer(&mut self.jink(&["status", "--json"]));
+        serde_json::from_str(&answer.stdout).unwrap_or(Value::Null)
+    }
+}
+
+impl Drop for System {
+    fn drop(&mut self) {
+        let down = answer(&mut self.jink(&["down"]));
+        if down.code != Some(0) {
+            eprintln!("{}: {down:?}", self.instance);
+        }
+    }
+}
+
+/// A UDP port on loopback that is free now.
+///
+/// # Panics
+/// If there is none.
+pub fn free_udp_port() -> u16 {
+    let socket = UdpSocket::bind(("127.0.0.1", 0)).expect("a UDP port");
+    socket.local_addr().expect("its address").port()
+}
+
+/// A folder that is removed with this.
+#[derive(Debug)]
+pub struct TempFolder {
+    path: PathBuf,
+}
+
+impl TempFolder {
+    /// A new, empty folder; `role` and this process make its name.
+    ///
+    /// # Panics
+    /// If it cannot be made.
+    pub fn new(role: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("jink_{role}_{}", std::process::id()));
+        std::fs::create_dir_all(&path).expect("a temporary folder");
+        Self { path }
+    }
+
+    /// The same with a copy of the workspace's configuration in it.
+    ///
+    /// # Panics
+    /// If it cannot be made.
+    pub fn with_config(role: &str) -> Self {
+        let folder = Self::new(role);
+        let from = workspace().join("config");
+        for file in ["jink.toml", "services.toml", "profiles/px4_trajectory.toml"] {
+            let text = std::fs::read_to_string(from.join(file)).expect("the configuration");
+            folder.write(file, &text);
+        }
+        folder
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where it is, as an argument.
+    pub fn text(&self) -> &str {
+        self.path.to_str().expect("a path in UTF-8")
+    }
+
+    /// Writes `file` in it.
+    ///
+    /// # Panics
+    /// If it cannot be written.
+    pub fn write(&self, file: &str, text: &str) -> PathBuf {
+        let path = self.path.join(file);
+        if let Some(parent) = path.parent() {
+            std::fs::create_dir_all(parent).expect("a temporary folder");
+        }
+        std::fs::write(&path, text).expect("a temporary file");
+        path
+    }
+}
+
+impl Drop for TempFolder {
+    fn drop(&mut self) {
+        let _gone_already = std::fs::remove_dir_all(&self.path);
+    }
+}
+
+/// A Python with pymavlink, made beside the programs at the first call; `Err` = why there is none.
+///
+/// # Errors
+/// A text saying what is missing on this machine.
+pub fn python_with_pymavlink() -> Result<PathBuf, String> {
+    let venv = programs().with_file_name("python");
+    let python = venv.join("bin/python");
+    let has_it = |python: &Path| {
+        let asked = Command::new(python).args(["-c", "import pymavlink"]).output();
+        asked.is_ok_and(|output| output.status.success())
+    };
+    if has_it(&python) {
+        return Ok(python);
+    }
+    let made = answer(Command::new("sh").args([
+        "-c",
+        "python3 -m venv \"$0\" && \"$0/bin/pip\" install --quiet pymavlink",
+        &venv.to_string_lossy(),
+    ]));
+    if has_it(&python) {
+        Ok(python)
+    } else {
+        Err(format!(
+            "no Python with pymavlink (python3, python3-venv and a package index are needed): {}",
+            made.stderr.trim()
+        ))
+    }
+}
+
 /// What a demonstration flight said: its whole output, and the JSON object on the last line.
 #[derive(Debug)]
 pub struct Demo {
@@ -63,24 +233,15 @@ pub struct Demo {
 pub fn demo(arguments: &[&str]) -> Demo {
     let mut all = vec!["demo", "--headless", "--json"];
     all.extend(arguments);
-    let output = program("jink", &all).output();
-    let Ok(Output {
-        status,
+    let Answer {
         stdout,
         stderr,
-    }) = output
-    else {
-        return Demo {
-            text: format!("jink demo could not be started: {:?}", output.err()),
-            figures: Value::Null,
-            code: None,
-        };
-    };
-    let stdout = String::from_utf8_lossy(&stdout).into_owned();
+        code,
+    } = answer(&mut program("jink", &all));
     let last = stdout.lines().last().unwrap_or_default();
     Demo {
         figures: serde_json::from_str(last).unwrap_or(Value::Null),
-        text: format!("{stdout}\n{}", String::from_utf8_lossy(&stderr)),
-        code: status.code(),
+        text: format!("{stdout}\n{stderr}"),
+        code,
     }
 }

@@ -1,6 +1,7 @@
 //! The course of a demonstration flight: what the simulation and the gateway said, and the summary of it.
 
-use crate::report::round;
+use crate::report::{StageLatency, round};
+use jink_shared_types::STAGES;
 use jink_shared_types::health::Histogram;
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::truth::SimTruth;
@@ -171,8 +172,12 @@ impl FlightLog {
         kills: Vec<KillRecord>,
     ) -> Summary {
         let mut latency = Histogram::default();
+        let mut stages = [Histogram::default(); STAGES];
         for link in self.links.values() {
             latency.merge(&link.capture_to_wire);
+            for (sum, stage) in stages.iter_mut().zip(&link.stages) {
+                sum.merge(stage);
+            }
         }
         let truth = self.truth.unwrap_or_default();
         let speed_mps = (truth.cruise_s > 0.0).then(|| truth.cruise_m / truth.cruise_s);
@@ -196,6 +201,7 @@ impl FlightLog {
             latency_p50_ms: round(latency.quantile_us(0.5) * 1e-3),
             latency_p99_ms: round(latency.quantile_us(0.99) * 1e-3),
             latency_max_ms: round(f64::from(latency.max_us) * 1e-3),
+            latency_stages: StageLatency::of(&stages),
             restarts,
             kills,
         }
@@ -235,6 +241,8 @@ pub struct Summary {
     pub latency_p99_ms: f64,
     /// Longest (ms).
     pub latency_max_ms: f64,
+    /// What each stage adds to it.
+    pub latency_stages: Vec<StageLatency>,
     /// Restarts of processes.
     pub restarts: u32,
     /// Processes killed on purpose.
@@ -270,6 +278,7 @@ impl Summary {
                 "  capture to wire {:.1} / {:.1} / {:.1} ms p50/p99/max",
                 self.latency_p50_ms, self.latency_p99_ms, self.latency_max_ms
             ),
+            format!("    of that p50/p99: {}", StageLatency::line(&self.latency_stages)),
             format!("  {} restarts", self.restarts),
         ];
         for line in lines {

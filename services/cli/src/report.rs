@@ -1,8 +1,8 @@
 //! The state of a running system on one screen, and as JSON for scripts.
 
-use jink_shared_types::health::{Health, ProcessStatus, ServiceState, SystemStatus};
+use jink_shared_types::health::{Health, Histogram, ProcessStatus, ServiceState, SystemStatus};
 use jink_shared_types::link::LinkStatus;
-use jink_shared_types::{Stamped, Timestamp};
+use jink_shared_types::{STAGE_NAMES, STAGES, Stamped, Timestamp};
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -91,6 +91,43 @@ pub struct Link {
     pub capture_to_wire_p99_ms: f64,
     /// Longest (ms).
     pub capture_to_wire_max_ms: f64,
+    /// What each stage adds to it.
+    pub stages: Vec<StageLatency>,
+}
+
+/// What one stage of the chain adds to the way from capture to wire, waiting included.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StageLatency {
+    /// The stage.
+    pub stage: &'static str,
+    /// Median (ms).
+    pub p50_ms: f64,
+    /// 99th percentile (ms).
+    pub p99_ms: f64,
+}
+
+impl StageLatency {
+    /// Of all stages that were passed at all, in their order.
+    pub fn of(stages: &[Histogram; STAGES]) -> Vec<Self> {
+        STAGE_NAMES
+            .into_iter()
+            .zip(stages)
+            .filter(|(_, histogram)| histogram.count > 0)
+            .map(|(stage, histogram)| Self {
+                stage,
+                p50_ms: round(histogram.quantile_us(0.5) * 1e-3),
+                p99_ms: round(histogram.quantile_us(0.99) * 1e-3),
+            })
+            .collect()
+    }
+
+    /// `sensor 4.1/9.0, fusion 6.2/12.0`; p50/p99 in ms.
+    pub fn line(stages: &[Self]) -> String {
+        let words = stages
+            .iter()
+            .map(|stage| format!("{} {:.1}/{:.1}", stage.stage, stage.p50_ms, stage.p99_ms));
+        words.collect::<Vec<_>>().join(", ")
+    }
 }
 
 impl Report {
@@ -248,6 +285,7 @@ impl Link {
             capture_to_wire_p50_ms: us(latency.quantile_us(0.5)),
             capture_to_wire_p99_ms: us(latency.quantile_us(0.99)),
             capture_to_wire_max_ms: us(f64::from(latency.max_us)),
+            stages: StageLatency::of(&link.sample.stages),
         }
     }
 
@@ -262,14 +300,15 @@ impl Link {
         };
         format!(
             "link: autopilot {} heard, {clock}, avoidance {}\n      {} setpoints, largest gap {:.0} ms; capture to \
-             wire {:.1} / {:.1} / {:.1} ms p50/p99/max\n",
+             wire {:.1} / {:.1} / {:.1} ms p50/p99/max\n      of that p50/p99: {}\n",
             self.system_id,
             self.avoidance,
             self.setpoints,
             self.setpoint_gap_max_ms,
             self.capture_to_wire_p50_ms,
             self.capture_to_wire_p99_ms,
-            self.capture_to_wire_max_ms
+            self.capture_to_wire_max_ms,
+            StageLatency::line(&self.stages)
         )
     }
 }

@@ -70,7 +70,7 @@ pub use gateway::Gateway;
 pub use io::{Inputs, OUTBOX, Outputs};
 pub use message::{
     Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, CommandAck, Content,
-    Outgoing, Provenance, Receipt, Received,
+    Outgoing, Receipt, Received,
 };
 pub use profile::ProfileName;
 pub use vehicle::Present;

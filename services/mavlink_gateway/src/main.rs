@@ -92,7 +92,7 @@ impl Service for GatewayService {
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        let progress = self.receive(now);
+        let progress = self.receive();
         self.news.clear();
         for input in &mut self.events {
             input.each(|event| {
@@ -128,9 +128,9 @@ impl Service for GatewayService {
 }
 
 impl GatewayService {
-    fn receive(&mut self, now: Timestamp) -> Progress {
+    fn receive(&mut self) -> Progress {
         self.received.clear();
-        let answer = self.link.receive(now, &mut self.received);
+        let answer = self.link.receive(jink_runtime::now, &mut self.received);
         self.tell_link(answer.is_err(), answer.as_ref().err());
         answer.unwrap_or(Progress::Drained)
     }

@@ -1,6 +1,6 @@
 //! Messages on their way in and out, with what the bytes alone do not tell.
 
-use jink_shared_types::Timestamp;
+use jink_shared_types::{SampleHeader, Timestamp};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::{COMMAND_INT_DATA, COMMAND_LONG_DATA, MavMessage, MavResult};
 use mavlink::error::ParserError;
@@ -105,17 +105,8 @@ pub enum Receipt {
     /// A setpoint.
     Setpoint {
         /// Of the approved trajectory, if this is the first setpoint cut from it.
-        first_of: Option<Provenance>,
+        first_of: Option<SampleHeader>,
     },
-}
-
-/// Where a planned setpoint comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Provenance {
-    /// Capture time of the newest range behind the trajectory.
-    pub capture: Timestamp,
-    /// When the guard published it.
-    pub published: Timestamp,
 }
 
 /// A message to be sent.

@@ -19,13 +19,16 @@ const UNKNOWN_CM: u16 = u16::MAX;
 /// Largest `max_distance` that leaves room for "max + 1" below "unknown" (cm).
 const LONGEST_CM: u16 = u16::MAX - 2;
 
+/// `min_distance` and `max_distance` while nothing is known (cm): a range that no receiver takes for nonsense.
+const SILENT_RANGE_CM: [u16; 2] = [20, 1200];
+
 /// The message for `ring` at `now`.
 pub fn message(now: Timestamp, ring: Reading<'_, SectorRing>) -> MavMessage {
     let mut data = OBSTACLE_DISTANCE_DATA {
         time_usec: now.ns / 1000,
         distances: [UNKNOWN_CM; SECTORS],
-        min_distance: 0,
-        max_distance: 0,
+        min_distance: SILENT_RANGE_CM[0],
+        max_distance: SILENT_RANGE_CM[1],
         sensor_type: MavDistanceSensor::MAV_DISTANCE_SENSOR_UNKNOWN,
         increment: 5,
         increment_f: 5.0,
@@ -44,8 +47,10 @@ fn fill(data: &mut OBSTACLE_DISTANCE_DATA, ring: &SectorRing) {
     let reach_cm = sectors()
         .filter(|(distance_m, _)| !distance_m.is_nan())
         .map(|(_, reach_m)| centimetres(*reach_m))
-        .max()
-        .unwrap_or(0);
+        .max();
+    let Some(reach_cm) = reach_cm else {
+        return; // Every sector unknown.
+    };
     data.max_distance = reach_cm;
     data.min_distance = centimetres(ring.range_min_m).min(reach_cm);
     for (slot, (distance_m, reach_m)) in data.distances.iter_mut().zip(sectors()) {

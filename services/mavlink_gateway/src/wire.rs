@@ -1,7 +1,7 @@
 //! What has happened on the wire: counters, the largest gap between setpoints, latencies.
 
 use crate::message::Receipt;
-use jink_shared_types::Timestamp;
+use jink_shared_types::{SampleHeader, Stage, Timestamp};
 use jink_shared_types::link::LinkStatus;
 
 /// Counts what was really sent.
@@ -26,12 +26,28 @@ impl Wire {
                     self.status.setpoint_gap_max_us = self.status.setpoint_gap_max_us.max(gap_us);
                 }
                 self.last_setpoint = now;
-                if let Some(provenance) = first_of {
-                    let of_range = microseconds(now, provenance.capture);
-                    let of_approval = microseconds(now, provenance.published);
-                    self.status.capture_to_wire.record_us(of_range);
-                    self.status.approved_to_wire.record_us(of_approval);
+                if let Some(header) = first_of {
+                    self.record_latency(now, &header);
                 }
+            }
+        }
+    }
+
+    fn record_latency(&mut self, now: Timestamp, header: &SampleHeader) {
+        self.status
+            .capture_to_wire
+            .record_us(microseconds(now, header.capture));
+        let mut before = header.capture;
+        let stages = header.stages.iter().zip(&mut self.status.stages);
+        for (index, (stage, histogram)) in stages.enumerate() {
+            let end = if index == Stage::Gateway as usize {
+                now
+            } else {
+                stage.end
+            };
+            if end.is_set() {
+                histogram.record_us(microseconds(end, before));
+                before = end;
             }
         }
     }
@@ -49,8 +65,8 @@ fn microseconds(now: Timestamp, then: Timestamp) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::Wire;
-    use crate::message::{Provenance, Receipt};
-    use jink_shared_types::Timestamp;
+    use crate::message::Receipt;
+    use jink_shared_types::{SampleHeader, Stage, StageTime, Timestamp};
 
     fn at(ms: u64) -> Timestamp {
         Timestamp::from_ns(1_000_000_000 + ms * 1_000_000)
@@ -60,11 +76,19 @@ mod tests {
     fn the_largest_gap_and_the_latencies_are_kept() {
         let mut wire = Wire::default();
         let plain = Receipt::Setpoint { first_of: None };
+        let mut header = SampleHeader {
+            capture: at(80),
+            publish: at(97),
+            ..SampleHeader::default()
+        };
+        for (stage, begin, end) in [(Stage::Sensor, 80, 85), (Stage::Guard, 96, 97)] {
+            header.stages[stage as usize] = StageTime {
+                begin: at(begin),
+                end: at(end),
+            };
+        }
         let planned = Receipt::Setpoint {
-            first_of: Some(Provenance {
-                capture: at(80),
-                published: at(97),
-            }),
+            first_of: Some(header),
         };
         for (ms, receipt) in [
             (0, plain),
@@ -86,9 +110,11 @@ mod tests {
             (status.capture_to_wire.count, status.capture_to_wire.max_us),
             (1, 20_000)
         );
+        let stages = status.stages.map(|stage| (stage.count, stage.max_us));
+        let silent = (0, 0);
         assert_eq!(
-            (status.approved_to_wire.count, status.approved_to_wire.max_us),
-            (1, 3_000)
+            stages,
+            [(1, 5_000), silent, silent, silent, (1, 12_000), (1, 3_000)]
         );
     }
 

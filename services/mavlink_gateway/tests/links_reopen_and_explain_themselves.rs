@@ -55,7 +55,7 @@ impl Bench {
         let mut numbers = Vec::new();
         loop {
             self.messages.clear();
-            let progress = self.link.receive(self.now, &mut self.messages);
+            let progress = self.link.receive(|| self.now, &mut self.messages);
             numbers.extend(self.messages.iter().filter_map(number));
             match progress {
                 Ok(Progress::More) => {}

@@ -5,7 +5,7 @@
 mod support;
 
 use jink_mavlink_gateway::GatewayConfig;
-use jink_shared_types::Coded;
+use jink_shared_types::{Coded, Stage};
 use jink_shared_types::motion::{Trajectory, TrajectoryMode, Verdict};
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF};
 use mavlink::dialects::ardupilotmega::*;
@@ -144,6 +144,7 @@ fn a_new_trajectory_does_not_wait_for_the_beat_and_its_latency_is_counted() {
         let header = &mut bench.approved.as_mut().unwrap().header;
         header.capture = bench.now.plus_seconds(-0.012);
         header.publish = bench.now.plus_seconds(-0.001);
+        header.stages[Stage::Guard as usize].end = header.publish;
         arrivals.push((bench.now, bench.curves().len()));
         bench.step();
     }
@@ -157,11 +158,9 @@ fn a_new_trajectory_does_not_wait_for_the_beat_and_its_latency_is_counted() {
     }
     bench.idle_until(bench.now.plus_seconds(0.3));
     let status = bench.status.unwrap();
-    assert_eq!(status.approved_to_wire.count, 30);
-    assert_eq!(
-        (status.approved_to_wire.max_us, status.capture_to_wire.max_us),
-        (1000, 12_000)
-    );
+    let gateway = &status.stages[Stage::Gateway as usize];
+    assert_eq!(gateway.count, 30);
+    assert_eq!((gateway.max_us, status.capture_to_wire.max_us), (1000, 12_000));
 }
 
 #[test]
@@ -177,9 +176,9 @@ fn trajectories_that_come_in_a_hurry_do_not_flood_the_link() {
         bench.step();
     }
     let curves = &bench.curves()[before..];
-    assert!(curves.len() <= 41, "{} setpoints in a second", curves.len());
+    assert!(curves.len() <= 101, "{} setpoints in a second", curves.len());
     for pair in curves.windows(2) {
-        assert!(pair[1].0.seconds_since(pair[0].0) > 0.0249);
+        assert!(pair[1].0.seconds_since(pair[0].0) > 0.0099);
     }
 }
 

@@ -7,8 +7,10 @@ use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, events, topics};
 use std::process::ExitCode;
 
-/// Without new ranges the map is sent again at this period, so that its readers learn that it has gone stale (s).
-const IDLE_PERIOD_S: f64 = 0.1;
+/// Without new ranges the map is sent again at this period, so that its readers learn that it has gone stale (s). Longer
+/// than the period of any sensor worth flying with: a map sent again just before the next frame would be planned in
+/// although it is a period old.
+const IDLE_PERIOD_S: f64 = 0.2;
 
 struct FusionService {
     fusion: Fusion,

@@ -28,7 +28,7 @@ use crate::search::{Found, PathEnd, Query, Search};
 use crate::space::Space;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
-use jink_shared_types::map::{CELL_M, LocalMap, cell_of};
+use jink_shared_types::map::{CELL_M, Cell, LocalMap, cell_of};
 use jink_shared_types::motion::{
     ApprovedTrajectory, MotionLimits, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
 };
@@ -79,6 +79,7 @@ pub struct Planner {
     yaw_along_path: bool,
     space: Space,
     search: Search,
+    best_path: Vec<Cell>,
     guide: Guide,
     corridor: CorridorBuilder,
     route_id: u64,
@@ -113,6 +114,7 @@ impl Planner {
                 params.get(&params::OA_MAP_ERR),
             ),
             search: Search::default(),
+            best_path: Vec::with_capacity(4096),
             guide: Guide::default(),
             corridor: CorridorBuilder::default(),
             route_id: u64::from(generation) << 32,
@@ -271,7 +273,7 @@ impl Planner {
     ) -> bool {
         let start = departure.state.position.vector();
         let straight_m = (goal.vector() - start).norm();
-        let mut best: Option<(f64, usize, usize)> = None;
+        let mut best: Option<(f64, usize, Found)> = None;
         for gear in 0..GEARS {
             self.space.prepare(gear);
             let Some(found) = self.find(gear, departure, goal) else {
@@ -284,7 +286,8 @@ impl Planner {
             if best.is_none_or(|(best_s, _, _)| time_s < best_s)
                 && let Some(flown) = self.flown_gear(gear, departure, goal, &found)
             {
-                best = Some((time_s, gear, flown));
+                best = Some((time_s, flown, found));
+                self.search.swap_path(&mut self.best_path);
             }
             let direct =
                 found.end != PathEnd::Nearest && found.cost_m <= DETOUR_WORTH_A_GEAR * straight_m as f32;
@@ -292,12 +295,10 @@ impl Planner {
                 break;
             }
         }
-        let Some((_, gear, flown)) = best else {
+        let Some((_, flown, found)) = best else {
             return false;
         };
-        let Some(found) = self.find(gear, departure, goal) else {
-            return false;
-        };
+        self.search.swap_path(&mut self.best_path);
         self.search.prefer_path();
         let target_is_goal = self.build_guide(flown, departure, goal, &found);
         self.write_plan(flown, departure, desired, target_is_goal, route)

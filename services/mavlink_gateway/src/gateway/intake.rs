@@ -123,7 +123,7 @@ impl Gateway {
             return;
         }
         let answer = MavMessage::TIMESYNC(TIMESYNC_DATA {
-            tc1: nanoseconds(now),
+            tc1: nanoseconds(received.time),
             ts1: sync.ts1,
             target_system: received.header.system_id as u8,
             target_component: received.header.component_id,

@@ -27,8 +27,9 @@ const OBSTACLES_RATE_HZ: f64 = 15.0;
 const TIMESYNC_RATE_HZ: f64 = 10.0;
 /// Rate at which the counters are published (Hz), as the topic table says.
 const STATUS_RATE_HZ: f64 = 5.0;
-/// A new trajectory does not wait for the beat, but setpoints keep at least this part of a period apart.
-const SOONEST_PERIODS: f64 = 0.5;
+/// A new trajectory does not wait for the beat, but setpoints keep at least this part of a period apart: 10 ms at
+/// 20 Hz, so that a burst of trajectories does not crowd a serial line.
+const SOONEST_PERIODS: f64 = 0.2;
 
 /// The gateway between jink and one autopilot.
 #[derive(Debug)]

@@ -113,12 +113,17 @@ impl Link {
         }
     }
 
-    /// Reads until nothing is left or `messages` has no spare capacity; nothing is allocated. `now` becomes the time of
-    /// reception.
+    /// Reads until nothing is left or `messages` has no spare capacity; nothing is allocated. The
+    /// time of reception is read from `clock` after each read: the autopilot's clock is measured with it.
     ///
     /// # Errors
     /// [`LinkError`] if the link was lost just now or could not be opened again; it will be tried again.
-    pub fn receive(&mut self, now: Timestamp, messages: &mut Vec<Received>) -> Result<Progress, LinkError> {
+    pub fn receive(
+        &mut self,
+        clock: impl Fn() -> Timestamp,
+        messages: &mut Vec<Received>,
+    ) -> Result<Progress, LinkError> {
+        let mut now = clock();
         self.reopen_if_due(now)?;
         for _ in 0..CHUNKS_PER_CALL {
             if self.take_frames(now, messages) == Progress::More {
@@ -127,7 +132,9 @@ impl Link {
             let Some(transport) = &mut self.transport else {
                 return Ok(Progress::Drained);
             };
-            match transport.read(&mut self.chunk) {
+            let chunk = transport.read(&mut self.chunk);
+            now = clock();
+            match chunk {
                 Ok(Chunk::Stream(len)) => {
                     self.retry_pause_s = RETRY_FIRST_S;
                     self.splitter.push(&self.chunk[..len]);

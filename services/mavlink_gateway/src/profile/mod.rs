@@ -7,11 +7,10 @@ pub mod px4_trajectory;
 use pilot::Source;
 use px4_trajectory::Px4Trajectory;
 
-use crate::message::Provenance;
 use crate::vehicle::Present;
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
-use jink_shared_types::{Reading, Timestamp};
+use jink_shared_types::{Reading, SampleHeader, Timestamp};
 use mavlink::dialects::ardupilotmega::MavMessage;
 use std::fmt;
 use std::str::FromStr;
@@ -39,7 +38,7 @@ pub struct Setpoint {
     /// What it was made from.
     pub source: Source,
     /// Of the approved trajectory, if this is the first setpoint cut from it.
-    pub first_of: Option<Provenance>,
+    pub first_of: Option<SampleHeader>,
 }
 
 /// A way of speaking to an autopilot.

@@ -13,7 +13,6 @@
 
 use super::Situation;
 use super::curve::{Curve, MAX_YAW_RAD};
-use crate::message::Provenance;
 use crate::vehicle::{MAX_COORDINATE_M, MAX_SPEED_MPS, Present};
 use jink_shared_types::bezier::{self, QUINTIC};
 use jink_shared_types::motion::{ApprovedTrajectory, Trajectory, TrajectoryMode, Verdict};
@@ -55,7 +54,7 @@ pub struct Decision {
     /// Why.
     pub source: Source,
     /// Of the approved trajectory, if this is the first curve cut from it.
-    pub first_of: Option<Provenance>,
+    pub first_of: Option<SampleHeader>,
 }
 
 /// A place to stay at.
@@ -88,7 +87,7 @@ pub struct Pilot {
     shortest_s: f64,
     flown: Box<Trajectory>,
     has_flown: bool,
-    news: Option<Provenance>,
+    news: Option<SampleHeader>,
     barred: Option<u64>,
     held: Option<Held>,
     mirrored: Option<Held>,
@@ -150,7 +149,7 @@ impl Pilot {
         *self.flown = approved.trajectory;
         self.has_flown = true;
         self.barred = None;
-        self.news = Some(provenance(approved.header));
+        self.news = Some(*approved.header);
         true
     }
 
@@ -308,11 +307,4 @@ fn is_usable(approved: &ApprovedTrajectory) -> bool {
                 && velocity.iter().all(|v| v.norm() <= MAX_SPEED_MPS)
                 && piece.yaw_rad.iter().all(|yaw| yaw.abs() <= MAX_YAW_RAD)
         })
-}
-
-fn provenance(header: &SampleHeader) -> Provenance {
-    Provenance {
-        capture: header.capture,
-        published: header.publish,
-    }
 }

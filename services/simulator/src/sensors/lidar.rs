@@ -12,7 +12,7 @@ use super::pose::PoseCursor;
 use super::spec::SensorSpec;
 use crate::world::World;
 use jink_shared_types::Timestamp;
-use jink_shared_types::ranges::{CLOUD_POINTS, PointCloud};
+use jink_shared_types::ranges::{CLOUD_POINTS, CloudPoint, PointCloud};
 use nalgebra::Vector3;
 
 /// Time unit of a point's offset (ns).
@@ -41,6 +41,9 @@ pub(super) struct Lidar3d {
     sine_span: f64,
     /// Where the sequence stands, as 64-bit fractions.
     place: [u64; 2],
+    /// The sweep under way: when it began, and what was measured so far.
+    sweep_begin: Timestamp,
+    sweep: Vec<CloudPoint>,
 }
 
 impl Lidar3d {
@@ -61,9 +64,12 @@ impl Lidar3d {
         let elevation_max_rad = spec.angle_rad(high, spec.elevation_max_deg, 60.0, [-90.0, 90.0])?;
         spec.ordered([low, high], elevation_min_rad, elevation_max_rad)?;
         let azimuth_span_rad = spec.fov_horizontal_rad(360.0, [1.0, 360.0])?;
+        let rays = spec.count("rays", spec.rays, 20_000, CLOUD_POINTS)?;
         Ok(Self {
             beam: Beam::new(spec)?,
-            rays: spec.count("rays", spec.rays, 20_000, CLOUD_POINTS)? as u64,
+            rays: rays as u64,
+            sweep_begin: Timestamp::NEVER,
+            sweep: Vec::with_capacity(rays),
             azimuth_first_rad: -0.5 * azimuth_span_rad,
             azimuth_span_rad,
             sine_first: elevation_min_rad.sin(),
@@ -96,29 +102,54 @@ impl Lidar3d {
         end: Timestamp,
         cloud: &mut PointCloud,
     ) {
+        self.advance(world, poses, [begin, end], end);
         self.head.begin_cloud(cloud);
         cloud.first_point = begin;
+        for point in &self.sweep {
+            cloud.push(*point);
+        }
+        self.sweep.clear();
+    }
+
+    /// Measures the rays of the sweep over `span` that are due by `until` and were not measured yet: a real lidar, too,
+    /// has most of a sweep behind it when the sweep ends.
+    pub fn advance(
+        &mut self,
+        world: &World,
+        poses: &mut PoseCursor<'_>,
+        span: [Timestamp; 2],
+        until: Timestamp,
+    ) {
+        let [begin, end] = span;
+        if self.sweep_begin != begin {
+            self.sweep_begin = begin;
+            self.sweep.clear();
+        }
         let ticks = end.ns_since(begin) / TICK_NS;
-        let mut tick = 0;
-        let mut view = self.head.view(&poses.at(begin));
-        for ray in 0..self.rays {
-            let due = ray * ticks / self.rays;
-            if due != tick {
-                tick = due;
-                view = self
-                    .head
-                    .view(&poses.at(Timestamp::from_ns(begin.ns + tick * TICK_NS)));
+        let due_ticks = until.min(end).ns_since(begin) / TICK_NS;
+        let mut view = None;
+        for ray in self.sweep.len() as u64..self.rays {
+            let tick = ray * ticks / self.rays;
+            if tick > due_ticks {
+                break;
             }
+            let view = match &view {
+                Some((at, view)) if *at == tick => view,
+                _ => {
+                    let time = Timestamp::from_ns(begin.ns + tick * TICK_NS);
+                    &view.insert((tick, self.head.view(&poses.at(time)))).1
+                }
+            };
             let direction = self.next_direction();
             let direction = self.head.to_body(&direction);
-            let answer = match self.head.cast_beam(world, &view, &direction, &self.beam) {
+            let answer = match self.head.cast_beam(world, view, &direction, &self.beam) {
                 _ if self.head.drops_out() => Answer::Unknown,
                 None => Answer::Clear,
                 // Too near to be measured: that something is there is lost, so nothing may be called clear.
                 Some(hit) if hit.range_m < self.head.range_min_m => Answer::Unknown,
                 Some(hit) => Answer::Hit(self.head.measured_m(hit.range_m)),
             };
-            cloud.push(self.head.point(&direction, answer, tick as u16));
+            self.sweep.push(self.head.point(&direction, answer, tick as u16));
         }
     }
 }

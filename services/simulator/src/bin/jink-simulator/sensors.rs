@@ -116,6 +116,7 @@ impl Service for SensorService {
                 tracing::error!("a frame was not rendered: {error}");
             }
         }
+        self.rig.advance(self.newest, &self.world, &self.track);
         Wake::on_data()
     }
 }

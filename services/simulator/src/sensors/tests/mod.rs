@@ -255,3 +255,29 @@ fn another_sensor_in_the_rig_leaves_the_first_alone() {
     }
     assert_eq!(cloud.points(), alone[0].points());
 }
+
+#[test]
+fn a_sweep_measured_on_the_way_is_the_sweep_measured_at_its_end() {
+    let world = forest(3);
+    let (whole_track, mut track) = (swerving(), PoseTrack::new(0.3, 0.004));
+    let mut rigs = [(); 2].map(|()| rig(&SensorSpec::new("eye", SensorKind::Lidar3d), 5));
+    let mut sweeps = [(); 2].map(|()| PointCloud::boxed());
+    let mut compared = 0;
+    for step in 0..100 {
+        let now = Timestamp::from_ns(1_000_000_000 + 4_000_000 * step);
+        track.push(now, whole_track.at(now).unwrap());
+        for (number, rig) in rigs.iter_mut().enumerate() {
+            while let Some(frame) = rig.next_due(now) {
+                rig.render_cloud(&frame, &world, &track, &mut sweeps[number])
+                    .unwrap();
+            }
+        }
+        assert_eq!(sweeps[0].points(), sweeps[1].points());
+        compared += sweeps[0].points().len();
+        // Now and then it is busy with something else.
+        if step % 7 != 3 {
+            rigs[0].advance(now, &world, &track);
+        }
+    }
+    assert!(compared > 0);
+}
