@@ -1,8 +1,8 @@
 //! What the gateway knows of its link, for people and for the supervisor.
 
+use crate::STAGES;
 use crate::coded::{Coded, Flag};
 use crate::health::Histogram;
-use crate::STAGES;
 
 crate::wire_enum! {
     /// What the avoidance heartbeat (component 196) says; numbers are MAV_STATE.

@@ -233,11 +233,7 @@ pub struct Demo {
 pub fn demo(arguments: &[&str]) -> Demo {
     let mut all = vec!["demo", "--headless", "--json"];
     all.extend(arguments);
-    let Answer {
-        stdout,
-        stderr,
-        code,
-    } = answer(&mut program("jink", &all));
+    let Answer { stdout, stderr, code } = answer(&mut program("jink", &all));
     let last = stdout.lines().last().unwrap_or_default();
     Demo {
         figures: serde_json::from_str(last).unwrap_or(Value::Null),

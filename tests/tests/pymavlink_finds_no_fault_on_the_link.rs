@@ -31,14 +31,21 @@ fn an_external_autopilot_is_flown_through_a_virtual_world_and_pymavlink_finds_no
     let world = ["--world", "forest", "--seed", "3"];
     let folder = TempFolder::with_config("autopilot");
     folder.write("services.toml", AUTOPILOT_ONLY);
-    let description = answer(&mut program("jink", &["world", "--json", "--world", "forest", "--seed", "3"]));
+    let description = answer(&mut program(
+        "jink",
+        &["world", "--json", "--world", "forest", "--seed", "3"],
+    ));
     let world_file = folder.write("world.json", &description.stdout);
 
     let link = format!("link.address=udpin:127.0.0.1:{relay}");
     let ground = format!("simulation.ground_station_port={station}");
     let _autopilot = System::up(
         "autopilot",
-        &[&world[..], &["--config", folder.text(), "--set", &link, "--set", &ground]].concat(),
+        &[
+            &world[..],
+            &["--config", folder.text(), "--set", &link, "--set", &ground],
+        ]
+        .concat(),
     );
     let link = format!("udpin:127.0.0.1:{companion}");
     let jink = System::up("companion", &[&world[..], &["--link", &link]].concat());

@@ -1,5 +1,6 @@
 //! Fault drills of a demonstration: which process to kill when, as written on the command line.
 
+use jink_shared_types::params::nearest;
 use std::fmt;
 use std::str::FromStr;
 
@@ -49,6 +50,24 @@ impl fmt::Display for KillError {
 }
 impl std::error::Error for KillError {}
 
+impl Kill {
+    /// Whether each of `kills` is that of a process in `names`.
+    ///
+    /// # Errors
+    /// The sentence to say about the first that is not.
+    pub fn check(kills: &[Self], names: &[String]) -> Result<(), String> {
+        let Some(kill) = kills.iter().find(|kill| !names.contains(&kill.process)) else {
+            return Ok(());
+        };
+        let near = nearest(&kill.process, names.iter().map(String::as_str));
+        let hint = near.map_or_else(
+            || format!("there are {}", names.join(", ")),
+            |near| format!("did you mean {near:?}?"),
+        );
+        Err(format!("--kill: there is no process {:?}; {hint}", kill.process))
+    }
+}
+
 impl FromStr for Kill {
     type Err = KillError;
 
@@ -87,6 +106,17 @@ mod tests {
             let kill: Kill = text.parse().unwrap();
             assert_eq!((kill.process.as_str(), kill.at_s), (process, at_s));
         }
+    }
+
+    #[test]
+    fn only_processes_of_the_table_can_be_killed() {
+        let names = ["planner", "sensors"].map(str::to_owned);
+        let check = |text: &str| Kill::check(&[text.parse().unwrap()], &names);
+        assert_eq!(check("sensor@1s"), Ok(()));
+        let error = check("planer@1s").unwrap_err();
+        assert!(error.ends_with("did you mean \"planner\"?"), "{error}");
+        let error = check("xyz@1s").unwrap_err();
+        assert!(error.ends_with("there are planner, sensors"), "{error}");
     }
 
     #[test]

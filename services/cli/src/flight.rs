@@ -278,7 +278,10 @@ impl Summary {
                 "  capture to wire {:.1} / {:.1} / {:.1} ms p50/p99/max",
                 self.latency_p50_ms, self.latency_p99_ms, self.latency_max_ms
             ),
-            format!("    of that p50/p99: {}", StageLatency::line(&self.latency_stages)),
+            format!(
+                "    of that p50/p99: {}",
+                StageLatency::line(&self.latency_stages)
+            ),
             format!("  {} restarts", self.restarts),
         ];
         for line in lines {

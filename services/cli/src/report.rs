@@ -81,6 +81,10 @@ pub struct Link {
     pub timesync_converged: bool,
     /// Shortest round trip of a time synchronisation (ms).
     pub round_trip_ms: f64,
+    /// Bytes that belonged to no message.
+    pub garbage_bytes: u64,
+    /// Messages that could not be decoded, or came from somebody who does not concern us.
+    pub ignored: u64,
     /// Setpoints sent.
     pub setpoints: u64,
     /// Largest time between two of them (ms).
@@ -280,6 +284,8 @@ impl Link {
             avoidance: link.sample.avoidance.get().to_string(),
             timesync_converged: link.sample.timesync_converged.is_set(),
             round_trip_ms: us(f64::from(link.sample.round_trip_us)),
+            garbage_bytes: link.sample.garbage_bytes,
+            ignored: link.sample.ignored,
             setpoints: link.sample.setpoints,
             setpoint_gap_max_ms: us(f64::from(link.sample.setpoint_gap_max_us)),
             capture_to_wire_p50_ms: us(latency.quantile_us(0.5)),
@@ -291,7 +297,10 @@ impl Link {
 
     fn line(&self) -> String {
         if !self.autopilot_heard {
-            return "link: the autopilot is not heard\n".to_owned();
+            return format!(
+                "link: the autopilot is not heard ({} bytes that are no MAVLink, {} messages of others)\n",
+                self.garbage_bytes, self.ignored
+            );
         }
         let clock = if self.timesync_converged {
             format!("clock mapped (round trip {:.1} ms)", self.round_trip_ms)

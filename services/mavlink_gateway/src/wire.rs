@@ -1,8 +1,8 @@
 //! What has happened on the wire: counters, the largest gap between setpoints, latencies.
 
 use crate::message::Receipt;
-use jink_shared_types::{SampleHeader, Stage, Timestamp};
 use jink_shared_types::link::LinkStatus;
+use jink_shared_types::{SampleHeader, Stage, Timestamp};
 
 /// Counts what was really sent.
 #[derive(Clone, Debug, Default)]

@@ -5,9 +5,9 @@
 mod support;
 
 use jink_mavlink_gateway::GatewayConfig;
-use jink_shared_types::{Coded, Stage};
 use jink_shared_types::motion::{Trajectory, TrajectoryMode, Verdict};
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF};
+use jink_shared_types::{Coded, Stage};
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
 use support::*;

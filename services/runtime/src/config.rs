@@ -4,7 +4,7 @@
 
 mod overlay;
 
-pub use overlay::{PROFILE_FOLDER, Resolved};
+pub use overlay::{PROFILE_FOLDER, Resolved, sensors};
 
 use jink_shared_types::params::{ParamSet, nearest};
 use serde::Deserialize;

@@ -1,13 +1,42 @@
 //! Overlays: the configuration file, then a profile, then the command line, each checked on its own so that an error
 //! names the file and line (or the argument) it comes from.
 
-use super::{CONFIG_FILE, Config, ConfigError, read};
+use super::{CONFIG_FILE, Config, ConfigError, parse_toml, read};
 use jink_shared_types::params::nearest;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
 /// Folder of the profiles inside a configuration folder.
 pub const PROFILE_FOLDER: &str = "profiles";
+
+/// Begins the line of a merged configuration that says which file its sensors come from.
+const SENSORS_FROM: &str = "# Sensors from: ";
+
+/// The `[[sensor]]` tables of the configuration in `folder`, with the keys that only their drivers know.
+///
+/// # Errors
+/// [`ConfigError`] naming file and line as the user wrote them, not those of the merged configuration.
+pub fn sensors<T: DeserializeOwned>(folder: &Path) -> Result<Vec<T>, ConfigError> {
+    #[derive(Deserialize)]
+    #[serde(bound = "T: DeserializeOwned")]
+    struct Sensors<T> {
+        #[serde(default = "Vec::new")]
+        sensor: Vec<T>,
+    }
+    let parse = |file: &Path, text: &str| parse_toml::<Sensors<T>>(file, text).map(|sensors| sensors.sensor);
+    let merged = folder.join(CONFIG_FILE);
+    let text = read(&merged)?;
+    parse(&merged, &text).map_err(|error| {
+        let origin = text.lines().find_map(|line| line.strip_prefix(SENSORS_FROM));
+        let in_origin = origin.and_then(|file| {
+            let file = Path::new(file);
+            parse(file, &read(file).ok()?).err()
+        });
+        in_origin.unwrap_or(error)
+    })
+}
 
 /// A configuration with every overlay applied.
 #[derive(Clone, Debug)]
@@ -32,9 +61,14 @@ impl Config {
         let base = folder.join(CONFIG_FILE);
         let mut sources = vec![base.display().to_string()];
         let mut merged = checked(&base, &read(&base)?)?;
+        let mut sensors_from = base.clone();
         if let Some(profile) = profile {
             let file = profile_file(folder, profile)?;
-            lay_over(&mut merged, checked(&file, &read(&file)?)?);
+            let over = checked(&file, &read(&file)?)?;
+            if over.contains_key("sensor") {
+                sensors_from.clone_from(&file);
+            }
+            lay_over(&mut merged, over);
             sources.push(file.display().to_string());
         }
         for text in overrides {
@@ -44,8 +78,11 @@ impl Config {
         let whole = PathBuf::from("merged configuration");
         let body = toml::to_string(&merged).map_err(|error| problem(&whole, error.to_string()))?;
         let text = format!(
-            "# Merged while starting, from: {}\n{body}",
-            sources.join(", ").replace('\n', " ")
+            "# Merged while starting, from: {}\n{SENSORS_FROM}{}\n{body}",
+            sources.join(", ").replace('\n', " "),
+            std::path::absolute(&sensors_from)
+                .unwrap_or(sensors_from)
+                .display()
         );
         let config = Self::parse(&whole, &text)?;
         Ok(Resolved { text, config })

@@ -4,7 +4,6 @@ use jink_cli::drill::Kill;
 use jink_cli::flight::KillRecord;
 use jink_cli::report::round;
 use jink_shared_types::health::{ProcessStatus, ServiceState, SystemStatus};
-use jink_shared_types::params::nearest;
 use jink_shared_types::truth::SimTruth;
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 
@@ -26,26 +25,6 @@ impl Drills {
             open: Vec::new(),
             done: Vec::new(),
         }
-    }
-
-    /// Whether every name is that of a process; otherwise the sentence to say.
-    pub fn check(&self, status: &SystemStatus) -> Result<(), String> {
-        for kill in &self.planned {
-            if find(status, &kill.process).is_none() {
-                let names = || {
-                    status
-                        .processes()
-                        .iter()
-                        .map(|process| process.heartbeat.name.as_str())
-                };
-                let near = nearest(&kill.process, names()).unwrap_or("");
-                return Err(format!(
-                    "--kill: there is no process {:?}; did you mean {near:?}?",
-                    kill.process
-                ));
-            }
-        }
-        Ok(())
     }
 
     /// Kills what is due and notices who is back; answers what to tell of the kills.

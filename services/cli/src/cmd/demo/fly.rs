@@ -81,8 +81,7 @@ impl Flight {
             if let Some(status) = &self.status
                 && status.health == Health::Healthy
             {
-                let checked = self.drills.check(status);
-                return Ok(checked.err().map(|reason| Outcome::Failed { reason }));
+                return Ok(None);
             }
             if begin.elapsed() > READY_PATIENCE {
                 let reason = format!(

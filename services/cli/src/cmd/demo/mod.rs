@@ -14,6 +14,7 @@ use jink_cli::drill::Kill;
 use jink_cli::flight::{Outcome, Summary};
 use jink_cli::picture::{Scene, World, svg};
 use jink_runtime::Instance;
+use jink_runtime::config::process_names;
 use pilot::Pilot;
 use show::Show;
 use std::net::UdpSocket;
@@ -78,6 +79,8 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         .as_ref()
         .map(|_| describe_world(&programs, args))
         .transpose()?;
+    let names = process_names(&places::config_folder(args.config.as_deref())?);
+    Kill::check(&args.kills, &names).map_err(Problem::Other)?;
     let interrupt = Interrupt::listen()?;
     let instance = if instance.to_string() == DEFAULT_INSTANCE {
         own_instance()?

@@ -1,11 +1,9 @@
 //! What both roles read from the configuration.
 
-use jink_runtime::config::{CONFIG_FILE, Config, ConfigError, parse_toml, read};
+use jink_runtime::config::Config;
 use jink_runtime::{Ports, StartError};
 use jink_simulator::sensors::SensorSpec;
 use jink_simulator::world::{World, WorldError, WorldKind, WorldSpec};
-use serde::Deserialize;
-use std::path::Path;
 
 /// The world the configuration names.
 pub fn world(config: &Config) -> Result<World, StartError> {
@@ -33,16 +31,5 @@ pub fn build(name: &str, seed: u64, density_per_m2: Option<f64>) -> Result<World
 /// The sensors of the configuration with the keys that only the simulator knows. Everything else in the file has been
 /// checked by [`Config`] already.
 pub fn sensors(ports: &Ports) -> Result<Vec<SensorSpec>, StartError> {
-    #[derive(Deserialize)]
-    struct Sensors {
-        #[serde(default)]
-        sensor: Vec<SensorSpec>,
-    }
-    let file = ports.setup().config.join(CONFIG_FILE);
-    let sensors: Sensors = parse(&file)?;
-    Ok(sensors.sensor)
-}
-
-fn parse<T: serde::de::DeserializeOwned>(file: &Path) -> Result<T, ConfigError> {
-    parse_toml(file, &read(file)?)
+    Ok(jink_runtime::config::sensors(&ports.setup().config)?)
 }
