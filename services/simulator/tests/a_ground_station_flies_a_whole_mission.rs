@@ -86,6 +86,26 @@ fn without_avoidance_the_mission_is_flown_at_cruise_speed_and_ends_disarmed() {
 }
 
 #[test]
+fn the_take_off_climbs_to_the_height_that_was_asked_for() {
+    let mut flight = Flight::new(
+        false,
+        FlightPlan {
+            takeoff_height_m: 6.0,
+            waypoints: vec![Point::new(10.0, 0.0, -6.0)],
+            ..plan(Ending::Land)
+        },
+    );
+    let mut highest_m = 0.0f64;
+    while flight.station.progress().outcome.is_none() {
+        flight.step();
+        highest_m = highest_m.max(-flight.autopilot.truth().position.z_m);
+    }
+    let progress = flight.station.progress();
+    assert_eq!(progress.outcome, Some(Outcome::Done), "{progress:?}");
+    assert!((5.0..7.0).contains(&highest_m), "{highest_m} m");
+}
+
+#[test]
 fn with_avoidance_and_no_companion_arming_is_refused_and_the_reason_is_kept() {
     let mut flight = Flight::new(true, plan(Ending::Land));
     while flight.station.progress().outcome.is_none() {

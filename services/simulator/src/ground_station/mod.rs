@@ -19,8 +19,8 @@ use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::{
-    COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult, MavState,
-    MavType,
+    COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavParamType,
+    MavResult, MavState, MavType, PARAM_SET_DATA,
 };
 use upload::Upload;
 
@@ -282,6 +282,7 @@ impl GroundStation {
             Phase::Position => {
                 if let (Some(_), Some(local)) = (self.vehicle.global, self.vehicle.local) {
                     self.vehicle.ground_down_m = local.z_m;
+                    self.set_takeoff_height(outbox);
                     self.enter(Phase::Upload, now_s);
                 }
             }
@@ -342,6 +343,8 @@ impl GroundStation {
         if height_m >= self.plan.takeoff_height_m - TAKEOFF_SLACK_M {
             self.enter(Phase::Mission, now_s);
         } else if self.progress.mode != NavMode::Takeoff && height_m < 0.5 && self.may_ask(now_s) {
+            // Again, in case the first one was lost.
+            self.set_takeoff_height(outbox);
             self.set_mode(outbox, NavMode::Takeoff);
         }
     }
@@ -408,6 +411,18 @@ impl GroundStation {
             MavCmd::MAV_CMD_DO_SET_MODE,
             &[custom, f32::from(main), f32::from(sub)],
         );
+    }
+
+    /// The mode "take off" climbs to a height that is a parameter.
+    fn set_takeoff_height(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>) {
+        let message = MavMessage::PARAM_SET(PARAM_SET_DATA {
+            param_value: self.plan.takeoff_height_m as f32,
+            target_system: self.vehicle.system_id.unwrap_or(1),
+            target_component: 1,
+            param_id: "MIS_TAKEOFF_ALT".into(),
+            param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+        });
+        self.send(outbox, message);
     }
 
     fn command(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>, command: MavCmd, values: &[f32]) {
