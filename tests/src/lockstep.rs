@@ -15,7 +15,7 @@ use jink_planner::Planner;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::map::LocalMap;
-use jink_shared_types::motion::{ApprovedTrajectory, Route, Trajectory, Verdict};
+use jink_shared_types::motion::{ApprovedTrajectory, Route, RouteMode, Trajectory, Verdict};
 use jink_shared_types::params::{OA_VEH_RADIUS, ParamSet};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::SectorRing;
@@ -101,7 +101,7 @@ pub struct FlightSetup {
 pub struct Costs {
     /// Wall time of each planner cycle with a new map (ms).
     pub plan_ms: Vec<f64>,
-    /// Wall time of each generator answer (ms).
+    /// Wall time of each generator answer to a plan (ms).
     pub curve_ms: Vec<f64>,
     /// Wall time of each map update (ms).
     pub map_ms: Vec<f64>,
@@ -377,7 +377,9 @@ impl LockStep {
             .generator
             .step(now, &self.route.sample, flown, &mut self.trajectory.sample);
         if answer.is_ok() {
-            self.costs.curve_ms.push(begin.elapsed().as_secs_f64() * 1e3);
+            if self.route.sample.mode == RouteMode::Plan {
+                self.costs.curve_ms.push(begin.elapsed().as_secs_f64() * 1e3);
+            }
             self.trajectory.publish(now, self.route.header.capture);
             self.new_trajectory = true;
         }

@@ -204,6 +204,8 @@ impl FlightLog {
             latency_stages: StageLatency::of(&stages),
             restarts,
             kills,
+            machine_stall_max_ms: 0.0,
+            machine_stolen_ms: 0.0,
         }
     }
 }
@@ -247,6 +249,10 @@ pub struct Summary {
     pub restarts: u32,
     /// Processes killed on purpose.
     pub kills: Vec<KillRecord>,
+    /// The longest time by which the machine woke an idle thread late (ms): what no flight code can make up for.
+    pub machine_stall_max_ms: f64,
+    /// Time that the hypervisor gave to others meanwhile (ms).
+    pub machine_stolen_ms: f64,
 }
 
 impl Summary {
@@ -283,6 +289,10 @@ impl Summary {
                 StageLatency::line(&self.latency_stages)
             ),
             format!("  {} restarts", self.restarts),
+            format!(
+                "  the machine: an idle thread woken {:.0} ms late at most, {:.0} ms stolen by the hypervisor",
+                self.machine_stall_max_ms, self.machine_stolen_ms
+            ),
         ];
         for line in lines {
             // Writing into a string cannot fail.

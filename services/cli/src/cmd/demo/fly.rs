@@ -1,6 +1,7 @@
 //! The flight from the outside: look at shared memory fifty times a second until it is over.
 
 use super::drills::Drills;
+use super::machine::MachineTimes;
 use super::pilot::Pilot;
 use super::sensed::Sensed;
 use super::show::Show;
@@ -10,6 +11,7 @@ use crate::cmd::{Interrupt, Problem};
 use jink_cli::drill::Kill;
 use jink_cli::flight::{FlightLog, Outcome, Summary};
 use jink_cli::narrate::Narrator;
+use jink_cli::report::round;
 use jink_runtime::Input;
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::topics;
@@ -125,11 +127,14 @@ impl Flight {
     }
 
     /// The figures of the flight that ended as `outcome`.
-    pub fn end(self, outcome: Outcome, world: &str, seed: u64) -> Flown {
+    pub fn end(self, outcome: Outcome, world: &str, seed: u64, machine: MachineTimes) -> Flown {
         let restarts = self.status.map_or(0, |status| status.restarts);
         let kills = self.drills.into_records();
+        let mut summary = self.log.summary(&outcome, world, seed, restarts, kills);
+        summary.machine_stall_max_ms = round(machine.stall_max_ms);
+        summary.machine_stolen_ms = round(machine.stolen_ms);
         Flown {
-            summary: self.log.summary(&outcome, world, seed, restarts, kills),
+            summary,
             outcome,
             sensed: self.sensed.map(|sensed| sensed.centres()).unwrap_or_default(),
             log: self.log,

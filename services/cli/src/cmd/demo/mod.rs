@@ -2,6 +2,7 @@
 
 mod drills;
 mod fly;
+mod machine;
 mod pilot;
 mod sensed;
 mod show;
@@ -15,6 +16,7 @@ use jink_cli::flight::{Outcome, Summary};
 use jink_cli::picture::{Scene, World, svg};
 use jink_runtime::Instance;
 use jink_runtime::config::process_names;
+use machine::Machine;
 use pilot::Pilot;
 use show::Show;
 use std::net::UdpSocket;
@@ -197,6 +199,7 @@ fn with_system(
 ) -> Result<Flown, Problem> {
     let watch: Watch = supervisor.watch(interrupt)?;
     let mut flight = Flight::new(watch, args.svg.is_some(), args.kills.clone())?;
+    let machine = Machine::watch();
     let outcome = match flight.wait_until_ready(supervisor, show, interrupt)? {
         Some(outcome) => outcome,
         None => {
@@ -206,7 +209,7 @@ fn with_system(
             flight.fly(supervisor, &mut pilot, show, interrupt, limit)?
         }
     };
-    Ok(flight.end(outcome, &args.world, args.seed))
+    Ok(flight.end(outcome, &args.world, args.seed, machine.times()))
 }
 
 fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Problem> {
