@@ -157,7 +157,7 @@ topics! {
     /// Ground truth, in simulations only. The sensor rendering uses it where the vehicle is simulated, too.
     SIM_TRUTH: SimTruth = "sim/truth",
         from ["simulator"], to ["simulator"],
-        125.0 Hz, stale after 200.0 ms, buffer 4, logged true;
+        250.0 Hz, stale after 200.0 ms, buffer 8, logged true;
 }
 
 #[cfg(test)]

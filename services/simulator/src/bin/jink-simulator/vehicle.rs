@@ -14,9 +14,6 @@ use std::os::fd::BorrowedFd;
 
 /// More steps than this behind, the simulation goes on slower than real time instead of catching up: 200 ms.
 const CATCH_UP_STEPS: u64 = 50;
-/// The truth is published every second step: 125 Hz, so that sensors lag at most 8 ms behind.
-const TRUTH_STEPS: u64 = 2;
-
 /// The simulated aircraft.
 pub struct VehicleService {
     world: World,
@@ -129,13 +126,11 @@ impl VehicleService {
         }
         self.steps += 1;
         let truth = self.observer.observe(&self.autopilot, &self.world);
-        if self.steps.is_multiple_of(TRUTH_STEPS) {
-            let header = SampleHeader {
-                capture: self.step_time(self.steps),
-                ..SampleHeader::default()
-            };
-            self.truth.send(header, &truth);
-        }
+        let header = SampleHeader {
+            capture: self.step_time(self.steps),
+            ..SampleHeader::default()
+        };
+        self.truth.send(header, &truth);
     }
 }
 
