@@ -1,4 +1,5 @@
 use super::{Report, duration, exit_code, exit_text};
+use jink_shared_types::Stage;
 use jink_shared_types::coded::{Coded, Flag};
 use jink_shared_types::health::{Health, Heartbeat, Name, ProcessStatus, ServiceState, SystemStatus};
 use jink_shared_types::link::LinkStatus;
@@ -102,22 +103,25 @@ fn the_json_has_null_where_nothing_is_known() {
 
 #[test]
 fn the_link_says_whether_the_autopilot_is_heard_and_how_fast_the_chain_is() {
-    let mut link = LinkStatus::default();
-    assert!(
-        report(Some(&link))
-            .text()
-            .ends_with("link: the autopilot is not heard\n")
-    );
+    let mut link = LinkStatus {
+        garbage_bytes: 512,
+        ignored: 3,
+        ..LinkStatus::default()
+    };
+    let silent = "link: the autopilot is not heard (512 bytes that are no MAVLink, 3 messages of others)\n";
+    assert!(report(Some(&link)).text().ends_with(silent));
     link.autopilot_alive = Flag::YES;
     link.system_id = 1;
     link.setpoint_gap_max_us = 61_000;
     link.capture_to_wire.record_us(12_000);
+    link.stages[Stage::Fusion as usize].record_us(5_000);
     let text = report(Some(&link)).text();
     assert!(text.contains("autopilot 1 heard, clock not mapped yet"), "{text}");
     assert!(
         text.contains("largest gap 61 ms; capture to wire 12.0 / 12.0 / 12.0 ms"),
         "{text}"
     );
+    assert!(text.ends_with("of that p50/p99: fusion 5.0/5.0\n"), "{text}");
 }
 
 #[test]
