@@ -81,6 +81,22 @@ events! {
     AUTOPILOT_LOST = 15, Critical, "jink: autopilot not heard", "Check the link.";
     /// The autopilot is heard.
     AUTOPILOT_FOUND = 16, Info, "jink: autopilot heard, system {0}", "None.";
+    /// Cycles of a process are over budget.
+    PROCESS_SLOW = 17, Warning, "jink: {name} slow, {0} late in {1} s", "Reduce the load; look at its log.";
+    /// A process was replaced because it was too slow for too long.
+    PROCESS_TOO_SLOW = 18, Error, "jink: {name} too slow, replaced", "None if it happens once.";
+    /// Outputs are older than their end-to-end budget; the name is that of the stage that took most.
+    OUTPUT_LATE = 19, Warning, "jink: late, {name} {0} of {1} ms", "Reduce the load.";
+    /// A second instance took over from a dead one.
+    PROCESS_TAKEN_OVER = 20, Warning, "jink: {name} taken over", "None if it happens once.";
+    /// Another binary has taken over in flight.
+    PROCESS_SWAPPED = 21, Notice, "jink: {name} swapped", "None.";
+    /// A swap was refused; the old one never stopped.
+    SWAP_REFUSED = 22, Warning, "jink: {name} swap refused", "Look at the new binary.";
+    /// A swap was undone.
+    SWAP_ROLLED_BACK = 23, Error, "jink: {name} swap rolled back", "Look at the new binary.";
+    /// The supervisor was replaced while the others went on.
+    SUPERVISOR_BACK = 24, Warning, "jink: supervisor back, {0} adopted", "None if it happens once.";
 }
 
 /// The event with identity `id`.

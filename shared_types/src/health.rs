@@ -63,10 +63,20 @@ crate::wire_enum! {
     }
 }
 
+crate::wire_enum! {
+    /// What an instance of a service does with what it computes.
+    pub enum Role {
+        /// It publishes.
+        Owner = 0 "owner",
+        /// It computes from the live inputs but publishes nothing: on probation, or ready to take over.
+        Shadow = 1 "shadow",
+    }
+}
+
 crate::sample! {
     /// A service's sign of life with its cycle statistics since the last one hundred heartbeats.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct Heartbeat: 88 {
+    pub struct Heartbeat: 120 {
         /// Which process this is.
         pub name: Name,
         /// Its process id.
@@ -95,15 +105,63 @@ crate::sample! {
         pub cpu_ms: u32,
         /// State.
         pub state: Coded<ServiceState>,
+        /// What it does with what it computes.
+        pub role: Coded<Role>,
+        /// Of the latest late output: the stage that took most of the time ([`STAGE_NAMES`](crate::STAGE_NAMES)).
+        pub late_stage: u8,
         /// Explicit padding, zero.
-        pub reserved: [u8; 3],
+        pub reserved: u8,
+        /// Samples published since the start; in a shadow, those it would have published.
+        pub outputs: u64,
+        /// Of those, how many were older than the process's end-to-end budget.
+        pub late_outputs: u64,
+        /// Of those, how many no consumer could use: not finite, or inconsistent.
+        pub implausible_outputs: u64,
+        /// Of the latest late output: its age, from capture to publication (us).
+        pub late_us: u32,
+        /// Of that, what the stage that took most took (us).
+        pub late_stage_us: u32,
+    }
+}
+
+crate::wire_enum! {
+    /// Why a process was replaced last.
+    pub enum ReplaceReason {
+        /// It never was.
+        Never = 0 "never",
+        /// It ended by itself, or somebody ended it.
+        Died = 1 "died",
+        /// It was silent for too long.
+        Hung = 2 "hung",
+        /// Its cycles were over budget for too long.
+        Slow = 3 "slow",
+        /// Somebody asked for it.
+        Asked = 4 "asked",
+        /// Another binary took over.
+        Swapped = 5 "swapped",
+    }
+}
+
+crate::wire_enum! {
+    /// Where a hot swap stands.
+    pub enum SwapPhase {
+        /// None under way.
+        Idle = 0 "idle",
+        /// The candidate starts.
+        Starting = 1 "starting",
+        /// The candidate computes beside the owner and is judged.
+        Probation = 2 "probation",
+        /// The moment of the switch is set and has not come.
+        Switching = 3 "switching",
+        /// The candidate owns; the old one still stands by.
+        Watching = 4 "watching",
     }
 }
 
 crate::sample! {
     /// One process as the supervisor sees it.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct ProcessStatus: 136 {
+    pub struct ProcessStatus: 176 {
         /// Its last heartbeat.
         pub heartbeat: Heartbeat,
         /// When that was published.
@@ -122,10 +180,20 @@ crate::sample! {
         pub state: Coded<ServiceState>,
         /// The system cannot fly without it.
         pub essential: Flag,
+        /// Why it was replaced last.
+        pub reason: Coded<ReplaceReason>,
+        /// Where a hot swap of it stands.
+        pub swap: Coded<SwapPhase>,
+        /// It is slow beyond its budget, and counts as degraded for it.
+        pub slow: Flag,
         /// Explicit padding, zero.
-        pub reserved: [u8; 6],
+        pub reserved: [u8; 3],
         /// Process id now; 0 = none.
         pub pid: u32,
+        /// Process id of its shadow (hot shadow, swap candidate, or the old one after a switch); 0 = none.
+        pub shadow_pid: u32,
+        /// End-to-end budget of its outputs (us); 0 = none.
+        pub end_to_end_budget_us: u32,
         /// Explicit padding, zero.
         pub reserved2: u32,
     }
@@ -150,7 +218,7 @@ crate::wire_enum! {
 crate::sample! {
     /// Every process, and the health of the whole.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct SystemStatus: 3296 {
+    pub struct SystemStatus: 4256 {
         /// When the supervisor started.
         pub started: Timestamp,
         /// Health of the whole.

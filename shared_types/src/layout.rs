@@ -18,6 +18,12 @@ pub use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
 pub unsafe trait Layout: ZeroCopySend + std::fmt::Debug + 'static {
     /// Hash over names, offsets and layouts of all fields.
     const LAYOUT_HASH: u64;
+
+    /// Whether a consumer can use it: what must be finite is, and its parts fit together. Samples that say nothing else
+    /// are always plausible.
+    fn is_plausible(&self) -> bool {
+        true
+    }
 }
 
 const FNV_OFFSET_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
@@ -127,6 +133,7 @@ macro_rules! sample {
         pub struct $name:ident: $size:literal {
             $( $(#[$field_meta:meta])* pub $field:ident: $type:ty, )*
         }
+        $( plausible if $plausible:path )?
     ) => {
         $(#[$meta])*
         #[repr(C)]
@@ -156,6 +163,10 @@ macro_rules! sample {
                 )*
                 hash
             };
+
+            $( fn is_plausible(&self) -> bool {
+                $plausible(self)
+            } )?
         }
 
         #[allow(unsafe_code)]

@@ -17,6 +17,7 @@
 pub mod bezier;
 pub mod clock;
 pub mod coded;
+pub mod control;
 pub mod events;
 pub mod frames;
 pub mod health;

@@ -257,6 +257,7 @@ crate::sample! {
         /// The corridor.
         pub corridor: [Polytope; CORRIDOR_POLYTOPES],
     }
+    plausible if Self::is_consistent
 }
 
 impl Default for Route {
@@ -285,6 +286,21 @@ impl Default for Route {
 }
 
 impl Route {
+    /// Whether its parts fit together and what is in use is finite.
+    pub fn is_consistent(&self) -> bool {
+        let plan = self.mode == RouteMode::Plan;
+        let lengths_fit = self.guide_len as usize <= GUIDE_POINTS
+            && self.corridor_len as usize <= CORRIDOR_POLYTOPES
+            && (!plan || self.corridor_len > 0 && self.guide_len == self.corridor_len + 1);
+        let stop_fits = !self.has_stop.is_set() || self.stop.is_sound();
+        lengths_fit
+            && stop_fits
+            && self
+                .guide()
+                .iter()
+                .all(|vertex| vertex.vector().iter().all(|x| x.is_finite()))
+    }
+
     /// The guide's vertices in use.
     pub fn guide(&self) -> &[Point<LocalNed>] {
         &self.guide[..(self.guide_len as usize).min(GUIDE_POINTS)]
@@ -339,6 +355,7 @@ crate::sample! {
         /// The pieces.
         pub pieces: [BezierPiece; TRAJECTORY_PIECES],
     }
+    plausible if Self::is_consistent
 }
 
 impl Trajectory {
@@ -420,6 +437,11 @@ impl Trajectory {
         true
     }
 
+    /// Whether it is what its mode says: nothing to fly, or something that can be flown.
+    pub fn is_consistent(&self) -> bool {
+        self.mode == TrajectoryMode::Mirror || self.is_sound()
+    }
+
     /// Whether it can be flown at all: at least one piece, all numbers finite.
     pub fn is_sound(&self) -> bool {
         self.len as usize <= TRAJECTORY_PIECES
@@ -483,6 +505,14 @@ crate::sample! {
         pub reason: Coded<GuardReason>,
         /// Explicit padding, zero.
         pub reserved: [u8; 6],
+    }
+    plausible if Self::is_consistent
+}
+
+impl ApprovedTrajectory {
+    /// Whether what is approved can be flown.
+    pub fn is_consistent(&self) -> bool {
+        self.verdict == Verdict::Hold || self.trajectory.is_consistent()
     }
 }
 

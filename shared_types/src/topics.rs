@@ -4,6 +4,7 @@
 //! A name that ends in `*` is a family: one topic per sensor or per process, e.g. `range/cloud/front`. A service
 //! cannot open a topic in whose row it does not stand.
 
+use crate::control::Control;
 use crate::events::EventSample;
 use crate::health::{Heartbeat, SystemStatus};
 use crate::link::LinkStatus;
@@ -96,6 +97,13 @@ macro_rules! topics {
         )*
         /// Every row.
         pub const TABLE: &[TopicRow] = &[$($name.row),*];
+
+        /// A number that two builds have in common if they agree on the layout of every topic.
+        pub const FINGERPRINT: u64 = {
+            let mut hash = crate::layout::hash_start("topics", TABLE.len(), 0);
+            $( hash = crate::layout::hash_number(hash, <$payload as crate::layout::Layout>::LAYOUT_HASH); )*
+            hash
+        };
     };
 }
 
@@ -148,6 +156,10 @@ topics! {
         0.0 Hz, stale after 5000.0 ms, buffer 16, logged true;
     /// Every process, and the health of the whole.
     SYSTEM_STATUS: SystemStatus = "system/status",
+        from ["supervisor"], to ["*"],
+        10.0 Hz, stale after 300.0 ms, buffer 2, logged true;
+    /// Who owns which inputs.
+    CONTROL: Control = "system/control",
         from ["supervisor"], to ["*"],
         10.0 Hz, stale after 300.0 ms, buffer 2, logged true;
     /// The gateway's counters.

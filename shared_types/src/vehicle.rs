@@ -73,6 +73,15 @@ crate::sample! {
         /// Time of the position measurement, before any propagation to `capture`.
         pub position_time: Timestamp,
     }
+    plausible if Self::is_consistent
+}
+
+impl VehicleState {
+    /// Whether a position that may be used is one.
+    pub fn is_consistent(&self) -> bool {
+        let finite = |v: &nalgebra::Vector3<f64>| v.iter().all(|x| x.is_finite());
+        !self.position_valid.is_set() || finite(&self.position.vector()) && finite(&self.velocity.vector())
+    }
 }
 
 /// MAV_CMD of a desired point that is a take-off.

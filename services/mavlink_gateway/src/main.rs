@@ -2,11 +2,11 @@
 
 use jink_mavlink_gateway::link::{Endpoint, Link, Progress, Sent};
 use jink_mavlink_gateway::{
-    COMPONENT_AVOIDANCE, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Received,
+    COMPONENT_AVOIDANCE, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Receipt, Received,
 };
 use jink_runtime::config::process_names;
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Cycle, Input, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Cycle, Input, Latency, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
@@ -38,6 +38,7 @@ struct GatewayService {
     state: Output<VehicleState>,
     desired: Output<DesiredPath>,
     status: Output<LinkStatus>,
+    latency: Latency,
 }
 
 fn needs<E: Display>(what: String) -> impl FnOnce(E) -> StartError {
@@ -87,6 +88,7 @@ impl Service for GatewayService {
             state: ports.output(topics::VEHICLE_STATE)?,
             desired: ports.output(topics::DESIRED_PATH)?,
             status: ports.output(topics::LINK_STATUS)?,
+            latency: ports.latency(),
         })
     }
 
@@ -153,7 +155,14 @@ impl GatewayService {
             let now = jink_runtime::now();
             // A broken link shows at the next reception, where it is told and reopened.
             if let Ok(Sent::Yes) = self.link.send(now, bytes) {
-                self.gateway.wire(jink_runtime::now(), message.receipt);
+                let now = jink_runtime::now();
+                self.gateway.wire(now, message.receipt);
+                if let Receipt::Setpoint {
+                    first_of: Some(header),
+                } = message.receipt
+                {
+                    self.latency.left(&header, now);
+                }
             }
         }
     }

@@ -1,5 +1,6 @@
 //! A topic as a reader sees it: the newest sample with its age, or every unread one in order.
 
+use crate::duty::Duty;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::ipc;
@@ -33,6 +34,10 @@ pub struct Input<T: Layout> {
     name: String,
     lost: u64,
     health: Rc<InputHealth>,
+    /// Of a trigger: learns what was taken.
+    duty: Option<Rc<Duty>>,
+    /// Samples of all producers are handed out, whichever is the newest.
+    of_all: bool,
 }
 
 impl<T: Layout> fmt::Debug for Input<T> {
@@ -60,7 +65,22 @@ impl<T: Layout> Input<T> {
                 deadline_ms,
                 needed: Cell::new(false),
             }),
+            duty: None,
+            of_all: false,
         }
+    }
+
+    /// Tells `duty` of every sample taken.
+    pub(crate) fn with_duty(mut self, duty: &Rc<Duty>) -> Self {
+        self.duty = Some(Rc::clone(duty));
+        self
+    }
+
+    /// Hands out the samples of every producer, not only those of the newest one: for topics on which an instance and
+    /// its shadow both speak.
+    pub fn of_all_producers(mut self) -> Self {
+        self.of_all = true;
+        self
     }
 
     /// Marks the input as one the service cannot work without: while it is stale, the service is degraded.
@@ -112,14 +132,17 @@ impl<T: Layout> Input<T> {
         loop {
             let sample = self.subscriber.receive().ok().flatten()?;
             let sequence = sample.user_header().sequence;
-            if sequence <= self.last_sequence && self.newest.is_some() {
+            if sequence <= self.last_sequence && self.newest.is_some() && !self.of_all {
                 continue;
             }
             let same_producer = sequence >> 32 == self.last_sequence >> 32;
             if same_producer && self.newest.is_some() {
-                self.lost += sequence - self.last_sequence - 1;
+                self.lost += (sequence - self.last_sequence).saturating_sub(1);
             }
             self.last_sequence = sequence;
+            if let Some(duty) = &self.duty {
+                duty.took(sample.user_header().publish);
+            }
             self.health.newest.set(sample.user_header().publish);
             self.newest = Some(sample);
             return Some(());

@@ -84,6 +84,16 @@ impl Instance {
         self.folder().join("supervisor.pid")
     }
 
+    /// Where the supervisor takes requests ([`crate::request`]).
+    pub fn request_socket(&self) -> PathBuf {
+        self.folder().join("request.sock")
+    }
+
+    /// Where it is written down how process `name` ended last.
+    pub fn post_mortem(&self, name: &str) -> PathBuf {
+        self.log_folder().join(format!("{name}.end.json"))
+    }
+
     /// Prefix of the names of shared memory objects. It ends in a character that no instance name has, so that no prefix
     /// begins another one.
     pub fn shm_prefix(&self) -> String {

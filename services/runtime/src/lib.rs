@@ -43,10 +43,12 @@
 //! | [`service`] | the loop |
 //! | [`heartbeat`] | cycle statistics |
 //! | [`ranges`] | the range topics of all configured sensors |
+//! | [`request`] | what can be asked of a running supervisor |
 //! | [`realtime`] | memory locking, scheduling, clock |
 //! | [`logging`] | `tracing` for people and for journals |
 
 pub mod config;
+mod duty;
 pub mod events;
 pub mod heartbeat;
 pub mod input;
@@ -55,6 +57,7 @@ pub mod logging;
 pub mod output;
 pub mod ranges;
 pub mod realtime;
+pub mod request;
 pub mod service;
 pub mod session;
 mod wakeup;
@@ -65,5 +68,5 @@ pub use instance::Instance;
 pub use output::Output;
 pub use ranges::{RangeInputs, RangeSample};
 pub use realtime::now;
-pub use service::{Cycle, Ports, Service, Setup, StartError, Wake, run};
+pub use service::{Cycle, Latency, Ports, Service, Setup, StartError, Wake, run};
 pub use session::{OpenError, Session};

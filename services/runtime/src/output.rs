@@ -1,5 +1,6 @@
 //! A topic as its producer sees it.
 
+use crate::duty::Duty;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::update_connections::UpdateConnections;
@@ -7,6 +8,7 @@ use iceoryx2::prelude::ipc;
 use jink_shared_types::layout::Layout;
 use jink_shared_types::{SampleHeader, Timestamp};
 use std::fmt;
+use std::rc::Rc;
 
 /// A topic opened for publishing.
 pub struct Output<T: Layout> {
@@ -14,6 +16,7 @@ pub struct Output<T: Layout> {
     notifier: Notifier<ipc::Service>,
     generation: u32,
     count: u32,
+    duty: Option<Rc<Duty>>,
 }
 
 impl<T: Layout> fmt::Debug for Output<T> {
@@ -35,7 +38,14 @@ impl<T: Layout> Output<T> {
             notifier,
             generation,
             count: 0,
+            duty: None,
         }
+    }
+
+    /// Publishes only what `duty` owns, and counts everything in it.
+    pub(crate) fn with_duty(mut self, duty: &Rc<Duty>) -> Self {
+        self.duty = Some(Rc::clone(duty));
+        self
     }
 
     /// Publishes a copy of `payload` and wakes its readers. For payloads up to some KiB.
@@ -48,7 +58,8 @@ impl<T: Layout> Output<T> {
     }
 
     /// Lets `fill` write the payload where the readers will find it, then publishes it and wakes them. The memory
-    /// holds an older sample: `fill` must write every field that counts.
+    /// holds an older sample: `fill` must write every field that counts. An instance that does not own the present
+    /// cycle does everything but publish.
     pub fn write(&mut self, header: SampleHeader, fill: impl FnOnce(&mut T)) -> bool {
         let Ok(mut loan) = self.publisher.loan_uninit() else {
             return false;
@@ -57,12 +68,18 @@ impl<T: Layout> Output<T> {
         // SAFETY: the memory is mapped shared memory, initialised by the kernel or by an older sample, and `Layout`
         // promises that every bit pattern is a valid `T`.
         fill(unsafe { loan.payload_mut().assume_init_mut() });
-        self.count = self.count.wrapping_add(1);
         let publish = crate::now();
-        *loan.user_header_mut() = self.stamp(header, publish);
         #[allow(unsafe_code)]
         // SAFETY: as above.
-        let sample = unsafe { loan.assume_init() };
+        let mut sample = unsafe { loan.assume_init() };
+        if let Some(duty) = &self.duty {
+            duty.count(&header, publish, sample.payload().is_plausible());
+            if !duty.owns_cycle() {
+                return true;
+            }
+        }
+        self.count = self.count.wrapping_add(1);
+        *sample.user_header_mut() = self.stamp(header, publish);
         let sent = sample.send().is_ok();
         // A reader that is busy has not fetched its last wake-up yet: it will look anyway.
         let _already_awake = self.notifier.notify();
@@ -74,10 +91,11 @@ impl<T: Layout> Output<T> {
         let _not_yet = self.publisher.update_connections();
     }
 
-    /// Completes the header: sequence (generation in the high half, so that it only ever grows), publication, and
-    /// the end of the stage that made it.
+    /// Completes the header: sequence (the epoch in the high half, so that it only ever grows), publication, and the
+    /// end of the stage that made it.
     fn stamp(&self, mut header: SampleHeader, publish: Timestamp) -> SampleHeader {
-        header.sequence = u64::from(self.generation) << 32 | u64::from(self.count);
+        let epoch = self.duty.as_ref().map_or(self.generation, |duty| duty.epoch());
+        header.sequence = u64::from(epoch) << 32 | u64::from(self.count);
         header.generation = self.generation;
         header.publish = publish;
         for stage in &mut header.stages {

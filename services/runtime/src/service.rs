@@ -4,6 +4,7 @@
 //! descriptors the service watches, at most until the next moment the service or the heartbeat asked for.
 
 use crate::config::{Config, ConfigError};
+use crate::duty::Duty;
 use crate::events::EventSender;
 use crate::heartbeat::{CycleMeter, HEARTBEAT_PERIOD_S};
 use crate::input::{Input, InputHealth};
@@ -13,7 +14,8 @@ use crate::realtime::{self, RealtimeWish};
 use crate::session::{OpenError, Session};
 use crate::wakeup::Wakeup;
 use clap::Parser;
-use jink_shared_types::health::{Heartbeat, ServiceState};
+use jink_shared_types::control::Control;
+use jink_shared_types::health::{Heartbeat, Name, ServiceState};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::topics::{self, Topic};
 use jink_shared_types::{SampleHeader, Timestamp};
@@ -56,6 +58,12 @@ pub struct Setup {
     /// Cycle budget (us), 0 = none
     #[arg(long, default_value_t = 0)]
     pub budget_us: u32,
+    /// Oldest range data behind an output (us), 0 = any
+    #[arg(long, default_value_t = 0)]
+    pub end_to_end_us: u32,
+    /// Compute, but publish nothing before the control record says so
+    #[arg(long)]
+    pub shadow: bool,
     /// SCHED_FIFO priority, 0 = ordinary scheduling
     #[arg(long, default_value_t = 0)]
     pub priority: u8,
@@ -173,6 +181,7 @@ pub struct Ports {
     config: Config,
     inputs: Vec<Rc<InputHealth>>,
     wakeups: Vec<Wakeup>,
+    duty: Rc<Duty>,
 }
 
 impl fmt::Debug for Ports {
@@ -205,7 +214,15 @@ impl Ports {
     /// # Errors
     /// See [`OpenError`].
     pub fn output_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Output<T>, OpenError> {
-        self.session.output(topic, member, self.setup.generation)
+        let output = self.session.output(topic, member, self.setup.generation)?;
+        Ok(output.with_duty(&self.duty))
+    }
+
+    /// Judges the age of what leaves shared memory; see [`Latency::left`].
+    pub fn latency(&self) -> Latency {
+        Latency {
+            duty: Rc::clone(&self.duty),
+        }
     }
 
     /// A topic to look at in every cycle.
@@ -241,7 +258,7 @@ impl Ports {
     pub fn trigger_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Input<T>, OpenError> {
         self.wakeups
             .push(Wakeup::new(self.session.listener(topic, member)?));
-        self.input_of(topic, member)
+        Ok(self.input_of(topic, member)?.with_duty(&self.duty))
     }
 
     fn masks(&self, now: Timestamp) -> (u32, u32) {
@@ -265,6 +282,24 @@ impl Ports {
         } else {
             ServiceState::Degraded
         }
+    }
+}
+
+/// Judges the age of outputs that do not leave through a topic against the process's end-to-end budget.
+#[derive(Clone, Debug)]
+pub struct Latency {
+    duty: Rc<Duty>,
+}
+
+impl Latency {
+    /// Something made from the sample with this header left at `time`.
+    pub fn left(&self, header: &SampleHeader, time: Timestamp) {
+        self.duty.judge_age(header, time);
+    }
+
+    /// Whether this instance owns what happens at `time`: whether it may speak to the outside.
+    pub fn owns(&self, time: Timestamp) -> bool {
+        self.duty.owns(time)
     }
 }
 
@@ -300,21 +335,25 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
     }
     let session = Session::open(&setup.instance, S::PROGRAM)?;
     let health = session.output(topics::HEALTH, &setup.process, setup.generation)?;
-    let mut events = EventSender::new(session.output(topics::EVENT, &setup.process, setup.generation)?);
+    let duty = Rc::new(Duty::new(setup.generation, setup.shadow, setup.end_to_end_us));
+    let events = session.output(topics::EVENT, &setup.process, setup.generation)?;
+    let mut events = EventSender::new(events.with_duty(&duty));
+    let mut control = session.input(topics::CONTROL, "")?;
     let mut ports = Ports {
         session,
         config,
         inputs: Vec::new(),
         wakeups: Vec::new(),
+        duty,
         setup,
     };
-    let mut beat = Beat::new(&ports.setup, health);
+    let mut beat = Beat::new(&ports.setup, health, Rc::clone(&ports.duty));
     beat.send(ServiceState::Starting, 0, 0);
     let mut service = S::open(&mut ports)?;
     tracing::debug!(pid = std::process::id(), "{} runs", ports.setup.process);
     // The supervisor waits for the first heartbeat from the loop: after the first cycle, not a period later.
     beat.due = realtime::now();
-    serve(&mut service, &ports, &mut beat, &mut events, &stop);
+    serve(&mut service, &ports, &mut control, &mut beat, &mut events, &stop);
     beat.send(ServiceState::Stopping, 0, 0);
     Ok(())
 }
@@ -322,13 +361,18 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
 fn serve<S: Service>(
     service: &mut S,
     ports: &Ports,
+    control: &mut Input<Control>,
     beat: &mut Beat,
     events: &mut EventSender,
     stop: &AtomicBool,
 ) {
     let mut late = 0u32;
+    let name = Name::new(&ports.setup.process);
     while !stop.load(Ordering::Relaxed) {
+        // Before the clock: what this cycle takes was then published after any record it has not read.
+        control.each(|record| ports.duty.read(record.entry(&name)));
         let now = realtime::now();
+        ports.duty.begin(now);
         let wake = service.cycle(&mut Cycle { now, events });
         let end = realtime::now();
         beat.meter.cycle(now, end);
@@ -398,14 +442,16 @@ fn wait<S: Service>(service: &S, ports: &Ports, until: Timestamp) -> bool {
 /// The heartbeat with its period.
 struct Beat {
     meter: CycleMeter,
+    duty: Rc<Duty>,
     output: Output<Heartbeat>,
     due: Timestamp,
 }
 
 impl Beat {
-    fn new(setup: &Setup, output: Output<Heartbeat>) -> Self {
+    fn new(setup: &Setup, output: Output<Heartbeat>, duty: Rc<Duty>) -> Self {
         Self {
             meter: CycleMeter::new(&setup.process, setup.generation, setup.budget_us),
+            duty,
             output,
             due: realtime::now(),
         }
@@ -413,7 +459,8 @@ impl Beat {
 
     fn send(&mut self, state: ServiceState, fresh: u32, needed: u32) {
         let now = realtime::now();
-        let heartbeat = self.meter.beat(state, fresh, needed);
+        let mut heartbeat = self.meter.beat(state, fresh, needed);
+        self.duty.fill(now, &mut heartbeat);
         self.output.send(SampleHeader::at(now), &heartbeat);
         self.due = now.plus_seconds(HEARTBEAT_PERIOD_S);
     }
