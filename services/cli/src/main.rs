@@ -26,6 +26,12 @@ enum Command {
     Down,
     /// Show every service, the health of the whole and the link
     Status(cmd::status::Args),
+    /// Let another binary take the place of a service in flight
+    Swap(cmd::ask::SwapArgs),
+    /// Replace a service by a fresh instance of itself
+    Restart(cmd::ask::RestartArgs),
+    /// End one service
+    Stop(cmd::ask::StopArgs),
     /// Show a virtual world
     World(cmd::world::Args),
     /// Fly a mission in a virtual world
@@ -40,6 +46,9 @@ fn main() -> ExitCode {
         Command::Up(args) => cmd::up::run(&cli.instance, &args),
         Command::Down => cmd::down::run(&cli.instance),
         Command::Status(args) => cmd::status::run(&cli.instance, &args),
+        Command::Swap(args) => cmd::ask::swap(&cli.instance, &args),
+        Command::Restart(args) => cmd::ask::restart(&cli.instance, &args),
+        Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),
         Command::World(args) => cmd::world::run(&args),
         Command::Demo(args) => cmd::demo::run(&cli.instance, &args),
     };

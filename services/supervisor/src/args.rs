@@ -36,6 +36,9 @@ pub struct Args {
     /// End what a killed supervisor of this instance left running, remove its memory, and leave
     #[arg(long)]
     pub sweep: bool,
+    /// Print a number that two builds have in common if they can talk to each other, and leave
+    #[arg(long)]
+    pub fingerprint: bool,
 }
 
 fn mode(text: &str) -> Result<Mode, String> {

@@ -16,5 +16,7 @@
 pub mod health;
 pub mod policy;
 mod process;
+pub mod shadow;
+pub mod slowness;
 pub mod supervision;
 pub mod table;

@@ -5,7 +5,8 @@
 //!
 //! The supervisor holds no flight data and its children do not depend on it: they write their logs to files, not into a
 //! pipe, so that a supervisor that is killed or stopped neither blocks nor ends anybody. After `kill -9` of the
-//! supervisor they fly on unsupervised; `jink-supervisor --sweep` (which `jink down` uses) ends them.
+//! supervisor they fly on unsupervised; the next supervisor of the instance goes on with them, and
+//! `jink-supervisor --sweep` (which `jink down` uses) ends them.
 
 mod args;
 mod host;
@@ -17,6 +18,10 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     let args = Args::parse();
     jink_runtime::logging::init("supervisor", args.log);
+    if args.fingerprint {
+        println!("{:016x}", jink_shared_types::topics::FINGERPRINT);
+        return ExitCode::SUCCESS;
+    }
     if args.sweep {
         host::sweep(&args.instance)
     } else {

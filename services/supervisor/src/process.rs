@@ -2,10 +2,11 @@
 
 use crate::health::View;
 use crate::policy::RestartHistory;
+use crate::slowness::Slowness;
 use crate::table::{OnFailure, Rules};
 use jink_shared_types::Timestamp;
 use jink_shared_types::coded::{Coded, Flag};
-use jink_shared_types::health::{Heartbeat, Name, ProcessStatus, ServiceState};
+use jink_shared_types::health::{Heartbeat, Name, ProcessStatus, ReplaceReason, ServiceState};
 use std::fmt;
 
 /// How a process ended.
@@ -17,15 +18,19 @@ pub enum Exit {
     Signal(u8),
     /// It could not even be started.
     NotSpawned,
+    /// It was started by an earlier supervisor, and only its own parent learns how a process ends.
+    Unknown,
 }
 
 impl Exit {
-    /// As in [`ProcessStatus::last_exit`]; 127 for a program that could not be started, as in shells.
+    /// As in [`ProcessStatus::last_exit`]; 127 for a program that could not be started, as in shells; 511 (no signal has
+    /// this number) if it is not known.
     pub fn code(self) -> u32 {
         match self {
             Self::Code(code) => u32::from(code),
             Self::Signal(signal) => 256 + u32::from(signal),
             Self::NotSpawned => 127,
+            Self::Unknown => 511,
         }
     }
 }
@@ -36,6 +41,7 @@ impl fmt::Display for Exit {
             Self::Code(code) => write!(f, "exit code {code}"),
             Self::Signal(signal) => write!(f, "signal {signal}"),
             Self::NotSpawned => f.write_str("not started"),
+            Self::Unknown => f.write_str("an exit status that is not known"),
         }
     }
 }
@@ -65,6 +71,21 @@ pub(crate) enum Life {
     Failed,
 }
 
+/// A process that an earlier supervisor of the instance has started.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Adopted {
+    /// Which start of it this is.
+    pub generation: u32,
+    /// The newest generation given to any instance of it.
+    pub last_generation: u32,
+    /// Its epoch.
+    pub epoch: u32,
+    /// Its restarts so far.
+    pub restarts: u32,
+    /// Its process id.
+    pub pid: u32,
+}
+
 /// One process.
 #[derive(Clone, Debug)]
 pub(crate) struct Process {
@@ -72,7 +93,16 @@ pub(crate) struct Process {
     pub(crate) life: Life,
     pub(crate) history: RestartHistory,
     pub(crate) generation: u32,
+    /// The newest generation given to any instance of it.
+    last_generation: u32,
+    /// High half of its sequence numbers: see [`jink_shared_types::control`].
+    pub(crate) epoch: u32,
     pub(crate) pid: u32,
+    pub(crate) reason: ReplaceReason,
+    pub(crate) slowness: Slowness,
+    /// When late outputs were told last, and how many there had been.
+    pub(crate) late_told: Timestamp,
+    late_before: u64,
     pub(crate) started: Timestamp,
     /// Since when it has been missing, until it works again.
     pub(crate) missing_since: Option<Timestamp>,
@@ -100,7 +130,13 @@ impl Process {
             life: Life::Waiting,
             history: RestartHistory::default(),
             generation: 0,
+            last_generation: 0,
+            epoch: 0,
             pid: 0,
+            reason: ReplaceReason::Never,
+            slowness: Slowness::default(),
+            late_told: Timestamp::NEVER,
+            late_before: 0,
             started: Timestamp::NEVER,
             missing_since: None,
             left_behind: false,
@@ -119,11 +155,81 @@ impl Process {
             self.restarts += 1;
             self.history.restarted(now);
         }
-        self.generation += 1;
+        self.generation = self.next_generation();
+        self.epoch = self.generation;
+        self.slowness = Slowness::default();
         self.life = Life::Running;
         self.started = now;
         self.excused_until = Timestamp::NEVER;
         self.pid = 0;
+    }
+
+    /// A generation that no instance of it has had.
+    pub(crate) fn next_generation(&mut self) -> u32 {
+        self.last_generation += 1;
+        self.last_generation
+    }
+
+    /// It was found running, started by an earlier supervisor.
+    pub(crate) fn adopt(&mut self, found: &Adopted, now: Timestamp) {
+        self.generation = found.generation;
+        self.last_generation = found.last_generation.max(found.generation);
+        self.epoch = found.epoch;
+        self.pid = found.pid;
+        self.restarts = found.restarts;
+        self.life = Life::Running;
+        self.started = now;
+        self.was_up = true;
+    }
+
+    /// Another instance has taken its place at `now`, after it had died.
+    pub(crate) fn taken_over(&mut self, now: Timestamp) {
+        self.life = Life::Running;
+        self.restarts += 1;
+        self.reason = ReplaceReason::Died;
+        self.slowness = Slowness::default();
+        self.missing_since.get_or_insert(now);
+    }
+
+    /// Its last heartbeat.
+    pub(crate) fn heartbeat(&self) -> Heartbeat {
+        self.heartbeat
+    }
+
+    /// Outputs over their budget since this answered last with enough to be told; `None` = none.
+    pub(crate) fn lateness(&mut self, beat: &Heartbeat) -> Option<u64> {
+        let late = beat
+            .late_outputs
+            .checked_sub(self.late_before)
+            .unwrap_or_else(|| {
+                self.late_before = 0;
+                beat.late_outputs
+            });
+        (late > 0).then_some(late)
+    }
+
+    /// The pilot was told at `now` of `late` outputs over their budget in all.
+    pub(crate) fn told_late(&mut self, now: Timestamp, late: u64) {
+        self.late_told = now;
+        self.late_before = late;
+    }
+
+    /// Exchanges its last heartbeat with that of another instance.
+    pub(crate) fn exchange_heartbeat(&mut self, heartbeat: &mut Heartbeat, time: &mut Timestamp) {
+        std::mem::swap(&mut self.heartbeat, heartbeat);
+        std::mem::swap(&mut self.heartbeat_time, time);
+        self.heartbeat.name = Name::new(&self.rules.name);
+    }
+
+    /// What whoever comes after this supervisor must know of it.
+    pub(crate) fn as_adoptable(&self) -> Option<Adopted> {
+        (self.life == Life::Running && self.pid != 0).then_some(Adopted {
+            generation: self.generation,
+            last_generation: self.last_generation,
+            epoch: self.epoch,
+            restarts: self.restarts,
+            pid: self.pid,
+        })
     }
 
     /// It has died.
@@ -143,6 +249,7 @@ impl Process {
         self.heartbeat.name = Name::new(&self.rules.name);
         self.heartbeat_time = time;
         self.was_up |= self.in_loop();
+        self.slowness.heard(heartbeat, time);
         let works = matches!(
             heartbeat.state.get(),
             ServiceState::Active | ServiceState::Standby
@@ -220,7 +327,10 @@ impl Process {
     pub(crate) fn state(&self, stopping: bool) -> ServiceState {
         match self.life {
             Life::Waiting => ServiceState::Unknown,
-            Life::Running if self.is_heard() => self.heartbeat.state.get(),
+            Life::Running if self.is_heard() => match self.heartbeat.state.get() {
+                ServiceState::Active if self.slowness.is_degraded() => ServiceState::Degraded,
+                state => state,
+            },
             Life::Running => ServiceState::Starting,
             Life::Ending { .. } if stopping => ServiceState::Stopping,
             Life::Ending { .. } | Life::Resting { .. } => ServiceState::Dead,
@@ -251,6 +361,9 @@ impl Process {
             state: Coded::new(self.state(stopping)),
             essential: Flag::from(self.rules.essential),
             pid: self.pid,
+            reason: Coded::new(self.reason),
+            slow: Flag::from(self.slowness.is_degraded()),
+            end_to_end_budget_us: self.rules.end_to_end_us,
             ..ProcessStatus::default()
         }
     }

@@ -10,20 +10,26 @@
 //! * Stop: in reverse order, one at a time, SIGTERM and after a second SIGKILL.
 
 mod exchange;
+mod second;
 
 use crate::health::{Announcer, judge};
 use crate::policy::Verdict;
 use crate::process::{Life, Process};
+use crate::shadow::{Refusal, Shadow};
+use crate::slowness::{Grade, WINDOW_S};
 use crate::table::{OnFailure, Rules};
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
 use jink_runtime::service::EXIT_CANNOT_START;
-use jink_shared_types::Timestamp;
 use jink_shared_types::coded::Coded;
 use jink_shared_types::events::{self, Event, EventSample};
-use jink_shared_types::health::{Health, PROCESSES, ServiceState, SystemStatus};
+use jink_shared_types::health::{
+    Health, Heartbeat, PROCESSES, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
+};
+use jink_shared_types::{STAGE_NAMES, Timestamp};
+use second::Second;
 
-pub use crate::process::Exit;
-pub use exchange::{Action, End, Observation};
+pub use crate::process::{Adopted, Exit};
+pub use exchange::{Action, Doing, End, Observation};
 
 /// From SIGTERM to SIGKILL (s): a service leaves its loop within a cycle, which is two orders of magnitude less.
 const PATIENCE_S: f64 = 1.0;
@@ -35,8 +41,15 @@ const STARVED_SHARE: f64 = 0.5;
 /// Starving is believed for this many times the silence allowed: at 100 ms a second and a half, within which a committed
 /// trajectory is still far from its end. Then the process is replaced after all.
 const STARVED_TIMES: f64 = 15.0;
+/// A sleeping process is believed to wait for a late timer for this many times the silence allowed: on a virtual machine
+/// one processor may stand still for 200 ms and every timer on it with it.
+const SLEEPING_TIMES: f64 = 2.5;
 /// How long one look at a starved process excuses its silence (s): it may have been stopped right after.
 const EXCUSE_S: f64 = 0.02;
+/// So many outputs over their end-to-end budget since the last word about it are worth a word.
+const LATE_MIN: u64 = 3;
+/// Between two words about late outputs of one process (s).
+const LATE_TOLD_AGAIN_S: f64 = 5.0;
 /// A wake-up this much later than planned says that the whole machine stood still, not that a process hangs (s).
 const STALL_S: f64 = 0.02;
 
@@ -46,7 +59,10 @@ pub struct Supervision {
     started: Timestamp,
     pid: u32,
     processes: Vec<Process>,
+    seconds: Vec<Second>,
     stopping: Option<End>,
+    /// Second instances are still to be told to end.
+    ending_seconds: bool,
     ended: bool,
     up: bool,
     health: Health,
@@ -54,7 +70,7 @@ pub struct Supervision {
     announcer: Announcer,
     expected: Timestamp,
     judge_from: Timestamp,
-    shown: Vec<(ServiceState, u32, u32)>,
+    shown: Vec<(ServiceState, u32, u32, u32, SwapPhase)>,
 }
 
 impl Supervision {
@@ -66,8 +82,10 @@ impl Supervision {
             started: now,
             pid,
             shown: Vec::with_capacity(processes.len()),
+            seconds: vec![Second::default(); processes.len()],
             processes,
             stopping: None,
+            ending_seconds: false,
             ended: false,
             up: false,
             health: Health::Starting,
@@ -76,6 +94,18 @@ impl Supervision {
             expected: now,
             judge_from: now,
         }
+    }
+
+    /// Process `index` is running already: an earlier supervisor has started it.
+    pub fn adopt(&mut self, index: usize, found: &Adopted, now: Timestamp) {
+        if let Some(process) = self.processes.get_mut(index) {
+            process.adopt(found, now);
+        }
+    }
+
+    /// What whoever comes after this supervisor must know of process `index`, if it runs.
+    pub fn adoptable(&self, index: usize) -> Option<Adopted> {
+        self.processes.get(index)?.as_adoptable()
     }
 
     /// Takes what was observed until `now` and appends what to do now to `actions`. Answers whether the status has
@@ -91,11 +121,17 @@ impl Supervision {
             self.observe(now, observation, actions);
         }
         self.kill_the_stubborn(now, actions);
+        if std::mem::take(&mut self.ending_seconds) {
+            self.end_seconds(actions);
+        }
         if self.stopping.is_some() {
             self.stop_next(now, actions);
         } else {
             self.suspect_silence(now, actions);
+            self.judge_slowness(now, actions);
+            self.judge_lateness(now, actions);
             self.start_due(now, actions);
+            self.step_seconds(now, actions);
         }
         self.remove_remains(actions);
         let changed = self.refresh(now, actions);
@@ -113,7 +149,11 @@ impl Supervision {
             Life::Waiting | Life::Down | Life::Failed => None,
         });
         let never = Timestamp::from_ns(u64::MAX);
-        of_processes.chain(self.announcer.due()).min().unwrap_or(never)
+        of_processes
+            .chain(self.announcer.due())
+            .chain(self.seconds_wake(now))
+            .min()
+            .unwrap_or(never)
     }
 
     /// Every essential process has reached its loop at least once: the system is started, healthy or not.
@@ -132,6 +172,11 @@ impl Supervision {
         Some((&process.rules.name, now.seconds_since(process.started)))
     }
 
+    /// The last heartbeat of a process.
+    pub fn heartbeat(&self, process: usize) -> Option<Heartbeat> {
+        self.processes.get(process).map(Process::heartbeat)
+    }
+
     /// Writes the whole status.
     pub fn write_status(&self, status: &mut SystemStatus) {
         status.started = self.started;
@@ -139,8 +184,17 @@ impl Supervision {
         status.len = self.processes.len() as u32;
         status.pid = self.pid;
         status.restarts = 0;
-        for (slot, process) in status.processes.iter_mut().zip(&self.processes) {
+        let slots = status
+            .processes
+            .iter_mut()
+            .zip(&self.processes)
+            .zip(&self.seconds);
+        for ((slot, process), second) in slots {
             *slot = process.status(self.stopping.is_some());
+            if let Some(shadow) = &second.shadow {
+                slot.shadow_pid = shadow.pid;
+                slot.swap = Coded::new(shadow.phase());
+            }
             status.restarts += slot.restarts;
         }
     }
@@ -158,6 +212,10 @@ impl Supervision {
                 heartbeat,
                 time,
             } => {
+                let shadow = self.seconds.get_mut(process).and_then(|one| one.shadow.as_mut());
+                if shadow.is_some_and(|shadow| shadow.heard(&heartbeat, time)) {
+                    return;
+                }
                 if let Some(process) = self.processes.get_mut(process)
                     && let Some(missing_s) = process.heard(&heartbeat, time)
                 {
@@ -166,10 +224,60 @@ impl Supervision {
             }
             Observation::Examined {
                 process,
-                runnable,
+                doing,
                 cpu_s,
-            } => self.examined(now, process, runnable, cpu_s, actions),
+            } => self.examined(now, process, doing, cpu_s, actions),
             Observation::Died { process, exit } => self.died(now, process, exit, actions),
+            Observation::ShadowSpawned { process, pid } => {
+                if let Some(shadow) = self.seconds.get_mut(process).and_then(|one| one.shadow.as_mut()) {
+                    shadow.pid = pid;
+                }
+            }
+            Observation::ShadowDied { process, exit } => self.shadow_died(now, process, exit, actions),
+            Observation::SwapRequested {
+                process,
+                cycles,
+                dry_run,
+            } => self.swap_requested(process, cycles, dry_run, actions),
+            Observation::RestartRequested { process } => self.restart_requested(now, process, actions),
+            Observation::EndRequested { process } => self.end_requested(now, process, actions),
+        }
+    }
+
+    fn restart_requested(&mut self, now: Timestamp, index: usize, actions: &mut Vec<Action>) {
+        let Some(process) = self.processes.get_mut(index).filter(|_| self.stopping.is_none()) else {
+            return;
+        };
+        process.reason = ReplaceReason::Asked;
+        match process.life {
+            Life::Running => {
+                process.life = Life::Ending {
+                    kill_at: Some(now.plus_seconds(PATIENCE_S)),
+                    for_good: false,
+                };
+                actions.push(Action::Terminate { process: index });
+            }
+            Life::Resting { .. } | Life::Down | Life::Failed => process.life = Life::Resting { until: now },
+            Life::Waiting | Life::Ending { .. } => {}
+        }
+    }
+
+    fn end_requested(&mut self, now: Timestamp, index: usize, actions: &mut Vec<Action>) {
+        if self.processes.get(index).is_none() {
+            return;
+        }
+        self.end_second_of(index, Refusal::Stopping, actions);
+        let process = &mut self.processes[index];
+        match process.life {
+            Life::Running => terminate(process, index, now, actions),
+            Life::Ending { kill_at, .. } => {
+                process.life = Life::Ending {
+                    kill_at,
+                    for_good: true,
+                };
+            }
+            Life::Waiting | Life::Resting { .. } => process.life = Life::Down,
+            Life::Down | Life::Failed => {}
         }
     }
 
@@ -184,7 +292,21 @@ impl Supervision {
             process.life = Life::Down;
             return;
         }
+        let asked = matches!(process.life, Life::Ending { .. });
         process.missing_since.get_or_insert(now);
+        if !asked {
+            process.reason = ReplaceReason::Died;
+        }
+        if self.take_over(now, index, exit, actions) {
+            return;
+        }
+        let Some(process) = self.processes.get_mut(index) else {
+            return;
+        };
+        if asked && process.reason == ReplaceReason::Asked {
+            process.life = Life::Resting { until: now };
+            return;
+        }
         let lived_s = now.seconds_since(process.started);
         let cannot_start = exit == Exit::Code(EXIT_CANNOT_START) && lived_s < process.rules.start_grace_s;
         if cannot_start && coming_up && process.rules.essential {
@@ -218,6 +340,7 @@ impl Supervision {
             return;
         }
         self.stopping = Some(end);
+        self.ending_seconds = true;
         for process in &mut self.processes {
             if matches!(process.life, Life::Waiting | Life::Resting { .. }) {
                 process.life = Life::Down;
@@ -272,6 +395,8 @@ impl Supervision {
                     terminate(process, index, now, actions);
                 }
             }
+            // Second instances have been killed: their deaths come by themselves.
+            (None, Some(_)) if self.seconds.iter().any(|second| second.shadow.is_some()) => {}
             (None, Some(end)) => {
                 self.ended = true;
                 actions.push(Action::End(end));
@@ -280,12 +405,80 @@ impl Supervision {
         }
     }
 
+    /// Cycles over budget, graded by the process's own rule.
+    fn judge_slowness(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
+        for (index, process) in self.processes.iter_mut().enumerate() {
+            if process.life != Life::Running || !process.in_loop() {
+                continue;
+            }
+            let misses = process.slowness.misses();
+            let Some(grade) = process.slowness.judge(&process.rules.slow) else {
+                continue;
+            };
+            let numbers = [f64::from(misses), WINDOW_S];
+            match grade {
+                Grade::Fine => {}
+                Grade::Event | Grade::Degraded => actions.push(Action::Raise(EventSample::new(
+                    &events::PROCESS_SLOW,
+                    &process.rules.name,
+                    numbers,
+                ))),
+                Grade::Replace => {
+                    raise(actions, &events::PROCESS_TOO_SLOW, process, 0.0);
+                    process.reason = ReplaceReason::Slow;
+                    process.missing_since.get_or_insert(now);
+                    process.life = Life::Ending {
+                        kill_at: None,
+                        for_good: false,
+                    };
+                    actions.push(Action::Kill { process: index });
+                }
+            }
+        }
+    }
+
+    /// Outputs older than their end-to-end budget: told with the stage that took most, at most once in a while.
+    fn judge_lateness(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
+        for process in &mut self.processes {
+            let beat = process.heartbeat();
+            let Some(late) = process.lateness(&beat) else {
+                continue;
+            };
+            if now.seconds_since(process.late_told) < LATE_TOLD_AGAIN_S || late < LATE_MIN {
+                continue;
+            }
+            process.told_late(now, beat.late_outputs);
+            let stage = STAGE_NAMES.get(usize::from(beat.late_stage)).unwrap_or(&"");
+            let numbers = [beat.late_stage_us, beat.late_us].map(|us| (f64::from(us) * 1e-3).round());
+            actions.push(Action::Raise(EventSample::new(
+                &events::OUTPUT_LATE,
+                stage,
+                numbers,
+            )));
+        }
+    }
+
     fn suspect_silence(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
         if now < self.judge_from {
             return;
         }
-        for (index, process) in self.processes.iter().enumerate() {
-            if process.life == Life::Running && now > process.suspicious_from() {
+        let silent = |process: &Process| process.life == Life::Running && now > process.suspicious_from();
+        let in_loops = self.processes.iter().filter(|process| process.in_loop()).count();
+        let silent_in_loops = self
+            .processes
+            .iter()
+            .filter(|one| one.in_loop() && silent(one))
+            .count();
+        // Most of them at once: it is the machine.
+        let machine = silent_in_loops > 1 && 2 * silent_in_loops > in_loops;
+        for (index, process) in self.processes.iter_mut().enumerate() {
+            if !silent(process) {
+                continue;
+            }
+            let silence_s = now.seconds_since(process.silent_since());
+            if machine && process.in_loop() && silence_s < STARVED_TIMES * process.silence_limit_s() {
+                process.excused_until = now.plus_seconds(EXCUSE_S);
+            } else {
                 actions.push(Action::Examine { process: index });
             }
         }
@@ -295,7 +488,7 @@ impl Supervision {
         &mut self,
         now: Timestamp,
         index: usize,
-        runnable: bool,
+        doing: Doing,
         cpu_s: f64,
         actions: &mut Vec<Action>,
     ) {
@@ -308,12 +501,18 @@ impl Supervision {
         }
         let limit_s = process.silence_limit_s();
         let silence_s = now.seconds_since(process.silent_since());
-        let starved = runnable && process.cpu_since_heartbeat_s(cpu_s) < STARVED_SHARE * limit_s;
-        if starved && silence_s < STARVED_TIMES * limit_s {
+        let idle = process.cpu_since_heartbeat_s(cpu_s) < STARVED_SHARE * limit_s;
+        let excused_s = match doing {
+            Doing::Runnable if idle => STARVED_TIMES * limit_s,
+            Doing::Sleeping => SLEEPING_TIMES * limit_s,
+            Doing::Runnable | Doing::Stopped => 0.0,
+        };
+        if silence_s < excused_s {
             process.excused_until = now.plus_seconds(EXCUSE_S);
             return;
         }
         raise(actions, &events::PROCESS_HUNG, process, silence_s);
+        process.reason = ReplaceReason::Hung;
         process.missing_since.get_or_insert(now);
         process.life = Life::Ending {
             kill_at: None,
@@ -345,6 +544,9 @@ impl Supervision {
     /// is wiped as a whole.
     fn remove_remains(&mut self, actions: &mut Vec<Action>) {
         let mut any = false;
+        for second in &mut self.seconds {
+            any |= second.take_remains();
+        }
         for process in &mut self.processes {
             let settled = matches!(process.life, Life::Running | Life::Failed | Life::Down);
             if process.left_behind && settled {
@@ -380,8 +582,15 @@ impl Supervision {
         let mut changed = health != self.health;
         self.health = health;
         self.was_healthy |= health == Health::Healthy;
-        for (index, process) in self.processes.iter().enumerate() {
-            let shown = (process.state(stopping), process.pid, process.generation);
+        for (index, (process, second)) in self.processes.iter().zip(&self.seconds).enumerate() {
+            let shadow = second.shadow.as_ref();
+            let shown = (
+                process.state(stopping),
+                process.pid,
+                process.generation,
+                shadow.map_or(0, |shadow| shadow.pid),
+                shadow.map_or(SwapPhase::Idle, Shadow::phase),
+            );
             match self.shown.get_mut(index) {
                 Some(before) => {
                     changed |= *before != shown;

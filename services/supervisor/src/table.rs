@@ -10,6 +10,9 @@
 //! | `when` | `"always"` | `"always"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered) |
 //! | `essential` | `true` | the system cannot fly without it |
 //! | `cycle_budget_us` | `0` | longest cycle; 0 = none |
+//! | `end_to_end_ms` | `0` | oldest range data behind an output; older ones are told with the stage that ate the time; 0 = any |
+//! | `slow` | `{ event = 3, degrade = 5, replace = 9 }` | what so many cycles over budget within a second lead to; 0 = never |
+//! | `hot_shadow` | `false` | a second instance runs beside it and takes over when it dies |
 //! | `heartbeat_timeout_ms` | `100` | silence that counts as a hang: two heartbeat periods, so that one late beat is none |
 //! | `start_grace_ms` | `3000` | time from start to the first beat of its loop: opening devices may take that long |
 //! | `restart` | see [`RestartRule::default`] | `{ floor_ms, ceiling_ms, factor, intensity, period_s }` |
@@ -23,6 +26,7 @@
 mod check;
 
 use crate::policy::RestartRule;
+use crate::slowness::SlowRule;
 use jink_runtime::config::{ConfigError, PROCESS_FILE, line_of, parse_toml, read};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -96,6 +100,12 @@ pub struct Rules {
     pub is_output: bool,
     /// Longest cycle (us); 0 = none.
     pub cycle_budget_us: u32,
+    /// Oldest range data behind an output (us); 0 = any.
+    pub end_to_end_us: u32,
+    /// What cycles over budget lead to.
+    pub slow: SlowRule,
+    /// A second instance runs beside it and takes over when it dies.
+    pub hot_shadow: bool,
     /// Silence that counts as a hang (s).
     pub heartbeat_timeout_s: f64,
     /// Time from its start to the first heartbeat of its loop (s).
@@ -234,6 +244,9 @@ struct Written {
     when: Option<Spanned<String>>,
     essential: Option<bool>,
     cycle_budget_us: Option<Spanned<i64>>,
+    end_to_end_ms: Option<Spanned<i64>>,
+    slow: Option<Spanned<WrittenSlow>>,
+    hot_shadow: Option<bool>,
     heartbeat_timeout_ms: Option<Spanned<i64>>,
     start_grace_ms: Option<Spanned<i64>>,
     restart: Option<Spanned<WrittenRestart>>,
@@ -242,6 +255,14 @@ struct Written {
     priority: Option<Spanned<i64>>,
     lock_memory: Option<bool>,
     log: Option<Spanned<String>>,
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct WrittenSlow {
+    event: Option<Spanned<i64>>,
+    degrade: Option<Spanned<i64>>,
+    replace: Option<Spanned<i64>>,
 }
 
 #[derive(Default, Deserialize)]

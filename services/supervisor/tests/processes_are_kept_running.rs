@@ -3,8 +3,9 @@
 
 mod rig;
 
+use jink_runtime::request::Request;
 use jink_shared_types::health::{Health, ServiceState};
-use rig::{Rig, is_alive, row, send, wait_for};
+use rig::{Rig, is_alive, row, send, stand_in, wait_for};
 use rustix::process::Signal;
 use std::os::unix::net::UnixDatagram;
 use std::time::Duration;
@@ -187,7 +188,7 @@ fn a_malformed_table_or_setting_is_refused_with_its_place() {
 }
 
 #[test]
-fn children_of_a_killed_supervisor_fly_on_and_are_found_by_who_comes_after() {
+fn children_of_a_killed_supervisor_fly_on_and_the_next_one_goes_on_with_them() {
     let mut rig = Rig::new(&[row("one", "[]", ""), row("two", "[]", "")]);
     rig.start();
     rig.wait_health(Health::Healthy);
@@ -197,20 +198,83 @@ fn children_of_a_killed_supervisor_fly_on_and_are_found_by_who_comes_after() {
     std::thread::sleep(Duration::from_millis(300));
     assert!(pids.into_iter().all(is_alive), "nobody depends on the supervisor");
 
-    let refused = rig.command().output().unwrap();
-    assert_eq!(refused.status.code(), Some(78));
-    let log = String::from_utf8(refused.stderr).unwrap();
-    assert!(
-        log.contains(&format!("still running: one ({}), two ({})", pids[0], pids[1])),
-        "{log}"
-    );
+    rig.start();
+    rig.wait_health(Health::Healthy);
+    assert_eq!(["one", "two"].map(|name| rig.wait_active(name).pid), pids);
+    // It sees the death of what is not its own child, too.
+    send(pids[0], Signal::KILL);
+    let again = rig.wait_process("one", |one| {
+        one.restarts == 1 && one.state == ServiceState::Active
+    });
+    assert_ne!(again.pid, pids[0]);
+    assert_eq!(rig.wait_active("two").pid, pids[1]);
+    let (status, log) = rig.stop();
+    assert!(status.success(), "{log}");
+    assert!(!pids.into_iter().any(is_alive));
+}
 
+#[test]
+fn what_a_killed_supervisor_has_left_can_be_swept_away() {
+    let mut rig = Rig::new(&[row("one", "[]", "")]);
+    rig.start();
+    let pid = rig.wait_active("one").pid;
+    rig.signal_supervisor(Signal::KILL);
+    rig.ended();
     let swept = rig.command().arg("--sweep").status().unwrap();
     assert!(swept.success());
-    wait_for("the end of both", || {
-        (!pids.into_iter().any(is_alive)).then_some(())
-    });
+    wait_for("the end", || (!is_alive(pid)).then_some(()));
     assert_eq!(rig.remains(), [""; 0]);
+}
+
+#[test]
+fn a_swap_goes_all_the_way_and_a_bad_candidate_leaves_the_owner_alone() {
+    let mut rig = Rig::new(&[row("one", "[]", "")]);
+    rig.start();
+    let first = rig.wait_active("one");
+    let swap = |program: &str| Request::Swap {
+        process: "one".to_owned(),
+        program: Some(program.into()),
+        cycles: Some(5),
+        dry_run: false,
+    };
+    let refused = rig.ask(&swap("/bin/true"));
+    let last = refused.last().unwrap();
+    assert!(!last.good && last.text.contains("never touched"), "{refused:?}");
+    assert_eq!(rig.wait_active("one").pid, first.pid);
+
+    let answers = rig.ask(&swap(&stand_in()));
+    assert!(answers.last().unwrap().good, "{answers:?}");
+    let second = rig.wait_process("one", |one| {
+        one.pid != first.pid && one.state == ServiceState::Active
+    });
+    assert_eq!(second.restarts, 0);
+    wait_for("the end of the old one", || (!is_alive(first.pid)).then_some(()));
+    let (status, log) = rig.stop();
+    assert!(status.success(), "{log}");
+    assert_eq!(rig.remains(), [""; 0]);
+}
+
+#[test]
+fn the_supervisor_itself_is_upgraded_and_nobody_notices() {
+    let mut rig = Rig::new(&[row("one", "[]", "")]);
+    rig.start();
+    let one = rig.wait_active("one").pid;
+    let upgrade = |program: &str| Request::Upgrade {
+        program: program.into(),
+    };
+    let refused = rig.ask(&upgrade("/bin/true"));
+    assert!(refused.last().is_some_and(|answer| !answer.good), "{refused:?}");
+    let answers = rig.ask(&upgrade(env!("CARGO_BIN_EXE_jink-supervisor")));
+    assert!(answers.last().is_some_and(|answer| answer.good), "{answers:?}");
+    rig.reconnect();
+    assert_eq!(rig.wait_active("one").pid, one);
+    send(one, Signal::KILL);
+    let again = rig.wait_process("one", |now| {
+        now.restarts == 1 && now.state == ServiceState::Active
+    });
+    assert_ne!(again.pid, one);
+    let (status, log) = rig.stop();
+    assert!(status.success(), "{log}");
 }
 
 #[test]

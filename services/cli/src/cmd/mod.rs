@@ -1,5 +1,6 @@
 //! The commands, and what they share.
 
+pub mod ask;
 pub mod demo;
 pub mod down;
 pub mod places;

@@ -1,15 +1,16 @@
 //! Starting processes, signalling them, and learning that they have ended.
 
 use super::log_file::LogFile;
-use super::record::Record;
+use super::record::{Entry, Record};
 use jink_runtime::Instance;
-use jink_supervisor::supervision::{Exit, Observation};
+use jink_supervisor::supervision::{Adopted, Doing, Exit, Observation};
 use jink_supervisor::table::ProcessRow;
-use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, pidfd_open, pidfd_send_signal, waitpid};
 use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 
 /// Lines of a dead process's log that are repeated in the supervisor's.
@@ -33,8 +34,8 @@ impl Launch {
         }
     }
 
-    fn command(&self, row: &ProcessRow, generation: u32) -> Command {
-        let mut command = Command::new(&row.program);
+    fn command(&self, row: &ProcessRow, program: &Path, generation: u32, shadow: bool) -> Command {
+        let mut command = Command::new(program);
         command
             .args(["--process", &row.rules.name])
             .args(["--instance", &self.instance.to_string()])
@@ -42,10 +43,14 @@ impl Launch {
             .arg(&self.config)
             .args(["--generation", &generation.to_string()])
             .args(["--budget-us", &row.rules.cycle_budget_us.to_string()])
+            .args(["--end-to-end-us", &row.rules.end_to_end_us.to_string()])
             .args(["--priority", &row.priority.to_string()])
             .args(["--log", &row.log.unwrap_or(self.log).to_string().to_lowercase()]);
         if let Some(core) = row.core {
             command.args(["--core", &core.to_string()]);
+        }
+        if shadow {
+            command.arg("--shadow");
         }
         if row.lock_memory {
             command.arg("--lock-memory");
@@ -63,15 +68,38 @@ impl Launch {
     }
 }
 
+/// A process that runs: a child, or one that an earlier supervisor has started.
 struct Running {
-    child: Child,
+    pid: u32,
+    /// `None`: not ours, so how it ended cannot be learnt.
+    child: Option<Child>,
     handle: OwnedFd,
+}
+
+impl Running {
+    /// How it ended, if it has.
+    fn reap(&mut self) -> Option<Exit> {
+        match &mut self.child {
+            Some(child) => Some(exit_of(child.try_wait().ok()??)),
+            // A supervisor that was upgraded in place is still the parent of its processes.
+            None => has_ended(&self.handle).then(|| {
+                let pid = i32::try_from(self.pid).ok().and_then(Pid::from_raw);
+                let status = waitpid(pid, WaitOptions::NOHANG).ok().flatten();
+                status.map_or(Exit::Unknown, |(_, status)| {
+                    exit_of(ExitStatus::from_raw(status.as_raw()))
+                })
+            }),
+        }
+    }
 }
 
 struct Slot {
     row: ProcessRow,
     log: LogFile,
     running: Option<Running>,
+    shadow: Option<Running>,
+    /// The program of a swap that was asked for.
+    staged: Option<PathBuf>,
 }
 
 /// All processes of the system.
@@ -90,6 +118,8 @@ impl Children {
                 log: LogFile::new(&launch.instance, &row.rules.name),
                 row,
                 running: None,
+                shadow: None,
+                staged: None,
             })
             .collect();
         Self {
@@ -103,12 +133,14 @@ impl Children {
     pub fn spawn(&mut self, index: usize, generation: u32) -> Option<Observation> {
         let slot = self.slots.get_mut(index)?;
         let name = &slot.row.rules.name;
-        match start(&self.launch, &slot.row, &mut slot.log, generation) {
+        let command = self
+            .launch
+            .command(&slot.row, &slot.row.program, generation, false);
+        match start(command, &mut slot.log) {
             Ok(running) => {
-                let pid = running.child.id();
+                let pid = running.pid;
                 tracing::info!(process = name, pid, generation, "started");
                 slot.running = Some(running);
-                self.write_record();
                 Some(Observation::Spawned { process: index, pid })
             }
             Err(error) => {
@@ -125,6 +157,82 @@ impl Children {
         }
     }
 
+    /// Starts a second instance of process `index`, of the staged program if it is a `candidate`.
+    pub fn spawn_shadow(&mut self, index: usize, generation: u32, candidate: bool) -> Option<Observation> {
+        let slot = self.slots.get_mut(index)?;
+        let staged = slot.staged.as_ref().filter(|_| candidate);
+        let program = staged.unwrap_or(&slot.row.program).clone();
+        let command = self.launch.command(&slot.row, &program, generation, true);
+        let name = &slot.row.rules.name;
+        // Its log is its own, so that its last words are told from those of the owner.
+        let mut log = LogFile::new(&self.launch.instance, &format!("{name}.shadow"));
+        match start(command, &mut log) {
+            Ok(running) => {
+                let pid = running.pid;
+                tracing::info!(process = name, pid, generation, program = %program.display(), "shadow started");
+                slot.shadow = Some(running);
+                Some(Observation::ShadowSpawned { process: index, pid })
+            }
+            Err(error) => {
+                tracing::error!(
+                    process = name,
+                    "shadow cannot be started: {}: {error}",
+                    program.display()
+                );
+                Some(Observation::ShadowDied {
+                    process: index,
+                    exit: Exit::NotSpawned,
+                })
+            }
+        }
+    }
+
+    /// The program with which the next candidate of process `index` is started; `None` = its own.
+    pub fn stage(&mut self, index: usize, program: Option<PathBuf>) {
+        if let Some(slot) = self.slots.get_mut(index) {
+            slot.staged = program;
+        }
+    }
+
+    /// First and second instance of process `index` exchange their places.
+    pub fn promote(&mut self, index: usize) {
+        if let Some(slot) = self.slots.get_mut(index) {
+            std::mem::swap(&mut slot.running, &mut slot.shadow);
+        }
+    }
+
+    /// The staged program is the program of process `index` from now on.
+    pub fn commit(&mut self, index: usize) {
+        if let Some(slot) = self.slots.get_mut(index)
+            && let Some(program) = slot.staged.take()
+        {
+            tracing::info!(process = slot.row.rules.name, program = %program.display(), "program changed");
+            slot.row.program = program;
+        }
+    }
+
+    /// The number of the process called `name`.
+    pub fn find(&self, name: &str) -> Option<usize> {
+        self.slots.iter().position(|slot| slot.row.rules.name == name)
+    }
+
+    /// The names of all processes.
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.slots.iter().map(|slot| slot.row.rules.name.as_str())
+    }
+
+    /// Takes over a process that an earlier supervisor has started.
+    pub fn adopt(&mut self, index: usize, pid: u32, handle: OwnedFd, program: PathBuf) {
+        if let Some(slot) = self.slots.get_mut(index) {
+            slot.row.program = program;
+            slot.running = Some(Running {
+                pid,
+                child: None,
+                handle,
+            });
+        }
+    }
+
     /// Sends `signal` to process `index`, if it runs.
     pub fn signal(&self, index: usize, signal: Signal) {
         if let Some(running) = self.slots.get(index).and_then(|slot| slot.running.as_ref()) {
@@ -133,21 +241,28 @@ impl Children {
         }
     }
 
-    /// Readable when process `index` has ended.
-    pub fn handle(&self, index: usize) -> Option<BorrowedFd<'_>> {
-        Some(self.slots.get(index)?.running.as_ref()?.handle.as_fd())
+    /// Kills the second instance of process `index`, if it runs.
+    pub fn kill_shadow(&self, index: usize) {
+        if let Some(shadow) = self.slots.get(index).and_then(|slot| slot.shadow.as_ref()) {
+            let _gone_already = pidfd_send_signal(&shadow.handle, Signal::KILL);
+        }
+    }
+
+    /// Readable when an instance of a process has ended.
+    pub fn handles(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
+        let instances = self.slots.iter().flat_map(|slot| [&slot.running, &slot.shadow]);
+        instances.flatten().map(|running| running.handle.as_fd())
     }
 
     /// What process `index` is doing, as the kernel says.
     pub fn examine(&self, index: usize) -> Option<Observation> {
         let slot = self.slots.get(index)?;
-        let stat =
-            std::fs::read_to_string(format!("/proc/{}/stat", slot.running.as_ref()?.child.id())).ok()?;
-        let (runnable, cpu_s) = doing(&stat)?;
-        tracing::debug!(process = slot.row.rules.name, runnable, cpu_s, "silent");
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", slot.running.as_ref()?.pid)).ok()?;
+        let (doing, cpu_s) = doing(&stat)?;
+        tracing::debug!(process = slot.row.rules.name, ?doing, cpu_s, "silent");
         Some(Observation::Examined {
             process: index,
-            runnable,
+            doing,
             cpu_s,
         })
     }
@@ -160,9 +275,25 @@ impl Children {
     /// Reaps process `index` if it has ended.
     pub fn reap(&mut self, index: usize) -> Option<Exit> {
         let slot = self.slots.get_mut(index)?;
-        let status = slot.running.as_mut()?.child.try_wait().ok()??;
+        let exit = slot.running.as_mut()?.reap()?;
         slot.running = None;
-        Some(exit_of(status))
+        Some(exit)
+    }
+
+    /// Reaps the second instance of process `index` if it has ended.
+    pub fn reap_shadow(&mut self, index: usize) -> Option<Exit> {
+        let slot = self.slots.get_mut(index)?;
+        let exit = slot.shadow.as_mut()?.reap()?;
+        slot.shadow = None;
+        Some(exit)
+    }
+
+    /// The last lines that the second instance of process `index` wrote.
+    pub fn last_shadow_lines(&self, index: usize) -> Vec<String> {
+        self.slots.get(index).map_or_else(Vec::new, |slot| {
+            let name = format!("{}.shadow", slot.row.rules.name);
+            LogFile::new(&self.launch.instance, &name).last_lines(POST_MORTEM_LINES)
+        })
     }
 
     /// The last lines that process `index` wrote.
@@ -180,26 +311,34 @@ impl Children {
         }
     }
 
-    fn write_record(&self) {
-        let running = self.slots.iter().filter_map(|slot| {
-            let pid = slot.running.as_ref()?.child.id();
-            Some((pid, slot.row.rules.name.as_str()))
+    /// Writes down what runs, for whoever comes after this supervisor; `adoptable` says what it must know of each.
+    pub fn write_record(&self, adoptable: impl Fn(usize) -> Option<Adopted>) {
+        let entries = self.slots.iter().enumerate().flat_map(|(index, slot)| {
+            let entry = |pid: u32, found: Option<Adopted>| Entry {
+                name: slot.row.rules.name.clone(),
+                pid,
+                program: slot.row.program.clone(),
+                found,
+            };
+            let main = slot
+                .running
+                .as_ref()
+                .map(|running| entry(running.pid, adoptable(index)));
+            let shadow = slot.shadow.as_ref().map(|shadow| entry(shadow.pid, None));
+            [main, shadow].into_iter().flatten()
         });
-        if let Err(error) = self.record.write(running) {
+        if let Err(error) = self.record.write(&entries.collect::<Vec<_>>()) {
             tracing::warn!("the record of processes cannot be written: {error}");
         }
     }
 }
 
-fn start(launch: &Launch, row: &ProcessRow, log: &mut LogFile, generation: u32) -> io::Result<Running> {
+fn start(mut command: Command, log: &mut LogFile) -> io::Result<Running> {
     let out = log.open()?;
     let error = out.try_clone()?;
-    let mut child = launch
-        .command(row, generation)
-        .stdout(out)
-        .stderr(error)
-        .spawn()?;
-    let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+    let mut child = command.stdout(out).stderr(error).spawn()?;
+    let id = child.id();
+    let pid = i32::try_from(id).ok().and_then(Pid::from_raw);
     let handle = match pid.map(|pid| pidfd_open(pid, PidfdFlags::empty())) {
         Some(Ok(handle)) => handle,
         cause => {
@@ -209,7 +348,17 @@ fn start(launch: &Launch, row: &ProcessRow, log: &mut LogFile, generation: u32) 
             return Err(io::Error::other(format!("no handle on the process: {cause:?}")));
         }
     };
-    Ok(Running { child, handle })
+    Ok(Running {
+        pid: id,
+        child: Some(child),
+        handle,
+    })
+}
+
+/// Whether the process behind a handle has ended.
+fn has_ended(handle: &OwnedFd) -> bool {
+    let mut fds = [PollFd::from_borrowed_fd(handle.as_fd(), PollFlags::IN)];
+    poll(&mut fds, Some(&Timespec::default())).is_ok_and(|ready| ready > 0)
 }
 
 fn exit_of(status: ExitStatus) -> Exit {
@@ -220,29 +369,41 @@ fn exit_of(status: ExitStatus) -> Exit {
     }
 }
 
-/// Whether a process is runnable, and the CPU time it has used (s), out of its `/proc/<pid>/stat` (proc(5): the state is
+/// What a process does, and the CPU time it has used (s), out of its `/proc/<pid>/stat` (proc(5): the state is
 /// the first field behind the name in parentheses, user and system time are the 12th and 13th, in hundredths of a second).
 /// Waiting for a disk counts as runnable: it is the machine that is slow, and no signal would end it.
-fn doing(stat: &str) -> Option<(bool, f64)> {
+fn doing(stat: &str) -> Option<(Doing, f64)> {
     const TICKS_PER_S: f64 = 100.0;
     let (_, fields) = stat.rsplit_once(") ")?;
     let fields: Vec<&str> = fields.split(' ').collect();
     let ticks = |index: usize| fields.get(index)?.parse::<f64>().ok();
     let cpu_s = (ticks(11)? + ticks(12)?) / TICKS_PER_S;
-    Some((matches!(*fields.first()?, "R" | "D"), cpu_s))
+    let doing = match *fields.first()? {
+        "R" | "D" => Doing::Runnable,
+        "S" | "I" => Doing::Sleeping,
+        _ => Doing::Stopped,
+    };
+    Some((doing, cpu_s))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::doing;
+    use super::{Doing, doing};
 
     #[test]
     fn the_kernels_words_are_understood() {
         let rest = "1 2 2 0 -1 4194304 100 0 0 0 12 30 0 0 20 0 1 0 100 1000 10";
-        assert_eq!(doing(&format!("7 (a (b) c) R {rest}")), Some((true, 0.42)));
-        assert_eq!(doing(&format!("7 (x) D {rest}")), Some((true, 0.42)));
-        for still in ["T", "S", "Z"] {
-            assert_eq!(doing(&format!("7 (x) {still} {rest}")), Some((false, 0.42)));
+        assert_eq!(
+            doing(&format!("7 (a (b) c) R {rest}")),
+            Some((Doing::Runnable, 0.42))
+        );
+        for (letter, meaning) in [
+            ("D", Doing::Runnable),
+            ("S", Doing::Sleeping),
+            ("T", Doing::Stopped),
+            ("Z", Doing::Stopped),
+        ] {
+            assert_eq!(doing(&format!("7 (x) {letter} {rest}")), Some((meaning, 0.42)));
         }
         assert_eq!(doing(""), None);
         let own = std::fs::read_to_string("/proc/self/stat").unwrap();

@@ -6,6 +6,8 @@
 //! | [`record`] | which processes were started, for whoever comes after a killed supervisor |
 //! | [`children`], [`log_file`] | starting, signalling, reaping; what the processes write |
 //! | [`shared`] | topics held open, heartbeats in, status and events out |
+//! | [`requests`] | what the command line asks for |
+//! | [`post_mortem`] | how a process ended, for whoever asks later |
 //! | [`notify`] | systemd |
 //! | [`system`] | the loop |
 
@@ -13,7 +15,9 @@ mod children;
 mod claim;
 mod log_file;
 mod notify;
+mod post_mortem;
 mod record;
+mod requests;
 mod shared;
 mod system;
 
@@ -23,11 +27,14 @@ use claim::Claim;
 use jink_runtime::config::{CONFIG_FILE, Config, PROCESS_FILE};
 use jink_runtime::service::EXIT_CANNOT_START;
 use jink_runtime::{Instance, Session};
+use jink_shared_types::Timestamp;
 use jink_supervisor::supervision::{End, Supervision};
 use jink_supervisor::table::ProcessTable;
 use log_file::LogFile;
 use notify::Notifier;
-use record::Record;
+use record::{Living, Record};
+use requests::Requests;
+use rustix::process::{Signal, pidfd_send_signal};
 use shared::Shared;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::os::unix::net::UnixStream;
@@ -52,19 +59,24 @@ pub fn run(args: &Args) -> ExitCode {
 }
 
 fn start(args: &Args) -> Result<ExitCode, Failure> {
+    let programs = program_folder()?;
     let resolved = Config::resolve(&args.config, args.profile.as_deref(), &args.overrides)?;
-    let rows = ProcessTable::load(&args.config)?.select(args.mode, &program_folder()?)?;
+    let rows = ProcessTable::load(&args.config)?.select(args.mode, &programs)?;
 
     let claim = Claim::take(&args.instance)?;
     let record = Record::new(&args.instance);
-    record.refuse_living()?;
-    claim.clear()?;
+    let living = record.living();
+    let (config, rows) = if living.is_empty() {
+        claim.clear()?;
+        keep_configuration(args, &resolved.text)?;
+        (resolved.config, rows)
+    } else {
+        // Processes of a supervisor that was killed are flying: what they were started with stays in force.
+        let folder = args.instance.run_config();
+        let rows = ProcessTable::load(&folder)?.select(args.mode, &programs)?;
+        (Config::load(&folder)?, rows)
+    };
     std::fs::create_dir_all(args.instance.log_folder())?;
-    keep_configuration(args, &resolved.text)?;
-    std::fs::copy(
-        args.config.join(PROCESS_FILE),
-        args.instance.run_config().join(PROCESS_FILE),
-    )?;
     if args.log_to_file {
         let mut log = LogFile::new(&args.instance, "supervisor");
         rustix::stdio::dup2_stderr(log.open()?)?;
@@ -73,13 +85,27 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
 
     let names: Vec<&str> = rows.iter().map(|row| row.rules.name.as_str()).collect();
     let session = Session::open(&args.instance, shared::PROGRAM)?;
-    let shared = Shared::open(session, &resolved.config, &names)?;
+    let shared = Shared::open(session, &config, &names, count_start(&args.instance)?)?;
     let rules = rows.iter().map(|row| row.rules.clone());
-    let supervision = Supervision::new(rules, jink_runtime::now(), std::process::id());
-    let children = Children::new(Launch::new(&args.instance, args.log), rows, record);
-    tracing::info!(instance = %args.instance, config = %args.config.display(), "starting");
+    let now = jink_runtime::now();
+    let mut supervision = Supervision::new(rules, now, std::process::id());
+    let mut children = Children::new(Launch::new(&args.instance, args.log), rows, record);
+    let adopted = adopt(living, &mut supervision, &mut children, now);
+    tracing::info!(instance = %args.instance, config = %args.config.display(), adopted, "starting");
 
-    let mut system = System::new(supervision, children, shared, Notifier::new(), stop_signal);
+    let requests = Requests::listen(&args.instance)?;
+    let mut system = System::new(
+        supervision,
+        children,
+        shared,
+        Notifier::new(),
+        stop_signal,
+        requests,
+        args.instance.clone(),
+    );
+    if adopted > 0 {
+        system.tell_adopted(adopted);
+    }
     let end = system.run();
     let report = system.into_report();
     let code = conclude(end, &report.reason);
@@ -90,6 +116,36 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
         claim.release()?;
     }
     Ok(code)
+}
+
+/// Goes on with what an earlier supervisor has started; answers how many. Second instances are ended: what they were for
+/// was known to that supervisor alone.
+fn adopt(living: Vec<Living>, supervision: &mut Supervision, children: &mut Children, now: Timestamp) -> u32 {
+    let mut adopted = 0;
+    for Living { entry, handle } in living {
+        match (entry.found, children.find(&entry.name)) {
+            (Some(found), Some(index)) => {
+                tracing::info!(process = entry.name, pid = entry.pid, "adopted");
+                supervision.adopt(index, &found, now);
+                children.adopt(index, entry.pid, handle, entry.program);
+                adopted += 1;
+            }
+            _ => {
+                tracing::warn!(process = entry.name, pid = entry.pid, "ending what has no place");
+                let _gone_already = pidfd_send_signal(&handle, Signal::KILL);
+            }
+        }
+    }
+    adopted
+}
+
+/// Which start of a supervisor of this instance it is, counted in its folder.
+fn count_start(instance: &Instance) -> std::io::Result<u32> {
+    let path = instance.folder().join("supervisor.starts");
+    let before = std::fs::read_to_string(&path).unwrap_or_default();
+    let start = before.trim().parse::<u32>().unwrap_or(0) + 1;
+    std::fs::write(path, start.to_string())?;
+    Ok(start)
 }
 
 /// Puts the configuration in force where the processes read it. `jink.toml` comes last and at once: who sees it may

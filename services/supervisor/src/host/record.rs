@@ -1,45 +1,74 @@
-//! Which processes were started, in a file of the instance's folder: one `pid name` per line. A supervisor that was
-//! killed leaves its children flying; whoever comes after it finds them here.
+//! Which processes were started, in a file of the instance's folder: one JSON object a line. A supervisor that was killed
+//! leaves its children flying; whoever comes after it finds them here, and goes on with them.
 //!
 //! A number alone is no proof, process ids are used again: a process only counts as one of the instance's if its own
 //! command line says so.
 
 use jink_runtime::Instance;
+use jink_supervisor::supervision::Adopted;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
-use std::fmt;
+use serde::{Deserialize, Serialize};
 use std::os::fd::{AsFd, OwnedFd};
 use std::path::PathBuf;
 
 /// From SIGTERM to SIGKILL (s).
 const PATIENCE_S: i64 = 1;
 
+/// One process on record.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Entry {
+    /// Its name in the process table.
+    pub name: String,
+    /// Its process id.
+    pub pid: u32,
+    /// Its program.
+    pub program: PathBuf,
+    /// What a new supervisor must know to go on with it; `None` = a second instance, which is not gone on with.
+    #[serde(with = "adoptable")]
+    pub found: Option<Adopted>,
+}
+
 /// A process that outlived its supervisor.
 #[derive(Debug)]
 pub struct Living {
-    name: String,
-    pid: u32,
-    handle: OwnedFd,
+    /// What is on record of it.
+    pub entry: Entry,
+    /// Its handle.
+    pub handle: OwnedFd,
 }
 
-/// Processes of a killed supervisor are still running.
-#[derive(Debug)]
-pub struct LivingError {
-    instance: String,
-    living: Vec<String>,
-}
+/// [`Adopted`] as the numbers it consists of.
+mod adoptable {
+    use jink_supervisor::supervision::Adopted;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-impl fmt::Display for LivingError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "processes of a supervisor that was killed are still running: {}; stop them with `jink down --instance {}`",
-            self.living.join(", "),
-            self.instance
+    pub fn serialize<S: Serializer>(found: &Option<Adopted>, to: S) -> Result<S::Ok, S::Error> {
+        let numbers = found.as_ref().map(|found| {
+            [
+                found.generation,
+                found.last_generation,
+                found.epoch,
+                found.restarts,
+                found.pid,
+            ]
+        });
+        numbers.serialize(to)
+    }
+
+    pub fn deserialize<'a, D: Deserializer<'a>>(from: D) -> Result<Option<Adopted>, D::Error> {
+        let numbers = Option::<[u32; 5]>::deserialize(from)?;
+        Ok(
+            numbers.map(|[generation, last_generation, epoch, restarts, pid]| Adopted {
+                generation,
+                last_generation,
+                epoch,
+                restarts,
+                pid,
+            }),
         )
     }
 }
-impl std::error::Error for LivingError {}
 
 /// The file.
 #[derive(Debug)]
@@ -67,33 +96,22 @@ impl Record {
     }
 
     /// Replaces the content, all or nothing.
-    pub fn write<'a>(&self, processes: impl Iterator<Item = (u32, &'a str)>) -> std::io::Result<()> {
-        let text: String = processes.map(|(pid, name)| format!("{pid} {name}\n")).collect();
+    pub fn write(&self, entries: &[Entry]) -> std::io::Result<()> {
+        let mut text = String::new();
+        for entry in entries {
+            text += &serde_json::to_string(entry).map_err(std::io::Error::other)?;
+            text.push('\n');
+        }
         let new = self.path.with_extension("new");
         std::fs::write(&new, text)?;
         std::fs::rename(&new, &self.path)
-    }
-
-    /// An error if any recorded process is alive: a second set of processes beside them would be two pilots.
-    pub fn refuse_living(&self) -> Result<(), LivingError> {
-        let living = self.living();
-        if living.is_empty() {
-            return Ok(());
-        }
-        Err(LivingError {
-            instance: self.instance.to_string(),
-            living: living
-                .iter()
-                .map(|one| format!("{} ({})", one.name, one.pid))
-                .collect(),
-        })
     }
 
     /// Ends every recorded process that is alive, last one first; answers how many.
     pub fn end_living(&self) -> std::io::Result<usize> {
         let living = self.living();
         for one in living.iter().rev() {
-            tracing::info!(process = one.name, pid = one.pid, "ending");
+            tracing::info!(process = one.entry.name, pid = one.entry.pid, "ending");
             let _gone_already = pidfd_send_signal(&one.handle, Signal::TERM);
             if !ended_within(&one.handle, PATIENCE_S)? {
                 let _gone_already = pidfd_send_signal(&one.handle, Signal::KILL);
@@ -103,22 +121,19 @@ impl Record {
         Ok(living.len())
     }
 
-    fn living(&self) -> Vec<Living> {
+    /// Every recorded process that is alive.
+    pub fn living(&self) -> Vec<Living> {
         let text = std::fs::read_to_string(&self.path).unwrap_or_default();
         text.lines().filter_map(|line| self.find(line)).collect()
     }
 
     fn find(&self, line: &str) -> Option<Living> {
-        let (pid, name) = line.split_once(' ')?;
-        let pid: u32 = pid.parse().ok()?;
+        let entry: Entry = serde_json::from_str(line).ok()?;
         // The handle first: what the command line then proves holds for the handle, whatever becomes of the number.
-        let handle = pidfd_open(Pid::from_raw(i32::try_from(pid).ok()?)?, PidfdFlags::empty()).ok()?;
-        let command_line = std::fs::read(format!("/proc/{pid}/cmdline")).ok()?;
-        is_of(&command_line, &self.instance.to_string(), name).then(|| Living {
-            name: name.to_owned(),
-            pid,
-            handle,
-        })
+        let pid = Pid::from_raw(i32::try_from(entry.pid).ok()?)?;
+        let handle = pidfd_open(pid, PidfdFlags::empty()).ok()?;
+        let command_line = std::fs::read(format!("/proc/{}/cmdline", entry.pid)).ok()?;
+        is_of(&command_line, &self.instance.to_string(), &entry.name).then_some(Living { entry, handle })
     }
 }
 

@@ -5,6 +5,7 @@ use jink_runtime::config::{Config, SensorOutput};
 use jink_runtime::session::HeldTopic;
 use jink_runtime::{Input, OpenError, Output, Session};
 use jink_shared_types::coded::Wire;
+use jink_shared_types::control::Control;
 use jink_shared_types::events::{EventSample, Severity};
 use jink_shared_types::health::{Heartbeat, SystemStatus};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
@@ -13,52 +14,61 @@ use jink_supervisor::supervision::Observation;
 /// The supervisor in the topic table, and its member of the event topics.
 pub const PROGRAM: &str = "supervisor";
 
-/// Which start of the supervisor it is: the instance's memory is wiped before, so always the first.
-const GENERATION: u32 = 1;
-
 /// Ports and topics. Ports go before the session that they belong to.
 pub struct Shared {
     heartbeats: Vec<Input<Heartbeat>>,
     events: Output<EventSample>,
     status: Output<SystemStatus>,
+    control: Output<Control>,
     _held: Vec<HeldTopic>,
     session: Session,
 }
 
 impl Shared {
     /// Creates every topic that `processes` and the sensors of `config` can use.
-    pub fn open(session: Session, config: &Config, processes: &[&str]) -> Result<Self, OpenError> {
+    /// `generation` tells this supervisor from those of the instance before it.
+    pub fn open(
+        session: Session,
+        config: &Config,
+        processes: &[&str],
+        generation: u32,
+    ) -> Result<Self, OpenError> {
         let mut heartbeats = Vec::new();
         for process in processes {
-            heartbeats.push(session.input(topics::HEALTH, process)?);
+            // A process and its shadow speak on the same topic.
+            heartbeats.push(session.input(topics::HEALTH, process)?.of_all_producers());
         }
         Ok(Self {
             heartbeats,
-            events: session.output(topics::EVENT, PROGRAM, GENERATION)?,
-            status: session.output(topics::SYSTEM_STATUS, "", GENERATION)?,
+            events: session.output(topics::EVENT, PROGRAM, generation)?,
+            status: session.output(topics::SYSTEM_STATUS, "", generation)?,
+            control: session.output(topics::CONTROL, "", generation)?,
             _held: hold_all(&session, config, processes)?,
             session,
         })
     }
 
-    /// Appends the newest heartbeat of every process that has sent one since the last call.
+    /// Appends every heartbeat sent since the last call.
     pub fn read_heartbeats(&mut self, observations: &mut Vec<Observation>) {
         for (process, input) in self.heartbeats.iter_mut().enumerate() {
-            let mut newest = None;
-            input.each(|beat| newest = Some((*beat.sample, beat.header.publish)));
-            if let Some((heartbeat, time)) = newest {
+            input.each(|beat| {
                 observations.push(Observation::Heartbeat {
                     process,
-                    heartbeat,
-                    time,
+                    heartbeat: *beat.sample,
+                    time: beat.header.publish,
                 });
-            }
+            });
         }
     }
 
     /// Publishes the status.
     pub fn publish(&mut self, now: Timestamp, status: &SystemStatus) {
         self.status.send(SampleHeader::at(now), status);
+    }
+
+    /// Publishes who owns what.
+    pub fn publish_control(&mut self, now: Timestamp, control: &Control) {
+        self.control.send(SampleHeader::at(now), control);
     }
 
     /// Tells the pilot, and the log.
@@ -93,6 +103,7 @@ fn hold_all(session: &Session, config: &Config, processes: &[&str]) -> Result<Ve
         session.hold(topics::APPROVED, "")?,
         session.hold(topics::RING, "")?,
         session.hold(topics::SYSTEM_STATUS, "")?,
+        session.hold(topics::CONTROL, "")?,
         session.hold(topics::LINK_STATUS, "")?,
         session.hold(topics::SIM_TRUTH, "")?,
     ];

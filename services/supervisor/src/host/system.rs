@@ -2,20 +2,35 @@
 
 use super::children::Children;
 use super::notify::Notifier;
+use super::post_mortem::PostMortem;
+use super::requests::{CLIENTS, Requests, refusal};
 use super::shared::Shared;
+use jink_runtime::Instance;
+use jink_runtime::request::{Answer, Request};
 use jink_shared_types::Timestamp;
+use jink_shared_types::control::Control;
+use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, PROCESSES, SystemStatus};
+use jink_shared_types::params::nearest;
+use jink_shared_types::topics::FINGERPRINT;
+use jink_supervisor::shadow::{PROBATION_CYCLES, Refusal, SwapNews};
 use jink_supervisor::supervision::{Action, End, Exit, Observation, Supervision};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
 use std::io::Read;
 use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
 /// The status is published this often even if nothing changes (s): the topic's rate.
 const STATUS_PERIOD_S: f64 = 0.1;
 /// How often the logs are measured (s); in that time even a chatty process writes little against their limit.
 const LOGS_PERIOD_S: f64 = 1.0;
+
+/// The signal, both instances of every process, and whoever asks for something.
+const FDS: usize = 1 + 2 * PROCESSES + 1 + CLIENTS;
 
 /// What is known at the end.
 #[derive(Debug, Default)]
@@ -35,6 +50,11 @@ pub struct System {
     stop_signal: UnixStream,
     status: Box<SystemStatus>,
     status_due: Timestamp,
+    control: Box<Control>,
+    control_due: Timestamp,
+    requests: Requests,
+    instance: Instance,
+    upgrade: Option<PathBuf>,
     logs_due: Timestamp,
     observations: Vec<Observation>,
     actions: Vec<Action>,
@@ -49,6 +69,8 @@ impl System {
         shared: Shared,
         notifier: Notifier,
         stop_signal: UnixStream,
+        requests: Requests,
+        instance: Instance,
     ) -> Self {
         Self {
             supervision,
@@ -58,11 +80,22 @@ impl System {
             stop_signal,
             status: Box::default(),
             status_due: Timestamp::NEVER,
+            control: Box::default(),
+            control_due: Timestamp::NEVER,
+            requests,
+            instance,
+            upgrade: None,
             logs_due: Timestamp::NEVER,
             observations: Vec::with_capacity(4 * PROCESSES),
             actions: Vec::with_capacity(4 * PROCESSES),
             report: Report::default(),
         }
+    }
+
+    /// Tells the pilot that an earlier supervisor's processes were found flying.
+    pub fn tell_adopted(&mut self, adopted: u32) {
+        let event = EventSample::new(&events::SUPERVISOR_BACK, "", [f64::from(adopted), 0.0]);
+        self.shared.raise(jink_runtime::now(), &event);
     }
 
     /// Runs until everything has ended.
@@ -74,9 +107,13 @@ impl System {
             self.observations.clear();
             if let Some(end) = self.act(now) {
                 self.publish(now, true);
+                self.requests.close();
                 return end;
             }
             self.publish(now, changed);
+            if let Some(program) = self.upgrade.take() {
+                self.become_another(&program);
+            }
             self.notifier.update(now, &self.supervision);
             if now >= self.logs_due {
                 self.logs_due = now.plus_seconds(LOGS_PERIOD_S);
@@ -99,14 +136,26 @@ impl System {
     }
 
     fn act(&mut self, now: Timestamp) -> Option<End> {
-        for action in &self.actions {
-            match *action {
+        for action in std::mem::take(&mut self.actions) {
+            match action {
                 Action::Spawn { process, generation } => {
                     self.observations.extend(self.children.spawn(process, generation));
+                }
+                Action::SpawnShadow {
+                    process,
+                    generation,
+                    candidate,
+                } => {
+                    let spawned = self.children.spawn_shadow(process, generation, candidate);
+                    self.observations.extend(spawned);
                 }
                 Action::Examine { process } => self.observations.extend(self.children.examine(process)),
                 Action::Terminate { process } => self.children.signal(process, Signal::TERM),
                 Action::Kill { process } => self.children.signal(process, Signal::KILL),
+                Action::KillShadow { process } => self.children.kill_shadow(process),
+                Action::Promote { process } => self.children.promote(process),
+                Action::Commit { process } => self.children.commit(process),
+                Action::Tell { process, news } => self.tell(process, &news),
                 Action::CleanUp => self.shared.clean_up(),
                 Action::Raise(event) => self.shared.raise(now, &event),
                 Action::End(end) => return Some(end),
@@ -115,30 +164,58 @@ impl System {
         None
     }
 
+    fn tell(&mut self, process: usize, news: &SwapNews) {
+        let mut text = news.to_string();
+        if let SwapNews::Refused(Refusal::Ended(_)) = news
+            && let Some(last) = self.children.last_shadow_lines(process).last()
+        {
+            text += &format!(": {last}");
+        }
+        tracing::info!(process, "swap: {text}");
+        let (last, good) = (news.is_last(), news.is_good());
+        self.requests.tell(process, &Answer { text, last, good });
+    }
+
     fn publish(&mut self, now: Timestamp, changed: bool) {
+        // Before the status: who has lost the right to speak learns it before anybody is told.
+        let before = *self.control;
+        self.supervision.write_control(&mut self.control);
+        if before != *self.control || now >= self.control_due {
+            self.shared.publish_control(now, &self.control);
+            self.control_due = now.plus_seconds(STATUS_PERIOD_S);
+        }
         if changed || now >= self.status_due {
             self.supervision.write_status(&mut self.status);
             self.shared.publish(now, &self.status);
             self.status_due = now.plus_seconds(STATUS_PERIOD_S);
         }
+        if changed {
+            let supervision = &self.supervision;
+            self.children.write_record(|index| supervision.adoptable(index));
+        }
     }
 
     fn sleep(&self) {
         let now = jink_runtime::now();
-        let until = [self.supervision.next_wake(now), self.status_due, self.logs_due]
-            .into_iter()
-            .chain(self.notifier.due())
-            .min()
-            .unwrap_or(now);
+        let until = [
+            self.supervision.next_wake(now),
+            self.status_due,
+            self.control_due,
+            self.logs_due,
+        ]
+        .into_iter()
+        .chain(self.notifier.due())
+        .min()
+        .unwrap_or(now);
         let left_ns = until.ns_since(now);
         let timeout = Timespec {
             tv_sec: (left_ns / 1_000_000_000) as i64,
             tv_nsec: (left_ns % 1_000_000_000) as i64,
         };
         let signal = PollFd::from_borrowed_fd(self.stop_signal.as_fd(), PollFlags::IN);
-        let mut fds: [PollFd<'_>; PROCESSES + 1] = std::array::from_fn(|_| signal.clone());
+        let mut fds: [PollFd<'_>; FDS] = std::array::from_fn(|_| signal.clone());
         let mut used = 1;
-        let handles = (0..self.children.len()).filter_map(|process| self.children.handle(process));
+        let handles = self.children.handles().chain(self.requests.fds());
         for (slot, handle) in fds[1..].iter_mut().zip(handles) {
             *slot = PollFd::from_borrowed_fd(handle, PollFlags::IN);
             used += 1;
@@ -158,7 +235,102 @@ impl System {
                 self.post_mortem(process, exit);
                 self.observations.push(Observation::Died { process, exit });
             }
+            if let Some(exit) = self.children.reap_shadow(process) {
+                tracing::info!(process, "shadow ended: {exit}");
+                self.observations.push(Observation::ShadowDied { process, exit });
+            }
         }
+        for (client, request) in self.requests.take() {
+            if let Some(answer) = self.serve(client, &request) {
+                self.requests.conclude(client, &answer);
+            }
+        }
+    }
+
+    /// Passes a request on; an answer if there is one at once.
+    fn serve(&mut self, client: usize, request: &Request) -> Option<Answer> {
+        tracing::info!("asked: {request:?}");
+        let name = match request {
+            Request::Upgrade { program } => return self.begin_upgrade(program),
+            Request::Swap { process, .. } | Request::Restart { process } | Request::Stop { process } => {
+                process
+            }
+        };
+        let Some(process) = self.children.find(name) else {
+            let near = nearest(name, self.children.names()).unwrap_or("");
+            return Some(refusal(format!(
+                "there is no process {name:?}; did you mean {near:?}?"
+            )));
+        };
+        match request {
+            Request::Swap {
+                program,
+                cycles,
+                dry_run,
+                ..
+            } => {
+                if let Some(program) = program
+                    && !program.is_file()
+                {
+                    return Some(refusal(format!("{} is no file", program.display())));
+                }
+                self.children.stage(process, program.clone());
+                self.requests.wait_for(client, process);
+                self.observations.push(Observation::SwapRequested {
+                    process,
+                    cycles: cycles.unwrap_or(PROBATION_CYCLES),
+                    dry_run: *dry_run,
+                });
+                None
+            }
+            Request::Restart { .. } => {
+                self.observations.push(Observation::RestartRequested { process });
+                Some(done(format!("{name} is restarted")))
+            }
+            Request::Stop { .. } => {
+                self.observations.push(Observation::EndRequested { process });
+                Some(done(format!(
+                    "{name} is stopped; `jink restart {name}` starts it again"
+                )))
+            }
+            Request::Upgrade { .. } => None,
+        }
+    }
+
+    fn begin_upgrade(&mut self, program: &Path) -> Option<Answer> {
+        let asked = Command::new(program)
+            .arg("--fingerprint")
+            .stdin(Stdio::null())
+            .output();
+        let own = format!("{FINGERPRINT:016x}");
+        let refused = match asked {
+            Err(error) => Some(format!("{}: {error}", program.display())),
+            Ok(output) if !output.status.success() => Some(format!(
+                "{} --fingerprint ended with {}: {}",
+                program.display(),
+                output.status,
+                String::from_utf8_lossy(&output.stderr).trim()
+            )),
+            Ok(output) => {
+                let theirs = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+                (theirs != own).then(|| format!("its layouts differ ({theirs}, running {own})"))
+            }
+        };
+        match refused {
+            Some(why) => Some(refusal(format!("refused, nothing was changed: {why}"))),
+            None => {
+                self.upgrade = Some(program.to_owned());
+                Some(done("the supervisor goes on as the new binary".to_owned()))
+            }
+        }
+    }
+
+    /// Goes on as another binary, in the same process: the children stay children. Returns only if that fails.
+    fn become_another(&mut self, program: &Path) {
+        let supervision = &self.supervision;
+        self.children.write_record(|index| supervision.adoptable(index));
+        let error = Command::new(program).args(std::env::args_os().skip(1)).exec();
+        tracing::error!("{} cannot be executed: {error}", program.display());
     }
 
     /// Says how a process ended; an end that nobody asked for comes with its last words.
@@ -168,7 +340,7 @@ impl System {
             return;
         };
         let asked_for = self.supervision.health() == Health::Stopping;
-        if asked_for && matches!(exit, Exit::Code(0)) {
+        if asked_for && matches!(exit, Exit::Code(0) | Exit::Unknown) {
             tracing::info!(process = name, "stopped");
             return;
         }
@@ -180,10 +352,23 @@ impl System {
             last_lines = last_lines.join("\n"),
             "ended: {exit}"
         );
+        let report = PostMortem::new(&self.supervision, process, exit, lived_s, &last_lines);
+        if let Err(error) = report.and_then(|report| report.write(&self.instance)) {
+            tracing::warn!("the post-mortem cannot be written: {error}");
+        }
         // A reason why the system stops comes before what happens while it stops.
         if !asked_for {
             self.report.reason = format!("{name} ended with {exit}: {last_line}");
         }
         self.report.any_failed = true;
+    }
+}
+
+/// An answer that says that it is done.
+fn done(text: String) -> Answer {
+    Answer {
+        text,
+        last: true,
+        good: true,
     }
 }

@@ -1,8 +1,11 @@
-use super::{Action, End, Exit, Observation, Supervision};
+use super::{Action, Doing, End, Exit, Observation, Supervision};
 use crate::policy::RestartRule;
+use crate::shadow::{Refusal, SwapNews};
+use crate::slowness::SlowRule;
 use crate::table::{OnFailure, Rules};
 use jink_shared_types::Timestamp;
 use jink_shared_types::coded::Coded;
+use jink_shared_types::control::{Control, ControlEntry};
 use jink_shared_types::events;
 use jink_shared_types::health::{Health, Heartbeat, ServiceState, SystemStatus};
 use proptest::prelude::*;
@@ -15,6 +18,9 @@ fn rules(name: &str) -> Rules {
         essential: true,
         is_output: name == "gateway",
         cycle_budget_us: 0,
+        end_to_end_us: 0,
+        slow: SlowRule::default(),
+        hot_shadow: false,
         heartbeat_timeout_s: 0.1,
         start_grace_s: 1.0,
         restart: RestartRule::default(),
@@ -41,6 +47,10 @@ struct World {
     signals: Vec<Action>,
     events: Vec<u16>,
     clean_ups: usize,
+    /// Second instances.
+    shadows: Vec<Child>,
+    commits: usize,
+    news: Vec<SwapNews>,
     end: Option<End>,
     /// Whether children obey SIGTERM.
     obedient: bool,
@@ -51,6 +61,7 @@ struct World {
 impl World {
     fn new(rules: Vec<Rules>) -> Self {
         let now = Timestamp::from_seconds(100.0);
+        let rules_len = rules.len();
         Self {
             children: vec![Child::None; rules.len()],
             supervision: Supervision::new(rules, now, 1),
@@ -59,6 +70,9 @@ impl World {
             signals: Vec::new(),
             events: Vec::new(),
             clean_ups: 0,
+            shadows: vec![Child::None; rules_len],
+            commits: 0,
+            news: Vec::new(),
             end: None,
             obedient: true,
             starved: false,
@@ -147,7 +161,11 @@ impl World {
                     assert_ne!(self.children[process], Child::None, "nobody to examine");
                     next.push(Observation::Examined {
                         process,
-                        runnable: self.starved,
+                        doing: if self.starved {
+                            Doing::Runnable
+                        } else {
+                            Doing::Stopped
+                        },
                         cpu_s: 0.0,
                     });
                 }
@@ -158,6 +176,25 @@ impl World {
                     let exit = Exit::Signal(9);
                     next.push(Observation::Died { process, exit });
                 }
+                Action::SpawnShadow {
+                    process, generation, ..
+                } => {
+                    assert_eq!(self.shadows[process], Child::None, "two shadows of one name");
+                    self.shadows[process] = Child::Alive(generation, None);
+                    next.push(Observation::ShadowSpawned { process, pid: 8 });
+                }
+                Action::KillShadow { process } => {
+                    assert_ne!(self.shadows[process], Child::None, "a signal for nobody");
+                    self.shadows[process] = Child::None;
+                    let exit = Exit::Signal(9);
+                    next.push(Observation::ShadowDied { process, exit });
+                }
+                Action::Promote { process } => {
+                    let shadow = std::mem::replace(&mut self.shadows[process], Child::None);
+                    self.shadows[process] = std::mem::replace(&mut self.children[process], shadow);
+                }
+                Action::Commit { .. } => self.commits += 1,
+                Action::Tell { news, .. } => self.news.push(news),
                 Action::CleanUp => self.clean_ups += 1,
                 Action::Raise(event) => self.events.push(event.id),
                 Action::End(end) => {
@@ -342,7 +379,7 @@ fn a_process_that_loops_without_an_end_is_not_taken_for_starved() {
     world.now = world.now.plus_seconds(0.101);
     let looping = Observation::Examined {
         process: 0,
-        runnable: true,
+        doing: Doing::Runnable,
         cpu_s: 0.09,
     };
     let mut actions = Vec::new();
@@ -561,5 +598,237 @@ proptest! {
         if let (Some(End::Stopped), Some(spawns)) = (world.end, stopped_after) {
             prop_assert_eq!(world.spawns.len(), spawns, "something was started after the stop");
         }
+    }
+}
+
+/// A swap of the only process, its candidate in its loop and in probation.
+fn in_probation(cycles: u64) -> World {
+    let mut world = World::running(vec![rules("a")]);
+    world.observe(&[Observation::SwapRequested {
+        process: 0,
+        cycles,
+        dry_run: false,
+    }]);
+    world.pass(0.01);
+    assert!(
+        matches!(world.shadows[0], Child::Alive(2, None)),
+        "{:?}",
+        world.shadows
+    );
+    world
+}
+
+/// One pass with a heartbeat of the owner and one of the second instance, whichever they are now.
+fn pass_both(world: &mut World, seconds: f64, cycles: u64, misses: u64) {
+    let beat = |generation: u32, misses: u64, world: &World| Observation::Heartbeat {
+        process: 0,
+        heartbeat: Heartbeat {
+            generation,
+            state: Coded::new(ServiceState::Active),
+            cycles,
+            budget_misses: misses,
+            outputs: cycles,
+            ..Heartbeat::default()
+        },
+        time: world.now,
+    };
+    world.now = world.now.plus_seconds(seconds);
+    let mut beats = Vec::new();
+    if let Child::Alive(generation, _) = world.children[0] {
+        beats.push(beat(generation, 0, world));
+    }
+    if let Child::Alive(generation, _) = world.shadows[0] {
+        beats.push(beat(generation, misses, world));
+    }
+    world.observe(&beats);
+}
+
+fn control(world: &World) -> ControlEntry {
+    let mut control = Control::default();
+    world.supervision.write_control(&mut control);
+    control.entries[0]
+}
+
+#[test]
+fn a_good_candidate_takes_over_at_a_moment_that_both_know_before_and_the_old_one_goes_last() {
+    let mut world = in_probation(20);
+    let mut cycles = 100;
+    while world.signals.is_empty() && world.commits == 0 && cycles < 400 {
+        cycles += 1;
+        pass_both(&mut world, 0.05, cycles, 0);
+        let entry = control(&world);
+        if entry.next != 0 {
+            assert_eq!((entry.active, entry.next), (1, 2));
+        }
+    }
+    assert!(
+        matches!(
+            world.news[..],
+            [
+                SwapNews::Probation { .. },
+                SwapNews::Switching { .. },
+                SwapNews::Switched,
+                SwapNews::Done
+            ]
+        ),
+        "{:?}",
+        world.news
+    );
+    assert_eq!(world.commits, 1);
+    assert!(
+        matches!(world.children[0], Child::Alive(2, _)),
+        "{:?}",
+        world.children
+    );
+    assert_eq!(world.shadows[0], Child::None);
+    let entry = control(&world);
+    assert_eq!((entry.active, entry.next, entry.epoch), (2, 0, 2));
+    assert!(
+        world.signals.is_empty(),
+        "the owner was never touched: {:?}",
+        world.signals
+    );
+}
+
+#[test]
+fn a_slow_candidate_and_one_that_dies_are_refused_and_the_owner_never_notices() {
+    let mut slow = in_probation(20);
+    for step in 1..60 {
+        pass_both(&mut slow, 0.05, 100 + step, step);
+    }
+    assert!(
+        matches!(slow.news.last(), Some(SwapNews::Refused(Refusal::OverBudget(_)))),
+        "{:?}",
+        slow.news
+    );
+    let mut dying = in_probation(20);
+    dying.shadows[0] = Child::None;
+    let exit = Exit::Signal(11);
+    dying.observe(&[Observation::ShadowDied { process: 0, exit }]);
+    assert_eq!(dying.news, [SwapNews::Refused(Refusal::Ended(exit))]);
+    for world in [&slow, &dying] {
+        assert_eq!(world.children[0], Child::Alive(1, Some(ServiceState::Active)));
+        assert_eq!((control(world).active, control(world).next), (1, 0));
+        assert!(world.signals.is_empty());
+    }
+}
+
+#[test]
+fn a_candidate_that_dies_as_owner_is_rolled_back_at_once_in_a_new_epoch() {
+    let mut world = in_probation(20);
+    let mut cycles = 100;
+    while !world.news.contains(&SwapNews::Switched) && cycles < 400 {
+        cycles += 1;
+        pass_both(&mut world, 0.05, cycles, 0);
+    }
+    world.children[0] = Child::None;
+    let exit = Exit::Signal(6);
+    world.observe(&[Observation::Died { process: 0, exit }]);
+    assert_eq!(
+        world.news.last(),
+        Some(&SwapNews::RolledBack(Refusal::Ended(exit)))
+    );
+    assert!(
+        matches!(world.children[0], Child::Alive(1, _)),
+        "{:?}",
+        world.children
+    );
+    let entry = control(&world);
+    assert_eq!((entry.active, entry.next), (1, 0));
+    assert!(
+        entry.epoch > 2,
+        "readers must take it for newer than the candidate"
+    );
+    assert_eq!(world.commits, 0);
+}
+
+#[test]
+fn a_hot_shadow_takes_over_without_a_start_and_gets_a_successor() {
+    let hot = Rules {
+        hot_shadow: true,
+        ..rules("a")
+    };
+    let mut world = World::running(vec![hot]);
+    for step in 0..60 {
+        pass_both(&mut world, 0.05, 100 + step, 0);
+    }
+    let spawns = world.spawns.len();
+    assert!(
+        matches!(world.shadows[0], Child::Alive(2, _)),
+        "{:?}",
+        world.shadows
+    );
+    world.die(0, Exit::Signal(9));
+    assert!(
+        matches!(world.children[0], Child::Alive(2, _)),
+        "{:?}",
+        world.children
+    );
+    assert_eq!(world.spawns.len(), spawns, "nothing had to be started");
+    assert_eq!((control(&world).active, control(&world).next), (2, 0));
+    for step in 60..160 {
+        pass_both(&mut world, 0.05, 100 + step, 0);
+    }
+    assert!(
+        matches!(world.shadows[0], Child::Alive(3, _)),
+        "{:?}",
+        world.shadows
+    );
+}
+
+#[test]
+fn most_of_them_silent_at_once_is_the_machine_and_nobody_is_killed() {
+    let mut world = World::running(vec![rules("a"), rules("b"), rules("c")]);
+    for child in &mut world.children {
+        if let Child::Alive(_, state) = child {
+            *state = None;
+        }
+    }
+    for _ in 0..80 {
+        world.pass(0.01);
+    }
+    assert!(world.signals.is_empty(), "{:?}", world.signals);
+    world.let_all_work();
+    world.pass(0.01);
+    assert_eq!(world.supervision.health(), Health::Healthy);
+}
+
+proptest! {
+    /// Whatever dies, hangs, is asked for and goes well or badly: there is never more than one owner, never a signal
+    /// for nobody, and the system ends with nobody left.
+    #[test]
+    fn swaps_and_deaths_in_any_order_leave_one_owner(story in proptest::collection::vec((0..7u8, 1..8u64), 1..120)) {
+        let hot = Rules { hot_shadow: true, ..rules("a") };
+        let mut world = World::running(vec![hot]);
+        let mut cycles = 1000;
+        for (what, amount) in story {
+            match what {
+                0 => world.observe(&[Observation::SwapRequested { process: 0, cycles: 5 * amount, dry_run: amount == 1 }]),
+                1 if world.children[0] != Child::None => world.die(0, Exit::Signal(9)),
+                2 if world.shadows[0] != Child::None => {
+                    world.shadows[0] = Child::None;
+                    world.observe(&[Observation::ShadowDied { process: 0, exit: Exit::Code(1) }]);
+                }
+                3 => world.observe(&[Observation::RestartRequested { process: 0 }]),
+                4 => world.pass(0.02 * amount as f64),
+                _ => for _ in 0..4 * amount {
+                    cycles += 2;
+                    pass_both(&mut world, 0.05, cycles, 0);
+                },
+            }
+            let entry = control(&world);
+            if let (Child::Alive(main, _), true) = (&world.children[0], entry.next == 0) {
+                prop_assert_eq!(entry.active, *main, "the control record names who is in charge");
+            }
+            if let (Child::Alive(main, _), Child::Alive(shadow, _)) = (&world.children[0], &world.shadows[0]) {
+                prop_assert_ne!(main, shadow);
+            }
+        }
+        world.observe(&[Observation::StopRequested]);
+        for _ in 0..20 {
+            world.pass(0.1);
+        }
+        prop_assert_eq!(world.end, Some(End::Stopped));
+        prop_assert_eq!(&world.shadows[0], &Child::None);
     }
 }

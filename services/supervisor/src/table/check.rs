@@ -1,7 +1,8 @@
 //! Makes a checked row of a written one.
 
-use super::{At, OnFailure, ProcessRow, Rules, When, Written, WrittenRestart, choose};
+use super::{At, OnFailure, ProcessRow, Rules, When, Written, WrittenRestart, WrittenSlow, choose};
 use crate::policy::RestartRule;
+use crate::slowness::SlowRule;
 use jink_runtime::config::ConfigError;
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
 use jink_shared_types::health::PROCESSES;
@@ -87,6 +88,13 @@ pub(super) fn row(
         0..=1_000_000,
         at,
     )?;
+    let end_to_end_ms = integer(
+        "end_to_end_ms",
+        [&written.end_to_end_ms, &defaults.end_to_end_ms],
+        0,
+        0..=10_000,
+        at,
+    )?;
     let priority = integer("priority", [&written.priority, &defaults.priority], 0, 0..=98, at)?;
     let core = integer("core", [&written.core, &defaults.core], -1, 0..=1023, at)?;
     let word = |of: fn(&Written) -> &Option<Spanned<String>>| of(written).as_ref().or(of(defaults).as_ref());
@@ -96,6 +104,9 @@ pub(super) fn row(
             name,
             essential: written.essential.or(defaults.essential).unwrap_or(true),
             cycle_budget_us: u32::try_from(budget_us).unwrap_or(0),
+            end_to_end_us: u32::try_from(end_to_end_ms * 1000).unwrap_or(0),
+            slow: slow(written, defaults, at)?,
+            hot_shadow: written.hot_shadow.or(defaults.hot_shadow).unwrap_or(false),
             heartbeat_timeout_s: timeout_ms as f64 * 1e-3,
             start_grace_s: grace_ms as f64 * 1e-3,
             restart: restart(written, defaults, at)?,
@@ -210,6 +221,23 @@ fn number(
             Err(at(value.span().start, message))
         }
     }
+}
+
+fn slow(written: &Written, defaults: &Written, at: &At<'_>) -> Result<SlowRule, ConfigError> {
+    let [own, shared] = [&written.slow, &defaults.slow].map(|table| table.as_ref().map(Spanned::get_ref));
+    let default = SlowRule::default();
+    let none = None;
+    type Key = fn(&WrittenSlow) -> &Option<Spanned<i64>>;
+    let get = |key: &str, of: Key, default: u32| {
+        let sources = [own, shared].map(|table| table.map_or(&none, of));
+        let count = integer(key, sources, i64::from(default), 0..=1000, at)?;
+        Ok::<u32, ConfigError>(u32::try_from(count).unwrap_or(default))
+    };
+    Ok(SlowRule {
+        event: get("slow.event", |table| &table.event, default.event)?,
+        degrade: get("slow.degrade", |table| &table.degrade, default.degrade)?,
+        replace: get("slow.replace", |table| &table.replace, default.replace)?,
+    })
 }
 
 fn restart(written: &Written, defaults: &Written, at: &At<'_>) -> Result<RestartRule, ConfigError> {

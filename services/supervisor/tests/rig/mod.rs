@@ -1,10 +1,12 @@
 //! A supervisor of its own with stand-ins for services, in an instance of its own, that leaves nothing behind.
 
+use jink_runtime::request::{Answer, Request};
 use jink_runtime::{Input, Instance, Session};
 use jink_shared_types::health::{Health, ProcessStatus, ServiceState, SystemStatus};
 use jink_shared_types::topics;
 use rustix::process::{Pid, Signal, kill_process};
-use std::io::Read;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -22,7 +24,7 @@ pub fn row(name: &str, arguments: &str, extra: &str) -> String {
     format!("[[process]]\nname = \"{name}\"\nprogram = \"{program}\"\narguments = {arguments}\n{extra}\n")
 }
 
-fn stand_in() -> String {
+pub fn stand_in() -> String {
     let own = std::env::current_exe().unwrap();
     let folder = own.parent().and_then(|deps| deps.parent()).unwrap();
     folder.join("examples/stand_in").to_str().unwrap().to_owned()
@@ -96,6 +98,11 @@ impl Rig {
                 .exists()
                 .then_some(())
         });
+        self.reconnect();
+    }
+
+    /// Reads the status of whoever is supervisor now.
+    pub fn reconnect(&mut self) {
         let session = Session::open(&self.instance, "cli").unwrap();
         self.status = Some(session.input(topics::SYSTEM_STATUS, "").unwrap());
     }
@@ -127,6 +134,23 @@ impl Rig {
         wait_for("health", || {
             self.status().filter(|status| status.health == wanted)
         })
+    }
+
+    /// Asks the supervisor and answers with everything it says.
+    pub fn ask(&self, request: &Request) -> Vec<Answer> {
+        let mut stream = wait_for("the socket", || {
+            UnixStream::connect(self.instance.request_socket()).ok()
+        });
+        let line = serde_json::to_string(request).unwrap() + "\n";
+        stream.write_all(line.as_bytes()).unwrap();
+        let mut answers: Vec<Answer> = Vec::new();
+        for line in BufReader::new(stream).lines() {
+            answers.push(serde_json::from_str(&line.unwrap()).unwrap());
+            if answers.last().is_some_and(|answer| answer.last) {
+                break;
+            }
+        }
+        answers
     }
 
     pub fn signal_supervisor(&self, signal: Signal) {

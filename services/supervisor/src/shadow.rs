@@ -1,0 +1,394 @@
+//! The second instance of a process: a hot shadow that waits for the death of the first, or the candidate of a swap,
+//! or the one that was replaced and still stands by.
+//!
+//! A swap is make-before-break, and silence never decides it:
+//!
+//! | phase | ends well when | ends badly when |
+//! |---|---|---|
+//! | starting | the candidate is heard from its loop | it ends, or its start grace is over |
+//! | probation | it has run the cycles asked for, within budget, with outputs a consumer can use, about as many as the owner | it ends, falls silent, or [`Trial`] says no |
+//! | switching | the moment written into the control record has passed | it ends: the owner keeps what it has |
+//! | watching | it has lived as owner for [`WATCH_S`] | it ends or hangs: the former owner takes back |
+
+use crate::process::Exit;
+use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
+use jink_shared_types::Timestamp;
+use jink_shared_types::health::{Heartbeat, ServiceState, SwapPhase};
+use std::fmt;
+
+/// Cycles of a probation unless the request says otherwise: five seconds at 10 Hz, so that rare cycles occur, too.
+pub const PROBATION_CYCLES: u64 = 50;
+/// Shortest probation (s): two heartbeats would say too little about outputs.
+const PROBATION_MIN_S: f64 = 1.0;
+/// Longest probation (s): a candidate that has not run its cycles by then has nothing to do, or is stuck.
+const PROBATION_MAX_S: f64 = 60.0;
+/// Share of the probation's cycles that may be over budget: what a busy machine does to anybody.
+const MISSES_SHARE: f64 = 0.05;
+/// A candidate must put out at least this share of what the owner puts out, and at most its inverse.
+const OUTPUTS_SHARE: f64 = 0.5;
+/// Below this many outputs of the owner nothing is compared.
+const OUTPUTS_MIN: u64 = 10;
+/// From the decision to the switch (s): both instances read the record at every cycle and every heartbeat; two periods.
+pub const SWITCH_LEAD_S: f64 = 2.0 * HEARTBEAT_PERIOD_S;
+/// From the switch until it counts as done (s): a cycle that began before it has ended by then.
+pub const SETTLE_S: f64 = 0.1;
+/// How long the former owner stands by (s).
+pub const WATCH_S: f64 = 2.0;
+/// A shadow that is silent for this many times its heartbeat time-out hangs. More patience than with an owner: nothing
+/// depends on it yet.
+const SILENT_TIMES: f64 = 5.0;
+
+/// What a second instance is for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Kind {
+    /// Takes over when the owner dies.
+    Hot,
+    /// Of a swap.
+    Candidate(Swap),
+    /// Was replaced by a swap and takes back if the new one fails.
+    Former {
+        /// When it may go.
+        until: Timestamp,
+    },
+}
+
+/// A swap under way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Swap {
+    pub(crate) phase: SwapPhase,
+    pub(crate) cycles: u64,
+    pub(crate) dry_run: bool,
+    /// When the phase began.
+    pub(crate) since: Timestamp,
+    /// Of a candidate in probation: heartbeats at its beginning, the candidate's and the owner's.
+    pub(crate) begin: Option<(Heartbeat, Heartbeat)>,
+    /// The switch is at this moment.
+    pub(crate) from: Timestamp,
+}
+
+/// A second instance.
+#[derive(Clone, Debug)]
+pub(crate) struct Shadow {
+    pub(crate) kind: Kind,
+    pub(crate) generation: u32,
+    pub(crate) epoch: u32,
+    pub(crate) pid: u32,
+    pub(crate) started: Timestamp,
+    pub(crate) heartbeat: Heartbeat,
+    pub(crate) heartbeat_time: Timestamp,
+    /// It has been told to end.
+    pub(crate) ending: bool,
+}
+
+impl Shadow {
+    pub(crate) fn new(kind: Kind, generation: u32, now: Timestamp) -> Self {
+        Self {
+            kind,
+            generation,
+            epoch: generation,
+            pid: 0,
+            started: now,
+            heartbeat: Heartbeat::default(),
+            heartbeat_time: Timestamp::NEVER,
+            ending: false,
+        }
+    }
+
+    /// Takes a heartbeat if it is this instance's.
+    pub(crate) fn heard(&mut self, heartbeat: &Heartbeat, time: Timestamp) -> bool {
+        let mine = heartbeat.generation == self.generation;
+        if mine {
+            self.heartbeat = *heartbeat;
+            self.heartbeat_time = time;
+        }
+        mine
+    }
+
+    /// It has been heard from within its loop.
+    pub(crate) fn in_loop(&self) -> bool {
+        matches!(
+            self.heartbeat.state.get(),
+            ServiceState::Standby | ServiceState::Active | ServiceState::Degraded
+        )
+    }
+
+    /// It can take over now.
+    pub(crate) fn is_ready(&self) -> bool {
+        self.in_loop() && !self.ending
+    }
+
+    /// It has been silent for so long that it hangs.
+    pub(crate) fn is_silent(&self, now: Timestamp, timeout_s: f64) -> bool {
+        self.in_loop() && now.seconds_since(self.heartbeat_time) > SILENT_TIMES * timeout_s
+    }
+
+    pub(crate) fn phase(&self) -> SwapPhase {
+        match self.kind {
+            Kind::Hot => SwapPhase::Idle,
+            Kind::Candidate(swap) => swap.phase,
+            Kind::Former { .. } => SwapPhase::Watching,
+        }
+    }
+}
+
+/// What became of a swap, as far as it got.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SwapNews {
+    /// The candidate is in its loop; the probation begins.
+    Probation {
+        /// Cycles asked for.
+        cycles: u64,
+    },
+    /// The probation was passed; ownership changes in so many seconds.
+    Switching {
+        /// What was seen.
+        trial: Trial,
+    },
+    /// The candidate owns.
+    Switched,
+    /// The swap is over and good.
+    Done,
+    /// The probation was passed and nothing was changed.
+    DryRunPassed {
+        /// What was seen.
+        trial: Trial,
+    },
+    /// The owner was never touched.
+    Refused(Refusal),
+    /// The candidate failed as owner; the former one owns again.
+    RolledBack(Refusal),
+}
+
+impl SwapNews {
+    /// Whether nothing comes after it.
+    pub fn is_last(&self) -> bool {
+        matches!(
+            self,
+            Self::Done | Self::DryRunPassed { .. } | Self::Refused(_) | Self::RolledBack(_)
+        )
+    }
+
+    /// Whether it is good news.
+    pub fn is_good(&self) -> bool {
+        !matches!(self, Self::Refused(_) | Self::RolledBack(_))
+    }
+}
+
+impl fmt::Display for SwapNews {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Probation { cycles } => write!(
+                f,
+                "the candidate runs beside the owner: probation of {cycles} cycles"
+            ),
+            Self::Switching { trial } => write!(f, "probation passed ({trial}); switching"),
+            Self::Switched => write!(
+                f,
+                "the candidate owns; the former owner stands by for {WATCH_S} s"
+            ),
+            Self::Done => f.write_str("swapped"),
+            Self::DryRunPassed { trial } => write!(f, "probation passed ({trial}); nothing was changed"),
+            Self::Refused(refusal) => write!(f, "refused, the owner was never touched: {refusal}"),
+            Self::RolledBack(refusal) => write!(f, "rolled back, the former owner owns again: {refusal}"),
+        }
+    }
+}
+
+/// Why a swap failed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Refusal {
+    /// Another swap of this process is under way.
+    Busy,
+    /// The process does not run.
+    NotRunning,
+    /// The candidate ended.
+    Ended(Exit),
+    /// The candidate did not reach its loop in time.
+    NeverUp,
+    /// The candidate fell silent.
+    Silent,
+    /// Too many cycles over budget.
+    OverBudget(Trial),
+    /// Outputs that no consumer could use.
+    Implausible(Trial),
+    /// Too few or too many outputs.
+    Outputs(Trial),
+    /// The candidate had nothing to do, or too little.
+    TooFewCycles(Trial),
+    /// The owner died meanwhile and is being restarted.
+    OwnerDied,
+    /// The system stops.
+    Stopping,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Busy => f.write_str("another swap of this process is under way"),
+            Self::NotRunning => f.write_str("the process does not run"),
+            Self::Ended(exit) => write!(f, "the candidate ended with {exit}"),
+            Self::NeverUp => f.write_str("the candidate did not reach its loop within its start grace"),
+            Self::Silent => f.write_str("the candidate fell silent"),
+            Self::OverBudget(trial) => write!(f, "the candidate is too slow: {trial}"),
+            Self::Implausible(trial) => write!(f, "the candidate's outputs cannot be used: {trial}"),
+            Self::Outputs(trial) => write!(
+                f,
+                "the candidate's outputs differ in number from the owner's: {trial}"
+            ),
+            Self::TooFewCycles(trial) => write!(f, "the candidate had too little to do: {trial}"),
+            Self::OwnerDied => f.write_str("the owner died meanwhile and is restarted"),
+            Self::Stopping => f.write_str("the system stops"),
+        }
+    }
+}
+
+/// What a probation has shown so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Trial {
+    /// Cycles the candidate has run.
+    pub cycles: u64,
+    /// Of those, over budget.
+    pub misses: u64,
+    /// Its longest cycle (us).
+    pub worst_us: u32,
+    /// Its outputs.
+    pub outputs: u64,
+    /// Of those, unusable.
+    pub implausible: u64,
+    /// The owner's outputs in the same time.
+    pub owner_outputs: u64,
+}
+
+impl fmt::Display for Trial {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "{} cycles, {} over budget, longest {:.1} ms; {} outputs ({} unusable) beside {} of the owner",
+            self.cycles,
+            self.misses,
+            f64::from(self.worst_us) * 1e-3,
+            self.outputs,
+            self.implausible,
+            self.owner_outputs
+        )
+    }
+}
+
+/// What a probation says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Judgement {
+    Goes,
+    Passed(Trial),
+    Failed(Refusal),
+}
+
+impl Trial {
+    fn between(begin: &(Heartbeat, Heartbeat), candidate: &Heartbeat, owner: &Heartbeat) -> Self {
+        let (candidate_then, owner_then) = begin;
+        Self {
+            cycles: candidate.cycles.saturating_sub(candidate_then.cycles),
+            misses: candidate
+                .budget_misses
+                .saturating_sub(candidate_then.budget_misses),
+            worst_us: candidate.cycle_max_us,
+            outputs: candidate.outputs.saturating_sub(candidate_then.outputs),
+            implausible: candidate
+                .implausible_outputs
+                .saturating_sub(candidate_then.implausible_outputs),
+            owner_outputs: owner.outputs.saturating_sub(owner_then.outputs),
+        }
+    }
+
+    fn outputs_agree(&self) -> bool {
+        let share = self.outputs as f64 / self.owner_outputs.max(1) as f64;
+        self.owner_outputs < OUTPUTS_MIN || (OUTPUTS_SHARE..=1.0 / OUTPUTS_SHARE).contains(&share)
+    }
+}
+
+impl Swap {
+    /// Judges a probation at `now`.
+    pub(crate) fn judge(&self, now: Timestamp, candidate: &Heartbeat, owner: &Heartbeat) -> Judgement {
+        let Some(begin) = &self.begin else {
+            return Judgement::Goes;
+        };
+        let trial = Trial::between(begin, candidate, owner);
+        let elapsed_s = now.seconds_since(self.since);
+        let misses_max = 1 + (self.cycles.max(trial.cycles) as f64 * MISSES_SHARE) as u64;
+        if trial.implausible > 0 {
+            Judgement::Failed(Refusal::Implausible(trial))
+        } else if trial.misses > misses_max {
+            Judgement::Failed(Refusal::OverBudget(trial))
+        } else if trial.cycles >= self.cycles && elapsed_s >= PROBATION_MIN_S {
+            if trial.outputs_agree() {
+                Judgement::Passed(trial)
+            } else {
+                Judgement::Failed(Refusal::Outputs(trial))
+            }
+        } else if elapsed_s > PROBATION_MAX_S {
+            Judgement::Failed(Refusal::TooFewCycles(trial))
+        } else {
+            Judgement::Goes
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Judgement, PROBATION_CYCLES, Refusal, Swap};
+    use jink_shared_types::Timestamp;
+    use jink_shared_types::health::{Heartbeat, SwapPhase};
+
+    fn beat(cycles: u64, misses: u64, outputs: u64, implausible: u64) -> Heartbeat {
+        Heartbeat {
+            cycles,
+            budget_misses: misses,
+            outputs,
+            implausible_outputs: implausible,
+            ..Heartbeat::default()
+        }
+    }
+
+    fn judge(after_s: f64, candidate: Heartbeat, owner_outputs: u64) -> Judgement {
+        let since = Timestamp::from_seconds(10.0);
+        let swap = Swap {
+            phase: SwapPhase::Probation,
+            cycles: PROBATION_CYCLES,
+            dry_run: false,
+            since,
+            begin: Some((beat(100, 7, 90, 0), beat(9_000, 0, 8_000, 0))),
+            from: Timestamp::NEVER,
+        };
+        let owner = beat(9_100, 0, 8_000 + owner_outputs, 0);
+        swap.judge(since.plus_seconds(after_s), &candidate, &owner)
+    }
+
+    #[test]
+    fn a_good_candidate_passes_after_its_cycles_and_not_before() {
+        assert_eq!(judge(5.0, beat(149, 7, 139, 0), 50), Judgement::Goes);
+        assert_eq!(judge(0.5, beat(160, 7, 150, 0), 60), Judgement::Goes);
+        assert!(
+            matches!(judge(5.0, beat(150, 8, 140, 0), 50), Judgement::Passed(trial) if trial.misses == 1)
+        );
+    }
+
+    #[test]
+    fn a_slow_a_garbled_a_mute_and_an_idle_candidate_fail_for_their_own_reasons() {
+        let slow = judge(2.0, beat(120, 11, 110, 0), 20);
+        assert!(
+            matches!(slow, Judgement::Failed(Refusal::OverBudget(_))),
+            "{slow:?}"
+        );
+        let garbled = judge(0.2, beat(103, 7, 93, 1), 3);
+        assert!(
+            matches!(garbled, Judgement::Failed(Refusal::Implausible(_))),
+            "{garbled:?}"
+        );
+        let mute = judge(5.0, beat(160, 7, 91, 0), 60);
+        assert!(matches!(mute, Judgement::Failed(Refusal::Outputs(_))), "{mute:?}");
+        let idle = judge(61.0, beat(110, 7, 100, 0), 600);
+        assert!(
+            matches!(idle, Judgement::Failed(Refusal::TooFewCycles(_))),
+            "{idle:?}"
+        );
+    }
+}
