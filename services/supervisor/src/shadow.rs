@@ -39,6 +39,8 @@ pub const WATCH_S: f64 = 2.0;
 const SILENT_TIMES: f64 = 5.0;
 
 /// What a second instance is for.
+// One per process, never in a list: the largest variant may be large.
+#[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Kind {
     /// Takes over when the owner dies.
