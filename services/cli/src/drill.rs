@@ -1,6 +1,7 @@
-//! Fault drills of a demonstration: which process to kill when, as written on the command line.
+//! Fault drills of a flight: what is done to which process when, as written on the command line or drawn by lot.
 
 use jink_shared_types::params::nearest;
+use serde::Serialize;
 use std::fmt;
 use std::str::FromStr;
 
@@ -13,13 +14,72 @@ const SHORT_NAMES: [(&str, &str); 5] = [
     ("sensor", "sensors"),
 ];
 
-/// One process to be killed.
+/// What is done to a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Fault {
+    /// SIGKILL.
+    Kill,
+    /// SIGSTOP: it hangs.
+    Stop,
+    /// It is stopped for most of every tenth of a second, for two seconds: late, but never silent.
+    Slow,
+    /// It is swapped for a fresh instance of its own program.
+    Swap,
+    /// Bytes that are no MAVLink on the link, thousands of them.
+    Garbage,
+}
+
+impl Fault {
+    /// All of them with their names.
+    pub const NAMES: [(&'static str, Self); 5] = [
+        ("kill", Self::Kill),
+        ("stop", Self::Stop),
+        ("slow", Self::Slow),
+        ("swap", Self::Swap),
+        ("garbage", Self::Garbage),
+    ];
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = Self::NAMES.iter().find(|(_, fault)| fault == self);
+        f.write_str(name.map_or("", |(name, _)| name))
+    }
+}
+
+impl FromStr for Fault {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let known = Self::NAMES.iter().find(|(name, _)| *name == text);
+        known.map(|(_, fault)| *fault).ok_or_else(|| {
+            let names = Self::NAMES.map(|(name, _)| name);
+            format!("no fault is called {text:?}; choose of {}", names.join(", "))
+        })
+    }
+}
+
+/// From when a drill's time counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Since {
+    /// From the start of the mission.
+    Mission,
+    /// From the moment the motors are armed: take-off included.
+    Armed,
+}
+
+/// One fault to be.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Kill {
-    /// Its name in the process table.
+pub struct Drill {
+    /// What is done.
+    pub fault: Fault,
+    /// To whom: a name of the process table.
     pub process: String,
-    /// When, after the start of the mission (s).
+    /// When (s).
     pub at_s: f64,
+    /// From when that counts.
+    pub since: Since,
 }
 
 /// Why a drill cannot be understood.
@@ -50,7 +110,7 @@ impl fmt::Display for KillError {
 }
 impl std::error::Error for KillError {}
 
-impl Kill {
+impl Drill {
     /// Whether each of `kills` is that of a process in `names`.
     ///
     /// # Errors
@@ -68,7 +128,7 @@ impl Kill {
     }
 }
 
-impl FromStr for Kill {
+impl FromStr for Drill {
     type Err = KillError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
@@ -83,6 +143,8 @@ impl FromStr for Kill {
         let at_s = at_s.filter(|at_s: &f64| at_s.is_finite() && *at_s >= 0.0);
         let short = SHORT_NAMES.iter().find(|(short, _)| *short == name);
         Ok(Self {
+            fault: Fault::Kill,
+            since: Since::Mission,
             process: short.map_or(name, |(_, full)| full).to_owned(),
             at_s: at_s.ok_or_else(|| KillError::Time {
                 text: time.to_owned(),
@@ -93,7 +155,7 @@ impl FromStr for Kill {
 
 #[cfg(test)]
 mod tests {
-    use super::Kill;
+    use super::Drill;
 
     #[test]
     fn short_and_full_names_are_understood() {
@@ -103,7 +165,7 @@ mod tests {
             ("mavlink_gateway@0", "mavlink_gateway", 0.0),
             ("sensor@1s", "sensors", 1.0),
         ] {
-            let kill: Kill = text.parse().unwrap();
+            let kill: Drill = text.parse().unwrap();
             assert_eq!((kill.process.as_str(), kill.at_s), (process, at_s));
         }
     }
@@ -111,7 +173,7 @@ mod tests {
     #[test]
     fn only_processes_of_the_table_can_be_killed() {
         let names = ["planner", "sensors"].map(str::to_owned);
-        let check = |text: &str| Kill::check(&[text.parse().unwrap()], &names);
+        let check = |text: &str| Drill::check(&[text.parse().unwrap()], &names);
         assert_eq!(check("sensor@1s"), Ok(()));
         let error = check("planer@1s").unwrap_err();
         let said = "there is no process \"planer\"; did you mean \"planner\"? There are planner, sensors";
@@ -128,7 +190,7 @@ mod tests {
             "planner@soon",
             "planner@NaNs",
         ] {
-            let message = bad.parse::<Kill>().unwrap_err().to_string();
+            let message = bad.parse::<Drill>().unwrap_err().to_string();
             assert!(message.contains("e.g. "), "{message}");
         }
     }

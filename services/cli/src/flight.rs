@@ -1,5 +1,6 @@
 //! The course of a demonstration flight: what the simulation and the gateway said, and the summary of it.
 
+use crate::drill::Fault;
 use crate::report::{StageLatency, round};
 use jink_shared_types::STAGES;
 use jink_shared_types::health::Histogram;
@@ -70,19 +71,58 @@ impl Outcome {
     }
 }
 
-/// A process that was killed during the flight, and what came of it.
+/// A fault during the flight, and what came of it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct KillRecord {
-    /// The process.
+pub struct FaultRecord {
+    /// What was done.
+    pub fault: Fault,
+    /// To which process.
     pub process: String,
-    /// When, after the start of the mission (s).
+    /// When, after the start of the mission (s); negative before.
     pub at_s: f64,
-    /// From its death to the first heartbeat of its replacement's loop (ms); `None` = it did not come back in time.
+    /// In which mode of the autopilot.
+    pub phase: String,
+    /// The process works (again): of a kill or a stop that its replacement was heard, of a swap that it was made.
+    pub survived: bool,
+    /// Of a hang: from its begin until it was seen (ms), as far as looking fifty times a second can tell.
+    pub detection_ms: Option<f64>,
+    /// From the death, or the detection, to the first heartbeat of the replacement's loop (ms).
     pub recovery_ms: Option<f64>,
+    /// Largest time between two setpoints from the fault until a second and a half after its end (ms).
+    pub gap_ms: f64,
+    /// Contacts with obstacles meanwhile.
+    pub collisions: u32,
+    /// Falls of the autopilot to Hold meanwhile.
+    pub holds: u32,
     /// Where the vehicle was, north of the start (m).
     pub north_m: f64,
     /// Where the vehicle was, east of the start (m).
     pub east_m: f64,
+}
+
+impl FaultRecord {
+    /// For people.
+    pub fn line(&self) -> String {
+        let came_of_it = match (self.fault, self.recovery_ms, self.survived) {
+            (Fault::Kill | Fault::Stop, Some(ms), _) => format!("back after {ms:.0} ms"),
+            (Fault::Kill | Fault::Stop, None, _) => "did not come back".to_owned(),
+            (Fault::Swap, _, false) => "refused".to_owned(),
+            _ => "done".to_owned(),
+        };
+        format!(
+            "{} of {} at {:.1} s: {came_of_it}, largest gap {:.0} ms",
+            self.fault, self.process, self.at_s, self.gap_ms
+        )
+    }
+}
+
+/// The stream of setpoints as the autopilot sees it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Stream {
+    setpoints: u64,
+    since_s: f64,
+    /// Largest gap since it was asked for last (s).
+    gap_s: f64,
 }
 
 /// What was heard of the flight so far.
@@ -93,6 +133,8 @@ pub struct FlightLog {
     mission_began_s: Option<f64>,
     /// The newest figures of each start of the gateway: they count from its start.
     links: BTreeMap<u32, LinkStatus>,
+    armed_s: Option<f64>,
+    stream: Stream,
 }
 
 impl FlightLog {
@@ -101,11 +143,36 @@ impl FlightLog {
         if self.mission_began_s.is_none() && truth.armed.is_set() && truth.mode == NavMode::Mission {
             self.mission_began_s = Some(truth.time_s);
         }
+        if self.armed_s.is_none() && truth.armed.is_set() {
+            self.armed_s = Some(truth.time_s);
+        }
+        self.see_stream(truth);
         let point = CoursePoint::of(truth);
         if self.course.last().is_none_or(|last| point.is_apart(last)) {
             self.course.push(point);
         }
         self.truth = Some(*truth);
+    }
+
+    fn see_stream(&mut self, truth: &SimTruth) {
+        let stream = &mut self.stream;
+        // On the ground, and where a pilot flies, nobody waits for setpoints.
+        let counts = truth.armed.is_set() && truth.mode.get().is_automatic();
+        if truth.setpoints != stream.setpoints || !counts {
+            stream.setpoints = truth.setpoints;
+            stream.since_s = truth.time_s;
+        }
+        stream.gap_s = stream.gap_s.max(truth.time_s - stream.since_s);
+    }
+
+    /// Largest time without a setpoint since this was asked last (s), to a step of the simulation.
+    pub fn take_gap_s(&mut self) -> f64 {
+        std::mem::take(&mut self.stream.gap_s)
+    }
+
+    /// Time since the motors were armed (s); `None` = not yet.
+    pub fn armed_time_s(&self) -> Option<f64> {
+        Some(self.truth.as_ref()?.time_s - self.armed_s?)
     }
 
     /// Takes the gateway's figures; `generation` tells its starts apart.
@@ -169,7 +236,7 @@ impl FlightLog {
         world: &str,
         seed: u64,
         restarts: u32,
-        kills: Vec<KillRecord>,
+        faults: Vec<FaultRecord>,
     ) -> Summary {
         let mut latency = Histogram::default();
         let mut stages = [Histogram::default(); STAGES];
@@ -203,7 +270,7 @@ impl FlightLog {
             latency_max_ms: round(f64::from(latency.max_us) * 1e-3),
             latency_stages: StageLatency::of(&stages),
             restarts,
-            kills,
+            faults,
             machine_stall_max_ms: 0.0,
             machine_stolen_ms: 0.0,
         }
@@ -247,8 +314,8 @@ pub struct Summary {
     pub latency_stages: Vec<StageLatency>,
     /// Restarts of processes.
     pub restarts: u32,
-    /// Processes killed on purpose.
-    pub kills: Vec<KillRecord>,
+    /// What was done to it on purpose.
+    pub faults: Vec<FaultRecord>,
     /// The longest time by which the machine woke an idle thread late (ms): what no flight code can make up for.
     pub machine_stall_max_ms: f64,
     /// Time that the hypervisor gave to others meanwhile (ms).
@@ -298,11 +365,8 @@ impl Summary {
             // Writing into a string cannot fail.
             let _infallible = writeln!(out, "{line}");
         }
-        for kill in &self.kills {
-            let back = kill.recovery_ms.map_or("did not come back".to_owned(), |ms| {
-                format!("back after {ms:.0} ms")
-            });
-            let _infallible = writeln!(out, "  {} killed at {:.1} s, {back}", kill.process, kill.at_s);
+        for fault in &self.faults {
+            let _infallible = writeln!(out, "  {}", fault.line());
         }
         out
     }
@@ -310,7 +374,8 @@ impl Summary {
 
 #[cfg(test)]
 mod tests {
-    use super::{FlightLog, KillRecord, Outcome};
+    use super::{FaultRecord, FlightLog, Outcome};
+    use crate::drill::Fault;
     use jink_shared_types::coded::{Coded, Flag};
     use jink_shared_types::frames::Point;
     use jink_shared_types::link::LinkStatus;
@@ -380,10 +445,17 @@ mod tests {
         let mut log = FlightLog::default();
         log.see_truth(&truth(2.0, 0.0));
         log.see_truth(&truth(30.0, 40.0));
-        let kill = KillRecord {
+        let kill = FaultRecord {
+            fault: Fault::Kill,
             process: "planner".to_owned(),
             at_s: 8.0,
+            phase: "mission".to_owned(),
+            survived: true,
+            detection_ms: None,
             recovery_ms: Some(57.0),
+            gap_ms: 52.0,
+            collisions: 0,
+            holds: 0,
             north_m: 10.0,
             east_m: 0.0,
         };
@@ -394,7 +466,7 @@ mod tests {
         assert_eq!(json["mean_speed_mps"], 2.8);
         assert_eq!(json["setpoint_max_gap_ms"], 61.0);
         assert_eq!(json["flight_time_s"], 28.0);
-        assert_eq!(json["kills"][0]["recovery_ms"], 57.0);
+        assert_eq!(json["faults"][0]["recovery_ms"], 57.0);
         for key in [
             "collisions",
             "latency_p50_ms",
@@ -408,7 +480,7 @@ mod tests {
         assert!(
             summary
                 .text()
-                .contains("planner killed at 8.0 s, back after 57 ms")
+                .contains("kill of planner at 8.0 s: back after 57 ms, largest gap 52 ms")
         );
     }
 

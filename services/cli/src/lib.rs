@@ -9,6 +9,7 @@
 //! | [`drill`] | `planner@8s` | which process to kill when |
 //! | [`picture`] | world, course, sensed points | the flight from above as SVG |
 
+pub mod chaos;
 pub mod drill;
 pub mod flight;
 pub mod narrate;

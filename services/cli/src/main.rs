@@ -36,6 +36,8 @@ enum Command {
     World(cmd::world::Args),
     /// Fly a mission in a virtual world
     Demo(cmd::demo::Args),
+    /// Fly missions with faults at random times
+    Chaos(cmd::chaos::Args),
 }
 
 fn main() -> ExitCode {
@@ -50,6 +52,7 @@ fn main() -> ExitCode {
         Command::Restart(args) => cmd::ask::restart(&cli.instance, &args),
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),
         Command::World(args) => cmd::world::run(&args),
+        Command::Chaos(args) => cmd::chaos::run(&args),
         Command::Demo(args) => cmd::demo::run(&cli.instance, &args),
     };
     outcome.unwrap_or_else(|problem| {

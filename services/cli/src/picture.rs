@@ -4,7 +4,7 @@ mod world;
 
 pub use world::{Bounds, Cylinder, Place, Sphere, World, YawedBox};
 
-use crate::flight::{CoursePoint, KillRecord};
+use crate::flight::{CoursePoint, FaultRecord};
 use std::fmt::Write;
 
 /// Pixels per metre.
@@ -27,8 +27,8 @@ pub struct Scene<'a> {
     pub course: &'a [CoursePoint],
     /// Centres of cells that were seen occupied near the height of flight: north, east (m).
     pub sensed: &'a [(f64, f64)],
-    /// Processes killed under way.
-    pub kills: &'a [KillRecord],
+    /// What was done to the system on the way.
+    pub faults: &'a [FaultRecord],
     /// One line above it all.
     pub title: &'a str,
 }
@@ -43,7 +43,7 @@ pub fn svg(scene: &Scene<'_>) -> String {
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {w:.0} {h:.0}\" width=\"{w:.0}\" height=\"{h:.0}\" \
              font-family=\"sans-serif\" font-size=\"13\">",
             w = frame.width,
-            h = frame.height + FOOTER + LINE * scene.kills.len() as f64
+            h = frame.height + FOOTER + LINE * scene.faults.len() as f64
         ),
     );
     out.push_str("<rect width=\"100%\" height=\"100%\" fill=\"#fcfcfa\"/>\n");
@@ -57,7 +57,7 @@ pub fn svg(scene: &Scene<'_>) -> String {
         .fold(0.0, f64::max);
     course(&mut out, &frame, scene.course, fastest_mps);
     ends(&mut out, &frame, scene.world);
-    kills(&mut out, &frame, scene.kills);
+    faults(&mut out, &frame, scene.faults);
     legend(&mut out, &frame, fastest_mps);
     put(
         &mut out,
@@ -229,11 +229,11 @@ fn ends(out: &mut String, frame: &Frame, world: &World) {
     }
 }
 
-/// A numbered cross where a process was killed; what became of it is listed below the picture.
-fn kills(out: &mut String, frame: &Frame, kills: &[KillRecord]) {
-    for (index, kill) in kills.iter().enumerate() {
+/// A numbered cross where a fault was made; what became of it is listed below the picture.
+fn faults(out: &mut String, frame: &Frame, faults: &[FaultRecord]) {
+    for (index, fault) in faults.iter().enumerate() {
         let number = index + 1;
-        let (x, y) = frame.at(kill.north_m, kill.east_m);
+        let (x, y) = frame.at(fault.north_m, fault.east_m);
         put(
             out,
             format_args!(
@@ -245,16 +245,12 @@ fn kills(out: &mut String, frame: &Frame, kills: &[KillRecord]) {
                 y + 18.0,
             ),
         );
-        let back = kill
-            .recovery_ms
-            .map_or("not back".to_owned(), |ms| format!("back in {ms:.0} ms"));
         put(
             out,
             format_args!(
-                "<text x=\"12\" y=\"{:.1}\"><tspan font-weight=\"bold\">{number}</tspan> {} killed at {:.1} s, {back}</text>",
+                "<text x=\"12\" y=\"{:.1}\"><tspan font-weight=\"bold\">{number}</tspan> {}</text>",
                 frame.height + FOOTER + LINE * index as f64 + 10.0,
-                escaped(&kill.process),
-                kill.at_s
+                escaped(&fault.line()),
             ),
         );
     }
@@ -307,7 +303,8 @@ fn legend(out: &mut String, frame: &Frame, fastest_mps: f64) {
 #[cfg(test)]
 mod tests {
     use super::{Scene, World, svg};
-    use crate::flight::{CoursePoint, KillRecord};
+    use crate::drill::Fault;
+    use crate::flight::{CoursePoint, FaultRecord};
 
     const WORLD: &str = r#"{
         "world": "forest", "seed": 7,
@@ -331,10 +328,17 @@ mod tests {
     #[test]
     fn everything_that_happened_is_in_the_picture() {
         let world: World = serde_json::from_str(WORLD).unwrap();
-        let kill = KillRecord {
+        let kill = FaultRecord {
+            fault: Fault::Kill,
             process: "planner".to_owned(),
             at_s: 3.0,
+            phase: "mission".to_owned(),
+            survived: true,
+            detection_ms: None,
             recovery_ms: Some(58.0),
+            gap_ms: 52.0,
+            collisions: 0,
+            holds: 0,
             north_m: 9.0,
             east_m: 0.0,
         };
@@ -342,7 +346,7 @@ mod tests {
             world: &world,
             course: &[point(0.0, 0.0), point(5.0, 1.5), point(10.0, 3.0)],
             sensed: &[(9.5, 1.1)],
-            kills: &[kill],
+            faults: &[kill],
             title: "forest <7>",
         });
         // 3 m of margin beyond the bounds, 16 pixels per metre: the tree's centre and radius.
@@ -356,7 +360,7 @@ mod tests {
         for text in [
             "start",
             "goal",
-            "planner killed at 3.0 s, back in 58 ms",
+            "kill of planner at 3.0 s: back after 58 ms, largest gap 52 ms",
             "10 m",
             "speed 0 to 3.0 m/s",
             "forest &lt;7&gt;",
@@ -374,7 +378,7 @@ mod tests {
             world: &world,
             course: &[],
             sensed: &[],
-            kills: &[],
+            faults: &[],
             title: "",
         });
         assert!(picture.contains("speed 0 to 0.0 m/s") && !picture.contains("NaN"));

@@ -1,6 +1,7 @@
 //! The commands, and what they share.
 
 pub mod ask;
+pub mod chaos;
 pub mod demo;
 pub mod down;
 pub mod places;

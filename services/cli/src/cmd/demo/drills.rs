@@ -1,77 +1,232 @@
-//! Carries out the kills that were asked for and sees what becomes of them.
+//! Carries out the faults that were asked for and sees what becomes of them.
 
-use jink_cli::drill::Kill;
-use jink_cli::flight::KillRecord;
+use crate::cmd::ask;
+use jink_cli::drill::{Drill, Fault, Since};
+use jink_cli::flight::FaultRecord;
 use jink_cli::report::round;
+use jink_runtime::Instance;
+use jink_runtime::request::Request;
 use jink_shared_types::health::{ProcessStatus, ServiceState, SystemStatus};
 use jink_shared_types::truth::SimTruth;
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use std::net::UdpSocket;
+use std::os::fd::OwnedFd;
+use std::sync::mpsc::{Receiver, channel};
 
-/// Kills still to come, under way and done.
+/// How long a slowed process stays slow (s).
+const SLOW_S: f64 = 2.0;
+/// Of every so many looks, a slowed process is stopped for all but the last two: 60 of 100 ms.
+const SLOW_LOOKS: u64 = 5;
+/// From the end of a fault on, this long is still put down to it (s).
+const AFTERMATH_S: f64 = 1.5;
+/// A fault whose end nobody sees is given up after this long (s).
+const PATIENCE_S: f64 = 20.0;
+/// Garbage datagrams, and their size (bytes).
+const GARBAGE: [usize; 2] = [2_000, 700];
+
+/// What a drill can see of the flight.
+#[derive(Clone, Copy, Debug)]
+pub struct View<'a> {
+    /// Time since the start of the mission (s).
+    pub mission_time_s: Option<f64>,
+    /// Time since the motors were armed (s).
+    pub armed_time_s: Option<f64>,
+    /// Where the vehicle is.
+    pub truth: &'a SimTruth,
+    /// The processes.
+    pub status: &'a SystemStatus,
+    /// Largest time without a setpoint since the last look (s).
+    pub gap_s: f64,
+}
+
+/// A fault that was made.
+#[derive(Debug)]
+struct Open {
+    record: FaultRecord,
+    /// The process before.
+    before: ProcessStatus,
+    /// Simulated time of its begin, and of its end if that was seen (s).
+    begin_s: f64,
+    end_s: Option<f64>,
+    collisions: u32,
+    holds: u32,
+    /// Of a slow process: its handle.
+    slowed: Option<OwnedFd>,
+    /// Of a swap: its last answer.
+    swap: Option<Receiver<bool>>,
+}
+
+/// Faults still to come, under way and done.
 #[derive(Debug)]
 pub struct Drills {
-    planned: Vec<Kill>,
-    /// With the restarts of the process before it was killed.
-    open: Vec<(KillRecord, u32)>,
-    done: Vec<KillRecord>,
+    planned: Vec<Drill>,
+    open: Vec<Open>,
+    done: Vec<FaultRecord>,
+    looks: u64,
+    instance: Instance,
+    link_port: u16,
 }
 
 impl Drills {
-    /// In order of time.
-    pub fn new(mut planned: Vec<Kill>) -> Self {
-        planned.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+    /// For the flight of `instance`, whose gateway listens on UDP port `link_port`.
+    pub fn new(planned: Vec<Drill>, instance: Instance, link_port: u16) -> Self {
         Self {
             planned,
             open: Vec::new(),
             done: Vec::new(),
+            looks: 0,
+            instance,
+            link_port,
         }
     }
 
-    /// Kills what is due and notices who is back; answers what to tell of the kills.
-    pub fn step(&mut self, mission_time_s: f64, truth: &SimTruth, status: &SystemStatus) -> Vec<String> {
+    /// Makes what is due and notices what has ended; answers what to tell of it.
+    pub fn step(&mut self, view: &View<'_>) -> Vec<String> {
         let mut news = Vec::new();
-        while self
-            .planned
-            .first()
-            .is_some_and(|kill| kill.at_s <= mission_time_s)
-        {
-            let kill = self.planned.remove(0);
-            match find(status, &kill.process) {
-                Some(process) if send_kill(process.pid) => {
-                    news.push(format!(
-                        "killed {} (process id {}) at {mission_time_s:.1} s",
-                        kill.process, process.pid
-                    ));
-                    let record = KillRecord {
-                        process: kill.process,
-                        at_s: round(mission_time_s),
-                        recovery_ms: None,
-                        north_m: round(truth.position.x_m),
-                        east_m: round(truth.position.y_m),
-                    };
-                    self.open.push((record, process.restarts));
-                }
-                _ => news.push(format!("{} does not run: not killed", kill.process)),
-            }
+        let is_due = |drill: &Drill| {
+            let time_s = match drill.since {
+                Since::Mission => view.mission_time_s,
+                Since::Armed => view.armed_time_s,
+            };
+            time_s.is_some_and(|time_s| drill.at_s <= time_s)
+        };
+        let (due, planned) = std::mem::take(&mut self.planned).into_iter().partition(is_due);
+        self.planned = planned;
+        for drill in Vec::<Drill>::from(due) {
+            news.push(self.begin(&drill, view));
         }
-        let (back, open): (Vec<_>, Vec<_>) = std::mem::take(&mut self.open)
-            .into_iter()
-            .partition(|(record, before)| is_back(status, record, *before));
-        self.open = open;
-        for (mut record, _) in back {
-            let recovery_us = find(status, &record.process).map_or(0, |process| process.recovery_us);
-            record.recovery_ms = Some(f64::from(recovery_us) / 1e3);
-            self.done.push(record);
+        self.looks += 1;
+        let open = std::mem::take(&mut self.open);
+        for mut one in open {
+            one.look(self.looks, view);
+            if one.is_over(view) {
+                news.push(one.record.line());
+                self.done.push(one.record);
+            } else {
+                self.open.push(one);
+            }
         }
         news
     }
 
     /// Everything that was done.
-    pub fn into_records(self) -> Vec<KillRecord> {
+    pub fn into_records(self) -> Vec<FaultRecord> {
         let mut records = self.done;
-        records.extend(self.open.into_iter().map(|(record, _)| record));
+        records.extend(self.open.into_iter().map(|open| open.record));
         records.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         records
+    }
+
+    fn begin(&mut self, drill: &Drill, view: &View<'_>) -> String {
+        let Some(process) = find(view.status, &drill.process).filter(|process| process.pid != 0) else {
+            return format!("{} does not run: spared", drill.process);
+        };
+        let Some(handle) = handle_of(process.pid) else {
+            return format!("{} has just gone: spared", drill.process);
+        };
+        let (mut slowed, mut swap) = (None, None);
+        let made = match drill.fault {
+            Fault::Kill => pidfd_send_signal(&handle, Signal::KILL).is_ok(),
+            Fault::Stop => pidfd_send_signal(&handle, Signal::STOP).is_ok(),
+            Fault::Slow => {
+                slowed = Some(handle);
+                true
+            }
+            Fault::Swap => {
+                swap = Some(begin_swap(&self.instance, &drill.process));
+                true
+            }
+            Fault::Garbage => send_garbage(self.link_port),
+        };
+        if !made {
+            return format!("{} of {} could not be made", drill.fault, drill.process);
+        }
+        let at_s = view.mission_time_s.unwrap_or(0.0);
+        self.open.push(Open {
+            record: FaultRecord {
+                fault: drill.fault,
+                process: drill.process.clone(),
+                at_s: round(at_s),
+                phase: view.truth.mode.get().to_string(),
+                survived: false,
+                detection_ms: None,
+                recovery_ms: None,
+                gap_ms: 0.0,
+                collisions: 0,
+                holds: 0,
+                north_m: round(view.truth.position.x_m),
+                east_m: round(view.truth.position.y_m),
+            },
+            before: *process,
+            begin_s: view.truth.time_s,
+            end_s: None,
+            collisions: view.truth.collisions,
+            holds: view.truth.hold_count,
+            slowed,
+            swap,
+        });
+        format!(
+            "{} of {} (process id {}) at {at_s:.1} s",
+            drill.fault, drill.process, process.pid
+        )
+    }
+}
+
+impl Open {
+    fn look(&mut self, looks: u64, view: &View<'_>) {
+        let time_s = view.truth.time_s;
+        self.record.gap_ms = round((view.gap_s * 1e3).max(self.record.gap_ms));
+        self.record.collisions = view.truth.collisions - self.collisions;
+        self.record.holds = view.truth.hold_count.saturating_sub(self.holds);
+        if self.end_s.is_some() {
+            return;
+        }
+        let now = find(view.status, &self.record.process);
+        let replaced = now.is_some_and(|now| now.pid != self.before.pid || now.state == ServiceState::Dead);
+        let works = now.is_some_and(|now| {
+            now.restarts > self.before.restarts
+                && now.recovery_us > 0
+                && matches!(now.state.get(), ServiceState::Active | ServiceState::Standby)
+        });
+        let over = match self.record.fault {
+            Fault::Kill | Fault::Stop => {
+                if self.record.fault == Fault::Stop && replaced && self.record.detection_ms.is_none() {
+                    self.record.detection_ms = Some(round((time_s - self.begin_s) * 1e3));
+                }
+                self.record.survived = works;
+                self.record.recovery_ms = now.filter(|_| works).map(|now| f64::from(now.recovery_us) * 1e-3);
+                works
+            }
+            Fault::Slow => {
+                let over = time_s - self.begin_s >= SLOW_S;
+                if let Some(handle) = &self.slowed {
+                    let runs = over || looks % SLOW_LOOKS >= SLOW_LOOKS - 2;
+                    let signal = if runs { Signal::CONT } else { Signal::STOP };
+                    let _replaced_meanwhile = pidfd_send_signal(handle, signal);
+                }
+                self.record.survived = over;
+                over
+            }
+            Fault::Swap => match self.swap.as_ref().and_then(|answer| answer.try_recv().ok()) {
+                Some(good) => {
+                    self.record.survived = good;
+                    true
+                }
+                None => false,
+            },
+            Fault::Garbage => {
+                self.record.survived = now.is_some_and(|now| now.pid == self.before.pid);
+                true
+            }
+        };
+        if over || time_s - self.begin_s > PATIENCE_S {
+            self.end_s = Some(time_s);
+        }
+    }
+
+    fn is_over(&self, view: &View<'_>) -> bool {
+        self.end_s
+            .is_some_and(|end_s| view.truth.time_s - end_s >= AFTERMATH_S)
     }
 }
 
@@ -82,17 +237,47 @@ fn find<'a>(status: &'a SystemStatus, name: &str) -> Option<&'a ProcessStatus> {
         .find(|process| process.heartbeat.name.as_str() == name)
 }
 
-fn is_back(status: &SystemStatus, record: &KillRecord, restarts_before: u32) -> bool {
-    find(status, &record.process).is_some_and(|process| {
-        let works = matches!(process.state.get(), ServiceState::Active | ServiceState::Standby);
-        process.restarts > restarts_before && works && process.recovery_us > 0
-    })
+fn handle_of(pid: u32) -> Option<OwnedFd> {
+    let pid = i32::try_from(pid).ok().and_then(Pid::from_raw)?;
+    pidfd_open(pid, PidfdFlags::empty()).ok()
 }
 
-fn send_kill(pid: u32) -> bool {
-    let handle = i32::try_from(pid)
-        .ok()
-        .and_then(Pid::from_raw)
-        .and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok());
-    handle.is_some_and(|handle| pidfd_send_signal(&handle, Signal::KILL).is_ok())
+/// A swap of `process` for its own program, in a thread: it takes seconds.
+fn begin_swap(instance: &Instance, process: &str) -> Receiver<bool> {
+    let (sender, receiver) = channel();
+    let socket = instance.request_socket();
+    let request = Request::Swap {
+        process: process.to_owned(),
+        program: None,
+        cycles: Some(20),
+        dry_run: false,
+    };
+    std::thread::spawn(move || {
+        let mut good = false;
+        let asked = ask::put(&socket, &request, |answer| good = answer.good);
+        // The flight may be over.
+        let _nobody_waits = sender.send(asked.is_ok() && good);
+    });
+    receiver
+}
+
+fn send_garbage(port: u16) -> bool {
+    let Ok(socket) = UdpSocket::bind(("127.0.0.1", 0)) else {
+        return false;
+    };
+    let [datagrams, bytes] = GARBAGE;
+    let mut random = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut datagram = vec![0u8; bytes];
+    for _ in 0..datagrams {
+        for byte in &mut datagram {
+            // xorshift64 (Marsaglia 2003).
+            random ^= random << 13;
+            random ^= random >> 7;
+            random ^= random << 17;
+            *byte = random as u8;
+        }
+        // What the kernel drops was garbage, too.
+        let _dropped = socket.send_to(&datagram, ("127.0.0.1", port));
+    }
+    true
 }

@@ -1,6 +1,6 @@
 //! The flight from the outside: look at shared memory fifty times a second until it is over.
 
-use super::drills::Drills;
+use super::drills::{Drills, View};
 use super::machine::MachineTimes;
 use super::pilot::Pilot;
 use super::sensed::Sensed;
@@ -8,7 +8,6 @@ use super::show::Show;
 use crate::cmd::supervisor::Supervisor;
 use crate::cmd::watch::Watch;
 use crate::cmd::{Interrupt, Problem};
-use jink_cli::drill::Kill;
 use jink_cli::flight::{FlightLog, Outcome, Summary};
 use jink_cli::narrate::Narrator;
 use jink_cli::report::round;
@@ -53,13 +52,13 @@ pub struct Flown {
 
 impl Flight {
     /// A flight that has not begun; `look_at_map` keeps what the system saw.
-    pub fn new(watch: Watch, look_at_map: bool, kills: Vec<Kill>) -> Result<Self, Problem> {
+    pub fn new(watch: Watch, look_at_map: bool, drills: Drills) -> Result<Self, Problem> {
         let session = watch.session();
         Ok(Self {
             truth: session.input(topics::SIM_TRUTH, "")?,
             sensed: look_at_map.then(|| Sensed::new(session)).transpose()?,
             log: FlightLog::default(),
-            drills: Drills::new(kills),
+            drills,
             narrator: Narrator::default(),
             status: None,
             done_since: None,
@@ -129,8 +128,8 @@ impl Flight {
     /// The figures of the flight that ended as `outcome`.
     pub fn end(self, outcome: Outcome, world: &str, seed: u64, machine: MachineTimes) -> Flown {
         let restarts = self.status.map_or(0, |status| status.restarts);
-        let kills = self.drills.into_records();
-        let mut summary = self.log.summary(&outcome, world, seed, restarts, kills);
+        let faults = self.drills.into_records();
+        let mut summary = self.log.summary(&outcome, world, seed, restarts, faults);
         summary.machine_stall_max_ms = round(machine.stall_max_ms);
         summary.machine_stolen_ms = round(machine.stolen_ms);
         Flown {
@@ -162,10 +161,16 @@ impl Flight {
     }
 
     fn drill(&mut self, show: &mut Show) {
-        if let (Some(time_s), Some(truth), Some(status)) =
-            (self.log.mission_time_s(), self.log.truth(), &self.status)
-        {
-            for line in self.drills.step(time_s, truth, status) {
+        let gap_s = self.log.take_gap_s();
+        if let (Some(truth), Some(status)) = (self.log.truth(), &self.status) {
+            let view = View {
+                mission_time_s: self.log.mission_time_s(),
+                armed_time_s: self.log.armed_time_s(),
+                truth,
+                status,
+                gap_s,
+            };
+            for line in self.drills.step(&view) {
                 show.news(&line);
             }
         }

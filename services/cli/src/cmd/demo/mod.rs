@@ -1,17 +1,18 @@
 //! `jink demo`: a whole system in an instance of its own, a mission through a virtual world, faults on request, figures.
 
 mod drills;
-mod fly;
+pub mod fly;
 mod machine;
 mod pilot;
 mod sensed;
-mod show;
+pub mod show;
 
 use super::supervisor::{StartOptions, Supervisor, world_overrides};
 use super::watch::Watch;
 use super::{DEFAULT_INSTANCE, EXIT_PROBLEM, Interrupt, Problem, places, world};
+use drills::Drills;
 use fly::{Flight, Flown};
-use jink_cli::drill::Kill;
+use jink_cli::drill::Drill;
 use jink_cli::flight::{Outcome, Summary};
 use jink_cli::picture::{Scene, World, svg};
 use jink_runtime::Instance;
@@ -21,11 +22,11 @@ use pilot::Pilot;
 use show::Show;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitCode};
+use std::process::{Command, ExitCode, ExitStatus};
 use std::time::Duration;
 
 /// What to fly.
-#[derive(Clone, Debug, clap::Args)]
+#[derive(Clone, Debug, Default, clap::Args)]
 #[command(after_help = "\
 Names for --kill: planner, fusion, bezier, guard, gateway, sensor, or any name of the process table.
 
@@ -48,7 +49,7 @@ pub struct Args {
     speed: Option<f64>,
     /// Kill a process so long after the start of the mission, e.g. planner@8s (repeatable)
     #[arg(long = "kill", value_name = "NAME@TIMEs")]
-    kills: Vec<Kill>,
+    kills: Vec<Drill>,
     /// Longest flight (s)
     #[arg(long, default_value_t = 180.0, value_name = "S")]
     timeout: f64,
@@ -69,6 +70,21 @@ pub struct Args {
     overrides: Vec<String>,
 }
 
+impl Args {
+    /// A flight of a campaign.
+    pub fn of_campaign(world: &str, seed: u64, config: Option<PathBuf>, overrides: Vec<String>) -> Self {
+        Self {
+            world: world.to_owned(),
+            seed,
+            timeout: 180.0,
+            headless: true,
+            config,
+            overrides,
+            ..Self::default()
+        }
+    }
+}
+
 /// Flies the demonstration, in an instance of its own unless `instance` names one.
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let programs = if args.build {
@@ -82,21 +98,22 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         .map(|_| describe_world(&programs, args))
         .transpose()?;
     let names = process_names(&places::config_folder(args.config.as_deref())?);
-    Kill::check(&args.kills, &names).map_err(Problem::Other)?;
+    Drill::check(&args.kills, &names).map_err(Problem::Other)?;
     let interrupt = Interrupt::listen()?;
     let instance = if instance.to_string() == DEFAULT_INSTANCE {
         own_instance()?
     } else {
         instance.clone()
     };
-    let ports = free_ports()?;
-    let mut supervisor = Supervisor::start(&instance, &options(args, &programs, ports)?)?;
     let mut show = Show::new(args.headless);
-    let flown = with_system(args, &programs, ports[1], &mut supervisor, &mut show, &interrupt);
-    show.finish();
-    // Whatever happened, the system is taken down before anything is said about it.
-    let stopped = supervisor.stop();
-    let flown = flown?;
+    let (flown, stopped) = fly_once(
+        args,
+        &programs,
+        &instance,
+        args.kills.clone(),
+        &mut show,
+        &interrupt,
+    )?;
     conclude(args, world.as_ref(), &flown)?;
     let good = flown.outcome == Outcome::Goal;
     match stopped {
@@ -111,6 +128,25 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         println!("{json}");
     }
     Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))
+}
+
+/// One flight of `args` with `drills`, in `instance`, from start to stop; its figures, and how the stop went.
+pub fn fly_once(
+    args: &Args,
+    programs: &Path,
+    instance: &Instance,
+    drills: Vec<Drill>,
+    show: &mut Show,
+    interrupt: &Interrupt,
+) -> Result<(Flown, Result<ExitStatus, Problem>), Problem> {
+    let ports = free_ports()?;
+    let mut supervisor = Supervisor::start(instance, &options(args, programs, ports)?)?;
+    let drills = Drills::new(drills, instance.clone(), ports[0]);
+    let flown = with_system(args, programs, ports[1], &mut supervisor, drills, show, interrupt);
+    show.finish();
+    // Whatever happened, the system is taken down before anything is said about it.
+    let stopped = supervisor.stop();
+    Ok((flown?, stopped))
 }
 
 /// Builds the checkout that this program lies in; answers where the programs are then.
@@ -146,7 +182,8 @@ fn describe_world(programs: &Path, args: &Args) -> Result<World, Problem> {
         .map_err(|error| Problem::Other(format!("the description of the world is not understood: {error}")))
 }
 
-fn own_instance() -> Result<Instance, Problem> {
+/// An instance that no other flight has.
+pub fn own_instance() -> Result<Instance, Problem> {
     let name = format!("demo_{}", std::process::id());
     name.parse().map_err(|error| Problem::Other(format!("{error}")))
 }
@@ -194,11 +231,12 @@ fn with_system(
     programs: &Path,
     ground_station_port: u16,
     supervisor: &mut Supervisor,
+    drills: Drills,
     show: &mut Show,
     interrupt: &Interrupt,
 ) -> Result<Flown, Problem> {
     let watch: Watch = supervisor.watch(interrupt)?;
-    let mut flight = Flight::new(watch, args.svg.is_some(), args.kills.clone())?;
+    let mut flight = Flight::new(watch, args.svg.is_some(), drills)?;
     let machine = Machine::watch();
     let outcome = match flight.wait_until_ready(supervisor, show, interrupt)? {
         Some(outcome) => outcome,
@@ -219,7 +257,7 @@ fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Pro
             world,
             course: flown.log.course(),
             sensed: &flown.sensed,
-            kills: &flown.summary.kills,
+            faults: &flown.summary.faults,
             title: &title(&flown.summary),
         });
         std::fs::write(file, picture).map_err(Problem::io(file.display().to_string()))?;

@@ -11,6 +11,7 @@ const ERASE_LINE: &str = "\r\x1b[2K";
 #[derive(Debug)]
 pub struct Show {
     live: bool,
+    silent: bool,
     shown: Option<Instant>,
 }
 
@@ -19,14 +20,23 @@ impl Show {
     pub fn new(plain: bool) -> Self {
         Self {
             live: !plain && std::io::stdout().is_terminal(),
+            silent: false,
             shown: None,
+        }
+    }
+
+    /// Shows nothing.
+    pub fn silent() -> Self {
+        Self {
+            silent: true,
+            ..Self::new(true)
         }
     }
 
     /// Shows how it goes, if it is time to.
     pub fn progress(&mut self, line: impl FnOnce() -> String) {
         let period = if self.live { LIVE_PERIOD } else { PLAIN_PERIOD };
-        if self.shown.is_some_and(|shown| shown.elapsed() < period) {
+        if self.silent || self.shown.is_some_and(|shown| shown.elapsed() < period) {
             return;
         }
         self.shown = Some(Instant::now());
@@ -43,6 +53,9 @@ impl Show {
 
     /// Shows something that stays.
     pub fn news(&mut self, line: &str) {
+        if self.silent {
+            return;
+        }
         if self.live {
             println!("{ERASE_LINE}{line}");
         } else {

@@ -1,0 +1,322 @@
+//! A fault campaign in figures: what to do when, drawn by lot, and the matrix of what came of it.
+
+use crate::drill::{Drill, Fault, Since};
+use crate::flight::FaultRecord;
+use crate::report::round;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+/// Faults are made between these times after arming (s): take-off, mission and landing of a demonstration.
+const WINDOW_S: [f64; 2] = [1.0, 36.0];
+/// Two faults are at least so far apart (s): each is to be seen alone.
+const APART_S: f64 = 3.5;
+
+/// Numbers by lot, the same for the same seed (splitmix64: Steele, Lea, Flood 2014).
+#[derive(Clone, Debug)]
+pub struct Lot {
+    state: u64,
+}
+
+impl Lot {
+    /// The lot of flight `flight` in the campaign `seed`.
+    pub fn new(seed: u64, flight: u64) -> Self {
+        Self {
+            state: seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ flight.wrapping_mul(0xd1b5_4a32_d192_ed03),
+        }
+    }
+
+    fn bits(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        z ^ (z >> 31)
+    }
+
+    /// One of `items`.
+    pub fn choose<'a, T>(&mut self, items: &'a [T]) -> Option<&'a T> {
+        items.get((self.bits() % items.len().max(1) as u64) as usize)
+    }
+
+    fn share(&mut self) -> f64 {
+        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// The faults of one flight: kinds of `faults` to processes of `processes`, as many as fit.
+pub fn drills(seed: u64, flight: u64, faults: &[Fault], processes: &[String]) -> Vec<Drill> {
+    let mut lot = Lot::new(seed, flight);
+    let mut drills = Vec::new();
+    let mut at_s = WINDOW_S[0] + APART_S * lot.share();
+    while at_s < WINDOW_S[1] {
+        if let (Some(fault), Some(process)) = (lot.choose(faults), lot.choose(processes)) {
+            drills.push(Drill {
+                fault: *fault,
+                process: process.clone(),
+                at_s,
+                since: Since::Armed,
+            });
+        }
+        at_s += APART_S * (1.0 + lot.share());
+    }
+    drills
+}
+
+/// What came of all faults of one kind to one process in one phase.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Cell {
+    /// Process.
+    pub service: String,
+    /// Kind of fault.
+    pub fault: String,
+    /// Mode of the autopilot.
+    pub phase: String,
+    /// How many.
+    pub count: usize,
+    /// How many of them the process did not survive.
+    pub not_back: usize,
+    /// Contacts with obstacles.
+    pub collisions: u32,
+    /// Falls to Hold.
+    pub holds: u32,
+    /// Largest gap between setpoints (ms).
+    pub gap_max_ms: f64,
+    /// Recovery, median (ms); `None` if there is nothing to recover from.
+    pub recovery_ms_p50: Option<f64>,
+    /// Longest recovery (ms).
+    pub recovery_ms_max: Option<f64>,
+}
+
+/// The whole campaign.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Campaign {
+    /// Flights.
+    pub flights: usize,
+    /// Of those, flights that did not reach the goal.
+    pub lost: usize,
+    /// Faults made.
+    pub faults: usize,
+    /// Of those, the ones that a process did not survive.
+    pub not_back: usize,
+    /// Contacts with obstacles.
+    pub collisions: u32,
+    /// Largest gap between setpoints (ms).
+    pub setpoint_max_gap_ms: f64,
+    /// Largest gap that no fault was under way in (ms): what the machine does by itself.
+    pub quiet_max_gap_ms: f64,
+    /// Falls to Hold.
+    pub fcu_hold_count: u32,
+    /// Detection of hangs, median (ms).
+    pub detection_ms_p50: Option<f64>,
+    /// 99th percentile (ms).
+    pub detection_ms_p99: Option<f64>,
+    /// Recovery, median (ms).
+    pub recovery_ms_p50: Option<f64>,
+    /// 99th percentile (ms).
+    pub recovery_ms_p99: Option<f64>,
+    /// Longest time by which the machine woke an idle thread late (ms).
+    pub machine_stall_max_ms: f64,
+    /// By process, fault and phase.
+    pub matrix: Vec<Cell>,
+}
+
+/// One flight of a campaign.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Flown {
+    /// The goal was reached.
+    pub goal: bool,
+    /// Contacts with obstacles.
+    pub collisions: u32,
+    /// Falls to Hold.
+    pub holds: u32,
+    /// Largest gap between setpoints (ms).
+    pub gap_ms: f64,
+    /// Longest stall of the machine (ms).
+    pub stall_ms: f64,
+    /// Its faults.
+    pub faults: Vec<FaultRecord>,
+}
+
+impl Campaign {
+    /// The figures of `flights`.
+    pub fn of(flights: &[Flown]) -> Self {
+        let faults = || flights.iter().flat_map(|flight| &flight.faults);
+        let recoveries: Vec<f64> = faults().filter_map(|fault| fault.recovery_ms).collect();
+        let detections: Vec<f64> = faults().filter_map(|fault| fault.detection_ms).collect();
+        let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
+        Self {
+            flights: flights.len(),
+            lost: flights.iter().filter(|flight| !flight.goal).count(),
+            faults: faults().count(),
+            not_back: faults().filter(|fault| !fault.survived).count(),
+            collisions: flights.iter().map(|flight| flight.collisions).sum(),
+            setpoint_max_gap_ms: largest(&mut flights.iter().map(|flight| flight.gap_ms)),
+            quiet_max_gap_ms: largest(&mut flights.iter().filter_map(quiet_gap_ms)),
+            fcu_hold_count: flights.iter().map(|flight| flight.holds).sum(),
+            detection_ms_p50: quantile(&detections, 0.5),
+            detection_ms_p99: quantile(&detections, 0.99),
+            recovery_ms_p50: quantile(&recoveries, 0.5),
+            recovery_ms_p99: quantile(&recoveries, 0.99),
+            machine_stall_max_ms: largest(&mut flights.iter().map(|flight| flight.stall_ms)),
+            matrix: matrix(faults()),
+        }
+    }
+
+    /// For people.
+    pub fn text(&self) -> String {
+        let ms = |value: Option<f64>| value.map_or("-".to_owned(), |ms| format!("{ms:.0}"));
+        let mut out = format!(
+            "{} flights, {} faults: {} not at the goal, {} collisions, {} falls to Hold, {} not back\n\
+             largest gap {:.0} ms (without a fault under way {:.0}); the machine stood still for {:.0} ms at most\n\
+             detection {} / {} ms, recovery {} / {} ms p50/p99\n\n\
+             {:<17} {:<8} {:<8} {:>5} {:>8} {:>10} {:>5} {:>7} {:>13}\n",
+            self.flights,
+            self.faults,
+            self.lost,
+            self.collisions,
+            self.fcu_hold_count,
+            self.not_back,
+            self.setpoint_max_gap_ms,
+            self.quiet_max_gap_ms,
+            self.machine_stall_max_ms,
+            ms(self.detection_ms_p50),
+            ms(self.detection_ms_p99),
+            ms(self.recovery_ms_p50),
+            ms(self.recovery_ms_p99),
+            "service",
+            "fault",
+            "phase",
+            "count",
+            "not back",
+            "collisions",
+            "holds",
+            "gap ms",
+            "recovery ms"
+        );
+        for cell in &self.matrix {
+            // Writing into a string cannot fail.
+            let _infallible = writeln!(
+                out,
+                "{:<17} {:<8} {:<8} {:>5} {:>8} {:>10} {:>5} {:>7.0} {:>13}",
+                cell.service,
+                cell.fault,
+                cell.phase,
+                cell.count,
+                cell.not_back,
+                cell.collisions,
+                cell.holds,
+                cell.gap_max_ms,
+                format!("{} / {}", ms(cell.recovery_ms_p50), ms(cell.recovery_ms_max)),
+            );
+        }
+        out
+    }
+}
+
+/// The largest gap of a flight if it is larger than that of any of its faults.
+fn quiet_gap_ms(flight: &Flown) -> Option<f64> {
+    let of_faults = flight.faults.iter().map(|fault| fault.gap_ms).fold(0.0, f64::max);
+    // The simulation counts in steps of 4 ms, the watcher in samples of them.
+    (flight.gap_ms > of_faults + 8.0).then_some(flight.gap_ms)
+}
+
+fn matrix<'a>(faults: impl Iterator<Item = &'a FaultRecord>) -> Vec<Cell> {
+    let mut cells: BTreeMap<(String, Fault, String), Vec<&FaultRecord>> = BTreeMap::new();
+    for fault in faults {
+        let key = (fault.process.clone(), fault.fault, fault.phase.clone());
+        cells.entry(key).or_default().push(fault);
+    }
+    let cell = |((service, fault, phase), records): ((String, Fault, String), Vec<&FaultRecord>)| {
+        let recoveries: Vec<f64> = records.iter().filter_map(|record| record.recovery_ms).collect();
+        Cell {
+            service,
+            fault: fault.to_string(),
+            phase,
+            count: records.len(),
+            not_back: records.iter().filter(|record| !record.survived).count(),
+            collisions: records.iter().map(|record| record.collisions).sum(),
+            holds: records.iter().map(|record| record.holds).sum(),
+            gap_max_ms: records.iter().map(|record| record.gap_ms).fold(0.0, f64::max),
+            recovery_ms_p50: quantile(&recoveries, 0.5),
+            recovery_ms_max: quantile(&recoveries, 1.0),
+        }
+    };
+    cells.into_iter().map(cell).collect()
+}
+
+/// The value at `quantile` (0..1); `None` without values.
+fn quantile(values: &[f64], quantile: f64) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let index = (sorted.len().saturating_sub(1) as f64 * quantile).round() as usize;
+    sorted.get(index).copied().map(round)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{APART_S, Campaign, Flown, WINDOW_S, drills};
+    use crate::drill::Fault;
+    use crate::flight::FaultRecord;
+
+    fn record(fault: Fault, recovery_ms: Option<f64>, gap_ms: f64) -> FaultRecord {
+        FaultRecord {
+            fault,
+            process: "planner".to_owned(),
+            at_s: 5.0,
+            phase: "mission".to_owned(),
+            survived: recovery_ms.is_some(),
+            detection_ms: None,
+            recovery_ms,
+            gap_ms,
+            collisions: 0,
+            holds: 0,
+            north_m: 0.0,
+            east_m: 0.0,
+        }
+    }
+
+    #[test]
+    fn a_seed_draws_the_same_faults_and_another_one_others() {
+        let names = ["planner", "sensors"].map(str::to_owned);
+        let draw = |seed: u64| drills(seed, 3, &[Fault::Kill, Fault::Stop], &names);
+        assert_eq!(draw(7), draw(7));
+        assert_ne!(draw(7), draw(8));
+        let times: Vec<f64> = draw(7).iter().map(|drill| drill.at_s).collect();
+        assert!(times.len() >= 4, "{times:?}");
+        assert!(times.windows(2).all(|pair| pair[1] - pair[0] >= APART_S));
+        assert!(times.iter().all(|at_s| (WINDOW_S[0]..WINDOW_S[1]).contains(at_s)));
+    }
+
+    #[test]
+    fn the_matrix_sums_up_and_an_unsurvived_fault_is_not_hidden() {
+        let flown = Flown {
+            goal: false,
+            collisions: 0,
+            holds: 1,
+            gap_ms: 120.0,
+            stall_ms: 3.0,
+            faults: vec![
+                record(Fault::Kill, Some(12.0), 60.0),
+                record(Fault::Kill, Some(20.0), 64.0),
+                record(Fault::Stop, None, 80.0),
+            ],
+        };
+        let campaign = Campaign::of(&[flown]);
+        assert_eq!((campaign.faults, campaign.lost, campaign.not_back), (3, 1, 1));
+        assert_eq!(
+            (campaign.setpoint_max_gap_ms, campaign.quiet_max_gap_ms),
+            (120.0, 120.0)
+        );
+        assert_eq!(campaign.matrix.len(), 2);
+        assert_eq!(campaign.matrix[0].count, 2);
+        assert_eq!(campaign.matrix[0].recovery_ms_max, Some(20.0));
+        assert!(
+            campaign
+                .text()
+                .contains("planner           stop     mission      1        1"),
+            "{}",
+            campaign.text()
+        );
+    }
+}

@@ -1,0 +1,119 @@
+//! `jink chaos`: flights with faults at times drawn by lot.
+
+use super::demo::{self, show::Show};
+use super::{EXIT_PROBLEM, Interrupt, Problem, places};
+use jink_cli::chaos::{Campaign, Flown, drills};
+use jink_cli::drill::Fault;
+use jink_cli::flight::Outcome;
+use jink_runtime::config::process_names;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Processes that are the world and not the system: nobody promises to survive their loss.
+const NOT_OURS: [&str; 1] = ["simulator"];
+
+/// How many flights, with which faults.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "\
+Every flight is that of `jink demo` with some six faults between arming and landing, at times and to services drawn by
+lot: kill (SIGKILL), stop (SIGSTOP, a hang), slow (stopped for most of every 100 ms), swap (for its own binary), garbage
+(on the link). The same seed draws the same faults.
+
+Exit codes: 0 every goal was reached, nothing was touched, the autopilot never fell to Hold; 1 otherwise.")]
+pub struct Args {
+    /// Number of flights
+    #[arg(long, default_value_t = 10, value_name = "N")]
+    flights: u64,
+    /// Seed of the faults; flight I flies through the world with seed SEED + I
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Kinds of faults
+    #[arg(long, value_delimiter = ',', default_value = "kill,stop,slow,swap,garbage")]
+    faults: Vec<Fault>,
+    /// Only to these processes; without it to all but the simulator
+    #[arg(long, value_delimiter = ',', value_name = "NAME")]
+    services: Vec<String>,
+    /// Virtual world
+    #[arg(long, default_value = "forest")]
+    world: String,
+    /// One JSON object with the figures as the last line
+    #[arg(long)]
+    json: bool,
+    /// Configuration folder
+    #[arg(long, value_name = "DIR")]
+    config: Option<PathBuf>,
+    /// Value laid over the configuration (repeatable)
+    #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
+    overrides: Vec<String>,
+}
+
+/// Flies the campaign.
+pub fn run(args: &Args) -> Result<ExitCode, Problem> {
+    let programs = places::program_folder()?;
+    let names = process_names(&places::config_folder(args.config.as_deref())?);
+    if let Some(unknown) = args.services.iter().find(|name| !names.contains(name)) {
+        let known = names.join(", ");
+        return Err(Problem::Other(format!(
+            "--services: there is no {unknown:?}; there are {known}"
+        )));
+    }
+    let victims: Vec<String> = names
+        .into_iter()
+        .filter(|name| match args.services.as_slice() {
+            [] => !NOT_OURS.contains(&name.as_str()),
+            chosen => chosen.contains(name),
+        })
+        .collect();
+    let interrupt = Interrupt::listen()?;
+    let mut flights = Vec::new();
+    for number in 0..args.flights {
+        if interrupt.has_come() {
+            break;
+        }
+        let world_seed = args.seed + number;
+        let flight = demo::Args::of_campaign(
+            &args.world,
+            world_seed,
+            args.config.clone(),
+            args.overrides.clone(),
+        );
+        let instance = demo::own_instance()?;
+        let faults = drills(args.seed, number, &args.faults, &victims);
+        let mut show = Show::silent();
+        let (flown, stopped) = demo::fly_once(&flight, &programs, &instance, faults, &mut show, &interrupt)?;
+        let good = flown.outcome == Outcome::Goal && flown.summary.fcu_hold_count == 0;
+        println!(
+            "flight {} of {} (seed {world_seed}): {}, {} faults, largest gap {:.0} ms, {} falls to Hold",
+            number + 1,
+            args.flights,
+            flown.outcome.word(),
+            flown.summary.faults.len(),
+            flown.summary.setpoint_max_gap_ms,
+            flown.summary.fcu_hold_count
+        );
+        if good && stopped.is_ok() {
+            let _gone_already = std::fs::remove_dir_all(instance.folder());
+        } else {
+            for fault in &flown.summary.faults {
+                println!("  {}", fault.line());
+            }
+            println!("  logs: {}", instance.log_folder().display());
+        }
+        flights.push(Flown {
+            goal: flown.outcome == Outcome::Goal,
+            collisions: flown.summary.collisions,
+            holds: flown.summary.fcu_hold_count,
+            gap_ms: flown.summary.setpoint_max_gap_ms,
+            stall_ms: flown.summary.machine_stall_max_ms,
+            faults: flown.summary.faults,
+        });
+    }
+    let campaign = Campaign::of(&flights);
+    print!("\n{}", campaign.text());
+    if args.json {
+        let json = serde_json::to_string(&campaign).map_err(|error| Problem::Other(error.to_string()))?;
+        println!("{json}");
+    }
+    let good = campaign.lost == 0 && campaign.collisions == 0 && campaign.fcu_hold_count == 0;
+    Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))
+}
