@@ -1,6 +1,6 @@
 //! `jink chaos`: flights with faults at times drawn by lot.
 
-use super::demo::{self, show::Show};
+use super::demo::{self, drills::SUPERVISOR, show::Show};
 use super::{EXIT_PROBLEM, Interrupt, Problem, places};
 use jink_cli::chaos::{Campaign, Flown, drills};
 use jink_cli::drill::Fault;
@@ -9,8 +9,8 @@ use jink_runtime::config::process_names;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Processes that are the world and not the system: nobody promises to survive their loss.
-const NOT_OURS: [&str; 1] = ["simulator"];
+/// Processes that are only victims where they are named: the world, and the supervisor, which can be killed and nothing else.
+const NOT_OURS: [&str; 2] = ["simulator", SUPERVISOR];
 
 /// How many flights, with which faults.
 #[derive(Clone, Debug, clap::Args)]
@@ -30,7 +30,7 @@ pub struct Args {
     /// Kinds of faults
     #[arg(long, value_delimiter = ',', default_value = "kill,stop,slow,swap,garbage")]
     faults: Vec<Fault>,
-    /// Only to these processes; without it to all but the simulator
+    /// Only to these processes; without it to all but the simulator and the supervisor
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
     services: Vec<String>,
     /// Virtual world
@@ -50,7 +50,8 @@ pub struct Args {
 /// Flies the campaign.
 pub fn run(args: &Args) -> Result<ExitCode, Problem> {
     let programs = places::program_folder()?;
-    let names = process_names(&places::config_folder(args.config.as_deref())?);
+    let mut names = process_names(&places::config_folder(args.config.as_deref())?);
+    names.push(SUPERVISOR.to_owned());
     if let Some(unknown) = args.services.iter().find(|name| !names.contains(name)) {
         let known = names.join(", ");
         return Err(Problem::Other(format!(

@@ -4,7 +4,7 @@ use super::watch::Watch;
 use super::{EXIT_PROBLEM, Interrupt, Problem, places};
 use jink_runtime::Instance;
 use std::io::Read;
-use std::os::unix::process::CommandExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
@@ -33,47 +33,27 @@ pub struct StartOptions {
     pub keep_logs: bool,
 }
 
+/// A supervisor that is killed is started again so often; it goes on with the processes it finds.
+const COMEBACKS: u32 = 5;
+
 /// A supervisor that this command has started.
 pub struct Supervisor {
     child: Child,
     instance: Instance,
+    options: StartOptions,
+    comebacks: u32,
+    stopping: bool,
 }
 
 impl Supervisor {
     /// Starts one for `instance`.
     pub fn start(instance: &Instance, options: &StartOptions) -> Result<Self, Problem> {
-        let program = places::program(&options.programs, "jink-supervisor")?;
-        let mut command = Command::new(&program);
-        command.args([
-            "--instance",
-            &instance.to_string(),
-            "--mode",
-            options.mode,
-            "--log-to-file",
-        ]);
-        command.arg("--config").arg(&options.config);
-        if options.keep_logs {
-            command.arg("--keep-logs");
-        }
-        if let Some(profile) = &options.profile {
-            command.args(["--profile", profile]);
-        }
-        for text in &options.overrides {
-            command.args(["--set", text]);
-        }
-        // Before it has a log file it writes its reasons to standard error. A process group of its own: Ctrl-C reaches
-        // this command, which asks the supervisor to stop.
-        command
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            .process_group(0);
-        let child = command
-            .spawn()
-            .map_err(Problem::io(program.display().to_string()))?;
         Ok(Self {
-            child,
+            child: spawn(instance, options)?,
             instance: instance.clone(),
+            options: options.clone(),
+            comebacks: 0,
+            stopping: false,
         })
     }
 
@@ -102,9 +82,16 @@ impl Supervisor {
         held_by.trim() == self.child.id().to_string() && Watch::is_ready(&self.instance)
     }
 
-    /// How it ended, if it has.
+    /// How it ended, if it has. One that was killed comes back and goes on with the processes it finds.
     pub fn ended(&mut self) -> Result<Option<ExitStatus>, Problem> {
-        self.child.try_wait().map_err(Problem::io("supervisor"))
+        let status = self.child.try_wait().map_err(Problem::io("supervisor"))?;
+        let killed = status.is_some_and(|status| status.signal().is_some());
+        if killed && !self.stopping && self.comebacks < COMEBACKS {
+            self.comebacks += 1;
+            self.child = spawn(&self.instance, &self.options)?;
+            return Ok(None);
+        }
+        Ok(status)
     }
 
     /// Why it ended, in its own words.
@@ -131,6 +118,7 @@ impl Supervisor {
 
     /// Asks it to stop and waits for its end. All readers must have let go of shared memory.
     pub fn stop(&mut self) -> Result<ExitStatus, Problem> {
+        self.stopping = true;
         if let Some(status) = self.ended()? {
             return Ok(status);
         }
@@ -157,6 +145,38 @@ impl Supervisor {
             std::thread::sleep(LOOK);
         }
     }
+}
+
+fn spawn(instance: &Instance, options: &StartOptions) -> Result<Child, Problem> {
+    let program = places::program(&options.programs, "jink-supervisor")?;
+    let mut command = Command::new(&program);
+    command.args([
+        "--instance",
+        &instance.to_string(),
+        "--mode",
+        options.mode,
+        "--log-to-file",
+    ]);
+    command.arg("--config").arg(&options.config);
+    if options.keep_logs {
+        command.arg("--keep-logs");
+    }
+    if let Some(profile) = &options.profile {
+        command.args(["--profile", profile]);
+    }
+    for text in &options.overrides {
+        command.args(["--set", text]);
+    }
+    // Before it has a log file it writes its reasons to standard error. A process group of its own: Ctrl-C reaches
+    // this command, which asks the supervisor to stop.
+    command
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .process_group(0);
+    command
+        .spawn()
+        .map_err(Problem::io(program.display().to_string()))
 }
 
 /// The code of `status`; that of any problem for a supervisor that was killed.

@@ -6,6 +6,7 @@ use jink_cli::flight::FaultRecord;
 use jink_cli::report::round;
 use jink_runtime::Instance;
 use jink_runtime::request::Request;
+use jink_shared_types::Coded;
 use jink_shared_types::health::{ProcessStatus, ServiceState, SystemStatus};
 use jink_shared_types::truth::SimTruth;
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
@@ -21,6 +22,8 @@ const SLOW_LOOKS: u64 = 5;
 const AFTERMATH_S: f64 = 1.5;
 /// A fault whose end nobody sees is given up after this long (s).
 const PATIENCE_S: f64 = 20.0;
+/// The supervisor as a victim.
+pub const SUPERVISOR: &str = "supervisor";
 /// Garbage datagrams, and their size (bytes).
 const GARBAGE: [usize; 2] = [2_000, 700];
 
@@ -121,6 +124,7 @@ impl Drills {
         let Some(process) = find(view.status, &drill.process).filter(|process| process.pid != 0) else {
             return format!("{} does not run: spared", drill.process);
         };
+        let process = &process;
         let Some(handle) = handle_of(process.pid) else {
             return format!("{} has just gone: spared", drill.process);
         };
@@ -184,6 +188,9 @@ impl Open {
         let now = find(view.status, &self.record.process);
         let replaced = now.is_some_and(|now| now.pid != self.before.pid || now.state == ServiceState::Dead);
         let works = now.is_some_and(|now| {
+            if self.record.process == SUPERVISOR {
+                return now.pid != self.before.pid;
+            }
             now.restarts > self.before.restarts
                 && now.recovery_us > 0
                 && matches!(now.state.get(), ServiceState::Active | ServiceState::Standby)
@@ -194,7 +201,12 @@ impl Open {
                     self.record.detection_ms = Some(round((time_s - self.begin_s) * 1e3));
                 }
                 self.record.survived = works;
-                self.record.recovery_ms = now.filter(|_| works).map(|now| f64::from(now.recovery_us) * 1e-3);
+                let recovery_ms = |now: ProcessStatus| match now.recovery_us {
+                    // Nobody measures it: as far as looking fifty times a second can tell.
+                    0 => round((time_s - self.begin_s) * 1e3),
+                    us => f64::from(us) * 1e-3,
+                };
+                self.record.recovery_ms = now.filter(|_| works).map(recovery_ms);
                 works
             }
             Fault::Slow => {
@@ -230,11 +242,19 @@ impl Open {
     }
 }
 
-fn find<'a>(status: &'a SystemStatus, name: &str) -> Option<&'a ProcessStatus> {
-    status
-        .processes()
-        .iter()
+/// The process called `name`; the supervisor counts as one.
+fn find(status: &SystemStatus, name: &str) -> Option<ProcessStatus> {
+    if name == SUPERVISOR {
+        return Some(ProcessStatus {
+            pid: status.pid,
+            state: Coded::new(ServiceState::Active),
+            ..ProcessStatus::default()
+        });
+    }
+    let mut processes = status.processes().iter();
+    processes
         .find(|process| process.heartbeat.name.as_str() == name)
+        .copied()
 }
 
 fn handle_of(pid: u32) -> Option<OwnedFd> {

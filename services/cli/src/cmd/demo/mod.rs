@@ -1,6 +1,6 @@
 //! `jink demo`: a whole system in an instance of its own, a mission through a virtual world, faults on request, figures.
 
-mod drills;
+pub mod drills;
 pub mod fly;
 mod machine;
 mod pilot;
@@ -10,7 +10,7 @@ pub mod show;
 use super::supervisor::{StartOptions, Supervisor, world_overrides};
 use super::watch::Watch;
 use super::{DEFAULT_INSTANCE, EXIT_PROBLEM, Interrupt, Problem, places, world};
-use drills::Drills;
+use drills::{Drills, SUPERVISOR};
 use fly::{Flight, Flown};
 use jink_cli::drill::Drill;
 use jink_cli::flight::{Outcome, Summary};
@@ -28,7 +28,7 @@ use std::time::Duration;
 /// What to fly.
 #[derive(Clone, Debug, Default, clap::Args)]
 #[command(after_help = "\
-Names for --kill: planner, fusion, bezier, guard, gateway, sensor, or any name of the process table.
+Names for --kill: planner, fusion, bezier, guard, gateway, sensor, supervisor, or any name of the process table.
 
 Exit codes: 0 the goal was reached without a collision; 1 otherwise.")]
 pub struct Args {
@@ -97,7 +97,8 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         .as_ref()
         .map(|_| describe_world(&programs, args))
         .transpose()?;
-    let names = process_names(&places::config_folder(args.config.as_deref())?);
+    let mut names = process_names(&places::config_folder(args.config.as_deref())?);
+    names.push(SUPERVISOR.to_owned());
     Drill::check(&args.kills, &names).map_err(Problem::Other)?;
     let interrupt = Interrupt::listen()?;
     let instance = if instance.to_string() == DEFAULT_INSTANCE {
