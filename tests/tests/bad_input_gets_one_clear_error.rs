@@ -33,11 +33,16 @@ fn up(folder: &TempFolder, arguments: &[&str]) -> Answer {
     refused
 }
 
-/// Exchanges `from` for `to` in a configuration file.
-fn spoil(folder: &TempFolder, file: &str, from: &str, to: &str) {
+/// Exchanges `from` for `to` in a configuration file; answers in which line.
+fn spoil(folder: &TempFolder, file: &str, from: &str, to: &str) -> usize {
     let text = std::fs::read_to_string(folder.path().join(file)).unwrap();
-    assert!(text.contains(from), "{file} holds no {from:?}");
+    let at = text
+        .find(from)
+        .unwrap_or_else(|| panic!("{file} holds no {from:?}"));
     folder.write(file, &text.replacen(from, to, 1));
+    let breaks = |text: &str| text.bytes().filter(|byte| *byte == b'\n').count();
+    // A text that begins with a line break is about the next line.
+    1 + breaks(&text[..at]) + usize::from(from.starts_with('\n'))
 }
 
 #[test]
@@ -50,35 +55,35 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
             "\naddress =",
             "\naddres =",
             &simulated[..],
-            "jink.toml:8: unknown key `addres`; did you mean `address`?",
+            "jink.toml:LINE: unknown key `addres`; did you mean `address`?",
         ),
         (
             "jink.toml",
             "pitch_deg = -90",
             "pich_deg = -90",
             &simulator[..],
-            "/jink.toml:47: unknown key `pich_deg`; did you mean `pitch_deg`?",
+            "/jink.toml:LINE: unknown key `pich_deg`; did you mean `pitch_deg`?",
         ),
         (
             "services.toml",
             "cycle_budget_us = 20000",
             "cycle_budget = 20000",
             &simulated[..],
-            "services.toml:53: unknown key `cycle_budget`; did you mean `cycle_budget_us`?",
+            "services.toml:LINE: unknown key `cycle_budget`; did you mean `cycle_budget_us`?",
         ),
         (
             "services.toml",
             "\"jink-planner\"",
             "\"jink-planer\"",
             &simulated[..],
-            "services.toml:50: the program of \"planner\" is missing",
+            ": the program of \"planner\" is missing",
         ),
         (
             "profiles/px4_trajectory.toml",
             "\nGW_RATE",
             "\nGW_RAT",
             &["--profile", "px4_trajectory"],
-            "px4_trajectory.toml:10: unknown parameter GW_RAT; did you mean GW_RATE?",
+            "px4_trajectory.toml:LINE: unknown parameter GW_RAT; did you mean GW_RATE?",
         ),
         (
             "jink.toml",
@@ -110,12 +115,13 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
         ),
     ] {
         let folder = TempFolder::with_config("spoilt");
-        spoil(&folder, file, from, to);
+        let line = spoil(&folder, file, from, to);
+        let said = &said.replace("LINE", &line.to_string());
         let refused = up(&folder, arguments);
         assert_eq!(refused.code, Some(CANNOT_START), "{said}: {refused:?}");
         let first = refused.stderr.lines().next().unwrap_or_default();
         assert!(first.starts_with("jink: cannot start: "), "{refused:?}");
-        assert!(first.contains(said), "expected {said:?}: {refused:?}");
+        assert!(first.contains(said.as_str()), "expected {said:?}: {refused:?}");
     }
 }
 

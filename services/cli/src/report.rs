@@ -1,9 +1,11 @@
 //! The state of a running system on one screen, and as JSON for scripts.
 
-use jink_shared_types::health::{Health, Histogram, ProcessStatus, ServiceState, SystemStatus};
+use jink_shared_types::health::{
+    Health, Histogram, ProcessStatus, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
+};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::{STAGE_NAMES, STAGES, Stamped, Timestamp};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
 /// Everything there is to show.
@@ -21,7 +23,67 @@ pub struct Report {
     pub services: Vec<Service>,
     /// The link to the autopilot; `None` if the gateway has said nothing.
     pub link: Option<Link>,
+    /// How processes ended that ended.
+    pub ends: Vec<PostMortem>,
 }
+
+/// How a process ended last, as the supervisor wrote it down.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PostMortem {
+    /// The process.
+    pub process: String,
+    /// Which start of it.
+    pub generation: u32,
+    /// Its process id.
+    pub pid: u32,
+    /// Exit status or signal.
+    pub exit: String,
+    /// Time from its start to its end (s).
+    pub lived_s: f64,
+    /// When: seconds since 1970.
+    pub unix_s: f64,
+    /// State in its last heartbeat.
+    pub state: String,
+    /// Cycles it had run.
+    pub cycles: u64,
+    /// Its last cycle (us).
+    pub cycle_last_us: u32,
+    /// Its longest cycle (us).
+    pub cycle_max_us: u32,
+    /// The last lines it wrote, oldest first.
+    pub last_lines: Vec<String>,
+    /// Where to look for a core dump, or why there is none.
+    pub core: Option<String>,
+}
+
+impl PostMortem {
+    /// For people, at `unix_s`.
+    fn text(&self, unix_s: f64) -> String {
+        let mut out = format!(
+            "{} (start {}, process id {}) ended {} ago with {}, after {} and {} cycles, {} then\n",
+            self.process,
+            self.generation,
+            self.pid,
+            duration(unix_s - self.unix_s),
+            self.exit,
+            duration(self.lived_s),
+            self.cycles,
+            self.state
+        );
+        if let Some(core) = &self.core {
+            // Writing into a string cannot fail.
+            let _infallible = writeln!(out, "      core dump: {core}");
+        }
+        let shown = self.last_lines.len().saturating_sub(LAST_LINES);
+        for line in &self.last_lines[shown..] {
+            let _infallible = writeln!(out, "      | {line}");
+        }
+        out
+    }
+}
+
+/// Lines of a dead process that a screen has room for; `--json` has all.
+const LAST_LINES: usize = 3;
 
 /// One process.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -42,6 +104,16 @@ pub struct Service {
     pub restarts: u32,
     /// How it ended last; `None` = never.
     pub last_exit: Option<String>,
+    /// Why it was replaced last; `None` = never.
+    pub reason: Option<String>,
+    /// Where a hot swap of it stands; `None` = there is none.
+    pub swap: Option<String>,
+    /// Process id of its second instance; `None` = there is none.
+    pub shadow_pid: Option<u32>,
+    /// CPU used since its start (% of one core).
+    pub cpu_percent: Option<f64>,
+    /// Outputs over the end-to-end budget since its start.
+    pub late_outputs: u64,
     /// From its last death to the first heartbeat of its replacement's loop (ms); `None` = no restart yet.
     pub recovery_ms: Option<f64>,
     /// Time since its last heartbeat (ms); `None` = none yet.
@@ -141,8 +213,10 @@ impl Report {
         now: Timestamp,
         status: &SystemStatus,
         link: Option<Stamped<'_, LinkStatus>>,
+        ends: Vec<PostMortem>,
     ) -> Self {
         Self {
+            ends,
             instance: instance.to_owned(),
             health: status.health.get().to_string(),
             uptime_s: round(now.seconds_since(status.started)),
@@ -156,8 +230,8 @@ impl Report {
         }
     }
 
-    /// For people: one line per service, then the link.
-    pub fn text(&self) -> String {
+    /// For people, at `unix_s` (seconds since 1970): one line per service, then the link, then who ended how.
+    pub fn text(&self, unix_s: f64) -> String {
         let restarts: u32 = self.services.iter().map(|service| service.restarts).sum();
         let mut out = format!(
             "jink {}: {}, up {}, {} restart{}\n\n",
@@ -176,6 +250,12 @@ impl Report {
             || "link: the gateway has said nothing yet\n".to_owned(),
             Link::line,
         ));
+        if !self.ends.is_empty() {
+            out.push('\n');
+        }
+        for end in &self.ends {
+            out.push_str(&end.text(unix_s));
+        }
         out
     }
 }
@@ -193,11 +273,12 @@ pub fn exit_code(health: Health) -> u8 {
 pub fn exit_text(last_exit: u32) -> String {
     match last_exit {
         0..256 => format!("code {last_exit}"),
+        511 => "not known".to_owned(),
         signal => format!("signal {}", signal - 256),
     }
 }
 
-const COLUMNS: usize = 11;
+const COLUMNS: usize = 12;
 const HEADER: [&str; COLUMNS] = [
     "service",
     "state",
@@ -210,6 +291,7 @@ const HEADER: [&str; COLUMNS] = [
     "budget ms",
     "misses",
     "inputs",
+    "cpu %",
 ];
 
 impl Service {
@@ -226,6 +308,14 @@ impl Service {
             uptime_s: runs.then(|| round(now.seconds_since(process.started))),
             restarts: process.restarts,
             last_exit: ended.then(|| exit_text(process.last_exit)),
+            reason: (process.reason != ReplaceReason::Never).then(|| process.reason.get().to_string()),
+            swap: (process.swap != SwapPhase::Idle).then(|| process.swap.get().to_string()),
+            shadow_pid: (process.shadow_pid != 0).then_some(process.shadow_pid),
+            cpu_percent: runs
+                .then(|| now.seconds_since(process.started))
+                .filter(|up_s| *up_s > 0.0)
+                .map(|up_s| round(f64::from(beat.cpu_ms) * 0.1 / up_s)),
+            late_outputs: beat.late_outputs,
             recovery_ms: (process.recovery_us > 0).then(|| round(f64::from(process.recovery_us) * 1e-3)),
             heartbeat_age_ms: process
                 .heartbeat_time
@@ -253,11 +343,18 @@ impl Service {
         };
         [
             self.name.clone(),
-            format!("{}{mark}", self.state),
+            match (&self.swap, self.shadow_pid) {
+                (Some(phase), _) => format!("{}{mark} (swap: {phase})", self.state),
+                (None, Some(_)) => format!("{}{mark} (shadow)", self.state),
+                (None, None) => format!("{}{mark}", self.state),
+            },
             or_dash(self.pid.map(|pid| pid.to_string())),
             or_dash(self.uptime_s.map(duration)),
             self.restarts.to_string(),
-            or_dash(self.last_exit.clone()),
+            or_dash(match (&self.last_exit, &self.reason) {
+                (Some(exit), Some(reason)) => Some(format!("{exit}, {reason}")),
+                (exit, reason) => exit.clone().or(reason.clone()),
+            }),
             or_dash(self.heartbeat_age_ms.map(|age| format!("{age:.0}"))),
             [self.cycle_p50_us, self.cycle_p99_us, self.cycle_max_us]
                 .map(ms)
@@ -269,6 +366,7 @@ impl Service {
             },
             format!("{}", self.budget_misses + self.deadline_misses),
             format!("{}/{}", self.inputs_fresh, self.inputs_needed),
+            or_dash(self.cpu_percent.map(|percent| format!("{percent:.1}"))),
         ]
     }
 }
@@ -307,17 +405,20 @@ impl Link {
         } else {
             "clock not mapped yet".to_owned()
         };
+        let stages = match self.stages.as_slice() {
+            [] => String::new(),
+            stages => format!("      of that p50/p99: {}\n", StageLatency::line(stages)),
+        };
         format!(
             "link: autopilot {} heard, {clock}, avoidance {}\n      {} setpoints, largest gap {:.0} ms; capture to \
-             wire {:.1} / {:.1} / {:.1} ms p50/p99/max\n      of that p50/p99: {}\n",
+             wire {:.1} / {:.1} / {:.1} ms p50/p99/max\n{stages}",
             self.system_id,
             self.avoidance,
             self.setpoints,
             self.setpoint_gap_max_ms,
             self.capture_to_wire_p50_ms,
             self.capture_to_wire_p99_ms,
-            self.capture_to_wire_max_ms,
-            StageLatency::line(&self.stages)
+            self.capture_to_wire_max_ms
         )
     }
 }

@@ -2,10 +2,11 @@
 
 use super::watch::Watch;
 use super::{EXIT_NOT_RUNNING, Problem, running};
-use jink_cli::report::{Report, exit_code};
+use jink_cli::report::{PostMortem, Report, exit_code};
 use jink_runtime::Instance;
+use jink_shared_types::health::SystemStatus;
 use std::process::ExitCode;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// How to look.
 #[derive(Clone, Debug, clap::Args)]
@@ -49,14 +50,37 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     wait(LINK_PATIENCE, || watch.link().map(|_| ()));
     // Newer by the time spent waiting.
     let status = watch.status().unwrap_or(status);
-    let report = Report::new(&instance.to_string(), jink_runtime::now(), &status, watch.link());
+    let ends = post_mortems(instance, &status);
+    let report = Report::new(
+        &instance.to_string(),
+        jink_runtime::now(),
+        &status,
+        watch.link(),
+        ends,
+    );
     if args.json {
         let json = serde_json::to_string(&report).map_err(|error| Problem::Other(error.to_string()))?;
         println!("{json}");
     } else {
-        print!("{}", report.text());
+        let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
+        print!(
+            "{}",
+            report.text(since_1970.map_or(0.0, |time| time.as_secs_f64()))
+        );
     }
     Ok(ExitCode::from(exit_code(status.health.get())))
+}
+
+/// What the supervisor has written down about processes that ended.
+fn post_mortems(instance: &Instance, status: &SystemStatus) -> Vec<PostMortem> {
+    let read = |name: &str| {
+        let text = std::fs::read_to_string(instance.post_mortem(name)).ok()?;
+        serde_json::from_str(&text).ok()
+    };
+    let processes = status.processes().iter();
+    processes
+        .filter_map(|process| read(process.heartbeat.name.as_str()))
+        .collect()
 }
 
 fn wait<T>(patience: Duration, mut condition: impl FnMut() -> Option<T>) -> Option<T> {

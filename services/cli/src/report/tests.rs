@@ -1,4 +1,4 @@
-use super::{Report, duration, exit_code, exit_text};
+use super::{PostMortem, Report, duration, exit_code, exit_text};
 use jink_shared_types::Stage;
 use jink_shared_types::coded::{Coded, Flag};
 use jink_shared_types::health::{Health, Heartbeat, Name, ProcessStatus, ServiceState, SystemStatus};
@@ -52,12 +52,12 @@ fn report(link: Option<&LinkStatus>) -> Report {
         sample,
         header: &header,
     });
-    Report::new("default", at(130.0), &status(), link)
+    Report::new("default", at(130.0), &status(), link, Vec::new())
 }
 
 #[test]
 fn the_screen_shows_every_service_with_its_figures() {
-    let text = report(None).text();
+    let text = report(None).text(1_000.0);
     let planner = text.lines().find(|line| line.starts_with("planner")).unwrap();
     for figure in [
         "degraded !",
@@ -81,7 +81,7 @@ fn the_screen_shows_every_service_with_its_figures() {
 
 #[test]
 fn the_columns_line_up() {
-    let text = report(None).text();
+    let text = report(None).text(1_000.0);
     let column = |line: &str, word: &str| line.find(word).unwrap();
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!(column(lines[2], "state"), column(lines[3], "degraded"));
@@ -109,13 +109,13 @@ fn the_link_says_whether_the_autopilot_is_heard_and_how_fast_the_chain_is() {
         ..LinkStatus::default()
     };
     let silent = "link: the autopilot is not heard (512 bytes that are no MAVLink, 3 messages of others)\n";
-    assert!(report(Some(&link)).text().ends_with(silent));
+    assert!(report(Some(&link)).text(1_000.0).ends_with(silent));
     link.autopilot_alive = Flag::YES;
     link.system_id = 1;
     link.setpoint_gap_max_us = 61_000;
     link.capture_to_wire.record_us(12_000);
     link.stages[Stage::Fusion as usize].record_us(5_000);
-    let text = report(Some(&link)).text();
+    let text = report(Some(&link)).text(1_000.0);
     assert!(text.contains("autopilot 1 heard, clock not mapped yet"), "{text}");
     assert!(
         text.contains("largest gap 61 ms; capture to wire 12.0 / 12.0 / 12.0 ms"),
@@ -143,4 +143,33 @@ fn durations_and_exits_read_well() {
         ["5 s", "1 min 5 s", "2 h 4 min"]
     );
     assert_eq!([0, 78, 265].map(exit_text), ["code 0", "code 78", "signal 9"]);
+}
+
+#[test]
+fn who_ended_is_shown_with_its_last_words() {
+    let end = PostMortem {
+        process: "planner".to_owned(),
+        generation: 2,
+        pid: 77,
+        exit: "signal 11".to_owned(),
+        lived_s: 65.0,
+        unix_s: 988.0,
+        state: "active".to_owned(),
+        cycles: 1_950,
+        cycle_last_us: 900,
+        cycle_max_us: 9_000,
+        last_lines: (1..=5).map(|line| format!("line {line}")).collect(),
+        core: Some("kernel.core_pattern is \"core\"".to_owned()),
+    };
+    let text = Report {
+        ends: vec![end],
+        ..report(None)
+    }
+    .text(1_000.0);
+    let told = "planner (start 2, process id 77) ended 12 s ago with signal 11, after 1 min 5 s and 1950 cycles, active then\n";
+    assert!(text.contains(told), "{text}");
+    assert!(
+        text.ends_with("core_pattern is \"core\"\n      | line 3\n      | line 4\n      | line 5\n"),
+        "{text}"
+    );
 }
