@@ -93,9 +93,10 @@ impl Drills {
             };
             time_s.is_some_and(|time_s| drill.at_s <= time_s)
         };
-        let (due, planned) = std::mem::take(&mut self.planned).into_iter().partition(is_due);
+        let (due, planned): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut self.planned).into_iter().partition(is_due);
         self.planned = planned;
-        for drill in Vec::<Drill>::from(due) {
+        for drill in due {
             news.push(self.begin(&drill, view));
         }
         self.looks += 1;
