@@ -274,6 +274,13 @@ impl System {
                 {
                     return Some(refusal(format!("{} is no file", program.display())));
                 }
+                // Neither its program nor its answers may meet those of a swap that is under way.
+                let just_asked = self.observations.iter().any(
+                    |seen| matches!(seen, Observation::SwapRequested { process: other, .. } if *other == process),
+                );
+                if just_asked || self.supervision.is_swapping(process) {
+                    return Some(refusal(SwapNews::Refused(Refusal::Busy).to_string()));
+                }
                 self.children.stage(process, program.clone());
                 self.requests.wait_for(client, process);
                 self.observations.push(Observation::SwapRequested {

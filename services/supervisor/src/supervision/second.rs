@@ -55,6 +55,14 @@ impl Supervision {
         }
     }
 
+    /// Whether a swap of process `index` is under way: another one is not even prepared then.
+    pub fn is_swapping(&self, index: usize) -> bool {
+        self.seconds.get(index).is_some_and(|second| {
+            let busy = second.shadow.as_ref().is_some_and(|one| one.kind != Kind::Hot);
+            busy || second.wanted.is_some()
+        })
+    }
+
     pub(super) fn swap_requested(
         &mut self,
         index: usize,
@@ -62,10 +70,10 @@ impl Supervision {
         dry_run: bool,
         actions: &mut Vec<Action>,
     ) {
+        let busy = self.is_swapping(index);
         let (Some(process), Some(second)) = (self.processes.get(index), self.seconds.get_mut(index)) else {
             return;
         };
-        let busy = second.wanted.is_some() || second.shadow.as_ref().is_some_and(|one| one.kind != Kind::Hot);
         let refusal = if self.stopping.is_some() {
             Some(Refusal::Stopping)
         } else if busy {
