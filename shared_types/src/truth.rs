@@ -48,7 +48,7 @@ crate::sample! {
         pub mission_done: Flag,
         /// Radius of the vehicle's hull (m).
         pub hull_radius_m: f64,
-        /// Explicit padding, zero.
-        pub reserved: u64,
+        /// Largest time by which the simulation ran behind the board's clock since take-off (s); 0 in lock-step.
+        pub late_max_s: f64,
     }
 }

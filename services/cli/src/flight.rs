@@ -271,6 +271,7 @@ impl FlightLog {
             latency_stages: StageLatency::of(&stages),
             restarts,
             faults,
+            simulator_late_max_ms: round(truth.late_max_s * 1e3),
             machine_stall_max_ms: 0.0,
             machine_stolen_ms: 0.0,
         }
@@ -316,6 +317,9 @@ pub struct Summary {
     pub restarts: u32,
     /// What was done to it on purpose.
     pub faults: Vec<FaultRecord>,
+    /// Largest time by which the simulation, autopilot included, ran behind the wall clock (ms): stand still of the
+    /// machine as far as it hit the simulator itself.
+    pub simulator_late_max_ms: f64,
     /// The longest time by which the machine woke an idle thread late (ms): what no flight code can make up for.
     pub machine_stall_max_ms: f64,
     /// Time that the hypervisor gave to others meanwhile (ms).
@@ -357,8 +361,8 @@ impl Summary {
             ),
             format!("  {} restarts", self.restarts),
             format!(
-                "  the machine: an idle thread woken {:.0} ms late at most, {:.0} ms stolen by the hypervisor",
-                self.machine_stall_max_ms, self.machine_stolen_ms
+                "  the machine: an idle thread woken {:.0} ms late at most, the simulation {:.0} ms behind at most, {:.0} ms stolen by the hypervisor",
+                self.machine_stall_max_ms, self.simulator_late_max_ms, self.machine_stolen_ms
             ),
         ];
         for line in lines {

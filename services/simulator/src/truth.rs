@@ -74,7 +74,7 @@ impl Observer {
             landed: Flag::from(autopilot.is_landed()),
             mission_done: Flag::from(mission.done),
             hull_radius_m: self.hull_radius_m,
-            reserved: 0,
+            late_max_s: 0.0,
         }
     }
 

@@ -1,6 +1,7 @@
 //! What the machine itself did during the flight: a gap in the setpoints on a host that stood still says nothing about
 //! the flight code.
 
+use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -15,7 +16,8 @@ const TICK_MS: f64 = 10.0;
 #[derive(Debug)]
 pub struct Machine {
     stop: Arc<AtomicBool>,
-    watcher: JoinHandle<Duration>,
+    /// One on each processor: the hypervisor takes them away one at a time.
+    watchers: Vec<JoinHandle<Duration>>,
     stolen_before_ms: f64,
 }
 
@@ -32,19 +34,17 @@ impl Machine {
     /// Begins to watch.
     pub fn watch() -> Self {
         let stop = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&stop);
-        let watcher = std::thread::spawn(move || {
-            let mut longest = Duration::ZERO;
-            while !stopped.load(Ordering::Relaxed) {
-                let begin = Instant::now();
-                std::thread::sleep(PERIOD);
-                longest = longest.max(begin.elapsed().saturating_sub(PERIOD));
-            }
-            longest
-        });
+        let allowed = sched_getaffinity(None).unwrap_or_else(|_| CpuSet::new());
+        let watchers = (0..CpuSet::MAX_CPU)
+            .filter(|processor| allowed.is_set(*processor))
+            .map(|processor| {
+                let stopped = Arc::clone(&stop);
+                std::thread::spawn(move || watch_processor(processor, &stopped))
+            })
+            .collect();
         Self {
             stop,
-            watcher,
+            watchers,
             stolen_before_ms: stolen_ms(),
         }
     }
@@ -54,12 +54,29 @@ impl Machine {
         self.stop.store(true, Ordering::Relaxed);
         MachineTimes {
             stall_max_ms: self
-                .watcher
-                .join()
+                .watchers
+                .into_iter()
+                .filter_map(|watcher| watcher.join().ok())
+                .max()
                 .map_or(0.0, |longest| longest.as_secs_f64() * 1e3),
             stolen_ms: stolen_ms() - self.stolen_before_ms,
         }
     }
+}
+
+/// Sleeps again and again on one processor; the longest time by which it was woken late.
+fn watch_processor(processor: usize, stop: &AtomicBool) -> Duration {
+    let mut only = CpuSet::new();
+    only.set(processor);
+    // Where that is not allowed it watches whichever processor it is given.
+    let _anywhere = sched_setaffinity(None, &only);
+    let mut longest = Duration::ZERO;
+    while !stop.load(Ordering::Relaxed) {
+        let begin = Instant::now();
+        std::thread::sleep(PERIOD);
+        longest = longest.max(begin.elapsed().saturating_sub(PERIOD));
+    }
+    longest
 }
 
 /// The ninth field of the first line of /proc/stat (proc(5): `cpu user nice system idle iowait irq softirq steal`).

@@ -139,12 +139,17 @@ fn plan(arguments: &Arguments) -> Result<FlightPlan, String> {
 fn fly(plan: FlightPlan, link: &mut MavUdp) -> Outcome {
     let mut station = GroundStation::new(plan);
     let begin = Instant::now();
-    let (mut inbox, mut outbox) = (Vec::new(), Vec::new());
+    let (mut arrivals, mut inbox, mut outbox) = (Vec::new(), Vec::new(), Vec::new());
     let mut told = String::new();
     loop {
         inbox.clear();
         outbox.clear();
-        link.receive(&mut inbox);
+        link.receive(&mut arrivals);
+        inbox.extend(
+            arrivals
+                .drain(..)
+                .map(|arrival| (arrival.header, arrival.message)),
+        );
         station.step(begin.elapsed().as_secs_f64(), &inbox, &mut outbox);
         for (header, message) in &outbox {
             link.send(header, message);

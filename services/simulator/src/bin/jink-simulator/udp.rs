@@ -1,11 +1,30 @@
-//! MAVLink over UDP on loopback, without waiting.
+//! MAVLink over UDP on loopback, without waiting, every message with the time at which the kernel took it in.
 
+use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MavlinkReader};
+use nix::cmsg_space;
+use nix::errno::Errno;
+use nix::sys::socket::{
+    ControlMessageOwned, MsgFlags, SockaddrIn, recvmsg, setsockopt, sockopt::ReceiveTimestampns,
+};
+use nix::sys::time::TimeSpec;
+use rustix::time::{ClockId, clock_gettime};
 use std::collections::VecDeque;
-use std::io::Read;
-use std::net::{SocketAddr, UdpSocket};
-use std::os::fd::{AsFd, BorrowedFd};
+use std::io::{IoSliceMut, Read};
+use std::net::{SocketAddr, SocketAddrV4, UdpSocket};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
+
+/// A message with the time it arrived.
+#[derive(Clone, Debug)]
+pub struct Arrival {
+    /// When the kernel took the datagram in, on the board's clock.
+    pub time: Timestamp,
+    /// Who sent it.
+    pub header: MavHeader,
+    /// What it says.
+    pub message: MavMessage,
+}
 
 /// Bytes received and not yet read as messages.
 #[derive(Default)]
@@ -19,12 +38,20 @@ impl Read for Feed {
     }
 }
 
+/// A datagram that was received.
+struct Datagram {
+    length: usize,
+    from: Option<SocketAddr>,
+    stamp: Option<TimeSpec>,
+}
+
 /// One UDP link.
 pub struct MavUdp {
     socket: UdpSocket,
     peer: Option<SocketAddr>,
     reader: MavlinkReader<Feed>,
     datagram: Vec<u8>,
+    control: Vec<u8>,
 }
 
 impl MavUdp {
@@ -32,11 +59,13 @@ impl MavUdp {
     pub fn open(local: SocketAddr, peer: Option<SocketAddr>) -> std::io::Result<Self> {
         let socket = UdpSocket::bind(local)?;
         socket.set_nonblocking(true)?;
+        setsockopt(&socket, ReceiveTimestampns, &true)?;
         Ok(Self {
             socket,
             peer,
             reader: MavlinkReader::new(Feed::default()),
             datagram: vec![0; 65_536],
+            control: cmsg_space!(TimeSpec),
         })
     }
 
@@ -46,23 +75,30 @@ impl MavUdp {
     }
 
     /// Appends every message that has come. Errors of the socket (a peer that is not up yet answers with one) pass.
-    pub fn receive(&mut self, messages: &mut Vec<(MavHeader, MavMessage)>) {
+    pub fn receive(&mut self, arrivals: &mut Vec<Arrival>) {
         loop {
-            match self.socket.recv_from(&mut self.datagram) {
-                Ok((length, from)) => {
-                    if self
-                        .peer
-                        .is_none_or(|peer| !peer.ip().is_unspecified() && from.port() != peer.port())
+            match self.take_datagram() {
+                Ok(datagram) => {
+                    if let Some(from) = datagram.from
+                        && self
+                            .peer
+                            .is_none_or(|peer| !peer.ip().is_unspecified() && from.port() != peer.port())
                     {
                         self.peer = Some(from);
                     }
-                    self.reader.get_mut().bytes.extend(&self.datagram[..length]);
-                    while let Ok(message) = self.reader.read_any_message::<MavMessage>() {
-                        messages.push(message);
+                    let time = on_boards_clock(datagram.stamp);
+                    let bytes = self.datagram.get(..datagram.length).unwrap_or_default();
+                    self.reader.get_mut().bytes.extend(bytes);
+                    while let Ok((header, message)) = self.reader.read_any_message::<MavMessage>() {
+                        arrivals.push(Arrival {
+                            time,
+                            header,
+                            message,
+                        });
                     }
                 }
-                Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => return,
-                Err(error) if error.kind() == std::io::ErrorKind::ConnectionRefused => {}
+                Err(Errno::EAGAIN) => return,
+                Err(Errno::ECONNREFUSED | Errno::EINTR) => {}
                 Err(error) => {
                     tracing::warn!("UDP: {error}");
                     return;
@@ -71,11 +107,72 @@ impl MavUdp {
         }
     }
 
+    fn take_datagram(&mut self) -> Result<Datagram, Errno> {
+        let mut into = [IoSliceMut::new(&mut self.datagram)];
+        let message = recvmsg::<SockaddrIn>(
+            self.socket.as_raw_fd(),
+            &mut into,
+            Some(&mut self.control),
+            MsgFlags::empty(),
+        )?;
+        let stamp = message.cmsgs()?.find_map(|control| match control {
+            ControlMessageOwned::ScmTimestampns(stamp) => Some(stamp),
+            _ => None,
+        });
+        Ok(Datagram {
+            length: message.bytes,
+            from: message
+                .address
+                .map(|address| SocketAddr::V4(SocketAddrV4::from(address))),
+            stamp,
+        })
+    }
+
     /// Sends one message; lost if nobody listens, as UDP does.
     pub fn send(&self, header: &MavHeader, message: &MavMessage) {
         let Some(peer) = self.peer else { return };
         let mut raw = MAVLinkV2MessageRaw::new();
         raw.serialize_message(*header, message);
         let _lost = self.socket.send_to(raw.raw_bytes(), peer);
+    }
+}
+
+/// The kernel stamps in wall time: what counts is how long ago that was. Without a stamp, now.
+fn on_boards_clock(stamp: Option<TimeSpec>) -> Timestamp {
+    let now = jink_runtime::now();
+    let Some(stamp) = stamp else { return now };
+    let wall = clock_gettime(ClockId::Realtime);
+    let age_s = (wall.tv_sec - stamp.tv_sec()) as f64 + (wall.tv_nsec - stamp.tv_nsec()) as f64 * 1e-9;
+    now.plus_seconds(-age_s.max(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::MavUdp;
+    use mavlink::MavHeader;
+    use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavMessage};
+    use std::net::{Ipv4Addr, SocketAddr};
+    use std::time::Duration;
+
+    #[test]
+    fn a_message_read_late_still_tells_when_it_came() {
+        let anywhere = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
+        let mut receiver = MavUdp::open(anywhere, None).unwrap();
+        let address = receiver.socket.local_addr().unwrap();
+        let sender = MavUdp::open(anywhere, Some(address)).unwrap();
+        let before = jink_runtime::now();
+        sender.send(
+            &MavHeader::default(),
+            &MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()),
+        );
+        let after = jink_runtime::now();
+        std::thread::sleep(Duration::from_millis(50));
+        let mut arrivals = Vec::new();
+        receiver.receive(&mut arrivals);
+        assert_eq!(arrivals.len(), 1);
+        let came = arrivals[0].time;
+        // The wall clock may be slewed meanwhile, by a thousandth at most.
+        assert!(came.plus_seconds(1e-3) >= before && came <= after.plus_seconds(1e-3));
+        assert_eq!(receiver.peer, Some(sender.socket.local_addr().unwrap()));
     }
 }

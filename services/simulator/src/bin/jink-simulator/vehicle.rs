@@ -1,7 +1,7 @@
 //! World, vehicle and autopilot as a process: 250 steps a second in real time, MAVLink over UDP, ground truth.
 
 use crate::settings;
-use crate::udp::MavUdp;
+use crate::udp::{Arrival, MavUdp};
 use jink_runtime::{Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::{SampleHeader, Timestamp, params, topics};
@@ -9,11 +9,15 @@ use jink_simulator::autopilot::{Autopilot, AutopilotConfig, Link, Packet};
 use jink_simulator::truth::Observer;
 use jink_simulator::vehicle::STEP_US;
 use jink_simulator::world::World;
+use std::collections::VecDeque;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::os::fd::BorrowedFd;
 
 /// More steps than this behind, the simulation goes on slower than real time instead of catching up: 200 ms.
 const CATCH_UP_STEPS: u64 = 50;
+/// The links, in the order in which they are read.
+const LINKS: [Link; 2] = [Link::Companion, Link::GroundStation];
+
 /// The simulated aircraft.
 pub struct VehicleService {
     world: World,
@@ -24,7 +28,10 @@ pub struct VehicleService {
     truth: Output<SimTruth>,
     begin: Timestamp,
     steps: u64,
-    received: Vec<(mavlink::MavHeader, mavlink::dialects::ardupilotmega::MavMessage)>,
+    late_max_s: f64,
+    received: Vec<Arrival>,
+    /// Arrived and not yet given to a step, per link in order of arrival.
+    waiting: [VecDeque<Arrival>; LINKS.len()],
     inbox: Vec<Packet>,
     outbox: Vec<Packet>,
 }
@@ -58,7 +65,9 @@ impl Service for VehicleService {
             truth: ports.output(topics::SIM_TRUTH)?,
             begin: jink_runtime::now(),
             steps: 0,
+            late_max_s: 0.0,
             received: Vec::new(),
+            waiting: Default::default(),
             inbox: Vec::new(),
             outbox: Vec::new(),
         })
@@ -72,6 +81,12 @@ impl Service for VehicleService {
             self.begin = self.begin.plus_seconds(behind as f64 * STEP_US as f64 * 1e-6);
         }
         while self.step_time(self.steps + 1) <= cycle.now {
+            self.late_max_s = match self.autopilot.is_armed() {
+                true => self
+                    .late_max_s
+                    .max(cycle.now.seconds_since(self.step_time(self.steps + 1))),
+                false => 0.0,
+            };
             self.step();
         }
         Wake::at(self.step_time(self.steps + 1))
@@ -90,33 +105,35 @@ impl VehicleService {
     }
 
     fn receive(&mut self) {
-        let Self {
-            received,
-            inbox,
-            companion,
-            ground_station,
-            ..
-        } = self;
-        let links = [
-            (Link::Companion, Some(companion)),
-            (Link::GroundStation, ground_station.as_mut()),
-        ];
-        for (link, udp) in links {
-            let Some(udp) = udp else { continue };
-            received.clear();
-            udp.receive(received);
-            inbox.extend(received.drain(..).map(|(header, message)| Packet {
-                link,
-                header,
-                message,
-            }));
+        let links = [Some(&mut self.companion), self.ground_station.as_mut()];
+        for (link, waiting) in links.into_iter().zip(&mut self.waiting) {
+            if let Some(link) = link {
+                link.receive(&mut self.received);
+                waiting.extend(self.received.drain(..));
+            }
+        }
+    }
+
+    /// Hands the coming step what had arrived by then: a simulation that makes up for lost time sees the messages
+    /// when an autopilot on a computer of its own would have seen them, not all at once and then none.
+    fn fill_inbox(&mut self) {
+        self.inbox.clear();
+        let until = self.step_time(self.steps + 1);
+        for (link, waiting) in LINKS.into_iter().zip(&mut self.waiting) {
+            while let Some(arrival) = waiting.pop_front_if(|arrival| arrival.time <= until) {
+                self.inbox.push(Packet {
+                    link,
+                    header: arrival.header,
+                    message: arrival.message,
+                });
+            }
         }
     }
 
     fn step(&mut self) {
+        self.fill_inbox();
         self.outbox.clear();
         self.autopilot.step(&self.inbox, &mut self.outbox);
-        self.inbox.clear();
         for packet in &self.outbox {
             match (packet.link, &self.ground_station) {
                 (Link::Companion, _) => self.companion.send(&packet.header, &packet.message),
@@ -125,7 +142,10 @@ impl VehicleService {
             }
         }
         self.steps += 1;
-        let truth = self.observer.observe(&self.autopilot, &self.world);
+        let truth = SimTruth {
+            late_max_s: self.late_max_s,
+            ..self.observer.observe(&self.autopilot, &self.world)
+        };
         let header = SampleHeader {
             capture: self.step_time(self.steps),
             ..SampleHeader::default()
