@@ -120,7 +120,9 @@ impl VehicleService {
         self.inbox.clear();
         let until = self.step_time(self.steps + 1);
         for (link, waiting) in LINKS.into_iter().zip(&mut self.waiting) {
-            while let Some(arrival) = waiting.pop_front_if(|arrival| arrival.time <= until) {
+            while waiting.front().is_some_and(|arrival| arrival.time <= until)
+                && let Some(arrival) = waiting.pop_front()
+            {
                 self.inbox.push(Packet {
                     link,
                     header: arrival.header,
