@@ -46,6 +46,7 @@ struct Answer {
 pub struct ClockMap {
     pending: [Timestamp; PENDING],
     next_pending: usize,
+    overhears: bool,
     window: [Answer; WINDOW],
     good: u32,
     outliers: u32,
@@ -58,6 +59,7 @@ impl Default for ClockMap {
         Self {
             pending: [Timestamp::NEVER; PENDING],
             next_pending: 0,
+            overhears: false,
             window: [Answer::default(); WINDOW],
             good: 0,
             outliers: 0,
@@ -74,6 +76,11 @@ impl ClockMap {
         self.next_pending = (self.next_pending + 1) % PENDING;
     }
 
+    /// Whether answers to the requests of another gateway on the same board are taken as well: they carry the same clock.
+    pub fn overhear(&mut self, overhears: bool) {
+        self.overhears = overhears;
+    }
+
     /// Takes an answer received at `received`: the autopilot's clock `autopilot_ns`, and our request's time as it
     /// was sent back. Answers to requests that we did not send are ignored.
     pub fn answer(&mut self, received: Timestamp, autopilot_ns: i64, echoed_ns: i64) {
@@ -81,14 +88,15 @@ impl ClockMap {
             return;
         };
         let sent = Timestamp::from_ns(sent_ns);
-        let Some(slot) = self
+        let slot = self
             .pending
             .iter_mut()
-            .find(|pending| pending.is_set() && **pending == sent)
-        else {
-            return;
-        };
-        *slot = Timestamp::NEVER;
+            .find(|pending| pending.is_set() && **pending == sent);
+        match slot {
+            Some(slot) => *slot = Timestamp::NEVER,
+            None if self.overhears => {}
+            None => return,
+        }
         let round_trip_ns = received.ns_since(sent);
         if received < sent || round_trip_ns > LONGEST_RTT_NS || autopilot_ns < 0 {
             return;
@@ -114,6 +122,7 @@ impl ClockMap {
             *self = Self {
                 pending: self.pending,
                 next_pending: self.next_pending,
+                overhears: self.overhears,
                 ..Self::default()
             };
         }

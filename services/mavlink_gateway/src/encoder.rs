@@ -11,7 +11,7 @@ use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavMessage};
 use mavlink::{MAV_STX_V2, MavlinkVersion, Message, MessageData, calculate_crc, consts};
 
 /// Components of ours that can be numbered on one link; more than the gateway ever speaks for.
-const COMPONENTS: usize = 4;
+pub(crate) const COMPONENTS: usize = 4;
 /// Length of a MAVLink 2 header with its start byte (bytes).
 const HEADER_BYTES: usize = consts::STX_SIZE + consts::v2::MIN_HEADER_SIZE;
 
@@ -35,6 +35,16 @@ impl Encoder {
             buffer: [0; consts::MAX_FRAME_SIZE],
             sequences: [(0, 0); COMPONENTS],
         }
+    }
+
+    /// Per component in use: its next number. Component 0 marks a free slot.
+    pub(crate) fn sequences(&self) -> [(u8, u8); COMPONENTS] {
+        self.sequences
+    }
+
+    /// Numbers go on where another encoder has stopped.
+    pub(crate) fn go_on_from(&mut self, sequences: [(u8, u8); COMPONENTS]) {
+        self.sequences = sequences;
     }
 
     /// The bytes of `body` as sent by `system_id`/`component_id`, valid until the next call.

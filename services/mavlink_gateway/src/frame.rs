@@ -174,6 +174,11 @@ impl Splitter {
         self.end - self.start
     }
 
+    /// Those bytes.
+    pub fn rest(&self) -> &[u8] {
+        &self.buffer[self.start..self.end]
+    }
+
     /// Appends bytes of a stream and returns how many there was room for: all of them, if [`Self::next_frame`] was called
     /// until it returned `None` and no more than `SPLITTER_BYTES - 293` bytes come at once.
     pub fn push(&mut self, bytes: &[u8]) -> usize {

@@ -44,6 +44,7 @@
 //! the one in [`profile::px4_trajectory`].
 
 mod avoidance;
+mod baton;
 mod clock_map;
 mod commands;
 mod config;
@@ -64,6 +65,7 @@ mod ticker;
 mod vehicle;
 mod wire;
 
+pub use baton::Baton;
 pub use config::GatewayConfig;
 pub use encoder::Encoder;
 pub use gateway::Gateway;

@@ -1,12 +1,13 @@
 //! The gateway as a process: woken by the link, by approved trajectories, and by its own beat.
 
-use jink_mavlink_gateway::link::{Endpoint, Link, Progress, Sent};
+use jink_mavlink_gateway::link::{Endpoint, Link, LinkError, Progress, Sent};
 use jink_mavlink_gateway::{
-    COMPONENT_AVOIDANCE, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Receipt, Received,
+    Baton, COMPONENT_AVOIDANCE, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Receipt,
+    Received,
 };
 use jink_runtime::config::process_names;
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Cycle, Input, Latency, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Claim, Cycle, Input, Latency, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
@@ -17,9 +18,14 @@ use jink_shared_types::{SampleHeader, Timestamp, topics};
 use std::fmt::Display;
 use std::os::fd::BorrowedFd;
 use std::process::ExitCode;
+use std::time::Duration;
 
 /// Messages handled per cycle; a link that floods is read on in the next one, after the setpoint.
 const MESSAGES_MAX: usize = 256;
+/// How long a restarted gateway waits for its port to be let go (s).
+const LET_GO_S: f64 = 0.3;
+/// How often an instance that hears nobody any more looks whether the link is its own now (s).
+const ORPHAN_LOOKS_S: f64 = 0.002;
 /// Events handled per cycle.
 const EVENTS_MAX: usize = 32;
 
@@ -39,6 +45,7 @@ struct GatewayService {
     desired: Output<DesiredPath>,
     status: Output<LinkStatus>,
     latency: Latency,
+    claim: Claim,
 }
 
 fn needs<E: Display>(what: String) -> impl FnOnce(E) -> StartError {
@@ -55,7 +62,14 @@ impl Service for GatewayService {
         let settings = ports.config().link.clone();
         let at = format!("link.address = {:?}", settings.address);
         let endpoint: Endpoint = settings.address.parse().map_err(needs(at.clone()))?;
-        let link = Link::open(endpoint).map_err(needs(at))?;
+        let door = ports.setup().instance.handover_socket(&ports.setup().process);
+        let link = if ports.setup().shadow {
+            Link::join(endpoint, &door).map_err(needs(at))?
+        } else {
+            let mut link = open(endpoint, ports.setup().generation).map_err(needs(at.clone()))?;
+            link.share(&door).map_err(needs(at))?;
+            link
+        };
         let profile: ProfileName = settings
             .profile
             .parse()
@@ -89,11 +103,20 @@ impl Service for GatewayService {
             desired: ports.output(topics::DESIRED_PATH)?,
             status: ports.output(topics::LINK_STATUS)?,
             latency: ports.latency(),
+            claim: ports.claim(),
         })
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
+        if self.link.holds() && !self.claim.is_due(now) {
+            self.link
+                .release(&Baton::of(&self.gateway, &self.encoder).to_bytes());
+        }
+        // What the former holder has read is its own to answer, also if the link passes over behind it.
+        let speaks = self.link.holds();
+        self.claim.declare(speaks);
+        self.gateway.listen_only(!speaks);
         let progress = self.receive();
         self.news.clear();
         for input in &mut self.events {
@@ -112,24 +135,54 @@ impl Service for GatewayService {
             events: &self.news,
         };
         self.gateway.step(now, &inputs, &mut self.outputs);
-        self.send();
+        if speaks {
+            self.send();
+        }
         self.publish();
         for event in self.outputs.events() {
             cycle.events.publish(now, event);
         }
-        if progress == Progress::More {
+        if self.take_over(now) || progress == Progress::More {
             return Wake::at(now);
         }
-        let link = self.link.next_wake().unwrap_or(Timestamp::from_ns(u64::MAX));
-        Wake::at(self.gateway.next_wake(now).min(link))
+        let mut wake = self.gateway.next_wake(now);
+        wake = wake.min(self.link.next_wake().unwrap_or(wake));
+        if let Some(change) = self.claim.changes_at().filter(|change| *change > now) {
+            wake = wake.min(change);
+        }
+        if self.link.is_orphaned() {
+            wake = wake.min(now.plus_seconds(ORPHAN_LOOKS_S));
+        }
+        Wake::at(wake)
     }
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
-        [self.link.fd(), None, None, None]
+        let [link, peer, door] = self.link.fds();
+        [link, peer, door, None]
     }
 }
 
 impl GatewayService {
+    /// Goes on where the former holder of the link has stopped, if it has passed it on or died. Returns whether this
+    /// instance speaks from now on.
+    fn take_over(&mut self, now: Timestamp) -> bool {
+        if let Some(baton) = self.link.take_baton() {
+            match Baton::of_bytes(&baton) {
+                Some(baton) => baton.hand_to(&mut self.gateway, &mut self.encoder),
+                None => self.gateway.go_on_at_once(now),
+            }
+            tracing::info!("the link was passed on to this instance");
+            return true;
+        }
+        let left_alone = self.link.is_orphaned() && self.claim.is_due(now);
+        if left_alone {
+            self.link.take();
+            self.gateway.go_on_at_once(now);
+            tracing::info!("the link is taken over from an instance that has died");
+        }
+        left_alone
+    }
+
     fn receive(&mut self) -> Progress {
         self.received.clear();
         let answer = self.link.receive(jink_runtime::now, &mut self.received);
@@ -144,7 +197,7 @@ impl GatewayService {
             (false, _) if self.link_lost => tracing::info!("the link is back"),
             _ => {}
         }
-        self.link_lost = lost || self.link.fd().is_none();
+        self.link_lost = lost || self.link.holds() && self.link.fd().is_none();
     }
 
     fn send(&mut self) {
@@ -180,6 +233,19 @@ impl GatewayService {
         }
         if let Some(status) = &self.outputs.link_status {
             self.status.send(SampleHeader::at(jink_runtime::now()), status);
+        }
+    }
+}
+
+/// Opens the link. At a restart a second instance that is just being ended may still have it for a moment.
+fn open(endpoint: Endpoint, generation: u32) -> Result<Link, LinkError> {
+    let patience = jink_runtime::now().plus_seconds(LET_GO_S);
+    loop {
+        match Link::open(endpoint.clone()) {
+            Err(LinkError::AddressInUse { .. }) if generation > 1 && jink_runtime::now() < patience => {
+                std::thread::sleep(Duration::from_millis(2));
+            }
+            opened => return opened,
         }
     }
 }

@@ -48,6 +48,11 @@ impl Ticker {
         self.due = now.plus_seconds(self.period_s);
     }
 
+    /// The beat goes on from `last`, when it was taken by another.
+    pub fn go_on_from(&mut self, last: Timestamp) {
+        self.due = last.plus_seconds(self.period_s);
+    }
+
     /// Makes it due at `time`, if that is earlier.
     pub fn hasten(&mut self, time: Timestamp) {
         self.due = self.due.min(time);

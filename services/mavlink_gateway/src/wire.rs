@@ -52,6 +52,11 @@ impl Wire {
         }
     }
 
+    /// Another gateway has sent up to here.
+    pub fn go_on_from(&mut self, last_setpoint: Timestamp) {
+        self.last_setpoint = last_setpoint;
+    }
+
     /// The stream was interrupted with good reason (the autopilot is gone or has started anew): the next gap does not count.
     pub fn interrupted(&mut self) {
         self.last_setpoint = Timestamp::NEVER;

@@ -4,6 +4,9 @@
 //! which it began. The control record says who owns that time ([`jink_shared_types::control`]). An instance the record
 //! says nothing about goes by how it was started: a shadow is silent, any other speaks, so that a restart does not
 //! have to wait for the record.
+//!
+//! Where only one instance can have a thing at a time (a socket, a serial port), the service passes it on by itself when
+//! the record says so, and declares which cycles are its own ([`crate::Claim`]).
 
 use jink_shared_types::control::ControlEntry;
 use jink_shared_types::health::{Heartbeat, Role};
@@ -17,6 +20,7 @@ pub(crate) struct Duty {
     shadow: bool,
     budget_us: u32,
     entry: Cell<Option<ControlEntry>>,
+    declared: Cell<Option<bool>>,
     began: Cell<Timestamp>,
     newest_trigger: Cell<Timestamp>,
     outputs: Cell<u64>,
@@ -41,6 +45,7 @@ impl Duty {
             shadow,
             budget_us,
             entry: Cell::new(None),
+            declared: Cell::new(None),
             began: Cell::new(Timestamp::NEVER),
             newest_trigger: Cell::new(Timestamp::NEVER),
             outputs: Cell::new(0),
@@ -68,8 +73,22 @@ impl Duty {
         self.newest_trigger.set(self.newest_trigger.get().max(time));
     }
 
+    /// Whether the service says by itself which cycles it owns.
+    pub(crate) fn declare(&self, owns: bool) {
+        self.declared.set(Some(owns));
+    }
+
+    /// When ownership changes, if a change is planned.
+    pub(crate) fn changes_at(&self) -> Option<Timestamp> {
+        let entry = self.entry.get().filter(|entry| entry.next != 0)?;
+        Some(entry.from)
+    }
+
     /// Whether this cycle's outputs are to be published.
     pub(crate) fn owns_cycle(&self) -> bool {
+        if let Some(declared) = self.declared.get() {
+            return declared;
+        }
         let trigger = self.newest_trigger.get();
         self.owns(if trigger.is_set() {
             trigger
@@ -140,7 +159,8 @@ impl Duty {
     /// Completes a heartbeat sent at `now`.
     pub(crate) fn fill(&self, now: Timestamp, heartbeat: &mut Heartbeat) {
         let late = self.latest.get();
-        heartbeat.role = Coded::new(if self.owns(now) { Role::Owner } else { Role::Shadow });
+        let owns = self.declared.get().unwrap_or_else(|| self.owns(now));
+        heartbeat.role = Coded::new(if owns { Role::Owner } else { Role::Shadow });
         heartbeat.outputs = self.outputs.get();
         heartbeat.late_outputs = self.late.get();
         heartbeat.implausible_outputs = self.implausible.get();
@@ -228,6 +248,18 @@ mod tests {
         // One of later generations says that this instance has been replaced.
         speaks.read(Some(&entry(4, 0, 0)));
         assert!(!speaks.owns_cycle());
+    }
+
+    #[test]
+    fn what_is_passed_on_by_hand_is_owned_as_declared() {
+        let duty = Duty::new(1, false, 0);
+        duty.declare(true);
+        duty.read(Some(&entry(1, 2, 10)));
+        duty.begin(at(20));
+        assert!(duty.owns_cycle() && !duty.owns(at(20)));
+        assert_eq!(duty.changes_at(), Some(at(10)));
+        duty.declare(false);
+        assert!(!duty.owns_cycle());
     }
 
     #[test]

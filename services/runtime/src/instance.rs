@@ -89,6 +89,11 @@ impl Instance {
         self.folder().join("request.sock")
     }
 
+    /// Where process `name` passes what only one instance of it can have to the next one.
+    pub fn handover_socket(&self, name: &str) -> PathBuf {
+        self.folder().join(format!("{name}.handover"))
+    }
+
     /// Where it is written down how process `name` ended last.
     pub fn post_mortem(&self, name: &str) -> PathBuf {
         self.log_folder().join(format!("{name}.end.json"))

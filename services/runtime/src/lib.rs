@@ -68,5 +68,5 @@ pub use instance::Instance;
 pub use output::Output;
 pub use ranges::{RangeInputs, RangeSample};
 pub use realtime::now;
-pub use service::{Cycle, Latency, Ports, Service, Setup, StartError, Wake, run};
+pub use service::{Claim, Cycle, Latency, Ports, Service, Setup, StartError, Wake, run};
 pub use session::{OpenError, Session};

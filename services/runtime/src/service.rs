@@ -261,6 +261,15 @@ impl Ports {
         Ok(self.input_of(topic, member)?.with_duty(&self.duty))
     }
 
+    /// For a service with a thing that only one instance can have: it declares itself which cycles it owns.
+    pub fn claim(&self) -> Claim {
+        let claim = Claim {
+            duty: Rc::clone(&self.duty),
+        };
+        claim.declare(!self.setup.shadow);
+        claim
+    }
+
     fn masks(&self, now: Timestamp) -> (u32, u32) {
         let mut fresh = 0;
         let mut needed = 0;
@@ -296,10 +305,28 @@ impl Latency {
     pub fn left(&self, header: &SampleHeader, time: Timestamp) {
         self.duty.judge_age(header, time);
     }
+}
 
-    /// Whether this instance owns what happens at `time`: whether it may speak to the outside.
-    pub fn owns(&self, time: Timestamp) -> bool {
+/// Ownership that a service passes on by itself, when the control record says so.
+#[derive(Clone, Debug)]
+pub struct Claim {
+    duty: Rc<Duty>,
+}
+
+impl Claim {
+    /// Whether the record says that this instance is the owner at `time`.
+    pub fn is_due(&self, time: Timestamp) -> bool {
         self.duty.owns(time)
+    }
+
+    /// When that changes, if a change is planned; may be past.
+    pub fn changes_at(&self) -> Option<Timestamp> {
+        self.duty.changes_at()
+    }
+
+    /// What is put out from now on is published, or not.
+    pub fn declare(&self, owns: bool) {
+        self.duty.declare(owns);
     }
 }
 

@@ -136,6 +136,28 @@ impl Gateway {
         self.latch.rival(now)
     }
 
+    /// Whether another gateway speaks on this link: its time synchronisation is learned from as well.
+    pub fn listen_only(&mut self, only: bool) {
+        self.clock.overhear(only);
+    }
+
+    /// When the last setpoint was due and sent.
+    pub(crate) fn last_setpoint(&self) -> Timestamp {
+        self.last_setpoint
+    }
+
+    /// Speaks from now on, after another gateway whose last setpoint was sent then.
+    pub(crate) fn go_on_from(&mut self, last_setpoint: Timestamp) {
+        self.last_setpoint = last_setpoint;
+        self.setpoints.go_on_from(last_setpoint);
+        self.wire.go_on_from(last_setpoint);
+    }
+
+    /// Speaks from now on, after another gateway that has died: the next setpoint goes out at once.
+    pub fn go_on_at_once(&mut self, now: Timestamp) {
+        self.setpoints.hasten(now);
+    }
+
     fn vehicle_state(&self, now: Timestamp) -> Option<(jink_shared_types::vehicle::VehicleState, Timestamp)> {
         let system_id = self.latch.system_id(now).unwrap_or(0);
         self.vehicle.state(now, system_id)

@@ -22,6 +22,17 @@ impl Default for Backlog {
 }
 
 impl Backlog {
+    /// The bytes that wait.
+    pub(super) fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// Takes over the bytes that waited in another process; forgets its own.
+    pub(super) fn replace(&mut self, bytes: &[u8]) {
+        self.bytes.clear();
+        self.bytes.extend_from_slice(bytes);
+    }
+
     /// Hands over as much as the stream takes now.
     pub(super) fn flush(&mut self, stream: &mut impl Write) -> io::Result<()> {
         if !self.bytes.is_empty() {

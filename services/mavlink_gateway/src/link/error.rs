@@ -3,6 +3,7 @@
 use super::endpoint::Endpoint;
 use std::fmt;
 use std::io;
+use std::path::PathBuf;
 
 /// Why a link could not be opened, or was lost. A lost link is opened again by itself.
 #[derive(Debug)]
@@ -47,6 +48,13 @@ pub enum LinkError {
         /// What the system says.
         source: io::Error,
     },
+    /// The socket over which a link passes to another process could not be made, or nobody listens there.
+    Handover {
+        /// Its path.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
     /// The link was open and broke.
     Lost {
         /// The link.
@@ -81,6 +89,9 @@ impl fmt::Display for LinkError {
                 write!(f, "{path}: no serial port that runs at {baud} bit/s: {source}")
             }
             LinkError::Open { endpoint, source } => write!(f, "{endpoint}: cannot open: {source}"),
+            LinkError::Handover { path, source } => {
+                write!(f, "{}: no handover of the link: {source}", path.display())
+            }
             LinkError::Lost { endpoint, source } => write!(f, "{endpoint}: lost, reopening: {source}"),
         }
     }
@@ -92,6 +103,7 @@ impl std::error::Error for LinkError {
             LinkError::Resolve { source, .. }
             | LinkError::NotSerial { source, .. }
             | LinkError::Open { source, .. }
+            | LinkError::Handover { source, .. }
             | LinkError::Lost { source, .. } => Some(source),
             LinkError::AddressInUse { .. } | LinkError::NoDevice { .. } | LinkError::Permission { .. } => {
                 None

@@ -9,10 +9,14 @@
 //! Nothing that the other side sends closes a link: malformed bytes are counted, refused datagrams are ignored. A lost
 //! stream (unplugged serial port, closed connection) is opened again with a growing pause; the caller sees one error
 //! per loss and per failed attempt, for its log, and a new [`Link::generation`] when another descriptor must be watched.
+//!
+//! A link can be shared with a second process that is to have it next ([`Link::share`], [`Link::join`],
+//! [`Link::release`]): the second one hears everything, and not a byte is lost or doubled when it passes on.
 
 mod backlog;
 mod endpoint;
 mod error;
+mod handover;
 mod serial;
 mod transport;
 
@@ -22,8 +26,10 @@ pub use transport::Sent;
 
 use crate::frame::Splitter;
 use crate::message::{COMPONENT_AUTOPILOT, Content, Received};
+use handover::{Handover, Letter};
 use jink_shared_types::Timestamp;
 use std::os::fd::BorrowedFd;
+use std::path::Path;
 use transport::{Chunk, Transport};
 
 /// Bytes read at once: half of what the splitter holds, so that a chunk always fits behind an unfinished frame.
@@ -34,6 +40,8 @@ const CHUNKS_PER_CALL: usize = 32;
 const RETRY_FIRST_S: f64 = 0.1;
 /// Longest pause (s): a plugged-in cable should be noticed at once by human standards.
 const RETRY_LONGEST_S: f64 = 1.0;
+/// Pause before a guest whose holder is gone looks for the next one (s).
+const REJOIN_S: f64 = 0.1;
 
 /// Whether a call to [`Link::receive`] took everything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,6 +76,11 @@ pub struct Link {
     generation: u64,
     retry_at: Timestamp,
     retry_pause_s: f64,
+    handover: Option<Handover>,
+    letter_box: Box<[u8]>,
+    /// When the bytes in the splitter were read.
+    read_at: Timestamp,
+    baton: Option<Vec<u8>>,
 }
 
 impl Link {
@@ -77,20 +90,106 @@ impl Link {
     /// [`LinkError`] with what the operator needs to know.
     pub fn open(endpoint: Endpoint) -> Result<Self, LinkError> {
         let transport = Transport::open(&endpoint)?;
-        Ok(Self {
+        Ok(Self::new(endpoint, Some(transport)))
+    }
+
+    fn new(endpoint: Endpoint, transport: Option<Transport>) -> Self {
+        Self {
             endpoint,
-            transport: Some(transport),
+            transport,
             splitter: Splitter::new(),
             chunk: vec![0; CHUNK_BYTES].into_boxed_slice(),
             counters: LinkCounters::default(),
             generation: 0,
             retry_at: Timestamp::NEVER,
             retry_pause_s: RETRY_FIRST_S,
+            handover: None,
+            letter_box: Box::default(),
+            read_at: Timestamp::NEVER,
+            baton: None,
+        }
+    }
+
+    /// Lets a second process join at `path`, a socket that is made now.
+    ///
+    /// # Errors
+    /// [`LinkError::Handover`] if the socket cannot be made.
+    pub fn share(&mut self, path: &Path) -> Result<(), LinkError> {
+        let handover = Handover::host(path).map_err(|source| LinkError::Handover {
+            path: path.to_owned(),
+            source,
+        })?;
+        self.handover = Some(handover);
+        self.letter_box = handover::letter_box(CHUNK_BYTES);
+        Ok(())
+    }
+
+    /// Joins the link that another process shares at `path`: hears what it hears, says nothing.
+    ///
+    /// # Errors
+    /// [`LinkError::Handover`] if nobody shares a link there.
+    pub fn join(endpoint: Endpoint, path: &Path) -> Result<Self, LinkError> {
+        let handover = Handover::join(path).map_err(|source| LinkError::Handover {
+            path: path.to_owned(),
+            source,
+        })?;
+        Ok(Self {
+            handover: Some(handover),
+            letter_box: handover::letter_box(CHUNK_BYTES),
+            ..Self::new(endpoint, None)
         })
     }
 
-    /// The descriptor to watch for input; `None` while the link is lost (then call [`Self::receive`] at
-    /// [`Self::next_wake`]).
+    /// Whether this process reads and writes the link; if not, it only hears what the holder hears.
+    pub fn holds(&self) -> bool {
+        !self.handover.as_ref().is_some_and(Handover::is_guest)
+    }
+
+    /// Passes the link on, with `baton` (at most 255 bytes) for the next holder. Returns whether there was somebody to
+    /// take it; this process hears on then.
+    pub fn release(&mut self, baton: &[u8]) -> bool {
+        let Self {
+            transport, handover, ..
+        } = self;
+        let mut backlog = transport.as_mut().and_then(Transport::backlog);
+        let unsent = backlog.as_ref().map_or(&[][..], |backlog| backlog.bytes());
+        let released = handover
+            .as_mut()
+            .is_some_and(|handover| handover.release(baton, unsent));
+        if released {
+            self.generation += 1;
+            if let Some(backlog) = &mut backlog {
+                backlog.replace(&[]);
+            }
+        }
+        released
+    }
+
+    /// What the former holder wanted this one to know; once, after it has passed the link on.
+    pub fn take_baton(&mut self) -> Option<Vec<u8>> {
+        self.baton.take()
+    }
+
+    /// Whether this process hears nothing because the holder is gone.
+    pub fn is_orphaned(&self) -> bool {
+        !self.holds() && self.handover.as_ref().is_some_and(|one| !one.has_peer())
+    }
+
+    /// Goes on with the link of a holder that has died. Only for whom the control record names the owner.
+    pub fn take(&mut self) {
+        if let Some(handover) = &mut self.handover {
+            handover.become_holder();
+            self.generation += 1;
+        }
+    }
+
+    /// The descriptors to watch. While the link is lost call [`Self::receive`] at [`Self::next_wake`].
+    pub fn fds(&self) -> [Option<BorrowedFd<'_>>; 3] {
+        let [peer, door] = self.handover.as_ref().map_or([None; 2], Handover::fds);
+        [self.fd().filter(|_| self.holds()), peer, door]
+    }
+
+    /// The link's own descriptor; `None` while it is lost.
     pub fn fd(&self) -> Option<BorrowedFd<'_>> {
         self.transport.as_ref().map(Transport::fd)
     }
@@ -100,9 +199,10 @@ impl Link {
         self.generation
     }
 
-    /// When a lost link will be opened again.
+    /// When a lost link will be opened, or its next holder be looked for, again.
     pub fn next_wake(&self) -> Option<Timestamp> {
-        self.transport.is_none().then_some(self.retry_at)
+        let lost = self.holds() && self.transport.is_none();
+        (lost || self.is_orphaned()).then_some(self.retry_at)
     }
 
     /// What was counted so far.
@@ -123,27 +223,42 @@ impl Link {
         clock: impl Fn() -> Timestamp,
         messages: &mut Vec<Received>,
     ) -> Result<Progress, LinkError> {
-        let mut now = clock();
-        self.reopen_if_due(now)?;
+        if !self.holds() {
+            return Ok(self.overhear(clock(), messages));
+        }
+        self.look_after_guest(clock());
+        self.reopen_if_due(clock())?;
         for _ in 0..CHUNKS_PER_CALL {
-            if self.take_frames(now, messages) == Progress::More {
+            if self.take_frames(messages) == Progress::More {
                 return Ok(Progress::More);
             }
             let Some(transport) = &mut self.transport else {
                 return Ok(Progress::Drained);
             };
             let chunk = transport.read(&mut self.chunk);
-            now = clock();
+            let now = clock();
+            self.read_at = now;
             match chunk {
                 Ok(Chunk::Stream(len)) => {
                     self.retry_pause_s = RETRY_FIRST_S;
-                    self.splitter.push(&self.chunk[..len]);
+                    let bytes = &self.chunk[..len];
+                    self.splitter.push(bytes);
+                    if let Some(handover) = &mut self.handover {
+                        handover.send_stream(now, bytes);
+                    }
                 }
-                Ok(Chunk::Datagram(len)) => self.splitter.load_datagram(&self.chunk[..len]),
+                Ok(Chunk::Datagram(len)) => {
+                    let bytes = &self.chunk[..len];
+                    self.splitter.load_datagram(bytes);
+                    if let Some(handover) = &mut self.handover {
+                        handover.send_datagram(now, transport.last_sender(), bytes);
+                    }
+                }
                 Ok(Chunk::Nothing) => return Ok(Progress::Drained),
                 Ok(Chunk::Moved) => {
                     self.splitter.reset();
                     self.generation += 1;
+                    self.send_link();
                 }
                 Err(source) => return Err(self.lose(now, source)),
             }
@@ -151,12 +266,84 @@ impl Link {
         Ok(Progress::More)
     }
 
+    /// Tells the guest what the link is made of now.
+    fn send_link(&mut self) {
+        if let Some(handover) = &mut self.handover {
+            handover.send_link(self.transport.as_ref().map(Transport::parts).as_ref());
+        }
+    }
+
+    /// Lets a guest in, with what it needs to begin in the middle of a stream.
+    fn look_after_guest(&mut self, now: Timestamp) {
+        let Some(handover) = &mut self.handover else {
+            return;
+        };
+        handover.notice_departure();
+        if handover.accept() {
+            handover.send_link(self.transport.as_ref().map(Transport::parts).as_ref());
+            if self.splitter.pending() > 0 {
+                handover.send_stream(now, self.splitter.rest());
+            }
+        }
+    }
+
+    /// Of a guest: reads letters instead of the link, until none is left, `messages` is full, or the link is its own.
+    fn overhear(&mut self, now: Timestamp, messages: &mut Vec<Received>) -> Progress {
+        for _ in 0..CHUNKS_PER_CALL {
+            if self.take_frames(messages) == Progress::More {
+                return Progress::More;
+            }
+            let Some(handover) = &mut self.handover else {
+                return Progress::Drained;
+            };
+            if !handover.has_peer() {
+                if now >= self.retry_at && !handover.rejoin() {
+                    self.retry_at = now.plus_seconds(REJOIN_S);
+                }
+                return Progress::Drained;
+            }
+            match handover.next_letter(&mut self.letter_box) {
+                Letter::Nothing => return Progress::Drained,
+                Letter::Link(parts) => {
+                    self.splitter.reset();
+                    self.transport = parts.and_then(Transport::of_parts);
+                }
+                Letter::Stream(time, range) => {
+                    self.read_at = time;
+                    self.splitter.push(&self.letter_box[range]);
+                }
+                Letter::Datagram(time, sender, range) => {
+                    self.read_at = time;
+                    if let Some(transport) = &mut self.transport {
+                        transport.heard_of(sender);
+                    }
+                    self.splitter.load_datagram(&self.letter_box[range]);
+                }
+                Letter::Released { baton, unsent } => {
+                    if let Some(backlog) = self.transport.as_mut().and_then(Transport::backlog) {
+                        backlog.replace(&self.letter_box[unsent]);
+                    }
+                    self.baton = Some(self.letter_box[baton].to_vec());
+                    self.take();
+                    // What was read by the former holder is the former holder's; what comes now is this one's.
+                    return Progress::More;
+                }
+                Letter::Gone => {
+                    self.retry_at = now.plus_seconds(REJOIN_S);
+                    return Progress::Drained;
+                }
+            }
+        }
+        Progress::More
+    }
+
     /// Hands one frame to the kernel.
     ///
     /// # Errors
     /// [`LinkError::Lost`] if the link broke; it will be opened again.
     pub fn send(&mut self, now: Timestamp, frame: &[u8]) -> Result<Sent, LinkError> {
-        let Some(transport) = &mut self.transport else {
+        let holds = self.holds();
+        let Some(transport) = self.transport.as_mut().filter(|_| holds) else {
             self.counters.unsent += 1;
             return Ok(Sent::NoPeer);
         };
@@ -170,7 +357,7 @@ impl Link {
         }
     }
 
-    fn take_frames(&mut self, now: Timestamp, messages: &mut Vec<Received>) -> Progress {
+    fn take_frames(&mut self, messages: &mut Vec<Received>) -> Progress {
         while messages.len() < messages.capacity() {
             let Some(frame) = self.splitter.next_frame() else {
                 return Progress::Drained;
@@ -184,7 +371,7 @@ impl Link {
                 Some(content) => messages.push(Received {
                     header: frame.header,
                     content,
-                    time: now,
+                    time: self.read_at,
                 }),
                 None => self.counters.undecodable += 1,
             }
@@ -198,6 +385,7 @@ impl Link {
         self.generation += 1;
         self.retry_at = now.plus_seconds(self.retry_pause_s);
         self.retry_pause_s = (self.retry_pause_s * 2.0).min(RETRY_LONGEST_S);
+        self.send_link();
         LinkError::Lost {
             endpoint: self.endpoint.clone(),
             source,
@@ -213,6 +401,7 @@ impl Link {
                 self.transport = Some(transport);
                 self.generation += 1;
                 self.counters.reopened += 1;
+                self.send_link();
                 Ok(())
             }
             Err(error) => {

@@ -42,6 +42,35 @@ pub(super) enum Transport {
     Serial(OwnedFd, Backlog),
 }
 
+/// Kinds of open transports, as told to another process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Kind {
+    UdpIn = 1,
+    UdpOut = 2,
+    TcpIn = 3,
+    TcpOut = 4,
+    Serial = 5,
+}
+
+impl Kind {
+    pub(super) fn of(number: u8) -> Option<Self> {
+        [Self::UdpIn, Self::UdpOut, Self::TcpIn, Self::TcpOut, Self::Serial]
+            .into_iter()
+            .find(|kind| *kind as u8 == number)
+    }
+}
+
+/// What an open transport is made of.
+#[derive(Debug)]
+pub(super) struct Parts<Fd> {
+    pub(super) kind: Kind,
+    /// The descriptor; for a listener its client's as well, if there is one.
+    pub(super) fds: Vec<Fd>,
+    /// Whom a listening UDP socket answers.
+    pub(super) peer: Option<SocketAddr>,
+}
+
 /// What a read brought.
 pub(super) enum Chunk {
     /// This many bytes of a stream.
@@ -102,6 +131,71 @@ impl Transport {
                 client: None,
             } => listener.as_fd(),
             Transport::Serial(fd, _) => fd.as_fd(),
+        }
+    }
+
+    /// What another process needs to have the same transport.
+    pub(super) fn parts(&self) -> Parts<BorrowedFd<'_>> {
+        let (kind, peer) = match self {
+            Transport::UdpIn { peer, .. } => (Kind::UdpIn, *peer),
+            Transport::UdpOut(_) => (Kind::UdpOut, None),
+            Transport::TcpIn { .. } => (Kind::TcpIn, None),
+            Transport::TcpOut(..) => (Kind::TcpOut, None),
+            Transport::Serial(..) => (Kind::Serial, None),
+        };
+        let mut fds = vec![self.fd()];
+        if let Transport::TcpIn { listener, client } = self
+            && client.is_some()
+        {
+            fds.insert(0, listener.as_fd());
+        }
+        Parts { kind, fds, peer }
+    }
+
+    /// The transport of another process; `None` if its parts do not fit together.
+    pub(super) fn of_parts(parts: Parts<OwnedFd>) -> Option<Self> {
+        let peer = parts.peer;
+        let mut fds = parts.fds.into_iter();
+        let fd = fds.next()?;
+        Some(match parts.kind {
+            Kind::UdpIn => Transport::UdpIn {
+                socket: UdpSocket::from(fd),
+                peer,
+                last_sender: None,
+            },
+            Kind::UdpOut => Transport::UdpOut(UdpSocket::from(fd)),
+            Kind::TcpIn => Transport::TcpIn {
+                listener: TcpListener::from(fd),
+                client: fds
+                    .next()
+                    .map(|client| (TcpStream::from(client), Backlog::default())),
+            },
+            Kind::TcpOut => Transport::TcpOut(TcpStream::from(fd), Backlog::default()),
+            Kind::Serial => Transport::Serial(fd, Backlog::default()),
+        })
+    }
+
+    /// What was accepted for sending and not yet taken by the kernel; datagrams never wait.
+    pub(super) fn backlog(&mut self) -> Option<&mut Backlog> {
+        match self {
+            Transport::UdpIn { .. } | Transport::UdpOut(_) => None,
+            Transport::TcpIn { client, .. } => client.as_mut().map(|(_, backlog)| backlog),
+            Transport::TcpOut(_, backlog) | Transport::Serial(_, backlog) => Some(backlog),
+        }
+    }
+
+    /// Who sent the last datagram to a listening UDP socket.
+    pub(super) fn last_sender(&self) -> Option<SocketAddr> {
+        match self {
+            Transport::UdpIn { last_sender, .. } => *last_sender,
+            _ => None,
+        }
+    }
+
+    /// Another process has read a datagram of `sender` from this transport.
+    pub(super) fn heard_of(&mut self, sender: Option<SocketAddr>) {
+        if let Transport::UdpIn { last_sender, .. } = self {
+            *last_sender = sender;
         }
     }
 
