@@ -43,6 +43,7 @@
 //! | [`service`] | the loop |
 //! | [`heartbeat`] | cycle statistics |
 //! | [`ranges`] | the range topics of all configured sensors |
+//! | [`janitor`] | what the dead left behind |
 //! | [`request`] | what can be asked of a running supervisor |
 //! | [`realtime`] | memory locking, scheduling, clock |
 //! | [`logging`] | `tracing` for people and for journals |
@@ -53,6 +54,7 @@ pub mod events;
 pub mod heartbeat;
 pub mod input;
 pub mod instance;
+pub mod janitor;
 pub mod logging;
 pub mod output;
 pub mod ranges;

@@ -5,6 +5,7 @@
 
 use crate::input::Input;
 use crate::instance::Instance;
+use crate::janitor::{self, Swept};
 use crate::output::Output;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::port::listener::Listener;
@@ -89,6 +90,7 @@ pub(crate) type EventFactory = event::PortFactory<ipc::Service>;
 /// A connection to one instance's shared memory.
 pub struct Session {
     node: Node<ipc::Service>,
+    instance: Instance,
     program: String,
 }
 
@@ -120,6 +122,7 @@ impl Session {
             .map_err(|error| failed(format!("{error:?}")))?;
         Ok(Self {
             node,
+            instance: instance.clone(),
             program: program.to_owned(),
         })
     }
@@ -203,8 +206,8 @@ impl Session {
 
     /// Removes what dead processes left behind. Takes milliseconds and allocates: for the supervisor only, after
     /// control has moved.
-    pub fn clean_up_dead(&self) {
-        let _state = self.node.try_cleanup_dead_nodes();
+    pub fn clean_up_dead(&self) -> Swept {
+        janitor::sweep(&self.instance, self.node.config())
     }
 
     fn check(&self, row: &TopicRow, allowed: bool, what: &'static str) -> Result<(), OpenError> {

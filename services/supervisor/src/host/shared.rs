@@ -2,6 +2,7 @@
 //! processes that use it; it reads heartbeats and publishes status and events.
 
 use jink_runtime::config::{Config, SensorOutput};
+use jink_runtime::janitor::Swept;
 use jink_runtime::session::HeldTopic;
 use jink_runtime::{Input, OpenError, Output, Session};
 use jink_shared_types::coded::Wire;
@@ -87,8 +88,8 @@ impl Shared {
     }
 
     /// Removes what dead processes left behind.
-    pub fn clean_up(&self) {
-        self.session.clean_up_dead();
+    pub fn clean_up(&self) -> Swept {
+        self.session.clean_up_dead()
     }
 }
 

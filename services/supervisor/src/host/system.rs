@@ -28,6 +28,9 @@ use std::process::{Command, Stdio};
 const STATUS_PERIOD_S: f64 = 0.1;
 /// How often the logs are measured (s); in that time even a chatty process writes little against their limit.
 const LOGS_PERIOD_S: f64 = 1.0;
+/// After a death the memory is swept a second time (s): what is left of a start that was cut short cannot be told from
+/// a start under way before that.
+const SWEEP_AGAIN_S: f64 = 15.0;
 
 /// The signal, both instances of every process, and whoever asks for something.
 const FDS: usize = 1 + 2 * PROCESSES + 1 + CLIENTS;
@@ -56,6 +59,7 @@ pub struct System {
     instance: Instance,
     upgrade: Option<PathBuf>,
     logs_due: Timestamp,
+    sweep_again: Timestamp,
     observations: Vec<Observation>,
     actions: Vec<Action>,
     report: Report,
@@ -86,6 +90,7 @@ impl System {
             instance,
             upgrade: None,
             logs_due: Timestamp::NEVER,
+            sweep_again: Timestamp::NEVER,
             observations: Vec::with_capacity(4 * PROCESSES),
             actions: Vec::with_capacity(4 * PROCESSES),
             report: Report::default(),
@@ -119,6 +124,13 @@ impl System {
                 self.logs_due = now.plus_seconds(LOGS_PERIOD_S);
                 self.children.limit_logs();
                 self.shared.greet();
+                if self.sweep_again.is_set() && now >= self.sweep_again {
+                    let swept = self.shared.clean_up();
+                    self.sweep_again = match swept.left {
+                        0 => Timestamp::NEVER,
+                        _ => now.plus_seconds(SWEEP_AGAIN_S),
+                    };
+                }
             }
             // What an action led to is to be looked at before anything else.
             if self.observations.is_empty() {
@@ -156,7 +168,10 @@ impl System {
                 Action::Promote { process } => self.children.promote(process),
                 Action::Commit { process } => self.children.commit(process),
                 Action::Tell { process, news } => self.tell(process, &news),
-                Action::CleanUp => self.shared.clean_up(),
+                Action::CleanUp => {
+                    self.shared.clean_up();
+                    self.sweep_again = now.plus_seconds(SWEEP_AGAIN_S);
+                }
                 Action::Raise(event) => self.shared.raise(now, &event),
                 Action::End(end) => return Some(end),
             }
