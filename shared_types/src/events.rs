@@ -97,6 +97,10 @@ events! {
     SWAP_ROLLED_BACK = 23, Error, "jink: {name} swap rolled back", "Look at the new binary.";
     /// The supervisor was replaced while the others went on.
     SUPERVISOR_BACK = 24, Warning, "jink: supervisor back, {0} adopted", "None if it happens once.";
+    /// Some of the range sensors are silent, others still see.
+    SENSOR_LOST = 25, Warning, "jink: {0} of {1} range sensors, slower", "Land soon; look at the sensor.";
+    /// All range sensors see again.
+    SENSOR_BACK = 26, Notice, "jink: all range sensors back", "None.";
 }
 
 /// The event with identity `id`.

@@ -29,6 +29,7 @@ use jink_simulator::sensors::{Output as SensorOutput, Pose, PoseTrack, SensorRig
 use jink_simulator::truth::Observer;
 use jink_simulator::vehicle::STEP_US;
 use jink_simulator::world::World;
+use std::collections::BTreeSet;
 use std::time::Instant;
 
 /// Where the board's clock stands when the autopilot boots: any number but zero.
@@ -152,8 +153,8 @@ pub struct LockStep {
     pub events: Vec<(f64, EventSample)>,
     /// Guard brakes.
     pub brakes: u32,
-    /// Sensors are switched off while this is set: what a dead driver looks like to the rest.
-    pub sensors_off: bool,
+    /// Sensors (by index) that are silent: what a dead driver looks like to the rest.
+    pub silent_sensors: BTreeSet<usize>,
 }
 
 impl LockStep {
@@ -184,7 +185,7 @@ impl LockStep {
             fusion: Fusion::new(FusionConfig::from_params(params, sensors)),
             ring: Ring::from_params(params),
             guard: Guard::new(GuardConfig::from_params(params), 1),
-            planner: Planner::new(params, 1),
+            planner: Planner::new(params, 1).with_sensors(sensors as u16),
             generator: Generator::new(1),
             state: Slot::new(topics::VEHICLE_STATE, Box::default()),
             desired: Slot::new(topics::DESIRED_PATH, Box::default()),
@@ -211,7 +212,7 @@ impl LockStep {
             costs: Costs::default(),
             events: Vec::new(),
             brakes: 0,
-            sensors_off: false,
+            silent_sensors: BTreeSet::new(),
         })
     }
 
@@ -303,7 +304,7 @@ impl LockStep {
             },
         );
         while let Some(frame) = self.rig.next_due(now) {
-            if self.sensors_off {
+            if self.silent_sensors.contains(&frame.sensor) {
                 continue;
             }
             let header = SampleHeader {

@@ -42,6 +42,8 @@ pub const SPLICE_LEAD_S: f64 = 0.10;
 /// Longest guide (m): three seconds of flight and the stop behind them at the speeds the tubes allow; more would be
 /// re-planned before it is flown.
 const GUIDE_MAX_M: f64 = 11.0;
+/// Highest gear while a range sensor is silent: half the speed.
+const DEGRADED_GEAR: usize = 1;
 /// A plan that gains less than this is not worth committing (m).
 const PROGRESS_MIN_M: f64 = 0.25;
 /// A way of a lower gear is begun in a higher one if that carries at least this far (m); shorter is not worth speeding up.
@@ -82,6 +84,10 @@ pub struct Planner {
     best_path: Vec<Cell>,
     guide: Guide,
     corridor: CorridorBuilder,
+    /// Range sensors that should contribute to the map; 0 = not known.
+    sensors: u16,
+    /// The highest gear that may be flown with those that do.
+    top_gear: usize,
     route_id: u64,
     map_publish: Timestamp,
     planned_goal: Option<Point<LocalNed>>,
@@ -117,6 +123,8 @@ impl Planner {
             best_path: Vec::with_capacity(4096),
             guide: Guide::default(),
             corridor: CorridorBuilder::default(),
+            sensors: 0,
+            top_gear: 0,
             route_id: u64::from(generation) << 32,
             map_publish: Timestamp::NEVER,
             planned_goal: None,
@@ -125,6 +133,13 @@ impl Planner {
             blocked_told: false,
             events: Vec::with_capacity(8),
         }
+    }
+
+    /// The same for a vehicle with so many range sensors: while only some of them contribute to the map it flies on
+    /// in what they see, and slower.
+    pub fn with_sensors(mut self, sensors: u16) -> Self {
+        self.sensors = sensors;
+        self
     }
 
     /// What happened in the last step that a pilot should know.
@@ -189,7 +204,27 @@ impl Planner {
         }
         self.map_publish = map.header.publish;
         self.space.load(map.sample);
+        // Without any range nothing is planned at all, and others tell.
+        if map.ranges_fresh.is_set() {
+            self.judge_sensors(map.live_sensors);
+        }
         true
+    }
+
+    /// What one sensor alone has seen is old sooner where it does not look, so there is less time to stop in.
+    fn judge_sensors(&mut self, live: u16) {
+        let top_gear = if live < self.sensors { DEGRADED_GEAR } else { 0 };
+        if top_gear == self.top_gear {
+            return;
+        }
+        self.top_gear = top_gear;
+        let event = if top_gear > 0 {
+            &events::SENSOR_LOST
+        } else {
+            &events::SENSOR_BACK
+        };
+        let numbers = [f64::from(live), f64::from(self.sensors)];
+        self.events.push(EventSample::new(event, "planner", numbers));
     }
 
     /// `None`: mirror. `Some(None)`: plan, but the wish is late. `Some(Some(_))`: plan.
@@ -274,7 +309,7 @@ impl Planner {
         let start = departure.state.position.vector();
         let straight_m = (goal.vector() - start).norm();
         let mut best: Option<(f64, usize, Found)> = None;
-        for gear in 0..GEARS {
+        for gear in self.top_gear..GEARS {
             self.space.prepare(gear);
             let Some(found) = self.find(gear, departure, goal) else {
                 continue;
@@ -313,7 +348,7 @@ impl Planner {
         found: &Found,
     ) -> Option<usize> {
         let speed_mps = departure.state.velocity.vector().norm();
-        (0..=gear).find(|flown| {
+        (self.top_gear..=gear).find(|flown| {
             if speed_mps > self.limits[*flown].speed_mps * SPEED_TOLERANCE
                 || !self.space.is_safe(*flown, cell_of(departure.state.position))
             {

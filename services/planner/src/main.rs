@@ -26,7 +26,8 @@ impl Service for PlannerService {
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         Ok(Self {
-            planner: Planner::new(&ports.config().params, ports.setup().generation),
+            planner: Planner::new(&ports.config().params, ports.setup().generation)
+                .with_sensors(ports.config().sensors.len() as u16),
             route: Route::default(),
             map: ports.trigger(topics::LOCAL_MAP)?.needed(),
             state: ports.input(topics::VEHICLE_STATE)?.needed(),

@@ -188,6 +188,47 @@ fn without_map_ranges_state_or_position_nothing_new_is_committed() {
 }
 
 #[test]
+fn with_a_silent_sensor_it_goes_on_slower_and_tells_once() {
+    let mut map = map(10.0, |_| false);
+    let mut planner = planner().with_sensors(2);
+    let mut speed_and_events = |map: &LocalMap, publish_s: f64| {
+        let header = SampleHeader::at(now().plus_seconds(publish_s));
+        let (state, desired) = (hovering(), to(4.0, 1.0));
+        let inputs = Inputs {
+            map: Reading::Fresh(Stamped {
+                sample: map,
+                header: &header,
+            }),
+            state: Reading::Fresh(Stamped {
+                sample: &state,
+                header: &header,
+            }),
+            desired: Reading::Fresh(Stamped {
+                sample: &desired,
+                header: &header,
+            }),
+            approved: None,
+        };
+        let mut route = Route::default();
+        planner.step(now(), &inputs, &mut route);
+        assert_eq!(route.mode.get(), RouteMode::Plan);
+        let told: Vec<u16> = planner.events().iter().map(|event| event.id).collect();
+        (route.limits.speed_mps, told)
+    };
+    map.live_sensors = 2;
+    let (full_mps, told) = speed_and_events(&map, 0.0);
+    assert!(told.is_empty());
+    map.live_sensors = 1;
+    let (slow_mps, told) = speed_and_events(&map, 0.1);
+    assert_eq!(told, [events::SENSOR_LOST.id]);
+    assert!(slow_mps <= 0.5 * full_mps);
+    assert!(speed_and_events(&map, 0.2).1.is_empty());
+    map.live_sensors = 2;
+    let (again_mps, told) = speed_and_events(&map, 0.3);
+    assert_eq!((again_mps, told), (full_mps, vec![events::SENSOR_BACK.id]));
+}
+
+#[test]
 fn an_unknown_neighbourhood_is_not_entered() {
     let map = map(0.6, |_| false);
     let route = answer(&mut planner(), Some(&map), Some(&hovering()), &to(9.0, 0.0), None);
