@@ -4,11 +4,12 @@
 //! business; the mathematics only ever receives a [`Timestamp`].
 
 use crate::layout::{Layout, ZeroCopySend, hash_start};
+use std::fmt;
 use std::time::Duration;
 
 /// A moment: nanoseconds of CLOCK_MONOTONIC. Zero means "never".
 #[repr(transparent)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp {
     /// Nanoseconds since the clock's arbitrary start.
     pub ns: u64,
@@ -21,6 +22,16 @@ unsafe impl ZeroCopySend for Timestamp {}
 // SAFETY: a transparent u64: no padding, every pattern valid.
 unsafe impl Layout for Timestamp {
     const LAYOUT_HASH: u64 = hash_start("Timestamp", 8, 8);
+}
+
+/// In seconds, to the nanosecond; `never` if it is not set.
+impl fmt::Debug for Timestamp {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.ns {
+            0 => f.write_str("never"),
+            ns => write!(f, "{}.{:09} s", ns / 1_000_000_000, ns % 1_000_000_000),
+        }
+    }
 }
 
 impl Timestamp {

@@ -7,6 +7,7 @@
 use crate::control::Control;
 use crate::events::EventSample;
 use crate::health::{Heartbeat, SystemStatus};
+use crate::layout::Layout;
 use crate::link::LinkStatus;
 use crate::map::LocalMap;
 use crate::motion::{ApprovedTrajectory, Route, Trajectory};
@@ -14,6 +15,7 @@ use crate::ranges::{PointCloud, RangeScan};
 use crate::ring::SectorRing;
 use crate::truth::SimTruth;
 use crate::vehicle::{DesiredPath, VehicleState};
+use std::fmt::Debug;
 use std::marker::PhantomData;
 
 /// One row of the table.
@@ -41,6 +43,14 @@ impl TopicRow {
     /// Whether the row is a family of topics.
     pub fn is_family(&self) -> bool {
         self.name.ends_with('*')
+    }
+
+    /// What stands for the `*` in `name`, empty if this row is no family; `None` if `name` is not of this row.
+    pub fn member_of<'a>(&self, name: &'a str) -> Option<&'a str> {
+        match self.name.strip_suffix('*') {
+            Some(family) => name.strip_prefix(family).filter(|member| !member.is_empty()),
+            None => (name == self.name).then_some(""),
+        }
     }
 
     /// The name of one topic of this row: `member` replaces the `*` of a family and is ignored elsewhere.
@@ -73,6 +83,25 @@ impl<T> Clone for Topic<T> {
 }
 impl<T> Copy for Topic<T> {}
 
+/// Something that can be done with a topic of any payload: what commands that take a topic's name are made of.
+pub trait Visitor {
+    /// What comes of it.
+    type Output;
+    /// Does it.
+    fn visit<T: Layout + Debug + 'static>(self, topic: Topic<T>) -> Self::Output;
+}
+
+impl<T> Topic<T> {
+    /// The same topic with another payload, as a program of another version would have it: opening it is refused. For
+    /// tests of that.
+    pub const fn with_payload<U>(self) -> Topic<U> {
+        Topic {
+            row: self.row,
+            payload: PhantomData,
+        }
+    }
+}
+
 macro_rules! topics {
     ($(
         $(#[$meta:meta])*
@@ -97,6 +126,14 @@ macro_rules! topics {
         )*
         /// Every row.
         pub const TABLE: &[TopicRow] = &[$($name.row),*];
+
+        /// Does something with the topic of a row; `None` if the row is none of [`TABLE`].
+        pub fn visit<V: Visitor>(row: &TopicRow, visitor: V) -> Option<V::Output> {
+            $(if row.name == $name.row.name {
+                return Some(visitor.visit($name));
+            })*
+            None
+        }
 
         /// A number that two builds have in common if they agree on the layout of every topic.
         pub const FINGERPRINT: u64 = {
@@ -137,7 +174,7 @@ topics! {
     /// Curves for the route.
     TRAJECTORY: Trajectory = "plan/trajectory",
         from ["bezier_generator"], to ["collision_guard"],
-        30.0 Hz, stale after 150.0 ms, buffer 4, logged true;
+        10.0 Hz, stale after 250.0 ms, buffer 4, logged true;
     /// What may leave for the autopilot.
     APPROVED: ApprovedTrajectory = "guard/approved",
         from ["collision_guard"], to ["mavlink_gateway", "planner", "bezier_generator"],
@@ -174,7 +211,26 @@ topics! {
 
 #[cfg(test)]
 mod tests {
-    use super::{RANGE_CLOUD, TABLE, VEHICLE_STATE};
+    use super::{RANGE_CLOUD, TABLE, Topic, VEHICLE_STATE, Visitor, visit};
+    use std::fmt::Debug;
+
+    #[test]
+    fn every_row_can_be_visited_and_tells_its_members() {
+        struct NameOf;
+        impl Visitor for NameOf {
+            type Output = &'static str;
+            fn visit<T: crate::layout::Layout + Debug + 'static>(self, topic: Topic<T>) -> &'static str {
+                topic.row.name
+            }
+        }
+        for row in TABLE {
+            assert_eq!(visit(row, NameOf), Some(row.name));
+        }
+        assert_eq!(RANGE_CLOUD.row.member_of("range/cloud/front"), Some("front"));
+        assert_eq!(RANGE_CLOUD.row.member_of("range/cloud/"), None);
+        assert_eq!(RANGE_CLOUD.row.member_of("range/scan/front"), None);
+        assert_eq!(VEHICLE_STATE.row.member_of("vehicle/state"), Some(""));
+    }
 
     #[test]
     fn names_are_unique() {

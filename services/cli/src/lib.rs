@@ -4,14 +4,22 @@
 //! | module | in | out |
 //! |---|---|---|
 //! | [`report`] | `system/status`, `link/status` | one screen, or JSON |
+//! | [`top`] | the same, rates of topics, events | a screen that is drawn again and again |
+//! | [`topic_list`], [`beat`], [`digest`] | topic table, headers, samples | topics, their rates, what they say |
 //! | [`narrate`] | `system/status` | one line per piece of news |
 //! | [`flight`] | `sim/truth`, `link/status` | the course of a demonstration flight and its summary |
+//! | [`handover`] | headers around a change of the producer | what was missing, doubled, out of order |
 //! | [`drill`] | `planner@8s` | which process to kill when |
 //! | [`picture`] | world, course, sensed points | the flight from above as SVG |
 
+pub mod beat;
 pub mod chaos;
+pub mod digest;
 pub mod drill;
 pub mod flight;
+pub mod handover;
 pub mod narrate;
 pub mod picture;
 pub mod report;
+pub mod top;
+pub mod topic_list;

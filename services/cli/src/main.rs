@@ -26,6 +26,10 @@ enum Command {
     Down,
     /// Show every service, the health of the whole and the link
     Status(cmd::status::Args),
+    /// Show all that live: services, hops, rates, news
+    Top(cmd::top::Args),
+    /// List topics, measure their rates, show what they say
+    Topic(cmd::topic::Args),
     /// Let another binary take the place of a service in flight
     Swap(cmd::ask::SwapArgs),
     /// Replace a service by a fresh instance of itself
@@ -48,6 +52,8 @@ fn main() -> ExitCode {
         Command::Up(args) => cmd::up::run(&cli.instance, &args),
         Command::Down => cmd::down::run(&cli.instance),
         Command::Status(args) => cmd::status::run(&cli.instance, &args),
+        Command::Top(args) => cmd::top::run(&cli.instance, &args),
+        Command::Topic(args) => cmd::topic::run(&cli.instance, &args),
         Command::Swap(args) => cmd::ask::swap(&cli.instance, &args),
         Command::Restart(args) => cmd::ask::restart(&cli.instance, &args),
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),

@@ -241,10 +241,7 @@ impl Report {
             restarts,
             if restarts == 1 { "" } else { "s" }
         );
-        let rows: Vec<[String; COLUMNS]> = std::iter::once(HEADER.map(str::to_owned))
-            .chain(self.services.iter().map(Service::cells))
-            .collect();
-        write_table(&mut out, &rows);
+        write_table(&mut out, &self.table());
         out.push('\n');
         out.push_str(&self.link.as_ref().map_or_else(
             || "link: the gateway has said nothing yet\n".to_owned(),
@@ -257,6 +254,15 @@ impl Report {
             out.push_str(&end.text(unix_s));
         }
         out
+    }
+}
+
+impl Report {
+    /// The services as a table, the first row its header.
+    pub fn table(&self) -> Vec<[String; COLUMNS]> {
+        std::iter::once(HEADER.map(str::to_owned))
+            .chain(self.services.iter().map(Service::cells))
+            .collect()
     }
 }
 
@@ -278,7 +284,8 @@ pub fn exit_text(last_exit: u32) -> String {
     }
 }
 
-const COLUMNS: usize = 12;
+/// Columns of the table of services.
+pub const COLUMNS: usize = 12;
 const HEADER: [&str; COLUMNS] = [
     "service",
     "state",
@@ -393,7 +400,8 @@ impl Link {
         }
     }
 
-    fn line(&self) -> String {
+    /// For people: who is heard, the clock, the setpoints, and the way from capture to wire.
+    pub fn line(&self) -> String {
         if !self.autopilot_heard {
             return format!(
                 "link: the autopilot is not heard ({} bytes that are no MAVLink, {} messages of others)\n",
@@ -423,7 +431,8 @@ impl Link {
     }
 }
 
-fn write_table(out: &mut String, rows: &[[String; COLUMNS]]) {
+/// Appends `rows` with every column as wide as its widest cell.
+pub fn write_table<const COLUMNS: usize>(out: &mut String, rows: &[[String; COLUMNS]]) {
     let widths: [usize; COLUMNS] =
         std::array::from_fn(|column| rows.iter().map(|row| row[column].len()).max().unwrap_or(0));
     for row in rows {

@@ -1,0 +1,66 @@
+//! Reading any topic by its name: the headers of what comes, in the order in which it was published.
+
+use super::Problem;
+use jink_runtime::Session;
+use jink_shared_types::SampleHeader;
+use jink_shared_types::layout::Layout;
+use jink_shared_types::topics::{self, Topic, TopicRow, Visitor};
+use std::fmt::Debug;
+
+/// Appends the headers of everything unread.
+type Take = Box<dyn FnMut(&mut Vec<SampleHeader>)>;
+
+/// A topic that is listened to; payloads are not looked at.
+pub struct Meter {
+    /// Its name.
+    pub name: String,
+    /// Its row of the table.
+    pub row: &'static TopicRow,
+    take: Take,
+    headers: Vec<SampleHeader>,
+}
+
+impl std::fmt::Debug for Meter {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Meter({})", self.name)
+    }
+}
+
+impl Meter {
+    /// Listens to member `member` of `row` from now on.
+    pub fn open(session: &Session, row: &'static TopicRow, member: &str) -> Result<Self, Problem> {
+        let name = row.topic_name(member);
+        let take = topics::visit(row, Open { session, member })
+            .ok_or_else(|| Problem::Other(format!("{name} is not in the topic table")))??;
+        Ok(Self {
+            name,
+            row,
+            take,
+            headers: Vec::new(),
+        })
+    }
+
+    /// Hands the header of every sample that has come to `visit`. Of several producers each has a queue of its own, so
+    /// that they are put in order here.
+    pub fn look(&mut self, mut visit: impl FnMut(&SampleHeader)) {
+        (self.take)(&mut self.headers);
+        self.headers.sort_by_key(|header| header.publish);
+        self.headers.drain(..).for_each(|header| visit(&header));
+    }
+}
+
+struct Open<'a> {
+    session: &'a Session,
+    member: &'a str,
+}
+
+impl Visitor for Open<'_> {
+    type Output = Result<Take, Problem>;
+
+    fn visit<T: Layout + Debug + 'static>(self, topic: Topic<T>) -> Self::Output {
+        let mut input = self.session.input(topic, self.member)?.of_all_producers();
+        Ok(Box::new(move |headers| {
+            input.each(|stamped| headers.push(*stamped.header));
+        }))
+    }
+}

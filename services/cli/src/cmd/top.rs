@@ -1,0 +1,181 @@
+//! `jink top`.
+
+use super::meter::Meter;
+use super::watch::Watch;
+use super::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, running};
+use jink_cli::beat::Beat;
+use jink_cli::report::Report;
+use jink_cli::top::{Rate, Screen};
+use jink_runtime::{Input, Instance};
+use jink_shared_types::events::EventSample;
+use jink_shared_types::topics::{EVENT, HEALTH, TABLE};
+use ratatui::Terminal;
+use ratatui::backend::TermionBackend;
+use ratatui::termion::event::Key;
+use ratatui::termion::input::TermRead;
+use ratatui::termion::raw::IntoRawMode;
+use ratatui::termion::screen::IntoAlternateScreen;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::io::IsTerminal;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+/// How often unread samples are taken: a reader that sleeps longer would miss some of the fastest topic.
+const LOOK: Timespec = Timespec {
+    tv_sec: 0,
+    tv_nsec: 5_000_000,
+};
+/// Rates are counted over this time, and the screen is drawn this often.
+const WINDOW: Duration = Duration::from_secs(1);
+/// Columns where there is no terminal to ask.
+const WIDTH: u16 = 160;
+/// A supervisor that is silent for so long does not work.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// How to look.
+#[derive(Clone, Debug, clap::Args)]
+#[command(
+    after_help = "Keys: q ends it.\n\nExit codes: 0 shown; 1 the supervisor gives no status; 3 not running."
+)]
+pub struct Args {
+    /// Show one screen as plain text and end
+    #[arg(long)]
+    once: bool,
+}
+
+/// Shows the instance until the user has seen enough.
+pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
+    if running::find(instance)?.is_none() || !Watch::is_ready(instance) {
+        eprintln!("jink {instance}: not running");
+        return Ok(ExitCode::from(EXIT_NOT_RUNNING));
+    }
+    let interrupt = Interrupt::listen()?;
+    let mut live = Live::open(instance)?;
+    if args.once || !std::io::stdout().is_terminal() {
+        let begin = Instant::now();
+        while begin.elapsed() < WINDOW || live.screen.is_none() {
+            live.look();
+            if interrupt.has_come() || begin.elapsed() > PATIENCE {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        live.turn();
+        let Some(screen) = &live.screen else {
+            eprintln!("jink {instance}: the supervisor gives no status");
+            return Ok(ExitCode::from(EXIT_PROBLEM));
+        };
+        print!("{}", screen.text(WIDTH));
+        return Ok(ExitCode::SUCCESS);
+    }
+    show(&mut live, &interrupt)
+}
+
+fn show(live: &mut Live, interrupt: &Interrupt) -> Result<ExitCode, Problem> {
+    let io = |what: &'static str| Problem::io(what);
+    let out = std::io::stdout().into_raw_mode().map_err(io("terminal"))?;
+    let out = out.into_alternate_screen().map_err(io("terminal"))?;
+    let mut terminal = Terminal::new(TermionBackend::new(out)).map_err(io("terminal"))?;
+    terminal.hide_cursor().map_err(io("terminal"))?;
+    let stdin = std::io::stdin();
+    let mut turned = Instant::now();
+    while !interrupt.has_come() {
+        live.look();
+        if turned.elapsed() >= WINDOW {
+            turned = Instant::now();
+            live.turn();
+            if let Some(screen) = &live.screen {
+                terminal
+                    .draw(|frame| screen.draw(frame))
+                    .map_err(io("terminal"))?;
+            }
+        }
+        let mut fds = [PollFd::new(&stdin, PollFlags::IN)];
+        // Interrupted by a signal: the loop looks at it.
+        let pressed = poll(&mut fds, Some(&LOOK)).unwrap_or(0) > 0;
+        if pressed {
+            match stdin.lock().keys().next() {
+                Some(Ok(Key::Char('q') | Key::Ctrl('c') | Key::Esc)) | None => break,
+                _ => {}
+            }
+        }
+    }
+    terminal.show_cursor().map_err(io("terminal"))?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What is read again and again.
+struct Live {
+    name: String,
+    watch: Watch,
+    meters: Vec<(Meter, Beat)>,
+    events: Vec<Input<EventSample>>,
+    news: Vec<String>,
+    screen: Option<Screen>,
+}
+
+impl Live {
+    fn open(instance: &Instance) -> Result<Self, Problem> {
+        let watch = Watch::open(instance)?;
+        let members = super::topic::members(instance);
+        let mut meters = Vec::new();
+        // Signs of life are in the table of services, events are news.
+        let measured = TABLE
+            .iter()
+            .filter(|row| row.name != HEALTH.row.name && row.name != EVENT.row.name);
+        for row in measured {
+            let one = [String::new()];
+            let names = if row.is_family() {
+                members.of(row)
+            } else {
+                &one[..]
+            };
+            for member in names {
+                meters.push((Meter::open(watch.session(), row, member)?, Beat::default()));
+            }
+        }
+        let mut events = Vec::new();
+        for process in &members.processes {
+            events.push(watch.session().input(EVENT, process)?.of_all_producers());
+        }
+        Ok(Self {
+            name: instance.to_string(),
+            watch,
+            meters,
+            events,
+            news: Vec::new(),
+            screen: None,
+        })
+    }
+
+    /// Takes what has come.
+    fn look(&mut self) {
+        for (meter, beat) in &mut self.meters {
+            meter.look(|header| beat.take(header));
+        }
+        for input in &mut self.events {
+            let process = input.name().trim_start_matches("event/").to_owned();
+            input.each(|event| self.news.push(format!("{process}: {}", event.sample.text())));
+        }
+    }
+
+    /// A window is over: what was counted in it is what is shown.
+    fn turn(&mut self) {
+        let Some(status) = self.watch.status() else { return };
+        let now = jink_runtime::now();
+        let report = Report::new(&self.name, now, &status, self.watch.link(), Vec::new());
+        let rates = self
+            .meters
+            .iter_mut()
+            .map(|(meter, beat)| Rate {
+                name: meter.name.clone(),
+                row: *meter.row,
+                beat: std::mem::take(beat),
+            })
+            .collect();
+        let news = self.screen.take().map(|screen| screen.news).unwrap_or_default();
+        let mut screen = Screen { report, rates, news };
+        self.news.drain(..).for_each(|line| screen.tell(line));
+        self.screen = Some(screen);
+    }
+}
