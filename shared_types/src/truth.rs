@@ -7,7 +7,7 @@ use crate::vehicle::NavMode;
 crate::sample! {
     /// Ground truth of a simulated flight.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct SimTruth: 176 {
+    pub struct SimTruth: 184 {
         /// True position.
         pub position: Point<LocalNed>,
         /// True velocity.
@@ -30,6 +30,9 @@ crate::sample! {
         pub setpoint_gap_max_s: f64,
         /// Setpoints the autopilot received.
         pub setpoints: u64,
+        /// How often a message of the companion did not carry the sequence number after that of the one before: each
+        /// one a loss, a repetition or a start anew.
+        pub sequence_breaks: u64,
         /// Contacts with obstacles, counted once each.
         pub collisions: u32,
         /// How often the autopilot fell back to Hold because its companion failed it.

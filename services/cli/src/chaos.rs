@@ -2,6 +2,7 @@
 
 use crate::drill::{Drill, Fault, Since};
 use crate::flight::FaultRecord;
+use crate::handover::SeamFigures;
 use crate::report::round;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -9,8 +10,10 @@ use std::fmt::Write;
 
 /// Faults are made between these times after arming (s): take-off, mission and landing of a demonstration.
 const WINDOW_S: [f64; 2] = [1.0, 36.0];
-/// Two faults are at least so far apart (s): each is to be seen alone.
-const APART_S: f64 = 3.5;
+/// Two faults are at least so far apart (s) unless told otherwise: each is to be seen alone.
+pub const APART_S: f64 = 3.5;
+/// A process is left alone for this long after a fault (s), where there are others: a swap takes some seconds.
+const SPARED_S: f64 = 10.0;
 
 /// Numbers by lot, the same for the same seed (splitmix64: Steele, Lea, Flood 2014).
 #[derive(Clone, Debug)]
@@ -44,13 +47,20 @@ impl Lot {
     }
 }
 
-/// The faults of one flight: kinds of `faults` to processes of `processes`, as many as fit.
-pub fn drills(seed: u64, flight: u64, faults: &[Fault], processes: &[String]) -> Vec<Drill> {
+/// The faults of one flight: kinds of `faults` to processes of `processes`, `apart_s` to twice that from each other, as
+/// many as fit.
+pub fn drills(seed: u64, flight: u64, faults: &[Fault], processes: &[String], apart_s: f64) -> Vec<Drill> {
     let mut lot = Lot::new(seed, flight);
-    let mut drills = Vec::new();
-    let mut at_s = WINDOW_S[0] + APART_S * lot.share();
+    let mut drills: Vec<Drill> = Vec::new();
+    let mut at_s = WINDOW_S[0] + apart_s * lot.share();
     while at_s < WINDOW_S[1] {
-        if let (Some(fault), Some(process)) = (lot.choose(faults), lot.choose(processes)) {
+        let spared = |process: &&String| {
+            let mut recent = drills.iter().filter(|drill| at_s - drill.at_s < SPARED_S);
+            recent.any(|drill| drill.process == **process)
+        };
+        let rested: Vec<String> = processes.iter().filter(|one| !spared(one)).cloned().collect();
+        let from = if rested.is_empty() { processes } else { &rested };
+        if let (Some(fault), Some(process)) = (lot.choose(faults), lot.choose(from)) {
             drills.push(Drill {
                 fault: *fault,
                 process: process.clone(),
@@ -58,7 +68,7 @@ pub fn drills(seed: u64, flight: u64, faults: &[Fault], processes: &[String]) ->
                 since: Since::Armed,
             });
         }
-        at_s += APART_S * (1.0 + lot.share());
+        at_s += apart_s * (1.0 + lot.share());
     }
     drills
 }
@@ -86,6 +96,29 @@ pub struct Cell {
     pub recovery_ms_p50: Option<f64>,
     /// Longest recovery (ms).
     pub recovery_ms_max: Option<f64>,
+}
+
+/// What the readers of one topic saw of all swaps of its producer.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct SeamRow {
+    /// Process.
+    pub service: String,
+    /// Topic.
+    pub topic: String,
+    /// Swaps.
+    pub swaps: usize,
+    /// Samples looked at.
+    pub samples: usize,
+    /// Measurements that nobody passed on.
+    pub missing: usize,
+    /// Measurements that both passed on.
+    pub doubled: usize,
+    /// Samples out of order.
+    pub reordered: usize,
+    /// From the last sample of one to the first of the next, in declared periods: median.
+    pub gap_periods_p50: f64,
+    /// Largest.
+    pub gap_periods_max: f64,
 }
 
 /// The whole campaign.
@@ -119,6 +152,8 @@ pub struct Campaign {
     pub machine_stall_max_ms: f64,
     /// By process, fault and phase.
     pub matrix: Vec<Cell>,
+    /// By process and topic, of swaps.
+    pub seams: Vec<SeamRow>,
 }
 
 /// One flight of a campaign.
@@ -160,6 +195,7 @@ impl Campaign {
             recovery_ms_p99: quantile(&recoveries, 0.99),
             machine_stall_max_ms: largest(&mut flights.iter().map(|flight| flight.stall_ms)),
             matrix: matrix(faults()),
+            seams: seams(faults()),
         }
     }
 
@@ -210,6 +246,34 @@ impl Campaign {
                 format!("{} / {}", ms(cell.recovery_ms_p50), ms(cell.recovery_ms_max)),
             );
         }
+        if !self.seams.is_empty() {
+            let _infallible = writeln!(
+                out,
+                "\n{:<17} {:<18} {:>5} {:>7} {:>7} {:>7} {:>9} {:>19}",
+                "swapped",
+                "topic",
+                "swaps",
+                "samples",
+                "missing",
+                "doubled",
+                "reordered",
+                "gap periods p50/max"
+            );
+        }
+        for row in &self.seams {
+            let _infallible = writeln!(
+                out,
+                "{:<17} {:<18} {:>5} {:>7} {:>7} {:>7} {:>9} {:>19}",
+                row.service,
+                row.topic,
+                row.swaps,
+                row.samples,
+                row.missing,
+                row.doubled,
+                row.reordered,
+                format!("{:.2} / {:.2}", row.gap_periods_p50, row.gap_periods_max),
+            );
+        }
         out
     }
 }
@@ -245,6 +309,30 @@ fn matrix<'a>(faults: impl Iterator<Item = &'a FaultRecord>) -> Vec<Cell> {
     cells.into_iter().map(cell).collect()
 }
 
+fn seams<'a>(faults: impl Iterator<Item = &'a FaultRecord>) -> Vec<SeamRow> {
+    let mut rows: BTreeMap<(&str, &str), Vec<&SeamFigures>> = BTreeMap::new();
+    for fault in faults {
+        for seam in &fault.seams {
+            rows.entry((&fault.process, &seam.topic)).or_default().push(seam);
+        }
+    }
+    let row = |((service, topic), seams): ((&str, &str), Vec<&SeamFigures>)| {
+        let gaps: Vec<f64> = seams.iter().map(|seam| seam.gap_periods).collect();
+        SeamRow {
+            service: service.to_owned(),
+            topic: topic.to_owned(),
+            swaps: seams.len(),
+            samples: seams.iter().map(|seam| seam.samples).sum(),
+            missing: seams.iter().map(|seam| seam.missing).sum(),
+            doubled: seams.iter().map(|seam| seam.doubled).sum(),
+            reordered: seams.iter().map(|seam| seam.reordered).sum(),
+            gap_periods_p50: quantile(&gaps, 0.5).unwrap_or(0.0),
+            gap_periods_max: quantile(&gaps, 1.0).unwrap_or(0.0),
+        }
+    };
+    rows.into_iter().map(row).collect()
+}
+
 /// The value at `quantile` (0..1); `None` without values.
 fn quantile(values: &[f64], quantile: f64) -> Option<f64> {
     let mut sorted = values.to_vec();
@@ -273,13 +361,14 @@ mod tests {
             holds: 0,
             north_m: 0.0,
             east_m: 0.0,
+            seams: Vec::new(),
         }
     }
 
     #[test]
     fn a_seed_draws_the_same_faults_and_another_one_others() {
         let names = ["planner", "sensors"].map(str::to_owned);
-        let draw = |seed: u64| drills(seed, 3, &[Fault::Kill, Fault::Stop], &names);
+        let draw = |seed: u64| drills(seed, 3, &[Fault::Kill, Fault::Stop], &names, APART_S);
         assert_eq!(draw(7), draw(7));
         assert_ne!(draw(7), draw(8));
         let times: Vec<f64> = draw(7).iter().map(|drill| drill.at_s).collect();

@@ -1,6 +1,7 @@
 //! The course of a demonstration flight: what the simulation and the gateway said, and the summary of it.
 
 use crate::drill::Fault;
+use crate::handover::SeamFigures;
 use crate::report::{StageLatency, round};
 use jink_shared_types::STAGES;
 use jink_shared_types::health::Histogram;
@@ -98,6 +99,8 @@ pub struct FaultRecord {
     pub north_m: f64,
     /// Where the vehicle was, east of the start (m).
     pub east_m: f64,
+    /// Of a swap: what the readers of its topics saw of it.
+    pub seams: Vec<SeamFigures>,
 }
 
 impl FaultRecord {
@@ -462,6 +465,7 @@ mod tests {
             holds: 0,
             north_m: 10.0,
             east_m: 0.0,
+            seams: Vec::new(),
         };
         let summary = log.summary(&Outcome::Goal, "forest", 7, 1, vec![kill]);
         let json = serde_json::to_value(&summary).unwrap();

@@ -341,6 +341,7 @@ mod tests {
             holds: 0,
             north_m: 9.0,
             east_m: 0.0,
+            seams: Vec::new(),
         };
         let picture = svg(&Scene {
             world: &world,

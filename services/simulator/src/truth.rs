@@ -65,6 +65,7 @@ impl Observer {
             time_s: autopilot.time_s(),
             setpoint_gap_max_s: setpoints.gap_max_s,
             setpoints: setpoints.count,
+            sequence_breaks: setpoints.sequence_breaks,
             collisions: self.collisions,
             hold_count: autopilot.hold_count(),
             mission_item: mission.current,

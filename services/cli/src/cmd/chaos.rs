@@ -2,7 +2,7 @@
 
 use super::demo::{self, drills::SUPERVISOR, show::Show};
 use super::{EXIT_PROBLEM, Interrupt, Problem, places};
-use jink_cli::chaos::{Campaign, Flown, drills};
+use jink_cli::chaos::{APART_S, Campaign, Flown, drills};
 use jink_cli::drill::Fault;
 use jink_cli::flight::Outcome;
 use jink_runtime::config::process_names;
@@ -11,6 +11,9 @@ use std::process::ExitCode;
 
 /// Processes that are only victims where they are named: the world, and the supervisor, which can be killed and nothing else.
 const NOT_OURS: [&str; 2] = ["simulator", SUPERVISOR];
+
+/// Faults that are closer than this cannot be told apart (s).
+const SOONEST_S: f64 = 0.2;
 
 /// How many flights, with which faults.
 #[derive(Clone, Debug, clap::Args)]
@@ -30,6 +33,9 @@ pub struct Args {
     /// Kinds of faults
     #[arg(long, value_delimiter = ',', default_value = "kill,stop,slow,swap,garbage")]
     faults: Vec<Fault>,
+    /// Two faults of a flight are this far to twice this far apart (s)
+    #[arg(long, default_value_t = APART_S, value_name = "S")]
+    apart: f64,
     /// Only to these processes; without it to all but the simulator and the supervisor
     #[arg(long, value_delimiter = ',', value_name = "NAME")]
     services: Vec<String>,
@@ -58,6 +64,12 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
             "--services: there is no {unknown:?}; there are {known}"
         )));
     }
+    if args.apart.is_nan() || args.apart < SOONEST_S {
+        return Err(Problem::Other(format!(
+            "--apart {}: at least {SOONEST_S} s",
+            args.apart
+        )));
+    }
     let victims: Vec<String> = names
         .into_iter()
         .filter(|name| match args.services.as_slice() {
@@ -79,7 +91,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
             args.overrides.clone(),
         );
         let instance = demo::own_instance()?;
-        let faults = drills(args.seed, number, &args.faults, &victims);
+        let faults = drills(args.seed, number, &args.faults, &victims, args.apart);
         let mut show = Show::silent();
         let (flown, stopped) = demo::fly_once(&flight, &programs, &instance, faults, &mut show, &interrupt)?;
         let good = flown.outcome == Outcome::Goal && flown.summary.fcu_hold_count == 0;

@@ -6,7 +6,7 @@
 use super::Autopilot;
 use super::avoidance::point_of;
 use super::bezier::{ControlPoint, Curve, POINTS_MAX};
-use super::companion_health::ForeignHeartbeat;
+use super::companion_health::{COMPONENT_AVOIDANCE, ForeignHeartbeat};
 use super::link::{Link, Packet};
 use super::mission_protocol::MissionChange;
 use super::position_task::Sticks;
@@ -19,6 +19,9 @@ use nalgebra::Vector3;
 impl Autopilot {
     /// Forwards a packet to the other link and takes it itself where it is meant.
     pub(super) fn receive(&mut self, packet: &Packet, outbox: &mut Vec<Packet>) {
+        if packet.link == Link::Companion && packet.header.component_id == COMPONENT_AVOIDANCE {
+            self.statistics.note_sequence(packet.header.sequence);
+        }
         if let Some(forwarded) = self.wire.forward(packet) {
             outbox.push(forwarded);
         }

@@ -11,6 +11,9 @@ pub struct SetpointStatistics {
     pub gap_max_s: f64,
     /// OBSTACLE_DISTANCE messages received.
     pub obstacle_distances: u64,
+    /// Messages of the avoidance component whose sequence number did not follow that of the one before.
+    pub sequence_breaks: u64,
+    next_sequence: Option<u8>,
     waiting_since_us: Option<u64>,
     last_us: u64,
 }
@@ -20,6 +23,12 @@ impl SetpointStatistics {
         self.count += 1;
         self.last_us = now_us;
         self.last_s = now_us as f64 * 1e-6;
+    }
+
+    /// A message of the avoidance component arrived.
+    pub(super) fn note_sequence(&mut self, sequence: u8) {
+        let next = self.next_sequence.replace(sequence.wrapping_add(1));
+        self.sequence_breaks += u64::from(next.is_some_and(|next| next != sequence));
     }
 
     /// `counts`: whether the companion is responsible now.
@@ -37,6 +46,16 @@ impl SetpointStatistics {
 #[cfg(test)]
 mod tests {
     use super::SetpointStatistics;
+
+    #[test]
+    fn a_lost_and_a_doubled_message_break_the_sequence() {
+        let mut statistics = SetpointStatistics::default();
+        (250..=255).chain(0..5).for_each(|n| statistics.note_sequence(n));
+        assert_eq!(statistics.sequence_breaks, 0);
+        statistics.note_sequence(6);
+        statistics.note_sequence(6);
+        assert_eq!(statistics.sequence_breaks, 2);
+    }
 
     #[test]
     fn a_gap_counts_only_while_the_companion_is_responsible() {

@@ -137,7 +137,8 @@ impl SensorRig {
     }
 
     /// The earliest frame that has ended by `now` and was not handed out before; ask until there is none. The first
-    /// call switches the rig on: the first frames end one period later.
+    /// call switches the rig on: frames begin and end at multiples of their period on the clock, so that two rigs of the
+    /// same specs, switched on at different times, measure the same frames and one can take the other's place.
     pub fn next_due(&mut self, now: Timestamp) -> Option<Frame> {
         let start = *self.start.get_or_insert(now);
         let (index, end) = self
@@ -299,6 +300,7 @@ impl Sensor {
 
     /// When the next frame ends, for a rig switched on at `start`.
     fn next_end(&self, start: Timestamp) -> Timestamp {
-        Timestamp::from_ns(start.ns + (self.frames + 1) * self.period_ns)
+        let begin_ns = start.ns.next_multiple_of(self.period_ns);
+        Timestamp::from_ns(begin_ns + (self.frames + 1) * self.period_ns)
     }
 }

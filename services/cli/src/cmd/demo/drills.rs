@@ -1,13 +1,17 @@
 //! Carries out the faults that were asked for and sees what becomes of them.
 
-use crate::cmd::ask;
+use crate::cmd::meter::Meter;
+use crate::cmd::watch::PROGRAM;
+use crate::cmd::{ask, topic};
 use jink_cli::drill::{Drill, Fault, Since};
 use jink_cli::flight::FaultRecord;
+use jink_cli::handover::{Seam, SeamFigures};
 use jink_cli::report::round;
-use jink_runtime::Instance;
 use jink_runtime::request::Request;
+use jink_runtime::{Instance, Session};
 use jink_shared_types::Coded;
 use jink_shared_types::health::{ProcessStatus, ServiceState, SystemStatus};
+use jink_shared_types::topics::TABLE;
 use jink_shared_types::truth::SimTruth;
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::net::UdpSocket;
@@ -22,6 +26,11 @@ const SLOW_LOOKS: u64 = 5;
 const AFTERMATH_S: f64 = 1.5;
 /// A fault whose end nobody sees is given up after this long (s).
 const PATIENCE_S: f64 = 20.0;
+/// The process that publishes for all simulated sensors.
+const SENSORS: &str = "sensors";
+/// The process that speaks to the autopilot, and how often it sends setpoints (Hz).
+const GATEWAY: &str = "mavlink_gateway";
+const SETPOINT_RATE_HZ: f64 = 20.0;
 /// The supervisor as a victim.
 pub const SUPERVISOR: &str = "supervisor";
 /// Garbage datagrams, and their size (bytes).
@@ -53,10 +62,14 @@ struct Open {
     end_s: Option<f64>,
     collisions: u32,
     holds: u32,
+    setpoints: u64,
+    sequence_breaks: u64,
     /// Of a slow process: its handle.
     slowed: Option<OwnedFd>,
     /// Of a swap: its last answer.
     swap: Option<Receiver<bool>>,
+    /// Of a swap: what is seen on the topics of the process.
+    seams: Vec<(Meter, Seam)>,
 }
 
 /// Faults still to come, under way and done.
@@ -68,6 +81,8 @@ pub struct Drills {
     looks: u64,
     instance: Instance,
     link_port: u16,
+    /// Opened for the first swap.
+    session: Option<Session>,
 }
 
 impl Drills {
@@ -80,6 +95,7 @@ impl Drills {
             looks: 0,
             instance,
             link_port,
+            session: None,
         }
     }
 
@@ -113,6 +129,33 @@ impl Drills {
         news
     }
 
+    /// Listens to all topics of a process; to none if shared memory cannot be reached.
+    fn seams_of(&mut self, process: &str) -> Vec<(Meter, Seam)> {
+        if self.session.is_none() {
+            self.session = Session::open(&self.instance, PROGRAM).ok();
+        }
+        let Some(session) = &self.session else {
+            return Vec::new();
+        };
+        let members = topic::members(&self.instance);
+        let mut seams = Vec::new();
+        for row in TABLE {
+            let single = [String::new()];
+            let names = match row.is_family() {
+                true if process == SENSORS && row.producers.contains(&"simulator") => members.of(row),
+                false if row.may_publish(process) && !row.producers.contains(&"*") => &single[..],
+                _ => continue,
+            };
+            for member in names {
+                if let Ok(meter) = Meter::open(session, row, member) {
+                    let seam = Seam::new(&meter.name, *row);
+                    seams.push((meter, seam));
+                }
+            }
+        }
+        seams
+    }
+
     /// Everything that was done.
     pub fn into_records(self) -> Vec<FaultRecord> {
         let mut records = self.done;
@@ -129,7 +172,7 @@ impl Drills {
         let Some(handle) = handle_of(process.pid) else {
             return format!("{} has just gone: spared", drill.process);
         };
-        let (mut slowed, mut swap) = (None, None);
+        let (mut slowed, mut swap, mut seams) = (None, None, Vec::new());
         let made = match drill.fault {
             Fault::Kill => pidfd_send_signal(&handle, Signal::KILL).is_ok(),
             Fault::Stop => pidfd_send_signal(&handle, Signal::STOP).is_ok(),
@@ -138,6 +181,7 @@ impl Drills {
                 true
             }
             Fault::Swap => {
+                seams = self.seams_of(&drill.process);
                 swap = Some(begin_swap(&self.instance, &drill.process));
                 true
             }
@@ -161,14 +205,18 @@ impl Drills {
                 holds: 0,
                 north_m: round(view.truth.position.x_m),
                 east_m: round(view.truth.position.y_m),
+                seams: Vec::new(),
             },
             before: *process,
             begin_s: view.truth.time_s,
             end_s: None,
             collisions: view.truth.collisions,
             holds: view.truth.hold_count,
+            setpoints: view.truth.setpoints,
+            sequence_breaks: view.truth.sequence_breaks,
             slowed,
             swap,
+            seams,
         });
         format!(
             "{} of {} (process id {}) at {at_s:.1} s",
@@ -185,6 +233,9 @@ impl Open {
         self.record.holds = view.truth.hold_count.saturating_sub(self.holds);
         if self.end_s.is_some() {
             return;
+        }
+        for (meter, seam) in &mut self.seams {
+            meter.look(|header| seam.take(header));
         }
         let now = find(view.status, &self.record.process);
         let replaced = now.is_some_and(|now| now.pid != self.before.pid || now.state == ServiceState::Dead);
@@ -223,6 +274,11 @@ impl Open {
             Fault::Swap => match self.swap.as_ref().and_then(|answer| answer.try_recv().ok()) {
                 Some(good) => {
                     self.record.survived = good;
+                    self.record.seams = self.seams.iter().filter_map(|(_, seam)| seam.figures()).collect();
+                    self.seams.clear();
+                    if good && self.record.process == GATEWAY {
+                        self.record.seams.push(self.wire_seam(view.truth));
+                    }
                     true
                 }
                 None => false,
@@ -234,6 +290,19 @@ impl Open {
         };
         if over || time_s - self.begin_s > PATIENCE_S {
             self.end_s = Some(time_s);
+        }
+    }
+
+    /// What the autopilot saw of a swap of the gateway.
+    fn wire_seam(&self, truth: &SimTruth) -> SeamFigures {
+        SeamFigures {
+            topic: "MAVLink".to_owned(),
+            samples: (truth.setpoints - self.setpoints) as usize,
+            changes: 1,
+            missing: (truth.sequence_breaks - self.sequence_breaks) as usize,
+            doubled: 0,
+            reordered: 0,
+            gap_periods: round(self.record.gap_ms * 1e-3 * SETPOINT_RATE_HZ),
         }
     }
 
