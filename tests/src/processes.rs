@@ -5,8 +5,9 @@
 use serde_json::Value;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
+use std::time::{Duration, Instant};
 
 /// The folder of the workspace.
 pub fn workspace() -> PathBuf {
@@ -239,5 +240,106 @@ pub fn demo(arguments: &[&str]) -> Demo {
         figures: serde_json::from_str(last).unwrap_or(Value::Null),
         text: format!("{stdout}\n{stderr}"),
         code,
+    }
+}
+
+/// Patience with a flight, take-off to landing.
+const WATCHDOG: Duration = Duration::from_secs(180);
+
+/// A demonstration flight under way, which can be meddled with.
+#[derive(Debug)]
+pub struct Flight {
+    demo: Child,
+    instance: String,
+}
+
+impl Flight {
+    /// `jink demo --headless --json` with further `arguments`.
+    ///
+    /// # Panics
+    /// If it cannot be started.
+    pub fn begin(arguments: &[&str]) -> Self {
+        let mut command = program("jink", &["demo", "--headless", "--json"]);
+        let demo = command.args(arguments).stdout(Stdio::piped()).spawn();
+        let demo = demo.expect("jink demo can be started");
+        let instance = format!("demo_{}", demo.id());
+        Self { demo, instance }
+    }
+
+    /// Runs a command of jink on this flight.
+    pub fn jink(&self, arguments: &[&str]) -> Answer {
+        let mut command = program("jink", &["--instance", &self.instance]);
+        answer(command.args(arguments))
+    }
+
+    /// What `jink status --json` says; null if it says nothing.
+    pub fn status(&self) -> Value {
+        let status = self.jink(&["status", "--json"]);
+        serde_json::from_str(&status.stdout).unwrap_or(Value::Null)
+    }
+
+    /// What that says of one service; null if it is not there.
+    pub fn service(&self, name: &str) -> Value {
+        let services = self.status()["services"].as_array().cloned().unwrap_or_default();
+        let mut services = services.into_iter();
+        services
+            .find(|service| service["name"] == name)
+            .unwrap_or(Value::Null)
+    }
+
+    /// The ground truth as text; empty before there is one.
+    pub fn truth(&self) -> String {
+        self.jink(&["topic", "echo", "sim/truth", "--count", "1", "--timeout", "2"])
+            .stdout
+    }
+
+    /// How far the vehicle has flown (m).
+    pub fn flown_m(&self) -> f64 {
+        let truth = self.truth();
+        let mut words = truth.split("flown_m: ").skip(1);
+        let number = words.next().and_then(|rest| rest.split(',').next());
+        number.and_then(|number| number.parse().ok()).unwrap_or(0.0)
+    }
+
+    /// Waits until the vehicle is on its mission.
+    ///
+    /// # Panics
+    /// If that never happens.
+    pub fn until_it_flies(&self) {
+        until("the mission", || self.truth().contains("mode: Mission"));
+    }
+
+    /// Waits until the vehicle stands still.
+    ///
+    /// # Panics
+    /// If that never happens.
+    pub fn until_it_rests(&self) {
+        until("rest", || {
+            let before_m = self.flown_m();
+            std::thread::sleep(Duration::from_millis(700));
+            self.flown_m() - before_m < 0.1
+        });
+    }
+
+    /// Waits for the end of the flight; its figures.
+    ///
+    /// # Panics
+    /// If its end cannot be waited for.
+    pub fn end(self) -> Value {
+        let output = self.demo.wait_with_output().expect("jink demo ends");
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        serde_json::from_str(text.lines().last().unwrap_or_default()).unwrap_or(Value::String(text))
+    }
+}
+
+/// Waits for `condition`, looking five times a second.
+///
+/// # Panics
+/// If it does not come true in minutes.
+pub fn until(what: &str, mut condition: impl FnMut() -> bool) {
+    let begin = Instant::now();
+    while !condition() {
+        assert!(begin.elapsed() < WATCHDOG, "{what} never came");
+        std::thread::sleep(Duration::from_millis(200));
     }
 }
