@@ -4,9 +4,10 @@
 
 use serde_json::Value;
 use std::net::UdpSocket;
+use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::sync::OnceLock;
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The folder of the workspace.
@@ -77,10 +78,86 @@ pub fn answer(command: &mut Command) -> Answer {
     }
 }
 
+/// One instance of jink, looked at and meddled with from outside.
+#[derive(Debug)]
+pub struct Handle {
+    instance: String,
+}
+
+impl Handle {
+    /// The jink command for this instance.
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = program("jink", &["--instance", &self.instance]);
+        command.args(arguments);
+        command
+    }
+
+    /// Runs a command of jink on this instance.
+    pub fn jink(&self, arguments: &[&str]) -> Answer {
+        answer(&mut self.command(arguments))
+    }
+
+    /// What `jink status --json` says; null if it says nothing.
+    pub fn status(&self) -> Value {
+        let status = self.jink(&["status", "--json"]);
+        serde_json::from_str(&status.stdout).unwrap_or(Value::Null)
+    }
+
+    /// What that says of one service; null if it is not there.
+    pub fn service(&self, name: &str) -> Value {
+        let services = self.status()["services"].as_array().cloned().unwrap_or_default();
+        let mut services = services.into_iter();
+        services
+            .find(|service| service["name"] == name)
+            .unwrap_or(Value::Null)
+    }
+
+    /// The ground truth as text; empty before there is one.
+    pub fn truth(&self) -> String {
+        self.jink(&["topic", "echo", "sim/truth", "--count", "1", "--timeout", "2"])
+            .stdout
+    }
+
+    /// One number of the ground truth; `None` before there is one.
+    pub fn truth_number(&self, field: &str) -> Option<f64> {
+        let truth = self.truth();
+        let (_, rest) = truth.split_once(&format!(" {field}: "))?;
+        rest.split(',').next()?.parse().ok()
+    }
+
+    /// How far the vehicle has flown (m).
+    pub fn flown_m(&self) -> f64 {
+        self.truth_number("flown_m").unwrap_or(0.0)
+    }
+
+    /// Waits until the vehicle is on its mission.
+    ///
+    /// # Panics
+    /// If that never happens.
+    pub fn until_it_flies(&self) {
+        until("the mission", || self.truth().contains("mode: Mission"));
+    }
+
+    /// Waits until the vehicle stands still.
+    ///
+    /// # Panics
+    /// If that never happens.
+    pub fn until_it_rests(&self) {
+        until("rest", || {
+            let before = self.truth_number("flown_m");
+            std::thread::sleep(Duration::from_millis(700));
+            let after = self.truth_number("flown_m");
+            before
+                .zip(after)
+                .is_some_and(|(before, after)| after - before < 0.1)
+        });
+    }
+}
+
 /// A jink that runs in the background in an instance of its own; it is taken down with this.
 #[derive(Debug)]
 pub struct System {
-    instance: String,
+    handle: Handle,
 }
 
 impl System {
@@ -90,32 +167,28 @@ impl System {
     /// If it does not come up: the text says why.
     pub fn up(role: &str, arguments: &[&str]) -> Self {
         let instance = format!("test_{role}_{}", std::process::id());
-        let system = Self { instance };
-        let mut command = system.jink(&["up", "--detach"]);
+        let system = Self {
+            handle: Handle { instance },
+        };
+        let mut command = system.command(&["up", "--detach"]);
         let up = answer(command.args(arguments));
         assert_eq!(up.code, Some(0), "{up:?}");
         system
     }
+}
 
-    /// The jink command for this instance.
-    pub fn jink(&self, arguments: &[&str]) -> Command {
-        let mut command = program("jink", &["--instance", &self.instance]);
-        command.args(arguments);
-        command
-    }
-
-    /// What `jink status --json` says; null if it says nothing.
-    pub fn status(&self) -> Value {
-        let answer = answer(&mut self.jink(&["status", "--json"]));
-        serde_json::from_str(&answer.stdout).unwrap_or(Value::Null)
+impl Deref for System {
+    type Target = Handle;
+    fn deref(&self) -> &Handle {
+        &self.handle
     }
 }
 
 impl Drop for System {
     fn drop(&mut self) {
-        let down = answer(&mut self.jink(&["down"]));
+        let down = self.jink(&["down"]);
         if down.code != Some(0) {
-            eprintln!("{}: {down:?}", self.instance);
+            eprintln!("{}: {down:?}", self.handle.instance);
         }
     }
 }
@@ -249,9 +322,13 @@ const WATCHDOG: Duration = Duration::from_secs(180);
 /// A demonstration flight under way, which can be meddled with.
 #[derive(Debug)]
 pub struct Flight {
-    demo: Child,
-    instance: String,
+    demo: Option<Child>,
+    handle: Handle,
+    _alone: MutexGuard<'static, ()>,
 }
+
+/// Two flights at once would be a test of the machine.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 impl Flight {
     /// `jink demo --headless --json` with further `arguments`.
@@ -260,75 +337,45 @@ impl Flight {
     /// If it cannot be started.
     pub fn begin(arguments: &[&str]) -> Self {
         let mut command = program("jink", &["demo", "--headless", "--json"]);
+        let alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let demo = command.args(arguments).stdout(Stdio::piped()).spawn();
         let demo = demo.expect("jink demo can be started");
         let instance = format!("demo_{}", demo.id());
-        Self { demo, instance }
-    }
-
-    /// Runs a command of jink on this flight.
-    pub fn jink(&self, arguments: &[&str]) -> Answer {
-        let mut command = program("jink", &["--instance", &self.instance]);
-        answer(command.args(arguments))
-    }
-
-    /// What `jink status --json` says; null if it says nothing.
-    pub fn status(&self) -> Value {
-        let status = self.jink(&["status", "--json"]);
-        serde_json::from_str(&status.stdout).unwrap_or(Value::Null)
-    }
-
-    /// What that says of one service; null if it is not there.
-    pub fn service(&self, name: &str) -> Value {
-        let services = self.status()["services"].as_array().cloned().unwrap_or_default();
-        let mut services = services.into_iter();
-        services
-            .find(|service| service["name"] == name)
-            .unwrap_or(Value::Null)
-    }
-
-    /// The ground truth as text; empty before there is one.
-    pub fn truth(&self) -> String {
-        self.jink(&["topic", "echo", "sim/truth", "--count", "1", "--timeout", "2"])
-            .stdout
-    }
-
-    /// How far the vehicle has flown (m).
-    pub fn flown_m(&self) -> f64 {
-        let truth = self.truth();
-        let mut words = truth.split("flown_m: ").skip(1);
-        let number = words.next().and_then(|rest| rest.split(',').next());
-        number.and_then(|number| number.parse().ok()).unwrap_or(0.0)
-    }
-
-    /// Waits until the vehicle is on its mission.
-    ///
-    /// # Panics
-    /// If that never happens.
-    pub fn until_it_flies(&self) {
-        until("the mission", || self.truth().contains("mode: Mission"));
-    }
-
-    /// Waits until the vehicle stands still.
-    ///
-    /// # Panics
-    /// If that never happens.
-    pub fn until_it_rests(&self) {
-        until("rest", || {
-            let before_m = self.flown_m();
-            std::thread::sleep(Duration::from_millis(700));
-            self.flown_m() - before_m < 0.1
-        });
+        Self {
+            demo: Some(demo),
+            handle: Handle { instance },
+            _alone: alone,
+        }
     }
 
     /// Waits for the end of the flight; its figures.
     ///
     /// # Panics
     /// If its end cannot be waited for.
-    pub fn end(self) -> Value {
-        let output = self.demo.wait_with_output().expect("jink demo ends");
+    pub fn end(mut self) -> Value {
+        let demo = self.demo.take().expect("a flight ends once");
+        let output = demo.wait_with_output().expect("jink demo ends");
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
         serde_json::from_str(text.lines().last().unwrap_or_default()).unwrap_or(Value::String(text))
+    }
+}
+
+impl Deref for Flight {
+    type Target = Handle;
+    fn deref(&self) -> &Handle {
+        &self.handle
+    }
+}
+
+/// A test that has failed leaves nothing flying.
+impl Drop for Flight {
+    fn drop(&mut self) {
+        if let Some(mut demo) = self.demo.take() {
+            let _gone_already = demo.kill();
+            let _not_ours = demo.wait();
+            let down = self.jink(&["down"]);
+            eprintln!("{}: {}", self.handle.instance, down.stdout.trim());
+        }
     }
 }
 

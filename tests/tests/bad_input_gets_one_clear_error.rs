@@ -195,7 +195,7 @@ fn without_an_autopilot_it_stands_by_and_garbage_on_the_link_changes_nothing() {
     for service in heard["services"].as_array().unwrap() {
         assert_eq!(service["restarts"], 0, "{heard:#}");
     }
-    let text = answer(&mut jink.jink(&["status"]));
+    let text = jink.jink(&["status"]);
     assert!(
         text.stdout.contains("the autopilot is not heard ("),
         "{}",

@@ -1,5 +1,23 @@
 //! `jink`: start, stop, look at and try out an obstacle-avoidance system.
 
+/// Like `print!`, but somebody who reads no further (`| head`) is no reason to end, least of all in the middle of a
+/// flight.
+macro_rules! say {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let mut out = std::io::stdout().lock();
+        let _nobody_reads = write!(out, $($text)*).and_then(|()| out.flush());
+    }};
+}
+
+/// The same with the end of a line.
+macro_rules! sayln {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let _nobody_reads = writeln!(std::io::stdout(), $($text)*);
+    }};
+}
+
 mod cmd;
 
 use clap::{Parser, Subcommand};

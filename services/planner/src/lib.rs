@@ -179,6 +179,9 @@ impl Planner {
             }
             return; // I4: blind, the committed trajectory runs to its own stop.
         }
+        if let Some(map) = inputs.map.fresh() {
+            self.judge_sensors(map.live_sensors);
+        }
         let goal_moved = self
             .planned_goal
             .is_none_or(|old| (old.vector() - goal.vector()).norm() > 0.1);
@@ -204,10 +207,6 @@ impl Planner {
         }
         self.map_publish = map.header.publish;
         self.space.load(map.sample);
-        // Without any range nothing is planned at all, and others tell.
-        if map.ranges_fresh.is_set() {
-            self.judge_sensors(map.live_sensors);
-        }
         true
     }
 

@@ -113,7 +113,7 @@ fn ask(instance: &Instance, request: &Request) -> Result<ExitCode, Problem> {
     let mut last = None;
     put(&instance.request_socket(), request, |answer| {
         if answer.good {
-            println!("{}", answer.text);
+            sayln!("{}", answer.text);
         } else {
             eprintln!("jink: {}", answer.text);
         }

@@ -95,7 +95,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
         let mut show = Show::silent();
         let (flown, stopped) = demo::fly_once(&flight, &programs, &instance, faults, &mut show, &interrupt)?;
         let good = flown.outcome == Outcome::Goal && flown.summary.fcu_hold_count == 0;
-        println!(
+        sayln!(
             "flight {} of {} (seed {world_seed}): {}, {} faults, largest gap {:.0} ms, {} falls to Hold",
             number + 1,
             args.flights,
@@ -108,9 +108,9 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
             let _gone_already = std::fs::remove_dir_all(instance.folder());
         } else {
             for fault in &flown.summary.faults {
-                println!("  {}", fault.line());
+                sayln!("  {}", fault.line());
             }
-            println!("  logs: {}", instance.log_folder().display());
+            sayln!("  logs: {}", instance.log_folder().display());
         }
         flights.push(Flown {
             goal: flown.outcome == Outcome::Goal,
@@ -122,10 +122,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
         });
     }
     let campaign = Campaign::of(&flights);
-    print!("\n{}", campaign.text());
+    say!("\n{}", campaign.text());
     if args.json {
         let json = serde_json::to_string(&campaign).map_err(|error| Problem::Other(error.to_string()))?;
-        println!("{json}");
+        sayln!("{json}");
     }
     let good = campaign.lost == 0 && campaign.collisions == 0 && campaign.fcu_hold_count == 0;
     Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))

@@ -17,21 +17,21 @@ pub fn run(instance: &Instance) -> Result<ExitCode, Problem> {
     let programs = places::program_folder()?;
     match running::find(instance)? {
         Some(supervisor) if supervisor.stop(PATIENCE)? => {
-            println!("jink {instance}: stopped");
+            sayln!("jink {instance}: stopped");
         }
         Some(supervisor) => {
             supervisor.kill()?;
             sweep(&programs, instance)?;
-            println!(
+            sayln!(
                 "jink {instance}: the supervisor did not answer and was killed; its processes have been ended"
             );
         }
         None if running::has_orphans(instance) => {
             sweep(&programs, instance)?;
-            println!("jink {instance}: ended what a killed supervisor had left running");
+            sayln!("jink {instance}: ended what a killed supervisor had left running");
         }
         None => {
-            println!("jink {instance}: nothing is running");
+            sayln!("jink {instance}: nothing is running");
             return Ok(ExitCode::from(EXIT_NOT_RUNNING));
         }
     }

@@ -60,10 +60,10 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     );
     if args.json {
         let json = serde_json::to_string(&report).map_err(|error| Problem::Other(error.to_string()))?;
-        println!("{json}");
+        sayln!("{json}");
     } else {
         let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
-        print!(
+        say!(
             "{}",
             report.text(since_1970.map_or(0.0, |time| time.as_secs_f64()))
         );

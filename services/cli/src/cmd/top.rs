@@ -65,7 +65,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             eprintln!("jink {instance}: the supervisor gives no status");
             return Ok(ExitCode::from(EXIT_PROBLEM));
         };
-        print!("{}", screen.text(WIDTH));
+        say!("{}", screen.text(WIDTH));
         return Ok(ExitCode::SUCCESS);
     }
     show(&mut live, &interrupt)

@@ -73,9 +73,9 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             let (row, member) = find(instance, topic)?;
             let beat = measure(Meter::open(&session, row, &member)?, *seconds)?;
             if *json {
-                println!("{}", beat.json(topic, row));
+                sayln!("{}", beat.json(topic, row));
             } else {
-                println!("{}", beat.line(topic, row));
+                sayln!("{}", beat.line(topic, row));
             }
             Ok(came(beat.samples()))
         }
@@ -117,9 +117,9 @@ fn list(instance: &Instance, json: bool) -> Result<ExitCode, Problem> {
         .collect();
     if json {
         let json = serde_json::to_string(&listed).map_err(|error| Problem::Other(error.to_string()))?;
-        println!("{json}");
+        sayln!("{json}");
     } else {
-        print!("{}", jink_cli::topic_list::table(&listed));
+        say!("{}", jink_cli::topic_list::table(&listed));
     }
     Ok(ExitCode::SUCCESS)
 }

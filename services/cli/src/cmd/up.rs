@@ -62,7 +62,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     loop {
         if let Some(status) = watch.status() {
             for line in narrator.news(&status) {
-                println!("{line}");
+                sayln!("{line}");
             }
             if status.health == Health::Stopping {
                 drop(watch);
@@ -72,7 +72,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             standing_by_since = since;
             let settled = since.is_some_and(|since| since.elapsed() > STANDBY_FOR);
             if args.detach && (status.health == Health::Healthy || settled) {
-                println!("jink {instance} runs; `jink status` shows it, `jink down` stops it");
+                sayln!("jink {instance} runs; `jink status` shows it, `jink down` stops it");
                 return Ok(ExitCode::SUCCESS);
             }
             if args.detach && begin.elapsed() > READY_PATIENCE {
@@ -130,7 +130,7 @@ fn options(args: &Args) -> Result<StartOptions, Problem> {
 fn conclude(supervisor: &mut Supervisor) -> Result<ExitCode, Problem> {
     let code = exit_code(supervisor.stop()?);
     if code == 0 {
-        println!("stopped");
+        sayln!("stopped");
     } else {
         eprintln!("jink: {}", supervisor.reason());
     }

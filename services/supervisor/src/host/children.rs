@@ -96,6 +96,8 @@ impl Running {
 struct Slot {
     row: ProcessRow,
     log: LogFile,
+    /// Of the second instance: the two change their logs when they change their places.
+    shadow_log: LogFile,
     running: Option<Running>,
     shadow: Option<Running>,
     /// The program of a swap that was asked for.
@@ -116,6 +118,7 @@ impl Children {
             .into_iter()
             .map(|row| Slot {
                 log: LogFile::new(&launch.instance, &row.rules.name),
+                shadow_log: LogFile::new(&launch.instance, &format!("{}.shadow", row.rules.name)),
                 row,
                 running: None,
                 shadow: None,
@@ -165,8 +168,7 @@ impl Children {
         let command = self.launch.command(&slot.row, &program, generation, true);
         let name = &slot.row.rules.name;
         // Its log is its own, so that its last words are told from those of the owner.
-        let mut log = LogFile::new(&self.launch.instance, &format!("{name}.shadow"));
-        match start(command, &mut log) {
+        match start(command, &mut slot.shadow_log) {
             Ok(running) => {
                 let pid = running.pid;
                 tracing::info!(process = name, pid, generation, program = %program.display(), "shadow started");
@@ -198,6 +200,7 @@ impl Children {
     pub fn promote(&mut self, index: usize) {
         if let Some(slot) = self.slots.get_mut(index) {
             std::mem::swap(&mut slot.running, &mut slot.shadow);
+            std::mem::swap(&mut slot.log, &mut slot.shadow_log);
         }
     }
 
@@ -290,10 +293,9 @@ impl Children {
 
     /// The last lines that the second instance of process `index` wrote.
     pub fn last_shadow_lines(&self, index: usize) -> Vec<String> {
-        self.slots.get(index).map_or_else(Vec::new, |slot| {
-            let name = format!("{}.shadow", slot.row.rules.name);
-            LogFile::new(&self.launch.instance, &name).last_lines(POST_MORTEM_LINES)
-        })
+        self.slots
+            .get(index)
+            .map_or_else(Vec::new, |slot| slot.shadow_log.last_lines(POST_MORTEM_LINES))
     }
 
     /// The last lines that process `index` wrote.
@@ -307,7 +309,7 @@ impl Children {
     pub fn limit_logs(&mut self) {
         for slot in &mut self.slots {
             // A log that is not there yet is short enough.
-            let _not_there_yet = slot.log.limit();
+            let _not_there_yet = (slot.log.limit(), slot.shadow_log.limit());
         }
     }
 

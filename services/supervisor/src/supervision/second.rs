@@ -241,7 +241,8 @@ impl Supervision {
         exit: Exit,
         actions: &mut Vec<Action>,
     ) {
-        let (Some(process), Some(second)) = (self.processes.get(index), self.seconds.get_mut(index)) else {
+        let (Some(process), Some(second)) = (self.processes.get_mut(index), self.seconds.get_mut(index))
+        else {
             return;
         };
         let Some(shadow) = second.shadow.take() else {
@@ -254,10 +255,7 @@ impl Supervision {
         }
         match shadow.kind {
             Kind::Hot => {}
-            Kind::Candidate(_) => {
-                tell(actions, index, SwapNews::Refused(Refusal::Ended(exit)));
-                raise(actions, &events::SWAP_REFUSED, process, 0.0);
-            }
+            Kind::Candidate(swap) => turn_down(process, &swap, index, Refusal::Ended(exit), actions),
             Kind::Former { .. } => {
                 actions.push(Action::Commit { process: index });
                 tell(actions, index, SwapNews::Done);
@@ -275,7 +273,7 @@ impl Supervision {
 
     /// Ends the second instance of one process, because of `refusal` if it was a candidate.
     pub(super) fn end_second_of(&mut self, index: usize, refusal: Refusal, actions: &mut Vec<Action>) {
-        let (process, second) = (&self.processes[index], &mut self.seconds[index]);
+        let (process, second) = (&mut self.processes[index], &mut self.seconds[index]);
         let candidate = second
             .shadow
             .as_ref()
@@ -305,10 +303,34 @@ fn end(second: &mut Second, index: usize, actions: &mut Vec<Action>) {
     }
 }
 
-fn refuse(process: &Process, second: &mut Second, index: usize, refusal: Refusal, actions: &mut Vec<Action>) {
-    tell(actions, index, SwapNews::Refused(refusal));
-    raise(actions, &events::SWAP_REFUSED, process, 0.0);
+fn refuse(
+    process: &mut Process,
+    second: &mut Second,
+    index: usize,
+    refusal: Refusal,
+    actions: &mut Vec<Action>,
+) {
+    match second.shadow.as_ref().map(|shadow| shadow.kind) {
+        Some(Kind::Candidate(swap)) => turn_down(process, &swap, index, refusal, actions),
+        _ => {
+            tell(actions, index, SwapNews::Refused(refusal));
+            raise(actions, &events::SWAP_REFUSED, process, 0.0);
+        }
+    }
     end(second, index, actions);
+}
+
+/// A candidate is not taken. If its moment had come already it may have spoken: then the owner goes on in a newer epoch, so
+/// that readers do not take its samples for older ones.
+fn turn_down(process: &mut Process, swap: &Swap, index: usize, refusal: Refusal, actions: &mut Vec<Action>) {
+    if swap.phase == SwapPhase::Switching {
+        process.epoch = process.next_generation();
+        tell(actions, index, SwapNews::RolledBack(refusal));
+        raise(actions, &events::SWAP_ROLLED_BACK, process, 0.0);
+    } else {
+        tell(actions, index, SwapNews::Refused(refusal));
+        raise(actions, &events::SWAP_REFUSED, process, 0.0);
+    }
 }
 
 fn tell(actions: &mut Vec<Action>, process: usize, news: SwapNews) {

@@ -743,6 +743,27 @@ fn a_candidate_that_dies_as_owner_is_rolled_back_at_once_in_a_new_epoch() {
 }
 
 #[test]
+fn a_candidate_that_dies_in_the_moment_of_the_switch_leaves_an_owner_in_a_new_epoch() {
+    let mut world = in_probation(20);
+    let mut cycles = 100;
+    while control(&world).next == 0 && cycles < 400 {
+        cycles += 1;
+        pass_both(&mut world, 0.05, cycles, 0);
+    }
+    world.shadows[0] = Child::None;
+    let exit = Exit::Signal(6);
+    world.observe(&[Observation::ShadowDied { process: 0, exit }]);
+    assert_eq!(
+        world.news.last(),
+        Some(&SwapNews::RolledBack(Refusal::Ended(exit)))
+    );
+    let entry = control(&world);
+    assert_eq!((entry.active, entry.next), (1, 0));
+    assert!(entry.epoch > 2, "the candidate may have spoken already");
+    assert!(world.signals.is_empty());
+}
+
+#[test]
 fn a_hot_shadow_takes_over_without_a_start_and_gets_a_successor() {
     let hot = Rules {
         hot_shadow: true,

@@ -126,7 +126,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     if args.json {
         let json =
             serde_json::to_string(&flown.summary).map_err(|error| Problem::Other(error.to_string()))?;
-        println!("{json}");
+        sayln!("{json}");
     }
     Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))
 }
@@ -252,7 +252,7 @@ fn with_system(
 }
 
 fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Problem> {
-    print!("{}", flown.summary.text());
+    say!("{}", flown.summary.text());
     if let (Some(world), Some(file)) = (world, &args.svg) {
         let picture = svg(&Scene {
             world,
@@ -262,7 +262,7 @@ fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Pro
             title: &title(&flown.summary),
         });
         std::fs::write(file, picture).map_err(Problem::io(file.display().to_string()))?;
-        println!("picture: {}", file.display());
+        sayln!("picture: {}", file.display());
     }
     Ok(())
 }

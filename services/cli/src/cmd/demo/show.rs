@@ -43,11 +43,11 @@ impl Show {
         if self.live {
             // A longer line would wrap, and only its last row would be rewritten.
             let text: String = line().chars().take(terminal_width() - 1).collect();
-            print!("{ERASE_LINE}{text}");
+            say!("{ERASE_LINE}{text}");
             // A terminal that went away is noticed elsewhere.
             let _gone = std::io::stdout().flush();
         } else {
-            println!("{}", line());
+            sayln!("{}", line());
         }
     }
 
@@ -57,16 +57,16 @@ impl Show {
             return;
         }
         if self.live {
-            println!("{ERASE_LINE}{line}");
+            sayln!("{ERASE_LINE}{line}");
         } else {
-            println!("{line}");
+            sayln!("{line}");
         }
     }
 
     /// Ends the line that is rewritten.
     pub fn finish(&mut self) {
         if self.live && self.shown.is_some() {
-            println!();
+            sayln!();
         }
     }
 }

@@ -163,10 +163,11 @@ fn frames_follow_each_other_without_gap_at_their_rate() {
     );
     let all = frames(&mut rig, 10.0);
     assert!(all.windows(2).all(|pair| pair[0].end <= pair[1].end));
-    for (sensor, count, period_ns) in [(0, 100, 100_000_000), (1, 200, 50_000_000), (2, 300, 33_333_333)] {
+    for (sensor, count, period_ns) in [(0, 100, 100_000_000), (1, 200, 50_000_000), (2, 299, 33_333_333)] {
         let own: Vec<_> = all.iter().filter(|frame| frame.sensor == sensor).collect();
         assert_eq!(own.len(), count);
-        assert_eq!(own[0].end.ns, 1_000_000_000 + period_ns);
+        let first_begin_ns = 1_000_000_000_u64.next_multiple_of(period_ns);
+        assert_eq!(own[0].end.ns, first_begin_ns + period_ns);
         for pair in own.windows(2) {
             assert_eq!(pair[1].end.ns_since(pair[0].end), period_ns);
             // Only a sweep takes time.
@@ -174,6 +175,24 @@ fn frames_follow_each_other_without_gap_at_their_rate() {
             assert_eq!(pair[1].begin, begin);
         }
     }
+}
+
+#[test]
+fn rigs_switched_on_at_different_times_measure_the_same_frames() {
+    let (mut one, mut other) = (
+        SensorRig::new(&SensorSpec::default_rig(), 1).unwrap(),
+        SensorRig::new(&SensorSpec::default_rig(), 1).unwrap(),
+    );
+    let (mut early, mut late) = (Vec::new(), Vec::new());
+    for step in 0..1_000u64 {
+        let now = Timestamp::from_ns(1_000_000_000 + 4_000_000 * step);
+        early.extend(std::iter::from_fn(|| one.next_due(now)));
+        if step >= 333 {
+            late.extend(std::iter::from_fn(|| other.next_due(now)));
+        }
+    }
+    assert!(late.len() > 70);
+    assert!(late.iter().all(|frame| early.contains(frame)));
 }
 
 #[test]
