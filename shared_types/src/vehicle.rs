@@ -68,8 +68,11 @@ crate::sample! {
         pub position_valid: Flag,
         /// The autopilot has been heard within the last 1.5 s.
         pub autopilot_alive: Flag,
+        /// No heartbeat has told mode and arming yet (for at most a second after a start of the gateway): what they say
+        /// here means nothing, and what is being flown goes on.
+        pub mode_pending: Flag,
         /// Explicit padding, zero.
-        pub reserved: [u8; 6],
+        pub reserved: [u8; 5],
         /// Time of the position measurement, before any propagation to `capture`.
         pub position_time: Timestamp,
     }

@@ -13,9 +13,10 @@ use jink_mavlink_gateway::{
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_planner::Planner;
 use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::map::LocalMap;
-use jink_shared_types::motion::{ApprovedTrajectory, Route, RouteMode, Trajectory, Verdict};
+use jink_shared_types::motion::{ApprovedTrajectory, Route, RouteMode, Trajectory, TrajectoryMode, Verdict};
 use jink_shared_types::params::{OA_VEH_RADIUS, ParamSet};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::SectorRing;
@@ -214,6 +215,23 @@ impl LockStep {
             brakes: 0,
             silent_sensors: BTreeSet::new(),
         })
+    }
+
+    /// The gateway dies and is started again: it knows nothing of what it was told before.
+    pub fn restart_gateway(&mut self, params: &ParamSet) {
+        self.gateway = Gateway::new(GatewayConfig::from_params(
+            params,
+            GatewayConfig::default().profile,
+        ));
+        self.encoder = Encoder::new();
+        self.splitters = [Splitter::new(), Splitter::new()];
+    }
+
+    /// Where the vehicle should be now; `None` while the autopilot's own setpoints are mirrored.
+    pub fn reference(&self) -> Option<Point<LocalNed>> {
+        let trajectory = &self.approved.sample.trajectory;
+        let flown = trajectory.mode != TrajectoryMode::Mirror && trajectory.is_sound();
+        flown.then(|| trajectory.at(self.now()).map(|state| state.position))?
     }
 
     /// The truth after the last step.

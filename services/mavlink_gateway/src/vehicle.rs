@@ -126,6 +126,7 @@ pub struct VehicleTracker {
     heard: Timestamp,
     mode: NavMode,
     heartbeat_mode: (NavMode, bool),
+    heartbeat_heard: bool,
     armed: bool,
     landed: bool,
     home_down_m: f64,
@@ -146,6 +147,7 @@ impl Default for VehicleTracker {
             heard: Timestamp::NEVER,
             mode: NavMode::Unknown,
             heartbeat_mode: (NavMode::Unknown, true),
+            heartbeat_heard: false,
             armed: false,
             landed: false,
             home_down_m: f64::NAN,
@@ -211,6 +213,7 @@ impl VehicleTracker {
         };
         let named = self.mode != NavMode::Unknown || !px4_mode::is_auto(heartbeat.custom_mode);
         self.heartbeat_mode = (self.mode, named);
+        self.heartbeat_heard = true;
         self.armed = heartbeat
             .base_mode
             .contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
@@ -341,7 +344,8 @@ impl VehicleTracker {
             landed: Flag::from(self.landed),
             position_valid: Flag::from(alive && self.is_position_valid(now)),
             autopilot_alive: Flag::from(alive),
-            reserved: [0; 6],
+            mode_pending: Flag::from(!self.heartbeat_heard),
+            reserved: [0; 5],
             position_time: fix.time,
         };
         Some((state, self.attitude_time))

@@ -159,6 +159,9 @@ impl Planner {
         let Some(state) = inputs.state.fresh() else {
             return; // I4: without a state nothing new; Keep.
         };
+        if state.mode_pending.is_set() {
+            return; // The gateway has just been restarted: what is flown goes on.
+        }
         let Some(desired) = self.wanted(&state, inputs) else {
             route.mode = Coded::new(RouteMode::Mirror);
             self.planned_goal = None;

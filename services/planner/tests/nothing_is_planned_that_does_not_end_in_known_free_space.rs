@@ -168,6 +168,26 @@ fn what_jink_does_not_plan_is_mirrored() {
 }
 
 #[test]
+fn before_the_mode_is_told_what_is_flown_goes_on() {
+    let map = map(10.0, |_| false);
+    let untold = VehicleState {
+        mode: Coded::new(NavMode::Unknown),
+        armed: Flag::NO,
+        mode_pending: Flag::YES,
+        ..hovering()
+    };
+    let flown = flying_north(9.0);
+    let route = answer(
+        &mut planner(),
+        Some(&map),
+        Some(&untold),
+        &to(9.0, 0.0),
+        Some(&flown),
+    );
+    assert_eq!(route.mode.get(), RouteMode::Keep);
+}
+
+#[test]
 fn without_map_ranges_state_or_position_nothing_new_is_committed() {
     let good = map(10.0, |_| false);
     let mut blind = map(10.0, |_| false);

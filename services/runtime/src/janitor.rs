@@ -14,7 +14,7 @@ use std::time::{Duration, SystemTime};
 
 /// A node without signs of life or death is being created, or its creator was killed at it: creation takes a
 /// millisecond, on a disk a tenth of a second.
-const BEING_CREATED: Duration = Duration::from_secs(10);
+pub const BEING_CREATED: Duration = Duration::from_secs(10);
 
 /// What was removed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -27,6 +27,9 @@ pub struct Args {
     /// Number of flights
     #[arg(long, default_value_t = 10, value_name = "N")]
     flights: u64,
+    /// Only flight I of the campaign, to look at it again
+    #[arg(long, default_value_t = 0, value_name = "I", hide_default_value = true)]
+    only: u64,
     /// Seed of the faults; flight I flies through the world with seed SEED + I
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -79,7 +82,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
         .collect();
     let interrupt = Interrupt::listen()?;
     let mut flights = Vec::new();
-    for number in 0..args.flights {
+    let (first, end) = match args.only {
+        0 => (0, args.flights),
+        only => (only - 1, only),
+    };
+    for number in first..end {
         if interrupt.has_come() {
             break;
         }
@@ -90,7 +97,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
             args.config.clone(),
             args.overrides.clone(),
         );
-        let instance = demo::own_instance()?;
+        let instance = demo::own_instance(&format!("_{number}"))?;
         let faults = drills(args.seed, number, &args.faults, &victims, args.apart);
         let mut show = Show::silent();
         let (flown, stopped) = demo::fly_once(&flight, &programs, &instance, faults, &mut show, &interrupt)?;
@@ -107,8 +114,16 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
         if good && stopped.is_ok() {
             let _gone_already = std::fs::remove_dir_all(instance.folder());
         } else {
+            if let Some(last) = flown.log.course().last() {
+                let (north_m, east_m) = (last.north_m, last.east_m);
+                let time_s = flown.summary.flight_time_s;
+                sayln!("  ended {time_s:.1} s into the mission, {north_m:.1} m north, {east_m:.1} m east");
+            }
             for fault in &flown.summary.faults {
                 sayln!("  {}", fault.line());
+            }
+            if let Err(problem) = demo::keep(&flight, &programs, &flown, &instance.log_folder()) {
+                eprintln!("jink: {problem}");
             }
             sayln!("  logs: {}", instance.log_folder().display());
         }

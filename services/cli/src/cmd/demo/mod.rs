@@ -102,7 +102,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     Drill::check(&args.kills, &names).map_err(Problem::Other)?;
     let interrupt = Interrupt::listen()?;
     let instance = if instance.to_string() == DEFAULT_INSTANCE {
-        own_instance()?
+        own_instance("")?
     } else {
         instance.clone()
     };
@@ -183,9 +183,9 @@ fn describe_world(programs: &Path, args: &Args) -> Result<World, Problem> {
         .map_err(|error| Problem::Other(format!("the description of the world is not understood: {error}")))
 }
 
-/// An instance that no other flight has.
-pub fn own_instance() -> Result<Instance, Problem> {
-    let name = format!("demo_{}", std::process::id());
+/// An instance that no other flight has; `suffix` tells those of one process apart.
+pub fn own_instance(suffix: &str) -> Result<Instance, Problem> {
+    let name = format!("demo_{}{suffix}", std::process::id());
     name.parse().map_err(|error| Problem::Other(format!("{error}")))
 }
 
@@ -254,17 +254,33 @@ fn with_system(
 fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Problem> {
     say!("{}", flown.summary.text());
     if let (Some(world), Some(file)) = (world, &args.svg) {
-        let picture = svg(&Scene {
-            world,
-            course: flown.log.course(),
-            sensed: &flown.sensed,
-            faults: &flown.summary.faults,
-            title: &title(&flown.summary),
-        });
-        std::fs::write(file, picture).map_err(Problem::io(file.display().to_string()))?;
+        draw(world, flown, file)?;
         sayln!("picture: {}", file.display());
     }
     Ok(())
+}
+
+fn draw(world: &World, flown: &Flown, file: &Path) -> Result<(), Problem> {
+    let picture = svg(&Scene {
+        world,
+        course: flown.log.course(),
+        sensed: &flown.sensed,
+        faults: &flown.summary.faults,
+        title: &title(&flown.summary),
+    });
+    std::fs::write(file, picture).map_err(Problem::io(file.display().to_string()))
+}
+
+/// Keeps figures and picture of a flight beside its logs.
+pub fn keep(args: &Args, programs: &Path, flown: &Flown, folder: &Path) -> Result<(), Problem> {
+    let json = serde_json::to_string(&flown.summary).map_err(|error| Problem::Other(error.to_string()))?;
+    let file = folder.join("summary.json");
+    std::fs::write(&file, json).map_err(Problem::io(file.display().to_string()))?;
+    draw(
+        &describe_world(programs, args)?,
+        flown,
+        &folder.join("flight.svg"),
+    )
 }
 
 fn title(summary: &Summary) -> String {
