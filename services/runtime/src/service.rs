@@ -410,7 +410,11 @@ fn serve<S: Service>(
         }
         late = now_late;
         beat.send_if_due(end, ports.state(end), fresh, needed);
-        sleep(service, ports, wake.at.min(beat.due), stop, beat);
+        let mut until = wake.at.min(beat.due);
+        if let Some(begin) = ports.duty.begins_at(end) {
+            until = until.min(begin);
+        }
+        sleep(service, ports, until, stop, beat);
     }
 }
 

@@ -159,7 +159,9 @@ impl Drills {
     /// Everything that was done.
     pub fn into_records(self) -> Vec<FaultRecord> {
         let mut records = self.done;
-        records.extend(self.open.into_iter().map(|open| open.record));
+        // A swap takes seconds: one that the end of the flight has cut short says nothing.
+        let judged = |open: &Open| open.record.fault != Fault::Swap || open.end_s.is_some();
+        records.extend(self.open.into_iter().filter(judged).map(|open| open.record));
         records.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
         records
     }
