@@ -359,6 +359,9 @@ mod tests {
     }
 
     proptest! {
+        // One in five is inside the band.
+        #![proptest_config(ProptestConfig::with_cases(2048))]
+
         #[test]
         fn the_quick_test_misses_nothing_inside_the_band(
             first in pose(), last in pose(), azimuth in -3.2..3.2f32, down in -0.3..0.3f32,
@@ -369,8 +372,8 @@ mod tests {
             let sweep = Sweep::new((times[0], &first), (times[1], &last), Vector3::new(0.1, 0.0, -0.1), 20.0, hull);
             let end_m = [range * azimuth.cos() * down.cos(), range * azimuth.sin() * down.cos(), range * down.sin()];
             let height_m = sweep.level_component(2, end_m, share);
-            prop_assume!(height_m.abs() < 0.499);
-            prop_assert!(sweep.near_band(20.0).holds(end_m));
+            let is_inside = height_m.abs() < 0.499;
+            prop_assert!(!is_inside || sweep.near_band(20.0).holds(end_m));
         }
     }
 }
