@@ -425,13 +425,7 @@ impl Supervision {
                 ))),
                 Grade::Replace => {
                     raise(actions, &events::PROCESS_TOO_SLOW, process, 0.0);
-                    process.reason = ReplaceReason::Slow;
-                    process.missing_since.get_or_insert(now);
-                    process.life = Life::Ending {
-                        kill_at: None,
-                        for_good: false,
-                    };
-                    actions.push(Action::Kill { process: index });
+                    kill_for_replacement(now, index, process, ReplaceReason::Slow, actions);
                 }
             }
         }
@@ -512,13 +506,7 @@ impl Supervision {
             return;
         }
         raise(actions, &events::PROCESS_HUNG, process, silence_s);
-        process.reason = ReplaceReason::Hung;
-        process.missing_since.get_or_insert(now);
-        process.life = Life::Ending {
-            kill_at: None,
-            for_good: false,
-        };
-        actions.push(Action::Kill { process: index });
+        kill_for_replacement(now, index, process, ReplaceReason::Hung, actions);
     }
 
     fn start_due(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
@@ -609,6 +597,23 @@ fn terminate(process: &mut Process, index: usize, now: Timestamp, actions: &mut 
         for_good: true,
     };
     actions.push(Action::Terminate { process: index });
+}
+
+/// Kills a process so that it is started anew when its death is seen; what it does not do counts as missing from now.
+fn kill_for_replacement(
+    now: Timestamp,
+    index: usize,
+    process: &mut Process,
+    reason: ReplaceReason,
+    actions: &mut Vec<Action>,
+) {
+    process.reason = reason;
+    process.missing_since.get_or_insert(now);
+    process.life = Life::Ending {
+        kill_at: None,
+        for_good: false,
+    };
+    actions.push(Action::Kill { process: index });
 }
 
 /// An event about a process with a duration in milliseconds.
