@@ -6,6 +6,13 @@ use jink_shared_types::SampleHeader;
 use jink_shared_types::topics::TopicRow;
 use serde::Serialize;
 
+/// Samples whose times of capture usually lie more than this share of a period apart stand for a measurement each.
+const ONE_EACH_SHARE: f64 = 0.5;
+/// Between two measurements that are more than this many usual steps apart one is missing: half way to the next.
+const MISSING_STEPS: f64 = 1.5;
+/// Published within this share of a period, two samples answer the same input: a timer's next beat is later.
+const AT_ONCE_SHARE: f64 = 0.1;
+
 /// Samples of one topic around a change of its producer.
 #[derive(Clone, Debug)]
 pub struct Seam {
@@ -86,14 +93,14 @@ impl Seam {
         let mut sorted = steps.clone();
         sorted.sort_by(f64::total_cmp);
         let usual_s = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
-        let one_each = usual_s > 0.5 * period_s;
+        let one_each = usual_s > ONE_EACH_SHARE * period_s;
         let missing = steps
             .iter()
-            .filter(|step| one_each && **step > 1.5 * usual_s)
+            .filter(|step| one_each && **step > MISSING_STEPS * usual_s)
             .count();
         let both = self.headers.windows(2).zip(&steps).filter(|(pair, step)| {
             let another = pair[0].generation != pair[1].generation;
-            let at_once = pair[1].publish.seconds_since(pair[0].publish) < 0.1 * period_s;
+            let at_once = pair[1].publish.seconds_since(pair[0].publish) < AT_ONCE_SHARE * period_s;
             another && **step <= 0.0 && (one_each || at_once)
         });
         (missing, both.count())

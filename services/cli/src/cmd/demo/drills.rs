@@ -9,10 +9,10 @@ use jink_cli::handover::{Seam, SeamFigures};
 use jink_cli::report::round;
 use jink_runtime::request::Request;
 use jink_runtime::{Instance, Session};
-use jink_shared_types::Coded;
 use jink_shared_types::health::{ProcessStatus, ServiceState, SystemStatus};
 use jink_shared_types::topics::TABLE;
 use jink_shared_types::truth::SimTruth;
+use jink_shared_types::{Coded, params};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::net::UdpSocket;
 use std::os::fd::OwnedFd;
@@ -28,9 +28,8 @@ const AFTERMATH_S: f64 = 1.5;
 const PATIENCE_S: f64 = 20.0;
 /// The process that publishes for all simulated sensors.
 const SENSORS: &str = "sensors";
-/// The process that speaks to the autopilot, and how often it sends setpoints (Hz).
+/// The process that speaks to the autopilot.
 const GATEWAY: &str = "mavlink_gateway";
-const SETPOINT_RATE_HZ: f64 = 20.0;
 /// The supervisor as a victim.
 pub const SUPERVISOR: &str = "supervisor";
 /// Garbage datagrams, and their size (bytes).
@@ -295,7 +294,7 @@ impl Open {
         }
     }
 
-    /// What the autopilot saw of a swap of the gateway.
+    /// What the autopilot saw of a swap of the gateway; periods are those of the stream's default rate.
     fn wire_seam(&self, truth: &SimTruth) -> SeamFigures {
         SeamFigures {
             topic: "MAVLink".to_owned(),
@@ -304,7 +303,7 @@ impl Open {
             missing: (truth.sequence_breaks - self.sequence_breaks) as usize,
             doubled: 0,
             reordered: 0,
-            gap_periods: round(self.record.gap_ms * 1e-3 * SETPOINT_RATE_HZ),
+            gap_periods: round(self.record.gap_ms * 1e-3 * params::GW_RATE.default),
         }
     }
 
