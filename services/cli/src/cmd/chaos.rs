@@ -27,10 +27,10 @@ pub struct Args {
     /// Number of flights
     #[arg(long, default_value_t = 10, value_name = "N")]
     flights: u64,
-    /// Only flight I of the campaign, to look at it again
+    /// Only flight I of the campaign (the first is 1), to look at it again
     #[arg(long, default_value_t = 0, value_name = "I", hide_default_value = true)]
     only: u64,
-    /// Seed of the faults; flight I flies through the world with seed SEED + I
+    /// Seed of the faults, and of the first flight's world; the next worlds have the seeds after it
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Kinds of faults
