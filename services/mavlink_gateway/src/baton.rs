@@ -1,11 +1,9 @@
 //! What one gateway tells the next when it passes the link on: where its numbering and its beat are.
 
-use crate::encoder::Encoder;
+use crate::encoder::{COMPONENTS, Encoder};
 use crate::gateway::Gateway;
 use jink_shared_types::Timestamp;
 
-/// Components that are numbered.
-const COMPONENTS: usize = crate::encoder::COMPONENTS;
 /// Bytes of a baton.
 const BYTES: usize = 8 + 2 * COMPONENTS;
 
