@@ -13,10 +13,9 @@ use jink_mavlink_gateway::{
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_planner::Planner;
 use jink_shared_types::events::{self, EventSample};
-use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::map::LocalMap;
-use jink_shared_types::motion::{ApprovedTrajectory, Route, RouteMode, Trajectory, TrajectoryMode, Verdict};
+use jink_shared_types::motion::{ApprovedTrajectory, MotionState, Route, RouteMode, Trajectory, TrajectoryMode, Verdict};
 use jink_shared_types::params::{OA_VEH_RADIUS, ParamSet};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::SectorRing;
@@ -30,6 +29,8 @@ use jink_simulator::sensors::{Output as SensorOutput, Pose, PoseTrack, SensorRig
 use jink_simulator::truth::Observer;
 use jink_simulator::vehicle::STEP_US;
 use jink_simulator::world::World;
+use mavlink::MavHeader;
+use mavlink::dialects::ardupilotmega::MavMessage;
 use std::collections::BTreeSet;
 use std::time::Instant;
 
@@ -227,11 +228,24 @@ impl LockStep {
         self.splitters = [Splitter::new(), Splitter::new()];
     }
 
-    /// Where the vehicle should be now; `None` while the autopilot's own setpoints are mirrored.
-    pub fn reference(&self) -> Option<Point<LocalNed>> {
+    /// A second ground station, a pilot's tablet say, sends a message to the autopilot.
+    pub fn send(&mut self, message: MavMessage) {
+        let header = MavHeader {
+            system_id: 254,
+            ..MavHeader::default()
+        };
+        self.to_autopilot.push(Packet {
+            link: Link::GroundStation,
+            header,
+            message,
+        });
+    }
+
+    /// Where the vehicle should be now, and how fast; `None` while the autopilot's own setpoints are mirrored.
+    pub fn reference(&self) -> Option<MotionState> {
         let trajectory = &self.approved.sample.trajectory;
         let flown = trajectory.mode != TrajectoryMode::Mirror && trajectory.is_sound();
-        flown.then(|| trajectory.at(self.now()).map(|state| state.position))?
+        flown.then(|| trajectory.at(self.now()))?
     }
 
     /// The truth after the last step.

@@ -2,7 +2,7 @@
 //! goes on meanwhile: were it dropped, the next one would begin at rest in the middle of a motion.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use jink_shared_types::frames::{LocalNed, Point};
+use jink_shared_types::motion::MotionState;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
@@ -40,8 +40,8 @@ fn in_the_middle_of_a_forest_again_and_again() {
             let dropped = flies && before.is_some() && reference.is_none();
             assert!(!dropped, "seed {seed}: the plan was dropped at {time_s:.2} s");
             if let (Some(before), Some(now)) = (before, reference) {
-                let (before, now): (Point<LocalNed>, Point<LocalNed>) = (before, now);
-                let moved_m = (now.vector() - before.vector()).norm();
+                let (before, now): (MotionState, MotionState) = (before, now);
+                let moved_m = (now.position.vector() - before.position.vector()).norm();
                 assert!(
                     moved_m < STEP_M,
                     "seed {seed}: the reference jumped by {moved_m:.2} m at {time_s:.2} s"

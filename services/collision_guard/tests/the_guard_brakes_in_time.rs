@@ -285,7 +285,7 @@ fn a_stop_that_is_shorter_than_the_guard_s_brake_is_left_alone() {
     stop.limits.jerk_mps3 = 20.0;
     let ring = looking(&World::default(), Place::at(0.0, 0.0), NOW_S);
     let mut guard = guard();
-    let (out, _) = step(&mut guard, NOW_S, Some(&stop), &ring, Place::at(0.0, 0.0));
+    let (out, _) = step(&mut guard, NOW_S, Some(&stop), &ring, on(&stop, NOW_S));
     assert_eq!(out.verdict, Verdict::Passed, "{:?}", out.reason);
     let ring = looking(&World(vec![[2.2, 0.0, 0.2]]), on(&stop, NOW_S + 0.1), NOW_S + 0.1);
     let (out, _) = step(&mut guard, NOW_S + 0.1, None, &ring, on(&stop, NOW_S + 0.1));

@@ -256,6 +256,28 @@ fn a_motion_from_rest_must_start_where_the_vehicle_is() {
 }
 
 #[test]
+fn a_motion_that_continues_none_must_start_as_the_vehicle_moves() {
+    let (guard, ring) = hovering_guard(NOW_S);
+    let moving = Place {
+        velocity: nalgebra::Vector3::new(2.0, 0.0, 0.0),
+        ..Place::at(0.0, 0.0)
+    };
+    let stop = |speed: f64| {
+        let to_rest = [(end([speed, 0.0], [0.0, 0.0]), 2.0)];
+        trajectory(7, NOW_S + 0.1, end([0.2, 0.0], [speed, 0.0]), &to_rest)
+    };
+    for (speed, expected) in [
+        (2.0, (Verdict::Passed, GuardReason::None)),
+        (0.6, (Verdict::Passed, GuardReason::None)),
+        (0.4, (Verdict::Hold, GuardReason::Discontinuous)),
+        (3.6, (Verdict::Hold, GuardReason::Discontinuous)),
+    ] {
+        let (out, _) = step(&mut guard.clone(), NOW_S, Some(&stop(speed)), &ring, moving);
+        assert_eq!((out.verdict.get(), out.reason.get()), expected, "{speed} m/s");
+    }
+}
+
+#[test]
 fn from_rest_again_after_the_end() {
     let (mut guard, mut ring, first) = flying();
     let t = first.end().seconds() + 1.0;

@@ -34,7 +34,7 @@ use jink_shared_types::motion::{
 };
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
-use jink_shared_types::{Coded, Flag, Reading, Timestamp};
+use jink_shared_types::{Coded, Flag, Reading, Stamped, Timestamp};
 
 /// How far ahead a new plan departs from the committed one (s): planning, curves, guard and their hand-overs take some
 /// 10 ms; 100 ms leave room for a restart of any of them in between.
@@ -56,6 +56,9 @@ const GEAR_PRICE_S: f64 = 2.0;
 const SPEED_TOLERANCE: f64 = 1.02;
 /// How long planning must fail while the vehicle stands before the pilot is told (s).
 const NO_PATH_AFTER_S: f64 = 1.5;
+/// A vehicle that nobody has planned for and that is faster than this is in motion (m/s): slower, its way to rest stays
+/// within the tube.
+const MOVING_MPS: f64 = 0.5;
 /// Distance between two looks at the committed trajectory (s).
 const RECHECK_STEP_S: f64 = 0.03;
 
@@ -94,15 +97,23 @@ pub struct Planner {
     failing_since: Option<Timestamp>,
     no_path_told: bool,
     blocked_told: bool,
+    lost_told: bool,
     events: Vec<EventSample>,
 }
 
-/// A committed motion, or the vehicle at rest: where the next plan departs from.
+/// A committed motion, or the vehicle as it moves or rests: where the next plan departs from.
 #[derive(Clone, Copy, Debug)]
 struct Departure {
     base_id: u64,
     splice: Timestamp,
     state: MotionState,
+}
+
+impl Departure {
+    /// Whether the vehicle moves without a plan, as when a pilot hands over in flight: if none is found it must be stopped.
+    fn is_unplanned_motion(&self) -> bool {
+        self.base_id == 0 && self.state.velocity.vector().norm() > 0.0
+    }
 }
 
 impl Planner {
@@ -131,6 +142,7 @@ impl Planner {
             failing_since: None,
             no_path_told: false,
             blocked_told: false,
+            lost_told: false,
             events: Vec::with_capacity(8),
         }
     }
@@ -175,9 +187,11 @@ impl Planner {
         let committed = inputs.approved.map(|approved| &approved.trajectory);
         let departure = departure(now, committed, &state);
         let blocked = self.is_blocked(now, committed);
+        let must_leave = blocked || departure.is_unplanned_motion();
+        self.lost_told &= must_leave;
         route.goal = goal;
         if inputs.map.fresh().is_none_or(|map| !map.ranges_fresh.is_set()) || !state.position_valid.is_set() {
-            if blocked {
+            if must_leave {
                 self.leave(&departure, route);
             }
             return; // I4: blind, the committed trajectory runs to its own stop.
@@ -190,14 +204,14 @@ impl Planner {
             .is_none_or(|old| (old.vector() - goal.vector()).norm() > 0.1);
         if is_at(&departure.state, &goal) {
             self.report(now, true, &state, &goal);
-        } else if new_map || goal_moved || blocked || self.failing_since.is_some() {
+        } else if new_map || goal_moved || must_leave || self.failing_since.is_some() {
             let planned = self.plan(&departure, &desired, &goal, route);
             self.report(now, planned, &state, &goal);
-            if !planned && blocked {
+            if !planned && must_leave {
                 self.leave(&departure, route);
             }
         }
-        route.must_leave = Flag::from(blocked);
+        route.must_leave = Flag::from(must_leave);
         self.tell_blocked(blocked);
     }
 
@@ -464,7 +478,8 @@ impl Planner {
         let (limits, stop) = match gear {
             Some((gear, stop)) => (self.limits[gear], stop),
             None => {
-                if !self.blocked_told {
+                if !self.lost_told {
+                    self.lost_told = true;
                     self.tell(&events::CERTIFICATE_LOST);
                 }
                 (
@@ -535,8 +550,9 @@ fn is_flown(trajectory: &Trajectory) -> bool {
     trajectory.mode.get() != TrajectoryMode::Mirror && trajectory.is_sound()
 }
 
-/// Where the next plan departs from: the committed trajectory a little ahead, or the vehicle where it stands.
-fn departure(now: Timestamp, committed: Option<&Trajectory>, state: &VehicleState) -> Departure {
+/// Where the next plan departs from: the committed trajectory a little ahead, or the vehicle as it will be then if it goes
+/// on as measured; at rest where it stands if it hardly moves.
+fn departure(now: Timestamp, committed: Option<&Trajectory>, state: &Stamped<'_, VehicleState>) -> Departure {
     let splice = now.plus_seconds(SPLICE_LEAD_S);
     if let Some(committed) = committed.filter(|trajectory| is_flown(trajectory))
         && let Some(reference) = committed.at(splice)
@@ -547,9 +563,16 @@ fn departure(now: Timestamp, committed: Option<&Trajectory>, state: &VehicleStat
             state: reference,
         };
     }
+    let mut start = MotionState::at_rest(state.position, state.attitude.yaw_rad());
+    let velocity = state.velocity.vector();
+    if velocity.norm() > MOVING_MPS {
+        let ahead_s = splice.seconds_since(state.header.capture);
+        start.position = Point::from_vector(state.position.vector() + velocity * ahead_s);
+        start.velocity = state.velocity;
+    }
     Departure {
         base_id: 0,
         splice,
-        state: MotionState::at_rest(state.position, state.attitude.yaw_rad()),
+        state: start,
     }
 }

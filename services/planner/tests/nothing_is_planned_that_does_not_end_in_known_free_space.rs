@@ -137,6 +137,50 @@ fn a_mission_leg_in_the_open_is_planned_to_its_goal_or_to_the_edge_of_what_is_kn
 }
 
 #[test]
+fn a_vehicle_that_nobody_has_planned_for_is_taken_over_as_it_moves() {
+    let map = map(10.0, |_| false);
+    let moving = |speed_mps: f64| VehicleState {
+        velocity: Velocity::new(speed_mps, 0.0, 0.0),
+        ..hovering()
+    };
+    let taken_over = |speed_mps: f64, desired: &DesiredPath| {
+        let mut planner = planner();
+        let route = answer(&mut planner, Some(&map), Some(&moving(speed_mps)), desired, None);
+        let told = planner.events().iter().any(|event| event.id == events::CERTIFICATE_LOST.id);
+        (route, told)
+    };
+    let (planned, _) = taken_over(2.0, &to(8.0, 0.0));
+    assert_eq!((planned.mode.get(), planned.base_id), (RouteMode::Plan, 0));
+    assert_eq!(planned.start.velocity.vector().x, 2.0);
+    let ahead_m = 2.0 * jink_planner::SPLICE_LEAD_S;
+    assert!((planned.start.position.x_m - ahead_m).abs() < 1e-9);
+    assert!(planned.must_leave.is_set(), "if no curve is found it is stopped");
+
+    let (stopped, told) = taken_over(4.0, &to(8.0, 0.0));
+    assert_eq!(stopped.mode.get(), RouteMode::Stop, "too fast to plan for");
+    assert_eq!(stopped.stop.at(0.0).velocity.vector().x, 4.0);
+    assert!(!told, "the stop ends in known-free space");
+    let (stopped, told) = taken_over(9.0, &to(8.0, 0.0));
+    assert_eq!(stopped.mode.get(), RouteMode::Stop);
+    assert!(told, "too fast to stop in what is known: the pilot hears of it");
+
+    let (slow, _) = taken_over(0.3, &to(8.0, 0.0));
+    assert_eq!(slow.start.velocity.vector().norm(), 0.0, "hardly moving is at rest");
+}
+
+#[test]
+fn a_vehicle_in_unplanned_motion_is_stopped_when_nothing_can_be_seen() {
+    let mut blind = map(10.0, |_| false);
+    blind.ranges_fresh = Flag::NO;
+    let moving = VehicleState {
+        velocity: Velocity::new(2.0, 0.0, 0.0),
+        ..hovering()
+    };
+    let route = answer(&mut planner(), Some(&blind), Some(&moving), &to(8.0, 0.0), None);
+    assert_eq!(route.mode.get(), RouteMode::Stop);
+}
+
+#[test]
 fn what_jink_does_not_plan_is_mirrored() {
     let map = map(10.0, |_| false);
     for mode in [

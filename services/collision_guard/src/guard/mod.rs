@@ -21,7 +21,7 @@
 //!
 //! # After a restart
 //! A guard that has just started does not know what is flown. It approves nothing until a trajectory comes, and takes the
-//! first one that covers the present moment, has not departed yet, is near the measured position, and passes everything else. That is
+//! first one that covers the present moment, has not departed yet, is near the measured position and velocity, and passes everything else. That is
 //! safe: up to its departure a trajectory repeats the approved one it was made from, so the vehicle is on it already, and
 //! what it adds is checked like anything new. One that has departed is refused: whatever is flown instead went elsewhere.
 
@@ -44,10 +44,13 @@ use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Reading, Timestamp};
 use lookahead::{Demand, Lookahead, Prospect};
 
-/// How far from the measured position a motion from rest may start (m): an estimator's jump, a gust.
+/// How far from the measured position a motion may start that continues none (m): an estimator's jump, a gust.
 const START_ERROR_M: f64 = 1.0;
 /// Added per speed (s): how old the measured position is by then, and how long the vehicle takes to follow.
 const START_ERROR_S: f64 = 0.5;
+/// How far from the measured velocity it may start (m/s): what braking or speeding up with 3 m/s2 (PX4's MPC_ACC_HOR) makes
+/// in that time. A vehicle in motion is not told to be at rest.
+const START_ERROR_MPS: f64 = 1.5;
 /// A new trajectory must not need a brake for this long from now (s). Without that a start toward an obstacle would be
 /// approved, because who stands has no stopping distance, and braked when it has gained some speed: half a second later.
 const HORIZON_S: f64 = 1.0;
@@ -349,7 +352,8 @@ fn is_usable(state: &VehicleState) -> bool {
 fn is_near(reference: &MotionState, state: &VehicleState) -> bool {
     let speed_mps = state.velocity.vector().norm();
     let error_m = (reference.position.vector() - state.position.vector()).norm();
-    error_m <= START_ERROR_M + START_ERROR_S * speed_mps
+    let error_mps = (reference.velocity.vector() - state.velocity.vector()).norm();
+    error_m <= START_ERROR_M + START_ERROR_S * speed_mps && error_mps <= START_ERROR_MPS
 }
 
 /// Way that `trajectory` takes from `now` to rest (m).

@@ -292,7 +292,7 @@ impl GroundStation {
                 if self.vehicle.armed {
                     self.enter(Phase::Takeoff, now_s);
                 } else if self.may_ask(now_s) {
-                    self.command(outbox, MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, &[1.0]);
+                    self.arm(outbox);
                 }
             }
             Phase::Takeoff => self.act_takeoff(now_s, outbox),
@@ -404,13 +404,8 @@ impl GroundStation {
     }
 
     fn set_mode(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>, mode: NavMode) {
-        let [_, _, main, sub] = custom_mode(mode).to_le_bytes();
-        let custom = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.bits() as f32;
-        self.command(
-            outbox,
-            MavCmd::MAV_CMD_DO_SET_MODE,
-            &[custom, f32::from(main), f32::from(sub)],
-        );
+        let target = self.vehicle.system_id.unwrap_or(1);
+        self.send(outbox, mode_command(mode, target));
     }
 
     /// The mode "take off" climbs to a height that is a parameter.
@@ -425,15 +420,12 @@ impl GroundStation {
         self.send(outbox, message);
     }
 
-    fn command(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>, command: MavCmd, values: &[f32]) {
-        let value = |index: usize| values.get(index).copied().unwrap_or(0.0);
+    fn arm(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>) {
         let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
             target_system: self.vehicle.system_id.unwrap_or(1),
             target_component: 1,
-            command,
-            param1: value(0),
-            param2: value(1),
-            param3: value(2),
+            command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+            param1: 1.0,
             ..COMMAND_LONG_DATA::default()
         });
         self.send(outbox, message);
@@ -448,6 +440,20 @@ impl GroundStation {
         self.sequence = self.sequence.wrapping_add(1);
         outbox.push((header, message));
     }
+}
+
+/// The command that sets `mode` of the autopilot with the system id `target`.
+pub fn mode_command(mode: NavMode, target: u8) -> MavMessage {
+    let [_, _, main, sub] = custom_mode(mode).to_le_bytes();
+    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+        target_system: target,
+        target_component: 1,
+        command: MavCmd::MAV_CMD_DO_SET_MODE,
+        param1: MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.bits() as f32,
+        param2: f32::from(main),
+        param3: f32::from(sub),
+        ..COMMAND_LONG_DATA::default()
+    })
 }
 
 fn heartbeat() -> MavMessage {
