@@ -87,6 +87,22 @@ impl Timestamp {
         }
     }
 
+    /// The next multiple of `1 / rate_hz` of the clock, later than this moment; never for a rate of zero.
+    ///
+    /// What is done on such beats is done at the same moments by every process, also by the one that is about to take over.
+    pub fn next_beat(self, rate_hz: u32) -> Self {
+        const SECOND_NS: u128 = 1_000_000_000;
+        let rate = u128::from(rate_hz);
+        if rate == 0 {
+            return Self { ns: u64::MAX };
+        }
+        let beats = u128::from(self.ns) * rate / SECOND_NS + 1;
+        let ns = (beats * SECOND_NS).div_ceil(rate);
+        Self {
+            ns: u64::try_from(ns).unwrap_or(u64::MAX),
+        }
+    }
+
     /// The moment `duration` later.
     pub fn plus(self, duration: Duration) -> Self {
         Self {
@@ -110,5 +126,23 @@ mod tests {
         assert!((early.seconds_since(late) + 0.25).abs() < 1e-12);
         assert_eq!(early.ns_since(late), 0);
         assert_eq!(early.plus_seconds(-5.0), Timestamp::NEVER);
+    }
+
+    #[test]
+    fn beats_never_drift_and_rates_meet_where_they_should() {
+        let start = Timestamp::from_seconds(86_400.0 * 30.0);
+        let mut beat = start;
+        for count in 1..=90u64 {
+            beat = beat.next_beat(30);
+            assert_eq!(
+                beat.ns - start.ns,
+                (count * 1_000_000_000).div_ceil(30),
+                "beat {count}"
+            );
+        }
+        assert_eq!(beat.ns, start.ns + 3_000_000_000);
+        assert_eq!(start.next_beat(10).ns, start.ns + 100_000_000, "later than now");
+        assert_eq!(Timestamp::from_ns(start.ns - 1).next_beat(20), start);
+        assert_eq!(start.next_beat(0).ns, u64::MAX);
     }
 }

@@ -15,7 +15,9 @@ use jink_planner::Planner;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::map::LocalMap;
-use jink_shared_types::motion::{ApprovedTrajectory, MotionState, Route, RouteMode, Trajectory, TrajectoryMode, Verdict};
+use jink_shared_types::motion::{
+    ApprovedTrajectory, MotionState, Route, RouteMode, Trajectory, TrajectoryMode, Verdict,
+};
 use jink_shared_types::params::{OA_VEH_RADIUS, ParamSet};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::SectorRing;

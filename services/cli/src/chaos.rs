@@ -117,6 +117,8 @@ pub struct SeamRow {
     pub reordered: usize,
     /// From the last sample of one to the first of the next, in declared periods: median.
     pub gap_periods_p50: f64,
+    /// 95th percentile.
+    pub gap_periods_p95: f64,
     /// Largest.
     pub gap_periods_max: f64,
 }
@@ -154,6 +156,8 @@ pub struct Campaign {
     pub matrix: Vec<Cell>,
     /// By process and topic, of swaps.
     pub seams: Vec<SeamRow>,
+    /// Swaps that were not made, and why.
+    pub refused: Vec<String>,
 }
 
 /// One flight of a campaign.
@@ -196,6 +200,10 @@ impl Campaign {
             machine_stall_max_ms: largest(&mut flights.iter().map(|flight| flight.stall_ms)),
             matrix: matrix(faults()),
             seams: seams(faults()),
+            refused: faults()
+                .filter(|fault| fault.fault == Fault::Swap && !fault.survived)
+                .map(FaultRecord::line)
+                .collect(),
         }
     }
 
@@ -249,7 +257,7 @@ impl Campaign {
         if !self.seams.is_empty() {
             let _infallible = writeln!(
                 out,
-                "\n{:<17} {:<18} {:>5} {:>7} {:>7} {:>7} {:>9} {:>19}",
+                "\n{:<17} {:<18} {:>5} {:>7} {:>7} {:>7} {:>9} {:>23}",
                 "swapped",
                 "topic",
                 "swaps",
@@ -257,13 +265,13 @@ impl Campaign {
                 "missing",
                 "doubled",
                 "reordered",
-                "gap periods p50/max"
+                "gap periods p50/p95/max"
             );
         }
         for row in &self.seams {
             let _infallible = writeln!(
                 out,
-                "{:<17} {:<18} {:>5} {:>7} {:>7} {:>7} {:>9} {:>19}",
+                "{:<17} {:<18} {:>5} {:>7} {:>7} {:>7} {:>9} {:>23}",
                 row.service,
                 row.topic,
                 row.swaps,
@@ -271,8 +279,17 @@ impl Campaign {
                 row.missing,
                 row.doubled,
                 row.reordered,
-                format!("{:.2} / {:.2}", row.gap_periods_p50, row.gap_periods_max),
+                format!(
+                    "{:.2} / {:.2} / {:.2}",
+                    row.gap_periods_p50, row.gap_periods_p95, row.gap_periods_max
+                ),
             );
+        }
+        if !self.refused.is_empty() {
+            out.push_str("\nswaps that were not made:\n");
+        }
+        for refused in &self.refused {
+            let _infallible = writeln!(out, "  {refused}");
         }
         out
     }
@@ -327,6 +344,7 @@ fn seams<'a>(faults: impl Iterator<Item = &'a FaultRecord>) -> Vec<SeamRow> {
             doubled: seams.iter().map(|seam| seam.doubled).sum(),
             reordered: seams.iter().map(|seam| seam.reordered).sum(),
             gap_periods_p50: quantile(&gaps, 0.5).unwrap_or(0.0),
+            gap_periods_p95: quantile(&gaps, 0.95).unwrap_or(0.0),
             gap_periods_max: quantile(&gaps, 1.0).unwrap_or(0.0),
         }
     };
@@ -362,6 +380,7 @@ mod tests {
             north_m: 0.0,
             east_m: 0.0,
             seams: Vec::new(),
+            reason: None,
         }
     }
 

@@ -101,6 +101,8 @@ pub struct FaultRecord {
     pub east_m: f64,
     /// Of a swap: what the readers of its topics saw of it.
     pub seams: Vec<SeamFigures>,
+    /// Of a swap that was not made: why.
+    pub reason: Option<String>,
 }
 
 impl FaultRecord {
@@ -109,7 +111,7 @@ impl FaultRecord {
         let came_of_it = match (self.fault, self.recovery_ms, self.survived) {
             (Fault::Kill | Fault::Stop, Some(ms), _) => format!("back after {ms:.0} ms"),
             (Fault::Kill | Fault::Stop, None, _) => "did not come back".to_owned(),
-            (Fault::Swap, _, false) => "refused".to_owned(),
+            (Fault::Swap, _, false) => self.reason.clone().unwrap_or_else(|| "no answer".to_owned()),
             _ => "done".to_owned(),
         };
         format!(
@@ -466,6 +468,7 @@ mod tests {
             north_m: 10.0,
             east_m: 0.0,
             seams: Vec::new(),
+            reason: None,
         };
         let summary = log.summary(&Outcome::Goal, "forest", 7, 1, vec![kill]);
         let json = serde_json::to_value(&summary).unwrap();

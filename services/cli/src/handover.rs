@@ -30,7 +30,7 @@ pub struct SeamFigures {
     pub samples: usize,
     /// Changes of the producer among them.
     pub changes: usize,
-    /// Measurements that nobody passed on.
+    /// Measurements that nobody passed on, between the last one of one producer and the first one of the next.
     pub missing: usize,
     /// Measurements that both passed on.
     pub doubled: usize,
@@ -82,7 +82,7 @@ impl Seam {
         })
     }
 
-    /// Missing and doubled measurements, where each sample stands for a measurement of its own at a fixed rate; where one
+    /// Missing and doubled measurements at the changes of the producer, where each sample stands for a measurement of its own at a fixed rate; where one
     /// measurement may lead to several samples only those that both producers made at once count as doubled.
     fn captures(&self, period_s: f64) -> (usize, usize) {
         let steps: Vec<f64> = self
@@ -94,16 +94,16 @@ impl Seam {
         sorted.sort_by(f64::total_cmp);
         let usual_s = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
         let one_each = usual_s > ONE_EACH_SHARE * period_s;
-        let missing = steps
-            .iter()
-            .filter(|step| one_each && **step > MISSING_STEPS * usual_s)
-            .count();
-        let both = self.headers.windows(2).zip(&steps).filter(|(pair, step)| {
-            let another = pair[0].generation != pair[1].generation;
+        let changes = || {
+            let pairs = self.headers.windows(2).zip(&steps);
+            pairs.filter(|(pair, _)| pair[0].generation != pair[1].generation)
+        };
+        let missing = changes().filter(|(_, step)| one_each && **step > MISSING_STEPS * usual_s);
+        let both = changes().filter(|(pair, step)| {
             let at_once = pair[1].publish.seconds_since(pair[0].publish) < AT_ONCE_SHARE * period_s;
-            another && **step <= 0.0 && (one_each || at_once)
+            **step <= 0.0 && (one_each || at_once)
         });
-        (missing, both.count())
+        (missing.count(), both.count())
     }
 }
 
@@ -146,12 +146,20 @@ mod tests {
         let mut headers: Vec<_> = (0..20)
             .map(|n| header(1 + u32::from(n >= 10), n % 10, n * 100, n * 100 + 6))
             .collect();
-        // The new one answers what the old one has answered, the old one comes again, and one is lost.
-        headers.insert(10, header(2, 0, 900, 907));
-        headers.insert(11, header(1, 10, 950, 950));
+        // Within the stream of one producer a gap is its own business.
         headers.remove(15);
         let found = figures(&headers).unwrap();
-        assert_eq!((found.missing, found.doubled), (1, 1), "{found:?}");
+        assert_eq!((found.missing, found.doubled), (0, 0), "{found:?}");
+        // The last one of the old producer is lost.
+        let last = headers.remove(9);
+        let found = figures(&headers).unwrap();
+        assert_eq!((found.missing, found.doubled), (1, 0), "{found:?}");
+        // The new one answers what the old one has answered, and the old one comes again.
+        headers.insert(9, last);
+        headers.insert(10, header(2, 0, 900, 907));
+        headers.insert(11, header(1, 10, 950, 950));
+        let found = figures(&headers).unwrap();
+        assert_eq!(found.doubled, 1, "{found:?}");
         assert!(found.reordered >= 1, "{found:?}");
     }
 }

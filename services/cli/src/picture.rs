@@ -342,6 +342,7 @@ mod tests {
             north_m: 9.0,
             east_m: 0.0,
             seams: Vec::new(),
+            reason: None,
         };
         let picture = svg(&Scene {
             world: &world,

@@ -9,10 +9,10 @@ use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::process::ExitCode;
 
-/// What is flown is looked at, and said again, this often (s).
-const PERIOD_S: f64 = 1.0 / 30.0;
-/// The ring goes out this often (s).
-const RING_PERIOD_S: f64 = 1.0 / 15.0;
+/// What is flown is looked at, and said again, this often.
+const RATE_HZ: u32 = 30;
+/// The ring goes out this often.
+const RING_RATE_HZ: u32 = 15;
 
 struct GuardService {
     guard: Guard,
@@ -76,10 +76,10 @@ impl Service for GuardService {
             for event in news.events() {
                 cycle.events.publish(now, event);
             }
-            self.due = now.plus_seconds(PERIOD_S);
+            self.due = now.next_beat(RATE_HZ);
         }
         if now >= self.ring_due {
-            self.ring_due = now.plus_seconds(RING_PERIOD_S);
+            self.ring_due = now.next_beat(RING_RATE_HZ);
             self.ring.ring(now, &mut self.ring_sample);
             self.sectors.send(SampleHeader::at(now), &self.ring_sample);
         }

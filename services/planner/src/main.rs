@@ -8,8 +8,8 @@ use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{SampleHeader, Stage, topics};
 use std::process::ExitCode;
 
-/// Routes go out at this rate even when nothing is new, so that a silent planner is told from a content one (s).
-const PERIOD_S: f64 = 1.0 / 30.0;
+/// Routes go out at this rate even when nothing is new, so that a silent planner is told from a content one.
+const RATE_HZ: u32 = 30;
 
 struct PlannerService {
     planner: Planner,
@@ -58,7 +58,7 @@ impl Service for PlannerService {
         for event in self.planner.events() {
             cycle.events.publish(now, event);
         }
-        Wake::at(now.plus_seconds(PERIOD_S))
+        Wake::at(now.next_beat(RATE_HZ))
     }
 }
 

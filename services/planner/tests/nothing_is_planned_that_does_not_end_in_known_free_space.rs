@@ -146,7 +146,10 @@ fn a_vehicle_that_nobody_has_planned_for_is_taken_over_as_it_moves() {
     let taken_over = |speed_mps: f64, desired: &DesiredPath| {
         let mut planner = planner();
         let route = answer(&mut planner, Some(&map), Some(&moving(speed_mps)), desired, None);
-        let told = planner.events().iter().any(|event| event.id == events::CERTIFICATE_LOST.id);
+        let told = planner
+            .events()
+            .iter()
+            .any(|event| event.id == events::CERTIFICATE_LOST.id);
         (route, told)
     };
     let (planned, _) = taken_over(2.0, &to(8.0, 0.0));
@@ -165,7 +168,11 @@ fn a_vehicle_that_nobody_has_planned_for_is_taken_over_as_it_moves() {
     assert!(told, "too fast to stop in what is known: the pilot hears of it");
 
     let (slow, _) = taken_over(0.3, &to(8.0, 0.0));
-    assert_eq!(slow.start.velocity.vector().norm(), 0.0, "hardly moving is at rest");
+    assert_eq!(
+        slow.start.velocity.vector().norm(),
+        0.0,
+        "hardly moving is at rest"
+    );
 }
 
 #[test]

@@ -84,13 +84,6 @@ impl Duty {
         Some(entry.from)
     }
 
-    /// When this instance begins to own, if that is planned and still to come at `now`: it runs a cycle then, so that
-    /// outputs that follow a timer come no later than a period after the last ones of the former owner.
-    pub(crate) fn begins_at(&self, now: Timestamp) -> Option<Timestamp> {
-        let entry = self.entry.get()?;
-        (entry.next == self.generation && entry.from > now).then_some(entry.from)
-    }
-
     /// Whether this cycle's outputs are to be published.
     pub(crate) fn owns_cycle(&self) -> bool {
         if let Some(declared) = self.declared.get() {
@@ -255,17 +248,6 @@ mod tests {
         // One of later generations says that this instance has been replaced.
         speaks.read(Some(&entry(4, 0, 0)));
         assert!(!speaks.owns_cycle());
-    }
-
-    #[test]
-    fn who_is_to_own_runs_a_cycle_at_that_moment() {
-        let (old, new) = (Duty::new(1, false, 0), Duty::new(2, true, 0));
-        for duty in [&old, &new] {
-            duty.read(Some(&entry(1, 2, 10)));
-        }
-        assert_eq!(old.begins_at(at(5)), None);
-        assert_eq!(new.begins_at(at(5)), Some(at(10)));
-        assert_eq!(new.begins_at(at(10)), None);
     }
 
     #[test]

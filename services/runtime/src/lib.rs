@@ -26,7 +26,7 @@
 //!             let header = approved.header.derived(Stage::Planner, cycle.now);
 //!             self.route.send(header, &Route::default());
 //!         }
-//!         Wake::within_s(0.033)
+//!         Wake::at(cycle.now.next_beat(30))
 //!     }
 //! }
 //!

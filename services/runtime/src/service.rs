@@ -132,7 +132,8 @@ impl Wake {
         }
     }
 
-    /// At `time`.
+    /// At `time`. For what is put out at a fixed rate: [`Timestamp::next_beat`], so that a second instance of the service keeps
+    /// the same time and its takeover is not heard.
     pub fn at(time: Timestamp) -> Self {
         Self { at: time }
     }
@@ -410,10 +411,7 @@ fn serve<S: Service>(
         }
         late = now_late;
         beat.send_if_due(end, ports.state(end), fresh, needed);
-        let mut until = wake.at.min(beat.due);
-        if let Some(begin) = ports.duty.begins_at(end) {
-            until = until.min(begin);
-        }
+        let until = wake.at.min(beat.due);
         sleep(service, ports, until, stop, beat);
     }
 }

@@ -28,7 +28,8 @@ const MISSES_SHARE: f64 = 0.05;
 const OUTPUTS_SHARE: f64 = 0.5;
 /// Below this many outputs of the owner nothing is compared.
 const OUTPUTS_MIN: u64 = 10;
-/// From the decision to the switch (s): both instances read the record at every cycle and every heartbeat; two periods.
+/// From the decision to the switch at least (s): both instances read the record at every cycle and every heartbeat; two
+/// periods.
 pub const SWITCH_LEAD_S: f64 = 2.0 * HEARTBEAT_PERIOD_S;
 /// From the switch until it counts as done (s): a cycle that began before it has ended by then.
 pub const SETTLE_S: f64 = 0.1;
@@ -37,6 +38,20 @@ pub const WATCH_S: f64 = 2.0;
 /// A shadow that is silent for this many times its heartbeat time-out hangs. More patience than with an owner: nothing
 /// depends on it yet.
 const SILENT_TIMES: f64 = 5.0;
+
+/// Rates at which services put out meet this often (Hz): 10, 20, 30, 40, 50 Hz at the beats of 10 Hz.
+const MEETING_RATE_HZ: u32 = 10;
+/// So long before the rates meet nothing is put out by a timer (s), and what came of the last meeting is done.
+const QUIET_BEFORE_S: f64 = 0.01;
+
+/// The first moment from `soonest` on at which a switch falls between the beats of all services, so that no output is due
+/// at the very moment that ownership changes.
+pub(crate) fn quiet_moment(soonest: Timestamp) -> Timestamp {
+    soonest
+        .plus_seconds(QUIET_BEFORE_S)
+        .next_beat(MEETING_RATE_HZ)
+        .plus_seconds(-QUIET_BEFORE_S)
+}
 
 /// What a second instance is for.
 // One per process, never in a list: the largest variant may be large.
@@ -336,9 +351,23 @@ impl Swap {
 
 #[cfg(test)]
 mod tests {
-    use super::{Judgement, PROBATION_CYCLES, Refusal, Swap};
+    use super::{Judgement, PROBATION_CYCLES, Refusal, Swap, quiet_moment};
     use jink_shared_types::Timestamp;
     use jink_shared_types::health::{Heartbeat, SwapPhase};
+
+    #[test]
+    fn a_switch_falls_between_the_beats_of_all_rates() {
+        for ms in (0..400).step_by(7) {
+            let soonest = Timestamp::from_ns(3_600_000_000_000 + ms * 1_000_000);
+            let moment = quiet_moment(soonest);
+            assert!(moment >= soonest && moment.seconds_since(soonest) < 0.101);
+            for rate_hz in [1, 2, 5, 10, 15, 20, 30, 50] {
+                let to_next_s = moment.next_beat(rate_hz).seconds_since(moment);
+                let since_last_s = 1.0 / f64::from(rate_hz) - to_next_s;
+                assert!(to_next_s > 0.0099 && since_last_s > 0.0099, "{rate_hz} Hz");
+            }
+        }
+    }
 
     fn beat(cycles: u64, misses: u64, outputs: u64, implausible: u64) -> Heartbeat {
         Heartbeat {

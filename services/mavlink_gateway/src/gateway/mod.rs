@@ -26,7 +26,7 @@ const OBSTACLES_RATE_HZ: f64 = 15.0;
 /// Rate of our TIMESYNC requests (Hz), the autopilot's own.
 const TIMESYNC_RATE_HZ: f64 = 10.0;
 /// Rate at which the counters are published (Hz), as the topic table says.
-const STATUS_RATE_HZ: f64 = 5.0;
+const STATUS_RATE_HZ: u32 = 5;
 /// A new trajectory does not wait for the beat, but setpoints keep at least this part of a period apart: 10 ms at
 /// 20 Hz, so that a burst of trajectories does not crowd a serial line.
 const SOONEST_PERIODS: f64 = 0.2;
@@ -53,7 +53,7 @@ pub struct Gateway {
     setpoints: Ticker,
     obstacles: Ticker,
     timesync: Ticker,
-    status: Ticker,
+    status_due: Timestamp,
 }
 
 impl Gateway {
@@ -80,7 +80,7 @@ impl Gateway {
             setpoints: Ticker::new(config.setpoint_rate_hz),
             obstacles: Ticker::new(OBSTACLES_RATE_HZ),
             timesync: Ticker::new(TIMESYNC_RATE_HZ),
-            status: Ticker::new(STATUS_RATE_HZ),
+            status_due: Timestamp::NEVER,
             config,
         }
     }
@@ -99,7 +99,8 @@ impl Gateway {
         self.judge(now, inputs);
         self.fly(now, inputs, outputs);
         self.speak(now, inputs, outputs);
-        if self.status.take(now) {
+        if now >= self.status_due {
+            self.status_due = now.next_beat(STATUS_RATE_HZ);
             outputs.link_status = Some(*self.link_status(now, inputs));
         }
     }
@@ -107,7 +108,7 @@ impl Gateway {
     /// When the next step is due at the latest. May lie in the past: then at once.
     pub fn next_wake(&self, now: Timestamp) -> Timestamp {
         let with_computer = self.config.computer_component_id.is_some();
-        let mut wake = self.heartbeats.next_wake(with_computer).min(self.status.due());
+        let mut wake = self.heartbeats.next_wake(with_computer).min(self.status_due);
         if let Some(line) = self.texts.next_wake() {
             wake = wake.min(line);
         }

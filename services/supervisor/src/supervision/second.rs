@@ -3,7 +3,9 @@
 
 use super::{Action, Exit, LOOK_S, Supervision, raise};
 use crate::process::{Life, Process};
-use crate::shadow::{Judgement, Kind, Refusal, SETTLE_S, SWITCH_LEAD_S, Shadow, Swap, SwapNews, WATCH_S};
+use crate::shadow::{
+    Judgement, Kind, Refusal, SETTLE_S, SWITCH_LEAD_S, Shadow, Swap, SwapNews, WATCH_S, quiet_moment,
+};
 use jink_shared_types::Timestamp;
 use jink_shared_types::control::{Control, ControlEntry};
 use jink_shared_types::events;
@@ -175,7 +177,7 @@ impl Supervision {
                     }
                     Judgement::Passed(trial) => {
                         swap.phase = SwapPhase::Switching;
-                        swap.from = now.plus_seconds(SWITCH_LEAD_S);
+                        swap.from = quiet_moment(now.plus_seconds(SWITCH_LEAD_S));
                         tell(actions, index, SwapNews::Switching { trial });
                     }
                 },

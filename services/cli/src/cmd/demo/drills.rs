@@ -50,6 +50,13 @@ pub struct View<'a> {
     pub gap_s: f64,
 }
 
+/// The last answer to a request for a swap.
+#[derive(Debug)]
+struct SwapAnswer {
+    good: bool,
+    text: String,
+}
+
 /// A fault that was made.
 #[derive(Debug)]
 struct Open {
@@ -66,7 +73,7 @@ struct Open {
     /// Of a slow process: its handle.
     slowed: Option<OwnedFd>,
     /// Of a swap: its last answer.
-    swap: Option<Receiver<bool>>,
+    swap: Option<Receiver<SwapAnswer>>,
     /// Of a swap: what is seen on the topics of the process.
     seams: Vec<(Meter, Seam)>,
 }
@@ -207,6 +214,7 @@ impl Drills {
                 north_m: round(view.truth.position.x_m),
                 east_m: round(view.truth.position.y_m),
                 seams: Vec::new(),
+                reason: None,
             },
             before: *process,
             begin_s: view.truth.time_s,
@@ -273,8 +281,9 @@ impl Open {
                 over
             }
             Fault::Swap => match self.swap.as_ref().and_then(|answer| answer.try_recv().ok()) {
-                Some(good) => {
+                Some(SwapAnswer { good, text }) => {
                     self.record.survived = good;
+                    self.record.reason = (!good).then_some(text);
                     self.record.seams = self.seams.iter().filter_map(|(_, seam)| seam.figures()).collect();
                     self.seams.clear();
                     if good && self.record.process == GATEWAY {
@@ -334,7 +343,7 @@ fn handle_of(pid: u32) -> Option<OwnedFd> {
 }
 
 /// A swap of `process` for its own program, in a thread: it takes seconds.
-fn begin_swap(instance: &Instance, process: &str) -> Receiver<bool> {
+fn begin_swap(instance: &Instance, process: &str) -> Receiver<SwapAnswer> {
     let (sender, receiver) = channel();
     let socket = instance.request_socket();
     let request = Request::Swap {
@@ -344,10 +353,24 @@ fn begin_swap(instance: &Instance, process: &str) -> Receiver<bool> {
         dry_run: false,
     };
     std::thread::spawn(move || {
-        let mut good = false;
-        let asked = ask::put(&socket, &request, |answer| good = answer.good);
+        let mut last = SwapAnswer {
+            good: false,
+            text: "no answer".to_owned(),
+        };
+        let asked = ask::put(&socket, &request, |answer| {
+            last = SwapAnswer {
+                good: answer.good,
+                text: answer.text.clone(),
+            };
+        });
+        if let Err(problem) = asked {
+            last = SwapAnswer {
+                good: false,
+                text: problem.to_string(),
+            };
+        }
         // The flight may be over.
-        let _nobody_waits = sender.send(asked.is_ok() && good);
+        let _nobody_waits = sender.send(last);
     });
     receiver
 }
