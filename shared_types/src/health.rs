@@ -139,6 +139,8 @@ crate::wire_enum! {
         Asked = 4 "asked",
         /// Another binary took over.
         Swapped = 5 "swapped",
+        /// It ended, and its second instance took over.
+        TakenOver = 6 "taken over",
     }
 }
 

@@ -1,7 +1,7 @@
 //! What happens in a running system, one line per piece of news, for whoever watches `jink up`.
 
 use crate::report::exit_text;
-use jink_shared_types::health::{Health, ProcessStatus, ServiceState, SystemStatus};
+use jink_shared_types::health::{Health, ProcessStatus, ReplaceReason, ServiceState, SystemStatus};
 
 /// Remembers what has been told.
 #[derive(Clone, Debug, Default)]
@@ -43,8 +43,13 @@ fn tell_process(told: &mut Told, process: &ProcessStatus, lines: &mut Vec<String
     let exit = exit_text(process.last_exit);
     if process.restarts > told.restarts {
         told.restarts = process.restarts;
+        let what_then = if process.reason == ReplaceReason::TakenOver {
+            "its second instance took over"
+        } else {
+            "started again"
+        };
         lines.push(format!(
-            "{name} ended with {exit}, started again (restart {})",
+            "{name} ended with {exit}, {what_then} (restart {})",
             process.restarts
         ));
     } else if process.pid != 0 && !told.started {

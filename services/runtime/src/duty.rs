@@ -156,11 +156,19 @@ impl Duty {
         });
     }
 
+    /// What this instance is at `now`.
+    pub(crate) fn role(&self, now: Timestamp) -> Role {
+        if self.declared.get().unwrap_or_else(|| self.owns(now)) {
+            Role::Owner
+        } else {
+            Role::Shadow
+        }
+    }
+
     /// Completes a heartbeat sent at `now`.
     pub(crate) fn fill(&self, now: Timestamp, heartbeat: &mut Heartbeat) {
         let late = self.latest.get();
-        let owns = self.declared.get().unwrap_or_else(|| self.owns(now));
-        heartbeat.role = Coded::new(if owns { Role::Owner } else { Role::Shadow });
+        heartbeat.role = Coded::new(self.role(now));
         heartbeat.outputs = self.outputs.get();
         heartbeat.late_outputs = self.late.get();
         heartbeat.implausible_outputs = self.implausible.get();

@@ -1,7 +1,8 @@
 //! The loop of every service: sleep until a topic, a socket or a timer wakes it, run one cycle, tell that it lives.
 //!
 //! Nothing polls for data: the process sleeps in one `ppoll` over the wake-ups of its trigger topics and the file
-//! descriptors the service watches, at most until the next moment the service or the heartbeat asked for.
+//! descriptors the service watches, at most until the next moment the service or the heartbeat asked for. The control
+//! record wakes it, too: whoever has become the owner by it runs a cycle at once, and says so.
 
 use crate::config::{Config, ConfigError};
 use crate::duty::Duty;
@@ -15,7 +16,7 @@ use crate::session::{OpenError, Session};
 use crate::wakeup::Wakeup;
 use clap::Parser;
 use jink_shared_types::control::Control;
-use jink_shared_types::health::{Heartbeat, Name, ServiceState};
+use jink_shared_types::health::{Heartbeat, Name, Role, ServiceState};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::topics::{self, Topic};
 use jink_shared_types::{SampleHeader, Timestamp};
@@ -366,7 +367,11 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
     let duty = Rc::new(Duty::new(setup.generation, setup.shadow, setup.end_to_end_us));
     let events = session.output(topics::EVENT, &setup.process, setup.generation)?;
     let mut events = EventSender::new(events.with_duty(&duty));
-    let mut control = session.input(topics::CONTROL, "")?;
+    let mut control = ControlRecord {
+        input: session.input(topics::CONTROL, "")?,
+        wakeup: Wakeup::new(session.listener(topics::CONTROL, "")?),
+        process: Name::new(&setup.process),
+    };
     let mut ports = Ports {
         session,
         config,
@@ -389,16 +394,15 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
 fn serve<S: Service>(
     service: &mut S,
     ports: &Ports,
-    control: &mut Input<Control>,
+    control: &mut ControlRecord,
     beat: &mut Beat,
     events: &mut EventSender,
     stop: &AtomicBool,
 ) {
     let mut late = 0u32;
-    let name = Name::new(&ports.setup.process);
     while !stop.load(Ordering::Relaxed) {
         // Before the clock: what this cycle takes was then published after any record it has not read.
-        control.each(|record| ports.duty.read(record.entry(&name)));
+        control.read(&ports.duty);
         let now = realtime::now();
         ports.duty.begin(now);
         let wake = service.cycle(&mut Cycle { now, events });
@@ -412,17 +416,28 @@ fn serve<S: Service>(
         late = now_late;
         beat.send_if_due(end, ports.state(end), fresh, needed);
         let until = wake.at.min(beat.due);
-        sleep(service, ports, until, stop, beat);
+        sleep(service, ports, control, until, stop, beat);
     }
 }
 
 /// Sleeps until something happens or `until`; heartbeats that fall due meanwhile are the caller's next turn.
-fn sleep<S: Service>(service: &S, ports: &Ports, until: Timestamp, stop: &AtomicBool, beat: &mut Beat) {
+fn sleep<S: Service>(
+    service: &S,
+    ports: &Ports,
+    control: &mut ControlRecord,
+    until: Timestamp,
+    stop: &AtomicBool,
+    beat: &mut Beat,
+) {
     let mut deadline = until;
     loop {
-        let signalled = wait(service, ports, deadline);
+        let woken = wait(service, ports, &control.wakeup, deadline);
+        if woken.by_control {
+            control.read(&ports.duty);
+        }
         let now = realtime::now();
-        if signalled || stop.load(Ordering::Relaxed) || now >= until && until < beat.due {
+        let is_new_owner = beat.role == Role::Shadow && ports.duty.role(now) == Role::Owner;
+        if woken.by_data || is_new_owner || stop.load(Ordering::Relaxed) || now >= until && until < beat.due {
             return;
         }
         // Only the heartbeat was due: send it without starting a cycle.
@@ -435,18 +450,22 @@ fn sleep<S: Service>(service: &S, ports: &Ports, until: Timestamp, stop: &Atomic
     }
 }
 
-/// One `ppoll`; `true` if a topic or a watched descriptor has something.
-fn wait<S: Service>(service: &S, ports: &Ports, until: Timestamp) -> bool {
+/// What ended a sleep; neither: the time.
+struct Woken {
+    by_data: bool,
+    by_control: bool,
+}
+
+/// One `ppoll` over topics, watched descriptors and the control record.
+fn wait<S: Service>(service: &S, ports: &Ports, control: &Wakeup, until: Timestamp) -> Woken {
     let left_ns = until.ns_since(realtime::now());
     let timeout = Timespec {
         tv_sec: i64::try_from(left_ns / 1_000_000_000).unwrap_or(i64::MAX),
         tv_nsec: (left_ns % 1_000_000_000) as i64,
     };
     let watched = service.watched();
-    let mut sources = ports
-        .wakeups
-        .iter()
-        .map(Wakeup::fd)
+    let mut sources = std::iter::once(control.fd())
+        .chain(ports.wakeups.iter().map(Wakeup::fd))
         .chain(watched.into_iter().flatten());
     let stdin = rustix::stdio::stdin();
     let mut used = 0;
@@ -460,12 +479,31 @@ fn wait<S: Service>(service: &S, ports: &Ports, until: Timestamp) -> bool {
     });
     // Interrupted by a signal: as good as a time-out, the caller looks at the stop flag.
     let ready = poll(&mut fds[..used], Some(&timeout)).unwrap_or(0);
-    if ready > 0 {
+    let by_control = ready > 0 && !fds[0].revents().is_empty();
+    let by_data = ready > usize::from(by_control);
+    if by_control {
+        control.clear();
+    }
+    if by_data {
         for wakeup in &ports.wakeups {
             wakeup.clear();
         }
     }
-    ready > 0
+    Woken { by_data, by_control }
+}
+
+/// The control record as one process reads it.
+struct ControlRecord {
+    input: Input<Control>,
+    wakeup: Wakeup,
+    process: Name,
+}
+
+impl ControlRecord {
+    fn read(&mut self, duty: &Duty) {
+        let process = &self.process;
+        self.input.each(|record| duty.read(record.entry(process)));
+    }
 }
 
 /// The heartbeat with its period.
@@ -474,6 +512,8 @@ struct Beat {
     duty: Rc<Duty>,
     output: Output<Heartbeat>,
     due: Timestamp,
+    /// As it was told last.
+    role: Role,
 }
 
 impl Beat {
@@ -483,6 +523,7 @@ impl Beat {
             duty,
             output,
             due: realtime::now(),
+            role: if setup.shadow { Role::Shadow } else { Role::Owner },
         }
     }
 
@@ -490,12 +531,14 @@ impl Beat {
         let now = realtime::now();
         let mut heartbeat = self.meter.beat(state, fresh, needed);
         self.duty.fill(now, &mut heartbeat);
+        self.role = heartbeat.role.get();
         self.output.send(SampleHeader::at(now), &heartbeat);
         self.due = now.plus_seconds(HEARTBEAT_PERIOD_S);
     }
 
+    /// Also when the instance's role has changed: others wait for that.
     fn send_if_due(&mut self, now: Timestamp, state: ServiceState, fresh: u32, needed: u32) {
-        if now >= self.due {
+        if now >= self.due || self.duty.role(now) != self.role {
             self.send(state, fresh, needed);
         }
     }

@@ -22,14 +22,18 @@ use std::time::Duration;
 const MAX_PUBLISHERS: usize = 3;
 /// Consumers and their shadows, recorder, several command line tools.
 const MAX_SUBSCRIBERS: usize = 12;
+/// The same of a topic with samples of at most [`SMALL`] bytes: every process and its shadow may read it.
+const MAX_SUBSCRIBERS_SMALL: usize = 40;
+/// Each subscriber that might come costs a publisher room for the samples it might hold: for small ones that is nothing.
+const SMALL: usize = 4096;
 /// Nodes that may know a topic at once.
-const MAX_NODES: usize = 32;
+const MAX_NODES: usize = 64;
 /// The sample being read, the next one, and one spare while the queue is drained.
 const MAX_BORROWED: usize = 3;
 /// One being filled, one spare.
 pub(crate) const MAX_LOANED: usize = 2;
 /// Processes that may be woken by one topic.
-const MAX_LISTENERS: usize = 16;
+const MAX_LISTENERS: usize = 40;
 /// Opening may meet a service in the middle of its creation or destruction by somebody else: those answers pass.
 const OPEN_ATTEMPTS: u32 = 50;
 const OPEN_RETRY: Duration = Duration::from_millis(4);
@@ -231,13 +235,18 @@ impl Session {
 
     fn pub_sub<T: Layout>(&self, topic: &Topic<T>, name: &str) -> Result<PubSubFactory<T>, OpenError> {
         let service = Self::service_name(name)?;
+        let subscribers = if size_of::<T>() <= SMALL {
+            MAX_SUBSCRIBERS_SMALL
+        } else {
+            MAX_SUBSCRIBERS
+        };
         retry(|| {
             self.node
                 .service_builder(&service)
                 .publish_subscribe::<T>()
                 .user_header::<SampleHeader>()
                 .max_publishers(MAX_PUBLISHERS)
-                .max_subscribers(MAX_SUBSCRIBERS)
+                .max_subscribers(subscribers)
                 .max_nodes(MAX_NODES)
                 .history_size(1)
                 .subscriber_max_buffer_size(topic.row.buffer)

@@ -6,7 +6,7 @@ use crate::slowness::Slowness;
 use crate::table::{OnFailure, Rules};
 use jink_shared_types::Timestamp;
 use jink_shared_types::coded::{Coded, Flag};
-use jink_shared_types::health::{Heartbeat, Name, ProcessStatus, ReplaceReason, ServiceState};
+use jink_shared_types::health::{Heartbeat, Name, ProcessStatus, ReplaceReason, Role, ServiceState};
 use std::fmt;
 
 /// How a process ended.
@@ -186,7 +186,7 @@ impl Process {
     pub(crate) fn taken_over(&mut self, now: Timestamp) {
         self.life = Life::Running;
         self.restarts += 1;
-        self.reason = ReplaceReason::Died;
+        self.reason = ReplaceReason::TakenOver;
         self.slowness = Slowness::default();
         self.missing_since.get_or_insert(now);
     }
@@ -240,7 +240,8 @@ impl Process {
     }
 
     /// Takes a heartbeat; answers how long the process had been missing (s) if this one ends that. A heartbeat may be read
-    /// after the death of its sender: then it is its last word, and says nothing about a replacement.
+    /// after the death of its sender: then it is its last word, and says nothing about a replacement. Nor does one of a second
+    /// instance that has not yet learned that it is the owner.
     pub(crate) fn heard(&mut self, heartbeat: &Heartbeat, time: Timestamp) -> Option<f64> {
         if heartbeat.generation != self.generation || self.generation == 0 {
             return None;
@@ -254,7 +255,7 @@ impl Process {
             heartbeat.state.get(),
             ServiceState::Active | ServiceState::Standby
         );
-        let back = works && self.life == Life::Running;
+        let back = works && heartbeat.role == Role::Owner && self.life == Life::Running;
         let missing_s = time.seconds_since(self.missing_since.filter(|_| back)?);
         self.missing_since = None;
         self.recovery_us = (missing_s * 1e6).max(0.0) as u32;

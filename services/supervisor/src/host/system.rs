@@ -55,6 +55,8 @@ pub struct System {
     status_due: Timestamp,
     control: Box<Control>,
     control_due: Timestamp,
+    /// Somebody has died: what it left in shared memory is to be removed.
+    sweep_due: bool,
     requests: Requests,
     instance: Instance,
     upgrade: Option<PathBuf>,
@@ -86,6 +88,7 @@ impl System {
             status_due: Timestamp::NEVER,
             control: Box::default(),
             control_due: Timestamp::NEVER,
+            sweep_due: false,
             requests,
             instance,
             upgrade: None,
@@ -116,6 +119,11 @@ impl System {
                 return end;
             }
             self.publish(now, changed);
+            // After control has moved: it takes milliseconds.
+            if std::mem::take(&mut self.sweep_due) {
+                self.shared.clean_up();
+                self.sweep_again = now.plus_seconds(SWEEP_AGAIN_S);
+            }
             if let Some(program) = self.upgrade.take() {
                 self.become_another(&program);
             }
@@ -168,10 +176,7 @@ impl System {
                 Action::Promote { process } => self.children.promote(process),
                 Action::Commit { process } => self.children.commit(process),
                 Action::Tell { process, news } => self.tell(process, &news),
-                Action::CleanUp => {
-                    self.shared.clean_up();
-                    self.sweep_again = now.plus_seconds(SWEEP_AGAIN_S);
-                }
+                Action::CleanUp => self.sweep_due = true,
                 Action::Raise(event) => self.shared.raise(now, &event),
                 Action::End(end) => return Some(end),
             }
