@@ -279,6 +279,7 @@ impl FlightLog {
             simulator_late_max_ms: round(truth.late_max_s * 1e3),
             machine_stall_max_ms: 0.0,
             machine_stolen_ms: 0.0,
+            memory: Vec::new(),
         }
     }
 }
@@ -329,6 +330,19 @@ pub struct Summary {
     pub machine_stall_max_ms: f64,
     /// Time that the hypervisor gave to others meanwhile (ms).
     pub machine_stolen_ms: f64,
+    /// Memory of the processes that lived longer than their warm-up.
+    pub memory: Vec<MemoryUse>,
+}
+
+/// Memory of one process.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct MemoryUse {
+    /// The process.
+    pub process: String,
+    /// Resident at the end, touched shared memory included (KiB).
+    pub resident_kib: u64,
+    /// More than half a minute after its start (KiB).
+    pub growth_kib: i64,
 }
 
 impl Summary {
@@ -373,6 +387,13 @@ impl Summary {
         for line in lines {
             // Writing into a string cannot fail.
             let _infallible = writeln!(out, "{line}");
+        }
+        if let Some(most) = self.memory.iter().max_by_key(|one| one.growth_kib) {
+            let _infallible = writeln!(
+                out,
+                "  memory after half a minute: {} more KiB in {} at most",
+                most.growth_kib, most.process
+            );
         }
         for fault in &self.faults {
             let _infallible = writeln!(out, "  {}", fault.line());

@@ -2,6 +2,7 @@
 
 use super::drills::{Drills, View};
 use super::machine::MachineTimes;
+use super::memory::Memory;
 use super::pilot::Pilot;
 use super::sensed::Sensed;
 use super::show::Show;
@@ -34,6 +35,7 @@ pub struct Flight {
     narrator: Narrator,
     status: Option<SystemStatus>,
     done_since: Option<Instant>,
+    memory: Memory,
     // Last: the ports above belong to its connection.
     watch: Watch,
 }
@@ -62,6 +64,7 @@ impl Flight {
             narrator: Narrator::default(),
             status: None,
             done_since: None,
+            memory: Memory::default(),
             watch,
         })
     }
@@ -132,6 +135,7 @@ impl Flight {
         let mut summary = self.log.summary(&outcome, world, seed, restarts, faults);
         summary.machine_stall_max_ms = round(machine.stall_max_ms);
         summary.machine_stolen_ms = round(machine.stolen_ms);
+        summary.memory = self.memory.uses();
         Flown {
             summary,
             outcome,
@@ -150,6 +154,7 @@ impl Flight {
             for line in self.narrator.news(&status) {
                 show.news(&line);
             }
+            self.memory.look(&status);
             self.status = Some(status);
         }
         // Not while taking off or landing: the map below is then the ground.

@@ -3,6 +3,7 @@
 pub mod drills;
 pub mod fly;
 mod machine;
+mod memory;
 mod pilot;
 mod sensed;
 pub mod show;
@@ -47,12 +48,15 @@ pub struct Args {
     /// Highest speed (m/s)
     #[arg(long, value_name = "V")]
     speed: Option<f64>,
+    /// Fly the way so often: there, back, there
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    legs: u32,
     /// Kill a process so long after the start of the mission, e.g. planner@8s (repeatable)
     #[arg(long = "kill", value_name = "NAME@TIMEs")]
     kills: Vec<Drill>,
-    /// Longest flight (s)
-    #[arg(long, default_value_t = 180.0, value_name = "S")]
-    timeout: f64,
+    /// Longest flight (s) [default: 180 for each leg]
+    #[arg(long, value_name = "S")]
+    timeout: Option<f64>,
     /// Draw the flight from above
     #[arg(long, value_name = "FILE")]
     svg: Option<PathBuf>,
@@ -70,13 +74,21 @@ pub struct Args {
     overrides: Vec<String>,
 }
 
+/// Longest time for one leg unless told otherwise (s).
+const LEG_LIMIT_S: f64 = 180.0;
+
 impl Args {
+    /// Longest flight (s).
+    fn limit_s(&self) -> f64 {
+        self.timeout.unwrap_or(LEG_LIMIT_S * f64::from(self.legs))
+    }
+
     /// A flight of a campaign.
     pub fn of_campaign(world: &str, seed: u64, config: Option<PathBuf>, overrides: Vec<String>) -> Self {
         Self {
             world: world.to_owned(),
             seed,
-            timeout: 180.0,
+            legs: 1,
             headless: true,
             config,
             overrides,
@@ -243,8 +255,9 @@ fn with_system(
         Some(outcome) => outcome,
         None => {
             let mut pilot = Pilot::start(programs, ground_station_port, args)?;
-            let limit = Duration::try_from_secs_f64(args.timeout)
-                .map_err(|error| Problem::Other(format!("--timeout {}: {error}", args.timeout)))?;
+            let limit_s = args.limit_s();
+            let limit = Duration::try_from_secs_f64(limit_s)
+                .map_err(|error| Problem::Other(format!("--timeout {limit_s}: {error}")))?;
             flight.fly(supervisor, &mut pilot, show, interrupt, limit)?
         }
     };

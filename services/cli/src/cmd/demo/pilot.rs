@@ -21,6 +21,8 @@ impl Pilot {
         let mut command = Command::new(places::program(programs, "jink-simulator")?);
         command.args(["fly", "--port", &port.to_string()]);
         command.args(["--world", &args.world, "--seed", &args.seed.to_string()]);
+        command.args(["--legs", &args.legs.to_string()]);
+        command.args(["--timeout", &args.limit_s().to_string()]);
         if let Some(density) = args.density {
             command.args(["--density", &density.to_string()]);
         }

@@ -33,6 +33,9 @@ struct Arguments {
     /// Waypoints NORTH,EAST[,HEIGHT] in metres instead of the world's goals (repeatable)
     #[arg(long = "waypoint", value_name = "N,E[,H]")]
     waypoints: Vec<Waypoint>,
+    /// Fly the way so often: there, back, there
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    legs: u32,
     /// Take-off height (m) (default: the world's)
     #[arg(long)]
     height: Option<f64>,
@@ -112,7 +115,7 @@ fn plan(arguments: &Arguments) -> Result<FlightPlan, String> {
     let world = settings::build(&arguments.world, arguments.seed, arguments.density)
         .map_err(|error| error.to_string())?;
     let height_m = arguments.height.unwrap_or(world.flight_height_m());
-    let waypoints = if arguments.waypoints.is_empty() {
+    let there: Vec<_> = if arguments.waypoints.is_empty() {
         world
             .goals()
             .iter()
@@ -122,9 +125,13 @@ fn plan(arguments: &Arguments) -> Result<FlightPlan, String> {
         let place = |w: &Waypoint| Point::new(w.north_m, w.east_m, -w.height_m.unwrap_or(height_m));
         arguments.waypoints.iter().map(place).collect()
     };
+    let start = Point::new(0.0, 0.0, -height_m);
+    let back = there.iter().rev().skip(1).copied().chain([start]);
+    let back: Vec<_> = back.collect();
+    let legs = (0..arguments.legs).map(|leg| if leg % 2 == 0 { &there } else { &back });
     Ok(FlightPlan {
         takeoff_height_m: height_m,
-        waypoints,
+        waypoints: legs.flatten().copied().collect(),
         cruise_speed_mps: arguments.speed,
         ending: match arguments.ending {
             EndingName::Land => Ending::Land,
