@@ -7,8 +7,9 @@
 //!
 //! In every cycle the planner looks at what is committed. If the newest map shows an obstacle in its tube (rule I3), it
 //! must be left: by a new plan, else by a certified stop, else by braking as hard as allowed. Otherwise a new plan is
-//! made for every new map, from the state the committed trajectory will have in [`SPLICE_LEAD_S`], and replaces it
-//! only if it is certified (rule I2). Without fresh ranges or a valid state nothing new is committed (rule I4).
+//! made for every new map, and once more on the same map only if none was found or if what must be left is still being
+//! flown. It departs from the state that the committed trajectory will have in [`SPLICE_LEAD_S`], and replaces it only if it
+//! is certified (rule I2). Without fresh ranges or a valid state nothing new is committed (rule I4).
 //!
 //! A plan is: a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
 //! pieces of certified space around it ([`corridor`]); tried in the highest [gear](mod@gears) that is worth it.
@@ -92,6 +93,8 @@ pub struct Planner {
     /// The highest gear that may be flown with those that do.
     top_gear: usize,
     route_id: u64,
+    /// The last plan on this map; 0 = none yet.
+    planned_id: u64,
     map_publish: Timestamp,
     planned_goal: Option<Point<LocalNed>>,
     failing_since: Option<Timestamp>,
@@ -137,6 +140,7 @@ impl Planner {
             sensors: 0,
             top_gear: 0,
             route_id: u64::from(generation) << 32,
+            planned_id: 0,
             map_publish: Timestamp::NEVER,
             planned_goal: None,
             failing_since: None,
@@ -204,15 +208,27 @@ impl Planner {
             .is_none_or(|old| (old.vector() - goal.vector()).norm() > 0.1);
         if is_at(&departure.state, &goal) {
             self.report(now, true, &state, &goal);
-        } else if new_map || goal_moved || must_leave || self.failing_since.is_some() {
+        } else if new_map
+            || goal_moved
+            || must_leave && !self.is_heeded(committed)
+            || self.failing_since.is_some()
+        {
             let planned = self.plan(&departure, &desired, &goal, route);
             self.report(now, planned, &state, &goal);
+            if planned {
+                self.planned_id = route.id;
+            }
             if !planned && must_leave {
                 self.leave(&departure, route);
             }
         }
         route.must_leave = Flag::from(must_leave);
         self.tell_blocked(blocked);
+    }
+
+    /// Whether the last plan on this map is being flown: the near part of it may still lie too close to what is to be left.
+    fn is_heeded(&self, committed: Option<&Trajectory>) -> bool {
+        self.planned_id != 0 && committed.is_some_and(|committed| committed.route_id == self.planned_id)
     }
 
     fn take_map(&mut self, inputs: &Inputs<'_>) -> bool {
@@ -223,6 +239,7 @@ impl Planner {
             return false;
         }
         self.map_publish = map.header.publish;
+        self.planned_id = 0;
         self.space.load(map.sample);
         true
     }

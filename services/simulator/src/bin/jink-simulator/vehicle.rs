@@ -18,6 +18,9 @@ const CATCH_UP_STEPS: u64 = 50;
 /// The links, in the order in which they are read.
 const LINKS: [Link; 2] = [Link::Companion, Link::GroundStation];
 
+/// Steps of the simulation (Hz).
+const STEP_RATE_HZ: u32 = 1_000_000 / STEP_US as u32;
+
 /// The simulated aircraft.
 pub struct VehicleService {
     world: World,
@@ -63,7 +66,8 @@ impl Service for VehicleService {
             companion,
             ground_station,
             truth: ports.output(topics::SIM_TRUTH)?,
-            begin: jink_runtime::now(),
+            // The frames of the sensors end on beats of the clock: a pose is there then, and they need not wait for one.
+            begin: jink_runtime::now().next_beat(STEP_RATE_HZ),
             steps: 0,
             late_max_s: 0.0,
             received: Vec::new(),
