@@ -57,6 +57,7 @@ pub mod instance;
 pub mod janitor;
 pub mod logging;
 pub mod output;
+mod pretouch;
 pub mod ranges;
 pub mod realtime;
 pub mod request;

@@ -11,6 +11,7 @@ use crate::heartbeat::{CycleMeter, HEARTBEAT_PERIOD_S};
 use crate::input::{Input, InputHealth};
 use crate::instance::Instance;
 use crate::output::Output;
+use crate::pretouch::Pretouch;
 use crate::realtime::{self, RealtimeWish};
 use crate::session::{OpenError, Session};
 use crate::wakeup::Wakeup;
@@ -400,6 +401,7 @@ fn serve<S: Service>(
     stop: &AtomicBool,
 ) {
     let mut late = 0u32;
+    let mut pretouch = Pretouch::of_this_process();
     while !stop.load(Ordering::Relaxed) {
         // Before the clock: what this cycle takes was then published after any record it has not read.
         control.read(&ports.duty);
@@ -415,6 +417,7 @@ fn serve<S: Service>(
         }
         late = now_late;
         beat.send_if_due(end, ports.state(end), fresh, needed);
+        pretouch.step();
         let until = wake.at.min(beat.due);
         sleep(service, ports, control, until, stop, beat);
     }
