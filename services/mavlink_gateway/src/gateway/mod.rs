@@ -27,10 +27,12 @@ const OBSTACLES_RATE_HZ: f64 = 15.0;
 const TIMESYNC_RATE_HZ: f64 = 10.0;
 /// Rate at which the counters are published (Hz), as the topic table says.
 const STATUS_RATE_HZ: u32 = 5;
-/// A new trajectory does not wait for the beat, but setpoints keep at least this part of a period apart: 2.5 ms at
-/// 20 Hz. Every fifth trajectory comes within 10 ms after a beat; to keep those waiting was a third of the latency's 99th
-/// percentile, and a burst is bounded by the rate of the trajectories anyway.
+/// A new trajectory does not wait for the beat, but keeps this part of a period behind the setpoint before: 2.5 ms at
+/// 20 Hz. (Every fifth comes within 10 ms after a beat; to keep those waiting was a third of the latency's 99th percentile.)
 const SOONEST_PERIODS: f64 = 0.05;
+/// Two setpoints that did not wait for the beat are this part of a period apart: 10 ms at 20 Hz, so that a burst of
+/// trajectories does not crowd a serial line.
+const HASTENED_APART_PERIODS: f64 = 0.2;
 
 /// The gateway between jink and one autopilot.
 #[derive(Debug)]
@@ -47,6 +49,10 @@ pub struct Gateway {
     was_alive: bool,
     ignored: u64,
     last_setpoint: Timestamp,
+    /// The last setpoint that did not wait for the beat.
+    last_hastened: Timestamp,
+    /// The next one does not.
+    is_hastened: bool,
     heartbeats: Heartbeats,
     streams: Streams,
     texts: Texts,
@@ -74,6 +80,8 @@ impl Gateway {
             was_alive: false,
             ignored: 0,
             last_setpoint: Timestamp::NEVER,
+            last_hastened: Timestamp::NEVER,
+            is_hastened: false,
             heartbeats: Heartbeats::default(),
             streams: Streams::default(),
             texts: Texts::default(),
@@ -215,15 +223,23 @@ impl Gateway {
             approved: inputs.approved,
         };
         if self.profile.observe(&situation) {
-            let soonest_s = SOONEST_PERIODS * self.setpoints.period_s();
-            self.setpoints
-                .hasten(self.last_setpoint.plus_seconds(soonest_s).max(now));
+            let period_s = self.setpoints.period_s();
+            let soonest = self
+                .last_setpoint
+                .plus_seconds(SOONEST_PERIODS * period_s)
+                .max(self.last_hastened.plus_seconds(HASTENED_APART_PERIODS * period_s))
+                .max(now);
+            self.is_hastened |= soonest < self.setpoints.due();
+            self.setpoints.hasten(soonest);
         }
         if situation.vehicle.is_some()
             && self.setpoints.take(now)
             && let Some(setpoint) = self.profile.setpoint(&situation)
         {
             self.last_setpoint = now;
+            if std::mem::take(&mut self.is_hastened) {
+                self.last_hastened = now;
+            }
             let receipt = Receipt::Setpoint {
                 first_of: setpoint.first_of,
             };
