@@ -341,7 +341,7 @@ pub struct MemoryUse {
     pub process: String,
     /// Resident at the end, touched shared memory included (KiB).
     pub resident_kib: u64,
-    /// More than half a minute after its start (KiB).
+    /// Growth since half a minute after its start (KiB).
     pub growth_kib: i64,
 }
 

@@ -5,8 +5,8 @@
 
 use rustix::mm::{Advice, madvise};
 
-/// Touched at a time (bytes): some 0.1 ms.
-const SLICE: usize = 512 * 1024;
+/// Touched at a time: 0.17 ms in the median, 0.5 ms at most, of 200 on two shared virtual cores.
+const SLICE_BYTES: usize = 512 * 1024;
 
 /// Private memory of this process that may not have been touched yet.
 #[derive(Debug, Default)]
@@ -29,7 +29,7 @@ impl Pretouch {
         let Some((begin, length)) = self.ranges.pop() else {
             return;
         };
-        let now = length.min(SLICE);
+        let now = length.min(SLICE_BYTES);
         // SAFETY: the advice changes no content and needs no right to the range: what is not mapped any more is refused.
         // An older kernel refuses all of it, and pages are found when they are needed, as before.
         let _refused = unsafe { madvise(begin as *mut _, now, Advice::LinuxPopulateWrite) };

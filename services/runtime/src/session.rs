@@ -32,7 +32,7 @@ const MAX_NODES: usize = 64;
 const MAX_BORROWED: usize = 3;
 /// One being filled, one spare.
 pub(crate) const MAX_LOANED: usize = 2;
-/// Processes that may be woken by one topic.
+/// Processes that may be woken by one topic: every one and its shadow by the control record.
 const MAX_LISTENERS: usize = 40;
 /// Opening may meet a service in the middle of its creation or destruction by somebody else: those answers pass.
 const OPEN_ATTEMPTS: u32 = 50;

@@ -28,8 +28,8 @@ const MISSES_SHARE: f64 = 0.05;
 const OUTPUTS_SHARE: f64 = 0.5;
 /// Below this many outputs of the owner nothing is compared.
 const OUTPUTS_MIN: u64 = 10;
-/// From the decision to the switch at least (s): both instances read the record at every cycle and every heartbeat; two
-/// periods.
+/// From the decision to the switch at least (s): the record wakes both instances when it is written; two heartbeat
+/// periods leave room for one that is busy.
 pub const SWITCH_LEAD_S: f64 = 2.0 * HEARTBEAT_PERIOD_S;
 /// From the switch until it counts as done (s): a cycle that began before it has ended by then.
 pub const SETTLE_S: f64 = 0.1;
