@@ -400,7 +400,6 @@ fn serve<S: Service>(
     events: &mut EventSender,
     stop: &AtomicBool,
 ) {
-    let mut late = 0u32;
     let mut pretouch = Pretouch::of_this_process();
     while !stop.load(Ordering::Relaxed) {
         // Before the clock: what this cycle takes was then published after any record it has not read.
@@ -410,20 +409,13 @@ fn serve<S: Service>(
         let wake = service.cycle(&mut Cycle { now, events });
         let end = realtime::now();
         beat.meter.cycle(now, end);
-        let (fresh, needed) = ports.masks(end);
-        let now_late = needed & !fresh;
-        for _ in 0..(now_late & !late).count_ones() {
-            beat.meter.deadline_missed();
-        }
-        late = now_late;
-        beat.send_if_due(end, ports.state(end), fresh, needed);
+        beat.send_if_due(end, ports);
         pretouch.step();
-        let until = wake.at.min(beat.due);
-        sleep(service, ports, control, until, stop, beat);
+        sleep(service, ports, control, wake.at, stop, beat);
     }
 }
 
-/// Sleeps until something happens or `until`; heartbeats that fall due meanwhile are the caller's next turn.
+/// Sleeps until data come, until `until`, or until this instance has become the owner; heartbeats go out meanwhile.
 fn sleep<S: Service>(
     service: &S,
     ports: &Ports,
@@ -432,24 +424,17 @@ fn sleep<S: Service>(
     stop: &AtomicBool,
     beat: &mut Beat,
 ) {
-    let mut deadline = until;
     loop {
-        let woken = wait(service, ports, &control.wakeup, deadline);
+        let woken = wait(service, ports, &control.wakeup, until.min(beat.due));
         if woken.by_control {
             control.read(&ports.duty);
         }
         let now = realtime::now();
         let is_new_owner = beat.role == Role::Shadow && ports.duty.role(now) == Role::Owner;
-        if woken.by_data || is_new_owner || stop.load(Ordering::Relaxed) || now >= until && until < beat.due {
+        if woken.by_data || is_new_owner || now >= until || stop.load(Ordering::Relaxed) {
             return;
         }
-        // Only the heartbeat was due: send it without starting a cycle.
-        let (fresh, needed) = ports.masks(now);
-        beat.send_if_due(now, ports.state(now), fresh, needed);
-        if now >= until {
-            return;
-        }
-        deadline = until.min(beat.due);
+        beat.send_if_due(now, ports);
     }
 }
 
@@ -517,6 +502,8 @@ struct Beat {
     due: Timestamp,
     /// As it was told last.
     role: Role,
+    /// Needed inputs that are late.
+    late: u32,
 }
 
 impl Beat {
@@ -527,6 +514,7 @@ impl Beat {
             output,
             due: realtime::now(),
             role: if setup.shadow { Role::Shadow } else { Role::Owner },
+            late: 0,
         }
     }
 
@@ -539,10 +527,17 @@ impl Beat {
         self.due = now.plus_seconds(HEARTBEAT_PERIOD_S);
     }
 
-    /// Also when the instance's role has changed: others wait for that.
-    fn send_if_due(&mut self, now: Timestamp, state: ServiceState, fresh: u32, needed: u32) {
+    /// Counts inputs that have become late, and sends the heartbeat if it is due, or if the instance's role has changed:
+    /// others wait for that.
+    fn send_if_due(&mut self, now: Timestamp, ports: &Ports) {
+        let (fresh, needed) = ports.masks(now);
+        let late = needed & !fresh;
+        for _ in 0..(late & !self.late).count_ones() {
+            self.meter.deadline_missed();
+        }
+        self.late = late;
         if now >= self.due || self.duty.role(now) != self.role {
-            self.send(state, fresh, needed);
+            self.send(ports.state(now), fresh, needed);
         }
     }
 }
