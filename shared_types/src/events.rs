@@ -111,7 +111,9 @@ pub fn find(id: u16) -> Option<&'static Event> {
 crate::sample! {
     /// An event on its way to the pilot.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct EventSample: 48 {
+    pub struct EventSample: 72 {
+        /// The process that says it.
+        pub process: Name,
         /// Fills `{name}`.
         pub name: Name,
         /// Fill `{0}` and `{1}`.
@@ -126,9 +128,10 @@ crate::sample! {
 }
 
 impl EventSample {
-    /// `event` about `name` with `numbers`.
+    /// `event` about `name` with `numbers`; whoever publishes it adds the process.
     pub fn new(event: &Event, name: &str, numbers: [f64; 2]) -> Self {
         Self {
+            process: Name::default(),
             name: Name::new(name),
             numbers,
             id: event.id,

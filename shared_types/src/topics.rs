@@ -37,12 +37,20 @@ pub struct TopicRow {
     pub buffer: usize,
     /// Recorders keep it.
     pub logged: bool,
+    /// Its samples start cycles of readers that ask for that; each such topic costs every start of its users an event
+    /// service more.
+    pub wakes: bool,
 }
 
 impl TopicRow {
     /// Whether the row is a family of topics.
     pub fn is_family(&self) -> bool {
         self.name.ends_with('*')
+    }
+
+    /// Whether every process publishes on this one topic: sequence numbers are then each producer's own.
+    pub fn is_shared(&self) -> bool {
+        !self.is_family() && self.producers.contains(&"*")
     }
 
     /// What stands for the `*` in `name`, empty if this row is no family; `None` if `name` is not of this row.
@@ -106,7 +114,7 @@ macro_rules! topics {
     ($(
         $(#[$meta:meta])*
         $name:ident: $payload:ident = $topic:literal, from $producers:expr, to $consumers:expr,
-            $rate_hz:literal Hz, stale after $deadline_ms:literal ms, buffer $buffer:literal, logged $logged:literal;
+            $rate_hz:literal Hz, stale after $deadline_ms:literal ms, buffer $buffer:literal, logged $logged:literal, wakes $wakes:literal;
     )*) => {
         $(
             $(#[$meta])*
@@ -120,6 +128,7 @@ macro_rules! topics {
                     deadline_ms: $deadline_ms,
                     buffer: $buffer,
                     logged: $logged,
+                    wakes: $wakes,
                 },
                 payload: PhantomData,
             };
@@ -149,64 +158,64 @@ topics! {
     RANGE_SCAN: RangeScan = "range/scan/*",
         from ["simulator", "rangefinder_driver", "lidar_driver", "replay_driver", "mavlink_gateway"],
         to ["obstacle_fusion", "collision_guard"],
-        20.0 Hz, stale after 250.0 ms, buffer 4, logged true;
+        20.0 Hz, stale after 250.0 ms, buffer 4, logged true, wakes true;
     /// 3-D lidar sweeps and depth images as points, one topic per sensor. Deadline: two and a half periods of 10 Hz.
     RANGE_CLOUD: PointCloud = "range/cloud/*",
         from ["simulator", "lidar_driver", "depth_driver", "replay_driver"],
         to ["obstacle_fusion", "collision_guard"],
-        10.0 Hz, stale after 250.0 ms, buffer 2, logged true;
+        10.0 Hz, stale after 250.0 ms, buffer 2, logged true, wakes true;
     /// The vehicle as the autopilot estimates it.
     VEHICLE_STATE: VehicleState = "vehicle/state",
         from ["mavlink_gateway"], to ["*"],
-        50.0 Hz, stale after 100.0 ms, buffer 16, logged true;
+        50.0 Hz, stale after 100.0 ms, buffer 16, logged true, wakes true;
     /// What the autopilot wants to do.
     DESIRED_PATH: DesiredPath = "vehicle/desired_path",
         from ["mavlink_gateway"], to ["planner"],
-        5.0 Hz, stale after 500.0 ms, buffer 2, logged true;
+        5.0 Hz, stale after 500.0 ms, buffer 2, logged true, wakes false;
     /// What is occupied, free and unknown around the vehicle.
     LOCAL_MAP: LocalMap = "map/local",
         from ["obstacle_fusion"], to ["planner"],
-        10.0 Hz, stale after 250.0 ms, buffer 2, logged true;
+        10.0 Hz, stale after 250.0 ms, buffer 2, logged true, wakes true;
     /// The planner's answer.
     ROUTE: Route = "plan/route",
         from ["planner"], to ["bezier_generator"],
-        30.0 Hz, stale after 150.0 ms, buffer 4, logged true;
+        30.0 Hz, stale after 150.0 ms, buffer 4, logged true, wakes true;
     /// Curves for the route.
     TRAJECTORY: Trajectory = "plan/trajectory",
         from ["bezier_generator"], to ["collision_guard"],
-        10.0 Hz, stale after 250.0 ms, buffer 4, logged true;
+        10.0 Hz, stale after 250.0 ms, buffer 4, logged true, wakes true;
     /// What may leave for the autopilot.
     APPROVED: ApprovedTrajectory = "guard/approved",
         from ["collision_guard"], to ["mavlink_gateway", "planner", "bezier_generator"],
-        30.0 Hz, stale after 150.0 ms, buffer 4, logged true;
+        30.0 Hz, stale after 150.0 ms, buffer 4, logged true, wakes true;
     /// The guard's own view: nearest obstacle per sector.
     RING: SectorRing = "guard/ring",
         from ["collision_guard"], to ["mavlink_gateway"],
-        15.0 Hz, stale after 200.0 ms, buffer 2, logged true;
+        15.0 Hz, stale after 200.0 ms, buffer 2, logged true, wakes false;
     /// Signs of life, one topic per process.
     HEALTH: Heartbeat = "health/*",
         from ["*"], to ["supervisor"],
-        20.0 Hz, stale after 100.0 ms, buffer 4, logged true;
-    /// News for the pilot, one topic per process.
-    EVENT: EventSample = "event/*",
+        20.0 Hz, stale after 100.0 ms, buffer 4, logged true, wakes false;
+    /// News for the pilot, of every process.
+    EVENT: EventSample = "event",
         from ["*"], to ["mavlink_gateway"],
-        0.0 Hz, stale after 5000.0 ms, buffer 16, logged true;
+        0.0 Hz, stale after 5000.0 ms, buffer 16, logged true, wakes false;
     /// Every process, and the health of the whole.
     SYSTEM_STATUS: SystemStatus = "system/status",
         from ["supervisor"], to ["*"],
-        10.0 Hz, stale after 300.0 ms, buffer 2, logged true;
+        10.0 Hz, stale after 300.0 ms, buffer 2, logged true, wakes true;
     /// Who owns which inputs.
     CONTROL: Control = "system/control",
         from ["supervisor"], to ["*"],
-        10.0 Hz, stale after 300.0 ms, buffer 2, logged true;
+        10.0 Hz, stale after 300.0 ms, buffer 2, logged true, wakes true;
     /// The gateway's counters.
     LINK_STATUS: LinkStatus = "link/status",
         from ["mavlink_gateway"], to ["supervisor"],
-        5.0 Hz, stale after 600.0 ms, buffer 2, logged true;
+        5.0 Hz, stale after 600.0 ms, buffer 2, logged true, wakes false;
     /// Ground truth, in simulations only. The sensor rendering uses it where the vehicle is simulated, too.
     SIM_TRUTH: SimTruth = "sim/truth",
         from ["simulator"], to ["simulator"],
-        250.0 Hz, stale after 200.0 ms, buffer 8, logged true;
+        250.0 Hz, stale after 200.0 ms, buffer 8, logged true, wakes true;
 }
 
 #[cfg(test)]

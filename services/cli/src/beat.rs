@@ -90,6 +90,15 @@ impl Beat {
             }
             _ => String::new(),
         };
+        // Of several producers each counts for itself.
+        if row.is_shared() {
+            return format!(
+                "{name}: {rate_hz:.1} Hz ({declared}), {} samples {:.1} to {:.1} ms apart",
+                self.samples,
+                self.shortest_s * 1e3,
+                self.longest_s * 1e3
+            );
+        }
         let changes = match self.changes {
             0 => String::new(),
             1 => ", producer replaced once".to_owned(),
@@ -107,15 +116,16 @@ impl Beat {
     /// For scripts.
     pub fn json(&self, name: &str, row: &TopicRow) -> serde_json::Value {
         let ms = |seconds: Option<f64>| seconds.map(|s| round(s * 1e3));
+        let counted = |count: u64| (!row.is_shared()).then_some(count);
         let apart = (self.samples > 1).then_some((self.shortest_s, self.longest_s));
         json!({
             "topic": name,
             "declared_hz": row.rate_hz,
             "rate_hz": self.rate_hz().map(round),
             "samples": self.samples,
-            "lost": self.lost,
-            "doubled": self.doubled,
-            "producer_changes": self.changes,
+            "lost": counted(self.lost),
+            "doubled": counted(self.doubled),
+            "producer_changes": counted(self.changes),
             "interval_min_ms": ms(apart.map(|(shortest, _)| shortest)),
             "interval_max_ms": ms(apart.map(|(_, longest)| longest)),
             "age_p50_ms": ms(self.age_s(0.5)),
@@ -144,8 +154,17 @@ mod tests {
         let mut beat = Beat::default();
         assert_eq!(beat.rate_hz(), None);
         assert_eq!(
-            beat.line("event/planner", &EVENT.row),
-            "event/planner: 0 samples (declared on change)"
+            beat.line("event", &EVENT.row),
+            "event: 0 samples (declared on change)"
+        );
+        let (mut all, mut together) = (beat.clone(), header(1 << 32, 1.0));
+        for time in [1.0, 1.5, 2.0] {
+            together.publish = Timestamp::from_seconds(time);
+            all.take(&together);
+        }
+        assert_eq!(
+            all.line("event", &EVENT.row),
+            "event: 2.0 Hz (declared on change), 3 samples 500.0 to 500.0 ms apart"
         );
         for (sequence, time) in [(1 << 32, 1.0), (1 << 32 | 3, 1.1), (2 << 32, 1.3)] {
             beat.take(&header(sequence, time));

@@ -1,6 +1,6 @@
 //! The topic table as people see it.
 
-use jink_shared_types::topics::{EVENT, HEALTH, RANGE_CLOUD, RANGE_SCAN, TopicRow};
+use jink_shared_types::topics::{HEALTH, RANGE_CLOUD, RANGE_SCAN, TopicRow};
 use serde::Serialize;
 
 /// Who the members of the families are.
@@ -20,7 +20,7 @@ impl Members {
         match row.name {
             name if name == RANGE_CLOUD.row.name => &self.clouds,
             name if name == RANGE_SCAN.row.name => &self.scans,
-            name if name == HEALTH.row.name || name == EVENT.row.name => &self.processes,
+            name if name == HEALTH.row.name => &self.processes,
             _ => &[],
         }
     }

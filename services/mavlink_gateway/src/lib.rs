@@ -7,7 +7,7 @@
 //! | `guard/approved` | TRAJECTORY_REPRESENTATION_BEZIER, 20 Hz, in every mode |
 //! | `guard/ring` | OBSTACLE_DISTANCE, 15 Hz |
 //! | `system/status` | HEARTBEAT of component 196, honest |
-//! | `event/*` | STATUSTEXT |
+//! | `event` | STATUSTEXT |
 //! | TIMESYNC, commands | answers; the autopilot's clock mapped to the board's |
 //!
 //! [`Gateway::step`] is pure; [`link::Link`] moves the bytes, [`frame::Splitter`] and [`Encoder`] turn them into

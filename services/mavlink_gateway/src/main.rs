@@ -5,10 +5,10 @@ use jink_mavlink_gateway::{
     Baton, COMPONENT_AVOIDANCE, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Receipt,
     Received,
 };
-use jink_runtime::config::process_names;
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Claim, Cycle, Input, Latency, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::events::EventSample;
+use jink_shared_types::health::Name;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::ApprovedTrajectory;
@@ -40,7 +40,9 @@ struct GatewayService {
     approved: Input<ApprovedTrajectory>,
     ring: Input<SectorRing>,
     system: Input<SystemStatus>,
-    events: Vec<Input<EventSample>>,
+    events: Input<EventSample>,
+    /// This process, as it stands in its events.
+    me: Name,
     state: Output<VehicleState>,
     desired: Output<DesiredPath>,
     status: Output<LinkStatus>,
@@ -79,14 +81,6 @@ impl Service for GatewayService {
             component_id: COMPONENT_AVOIDANCE,
             ..GatewayConfig::from_params(&ports.config().params, profile)
         };
-        // Its own events are on their way already.
-        let me = ports.setup().process.clone();
-        let mut events = Vec::new();
-        let mut others = process_names(&ports.setup().config);
-        others.push("supervisor".to_owned());
-        for process in others.iter().filter(|name| **name != me) {
-            events.push(ports.trigger_of(topics::EVENT, process)?);
-        }
         Ok(Self {
             gateway: Gateway::new(config),
             link,
@@ -98,7 +92,8 @@ impl Service for GatewayService {
             approved: ports.trigger(topics::APPROVED)?,
             ring: ports.input(topics::RING)?,
             system: ports.trigger(topics::SYSTEM_STATUS)?,
-            events,
+            events: ports.input(topics::EVENT)?,
+            me: Name::new(&ports.setup().process),
             state: ports.output(topics::VEHICLE_STATE)?,
             desired: ports.output(topics::DESIRED_PATH)?,
             status: ports.output(topics::LINK_STATUS)?,
@@ -119,13 +114,12 @@ impl Service for GatewayService {
         self.gateway.listen_only(!speaks);
         let progress = self.receive();
         self.news.clear();
-        for input in &mut self.events {
-            input.each(|event| {
-                if self.news.len() < EVENTS_MAX {
-                    self.news.push(*event.sample);
-                }
-            });
-        }
+        self.events.each(|event| {
+            // Its own are on their way already.
+            if event.sample.process != self.me && self.news.len() < EVENTS_MAX {
+                self.news.push(*event.sample);
+            }
+        });
         let inputs = Inputs {
             messages: &self.received,
             link: self.link.counters(),

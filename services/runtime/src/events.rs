@@ -3,17 +3,19 @@
 use crate::output::Output;
 use jink_shared_types::coded::Wire;
 use jink_shared_types::events::{Event, EventSample, Severity};
+use jink_shared_types::health::Name;
 use jink_shared_types::{SampleHeader, Timestamp};
 
-/// The producer's side of `event/<process>`.
+/// One process's side of the event topic.
 #[derive(Debug)]
 pub struct EventSender {
     output: Output<EventSample>,
+    process: Name,
 }
 
 impl EventSender {
-    pub(crate) fn new(output: Output<EventSample>) -> Self {
-        Self { output }
+    pub(crate) fn new(output: Output<EventSample>, process: Name) -> Self {
+        Self { output, process }
     }
 
     /// Tells everybody that `event` happened at `now`, about `name`, with `numbers`.
@@ -30,6 +32,10 @@ impl EventSender {
             Severity::Warning => tracing::warn!(event = sample.id, "{text}"),
             severity => tracing::error!(event = sample.id, severity = severity.name(), "{text}"),
         }
-        self.output.send(SampleHeader::at(now), sample);
+        let sample = EventSample {
+            process: self.process,
+            ..*sample
+        };
+        self.output.send(SampleHeader::at(now), &sample);
     }
 }

@@ -94,7 +94,7 @@ impl<T: Layout> Input<T> {
         &self.name
     }
 
-    /// Samples that were overwritten before they could be read.
+    /// Samples that were overwritten before they could be read; not counted where several producers speak at once.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -136,7 +136,7 @@ impl<T: Layout> Input<T> {
                 continue;
             }
             let same_producer = sequence >> 32 == self.last_sequence >> 32;
-            if same_producer && self.newest.is_some() {
+            if same_producer && self.newest.is_some() && !self.of_all {
                 self.lost += (sequence - self.last_sequence).saturating_sub(1);
             }
             self.last_sequence = sequence;

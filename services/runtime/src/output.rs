@@ -13,7 +13,8 @@ use std::rc::Rc;
 /// A topic opened for publishing.
 pub struct Output<T: Layout> {
     publisher: Publisher<ipc::Service, T, SampleHeader>,
-    notifier: Notifier<ipc::Service>,
+    /// Of a topic that wakes its readers.
+    notifier: Option<Notifier<ipc::Service>>,
     generation: u32,
     count: u32,
     duty: Option<Rc<Duty>>,
@@ -28,7 +29,7 @@ impl<T: Layout> fmt::Debug for Output<T> {
 impl<T: Layout> Output<T> {
     pub(crate) fn new(
         publisher: Publisher<ipc::Service, T, SampleHeader>,
-        notifier: Notifier<ipc::Service>,
+        notifier: Option<Notifier<ipc::Service>>,
         generation: u32,
     ) -> Self {
         // Connect to the readers that are there already; others are found at the next sample.
@@ -81,8 +82,10 @@ impl<T: Layout> Output<T> {
         self.count = self.count.wrapping_add(1);
         *sample.user_header_mut() = self.stamp(header, publish);
         let sent = sample.send().is_ok();
-        // A reader that is busy has not fetched its last wake-up yet: it will look anyway.
-        let _already_awake = self.notifier.notify();
+        if let Some(notifier) = &self.notifier {
+            // A reader that is busy has not fetched its last wake-up yet: it will look anyway.
+            let _already_awake = notifier.notify();
+        }
         sent
     }
 

@@ -366,8 +366,8 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
     let session = Session::open(&setup.instance, S::PROGRAM)?;
     let health = session.output(topics::HEALTH, &setup.process, setup.generation)?;
     let duty = Rc::new(Duty::new(setup.generation, setup.shadow, setup.end_to_end_us));
-    let events = session.output(topics::EVENT, &setup.process, setup.generation)?;
-    let mut events = EventSender::new(events.with_duty(&duty));
+    let events = session.output(topics::EVENT, "", setup.generation)?;
+    let mut events = EventSender::new(events.with_duty(&duty), Name::new(&setup.process));
     let mut control = ControlRecord {
         input: session.input(topics::CONTROL, "")?,
         wakeup: Wakeup::new(session.listener(topics::CONTROL, "")?),

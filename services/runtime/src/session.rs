@@ -20,6 +20,8 @@ use std::time::Duration;
 
 /// Active, shadow, and one dead that has not been cleaned up yet.
 const MAX_PUBLISHERS: usize = 3;
+/// The same of a topic on which every process speaks.
+const MAX_PUBLISHERS_SHARED: usize = 40;
 /// Consumers and their shadows, recorder, several command line tools.
 const MAX_SUBSCRIBERS: usize = 12;
 /// The same of a topic with samples of at most [`SMALL`] bytes: every process and its shadow may read it.
@@ -41,13 +43,13 @@ const OPEN_RETRY: Duration = Duration::from_millis(4);
 /// Why a topic, or the connection itself, could not be opened.
 #[derive(Debug)]
 pub enum OpenError {
-    /// The program does not stand in the topic's row.
+    /// The topic's row does not allow it.
     NotInTable {
         /// Topic asked for.
         topic: String,
         /// Program that asked.
         program: String,
-        /// "publish" or "read".
+        /// "publish", "read" or "wait for".
         what: &'static str,
     },
     /// Another build of the same topic is in use: the layouts differ.
@@ -74,7 +76,7 @@ impl fmt::Display for OpenError {
             Self::NotInTable { topic, program, what } => {
                 write!(
                     f,
-                    "{program} may not {what} {topic}: it does not stand in the topic's row"
+                    "{program} may not {what} {topic}: the topic's row does not allow it"
                 )
             }
             Self::Layout { topic, ours, cause } => write!(
@@ -144,7 +146,6 @@ impl Session {
         self.check(&topic.row, topic.row.may_publish(&self.program), "publish")?;
         let name = topic.row.topic_name(member);
         let factory = self.pub_sub(&topic, &name)?;
-        let events = self.event(&name)?;
         let transport = |cause: String| OpenError::Transport {
             topic: name.clone(),
             cause,
@@ -154,10 +155,13 @@ impl Session {
             .max_loaned_samples(MAX_LOANED)
             .create()
             .map_err(|error| transport(format!("{error:?}")))?;
-        let notifier: Notifier<ipc::Service> = events
-            .notifier_builder()
-            .create()
-            .map_err(|error| transport(format!("{error:?}")))?;
+        let notifier: Option<Notifier<ipc::Service>> = match topic.row.wakes {
+            true => {
+                let notifier = self.event(&name)?.notifier_builder().create();
+                Some(notifier.map_err(|error| transport(format!("{error:?}")))?)
+            }
+            false => None,
+        };
         Ok(Output::new(publisher, notifier, generation))
     }
 
@@ -176,15 +180,21 @@ impl Session {
                 topic: name.clone(),
                 cause: format!("{error:?}"),
             })?;
-        Ok(Input::new(subscriber, name, topic.row.deadline_ms))
+        let input = Input::new(subscriber, name, topic.row.deadline_ms);
+        Ok(if topic.row.is_shared() {
+            input.of_all_producers()
+        } else {
+            input
+        })
     }
 
-    /// Opens the wake-ups of a topic.
+    /// Opens the wake-ups of a topic. The table says which have any.
     pub(crate) fn listener<T>(
         &self,
         topic: Topic<T>,
         member: &str,
     ) -> Result<Listener<ipc::Service>, OpenError> {
+        self.check(&topic.row, topic.row.wakes, "wait for")?;
         let name = topic.row.topic_name(member);
         self.event(&name)?
             .listener_builder()
@@ -202,7 +212,7 @@ impl Session {
     pub fn hold<T: Layout>(&self, topic: Topic<T>, member: &str) -> Result<HeldTopic, OpenError> {
         let name = topic.row.topic_name(member);
         let samples = self.pub_sub(&topic, &name)?;
-        let events = self.event(&name)?;
+        let events = topic.row.wakes.then(|| self.event(&name)).transpose()?;
         Ok(HeldTopic {
             _held: Box::new((samples, events)),
         })
@@ -240,12 +250,17 @@ impl Session {
         } else {
             MAX_SUBSCRIBERS
         };
+        let publishers = if topic.row.is_shared() {
+            MAX_PUBLISHERS_SHARED
+        } else {
+            MAX_PUBLISHERS
+        };
         retry(|| {
             self.node
                 .service_builder(&service)
                 .publish_subscribe::<T>()
                 .user_header::<SampleHeader>()
-                .max_publishers(MAX_PUBLISHERS)
+                .max_publishers(publishers)
                 .max_subscribers(subscribers)
                 .max_nodes(MAX_NODES)
                 .history_size(1)

@@ -109,7 +109,7 @@ struct Live {
     name: String,
     watch: Watch,
     meters: Vec<(Meter, Beat)>,
-    events: Vec<Input<EventSample>>,
+    events: Input<EventSample>,
     news: Vec<String>,
     screen: Option<Screen>,
 }
@@ -134,10 +134,7 @@ impl Live {
                 meters.push((Meter::open(watch.session(), row, member)?, Beat::default()));
             }
         }
-        let mut events = Vec::new();
-        for process in &members.processes {
-            events.push(watch.session().input(EVENT, process)?.of_all_producers());
-        }
+        let events = watch.session().input(EVENT, "")?;
         Ok(Self {
             name: instance.to_string(),
             watch,
@@ -153,10 +150,11 @@ impl Live {
         for (meter, beat) in &mut self.meters {
             meter.look(|header| beat.take(header));
         }
-        for input in &mut self.events {
-            let process = input.name().trim_start_matches("event/").to_owned();
-            input.each(|event| self.news.push(format!("{process}: {}", event.sample.text())));
-        }
+        self.events.each(|event| {
+            let EventSample { process, .. } = event.sample;
+            self.news
+                .push(format!("{}: {}", process.as_str(), event.sample.text()));
+        });
     }
 
     /// A window is over: what was counted in it is what is shown.

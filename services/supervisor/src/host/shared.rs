@@ -8,11 +8,11 @@ use jink_runtime::{Input, OpenError, Output, Session};
 use jink_shared_types::coded::Wire;
 use jink_shared_types::control::Control;
 use jink_shared_types::events::{EventSample, Severity};
-use jink_shared_types::health::{Heartbeat, SystemStatus};
+use jink_shared_types::health::{Heartbeat, Name, SystemStatus};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use jink_supervisor::supervision::Observation;
 
-/// The supervisor in the topic table, and its member of the event topics.
+/// The supervisor in the topic table, and in its events.
 pub const PROGRAM: &str = "supervisor";
 
 /// Ports and topics. Ports go before the session that they belong to.
@@ -41,7 +41,7 @@ impl Shared {
         }
         Ok(Self {
             heartbeats,
-            events: session.output(topics::EVENT, PROGRAM, generation)?,
+            events: session.output(topics::EVENT, "", generation)?,
             status: session.output(topics::SYSTEM_STATUS, "", generation)?,
             control: session.output(topics::CONTROL, "", generation)?,
             _held: hold_all(&session, config, processes)?,
@@ -79,7 +79,11 @@ impl Shared {
             Severity::Debug | Severity::Info | Severity::Notice => tracing::info!(event = event.id, "{text}"),
             severity => tracing::warn!(event = event.id, severity = severity.name(), "{text}"),
         }
-        self.events.send(SampleHeader::at(now), event);
+        let event = EventSample {
+            process: Name::new(PROGRAM),
+            ..*event
+        };
+        self.events.send(SampleHeader::at(now), &event);
     }
 
     /// Lets readers that came after the last event find it.
@@ -103,6 +107,7 @@ fn hold_all(session: &Session, config: &Config, processes: &[&str]) -> Result<Ve
         session.hold(topics::TRAJECTORY, "")?,
         session.hold(topics::APPROVED, "")?,
         session.hold(topics::RING, "")?,
+        session.hold(topics::EVENT, "")?,
         session.hold(topics::SYSTEM_STATUS, "")?,
         session.hold(topics::CONTROL, "")?,
         session.hold(topics::LINK_STATUS, "")?,
@@ -110,9 +115,7 @@ fn hold_all(session: &Session, config: &Config, processes: &[&str]) -> Result<Ve
     ];
     for process in processes {
         held.push(session.hold(topics::HEALTH, process)?);
-        held.push(session.hold(topics::EVENT, process)?);
     }
-    held.push(session.hold(topics::EVENT, PROGRAM)?);
     for sensor in &config.sensors {
         held.push(match sensor.output {
             SensorOutput::Cloud => session.hold(topics::RANGE_CLOUD, &sensor.name)?,
