@@ -18,10 +18,58 @@ pub fn cpu_time_ms() -> u32 {
     (time.tv_sec * 1_000 + time.tv_nsec / 1_000_000) as u32
 }
 
+/// SCHED_FIFO priority of a process while it starts: above every program without a priority, below every service that has
+/// been given more.
+pub const STARTING_PRIORITY: u8 = 1;
+
+/// How the kernel's scheduler treats a process.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scheduling {
+    /// As every other program.
+    Ordinary,
+    /// SCHED_FIFO with this priority, and whatever it starts likewise.
+    Fifo(u8),
+    /// SCHED_FIFO with this priority; what it starts is ordinary.
+    FifoItself(u8),
+}
+
+/// Puts a process, or the calling thread if `pid` is 0, under `scheduling`.
+///
+/// # Errors
+/// What the kernel says: EPERM without CAP_SYS_NICE or a limit that allows the priority; ESRCH if there is no such process.
+pub fn schedule(pid: u32, scheduling: Scheduling) -> std::io::Result<()> {
+    let (policy, priority) = match scheduling {
+        Scheduling::Ordinary => (libc::SCHED_OTHER, 0),
+        Scheduling::Fifo(priority) => (libc::SCHED_FIFO, priority),
+        Scheduling::FifoItself(priority) => (libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, priority),
+    };
+    let parameter = libc::sched_param {
+        sched_priority: i32::from(priority),
+    };
+    let pid = libc::pid_t::try_from(pid).map_err(std::io::Error::other)?;
+    // SAFETY: the pointer is to a live local.
+    match unsafe { libc::sched_setscheduler(pid, policy, &raw const parameter) } {
+        0 => Ok(()),
+        _ => Err(std::io::Error::last_os_error()),
+    }
+}
+
+/// Binds the calling thread to `core`.
+///
+/// # Errors
+/// What the kernel says: there is no such core, or it is not for this process.
+pub fn bind_to_core(core: usize) -> std::io::Result<()> {
+    let mut set = rustix::thread::CpuSet::new();
+    if core < rustix::thread::CpuSet::MAX_CPU {
+        set.set(core);
+    }
+    Ok(rustix::thread::sched_setaffinity(None, &set)?)
+}
+
 /// What a process asks of the kernel's scheduler and memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RealtimeWish {
-    /// SCHED_FIFO priority 1 to 99; 0 = ordinary scheduling.
+    /// SCHED_FIFO priority 1 to 99; 0 = as it was started.
     pub priority: u8,
     /// Core to stay on; `None` = any.
     pub core: Option<usize>,
@@ -44,27 +92,18 @@ pub fn apply(wish: RealtimeWish) -> Vec<String> {
             ));
         }
     }
-    if let Some(core) = wish.core {
-        let mut set = rustix::thread::CpuSet::new();
-        if core < rustix::thread::CpuSet::MAX_CPU {
-            set.set(core);
-        }
-        if let Err(error) = rustix::thread::sched_setaffinity(None, &set) {
-            refused.push(format!("not bound to core {core} ({error}): does it exist?"));
-        }
+    if let Some(core) = wish.core
+        && let Err(error) = bind_to_core(core)
+    {
+        refused.push(format!("not bound to core {core} ({error}): does it exist?"));
     }
-    if wish.priority > 0 {
-        let parameter = libc::sched_param {
-            sched_priority: i32::from(wish.priority),
-        };
-        // SAFETY: the pointer is to a live local.
-        if unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameter) } != 0 {
-            refused.push(format!(
-                "no SCHED_FIFO priority {} ({}): grant CAP_SYS_NICE or LimitRTPRIO; other processes may delay a cycle",
-                wish.priority,
-                std::io::Error::last_os_error()
-            ));
-        }
+    if wish.priority > 0
+        && let Err(error) = schedule(0, Scheduling::Fifo(wish.priority))
+    {
+        refused.push(format!(
+            "no SCHED_FIFO priority {} ({error}): grant CAP_SYS_NICE or LimitRTPRIO; other processes may delay a cycle",
+            wish.priority
+        ));
     }
     refused
 }

@@ -12,7 +12,7 @@ use crate::input::{Input, InputHealth};
 use crate::instance::Instance;
 use crate::output::Output;
 use crate::pretouch::Pretouch;
-use crate::realtime::{self, RealtimeWish};
+use crate::realtime::{self, RealtimeWish, Scheduling};
 use crate::session::{OpenError, Session};
 use crate::wakeup::Wakeup;
 use clap::Parser;
@@ -401,6 +401,7 @@ fn serve<S: Service>(
     stop: &AtomicBool,
 ) {
     let mut pretouch = Pretouch::of_this_process();
+    let mut starting = ports.setup.priority == 0;
     while !stop.load(Ordering::Relaxed) {
         // Before the clock: what this cycle takes was then published after any record it has not read.
         control.read(&ports.duty);
@@ -410,6 +411,10 @@ fn serve<S: Service>(
         let end = realtime::now();
         beat.meter.cycle(now, end);
         beat.send_if_due(end, ports);
+        if std::mem::take(&mut starting) {
+            // The supervisor lets a replacement start ahead of others: it has. Whoever was not has nothing to give up.
+            let _refused_to_nobody = realtime::schedule(0, Scheduling::Ordinary);
+        }
         pretouch.step();
         sleep(service, ports, control, wake.at, stop, beat);
     }

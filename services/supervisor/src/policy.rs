@@ -1,7 +1,7 @@
 //! When a dead process may be started again, and when it is given up.
 //!
 //! Two independent rules, as in Erlang/OTP with a back-off added: the *delay* grows with every death of a process that
-//! had not lived for a whole period, and the *intensity* bounds the restarts within any period. A process that crashes
+//! had not worked for a while, and the *intensity* bounds the restarts within any period. A process that crashes
 //! at once runs into the intensity; one that fails slowly (a device that is unplugged) settles at the longest delay and
 //! is tried for as long as the intensity allows for that rhythm.
 
@@ -11,6 +11,9 @@ use std::collections::VecDeque;
 /// Shortest delay of a second restart: below this, a process that dies while it is being loaded would keep a core busy
 /// with loading it.
 const SECOND_DELAY_S: f64 = 0.01;
+
+/// A process that lived this long had worked: its next start is not put off (s). A start takes a hundredth of it.
+const STEADY_S: f64 = 1.0;
 
 /// How a process is restarted.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +26,7 @@ pub struct RestartRule {
     pub factor: f64,
     /// Most restarts within the period; one more death and the process is given up.
     pub intensity: u32,
-    /// The period (s). A process that lived this long starts again with the shortest delay.
+    /// The period (s).
     pub period_s: f64,
 }
 
@@ -74,7 +77,7 @@ impl RestartHistory {
     /// Judges a death at `now` of a process that had lived for `lived_s`. `hopeless` says that trying again at once is
     /// known to fail (the process said that it cannot start): then the longest delay applies.
     pub fn died(&mut self, rule: &RestartRule, now: Timestamp, lived_s: f64, hopeless: bool) -> Verdict {
-        if lived_s >= rule.period_s {
+        if lived_s >= STEADY_S.min(rule.period_s) {
             self.streak = 0;
         }
         self.restarts
@@ -164,16 +167,13 @@ mod tests {
     }
 
     #[test]
-    fn a_process_that_lived_a_whole_period_starts_again_at_once() {
+    fn a_process_that_worked_for_a_second_starts_again_at_once() {
         let rule = RestartRule::default();
         let mut history = RestartHistory::default();
         let now = Timestamp::from_seconds(50.0);
         for _ in 0..3 {
             history.died(&rule, now, 0.1, false);
         }
-        assert_eq!(
-            history.died(&rule, now, rule.period_s, false),
-            Verdict::RestartAfter(0.0)
-        );
+        assert_eq!(history.died(&rule, now, 1.0, false), Verdict::RestartAfter(0.0));
     }
 }

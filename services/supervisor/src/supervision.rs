@@ -5,7 +5,8 @@
 //!   configuration is shown to whoever starts the system, not retried.
 //! * Death: restart by [`crate::policy`]; what the dead left in shared memory is removed only after its replacement has been
 //!   started, because removing takes longer than starting.
-//! * Hang: silence longer than the row allows is answered with SIGKILL, unless the process wants to run and cannot. A supervisor that was itself not running for a
+//! * Hang: silence longer than the row allows is answered with SIGKILL, unless the process wants to run and cannot, or its core
+//!   stands still. A supervisor that was itself not running for a
 //!   while judges nobody until everybody had time for a heartbeat.
 //! * Stop: in reverse order, one at a time, SIGTERM and after a second SIGKILL.
 
@@ -44,8 +45,9 @@ const STARVED_TIMES: f64 = 15.0;
 /// A sleeping process is believed to wait for a late timer for this many times the silence allowed: on a virtual machine
 /// one processor may stand still for 200 ms and every timer on it with it.
 const SLEEPING_TIMES: f64 = 2.5;
-/// How long one look at a starved process excuses its silence (s): it may have been stopped right after.
-const EXCUSE_S: f64 = 0.02;
+/// How long one look at a silent process excuses its silence (s): it may have been stopped right after, and the first look
+/// finds out nothing yet about its core.
+const EXCUSE_S: f64 = 0.005;
 /// So many outputs over their end-to-end budget since the last word about it are worth a word.
 const LATE_MIN: u64 = 3;
 /// Between two words about late outputs of one process (s).
@@ -226,7 +228,12 @@ impl Supervision {
                 process,
                 doing,
                 cpu_s,
-            } => self.examined(now, process, doing, cpu_s, actions),
+                core_runs,
+            } => {
+                // What a process does on a core that stands still is what it did when the core stopped.
+                let doing = (core_runs || doing == Doing::Stopped).then_some(doing);
+                self.examined(now, process, doing, cpu_s, actions);
+            }
             Observation::Died { process, exit } => self.died(now, process, exit, actions),
             Observation::ShadowSpawned { process, pid } => {
                 if let Some(shadow) = self.seconds.get_mut(process).and_then(|one| one.shadow.as_mut()) {
@@ -482,7 +489,7 @@ impl Supervision {
         &mut self,
         now: Timestamp,
         index: usize,
-        doing: Doing,
+        doing: Option<Doing>,
         cpu_s: f64,
         actions: &mut Vec<Action>,
     ) {
@@ -497,9 +504,10 @@ impl Supervision {
         let silence_s = now.seconds_since(process.silent_since());
         let idle = process.cpu_since_heartbeat_s(cpu_s) < STARVED_SHARE * limit_s;
         let excused_s = match doing {
-            Doing::Runnable if idle => STARVED_TIMES * limit_s,
-            Doing::Sleeping => SLEEPING_TIMES * limit_s,
-            Doing::Runnable | Doing::Stopped => 0.0,
+            None => STARVED_TIMES * limit_s,
+            Some(Doing::Runnable) if idle => STARVED_TIMES * limit_s,
+            Some(Doing::Sleeping) => SLEEPING_TIMES * limit_s,
+            Some(Doing::Runnable | Doing::Stopped) => 0.0,
         };
         if silence_s < excused_s {
             process.excused_until = now.plus_seconds(EXCUSE_S);

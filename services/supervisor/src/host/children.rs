@@ -1,8 +1,15 @@
 //! Starting processes, signalling them, and learning that they have ended.
+//!
+//! A process is started ahead of ordinary programs, where this is permitted: a replacement that waits for a turn of
+//! the scheduler at every step takes twice as long. It gives that up after its first cycle, and loses it if it takes longer than
+//! a start should. Candidates of a swap are in no hurry, and nothing is known about them: they never have it.
 
+use super::cores::Cores;
 use super::log_file::LogFile;
 use super::record::{Entry, Record};
 use jink_runtime::Instance;
+use jink_runtime::realtime::{STARTING_PRIORITY, Scheduling, schedule};
+use jink_shared_types::Timestamp;
 use jink_supervisor::supervision::{Adopted, Doing, Exit, Observation};
 use jink_supervisor::table::ProcessRow;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -15,6 +22,10 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 
 /// Lines of a dead process's log that are repeated in the supervisor's.
 const POST_MORTEM_LINES: usize = 20;
+/// How long a process is started ahead of others (s): several times what a start takes.
+const AHEAD_S: f64 = 0.05;
+/// SCHED_FIFO priority of the supervisor: above the processes that it starts.
+const OWN_PRIORITY: u8 = STARTING_PRIORITY + 1;
 
 /// What every process is told.
 #[derive(Clone, Debug)]
@@ -74,6 +85,8 @@ struct Running {
     /// `None`: not ours, so how it ended cannot be learnt.
     child: Option<Child>,
     handle: OwnedFd,
+    /// It has been started ahead of others, until then.
+    ahead_until: Option<Timestamp>,
 }
 
 impl Running {
@@ -109,6 +122,7 @@ pub struct Children {
     launch: Launch,
     slots: Vec<Slot>,
     record: Record,
+    cores: Cores,
 }
 
 impl Children {
@@ -129,6 +143,30 @@ impl Children {
             launch,
             slots,
             record,
+            cores: Cores::watch(),
+        }
+    }
+
+    /// Puts the supervisor itself ahead of ordinary programs, where this is permitted, or back among them.
+    pub fn hurry(yes: bool) {
+        let scheduling = if yes {
+            Scheduling::FifoItself(OWN_PRIORITY)
+        } else {
+            Scheduling::Ordinary
+        };
+        if let Err(error) = schedule(0, scheduling) {
+            tracing::debug!("no SCHED_FIFO for the supervisor: {error}");
+        }
+    }
+
+    /// Ends the precedence of processes whose start takes too long.
+    pub fn calm(&mut self, now: Timestamp) {
+        for running in self.slots.iter_mut().filter_map(|slot| slot.running.as_mut()) {
+            if running.ahead_until.is_some_and(|until| now >= until) {
+                running.ahead_until = None;
+                // It may have ended meanwhile.
+                let _gone_already = schedule(running.pid, Scheduling::Ordinary);
+            }
         }
     }
 
@@ -139,8 +177,18 @@ impl Children {
         let command = self
             .launch
             .command(&slot.row, &slot.row.program, generation, false);
-        match start(command, &mut slot.log) {
-            Ok(running) => {
+        let ahead = match slot.row.priority {
+            0 => STARTING_PRIORITY,
+            priority => priority,
+        };
+        // Where this is refused it starts like any other program.
+        let _not_permitted = schedule(0, Scheduling::Fifo(ahead));
+        let started = start(command, &mut slot.log);
+        Self::hurry(true);
+        match started {
+            Ok(mut running) => {
+                running.ahead_until =
+                    (slot.row.priority == 0).then(|| jink_runtime::now().plus_seconds(AHEAD_S));
                 let pid = running.pid;
                 tracing::info!(process = name, pid, generation, "started");
                 slot.running = Some(running);
@@ -232,6 +280,7 @@ impl Children {
                 pid,
                 child: None,
                 handle,
+                ahead_until: None,
             });
         }
     }
@@ -258,15 +307,24 @@ impl Children {
     }
 
     /// What process `index` is doing, as the kernel says.
-    pub fn examine(&self, index: usize) -> Option<Observation> {
+    pub fn examine(&mut self, index: usize) -> Option<Observation> {
         let slot = self.slots.get(index)?;
         let stat = std::fs::read_to_string(format!("/proc/{}/stat", slot.running.as_ref()?.pid)).ok()?;
-        let (doing, cpu_s) = doing(&stat)?;
-        tracing::debug!(process = slot.row.rules.name, ?doing, cpu_s, "silent");
+        let Stat { doing, cpu_s, core } = Stat::read(&stat)?;
+        let core_runs = self.cores.runs(core, jink_runtime::now());
+        tracing::debug!(
+            process = slot.row.rules.name,
+            ?doing,
+            cpu_s,
+            core,
+            core_runs,
+            "silent"
+        );
         Some(Observation::Examined {
             process: index,
             doing,
             cpu_s,
+            core_runs,
         })
     }
 
@@ -354,6 +412,7 @@ fn start(mut command: Command, log: &mut LogFile) -> io::Result<Running> {
         pid: id,
         child: Some(child),
         handle,
+        ahead_until: None,
     })
 }
 
@@ -371,44 +430,63 @@ fn exit_of(status: ExitStatus) -> Exit {
     }
 }
 
-/// What a process does, and the CPU time it has used (s), out of its `/proc/<pid>/stat` (proc(5): the state is
-/// the first field behind the name in parentheses, user and system time are the 12th and 13th, in hundredths of a second).
-/// Waiting for a disk counts as runnable: it is the machine that is slow, and no signal would end it.
-fn doing(stat: &str) -> Option<(Doing, f64)> {
-    const TICKS_PER_S: f64 = 100.0;
-    let (_, fields) = stat.rsplit_once(") ")?;
-    let fields: Vec<&str> = fields.split(' ').collect();
-    let ticks = |index: usize| fields.get(index)?.parse::<f64>().ok();
-    let cpu_s = (ticks(11)? + ticks(12)?) / TICKS_PER_S;
-    let doing = match *fields.first()? {
-        "R" | "D" => Doing::Runnable,
-        "S" | "I" => Doing::Sleeping,
-        _ => Doing::Stopped,
-    };
-    Some((doing, cpu_s))
+/// What the kernel knows of a process.
+#[derive(Debug, PartialEq)]
+struct Stat {
+    doing: Doing,
+    /// CPU time it has used (s).
+    cpu_s: f64,
+    /// The core it runs on, or ran on last.
+    core: usize,
+}
+
+impl Stat {
+    /// Out of `/proc/<pid>/stat` (proc(5): behind the name in parentheses the state is the first field, user and system
+    /// time are the 12th and 13th, in hundredths of a second, the core is the 37th).
+    /// Waiting for a disk counts as runnable: it is the machine that is slow, and no signal would end it.
+    fn read(stat: &str) -> Option<Self> {
+        const TICKS_PER_S: f64 = 100.0;
+        let (_, fields) = stat.rsplit_once(") ")?;
+        let fields: Vec<&str> = fields.split(' ').collect();
+        let ticks = |index: usize| fields.get(index)?.parse::<f64>().ok();
+        let cpu_s = (ticks(11)? + ticks(12)?) / TICKS_PER_S;
+        let doing = match *fields.first()? {
+            "R" | "D" => Doing::Runnable,
+            "S" | "I" => Doing::Sleeping,
+            _ => Doing::Stopped,
+        };
+        let core = fields.get(36)?.trim().parse().ok()?;
+        Some(Self { doing, cpu_s, core })
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Doing, doing};
+    use super::{Doing, Stat};
 
     #[test]
     fn the_kernels_words_are_understood() {
-        let rest = "1 2 2 0 -1 4194304 100 0 0 0 12 30 0 0 20 0 1 0 100 1000 10";
-        assert_eq!(
-            doing(&format!("7 (a (b) c) R {rest}")),
-            Some((Doing::Runnable, 0.42))
-        );
+        let rest = "1 2 2 0 -1 4194304 100 0 0 0 12 30 0 0 20 0 1 0 100 1000 10 \
+                    0 0 0 0 0 0 0 0 0 0 0 0 0 17 3 0 0 0 0 0";
+        let seen = |doing| {
+            Some(Stat {
+                doing,
+                cpu_s: 0.42,
+                core: 3,
+            })
+        };
+        let read = |name: &str, letter: &str| Stat::read(&format!("7 ({name}) {letter} {rest}"));
+        assert_eq!(read("a (b) c", "R"), seen(Doing::Runnable));
         for (letter, meaning) in [
             ("D", Doing::Runnable),
             ("S", Doing::Sleeping),
             ("T", Doing::Stopped),
             ("Z", Doing::Stopped),
         ] {
-            assert_eq!(doing(&format!("7 (x) {letter} {rest}")), Some((meaning, 0.42)));
+            assert_eq!(read("x", letter), seen(meaning));
         }
-        assert_eq!(doing(""), None);
+        assert_eq!(Stat::read(""), None);
         let own = std::fs::read_to_string("/proc/self/stat").unwrap();
-        assert!(doing(&own).is_some_and(|(_, cpu_s)| (0.0..1e6).contains(&cpu_s)));
+        assert!(Stat::read(&own).is_some_and(|stat| (0.0..1e6).contains(&stat.cpu_s)));
     }
 }

@@ -5,6 +5,7 @@
 //! | [`claim`] | the lock that makes a supervisor the only one of its instance; removing the instance's memory |
 //! | [`record`] | which processes were started, for whoever comes after a killed supervisor |
 //! | [`children`], [`log_file`] | starting, signalling, reaping; what the processes write |
+//! | [`cores`] | whether a core runs at all, as a virtual one may not |
 //! | [`shared`] | topics held open, heartbeats in, status and events out |
 //! | [`requests`] | what the command line asks for |
 //! | [`post_mortem`] | how a process ended, for whoever asks later |
@@ -13,6 +14,7 @@
 
 mod children;
 mod claim;
+mod cores;
 mod log_file;
 mod notify;
 mod post_mortem;

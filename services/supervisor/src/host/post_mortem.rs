@@ -36,7 +36,7 @@ impl PostMortem {
         index: usize,
         exit: Exit,
         lived_s: f64,
-        last_lines: &[String],
+        last_lines: Vec<String>,
     ) -> std::io::Result<Self> {
         let heartbeat = supervision
             .heartbeat(index)
@@ -53,9 +53,20 @@ impl PostMortem {
             cycles: heartbeat.cycles,
             cycle_last_us: heartbeat.cycle_last_us,
             cycle_max_us: heartbeat.cycle_max_us,
-            last_lines: last_lines.to_vec(),
+            last_lines,
             core: core_hint(exit),
         })
+    }
+
+    /// Says it in the log.
+    pub fn tell(&self) {
+        tracing::error!(
+            process = self.process,
+            lived_s = self.lived_s,
+            last_lines = self.last_lines.join("\n"),
+            "ended: {}",
+            self.exit
+        );
     }
 
     /// Writes it down, in place of the one before.

@@ -6,6 +6,7 @@ use super::post_mortem::PostMortem;
 use super::requests::{CLIENTS, Requests, refusal};
 use super::shared::Shared;
 use jink_runtime::Instance;
+use jink_runtime::janitor::Swept;
 use jink_runtime::request::{Answer, Request};
 use jink_shared_types::Timestamp;
 use jink_shared_types::control::Control;
@@ -65,6 +66,7 @@ pub struct System {
     observations: Vec<Observation>,
     actions: Vec<Action>,
     report: Report,
+    dead: Vec<PostMortem>,
 }
 
 impl System {
@@ -97,6 +99,7 @@ impl System {
             observations: Vec::with_capacity(4 * PROCESSES),
             actions: Vec::with_capacity(4 * PROCESSES),
             report: Report::default(),
+            dead: Vec::new(),
         }
     }
 
@@ -108,12 +111,14 @@ impl System {
 
     /// Runs until everything has ended.
     pub fn run(&mut self) -> End {
+        Children::hurry(true);
         loop {
             let now = jink_runtime::now();
             self.actions.clear();
             let changed = self.supervision.step(now, &self.observations, &mut self.actions);
             self.observations.clear();
             if let Some(end) = self.act(now) {
+                self.bury();
                 self.publish(now, true);
                 self.requests.close();
                 return end;
@@ -121,19 +126,21 @@ impl System {
             self.publish(now, changed);
             // After control has moved: it takes milliseconds.
             if std::mem::take(&mut self.sweep_due) {
-                self.shared.clean_up();
+                self.clean_up();
                 self.sweep_again = now.plus_seconds(SWEEP_AGAIN_S);
             }
             if let Some(program) = self.upgrade.take() {
                 self.become_another(&program);
             }
+            self.children.calm(now);
+            self.bury();
             self.notifier.update(now, &self.supervision);
             if now >= self.logs_due {
                 self.logs_due = now.plus_seconds(LOGS_PERIOD_S);
                 self.children.limit_logs();
                 self.shared.greet();
                 if self.sweep_again.is_set() && now >= self.sweep_again {
-                    let swept = self.shared.clean_up();
+                    let swept = self.clean_up();
                     self.sweep_again = match swept.left {
                         0 => Timestamp::NEVER,
                         _ => now.plus_seconds(SWEEP_AGAIN_S),
@@ -148,6 +155,14 @@ impl System {
                 self.look();
             }
         }
+    }
+
+    /// Takes long: it is done like any other program's work.
+    fn clean_up(&self) -> Swept {
+        Children::hurry(false);
+        let swept = self.shared.clean_up();
+        Children::hurry(true);
+        swept
     }
 
     /// Everything has ended: lets go of shared memory and tells how it went.
@@ -252,7 +267,7 @@ impl System {
         }
         for process in 0..self.children.len() {
             if let Some(exit) = self.children.reap(process) {
-                self.post_mortem(process, exit);
+                self.note_end(process, exit);
                 self.observations.push(Observation::Died { process, exit });
             }
             if let Some(exit) = self.children.reap_shadow(process) {
@@ -360,8 +375,8 @@ impl System {
         tracing::error!("{} cannot be executed: {error}", program.display());
     }
 
-    /// Says how a process ended; an end that nobody asked for comes with its last words.
-    fn post_mortem(&mut self, process: usize, exit: Exit) {
+    /// Keeps what will be said about a death; saying it waits until the replacement has been started.
+    fn note_end(&mut self, process: usize, exit: Exit) {
         let now = jink_runtime::now();
         let Some((name, lived_s)) = self.supervision.describe(process, now) else {
             return;
@@ -373,21 +388,25 @@ impl System {
         }
         let last_lines = self.children.last_lines(process);
         let last_line = last_lines.last().map_or("", String::as_str);
-        tracing::error!(
-            process = name,
-            lived_s,
-            last_lines = last_lines.join("\n"),
-            "ended: {exit}"
-        );
-        let report = PostMortem::new(&self.supervision, process, exit, lived_s, &last_lines);
-        if let Err(error) = report.and_then(|report| report.write(&self.instance)) {
-            tracing::warn!("the post-mortem cannot be written: {error}");
-        }
         // A reason why the system stops comes before what happens while it stops.
         if !asked_for {
             self.report.reason = format!("{name} ended with {exit}: {last_line}");
         }
         self.report.any_failed = true;
+        match PostMortem::new(&self.supervision, process, exit, lived_s, last_lines) {
+            Ok(report) => self.dead.push(report),
+            Err(error) => tracing::warn!("no post-mortem: {error}"),
+        }
+    }
+
+    /// Says how processes have ended, with their last words.
+    fn bury(&mut self) {
+        for report in self.dead.drain(..) {
+            report.tell();
+            if let Err(error) = report.write(&self.instance) {
+                tracing::warn!("the post-mortem cannot be written: {error}");
+            }
+        }
     }
 }
 

@@ -40,6 +40,8 @@ pub enum Observation {
         doing: Doing,
         /// CPU time it has used since its start (s).
         cpu_s: f64,
+        /// The core it runs on, or ran on last, is known to run.
+        core_runs: bool,
     },
     /// The second instance of a process has been started as the machine asked.
     ShadowSpawned {

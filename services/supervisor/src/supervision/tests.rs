@@ -167,6 +167,7 @@ impl World {
                             Doing::Stopped
                         },
                         cpu_s: 0.0,
+                        core_runs: true,
                     });
                 }
                 Action::Kill { process } => {
@@ -381,10 +382,33 @@ fn a_process_that_loops_without_an_end_is_not_taken_for_starved() {
         process: 0,
         doing: Doing::Runnable,
         cpu_s: 0.09,
+        core_runs: true,
     };
     let mut actions = Vec::new();
     world.supervision.step(world.now, &[looping], &mut actions);
     assert!(actions.contains(&Action::Kill { process: 0 }), "{actions:?}");
+}
+
+#[test]
+fn on_a_core_that_stands_still_nobody_is_judged_by_what_he_seems_to_do() {
+    for (doing, replaced) in [
+        (Doing::Runnable, false),
+        (Doing::Sleeping, false),
+        (Doing::Stopped, true),
+    ] {
+        let mut world = World::running(vec![rules("a")]);
+        world.now = world.now.plus_seconds(0.4);
+        let seen = Observation::Examined {
+            process: 0,
+            doing,
+            cpu_s: 0.09,
+            core_runs: false,
+        };
+        let mut actions = Vec::new();
+        world.supervision.step(world.now, &[seen], &mut actions);
+        let killed = actions.contains(&Action::Kill { process: 0 });
+        assert_eq!(killed, replaced, "{doing:?}: {actions:?}");
+    }
 }
 
 #[test]
