@@ -6,16 +6,33 @@ use jink_shared_types::events::{Event, EventSample, Severity};
 use jink_shared_types::health::Name;
 use jink_shared_types::{SampleHeader, Timestamp};
 
-/// One process's side of the event topic.
+/// Events of a first cycle that are kept until the topic is open.
+const WAITING_MAX: usize = 16;
+
+/// One process's side of the event topic. Until it is connected, events wait.
 #[derive(Debug)]
 pub struct EventSender {
-    output: Output<EventSample>,
+    output: Option<Output<EventSample>>,
+    waiting: Vec<(Timestamp, EventSample)>,
     process: Name,
 }
 
 impl EventSender {
-    pub(crate) fn new(output: Output<EventSample>, process: Name) -> Self {
-        Self { output, process }
+    /// Of `process`, not connected.
+    pub(crate) fn new(process: &str) -> Self {
+        Self {
+            output: None,
+            waiting: Vec::with_capacity(WAITING_MAX),
+            process: Name::new(process),
+        }
+    }
+
+    /// Publishes on `output` from now on, first what has waited.
+    pub(crate) fn connect(&mut self, output: Output<EventSample>) {
+        let output = self.output.insert(output);
+        for (time, sample) in self.waiting.drain(..) {
+            output.send(SampleHeader::at(time), &sample);
+        }
     }
 
     /// Tells everybody that `event` happened at `now`, about `name`, with `numbers`.
@@ -36,6 +53,13 @@ impl EventSender {
             process: self.process,
             ..*sample
         };
-        self.output.send(SampleHeader::at(now), &sample);
+        match &mut self.output {
+            Some(output) => {
+                output.send(SampleHeader::at(now), &sample);
+            }
+            None if self.waiting.len() < WAITING_MAX => self.waiting.push((now, sample)),
+            // It is in the log.
+            None => {}
+        }
     }
 }

@@ -15,7 +15,7 @@ use crate::pretouch::Pretouch;
 use crate::realtime::{self, RealtimeWish, Scheduling};
 use crate::session::{OpenError, Session};
 use crate::wakeup::Wakeup;
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches, Parser};
 use jink_shared_types::control::Control;
 use jink_shared_types::health::{Heartbeat, Name, Role, ServiceState};
 use jink_shared_types::layout::Layout;
@@ -81,6 +81,15 @@ pub struct Setup {
     /// Arguments of this kind of service
     #[arg(last = true)]
     pub arguments: Vec<String>,
+}
+
+impl Setup {
+    /// The command line of the program called `name`.
+    fn try_parse_as(name: &str) -> Result<Self, clap::Error> {
+        let command = Self::command().display_name(name).bin_name(name);
+        let matches = command.try_get_matches()?;
+        Self::from_arg_matches(&matches)
+    }
 }
 
 /// Why a service could not start.
@@ -335,7 +344,11 @@ impl Claim {
 
 /// Runs service `S` until SIGTERM or SIGINT: the whole `main` of a service.
 pub fn run<S: Service>() -> ExitCode {
-    let setup = Setup::parse();
+    let name = format!("jink-{}", S::PROGRAM.replace('_', "-"));
+    let setup = match Setup::try_parse_as(&name) {
+        Ok(setup) => setup,
+        Err(answer) => answer.exit(),
+    };
     crate::logging::init(&setup.process, setup.log);
     match start::<S>(setup) {
         Ok(()) => ExitCode::SUCCESS,
@@ -366,8 +379,7 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
     let session = Session::open(&setup.instance, S::PROGRAM)?;
     let health = session.output(topics::HEALTH, &setup.process, setup.generation)?;
     let duty = Rc::new(Duty::new(setup.generation, setup.shadow, setup.end_to_end_us));
-    let events = session.output(topics::EVENT, "", setup.generation)?;
-    let mut events = EventSender::new(events.with_duty(&duty), Name::new(&setup.process));
+    let mut events = EventSender::new(&setup.process);
     let mut control = ControlRecord {
         input: session.input(topics::CONTROL, "")?,
         wakeup: Wakeup::new(session.listener(topics::CONTROL, "")?),
@@ -387,21 +399,27 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
     tracing::debug!(pid = std::process::id(), "{} runs", ports.setup.process);
     // The supervisor waits for the first heartbeat from the loop: after the first cycle, not a period later.
     beat.due = realtime::now();
-    serve(&mut service, &ports, &mut control, &mut beat, &mut events, &stop);
+    serve(
+        &mut service,
+        &mut ports,
+        &mut control,
+        &mut beat,
+        &mut events,
+        &stop,
+    )?;
     beat.send(ServiceState::Stopping, 0, 0);
     Ok(())
 }
 
 fn serve<S: Service>(
     service: &mut S,
-    ports: &Ports,
+    ports: &mut Ports,
     control: &mut ControlRecord,
     beat: &mut Beat,
     events: &mut EventSender,
     stop: &AtomicBool,
-) {
-    let mut pretouch = Pretouch::of_this_process();
-    let mut starting = ports.setup.priority == 0;
+) -> Result<(), OpenError> {
+    let mut pretouch = None;
     while !stop.load(Ordering::Relaxed) {
         // Before the clock: what this cycle takes was then published after any record it has not read.
         control.read(&ports.duty);
@@ -411,13 +429,21 @@ fn serve<S: Service>(
         let end = realtime::now();
         beat.meter.cycle(now, end);
         beat.send_if_due(end, ports);
-        if std::mem::take(&mut starting) {
-            // The supervisor lets a replacement start ahead of others: it has. Whoever was not has nothing to give up.
-            let _refused_to_nobody = realtime::schedule(0, Scheduling::Ordinary);
+        match &mut pretouch {
+            Some(pretouch) => Pretouch::step(pretouch),
+            None => {
+                // It works and has said so: what could wait until then.
+                if ports.setup.priority == 0 {
+                    // The supervisor lets a replacement start ahead of others. Whoever was not has nothing to give up.
+                    let _refused_to_nobody = realtime::schedule(0, Scheduling::Ordinary);
+                }
+                events.connect(ports.output(topics::EVENT)?);
+                pretouch = Some(Pretouch::of_this_process());
+            }
         }
-        pretouch.step();
         sleep(service, ports, control, wake.at, stop, beat);
     }
+    Ok(())
 }
 
 /// Sleeps until data come, until `until`, or until this instance has become the owner; heartbeats go out meanwhile.

@@ -24,10 +24,9 @@ const MAX_PUBLISHERS: usize = 3;
 const MAX_PUBLISHERS_SHARED: usize = 40;
 /// Consumers and their shadows, recorder, several command line tools.
 const MAX_SUBSCRIBERS: usize = 12;
-/// The same of a topic with samples of at most [`SMALL`] bytes: every process and its shadow may read it.
-const MAX_SUBSCRIBERS_SMALL: usize = 40;
-/// Each subscriber that might come costs a publisher room for the samples it might hold: for small ones that is nothing.
-const SMALL: usize = 4096;
+/// The same of a topic that every process and its shadow may read. Each subscriber that might come costs a publisher room for
+/// the samples it might hold, and time at its start.
+const MAX_SUBSCRIBERS_ALL: usize = 40;
 /// Nodes that may know a topic at once.
 const MAX_NODES: usize = 64;
 /// The sample being read, the next one, and one spare while the queue is drained.
@@ -245,8 +244,8 @@ impl Session {
 
     fn pub_sub<T: Layout>(&self, topic: &Topic<T>, name: &str) -> Result<PubSubFactory<T>, OpenError> {
         let service = Self::service_name(name)?;
-        let subscribers = if size_of::<T>() <= SMALL {
-            MAX_SUBSCRIBERS_SMALL
+        let subscribers = if topic.row.consumers.contains(&"*") {
+            MAX_SUBSCRIBERS_ALL
         } else {
             MAX_SUBSCRIBERS
         };
