@@ -163,13 +163,15 @@ crate::wire_enum! {
 crate::sample! {
     /// One process as the supervisor sees it.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct ProcessStatus: 176 {
+    pub struct ProcessStatus: 184 {
         /// Its last heartbeat.
         pub heartbeat: Heartbeat,
         /// When that was published.
         pub heartbeat_time: Timestamp,
         /// When the process was started.
         pub started: Timestamp,
+        /// When it worked again after its last replacement.
+        pub back: Timestamp,
         /// Cycle budget from the process table (us); 0 = none.
         pub cycle_budget_us: u32,
         /// Restarts since the system came up.
@@ -220,7 +222,7 @@ crate::wire_enum! {
 crate::sample! {
     /// Every process, and the health of the whole.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct SystemStatus: 4256 {
+    pub struct SystemStatus: 4448 {
         /// When the supervisor started.
         pub started: Timestamp,
         /// Health of the whole.

@@ -87,7 +87,7 @@ pub struct FaultRecord {
     pub survived: bool,
     /// Of a hang: from its begin until it was seen (ms), as far as looking fifty times a second can tell.
     pub detection_ms: Option<f64>,
-    /// From the death, or the detection, to the first heartbeat of the replacement's loop (ms).
+    /// Until the first heartbeat of the replacement's loop (ms): of a kill from the signal on, of a hang from its detection.
     pub recovery_ms: Option<f64>,
     /// Largest time between two setpoints from the fault until a second and a half after its end (ms).
     pub gap_ms: f64,

@@ -116,6 +116,7 @@ pub(crate) struct Process {
     heartbeat_time: Timestamp,
     restarts: u32,
     recovery_us: u32,
+    back: Timestamp,
     last_exit: u32,
 }
 
@@ -145,6 +146,7 @@ impl Process {
             heartbeat_time: Timestamp::NEVER,
             restarts: 0,
             recovery_us: 0,
+            back: Timestamp::NEVER,
             last_exit: 0,
         }
     }
@@ -259,6 +261,7 @@ impl Process {
         let missing_s = time.seconds_since(self.missing_since.filter(|_| back)?);
         self.missing_since = None;
         self.recovery_us = (missing_s * 1e6).max(0.0) as u32;
+        self.back = time;
         Some(missing_s)
     }
 
@@ -358,6 +361,7 @@ impl Process {
             cycle_budget_us: self.rules.cycle_budget_us,
             restarts: self.restarts,
             recovery_us: self.recovery_us,
+            back: self.back,
             last_exit: self.last_exit,
             state: Coded::new(self.state(stopping)),
             essential: Flag::from(self.rules.essential),

@@ -12,7 +12,7 @@ use jink_runtime::{Instance, Session};
 use jink_shared_types::health::{ProcessStatus, ServiceState, SystemStatus};
 use jink_shared_types::topics::TABLE;
 use jink_shared_types::truth::SimTruth;
-use jink_shared_types::{Coded, params};
+use jink_shared_types::{Coded, Timestamp, params};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::net::UdpSocket;
 use std::os::fd::OwnedFd;
@@ -63,6 +63,8 @@ struct Open {
     record: FaultRecord,
     /// The process before.
     before: ProcessStatus,
+    /// When it was done.
+    begin: Timestamp,
     /// Simulated time of its begin, and of its end if that was seen (s).
     begin_s: f64,
     end_s: Option<f64>,
@@ -181,6 +183,7 @@ impl Drills {
             return format!("{} has just gone: spared", drill.process);
         };
         let (mut slowed, mut swap, mut seams) = (None, None, Vec::new());
+        let begin = jink_runtime::now();
         let made = match drill.fault {
             Fault::Kill => pidfd_send_signal(&handle, Signal::KILL).is_ok(),
             Fault::Stop => pidfd_send_signal(&handle, Signal::STOP).is_ok(),
@@ -217,6 +220,7 @@ impl Drills {
                 reason: None,
             },
             before: *process,
+            begin,
             begin_s: view.truth.time_s,
             end_s: None,
             collisions: view.truth.collisions,
@@ -262,10 +266,11 @@ impl Open {
                     self.record.detection_ms = Some(round((time_s - self.begin_s) * 1e3));
                 }
                 self.record.survived = works;
-                let recovery_ms = |now: ProcessStatus| match now.recovery_us {
+                let recovery_ms = |now: ProcessStatus| match (now.recovery_us, self.record.fault) {
                     // Nobody measures it: as far as looking fifty times a second can tell.
-                    0 => round((time_s - self.begin_s) * 1e3),
-                    us => f64::from(us) * 1e-3,
+                    (0, _) => round((time_s - self.begin_s) * 1e3),
+                    (_, Fault::Kill) => round(now.back.seconds_since(self.begin) * 1e3),
+                    (us, _) => f64::from(us) * 1e-3,
                 };
                 self.record.recovery_ms = now.filter(|_| works).map(recovery_ms);
                 works
