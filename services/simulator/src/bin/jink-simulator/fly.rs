@@ -215,3 +215,37 @@ fn line(progress: &Progress, text: &str) -> serde_json::Value {
         "done": progress.outcome == Some(Outcome::Done),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Arguments, plan};
+    use clap::Parser;
+
+    #[test]
+    fn the_second_leg_leads_back_and_the_third_there_again() {
+        let line = [
+            "fly",
+            "--height",
+            "2",
+            "--waypoint",
+            "10,1",
+            "--waypoint",
+            "20,2",
+            "--legs",
+        ];
+        let places = |legs: &str| {
+            let arguments = Arguments::try_parse_from(line.into_iter().chain([legs]))
+                .ok()
+                .unwrap();
+            let plan = plan(&arguments).unwrap();
+            plan.waypoints
+                .iter()
+                .map(|place| (place.x_m, place.y_m, place.z_m))
+                .collect::<Vec<_>>()
+        };
+        let there = [(10.0, 1.0, -2.0), (20.0, 2.0, -2.0)];
+        let back = [(10.0, 1.0, -2.0), (0.0, 0.0, -2.0)];
+        assert_eq!(places("1"), there);
+        assert_eq!(places("3"), [there, back, there].concat());
+    }
+}
