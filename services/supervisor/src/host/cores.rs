@@ -14,8 +14,8 @@ use std::thread::{Builder, JoinHandle};
 const PROMPT_S: f64 = 0.004;
 /// After it has stood still: time for those on it to do what they are late with (s).
 const CATCH_UP_S: f64 = 0.05;
-/// An answer that is older says nothing about now (s).
-const TOO_OLD_S: f64 = 0.2;
+/// An answer that is older says nothing about now (s); a silent process is looked at every 5 ms.
+const TOO_OLD_S: f64 = 0.02;
 /// SCHED_FIFO priority: the highest, so that a process that hogs its core is not taken for a core that stands still.
 const PRIORITY: u8 = 99;
 /// A thread that waits and answers needs little.
