@@ -1,7 +1,7 @@
 //! What the gateway is told at its start.
 
 use crate::message::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
-use crate::profile::ProfileName;
+use crate::profile::{ProfileName, Representation};
 use jink_shared_types::params::{GW_HORIZON, GW_RATE, ParamSet};
 
 /// A curve lasts at least this many periods of the stream: one lost setpoint and one late one must not let it expire.
@@ -22,6 +22,8 @@ pub struct GatewayConfig {
     pub system_id: Option<u8>,
     /// How setpoints are spoken.
     pub profile: ProfileName,
+    /// In which message, where the profile leaves the choice.
+    pub representation: Representation,
     /// Rate of the setpoint stream (Hz). A new trajectory does not wait for the beat, so up to twice as many may go out.
     pub setpoint_rate_hz: f64,
     /// Duration of each curve (s).
@@ -42,6 +44,7 @@ impl GatewayConfig {
             computer_component_id: Some(COMPONENT_ONBOARD_COMPUTER),
             system_id: None,
             profile,
+            representation: Representation::default(),
             setpoint_rate_hz: params.get(&GW_RATE),
             horizon_s: params.get(&GW_HORIZON),
         }

@@ -74,5 +74,5 @@ pub use message::{
     Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, CommandAck, Content,
     Outgoing, Receipt, Received,
 };
-pub use profile::ProfileName;
+pub use profile::{ProfileName, Representation};
 pub use vehicle::Present;

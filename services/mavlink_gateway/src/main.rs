@@ -76,9 +76,12 @@ impl Service for GatewayService {
             .profile
             .parse()
             .map_err(needs("link.profile".to_owned()))?;
+        let representation: Representation =
+            settings.output.parse().map_err(needs("link.output".to_owned()))?;
         let config = GatewayConfig {
             system_id: (settings.system_id != 0).then_some(settings.system_id),
             component_id: COMPONENT_AVOIDANCE,
+            representation,
             ..GatewayConfig::from_params(&ports.config().params, profile)
         };
         Ok(Self {

@@ -78,16 +78,27 @@ fn every_setpoint_keeps_the_rules_of_its_fields() {
 }
 
 #[test]
-fn waypoints_are_never_sent() {
+fn before_the_first_curve_an_old_waypoint_is_taken_back_and_none_is_ever_sent() {
     for mode in [MODE_TAKEOFF, MODE_HOLD, MODE_LAND, MODE_MISSION, MODE_POSITION] {
         let bench = in_mode(mode, Some(path_to(FAR, COMMAND_LOITER)));
-        assert!(!bench.curves().is_empty());
-        let waypoints = bench
-            .sent
-            .iter()
-            .filter(|sent| matches!(sent.message, MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(_)));
-        assert_eq!(waypoints.count(), 0);
+        let setpoints = bench.sent.iter().filter(|sent| is_setpoint(&sent.message));
+        let setpoints: Vec<_> = setpoints.map(|sent| &sent.message).collect();
+        let MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(first) = setpoints[0] else {
+            panic!("{:?}", setpoints[0]);
+        };
+        assert_eq!(first.valid_points, 0);
+        assert!(first.pos_x.iter().all(|x| x.is_nan()));
+        let curve =
+            |message: &&MavMessage| matches!(message, MavMessage::TRAJECTORY_REPRESENTATION_BEZIER(_));
+        assert!(setpoints.len() > 1 && setpoints[1..].iter().all(curve));
     }
+}
+
+fn is_setpoint(message: &MavMessage) -> bool {
+    matches!(
+        message,
+        MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(_) | MavMessage::TRAJECTORY_REPRESENTATION_BEZIER(_)
+    )
 }
 
 #[test]

@@ -63,6 +63,8 @@ pub struct Link {
     pub address: String,
     /// How setpoints are spoken: `px4_trajectory`.
     pub profile: String,
+    /// In which message `px4_trajectory` speaks: `bezier` or `waypoints`.
+    pub output: String,
     /// The vehicle's system id; 0 = that of the only autopilot heard.
     pub system_id: u8,
 }
@@ -72,6 +74,7 @@ impl Default for Link {
         Self {
             address: "udpin:127.0.0.1:14540".to_owned(),
             profile: "px4_trajectory".to_owned(),
+            output: "bezier".to_owned(),
             system_id: 0,
         }
     }

@@ -136,6 +136,7 @@ impl Gateway {
         self.clock = ClockMap::default();
         self.streams = Streams::default();
         self.desired = None;
+        self.was_greeted = false;
         self.profile.reset();
         self.wire.interrupted();
     }

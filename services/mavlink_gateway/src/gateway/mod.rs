@@ -47,6 +47,8 @@ pub struct Gateway {
     ranges: Input,
     approved: Input,
     was_alive: bool,
+    /// The autopilot has heard what comes before the first setpoint.
+    was_greeted: bool,
     ignored: u64,
     last_setpoint: Timestamp,
     /// The last setpoint that did not wait for the beat.
@@ -67,9 +69,11 @@ impl Gateway {
     /// A gateway that has heard nothing yet.
     pub fn new(config: GatewayConfig) -> Self {
         Self {
-            profile: config
-                .profile
-                .build(config.longest_curve_s(), config.shortest_curve_s()),
+            profile: config.profile.build(
+                config.representation,
+                config.longest_curve_s(),
+                config.shortest_curve_s(),
+            ),
             latch: Latch::new(config.system_id),
             clock: ClockMap::default(),
             vehicle: VehicleTracker::default(),
@@ -78,6 +82,7 @@ impl Gateway {
             ranges: Input::Missing,
             approved: Input::Missing,
             was_alive: false,
+            was_greeted: false,
             ignored: 0,
             last_setpoint: Timestamp::NEVER,
             last_hastened: Timestamp::NEVER,
@@ -236,6 +241,11 @@ impl Gateway {
             && self.setpoints.take(now)
             && let Some(setpoint) = self.profile.setpoint(&situation)
         {
+            if !std::mem::replace(&mut self.was_greeted, true)
+                && let Some(greeting) = self.profile.greeting()
+            {
+                outputs.send(self.outgoing(now, Body::Message(greeting)));
+            }
             self.last_setpoint = now;
             if std::mem::take(&mut self.is_hastened) {
                 self.last_hastened = now;

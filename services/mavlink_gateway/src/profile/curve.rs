@@ -158,9 +158,31 @@ impl Curve {
         bezier::evaluate(&self.position, self.progress(time))
     }
 
+    /// Its velocity at `time` (m/s); none before and after.
+    pub fn velocity_at(&self, time: Timestamp) -> Vector3<f64> {
+        let velocity: [_; CONTROL_POINTS - 1] = bezier::derivative(&self.position, self.duration_s);
+        match self.is_over(time) {
+            true => Vector3::zeros(),
+            false => bezier::evaluate(&velocity, self.progress(time)),
+        }
+    }
+
+    /// Rate of its heading at `time` (rad/s); none before and after.
+    pub fn yaw_rate_at(&self, time: Timestamp) -> f64 {
+        let rate: [_; CONTROL_POINTS - 1] = bezier::derivative_scalar(&self.yaw_rad, self.duration_s);
+        match self.is_over(time) {
+            true => 0.0,
+            false => bezier::evaluate_scalar(&rate, self.progress(time)),
+        }
+    }
+
     /// Its heading at `time` (rad), not wrapped.
     pub fn yaw_at(&self, time: Timestamp) -> f64 {
         bezier::evaluate_scalar(&self.yaw_rad, self.progress(time))
+    }
+
+    fn is_over(&self, time: Timestamp) -> bool {
+        !(0.0..=self.duration_s).contains(&time.seconds_since(self.start))
     }
 
     fn progress(&self, time: Timestamp) -> f64 {

@@ -51,6 +51,11 @@ pub trait Profile: fmt::Debug + Send {
     /// guard may yet be heard.
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint>;
 
+    /// What an autopilot must hear once before the first setpoint.
+    fn greeting(&self) -> Option<MavMessage> {
+        None
+    }
+
     /// The autopilot has started anew: every coordinate held so far means nothing any more.
     fn reset(&mut self);
 }
@@ -58,46 +63,76 @@ pub trait Profile: fmt::Debug + Send {
 /// The profiles there are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProfileName {
-    /// PX4 1.11 to 1.15 with `COM_OBS_AVOID=1`: TRAJECTORY_REPRESENTATION_BEZIER.
+    /// PX4 1.11 to 1.15 with `COM_OBS_AVOID=1`: TRAJECTORY_REPRESENTATION_BEZIER or _WAYPOINTS.
     Px4Trajectory,
+}
+
+/// Which of the two messages `px4_trajectory` sends: one for the whole flight, never both.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Representation {
+    /// Curves in time: the motion itself.
+    #[default]
+    Bezier,
+    /// Points with a velocity: the target of PX4's own smoothing.
+    Waypoints,
 }
 
 /// Every profile with its name in the configuration.
 const NAMES: [(&str, ProfileName); 1] = [("px4_trajectory", ProfileName::Px4Trajectory)];
 
-/// A profile name that does not exist.
+/// Every representation with its name in the configuration.
+const REPRESENTATIONS: [(&str, Representation); 2] = [
+    ("bezier", Representation::Bezier),
+    ("waypoints", Representation::Waypoints),
+];
+
+/// A name in the configuration that means nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct UnknownProfile {
+pub struct UnknownName {
+    /// What was to be named.
+    pub what: &'static str,
     /// What was asked for.
     pub name: String,
+    /// What there is.
+    pub known: Vec<&'static str>,
 }
 
-impl fmt::Display for UnknownProfile {
+impl fmt::Display for UnknownName {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "unknown profile {}; there are:", self.name)?;
-        NAMES.iter().try_for_each(|(name, _)| write!(f, " {name}"))
+        let Self { what, name, known } = self;
+        write!(f, "unknown {what} {name}; there are: {}", known.join(" "))
     }
 }
-impl std::error::Error for UnknownProfile {}
+impl std::error::Error for UnknownName {}
+
+fn named<T: Copy>(what: &'static str, text: &str, all: &[(&'static str, T)]) -> Result<T, UnknownName> {
+    let found = all.iter().find(|(name, _)| *name == text);
+    found.map(|(_, value)| *value).ok_or_else(|| UnknownName {
+        what,
+        name: text.to_owned(),
+        known: all.iter().map(|(name, _)| *name).collect(),
+    })
+}
 
 impl FromStr for ProfileName {
-    type Err = UnknownProfile;
-    fn from_str(text: &str) -> Result<Self, UnknownProfile> {
-        NAMES
-            .iter()
-            .find(|(name, _)| *name == text)
-            .map(|(_, profile)| *profile)
-            .ok_or(UnknownProfile {
-                name: text.to_owned(),
-            })
+    type Err = UnknownName;
+    fn from_str(text: &str) -> Result<Self, UnknownName> {
+        named("profile", text, &NAMES)
+    }
+}
+
+impl FromStr for Representation {
+    type Err = UnknownName;
+    fn from_str(text: &str) -> Result<Self, UnknownName> {
+        named("output", text, &REPRESENTATIONS)
     }
 }
 
 impl ProfileName {
     /// The profile, with curves that last `horizon_s`.
-    pub fn build(self, horizon_s: f64, shortest_s: f64) -> Box<dyn Profile> {
+    pub fn build(self, representation: Representation, horizon_s: f64, shortest_s: f64) -> Box<dyn Profile> {
         match self {
-            ProfileName::Px4Trajectory => Box::new(Px4Trajectory::new(horizon_s, shortest_s)),
+            ProfileName::Px4Trajectory => Box::new(Px4Trajectory::new(representation, horizon_s, shortest_s)),
         }
     }
 }
