@@ -1,6 +1,7 @@
 //! Flights by the hundred: one line per flight, one table at the end.
 
 use crate::lockstep::{FlightSetup, LockStep};
+use jink_mavlink_gateway::Representation;
 use jink_shared_types::events;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::NavMode;
@@ -122,6 +123,7 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         params,
         sensors: default_sensors(),
         autopilot: AutopilotConfig::default(),
+        representation: Representation::default(),
         plan,
     })
 }
@@ -131,7 +133,15 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
 /// # Errors
 /// A text naming what cannot be built.
 pub fn fly(cell: &Cell, seed: u64) -> Result<FlightReport, String> {
-    let setup = setup(cell, seed)?;
+    fly_as(setup(cell, seed)?, cell.speed_mps)
+}
+
+/// Flies one flight as it is set up, with no more than `speed_mps` allowed.
+///
+/// # Errors
+/// A text naming what cannot be built.
+pub fn fly_as(setup: FlightSetup, speed_mps: f64) -> Result<FlightReport, String> {
+    let seed = setup.seed;
     let world = setup.world.name().to_owned();
     let straight_m = setup
         .plan
@@ -160,7 +170,7 @@ pub fn fly(cell: &Cell, seed: u64) -> Result<FlightReport, String> {
     // The vehicle overshoots a reference a little; a tenth is what PX4 itself does.
     let outcome = match (truth.collisions, reached) {
         (1.., _) => FlightOutcome::CollisionStatic,
-        (0, _) if top_speed_mps > cell.speed_mps * 1.1 => FlightOutcome::LimitViolation,
+        (0, _) if top_speed_mps > speed_mps * 1.1 => FlightOutcome::LimitViolation,
         (0, true) => FlightOutcome::Goal,
         (0, false) if still_s > 10.0 => FlightOutcome::Stuck,
         (0, false) => FlightOutcome::Timeout,

@@ -8,7 +8,8 @@ use jink_bezier_generator::Generator;
 use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
 use jink_collision_guard::ring::Ring;
 use jink_mavlink_gateway::{
-    Body, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Received, frame::Splitter,
+    Body, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Received, Representation,
+    frame::Splitter,
 };
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_planner::Planner;
@@ -97,6 +98,8 @@ pub struct FlightSetup {
     pub sensors: Vec<SensorSpec>,
     /// The autopilot.
     pub autopilot: AutopilotConfig,
+    /// How the gateway speaks to it.
+    pub representation: Representation,
     /// What the ground station flies.
     pub plan: FlightPlan,
 }
@@ -120,6 +123,7 @@ pub struct LockStep {
     observer: Observer,
     rig: SensorRig,
     track: PoseTrack,
+    gateway_config: GatewayConfig,
     gateway: Gateway,
     encoder: Encoder,
     splitters: [Splitter; 2],
@@ -172,6 +176,10 @@ impl LockStep {
         let rig = SensorRig::new(&setup.sensors, setup.seed).map_err(|error| error.to_string())?;
         let mut autopilot = setup.autopilot;
         autopilot.vehicle.seed = setup.seed;
+        let gateway_config = GatewayConfig {
+            representation: setup.representation,
+            ..GatewayConfig::from_params(params, GatewayConfig::default().profile)
+        };
         Ok(Self {
             autopilot: Autopilot::new(autopilot).map_err(|error| error.to_string())?,
             station: GroundStation::new(setup.plan),
@@ -179,10 +187,8 @@ impl LockStep {
             world: setup.world,
             track: PoseTrack::new(rig.longest_frame_s() + 0.1, STEP_US as f64 * 1e-6),
             rig,
-            gateway: Gateway::new(GatewayConfig::from_params(
-                params,
-                GatewayConfig::default().profile,
-            )),
+            gateway: Gateway::new(gateway_config),
+            gateway_config,
             encoder: Encoder::new(),
             splitters: [Splitter::new(), Splitter::new()],
             outputs: Outputs::default(),
@@ -221,11 +227,8 @@ impl LockStep {
     }
 
     /// The gateway dies and is started again: it knows nothing of what it was told before.
-    pub fn restart_gateway(&mut self, params: &ParamSet) {
-        self.gateway = Gateway::new(GatewayConfig::from_params(
-            params,
-            GatewayConfig::default().profile,
-        ));
+    pub fn restart_gateway(&mut self) {
+        self.gateway = Gateway::new(self.gateway_config);
         self.encoder = Encoder::new();
         self.splitters = [Splitter::new(), Splitter::new()];
     }

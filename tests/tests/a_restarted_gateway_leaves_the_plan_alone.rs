@@ -3,7 +3,6 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use jink_shared_types::motion::MotionState;
-use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
 use jink_tests::campaign::{Cell, setup};
@@ -24,7 +23,6 @@ fn in_the_middle_of_a_forest_again_and_again() {
             limit_s: 180.0,
         };
         let setup = setup(&cell, seed).unwrap();
-        let params: ParamSet = setup.params.clone();
         let mut flight = LockStep::new(setup).unwrap();
         let (mut next_s, mut before, mut restarts) = (0.0, None, 0);
         while flight.outcome().is_none() {
@@ -34,7 +32,7 @@ fn in_the_middle_of_a_forest_again_and_again() {
             if flies && time_s > next_s {
                 next_s = time_s + APART_S;
                 restarts += 1;
-                flight.restart_gateway(&params);
+                flight.restart_gateway();
             }
             let reference = flight.reference().filter(|_| flies);
             let dropped = flies && before.is_some() && reference.is_none();
