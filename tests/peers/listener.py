@@ -81,6 +81,7 @@ class CompanionJudge:
         self.answers = 0
         self.states = Counter()
         self.last_curve_s = None
+        self.last_setpoint_s = None
         self.points = Counter()
 
     def note_request(self, message):
@@ -115,8 +116,7 @@ class CompanionJudge:
             self.faults.check(between, f"timesync: clock {message.tc1} outside {asked}..{own_ns}")
 
     def trajectory_representation_bezier(self, m, now):
-        if self.last_curve_s is not None:
-            self.max_gap_s = max(self.max_gap_s, now - self.last_curve_s)
+        self.note_setpoint(now)
         self.last_curve_s = now
         n = m.valid_points
         self.points[n] += 1
@@ -137,6 +137,31 @@ class CompanionJudge:
             for i in range(n - 1)
         ) * (n - 1) / last
         self.faults.check(speed < 8.0, f"bezier: control points ask for {speed:.1f} m/s")
+
+    def trajectory_representation_waypoints(self, m, now):
+        if m.valid_points == 0:
+            first = self.last_setpoint_s is None
+            self.faults.check(first, "waypoints: none valid in the middle of the stream")
+            return
+        self.note_setpoint(now)
+        self.faults.check(self.last_curve_s is None, "waypoints: after curves")
+        self.faults.check(m.valid_points == 1, f"waypoints: {m.valid_points} valid points")
+        axes = ((m.pos_x, m.vel_x, m.acc_x), (m.pos_y, m.vel_y, m.acc_y), (m.pos_z, m.vel_z, m.acc_z))
+        for position, velocity, acceleration in axes:
+            given = finite(position[0]) or finite(velocity[0])
+            self.faults.check(given, f"waypoints: neither position nor velocity {position[0]} {velocity[0]}")
+            unused = position[1:] + velocity[1:] + acceleration
+            self.faults.check(all(math.isnan(v) for v in unused), f"waypoints: unused fields {unused}")
+        unused = m.pos_yaw[1:] + m.vel_yaw[1:]
+        self.faults.check(all(math.isnan(v) for v in unused), f"waypoints: unused headings {unused}")
+        self.faults.check(all(c == UNKNOWN for c in m.command), f"waypoints: commands {list(m.command)}")
+        speed = math.hypot(*(axis[0] for axis in (m.vel_x, m.vel_y, m.vel_z) if finite(axis[0])))
+        self.faults.check(speed < 8.0, f"waypoints: {speed:.1f} m/s")
+
+    def note_setpoint(self, now):
+        if self.last_setpoint_s is not None:
+            self.max_gap_s = max(self.max_gap_s, now - self.last_setpoint_s)
+        self.last_setpoint_s = now
 
     def obstacle_distance(self, m, _now):
         self.faults.check(m.frame == mavlink.MAV_FRAME_BODY_FRD, f"obstacle_distance: frame {m.frame}")

@@ -30,6 +30,8 @@ pub struct Frame<'a> {
     pub version: MavlinkVersion,
     /// Payload; trailing zeros may have been cut by the sender.
     pub payload: &'a [u8],
+    /// The whole of it, as it was on the wire.
+    pub bytes: &'a [u8],
 }
 
 impl Frame<'_> {
@@ -243,6 +245,7 @@ impl Splitter {
                 message_id: layout.message_id(bytes),
                 version: layout.version,
                 payload: &bytes[layout.header_len..layout.header_len + layout.payload_len],
+                bytes,
             });
         }
     }

@@ -62,6 +62,7 @@ pub mod px4_mode;
 mod streams;
 mod texts;
 mod ticker;
+pub mod tlog;
 mod vehicle;
 mod wire;
 

@@ -1,9 +1,10 @@
 //! The gateway as a process: woken by the link, by approved trajectories, and by its own beat.
 
 use jink_mavlink_gateway::link::{Endpoint, Link, LinkError, Progress, Sent};
+use jink_mavlink_gateway::tlog::Tlog;
 use jink_mavlink_gateway::{
     Baton, COMPONENT_AVOIDANCE, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Receipt,
-    Received,
+    Received, Representation,
 };
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Claim, Cycle, Input, Latency, Output, Ports, Service, StartError, Wake};
@@ -17,6 +18,7 @@ use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use std::fmt::Display;
 use std::os::fd::BorrowedFd;
+use std::path::Path;
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -65,13 +67,19 @@ impl Service for GatewayService {
         let at = format!("link.address = {:?}", settings.address);
         let endpoint: Endpoint = settings.address.parse().map_err(needs(at.clone()))?;
         let door = ports.setup().instance.handover_socket(&ports.setup().process);
-        let link = if ports.setup().shadow {
+        let mut link = if ports.setup().shadow {
             Link::join(endpoint, &door).map_err(needs(at))?
         } else {
             let mut link = open(endpoint, ports.setup().generation).map_err(needs(at.clone()))?;
             link.share(&door).map_err(needs(at))?;
             link
         };
+        if !settings.tlog.is_empty() {
+            let log = Tlog::begin(Path::new(&settings.tlog), ports.setup().generation)
+                .map_err(needs(format!("link.tlog = {:?}", settings.tlog)))?;
+            tracing::info!("telemetry log: {}", log.path().display());
+            link.record(log);
+        }
         let profile: ProfileName = settings
             .profile
             .parse()

@@ -65,6 +65,8 @@ pub struct Link {
     pub profile: String,
     /// In which message `px4_trajectory` speaks: `bezier` or `waypoints`.
     pub output: String,
+    /// Folder for telemetry logs of everything on the link; empty = none.
+    pub tlog: String,
     /// The vehicle's system id; 0 = that of the only autopilot heard.
     pub system_id: u8,
 }
@@ -75,6 +77,7 @@ impl Default for Link {
             address: "udpin:127.0.0.1:14540".to_owned(),
             profile: "px4_trajectory".to_owned(),
             output: "bezier".to_owned(),
+            tlog: String::new(),
             system_id: 0,
         }
     }

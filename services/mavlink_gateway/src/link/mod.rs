@@ -26,6 +26,7 @@ pub use transport::Sent;
 
 use crate::frame::Splitter;
 use crate::message::{COMPONENT_AUTOPILOT, Content, Received};
+use crate::tlog::Tlog;
 use handover::{Handover, Letter};
 use jink_shared_types::Timestamp;
 use std::os::fd::BorrowedFd;
@@ -81,6 +82,7 @@ pub struct Link {
     /// When the bytes in the splitter were read.
     read_at: Timestamp,
     baton: Option<Vec<u8>>,
+    log: Option<Tlog>,
 }
 
 impl Link {
@@ -107,7 +109,13 @@ impl Link {
             letter_box: Box::default(),
             read_at: Timestamp::NEVER,
             baton: None,
+            log: None,
         }
+    }
+
+    /// Writes everything that this process reads and sends while it holds the link to `log`.
+    pub fn record(&mut self, log: Tlog) {
+        self.log = Some(log);
     }
 
     /// Lets a second process join at `path`, a socket that is made now.
@@ -348,7 +356,12 @@ impl Link {
             return Ok(Sent::NoPeer);
         };
         match transport.write(frame) {
-            Ok(Sent::Yes) => Ok(Sent::Yes),
+            Ok(Sent::Yes) => {
+                if let Some(log) = &mut self.log {
+                    log.add(frame);
+                }
+                Ok(Sent::Yes)
+            }
             Ok(unsent) => {
                 self.counters.unsent += 1;
                 Ok(unsent)
@@ -358,6 +371,7 @@ impl Link {
     }
 
     fn take_frames(&mut self, messages: &mut Vec<Received>) -> Progress {
+        let holds = self.holds();
         while messages.len() < messages.capacity() {
             let Some(frame) = self.splitter.next_frame() else {
                 return Progress::Drained;
@@ -366,6 +380,9 @@ impl Link {
                 && let Some(transport) = &mut self.transport
             {
                 transport.last_sender_is_autopilot();
+            }
+            if let Some(log) = self.log.as_mut().filter(|_| holds) {
+                log.add(frame.bytes);
             }
             match Content::of(&frame) {
                 Some(content) => messages.push(Received {

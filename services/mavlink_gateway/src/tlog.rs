@@ -1,0 +1,166 @@
+//! Everything on the link in a file that ground stations and `mavlogdump.py` read: for each frame eight bytes of time, big-endian
+//! microseconds since 1970, and the frame as it was on the wire.
+//!
+//! A thread writes; the link hands it copies and never waits. What the disk is too slow for is left out, and counted.
+
+use jink_runtime::realtime::{Scheduling, schedule};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::thread::JoinHandle;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// The longest frame: MAVLink 2 with a signature and a wide system id.
+const FRAME_MAX: usize = 300;
+/// Frames that may wait for the disk: some five seconds of a busy link.
+const WAITING_MAX: usize = 2048;
+
+/// One frame with its time.
+#[derive(Clone)]
+struct Record {
+    unix_us: u64,
+    len: usize,
+    bytes: [u8; FRAME_MAX],
+}
+
+/// A log that is being written.
+#[derive(Debug)]
+pub struct Tlog {
+    path: PathBuf,
+    /// `None` = is being closed.
+    records: Option<SyncSender<Record>>,
+    writer: Option<JoinHandle<()>>,
+    left_out: u64,
+}
+
+impl Tlog {
+    /// Begins a new file in `folder`, which is made if it is not there. Its name tells when it was begun and by which start of
+    /// the gateway.
+    ///
+    /// # Errors
+    /// What the system says about the folder, the file or the thread.
+    pub fn begin(folder: &Path, generation: u32) -> std::io::Result<Self> {
+        std::fs::create_dir_all(folder)?;
+        let path = folder.join(format!("jink-{}-{generation}.tlog", unix_us() / 1_000_000));
+        let file = File::create_new(&path)?;
+        let (records, incoming) = sync_channel(WAITING_MAX);
+        let name = path.clone();
+        let writer = std::thread::Builder::new()
+            .name("tlog".to_owned())
+            .spawn(move || {
+                // What writes to a disk is in no hurry, whatever the gateway itself was given.
+                let _stays_as_it_is = schedule(0, Scheduling::Ordinary);
+                write_all(file, &name, &incoming);
+            })?;
+        Ok(Self {
+            path,
+            records: Some(records),
+            writer: Some(writer),
+            left_out: 0,
+        })
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Adds a frame that was read or written now.
+    pub fn add(&mut self, frame: &[u8]) {
+        let mut record = Record {
+            unix_us: unix_us(),
+            len: frame.len(),
+            bytes: [0; FRAME_MAX],
+        };
+        let fits = record
+            .bytes
+            .get_mut(..frame.len())
+            .map(|bytes| bytes.copy_from_slice(frame));
+        let sent = fits.is_some()
+            && self
+                .records
+                .as_ref()
+                .is_some_and(|records| records.try_send(record).is_ok());
+        self.left_out += u64::from(!sent);
+    }
+
+    /// Frames that are not in the file.
+    pub fn left_out(&self) -> u64 {
+        self.left_out
+    }
+}
+
+impl Drop for Tlog {
+    fn drop(&mut self) {
+        self.records = None;
+        if let Some(writer) = self.writer.take() {
+            let _it_has_said_why = writer.join();
+        }
+        if self.left_out > 0 {
+            tracing::warn!("{}: {} frames left out", self.path.display(), self.left_out);
+        }
+    }
+}
+
+/// Until the link is closed; whenever nothing waits, all is handed to the system.
+fn write_all(file: File, path: &Path, incoming: &Receiver<Record>) {
+    let mut file = BufWriter::new(file);
+    let mut write = || -> std::io::Result<()> {
+        loop {
+            let record = match incoming.try_recv() {
+                Ok(record) => record,
+                Err(TryRecvError::Disconnected) => return file.flush(),
+                Err(TryRecvError::Empty) => {
+                    file.flush()?;
+                    match incoming.recv() {
+                        Ok(record) => record,
+                        Err(_) => return Ok(()),
+                    }
+                }
+            };
+            file.write_all(&record.unix_us.to_be_bytes())?;
+            file.write_all(&record.bytes[..record.len])?;
+        }
+    };
+    if let Err(error) = write() {
+        tracing::error!("{}: the telemetry log ends here: {error}", path.display());
+    }
+}
+
+fn unix_us() -> u64 {
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
+    since_1970.map_or(0, |time| u64::try_from(time.as_micros()).unwrap_or(u64::MAX))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{FRAME_MAX, Tlog};
+
+    #[test]
+    fn frames_are_written_with_their_time_and_what_is_no_frame_is_left_out() {
+        let folder = std::env::temp_dir().join(format!("jink_tlog_{}", std::process::id()));
+        let mut log = Tlog::begin(&folder, 3).unwrap();
+        let path = log.path().to_owned();
+        let frames: [&[u8]; 2] = [&[0xfd, 1, 2, 3], &[0xfe; FRAME_MAX]];
+        log.add(frames[0]);
+        log.add(&[0; FRAME_MAX + 1]);
+        log.add(frames[1]);
+        assert_eq!(log.left_out(), 1);
+        drop(log);
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::remove_dir_all(&folder).unwrap();
+        let (mut rest, mut before_us) = (&bytes[..], 0);
+        for frame in frames {
+            let (time, after) = rest.split_first_chunk::<8>().unwrap();
+            let time_us = u64::from_be_bytes(*time);
+            // 2020 or later: the unit is right.
+            assert!(time_us >= before_us && time_us > 1_577_836_800_000_000);
+            before_us = time_us;
+            assert_eq!(&after[..frame.len()], frame);
+            rest = &after[frame.len()..];
+        }
+        assert!(rest.is_empty());
+        assert!(path.file_name().unwrap().to_string_lossy().ends_with("-3.tlog"));
+    }
+}
