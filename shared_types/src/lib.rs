@@ -20,6 +20,7 @@ pub mod coded;
 pub mod control;
 pub mod events;
 pub mod frames;
+pub mod geo;
 pub mod health;
 pub mod layout;
 pub mod link;

@@ -3,8 +3,8 @@
 // Ground stations still use the older names of the global frames.
 #![allow(deprecated)]
 
-use super::geo::{GlobalPoint, Projection};
 use super::setpoint::single;
+use jink_shared_types::geo::{GlobalPoint, Projection};
 use mavlink::dialects::ardupilotmega::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionResult};
 use nalgebra::Vector3;
 

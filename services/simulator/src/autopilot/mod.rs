@@ -27,7 +27,6 @@ mod command;
 mod commander;
 mod companion_health;
 mod control;
-mod geo;
 mod heading;
 mod land_detector;
 mod link;
@@ -55,7 +54,7 @@ mod trajectory;
 
 pub use avoidance::{HoldCause, Variant};
 pub use commander::HoldFall;
-pub use geo::{GlobalPoint, Projection};
+use jink_shared_types::geo::{GlobalPoint, Projection};
 pub use link::{Link, Packet};
 pub use modes::{custom_mode, mode_of_custom};
 pub use statistics::SetpointStatistics;

@@ -14,8 +14,9 @@ mod upload;
 
 pub use plan::{Ending, FlightPlan};
 
-use crate::autopilot::{GlobalPoint, custom_mode, mode_of_custom};
+use crate::autopilot::{custom_mode, mode_of_custom};
 use jink_shared_types::frames::{LocalNed, Point};
+use jink_shared_types::geo::GlobalPoint;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::{

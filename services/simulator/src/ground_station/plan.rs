@@ -1,7 +1,7 @@
 //! What to fly, and how it looks as mission items.
 
-use crate::autopilot::{GlobalPoint, Projection};
 use jink_shared_types::frames::{LocalNed, Point};
+use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
 use nalgebra::Vector2;
