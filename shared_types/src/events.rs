@@ -101,6 +101,8 @@ events! {
     SENSOR_LOST = 25, Warning, "jink: {0} of {1} range sensors, slower", "Land soon; look at the sensor.";
     /// All range sensors see again.
     SENSOR_BACK = 26, Notice, "jink: all range sensors back", "None.";
+    /// The autopilot refuses the mode in which it follows setpoints, or the mission that is given back; the number is the MAV_RESULT.
+    MODE_REFUSED = 27, Warning, "jink: autopilot refused the mode, {0}", "Read the autopilot's own text; fly by hand or try again.";
 }
 
 /// The event with identity `id`.

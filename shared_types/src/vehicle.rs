@@ -163,10 +163,13 @@ impl Default for DesiredPath {
 impl DesiredPath {
     /// Whether this asks for a motion that jink plans itself; everything else is mirrored back.
     ///
-    /// Planned: the waypoints of a mission and the level legs of a return. Mirrored: take-off, hold, landing
-    /// (also as mission items), and anything without a finite target.
+    /// Planned: the waypoints of a mission and the level legs of a return, and what is wanted of external setpoints. Mirrored:
+    /// take-off, hold, landing (also as mission items), and anything without a finite target.
     pub fn wants_planning(&self) -> bool {
-        let planned_mode = matches!(self.mode.get(), NavMode::Mission | NavMode::Return);
+        let planned_mode = matches!(
+            self.mode.get(),
+            NavMode::Mission | NavMode::Return | NavMode::Offboard
+        );
         let plain = !matches!(
             self.points[0].command,
             COMMAND_TAKEOFF | COMMAND_LAND | COMMAND_LOITER

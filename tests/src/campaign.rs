@@ -1,7 +1,7 @@
 //! Flights by the hundred: one line per flight, one table at the end.
 
 use crate::lockstep::{FlightSetup, LockStep};
-use jink_mavlink_gateway::Representation;
+use jink_mavlink_gateway::{ProfileName, Representation};
 use jink_shared_types::events;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::NavMode;
@@ -123,6 +123,7 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         params,
         sensors: default_sensors(),
         autopilot: AutopilotConfig::default(),
+        profile: ProfileName::Px4Trajectory,
         representation: Representation::default(),
         plan,
     })
@@ -160,7 +161,7 @@ pub fn fly_as(setup: FlightSetup, speed_mps: f64) -> Result<FlightReport, String
             let p = truth.position;
             [p.x_m, p.y_m, p.z_m].iter().for_each(|x| hash.add(x.to_bits()));
         }
-        if truth.mode.get() == NavMode::Mission {
+        if matches!(truth.mode.get(), NavMode::Mission | NavMode::Offboard) {
             top_speed_mps = top_speed_mps.max(speed_mps);
             still_s = if speed_mps < 0.1 { still_s + 0.004 } else { 0.0 };
         }

@@ -8,7 +8,7 @@ use jink_bezier_generator::Generator;
 use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
 use jink_collision_guard::ring::Ring;
 use jink_mavlink_gateway::{
-    Body, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Received, Representation,
+    Body, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Received, Representation,
     frame::Splitter,
 };
 use jink_obstacle_fusion::{Fusion, FusionConfig};
@@ -99,6 +99,8 @@ pub struct FlightSetup {
     /// The autopilot.
     pub autopilot: AutopilotConfig,
     /// How the gateway speaks to it.
+    pub profile: ProfileName,
+    /// In which message.
     pub representation: Representation,
     /// What the ground station flies.
     pub plan: FlightPlan,
@@ -178,7 +180,7 @@ impl LockStep {
         autopilot.vehicle.seed = setup.seed;
         let gateway_config = GatewayConfig {
             representation: setup.representation,
-            ..GatewayConfig::from_params(params, GatewayConfig::default().profile)
+            ..GatewayConfig::from_params(params, setup.profile)
         };
         Ok(Self {
             autopilot: Autopilot::new(autopilot).map_err(|error| error.to_string())?,

@@ -22,6 +22,8 @@ pub struct GatewayConfig {
     pub system_id: Option<u8>,
     /// How setpoints are spoken.
     pub profile: ProfileName,
+    /// Missions that the autopilot flies are taken over from it, where it only follows setpoints.
+    pub takes_missions: bool,
     /// In which message, where the profile leaves the choice.
     pub representation: Representation,
     /// Rate of the setpoint stream (Hz). A new trajectory does not wait for the beat, so up to twice as many may go out.
@@ -44,8 +46,9 @@ impl GatewayConfig {
             computer_component_id: Some(COMPONENT_ONBOARD_COMPUTER),
             system_id: None,
             profile,
+            takes_missions: true,
             representation: Representation::default(),
-            setpoint_rate_hz: params.get(&GW_RATE),
+            setpoint_rate_hz: profile.rate_hz(params.get(&GW_RATE)),
             horizon_s: params.get(&GW_HORIZON),
         }
     }

@@ -3,8 +3,9 @@
 //! | in | out |
 //! |---|---|
 //! | autopilot: HEARTBEAT, LOCAL_POSITION_NED, ATTITUDE_QUATERNION, ALTITUDE, EXTENDED_SYS_STATE, HOME_POSITION | `vehicle/state` |
-//! | autopilot: TRAJECTORY_REPRESENTATION_WAYPOINTS | `vehicle/desired_path` |
-//! | `guard/approved` | TRAJECTORY_REPRESENTATION_BEZIER, 20 Hz, in every mode |
+//! | autopilot: TRAJECTORY_REPRESENTATION_WAYPOINTS, or its mission | `vehicle/desired_path` |
+//! | `guard/approved` | TRAJECTORY_REPRESENTATION_BEZIER or _WAYPOINTS, 20 Hz, or SET_POSITION_TARGET_LOCAL_NED, 50 Hz, in every mode |
+//! | where jink flies the mission: its items | changes of mode and of the current item ([`executive`]) |
 //! | `guard/ring` | OBSTACLE_DISTANCE, 15 Hz |
 //! | `system/status` | HEARTBEAT of component 196, honest |
 //! | `event` | STATUSTEXT |
@@ -41,7 +42,7 @@
 //! The rule behind everything: silence is a bug. A setpoint goes out at every beat once a position was known: the
 //! approved trajectory, else the rest of the last one (it ends at rest in space that was certified), else the
 //! autopilot's own target, else a held point. Which of them, and why, is the table in [`profile::pilot`]; how it is said,
-//! the one in [`profile::px4_trajectory`].
+//! those in [`profile::px4_trajectory`] and [`profile::position_target`].
 
 mod avoidance;
 mod baton;
@@ -50,11 +51,13 @@ mod commands;
 mod config;
 mod desired;
 mod encoder;
+pub mod executive;
 pub mod frame;
 mod gateway;
 mod io;
 mod latch;
 pub mod link;
+pub mod make;
 mod message;
 mod obstacles;
 pub mod profile;

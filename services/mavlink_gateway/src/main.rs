@@ -90,6 +90,7 @@ impl Service for GatewayService {
             system_id: (settings.system_id != 0).then_some(settings.system_id),
             component_id: COMPONENT_AVOIDANCE,
             representation,
+            takes_missions: settings.takes_missions,
             ..GatewayConfig::from_params(&ports.config().params, profile)
         };
         Ok(Self {

@@ -4,13 +4,15 @@
 //! for by MAV_CMD_SET_MESSAGE_INTERVAL, a one-off message by MAV_CMD_REQUEST_MESSAGE; one request at a time, each
 //! repeated after seconds, and after a refusal only after half a minute.
 
+use crate::profile::ProfileName;
 use jink_shared_types::Timestamp;
 use mavlink::MessageData;
 #[allow(deprecated)] // Gone from PX4 1.16 on; this profile is for the versions before.
 use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
 use mavlink::dialects::ardupilotmega::{
-    ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, EXTENDED_SYS_STATE_DATA,
-    HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA, MavCmd, MavMessage, MavResult,
+    ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, CURRENT_MODE_DATA,
+    EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA,
+    MISSION_CURRENT_DATA, MavCmd, MavMessage, MavResult, POSITION_TARGET_LOCAL_NED_DATA,
 };
 
 /// How long arrivals are counted before they are judged (s).
@@ -53,44 +55,67 @@ const fn stream(message_id: u32, rate_hz: f64, need: Need) -> Stream {
     }
 }
 
-/// What is needed, most important first.
-#[allow(deprecated)]
-const STREAMS: [Stream; 6] = [
+/// What every profile needs, most important first.
+const ALWAYS: [Stream; 4] = [
     stream(LOCAL_POSITION_NED_DATA::ID, 30.0, Need::Always),
     stream(ATTITUDE_QUATERNION_DATA::ID, 50.0, Need::Always),
-    stream(
-        TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA::ID,
-        5.0,
-        Need::InAutomaticModes,
-    ),
-    stream(HOME_POSITION_DATA::ID, 0.5, Need::Once),
     stream(EXTENDED_SYS_STATE_DATA::ID, 2.0, Need::Always),
-    stream(ALTITUDE_DATA::ID, 5.0, Need::Always),
+    stream(HOME_POSITION_DATA::ID, 0.5, Need::Once),
 ];
+
+/// Where the mission is flown by jink: where it lies, and how far it is.
+const MISSION: [Stream; 2] = [
+    stream(GLOBAL_POSITION_INT_DATA::ID, 5.0, Need::Always),
+    stream(MISSION_CURRENT_DATA::ID, 1.0, Need::Always),
+];
+
+/// What a profile needs besides. ArduCopter has no ALTITUDE; its heartbeat comes at once when the mode changes, while PX4's
+/// comes once a second and CURRENT_MODE at every change, if it is asked for.
+#[allow(deprecated)]
+fn besides(profile: ProfileName) -> Vec<Stream> {
+    let altitude = stream(ALTITUDE_DATA::ID, 5.0, Need::Always);
+    let path = TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA::ID;
+    match profile {
+        ProfileName::Px4Trajectory => vec![
+            stream(path, 5.0, Need::InAutomaticModes),
+            stream(MISSION_CURRENT_DATA::ID, 1.0, Need::Always),
+            altitude,
+        ],
+        ProfileName::Px4Offboard => {
+            let mode = stream(CURRENT_MODE_DATA::ID, 2.0, Need::Always);
+            MISSION.into_iter().chain([mode, altitude]).collect()
+        }
+        ProfileName::ArdupilotGuided => {
+            let target = stream(POSITION_TARGET_LOCAL_NED_DATA::ID, 5.0, Need::Always);
+            MISSION.into_iter().chain([target]).collect()
+        }
+    }
+}
 
 /// Watches the streams and asks for what is missing.
 #[derive(Clone, Debug)]
 pub struct Streams {
-    streams: [Stream; STREAMS.len()],
+    streams: Vec<Stream>,
     window_end: Timestamp,
     window_automatic: bool,
     next_request: Timestamp,
     asked: Option<usize>,
 }
 
-impl Default for Streams {
-    fn default() -> Self {
+impl Streams {
+    /// For what `profile` needs.
+    pub fn new(profile: ProfileName) -> Self {
+        let mut streams = ALWAYS.to_vec();
+        streams.extend(besides(profile));
         Self {
-            streams: STREAMS,
+            streams,
             window_end: Timestamp::NEVER,
             window_automatic: false,
             next_request: Timestamp::NEVER,
             asked: None,
         }
     }
-}
 
-impl Streams {
     /// Counts an arrival.
     pub fn arrived(&mut self, message_id: u32) {
         if let Some(stream) = self.streams.iter_mut().find(|s| s.message_id == message_id) {
@@ -188,11 +213,16 @@ fn ask(stream: &Stream, (target_system, target_component): (u8, u8)) -> MavMessa
 
 #[cfg(test)]
 mod tests {
-    use super::{STREAMS, Streams};
+    use super::Streams;
+    use crate::profile::ProfileName;
     use jink_shared_types::Timestamp;
     use mavlink::dialects::ardupilotmega::{
         COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult,
     };
+
+    fn all() -> Streams {
+        Streams::new(ProfileName::Px4Trajectory)
+    }
 
     /// Runs 20 s at 100 Hz; `arrives` says which messages come at 100 Hz. Returns the requests with their times.
     fn run(
@@ -204,8 +234,14 @@ mod tests {
         let mut requests = Vec::new();
         for i in 0..2000 {
             let now = Timestamp::from_seconds(10.0 + f64::from(i) * 0.01);
-            for stream in STREAMS.iter().filter(|s| arrives(s.message_id)) {
-                streams.arrived(stream.message_id);
+            let arriving: Vec<_> = streams
+                .streams
+                .iter()
+                .map(|s| s.message_id)
+                .filter(|id| arrives(*id))
+                .collect();
+            for message_id in arriving {
+                streams.arrived(message_id);
             }
             if let Some(MavMessage::COMMAND_LONG(request)) = streams.request(now, automatic, (1, 1)) {
                 if let Some(result) = answer {
@@ -224,17 +260,17 @@ mod tests {
 
     #[test]
     fn nothing_is_asked_for_that_comes_by_itself() {
-        assert!(run(&mut Streams::default(), true, |_| true, None).is_empty());
+        assert!(run(&mut all(), true, |_| true, None).is_empty());
     }
 
     #[test]
     fn what_is_missing_after_two_seconds_is_asked_for_and_never_flooded() {
-        let requests = run(&mut Streams::default(), true, |_| false, None);
+        let requests = run(&mut all(), true, |_| false, None);
         assert!(requests[0].0 >= 2.0);
         for pair in requests.windows(2) {
             assert!(pair[1].0 - pair[0].0 >= 0.499);
         }
-        for stream in STREAMS {
+        for stream in all().streams {
             let times: Vec<_> = requests
                 .iter()
                 .filter(|(_, request)| request.param1 == stream.message_id as f32)
@@ -259,19 +295,19 @@ mod tests {
     #[test]
     fn a_refusal_is_respected_for_half_a_minute() {
         let requests = run(
-            &mut Streams::default(),
+            &mut all(),
             true,
             |_| false,
             Some(MavResult::MAV_RESULT_UNSUPPORTED),
         );
-        assert_eq!(requests.len(), STREAMS.len());
+        assert_eq!(requests.len(), all().streams.len());
     }
 
     #[test]
     fn the_desired_path_is_missed_in_automatic_modes_only() {
-        let requests = run(&mut Streams::default(), false, |id| id != 332, None);
+        let requests = run(&mut all(), false, |id| id != 332, None);
         assert!(requests.is_empty());
-        let requests = run(&mut Streams::default(), true, |id| id != 332, None);
+        let requests = run(&mut all(), true, |id| id != 332, None);
         assert!(!requests.is_empty() && requests.iter().all(|(_, request)| request.param1 == 332.0));
     }
 }

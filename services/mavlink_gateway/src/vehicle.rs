@@ -10,13 +10,13 @@
 //! vehicle has not moved, its coordinates have. The sum of these jumps ([`Present::shift`]) lets a held point keep
 //! its place in the world.
 
-use crate::px4_mode;
+use crate::make::Make;
 use jink_shared_types::frames::{AngularRate, Attitude};
 use jink_shared_types::vehicle::{NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, LocalNed, Point, Timestamp, Velocity};
 use mavlink::dialects::ardupilotmega::{
     ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, EXTENDED_SYS_STATE_DATA, HEARTBEAT_DATA, HOME_POSITION_DATA,
-    LOCAL_POSITION_NED_DATA, MavAutopilot, MavLandedState, MavModeFlag,
+    LOCAL_POSITION_NED_DATA, MavLandedState, MavModeFlag,
 };
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
@@ -45,6 +45,8 @@ const REBOOT_AHEAD_S: f64 = 10.0;
 pub struct Present {
     /// Position in the local frame (m).
     pub position: Vector3<f64>,
+    /// Velocity in the local frame (m/s).
+    pub velocity: Vector3<f64>,
     /// Heading (rad).
     pub yaw_rad: f64,
     /// Sum of all jumps of the estimator so far (m): a fixed place in the world moves by its change.
@@ -124,6 +126,7 @@ pub struct VehicleTracker {
     position_stamp: Stamp,
     attitude_stamp: Stamp,
     heard: Timestamp,
+    make: Option<Make>,
     mode: NavMode,
     heartbeat_mode: (NavMode, bool),
     heartbeat_heard: bool,
@@ -145,6 +148,7 @@ impl Default for VehicleTracker {
             position_stamp: Stamp::default(),
             attitude_stamp: Stamp::default(),
             heard: Timestamp::NEVER,
+            make: None,
             mode: NavMode::Unknown,
             heartbeat_mode: (NavMode::Unknown, true),
             heartbeat_heard: false,
@@ -179,7 +183,7 @@ impl VehicleTracker {
         self.mode
     }
 
-    /// Mode of the last heartbeat, and whether it has a name here (see [`px4_mode::infer`]).
+    /// Mode of the last heartbeat, and whether it has a name here (see [`crate::px4_mode::infer`]).
     pub fn heartbeat_mode(&self) -> (NavMode, bool) {
         self.heartbeat_mode
     }
@@ -193,6 +197,7 @@ impl VehicleTracker {
     pub fn present(&self, now: Timestamp) -> Option<Present> {
         self.fix.map(|fix| Present {
             position: fix.carried_to(now),
+            velocity: fix.velocity,
             yaw_rad: self.attitude.yaw_rad(),
             shift: self.shift,
         })
@@ -204,19 +209,44 @@ impl VehicleTracker {
             .is_some_and(|fix| now.seconds_since(fix.time) <= POSITION_VALID_S)
     }
 
+    /// Whose firmware it is; `None` not heard yet, or not known here.
+    pub fn make(&self) -> Option<Make> {
+        self.make
+    }
+
+    /// Motors armed, as the last heartbeat said.
+    pub fn is_armed(&self) -> bool {
+        self.armed
+    }
+
+    /// On the ground, as the autopilot said last.
+    pub fn is_landed(&self) -> bool {
+        self.landed
+    }
+
     /// Takes the mode and the arming state.
     pub fn take_heartbeat(&mut self, heartbeat: &HEARTBEAT_DATA) {
-        // Another make's numbers mean something else.
-        self.mode = match heartbeat.autopilot {
-            MavAutopilot::MAV_AUTOPILOT_PX4 => px4_mode::nav_mode(heartbeat.custom_mode),
-            _ => NavMode::Unknown,
-        };
-        let named = self.mode != NavMode::Unknown || !px4_mode::is_auto(heartbeat.custom_mode);
-        self.heartbeat_mode = (self.mode, named);
+        self.make = Make::of(heartbeat.autopilot);
+        self.take_mode(heartbeat.custom_mode);
         self.heartbeat_heard = true;
         self.armed = heartbeat
             .base_mode
             .contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
+    }
+
+    /// Takes a mode as it is numbered by the make that was heard.
+    pub fn take_mode(&mut self, custom_mode: u32) {
+        // Another make's numbers mean something else.
+        self.mode = self
+            .make
+            .map_or(NavMode::Unknown, |make| make.nav_mode(custom_mode));
+        let unnamed = self.make.is_some_and(|make| make.is_unnamed_auto(custom_mode));
+        self.heartbeat_mode = (self.mode, self.mode != NavMode::Unknown || !unnamed);
+    }
+
+    /// Takes the height of home as it follows from local and global position: sooner than the autopilot tells it.
+    pub fn infer_home(&mut self, home_down_m: f64) {
+        self.home_down_m = home_down_m;
     }
 
     /// Takes whether the vehicle stands on the ground.

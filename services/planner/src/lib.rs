@@ -101,6 +101,8 @@ pub struct Planner {
     no_path_told: bool,
     blocked_told: bool,
     lost_told: bool,
+    /// The last wish was for setpoints that the autopilot follows.
+    sets_points: bool,
     events: Vec<EventSample>,
 }
 
@@ -147,6 +149,7 @@ impl Planner {
             no_path_told: false,
             blocked_told: false,
             lost_told: false,
+            sets_points: false,
             events: Vec::with_capacity(8),
         }
     }
@@ -261,12 +264,21 @@ impl Planner {
     }
 
     /// `None`: mirror. `Some(None)`: plan, but the wish is late. `Some(Some(_))`: plan.
-    fn wanted(&self, state: &VehicleState, inputs: &Inputs<'_>) -> Option<Option<DesiredPath>> {
-        let planned_mode = matches!(state.mode.get(), NavMode::Mission | NavMode::Return);
+    fn wanted(&mut self, state: &VehicleState, inputs: &Inputs<'_>) -> Option<Option<DesiredPath>> {
+        let desired = inputs.desired.fresh();
+        if let Some(desired) = &desired {
+            self.sets_points = desired.mode.get() == NavMode::Offboard;
+        }
+        let planned_mode = match state.mode.get() {
+            NavMode::Mission | NavMode::Return => true,
+            // Somebody else's setpoints may be followed as well.
+            NavMode::Offboard => self.sets_points,
+            _ => false,
+        };
         if !planned_mode || !state.armed.is_set() {
             return None;
         }
-        match inputs.desired.fresh() {
+        match desired {
             Some(desired) => desired.wants_planning().then_some(Some(*desired.sample)),
             None => Some(None),
         }

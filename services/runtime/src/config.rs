@@ -61,10 +61,12 @@ pub struct Config {
 pub struct Link {
     /// `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT` or `serial:DEVICE:BAUD`.
     pub address: String,
-    /// How setpoints are spoken: `px4_trajectory`.
+    /// How setpoints are spoken: `px4_trajectory`, `px4_offboard` or `ardupilot_guided`.
     pub profile: String,
     /// In which message `px4_trajectory` speaks: `bezier` or `waypoints`.
     pub output: String,
+    /// Missions that the autopilot flies are taken over, where it only follows setpoints.
+    pub takes_missions: bool,
     /// Folder for telemetry logs of everything on the link; empty = none.
     pub tlog: String,
     /// The vehicle's system id; 0 = that of the only autopilot heard.
@@ -77,6 +79,7 @@ impl Default for Link {
             address: "udpin:127.0.0.1:14540".to_owned(),
             profile: "px4_trajectory".to_owned(),
             output: "bezier".to_owned(),
+            takes_missions: true,
             tlog: String::new(),
             system_id: 0,
         }

@@ -84,7 +84,8 @@ impl Observer {
         if let (Some((last_s, last)), true) = (self.last, in_air) {
             let way_m = (position - last).norm();
             self.flown_m += way_m;
-            if autopilot.mode() == NavMode::Mission && !autopilot.mission().done {
+            let cruises = matches!(autopilot.mode(), NavMode::Mission | NavMode::Offboard);
+            if cruises && !autopilot.mission().done {
                 self.cruise_s += now_s - last_s;
                 self.cruise_m += way_m;
             }

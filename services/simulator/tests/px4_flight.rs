@@ -37,7 +37,7 @@ fn a_whole_flight_without_companion_takes_off_flies_lands_and_disarms() {
     let mut flight = alone();
     flight.run(2.0);
     let items = [[30.0, 0.0], [30.0, 20.0]].map(|[x, y]| {
-        let origin = jink_simulator::autopilot::Projection::new(AutopilotConfig::default().origin);
+        let origin = jink_shared_types::geo::Projection::new(AutopilotConfig::default().origin);
         let (lat, lon) = origin.to_global(nalgebra::Vector2::new(x, y)).to_e7();
         waypoint_item(MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, lat, lon, 5.0)
     });

@@ -1,5 +1,6 @@
 //! What the gateway makes of each message it receives.
 
+use super::mission::MissionFlight;
 use super::{Gateway, nanoseconds};
 use crate::clock_map::ClockMap;
 use crate::commands::Command;
@@ -68,6 +69,12 @@ impl Gateway {
     ) {
         let time = received.time;
         self.streams.arrived(message.message_id());
+        if let Some(flight) = &mut self.mission {
+            flight.take(now, message);
+            if let Some(home_down_m) = flight.home_down_m() {
+                self.vehicle.infer_home(home_down_m);
+            }
+        }
         match message {
             MavMessage::HEARTBEAT(heartbeat) if is_autopilot(heartbeat) => {
                 self.vehicle.take_heartbeat(heartbeat);
@@ -75,7 +82,7 @@ impl Gateway {
             MavMessage::LOCAL_POSITION_NED(position) => {
                 let mapped = self.clock.map_ms(position.time_boot_ms, time);
                 if self.vehicle.take_position(position, time, mapped) {
-                    self.autopilot_restarted();
+                    self.autopilot_restarted(now);
                 }
             }
             MavMessage::ATTITUDE_QUATERNION(attitude) => {
@@ -83,10 +90,10 @@ impl Gateway {
                 match self.vehicle.take_attitude(attitude, time, mapped) {
                     AttitudeNews::Taken => outputs.vehicle_state = self.vehicle_state(now),
                     AttitudeNews::Ignored => {}
-                    AttitudeNews::Reboot => self.autopilot_restarted(),
+                    AttitudeNews::Reboot => self.autopilot_restarted(now),
                 }
             }
-            MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(waypoints) => {
+            MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(waypoints) if self.mission.is_none() => {
                 let path = desired::read(waypoints, self.vehicle.heartbeat_mode());
                 self.vehicle.infer_mode(path.mode.get());
                 let capture = self.clock.map_us(path.autopilot_time_us, time);
@@ -97,8 +104,12 @@ impl Gateway {
             MavMessage::TIMESYNC(sync) => self.take_timesync(now, received, sync, outputs),
             MavMessage::EXTENDED_SYS_STATE(state) => self.vehicle.take_landed(state),
             MavMessage::ALTITUDE(altitude) => self.vehicle.take_altitude(altitude, time),
-            MavMessage::HOME_POSITION(home) => self.vehicle.take_home(home),
-            MavMessage::COMMAND_ACK(ack) => self.streams.answered(now, ack),
+            MavMessage::HOME_POSITION(home) if self.mission.is_none() => self.vehicle.take_home(home),
+            MavMessage::CURRENT_MODE(current) => self.vehicle.take_mode(current.custom_mode),
+            MavMessage::COMMAND_ACK(ack) => {
+                self.streams.answered(now, ack);
+                self.take_mode_answer(now, ack, outputs);
+            }
             _ => {}
         }
     }
@@ -132,9 +143,13 @@ impl Gateway {
     }
 
     /// Its clock and its coordinates have begun anew.
-    fn autopilot_restarted(&mut self) {
+    fn autopilot_restarted(&mut self, now: Timestamp) {
         self.clock = ClockMap::default();
-        self.streams = Streams::default();
+        self.streams = Streams::new(self.config.profile);
+        if let Some(flight) = &mut self.mission {
+            *flight = MissionFlight::new(self.config.takes_missions);
+            flight.read_anew(now);
+        }
         self.desired = None;
         self.was_greeted = false;
         self.profile.reset();

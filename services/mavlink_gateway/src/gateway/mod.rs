@@ -1,6 +1,7 @@
 //! The gateway itself: one pure step from messages and samples to messages and samples.
 
 mod intake;
+mod mission;
 
 use crate::avoidance::{self, Heartbeats, Input};
 use crate::clock_map::ClockMap;
@@ -20,6 +21,7 @@ use jink_shared_types::link::{AvoidanceState, LinkStatus};
 use jink_shared_types::vehicle::DesiredPath;
 use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::dialects::ardupilotmega::{MavMessage, TIMESYNC_DATA};
+use mission::MissionFlight;
 
 /// Rate of OBSTACLE_DISTANCE (Hz): 10 were enough for 4 m/s in the autopilot's own tests; faster vehicles need more.
 const OBSTACLES_RATE_HZ: f64 = 15.0;
@@ -43,6 +45,8 @@ pub struct Gateway {
     clock: ClockMap,
     vehicle: VehicleTracker,
     desired: Option<DesiredPath>,
+    /// Where jink flies the mission itself.
+    mission: Option<MissionFlight>,
     position: Input,
     ranges: Input,
     approved: Input,
@@ -78,6 +82,10 @@ impl Gateway {
             clock: ClockMap::default(),
             vehicle: VehicleTracker::default(),
             desired: None,
+            mission: config
+                .profile
+                .flies_the_mission()
+                .then(|| MissionFlight::new(config.takes_missions)),
             position: Input::Missing,
             ranges: Input::Missing,
             approved: Input::Missing,
@@ -88,7 +96,7 @@ impl Gateway {
             last_hastened: Timestamp::NEVER,
             is_hastened: false,
             heartbeats: Heartbeats::default(),
-            streams: Streams::default(),
+            streams: Streams::new(config.profile),
             texts: Texts::default(),
             wire: Wire::default(),
             setpoints: Ticker::new(config.setpoint_rate_hz),
@@ -111,6 +119,7 @@ impl Gateway {
             self.texts.push(now, event);
         }
         self.judge(now, inputs);
+        self.run_mission(now, outputs);
         self.fly(now, inputs, outputs);
         self.speak(now, inputs, outputs);
         if now >= self.status_due {
@@ -188,6 +197,9 @@ impl Gateway {
         self.was_alive = alive;
         let system_id = f64::from(self.latch.system_id(now).unwrap_or(0));
         if alive {
+            if let Some(flight) = &mut self.mission {
+                flight.read_anew(now);
+            }
             self.tell(now, &AUTOPILOT_FOUND, system_id, outputs);
         } else {
             self.wire.interrupted();
@@ -213,14 +225,17 @@ impl Gateway {
     }
 
     fn fly(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
-        if self.latch.system_id(now).is_none() {
+        let Some(system_id) = self.latch.system_id(now) else {
             return;
-        }
+        };
         let mode = self.vehicle.mode();
+        let is_about_to = self.mission.as_ref().is_some_and(MissionFlight::wants_a_plan);
         let situation = Situation {
             now,
             vehicle: self.vehicle.present(now),
+            system_id,
             mode,
+            is_flown: self.profile.listens(mode) || is_about_to,
             desired: self
                 .desired
                 .as_ref()

@@ -77,6 +77,33 @@ impl Curve {
         }
     }
 
+    /// Comes to rest from `velocity` (m/s) within `duration_s`: the speed falls as 1 - 3u^2 + 2u^3, so the deceleration begins and ends
+    /// with zero and is 1.5 times the mean at its peak; half of `velocity * duration_s` is travelled.
+    pub fn stop(
+        start: Timestamp,
+        duration_s: f64,
+        position: Vector3<f64>,
+        velocity: Vector3<f64>,
+        yaw_rad: f64,
+    ) -> Self {
+        // The integral of that, u - u^3 + u^4 / 2, as a Bezier curve.
+        const SHARES: [f64; CONTROL_POINTS] = [0.0, 0.25, 0.5, 0.5, 0.5];
+        Self {
+            start,
+            duration_s,
+            position: SHARES.map(|share| position + velocity * (duration_s * share)),
+            yaw_rad: [wrap_pi(yaw_rad); CONTROL_POINTS],
+        }
+    }
+
+    /// The same curve elsewhere (m).
+    pub fn moved_by(mut self, by: Vector3<f64>) -> Self {
+        for point in &mut self.position {
+            *point += by;
+        }
+        self
+    }
+
     /// The part of `plan` from `start` on, `longest_s` long or as much shorter as the error demands, but not below
     /// `shortest_s`. `None` if the plan holds numbers that cannot be sent.
     pub fn cut(plan: &Trajectory, start: Timestamp, longest_s: f64, shortest_s: f64) -> Option<Self> {
@@ -164,6 +191,16 @@ impl Curve {
         match self.is_over(time) {
             true => Vector3::zeros(),
             false => bezier::evaluate(&velocity, self.progress(time)),
+        }
+    }
+
+    /// Its acceleration at `time` (m/s^2); none before and after.
+    pub fn acceleration_at(&self, time: Timestamp) -> Vector3<f64> {
+        let velocity: [_; CONTROL_POINTS - 1] = bezier::derivative(&self.position, self.duration_s);
+        let acceleration: [_; CONTROL_POINTS - 2] = bezier::derivative(&velocity, self.duration_s);
+        match self.is_over(time) {
+            true => Vector3::zeros(),
+            false => bezier::evaluate(&acceleration, self.progress(time)),
         }
     }
 
@@ -275,6 +312,28 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_stop_begins_as_the_vehicle_moves_and_ends_at_rest_without_ever_turning_back(
+            from in vector(50.0), velocity in vector(8.0), duration_s in 0.3..5.0f64,
+        ) {
+            let start = Timestamp::from_seconds(START_S);
+            let stop = Curve::stop(start, duration_s, from, velocity, 0.3);
+            prop_assert!((stop.position_at(start) - from).norm() < 1e-9);
+            prop_assert!((stop.velocity_at(start) - velocity).norm() < 1e-9);
+            prop_assert!(stop.acceleration_at(start).norm() < 1e-9);
+            let end = start.plus_seconds(duration_s);
+            prop_assert!((stop.position_at(end) - from - velocity * (0.5 * duration_s)).norm() < 1e-6);
+            prop_assert!(stop.velocity_at(end.plus_seconds(-1e-6)).norm() < 1e-3 && stop.velocity_at(end.plus_seconds(0.1)).norm() == 0.0);
+            let mut before = velocity.norm();
+            for i in 0..=100 {
+                let at = start.plus_seconds(duration_s * f64::from(i) / 100.0);
+                let speed = stop.velocity_at(at).norm();
+                prop_assert!(speed <= before + 1e-9 && stop.velocity_at(at).dot(&velocity) >= -1e-9);
+                prop_assert!(stop.acceleration_at(at).norm() <= 1.5 * velocity.norm() / duration_s + 1e-6);
+                before = speed;
+            }
+        }
+
         #[test]
         fn a_cut_curve_stays_within_two_centimetres_of_its_plan(plan in plan(), at in 0.0..7.0f64) {
             let start = plan.start.plus_seconds(at);

@@ -1,10 +1,13 @@
 //! How setpoints are spoken: one trait, chosen by configuration, never mixed within one flight.
 
 pub mod curve;
+pub mod lead;
 pub mod pilot;
+pub mod position_target;
 pub mod px4_trajectory;
 
-use pilot::Source;
+use pilot::{Nearness, Source};
+use position_target::PositionTarget;
 use px4_trajectory::Px4Trajectory;
 
 use crate::vehicle::Present;
@@ -22,8 +25,12 @@ pub struct Situation<'a> {
     pub now: Timestamp,
     /// Where the vehicle is; `None` before the first position.
     pub vehicle: Option<Present>,
+    /// Its system id.
+    pub system_id: u8,
     /// Mode in force.
     pub mode: NavMode,
+    /// What is sent is flown ([`Profile::listens`]), or is about to be.
+    pub is_flown: bool,
     /// What the autopilot wants, if that was asked for in the mode in force by an autopilot that is alive.
     pub desired: Option<&'a DesiredPath>,
     /// What the guard lets through.
@@ -43,6 +50,9 @@ pub struct Setpoint {
 
 /// A way of speaking to an autopilot.
 pub trait Profile: fmt::Debug + Send {
+    /// Whether the autopilot flies in this mode what it is sent. It may in one that is not known yet, or has no name here.
+    fn listens(&self, mode: NavMode) -> bool;
+
     /// Takes note of the inputs, at every step. Returns `true` if there is a new trajectory that should not wait
     /// for the beat of the stream.
     fn observe(&mut self, situation: &Situation<'_>) -> bool;
@@ -50,6 +60,11 @@ pub trait Profile: fmt::Debug + Send {
     /// The setpoint for now; `None` only while no position was ever known, and for a moment after the start in which the
     /// guard may yet be heard.
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint>;
+
+    /// How what was sent last lies to the vehicle.
+    fn nearness(&self) -> Nearness {
+        Nearness::Apart
+    }
 
     /// What an autopilot must hear once before the first setpoint.
     fn greeting(&self) -> Option<MavMessage> {
@@ -65,6 +80,10 @@ pub trait Profile: fmt::Debug + Send {
 pub enum ProfileName {
     /// PX4 1.11 to 1.15 with `COM_OBS_AVOID=1`: TRAJECTORY_REPRESENTATION_BEZIER or _WAYPOINTS.
     Px4Trajectory,
+    /// PX4 1.13 and later in OFFBOARD: SET_POSITION_TARGET_LOCAL_NED.
+    Px4Offboard,
+    /// ArduCopter in GUIDED: SET_POSITION_TARGET_LOCAL_NED.
+    ArdupilotGuided,
 }
 
 /// Which of the two messages `px4_trajectory` sends: one for the whole flight, never both.
@@ -78,7 +97,15 @@ pub enum Representation {
 }
 
 /// Every profile with its name in the configuration.
-const NAMES: [(&str, ProfileName); 1] = [("px4_trajectory", ProfileName::Px4Trajectory)];
+const NAMES: [(&str, ProfileName); 3] = [
+    ("px4_trajectory", ProfileName::Px4Trajectory),
+    ("px4_offboard", ProfileName::Px4Offboard),
+    ("ardupilot_guided", ProfileName::ArdupilotGuided),
+];
+
+/// Rate of the stream of positions, velocities and accelerations (Hz): the reference flights were flown with it; nothing smooths
+/// between two of them.
+const FOLLOWED_RATE_HZ: f64 = 50.0;
 
 /// Every representation with its name in the configuration.
 const REPRESENTATIONS: [(&str, Representation); 2] = [
@@ -129,10 +156,31 @@ impl FromStr for Representation {
 }
 
 impl ProfileName {
-    /// The profile, with curves that last `horizon_s`.
+    /// The profile; where it speaks in curves, these last `horizon_s`, or down to `shortest_s`.
     pub fn build(self, representation: Representation, horizon_s: f64, shortest_s: f64) -> Box<dyn Profile> {
         match self {
             ProfileName::Px4Trajectory => Box::new(Px4Trajectory::new(representation, horizon_s, shortest_s)),
+            ProfileName::Px4Offboard => Box::new(PositionTarget::px4()),
+            ProfileName::ArdupilotGuided => Box::new(PositionTarget::arducopter()),
+        }
+    }
+
+    /// Its name in the configuration.
+    pub fn name(self) -> &'static str {
+        let row = NAMES.iter().find(|(_, profile)| *profile == self);
+        row.map_or("", |(name, _)| name)
+    }
+
+    /// Whether the autopilot only follows setpoints, so that jink flies the mission in its stead.
+    pub fn flies_the_mission(self) -> bool {
+        self != ProfileName::Px4Trajectory
+    }
+
+    /// Rate of the setpoint stream (Hz); `chosen_hz` where the profile leaves the choice.
+    pub fn rate_hz(self, chosen_hz: f64) -> f64 {
+        match self {
+            ProfileName::Px4Trajectory => chosen_hz,
+            ProfileName::Px4Offboard | ProfileName::ArdupilotGuided => FOLLOWED_RATE_HZ,
         }
     }
 }

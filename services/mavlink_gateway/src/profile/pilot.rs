@@ -6,7 +6,10 @@
 //! | automatic | anything else | not for planning | the autopilot's own target back ([`Source::Mirror`]) |
 //! | automatic | anything else, one was flown before | for planning, or not known | that one, to its end at rest ([`Source::Coast`]) |
 //! | automatic | none was flown | for planning, or not known | a held point ([`Source::Hold`]): never the raw waypoint |
-//! | flown by the pilot | any | any | the vehicle's place ([`Source::Shadow`]), ignored by PX4, so that no automatic mode begins with a jump |
+//! | not listened to: flown by the pilot, or by the autopilot itself | any | any | the vehicle's place ([`Source::Shadow`]), so that no mode that listens begins with a jump |
+//!
+//! "Automatic" are the modes in which the autopilot flies what it is sent ([`super::Profile::listens`]). Where nothing smooths
+//! a setpoint, a held point begins with a smooth stop, and a trajectory that lies far from the vehicle is not flown.
 //!
 //! A trajectory that was approved while the pilot flew, or that gave way to the autopilot's own target, belongs to a
 //! flight that is over; it is never begun again. Points that are held stay where they are in the world when the estimator's coordinates jump.
@@ -16,7 +19,7 @@ use super::curve::{Curve, MAX_YAW_RAD};
 use crate::vehicle::{MAX_COORDINATE_M, MAX_SPEED_MPS, Present};
 use jink_shared_types::bezier::{self, QUINTIC};
 use jink_shared_types::motion::{ApprovedTrajectory, Trajectory, TrajectoryMode, Verdict};
-use jink_shared_types::vehicle::{DesiredPath, NavMode};
+use jink_shared_types::vehicle::DesiredPath;
 use jink_shared_types::{SampleHeader, Timestamp};
 use nalgebra::Vector3;
 
@@ -28,6 +31,11 @@ const SHADOW_M: f64 = 0.5;
 /// How long a new gateway listens for a trajectory before it holds a point (s): at 30 Hz one comes within 33 ms, and
 /// a restarted gateway must not brake a flight that is going well. PX4 still flies the last curve for longer than that.
 const LISTEN_S: f64 = 0.15;
+/// Peak deceleration of a stop of our own (m/s^2): PX4 and ArduCopter were measured to follow 2 to 4 with less than 0.7 m past
+/// the end.
+const STOP_MPS2: f64 = 2.5;
+/// No stop is shorter than this (s).
+const SHORTEST_STOP_S: f64 = 0.3;
 /// A trajectory longer than this (s) is none.
 const LONGEST_TRAJECTORY_S: f64 = 1e4;
 
@@ -44,6 +52,17 @@ pub enum Source {
     Hold,
     /// The vehicle's own place, while the pilot flies.
     Shadow,
+}
+
+/// How what is sent lies to the vehicle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Nearness {
+    /// It belongs to a plan, and the vehicle is there.
+    OnPlan,
+    /// It does not.
+    Apart,
+    /// There is a plan, but it lies so far from the vehicle that it is not flown: it must be made anew.
+    Astray,
 }
 
 /// A decision.
@@ -80,11 +99,30 @@ impl Held {
     }
 }
 
+/// A stop of our own.
+#[derive(Clone, Copy, Debug)]
+struct Stop {
+    curve: Curve,
+    shift: Vector3<f64>,
+}
+
+impl Stop {
+    /// Its coordinates now, after all jumps of the estimator since it was begun.
+    fn curve(&self, vehicle: &Present) -> Curve {
+        self.curve.moved_by(vehicle.shift - self.shift)
+    }
+}
+
 /// Decides what is flown.
 #[derive(Debug)]
 pub struct Pilot {
     horizon_s: f64,
     shortest_s: f64,
+    /// A trajectory that is farther from the vehicle (m) is not flown, and stops are made by us; `None`: the autopilot
+    /// smooths what it is sent.
+    astray_m: Option<f64>,
+    is_astray: bool,
+    stop: Option<Stop>,
     flown: Box<Trajectory>,
     has_flown: bool,
     news: Option<SampleHeader>,
@@ -103,6 +141,9 @@ impl Pilot {
         Self {
             horizon_s,
             shortest_s,
+            astray_m: None,
+            is_astray: false,
+            stop: None,
             flown: Box::default(),
             has_flown: false,
             news: None,
@@ -114,6 +155,18 @@ impl Pilot {
             listening_since: None,
             has_spoken: false,
         }
+    }
+
+    /// For autopilots that fly a setpoint as it is: one that lies farther than `astray_m` from the vehicle is not sent, and a
+    /// stop is smooth.
+    pub fn near_the_vehicle(mut self, astray_m: f64) -> Self {
+        self.astray_m = Some(astray_m);
+        self
+    }
+
+    /// Whether what is approved is not flown because it lies too far from the vehicle.
+    pub fn is_astray(&self) -> bool {
+        self.is_astray
     }
 
     /// Forgets everything that is told in coordinates.
@@ -129,13 +182,15 @@ impl Pilot {
         self.held = None;
         self.mirrored = None;
         self.last = None;
+        self.stop = None;
+        self.is_astray = false;
     }
 
     /// Takes note of the approved trajectory; `true` if it is a new one to be flown.
     pub fn observe(&mut self, situation: &Situation<'_>) -> bool {
         self.listening_since.get_or_insert(situation.now);
         let fresh = situation.approved.fresh();
-        if !is_automatic(situation.mode) {
+        if !situation.is_flown {
             self.forget_flight();
             self.barred = fresh.map(|approved| approved.trajectory.id).or(self.barred);
             return false;
@@ -143,12 +198,14 @@ impl Pilot {
         let Some(approved) = fresh else {
             return false;
         };
+        self.is_astray &= is_for_flying(&approved);
         if !self.is_news(&approved) || !is_usable(&approved) {
             return false;
         }
         *self.flown = approved.trajectory;
         self.has_flown = true;
         self.barred = None;
+        self.is_astray = false;
         self.news = Some(*approved.header);
         true
     }
@@ -169,10 +226,11 @@ impl Pilot {
 
     fn choose(&mut self, situation: &Situation<'_>, start: Timestamp) -> Option<Decision> {
         let vehicle = situation.vehicle?;
-        if !is_automatic(situation.mode) {
+        if !situation.is_flown {
             return Some(self.shadow(&vehicle, start));
         }
         self.shadow = None;
+        self.notice_astray(&vehicle, situation.now);
         let fresh = situation.approved.fresh();
         let follows = self.has_flown
             && fresh
@@ -196,9 +254,28 @@ impl Pilot {
         Some(self.hold(&vehicle, situation.now, start))
     }
 
+    /// What lies too far from the vehicle is not flown any more: nobody has certified the way there.
+    fn notice_astray(&mut self, vehicle: &Present, now: Timestamp) {
+        let Some(limit_m) = self.astray_m.filter(|_| self.has_flown) else {
+            return;
+        };
+        let apart = self
+            .flown
+            .at(now)
+            .map(|reference| (reference.position.vector() - vehicle.position).norm());
+        if apart.is_none_or(|apart_m| apart_m > limit_m) {
+            self.has_flown = false;
+            self.news = None;
+            self.last = None;
+            self.barred = Some(self.flown.id);
+            self.is_astray = true;
+        }
+    }
+
     fn follow(&mut self, source: Source, start: Timestamp) -> Option<Decision> {
         let curve = Curve::cut(&self.flown, start, self.horizon_s, self.shortest_s)?;
         self.held = None;
+        self.stop = None;
         self.mirrored = None;
         self.last = Some(curve);
         Some(Decision {
@@ -254,6 +331,9 @@ impl Pilot {
 
     fn hold(&mut self, vehicle: &Present, now: Timestamp, start: Timestamp) -> Decision {
         self.mirrored = None;
+        if self.astray_m.is_some() {
+            return self.come_to_rest(vehicle, now);
+        }
         let here = Held::at(vehicle.position, vehicle.yaw_rad, vehicle);
         let last = self.last;
         let held = *self.held.get_or_insert_with(|| match last {
@@ -263,6 +343,31 @@ impl Pilot {
             _ => here,
         });
         let curve = Curve::constant(start, self.horizon_s, held.position(vehicle), held.yaw_rad);
+        self.last = Some(curve);
+        Decision {
+            curve,
+            source: Source::Hold,
+            first_of: None,
+        }
+    }
+
+    /// Stops smoothly, from what was sent last if the vehicle is there, else from the vehicle's own motion.
+    fn come_to_rest(&mut self, vehicle: &Present, now: Timestamp) -> Decision {
+        let last = self
+            .last
+            .filter(|curve| (curve.position_at(now) - vehicle.position).norm() <= HOLD_ON_M);
+        let stop = *self.stop.get_or_insert_with(|| {
+            let (position, velocity, yaw_rad) = match last {
+                Some(curve) => (curve.position_at(now), curve.velocity_at(now), curve.yaw_at(now)),
+                None => (vehicle.position, vehicle.velocity, vehicle.yaw_rad),
+            };
+            let duration_s = (1.5 * velocity.norm() / STOP_MPS2).max(SHORTEST_STOP_S);
+            Stop {
+                curve: Curve::stop(now, duration_s, position, velocity, yaw_rad),
+                shift: vehicle.shift,
+            }
+        });
+        let curve = stop.curve(vehicle);
         self.last = Some(curve);
         Decision {
             curve,
@@ -283,11 +388,6 @@ impl Pilot {
             first_of: None,
         }
     }
-}
-
-/// Whether PX4 listens in this mode. It may be listening in a mode that is not known yet, or has no name here.
-fn is_automatic(mode: NavMode) -> bool {
-    mode.is_automatic() || mode == NavMode::Unknown
 }
 
 fn is_for_flying(approved: &ApprovedTrajectory) -> bool {

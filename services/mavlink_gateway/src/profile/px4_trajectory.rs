@@ -23,7 +23,7 @@ use super::pilot::{Decision, Pilot, Source};
 use super::{Profile, Representation, Setpoint, Situation};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
-use jink_shared_types::vehicle::{COMMAND_NONE, DesiredPoint};
+use jink_shared_types::vehicle::{COMMAND_NONE, DesiredPoint, NavMode};
 use mavlink::dialects::ardupilotmega::MavMessage;
 #[allow(deprecated)] // Gone from PX4 1.16 on; this profile is for the versions before.
 use mavlink::dialects::ardupilotmega::{
@@ -68,6 +68,10 @@ impl Px4Trajectory {
 }
 
 impl Profile for Px4Trajectory {
+    fn listens(&self, mode: NavMode) -> bool {
+        mode.is_automatic() || mode == NavMode::Unknown
+    }
+
     fn observe(&mut self, situation: &Situation<'_>) -> bool {
         self.pilot.observe(situation)
     }

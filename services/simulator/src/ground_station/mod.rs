@@ -238,7 +238,8 @@ impl GroundStation {
     }
 
     fn note_mode(&mut self, mode: NavMode) {
-        let left = self.progress.mode == NavMode::Mission && mode == NavMode::Hold;
+        let flown = matches!(self.progress.mode, NavMode::Mission | NavMode::Offboard);
+        let left = flown && mode == NavMode::Hold;
         if self.progress.phase == Phase::Mission && left && !self.is_finished() {
             self.progress.fell_out += 1;
         }
@@ -356,7 +357,7 @@ impl GroundStation {
                 Ending::Hold => self.enter(Phase::Done, now_s),
                 Ending::Land | Ending::Return => self.enter(Phase::Land, now_s),
             }
-        } else if self.progress.mode != NavMode::Mission {
+        } else if !matches!(self.progress.mode, NavMode::Mission | NavMode::Offboard) {
             let asked_before = self.asked_s.is_finite() && self.progress.fell_out > 0;
             if (self.plan.resume || !asked_before) && self.may_ask(now_s) {
                 self.set_mode(outbox, NavMode::Mission);

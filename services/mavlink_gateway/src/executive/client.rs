@@ -1,0 +1,364 @@
+//! The autopilot's mission, read over MAVLink's mission protocol: for the profiles in which jink flies it itself.
+//!
+//! | told | done |
+//! |---|---|
+//! | [`MissionClient::begin`] | MISSION_REQUEST_LIST, then MISSION_REQUEST_INT for each item, MISSION_ACK at the end |
+//! | an answer that does not come | the request is repeated, [`TRIES`] times, then the whole is tried again later |
+//! | MISSION_CURRENT tells another length or identity than before | the mission is read anew |
+//!
+//! Source: MAVLink developer guide, "Mission Protocol", with its time-outs.
+
+use jink_shared_types::Timestamp;
+use mavlink::dialects::ardupilotmega::{
+    MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA,
+    MISSION_REQUEST_INT_DATA, MISSION_REQUEST_LIST_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult,
+    MavMissionType,
+};
+
+/// Items that are kept; a longer mission is not flown.
+pub const ITEMS_MAX: usize = 1000;
+/// How often a request is repeated before the attempt is given up.
+const TRIES: u32 = 5;
+/// Time-out for the count (s).
+const COUNT_TIMEOUT_S: f64 = 1.5;
+/// Time-out for an item (s).
+const ITEM_TIMEOUT_S: f64 = 0.25;
+/// Pause after an attempt that was given up (s).
+const REST_S: f64 = 5.0;
+
+/// One item.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Item {
+    /// Its number.
+    pub sequence: u16,
+    /// What is to be done.
+    pub command: MavCmd,
+    /// What the coordinates refer to.
+    pub frame: MavFrame,
+    /// The command's first four parameters; NaN = not given.
+    pub params: [f32; 4],
+    /// Latitude, or x in local frames (1e-7 deg, or 1e-4 m).
+    pub x: i32,
+    /// Longitude, or y in local frames (1e-7 deg, or 1e-4 m).
+    pub y: i32,
+    /// Height in the frame's sense (m).
+    pub z_m: f32,
+    /// The mission goes on by itself after it.
+    pub autocontinue: bool,
+}
+
+impl Item {
+    fn of(data: &MISSION_ITEM_INT_DATA) -> Self {
+        Self {
+            sequence: data.seq,
+            command: data.command,
+            frame: data.frame,
+            params: [data.param1, data.param2, data.param3, data.param4],
+            x: data.x,
+            y: data.y,
+            z_m: data.z,
+            autocontinue: data.autocontinue != 0,
+        }
+    }
+}
+
+/// Where the reading of a mission stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    /// Nothing is wanted.
+    Idle,
+    /// The number of items has been asked for.
+    Counting,
+    /// This item has been asked for.
+    Reading(u16),
+    /// The reading is done and must be acknowledged.
+    Acknowledging,
+    /// An attempt failed; the next one begins at `due`.
+    Resting,
+}
+
+/// Reads the mission.
+#[derive(Clone, Debug)]
+pub struct MissionClient {
+    phase: Phase,
+    due: Timestamp,
+    tries: u32,
+    count: u16,
+    reading: Vec<Item>,
+    items: Vec<Item>,
+    is_known: bool,
+    /// Number of items and identity of the mission, as MISSION_CURRENT told them last; what it counts differs from make to make.
+    told: (Option<u16>, Option<u32>),
+}
+
+impl Default for MissionClient {
+    fn default() -> Self {
+        Self {
+            phase: Phase::Idle,
+            due: Timestamp::NEVER,
+            tries: 0,
+            count: 0,
+            reading: Vec::with_capacity(ITEMS_MAX),
+            items: Vec::with_capacity(ITEMS_MAX),
+            is_known: false,
+            told: (None, None),
+        }
+    }
+}
+
+impl MissionClient {
+    /// Reads the mission now and forgets what was known of it. A reading that is under way begins anew.
+    pub fn begin(&mut self, now: Timestamp) {
+        self.is_known = false;
+        self.phase = Phase::Counting;
+        self.tries = 0;
+        self.due = now;
+    }
+
+    /// The items in order, once they have been read whole.
+    pub fn items(&self) -> Option<&[Item]> {
+        self.is_known.then_some(&self.items)
+    }
+
+    /// Takes a message of the autopilot's.
+    pub fn take(&mut self, now: Timestamp, message: &MavMessage) {
+        match message {
+            MavMessage::MISSION_COUNT(count) => self.take_count(now, count),
+            MavMessage::MISSION_ITEM_INT(item) => self.take_item(now, item),
+            MavMessage::MISSION_CURRENT(current) => self.take_current(now, current),
+            MavMessage::MISSION_ACK(ack) => self.take_ack(now, ack),
+            _ => {}
+        }
+    }
+
+    fn take_count(&mut self, now: Timestamp, count: &MISSION_COUNT_DATA) {
+        if self.phase != Phase::Counting || count.mission_type != MavMissionType::MAV_MISSION_TYPE_MISSION {
+            return;
+        }
+        if usize::from(count.count) > ITEMS_MAX {
+            tracing::warn!(
+                "a mission of {} items is not read: {ITEMS_MAX} at most",
+                count.count
+            );
+            self.rest(now);
+            return;
+        }
+        self.count = count.count;
+        self.reading.clear();
+        self.ask_for(now, 0);
+    }
+
+    fn take_item(&mut self, now: Timestamp, item: &MISSION_ITEM_INT_DATA) {
+        if self.phase != Phase::Reading(item.seq)
+            || item.mission_type != MavMissionType::MAV_MISSION_TYPE_MISSION
+        {
+            return;
+        }
+        self.reading.push(Item::of(item));
+        self.ask_for(now, item.seq + 1);
+    }
+
+    /// Another length or another identity than was told before: another mission.
+    fn take_current(&mut self, now: Timestamp, current: &MISSION_CURRENT_DATA) {
+        let total = (current.total != u16::MAX).then_some(current.total);
+        let id = (current.mission_id != 0).then_some(current.mission_id);
+        let (total_before, id_before) = self.told;
+        let other_length = total.zip(total_before).is_some_and(|(new, old)| new != old);
+        let other_id = id.zip(id_before).is_some_and(|(new, old)| new != old);
+        self.told = (total.or(total_before), id.or(id_before));
+        if other_length || other_id {
+            self.begin(now);
+        }
+    }
+
+    /// The autopilot refuses: it may be busy with a ground station.
+    fn take_ack(&mut self, now: Timestamp, ack: &MISSION_ACK_DATA) {
+        let under_way = matches!(self.phase, Phase::Counting | Phase::Reading(_));
+        if under_way && ack.mavtype != MavMissionResult::MAV_MISSION_ACCEPTED {
+            self.rest(now);
+        }
+    }
+
+    fn ask_for(&mut self, now: Timestamp, sequence: u16) {
+        self.tries = 0;
+        self.due = now;
+        if sequence < self.count {
+            self.phase = Phase::Reading(sequence);
+        } else {
+            self.phase = Phase::Acknowledging;
+            std::mem::swap(&mut self.items, &mut self.reading);
+            self.is_known = true;
+        }
+    }
+
+    fn rest(&mut self, now: Timestamp) {
+        self.phase = Phase::Resting;
+        self.due = now.plus_seconds(REST_S);
+    }
+
+    /// What is to be said to the autopilot `(system, component)`, if something is due.
+    pub fn request(&mut self, now: Timestamp, (system, component): (u8, u8)) -> Option<MavMessage> {
+        if self.phase == Phase::Idle || now < self.due {
+            return None;
+        }
+        if self.phase == Phase::Resting {
+            self.begin(now);
+        }
+        if self.tries >= TRIES {
+            self.rest(now);
+            return None;
+        }
+        self.tries += 1;
+        let mission_type = MavMissionType::MAV_MISSION_TYPE_MISSION;
+        match self.phase {
+            Phase::Counting => {
+                self.due = now.plus_seconds(COUNT_TIMEOUT_S);
+                Some(MavMessage::MISSION_REQUEST_LIST(MISSION_REQUEST_LIST_DATA {
+                    target_system: system,
+                    target_component: component,
+                    mission_type,
+                }))
+            }
+            Phase::Reading(seq) => {
+                self.due = now.plus_seconds(ITEM_TIMEOUT_S);
+                Some(MavMessage::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA {
+                    seq,
+                    target_system: system,
+                    target_component: component,
+                    mission_type,
+                }))
+            }
+            Phase::Acknowledging => {
+                self.phase = Phase::Idle;
+                Some(MavMessage::MISSION_ACK(MISSION_ACK_DATA {
+                    target_system: system,
+                    target_component: component,
+                    mavtype: MavMissionResult::MAV_MISSION_ACCEPTED,
+                    mission_type,
+                    ..MISSION_ACK_DATA::default()
+                }))
+            }
+            Phase::Idle | Phase::Resting => None,
+        }
+    }
+
+    /// When [`Self::request`] has something to do next.
+    pub fn next_wake(&self) -> Option<Timestamp> {
+        (self.phase != Phase::Idle).then_some(self.due)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{MissionClient, TRIES};
+    use jink_shared_types::Timestamp;
+    use mavlink::dialects::ardupilotmega::{
+        MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA, MavMessage,
+        MavMissionResult,
+    };
+    use proptest::prelude::*;
+
+    /// An autopilot with a mission of `count` items over a link on which `lost` says which messages get lost.
+    fn read(client: &mut MissionClient, count: u16, seconds: f64, mut lost: impl FnMut() -> bool) -> u32 {
+        let mut said = 0;
+        for step in 0..(seconds * 100.0) as u32 {
+            let now = Timestamp::from_seconds(100.0 + f64::from(step) * 0.01);
+            let Some(request) = client.request(now, (1, 1)) else {
+                continue;
+            };
+            said += 1;
+            if lost() {
+                continue;
+            }
+            let answer = match request {
+                MavMessage::MISSION_REQUEST_LIST(_) => MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+                    count,
+                    ..MISSION_COUNT_DATA::default()
+                }),
+                MavMessage::MISSION_REQUEST_INT(request) => {
+                    MavMessage::MISSION_ITEM_INT(MISSION_ITEM_INT_DATA {
+                        seq: request.seq,
+                        x: i32::from(request.seq) * 7,
+                        ..MISSION_ITEM_INT_DATA::default()
+                    })
+                }
+                _ => continue,
+            };
+            if !lost() {
+                client.take(now, &answer);
+                // Doubled on its way: nothing happens.
+                client.take(now, &answer);
+            }
+        }
+        said
+    }
+
+    fn started() -> MissionClient {
+        let mut client = MissionClient::default();
+        client.begin(Timestamp::from_seconds(100.0));
+        client
+    }
+
+    proptest! {
+        /// A fifth of all messages lost: the mission is read whole and in order all the same.
+        #[test]
+        fn a_mission_is_read_over_a_lossy_link(count in 0..40u16, seed in any::<u64>()) {
+            let mut client = started();
+            let mut random = seed | 1;
+            read(&mut client, count, 200.0, || {
+                random ^= random << 13;
+                random ^= random >> 7;
+                random ^= random << 17;
+                random.is_multiple_of(5)
+            });
+            let items = client.items().unwrap();
+            prop_assert_eq!(items.len(), usize::from(count));
+            for (number, item) in items.iter().enumerate() {
+                prop_assert_eq!((usize::from(item.sequence), item.x), (number, number as i32 * 7));
+            }
+        }
+    }
+
+    #[test]
+    fn a_silent_autopilot_is_asked_again_and_not_flooded() {
+        let mut client = started();
+        let said = read(&mut client, 3, 60.0, || true);
+        assert!(client.items().is_none());
+        // Five requests 1.5 s apart, 5 s of rest: within 60 s not more than five rounds.
+        assert!((TRIES..=5 * TRIES).contains(&said), "{said}");
+    }
+
+    #[test]
+    fn after_the_last_item_there_is_silence_until_the_mission_changes() {
+        let mut client = started();
+        assert_eq!(read(&mut client, 3, 5.0, || false), 1 + 3 + 1);
+        assert_eq!(read(&mut client, 3, 5.0, || false), 0);
+        let now = Timestamp::from_seconds(200.0);
+        let current = |total, mission_id| {
+            MavMessage::MISSION_CURRENT(MISSION_CURRENT_DATA {
+                total,
+                mission_id,
+                ..MISSION_CURRENT_DATA::default()
+            })
+        };
+        client.take(now, &current(3, 77));
+        client.take(now, &current(u16::MAX, 77));
+        assert_eq!(client.next_wake(), None, "the same mission");
+        client.take(now, &current(3, 78));
+        assert_eq!(client.next_wake(), Some(now), "another of the same length");
+    }
+
+    #[test]
+    fn a_refusal_is_waited_out() {
+        let mut client = started();
+        let now = Timestamp::from_seconds(100.0);
+        assert!(client.request(now, (1, 1)).is_some());
+        let busy = MavMessage::MISSION_ACK(MISSION_ACK_DATA {
+            mavtype: MavMissionResult::MAV_MISSION_ERROR,
+            ..MISSION_ACK_DATA::default()
+        });
+        client.take(now, &busy);
+        assert!(client.request(now.plus_seconds(1.0), (1, 1)).is_none());
+        assert!(client.request(now.plus_seconds(6.0), (1, 1)).is_some());
+    }
+}

@@ -1,0 +1,614 @@
+//! Flies the autopilot's mission in its stead, for autopilots that only follow setpoints (OFFBOARD, GUIDED).
+//!
+//! | the autopilot | jink |
+//! |---|---|
+//! | flies its mission in the air, at a plain waypoint; the mission is read; jink is ready | has the way planned from the vehicle's own motion; asks for the mode in which setpoints are followed as soon as they lie where the vehicle is |
+//! | follows setpoints | wants the current waypoint and the next one, counts them as reached, tells the autopilot which is current |
+//! | the next item is no plain waypoint (a landing, a loiter, ...) | comes to rest, makes that item current, gives the mission back |
+//! | the last waypoint is reached | comes to rest, gives the mission back: the autopilot finishes it |
+//! | leaves that mode otherwise: the pilot, a failsafe | nothing, until somebody lets it fly the mission again |
+//!
+//! The stream is there before the mode is asked for, so entering is never refused and begins without a jump. Whoever chooses the
+//! mode himself gets the same: the mission from its current item on. So does a gateway that was started again in flight: the
+//! autopilot re-enters the mode as soon as setpoints come, and its current item is where the flight was.
+
+pub mod client;
+pub mod georeference;
+
+use client::Item;
+use jink_shared_types::vehicle::{DesiredPath, DesiredPoint, NavMode};
+use jink_shared_types::{Coded, Flag, Point, Timestamp};
+use mavlink::dialects::ardupilotmega::MavCmd;
+use nalgebra::Vector3;
+
+/// A waypoint without a radius of its own counts as reached within this (m): PX4's default for multicopters is 2 m
+/// (NAV_ACC_RAD); a planned path passes nearer.
+const RADIUS_M: f64 = 1.0;
+/// No radius is smaller than what a vehicle holds (m).
+const SMALLEST_RADIUS_M: f64 = 0.3;
+/// Slower than this counts as at rest (m/s).
+const REST_MPS: f64 = 0.2;
+/// The way to be taken over must be planned within this time (s); then the plan is dropped and made anew from where the
+/// autopilot has flown meanwhile.
+const PREPARATION_S: f64 = 1.5;
+/// Pause in which the old plan is dropped (s).
+const PAUSE_S: f64 = 0.5;
+/// A demand is repeated after this long (s): a change of mode shows within 30 ms, its heartbeat at once.
+const REPEAT_S: f64 = 1.0;
+/// After so many demands without effect it is left alone until something changes.
+const TRIES: u32 = 5;
+/// Speeds a mission may ask for (m/s).
+const SPEEDS_MPS: std::ops::RangeInclusive<f32> = 0.1..=30.0;
+
+/// What the autopilot is asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Demand {
+    /// To follow setpoints.
+    Follow,
+    /// To fly its mission again.
+    Mission,
+    /// To hold its place.
+    Hold,
+    /// To count this item as the current one.
+    Current(u16),
+}
+
+/// What is known at one moment.
+#[derive(Clone, Copy, Debug)]
+pub struct Scene<'a> {
+    /// Now.
+    pub now: Timestamp,
+    /// Mode in force, as the autopilot itself said last.
+    pub mode: NavMode,
+    /// Motors armed.
+    pub armed: bool,
+    /// Not on the ground.
+    pub in_air: bool,
+    /// Position in the local frame (m); `None` not known.
+    pub position: Option<Vector3<f64>>,
+    /// Speed (m/s).
+    pub speed_mps: f64,
+    /// The mission; `None` not read.
+    pub items: Option<&'a [Item]>,
+    /// The item that the autopilot counts as current; `None` not known.
+    pub current: Option<u16>,
+    /// The whole chain is ready.
+    pub ready: bool,
+    /// The setpoints that are sent belong to a plan and lie where the vehicle is.
+    pub on_plan: bool,
+}
+
+/// What follows from it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Intent {
+    /// What is wanted of the planner; `None`: nothing, what is committed ends at rest.
+    pub path: Option<DesiredPath>,
+    /// What is to be asked of the autopilot now.
+    pub demand: Option<Demand>,
+}
+
+/// Where the mission stands.
+#[derive(Clone, Debug)]
+pub struct Executive {
+    takes_over: bool,
+    /// The item that is flown to.
+    index: Option<usize>,
+    /// It was reached then.
+    reached: Option<Timestamp>,
+    before: NavMode,
+    /// The autopilot left the mode without being asked; the mission is the autopilot's until it begins anew.
+    yielded: bool,
+    /// The mission was given back at this item: it is not taken over at it again.
+    given_back: Option<u16>,
+    preparing: Option<Timestamp>,
+    asked: Option<(Demand, Timestamp, u32)>,
+}
+
+impl Executive {
+    /// `takes_over`: missions that the autopilot flies are taken over; otherwise only when somebody chooses the mode.
+    pub fn new(takes_over: bool) -> Self {
+        Self {
+            takes_over,
+            index: None,
+            reached: None,
+            before: NavMode::Unknown,
+            yielded: false,
+            given_back: None,
+            preparing: None,
+            asked: None,
+        }
+    }
+
+    /// One step. `place` tells where an item lies in the local frame (m); `None` if that cannot be said.
+    pub fn step(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
+        self.notice_mode(scene);
+        match scene.mode {
+            NavMode::Offboard => self.fly(scene, place),
+            NavMode::Mission => self.prepare(scene, place),
+            _ => Intent::default(),
+        }
+    }
+
+    /// Has the way planned while the autopilot still flies, and takes over once setpoints lie where it flies.
+    fn prepare(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
+        let Some((items, index)) = self.to_be_taken_over(scene) else {
+            self.preparing = None;
+            return Intent::default();
+        };
+        let Some(target) = place(&items[index]) else {
+            return Intent::default();
+        };
+        let since = *self.preparing.get_or_insert(scene.now);
+        let passed_s = scene.now.seconds_since(since);
+        if passed_s > PREPARATION_S {
+            if passed_s > PREPARATION_S + PAUSE_S {
+                self.preparing = None;
+            }
+            return Intent::default();
+        }
+        Intent {
+            path: Some(path(items, index, target, self.next(items, index, place))),
+            demand: scene
+                .on_plan
+                .then(|| self.ask(scene.now, Demand::Follow))
+                .flatten(),
+        }
+    }
+
+    fn notice_mode(&mut self, scene: &Scene<'_>) {
+        let before = std::mem::replace(&mut self.before, scene.mode);
+        if before == scene.mode {
+            return;
+        }
+        let asked = self.asked.take().map(|(demand, ..)| demand);
+        self.preparing = None;
+        match (before, scene.mode) {
+            (_, NavMode::Offboard) => {
+                self.yielded = false;
+                self.given_back = None;
+                self.index = None;
+                self.reached = None;
+            }
+            (NavMode::Offboard, NavMode::Mission) => self.yielded = asked != Some(Demand::Mission),
+            (NavMode::Offboard, _) => self.yielded = asked != Some(Demand::Hold),
+            // Somebody lets the autopilot fly its mission.
+            (_, NavMode::Mission) => {
+                self.yielded = false;
+                self.given_back = None;
+            }
+            _ => {}
+        }
+    }
+
+    /// The items and the one to go on at, if the mission is to be taken over now.
+    fn to_be_taken_over<'a>(&self, scene: &Scene<'a>) -> Option<(&'a [Item], usize)> {
+        let able = self.takes_over
+            && !self.yielded
+            && scene.ready
+            && scene.armed
+            && scene.in_air
+            && scene.position.is_some();
+        let (items, current) = scene.items.zip(scene.current).filter(|_| able)?;
+        let index = first_place(items, usize::from(current))?;
+        let item = &items[index];
+        let afresh = self.given_back != Some(item.sequence);
+        (is_plain(item) && afresh).then_some((items, index))
+    }
+
+    fn fly(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
+        let (Some(items), Some(position)) = (scene.items, scene.position) else {
+            return Intent::default();
+        };
+        let Some(current) = self.index.or(scene.current.map(usize::from)) else {
+            return Intent::default();
+        };
+        // Items that are no place (a change of speed, a jump that is not taken) are passed over.
+        let Some(index) = first_place(items, current) else {
+            return self.give_back(scene, items);
+        };
+        let item = &items[index];
+        if self.index != Some(index) {
+            self.index = Some(index);
+            self.reached = None;
+        }
+        if !is_plain(item) {
+            if scene.current != Some(item.sequence) {
+                return self.leave(scene, Demand::Current(item.sequence));
+            }
+            return self.leave(scene, Demand::Mission);
+        }
+        let Some(target) = place(item) else {
+            // Not known where: what the autopilot makes of it is not jink's.
+            return self.leave(scene, Demand::Hold);
+        };
+        if (position - target).norm() <= radius_m(item) {
+            let since = *self.reached.get_or_insert(scene.now);
+            if scene.now.seconds_since(since) >= f64::from(item.params[0]).max(0.0) {
+                self.index = Some(index + 1);
+                self.reached = None;
+                return self.fly_on(scene, items, index + 1, place);
+            }
+        }
+        let path = path(items, index, target, self.next(items, index, place));
+        let demand = (scene.current != Some(item.sequence))
+            .then(|| self.ask(scene.now, Demand::Current(item.sequence)))
+            .flatten();
+        Intent {
+            path: Some(path),
+            demand,
+        }
+    }
+
+    /// Where it goes on behind `index`, if that is a plain waypoint.
+    fn next(
+        &self,
+        items: &[Item],
+        index: usize,
+        place: impl Fn(&Item) -> Option<Vector3<f64>>,
+    ) -> Option<Vector3<f64>> {
+        let next = &items[first_place(items, index + 1)?];
+        place(next).filter(|_| is_plain(next))
+    }
+
+    /// An item was reached; the next step looks at the one behind it, and until then its place is wanted.
+    fn fly_on(
+        &mut self,
+        scene: &Scene<'_>,
+        items: &[Item],
+        index: usize,
+        place: impl Fn(&Item) -> Option<Vector3<f64>>,
+    ) -> Intent {
+        let Some(next) = first_place(items, index) else {
+            return self.give_back(scene, items);
+        };
+        let item = &items[next];
+        match place(item).filter(|_| is_plain(item)) {
+            Some(target) => Intent {
+                path: Some(path(items, next, target, self.next(items, next, place))),
+                demand: self.ask(scene.now, Demand::Current(item.sequence)),
+            },
+            None => Intent::default(),
+        }
+    }
+
+    /// All is flown: the autopilot finishes the mission at its last place, where the vehicle is.
+    fn give_back(&mut self, scene: &Scene<'_>, items: &[Item]) -> Intent {
+        let last = items.iter().rev().find(|item| navigates(item));
+        self.given_back = last.map(|item| item.sequence);
+        match self.given_back {
+            Some(last) if scene.current != Some(last) => self.leave(scene, Demand::Current(last)),
+            Some(_) => self.leave(scene, Demand::Mission),
+            None => Intent::default(),
+        }
+    }
+
+    /// Comes to rest first: without a wish the committed trajectory ends, and then its end is held.
+    fn leave(&mut self, scene: &Scene<'_>, demand: Demand) -> Intent {
+        let rests = scene.speed_mps <= REST_MPS;
+        Intent {
+            path: None,
+            demand: rests.then(|| self.ask(scene.now, demand)).flatten(),
+        }
+    }
+
+    /// A demand goes out at once, again every second, and not for ever.
+    fn ask(&mut self, now: Timestamp, demand: Demand) -> Option<Demand> {
+        let (last, times) = match self.asked {
+            Some((asked, last, times)) if asked == demand => (last, times),
+            _ => (Timestamp::NEVER, 0),
+        };
+        let due = times == 0 || now.seconds_since(last) >= REPEAT_S;
+        if !due || times >= TRIES {
+            return None;
+        }
+        self.asked = Some((demand, now, times + 1));
+        Some(demand)
+    }
+}
+
+/// A waypoint that is flown to, waited at for a while at most, and left.
+fn is_plain(item: &Item) -> bool {
+    item.command == MavCmd::MAV_CMD_NAV_WAYPOINT && item.autocontinue
+}
+
+/// Whether an item means a place or a task of the autopilot's own: what the protocol counts as a navigation command.
+fn navigates(item: &Item) -> bool {
+    (item.command as u32) < MavCmd::MAV_CMD_NAV_LAST as u32
+}
+
+/// The first item from `from` on that is a place or a task.
+fn first_place(items: &[Item], from: usize) -> Option<usize> {
+    (from..items.len()).find(|index| navigates(&items[*index]))
+}
+
+fn radius_m(item: &Item) -> f64 {
+    match f64::from(item.params[1]) {
+        radius if radius > 0.0 => radius.max(SMALLEST_RADIUS_M),
+        _ => RADIUS_M,
+    }
+}
+
+/// The speed that the mission asks for at `index`: the last DO_CHANGE_SPEED of a ground speed before it (m/s); NaN none.
+fn speed_mps(items: &[Item], index: usize) -> f64 {
+    let changes = items[..index].iter().rev();
+    let mut speeds = changes
+        .filter(|item| item.command == MavCmd::MAV_CMD_DO_CHANGE_SPEED && item.params[0] == 1.0)
+        .map(|item| item.params[1]);
+    speeds
+        .find(|speed| SPEEDS_MPS.contains(speed))
+        .map_or(f64::NAN, f64::from)
+}
+
+fn path(items: &[Item], index: usize, target: Vector3<f64>, next: Option<Vector3<f64>>) -> DesiredPath {
+    let point = |place: Vector3<f64>, yaw_rad: f32| DesiredPoint {
+        position: Point::from_vector(place),
+        yaw_rad,
+        valid: Flag::YES,
+        ..DesiredPoint::default()
+    };
+    let yaw_rad = items[index].params[3].to_radians();
+    DesiredPath {
+        points: [
+            point(target, f32::NAN),
+            point(target, yaw_rad),
+            point(next.unwrap_or(target), f32::NAN),
+        ],
+        mission_speed_mps: speed_mps(items, index),
+        mode: Coded::new(NavMode::Offboard),
+        ..DesiredPath::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::client::Item;
+    use super::{Demand, Executive, Scene};
+    use jink_shared_types::Timestamp;
+    use jink_shared_types::vehicle::NavMode;
+    use mavlink::dialects::ardupilotmega::{MavCmd, MavFrame};
+    use nalgebra::Vector3;
+
+    fn item(sequence: u16, command: MavCmd, north_m: i32) -> Item {
+        Item {
+            sequence,
+            command,
+            frame: MavFrame::MAV_FRAME_LOCAL_NED,
+            params: [0.0, 0.0, 0.0, f32::NAN],
+            x: north_m,
+            y: 0,
+            z_m: -5.0,
+            autocontinue: true,
+        }
+    }
+
+    /// Take-off, two waypoints with a change of speed between them, a landing.
+    fn mission() -> Vec<Item> {
+        let mut speed = item(2, MavCmd::MAV_CMD_DO_CHANGE_SPEED, 0);
+        speed.params = [1.0, 2.5, -1.0, 0.0];
+        vec![
+            item(0, MavCmd::MAV_CMD_NAV_TAKEOFF, 0),
+            item(1, MavCmd::MAV_CMD_NAV_WAYPOINT, 20),
+            speed,
+            item(3, MavCmd::MAV_CMD_NAV_WAYPOINT, 40),
+            item(4, MavCmd::MAV_CMD_NAV_LAND, 40),
+        ]
+    }
+
+    fn place(item: &Item) -> Option<Vector3<f64>> {
+        Some(Vector3::new(f64::from(item.x), 0.0, f64::from(item.z_m)))
+    }
+
+    fn scene(items: &[Item]) -> Scene<'_> {
+        Scene {
+            now: Timestamp::from_seconds(50.0),
+            mode: NavMode::Mission,
+            armed: true,
+            in_air: true,
+            position: Some(Vector3::new(1.0, 0.0, -5.0)),
+            speed_mps: 2.0,
+            items: Some(items),
+            current: Some(1),
+            ready: true,
+            on_plan: true,
+        }
+    }
+
+    fn at(north_m: f64) -> Option<Vector3<f64>> {
+        Some(Vector3::new(north_m, 0.0, -5.0))
+    }
+
+    #[test]
+    fn a_mission_is_taken_over_at_its_first_plain_waypoint_when_all_is_ready() {
+        let items = mission();
+        for hindrance in 0..7 {
+            let mut seen = scene(&items);
+            match hindrance {
+                0 => seen.current = Some(0),
+                1 => seen.armed = false,
+                2 => seen.in_air = false,
+                3 => seen.ready = false,
+                4 => seen.items = None,
+                5 => seen.position = None,
+                _ => seen.current = Some(4),
+            }
+            let intent = Executive::new(true).step(&seen, place);
+            assert_eq!(
+                (intent.path, intent.demand),
+                (None, None),
+                "hindrance {hindrance}"
+            );
+        }
+        let mut seen = scene(&items);
+        seen.on_plan = false;
+        let intent = Executive::new(true).step(&seen, place);
+        assert_eq!(intent.path.unwrap().points[1].position.x_m, 20.0);
+        assert_eq!(intent.demand, None, "the way is planned first");
+        let intent = Executive::new(true).step(&scene(&items), place);
+        assert_eq!(intent.demand, Some(Demand::Follow));
+        let intent = Executive::new(false).step(&scene(&items), place);
+        assert_eq!(intent.demand, None, "nobody has asked for it");
+    }
+
+    #[test]
+    fn a_demand_is_repeated_every_second_and_not_for_ever() {
+        let items = mission();
+        let mut executive = Executive::new(true);
+        let mut seen = scene(&items);
+        let mut demands = 0;
+        for _ in 0..1000 {
+            seen.now = seen.now.plus_seconds(0.02);
+            demands += u32::from(executive.step(&seen, place).demand.is_some());
+        }
+        assert_eq!(demands, 5);
+    }
+
+    #[test]
+    fn waypoint_by_waypoint_to_the_landing_which_is_the_autopilots() {
+        let items = mission();
+        let mut executive = Executive::new(true);
+        let mut seen = scene(&items);
+        executive.step(&seen, place);
+        seen.mode = NavMode::Offboard;
+        let wanted = executive.step(&seen, place).path.unwrap();
+        assert_eq!(
+            (wanted.points[1].position.x_m, wanted.points[2].position.x_m),
+            (20.0, 40.0)
+        );
+        assert!(wanted.mission_speed_mps.is_nan());
+        assert!(wanted.points[0].position.is_finite());
+
+        // Reached: the next one is wanted in the same step, and the autopilot is told.
+        seen.position = at(19.5);
+        let intent = executive.step(&seen, place);
+        assert_eq!(intent.path.unwrap().points[1].position.x_m, 40.0);
+        assert_eq!(intent.path.unwrap().mission_speed_mps, 2.5);
+        assert_eq!(intent.demand, Some(Demand::Current(3)));
+        seen.current = Some(3);
+        assert_eq!(executive.step(&seen, place).demand, None);
+
+        // The last waypoint before the landing: to rest, then the landing is made current, then the mission is given back.
+        seen.position = at(39.9);
+        assert_eq!(executive.step(&seen, place).path, None);
+        seen.now = seen.now.plus_seconds(0.1);
+        assert_eq!(executive.step(&seen, place).demand, None, "it still moves");
+        seen.speed_mps = 0.05;
+        assert_eq!(executive.step(&seen, place).demand, Some(Demand::Current(4)));
+        seen.current = Some(4);
+        assert_eq!(executive.step(&seen, place).demand, Some(Demand::Mission));
+        seen.mode = NavMode::Mission;
+        let after = executive.step(&seen, place);
+        assert_eq!(
+            (after.path, after.demand),
+            (None, None),
+            "the landing is the autopilot's"
+        );
+    }
+
+    #[test]
+    fn a_plan_that_the_autopilot_has_flown_away_from_is_dropped_and_made_anew() {
+        let items = mission();
+        let mut executive = Executive::new(true);
+        let mut seen = scene(&items);
+        seen.on_plan = false;
+        let wishes: Vec<_> = (0..400)
+            .map(|_| {
+                seen.now = seen.now.plus_seconds(0.01);
+                executive.step(&seen, place).path.is_some()
+            })
+            .collect();
+        let changes = wishes.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        assert!(wishes[0] && (3..=4).contains(&changes), "{changes} changes");
+    }
+
+    #[test]
+    fn after_the_last_waypoint_the_autopilot_finishes_its_mission_and_keeps_it() {
+        let items = &mission()[..4];
+        let mut executive = Executive::new(true);
+        let mut seen = scene(items);
+        seen.mode = NavMode::Offboard;
+        seen.current = Some(3);
+        seen.position = at(40.0);
+        assert_eq!(executive.step(&seen, place).demand, None, "it still moves");
+        seen.speed_mps = 0.0;
+        assert_eq!(executive.step(&seen, place).demand, Some(Demand::Mission));
+        seen.mode = NavMode::Mission;
+        for _ in 0..100 {
+            seen.now = seen.now.plus_seconds(0.02);
+            assert_eq!(executive.step(&seen, place), super::Intent::default());
+        }
+        seen.mode = NavMode::Hold;
+        executive.step(&seen, place);
+        seen.mode = NavMode::Mission;
+        seen.current = Some(1);
+        assert!(
+            executive.step(&seen, place).path.is_some(),
+            "begun anew by somebody"
+        );
+    }
+
+    #[test]
+    fn a_waypoint_with_a_delay_is_waited_at() {
+        let mut items = mission();
+        items[1].params[0] = 3.0;
+        let mut executive = Executive::new(true);
+        let mut seen = scene(&items);
+        seen.mode = NavMode::Offboard;
+        seen.position = at(20.0);
+        assert_eq!(
+            executive.step(&seen, place).path.unwrap().points[1].position.x_m,
+            20.0
+        );
+        seen.now = seen.now.plus_seconds(2.9);
+        assert_eq!(
+            executive.step(&seen, place).path.unwrap().points[1].position.x_m,
+            20.0
+        );
+        seen.now = seen.now.plus_seconds(0.2);
+        assert_eq!(
+            executive.step(&seen, place).path.unwrap().points[1].position.x_m,
+            40.0
+        );
+    }
+
+    #[test]
+    fn a_pilot_who_takes_the_mission_back_keeps_it() {
+        let items = mission();
+        for taken_to in [
+            NavMode::Mission,
+            NavMode::Hold,
+            NavMode::Position,
+            NavMode::Return,
+        ] {
+            let mut executive = Executive::new(true);
+            let mut seen = scene(&items);
+            seen.mode = NavMode::Offboard;
+            executive.step(&seen, place);
+            seen.mode = taken_to;
+            for _ in 0..200 {
+                seen.now = seen.now.plus_seconds(0.02);
+                assert_eq!(
+                    executive.step(&seen, place),
+                    super::Intent::default(),
+                    "{taken_to:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_gateway_that_starts_in_flight_goes_on_at_the_current_item() {
+        let items = mission();
+        let mut executive = Executive::new(true);
+        let mut seen = scene(&items);
+        seen.mode = NavMode::Offboard;
+        seen.current = Some(3);
+        let wanted = executive.step(&seen, place).path.unwrap();
+        assert_eq!(wanted.points[1].position.x_m, 40.0);
+        seen.items = None;
+        assert_eq!(
+            Executive::new(true).step(&seen, place).path,
+            None,
+            "not read yet: hold"
+        );
+    }
+}

@@ -1,0 +1,99 @@
+//! Whose firmware it is, and how it numbers its modes.
+//!
+//! | | HEARTBEAT and DO_SET_MODE | mode that follows setpoints | mode that holds |
+//! |---|---|---|---|
+//! | PX4 | main mode, sub mode ([`px4_mode`]) | OFFBOARD (6) | AUTO.LOITER (4, 3) |
+//! | ArduCopter | one number | GUIDED (4) | BRAKE (17): LOITER would obey sticks, and without a remote control sink |
+
+use crate::px4_mode;
+use jink_shared_types::vehicle::NavMode;
+use mavlink::dialects::ardupilotmega::MavAutopilot;
+
+/// A make of autopilot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Make {
+    /// PX4.
+    Px4,
+    /// ArduPilot; of its vehicles the Copter.
+    ArduPilot,
+}
+
+/// ArduCopter's modes that have a name here; every other one is the pilot's.
+const COPTER_MODES: [(u32, NavMode); 11] = [
+    (3, NavMode::Mission),   // AUTO
+    (4, NavMode::Offboard),  // GUIDED
+    (5, NavMode::Position),  // LOITER
+    (6, NavMode::Return),    // RTL
+    (7, NavMode::Hold),      // CIRCLE
+    (9, NavMode::Land),      // LAND
+    (16, NavMode::Position), // POSHOLD
+    (17, NavMode::Hold),     // BRAKE
+    (18, NavMode::Hold),     // THROW
+    (21, NavMode::Return),   // SMART_RTL
+    (27, NavMode::Return),   // AUTO_RTL
+];
+/// BRAKE.
+const COPTER_BRAKE: u32 = 17;
+
+impl Make {
+    /// From the heartbeat's field; `None` for makes that are not known here.
+    pub fn of(autopilot: MavAutopilot) -> Option<Self> {
+        match autopilot {
+            MavAutopilot::MAV_AUTOPILOT_PX4 => Some(Make::Px4),
+            MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => Some(Make::ArduPilot),
+            _ => None,
+        }
+    }
+
+    /// The mode behind its number.
+    pub fn nav_mode(self, custom_mode: u32) -> NavMode {
+        match self {
+            Make::Px4 => px4_mode::nav_mode(custom_mode),
+            Make::ArduPilot => COPTER_MODES
+                .iter()
+                .find(|(number, _)| *number == custom_mode)
+                .map_or(NavMode::Manual, |(_, mode)| *mode),
+        }
+    }
+
+    /// Whether a mode without a name here may be one in which trajectories are followed.
+    pub fn is_unnamed_auto(self, custom_mode: u32) -> bool {
+        self == Make::Px4 && px4_mode::is_auto(custom_mode)
+    }
+
+    /// Parameters 2 and 3 of MAV_CMD_DO_SET_MODE for the modes that jink asks for; `None` for others.
+    pub fn mode_numbers(self, mode: NavMode) -> Option<(u32, u32)> {
+        match (self, mode) {
+            (Make::Px4, NavMode::Offboard) => Some((6, 0)),
+            (Make::Px4, NavMode::Hold) => Some((4, 3)),
+            (Make::Px4, NavMode::Mission) => Some((4, 4)),
+            (Make::ArduPilot, NavMode::Offboard) => Some((4, 0)),
+            (Make::ArduPilot, NavMode::Hold) => Some((COPTER_BRAKE, 0)),
+            (Make::ArduPilot, NavMode::Mission) => Some((3, 0)),
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Make;
+    use jink_shared_types::vehicle::NavMode;
+
+    #[test]
+    fn a_mode_that_is_asked_for_is_the_one_that_is_told() {
+        for mode in [NavMode::Offboard, NavMode::Hold, NavMode::Mission] {
+            let (main, sub) = Make::Px4.mode_numbers(mode).unwrap();
+            assert_eq!(Make::Px4.nav_mode(main << 16 | sub << 24), mode);
+            let (number, _) = Make::ArduPilot.mode_numbers(mode).unwrap();
+            assert_eq!(Make::ArduPilot.nav_mode(number), mode);
+        }
+    }
+
+    #[test]
+    fn copter_modes_without_a_name_are_the_pilots() {
+        for number in [0, 1, 2, 13, 15, 20, 999] {
+            assert_eq!(Make::ArduPilot.nav_mode(number), NavMode::Manual);
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! PX4 in OFFBOARD and ArduCopter in GUIDED: every setpoint is a SET_POSITION_TARGET_LOCAL_NED, fifty times a second.
+//!
+//! | field | PX4 | ArduCopter | why |
+//! |---|---|---|---|
+//! | `coordinate_frame` | LOCAL_NED | LOCAL_NED | the only frame that neither refuses nor anchors anew at every message |
+//! | `type_mask` | 0: everything is given | the same | PX4 stops where an axis has nothing; ArduCopter drops a whole group for one ignored axis, and without the acceleration it weaves metres off |
+//! | position | of the reference at this moment | the same | sent ahead of time it would be reached ahead of time |
+//! | velocity, acceleration | of the reference a little later ([`Lead`]) | of this moment | they are fed forward, and PX4 answers with a delay; ArduCopter was 0.6 m ahead with 0.15 s of lead |
+//! | yaw, yaw rate | of the reference at this moment | the same | |
+//! | every number | finite | finite | ArduCopter's process aborts at a NaN |
+//! | `target_component` | 1 | 1 | PX4 takes its own or 0 only |
+//!
+//! When the stream stops PX4 flies on the last setpoint for a second, then its fail-safe climbs and comes back; ArduCopter extrapolates
+//! the last one for GUID_TIMEOUT: 5 to 20 m of travel. So there is always a setpoint, and without a plan it is a stop of our own.
+//! When the stream is back PX4 enters the mode again by itself: a gateway that was just started begins where the vehicle is.
+
+use super::lead::Lead;
+use super::pilot::{Nearness, Pilot, Source};
+use super::{Profile, Setpoint, Situation};
+use crate::message::COMPONENT_AUTOPILOT;
+use jink_shared_types::frames::wrap_pi;
+use jink_shared_types::vehicle::NavMode;
+use mavlink::dialects::ardupilotmega::{
+    MavFrame, MavMessage, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
+};
+
+/// A reference that is farther from the vehicle than this is not what the vehicle flies (m): three times the largest
+/// error measured in OFFBOARD and GUIDED within the limits that are planned with.
+const ASTRAY_M: f64 = 2.0;
+/// The reference is where the vehicle is if both are this near (m) ...
+const NEAR_M: f64 = 0.5;
+/// ... and as fast, within this (m/s).
+const AS_FAST_MPS: f64 = 0.7;
+/// Length of the pieces that are cut from a plan (s): the longest lead, and a little.
+const PIECE_S: f64 = 0.35;
+
+/// The profile.
+#[derive(Debug)]
+pub struct PositionTarget {
+    pilot: Pilot,
+    /// `None`: the autopilot needs none.
+    lead: Option<Lead>,
+    on_plan: bool,
+}
+
+impl PositionTarget {
+    /// For PX4.
+    pub fn px4() -> Self {
+        Self {
+            pilot: Pilot::new(PIECE_S, PIECE_S).near_the_vehicle(ASTRAY_M),
+            lead: Some(Lead::default()),
+            on_plan: false,
+        }
+    }
+
+    /// For ArduCopter.
+    pub fn arducopter() -> Self {
+        Self {
+            lead: None,
+            ..Self::px4()
+        }
+    }
+}
+
+impl Profile for PositionTarget {
+    fn listens(&self, mode: NavMode) -> bool {
+        matches!(mode, NavMode::Offboard | NavMode::Unknown)
+    }
+
+    fn observe(&mut self, situation: &Situation<'_>) -> bool {
+        self.pilot.observe(situation)
+    }
+
+    fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint> {
+        let now = situation.now;
+        let vehicle = situation.vehicle?;
+        let decision = self.pilot.decide(situation, now)?;
+        let curve = &decision.curve;
+        let error = curve.position_at(now) - vehicle.position;
+        let slip = curve.velocity_at(now) - vehicle.velocity;
+        self.on_plan =
+            decision.source == Source::Planned && error.norm() <= NEAR_M && slip.norm() <= AS_FAST_MPS;
+        let later = match &mut self.lead {
+            Some(lead) => {
+                if self.on_plan && situation.mode == NavMode::Offboard {
+                    lead.learn(now, error, curve.acceleration_at(now));
+                }
+                now.plus_seconds(lead.seconds())
+            }
+            None => now,
+        };
+        let (position, velocity, acceleration) = (
+            curve.position_at(now),
+            curve.velocity_at(later),
+            curve.acceleration_at(later),
+        );
+        let message = SET_POSITION_TARGET_LOCAL_NED_DATA {
+            time_boot_ms: (now.ns / 1_000_000) as u32,
+            x: position.x as f32,
+            y: position.y as f32,
+            z: position.z as f32,
+            vx: velocity.x as f32,
+            vy: velocity.y as f32,
+            vz: velocity.z as f32,
+            afx: acceleration.x as f32,
+            afy: acceleration.y as f32,
+            afz: acceleration.z as f32,
+            yaw: wrap_pi(curve.yaw_at(now)) as f32,
+            yaw_rate: curve.yaw_rate_at(now) as f32,
+            type_mask: PositionTargetTypemask::empty(),
+            target_system: situation.system_id,
+            target_component: COMPONENT_AUTOPILOT,
+            coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        };
+        Some(Setpoint {
+            message: MavMessage::SET_POSITION_TARGET_LOCAL_NED(message),
+            source: decision.source,
+            first_of: decision.first_of,
+        })
+    }
+
+    fn nearness(&self) -> Nearness {
+        if self.pilot.is_astray() {
+            Nearness::Astray
+        } else if self.on_plan {
+            Nearness::OnPlan
+        } else {
+            Nearness::Apart
+        }
+    }
+
+    fn reset(&mut self) {
+        self.pilot.reset();
+        self.on_plan = false;
+    }
+}
