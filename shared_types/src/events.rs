@@ -103,6 +103,8 @@ events! {
     SENSOR_BACK = 26, Notice, "jink: all range sensors back", "None.";
     /// The autopilot refuses the mode in which it follows setpoints, or the mission that is given back; the number is the MAV_RESULT.
     MODE_REFUSED = 27, Warning, "jink: autopilot refused the mode, {0}", "Read the autopilot's own text; fly by hand or try again.";
+    /// A mission item cannot be reached; the name tells what is done about it.
+    ITEM_BLOCKED = 28, Warning, "jink: item {0} blocked, {name}", "Choose another way or another item.";
 }
 
 /// The event with identity `id`.

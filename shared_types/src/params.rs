@@ -74,6 +74,8 @@ params! {
     OA_ALT_MAX = Float, 120.0, 1.0 .. 1000.0, "m", Live, "Greatest height above home that a planned motion may use";
     OA_GOAL_RAD = Float, 0.3, 0.05 .. 5.0, "m", Live, "Distance at which a goal counts as reached";
     OA_YAW_MODE = Integer, 1.0, 0.0 .. 1.0, "", Live, "Heading of planned motion: 0 as the mission asks, 1 along the path";
+    OA_BLOCKED = Integer, 0.0, 0.0 .. 2.0, "", Restart, "Mission item that cannot be reached: 0 wait and tell, 1 skip it, 2 stop the mission";
+    OA_BLOCKED_T = Float, 30.0, 2.0 .. 600.0, "s", Restart, "Time of standing before a mission item after which it counts as out of reach";
     OA_CARVE_RNG = Float, 12.0, 3.0 .. 12.0, "m", Restart, "Range up to which rays clear the map";
     GD_MARGIN = Float, 0.10, 0.0 .. 2.0, "m", Live, "Distance the guard keeps besides the vehicle radius";
     GD_BAND = Float, 0.50, 0.1 .. 5.0, "m", Restart, "Half height of the band around the vehicle in which the guard counts obstacles";

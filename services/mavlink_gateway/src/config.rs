@@ -1,8 +1,9 @@
 //! What the gateway is told at its start.
 
+use crate::blockage::Remedy;
 use crate::message::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
 use crate::profile::{ProfileName, Representation};
-use jink_shared_types::params::{GW_HORIZON, GW_RATE, ParamSet};
+use jink_shared_types::params::{GW_HORIZON, GW_RATE, OA_BLOCKED_T, ParamSet};
 
 /// A curve lasts at least this many periods of the stream: one lost setpoint and one late one must not let it expire.
 const PERIODS_PER_CURVE: f64 = 3.0;
@@ -24,6 +25,10 @@ pub struct GatewayConfig {
     pub profile: ProfileName,
     /// Missions that the autopilot flies are taken over from it, where it only follows setpoints.
     pub takes_missions: bool,
+    /// What is done about a mission item that cannot be reached ...
+    pub blocked_remedy: Remedy,
+    /// ... after standing before it for so long (s).
+    pub blocked_patience_s: f64,
     /// In which message, where the profile leaves the choice.
     pub representation: Representation,
     /// Rate of the setpoint stream (Hz). A new trajectory does not wait for the beat, so up to twice as many may go out.
@@ -47,6 +52,8 @@ impl GatewayConfig {
             system_id: None,
             profile,
             takes_missions: true,
+            blocked_remedy: Remedy::from_params(params),
+            blocked_patience_s: params.get(&OA_BLOCKED_T),
             representation: Representation::default(),
             setpoint_rate_hz: profile.rate_hz(params.get(&GW_RATE)),
             horizon_s: params.get(&GW_HORIZON),

@@ -46,6 +46,7 @@
 
 mod avoidance;
 mod baton;
+mod blockage;
 mod clock_map;
 mod commands;
 mod config;
@@ -70,6 +71,7 @@ mod vehicle;
 mod wire;
 
 pub use baton::Baton;
+pub use blockage::Remedy;
 pub use config::GatewayConfig;
 pub use encoder::Encoder;
 pub use gateway::Gateway;

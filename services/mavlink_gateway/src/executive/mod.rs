@@ -155,6 +155,12 @@ impl Executive {
         }
     }
 
+    /// The item that is flown to cannot be reached: the one behind it is flown to.
+    pub fn skip(&mut self) {
+        self.index = self.index.map(|index| index + 1);
+        self.reached = None;
+    }
+
     fn notice_mode(&mut self, scene: &Scene<'_>) {
         let before = std::mem::replace(&mut self.before, scene.mode);
         if before == scene.mode {

@@ -105,6 +105,10 @@ impl Gateway {
             MavMessage::EXTENDED_SYS_STATE(state) => self.vehicle.take_landed(state),
             MavMessage::ALTITUDE(altitude) => self.vehicle.take_altitude(altitude, time),
             MavMessage::HOME_POSITION(home) if self.mission.is_none() => self.vehicle.take_home(home),
+            MavMessage::MISSION_CURRENT(current) => {
+                let total = (1..u16::MAX).contains(&current.total).then_some(current.total);
+                self.current_item = Some((current.seq, total));
+            }
             MavMessage::CURRENT_MODE(current) => self.vehicle.take_mode(current.custom_mode),
             MavMessage::COMMAND_ACK(ack) => {
                 self.streams.answered(now, ack);
@@ -151,6 +155,7 @@ impl Gateway {
             flight.read_anew(now);
         }
         self.desired = None;
+        self.current_item = None;
         self.was_greeted = false;
         self.profile.reset();
         self.wire.interrupted();

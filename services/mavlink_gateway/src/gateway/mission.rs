@@ -1,6 +1,8 @@
-//! The mission where jink flies it in the autopilot's stead: what the executive sees, and what becomes of its intents.
+//! The mission: where jink flies it in the autopilot's stead, what the executive sees and what becomes of its intents; and
+//! everywhere, what is done about an item that cannot be reached.
 
 use super::Gateway;
+use crate::blockage::{Remedy, View};
 use crate::executive::client::MissionClient;
 use crate::executive::georeference::Georeference;
 use crate::executive::{Demand, Executive, Intent, Scene};
@@ -9,7 +11,7 @@ use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT};
 use crate::profile::pilot::Nearness;
 use crate::ticker::Ticker;
-use jink_shared_types::events::MODE_REFUSED;
+use jink_shared_types::events::{EventSample, ITEM_BLOCKED, MODE_REFUSED};
 use jink_shared_types::link::AvoidanceState;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Timestamp};
@@ -26,8 +28,6 @@ pub(super) struct MissionFlight {
     client: MissionClient,
     executive: Executive,
     georeference: Georeference,
-    /// The item that the autopilot counts as current.
-    current: Option<u16>,
     /// The last wish, and when it is due again.
     wish: Option<DesiredPath>,
     repeat: Ticker,
@@ -42,7 +42,6 @@ impl MissionFlight {
             client: MissionClient::default(),
             executive: Executive::new(takes_over),
             georeference: Georeference::default(),
-            current: None,
             wish: None,
             repeat: Ticker::new(WISH_RATE_HZ),
             mode: NavMode::Unknown,
@@ -60,7 +59,6 @@ impl MissionFlight {
         match message {
             MavMessage::LOCAL_POSITION_NED(position) => self.georeference.take_local(position),
             MavMessage::GLOBAL_POSITION_INT(position) => self.georeference.take_global(position),
-            MavMessage::MISSION_CURRENT(current) => self.current = Some(current.seq),
             _ => {}
         }
         self.client.take(now, message);
@@ -105,7 +103,7 @@ impl Gateway {
             position: present.map(|present| present.position),
             speed_mps: present.map_or(f64::INFINITY, |present| present.velocity.norm()),
             items: flight.client.items(),
-            current: flight.current,
+            current: self.current_item.map(|(item, _)| item),
             ready,
             on_plan: nearness == Nearness::OnPlan,
         };
@@ -130,12 +128,66 @@ impl Gateway {
             }
         }
         let request = flight.client.request(now, (system_id, COMPONENT_AUTOPILOT));
-        let demanded = demand.zip(self.vehicle.make()).and_then(|(demand, make)| {
+        if let Some(request) = request {
+            outputs.send(self.outgoing(now, Body::Message(request)));
+        }
+        if let Some(demand) = demand {
+            self.demand(now, demand, outputs);
+        }
+    }
+
+    fn demand(&mut self, now: Timestamp, demand: Demand, outputs: &mut Outputs) {
+        let target = self.latch.system_id(now).zip(self.vehicle.make());
+        let command =
+            target.and_then(|(system_id, make)| command(demand, make, (system_id, COMPONENT_AUTOPILOT)));
+        if let Some(command) = command {
             tracing::info!("asked of the autopilot: {demand:?}");
-            command(demand, make, (system_id, COMPONENT_AUTOPILOT))
-        });
-        for message in [request, demanded].into_iter().flatten() {
-            outputs.send(self.outgoing(now, Body::Message(message)));
+            outputs.send(self.outgoing(now, Body::Message(command)));
+        }
+    }
+
+    /// Helps a vehicle that stands before an item it cannot reach.
+    pub(super) fn watch_blockage(&mut self, now: Timestamp, outputs: &mut Outputs) {
+        let mode = self.vehicle.mode();
+        let wish = match &self.mission {
+            Some(flight) => flight.wish.filter(|_| mode == NavMode::Offboard),
+            None => self
+                .desired
+                .filter(|path| path.mode == mode && mode == NavMode::Mission),
+        };
+        let wanted = wish.filter(|wish| self.was_alive && self.vehicle.is_armed() && wish.wants_planning());
+        let present = self.vehicle.present(now);
+        let Some((item, total)) = self.current_item else {
+            return;
+        };
+        let view = View {
+            now,
+            item,
+            speed_mps: present.map_or(f64::INFINITY, |present| present.velocity.norm()),
+            away_m: wanted
+                .zip(present)
+                .map(|(wish, present)| (wish.points[1].position.vector() - present.position).norm()),
+        };
+        let Some(remedy) = self.blockage.step(&view) else {
+            return;
+        };
+        let Some((item, total)) = self.current_item else {
+            return;
+        };
+        let next = item.saturating_add(1);
+        // Behind the last item there is nothing to go on to.
+        let remedy = match remedy {
+            Remedy::Skip if total.is_some_and(|total| next >= total) => Remedy::Stop,
+            remedy => remedy,
+        };
+        let event = EventSample::new(&ITEM_BLOCKED, remedy.word(), [f64::from(item), 0.0]);
+        self.texts.push(now, &event);
+        outputs.tell(event);
+        match (remedy, &mut self.mission) {
+            (Remedy::Wait, _) => {}
+            (Remedy::Stop, _) => self.demand(now, Demand::Hold, outputs),
+            (Remedy::Skip, Some(flight)) => flight.executive.skip(),
+            (Remedy::Skip, None) => self.demand(now, Demand::Current(next), outputs),
         }
     }
 

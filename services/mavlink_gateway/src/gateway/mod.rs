@@ -4,6 +4,7 @@ mod intake;
 mod mission;
 
 use crate::avoidance::{self, Heartbeats, Input};
+use crate::blockage::Blockage;
 use crate::clock_map::ClockMap;
 use crate::config::GatewayConfig;
 use crate::io::{Inputs, Outputs};
@@ -47,6 +48,9 @@ pub struct Gateway {
     desired: Option<DesiredPath>,
     /// Where jink flies the mission itself.
     mission: Option<MissionFlight>,
+    /// The mission item that the autopilot counts as current, and how many there are, where it says so.
+    current_item: Option<(u16, Option<u16>)>,
+    blockage: Blockage,
     position: Input,
     ranges: Input,
     approved: Input,
@@ -86,6 +90,8 @@ impl Gateway {
                 .profile
                 .flies_the_mission()
                 .then(|| MissionFlight::new(config.takes_missions)),
+            current_item: None,
+            blockage: Blockage::new(config.blocked_remedy, config.blocked_patience_s),
             position: Input::Missing,
             ranges: Input::Missing,
             approved: Input::Missing,
@@ -120,6 +126,7 @@ impl Gateway {
         }
         self.judge(now, inputs);
         self.run_mission(now, outputs);
+        self.watch_blockage(now, outputs);
         self.fly(now, inputs, outputs);
         self.speak(now, inputs, outputs);
         if now >= self.status_due {
