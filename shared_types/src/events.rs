@@ -105,6 +105,10 @@ events! {
     MODE_REFUSED = 27, Warning, "jink: autopilot refused the mode, {0}", "Read the autopilot's own text; fly by hand or try again.";
     /// A mission item cannot be reached; the name tells what is done about it.
     ITEM_BLOCKED = 28, Warning, "jink: item {0} blocked, {name}", "Choose another way or another item.";
+    /// The autopilot is in the mode that follows setpoints and does not follow them.
+    SETPOINTS_IGNORED = 29, Error, "jink: autopilot ignores setpoints", "Take over; check the autopilot's log and version.";
+    /// It follows them again.
+    SETPOINTS_FOLLOWED = 30, Notice, "jink: autopilot follows setpoints again", "None.";
 }
 
 /// The event with identity `id`.

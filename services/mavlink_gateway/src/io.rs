@@ -10,10 +10,10 @@ use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Reading, Timestamp};
 
-/// Messages that fit into one step's output. Of its own accord the gateway sends at most nine per step.
+/// Messages that fit into one step's output. Of its own accord the gateway sends at most seventeen per step.
 pub const OUTBOX: usize = 64;
 /// Part of it that answers may fill: a flood of requests must not push out a setpoint.
-const ANSWERS: usize = OUTBOX - 16;
+const ANSWERS: usize = OUTBOX - 24;
 /// Events that fit into one step's output.
 const EVENTS: usize = 4;
 

@@ -239,6 +239,44 @@ fn a_plan_that_lies_far_from_the_vehicle_is_not_flown_and_a_new_one_is_wanted() 
     assert!(vectors(&sent(&bench).last().unwrap().1)[1].x > 0.05);
 }
 
+/// ArduCopter refuses a setpoint without a word; that it follows no position is all that shows.
+#[test]
+fn setpoints_that_the_autopilot_ignores_are_told_once_and_their_return_once() {
+    let (profile, mode) = BOTH[1];
+    let mut bench = bench(profile);
+    let mut texts = Vec::new();
+    bench.fly(12.0, |bench, t| {
+        tell(bench, profile, t, mode, HERE, Vector3::zeros());
+        if ((t * 100.0).round() as u32).is_multiple_of(20) {
+            let stopped = PositionTargetTypemask::from_bits_truncate(3079);
+            let followed = PositionTargetTypemask::from_bits_truncate(3072);
+            bench.hear(MavMessage::POSITION_TARGET_LOCAL_NED(
+                POSITION_TARGET_LOCAL_NED_DATA {
+                    type_mask: if (2.0..8.0).contains(&t) {
+                        stopped
+                    } else {
+                        followed
+                    },
+                    ..POSITION_TARGET_LOCAL_NED_DATA::default()
+                },
+            ));
+        }
+    });
+    for sent in &bench.sent {
+        if let MavMessage::STATUSTEXT(line) = &sent.message {
+            texts.push(line.text.to_str().unwrap().to_owned());
+        }
+    }
+    let about: Vec<_> = texts.iter().filter(|text| text.contains("setpoints")).collect();
+    assert_eq!(
+        about,
+        [
+            "jink: autopilot ignores setpoints",
+            "jink: autopilot follows setpoints again"
+        ]
+    );
+}
+
 fn any_vector() -> impl Strategy<Value = Vector3<f64>> {
     let number = prop_oneof![
         8 => -50.0..50.0f64,

@@ -109,6 +109,7 @@ impl Gateway {
                 let total = (1..u16::MAX).contains(&current.total).then_some(current.total);
                 self.current_item = Some((current.seq, total));
             }
+            MavMessage::POSITION_TARGET_LOCAL_NED(echo) => self.take_echo(now, echo, outputs),
             MavMessage::CURRENT_MODE(current) => self.vehicle.take_mode(current.custom_mode),
             MavMessage::COMMAND_ACK(ack) => {
                 self.streams.answered(now, ack);

@@ -11,16 +11,22 @@ use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT};
 use crate::profile::pilot::Nearness;
 use crate::ticker::Ticker;
-use jink_shared_types::events::{EventSample, ITEM_BLOCKED, MODE_REFUSED};
+use jink_shared_types::events::{
+    EventSample, ITEM_BLOCKED, MODE_REFUSED, SETPOINTS_FOLLOWED, SETPOINTS_IGNORED,
+};
 use jink_shared_types::link::AvoidanceState;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Timestamp};
 use mavlink::dialects::ardupilotmega::{
     COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavModeFlag, MavResult,
+    POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask,
 };
 
 /// Rate at which the wish is repeated (Hz), as the topic table says.
 const WISH_RATE_HZ: f64 = 5.0;
+
+/// So many echoes in a row that show no position count as a refusal: at 5 Hz 0.6 s, in which a mode has been entered.
+const ECHOES_TO_TELL: u32 = 3;
 
 /// Everything about a mission that jink flies.
 #[derive(Clone, Debug)]
@@ -34,6 +40,8 @@ pub(super) struct MissionFlight {
     /// Mode at the last step.
     mode: NavMode,
     was_refused: bool,
+    /// Echoes in a row in which the autopilot followed no position.
+    empty_echoes: u32,
 }
 
 impl MissionFlight {
@@ -46,6 +54,7 @@ impl MissionFlight {
             repeat: Ticker::new(WISH_RATE_HZ),
             mode: NavMode::Unknown,
             was_refused: false,
+            empty_echoes: 0,
         }
     }
 
@@ -146,6 +155,35 @@ impl Gateway {
         }
     }
 
+    /// What the autopilot says it follows. ArduCopter refuses a setpoint without a word: only here it shows, as a target without a
+    /// position, while every setpoint of ours has one.
+    pub(super) fn take_echo(
+        &mut self,
+        now: Timestamp,
+        echo: &POSITION_TARGET_LOCAL_NED_DATA,
+        outputs: &mut Outputs,
+    ) {
+        let follows = self.vehicle.mode() == NavMode::Offboard;
+        let copter = self.vehicle.make() == Some(Make::ArduPilot);
+        let Some(flight) = self.mission.as_mut().filter(|_| copter) else {
+            return;
+        };
+        let empty = echo
+            .type_mask
+            .contains(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE);
+        let before = flight.empty_echoes;
+        flight.empty_echoes = if follows && empty {
+            before.saturating_add(1)
+        } else {
+            0
+        };
+        if flight.empty_echoes == ECHOES_TO_TELL {
+            self.tell(now, &SETPOINTS_IGNORED, 0.0, outputs);
+        } else if before >= ECHOES_TO_TELL && flight.empty_echoes == 0 {
+            self.tell(now, &SETPOINTS_FOLLOWED, 0.0, outputs);
+        }
+    }
+
     /// Helps a vehicle that stands before an item it cannot reach.
     pub(super) fn watch_blockage(&mut self, now: Timestamp, outputs: &mut Outputs) {
         let mode = self.vehicle.mode();
@@ -169,9 +207,6 @@ impl Gateway {
                 .map(|(wish, present)| (wish.points[1].position.vector() - present.position).norm()),
         };
         let Some(remedy) = self.blockage.step(&view) else {
-            return;
-        };
-        let Some((item, total)) = self.current_item else {
             return;
         };
         let next = item.saturating_add(1);

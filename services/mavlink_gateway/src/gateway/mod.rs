@@ -9,6 +9,7 @@ use crate::clock_map::ClockMap;
 use crate::config::GatewayConfig;
 use crate::io::{Inputs, Outputs};
 use crate::latch::Latch;
+use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Outgoing, Receipt};
 use crate::obstacles;
 use crate::profile::{Profile, Situation};
@@ -307,6 +308,11 @@ impl Gateway {
                 receipt: Receipt::Obstacles,
                 ..self.outgoing(now, Body::Message(obstacles::message(now, inputs.ring)))
             });
+            if self.vehicle.make() == Some(Make::ArduPilot) {
+                for point in obstacles::points(now, inputs.ring).into_iter().flatten() {
+                    outputs.send(self.outgoing(now, Body::Message(point)));
+                }
+            }
         }
         if self.timesync.take(now) {
             self.clock.request(now);
