@@ -5,7 +5,7 @@
 mod support;
 
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::autopilot::{AutopilotConfig, HoldCause, Link, Variant};
+use jink_simulator::autopilot::{AutopilotConfig, Firmware, HoldCause, Link, Variant};
 use mavlink::dialects::ardupilotmega::*;
 use support::{Answer, Flight, no_waypoint, waypoint};
 
@@ -27,7 +27,7 @@ fn curve(from: [f64; 2], to: [f64; 2], duration_s: f32, time_usec: u64) -> MavMe
 /// Holding at 5 m in AUTO.MISSION by mirrored waypoints, then curves may come: one message without points has been sent.
 fn ready(variant: Variant) -> Flight {
     let mut flight = Flight::new(AutopilotConfig {
-        variant,
+        firmware: Firmware::Trajectory(variant),
         parameters: vec![("MIS_TAKEOFF_ALT".to_owned(), 5.0)],
         ..AutopilotConfig::default()
     });

@@ -5,7 +5,7 @@
 mod support;
 
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::autopilot::{AutopilotConfig, HoldCause, Link, Variant};
+use jink_simulator::autopilot::{AutopilotConfig, Firmware, HoldCause, Link, Variant};
 use mavlink::dialects::ardupilotmega::*;
 use support::{Answer, Flight, cruising, no_waypoint, north_east, reply, speed, waypoint};
 
@@ -16,7 +16,7 @@ const NO_YAW: [f32; 2] = [f32::NAN; 2];
 fn no_valid_point_leads_to_hold_after_half_a_second_to_a_second() {
     for variant in [Variant::A, Variant::B] {
         let mut flight = Flight::new(AutopilotConfig {
-            variant,
+            firmware: Firmware::Trajectory(variant),
             ..AutopilotConfig::default()
         });
         flight.start_mission(&[[300.0, 0.0, -5.0]]);
@@ -252,7 +252,7 @@ fn mode_entry_trap_an_echo_is_too_late_a_free_stream_is_not() {
 #[test]
 fn variant_b_waits_in_the_mode_before_the_first_reply() {
     let mut flight = Flight::new(AutopilotConfig {
-        variant: Variant::B,
+        firmware: Firmware::Trajectory(Variant::B),
         ..AutopilotConfig::default()
     });
     flight.answer = Answer::Silent;

@@ -26,7 +26,7 @@ const STREAM_TIMEOUT_US: u64 = 500_000;
 /// Time without any valid point before that counts as failure (us).
 const INVALID_TIME_US: u64 = 500_000;
 
-/// Which firmware.
+/// Which state of the trajectory interface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Variant {
     /// v1.11 to v1.13.
@@ -39,7 +39,7 @@ pub enum Variant {
 /// Why the companion's data sent the vehicle to Hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HoldCause {
-    /// Nothing received for 0.5 s.
+    /// Nothing received for 0.5 s, in OFFBOARD for COM_OF_LOSS_T.
     StreamStopped,
     /// The last curve ended, and no waypoints came either.
     CurveExpired,

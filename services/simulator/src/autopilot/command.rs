@@ -4,9 +4,10 @@
 #![allow(deprecated)]
 
 use super::Autopilot;
-use super::commander::Refusal;
+use super::firmware::Firmware;
 use super::link::{Link, Packet};
 use super::modes::{mode_of, mode_of_custom};
+use super::refusal::Refusal;
 use super::streams::Stream;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MavHeader;
@@ -17,8 +18,6 @@ use mavlink::dialects::ardupilotmega::{
 
 /// `param2` of MAV_CMD_COMPONENT_ARM_DISARM that forces it.
 const FORCE: f32 = 21_196.0;
-/// 1.13.0, development.
-const FLIGHT_SOFTWARE_VERSION: u32 = 1 << 24 | 13 << 16;
 /// Message id of AUTOPILOT_VERSION.
 const AUTOPILOT_VERSION_ID: u32 = 148;
 
@@ -63,7 +62,7 @@ impl Autopilot {
                 if item >= self.mission.len() {
                     return R::MAV_RESULT_DENIED;
                 }
-                self.navigator.jump_to(item);
+                self.jump_to_item(item, outbox);
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
@@ -106,9 +105,20 @@ impl Autopilot {
     }
 
     fn refuse(&mut self, refusal: Refusal, outbox: &mut Vec<Packet>) -> MavResult {
-        self.wire
-            .say(outbox, MavSeverity::MAV_SEVERITY_CRITICAL, refusal.text());
+        self.wire.say(
+            outbox,
+            MavSeverity::MAV_SEVERITY_CRITICAL,
+            refusal.text(self.config.firmware),
+        );
         MavResult::MAV_RESULT_TEMPORARILY_REJECTED
+    }
+
+    /// Goes on with the mission at `item`, and says so.
+    pub(super) fn jump_to_item(&mut self, item: usize, outbox: &mut Vec<Packet>) {
+        self.navigator.jump_to(item);
+        if let Some(current) = self.message(Stream::MissionCurrent) {
+            self.wire.broadcast(outbox, &current);
+        }
     }
 
     /// SET_MODE: the old way, without acknowledgement.
@@ -134,9 +144,12 @@ impl Autopilot {
 
     fn send_once(&mut self, link: Link, id: u32, outbox: &mut Vec<Packet>) -> MavResult {
         let message = if id == AUTOPILOT_VERSION_ID {
-            Some(version_message())
+            Some(version_message(self.config.firmware))
         } else {
-            Stream::of_id(id).and_then(|stream| self.message(stream))
+            self.streams
+                .interval_us(link, id)
+                .and_then(|_exists| Stream::of_id(id))
+                .and_then(|stream| self.message(stream))
         };
         match message {
             Some(message) => {
@@ -148,7 +161,7 @@ impl Autopilot {
     }
 }
 
-fn version_message() -> MavMessage {
+fn version_message(firmware: Firmware) -> MavMessage {
     use MavProtocolCapability as C;
     MavMessage::AUTOPILOT_VERSION(AUTOPILOT_VERSION_DATA {
         capabilities: C::MAV_PROTOCOL_CAPABILITY_MISSION_INT
@@ -156,7 +169,7 @@ fn version_message() -> MavMessage {
             | C::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
             | C::MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
             | C::MAV_PROTOCOL_CAPABILITY_MAVLINK2,
-        flight_sw_version: FLIGHT_SOFTWARE_VERSION,
+        flight_sw_version: firmware.version(),
         ..AUTOPILOT_VERSION_DATA::default()
     })
 }

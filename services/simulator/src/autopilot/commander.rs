@@ -1,8 +1,14 @@
 //! Modes and arming: who may do what, and what happens when nobody does anything.
 
+mod failsafe;
+
 use super::avoidance::HoldCause;
 use super::companion_health::{CompanionHealth, ForeignHeartbeat};
+use super::firmware::Firmware;
+use super::heartbeat_watch::Change;
 use super::parameters::{Parameter as P, Parameters};
+use super::refusal::Refusal;
+use failsafe::Failsafe;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::MavSeverity;
 
@@ -15,7 +21,8 @@ const STICK_TIMEOUT_US: u64 = 500_000;
 /// Falls to Hold that are remembered one by one; all are counted.
 pub const HOLD_FALLS_KEPT: usize = 64;
 
-/// A fall to Hold because the companion failed.
+/// The companion failed, and the autopilot left the mode in which it obeyed it: to Hold, or, from OFFBOARD, to whatever
+/// follows the loss there.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HoldFall {
     /// Boot time (s).
@@ -24,37 +31,6 @@ pub struct HoldFall {
     pub from: NavMode,
     /// Why.
     pub cause: HoldCause,
-}
-
-/// Why a demand was refused; the text is PX4's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
-    /// COM_OBS_AVOID without a healthy companion.
-    AvoidanceNotReady,
-    /// The estimator has no position yet.
-    NoPosition,
-    /// No mission to fly.
-    NoMission,
-    /// OFFBOARD without a stream of setpoints.
-    NoOffboardSignal,
-    /// Disarming in the air.
-    NotLanded,
-    /// A mode that sticks must fly, without sticks, in the air.
-    NoSticks,
-}
-
-impl Refusal {
-    /// What PX4 says.
-    pub fn text(self) -> &'static str {
-        match self {
-            Refusal::AvoidanceNotReady => "Arming denied! Avoidance system not ready",
-            Refusal::NoPosition => "Preflight Fail: ekf2 missing data",
-            Refusal::NoMission => "No valid mission available, refusing",
-            Refusal::NoOffboardSignal => "Rejecting mode switch: no offboard signal",
-            Refusal::NotLanded => "Disarming denied! Not landed",
-            Refusal::NoSticks => "Rejecting mode switch: no manual control",
-        }
-    }
 }
 
 /// The situation a decision is made in.
@@ -73,14 +49,17 @@ pub struct Situation {
 }
 
 /// A text for the pilot.
-pub type Text = (MavSeverity, &'static str);
+pub type Text<'a> = (MavSeverity, std::fmt::Arguments<'a>);
 
 /// Modes and arming.
 #[derive(Clone, Debug)]
 pub struct Commander {
+    firmware: Firmware,
     mode: NavMode,
+    /// What an operator or the normal course last asked for: what a failsafe that ends goes back to.
+    intended: NavMode,
     armed: bool,
-    failsafe: bool,
+    failsafe: Failsafe,
     changed_us: u64,
     was_in_air: bool,
     landed_us: Option<u64>,
@@ -93,29 +72,35 @@ pub struct Commander {
     fall_count: u32,
 }
 
-impl Default for Commander {
-    fn default() -> Self {
+impl Commander {
+    /// Disarmed in MANUAL.
+    pub fn new(firmware: Firmware) -> Self {
         Self {
+            firmware,
             mode: NavMode::Manual,
+            intended: NavMode::Manual,
             armed: false,
-            failsafe: false,
+            failsafe: Failsafe::None,
             changed_us: 0,
             was_in_air: false,
             landed_us: None,
             disarmed_us: None,
             sticks_us: None,
-            companion: CompanionHealth::default(),
+            companion: CompanionHealth::new(firmware),
             demanded_hold: None,
             falls: Vec::with_capacity(HOLD_FALLS_KEPT),
             fall_count: 0,
         }
     }
-}
 
-impl Commander {
     /// Mode in force.
     pub fn mode(&self) -> NavMode {
         self.mode
+    }
+
+    /// The mode somebody wants, in force or not.
+    pub fn intended(&self) -> NavMode {
+        self.intended
     }
 
     /// Motors armed.
@@ -125,7 +110,7 @@ impl Commander {
 
     /// In a failsafe of its own (not the companion's).
     pub fn in_failsafe(&self) -> bool {
-        self.failsafe
+        self.failsafe != Failsafe::None
     }
 
     /// Falls to Hold because of the companion, the first [`HOLD_FALLS_KEPT`] of them.
@@ -159,6 +144,17 @@ impl Commander {
     /// # Errors
     /// The reason why the mode cannot be flown now.
     pub fn set_mode(&mut self, mode: NavMode, situation: &Situation) -> Result<(), Refusal> {
+        if self.armed || !self.firmware.remembers_wishes() {
+            self.check_mode(mode, situation)?;
+        }
+        self.proceed_to(mode);
+        self.failsafe = Failsafe::None;
+        self.demanded_hold = None;
+        Ok(())
+    }
+
+    /// Whether a mode can be flown now.
+    fn check_mode(&self, mode: NavMode, situation: &Situation) -> Result<(), Refusal> {
         if mode.is_automatic() && !situation.position_ready {
             return Err(Refusal::NoPosition);
         }
@@ -168,19 +164,18 @@ impl Commander {
         if mode == NavMode::Offboard && !situation.offboard_alive {
             return Err(Refusal::NoOffboardSignal);
         }
+        let needs_sticks = !situation.landed || self.firmware.remembers_wishes();
         let by_sticks = matches!(mode, NavMode::Manual | NavMode::Position);
-        if by_sticks && !situation.landed && !self.has_sticks(situation.now_us) {
+        if by_sticks && needs_sticks && !self.has_sticks(situation.now_us) {
             return Err(Refusal::NoSticks);
         }
-        self.mode = mode;
-        self.failsafe = false;
-        self.demanded_hold = None;
         Ok(())
     }
 
     /// Changes the mode as part of the normal course (take-off done, mission done).
     pub fn proceed_to(&mut self, mode: NavMode) {
         self.mode = mode;
+        self.intended = mode;
     }
 
     /// Arms.
@@ -216,10 +211,16 @@ impl Commander {
     /// The check that fails.
     pub fn check_arming(&self, parameters: &Parameters, situation: &Situation) -> Result<(), Refusal> {
         if !situation.position_ready {
-            return Err(Refusal::NoPosition);
+            return Err(match self.firmware {
+                Firmware::Trajectory(_) => Refusal::NoPosition,
+                Firmware::Current => Refusal::UnhealthyToArm,
+            });
         }
         if parameters.avoidance_enabled() && !self.companion.is_valid() {
             return Err(Refusal::AvoidanceNotReady);
+        }
+        if self.firmware.remembers_wishes() && self.check_mode(self.mode, situation).is_err() {
+            return Err(Refusal::UnhealthyToArm);
         }
         Ok(())
     }
@@ -242,7 +243,8 @@ impl Commander {
             self.changed_us = now_us;
         }
         self.armed = false;
-        self.failsafe = false;
+        self.failsafe = Failsafe::None;
+        self.intended = self.mode;
     }
 
     /// The flight task demands Hold because the companion failed it. PX4 addresses that command to system 1, whatever
@@ -260,14 +262,20 @@ impl Commander {
         let changes = self
             .companion
             .check(now_us, required, parameters.get(P::COM_OBC_LOSS_T));
-        if changes.controller_lost {
-            say((
+        match changes.controller {
+            Some(Change::Lost) => say((
                 MavSeverity::MAV_SEVERITY_CRITICAL,
-                "Connection to mission computer lost",
-            ));
+                format_args!("Connection to mission computer lost"),
+            )),
+            Some(Change::Back) => say((
+                MavSeverity::MAV_SEVERITY_INFO,
+                format_args!("Onboard controller regained"),
+            )),
+            None => {}
         }
-        if changes.controller_back {
-            say((MavSeverity::MAV_SEVERITY_INFO, "Onboard controller regained"));
+        if changes.ground_station == Some(Change::Lost) {
+            let text = format_args!("Connection to ground station lost");
+            say((MavSeverity::MAV_SEVERITY_INFO, text));
         }
         if let Some((due_us, cause)) = self.demanded_hold
             && now_us >= due_us
@@ -275,7 +283,12 @@ impl Commander {
             self.demanded_hold = None;
             self.fall_to_hold(now_us, cause);
         }
-        self.check_failsafes(situation, &mut say);
+        if self.armed {
+            match self.firmware {
+                Firmware::Trajectory(_) => self.check_failsafes(situation, &mut say),
+                Firmware::Current => self.check_wishes(situation, parameters, &mut say),
+            }
+        }
         self.disarm_when_done(situation, parameters, &mut say);
     }
 
@@ -283,6 +296,11 @@ impl Commander {
         if !self.mode.is_automatic() || self.mode == NavMode::Hold {
             return;
         }
+        self.note_fall(now_us, cause);
+        self.proceed_to(NavMode::Hold);
+    }
+
+    fn note_fall(&mut self, now_us: u64, cause: HoldCause) {
         self.fall_count += 1;
         if self.falls.len() < HOLD_FALLS_KEPT {
             self.falls.push(HoldFall {
@@ -290,29 +308,6 @@ impl Commander {
                 from: self.mode,
                 cause,
             });
-        }
-        self.mode = NavMode::Hold;
-    }
-
-    /// Armed in a mode that sticks must fly, without sticks: return. OFFBOARD without setpoints: land.
-    fn check_failsafes(&mut self, situation: &Situation, say: &mut impl FnMut(Text)) {
-        if !self.armed {
-            return;
-        }
-        let by_sticks = matches!(self.mode, NavMode::Manual | NavMode::Position);
-        if by_sticks && !self.has_sticks(situation.now_us) {
-            self.mode = NavMode::Return;
-            self.failsafe = true;
-            let text = "Failsafe enabled: No manual control stick input";
-            say((MavSeverity::MAV_SEVERITY_CRITICAL, text));
-        }
-        if self.mode == NavMode::Offboard && !situation.offboard_alive {
-            self.mode = NavMode::Land;
-            self.failsafe = true;
-            say((
-                MavSeverity::MAV_SEVERITY_CRITICAL,
-                "Failsafe enabled: no offboard",
-            ));
         }
     }
 
@@ -348,7 +343,7 @@ impl Commander {
             } else {
                 "Disarmed by auto preflight disarming"
             };
-            say((MavSeverity::MAV_SEVERITY_INFO, text));
+            say((MavSeverity::MAV_SEVERITY_INFO, format_args!("{text}")));
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::Autopilot;
 use super::auto_task::{AutoInput, AutoOutput};
+use super::link::Packet;
 use super::navigator::NavigatorInput;
 use super::parameters::Parameter as P;
 use super::position_control::ControlLimits;
@@ -9,6 +10,7 @@ use super::setpoint::{MotionSetpoint, SpeedCaps};
 use super::takeoff::TakeoffState;
 use crate::vehicle::{HOVER_THRUST, STEP_S};
 use jink_shared_types::vehicle::NavMode;
+use mavlink::dialects::ardupilotmega::MavSeverity;
 
 /// Steps per control cycle: PX4's estimator hands out positions at about this rate, and everything hangs on them.
 pub(super) const CONTROL_STEPS: u64 = 2;
@@ -43,7 +45,7 @@ impl FlightTask {
 
 impl Autopilot {
     /// Runs the cycle and leaves the command for the vehicle.
-    pub(super) fn control(&mut self) {
+    pub(super) fn control(&mut self, outbox: &mut Vec<Packet>) {
         self.land_detector.step(
             self.vehicle.truth().on_ground,
             -self.controller.followed().velocity.z,
@@ -51,7 +53,7 @@ impl Autopilot {
             CYCLE_S,
         );
         if self.is_ready() {
-            self.navigate();
+            self.navigate(outbox);
         }
         self.handle_estimator_reset();
         let (mut setpoint, caps, want_takeoff) = self.fly_task();
@@ -93,7 +95,7 @@ impl Autopilot {
         self.last_setpoint = setpoint;
     }
 
-    fn navigate(&mut self) {
+    fn navigate(&mut self, outbox: &mut Vec<Packet>) {
         let input = NavigatorInput {
             dt_s: CYCLE_S,
             mode: self.commander.mode(),
@@ -115,6 +117,12 @@ impl Autopilot {
         if events.wants_return {
             self.commander.proceed_to(NavMode::Return);
         }
+        if let Some(height_m) = events.return_started {
+            let above_sea_m = self.frame.origin_altitude_m - self.home.z + height_m;
+            let text =
+                format_args!("RTL: start return at {above_sea_m:.0} m ({height_m:.0} m above destination)");
+            self.wire.say_with(outbox, MavSeverity::MAV_SEVERITY_INFO, text);
+        }
     }
 
     /// The estimate jumped: trajectories continue from the new position, without a step in the derivative.
@@ -130,6 +138,9 @@ impl Autopilot {
     fn fly_task(&mut self) -> (MotionSetpoint, SpeedCaps, bool) {
         let task = FlightTask::of(self.commander.mode());
         let entered = task != self.task;
+        if entered && self.task == FlightTask::Offboard && self.config.firmware.forgets_offboard_setpoint() {
+            self.last_setpoint = MotionSetpoint::unset();
+        }
         self.task = task;
         match task {
             FlightTask::None => (MotionSetpoint::idle(), self.plain_caps(), false),

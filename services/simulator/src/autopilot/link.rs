@@ -2,6 +2,7 @@
 
 use mavlink::dialects::ardupilotmega::{MavMessage, MavSeverity, STATUSTEXT_DATA};
 use mavlink::{MavHeader, Message};
+use std::fmt::Write;
 
 /// Component id of the autopilot.
 pub const AUTOPILOT_COMPONENT: u8 = 1;
@@ -44,6 +45,7 @@ pub struct Packet {
 pub struct Wire {
     system_id: u8,
     sequence: [u8; 2],
+    chunked_texts: u16,
 }
 
 impl Wire {
@@ -52,6 +54,7 @@ impl Wire {
         Self {
             system_id,
             sequence: [0; 2],
+            chunked_texts: 0,
         }
     }
 
@@ -79,12 +82,33 @@ impl Wire {
 
     /// Tells everybody.
     pub fn say(&mut self, outbox: &mut Vec<Packet>, severity: MavSeverity, text: &str) {
-        let text = MavMessage::STATUSTEXT(STATUSTEXT_DATA {
-            severity,
-            text: text.into(),
-            ..STATUSTEXT_DATA::default()
-        });
-        self.broadcast(outbox, &text);
+        self.say_with(outbox, severity, format_args!("{text}"));
+    }
+
+    /// Tells everybody something with numbers in it. A text that does not fit one message is sent in chunks with a common
+    /// id. Texts are put together on the stack: they are said in flight.
+    pub fn say_with(&mut self, outbox: &mut Vec<Packet>, severity: MavSeverity, text: std::fmt::Arguments) {
+        let mut buffer = TextBuffer::default();
+        // Cannot fail: what does not fit is cut off.
+        let _complete = buffer.write_fmt(text);
+        let text = &buffer.bytes[..buffer.len];
+        let id = if text.len() > CHUNK_LEN {
+            self.chunked_texts = self.chunked_texts.wrapping_add(1).max(1);
+            self.chunked_texts
+        } else {
+            0
+        };
+        for (chunk_seq, chunk) in text.chunks(CHUNK_LEN).enumerate() {
+            let mut field = [0; CHUNK_LEN];
+            field[..chunk.len()].copy_from_slice(chunk);
+            let message = MavMessage::STATUSTEXT(STATUSTEXT_DATA {
+                severity,
+                text: field.into(),
+                id,
+                chunk_seq: chunk_seq as u8,
+            });
+            self.broadcast(outbox, &message);
+        }
     }
 
     /// Whether the autopilot itself is meant.
@@ -101,6 +125,33 @@ impl Wire {
             link: packet.link.other(),
             ..packet.clone()
         })
+    }
+}
+
+/// Characters of one STATUSTEXT.
+const CHUNK_LEN: usize = 50;
+
+/// A text under construction, at most as long as PX4's own.
+struct TextBuffer {
+    bytes: [u8; 127],
+    len: usize,
+}
+
+impl Default for TextBuffer {
+    fn default() -> Self {
+        Self {
+            bytes: [0; 127],
+            len: 0,
+        }
+    }
+}
+
+impl std::fmt::Write for TextBuffer {
+    fn write_str(&mut self, text: &str) -> std::fmt::Result {
+        let taken = text.len().min(self.bytes.len() - self.len);
+        self.bytes[self.len..self.len + taken].copy_from_slice(&text.as_bytes()[..taken]);
+        self.len += taken;
+        Ok(())
     }
 }
 
@@ -138,6 +189,25 @@ mod tests {
         assert!(wire.forward(&packet(command(1))).is_none());
         assert!(wire.forward(&packet(command(196))).is_some());
         assert!(wire.is_addressed(&command(0)) && !wire.is_addressed(&command(196)));
+    }
+
+    #[test]
+    fn a_text_longer_than_a_message_is_sent_in_chunks_with_one_id() {
+        let mut wire = Wire::new(1);
+        let mut outbox = Vec::new();
+        let long = "Arming denied: Resolve system health failures first";
+        wire.say(&mut outbox, MavSeverity::MAV_SEVERITY_CRITICAL, long);
+        wire.say(&mut outbox, MavSeverity::MAV_SEVERITY_INFO, "short");
+        let texts: Vec<_> = outbox
+            .iter()
+            .filter(|p| p.link == Link::Companion)
+            .map(|p| match &p.message {
+                MavMessage::STATUSTEXT(t) => (t.text.to_str().unwrap().to_owned(), t.id, t.chunk_seq),
+                other => panic!("{other:?}"),
+            })
+            .collect();
+        let expected = [(&long[..50], 1, 0), (&long[50..], 1, 1), ("short", 0, 0)];
+        assert_eq!(texts, expected.map(|(text, id, seq)| (text.to_owned(), id, seq)));
     }
 
     #[test]

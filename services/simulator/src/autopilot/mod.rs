@@ -1,4 +1,4 @@
-//! An autopilot that speaks MAVLink as PX4 of July 2021 was observed to, and flies like it.
+//! An autopilot that speaks MAVLink as two firmwares of PX4 were observed to, and flies like them.
 //!
 //! | in | out |
 //! |---|---|
@@ -10,15 +10,17 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `link`, `receive`, `command` | messages in, acknowledgements |
+//! | `firmware` | which PX4, and where that matters |
+//! | `link`, `receive`, `command`, `refusal` | messages in, acknowledgements |
 //! | `mission`, `mission_protocol`, `parameters`, `parameter_protocol` | what a ground station uploads and sets |
-//! | `companion_health`, `commander`, `modes` | who is alive, who may arm, which mode |
+//! | `companion_health`, `heartbeat_watch`, `stick_speed` | who is alive, who wants the vehicle |
+//! | `commander`, `modes` | who may arm, which mode, which failsafe |
 //! | `navigator`, `return_home`, `land_detector`, `takeoff` | what a mode means as waypoints and phases |
 //! | `auto_task`, `track`, `heading`, `trajectory`, `speed_rules`, `smoothing` | waypoints to smooth setpoints |
 //! | `avoidance`, `bezier`, `timesync` | the companion's trajectory in between, with all known traps |
 //! | `offboard`, `position_task` | the other sources of setpoints |
 //! | `position_control`, `control` | setpoints to attitude and thrust |
-//! | `streams`, `telemetry`, `statistics` | messages out, observations |
+//! | `streams`, `telemetry`, `current_mode`, `statistics` | messages out, observations |
 
 mod auto_task;
 mod avoidance;
@@ -27,7 +29,10 @@ mod command;
 mod commander;
 mod companion_health;
 mod control;
+mod current_mode;
+mod firmware;
 mod heading;
+mod heartbeat_watch;
 mod land_detector;
 mod link;
 mod mission;
@@ -40,11 +45,13 @@ mod parameters;
 mod position_control;
 mod position_task;
 mod receive;
+mod refusal;
 mod return_home;
 mod setpoint;
 mod smoothing;
 mod speed_rules;
 mod statistics;
+mod stick_speed;
 mod streams;
 mod takeoff;
 mod telemetry;
@@ -54,6 +61,7 @@ mod trajectory;
 
 pub use avoidance::{HoldCause, Variant};
 pub use commander::HoldFall;
+pub use firmware::Firmware;
 use jink_shared_types::geo::{GlobalPoint, Projection};
 pub use link::{Link, Packet};
 pub use modes::{custom_mode, mode_of_custom};
@@ -65,6 +73,7 @@ use auto_task::AutoTask;
 use avoidance::AvoidanceConsumer;
 use commander::{Commander, Situation};
 use control::{CONTROL_STEPS, FlightTask};
+use current_mode::ModeNews;
 use jink_shared_types::vehicle::NavMode;
 use land_detector::LandDetector;
 use link::Wire;
@@ -79,6 +88,7 @@ use position_control::PositionController;
 use position_task::{PositionTask, Sticks};
 use setpoint::{MotionSetpoint, single};
 use std::collections::VecDeque;
+use stick_speed::StickSpeed;
 use streams::Streams;
 use takeoff::Takeoff;
 use timesync::Timesync;
@@ -88,8 +98,8 @@ use timesync::Timesync;
 pub struct AutopilotConfig {
     /// MAVLink system id. PX4's own demand for Hold reaches system 1 only.
     pub system_id: u8,
-    /// Which firmware takes the companion's trajectories.
-    pub variant: Variant,
+    /// Which PX4 this is.
+    pub firmware: Firmware,
     /// The vehicle.
     pub vehicle: VehicleConfig,
     /// The estimator.
@@ -110,7 +120,7 @@ impl Default for AutopilotConfig {
     fn default() -> Self {
         Self {
             system_id: 1,
-            variant: Variant::A,
+            firmware: Firmware::default(),
             vehicle: VehicleConfig::default(),
             estimator: EstimatorConfig::default(),
             origin: GlobalPoint {
@@ -172,6 +182,7 @@ pub struct Autopilot {
     auto_task: AutoTask,
     position_task: PositionTask,
     sticks: Sticks,
+    stick_speed: StickSpeed,
     offboard: Offboard,
     avoidance: AvoidanceConsumer,
     controller: PositionController,
@@ -180,6 +191,7 @@ pub struct Autopilot {
     command: Option<ActuatorCommand>,
     wire: Wire,
     streams: Streams,
+    mode_news: ModeNews,
     timesync: [Timesync; 2],
     mission_protocol: MissionProtocol,
     parameter_protocol: ParameterProtocol,
@@ -193,15 +205,22 @@ impl Autopilot {
     /// # Errors
     /// [`UnknownParameter`] for a name in the configuration that does not exist here.
     pub fn new(config: AutopilotConfig) -> Result<Self, UnknownParameter> {
-        let mut parameters = Parameters::default();
+        let mut parameters = Parameters::new(config.firmware);
         for (name, value) in &config.parameters {
-            let parameter = parameters::find(name).ok_or_else(|| UnknownParameter { name: name.clone() })?;
+            let parameter = parameters
+                .find(name)
+                .ok_or_else(|| UnknownParameter { name: name.clone() })?;
             parameters.set(parameter, *value);
         }
         let vehicle = Vehicle::new(&config.vehicle);
         let mut estimator = Estimator::new(&config.estimator, vehicle.truth());
         let estimate = estimator.step(vehicle.truth());
         let home = single(config.vehicle.start.vector());
+        // Current PX4 never asks its companion for a trajectory: COM_OBS_AVOID does not exist.
+        let variant = match config.firmware {
+            Firmware::Trajectory(variant) => variant,
+            Firmware::Current => Variant::default(),
+        };
         Ok(Self {
             now_us: 0,
             steps: 0,
@@ -216,8 +235,8 @@ impl Autopilot {
                 home_down_m: home.z,
             },
             home,
-            commander: Commander::default(),
-            navigator: Navigator::default(),
+            commander: Commander::new(config.firmware),
+            navigator: Navigator::new(config.firmware),
             mission: Mission::default(),
             land_detector: LandDetector::default(),
             takeoff: Takeoff::default(),
@@ -225,13 +244,15 @@ impl Autopilot {
             auto_task: AutoTask::new(),
             position_task: PositionTask::default(),
             sticks: Sticks::default(),
+            stick_speed: StickSpeed::default(),
             offboard: Offboard::default(),
-            avoidance: AvoidanceConsumer::new(config.variant),
+            avoidance: AvoidanceConsumer::new(variant),
             controller: PositionController::default(),
             last_setpoint: MotionSetpoint::unset(),
             command: None,
             wire: Wire::new(config.system_id),
-            streams: Streams::default(),
+            streams: Streams::new(config.firmware),
+            mode_news: ModeNews::default(),
             timesync: [Timesync::default(), Timesync::default()],
             mission_protocol: MissionProtocol::default(),
             parameter_protocol: ParameterProtocol::default(),
@@ -251,13 +272,13 @@ impl Autopilot {
         let wire = &mut self.wire;
         self.commander
             .step(&situation, &self.parameters, |(severity, text)| {
-                wire.say(outbox, severity, text);
+                wire.say_with(outbox, severity, text);
             });
         self.mission_protocol.step(self.now_us, &mut self.wire, outbox);
         self.parameter_protocol
             .step(&self.parameters, &mut self.wire, outbox);
         if self.steps.is_multiple_of(CONTROL_STEPS) {
-            self.control();
+            self.control(outbox);
         }
         self.vehicle.step(self.command.as_ref());
         self.estimate = self.estimator.step(self.vehicle.truth());
@@ -310,6 +331,11 @@ impl Autopilot {
         self.commander.mode()
     }
 
+    /// The mode somebody asked for last; another one is in force in a failsafe.
+    pub fn intended_mode(&self) -> NavMode {
+        self.commander.intended()
+    }
+
     /// Motors armed.
     pub fn is_armed(&self) -> bool {
         self.commander.is_armed()
@@ -329,7 +355,8 @@ impl Autopilot {
         }
     }
 
-    /// How often it fell to Hold because its companion failed it.
+    /// How often it left the mode in which it obeyed its companion because that failed it: to Hold, from OFFBOARD to
+    /// whatever follows the loss of setpoints.
     pub fn hold_count(&self) -> u32 {
         self.commander.fall_count()
     }
@@ -351,7 +378,7 @@ impl Autopilot {
 
     /// The value of the parameter with PX4's name `name`.
     pub fn parameter(&self, name: &str) -> Option<f64> {
-        parameters::find(name).map(|p| self.parameters.get(p))
+        self.parameters.find(name).map(|p| self.parameters.get(p))
     }
 
     /// Lets the estimated position jump by `by` (m, local NED), as a reset of the estimator does.

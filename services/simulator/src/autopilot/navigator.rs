@@ -7,6 +7,7 @@
 
 mod mission_run;
 
+use super::firmware::Firmware;
 use super::mission::{Mission, MissionFrame};
 use super::parameters::{Parameter as P, Parameters};
 use super::return_home::ReturnHome;
@@ -15,6 +16,10 @@ use crate::vehicle::estimator::Estimate;
 use jink_shared_types::vehicle::NavMode;
 use mission_run::{HeightPatience, Work};
 use nalgebra::Vector3;
+
+/// Time at full speed that current PX4 allows for before it decelerates (s). From the ways it was observed to go on in Hold
+/// after the loss of OFFBOARD setpoints at 4.5 and 8 m/s: all of them end at `v^2 / (2 MPC_ACC_HOR) + 0.6 s v`.
+const STOP_DELAY_S: f64 = 0.6;
 
 /// What the navigator needs in a cycle.
 pub struct NavigatorInput<'a> {
@@ -39,7 +44,7 @@ pub struct NavigatorInput<'a> {
 }
 
 /// What happened in a cycle.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NavigatorEvents {
     /// This item has been reached.
     pub reached: Option<usize>,
@@ -49,17 +54,21 @@ pub struct NavigatorEvents {
     pub takeoff_finished: bool,
     /// The mission asks for a return.
     pub wants_return: bool,
+    /// A return begins, at this height above home (m); current PX4 says so.
+    pub return_started: Option<f64>,
 }
 
 /// The navigator.
 #[derive(Clone, Debug)]
 pub struct Navigator {
+    firmware: Firmware,
     triplet: Triplet,
     mode: NavMode,
     may_loiter_at_point: bool,
     takeoff_reached: bool,
     item: usize,
     work: Work,
+    started: bool,
     finished: bool,
     stayed_s: f64,
     speed_mps: f64,
@@ -67,15 +76,18 @@ pub struct Navigator {
     height: HeightPatience,
 }
 
-impl Default for Navigator {
-    fn default() -> Self {
+impl Navigator {
+    /// Going nowhere.
+    pub fn new(firmware: Firmware) -> Self {
         Self {
+            firmware,
             triplet: Triplet::default(),
             mode: NavMode::Unknown,
             may_loiter_at_point: false,
             takeoff_reached: false,
             item: 0,
             work: Work::Item,
+            started: false,
             finished: false,
             stayed_s: 0.0,
             speed_mps: -1.0,
@@ -83,9 +95,7 @@ impl Default for Navigator {
             height: HeightPatience::default(),
         }
     }
-}
 
-impl Navigator {
     /// The waypoints in force.
     pub fn triplet(&self) -> &Triplet {
         &self.triplet
@@ -101,7 +111,18 @@ impl Navigator {
         self.finished
     }
 
-    /// Starts the mission over at `item`; used after an upload and by MISSION_SET_CURRENT.
+    /// Whether the mission has been entered since it was uploaded.
+    pub fn mission_started(&self) -> bool {
+        self.started
+    }
+
+    /// The mission is another one now.
+    pub fn start_over(&mut self) {
+        self.jump_to(0);
+        self.started = false;
+    }
+
+    /// Goes on with the mission at `item`.
     pub fn jump_to(&mut self, item: usize) {
         self.item = item;
         self.finished = false;
@@ -151,6 +172,7 @@ impl Navigator {
                     self.item = 0;
                     self.finished = false;
                 }
+                self.started = true;
                 self.may_loiter_at_point = false;
                 self.start_item(input, events);
             }
@@ -159,6 +181,9 @@ impl Navigator {
                 self.may_loiter_at_point = false;
                 self.speed_mps = -1.0;
                 self.go_to(point);
+                if self.firmware == Firmware::Current {
+                    events.return_started = Some(self.return_home.height_m());
+                }
             }
             NavMode::Land => self.enter_land(input),
             _ => {
@@ -169,7 +194,7 @@ impl Navigator {
     }
 
     /// A take-off that was under way goes on, because its waypoint counts as a place to hold. Otherwise the place is where
-    /// the vehicle is, and on the ground there is none.
+    /// the vehicle is or can stop, and on the ground there is none.
     fn enter_hold(&mut self, input: &NavigatorInput) {
         let place = match self.triplet.current {
             Some(current) if self.may_loiter_at_point => current.position,
@@ -177,6 +202,7 @@ impl Navigator {
                 self.triplet = Triplet::default();
                 return;
             }
+            _ if self.firmware.holds_where_it_can_stop() => single(stopping_point(input)),
             _ => single(input.estimate.position.vector()),
         };
         self.may_loiter_at_point = true;
@@ -248,4 +274,15 @@ impl Navigator {
         self.triplet.current = Some(point);
         self.triplet.next = None;
     }
+}
+
+/// Where a gentle stop ends: constant deceleration MPC_ACC_HOR after [`STOP_DELAY_S`] at full speed. It is level: vertical
+/// speed dies out on the way.
+fn stopping_point(input: &NavigatorInput) -> Vector3<f64> {
+    let position = input.estimate.position.vector();
+    let velocity = input.estimate.velocity.vector().xy();
+    let speed_mps = velocity.norm();
+    let deceleration_mps2 = input.parameters.get(P::MPC_ACC_HOR).max(f64::EPSILON);
+    let ahead = velocity * (speed_mps / (2.0 * deceleration_mps2) + STOP_DELAY_S);
+    position + Vector3::new(ahead.x, ahead.y, 0.0)
 }

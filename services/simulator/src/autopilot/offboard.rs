@@ -1,6 +1,9 @@
 //! OFFBOARD: setpoints of SET_POSITION_TARGET_LOCAL_NED go to the controller as they are, without smoothing.
+//!
+//! Frames LOCAL_NED and BODY_NED (velocity and acceleration turned by the heading, position dropped). NaN means "not
+//! given", as a bit of the mask does. What cannot be used does not keep OFFBOARD alive.
 
-// MAV_FRAME_BODY_NED is what PX4 of that time understands.
+// MAV_FRAME_BODY_NED is deprecated, and the only body frame PX4 takes here.
 #![allow(deprecated)]
 
 use super::setpoint::{MotionSetpoint, unset};
@@ -8,6 +11,25 @@ use mavlink::dialects::ardupilotmega::{
     MavFrame, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 use nalgebra::{Rotation2, Vector3};
+
+/// Why a setpoint is not used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BadSetpoint {
+    /// The frame with this number is neither of the two.
+    Frame(u8),
+    /// It gives nothing.
+    Empty,
+}
+
+impl std::fmt::Display for BadSetpoint {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Frame(frame) => write!(f, "coordinate frame {frame} unsupported"),
+            Self::Empty => write!(f, "SET_POSITION_TARGET_LOCAL_NED invalid"),
+        }
+    }
+}
+impl std::error::Error for BadSetpoint {}
 
 /// The last setpoint of the stream.
 #[derive(Clone, Debug)]
@@ -26,19 +48,19 @@ impl Default for Offboard {
 }
 
 impl Offboard {
-    /// Takes a message; `false` if its frame is not known here or it gives nothing.
+    /// Takes a message.
+    ///
+    /// # Errors
+    /// Why it is not used.
     pub fn receive(
         &mut self,
         now_us: u64,
         yaw_rad: f64,
         message: &SET_POSITION_TARGET_LOCAL_NED_DATA,
-    ) -> bool {
-        let Some(setpoint) = setpoint_of(message, yaw_rad) else {
-            return false;
-        };
-        self.setpoint = setpoint;
+    ) -> Result<(), BadSetpoint> {
+        self.setpoint = setpoint_of(message, yaw_rad)?;
         self.received_us = Some(now_us);
-        true
+        Ok(())
     }
 
     /// Whether the stream is younger than `timeout_s`.
@@ -59,7 +81,10 @@ impl Offboard {
     }
 }
 
-fn setpoint_of(message: &SET_POSITION_TARGET_LOCAL_NED_DATA, yaw_rad: f64) -> Option<MotionSetpoint> {
+fn setpoint_of(
+    message: &SET_POSITION_TARGET_LOCAL_NED_DATA,
+    yaw_rad: f64,
+) -> Result<MotionSetpoint, BadSetpoint> {
     let mask = message.type_mask;
     let pick = |ignored: Mask, value: f32| {
         if mask.contains(ignored) {
@@ -107,13 +132,13 @@ fn setpoint_of(message: &SET_POSITION_TARGET_LOCAL_NED_DATA, yaw_rad: f64) -> Op
                 *v = Vector3::new(xy.x, xy.y, v.z);
             }
         }
-        _ => return None,
+        other => return Err(BadSetpoint::Frame(other as u8)),
     }
     let given = [&setpoint.position, &setpoint.velocity, &setpoint.acceleration];
-    given
-        .iter()
-        .any(|v| v.iter().any(|c| c.is_finite()))
-        .then_some(setpoint)
+    if given.iter().all(|v| v.iter().all(|c| !c.is_finite())) {
+        return Err(BadSetpoint::Empty);
+    }
+    Ok(setpoint)
 }
 
 #[cfg(test)]
@@ -137,7 +162,7 @@ mod tests {
         let mut message = message();
         message.type_mask =
             Mask::POSITION_TARGET_TYPEMASK_X_IGNORE | Mask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE;
-        assert!(offboard.receive(1_000_000, 0.0, &message));
+        assert_eq!(offboard.receive(1_000_000, 0.0, &message), Ok(()));
         let setpoint = offboard.setpoint();
         assert!(setpoint.position.x.is_nan() && setpoint.yaw_rate_radps.is_nan());
         assert_eq!(
@@ -152,13 +177,13 @@ mod tests {
         let mut offboard = Offboard::default();
         let mut message = message();
         message.coordinate_frame = MavFrame::MAV_FRAME_BODY_NED;
-        assert!(offboard.receive(0, std::f64::consts::FRAC_PI_2, &message));
+        assert_eq!(offboard.receive(0, std::f64::consts::FRAC_PI_2, &message), Ok(()));
         assert!((offboard.setpoint().velocity - Vector3::new(0.0, 2.0, 0.0)).norm() < 1e-9);
         assert!(offboard.setpoint().position.x.is_nan());
         message.coordinate_frame = MavFrame::MAV_FRAME_BODY_OFFSET_NED;
-        assert!(!offboard.receive(0, 0.0, &message));
+        assert_eq!(offboard.receive(0, 0.0, &message), Err(BadSetpoint::Frame(9)));
         message.coordinate_frame = MavFrame::MAV_FRAME_LOCAL_NED;
         message.type_mask = Mask::all();
-        assert!(!offboard.receive(0, 0.0, &message));
+        assert_eq!(offboard.receive(0, 0.0, &message), Err(BadSetpoint::Empty));
     }
 }

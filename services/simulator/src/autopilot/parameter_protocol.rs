@@ -1,7 +1,7 @@
 //! PARAM_REQUEST_LIST, PARAM_REQUEST_READ, PARAM_SET, with integers as their bits.
 
 use super::link::{Link, Packet, Wire};
-use super::parameters::{Kind, Parameter, Parameters, find, from_wire, to_wire};
+use super::parameters::{Kind, Parameter, Parameters, from_wire, to_wire};
 use mavlink::dialects::ardupilotmega::{MavMessage, MavParamType, MavSeverity, PARAM_VALUE_DATA};
 
 /// Lists being sent: for each link the next index, if any.
@@ -23,15 +23,20 @@ impl ParameterProtocol {
             MavMessage::PARAM_REQUEST_LIST(_) => self.next[packet.link as usize] = Some(0),
             MavMessage::PARAM_REQUEST_READ(request) => {
                 let wanted = match usize::try_from(request.param_index) {
-                    Ok(index) => Parameter::ALL.get(index).copied(),
-                    Err(_) => request.param_id.to_str().ok().and_then(find),
+                    Ok(index) => parameters.listed().get(index).copied(),
+                    Err(_) => request
+                        .param_id
+                        .to_str()
+                        .ok()
+                        .and_then(|name| parameters.find(name)),
                 };
                 if let Some(parameter) = wanted {
                     wire.send(outbox, packet.link, value_message(parameter, parameters));
                 }
             }
             MavMessage::PARAM_SET(set) => {
-                let Some(parameter) = set.param_id.to_str().ok().and_then(find) else {
+                let named = set.param_id.to_str().ok();
+                let Some(parameter) = named.and_then(|name| parameters.find(name)) else {
                     return;
                 };
                 let kind = match set.param_type {
@@ -62,10 +67,10 @@ impl ParameterProtocol {
         for link in Link::ALL {
             let slot = &mut self.next[link as usize];
             let Some(index) = *slot else { continue };
-            if let Some(parameter) = Parameter::ALL.get(index) {
+            if let Some(parameter) = parameters.listed().get(index) {
                 wire.send(outbox, link, value_message(*parameter, parameters));
             }
-            *slot = (index + 1 < Parameter::ALL.len()).then_some(index + 1);
+            *slot = (index + 1 < parameters.listed().len()).then_some(index + 1);
         }
     }
 }
@@ -73,8 +78,12 @@ impl ParameterProtocol {
 fn value_message(parameter: Parameter, parameters: &Parameters) -> MavMessage {
     MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
         param_value: to_wire(parameter, parameters.get(parameter)),
-        param_count: Parameter::ALL.len() as u16,
-        param_index: parameter as u16,
+        param_count: parameters.listed().len() as u16,
+        param_index: parameters
+            .listed()
+            .iter()
+            .position(|p| *p == parameter)
+            .map_or(0, |index| index as u16),
         param_id: parameter.name().into(),
         param_type: match parameter.kind() {
             Kind::Integer => MavParamType::MAV_PARAM_TYPE_INT32,

@@ -1,7 +1,9 @@
 //! The parameters the emulator has: PX4's names and the defaults of airframe iris in July 2021.
 //!
 //! A name of at most 16 characters, an integer or a real, and a value that MAVLink may change in flight. Everything
-//! else in PX4's list of a thousand has no effect here and does not exist.
+//! else in PX4's list of a thousand has no effect here and does not exist. A few exist in one firmware only.
+
+use super::firmware::Firmware;
 
 /// How a parameter travels in PARAM_VALUE.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,6 +47,10 @@ parameters! {
     COM_DISARM_LAND: Real = 2.0;
     /// Time after arming without take-off to automatic disarming (s).
     COM_DISARM_PRFLT: Real = 10.0;
+    /// Time in Hold before a failsafe acts (s).
+    COM_FAIL_ACT_T: Real = 5.0;
+    /// What follows the loss of OFFBOARD setpoints: 0 Position, or a return without sticks; 3 return; 4 land; 5 hold.
+    COM_OBL_RC_ACT: Integer = 0.0;
     /// Obstacle avoidance by a companion: 0 off, 1 on. PX4's default is 0; the emulator exists for 1.
     COM_OBS_AVOID: Integer = 1.0;
     /// Silence of the onboard controller that counts as its loss (s).
@@ -55,6 +61,8 @@ parameters! {
     COM_SPOOLUP_TIME: Real = 1.0;
     /// Collision prevention distance (m); negative = off.
     CP_DIST: Real = -1.0;
+    /// Stick speed with which a pilot takes over, full deflections a second.
+    MAN_OVERRIDE_SPD: Real = 1.0;
     /// Take-off height of AUTO.TAKEOFF (m).
     MIS_TAKEOFF_ALT: Real = 2.5;
     /// Heading error at which a waypoint's heading counts as reached (deg).
@@ -141,21 +149,53 @@ parameters! {
     RTL_RETURN_ALT: Real = 30.0;
 }
 
-/// The values in force.
-#[derive(Clone, Debug)]
-pub struct Parameters {
-    values: Vec<f64>,
-}
-
-impl Default for Parameters {
-    fn default() -> Self {
-        Self {
-            values: Parameter::ALL.iter().map(|p| p.default()).collect(),
+impl Parameter {
+    /// Whether `firmware` has it.
+    pub const fn exists_in(self, firmware: Firmware) -> bool {
+        let current = matches!(firmware, Firmware::Current);
+        match self {
+            Parameter::COM_OBS_AVOID | Parameter::COM_OBC_LOSS_T => !current,
+            Parameter::COM_FAIL_ACT_T | Parameter::COM_OBL_RC_ACT | Parameter::MAN_OVERRIDE_SPD => current,
+            _ => true,
         }
     }
 }
 
+/// The values in force.
+#[derive(Clone, Debug)]
+pub struct Parameters {
+    values: Vec<f64>,
+    /// Those that exist, in the order of their MAVLink index.
+    listed: Vec<Parameter>,
+}
+
+impl Default for Parameters {
+    fn default() -> Self {
+        Self::new(Firmware::default())
+    }
+}
+
 impl Parameters {
+    /// The defaults of `firmware`; what it does not have is 0, which switches it off.
+    pub fn new(firmware: Firmware) -> Self {
+        let exists = |p: &Parameter| p.exists_in(firmware);
+        let value = |p: &Parameter| if exists(p) { p.default() } else { 0.0 };
+        Self {
+            values: Parameter::ALL.iter().map(value).collect(),
+            listed: Parameter::ALL.iter().copied().filter(exists).collect(),
+        }
+    }
+
+    /// Those that exist, in the order of their MAVLink index.
+    pub fn listed(&self) -> &[Parameter] {
+        &self.listed
+    }
+
+    /// The parameter called `name`.
+    pub fn find(&self, name: &str) -> Option<Parameter> {
+        self.listed.iter().copied().find(|p| p.name() == name)
+    }
+
     /// The value of `parameter`, in its unit.
     pub fn get(&self, parameter: Parameter) -> f64 {
         self.values[parameter as usize]
@@ -180,11 +220,6 @@ impl Parameters {
     }
 }
 
-/// The parameter called `name`.
-pub fn find(name: &str) -> Option<Parameter> {
-    Parameter::ALL.iter().copied().find(|p| p.name() == name)
-}
-
 /// The value of `parameter` as the float field of PARAM_VALUE carries it: PX4 puts an integer's bits there.
 pub fn to_wire(parameter: Parameter, value: f64) -> f32 {
     match parameter.kind() {
@@ -207,13 +242,23 @@ mod tests {
 
     #[test]
     fn names_fit_mavlink_and_values_survive_the_wire() {
-        let parameters = Parameters::default();
-        for parameter in Parameter::ALL.iter().copied() {
-            assert!(parameter.name().len() <= 16);
-            assert_eq!(find(parameter.name()), Some(parameter));
-            let value = parameters.get(parameter);
-            let back = from_wire(parameter.kind(), to_wire(parameter, value));
-            assert!((back - value).abs() < 1e-6, "{}", parameter.name());
+        for firmware in [Firmware::default(), Firmware::Current] {
+            let parameters = Parameters::new(firmware);
+            for parameter in parameters.listed().iter().copied() {
+                assert!(parameter.name().len() <= 16);
+                assert_eq!(parameters.find(parameter.name()), Some(parameter));
+                let value = parameters.get(parameter);
+                let back = from_wire(parameter.kind(), to_wire(parameter, value));
+                assert!((back - value).abs() < 1e-6, "{}", parameter.name());
+            }
         }
+    }
+
+    #[test]
+    fn what_a_firmware_does_not_have_is_off_and_cannot_be_found() {
+        let parameters = Parameters::new(Firmware::Current);
+        assert!(!parameters.avoidance_enabled());
+        assert_eq!(parameters.find("COM_OBS_AVOID"), None);
+        assert_eq!(Parameters::default().find("COM_OBL_RC_ACT"), None);
     }
 }

@@ -9,10 +9,11 @@ use super::bezier::{ControlPoint, Curve, POINTS_MAX};
 use super::companion_health::{COMPONENT_AVOIDANCE, ForeignHeartbeat};
 use super::link::{Link, Packet};
 use super::mission_protocol::MissionChange;
+use super::parameters::Parameter;
 use super::position_task::Sticks;
 use mavlink::dialects::ardupilotmega::{
-    MavMessage, MavSeverity, TIMESYNC_DATA, TRAJECTORY_REPRESENTATION_BEZIER_DATA,
-    TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA,
+    MANUAL_CONTROL_DATA, MavMessage, MavSeverity, SET_POSITION_TARGET_LOCAL_NED_DATA, TIMESYNC_DATA,
+    TRAJECTORY_REPRESENTATION_BEZIER_DATA, TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA,
 };
 use nalgebra::Vector3;
 
@@ -28,6 +29,7 @@ impl Autopilot {
         if !self.wire.is_addressed(&packet.message) {
             return;
         }
+        let interface = self.config.firmware.has_trajectory_interface();
         match &packet.message {
             MavMessage::HEARTBEAT(heartbeat) => {
                 let heartbeat = ForeignHeartbeat {
@@ -39,22 +41,16 @@ impl Autopilot {
                 self.commander
                     .hear_heartbeat(self.now_us, self.config.system_id, &heartbeat);
             }
-            MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(message) => self.receive_waypoints(message),
-            MavMessage::TRAJECTORY_REPRESENTATION_BEZIER(message) => {
+            MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(message) if interface => {
+                self.receive_waypoints(message);
+            }
+            MavMessage::TRAJECTORY_REPRESENTATION_BEZIER(message) if interface => {
                 self.receive_bezier(packet.link, message);
             }
-            MavMessage::SET_POSITION_TARGET_LOCAL_NED(message) => {
-                let yaw_rad = self.estimate.attitude.yaw_rad();
-                if self.offboard.receive(self.now_us, yaw_rad, message) {
-                    self.statistics.note(self.now_us);
-                }
-            }
+            MavMessage::SET_POSITION_TARGET_LOCAL_NED(message) => self.receive_setpoint(message, outbox),
             MavMessage::TIMESYNC(message) => self.receive_timesync(packet.link, message, outbox),
             MavMessage::OBSTACLE_DISTANCE(_) => self.statistics.obstacle_distances += 1,
-            MavMessage::MANUAL_CONTROL(message) => {
-                self.sticks = Sticks::from_message(message);
-                self.commander.hear_sticks(self.now_us);
-            }
+            MavMessage::MANUAL_CONTROL(message) => self.receive_sticks(message, outbox),
             MavMessage::COMMAND_LONG(command) => {
                 self.execute(packet.link, &packet.header, command, outbox);
             }
@@ -97,6 +93,32 @@ impl Autopilot {
         self.statistics.note(self.now_us);
     }
 
+    /// Sender and time stamp are not looked at.
+    fn receive_setpoint(&mut self, m: &SET_POSITION_TARGET_LOCAL_NED_DATA, outbox: &mut Vec<Packet>) {
+        let yaw_rad = self.estimate.attitude.yaw_rad();
+        let result = self.offboard.receive(self.now_us, yaw_rad, m);
+        let explains = self.config.firmware.explains_bad_setpoints();
+        match result {
+            Ok(()) => self.statistics.note(self.now_us),
+            Err(error) if explains => {
+                let severity = MavSeverity::MAV_SEVERITY_CRITICAL;
+                self.wire.say_with(outbox, severity, format_args!("{error}"));
+            }
+            Err(_) => {}
+        }
+    }
+
+    fn receive_sticks(&mut self, message: &MANUAL_CONTROL_DATA, outbox: &mut Vec<Packet>) {
+        self.sticks = Sticks::from_message(message);
+        self.commander.hear_sticks(self.now_us);
+        let limit_per_s = self.parameters.get(Parameter::MAN_OVERRIDE_SPD);
+        let fast = self.stick_speed.hear(self.now_us, message, limit_per_s);
+        if fast && self.commander.take_over(self.is_ready()) {
+            let text = "Pilot took over using sticks";
+            self.wire.say(outbox, MavSeverity::MAV_SEVERITY_INFO, text);
+        }
+    }
+
     fn receive_timesync(&mut self, link: Link, message: &TIMESYNC_DATA, outbox: &mut Vec<Packet>) {
         if message.tc1 == 0 {
             let answer = MavMessage::TIMESYNC(TIMESYNC_DATA {
@@ -117,8 +139,8 @@ impl Autopilot {
                 .receive(self.now_us, packet, &mut self.mission, &mut self.wire, outbox);
         match change {
             MissionChange::None => {}
-            MissionChange::Replaced => self.navigator.jump_to(0),
-            MissionChange::JumpTo(item) => self.navigator.jump_to(item),
+            MissionChange::Replaced => self.navigator.start_over(),
+            MissionChange::JumpTo(item) => self.jump_to_item(item, outbox),
         }
     }
 }

@@ -36,6 +36,11 @@ impl ReturnHome {
         self.point(input)
     }
 
+    /// Height of the way home, above home (m).
+    pub fn height_m(&self) -> f64 {
+        self.height_m
+    }
+
     /// The next waypoint, when the present one has been reached.
     pub fn step(&mut self, input: &NavigatorInput) -> Option<CurrentPoint> {
         if self.stage == Stage::Land {

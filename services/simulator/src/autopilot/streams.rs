@@ -3,6 +3,7 @@
 //! Rates are those measured on PX4's links. A stream without anything to say (the trajectory outside automatic modes)
 //! waits and speaks [`WAKE_US`] after it has something again.
 
+use super::firmware::Firmware;
 use super::link::Link;
 
 /// From the first content to the first message of a stream that had none: the link's own cycle (us).
@@ -38,13 +39,26 @@ pub enum Stream {
     HomePosition = 242,
     /// EXTENDED_SYS_STATE.
     ExtendedSysState = 245,
+    /// ODOMETRY.
+    Odometry = 331,
     /// TRAJECTORY_REPRESENTATION_WAYPOINTS.
     Trajectory = 332,
+    /// CURRENT_MODE.
+    CurrentMode = 436,
 }
 
 use Stream as S;
 
 impl Stream {
+    /// Whether `firmware` sends it.
+    fn exists_in(self, firmware: Firmware) -> bool {
+        match self {
+            S::Trajectory => firmware.has_trajectory_interface(),
+            S::Odometry | S::CurrentMode => firmware == Firmware::Current,
+            _ => true,
+        }
+    }
+
     /// The stream of message `id`.
     pub fn of_id(id: u32) -> Option<Self> {
         RATES_HZ
@@ -55,7 +69,7 @@ impl Stream {
 }
 
 /// Stream, rate to the companion, rate to the ground station (Hz); 0 = off.
-const RATES_HZ: [(Stream, f64, f64); 14] = [
+const RATES_HZ: [(Stream, f64, f64); 16] = [
     (S::Heartbeat, 1.0, 1.0),
     (S::SysStatus, 5.0, 1.0),
     (S::SystemTime, 1.0, 1.0),
@@ -69,12 +83,16 @@ const RATES_HZ: [(Stream, f64, f64); 14] = [
     (S::Altitude, 10.0, 1.0),
     (S::HomePosition, 0.5, 0.5),
     (S::ExtendedSysState, 5.0, 1.0),
+    (S::Odometry, 30.0, 0.0),
     (S::Trajectory, 5.0, 0.0),
+    (S::CurrentMode, 0.5, 0.5),
 ];
 
 #[derive(Clone, Copy, Debug)]
 struct Schedule {
     stream: Stream,
+    /// The firmware has such a stream.
+    exists: bool,
     default_us: u64,
     /// 0 = off.
     interval_us: u64,
@@ -82,10 +100,13 @@ struct Schedule {
 }
 
 impl Schedule {
-    fn new(stream: Stream, rate_hz: f64) -> Self {
-        let interval_us = if rate_hz > 0.0 { (1e6 / rate_hz) as u64 } else { 0 };
+    fn new(firmware: Firmware, stream: Stream, rate_hz: f64) -> Self {
+        let exists = stream.exists_in(firmware);
+        let on = exists && rate_hz > 0.0;
+        let interval_us = if on { (1e6 / rate_hz) as u64 } else { 0 };
         Self {
             stream,
+            exists,
             default_us: interval_us,
             interval_us,
             due_us: interval_us,
@@ -99,17 +120,16 @@ pub struct Streams {
     links: [[Schedule; RATES_HZ.len()]; 2],
 }
 
-impl Default for Streams {
-    fn default() -> Self {
-        let companion = RATES_HZ.map(|(stream, rate_hz, _)| Schedule::new(stream, rate_hz));
-        let ground_station = RATES_HZ.map(|(stream, _, rate_hz)| Schedule::new(stream, rate_hz));
+impl Streams {
+    /// The schedules of `firmware` at boot.
+    pub fn new(firmware: Firmware) -> Self {
+        let companion = RATES_HZ.map(|(stream, rate_hz, _)| Schedule::new(firmware, stream, rate_hz));
+        let ground_station = RATES_HZ.map(|(stream, _, rate_hz)| Schedule::new(firmware, stream, rate_hz));
         Self {
             links: [companion, ground_station],
         }
     }
-}
 
-impl Streams {
     /// Number of schedules on both links, the range of the index of [`Streams::due`].
     pub const COUNT: usize = 2 * RATES_HZ.len();
 
@@ -139,7 +159,7 @@ impl Streams {
     pub fn set_interval(&mut self, now_us: u64, link: Link, message_id: u32, interval_us: f64) -> bool {
         let found = self.links[link as usize]
             .iter_mut()
-            .find(|s| s.stream as u32 == message_id);
+            .find(|s| s.exists && s.stream as u32 == message_id);
         let Some(schedule) = found else { return false };
         if schedule.stream == Stream::Heartbeat {
             return false;
@@ -159,7 +179,7 @@ impl Streams {
     pub fn interval_us(&self, link: Link, message_id: u32) -> Option<u64> {
         self.links[link as usize]
             .iter()
-            .find(|s| s.stream as u32 == message_id)
+            .find(|s| s.exists && s.stream as u32 == message_id)
             .map(|s| s.interval_us)
     }
 }
@@ -183,17 +203,20 @@ mod tests {
 
     #[test]
     fn rates_are_kept_on_average_although_steps_are_coarse() {
-        for (stream, companion_hz, ground_hz) in RATES_HZ {
-            for (link, hz) in [(Link::Companion, companion_hz), (Link::GroundStation, ground_hz)] {
-                let sent = count(&mut Streams::default(), stream, link, 20) as f64;
-                assert!((sent - 20.0 * hz).abs() <= 1.0, "{stream:?} {link:?} {sent}");
+        for firmware in [Firmware::default(), Firmware::Current] {
+            for (stream, companion_hz, ground_hz) in RATES_HZ {
+                for (link, hz) in [(Link::Companion, companion_hz), (Link::GroundStation, ground_hz)] {
+                    let hz = if stream.exists_in(firmware) { hz } else { 0.0 };
+                    let sent = count(&mut Streams::new(firmware), stream, link, 20) as f64;
+                    assert!((sent - 20.0 * hz).abs() <= 1.0, "{stream:?} {link:?} {sent}");
+                }
             }
         }
     }
 
     #[test]
     fn an_interval_can_be_changed_but_not_that_of_the_heartbeat() {
-        let mut streams = Streams::default();
+        let mut streams = Streams::new(Firmware::default());
         assert!(!streams.set_interval(0, Link::Companion, 0, 20_000.0));
         assert!(!streams.set_interval(0, Link::Companion, 9_999, 20_000.0));
         assert!(streams.set_interval(0, Link::Companion, 332, 20_000.0));
@@ -202,5 +225,8 @@ mod tests {
         assert_eq!(streams.interval_us(Link::Companion, 332), Some(0));
         assert!(streams.set_interval(0, Link::Companion, 332, 0.0));
         assert_eq!(streams.interval_us(Link::Companion, 332), Some(200_000));
+        let mut current = Streams::new(Firmware::Current);
+        assert!(!current.set_interval(0, Link::Companion, 332, 20_000.0));
+        assert_eq!(current.interval_us(Link::Companion, 332), None);
     }
 }

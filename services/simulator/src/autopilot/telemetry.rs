@@ -4,25 +4,40 @@
 #![allow(deprecated)]
 
 use super::Autopilot;
+use super::current_mode;
 use super::link::Packet;
 use super::modes::{base_mode, custom_mode};
 use super::setpoint::PointKind;
 use super::streams::{Stream, Streams};
+use crate::vehicle::estimator::Estimate;
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF, NavMode};
 use mavlink::dialects::ardupilotmega as m;
 use mavlink::dialects::ardupilotmega::{MavMessage, MavSysStatusSensor};
 
+/// `mission_mode` of MISSION_CURRENT: items are executed.
+const MISSION_MODE_ACTIVE: u8 = 1;
+/// `mission_mode` of MISSION_CURRENT: another mode flies.
+const MISSION_MODE_SUSPENDED: u8 = 2;
+
 impl Autopilot {
     /// Sends what is due.
     pub(super) fn send_streams(&mut self, outbox: &mut Vec<Packet>) {
+        let (mode, intended) = (self.commander.mode(), self.commander.intended());
+        self.mode_news.step(self.now_us, mode, intended);
         for index in 0..Streams::COUNT {
             let Some((link, stream)) = self.streams.due(index, self.now_us) else {
                 continue;
             };
+            if stream == Stream::CurrentMode && !self.mode_news.is_due(self.now_us, link) {
+                continue;
+            }
             let message = self.message(stream);
             self.streams.served(index, self.now_us, message.is_some());
             if let Some(message) = message {
                 self.wire.send(outbox, link, message);
+            }
+            if stream == Stream::CurrentMode {
+                self.mode_news.told(link);
             }
         }
         while let Some(seq) = self.reached_items.pop_front() {
@@ -59,10 +74,12 @@ impl Autopilot {
                 vtol_state: m::MavVtolState::MAV_VTOL_STATE_UNDEFINED,
                 landed_state: self.landed_state(),
             })),
-            Stream::MissionCurrent => Some(MavMessage::MISSION_CURRENT(m::MISSION_CURRENT_DATA {
-                seq: self.navigator.item() as u16,
-                ..m::MISSION_CURRENT_DATA::default()
-            })),
+            Stream::MissionCurrent => Some(self.mission_current()),
+            Stream::CurrentMode => Some(current_mode::message(
+                self.commander.mode(),
+                self.commander.intended(),
+            )),
+            Stream::Odometry if self.is_ready() => Some(self.odometry()),
             Stream::Trajectory => self.trajectory(),
             _ => None,
         }
@@ -237,6 +254,73 @@ impl Autopilot {
                 coordinate_frame: m::MavFrame::MAV_FRAME_LOCAL_NED,
             },
         ))
+    }
+
+    /// Position and velocity in the local frame, as current PX4's estimator gives both; nothing is said of covariances.
+    fn odometry(&self) -> MavMessage {
+        let Estimate {
+            position,
+            velocity,
+            attitude,
+            rates,
+            resets,
+        } = self.estimate;
+        let mut unknown = [0.0; 21];
+        unknown[0] = f32::NAN;
+        MavMessage::ODOMETRY(m::ODOMETRY_DATA {
+            time_usec: self.now_us,
+            frame_id: m::MavFrame::MAV_FRAME_LOCAL_NED,
+            child_frame_id: m::MavFrame::MAV_FRAME_LOCAL_NED,
+            x: position.x_m as f32,
+            y: position.y_m as f32,
+            z: position.z_m as f32,
+            q: [attitude.w, attitude.x, attitude.y, attitude.z].map(|c| c as f32),
+            vx: velocity.x_mps as f32,
+            vy: velocity.y_mps as f32,
+            vz: velocity.z_mps as f32,
+            rollspeed: rates.x_radps as f32,
+            pitchspeed: rates.y_radps as f32,
+            yawspeed: rates.z_radps as f32,
+            pose_covariance: unknown,
+            velocity_covariance: unknown,
+            reset_counter: resets as u8,
+            estimator_type: m::MavEstimatorType::MAV_ESTIMATOR_TYPE_AUTOPILOT,
+            ..m::ODOMETRY_DATA::default()
+        })
+    }
+
+    fn mission_current(&self) -> MavMessage {
+        use m::MissionState as S;
+        let seq = self.navigator.item() as u16;
+        let mut current = m::MISSION_CURRENT_DATA {
+            seq,
+            ..m::MISSION_CURRENT_DATA::default()
+        };
+        if self.config.firmware.describes_missions() {
+            let flying = self.commander.mode() == NavMode::Mission;
+            current.total = if self.mission.is_empty() {
+                u16::MAX
+            } else {
+                self.mission.len() as u16
+            };
+            current.mission_state = if self.mission.is_empty() {
+                S::MISSION_STATE_NO_MISSION
+            } else if self.navigator.mission_finished() {
+                S::MISSION_STATE_COMPLETE
+            } else if !self.navigator.mission_started() {
+                S::MISSION_STATE_NOT_STARTED
+            } else if flying {
+                S::MISSION_STATE_ACTIVE
+            } else {
+                S::MISSION_STATE_PAUSED
+            };
+            current.mission_mode = if flying {
+                MISSION_MODE_ACTIVE
+            } else {
+                MISSION_MODE_SUSPENDED
+            };
+        }
+        MavMessage::MISSION_CURRENT(current)
     }
 
     fn landed_state(&self) -> m::MavLandedState {
