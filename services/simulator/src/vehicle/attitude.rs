@@ -5,20 +5,15 @@
 //! shortest rotation of the body's z axis and a twist about it, and the twist is weighted down (D. Brescianini, M. Hehn,
 //! R. D'Andrea, "Nonlinear Quadrocopter Attitude Control", ETH 2013; gains are the defaults of PX4 1.12).
 
-use super::{ActuatorCommand, STEP_S};
+use super::{ActuatorCommand, Response, STEP_S};
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// MC_ROLL_P, MC_PITCH_P (1/s).
-const TILT_GAIN: f64 = 6.5;
 /// MC_YAW_P (1/s).
 const YAW_GAIN: f64 = 2.8;
 /// MC_ROLLRATE_MAX, MC_PITCHRATE_MAX (rad/s).
 const TILT_RATE_MAX_RADPS: f64 = 220.0 * std::f64::consts::PI / 180.0;
 /// MC_YAWRATE_MAX (rad/s).
 const YAW_RATE_MAX_RADPS: f64 = 200.0 * std::f64::consts::PI / 180.0;
-/// Lag of the rate loop (s). With it the tilt response is of second order, 13 rad/s with damping 0.98; among 0.03 to 0.1 s
-/// the value matters little, the errors measured on PX4 in OFFBOARD (example `tracking_table`) prefer the quick end.
-const RATE_LAG_S: f64 = 0.04;
 /// What the motors can give about roll and pitch (rad/s^2).
 const ANGULAR_ACCELERATION_MAX_RADPS2: f64 = 60.0;
 
@@ -27,12 +22,16 @@ const ANGULAR_ACCELERATION_MAX_RADPS2: f64 = 60.0;
 pub struct AttitudeLoop {
     rotation: UnitQuaternion<f64>,
     rates: Vector3<f64>,
+    tilt_gain: f64,
+    rate_lag_s: f64,
 }
 
 impl AttitudeLoop {
     /// Level at the given heading, not turning.
-    pub fn new(heading_rad: f64) -> Self {
+    pub fn new(heading_rad: f64, response: &Response) -> Self {
         Self {
+            tilt_gain: 1.0 / response.tilt_s,
+            rate_lag_s: response.rates_s,
             rotation: UnitQuaternion::from_euler_angles(0.0, 0.0, heading_rad),
             rates: Vector3::zeros(),
         }
@@ -51,13 +50,14 @@ impl AttitudeLoop {
     /// Puts the vehicle level at its heading, not turning: what the ground does.
     pub fn level(&mut self) {
         let (_, _, yaw_rad) = self.rotation.euler_angles();
-        *self = Self::new(yaw_rad);
+        self.rotation = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad);
+        self.rates = Vector3::zeros();
     }
 
     /// Follows the setpoint for one step.
     pub fn step(&mut self, command: &ActuatorCommand) {
         let wanted = self.rate_setpoint(command);
-        let mut change = (wanted - self.rates) * (1.0 - (-STEP_S / RATE_LAG_S).exp());
+        let mut change = (wanted - self.rates) * (1.0 - (-STEP_S / self.rate_lag_s).exp());
         let limit = ANGULAR_ACCELERATION_MAX_RADPS2 * STEP_S;
         change.apply(|c| *c = c.clamp(-limit, limit));
         self.rates += change;
@@ -77,7 +77,7 @@ impl AttitudeLoop {
         let twist_rad = jink_shared_types::frames::wrap_pi(twist_rad);
         let tilt_error = tilt.scaled_axis();
         let local_down_in_body = self.rotation.inverse() * down;
-        let mut rates = tilt_error * TILT_GAIN
+        let mut rates = tilt_error * self.tilt_gain
             + down * (twist_rad * YAW_GAIN)
             + local_down_in_body * command.yaw_rate_radps;
         rates.x = rates.x.clamp(-TILT_RATE_MAX_RADPS, TILT_RATE_MAX_RADPS);
@@ -93,7 +93,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn settle(wanted: UnitQuaternion<f64>, start_heading_rad: f64, steps: usize) -> AttitudeLoop {
-        let mut attitude = AttitudeLoop::new(start_heading_rad);
+        let mut attitude = AttitudeLoop::new(start_heading_rad, &Response::default());
         let command = ActuatorCommand {
             attitude: wanted,
             yaw_rate_radps: 0.0,
@@ -126,7 +126,7 @@ mod tests {
 
     #[test]
     fn rates_stay_within_the_limits() {
-        let mut attitude = AttitudeLoop::new(0.0);
+        let mut attitude = AttitudeLoop::new(0.0, &Response::default());
         let command = ActuatorCommand {
             attitude: UnitQuaternion::from_euler_angles(3.0, 0.0, 0.0),
             yaw_rate_radps: 9.0,
