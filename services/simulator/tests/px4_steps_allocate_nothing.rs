@@ -12,6 +12,7 @@ mod support;
 
 use jink_simulator::autopilot::{Link, Packet};
 use mavlink::MavHeader;
+use mavlink::dialects::ardupilotmega::MavMessage;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
@@ -62,4 +63,43 @@ fn a_step_in_flight_allocates_nothing() {
     }
     assert_eq!(ALLOCATIONS.with(Cell::get), before);
     assert!(sent > 2_000);
+}
+
+#[test]
+fn a_step_in_offboard_allocates_nothing_and_neither_do_loss_return_and_refusals() {
+    let mut flight = support::current::staying(&[]);
+    let packet = |setpoint| Packet {
+        link: Link::Companion,
+        header: MavHeader {
+            system_id: 1,
+            component_id: 196,
+            sequence: 0,
+        },
+        message: MavMessage::SET_POSITION_TARGET_LOCAL_NED(setpoint),
+    };
+    let good = [packet(support::current::here(&flight))];
+    let empty = [packet(support::current::setpoint([0.0; 3], [0.0; 3], 0xfff))];
+    let mut outbox = Vec::with_capacity(256);
+    let before = ALLOCATIONS.with(Cell::get);
+    let mut texts = 0;
+    for step in 0..4_000 {
+        outbox.clear();
+        let heard = match step {
+            0..1_000 | 3_000.. if step % 5 == 0 => &good[..],
+            2_000 => &empty[..],
+            _ => &[],
+        };
+        flight.autopilot.step(heard, &mut outbox);
+        texts += outbox
+            .iter()
+            .filter(|p| matches!(p.message, MavMessage::STATUSTEXT(_)))
+            .count();
+    }
+    assert_eq!(ALLOCATIONS.with(Cell::get), before);
+    assert_eq!(
+        texts,
+        2 * 3,
+        "the loss, the return and the refusal, on both links"
+    );
+    assert_eq!(flight.autopilot.hold_count(), 1);
 }

@@ -3,7 +3,10 @@
 #![allow(dead_code, deprecated)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod current;
 pub mod tracking;
+pub mod tracking_current;
+pub mod travel;
 
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::autopilot::{Autopilot, AutopilotConfig, Link, Packet, custom_mode};
@@ -283,7 +286,11 @@ impl Flight {
                     }
                 }
                 MavMessage::STATUSTEXT(text) if packet.link == Link::GroundStation => {
-                    self.texts.push(text.text.to_str().unwrap_or("").to_owned());
+                    let part = text.text.to_str().unwrap_or("");
+                    match self.texts.last_mut().filter(|_| text.chunk_seq > 0) {
+                        Some(begun) => begun.push_str(part),
+                        None => self.texts.push(part.to_owned()),
+                    }
                 }
                 MavMessage::TIMESYNC(request) if request.tc1 == 0 => {
                     if let Some(ahead_us) = self.clock_ahead_us {

@@ -22,7 +22,9 @@ const COUNT_TO_S: f64 = 14.0;
 /// reception; this age (telemetry cycle, UDP, interpreter) is fitted, and is the same for every row.
 const POSITION_AGE_S: f64 = 0.025;
 /// Where a stop begins (s).
-const STOP_AT_S: f64 = 8.0;
+pub(super) const STOP_AT_S: f64 = 8.0;
+/// How long a flight that stops is watched (s).
+pub(super) const STOP_WATCHED_S: f64 = 18.0;
 
 /// How the reference is sent.
 #[derive(Clone, Copy)]
@@ -67,7 +69,7 @@ impl Reference {
         self.speed * (STOP_AT_S - RAMP_S / 2.0 + duration * (tau - ramp(tau)))
     }
 
-    fn position(&self, t: f64) -> Vector3<f64> {
+    pub(super) fn position(&self, t: f64) -> Vector3<f64> {
         let s = self.north(t);
         Vector3::new(s, self.wave(s), LEVEL_DOWN_M)
     }
@@ -158,11 +160,11 @@ fn message(sender: Sender, reference: &Reference, t: f64) -> MavMessage {
 }
 
 /// In the air at the start of the reference, in the mode that listens to `sender`, with the vehicle at rest.
-fn airborne(sender: Sender, reference: &Reference) -> Flight {
-    let mut flight = Flight::new(AutopilotConfig {
-        parameters: vec![("MIS_TAKEOFF_ALT".to_owned(), -LEVEL_DOWN_M)],
-        ..AutopilotConfig::default()
-    });
+pub(super) fn airborne(mut config: AutopilotConfig, sender: Sender, reference: &Reference) -> Flight {
+    config
+        .parameters
+        .push(("MIS_TAKEOFF_ALT".to_owned(), -LEVEL_DOWN_M));
+    let mut flight = Flight::new(config);
     // Bezier flights must never have seen a valid waypoint: stale ones would win.
     let bezier = matches!(sender, Sender::Bezier { .. });
     if bezier {
@@ -187,7 +189,7 @@ fn airborne(sender: Sender, reference: &Reference) -> Flight {
 }
 
 /// Flies from `from_s` to `to_s` of the reference and returns the positions, 50 a second.
-fn fly(
+pub(super) fn fly(
     flight: &mut Flight,
     sender: Sender,
     reference: &Reference,
@@ -207,7 +209,7 @@ fn fly(
             flight.from(Link::Companion, 1, 196, message(sender, reference, t));
         }
         if step % 5 == 0 {
-            track.push((t + POSITION_AGE_S, flight.autopilot.estimate().position.vector()));
+            track.push((t, flight.autopilot.estimate().position.vector()));
         }
         flight.step();
     }
@@ -227,32 +229,64 @@ pub struct Row {
 
 /// The errors of a row as the emulator flies it (m).
 pub fn tracking(row: &Row) -> [f64; 4] {
-    let mut flight = airborne(row.sender, &row.reference);
-    let track = fly(&mut flight, row.sender, &row.reference, 0.0, COUNT_TO_S, true);
-    let mut along = Vec::new();
-    let mut cross = Vec::new();
-    for (t, position) in track.iter().filter(|(t, _)| *t >= COUNT_FROM_S) {
-        let error = (position - row.reference.position(*t)).xy();
-        let direction = row.reference.velocity(*t).xy().normalize();
-        along.push(error.dot(&direction));
-        cross.push(row.reference.cross(position));
+    let config = AutopilotConfig::default();
+    let errors = errors(config, row.sender, &row.reference, POSITION_AGE_S);
+    [errors.along[0], errors.along[1], errors.cross[0], errors.cross[1]]
+}
+
+/// How far a flight strays from its reference (m).
+pub struct Errors {
+    /// Distance at the same time: median, largest.
+    pub total: [f64; 2],
+    /// Along the path: median, furthest behind.
+    pub along: [f64; 2],
+    /// From the nearest point of the path: median, largest.
+    pub cross: [f64; 2],
+}
+
+impl Errors {
+    /// In the order of the table.
+    pub fn list(&self) -> [f64; 6] {
+        let [total, along, cross] = [self.total, self.along, self.cross];
+        [total[0], total[1], along[0], along[1], cross[0], cross[1]]
     }
-    along.sort_by(f64::total_cmp);
-    cross.sort_by(f64::total_cmp);
+}
+
+/// `age_s`: how old the positions are that are compared with the reference.
+pub(super) fn errors(config: AutopilotConfig, sender: Sender, reference: &Reference, age_s: f64) -> Errors {
+    let mut flight = airborne(config, sender, reference);
+    let track = fly(&mut flight, sender, reference, 0.0, COUNT_TO_S, true);
+    let (mut total, mut along, mut cross) = (Vec::new(), Vec::new(), Vec::new());
+    let aged = track.iter().map(|(t, position)| (t + age_s, position));
+    for (t, position) in aged.filter(|(t, _)| *t >= COUNT_FROM_S) {
+        let error = (position - reference.position(t)).xy();
+        let direction = reference.velocity(t).xy().normalize();
+        total.push(error.norm());
+        along.push(error.dot(&direction));
+        cross.push(reference.cross(position));
+    }
+    for list in [&mut total, &mut along, &mut cross] {
+        list.sort_by(f64::total_cmp);
+    }
     let middle = along.len() / 2;
-    [along[middle], along[0], cross[middle], cross[cross.len() - 1]]
+    let last = along.len() - 1;
+    Errors {
+        total: [total[middle], total[last]],
+        along: [along[middle], along[0]],
+        cross: [cross[middle], cross[last]],
+    }
 }
 
 /// How far past the end the emulator goes (m).
 pub fn overshoot(stop: &Stop) -> f64 {
     let (sender, reference) = (stop.sender, &stop.reference);
-    let mut flight = airborne(sender, reference);
-    let track = fly(&mut flight, sender, reference, 0.0, 18.0, true);
-    let end = reference.position(18.0).x;
+    let mut flight = airborne(AutopilotConfig::default(), sender, reference);
+    let track = fly(&mut flight, sender, reference, 0.0, STOP_WATCHED_S, true);
+    let end = reference.position(STOP_WATCHED_S).x;
     track.iter().map(|(_, p)| p.x - end).fold(f64::MIN, f64::max)
 }
 
-const fn wave(speed: f64, amplitude: f64, wavelength: f64) -> Reference {
+pub(super) const fn wave(speed: f64, amplitude: f64, wavelength: f64) -> Reference {
     Reference {
         speed,
         amplitude,
@@ -261,7 +295,7 @@ const fn wave(speed: f64, amplitude: f64, wavelength: f64) -> Reference {
     }
 }
 
-const fn offboard(position_ahead_s: f64, rest_ahead_s: f64) -> Sender {
+pub(super) const fn offboard(position_ahead_s: f64, rest_ahead_s: f64) -> Sender {
     Sender::Offboard {
         position_ahead_s,
         rest_ahead_s,
