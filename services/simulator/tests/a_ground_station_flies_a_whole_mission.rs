@@ -18,6 +18,10 @@ impl Flight {
             parameters: vec![("COM_OBS_AVOID".to_owned(), f64::from(u8::from(avoidance)))],
             ..AutopilotConfig::default()
         };
+        Self::with(config, plan)
+    }
+
+    fn with(config: AutopilotConfig, plan: FlightPlan) -> Self {
         Self {
             autopilot: Autopilot::new(config).unwrap(),
             station: GroundStation::new(plan),
@@ -121,4 +125,22 @@ fn with_avoidance_and_no_companion_arming_is_refused_and_the_reason_is_kept() {
         panic!("{outcome:?}");
     };
     assert!(reason.contains("Avoidance system not ready"), "{reason}");
+}
+
+#[test]
+fn current_px4_flies_it_too_and_needs_nobody() {
+    let mut flight = Flight::with(AutopilotConfig::current(0.1), plan(Ending::Return));
+    let mut highest_m = 0.0f64;
+    while flight.station.progress().outcome.is_none() {
+        flight.step();
+        highest_m = highest_m.max(-flight.autopilot.truth().position.z_m);
+    }
+    let progress = flight.station.progress();
+    assert_eq!(progress.outcome, Some(Outcome::Done), "{progress:?}");
+    assert_eq!(progress.reached, 2);
+    assert!(
+        (29.0..31.0).contains(&highest_m),
+        "the return climbs: {highest_m}"
+    );
+    assert!(flight.autopilot.truth().position.vector().xy().norm() < 1.0);
 }

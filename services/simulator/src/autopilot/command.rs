@@ -146,10 +146,7 @@ impl Autopilot {
         let message = if id == AUTOPILOT_VERSION_ID {
             Some(version_message(self.config.firmware))
         } else {
-            self.streams
-                .interval_us(link, id)
-                .and_then(|_exists| Stream::of_id(id))
-                .and_then(|stream| self.message(stream))
+            self.streams.find(id).and_then(|stream| self.message(stream))
         };
         match message {
             Some(message) => {

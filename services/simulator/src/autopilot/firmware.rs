@@ -41,6 +41,11 @@ impl Firmware {
         self == Self::Current
     }
 
+    /// It says when a return begins, and how high it will be.
+    pub fn announces_returns(self) -> bool {
+        self == Self::Current
+    }
+
     /// OFFBOARD is no flight task: whoever flies after it starts from the vehicle's motion, not from the last setpoint.
     pub fn forgets_offboard_setpoint(self) -> bool {
         self == Self::Current

@@ -10,7 +10,7 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `firmware` | which PX4, and where that matters |
+//! | `config`, `firmware` | which PX4 on which vehicle, and where that matters |
 //! | `link`, `receive`, `command`, `refusal` | messages in, acknowledgements |
 //! | `mission`, `mission_protocol`, `parameters`, `parameter_protocol` | what a ground station uploads and sets |
 //! | `companion_health`, `heartbeat_watch`, `stick_speed` | who is alive, who wants the vehicle |
@@ -20,7 +20,7 @@
 //! | `avoidance`, `bezier`, `timesync` | the companion's trajectory in between, with all known traps |
 //! | `offboard`, `position_task` | the other sources of setpoints |
 //! | `position_control`, `control` | setpoints to attitude and thrust |
-//! | `streams`, `telemetry`, `current_mode`, `statistics` | messages out, observations |
+//! | `streams`, `telemetry`, `current_mode`, `desired_path`, `statistics` | messages out, observations |
 
 mod auto_task;
 mod avoidance;
@@ -28,8 +28,10 @@ mod bezier;
 mod command;
 mod commander;
 mod companion_health;
+mod config;
 mod control;
 mod current_mode;
+mod desired_path;
 mod firmware;
 mod heading;
 mod heartbeat_watch;
@@ -61,14 +63,15 @@ mod trajectory;
 
 pub use avoidance::{HoldCause, Variant};
 pub use commander::HoldFall;
+pub use config::AutopilotConfig;
 pub use firmware::Firmware;
-use jink_shared_types::geo::{GlobalPoint, Projection};
+use jink_shared_types::geo::Projection;
 pub use link::{Link, Packet};
 pub use modes::{custom_mode, mode_of_custom};
 pub use statistics::SetpointStatistics;
 
-use crate::vehicle::estimator::{Estimate, Estimator, EstimatorConfig};
-use crate::vehicle::{ActuatorCommand, STEP_US, Vehicle, VehicleConfig, VehicleTruth};
+use crate::vehicle::estimator::{Estimate, Estimator};
+use crate::vehicle::{ActuatorCommand, STEP_US, Vehicle, VehicleTruth};
 use auto_task::AutoTask;
 use avoidance::AvoidanceConsumer;
 use commander::{Commander, Situation};
@@ -92,65 +95,6 @@ use stick_speed::StickSpeed;
 use streams::Streams;
 use takeoff::Takeoff;
 use timesync::Timesync;
-
-/// What an autopilot is told at its start.
-#[derive(Clone, Debug)]
-pub struct AutopilotConfig {
-    /// MAVLink system id. PX4's own demand for Hold reaches system 1 only.
-    pub system_id: u8,
-    /// Which PX4 this is.
-    pub firmware: Firmware,
-    /// The vehicle.
-    pub vehicle: VehicleConfig,
-    /// The estimator.
-    pub estimator: EstimatorConfig,
-    /// Local origin on the globe.
-    pub origin: GlobalPoint,
-    /// Height of the local origin above sea level (m).
-    pub origin_altitude_m: f64,
-    /// From boot until the estimator has a position (s).
-    pub ready_after_s: f64,
-    /// Wall clock at boot, for SYSTEM_TIME only (us since 1970).
-    pub unix_start_us: u64,
-    /// Parameters that differ from the defaults, by PX4's name.
-    pub parameters: Vec<(String, f64)>,
-}
-
-impl Default for AutopilotConfig {
-    fn default() -> Self {
-        Self {
-            system_id: 1,
-            firmware: Firmware::default(),
-            vehicle: VehicleConfig::default(),
-            estimator: EstimatorConfig::default(),
-            origin: GlobalPoint {
-                latitude_deg: 47.397_742,
-                longitude_deg: 8.545_594,
-            },
-            origin_altitude_m: 488.0,
-            ready_after_s: 1.0,
-            unix_start_us: 1_626_393_600_000_000,
-            parameters: Vec::new(),
-        }
-    }
-}
-
-impl AutopilotConfig {
-    /// Current PX4 on the quadrotor of its built-in simulator, as it was observed. `drag_linear`:
-    /// [`VehicleConfig::built_in`].
-    pub fn current(drag_linear: f64) -> Self {
-        Self {
-            firmware: Firmware::Current,
-            vehicle: VehicleConfig::built_in(drag_linear),
-            estimator: EstimatorConfig {
-                // On a straight way the real one strays 0.02 m to the side, at most 0.04.
-                position_sigma_m: 0.015,
-                ..EstimatorConfig::default()
-            },
-            ..Self::default()
-        }
-    }
-}
 
 /// How far a mission has come.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -54,7 +54,7 @@ pub struct NavigatorEvents {
     pub takeoff_finished: bool,
     /// The mission asks for a return.
     pub wants_return: bool,
-    /// A return begins, at this height above home (m); current PX4 says so.
+    /// A return begins, at this height above home (m), and somebody wants to hear of it.
     pub return_started: Option<f64>,
 }
 
@@ -181,7 +181,7 @@ impl Navigator {
                 self.may_loiter_at_point = false;
                 self.speed_mps = -1.0;
                 self.go_to(point);
-                if self.firmware == Firmware::Current {
+                if self.firmware.announces_returns() {
                     events.return_started = Some(self.return_home.height_m());
                 }
             }

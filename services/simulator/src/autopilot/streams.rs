@@ -58,14 +58,6 @@ impl Stream {
             _ => true,
         }
     }
-
-    /// The stream of message `id`.
-    pub fn of_id(id: u32) -> Option<Self> {
-        RATES_HZ
-            .iter()
-            .map(|row| row.0)
-            .find(|stream| *stream as u32 == id)
-    }
 }
 
 /// Stream, rate to the companion, rate to the ground station (Hz); 0 = off.
@@ -132,6 +124,15 @@ impl Streams {
 
     /// Number of schedules on both links, the range of the index of [`Streams::due`].
     pub const COUNT: usize = 2 * RATES_HZ.len();
+
+    /// The stream of message `message_id`.
+    pub fn find(&self, message_id: u32) -> Option<Stream> {
+        let companion = self.links[Link::Companion as usize].iter();
+        companion
+            .filter(|s| s.exists)
+            .map(|s| s.stream)
+            .find(|stream| *stream as u32 == message_id)
+    }
 
     /// What schedule `index` has to send now.
     pub fn due(&self, index: usize, now_us: u64) -> Option<(Link, Stream)> {

@@ -106,8 +106,9 @@ impl VehicleConfig {
     /// The quadrotor of PX4's built-in simulator: 1 kg, drag in proportion to airspeed. `drag_linear` is its SIH_KDV
     /// (N/(m/s)): 1 by default, which is huge, 0.1 for a light realistic one.
     ///
-    /// Its tilt follows more slowly than the gain alone says (1/6.5 s): with 0.27 s the errors measured on it come out for
-    /// both drags (example `tracking_table`), with the gain's own the errors across are half as large.
+    /// Its motors follow within 0.05 s (SIH_T_TAU), its tilt more slowly than the gain alone says (1/6.5 s): with 0.27 s the
+    /// errors measured on it come out for both drags (example `tracking_table`), with the gain's own the errors across are a
+    /// third to a half too small.
     pub fn built_in(drag_linear: f64) -> Self {
         Self {
             mass_kg: 1.0,
