@@ -34,7 +34,7 @@ const TYPE_GROUND_STATION: u8 = 6;
 /// MAV_TYPE_ONBOARD_CONTROLLER.
 const TYPE_ONBOARD_CONTROLLER: u8 = 18;
 /// MAV_COMP_ID_OBSTACLE_AVOIDANCE.
-pub(super) const COMPONENT_AVOIDANCE: u8 = 196;
+pub(crate) const COMPONENT_AVOIDANCE: u8 = 196;
 
 /// A heartbeat as far as it matters here.
 #[derive(Clone, Copy, Debug)]

@@ -262,7 +262,7 @@ fn saturate(wanted: Vector3<f64>, max: f64, horizontal_margin: f64) -> Vector3<f
 }
 
 /// The attitude whose body z opposes the thrust and whose heading is `yaw_rad`.
-fn attitude_for(thrust: &Vector3<f64>, yaw_rad: f64) -> UnitQuaternion<f64> {
+pub(crate) fn attitude_for(thrust: &Vector3<f64>, yaw_rad: f64) -> UnitQuaternion<f64> {
     let body_z = (-thrust).try_normalize(f64::EPSILON).unwrap_or(Vector3::z());
     let (sine, cosine) = yaw_rad.sin_cos();
     let right = Vector3::new(-sine, cosine, 0.0);

@@ -19,20 +19,20 @@ pub struct SetpointStatistics {
 }
 
 impl SetpointStatistics {
-    pub(super) fn note(&mut self, now_us: u64) {
+    pub(crate) fn note(&mut self, now_us: u64) {
         self.count += 1;
         self.last_us = now_us;
         self.last_s = now_us as f64 * 1e-6;
     }
 
     /// A message of the avoidance component arrived.
-    pub(super) fn note_sequence(&mut self, sequence: u8) {
+    pub(crate) fn note_sequence(&mut self, sequence: u8) {
         let next = self.next_sequence.replace(sequence.wrapping_add(1));
         self.sequence_breaks += u64::from(next.is_some_and(|next| next != sequence));
     }
 
     /// `counts`: whether the companion is responsible now.
-    pub(super) fn step(&mut self, now_us: u64, counts: bool) {
+    pub(crate) fn step(&mut self, now_us: u64, counts: bool) {
         if !counts {
             self.waiting_since_us = None;
             return;
