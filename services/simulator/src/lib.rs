@@ -1,18 +1,22 @@
-//! World, vehicle, range sensors and a PX4-like autopilot that speaks MAVLink.
+//! World, vehicle, range sensors and two autopilots that speak MAVLink: one like PX4, one like ArduCopter.
 //!
 //! | module | in | out |
 //! |---|---|---|
 //! | [`world`] | kind, seed | obstacles: exact distances, ray casting, JSON |
 //! | [`sensors`] | world, pose | range scans and point clouds with noise |
 //! | [`vehicle`] | attitude and thrust setpoints, wind | true motion |
-//! | [`autopilot`] | MAVLink messages, vehicle | MAVLink messages, setpoints for the vehicle |
+//! | [`autopilot`] | MAVLink messages, vehicle | MAVLink messages, setpoints for the vehicle: PX4 |
+//! | [`ardupilot`] | the same | the same: ArduCopter |
+//! | [`flyer`] | | what both have in common |
 //! | [`ground_station`] | MAVLink messages, a flight plan | MAVLink messages, progress |
 //! | [`truth`] | autopilot, world | ground truth of the flight |
 //!
 //! Everything is a pure step with a fixed period: the same seed gives the same flight to the bit, in lock-step
 //! within one process as well as behind real sockets and shared memory.
 
+pub mod ardupilot;
 pub mod autopilot;
+pub mod flyer;
 pub mod ground_station;
 pub mod random;
 pub mod sensors;

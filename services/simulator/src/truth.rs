@@ -1,6 +1,6 @@
 //! The ground truth of a flight: how close it came, how fast it went, what failed.
 
-use crate::autopilot::Autopilot;
+use crate::flyer::Flyer;
 use crate::world::World;
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::vehicle::NavMode;
@@ -39,7 +39,7 @@ impl Observer {
     }
 
     /// Looks at the state after a step; the ground is no obstacle.
-    pub fn observe(&mut self, autopilot: &Autopilot, world: &World) -> SimTruth {
+    pub fn observe(&mut self, autopilot: &dyn Flyer, world: &World) -> SimTruth {
         let truth = autopilot.truth();
         let in_air = autopilot.is_armed() && !truth.on_ground;
         let clearance_m = world.clearance_to_obstacles_m(truth.position) - self.hull_radius_m;
@@ -79,7 +79,7 @@ impl Observer {
         }
     }
 
-    fn measure_way(&mut self, autopilot: &Autopilot, in_air: bool) {
+    fn measure_way(&mut self, autopilot: &dyn Flyer, in_air: bool) {
         let (now_s, position) = (autopilot.time_s(), autopilot.truth().position.vector());
         if let (Some((last_s, last)), true) = (self.last, in_air) {
             let way_m = (position - last).norm();

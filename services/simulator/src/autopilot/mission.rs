@@ -156,6 +156,11 @@ impl Mission {
         self.items.extend(items.iter().take(ITEMS_MAX).cloned());
     }
 
+    /// Item `index`, to be rewritten as an autopilot stores it.
+    pub(crate) fn get_mut(&mut self, index: usize) -> Option<&mut MISSION_ITEM_INT_DATA> {
+        self.items.get_mut(index)
+    }
+
     /// The first item at or after `from` that leads somewhere. A return ends the search: nothing comes after it.
     pub fn next_place(&self, from: usize) -> Option<usize> {
         for index in from..self.len() {
