@@ -3,6 +3,8 @@
 #![allow(dead_code, deprecated)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod copter;
+pub mod copter_tracking;
 pub mod current;
 pub mod tracking;
 pub mod tracking_current;

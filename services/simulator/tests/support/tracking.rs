@@ -69,7 +69,7 @@ impl Reference {
         self.speed * (STOP_AT_S - RAMP_S / 2.0 + duration * (tau - ramp(tau)))
     }
 
-    pub(super) fn position(&self, t: f64) -> Vector3<f64> {
+    pub fn position(&self, t: f64) -> Vector3<f64> {
         let s = self.north(t);
         Vector3::new(s, self.wave(s), LEVEL_DOWN_M)
     }
@@ -79,18 +79,18 @@ impl Reference {
         self.amplitude * (std::f64::consts::TAU * s / self.wavelength).sin() * fade
     }
 
-    fn velocity(&self, t: f64) -> Vector3<f64> {
+    pub fn velocity(&self, t: f64) -> Vector3<f64> {
         let h = 1e-4;
         (self.position(t + h) - self.position(t - h)) / (2.0 * h)
     }
 
-    fn acceleration(&self, t: f64) -> Vector3<f64> {
+    pub fn acceleration(&self, t: f64) -> Vector3<f64> {
         let h = 1e-3;
         (self.position(t + h) - self.position(t) * 2.0 + self.position(t - h)) / (h * h)
     }
 
     /// Distance to the nearest point of the path, and its direction there.
-    fn cross(&self, point: &Vector3<f64>) -> f64 {
+    pub fn cross(&self, point: &Vector3<f64>) -> f64 {
         (-400..=400)
             .map(|i| {
                 let s = point.x + f64::from(i) * 0.01;
@@ -286,7 +286,7 @@ pub fn overshoot(stop: &Stop) -> f64 {
     track.iter().map(|(_, p)| p.x - end).fold(f64::MIN, f64::max)
 }
 
-pub(super) const fn wave(speed: f64, amplitude: f64, wavelength: f64) -> Reference {
+pub const fn wave(speed: f64, amplitude: f64, wavelength: f64) -> Reference {
     Reference {
         speed,
         amplitude,
