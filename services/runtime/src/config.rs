@@ -90,6 +90,8 @@ impl Default for Link {
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Simulation {
+    /// Which autopilot flies: px4, ardupilot.
+    pub autopilot: String,
     /// Kind of world: forest, gap, corridor, utrap, empty.
     pub world: String,
     /// Seed of everything random.
@@ -105,6 +107,7 @@ pub struct Simulation {
 impl Default for Simulation {
     fn default() -> Self {
         Self {
+            autopilot: "px4".to_owned(),
             world: "forest".to_owned(),
             seed: 1,
             density_per_m2: None,

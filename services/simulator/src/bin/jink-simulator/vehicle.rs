@@ -2,10 +2,13 @@
 
 use crate::settings;
 use crate::udp::{Arrival, MavUdp};
+use jink_runtime::config::Config;
 use jink_runtime::{Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::{SampleHeader, Timestamp, params, topics};
-use jink_simulator::autopilot::{Autopilot, AutopilotConfig, Link, Packet};
+use jink_simulator::ardupilot::{ArduCopter, ArduCopterConfig};
+use jink_simulator::autopilot::{Autopilot, AutopilotConfig, Link, Packet, UnknownParameter};
+use jink_simulator::flyer::Flyer;
 use jink_simulator::truth::Observer;
 use jink_simulator::vehicle::STEP_US;
 use jink_simulator::world::World;
@@ -24,7 +27,7 @@ const STEP_RATE_HZ: u32 = 1_000_000 / STEP_US as u32;
 /// The simulated aircraft.
 pub struct VehicleService {
     world: World,
-    autopilot: Autopilot,
+    autopilot: Box<dyn Flyer>,
     observer: Observer,
     companion: MavUdp,
     ground_station: Option<MavUdp>,
@@ -51,17 +54,9 @@ impl Service for VehicleService {
             0 => None,
             port => Some(open_udp(0, SocketAddr::from((Ipv4Addr::LOCALHOST, port)))?),
         };
-        let mut autopilot = AutopilotConfig {
-            system_id: config.link.system_id.max(1),
-            ..AutopilotConfig::default()
-        };
-        autopilot.vehicle.seed = simulation.seed;
         Ok(Self {
             world: settings::world(&config)?,
-            autopilot: Autopilot::new(autopilot).map_err(|error| StartError::Needs {
-                what: "the autopilot".to_owned(),
-                cause: error.to_string(),
-            })?,
+            autopilot: autopilot(&config)?,
             observer: Observer::new(config.params.get(&params::OA_VEH_RADIUS)),
             companion,
             ground_station,
@@ -150,13 +145,45 @@ impl VehicleService {
         self.steps += 1;
         let truth = SimTruth {
             late_max_s: self.late_max_s,
-            ..self.observer.observe(&self.autopilot, &self.world)
+            ..self.observer.observe(self.autopilot.as_ref(), &self.world)
         };
         let header = SampleHeader {
             capture: self.step_time(self.steps),
             ..SampleHeader::default()
         };
         self.truth.send(header, &truth);
+    }
+}
+
+/// The autopilot the configuration names.
+fn autopilot(config: &Config) -> Result<Box<dyn Flyer>, StartError> {
+    let system_id = config.link.system_id.max(1);
+    let seed = config.simulation.seed;
+    let refused = |error: UnknownParameter| StartError::Needs {
+        what: "the autopilot".to_owned(),
+        cause: error.to_string(),
+    };
+    match config.simulation.autopilot.as_str() {
+        "px4" => {
+            let mut px4 = AutopilotConfig {
+                system_id,
+                ..AutopilotConfig::default()
+            };
+            px4.vehicle.seed = seed;
+            Ok(Box::new(Autopilot::new(px4).map_err(refused)?))
+        }
+        "ardupilot" => {
+            let mut copter = ArduCopterConfig {
+                system_id,
+                ..ArduCopterConfig::default()
+            };
+            copter.vehicle.seed = seed;
+            Ok(Box::new(ArduCopter::new(copter).map_err(refused)?))
+        }
+        other => Err(StartError::Needs {
+            what: format!("simulation.autopilot = {other:?}"),
+            cause: "known are px4 and ardupilot".to_owned(),
+        }),
     }
 }
 
