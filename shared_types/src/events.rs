@@ -109,6 +109,10 @@ events! {
     SETPOINTS_IGNORED = 29, Error, "jink: autopilot ignores setpoints", "Take over; check the autopilot's log and version.";
     /// It follows them again.
     SETPOINTS_FOLLOWED = 30, Notice, "jink: autopilot follows setpoints again", "None.";
+    /// Somebody wanted the gateway restarted in flight.
+    RESTART_REFUSED = 40, Warning, "jink: restart refused, vehicle is armed", "Land and disarm first.";
+    /// A changed parameter could not be kept.
+    PARAMETERS_NOT_KEPT = 41, Warning, "jink: parameters not stored on disk", "Look at the disk; they hold until a restart.";
 }
 
 /// The event with identity `id`.

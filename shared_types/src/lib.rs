@@ -7,7 +7,7 @@
 //! | [`params`] | the parameter table: name, type, default, range, unit, help |
 //! | [`events`] | the event table: what pilots and logs are told |
 //! | [`mod@sample`] | the header every sample carries, and `Fresh / Stale / Never` |
-//! | [`vehicle`], [`ranges`], [`map`], [`ring`], [`motion`], [`health`], [`link`], [`truth`] | the payloads |
+//! | [`vehicle`], [`ranges`], [`map`], [`ring`], [`motion`], [`health`], [`link`], [`tuning`], [`truth`] | the payloads |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
 //! | [`frames`], [`clock`], [`coded`], [`layout`] | units and frames, time, enums on the wire, layout hashes |
 //!
@@ -32,6 +32,7 @@ pub mod ring;
 pub mod sample;
 pub mod topics;
 pub mod truth;
+pub mod tuning;
 pub mod vehicle;
 
 pub use clock::Timestamp;

@@ -150,6 +150,11 @@ impl ParamSet {
             .map_or(param.default, |index| self.values[index])
     }
 
+    /// Each row with its value.
+    pub fn rows(&self) -> impl Iterator<Item = (&'static Param, f64)> + '_ {
+        TABLE.iter().zip(self.values.iter().copied())
+    }
+
     /// Sets the parameter called `name`.
     ///
     /// # Errors

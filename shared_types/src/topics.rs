@@ -14,6 +14,7 @@ use crate::motion::{ApprovedTrajectory, Route, Trajectory};
 use crate::ranges::{PointCloud, RangeScan};
 use crate::ring::SectorRing;
 use crate::truth::SimTruth;
+use crate::tuning::{ParameterChange, ParameterValues};
 use crate::vehicle::{DesiredPath, VehicleState};
 use std::fmt::Debug;
 use std::marker::PhantomData;
@@ -212,6 +213,14 @@ topics! {
     LINK_STATUS: LinkStatus = "link/status",
         from ["mavlink_gateway"], to ["supervisor"],
         5.0 Hz, stale after 600.0 ms, buffer 2, logged true, wakes false;
+    /// The values of all parameters; services take the live ones at once.
+    PARAMETERS: ParameterValues = "parameters",
+        from ["mavlink_gateway"], to ["*"],
+        1.0 Hz, stale after 2500.0 ms, buffer 2, logged true, wakes false;
+    /// A value that the command line wants changed; the answer is in `parameters`.
+    PARAMETER_CHANGE: ParameterChange = "parameters/change",
+        from ["cli"], to ["mavlink_gateway"],
+        0.0 Hz, stale after 5000.0 ms, buffer 4, logged true, wakes false;
     /// Ground truth, in simulations only. The sensor rendering uses it where the vehicle is simulated, too.
     SIM_TRUTH: SimTruth = "sim/truth",
         from ["simulator"], to ["simulator"],

@@ -4,6 +4,7 @@ use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
 use jink_collision_guard::ring::Ring;
 use jink_runtime::{Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake};
 use jink_shared_types::motion::{ApprovedTrajectory, Trajectory};
+use jink_shared_types::params::ParamSet;
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
@@ -84,6 +85,11 @@ impl Service for GuardService {
             self.sectors.send(SampleHeader::at(now), &self.ring_sample);
         }
         Wake::at(self.due.min(self.ring_due))
+    }
+
+    /// The ring keeps what it has seen: its hull and its band need a restart.
+    fn retune(&mut self, params: &ParamSet) {
+        self.guard.configure(GuardConfig::from_params(params));
     }
 }
 

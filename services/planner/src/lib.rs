@@ -154,6 +154,18 @@ impl Planner {
         }
     }
 
+    /// Takes the parameters that apply at once; the others must be those of the start. Nothing that was learned is
+    /// forgotten, and what is committed stays: it was certified within the limits that it carries. A vehicle that is faster
+    /// than a new limit allows flies its commitment to its end, at rest, and goes on from there.
+    pub fn retune(&mut self, params: &ParamSet) {
+        self.limits = gears(params);
+        self.goal_radius_m = params.get(&params::OA_GOAL_RAD);
+        self.height_range_m = (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX));
+        self.yaw_along_path = params.get(&params::OA_YAW_MODE) == 1.0;
+        // A refusal on this map may have been one of the old values.
+        self.map_publish = Timestamp::NEVER;
+    }
+
     /// The same for a vehicle with so many range sensors: while only some of them contribute to the map it flies on
     /// in what they see, and slower.
     pub fn with_sensors(mut self, sensors: u16) -> Self {
@@ -295,15 +307,16 @@ impl Planner {
         )
     }
 
-    /// Smallest and largest down coordinate allowed (m).
+    /// Smallest and largest down coordinate allowed (m). Never empty: two parameters that contradict each other leave the
+    /// greatest height.
     fn down_range_m(&self, state: &VehicleState) -> (f64, f64) {
         let home_m = if state.home_down_m.is_finite() {
             state.home_down_m
         } else {
             0.0
         };
-        let lowest_m = home_m - self.height_range_m.0;
-        (home_m - self.height_range_m.1, lowest_m.max(state.position.z_m))
+        let (highest_m, lowest_m) = (home_m - self.height_range_m.1, home_m - self.height_range_m.0);
+        (highest_m, lowest_m.max(state.position.z_m).max(highest_m))
     }
 
     /// Whether an obstacle has come into the tube of what is committed from `now` on.

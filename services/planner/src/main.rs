@@ -4,6 +4,7 @@ use jink_planner::{Inputs, Planner};
 use jink_runtime::{Cycle, Input, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, Route};
+use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{SampleHeader, Stage, topics};
 use std::process::ExitCode;
@@ -59,6 +60,10 @@ impl Service for PlannerService {
             cycle.events.publish(now, event);
         }
         Wake::at(now.next_beat(RATE_HZ))
+    }
+
+    fn retune(&mut self, params: &ParamSet) {
+        self.planner.retune(params);
     }
 }
 

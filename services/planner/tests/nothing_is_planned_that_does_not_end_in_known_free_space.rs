@@ -359,6 +359,54 @@ fn a_wall_out_of_nowhere_is_braked_for_and_said() {
 }
 
 #[test]
+fn a_parameter_changed_in_flight_counts_from_the_next_plan_and_nothing_is_forgotten() {
+    let map = map(10.0, |_| false);
+    let mut planner = planner();
+    let first = answer(&mut planner, Some(&map), Some(&hovering()), &to(8.0, 0.0), None);
+    let mut params = ParamSet::default();
+    for (name, value) in [("OA_SPD_MAX", 1.5), ("OA_ALT_MAX", 2.0), ("OA_YAW_MODE", 0.0)] {
+        params.set(name, value).unwrap();
+    }
+    planner.retune(&params);
+    let next = answer(&mut planner, Some(&map), Some(&hovering()), &to(8.0, 0.0), None);
+    assert_eq!(next.mode.get(), RouteMode::Plan);
+    assert_eq!((first.limits.speed_mps, next.limits.speed_mps), (3.0, 1.5));
+    assert_eq!((first.goal.z_m, next.goal.z_m), (-HEIGHT_M, -2.0));
+    assert_eq!(next.id, first.id + 1, "the routes are numbered on");
+}
+
+#[test]
+fn who_flies_faster_than_a_new_limit_keeps_the_commitment_that_ends_at_rest() {
+    let map = map(10.0, |_| false);
+    let mut planner = planner();
+    let flown = flying_north(6.0);
+    let mut params = ParamSet::default();
+    params.set("OA_SPD_MAX", 0.5).unwrap();
+    planner.retune(&params);
+    let route = answer(
+        &mut planner,
+        Some(&map),
+        Some(&hovering()),
+        &to(8.0, 0.0),
+        Some(&flown),
+    );
+    assert_eq!(route.mode.get(), RouteMode::Keep);
+    assert!(!route.must_leave.is_set());
+}
+
+#[test]
+fn heights_that_contradict_each_other_do_not_stop_the_planner() {
+    let map = map(10.0, |_| false);
+    let mut params = ParamSet::default();
+    params.set("OA_ALT_MIN", 50.0).unwrap();
+    params.set("OA_ALT_MAX", 2.0).unwrap();
+    let mut planner = planner();
+    planner.retune(&params);
+    let route = answer(&mut planner, Some(&map), Some(&hovering()), &to(4.0, 0.0), None);
+    assert_eq!(route.goal.z_m, -2.0);
+}
+
+#[test]
 fn at_the_goal_there_is_nothing_to_plan() {
     let map = map(10.0, |_| false);
     let route = answer(&mut planner(), Some(&map), Some(&hovering()), &to(0.0, 0.0), None);

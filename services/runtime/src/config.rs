@@ -47,6 +47,8 @@ impl std::error::Error for ConfigError {}
 pub struct Config {
     /// The parameters.
     pub params: ParamSet,
+    /// Where changed parameters are kept; `None` = with the instance.
+    pub param_store: Option<PathBuf>,
     /// The link to the autopilot.
     pub link: Link,
     /// The virtual world, where there is one.
@@ -147,6 +149,7 @@ const SENSOR_KINDS: &[(&str, SensorOutput)] = &[
 #[serde(deny_unknown_fields, default)]
 #[derive(Default)]
 struct File {
+    param_store: String,
     params: BTreeMap<Spanned<String>, Spanned<f64>>,
     link: Link,
     simulation: Simulation,
@@ -184,6 +187,7 @@ impl Config {
             message,
         };
         let mut config = Self {
+            param_store: (!parsed.param_store.is_empty()).then(|| PathBuf::from(&parsed.param_store)),
             link: parsed.link,
             simulation: parsed.simulation,
             ..Self::default()
@@ -307,11 +311,12 @@ mod tests {
 
     #[test]
     fn a_good_file_is_read_whole() {
-        let text = "[params]\nOA_SPD_MAX = 4\n[link]\naddress = \"udpin:127.0.0.1:14541\"\n\
+        let text = "param_store = \"/var/lib/jink/p.toml\"\n[params]\nOA_SPD_MAX = 4\n[link]\naddress = \"udpin:127.0.0.1:14541\"\n\
                     [[sensor]]\nname = \"lidar\"\nkind = \"lidar_3d\"\nrate_hz = 10\n";
         let config = Config::parse(Path::new("jink.toml"), text).unwrap();
         assert_eq!(config.params.get(&params::OA_SPD_MAX), 4.0);
         assert_eq!(config.link.address, "udpin:127.0.0.1:14541");
+        assert_eq!(config.param_store, Some("/var/lib/jink/p.toml".into()));
         assert_eq!(config.sensors[0].output, SensorOutput::Cloud);
     }
 

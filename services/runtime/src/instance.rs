@@ -74,6 +74,11 @@ impl Instance {
         self.folder().join("config")
     }
 
+    /// Where changed parameters are kept while the instance is up, unless the configuration names another place.
+    pub fn param_store(&self) -> PathBuf {
+        self.folder().join("parameters.toml")
+    }
+
     /// Where the processes' logs are kept while the instance is up.
     pub fn log_folder(&self) -> PathBuf {
         self.folder().join("log")
@@ -130,6 +135,11 @@ impl Instance {
                 Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
                 _ => {}
             }
+        }
+        // The values of an earlier run would lie over those that this one was started with.
+        match std::fs::remove_file(self.param_store()) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
+            _ => {}
         }
         let prefix = self.shm_prefix();
         for entry in std::fs::read_dir("/dev/shm")?.flatten() {

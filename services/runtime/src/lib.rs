@@ -42,6 +42,7 @@
 //! | [`session`] | one process's connection to shared memory; [`Input`] and [`Output`] |
 //! | [`service`] | the loop |
 //! | [`heartbeat`] | cycle statistics |
+//! | [`param_store`] | changed parameters that outlive the process that changed them |
 //! | [`ranges`] | the range topics of all configured sensors |
 //! | [`janitor`] | what the dead left behind |
 //! | [`request`] | what can be asked of a running supervisor |
@@ -57,6 +58,7 @@ pub mod instance;
 pub mod janitor;
 pub mod logging;
 pub mod output;
+pub mod param_store;
 mod pretouch;
 pub mod ranges;
 pub mod realtime;
@@ -69,6 +71,7 @@ pub use events::EventSender;
 pub use input::Input;
 pub use instance::Instance;
 pub use output::Output;
+pub use param_store::{ParamStore, StoreWriter};
 pub use ranges::{RangeInputs, RangeSample};
 pub use realtime::now;
 pub use service::{Claim, Cycle, Latency, Ports, Service, Setup, StartError, Wake, run};

@@ -11,6 +11,7 @@ use crate::heartbeat::{CycleMeter, HEARTBEAT_PERIOD_S};
 use crate::input::{Input, InputHealth};
 use crate::instance::Instance;
 use crate::output::Output;
+use crate::param_store::ParamStore;
 use crate::pretouch::Pretouch;
 use crate::realtime::{self, RealtimeWish, Scheduling};
 use crate::session::{OpenError, Session};
@@ -19,7 +20,9 @@ use clap::{CommandFactory, FromArgMatches, Parser};
 use jink_shared_types::control::Control;
 use jink_shared_types::health::{Heartbeat, Name, Role, ServiceState};
 use jink_shared_types::layout::Layout;
+use jink_shared_types::params::ParamSet;
 use jink_shared_types::topics::{self, Topic};
+use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::{SampleHeader, Timestamp};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::fmt;
@@ -37,6 +40,9 @@ const POLL_FDS: usize = 32;
 /// Exit code of a service that could not start: wrong configuration, missing device, refused topic. The supervisor does
 /// not restart it at once: it would fail again.
 pub const EXIT_CANNOT_START: u8 = 78;
+/// Exit code of a service that wants to be started again ([`Wake::restart`]): for the supervisor a death like any other, so
+/// back-off and intensity hold for it, too.
+pub const EXIT_RESTART: u8 = 75;
 
 /// What the supervisor tells a process when it starts it.
 #[derive(Clone, Debug, Parser)]
@@ -133,27 +139,35 @@ impl From<ConfigError> for StartError {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Wake {
     at: Timestamp,
+    restart: bool,
 }
 
 impl Wake {
     /// Only when data arrive.
     pub fn on_data() -> Self {
-        Self {
-            at: Timestamp::from_ns(u64::MAX),
-        }
+        Self::at(Timestamp::from_ns(u64::MAX))
     }
 
     /// At `time`. For what is put out at a fixed rate: [`Timestamp::next_beat`], so that a second instance of the service keeps
     /// the same time and its takeover is not heard.
     pub fn at(time: Timestamp) -> Self {
-        Self { at: time }
+        Self {
+            at: time,
+            restart: false,
+        }
+    }
+
+    /// Never again: the process ends, and the supervisor starts it anew.
+    pub fn restart() -> Self {
+        Self {
+            restart: true,
+            ..Self::on_data()
+        }
     }
 
     /// `seconds` from now.
     pub fn within_s(seconds: f64) -> Self {
-        Self {
-            at: realtime::now().plus_seconds(seconds),
-        }
+        Self::at(realtime::now().plus_seconds(seconds))
     }
 }
 
@@ -180,6 +194,10 @@ pub trait Service: Sized {
     /// Does what there is to do now and says when it must run again without data.
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake;
 
+    /// Takes new values of the parameters that apply at once. What is known and what is under way stays; the others are
+    /// as they were at the start.
+    fn retune(&mut self, _params: &ParamSet) {}
+
     /// Descriptors whose readability starts a cycle; they may change from cycle to cycle.
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
         [None; WATCHED_FDS]
@@ -191,6 +209,7 @@ pub struct Ports {
     session: Session,
     setup: Setup,
     config: Config,
+    store: ParamStore,
     inputs: Vec<Rc<InputHealth>>,
     wakeups: Vec<Wakeup>,
     duty: Rc<Duty>,
@@ -208,9 +227,14 @@ impl Ports {
         &self.setup
     }
 
-    /// The configuration.
+    /// The configuration, with the parameters that were in force when the process was started.
     pub fn config(&self) -> &Config {
         &self.config
+    }
+
+    /// Where changed parameters are kept.
+    pub fn param_store(&self) -> &ParamStore {
+        &self.store
     }
 
     /// A topic to publish.
@@ -351,7 +375,8 @@ pub fn run<S: Service>() -> ExitCode {
     };
     crate::logging::init(&setup.process, setup.log);
     match start::<S>(setup) {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(Ended::Stopped) => ExitCode::SUCCESS,
+        Ok(Ended::WantsRestart) => ExitCode::from(EXIT_RESTART),
         Err(error) => {
             tracing::error!("{} cannot start: {error}", S::PROGRAM);
             ExitCode::from(EXIT_CANNOT_START)
@@ -359,7 +384,14 @@ pub fn run<S: Service>() -> ExitCode {
     }
 }
 
-fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
+/// How the loop has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Ended {
+    Stopped,
+    WantsRestart,
+}
+
+fn start<S: Service>(setup: Setup) -> Result<Ended, StartError> {
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
         signal_hook::flag::register(signal, Arc::clone(&stop)).map_err(|error| StartError::Needs {
@@ -367,7 +399,13 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
             cause: error.to_string(),
         })?;
     }
-    let config = Config::load(&setup.config)?;
+    let mut config = Config::load(&setup.config)?;
+    let store = ParamStore::of(&config, &setup.instance);
+    let (params, refused) = store.load();
+    config.params = params;
+    for refusal in refused {
+        tracing::warn!("{refusal}");
+    }
     let wish = RealtimeWish {
         priority: setup.priority,
         core: setup.core,
@@ -388,6 +426,7 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
     let mut ports = Ports {
         session,
         config,
+        store,
         inputs: Vec::new(),
         wakeups: Vec::new(),
         duty,
@@ -399,7 +438,7 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
     tracing::debug!(pid = std::process::id(), "{} runs", ports.setup.process);
     // The supervisor waits for the first heartbeat from the loop: after the first cycle, not a period later.
     beat.due = realtime::now();
-    serve(
+    let ended = serve(
         &mut service,
         &mut ports,
         &mut control,
@@ -408,7 +447,7 @@ fn start<S: Service>(setup: Setup) -> Result<(), StartError> {
         &stop,
     )?;
     beat.send(ServiceState::Stopping, 0, 0);
-    Ok(())
+    Ok(ended)
 }
 
 fn serve<S: Service>(
@@ -418,12 +457,16 @@ fn serve<S: Service>(
     beat: &mut Beat,
     events: &mut EventSender,
     stop: &AtomicBool,
-) -> Result<(), OpenError> {
+) -> Result<Ended, OpenError> {
     let mut pretouch = None;
+    let mut tuning: Option<Tuning> = None;
     while !stop.load(Ordering::Relaxed) {
         // Before the clock: what this cycle takes was then published after any record it has not read.
         control.read(&ports.duty);
         let now = realtime::now();
+        if let Some(params) = tuning.as_mut().and_then(|tuning| tuning.news(now)) {
+            service.retune(params);
+        }
         ports.duty.begin(now);
         let wake = service.cycle(&mut Cycle { now, events });
         let end = realtime::now();
@@ -438,12 +481,43 @@ fn serve<S: Service>(
                     let _refused_to_nobody = realtime::schedule(0, Scheduling::Ordinary);
                 }
                 events.connect(ports.output(topics::EVENT)?);
+                tuning = Some(Tuning::open(&ports.session, &ports.config.params)?);
                 pretouch = Some(Pretouch::of_this_process());
             }
         }
+        if wake.restart {
+            return Ok(Ended::WantsRestart);
+        }
         sleep(service, ports, control, wake.at, stop, beat);
     }
-    Ok(())
+    Ok(Ended::Stopped)
+}
+
+/// The parameters of a running service.
+struct Tuning {
+    input: Input<ParameterValues>,
+    /// Sequence number of the last sample taken.
+    taken: Option<u64>,
+    params: ParamSet,
+}
+
+impl Tuning {
+    /// Not counted among the service's own inputs: it works without.
+    fn open(session: &Session, params: &ParamSet) -> Result<Self, OpenError> {
+        Ok(Self {
+            input: session.input(topics::PARAMETERS, "")?,
+            taken: None,
+            params: params.clone(),
+        })
+    }
+
+    /// The parameters, if one that applies at once has changed.
+    fn news(&mut self, now: Timestamp) -> Option<&ParamSet> {
+        let values = self.input.latest(now).fresh()?;
+        let sequence = values.header.sequence;
+        let is_new = self.taken.replace(sequence) != Some(sequence);
+        (is_new && values.sample.apply_live(&mut self.params)).then_some(&self.params)
+    }
 }
 
 /// Sleeps until data come, until `until`, or until this instance has become the owner; heartbeats go out meanwhile.
@@ -570,5 +644,49 @@ impl Beat {
         if now >= self.due || self.duty.role(now) != self.role {
             self.send(ports.state(now), fresh, needed);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Tuning;
+    use crate::{Instance, Session, now};
+    use jink_shared_types::params::{OA_SPD_MAX, OA_VEH_RADIUS, ParamSet};
+    use jink_shared_types::tuning::ParameterValues;
+    use jink_shared_types::{SampleHeader, topics};
+
+    /// An instance of its own that leaves nothing behind.
+    struct Isolated(Instance);
+
+    impl Drop for Isolated {
+        fn drop(&mut self) {
+            self.0.wipe().unwrap();
+            std::fs::remove_dir_all(self.0.folder()).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_live_value_reaches_a_running_service_once_and_a_restart_value_does_not() {
+        let isolated = Isolated(format!("rt_tuning_{}", std::process::id()).parse().unwrap());
+        std::fs::create_dir_all(isolated.0.folder()).unwrap();
+        let gateway = Session::open(&isolated.0, "mavlink_gateway").unwrap();
+        let mut output = gateway.output(topics::PARAMETERS, "", 1).unwrap();
+        let planner = Session::open(&isolated.0, "planner").unwrap();
+        let mut started_with = ParamSet::default();
+        started_with.set("OA_GOAL_RAD", 0.7).unwrap();
+        let mut tuning = Tuning::open(&planner, &started_with).unwrap();
+        assert!(tuning.news(now()).is_none(), "nobody has spoken yet");
+
+        let mut told = started_with.clone();
+        output.send(SampleHeader::at(now()), &ParameterValues::of(&told));
+        assert!(tuning.news(now()).is_none(), "nothing has changed");
+        told.set("OA_SPD_MAX", 4.5).unwrap();
+        told.set("OA_VEH_RADIUS", 0.6).unwrap();
+        output.send(SampleHeader::at(now()), &ParameterValues::of(&told));
+        let params = tuning.news(now()).unwrap();
+        assert_eq!(params.get(&OA_SPD_MAX), 4.5);
+        assert_eq!(params.get(&OA_VEH_RADIUS), OA_VEH_RADIUS.default);
+        output.send(SampleHeader::at(now()), &ParameterValues::of(&told));
+        assert!(tuning.news(now()).is_none(), "said twice");
     }
 }

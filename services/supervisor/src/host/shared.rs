@@ -111,6 +111,8 @@ fn hold_all(session: &Session, config: &Config, processes: &[&str]) -> Result<Ve
         session.hold(topics::SYSTEM_STATUS, "")?,
         session.hold(topics::CONTROL, "")?,
         session.hold(topics::LINK_STATUS, "")?,
+        session.hold(topics::PARAMETERS, "")?,
+        session.hold(topics::PARAMETER_CHANGE, "")?,
         session.hold(topics::SIM_TRUTH, "")?,
     ];
     for process in processes {

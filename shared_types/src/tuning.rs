@@ -1,0 +1,156 @@
+//! Parameters on their way between processes: the values in force, and what somebody wants changed.
+//!
+//! | sample | says |
+//! |---|---|
+//! | [`ParameterValues`] | every value, in the order of [`params::TABLE`] |
+//! | [`ParameterChange`] | one value that is asked for |
+//!
+//! Both name their rows by number, so both carry [`TABLE_HASH`]: a build with another table is not understood rather than
+//! misunderstood.
+
+use crate::layout::{hash_start, hash_text};
+use crate::params::{self, Apply, ParamSet, TABLE};
+
+/// Values that a sample has room for: four times today's table, in a sample that is still below a KiB.
+pub const PARAMETERS_MAX: usize = 64;
+
+const _: () = assert!(TABLE.len() <= PARAMETERS_MAX);
+
+/// A number that two builds have in common if their tables have the same rows in the same order.
+pub const TABLE_HASH: u64 = {
+    let mut hash = hash_start("params", TABLE.len(), 0);
+    let mut i = 0;
+    while i < TABLE.len() {
+        hash = hash_text(hash, TABLE[i].name);
+        i += 1;
+    }
+    hash
+};
+
+crate::sample! {
+    /// The values in force. Those of rows that need a restart may be newer than what services work with.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct ParameterValues: 536 {
+        /// [`TABLE_HASH`] of the build that filled it.
+        pub table: u64,
+        /// Identity of the last [`ParameterChange`] that was decided on; 0 = none yet.
+        pub answered: u64,
+        /// Values in use.
+        pub len: u32,
+        /// Changes since the producer's start.
+        pub changes: u32,
+        /// In the order of the table; the rest is zero.
+        pub values: [f64; PARAMETERS_MAX],
+    }
+}
+
+impl Default for ParameterValues {
+    fn default() -> Self {
+        Self {
+            table: 0,
+            answered: 0,
+            len: 0,
+            changes: 0,
+            values: [0.0; PARAMETERS_MAX],
+        }
+    }
+}
+
+impl ParameterValues {
+    /// The values of `set`.
+    pub fn of(set: &ParamSet) -> Self {
+        let mut sample = Self {
+            table: TABLE_HASH,
+            len: TABLE.len() as u32,
+            ..Self::default()
+        };
+        for (slot, row) in sample.values.iter_mut().zip(TABLE) {
+            *slot = set.get(row);
+        }
+        sample
+    }
+
+    /// Row and value of each parameter; empty if it comes from a build with another table.
+    pub fn rows(&self) -> impl Iterator<Item = (&'static params::Param, f64)> + '_ {
+        let known = self.table == TABLE_HASH && self.len as usize == TABLE.len();
+        TABLE.iter().zip(self.values).filter(move |_| known)
+    }
+
+    /// Takes the values of the rows that apply at once into `set`; what `set` would refuse stays as it was. Answers
+    /// whether anything has changed.
+    pub fn apply_live(&self, set: &mut ParamSet) -> bool {
+        let mut changed = false;
+        for (row, value) in self.rows().filter(|(row, _)| row.apply == Apply::Live) {
+            changed |= set.get(row) != value && set.set(row.name, value).is_ok();
+        }
+        changed
+    }
+}
+
+crate::sample! {
+    /// A value that somebody on this board wants changed.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    pub struct ParameterChange: 32 {
+        /// [`TABLE_HASH`] of the build that asks.
+        pub table: u64,
+        /// Identity of the request, never 0.
+        pub id: u64,
+        /// The value.
+        pub value: f64,
+        /// Row of the table.
+        pub row: u32,
+        /// Explicit padding, zero.
+        pub reserved: u32,
+    }
+}
+
+impl ParameterChange {
+    /// The row that is meant; `None` if it comes from a build with another table.
+    pub fn row(&self) -> Option<&'static params::Param> {
+        TABLE.get(self.row as usize).filter(|_| self.table == TABLE_HASH)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ParameterValues;
+    use crate::params::{Apply, OA_SPD_MAX, OA_VEH_RADIUS, ParamSet, TABLE};
+    use proptest::prelude::*;
+
+    #[test]
+    fn only_live_rows_take_effect_and_only_once() {
+        let mut told = ParamSet::default();
+        told.set("OA_SPD_MAX", 5.0).unwrap();
+        told.set("OA_VEH_RADIUS", 0.5).unwrap();
+        let sample = ParameterValues::of(&told);
+        let mut set = ParamSet::default();
+        assert!(sample.apply_live(&mut set));
+        assert_eq!(
+            (set.get(&OA_SPD_MAX), set.get(&OA_VEH_RADIUS)),
+            (5.0, OA_VEH_RADIUS.default)
+        );
+        assert!(!sample.apply_live(&mut set), "nothing was new");
+    }
+
+    #[test]
+    fn values_of_another_table_are_not_taken() {
+        let mut sample = ParameterValues::of(&ParamSet::default());
+        sample.values[2] = 7.0;
+        sample.table ^= 1;
+        assert!(!sample.apply_live(&mut ParamSet::default()));
+    }
+
+    proptest! {
+        #[test]
+        fn whatever_a_sample_says_no_value_leaves_its_range(values in proptest::collection::vec(any::<f64>(), 64)) {
+            let mut sample = ParameterValues::of(&ParamSet::default());
+            sample.values.copy_from_slice(&values);
+            let mut set = ParamSet::default();
+            sample.apply_live(&mut set);
+            for row in TABLE {
+                prop_assert!((row.min..=row.max).contains(&set.get(row)));
+                prop_assert!(row.apply == Apply::Live || set.get(row) == row.default);
+            }
+        }
+    }
+}
