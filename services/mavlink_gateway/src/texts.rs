@@ -1,6 +1,8 @@
 //! Events as STATUSTEXT: one line per change, never a flood.
 //!
-//! Lines wait in a short queue and leave at [`RATE_HZ`]; the same event about the same process is said once within
+//! Lines wait in a short queue and leave at [`RATE_HZ`]; one longer than [`LINE_BYTES`] leaves in parts that belong
+//! together by a number, at once. A part that is not the last must be full, because a zero ends the line: where the cut
+//! would fall into a character, blanks stand in front of it. The same event about the same process is said once within
 //! [`REPEAT_S`]; a full queue drops the least severe line. Events happen on change, so this is the one place of the gateway
 //! that formats text.
 
@@ -11,7 +13,7 @@ use jink_shared_types::health::Name;
 use mavlink::dialects::ardupilotmega::{MavMessage, MavSeverity, STATUSTEXT_DATA};
 use mavlink::types::CharArray;
 
-/// Length of a line (bytes); longer texts would need chunks, which not every ground station puts together.
+/// Length of a message (bytes).
 pub const LINE_BYTES: usize = 50;
 
 /// Lines per second (Hz): what a pilot can read.
@@ -20,6 +22,8 @@ const RATE_HZ: f64 = 4.0;
 const QUEUE: usize = 16;
 /// The same line is not said again within this time (s).
 const REPEAT_S: f64 = 2.0;
+/// Parts of a line at most; what is longer is cut off.
+const PARTS: usize = 4;
 /// Lines remembered for that.
 const REMEMBERED: usize = 16;
 
@@ -36,6 +40,9 @@ pub struct Texts {
     queue: Vec<EventSample>,
     said: Vec<Said>,
     ticker: Ticker,
+    parts: Parts,
+    /// Number of the last line that had parts.
+    number: u16,
 }
 
 impl Default for Texts {
@@ -44,6 +51,8 @@ impl Default for Texts {
             queue: Vec::with_capacity(QUEUE),
             said: Vec::with_capacity(REMEMBERED),
             ticker: Ticker::new(RATE_HZ),
+            parts: Parts::default(),
+            number: 0,
         }
     }
 }
@@ -80,13 +89,25 @@ impl Texts {
         })
     }
 
-    /// The next line, if one waits and the rate allows it.
+    /// The next message, if the rest of a line waits, or the next line does and the rate allows it.
     pub fn next(&mut self, now: Timestamp) -> Option<MavMessage> {
+        if let Some(rest) = self.parts.next() {
+            return Some(rest);
+        }
         if self.queue.is_empty() || now < self.ticker.due() {
             return None;
         }
         self.ticker.restart(now);
-        Some(line(&self.queue.remove(0)))
+        let event = self.queue.remove(0);
+        let text = event.text();
+        let mut number = 0;
+        if text.len() > LINE_BYTES {
+            // 0 says that there is only one part.
+            self.number = self.number.checked_add(1).unwrap_or(1);
+            number = self.number;
+        }
+        self.parts = Parts::of(&text, severity(&event), number);
+        self.parts.next()
     }
 
     /// When the next line may leave; `None` if nothing waits.
@@ -100,34 +121,85 @@ fn urgency(event: &EventSample) -> u8 {
     event.severity.get() as u8
 }
 
-fn line(event: &EventSample) -> MavMessage {
-    let text = event.text();
-    let mut end = text.len().min(LINE_BYTES);
-    while !text.is_char_boundary(end) {
-        end -= 1;
+fn severity(event: &EventSample) -> MavSeverity {
+    match event.severity.get() {
+        Severity::Emergency => MavSeverity::MAV_SEVERITY_EMERGENCY,
+        Severity::Alert => MavSeverity::MAV_SEVERITY_ALERT,
+        Severity::Critical => MavSeverity::MAV_SEVERITY_CRITICAL,
+        Severity::Error => MavSeverity::MAV_SEVERITY_ERROR,
+        Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
+        Severity::Notice => MavSeverity::MAV_SEVERITY_NOTICE,
+        Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
+        Severity::Debug => MavSeverity::MAV_SEVERITY_DEBUG,
     }
-    let mut bytes = [0; LINE_BYTES];
-    bytes[..end].copy_from_slice(&text.as_bytes()[..end]);
-    MavMessage::STATUSTEXT(STATUSTEXT_DATA {
-        severity: match event.severity.get() {
-            Severity::Emergency => MavSeverity::MAV_SEVERITY_EMERGENCY,
-            Severity::Alert => MavSeverity::MAV_SEVERITY_ALERT,
-            Severity::Critical => MavSeverity::MAV_SEVERITY_CRITICAL,
-            Severity::Error => MavSeverity::MAV_SEVERITY_ERROR,
-            Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
-            Severity::Notice => MavSeverity::MAV_SEVERITY_NOTICE,
-            Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
-            Severity::Debug => MavSeverity::MAV_SEVERITY_DEBUG,
-        },
-        text: CharArray::new(bytes),
-        id: 0,
-        chunk_seq: 0,
-    })
+}
+
+/// One line on its way, cut into messages.
+#[derive(Clone, Copy, Debug)]
+struct Parts {
+    bytes: [[u8; LINE_BYTES]; PARTS],
+    len: usize,
+    said: usize,
+    severity: MavSeverity,
+    number: u16,
+}
+
+impl Default for Parts {
+    fn default() -> Self {
+        Self {
+            bytes: [[0; LINE_BYTES]; PARTS],
+            len: 0,
+            said: 0,
+            severity: MavSeverity::MAV_SEVERITY_DEBUG,
+            number: 0,
+        }
+    }
+}
+
+impl Parts {
+    fn of(text: &str, severity: MavSeverity, number: u16) -> Self {
+        let mut parts = Self {
+            severity,
+            number,
+            ..Self::default()
+        };
+        let mut rest = text;
+        // A single line may fill its message; of several parts the last one must hold a zero, else more is waited for.
+        while parts.len < PARTS && (!rest.is_empty() || number != 0) {
+            let is_last = rest.len() < LINE_BYTES || number == 0 || parts.len + 1 == PARTS;
+            let room = LINE_BYTES - usize::from(is_last && number != 0);
+            let end = rest.floor_char_boundary(room);
+            let part = &mut parts.bytes[parts.len];
+            part[..end].copy_from_slice(&rest.as_bytes()[..end]);
+            if !is_last {
+                part[end..].fill(b' ');
+            }
+            parts.len += 1;
+            rest = &rest[end..];
+            if is_last {
+                break;
+            }
+        }
+        parts
+    }
+
+    fn next(&mut self) -> Option<MavMessage> {
+        if self.said == self.len {
+            return None;
+        }
+        self.said += 1;
+        Some(MavMessage::STATUSTEXT(STATUSTEXT_DATA {
+            severity: self.severity,
+            text: CharArray::new(self.bytes[self.said - 1]),
+            id: self.number,
+            chunk_seq: (self.said - 1) as u8,
+        }))
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{LINE_BYTES, QUEUE, Texts};
+    use super::{LINE_BYTES, PARTS, Parts, QUEUE, Texts};
     use jink_shared_types::Timestamp;
     use jink_shared_types::events::{self, EventSample};
     use mavlink::dialects::ardupilotmega::{MavMessage, MavSeverity, STATUSTEXT_DATA};
@@ -184,7 +256,46 @@ mod tests {
         );
     }
 
+    /// What a ground station puts together: it waits for a part with a zero in it.
+    fn put_together(text: &str) -> (String, usize) {
+        let mut parts = Parts::of(text, MavSeverity::MAV_SEVERITY_INFO, 7);
+        let (mut whole, mut count) = (Vec::new(), 0);
+        while let Some(MavMessage::STATUSTEXT(part)) = parts.next() {
+            assert_eq!((part.id, usize::from(part.chunk_seq)), (7, count));
+            count += 1;
+            let end = part.text.iter().position(|byte| *byte == 0);
+            whole.extend(&part.text[..end.unwrap_or(LINE_BYTES)]);
+            assert_eq!(end.is_some(), parts.said == parts.len, "part {count} of {text:?}");
+            assert!(std::str::from_utf8(&whole).is_ok(), "a character was torn");
+        }
+        (String::from_utf8(whole).unwrap(), count)
+    }
+
+    #[test]
+    fn a_long_line_leaves_in_parts_that_end_with_a_zero() {
+        let long = "x".repeat(3 * LINE_BYTES + 7);
+        assert_eq!(put_together(&long), (long, 4));
+        let exact = "y".repeat(2 * LINE_BYTES);
+        assert_eq!(put_together(&exact), (exact, 3));
+        let umlaut = format!("{}ä tree", "z".repeat(LINE_BYTES - 1));
+        assert_eq!(
+            put_together(&umlaut).0,
+            format!("{} ä tree", "z".repeat(LINE_BYTES - 1))
+        );
+        let mut single = Parts::of(&"w".repeat(LINE_BYTES), MavSeverity::MAV_SEVERITY_INFO, 0);
+        assert!(single.next().is_some() && single.next().is_none());
+    }
+
     proptest! {
+        #[test]
+        fn no_text_is_torn_and_none_is_longer_than_its_parts(text in "\\PC{0,300}") {
+            let (whole, count) = put_together(&text);
+            prop_assert!(count <= PARTS);
+            let without_blanks = |text: &str| text.replace(' ', "");
+            prop_assert!(without_blanks(&text).starts_with(&without_blanks(&whole)));
+            prop_assert!(text.len() > PARTS * (LINE_BYTES - 4) || without_blanks(&text) == without_blanks(&whole));
+        }
+
         #[test]
         fn lines_fit_and_never_flood(
             ids in proptest::collection::vec((any::<u16>(), "\\PC{0,24}", any::<f64>()), 1..100),
@@ -194,8 +305,8 @@ mod tests {
             for (i, (id, name, number)) in ids.iter().enumerate() {
                 let row = &events::TABLE[usize::from(*id) % events::TABLE.len()];
                 texts.push(at(i as f64 * 0.01), &EventSample::new(row, name, [*number; 2]));
-                if let Some(line) = next(&mut texts, i as f64 * 0.01) {
-                    lines += 1;
+                while let Some(line) = next(&mut texts, i as f64 * 0.01) {
+                    lines += usize::from(line.chunk_seq == 0);
                     prop_assert!(line.text.to_str().is_ok_and(|text| text.len() <= LINE_BYTES));
                 }
             }
