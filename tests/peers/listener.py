@@ -93,7 +93,9 @@ class CompanionJudge:
         sender = (message.get_srcSystem(), message.get_srcComponent())
         self.count[kind] += 1
         self.times.setdefault(kind, [now, now])[1] = now
-        known = sender[1] == AVOIDANCE or (sender[1] == COMPUTER and kind == "HEARTBEAT")
+        known = sender[1] == AVOIDANCE or (
+            sender[1] == COMPUTER and kind in ("HEARTBEAT", "ONBOARD_COMPUTER_STATUS")
+        )
         self.faults.check(known, f"{kind} from component {sender[1]}")
         check = getattr(self, kind.lower(), None)
         if check:

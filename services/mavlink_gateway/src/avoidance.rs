@@ -21,9 +21,9 @@ use mavlink::dialects::ardupilotmega::{
 };
 
 /// Rate of the avoidance heartbeat (Hz): two to five are asked for, the hard limit is one every 1.5 s.
-const RATE_HZ: f64 = 2.0;
+pub const AVOIDANCE_RATE_HZ: f64 = 2.0;
 /// Rate of the on-board computer's own heartbeat (Hz), the customary one.
-const COMPUTER_RATE_HZ: f64 = 1.0;
+pub const COMPUTER_RATE_HZ: f64 = 1.0;
 /// A change of state is said at once, but not sooner after the last heartbeat than this (s): a flapping input must
 /// not flood the link.
 const SOONEST_S: f64 = 0.2;
@@ -93,7 +93,7 @@ impl Default for Heartbeats {
         Self {
             state: AvoidanceState::Uninit,
             said: None,
-            avoidance: Ticker::new(RATE_HZ),
+            avoidance: Ticker::new(AVOIDANCE_RATE_HZ),
             computer: Ticker::new(COMPUTER_RATE_HZ),
         }
     }
@@ -107,6 +107,16 @@ impl Heartbeats {
             && said != state
         {
             self.avoidance.hasten(time.plus_seconds(SOONEST_S));
+        }
+    }
+
+    /// Somebody wants to hear the avoidance heartbeat, or that of the computer, now.
+    pub fn ask(&mut self, now: Timestamp, of_computer: bool) {
+        if of_computer {
+            self.computer.hasten(now);
+        } else {
+            let soonest = self.said.map_or(now, |(_, time)| time.plus_seconds(SOONEST_S));
+            self.avoidance.hasten(soonest.max(now));
         }
     }
 

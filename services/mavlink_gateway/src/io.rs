@@ -7,13 +7,15 @@ use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::ring::SectorRing;
+use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Reading, Timestamp};
 
-/// Messages that fit into one step's output. Of its own accord the gateway sends at most seventeen per step.
+/// Messages that fit into one step's output. Of its own accord the gateway sends at most twenty-six per step: a line of text
+/// in up to four parts and eight obstacles as points among them.
 pub const OUTBOX: usize = 64;
 /// Part of it that answers may fill: a flood of requests must not push out a setpoint.
-const ANSWERS: usize = OUTBOX - 24;
+const ANSWERS: usize = OUTBOX - 32;
 /// Events that fit into one step's output.
 const EVENTS: usize = 4;
 
@@ -45,6 +47,10 @@ pub struct Outputs {
     pub desired_path: Option<(DesiredPath, Timestamp)>,
     /// The counters, when they are due for publication.
     pub link_status: Option<LinkStatus>,
+    /// All parameters, when they are due for publication, and whether they have just been changed and are to be kept.
+    pub parameters: Option<(ParameterValues, bool)>,
+    /// Somebody wants the gateway started anew, and may have it.
+    pub restart: bool,
 }
 
 impl Default for Outputs {
@@ -55,6 +61,8 @@ impl Default for Outputs {
             vehicle_state: None,
             desired_path: None,
             link_status: None,
+            parameters: None,
+            restart: false,
         }
     }
 }
@@ -76,6 +84,8 @@ impl Outputs {
         self.vehicle_state = None;
         self.desired_path = None;
         self.link_status = None;
+        self.parameters = None;
+        self.restart = false;
     }
 
     /// Adds an answer, unless the answers' part is full.

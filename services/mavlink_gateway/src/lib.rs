@@ -9,7 +9,9 @@
 //! | `guard/ring` | OBSTACLE_DISTANCE, 15 Hz |
 //! | `system/status` | HEARTBEAT of component 196, honest |
 //! | `event` | STATUSTEXT |
-//! | TIMESYNC, commands | answers; the autopilot's clock mapped to the board's |
+//! | TIMESYNC | answers; the autopilot's clock mapped to the board's |
+//! | commands, PARAM_*, FILE_TRANSFER_PROTOCOL | answers; `parameters` |
+//! | the board | ONBOARD_COMPUTER_STATUS of component 191 |
 //!
 //! [`Gateway::step`] is pure; [`link::Link`] moves the bytes, [`frame::Splitter`] and [`Encoder`] turn them into
 //! messages and back:
@@ -47,12 +49,16 @@
 mod avoidance;
 mod baton;
 mod blockage;
+pub mod board;
 mod clock_map;
 mod commands;
+pub mod computer;
 mod config;
 mod desired;
+mod desk;
 mod encoder;
 pub mod executive;
+mod files;
 pub mod frame;
 mod gateway;
 mod io;
@@ -61,6 +67,7 @@ pub mod link;
 pub mod make;
 mod message;
 mod obstacles;
+mod parameters;
 pub mod profile;
 pub mod px4_mode;
 mod streams;
@@ -68,6 +75,7 @@ mod texts;
 mod ticker;
 pub mod tlog;
 mod vehicle;
+mod version;
 mod wire;
 
 pub use baton::Baton;

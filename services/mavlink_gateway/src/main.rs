@@ -1,5 +1,6 @@
 //! The gateway as a process: woken by the link, by approved trajectories, and by its own beat.
 
+use jink_mavlink_gateway::board::Board;
 use jink_mavlink_gateway::link::{Endpoint, Link, LinkError, Progress, Sent};
 use jink_mavlink_gateway::tlog::Tlog;
 use jink_mavlink_gateway::{
@@ -7,13 +8,16 @@ use jink_mavlink_gateway::{
     Received, Representation,
 };
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Claim, Cycle, Input, Latency, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Claim, Cycle, Input, Latency, Output, Ports, Service, StartError, StoreWriter, Wake};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::Name;
 use jink_shared_types::health::SystemStatus;
+use jink_shared_types::layout::{hash_start, hash_text};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::ApprovedTrajectory;
+use jink_shared_types::params::ParamSet;
 use jink_shared_types::ring::SectorRing;
+use jink_shared_types::tuning::{ParameterChange, ParameterValues};
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use std::fmt::Display;
@@ -48,6 +52,10 @@ struct GatewayService {
     state: Output<VehicleState>,
     desired: Output<DesiredPath>,
     status: Output<LinkStatus>,
+    board: Board,
+    parameters: Output<ParameterValues>,
+    changes: Input<ParameterChange>,
+    store: StoreWriter,
     latency: Latency,
     claim: Claim,
 }
@@ -94,7 +102,9 @@ impl Service for GatewayService {
             ..GatewayConfig::from_params(&ports.config().params, profile)
         };
         Ok(Self {
-            gateway: Gateway::new(config),
+            gateway: Gateway::new(config)
+                .with_params(&ports.config().params)
+                .with_board_id(board_id()),
             link,
             link_lost: false,
             encoder: Encoder::new(),
@@ -109,6 +119,11 @@ impl Service for GatewayService {
             state: ports.output(topics::VEHICLE_STATE)?,
             desired: ports.output(topics::DESIRED_PATH)?,
             status: ports.output(topics::LINK_STATUS)?,
+            board: Board::watch().map_err(needs("a thread that reads the board".to_owned()))?,
+            parameters: ports.output(topics::PARAMETERS)?,
+            // Each command that asks is a producer of its own.
+            changes: ports.input(topics::PARAMETER_CHANGE)?.of_all_producers(),
+            store: ports.param_store().clone().writer(),
             latency: ports.latency(),
             claim: ports.claim(),
         })
@@ -132,6 +147,11 @@ impl Service for GatewayService {
                 self.news.push(*event.sample);
             }
         });
+        self.changes
+            .each(|change| self.gateway.change_param(change.sample));
+        if let Some(reading) = self.board.news() {
+            self.gateway.notice_board(reading);
+        }
         let inputs = Inputs {
             messages: &self.received,
             link: self.link.counters(),
@@ -148,6 +168,13 @@ impl Service for GatewayService {
         for event in self.outputs.events() {
             cycle.events.publish(now, event);
         }
+        if speaks {
+            self.keep_params(cycle);
+            if self.outputs.restart {
+                tracing::info!("started anew, as asked for over the link");
+                return Wake::restart();
+            }
+        }
         if self.take_over(now) || progress == Progress::More {
             return Wake::at(now);
         }
@@ -160,6 +187,13 @@ impl Service for GatewayService {
             wake = wake.min(now.plus_seconds(ORPHAN_LOOKS_S));
         }
         Wake::at(wake)
+    }
+
+    /// An instance that only listens does as the one that speaks; that one knows best itself.
+    fn retune(&mut self, params: &ParamSet) {
+        if !self.link.holds() {
+            self.gateway.follow_params(params);
+        }
     }
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
@@ -187,6 +221,22 @@ impl GatewayService {
             tracing::info!("the link is taken over from an instance that has died");
         }
         left_alone
+    }
+
+    /// Has changed parameters written; a disk that does not take them is told to the pilot.
+    fn keep_params(&mut self, cycle: &mut Cycle<'_>) {
+        let changed = matches!(self.outputs.parameters, Some((_, true)));
+        let written = if changed {
+            self.store.save(self.gateway.params())
+        } else {
+            Ok(())
+        };
+        if let Some(cause) = written.err().or_else(|| self.store.failure()) {
+            tracing::warn!("parameters are not kept: {cause}");
+            cycle
+                .events
+                .publish(cycle.now, &self.gateway.notice_lost_store(cycle.now));
+        }
     }
 
     fn receive(&mut self) -> Progress {
@@ -237,10 +287,23 @@ impl GatewayService {
         if let Some((desired, capture)) = &self.outputs.desired_path {
             self.desired.send(captured(*capture), desired);
         }
+        if let Some((values, _)) = &self.outputs.parameters {
+            self.parameters
+                .send(SampleHeader::at(jink_runtime::now()), values);
+        }
         if let Some(status) = &self.outputs.link_status {
             self.status.send(SampleHeader::at(jink_runtime::now()), status);
         }
     }
+}
+
+/// Where Linux keeps a number of the installation.
+const MACHINE_ID: &str = "/etc/machine-id";
+
+/// A number of this board that does not give the installation's own away, which is to be kept confidential; 0 = unknown.
+fn board_id() -> u64 {
+    let salted = |id: String| hash_text(hash_start("jink board", 0, 0), id.trim());
+    std::fs::read_to_string(MACHINE_ID).map_or(0, salted)
 }
 
 /// Opens the link. At a restart a second instance that is just being ended may still have it for a moment.

@@ -3,24 +3,20 @@
 use super::mission::MissionFlight;
 use super::{Gateway, nanoseconds};
 use crate::clock_map::ClockMap;
-use crate::commands::Command;
 use crate::desired;
 use crate::io::Outputs;
-use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Outgoing, Received};
+use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Received};
 use crate::streams::Streams;
 use crate::vehicle::AttitudeNews;
 use jink_shared_types::Timestamp;
+use mavlink::Message;
 use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType, TIMESYNC_DATA};
-use mavlink::{MavHeader, Message};
 
 impl Gateway {
     /// Takes in one message.
     pub(super) fn take(&mut self, now: Timestamp, received: &Received, outputs: &mut Outputs) {
         let header = received.header;
-        if let Some(command) = Command::of(&received.content)
-            && self.is_for_us(now, &command)
-        {
-            self.answer_command(now, &command, header, outputs);
+        if self.serve(now, received, outputs) {
             return;
         }
         if let Content::Message(message) = &received.content
@@ -38,25 +34,6 @@ impl Gateway {
             }
         }
         self.ignored += 1;
-    }
-
-    /// Whether a command names one of our components.
-    fn is_for_us(&self, now: Timestamp, command: &Command) -> bool {
-        let component = command.target_component;
-        let ours =
-            component == self.config.component_id || Some(component) == self.config.computer_component_id;
-        ours && self.latch.system_id(now) == Some(command.target_system)
-    }
-
-    fn answer_command(&mut self, now: Timestamp, command: &Command, from: MavHeader, outputs: &mut Outputs) {
-        let asker = (from.system_id as u8, from.component_id);
-        let (ack, message) = command.answer(asker);
-        for body in [Some(ack), message.map(Body::Message)].into_iter().flatten() {
-            outputs.answer(Outgoing {
-                component_id: command.target_component,
-                ..self.outgoing(now, body)
-            });
-        }
     }
 
     #[allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
@@ -78,6 +55,7 @@ impl Gateway {
         match message {
             MavMessage::HEARTBEAT(heartbeat) if is_autopilot(heartbeat) => {
                 self.vehicle.take_heartbeat(heartbeat);
+                self.desk.hear_autopilot(heartbeat);
             }
             MavMessage::LOCAL_POSITION_NED(position) => {
                 let mapped = self.clock.map_ms(position.time_boot_ms, time);

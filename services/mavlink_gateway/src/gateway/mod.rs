@@ -2,11 +2,13 @@
 
 mod intake;
 mod mission;
+mod serve;
 
 use crate::avoidance::{self, Heartbeats, Input};
 use crate::blockage::Blockage;
 use crate::clock_map::ClockMap;
 use crate::config::GatewayConfig;
+use crate::desk::Desk;
 use crate::io::{Inputs, Outputs};
 use crate::latch::Latch;
 use crate::make::Make;
@@ -20,6 +22,7 @@ use crate::vehicle::VehicleTracker;
 use crate::wire::Wire;
 use jink_shared_types::events::{AUTOPILOT_FOUND, AUTOPILOT_LOST, Event, EventSample};
 use jink_shared_types::link::{AvoidanceState, LinkStatus};
+use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::DesiredPath;
 use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::dialects::ardupilotmega::{MavMessage, TIMESYNC_DATA};
@@ -65,6 +68,7 @@ pub struct Gateway {
     /// The next one does not.
     is_hastened: bool,
     heartbeats: Heartbeats,
+    desk: Desk,
     streams: Streams,
     texts: Texts,
     wire: Wire,
@@ -103,6 +107,7 @@ impl Gateway {
             last_hastened: Timestamp::NEVER,
             is_hastened: false,
             heartbeats: Heartbeats::default(),
+            desk: Desk::new(&ParamSet::default()),
             streams: Streams::new(config.profile),
             texts: Texts::default(),
             wire: Wire::default(),
@@ -130,6 +135,7 @@ impl Gateway {
         self.watch_blockage(now, outputs);
         self.fly(now, inputs, outputs);
         self.speak(now, inputs, outputs);
+        self.serve_due(now, outputs);
         if now >= self.status_due {
             self.status_due = now.next_beat(STATUS_RATE_HZ);
             outputs.link_status = Some(*self.link_status(now, inputs));
@@ -140,6 +146,7 @@ impl Gateway {
     pub fn next_wake(&self, now: Timestamp) -> Timestamp {
         let with_computer = self.config.computer_component_id.is_some();
         let mut wake = self.heartbeats.next_wake(with_computer).min(self.status_due);
+        wake = wake.min(self.desk.next_wake());
         if let Some(line) = self.texts.next_wake() {
             wake = wake.min(line);
         }
@@ -296,7 +303,7 @@ impl Gateway {
                 ..self.outgoing(now, Body::Message(heartbeat))
             });
         }
-        if let Some(line) = self.texts.next(now) {
+        while let Some(line) = self.texts.next(now) {
             outputs.send(self.outgoing(now, Body::Message(line)));
         }
         let Some(system_id) = self.latch.system_id(now) else {

@@ -1,0 +1,278 @@
+//! Whatever is asked of our components: commands, parameters, files. The state is at the [`Desk`](crate::desk::Desk).
+
+use super::{Gateway, OBSTACLES_RATE_HZ, TIMESYNC_RATE_HZ};
+use crate::avoidance::{AVOIDANCE_RATE_HZ, COMPUTER_RATE_HZ};
+use crate::commands::{Circumstances, Command, Deed, Rhythm, Role, Topic};
+use crate::computer::BoardReading;
+use crate::io::Outputs;
+use crate::message::{Body, CommandAck, Content, Outgoing, Received};
+use crate::parameters::Reply;
+use crate::ticker::Ticker;
+use crate::version;
+use jink_shared_types::Timestamp;
+use jink_shared_types::events::{EventSample, RESTART_REFUSED};
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::tuning::ParameterChange;
+use mavlink::dialects::ardupilotmega::{FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage};
+
+impl Gateway {
+    /// With these values in force instead of the defaults.
+    #[must_use]
+    pub fn with_params(mut self, params: &ParamSet) -> Self {
+        self.desk.parameters.follow(params);
+        self
+    }
+
+    /// With a number that tells this board from others.
+    #[must_use]
+    pub fn with_board_id(mut self, id: u64) -> Self {
+        self.desk.board_id = id;
+        self
+    }
+
+    /// The parameters in force.
+    pub fn params(&self) -> &ParamSet {
+        self.desk.parameters.set()
+    }
+
+    /// Takes the parameters that another gateway has in force, which speaks on the same link.
+    pub fn follow_params(&mut self, params: &ParamSet) {
+        self.desk.parameters.follow(params);
+    }
+
+    /// Somebody on this board wants a parameter changed; the answer is in the next step's outputs.
+    pub fn change_param(&mut self, change: &ParameterChange) {
+        self.desk.parameters.take_change(change);
+    }
+
+    /// A new reading of the board.
+    pub fn notice_board(&mut self, reading: BoardReading) {
+        self.desk.notice_board(reading);
+    }
+
+    /// Answers what is asked of one of our components; `false` if nothing is.
+    pub(super) fn serve(&mut self, now: Timestamp, received: &Received, outputs: &mut Outputs) -> bool {
+        let from = (received.header.system_id as u8, received.header.component_id);
+        if let Some(command) = Command::of(&received.content) {
+            let role = self.role(command.target_component);
+            let is_ours = self.latch.system_id(now) == Some(command.target_system);
+            return match role.filter(|_| is_ours) {
+                Some(role) => {
+                    self.obey(now, &command, role, from, outputs);
+                    true
+                }
+                None => false,
+            };
+        }
+        let Content::Message(message) = &received.content else {
+            return false;
+        };
+        match message {
+            MavMessage::PARAM_REQUEST_LIST(request) => {
+                let us = self.names_us(now, request.target_system, request.target_component);
+                if us.is_some() {
+                    self.desk.parameters.request_list();
+                }
+                us.is_some()
+            }
+            MavMessage::PARAM_REQUEST_READ(request) => {
+                let us = self.names_us(now, request.target_system, request.target_component);
+                if let Some(us) = us {
+                    let reply = self
+                        .desk
+                        .parameters
+                        .request_read(from, request, us == Named::WithAll);
+                    self.reply(now, reply, outputs);
+                }
+                us.is_some()
+            }
+            MavMessage::PARAM_SET(request) => {
+                let us = self.names_us(now, request.target_system, request.target_component);
+                if us == Some(Named::Alone) {
+                    let reply = self.desk.parameters.request_set(from, request);
+                    self.reply(now, reply, outputs);
+                }
+                us.is_some()
+            }
+            MavMessage::FILE_TRANSFER_PROTOCOL(request) => {
+                let us = self.names_us(now, request.target_system, request.target_component);
+                if us == Some(Named::Alone)
+                    && let Some(payload) = self.desk.files.take(now, from, &request.payload)
+                {
+                    outputs.answer(self.outgoing(now, file_transfer(from, payload)));
+                }
+                us.is_some()
+            }
+            _ => false,
+        }
+    }
+
+    /// What is due of the answers that come in many pieces, and what the board is told.
+    pub(super) fn serve_due(&mut self, now: Timestamp, outputs: &mut Outputs) {
+        if let Some(value) = self.desk.parameters.next(now) {
+            let message = MavMessage::PARAM_VALUE(value);
+            outputs.send(self.outgoing(now, Body::Message(message)));
+        }
+        if let Some((to, payload)) = self.desk.files.next(now) {
+            outputs.send(self.outgoing(now, file_transfer(to, payload)));
+        }
+        if let Some(component_id) = self.config.computer_component_id
+            && let Some(status) = self.desk.computer_due(now)
+        {
+            outputs.send(Outgoing {
+                component_id,
+                ..self.outgoing(now, Body::Message(status))
+            });
+        }
+        outputs.parameters = self.desk.parameters.publish(now);
+        outputs.restart = self.desk.restart_due(now);
+    }
+
+    /// Which of our components has this id.
+    fn role(&self, component_id: u8) -> Option<Role> {
+        if component_id == self.config.component_id {
+            Some(Role::Avoidance)
+        } else if Some(component_id) == self.config.computer_component_id {
+            Some(Role::Computer)
+        } else {
+            None
+        }
+    }
+
+    /// Whether a message is for the component that has parameters and files.
+    fn names_us(&self, now: Timestamp, system: u8, component: u8) -> Option<Named> {
+        let ours = self.latch.system_id(now)?;
+        match (system, component) {
+            (system, component) if system == ours && component == self.config.component_id => {
+                Some(Named::Alone)
+            }
+            (system, 0) if system == ours || system == 0 => Some(Named::WithAll),
+            _ => None,
+        }
+    }
+
+    fn reply(&self, now: Timestamp, reply: Reply, outputs: &mut Outputs) {
+        let error = reply.error.map(MavMessage::PARAM_ERROR);
+        let value = reply.value.map(MavMessage::PARAM_VALUE);
+        for message in [error, value].into_iter().flatten() {
+            outputs.answer(self.outgoing(now, Body::Message(message)));
+        }
+    }
+
+    fn obey(
+        &mut self,
+        now: Timestamp,
+        command: &Command,
+        role: Role,
+        (target_system, target_component): (u8, u8),
+        outputs: &mut Outputs,
+    ) {
+        let (result, deed) = command.judge(&Circumstances {
+            role,
+            armed: self.desk.armed,
+            restarting: self.desk.is_restarting(),
+        });
+        let ack = Body::CommandAck(CommandAck {
+            command: command.command,
+            result,
+            target_system,
+            target_component,
+        });
+        let message = self.act(now, role, deed, outputs);
+        for body in [Some(ack), message.map(Body::Message)].into_iter().flatten() {
+            outputs.answer(Outgoing {
+                component_id: command.target_component,
+                ..self.outgoing(now, body)
+            });
+        }
+    }
+
+    /// Does it, and answers with the message that was asked for. What has a beat of its own only comes sooner.
+    fn act(&mut self, now: Timestamp, role: Role, deed: Deed, outputs: &mut Outputs) -> Option<MavMessage> {
+        match deed {
+            Deed::Nothing => None,
+            Deed::Restart => {
+                self.desk.restart(now);
+                None
+            }
+            Deed::ExplainRefusal => {
+                self.tell(now, &RESTART_REFUSED, 0.0, outputs);
+                None
+            }
+            Deed::TellInterval(id, topic) => {
+                let period_s = topic.map_or(Some(0.0), |topic| self.period_s(role, topic));
+                Some(MavMessage::MESSAGE_INTERVAL(MESSAGE_INTERVAL_DATA {
+                    message_id: id as u16,
+                    // 0 = it does not come by itself, -1 = it could, but does not.
+                    interval_us: period_s.map_or(-1, |period_s| (period_s * 1e6).round() as i32),
+                }))
+            }
+            Deed::Set(topic, rhythm) => {
+                self.set_rhythm(topic, rhythm);
+                None
+            }
+            Deed::Say(topic) => match topic {
+                Topic::Heartbeat => {
+                    self.heartbeats.ask(now, role == Role::Computer);
+                    None
+                }
+                Topic::Obstacles => {
+                    self.obstacles.hasten(now);
+                    None
+                }
+                Topic::Timesync => None,
+                Topic::Computer => self.desk.computer(now),
+                Topic::Version => {
+                    let encoding = self.desk.parameters.encoding();
+                    Some(version::version(role, encoding, self.desk.board_id))
+                }
+                Topic::Protocol => Some(version::protocol()),
+                Topic::Metadata => Some(version::metadata(now, self.desk.files.general_crc())),
+            },
+        }
+    }
+
+    fn set_rhythm(&mut self, topic: Topic, rhythm: Rhythm) {
+        match (topic, rhythm) {
+            (Topic::Obstacles, Rhythm::Usual) => self.obstacles = Ticker::new(OBSTACLES_RATE_HZ),
+            (Topic::Obstacles, Rhythm::Period(period_s)) => self.obstacles = Ticker::new(1.0 / period_s),
+            (Topic::Computer, rhythm) => self.desk.set_computer_rhythm(rhythm),
+            _ => {}
+        }
+    }
+
+    /// `None`: it was silenced.
+    fn period_s(&self, role: Role, topic: Topic) -> Option<f64> {
+        match (topic, role) {
+            (Topic::Heartbeat, Role::Avoidance) => Some(1.0 / AVOIDANCE_RATE_HZ),
+            (Topic::Heartbeat, Role::Computer) => Some(1.0 / COMPUTER_RATE_HZ),
+            (Topic::Timesync, _) => Some(1.0 / TIMESYNC_RATE_HZ),
+            (Topic::Obstacles, _) => Some(self.obstacles.period_s()),
+            (Topic::Computer, _) => self.desk.computer_period_s(),
+            (Topic::Version | Topic::Protocol | Topic::Metadata, _) => Some(0.0),
+        }
+    }
+
+    /// Tells everybody that changed parameters could not be kept.
+    pub fn notice_lost_store(&mut self, now: Timestamp) -> EventSample {
+        let sample = EventSample::new(&jink_shared_types::events::PARAMETERS_NOT_KEPT, "", [0.0; 2]);
+        self.texts.push(now, &sample);
+        sample
+    }
+}
+
+/// How a message names the component that has parameters and files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Named {
+    Alone,
+    WithAll,
+}
+
+fn file_transfer((target_system, target_component): (u8, u8), payload: crate::files::Payload) -> Body {
+    Body::Message(MavMessage::FILE_TRANSFER_PROTOCOL(FILE_TRANSFER_PROTOCOL_DATA {
+        target_network: 0,
+        target_system,
+        target_component,
+        payload,
+    }))
+}
