@@ -6,6 +6,7 @@
 //! | [`report`] | `system/status`, `link/status` | one screen, or JSON |
 //! | [`top`] | the same, rates of topics, events | a screen that is drawn again and again |
 //! | [`topic_list`], [`beat`], [`digest`] | topic table, headers, samples | topics, their rates, what they say |
+//! | [`param_list`] | parameter table, `parameters` | a table, or JSON |
 //! | [`narrate`] | `system/status` | one line per piece of news |
 //! | [`flight`] | `sim/truth`, `link/status` | the course of a demonstration flight and its summary |
 //! | [`handover`] | headers around a change of the producer | what was missing, doubled, out of order |
@@ -19,6 +20,7 @@ pub mod drill;
 pub mod flight;
 pub mod handover;
 pub mod narrate;
+pub mod param_list;
 pub mod picture;
 pub mod report;
 pub mod top;

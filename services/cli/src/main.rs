@@ -48,6 +48,8 @@ enum Command {
     Top(cmd::top::Args),
     /// List topics, measure their rates, show what they say
     Topic(cmd::topic::Args),
+    /// Show parameters, and change them while jink runs
+    Param(cmd::param::Args),
     /// Let another binary take the place of a service in flight
     Swap(cmd::ask::SwapArgs),
     /// Replace a service by a fresh instance of itself
@@ -72,6 +74,7 @@ fn main() -> ExitCode {
         Command::Status(args) => cmd::status::run(&cli.instance, &args),
         Command::Top(args) => cmd::top::run(&cli.instance, &args),
         Command::Topic(args) => cmd::topic::run(&cli.instance, &args),
+        Command::Param(args) => cmd::param::run(&cli.instance, &args),
         Command::Swap(args) => cmd::ask::swap(&cli.instance, &args),
         Command::Restart(args) => cmd::ask::restart(&cli.instance, &args),
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),

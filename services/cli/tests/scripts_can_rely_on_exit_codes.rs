@@ -22,6 +22,8 @@ fn nothing_running_is_three() {
     let status = jink(&["status"]);
     assert_eq!(status.status.code(), Some(3));
     assert!(words(&status.stderr).contains("not running"));
+    let list = jink(&["param", "list"]);
+    assert_eq!(list.status.code(), Some(3));
     let down = jink(&["down"]);
     assert_eq!(down.status.code(), Some(3));
     assert!(words(&down.stdout).contains("nothing is running"));
@@ -49,8 +51,18 @@ fn what_cannot_be_done_is_said_in_one_line() {
 }
 
 #[test]
+fn a_parameter_that_is_not_or_may_not_be_is_refused_before_anybody_is_asked() {
+    let unknown = jink(&["param", "set", "OA_SPEED_MAX", "3"]);
+    assert_eq!(unknown.status.code(), Some(1));
+    assert!(words(&unknown.stderr).contains("did you mean OA_SPD_MAX?"));
+    let too_fast = jink(&["param", "set", "OA_SPD_MAX", "99"]);
+    assert_eq!(too_fast.status.code(), Some(1));
+    assert!(words(&too_fast.stderr).contains("outside 0.3 to 20"));
+}
+
+#[test]
 fn every_command_explains_itself() {
-    for command in ["up", "down", "status", "world", "demo"] {
+    for command in ["up", "down", "status", "param", "world", "demo"] {
         let help = jink(&[command, "--help"]);
         assert!(help.status.success());
         assert!(words(&help.stdout).contains("Usage: jink"), "{command}");

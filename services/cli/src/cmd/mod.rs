@@ -5,6 +5,7 @@ pub mod chaos;
 pub mod demo;
 pub mod down;
 pub mod meter;
+pub mod param;
 pub mod places;
 pub mod running;
 pub mod status;
