@@ -15,6 +15,8 @@ use std::time::Duration;
 
 /// Length of a slice.
 const SLICE: Duration = Duration::from_millis(100);
+/// Stack of the thread (bytes): where memory is locked, all of it is touched when the thread begins.
+const STACK_BYTES: usize = 128 * 1024;
 /// MiB of a reading in KiB, and KiB of one in bytes.
 const KIBI: u64 = 1024;
 
@@ -33,6 +35,7 @@ impl Board {
         let (sender, readings) = sync_channel(1);
         std::thread::Builder::new()
             .name("board".to_owned())
+            .stack_size(STACK_BYTES)
             .spawn(move || {
                 // It has inherited the priority of whoever flies.
                 let _at_its_own = realtime::schedule(0, Scheduling::Ordinary);

@@ -52,7 +52,8 @@ struct GatewayService {
     state: Output<VehicleState>,
     desired: Output<DesiredPath>,
     status: Output<LinkStatus>,
-    board: Board,
+    /// Nothing that is needed to fly: without it the board stays unknown.
+    board: Option<Board>,
     parameters: Output<ParameterValues>,
     changes: Input<ParameterChange>,
     store: StoreWriter,
@@ -119,7 +120,7 @@ impl Service for GatewayService {
             state: ports.output(topics::VEHICLE_STATE)?,
             desired: ports.output(topics::DESIRED_PATH)?,
             status: ports.output(topics::LINK_STATUS)?,
-            board: Board::watch().map_err(needs("a thread that reads the board".to_owned()))?,
+            board: Board::watch().ok(),
             parameters: ports.output(topics::PARAMETERS)?,
             // Each command that asks is a producer of its own.
             changes: ports.input(topics::PARAMETER_CHANGE)?.of_all_producers(),
@@ -149,7 +150,7 @@ impl Service for GatewayService {
         });
         self.changes
             .each(|change| self.gateway.change_param(change.sample));
-        if let Some(reading) = self.board.news() {
+        if let Some(reading) = self.board.as_ref().and_then(Board::news) {
             self.gateway.notice_board(reading);
         }
         let inputs = Inputs {

@@ -24,6 +24,8 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 const ASIDE: &str = "broken";
 /// Texts that wait for the disk: the one being written, and newer ones. When full, the next change says everything again.
 const WAITING: usize = 8;
+/// Stack of the thread (bytes): where memory is locked, all of it is touched when the thread begins.
+const STACK_BYTES: usize = 128 * 1024;
 
 /// Why a store is not, or not wholly, in force.
 #[derive(Debug)]
@@ -229,6 +231,7 @@ impl StoreWriter {
         let file = self.store.file.clone();
         std::thread::Builder::new()
             .name("param_store".to_owned())
+            .stack_size(STACK_BYTES)
             .spawn(move || {
                 // It has inherited the priority of whoever flies.
                 let _at_its_own = realtime::schedule(0, Scheduling::Ordinary);
