@@ -91,7 +91,7 @@ fn listen(output: &str, waypoints: &[&str], tlog: Option<&str>) -> Option<(Value
     };
     let (relay, companion, station) = (free_udp_port(), free_udp_port(), free_udp_port());
     let world = ["--world", "forest", "--seed", "3"];
-    let folder = TempFolder::with_config(&format!("autopilot_{output}"));
+    let folder = TempFolder::with_config(&format!("ap_{output}"));
     folder.write("services.toml", AUTOPILOT_ONLY);
     let description = answer(&mut program(
         "jink",
@@ -102,7 +102,7 @@ fn listen(output: &str, waypoints: &[&str], tlog: Option<&str>) -> Option<(Value
     let link = format!("link.address=udpin:127.0.0.1:{relay}");
     let ground = format!("simulation.ground_station_port={station}");
     let _autopilot = System::up(
-        &format!("autopilot_{output}"),
+        &format!("ap_{output}"),
         &[
             &world[..],
             &["--config", folder.text(), "--set", &link, "--set", &ground],
@@ -113,7 +113,7 @@ fn listen(output: &str, waypoints: &[&str], tlog: Option<&str>) -> Option<(Value
     let output_set = format!("link.output={output}");
     let tlog_set = format!("link.tlog={}", tlog.unwrap_or_default());
     let sets = ["--link", &link, "--set", &output_set, "--set", &tlog_set];
-    let jink = System::up(&format!("companion_{output}"), &[&world[..], &sets].concat());
+    let jink = System::up(&format!("co_{output}"), &[&world[..], &sets].concat());
 
     let heard = answer(
         Command::new(python)
