@@ -3,7 +3,7 @@
 //! | told | done |
 //! |---|---|
 //! | [`MissionClient::begin`] | MISSION_REQUEST_LIST, then MISSION_REQUEST_INT for each item, MISSION_ACK at the end |
-//! | an answer that does not come | the request is repeated, [`TRIES`] times, then the whole is tried again later |
+//! | an answer that does not come | the request is repeated, five times, then the whole is tried again later |
 //! | MISSION_CURRENT tells another length or identity than before | the mission is read anew |
 //!
 //! Source: MAVLink developer guide, "Mission Protocol", with its time-outs.
