@@ -113,6 +113,10 @@ events! {
     RESTART_REFUSED = 40, Warning, "jink: restart refused, vehicle is armed", "Land and disarm first.";
     /// A changed parameter could not be kept.
     PARAMETERS_NOT_KEPT = 41, Warning, "jink: parameters not stored on disk", "Look at the disk; they hold until a restart.";
+    /// A link is too slow for setpoints and ten obstacle maps a second; the numbers are what it carries and what they need.
+    LINK_SLOW = 42, Warning, "jink: link {name} slow, {0} of {1} B/s", "Raise the baud rate; expect fewer obstacle maps.";
+    /// A link that was too slow carries everything again.
+    LINK_FAST_AGAIN = 43, Notice, "jink: link {name} fast enough", "None.";
 }
 
 /// The event with identity `id`.

@@ -2,7 +2,22 @@
 
 use crate::STAGES;
 use crate::coded::{Coded, Flag};
-use crate::health::Histogram;
+use crate::health::{Histogram, Name};
+
+/// Links one gateway can have: the autopilot's and three more.
+pub const LINKS: usize = 4;
+
+/// Classes of what is sent, the most urgent first; each has its place in the arrays of [`LinkTraffic`].
+pub const CLASSES: [&str; 8] = [
+    "heartbeats",
+    "setpoints",
+    "answers",
+    "obstacles",
+    "texts",
+    "points",
+    "parameters",
+    "forwarded",
+];
 
 crate::wire_enum! {
     /// What the avoidance heartbeat (component 196) says; numbers are MAV_STATE.
@@ -23,9 +38,36 @@ crate::wire_enum! {
 }
 
 crate::sample! {
+    /// One link's traffic since the gateway's start.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    pub struct LinkTraffic: 208 {
+        /// Its name; empty = there is no such link.
+        pub name: Name,
+        /// Bytes sent, per class.
+        pub sent_bytes: [u64; CLASSES.len()],
+        /// Messages left out because the link is too slow, per class.
+        pub dropped: [u64; CLASSES.len()],
+        /// Messages that others sent and that left here unchanged.
+        pub forwarded: u64,
+        /// Messages refused: the signature does not fit the key.
+        pub signature_refused: u64,
+        /// Messages refused: signed, but not newer than what was heard.
+        pub replayed: u64,
+        /// Messages refused: not signed, where that is asked for.
+        pub unsigned_refused: u64,
+        /// Datagrams and connections of those who are not among the peers.
+        pub strangers: u64,
+        /// Bytes that belonged to no message.
+        pub garbage_bytes: u64,
+        /// Times the link was opened again.
+        pub reopened: u64,
+    }
+}
+
+crate::sample! {
     /// The gateway's counters since its start.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct LinkStatus: 4680 {
+    pub struct LinkStatus: 5512 {
         /// Messages received from the autopilot.
         pub received: u64,
         /// Messages that could not be decoded, or came from somebody who does not concern us.
@@ -58,6 +100,8 @@ crate::sample! {
         pub obstacle_distances: u64,
         /// Explicit padding, zero.
         pub reserved: u64,
+        /// Every link by itself, the autopilot's first.
+        pub links: [LinkTraffic; LINKS],
         /// Capture of the newest range behind a planned setpoint to its bytes handed to the kernel.
         pub capture_to_wire: Histogram,
         /// What each stage added to that, waiting included: from the end of the stage before it to its own end.

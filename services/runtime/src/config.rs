@@ -2,8 +2,10 @@
 //!
 //! Unknown keys and values out of range are refused with file, line and the nearest valid name; nothing is guessed.
 
+mod link;
 mod overlay;
 
+pub use link::{AUTOPILOT_LINK, AlsoLink, Link, LinkRow, Purpose, Signing};
 pub use overlay::{PROFILE_FOLDER, Resolved, sensors};
 
 use jink_shared_types::params::{ParamSet, nearest};
@@ -49,43 +51,12 @@ pub struct Config {
     pub params: ParamSet,
     /// Where changed parameters are kept; `None` = with the instance.
     pub param_store: Option<PathBuf>,
-    /// The link to the autopilot.
+    /// The link to the autopilot, and the others.
     pub link: Link,
     /// The virtual world, where there is one.
     pub simulation: Simulation,
     /// Names of the sensors that publish point clouds, and of those that publish scans.
     pub sensors: Vec<Sensor>,
-}
-
-/// The link to the autopilot.
-#[derive(Clone, Debug, Deserialize, PartialEq, Eq)]
-#[serde(deny_unknown_fields, default)]
-pub struct Link {
-    /// `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT` or `serial:DEVICE:BAUD`.
-    pub address: String,
-    /// How setpoints are spoken: `px4_trajectory`, `px4_offboard` or `ardupilot_guided`.
-    pub profile: String,
-    /// In which message `px4_trajectory` speaks: `bezier` or `waypoints`.
-    pub output: String,
-    /// Missions that the autopilot flies are taken over, where it only follows setpoints.
-    pub takes_missions: bool,
-    /// Folder for telemetry logs of everything on the link; empty = none.
-    pub tlog: String,
-    /// The vehicle's system id; 0 = that of the only autopilot heard.
-    pub system_id: u8,
-}
-
-impl Default for Link {
-    fn default() -> Self {
-        Self {
-            address: "udpin:127.0.0.1:14540".to_owned(),
-            profile: "px4_trajectory".to_owned(),
-            output: "bezier".to_owned(),
-            takes_missions: true,
-            tlog: String::new(),
-            system_id: 0,
-        }
-    }
 }
 
 /// The virtual world.
@@ -186,6 +157,7 @@ impl Config {
             line: line_of(text, offset),
             message,
         };
+        parsed.link.check(&at)?;
         let mut config = Self {
             param_store: (!parsed.param_store.is_empty()).then(|| PathBuf::from(&parsed.param_store)),
             link: parsed.link,
@@ -287,13 +259,17 @@ pub fn line_of(text: &str, offset: usize) -> usize {
 
 /// Shortens serde's "unknown field `x`, expected one of `a`, `b`" to what a person needs: the nearest name.
 fn with_nearest(message: &str) -> String {
+    let kinds = [("unknown field", "key"), ("unknown variant", "value")];
+    let Some((_, kind)) = kinds.iter().find(|(start, _)| message.starts_with(start)) else {
+        return message.trim().replace('\n', " ");
+    };
     let quoted: Vec<&str> = message.split('`').skip(1).step_by(2).collect();
-    match (message.starts_with("unknown field"), quoted.split_first()) {
-        (true, Some((unknown, known))) => match nearest(unknown, known.iter().copied()) {
-            Some(near) => format!("unknown key `{unknown}`; did you mean `{near}`?"),
-            None => format!("unknown key `{unknown}`"),
-        },
-        _ => message.trim().replace('\n', " "),
+    let Some((unknown, known)) = quoted.split_first() else {
+        return message.to_owned();
+    };
+    match nearest(unknown, known.iter().copied()) {
+        Some(near) => format!("unknown {kind} `{unknown}`; did you mean `{near}`?"),
+        None => format!("unknown {kind} `{unknown}`"),
     }
 }
 

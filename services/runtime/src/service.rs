@@ -33,8 +33,8 @@ use std::rc::Rc;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Descriptors a service may watch besides its topics.
-pub const WATCHED_FDS: usize = 4;
+/// Descriptors a service may watch besides its topics: three for each of the gateway's links.
+pub const WATCHED_FDS: usize = 3 * jink_shared_types::link::LINKS;
 /// Trigger topics and watched descriptors together.
 const POLL_FDS: usize = 32;
 /// Exit code of a service that could not start: wrong configuration, missing device, refused topic. The supervisor does
