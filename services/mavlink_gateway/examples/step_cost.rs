@@ -55,6 +55,7 @@ fn main() {
                     header: frame.header,
                     content,
                     time: now,
+                    link: 0,
                 });
             }
         }

@@ -2,60 +2,80 @@
 
 use crate::encoder::{COMPONENTS, Encoder};
 use crate::gateway::Gateway;
+use crate::signing::stamps::Stamps;
 use jink_shared_types::Timestamp;
 
+/// Bytes of the numbering.
+const SEQUENCES_BYTES: usize = 2 * COMPONENTS;
 /// Bytes of a baton.
-const BYTES: usize = 8 + 2 * COMPONENTS;
+const BYTES: usize = 8 + 16 + SEQUENCES_BYTES;
 
 /// The state that only the speaker has: everything else a listener has learned as well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Baton {
     /// When the last setpoint was sent.
     last_setpoint: Timestamp,
-    /// Per component: its next sequence number.
+    /// Per component: its next sequence number on the first link.
     sequences: [(u8, u8); COMPONENTS],
+    /// Stamps of signatures that are used up, and those that may be used.
+    stamps: Stamps,
 }
 
 impl Baton {
     /// Of the gateway that has spoken so far.
-    pub fn of(gateway: &Gateway, encoder: &Encoder) -> Self {
+    pub fn of(gateway: &Gateway, encoder: &Encoder, stamps: Stamps) -> Self {
         Self {
             last_setpoint: gateway.last_setpoint(),
             sequences: encoder.sequences(),
+            stamps,
         }
     }
 
-    /// Handed to the gateway that speaks from now on.
-    pub fn hand_to(self, gateway: &mut Gateway, encoder: &mut Encoder) {
+    /// Handed to the gateway that speaks from now on; the stamps are for its links.
+    pub fn hand_to(self, gateway: &mut Gateway, encoder: &mut Encoder) -> Stamps {
         gateway.go_on_from(self.last_setpoint);
         encoder.go_on_from(self.sequences);
+        self.stamps
     }
 
     /// As bytes.
     pub fn to_bytes(self) -> [u8; BYTES] {
         let mut bytes = [0; BYTES];
         bytes[..8].copy_from_slice(&self.last_setpoint.ns.to_le_bytes());
-        for (pair, (component, sequence)) in bytes[8..].chunks_exact_mut(2).zip(self.sequences) {
-            pair.copy_from_slice(&[component, sequence]);
-        }
+        bytes[8..24].copy_from_slice(&self.stamps.to_bytes());
+        bytes[24..].copy_from_slice(&sequences_to_bytes(self.sequences));
         bytes
     }
 
     /// From the bytes of a gateway of the same version; `None` for others.
     pub fn of_bytes(bytes: &[u8]) -> Option<Self> {
         let (time, rest) = bytes.split_first_chunk::<8>()?;
-        if bytes.len() != BYTES {
-            return None;
-        }
-        let mut sequences = [(0, 0); COMPONENTS];
-        for (pair, to) in rest.chunks_exact(2).zip(&mut sequences) {
-            *to = (pair[0], pair[1]);
-        }
+        let (stamps, rest) = rest.split_first_chunk::<16>()?;
         Some(Self {
             last_setpoint: Timestamp::from_ns(u64::from_le_bytes(*time)),
-            sequences,
+            stamps: Stamps::of_bytes(stamps),
+            sequences: sequences_of_bytes(rest)?,
         })
     }
+}
+
+/// The numbering of one link as bytes: what passes with every link but the first.
+pub(crate) fn sequences_to_bytes(sequences: [(u8, u8); COMPONENTS]) -> [u8; SEQUENCES_BYTES] {
+    let mut bytes = [0; SEQUENCES_BYTES];
+    for (pair, (component, sequence)) in bytes.chunks_exact_mut(2).zip(sequences) {
+        pair.copy_from_slice(&[component, sequence]);
+    }
+    bytes
+}
+
+/// From those bytes.
+pub(crate) fn sequences_of_bytes(bytes: &[u8]) -> Option<[(u8, u8); COMPONENTS]> {
+    let bytes: &[u8; SEQUENCES_BYTES] = bytes.try_into().ok()?;
+    let mut sequences = [(0, 0); COMPONENTS];
+    for (pair, to) in bytes.chunks_exact(2).zip(&mut sequences) {
+        *to = (pair[0], pair[1]);
+    }
+    Some(sequences)
 }
 
 #[cfg(test)]
@@ -65,7 +85,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_baton_survives_its_bytes_and_other_lengths_are_refused(bytes in proptest::collection::vec(any::<u8>(), 0..40)) {
+        fn a_baton_survives_its_bytes_and_other_lengths_are_refused(bytes in proptest::collection::vec(any::<u8>(), 0..64)) {
             match Baton::of_bytes(&bytes) {
                 Some(baton) => prop_assert_eq!(&baton.to_bytes()[..], &bytes[..]),
                 None => prop_assert_ne!(bytes.len(), BYTES),

@@ -3,6 +3,7 @@
 use crate::blockage::Remedy;
 use crate::message::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
 use crate::profile::{ProfileName, Representation};
+use crate::router::LinkSet;
 use jink_shared_types::params::{GW_HORIZON, GW_RATE, OA_BLOCKED_T, ParamSet};
 
 /// A curve lasts at least this many periods of the stream: one lost setpoint and one late one must not let it expire.
@@ -21,6 +22,8 @@ pub struct GatewayConfig {
     pub computer_component_id: Option<u8>,
     /// The vehicle's system id; `None` = the only autopilot heard.
     pub system_id: Option<u8>,
+    /// Links on which no autopilot is looked for, whoever says there that it is one.
+    pub ground_station_links: LinkSet,
     /// How setpoints are spoken.
     pub profile: ProfileName,
     /// Missions that the autopilot flies are taken over from it, where it only follows setpoints.
@@ -50,6 +53,7 @@ impl GatewayConfig {
             component_id: COMPONENT_AVOIDANCE,
             computer_component_id: Some(COMPONENT_ONBOARD_COMPUTER),
             system_id: None,
+            ground_station_links: LinkSet::default(),
             profile,
             takes_missions: true,
             blocked_remedy: Remedy::from_params(params),

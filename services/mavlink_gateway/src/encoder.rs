@@ -82,6 +82,17 @@ impl Encoder {
         &self.buffer[..end + consts::CHECKSUM_SIZE]
     }
 
+    /// The message encoded last does not leave: its number is the next one's.
+    pub fn take_back(&mut self, component_id: u8) {
+        let slot = self
+            .sequences
+            .iter_mut()
+            .find(|(component, _)| *component == component_id);
+        if let Some((_, next)) = slot {
+            *next = next.wrapping_sub(1);
+        }
+    }
+
     /// Component 0 marks a free slot; it is the broadcast address and never sends.
     fn next_sequence(&mut self, component_id: u8) -> u8 {
         let slot = self

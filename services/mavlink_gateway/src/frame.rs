@@ -7,8 +7,13 @@
 //!
 //! A frame is a start byte (`0xFD` MAVLink 2, `0xFE` MAVLink 1), a header that tells its length, the payload, and a CRC-16/MCRF4XX
 //! that is seeded with a byte per message type. A candidate is accepted only if that checksum fits; otherwise the
-//! search goes on one byte further, so that a frame hidden behind a false start is never lost. The message types of
-//! another dialect have an unknown seed: they cannot be verified and count as garbage.
+//! search goes on one byte further, so that a frame hidden behind a false start is never lost.
+//!
+//! The message types of another dialect have an unknown seed: they cannot be verified, and count as garbage. A splitter
+//! whose frames are passed on ([`Splitter::with_unknown`]) lets them through, marked as not verified, where the bytes
+//! around them leave no doubt about their borders: they begin where another frame, or the datagram, has ended or begun; they
+//! end where the datagram ends or the next frame begins; and no verified frame lies inside. Lengths that fit on both
+//! sides by chance are rarer than sixteen bits of checksum; garbage on a line follows and precedes no frame for long.
 //!
 //! Source: MAVLink developer guide, "Packet Serialization".
 
@@ -18,8 +23,11 @@ use mavlink::{MAV_STX, MAV_STX_V2, MavHeader, MavlinkVersion, Message, calculate
 
 /// Bytes kept at most: any UDP datagram that fits an Ethernet frame several times over, and dozens of frames of a stream.
 pub const SPLITTER_BYTES: usize = 8192;
+/// Frames of unknown types in a row whose borders fit prove each other: no verified one has to follow. Four start bytes, flags and
+/// sender ids in the right places are 2^-50 by chance; and four longest frames leave half of the splitter free.
+const PROOF_FRAMES: usize = 4;
 
-/// One verified frame, borrowed from the splitter.
+/// One frame, borrowed from the splitter.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame<'a> {
     /// Sender and sequence number.
@@ -32,6 +40,8 @@ pub struct Frame<'a> {
     pub payload: &'a [u8],
     /// The whole of it, as it was on the wire.
     pub bytes: &'a [u8],
+    /// The checksum fits. If not, the type is unknown and only good to be passed on.
+    pub is_verified: bool,
 }
 
 impl Frame<'_> {
@@ -41,6 +51,13 @@ impl Frame<'_> {
     /// [`ParserError`] if a field holds a value that its enumeration does not know.
     pub fn decode(&self) -> Result<MavMessage, ParserError> {
         MavMessage::parse(self.version, self.message_id, self.payload)
+    }
+
+    /// Link id, time stamp and signature, if it is signed.
+    pub fn signature(&self) -> Option<&[u8; consts::v2::SIGNATURE_SIZE]> {
+        let is_signed = self.version == MavlinkVersion::V2
+            && self.bytes[consts::v2::INCOMPAT_FLAGS_OFFSET] & consts::v2::IFLAG_SIGNED != 0;
+        self.bytes.last_chunk().filter(|_| is_signed)
     }
 }
 
@@ -121,13 +138,18 @@ impl Layout {
         }
     }
 
+    /// Whether the dialect knows the type; `bytes` hold the whole frame.
+    fn is_known(&self, bytes: &[u8]) -> bool {
+        let message_id = self.message_id(bytes);
+        MavMessage::extra_crc(message_id) != 0 || MavMessage::default_message_from_id(message_id).is_some()
+    }
+
     /// Whether the checksum fits; `bytes` hold the whole frame.
     fn is_intact(&self, bytes: &[u8]) -> bool {
-        let message_id = self.message_id(bytes);
-        let seed = MavMessage::extra_crc(message_id);
-        if seed == 0 && MavMessage::default_message_from_id(message_id).is_none() {
+        if !self.is_known(bytes) {
             return false;
         }
+        let seed = MavMessage::extra_crc(self.message_id(bytes));
         let end = self.header_len + self.payload_len;
         let told = u16::from_le_bytes([bytes[end], bytes[end + 1]]);
         told == calculate_crc(&bytes[consts::STX_SIZE..end], seed)
@@ -137,6 +159,14 @@ impl Layout {
 /// No frame starts here.
 struct NoFrame;
 
+/// What the bytes around a frame of unknown type say about its borders.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Borders {
+    Fit,
+    Undecided,
+    DoNotFit,
+}
+
 /// Splits bytes into frames; holds the unfinished rest of a stream.
 #[derive(Debug)]
 pub struct Splitter {
@@ -145,6 +175,10 @@ pub struct Splitter {
     end: usize,
     /// The buffer holds a datagram: what is incomplete now stays incomplete.
     whole: bool,
+    /// Frames of unknown types come out, too.
+    with_unknown: bool,
+    /// A frame ended, or the datagram begins, where the buffer begins.
+    at_border: bool,
     garbage_bytes: u64,
 }
 
@@ -162,8 +196,15 @@ impl Splitter {
             start: 0,
             end: 0,
             whole: false,
+            with_unknown: false,
+            at_border: false,
             garbage_bytes: 0,
         }
+    }
+
+    /// Lets frames of unknown types through where their borders are beyond doubt.
+    pub fn with_unknown(&mut self) {
+        self.with_unknown = true;
     }
 
     /// Bytes so far that belonged to no frame.
@@ -205,11 +246,13 @@ impl Splitter {
         let taken = self.push(datagram);
         self.garbage_bytes += (datagram.len() - taken) as u64;
         self.whole = true;
+        self.at_border = true;
     }
 
     /// Drops the unfinished rest, as garbage: the stream it belonged to is gone.
     pub fn reset(&mut self) {
         self.load_datagram(&[]);
+        self.at_border = false;
     }
 
     /// The next intact frame; `None` when more bytes are needed.
@@ -233,10 +276,18 @@ impl Splitter {
                     continue;
                 }
             };
-            if !layout.is_intact(candidate) {
-                self.discard(1);
-                continue;
+            let is_verified = layout.is_intact(candidate);
+            if !is_verified {
+                match self.borders(&layout) {
+                    Borders::Fit => {}
+                    Borders::Undecided => return None,
+                    Borders::DoNotFit => {
+                        self.discard(1);
+                        continue;
+                    }
+                }
             }
+            self.at_border = true;
             let first = self.start;
             self.start += layout.frame_len;
             let bytes = &self.buffer[first..self.start];
@@ -246,12 +297,62 @@ impl Splitter {
                 version: layout.version,
                 payload: &bytes[layout.header_len..layout.header_len + layout.payload_len],
                 bytes,
+                is_verified,
             });
         }
     }
 
+    /// Whether the candidate at the start of the buffer, whose checksum cannot be relied on, may pass as a frame.
+    fn borders(&self, layout: &Layout) -> Borders {
+        let bytes = &self.buffer[self.start..self.end];
+        let sender = layout.header(bytes);
+        let has_sender = sender.system_id != 0 && sender.component_id != 0;
+        if !self.with_unknown || !self.at_border || !has_sender || layout.is_known(bytes) {
+            return Borders::DoNotFit;
+        }
+        if (1..layout.frame_len).any(|at| is_intact_frame(&bytes[at..])) {
+            return Borders::DoNotFit;
+        }
+        // What is not all there yet: more bytes of a stream may come, a datagram is what it is.
+        let (at_the_end, cut) = if self.whole {
+            (Borders::Fit, Borders::DoNotFit)
+        } else {
+            (Borders::Undecided, Borders::Undecided)
+        };
+        let mut behind = &bytes[layout.frame_len..];
+        for _ in 1..PROOF_FRAMES {
+            if behind.is_empty() {
+                return at_the_end;
+            }
+            match Layout::of(behind) {
+                Err(NoFrame) => return Borders::DoNotFit,
+                Ok(Some(next)) if behind.len() >= next.frame_len => {
+                    if next.is_known(behind) {
+                        return if next.is_intact(behind) {
+                            Borders::Fit
+                        } else {
+                            Borders::DoNotFit
+                        };
+                    }
+                    behind = &behind[next.frame_len..];
+                }
+                Ok(_) => return cut,
+            }
+        }
+        Borders::Fit
+    }
+
     fn discard(&mut self, count: usize) {
+        self.at_border &= count == 0;
         self.start += count;
         self.garbage_bytes += count as u64;
+    }
+}
+
+/// Whether `bytes` begin with a whole frame whose checksum fits.
+fn is_intact_frame(bytes: &[u8]) -> bool {
+    match Layout::of(bytes) {
+        Ok(Some(layout)) => bytes.len() >= layout.frame_len && layout.is_intact(bytes),
+        Ok(None) | Err(NoFrame) => false,
     }
 }

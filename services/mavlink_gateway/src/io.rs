@@ -1,6 +1,6 @@
 //! What goes into a step of the gateway and what comes out.
 
-use crate::link::LinkCounters;
+use crate::links::LinksReport;
 use crate::message::{Outgoing, Received};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::SystemStatus;
@@ -24,8 +24,8 @@ const EVENTS: usize = 4;
 pub struct Inputs<'a> {
     /// Messages since the last step, oldest first.
     pub messages: &'a [Received],
-    /// The link's own counters.
-    pub link: LinkCounters,
+    /// The links' own counters.
+    pub link: LinksReport,
     /// What the guard lets through.
     pub approved: Reading<'a, ApprovedTrajectory>,
     /// What the guard sees.

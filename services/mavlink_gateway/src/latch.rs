@@ -3,11 +3,18 @@
 //! Without a configured id the first autopilot heard is taken at once, so that a restarted gateway does not keep a flying
 //! vehicle waiting. If a second one is heard within three seconds of that, nobody can tell which is meant: then neither is
 //! ours until only one is left. Later strangers are ignored.
+//!
+//! It may be heard on several links. One of them is its own: the one it was heard on first, until it is silent there for
+//! [`SILENT_S`] and heard on another. What it says elsewhere is said twice.
 
 use jink_shared_types::Timestamp;
 
 /// How long a second autopilot puts the first in doubt (s).
 const DOUBT_S: f64 = 3.0;
+
+/// How long the autopilot's link is silent before another one on which it is heard becomes its own (s): as long as the
+/// autopilot counts as alive.
+const SILENT_S: f64 = 1.5;
 
 /// Finds and keeps our vehicle.
 #[derive(Clone, Copy, Debug)]
@@ -15,6 +22,8 @@ pub struct Latch {
     configured: Option<u8>,
     first: Option<(u8, Timestamp)>,
     rival: Option<(u8, Timestamp)>,
+    link: u8,
+    heard_on_link: Timestamp,
 }
 
 impl Latch {
@@ -24,7 +33,25 @@ impl Latch {
             configured,
             first: None,
             rival: None,
+            link: 0,
+            heard_on_link: Timestamp::NEVER,
         }
+    }
+
+    /// Our autopilot was heard on `link`; answers whether that is its own.
+    pub fn is_heard_on(&mut self, link: u8, time: Timestamp) -> bool {
+        if link != self.link && time.seconds_since(self.heard_on_link) > SILENT_S {
+            self.link = link;
+        }
+        if link == self.link {
+            self.heard_on_link = time;
+        }
+        link == self.link
+    }
+
+    /// Our autopilot's link; the first one before it was heard.
+    pub fn link(&self) -> u8 {
+        self.link
     }
 
     /// Takes note of an autopilot's message.
@@ -93,6 +120,17 @@ mod tests {
         latch.hear(9, at(20.0));
         assert_eq!(latch.system_id(at(20.0)), None, "the rival is still there");
         assert_eq!(latch.system_id(at(24.0)), Some(7), "the rival is gone");
+    }
+
+    #[test]
+    fn its_link_is_the_first_it_was_heard_on_until_it_is_silent_there() {
+        let mut latch = Latch::new(None);
+        latch.hear(7, at(0.0));
+        assert!(latch.is_heard_on(1, at(0.0)));
+        assert!(!latch.is_heard_on(0, at(0.1)), "said twice");
+        assert!(latch.is_heard_on(1, at(1.0)) && !latch.is_heard_on(0, at(2.4)));
+        assert!(latch.is_heard_on(0, at(2.6)), "its link was silent for 1.6 s");
+        assert_eq!(latch.link(), 0);
     }
 
     #[test]

@@ -13,7 +13,7 @@
 //! | commands, PARAM_*, FILE_TRANSFER_PROTOCOL | answers; `parameters` |
 //! | the board | ONBOARD_COMPUTER_STATUS of component 191 |
 //!
-//! [`Gateway::step`] is pure; [`link::Link`] moves the bytes, [`frame::Splitter`] and [`Encoder`] turn them into
+//! [`Gateway::step`] is pure; [`links::Links`] are all links with their rules, a [`link::Link`] moves the bytes of one, [`frame::Splitter`] and [`Encoder`] turn them into
 //! messages and back:
 //!
 //! ```
@@ -50,6 +50,7 @@ mod avoidance;
 mod baton;
 mod blockage;
 pub mod board;
+pub mod budget;
 mod clock_map;
 mod commands;
 pub mod computer;
@@ -64,12 +65,15 @@ mod gateway;
 mod io;
 mod latch;
 pub mod link;
+pub mod links;
 pub mod make;
 mod message;
 mod obstacles;
 mod parameters;
 pub mod profile;
 pub mod px4_mode;
+pub mod router;
+pub mod signing;
 mod streams;
 mod texts;
 mod ticker;
@@ -86,7 +90,7 @@ pub use gateway::Gateway;
 pub use io::{Inputs, OUTBOX, Outputs};
 pub use message::{
     Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, CommandAck, Content,
-    Outgoing, Receipt, Received,
+    Destination, Outgoing, Receipt, Received,
 };
 pub use profile::{ProfileName, Representation};
 pub use vehicle::Present;

@@ -1,10 +1,11 @@
-//! The gateway as a process: woken by the link, by approved trajectories, and by its own beat.
+//! The gateway as a process: woken by its links, by approved trajectories, and by its own beat.
 
 use jink_mavlink_gateway::board::Board;
-use jink_mavlink_gateway::link::{Endpoint, Link, LinkError, Progress, Sent};
+use jink_mavlink_gateway::link::{Link, LinkError, Progress};
+use jink_mavlink_gateway::links::{LinkSetup, Links};
 use jink_mavlink_gateway::tlog::Tlog;
 use jink_mavlink_gateway::{
-    Baton, COMPONENT_AVOIDANCE, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Receipt,
+    Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Receipt,
     Received, Representation,
 };
 use jink_runtime::service::WATCHED_FDS;
@@ -22,7 +23,7 @@ use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use std::fmt::Display;
 use std::os::fd::BorrowedFd;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
@@ -37,9 +38,7 @@ const EVENTS_MAX: usize = 32;
 
 struct GatewayService {
     gateway: Gateway,
-    link: Link,
-    link_lost: bool,
-    encoder: Encoder,
+    links: Links,
     outputs: Outputs,
     received: Vec<Received>,
     news: Vec<EventSample>,
@@ -73,22 +72,7 @@ impl Service for GatewayService {
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         let settings = ports.config().link.clone();
-        let at = format!("link.address = {:?}", settings.address);
-        let endpoint: Endpoint = settings.address.parse().map_err(needs(at.clone()))?;
-        let door = ports.setup().instance.handover_socket(&ports.setup().process);
-        let mut link = if ports.setup().shadow {
-            Link::join(endpoint, &door).map_err(needs(at))?
-        } else {
-            let mut link = open(endpoint, ports.setup().generation).map_err(needs(at.clone()))?;
-            link.share(&door).map_err(needs(at))?;
-            link
-        };
-        if !settings.tlog.is_empty() {
-            let log = Tlog::begin(Path::new(&settings.tlog), ports.setup().generation)
-                .map_err(needs(format!("link.tlog = {:?}", settings.tlog)))?;
-            tracing::info!("telemetry log: {}", log.path().display());
-            link.record(log);
-        }
+        let links = open_links(ports)?;
         let profile: ProfileName = settings
             .profile
             .parse()
@@ -98,6 +82,7 @@ impl Service for GatewayService {
         let config = GatewayConfig {
             system_id: (settings.system_id != 0).then_some(settings.system_id),
             component_id: COMPONENT_AVOIDANCE,
+            ground_station_links: links.of_ground_stations(),
             representation,
             takes_missions: settings.takes_missions,
             ..GatewayConfig::from_params(&ports.config().params, profile)
@@ -106,9 +91,7 @@ impl Service for GatewayService {
             gateway: Gateway::new(config)
                 .with_params(&ports.config().params)
                 .with_board_id(board_id()),
-            link,
-            link_lost: false,
-            encoder: Encoder::new(),
+            links,
             outputs: Outputs::default(),
             received: Vec::with_capacity(MESSAGES_MAX),
             news: Vec::with_capacity(EVENTS_MAX),
@@ -132,16 +115,19 @@ impl Service for GatewayService {
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        if self.link.holds() && !self.claim.is_due(now) {
-            self.link
-                .release(&Baton::of(&self.gateway, &self.encoder).to_bytes());
+        if self.links.holds() && !self.claim.is_due(now) {
+            self.release();
         }
         // What the former holder has read is its own to answer, also if the link passes over behind it.
-        let speaks = self.link.holds();
+        let speaks = self.links.holds();
         self.claim.declare(speaks);
         self.gateway.listen_only(!speaks);
-        let progress = self.receive();
+        let progress = self.receive(now);
         self.news.clear();
+        for event in self.links.news() {
+            cycle.events.publish(now, &event);
+            self.news.push(event);
+        }
         self.events.each(|event| {
             // Its own are on their way already.
             if event.sample.process != self.me && self.news.len() < EVENTS_MAX {
@@ -155,7 +141,7 @@ impl Service for GatewayService {
         }
         let inputs = Inputs {
             messages: &self.received,
-            link: self.link.counters(),
+            link: self.links.report(),
             approved: self.approved.latest(now),
             ring: self.ring.latest(now),
             system: self.system.latest(now),
@@ -180,11 +166,11 @@ impl Service for GatewayService {
             return Wake::at(now);
         }
         let mut wake = self.gateway.next_wake(now);
-        wake = wake.min(self.link.next_wake().unwrap_or(wake));
+        wake = wake.min(self.links.next_wake().unwrap_or(wake));
         if let Some(change) = self.claim.changes_at().filter(|change| *change > now) {
             wake = wake.min(change);
         }
-        if self.link.is_orphaned() {
+        if self.links.is_orphaned() {
             wake = wake.min(now.plus_seconds(ORPHAN_LOOKS_S));
         }
         Wake::at(wake)
@@ -192,32 +178,43 @@ impl Service for GatewayService {
 
     /// An instance that only listens does as the one that speaks; that one knows best itself.
     fn retune(&mut self, params: &ParamSet) {
-        if !self.link.holds() {
+        if !self.links.holds() {
             self.gateway.follow_params(params);
         }
     }
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
-        let [link, peer, door] = self.link.fds();
-        [link, peer, door, None]
+        self.links.fds()
     }
 }
 
 impl GatewayService {
-    /// Goes on where the former holder of the link has stopped, if it has passed it on or died. Returns whether this
+    /// Lets the next instance go on from here, if there is one.
+    fn release(&mut self) {
+        let stamps = self.links.stamps();
+        if let Some(encoder) = self.links.encoder() {
+            let baton = Baton::of(&self.gateway, encoder, stamps).to_bytes();
+            self.links.release(&baton);
+        }
+    }
+
+    /// Goes on where the former holder of the links has stopped, if it has passed them on or died. Returns whether this
     /// instance speaks from now on.
     fn take_over(&mut self, now: Timestamp) -> bool {
-        if let Some(baton) = self.link.take_baton() {
-            match Baton::of_bytes(&baton) {
-                Some(baton) => baton.hand_to(&mut self.gateway, &mut self.encoder),
-                None => self.gateway.go_on_at_once(now),
+        if let Some(baton) = self.links.take_baton() {
+            match (Baton::of_bytes(&baton), self.links.encoder()) {
+                (Some(baton), Some(encoder)) => {
+                    let stamps = baton.hand_to(&mut self.gateway, encoder);
+                    self.links.go_on_from(stamps);
+                }
+                _ => self.gateway.go_on_at_once(now),
             }
             tracing::info!("the link was passed on to this instance");
             return true;
         }
-        let left_alone = self.link.is_orphaned() && self.claim.is_due(now);
+        let left_alone = self.links.is_orphaned() && self.claim.is_due(now);
         if left_alone {
-            self.link.take();
+            self.links.take();
             self.gateway.go_on_at_once(now);
             tracing::info!("the link is taken over from an instance that has died");
         }
@@ -240,31 +237,21 @@ impl GatewayService {
         }
     }
 
-    fn receive(&mut self) -> Progress {
+    fn receive(&mut self, now: Timestamp) -> Progress {
         self.received.clear();
-        let answer = self.link.receive(jink_runtime::now, &mut self.received);
-        self.tell_link(answer.is_err(), answer.as_ref().err());
-        answer.unwrap_or(Progress::Drained)
-    }
-
-    /// Logs a lost link once, and its return once.
-    fn tell_link(&mut self, lost: bool, cause: Option<&impl Display>) {
-        match (lost, cause) {
-            (true, Some(cause)) if !self.link_lost => tracing::warn!("{cause}"),
-            (false, _) if self.link_lost => tracing::info!("the link is back"),
-            _ => {}
-        }
-        self.link_lost = lost || self.link.holds() && self.link.fd().is_none();
+        let us = self.gateway.us(now);
+        self.links.receive(jink_runtime::now, us, &mut self.received)
     }
 
     fn send(&mut self) {
         for message in self.outputs.messages() {
-            let bytes = self
-                .encoder
-                .encode(message.system_id, message.component_id, &message.body);
-            let now = jink_runtime::now();
-            // A broken link shows at the next reception, where it is told and reopened.
-            if let Ok(Sent::Yes) = self.link.send(now, bytes) {
+            let sent = self.links.send(jink_runtime::now(), message);
+            // What is for everybody counts when the autopilot has it.
+            let link = match message.to {
+                Destination::Link(link) => link,
+                Destination::Everyone => self.gateway.autopilot_link(),
+            };
+            if sent.contains(link) {
                 let now = jink_runtime::now();
                 self.gateway.wire(now, message.receipt);
                 if let Receipt::Setpoint {
@@ -307,11 +294,57 @@ fn board_id() -> u64 {
     std::fs::read_to_string(MACHINE_ID).map_or(0, salted)
 }
 
-/// Opens the link. At a restart a second instance that is just being ended may still have it for a moment.
-fn open(endpoint: Endpoint, generation: u32) -> Result<Link, LinkError> {
+/// Opens or joins all links of the configuration.
+fn open_links(ports: &Ports) -> Result<Links, StartError> {
+    let (settings, setup) = (&ports.config().link, ports.setup());
+    let mut setups = Vec::new();
+    for row in settings.rows() {
+        let link = LinkSetup::of(&row).map_err(|error| needs(error.key)(error.cause))?;
+        if link.is_exposed() {
+            tracing::warn!(
+                "{}: anybody on the network can speak on {}; name the peers, or set signing = \"require\"",
+                row.table,
+                row.address
+            );
+        }
+        setups.push(link);
+    }
+    let doors: Vec<_> = (0..setups.len())
+        .map(|index| match index {
+            0 => setup.instance.handover_socket(&setup.process),
+            _ => setup
+                .instance
+                .handover_socket(&format!("{}.{index}", setup.process)),
+        })
+        .collect();
+    let opened = if setup.shadow {
+        Links::join(setups, &doors)
+    } else {
+        Links::open(setups, &doors, |first| open(first, setup.generation))
+    };
+    let mut links = opened.map_err(needs(format!("link.address = {:?}", settings.address)))?;
+    let state = match settings.state.as_str() {
+        "" => setup.instance.folder(),
+        folder => PathBuf::from(folder),
+    };
+    let stamps = state.join(format!("{}.stamps", setup.process));
+    links
+        .sign_with_stamps_at(&stamps)
+        .map_err(needs(format!("link.state: {}", stamps.display())))?;
+    if !settings.tlog.is_empty() {
+        let log = Tlog::begin(Path::new(&settings.tlog), setup.generation)
+            .map_err(needs(format!("link.tlog = {:?}", settings.tlog)))?;
+        tracing::info!("telemetry log: {}", log.path().display());
+        links.record(log);
+    }
+    Ok(links)
+}
+
+/// Opens the first link. At a restart a second instance that is just being ended may still have it for a moment.
+fn open(setup: &LinkSetup, generation: u32) -> Result<Link, LinkError> {
     let patience = jink_runtime::now().plus_seconds(LET_GO_S);
     loop {
-        match Link::open(endpoint.clone()) {
+        match Link::open(setup.endpoint.clone()) {
             Err(LinkError::AddressInUse { .. }) if generation > 1 && jink_runtime::now() < patience => {
                 std::thread::sleep(Duration::from_millis(2));
             }

@@ -2,11 +2,14 @@
 
 use jink_shared_types::{SampleHeader, Timestamp};
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{COMMAND_INT_DATA, COMMAND_LONG_DATA, MavMessage, MavResult};
+use mavlink::dialects::ardupilotmega::{
+    COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MavMessage, MavResult,
+};
 use mavlink::error::ParserError;
-use mavlink::{MessageData, consts};
+use mavlink::{Message, MessageData, consts};
 
 use crate::frame::Frame;
+use crate::router::Target;
 
 /// MAV_COMP_ID_AUTOPILOT1.
 pub const COMPONENT_AUTOPILOT: u8 = 1;
@@ -24,6 +27,8 @@ pub struct Received {
     pub content: Content,
     /// When its bytes were read.
     pub time: Timestamp,
+    /// The link it came in on: its place in the configuration, the autopilot's first.
+    pub link: u8,
 }
 
 /// What a received frame holds.
@@ -51,6 +56,22 @@ impl Content {
             Ok(message) => Some(Self::Message(message)),
             Err(ParserError::InvalidEnum { .. }) => Self::unknown_command(frame),
             Err(_) => None,
+        }
+    }
+
+    /// Whom it is for.
+    pub fn target(&self) -> Target {
+        let (system_id, component_id) = match self {
+            Self::Message(message) => (message.target_system_id(), message.target_component_id()),
+            Self::UnknownCommand {
+                target_system,
+                target_component,
+                ..
+            } => (Some(*target_system), Some(*target_component)),
+        };
+        Target {
+            system_id: u32::from(system_id.unwrap_or(0)),
+            component_id: component_id.unwrap_or(0),
         }
     }
 
@@ -95,6 +116,39 @@ pub enum Body {
     CommandAck(CommandAck),
 }
 
+impl Body {
+    /// Message type.
+    pub fn message_id(&self) -> u32 {
+        match self {
+            Self::Message(message) => message.message_id(),
+            Self::CommandAck(_) => COMMAND_ACK_DATA::ID,
+        }
+    }
+
+    /// Whom it is for.
+    pub fn target(&self) -> Target {
+        match self {
+            Self::Message(message) => Target {
+                system_id: u32::from(message.target_system_id().unwrap_or(0)),
+                component_id: message.target_component_id().unwrap_or(0),
+            },
+            Self::CommandAck(ack) => Target {
+                system_id: u32::from(ack.target_system),
+                component_id: ack.target_component,
+            },
+        }
+    }
+}
+
+/// Over which links a message leaves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Destination {
+    /// All of them, or those on which its addressee was heard, if it names one.
+    Everyone,
+    /// One of them: that of the autopilot, or of whoever has asked.
+    Link(u8),
+}
+
 /// What the gateway wants to hear back once the bytes were handed to the kernel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Receipt {
@@ -118,6 +172,8 @@ pub struct Outgoing {
     pub component_id: u8,
     /// What it says.
     pub body: Body,
+    /// Over which links it leaves.
+    pub to: Destination,
     /// What to report back with [`crate::Gateway::wire`].
     pub receipt: Receipt,
 }

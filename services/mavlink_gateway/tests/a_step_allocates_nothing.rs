@@ -4,8 +4,16 @@
 
 mod support;
 
+use jink_mavlink_gateway::budget::Class;
 use jink_mavlink_gateway::frame::Splitter;
-use jink_mavlink_gateway::{Body, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Received};
+use jink_mavlink_gateway::link::Link;
+use jink_mavlink_gateway::links::{LinkSetup, Links};
+use jink_mavlink_gateway::router::Us;
+use jink_mavlink_gateway::signing::Key;
+use jink_mavlink_gateway::{
+    Body, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outgoing, Outputs, Receipt, Received,
+};
+use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::motion::{ApprovedTrajectory, Verdict};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::{Coded, Timestamp};
@@ -13,6 +21,7 @@ use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
+use std::net::UdpSocket;
 use support::{MODE_MISSION, Sample, at, flight, heartbeat, wish};
 
 thread_local! {
@@ -103,6 +112,7 @@ fn from_bytes_to_bytes_without_the_allocator() {
                     header: frame.header,
                     content,
                     time: now,
+                    link: 0,
                 });
             }
         }
@@ -138,4 +148,99 @@ fn from_bytes_to_bytes_without_the_allocator() {
     }
     assert_eq!(allocations() - before, 0);
     assert!(sent > 5000, "{sent} bytes");
+}
+
+/// Three links over UDP: an autopilot's, a ground station's that asks for signatures, a slow one.
+fn links() -> (Links, Vec<UdpSocket>) {
+    let free_port = || {
+        UdpSocket::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap()
+            .port()
+    };
+    let ports: Vec<_> = (0..3).map(|_| free_port()).collect();
+    let setups = ports.iter().enumerate().map(|(index, port)| LinkSetup {
+        name: format!("link_{index}"),
+        endpoint: format!("udpin:{port}").parse().unwrap(),
+        purpose: [Purpose::Autopilot, Purpose::GroundStation][index.min(1)],
+        signing: [Signing::Off, Signing::Accept, Signing::Off][index],
+        key: Key::of_bytes(&[7; 32]),
+        link_id: index as u8,
+        peers: Vec::new(),
+        rate_bps: (index == 2).then_some(2000.0),
+    });
+    let folder = std::env::temp_dir();
+    let path = |what: &str| folder.join(format!("jink-alloc-{}-{what}", std::process::id()));
+    let doors = ["a", "b", "c"].map(path);
+    let mut links = Links::open(setups.collect(), &doors, |first| {
+        Link::open(first.endpoint.clone())
+    })
+    .unwrap();
+    links.sign_with_stamps_at(&path("stamps")).unwrap();
+    let peers = ports.iter().map(|port| {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.connect(("127.0.0.1", *port)).unwrap();
+        socket.set_nonblocking(true).unwrap();
+        socket
+    });
+    (links, peers.collect())
+}
+
+#[test]
+fn from_link_to_link_without_the_allocator() {
+    let (mut links, peers) = links();
+    let us = Us {
+        system_id: Some(1),
+        components: [196, 191],
+    };
+    let mut frames = Vec::new();
+    for (index, sender) in [(1, 1), (255, 190), (1, 100)].into_iter().enumerate() {
+        let mut encoder = Encoder::new();
+        let mut frame = encoder
+            .encode(sender.0, sender.1, &Body::Message(heartbeat(0, true)))
+            .to_vec();
+        if index == 1 {
+            // And one of a dialect that nobody here knows, in the same datagram.
+            frame.extend_from_within(..);
+            let second = frame.len() / 2;
+            frame[second + 7..second + 10].copy_from_slice(&60_000u32.to_le_bytes()[..3]);
+        }
+        frames.push(frame);
+    }
+    let own = Outgoing {
+        system_id: 1,
+        component_id: 196,
+        body: Body::Message(heartbeat(0, true)),
+        to: Destination::Everyone,
+        receipt: Receipt::Plain,
+    };
+    let mut received: Vec<Received> = Vec::with_capacity(64);
+    let mut datagram = [0; 512];
+    let (mut heard, mut sent, mut before) = (0, 0, 0);
+    for round in 0..200 {
+        if round == 100 {
+            before = allocations();
+        }
+        for (peer, frame) in peers.iter().zip(&frames) {
+            peer.send(frame).unwrap();
+        }
+        received.clear();
+        let _more = links.receive(jink_runtime::now, us, &mut received);
+        heard += received.len();
+        let to = links.send(jink_runtime::now(), &own);
+        sent += (0..3).filter(|link| to.contains(*link)).count();
+        for peer in &peers {
+            while peer.recv(&mut datagram).is_ok() {}
+        }
+    }
+    assert_eq!(allocations() - before, 0);
+    let report = links.report();
+    // Two links have everything, the slow one what it carries.
+    assert!(heard >= 500 && sent >= 400, "{heard} heard, {sent} sent");
+    assert!(report.links[0].forwarded >= 500, "{report:?}");
+    assert!(
+        report.links[2].dropped[Class::Forwarded as usize] > 0,
+        "{report:?}"
+    );
 }

@@ -3,11 +3,15 @@
 
 mod support;
 
-use jink_mavlink_gateway::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, GatewayConfig, Receipt};
+use jink_mavlink_gateway::router::LinkSet;
+use jink_mavlink_gateway::{
+    COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, Destination, GatewayConfig, Receipt,
+};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::Health;
 use jink_shared_types::link::AvoidanceState;
 use mavlink::dialects::ardupilotmega::*;
+use mavlink::{Message, MessageData};
 use nalgebra::Vector3;
 use support::*;
 
@@ -378,4 +382,55 @@ fn what_was_not_written_is_not_counted_as_sent() {
     let log = bench.sent.len();
     let after = sent(&mut bench);
     assert!(after > before && after - before <= 1 + (bench.sent.len() - log) as u64);
+}
+
+#[test]
+fn who_speaks_as_an_autopilot_on_a_ground_stations_link_is_nobodys_autopilot() {
+    let mut bench = Bench::with(GatewayConfig {
+        ground_station_links: LinkSet::default().with(1),
+        ..GatewayConfig::default()
+    });
+    bench.link = 1;
+    bench.hear_heartbeat(MODE_MISSION, true);
+    bench.step();
+    assert_eq!(bench.gateway.us(bench.now).system_id, None);
+    bench.link = 0;
+    bench.hear_heartbeat(MODE_MISSION, true);
+    bench.step();
+    assert_eq!(bench.gateway.us(bench.now).system_id, Some(SYSTEM));
+}
+
+#[test]
+#[allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
+fn the_autopilot_is_spoken_to_where_it_is_heard_and_whoever_asks_where_he_asked() {
+    let mut bench = Bench::new();
+    bench.link = 1;
+    bench.fly(2.0, |bench, t| {
+        bench.link = 1;
+        bench.telemetry(t, MODE_MISSION, still(), Vector3::zeros());
+        if t == 1.0 {
+            bench.link = 2;
+            let asked = command(MavCmd::MAV_CMD_DO_SET_SERVO, 0.0, SYSTEM, 196);
+            bench.hear_from(255, 190, asked);
+        }
+    });
+    assert_eq!(bench.gateway.autopilot_link(), 1);
+    let of = |message_id: u32| {
+        let sent = bench
+            .sent
+            .iter()
+            .filter(|one| one.message.message_id() == message_id);
+        let mut destinations: Vec<_> = sent.map(|one| one.to).collect();
+        destinations.dedup();
+        destinations
+    };
+    assert_eq!(
+        of(TRAJECTORY_REPRESENTATION_BEZIER_DATA::ID),
+        [Destination::Link(1)]
+    );
+    assert_eq!(of(TIMESYNC_DATA::ID), [Destination::Link(1)]);
+    assert_eq!(of(COMMAND_ACK_DATA::ID), [Destination::Link(2)]);
+    for for_all in [HEARTBEAT_DATA::ID, OBSTACLE_DISTANCE_DATA::ID] {
+        assert_eq!(of(for_all), [Destination::Everyone]);
+    }
 }

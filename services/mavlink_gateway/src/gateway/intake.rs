@@ -5,7 +5,7 @@ use super::{Gateway, nanoseconds};
 use crate::clock_map::ClockMap;
 use crate::desired;
 use crate::io::Outputs;
-use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Received};
+use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Received};
 use crate::streams::Streams;
 use crate::vehicle::AttitudeNews;
 use jink_shared_types::Timestamp;
@@ -21,12 +21,15 @@ impl Gateway {
         }
         if let Content::Message(message) = &received.content
             && header.component_id == COMPONENT_AUTOPILOT
+            && !self.config.ground_station_links.contains(received.link)
             && let Ok(system_id) = u8::try_from(header.system_id)
         {
             if speaks_as_autopilot(message) {
                 self.latch.hear(system_id, received.time);
             }
-            if self.latch.system_id(now) == Some(system_id) {
+            if self.latch.system_id(now) == Some(system_id)
+                && self.latch.is_heard_on(received.link, received.time)
+            {
                 self.wire.status.received += 1;
                 self.vehicle.heard(received.time);
                 self.take_message(now, received, message, outputs);
@@ -122,7 +125,10 @@ impl Gateway {
             target_system: received.header.system_id as u8,
             target_component: received.header.component_id,
         });
-        outputs.answer(self.outgoing(now, Body::Message(answer)));
+        outputs.answer(Outgoing {
+            to: Destination::Link(received.link),
+            ..self.outgoing(now, Body::Message(answer))
+        });
     }
 
     /// Its clock and its coordinates have begun anew.

@@ -6,15 +6,17 @@ mod serve;
 
 use crate::avoidance::{self, Heartbeats, Input};
 use crate::blockage::Blockage;
+use crate::budget::Class;
 use crate::clock_map::ClockMap;
 use crate::config::GatewayConfig;
 use crate::desk::Desk;
 use crate::io::{Inputs, Outputs};
 use crate::latch::Latch;
 use crate::make::Make;
-use crate::message::{Body, COMPONENT_AUTOPILOT, Outgoing, Receipt};
+use crate::message::{Body, COMPONENT_AUTOPILOT, Destination, Outgoing, Receipt};
 use crate::obstacles;
 use crate::profile::{Profile, Situation};
+use crate::router::Us;
 use crate::streams::Streams;
 use crate::texts::Texts;
 use crate::ticker::Ticker;
@@ -178,6 +180,22 @@ impl Gateway {
     /// Whether another gateway speaks on this link: its time synchronisation is learned from as well.
     pub fn listen_only(&mut self, only: bool) {
         self.clock.overhear(only);
+    }
+
+    /// The link on which our autopilot is heard; the first one before it was.
+    pub fn autopilot_link(&self) -> u8 {
+        self.latch.link()
+    }
+
+    /// Who we are on the links.
+    pub fn us(&self, now: Timestamp) -> Us {
+        Us {
+            system_id: self.latch.system_id(now),
+            components: [
+                self.config.component_id,
+                self.config.computer_component_id.unwrap_or(0),
+            ],
+        }
     }
 
     /// When the last setpoint was due and sent.
@@ -346,15 +364,28 @@ impl Gateway {
                 .system_id(now)
                 .unwrap_or_else(|| self.latch.greeting_id()),
             component_id: self.config.component_id,
+            to: self.destination(&body),
             body,
             receipt: Receipt::Plain,
+        }
+    }
+
+    /// Setpoints, requests and time stamps are the autopilot's; answers go where their addressee is; the rest is for everybody.
+    fn destination(&self, body: &Body) -> Destination {
+        let target = body.target();
+        let names_another = target.system_id != 0 && target.component_id != COMPONENT_AUTOPILOT;
+        match Class::of(body.message_id()) {
+            Class::Setpoint => Destination::Link(self.autopilot_link()),
+            Class::Answer if !names_another => Destination::Link(self.autopilot_link()),
+            _ => Destination::Everyone,
         }
     }
 
     fn link_status(&mut self, now: Timestamp, inputs: &Inputs<'_>) -> &LinkStatus {
         let said: AvoidanceState = self.heartbeats.said();
         let status = &mut self.wire.status;
-        status.garbage_bytes = inputs.link.garbage_bytes;
+        status.garbage_bytes = inputs.link.garbage_bytes();
+        status.links = inputs.link.links;
         status.ignored = self.ignored + inputs.link.undecodable;
         status.system_id = self.latch.system_id(now).unwrap_or(0);
         status.timesync_converged = Flag::from(self.clock.is_converged());

@@ -5,7 +5,7 @@ use crate::avoidance::{AVOIDANCE_RATE_HZ, COMPUTER_RATE_HZ};
 use crate::commands::{Circumstances, Command, Deed, Rhythm, Role, Topic};
 use crate::computer::BoardReading;
 use crate::io::Outputs;
-use crate::message::{Body, CommandAck, Content, Outgoing, Received};
+use crate::message::{Body, CommandAck, Content, Destination, Outgoing, Received};
 use crate::parameters::Reply;
 use crate::ticker::Ticker;
 use crate::version;
@@ -58,7 +58,7 @@ impl Gateway {
             let is_ours = self.latch.system_id(now) == Some(command.target_system);
             return match role.filter(|_| is_ours) {
                 Some(role) => {
-                    self.obey(now, &command, role, from, outputs);
+                    self.obey(now, &command, role, received, outputs);
                     true
                 }
                 None => false,
@@ -99,7 +99,10 @@ impl Gateway {
                 if us == Some(Named::Alone)
                     && let Some(payload) = self.desk.files.take(now, from, &request.payload)
                 {
-                    outputs.answer(self.outgoing(now, file_transfer(from, payload)));
+                    outputs.answer(Outgoing {
+                        to: Destination::Link(received.link),
+                        ..self.outgoing(now, file_transfer(from, payload))
+                    });
                 }
                 us.is_some()
             }
@@ -164,7 +167,7 @@ impl Gateway {
         now: Timestamp,
         command: &Command,
         role: Role,
-        (target_system, target_component): (u8, u8),
+        received: &Received,
         outputs: &mut Outputs,
     ) {
         let (result, deed) = command.judge(&Circumstances {
@@ -175,13 +178,14 @@ impl Gateway {
         let ack = Body::CommandAck(CommandAck {
             command: command.command,
             result,
-            target_system,
-            target_component,
+            target_system: received.header.system_id as u8,
+            target_component: received.header.component_id,
         });
         let message = self.act(now, role, deed, outputs);
         for body in [Some(ack), message.map(Body::Message)].into_iter().flatten() {
             outputs.answer(Outgoing {
                 component_id: command.target_component,
+                to: Destination::Link(received.link),
                 ..self.outgoing(now, body)
             });
         }

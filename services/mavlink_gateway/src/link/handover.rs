@@ -89,6 +89,23 @@ impl Handover {
         })
     }
 
+    /// The guest's side before there is a holder.
+    pub(super) fn wait(path: &Path) -> Self {
+        Self {
+            path: path.to_owned(),
+            listener: None,
+            peer: None,
+            is_guest: true,
+        }
+    }
+
+    /// Holds no more, without anybody who goes on.
+    pub(super) fn let_go(&mut self) {
+        self.is_guest = true;
+        self.listener = None;
+        self.peer = None;
+    }
+
     pub(super) fn is_guest(&self) -> bool {
         self.is_guest
     }

@@ -1,4 +1,4 @@
-//! A link to the autopilot that opens itself again: bytes in and out, without ever blocking.
+//! One link that opens itself again: bytes in and out, without ever blocking.
 //!
 //! | in | out |
 //! |---|---|
@@ -24,11 +24,11 @@ pub use endpoint::{ACCEPTED_FORMS, Endpoint, EndpointError};
 pub use error::LinkError;
 pub use transport::Sent;
 
-use crate::frame::Splitter;
+use crate::frame::{Frame, Splitter};
 use crate::message::{COMPONENT_AUTOPILOT, Content, Received};
-use crate::tlog::Tlog;
 use handover::{Handover, Letter};
 use jink_shared_types::Timestamp;
+use std::net::IpAddr;
 use std::os::fd::BorrowedFd;
 use std::path::Path;
 use transport::{Chunk, Transport};
@@ -64,9 +64,40 @@ pub struct LinkCounters {
     pub unsent: u64,
     /// Times the link was opened again.
     pub reopened: u64,
+    /// Datagrams and connections of those who are not among the peers.
+    pub strangers: u64,
 }
 
-/// A link to an autopilot.
+/// What becomes of the frames that a link receives.
+pub trait Intake {
+    /// Whether `frame` is to be heard at all; asked before anything else is done with it.
+    fn admits(&mut self, frame: &Frame<'_>) -> bool;
+    /// Whether a message is wanted here; `content` is `None` if it cannot be decoded.
+    fn wants(&mut self, frame: &Frame<'_>, content: Option<&Content>) -> bool;
+}
+
+/// Takes every message.
+struct Everything;
+
+impl Intake for Everything {
+    fn admits(&mut self, _: &Frame<'_>) -> bool {
+        true
+    }
+    fn wants(&mut self, _: &Frame<'_>, _: Option<&Content>) -> bool {
+        true
+    }
+}
+
+/// Whom a listening UDP link answers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Answers {
+    /// The last sender that spoke as an autopilot: a ground station on the same port changes nothing.
+    Autopilot,
+    /// The last sender of an intact message.
+    Anybody,
+}
+
+/// One link.
 #[derive(Debug)]
 pub struct Link {
     endpoint: Endpoint,
@@ -82,7 +113,11 @@ pub struct Link {
     /// When the bytes in the splitter were read.
     read_at: Timestamp,
     baton: Option<Vec<u8>>,
-    log: Option<Tlog>,
+    index: u8,
+    answers: Answers,
+    peers: Vec<IpAddr>,
+    /// It is opened again when it is lost.
+    reopens: bool,
 }
 
 impl Link {
@@ -109,13 +144,45 @@ impl Link {
             letter_box: Box::default(),
             read_at: Timestamp::NEVER,
             baton: None,
-            log: None,
+            index: 0,
+            answers: Answers::Autopilot,
+            peers: Vec::new(),
+            reopens: true,
         }
     }
 
-    /// Writes everything that this process reads and sends while it holds the link to `log`.
-    pub fn record(&mut self, log: Tlog) {
-        self.log = Some(log);
+    /// A link that is opened at the first reception, and lost until then.
+    pub fn lost(endpoint: Endpoint) -> Self {
+        Self::new(endpoint, None)
+    }
+
+    /// That is not opened again while it is lost.
+    #[must_use]
+    pub fn kept_closed(mut self) -> Self {
+        self.reopens = false;
+        self
+    }
+
+    /// As number `index` of several links: its messages carry that, and frames to be passed on come out, too.
+    #[must_use]
+    pub fn among_others(mut self, index: u8) -> Self {
+        self.index = index;
+        self.splitter.with_unknown();
+        self
+    }
+
+    /// With another rule for whom a listening UDP link answers than [`Answers::Autopilot`].
+    #[must_use]
+    pub fn answering(mut self, answers: Answers) -> Self {
+        self.answers = answers;
+        self
+    }
+
+    /// Listening to nobody but `peers`, unless that is empty.
+    #[must_use]
+    pub fn with_peers(mut self, peers: Vec<IpAddr>) -> Self {
+        self.peers = peers;
+        self
     }
 
     /// Lets a second process join at `path`, a socket that is made now.
@@ -146,6 +213,24 @@ impl Link {
             letter_box: handover::letter_box(CHUNK_BYTES),
             ..Self::new(endpoint, None)
         })
+    }
+
+    /// As [`Self::join`], and if nobody shares the link yet, as soon as somebody does.
+    pub fn join_later(endpoint: Endpoint, path: &Path) -> Self {
+        Self::join(endpoint.clone(), path).unwrap_or_else(|_nobody_yet| Self {
+            handover: Some(Handover::wait(path)),
+            letter_box: handover::letter_box(CHUNK_BYTES),
+            ..Self::new(endpoint, None)
+        })
+    }
+
+    /// Closes the link and listens to whoever opens it next: for when nobody takes what is released.
+    pub fn let_go(&mut self) {
+        if let Some(handover) = &mut self.handover {
+            handover.let_go();
+            self.transport = None;
+            self.generation += 1;
+        }
     }
 
     /// Whether this process reads and writes the link; if not, it only hears what the holder hears.
@@ -209,7 +294,7 @@ impl Link {
 
     /// When a lost link will be opened, or its next holder be looked for, again.
     pub fn next_wake(&self) -> Option<Timestamp> {
-        let lost = self.holds() && self.transport.is_none();
+        let lost = self.holds() && self.transport.is_none() && self.reopens;
         (lost || self.is_orphaned()).then_some(self.retry_at)
     }
 
@@ -231,19 +316,32 @@ impl Link {
         clock: impl Fn() -> Timestamp,
         messages: &mut Vec<Received>,
     ) -> Result<Progress, LinkError> {
+        self.receive_through(clock, messages, &mut Everything)
+    }
+
+    /// As [`Self::receive`], with `intake` deciding about each frame.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn receive_through(
+        &mut self,
+        clock: impl Fn() -> Timestamp,
+        messages: &mut Vec<Received>,
+        intake: &mut impl Intake,
+    ) -> Result<Progress, LinkError> {
         if !self.holds() {
-            return Ok(self.overhear(clock(), messages));
+            return Ok(self.overhear(clock(), messages, intake));
         }
         self.look_after_guest(clock());
         self.reopen_if_due(clock())?;
         for _ in 0..CHUNKS_PER_CALL {
-            if self.take_frames(messages) == Progress::More {
+            if self.take_frames(messages, intake) == Progress::More {
                 return Ok(Progress::More);
             }
             let Some(transport) = &mut self.transport else {
                 return Ok(Progress::Drained);
             };
-            let chunk = transport.read(&mut self.chunk);
+            let chunk = transport.read(&mut self.chunk, &self.peers);
             let now = clock();
             self.read_at = now;
             match chunk {
@@ -263,6 +361,7 @@ impl Link {
                     }
                 }
                 Ok(Chunk::Nothing) => return Ok(Progress::Drained),
+                Ok(Chunk::Stranger) => self.counters.strangers += 1,
                 Ok(Chunk::Moved) => {
                     self.splitter.reset();
                     self.generation += 1;
@@ -296,9 +395,14 @@ impl Link {
     }
 
     /// Of a guest: reads letters instead of the link, until none is left, `messages` is full, or the link is its own.
-    fn overhear(&mut self, now: Timestamp, messages: &mut Vec<Received>) -> Progress {
+    fn overhear(
+        &mut self,
+        now: Timestamp,
+        messages: &mut Vec<Received>,
+        intake: &mut impl Intake,
+    ) -> Progress {
         for _ in 0..CHUNKS_PER_CALL {
-            if self.take_frames(messages) == Progress::More {
+            if self.take_frames(messages, intake) == Progress::More {
                 return Progress::More;
             }
             let Some(handover) = &mut self.handover else {
@@ -356,12 +460,7 @@ impl Link {
             return Ok(Sent::NoPeer);
         };
         match transport.write(frame) {
-            Ok(Sent::Yes) => {
-                if let Some(log) = &mut self.log {
-                    log.add(frame);
-                }
-                Ok(Sent::Yes)
-            }
+            Ok(Sent::Yes) => Ok(Sent::Yes),
             Ok(unsent) => {
                 self.counters.unsent += 1;
                 Ok(unsent)
@@ -370,27 +469,33 @@ impl Link {
         }
     }
 
-    fn take_frames(&mut self, messages: &mut Vec<Received>) -> Progress {
-        let holds = self.holds();
+    fn take_frames(&mut self, messages: &mut Vec<Received>, intake: &mut impl Intake) -> Progress {
         while messages.len() < messages.capacity() {
             let Some(frame) = self.splitter.next_frame() else {
                 return Progress::Drained;
             };
-            if frame.header.component_id == COMPONENT_AUTOPILOT
+            if !intake.admits(&frame) {
+                continue;
+            }
+            let is_peer =
+                self.answers == Answers::Anybody || frame.header.component_id == COMPONENT_AUTOPILOT;
+            if frame.is_verified
+                && is_peer
                 && let Some(transport) = &mut self.transport
             {
-                transport.last_sender_is_autopilot();
+                transport.last_sender_is_peer();
             }
-            if let Some(log) = self.log.as_mut().filter(|_| holds) {
-                log.add(frame.bytes);
-            }
-            match Content::of(&frame) {
-                Some(content) => messages.push(Received {
+            let content = Content::of(&frame).filter(|_| frame.is_verified);
+            self.counters.undecodable += u64::from(frame.is_verified && content.is_none());
+            if intake.wants(&frame, content.as_ref())
+                && let Some(content) = content
+            {
+                messages.push(Received {
                     header: frame.header,
                     content,
                     time: self.read_at,
-                }),
-                None => self.counters.undecodable += 1,
+                    link: self.index,
+                });
             }
         }
         Progress::More
@@ -410,14 +515,15 @@ impl Link {
     }
 
     fn reopen_if_due(&mut self, now: Timestamp) -> Result<(), LinkError> {
-        if self.transport.is_some() || now < self.retry_at {
+        if self.transport.is_some() || !self.reopens || now < self.retry_at {
             return Ok(());
         }
         match Transport::open(&self.endpoint) {
             Ok(transport) => {
                 self.transport = Some(transport);
+                // The first time is no second time.
+                self.counters.reopened += u64::from(self.generation > 0);
                 self.generation += 1;
-                self.counters.reopened += 1;
                 self.send_link();
                 Ok(())
             }

@@ -6,7 +6,7 @@ use super::error::LinkError;
 use super::serial;
 use rustix::net::{AddressFamily, SocketFlags, SocketType};
 use std::io::{self, ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
+use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 /// How long a peer may leave bytes unacknowledged before the connection counts as lost (ms). The system's own
@@ -27,7 +27,7 @@ pub enum Sent {
 /// An open transport.
 #[derive(Debug)]
 pub(super) enum Transport {
-    /// Answers the last sender that spoke as an autopilot.
+    /// Answers the last sender that spoke as the one the link is for.
     UdpIn {
         socket: UdpSocket,
         peer: Option<SocketAddr>,
@@ -79,6 +79,8 @@ pub(super) enum Chunk {
     Datagram(usize),
     /// Nothing now.
     Nothing,
+    /// Something of somebody who is not among the peers; it is gone.
+    Stranger,
     /// Another file descriptor has to be watched from now on.
     Moved,
 }
@@ -199,12 +201,14 @@ impl Transport {
         }
     }
 
-    /// Reads what is there. Errors are fatal for the transport.
-    pub(super) fn read(&mut self, chunk: &mut [u8]) -> io::Result<Chunk> {
+    /// Reads what is there. On listening transports only `peers` are heard, everybody if it is empty. Errors are fatal for
+    /// the transport.
+    pub(super) fn read(&mut self, chunk: &mut [u8], peers: &[IpAddr]) -> io::Result<Chunk> {
         match self {
             Transport::UdpIn {
                 socket, last_sender, ..
             } => match socket.recv_from(chunk) {
+                Ok((_, sender)) if !is_peer(peers, sender) => Ok(Chunk::Stranger),
                 Ok((len, sender)) => {
                     *last_sender = Some(sender);
                     Ok(Chunk::Datagram(len))
@@ -225,7 +229,8 @@ impl Transport {
                     read
                 }
                 None => accept(listener).map(|accepted| match accepted {
-                    Some(stream) => {
+                    Some((_, from)) if !is_peer(peers, from) => Chunk::Stranger,
+                    Some((stream, _)) => {
                         *client = Some((stream, Backlog::default()));
                         Chunk::Moved
                     }
@@ -265,8 +270,8 @@ impl Transport {
         }
     }
 
-    /// The datagram just read came from an autopilot: answers go there.
-    pub(super) fn last_sender_is_autopilot(&mut self) {
+    /// The datagram just read came from the one this link is for: answers go there.
+    pub(super) fn last_sender_is_peer(&mut self) {
         if let Transport::UdpIn {
             peer,
             last_sender: Some(sender),
@@ -352,12 +357,12 @@ fn tune(stream: &TcpStream) -> io::Result<()> {
     )?)
 }
 
-fn accept(listener: &TcpListener) -> io::Result<Option<TcpStream>> {
+fn accept(listener: &TcpListener) -> io::Result<Option<(TcpStream, SocketAddr)>> {
     match listener.accept() {
-        Ok((stream, _)) => {
+        Ok((stream, from)) => {
             stream.set_nonblocking(true)?;
             tune(&stream)?;
-            Ok(Some(stream))
+            Ok(Some((stream, from)))
         }
         // A client that is gone before it was accepted is no fault of the listener.
         Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::ConnectionAborted) => {
@@ -366,6 +371,11 @@ fn accept(listener: &TcpListener) -> io::Result<Option<TcpStream>> {
         Err(error) if error.kind() == ErrorKind::Interrupted => Ok(None),
         Err(error) => Err(error),
     }
+}
+
+/// A socket for both families tells IPv4 addresses in the form of IPv6.
+fn is_peer(peers: &[IpAddr], sender: SocketAddr) -> bool {
+    peers.is_empty() || peers.contains(&sender.ip().to_canonical())
 }
 
 /// No error of a datagram socket ends the link: a refusal means that the peer is not up (yet), anything else concerns

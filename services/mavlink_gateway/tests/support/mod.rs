@@ -5,7 +5,7 @@
 
 use jink_mavlink_gateway::frame::Splitter;
 use jink_mavlink_gateway::{
-    COMPONENT_AUTOPILOT, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Received,
+    COMPONENT_AUTOPILOT, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Received,
 };
 use jink_shared_types::bezier::{self, End};
 use jink_shared_types::events::EventSample;
@@ -32,6 +32,7 @@ pub struct Sent {
     pub time: Timestamp,
     pub component_id: u8,
     pub message: MavMessage,
+    pub to: Destination,
 }
 
 /// A sample with its header.
@@ -71,6 +72,8 @@ pub struct Bench {
     pub paths: Vec<(DesiredPath, Timestamp)>,
     pub status: Option<LinkStatus>,
     pub boot_ms_at_zero: u32,
+    /// The link on which what is heard comes in.
+    pub link: u8,
     pending: Vec<Received>,
     autopilot: Encoder,
     ours: Encoder,
@@ -100,6 +103,7 @@ impl Bench {
             paths: Vec::new(),
             status: None,
             boot_ms_at_zero: 60_000,
+            link: 0,
             pending: Vec::new(),
             autopilot: Encoder::new(),
             ours: Encoder::new(),
@@ -128,6 +132,7 @@ impl Bench {
                     header: frame.header,
                     content,
                     time: self.now,
+                    link: self.link,
                 });
             }
         }
@@ -189,6 +194,7 @@ impl Bench {
                     time: self.now,
                     component_id: frame.header.component_id,
                     message,
+                    to: outgoing.to,
                 }),
                 // The answer to a command that the dialect does not know.
                 Err(error) => assert_eq!(frame.message_id, COMMAND_ACK_DATA::ID, "{error}"),

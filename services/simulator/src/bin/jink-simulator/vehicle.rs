@@ -93,7 +93,9 @@ impl Service for VehicleService {
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; jink_runtime::service::WATCHED_FDS] {
         let station = self.ground_station.as_ref().map(MavUdp::fd);
-        [Some(self.companion.fd()), station, None, None]
+        let mut fds = [None; jink_runtime::service::WATCHED_FDS];
+        fds[..2].copy_from_slice(&[Some(self.companion.fd()), station]);
+        fds
     }
 }
 

@@ -1,0 +1,161 @@
+//! One link with what belongs to it alone: its numbering, its budget, its counters.
+
+use super::LinkSetup;
+use crate::budget::{Budget, Change, Class};
+use crate::encoder::Encoder;
+use crate::link::{Link, LinkError, Sent};
+use crate::message::Outgoing;
+use crate::signing::stamps::{self, StampKeeper};
+use crate::signing::{Refusal, SIGNATURE_BYTES, SIGNED_FRAME_MAX, sign};
+use crate::tlog::Tlog;
+use jink_runtime::config::Signing;
+use jink_shared_types::Timestamp;
+use jink_shared_types::events::{EventSample, LINK_FAST_AGAIN, LINK_SLOW};
+use jink_shared_types::health::Name;
+use jink_shared_types::link::LinkTraffic;
+
+/// One of the links.
+#[derive(Debug)]
+pub(super) struct Member {
+    pub(super) link: Link,
+    pub(super) rules: Rules,
+    pub(super) encoder: Encoder,
+    name: String,
+    budget: Option<Budget>,
+    signed: Box<[u8; SIGNED_FRAME_MAX]>,
+    is_lost: bool,
+}
+
+/// What a link asks of what comes in, and what it has counted.
+#[derive(Debug)]
+pub(super) struct Rules {
+    pub(super) setup: LinkSetup,
+    pub(super) traffic: LinkTraffic,
+}
+
+impl Rules {
+    pub(super) fn count(&mut self, refusal: Refusal) {
+        let counter = match refusal {
+            Refusal::Signature => &mut self.traffic.signature_refused,
+            Refusal::Replayed => &mut self.traffic.replayed,
+            Refusal::Unsigned => &mut self.traffic.unsigned_refused,
+        };
+        *counter += 1;
+    }
+}
+
+impl Member {
+    pub(super) fn new(link: Link, setup: LinkSetup) -> Self {
+        Self {
+            link,
+            encoder: Encoder::new(),
+            name: setup.name.clone(),
+            budget: setup.rate_bps.map(Budget::new),
+            signed: Box::new([0; SIGNED_FRAME_MAX]),
+            is_lost: false,
+            rules: Rules {
+                traffic: LinkTraffic {
+                    name: Name::new(&setup.name),
+                    ..LinkTraffic::default()
+                },
+                setup,
+            },
+        }
+    }
+
+    pub(super) fn traffic(&self) -> LinkTraffic {
+        let counters = self.link.counters();
+        LinkTraffic {
+            strangers: counters.strangers,
+            garbage_bytes: counters.garbage_bytes,
+            reopened: counters.reopened,
+            ..self.rules.traffic
+        }
+    }
+
+    /// Sends a message of ours, if the budget allows it. Returns whether the kernel has it.
+    pub(super) fn send(
+        &mut self,
+        now: Timestamp,
+        message: &Outgoing,
+        stamps: Option<&mut StampKeeper>,
+        log: Option<&mut Tlog>,
+    ) -> bool {
+        let class = Class::of(message.body.message_id());
+        let frame = self
+            .encoder
+            .encode(message.system_id, message.component_id, &message.body);
+        let signing = self.rules.setup.signing;
+        let signature_bytes = if signing == Signing::Off {
+            0
+        } else {
+            SIGNATURE_BYTES
+        };
+        if let Some(budget) = &mut self.budget
+            && !budget.admits(now, class, frame.len() + signature_bytes)
+        {
+            self.rules.traffic.dropped[class as usize] += 1;
+            self.encoder.take_back(message.component_id);
+            return false;
+        }
+        let bytes = match (signing, &self.rules.setup.key) {
+            (Signing::Off, _) | (_, None) => Some(frame),
+            (_, Some(key)) => stamps
+                .and_then(|stamps| stamps.take(stamps::wall()))
+                .and_then(|stamp| sign(frame, key, self.rules.setup.link_id, stamp, &mut self.signed)),
+        };
+        // A broken link shows at the next reception, where it is told and reopened.
+        let sent = bytes
+            .filter(|bytes| matches!(self.link.send(now, bytes), Ok(Sent::Yes)))
+            .inspect(|bytes| {
+                if let Some(log) = log {
+                    log.add(bytes);
+                }
+            });
+        let sent_bytes = sent.map(<[u8]>::len);
+        match sent_bytes {
+            Some(len) => self.rules.traffic.sent_bytes[class as usize] += len as u64,
+            None => self.encoder.take_back(message.component_id),
+        }
+        sent_bytes.is_some()
+    }
+
+    /// Sends what came in on another link, as it is, if the budget allows it.
+    pub(super) fn pass_on(&mut self, now: Timestamp, frame: &[u8]) {
+        let class = Class::Forwarded;
+        if let Some(budget) = &mut self.budget
+            && !budget.admits(now, class, frame.len())
+        {
+            self.rules.traffic.dropped[class as usize] += 1;
+            return;
+        }
+        if matches!(self.link.send(now, frame), Ok(Sent::Yes)) {
+            self.rules.traffic.sent_bytes[class as usize] += frame.len() as u64;
+            self.rules.traffic.forwarded += 1;
+        }
+    }
+
+    /// Whether the link has become too slow, or fast enough again.
+    pub(super) fn judge(&mut self, now: Timestamp) -> Option<EventSample> {
+        let event = match self.budget.as_mut()?.judge(now)? {
+            Change::Slow {
+                carries_bps,
+                needed_bps,
+            } => EventSample::new(&LINK_SLOW, &self.name, [carries_bps.round(), needed_bps.round()]),
+            Change::FastAgain => EventSample::new(&LINK_FAST_AGAIN, &self.name, [0.0; 2]),
+        };
+        Some(event)
+    }
+
+    /// Logs a lost link once, and its return once.
+    pub(super) fn tell(&mut self, lost: Option<&LinkError>) {
+        match lost {
+            Some(cause) if !self.is_lost => tracing::warn!("link {}: {cause}", self.name),
+            None if self.is_lost && self.link.fd().is_some() => {
+                tracing::info!("link {} is back", self.name);
+            }
+            _ => {}
+        }
+        self.is_lost = lost.is_some() || self.link.holds() && self.link.fd().is_none();
+    }
+}
