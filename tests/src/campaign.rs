@@ -125,6 +125,7 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         autopilot: AutopilotConfig::default(),
         profile: ProfileName::Px4Trajectory,
         representation: Representation::default(),
+        link_faults: None,
         plan,
     })
 }

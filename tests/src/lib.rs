@@ -3,4 +3,5 @@
 
 pub mod campaign;
 pub mod lockstep;
+pub mod lossy;
 pub mod processes;

@@ -4,6 +4,7 @@
 //! Time advances by 4 ms. What one part puts out in a step, the next part sees in the next step, so that a range needs some
 //! steps to become a setpoint, as it does between processes. The board's clock and the autopilot's clock differ.
 
+use crate::lossy::{LinkFaults, Lossy};
 use jink_bezier_generator::Generator;
 use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
 use jink_collision_guard::ring::Ring;
@@ -102,6 +103,8 @@ pub struct FlightSetup {
     pub profile: ProfileName,
     /// In which message.
     pub representation: Representation,
+    /// What happens to what they say to each other.
+    pub link_faults: Option<LinkFaults>,
     /// What the ground station flies.
     pub plan: FlightPlan,
 }
@@ -129,6 +132,8 @@ pub struct LockStep {
     gateway: Gateway,
     encoder: Encoder,
     splitters: [Splitter; 2],
+    /// The way to the autopilot, and from it.
+    ways: [Lossy; 2],
     outputs: Outputs,
     fusion: Fusion,
     ring: Ring,
@@ -193,6 +198,7 @@ impl LockStep {
             gateway_config,
             encoder: Encoder::new(),
             splitters: [Splitter::new(), Splitter::new()],
+            ways: [0, 1].map(|way| Lossy::new(setup.link_faults.unwrap_or_default(), 2 * setup.seed + way)),
             outputs: Outputs::default(),
             fusion: Fusion::new(FusionConfig::from_params(params, sensors)),
             ring: Ring::from_params(params),
@@ -471,17 +477,22 @@ impl LockStep {
             let bytes = self
                 .encoder
                 .encode(message.system_id, message.component_id, &message.body);
-            self.splitters[0].load_datagram(bytes);
+            if matches!(message.body, Body::Message(_)) {
+                self.ways[0].send(now.ns as f64 * 1e-9, bytes);
+            }
+            self.gateway.wire(now, message.receipt);
+        }
+        for datagram in self.ways[0].arrived(now.ns as f64 * 1e-9) {
+            self.splitters[0].load_datagram(&datagram);
             while let Some(frame) = self.splitters[0].next_frame() {
-                if let (Body::Message(_), Ok(decoded)) = (&message.body, frame.decode()) {
+                if let Ok(message) = frame.decode() {
                     self.to_autopilot.push(Packet {
                         link: Link::Companion,
                         header: frame.header,
-                        message: decoded,
+                        message,
                     });
                 }
             }
-            self.gateway.wire(now, message.receipt);
         }
         if let Some((state, capture)) = self.outputs.vehicle_state {
             *self.state.sample = state;
@@ -509,13 +520,17 @@ impl LockStep {
             .filter(|packet| packet.link == Link::Companion)
         {
             raw.serialize_message(packet.header, &packet.message);
-            self.splitters[1].load_datagram(raw.raw_bytes());
+            self.ways[1].send(now.ns as f64 * 1e-9, raw.raw_bytes());
+        }
+        for datagram in self.ways[1].arrived(now.ns as f64 * 1e-9) {
+            self.splitters[1].load_datagram(&datagram);
             while let Some(frame) = self.splitters[1].next_frame() {
                 if let Some(content) = Content::of(&frame) {
                     received.push(Received {
                         header: frame.header,
                         content,
                         time: now,
+                        link: 0,
                     });
                 }
             }

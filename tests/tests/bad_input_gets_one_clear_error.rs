@@ -113,6 +113,20 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
             &["--link", "udp:14540"],
             "\"udp:14540\" is no link",
         ),
+        (
+            "jink.toml",
+            "signing = \"off\"",
+            "signing = \"required\"",
+            &simulated[..],
+            "jink.toml:LINE: unknown value `required`; did you mean `require`?",
+        ),
+        (
+            "jink.toml",
+            "signing = \"off\"",
+            "signing = \"require\"",
+            &["--link", "udpin:14540"],
+            "link.key_file: signatures are asked for, and no file holds the key",
+        ),
     ] {
         let folder = TempFolder::with_config("spoilt");
         let line = spoil(&folder, file, from, to);
