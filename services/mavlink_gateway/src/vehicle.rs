@@ -132,6 +132,7 @@ pub struct VehicleTracker {
     heartbeat_heard: bool,
     armed: bool,
     landed: bool,
+    taking_off: bool,
     home_down_m: f64,
     ground: (f64, Timestamp),
     resets: u32,
@@ -154,6 +155,7 @@ impl Default for VehicleTracker {
             heartbeat_heard: false,
             armed: false,
             landed: false,
+            taking_off: false,
             home_down_m: f64::NAN,
             ground: (f64::NAN, Timestamp::NEVER),
             resets: 0,
@@ -219,9 +221,9 @@ impl VehicleTracker {
         self.armed
     }
 
-    /// On the ground, as the autopilot said last.
-    pub fn is_landed(&self) -> bool {
-        self.landed
+    /// Neither on the ground nor on its way up from it.
+    pub fn has_taken_off(&self) -> bool {
+        !self.landed && !self.taking_off
     }
 
     /// Takes the mode and the arming state.
@@ -252,6 +254,7 @@ impl VehicleTracker {
     /// Takes whether the vehicle stands on the ground.
     pub fn take_landed(&mut self, state: &EXTENDED_SYS_STATE_DATA) {
         self.landed = state.landed_state == MavLandedState::MAV_LANDED_STATE_ON_GROUND;
+        self.taking_off = state.landed_state == MavLandedState::MAV_LANDED_STATE_TAKEOFF;
     }
 
     /// Takes the distance to the ground; negative ones and NaN mean "not known".

@@ -62,7 +62,7 @@ pub struct Scene<'a> {
     pub mode: NavMode,
     /// Motors armed.
     pub armed: bool,
-    /// Not on the ground.
+    /// Neither on the ground nor taking off.
     pub in_air: bool,
     /// Position in the local frame (m); `None` not known.
     pub position: Option<Vector3<f64>>,
@@ -175,6 +175,8 @@ impl Executive {
                 self.index = None;
                 self.reached = None;
             }
+            // Nothing was flown: it was armed in this mode, or hovered.
+            (NavMode::Offboard, _) if self.index.is_none() => self.yielded = false,
             (NavMode::Offboard, NavMode::Mission) => self.yielded = asked != Some(Demand::Mission),
             (NavMode::Offboard, _) => self.yielded = asked != Some(Demand::Hold),
             // Somebody lets the autopilot fly its mission.
@@ -202,7 +204,7 @@ impl Executive {
     }
 
     fn fly(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
-        let (Some(items), Some(position)) = (scene.items, scene.position) else {
+        let (Some(items), Some(position), true) = (scene.items, scene.position, scene.in_air) else {
             return Intent::default();
         };
         let Some(current) = self.index.or(scene.current.map(usize::from)) else {

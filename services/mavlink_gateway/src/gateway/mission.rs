@@ -108,7 +108,7 @@ impl Gateway {
             now,
             mode,
             armed: self.vehicle.is_armed(),
-            in_air: !self.vehicle.is_landed(),
+            in_air: self.vehicle.has_taken_off(),
             position: present.map(|present| present.position),
             speed_mps: present.map_or(f64::INFINITY, |present| present.velocity.norm()),
             items: flight.client.items(),

@@ -268,6 +268,7 @@ impl Gateway {
             vehicle: self.vehicle.present(now),
             system_id,
             mode,
+            in_air: self.vehicle.has_taken_off(),
             is_flown: self.profile.listens(mode) || is_about_to,
             desired: self
                 .desired

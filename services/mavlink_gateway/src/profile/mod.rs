@@ -29,6 +29,8 @@ pub struct Situation<'a> {
     pub system_id: u8,
     /// Mode in force.
     pub mode: NavMode,
+    /// It has taken off; so it is as long as the autopilot says nothing of it.
+    pub in_air: bool,
     /// What is sent is flown ([`Profile::listens`]), or is about to be.
     pub is_flown: bool,
     /// What the autopilot wants, if that was asked for in the mode in force by an autopilot that is alive.
@@ -57,8 +59,8 @@ pub trait Profile: fmt::Debug + Send {
     /// for the beat of the stream.
     fn observe(&mut self, situation: &Situation<'_>) -> bool;
 
-    /// The setpoint for now; `None` only while no position was ever known, and for a moment after the start in which the
-    /// guard may yet be heard.
+    /// The setpoint for now; `None` only while no position was ever known, for a moment after the start in which the
+    /// guard may yet be heard, and before the vehicle is in the air if the autopilot would break its take-off off.
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint>;
 
     /// How what was sent last lies to the vehicle.

@@ -9,6 +9,7 @@
 //! | yaw, yaw rate | of the reference at this moment | the same | |
 //! | every number | finite | finite | ArduCopter's process aborts at a NaN |
 //! | `target_component` | 1 | 1 | PX4 takes its own or 0 only |
+//! | on the ground and while taking off | sent: the mode cannot be entered without | silence | the first setpoint ends ArduCopter's take-off in GUIDED, wherever it is; it needs no stream to enter the mode |
 //!
 //! When the stream stops PX4 flies on the last setpoint for a second, then its fail-safe climbs and comes back; ArduCopter extrapolates
 //! the last one for GUID_TIMEOUT: 5 to 20 m of travel. So there is always a setpoint, and without a plan it is a stop of our own.
@@ -41,6 +42,8 @@ pub struct PositionTarget {
     /// `None`: the autopilot needs none.
     lead: Option<Lead>,
     on_plan: bool,
+    /// Nothing is sent before it is in the air.
+    waits_for_air: bool,
 }
 
 impl PositionTarget {
@@ -50,6 +53,7 @@ impl PositionTarget {
             pilot: Pilot::new(PIECE_S, PIECE_S).near_the_vehicle(ASTRAY_M),
             lead: Some(Lead::default()),
             on_plan: false,
+            waits_for_air: false,
         }
     }
 
@@ -57,6 +61,7 @@ impl PositionTarget {
     pub fn arducopter() -> Self {
         Self {
             lead: None,
+            waits_for_air: true,
             ..Self::px4()
         }
     }
@@ -72,6 +77,10 @@ impl Profile for PositionTarget {
     }
 
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint> {
+        if self.waits_for_air && !situation.in_air {
+            self.on_plan = false;
+            return None;
+        }
         let now = situation.now;
         let vehicle = situation.vehicle?;
         let decision = self.pilot.decide(situation, now)?;
