@@ -6,6 +6,7 @@ use jink_shared_types::events;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::autopilot::AutopilotConfig;
+use jink_simulator::flyer::FlyerConfig;
 use jink_simulator::ground_station::{Ending, FlightPlan, Outcome};
 use jink_simulator::sensors::{SensorKind, SensorSpec};
 use jink_simulator::world::{World, WorldKind, WorldSpec};
@@ -122,7 +123,7 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         seed,
         params,
         sensors: default_sensors(),
-        autopilot: AutopilotConfig::default(),
+        autopilot: FlyerConfig::Px4(AutopilotConfig::default()),
         profile: ProfileName::Px4Trajectory,
         representation: Representation::default(),
         link_faults: None,

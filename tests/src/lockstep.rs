@@ -27,7 +27,8 @@ use jink_shared_types::topics::{self, Topic};
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp};
-use jink_simulator::autopilot::{Autopilot, AutopilotConfig, Link, Packet};
+use jink_simulator::autopilot::{Link, Packet};
+use jink_simulator::flyer::{Flyer, FlyerConfig};
 use jink_simulator::ground_station::{FlightPlan, GroundStation, Outcome};
 use jink_simulator::sensors::{Output as SensorOutput, Pose, PoseTrack, SensorRig, SensorSpec};
 use jink_simulator::truth::Observer;
@@ -98,7 +99,7 @@ pub struct FlightSetup {
     /// The sensors.
     pub sensors: Vec<SensorSpec>,
     /// The autopilot.
-    pub autopilot: AutopilotConfig,
+    pub autopilot: FlyerConfig,
     /// How the gateway speaks to it.
     pub profile: ProfileName,
     /// In which message.
@@ -122,7 +123,7 @@ pub struct Costs {
 
 /// A flight under way.
 pub struct LockStep {
-    autopilot: Autopilot,
+    autopilot: Box<dyn Flyer>,
     station: GroundStation,
     world: World,
     observer: Observer,
@@ -170,6 +171,8 @@ pub struct LockStep {
     pub brakes: u32,
     /// Sensors (by index) that are silent: what a dead driver looks like to the rest.
     pub silent_sensors: BTreeSet<usize>,
+    /// The ground station says nothing: somebody else commands.
+    pub silent_station: bool,
 }
 
 impl LockStep {
@@ -182,13 +185,13 @@ impl LockStep {
         let sensors = setup.sensors.len();
         let rig = SensorRig::new(&setup.sensors, setup.seed).map_err(|error| error.to_string())?;
         let mut autopilot = setup.autopilot;
-        autopilot.vehicle.seed = setup.seed;
+        autopilot.vehicle_mut().seed = setup.seed;
         let gateway_config = GatewayConfig {
             representation: setup.representation,
             ..GatewayConfig::from_params(params, setup.profile)
         };
         Ok(Self {
-            autopilot: Autopilot::new(autopilot).map_err(|error| error.to_string())?,
+            autopilot: autopilot.build().map_err(|error| error.to_string())?,
             station: GroundStation::new(setup.plan),
             observer: Observer::new(params.get(&OA_VEH_RADIUS)),
             world: setup.world,
@@ -231,6 +234,7 @@ impl LockStep {
             events: Vec::new(),
             brakes: 0,
             silent_sensors: BTreeSet::new(),
+            silent_station: false,
         })
     }
 
@@ -267,8 +271,8 @@ impl LockStep {
     }
 
     /// The autopilot.
-    pub fn autopilot(&self) -> &Autopilot {
-        &self.autopilot
+    pub fn autopilot(&self) -> &dyn Flyer {
+        self.autopilot.as_ref()
     }
 
     /// What is approved now.
@@ -331,13 +335,16 @@ impl LockStep {
             .collect();
         let mut sent = Vec::new();
         self.station.step(self.autopilot.time_s(), &to_station, &mut sent);
+        if self.silent_station {
+            sent.clear();
+        }
         self.to_autopilot
             .extend(sent.into_iter().map(|(header, message)| Packet {
                 link: Link::GroundStation,
                 header,
                 message,
             }));
-        self.truth = self.observer.observe(&self.autopilot, &self.world);
+        self.truth = self.observer.observe(self.autopilot.as_ref(), &self.world);
     }
 
     fn run_sensors(&mut self, now: Timestamp) {

@@ -32,7 +32,7 @@ fn flight(profile: ProfileName, policy: f64) -> LockStep {
     setup.plan.resume = false;
     setup.profile = profile;
     if profile == ProfileName::Px4Offboard {
-        setup.autopilot.parameters.push(("COM_OBS_AVOID".into(), 0.0));
+        setup.autopilot = setup.autopilot.with_parameter("COM_OBS_AVOID", 0.0);
     }
     setup.params.set("OA_BLOCKED", policy).unwrap();
     setup.params.set("OA_BLOCKED_T", 5.0).unwrap();

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::{Outcome, Phase, mode_command};
+use jink_simulator::ground_station::{Make, Outcome, Phase};
 use jink_tests::campaign::{Cell, setup};
 use jink_tests::lockstep::LockStep;
 use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavMessage};
@@ -51,14 +51,14 @@ fn and_the_plan_departs_from_it() {
                 if time_s >= next_s {
                     next_s = time_s + STICKS_PERIOD_S;
                     if flight.truth().mode.get() != NavMode::Position {
-                        flight.send(mode_command(NavMode::Position, 1));
+                        flight.send(Make::Px4.mode_command(NavMode::Position, 1).unwrap());
                     }
                     flight.send(back(stick));
                 }
                 continue;
             }
             if flight.truth().mode.get() != NavMode::Mission {
-                flight.send(mode_command(NavMode::Mission, 1));
+                flight.send(Make::Px4.mode_command(NavMode::Mission, 1).unwrap());
             }
             if entry.is_none()
                 && let Some(reference) = flight.reference()

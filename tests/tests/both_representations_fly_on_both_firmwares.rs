@@ -2,7 +2,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use jink_mavlink_gateway::Representation;
-use jink_simulator::autopilot::{Firmware, Variant};
+use jink_simulator::autopilot::{AutopilotConfig, Firmware, Variant};
+use jink_simulator::flyer::FlyerConfig;
 use jink_tests::campaign::{Cell, FlightOutcome, fly_as, setup};
 
 #[test]
@@ -18,7 +19,10 @@ fn through_a_forest() {
             for seed in [1, 2, 3] {
                 let mut setup = setup(&cell, seed).unwrap();
                 setup.representation = representation;
-                setup.autopilot.firmware = Firmware::Trajectory(variant);
+                setup.autopilot = FlyerConfig::Px4(AutopilotConfig {
+                    firmware: Firmware::Trajectory(variant),
+                    ..AutopilotConfig::default()
+                });
                 let report = fly_as(setup, cell.speed_mps).unwrap();
                 let what = format!("{representation:?} on {variant:?}: {report:?}");
                 println!("{what}");

@@ -1,33 +1,69 @@
-//! Where the autopilot only follows setpoints, jink takes its mission over in the air, flies it, and gives it back.
+//! Where the autopilot only follows setpoints, jink takes its mission over in the air, flies it, and gives it back: on PX4 of
+//! today and of 2021 in OFFBOARD, on ArduCopter in GUIDED.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use jink_mavlink_gateway::ProfileName;
+use jink_shared_types::events;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::{Outcome, mode_command};
+use jink_simulator::flyer::FlyerConfig;
+use jink_simulator::ground_station::{Make, Outcome};
 use jink_tests::campaign::{Cell, FlightOutcome, fly_as, setup};
 use jink_tests::lockstep::{FlightSetup, LockStep};
+use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
+use nalgebra::Vector3;
 
-fn cell() -> Cell {
-    Cell {
-        kind: "forest".parse().unwrap(),
-        density_per_m2: None,
-        speed_mps: 3.0,
-        limit_s: 120.0,
+/// An autopilot that only follows setpoints.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Follower {
+    name: &'static str,
+    profile: ProfileName,
+    make: Make,
+}
+
+const PX4_CURRENT: Follower = Follower {
+    name: "px4_current",
+    profile: ProfileName::Px4Offboard,
+    make: Make::Px4,
+};
+const PX4_2021: Follower = Follower {
+    name: "px4",
+    ..PX4_CURRENT
+};
+const COPTER: Follower = Follower {
+    name: "ardupilot",
+    profile: ProfileName::ArdupilotGuided,
+    make: Make::ArduCopter,
+};
+const ALL: [Follower; 3] = [PX4_CURRENT, PX4_2021, COPTER];
+
+impl Follower {
+    fn flight(self, seed: u64) -> FlightSetup {
+        let cell = Cell {
+            kind: "forest".parse().unwrap(),
+            density_per_m2: None,
+            speed_mps: 3.0,
+            limit_s: 120.0,
+        };
+        let mut setup = setup(&cell, seed).unwrap();
+        setup.profile = self.profile;
+        setup.autopilot = FlyerConfig::named(self.name).unwrap();
+        if self == PX4_2021 {
+            setup.autopilot = setup.autopilot.with_parameter("COM_OBS_AVOID", 0.0);
+        }
+        setup
+    }
+
+    fn say(self, flight: &mut LockStep, mode: NavMode) {
+        flight.send(self.make.mode_command(mode, 1).unwrap());
     }
 }
 
-fn offboard(seed: u64) -> FlightSetup {
-    let mut setup = setup(&cell(), seed).unwrap();
-    setup.profile = ProfileName::Px4Offboard;
-    setup.autopilot.parameters.push(("COM_OBS_AVOID".into(), 0.0));
-    setup
-}
-
-/// In OFFBOARD and well on its way.
+/// Following setpoints, and well on its way.
 fn under_way(setup: FlightSetup) -> LockStep {
     let mut flight = LockStep::new(setup).unwrap();
     while flight.truth().position.x_m < 8.0 {
         flight.step();
+        assert_eq!(flight.outcome(), None, "{:?}", flight.station().progress());
     }
     assert_eq!(flight.truth().mode.get(), NavMode::Offboard);
     flight
@@ -40,65 +76,118 @@ fn fly_for(flight: &mut LockStep, seconds: f64) {
     }
 }
 
+fn lands_safely(flight: &mut LockStep, whose: Follower) {
+    while flight.outcome().is_none() {
+        flight.step();
+    }
+    assert_eq!(flight.outcome(), Some(&Outcome::Done), "{whose:?}");
+    assert_eq!(flight.truth().collisions, 0, "{whose:?}");
+    assert_eq!(flight.autopilot().aborted(), None, "{whose:?}");
+    assert_eq!(flight.count(&events::SETPOINTS_IGNORED), 0, "{whose:?}");
+}
+
 #[test]
-fn through_a_forest_in_offboard() {
-    for seed in [1, 2, 3, 4] {
-        let report = fly_as(offboard(seed), 3.0).unwrap();
-        println!("{report:?}");
-        assert_eq!(report.outcome, FlightOutcome::Goal, "{report:?}");
-        assert_eq!((report.collisions, report.hold_count), (0, 0), "{report:?}");
-        assert!(report.setpoint_gap_ms <= 100.0, "{report:?}");
+fn through_a_forest() {
+    for whose in ALL {
+        for seed in [1, 2, 3, 4] {
+            let report = fly_as(whose.flight(seed), 3.0).unwrap();
+            println!("{} {report:?}", whose.name);
+            assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
+            assert_eq!(
+                (report.collisions, report.hold_count),
+                (0, 0),
+                "{whose:?} {report:?}"
+            );
+            assert!(report.setpoint_gap_ms <= 100.0, "{whose:?} {report:?}");
+        }
     }
 }
 
 /// It knows neither mission nor mode at first, and what is committed is flown on meanwhile.
 #[test]
 fn a_gateway_that_is_restarted_in_flight_goes_on_at_the_current_item() {
-    let mut flight = under_way(offboard(1));
-    for _ in 0..3 {
-        flight.restart_gateway();
-        fly_for(&mut flight, 3.0);
-        assert_eq!(flight.truth().mode.get(), NavMode::Offboard);
+    for whose in ALL {
+        let mut flight = under_way(whose.flight(1));
+        for _ in 0..3 {
+            flight.restart_gateway();
+            fly_for(&mut flight, 3.0);
+            assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
+        }
+        lands_safely(&mut flight, whose);
     }
-    while flight.outcome().is_none() {
-        flight.step();
-    }
-    assert_eq!(flight.outcome(), Some(&Outcome::Done));
-    assert_eq!(flight.truth().collisions, 0);
 }
 
 #[test]
 fn a_pilot_who_takes_over_is_left_alone_until_he_lets_the_mission_be_flown_again() {
-    let mut setup = offboard(1);
-    setup.plan.resume = false;
-    let mut flight = under_way(setup);
-    flight.send(mode_command(NavMode::Hold, 1));
-    fly_for(&mut flight, 2.0);
-    for _ in 0..2500 {
-        assert_eq!(flight.truth().mode.get(), NavMode::Hold);
-        flight.step();
+    for whose in ALL {
+        let mut setup = whose.flight(1);
+        setup.plan.resume = false;
+        let mut flight = under_way(setup);
+        whose.say(&mut flight, NavMode::Hold);
+        fly_for(&mut flight, 2.0);
+        for _ in 0..2500 {
+            assert_eq!(flight.truth().mode.get(), NavMode::Hold, "{whose:?}");
+            flight.step();
+        }
+        whose.say(&mut flight, NavMode::Mission);
+        fly_for(&mut flight, 4.0);
+        assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
+        lands_safely(&mut flight, whose);
     }
-    flight.send(mode_command(NavMode::Mission, 1));
-    fly_for(&mut flight, 4.0);
-    assert_eq!(flight.truth().mode.get(), NavMode::Offboard);
-    while flight.outcome().is_none() {
-        flight.step();
-    }
-    assert_eq!(flight.outcome(), Some(&Outcome::Done));
-    assert_eq!(flight.truth().collisions, 0);
 }
 
 /// Somebody chooses the mode himself, hovering: the mission is flown from its current item on.
 #[test]
 fn whoever_chooses_the_mode_himself_gets_the_mission_flown() {
-    let mut flight = LockStep::new(offboard(2)).unwrap();
-    while flight.truth().mode.get() != NavMode::Hold || flight.truth().position.z_m > -1.5 {
-        flight.step();
+    for whose in [PX4_CURRENT, PX4_2021] {
+        let mut flight = LockStep::new(whose.flight(2)).unwrap();
+        while flight.truth().mode.get() != NavMode::Hold || flight.truth().position.z_m > -1.5 {
+            flight.step();
+        }
+        whose.say(&mut flight, NavMode::Offboard);
+        while flight.truth().position.x_m < 5.0 {
+            flight.step();
+            assert!(flight.truth().time_s < 90.0, "{whose:?} does not move");
+        }
+        assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
     }
-    flight.send(mode_command(NavMode::Offboard, 1));
-    while flight.truth().position.x_m < 5.0 {
+}
+
+fn command(command: MavCmd, param1: f32, param7: f32) -> MavMessage {
+    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+        target_system: 1,
+        target_component: 1,
+        command,
+        param1,
+        param7,
+        ..COMMAND_LONG_DATA::default()
+    })
+}
+
+/// The first setpoint would end ArduCopter's take-off wherever it is. Then the place is held, without a mission.
+#[test]
+fn a_take_off_in_guided_is_not_broken_off() {
+    let mut flight = LockStep::new(COPTER.flight(1)).unwrap();
+    flight.silent_station = true;
+    fly_for(&mut flight, 10.0);
+    COPTER.say(&mut flight, NavMode::Offboard);
+    fly_for(&mut flight, 3.0);
+    flight.send(command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0));
+    fly_for(&mut flight, 0.5);
+    flight.send(command(MavCmd::MAV_CMD_NAV_TAKEOFF, 0.0, 5.0));
+    let begin_s = flight.truth().time_s;
+    while flight.truth().position.z_m > -4.8 {
         flight.step();
-        assert!(flight.truth().time_s < 90.0, "it does not move");
+        assert!(flight.truth().time_s < begin_s + 20.0, "{:?}", flight.truth());
     }
     assert_eq!(flight.truth().mode.get(), NavMode::Offboard);
+    fly_for(&mut flight, 3.0);
+    for _ in 0..1000 {
+        flight.step();
+        let position = flight.truth().position;
+        let away_m = (position.vector() - Vector3::new(0.0, 0.0, -5.0)).norm();
+        assert!(away_m < 0.3, "{position:?}");
+    }
+    let setpoints = flight.autopilot().setpoint_statistics();
+    assert!(setpoints.count > 150, "{setpoints:?}");
 }

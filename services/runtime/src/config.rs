@@ -63,7 +63,7 @@ pub struct Config {
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Simulation {
-    /// Which autopilot flies: px4, ardupilot.
+    /// Which autopilot flies: px4, px4_current, ardupilot; auto = the one that `link.profile` is for.
     pub autopilot: String,
     /// Kind of world: forest, gap, corridor, utrap, empty.
     pub world: String,
@@ -80,7 +80,7 @@ pub struct Simulation {
 impl Default for Simulation {
     fn default() -> Self {
         Self {
-            autopilot: "px4".to_owned(),
+            autopilot: "auto".to_owned(),
             world: "forest".to_owned(),
             seed: 1,
             density_per_m2: None,

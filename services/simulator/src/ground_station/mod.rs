@@ -6,22 +6,24 @@
 //!
 //! It does what a person at a ground station does: waits for the autopilot and its position, uploads the mission, holds,
 //! arms, takes off, flies the mission, lands, waits for the motors to stop. Everything is ordinary MAVLink, repeated
-//! until it is seen to work, so it flies a real PX4 as well as the simulated one. Every phase has a time limit and ends
-//! in a named failure.
+//! until it is seen to work, so it flies a real PX4 or ArduCopter as well as the simulated ones. Every phase has a time
+//! limit and ends in a named failure.
 
+mod make;
 mod plan;
 mod upload;
 
+pub use make::Make;
 pub use plan::{Ending, FlightPlan};
 
-use crate::autopilot::{custom_mode, mode_of_custom};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::GlobalPoint;
 use jink_shared_types::vehicle::NavMode;
+use make::command;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::{
-    COMMAND_LONG_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavParamType,
-    MavResult, MavState, MavType, PARAM_SET_DATA,
+    HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavParamType, MavResult, MavState,
+    MavType, PARAM_SET_DATA,
 };
 use upload::Upload;
 
@@ -61,8 +63,8 @@ phases! {
     Position = "position", 90.0;
     /// Uploading the mission.
     Upload = "upload", 30.0;
-    /// Setting Hold.
-    Hold = "hold", 20.0;
+    /// Setting the mode in which motors are armed.
+    Ready = "ready", 20.0;
     /// Arming; refusals are repeated, their reason is kept.
     Arm = "arm", 120.0;
     /// Climbing.
@@ -134,6 +136,7 @@ pub struct GroundStation {
 #[derive(Clone, Copy, Debug, Default)]
 struct Vehicle {
     system_id: Option<u8>,
+    make: Make,
     armed: bool,
     global: Option<GlobalPoint>,
     local: Option<Point<LocalNed>>,
@@ -205,7 +208,8 @@ impl GroundStation {
             MavMessage::HEARTBEAT(beat) if beat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID => {
                 self.vehicle.system_id = Some(from);
                 self.vehicle.armed = beat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
-                self.note_mode(mode_of_custom(beat.custom_mode).unwrap_or(NavMode::Unknown));
+                self.vehicle.make = Make::of(beat.autopilot);
+                self.note_mode(self.vehicle.make.mode(beat.custom_mode));
             }
             MavMessage::GLOBAL_POSITION_INT(p) => {
                 self.vehicle.global = Some(GlobalPoint::from_e7(p.lat, p.lon));
@@ -247,7 +251,7 @@ impl GroundStation {
     }
 
     fn note_reached(&mut self, sequence: u16) {
-        let first = self.plan.items_before_waypoints();
+        let first = self.plan.items_before_waypoints(self.vehicle.make);
         let reached = (usize::from(sequence) + 1).saturating_sub(first);
         self.progress.reached = self.progress.reached.max(reached.min(self.plan.waypoints.len()));
     }
@@ -286,10 +290,14 @@ impl GroundStation {
                     self.vehicle.ground_down_m = local.z_m;
                     self.set_takeoff_height(outbox);
                     self.enter(Phase::Upload, now_s);
+                } else if self.may_ask(now_s) {
+                    for request in self.vehicle.make.requests(self.target()) {
+                        self.send(outbox, request);
+                    }
                 }
             }
             Phase::Upload => self.act_upload(now_s, outbox),
-            Phase::Hold => self.reach_mode(NavMode::Hold, Phase::Arm, now_s, outbox),
+            Phase::Ready => self.reach_mode(self.vehicle.make.arming_mode(), Phase::Arm, now_s, outbox),
             Phase::Arm => {
                 if self.vehicle.armed {
                     self.enter(Phase::Takeoff, now_s);
@@ -318,15 +326,16 @@ impl GroundStation {
         let (Some(global), Some(local)) = (self.vehicle.global, self.vehicle.local) else {
             return;
         };
-        let target = self.vehicle.system_id.unwrap_or(1);
-        let (plan, ground_down_m) = (&self.plan, self.vehicle.ground_down_m);
-        let upload = self
-            .upload
-            .get_or_insert_with(|| Upload::new(plan.items(global, local, ground_down_m, target), target));
+        let target = self.target();
+        let (plan, vehicle) = (&self.plan, self.vehicle);
+        let upload = self.upload.get_or_insert_with(|| {
+            let items = plan.items(vehicle.make, global, local, vehicle.ground_down_m, target);
+            Upload::new(items, target)
+        });
         match upload.result() {
             Some(0) => {
                 self.upload = None;
-                self.enter(Phase::Hold, now_s);
+                self.enter(Phase::Ready, now_s);
             }
             Some(result) => self.progress.outcome = Some(Outcome::MissionRefused { result }),
             None => {
@@ -344,6 +353,11 @@ impl GroundStation {
             .map_or(0.0, |p| self.vehicle.ground_down_m - p.z_m);
         if height_m >= self.plan.takeoff_height_m - TAKEOFF_SLACK_M {
             self.enter(Phase::Mission, now_s);
+        } else if self.vehicle.make.takes_off_with_the_mission() {
+            if self.progress.mode != NavMode::Mission && height_m < 0.5 && self.may_ask(now_s) {
+                let target = self.target();
+                self.send(outbox, command(MavCmd::MAV_CMD_MISSION_START, [0.0; 3], target));
+            }
         } else if self.progress.mode != NavMode::Takeoff && height_m < 0.5 && self.may_ask(now_s) {
             // Again, in case the first one was lost.
             self.set_takeoff_height(outbox);
@@ -358,8 +372,7 @@ impl GroundStation {
                 Ending::Land | Ending::Return => self.enter(Phase::Land, now_s),
             }
         } else if !matches!(self.progress.mode, NavMode::Mission | NavMode::Offboard) {
-            let asked_before = self.asked_s.is_finite() && self.progress.fell_out > 0;
-            if (self.plan.resume || !asked_before) && self.may_ask(now_s) {
+            if (self.plan.resume || self.progress.fell_out == 0) && self.may_ask(now_s) {
                 self.set_mode(outbox, NavMode::Mission);
             }
         }
@@ -405,16 +418,24 @@ impl GroundStation {
         }
     }
 
-    fn set_mode(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>, mode: NavMode) {
-        let target = self.vehicle.system_id.unwrap_or(1);
-        self.send(outbox, mode_command(mode, target));
+    fn target(&self) -> u8 {
+        self.vehicle.system_id.unwrap_or(1)
     }
 
-    /// The mode "take off" climbs to a height that is a parameter.
+    fn set_mode(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>, mode: NavMode) {
+        if let Some(command) = self.vehicle.make.mode_command(mode, self.target()) {
+            self.send(outbox, command);
+        }
+    }
+
+    /// PX4's mode "take off" climbs to a height that is a parameter.
     fn set_takeoff_height(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>) {
+        if self.vehicle.make.takes_off_with_the_mission() {
+            return;
+        }
         let message = MavMessage::PARAM_SET(PARAM_SET_DATA {
             param_value: self.plan.takeoff_height_m as f32,
-            target_system: self.vehicle.system_id.unwrap_or(1),
+            target_system: self.target(),
             target_component: 1,
             param_id: "MIS_TAKEOFF_ALT".into(),
             param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
@@ -423,14 +444,12 @@ impl GroundStation {
     }
 
     fn arm(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>) {
-        let message = MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-            target_system: self.vehicle.system_id.unwrap_or(1),
-            target_component: 1,
-            command: MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
-            param1: 1.0,
-            ..COMMAND_LONG_DATA::default()
-        });
-        self.send(outbox, message);
+        let arm = command(
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
+            [1.0, 0.0, 0.0],
+            self.target(),
+        );
+        self.send(outbox, arm);
     }
 
     fn send(&mut self, outbox: &mut Vec<(MavHeader, MavMessage)>, message: MavMessage) {
@@ -442,20 +461,6 @@ impl GroundStation {
         self.sequence = self.sequence.wrapping_add(1);
         outbox.push((header, message));
     }
-}
-
-/// The command that sets `mode` of the autopilot with the system id `target`.
-pub fn mode_command(mode: NavMode, target: u8) -> MavMessage {
-    let [_, _, main, sub] = custom_mode(mode).to_le_bytes();
-    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
-        target_system: target,
-        target_component: 1,
-        command: MavCmd::MAV_CMD_DO_SET_MODE,
-        param1: MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.bits() as f32,
-        param2: f32::from(main),
-        param3: f32::from(sub),
-        ..COMMAND_LONG_DATA::default()
-    })
 }
 
 fn heartbeat() -> MavMessage {

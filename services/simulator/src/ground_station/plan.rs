@@ -1,5 +1,6 @@
 //! What to fly, and how it looks as mission items.
 
+use super::Make;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
@@ -47,13 +48,15 @@ pub struct FlightPlan {
 
 impl FlightPlan {
     /// Items that are no waypoints.
-    pub(super) fn items_before_waypoints(&self) -> usize {
-        usize::from(self.cruise_speed_mps.is_some())
+    pub(super) fn items_before_waypoints(&self, make: Make) -> usize {
+        let home_and_takeoff = if make.takes_off_with_the_mission() { 2 } else { 0 };
+        home_and_takeoff + usize::from(self.cruise_speed_mps.is_some())
     }
 
     /// The mission items, given one place in both coordinate systems and the down coordinate of the ground.
     pub(super) fn items(
         &self,
+        make: Make,
         global: GlobalPoint,
         local: Point<LocalNed>,
         ground_down_m: f64,
@@ -68,7 +71,22 @@ impl FlightPlan {
             mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
             ..MISSION_ITEM_INT_DATA::default()
         };
-        let mut items = Vec::with_capacity(self.waypoints.len() + 1);
+        let mut items = Vec::with_capacity(self.waypoints.len() + 3);
+        if make.takes_off_with_the_mission() {
+            let (x, y) = global.to_e7();
+            let home = MISSION_ITEM_INT_DATA {
+                command: MavCmd::MAV_CMD_NAV_WAYPOINT,
+                x,
+                y,
+                ..blank.clone()
+            };
+            let takeoff = MISSION_ITEM_INT_DATA {
+                command: MavCmd::MAV_CMD_NAV_TAKEOFF,
+                z: self.takeoff_height_m as f32,
+                ..blank.clone()
+            };
+            items.extend([home, takeoff]);
+        }
         if let Some(speed_mps) = self.cruise_speed_mps {
             items.push(MISSION_ITEM_INT_DATA {
                 command: MavCmd::MAV_CMD_DO_CHANGE_SPEED,
@@ -87,7 +105,7 @@ impl FlightPlan {
                 x,
                 y,
                 z: (ground_down_m - waypoint.z_m) as f32,
-                // No heading asked for.
+                // No heading asked for; ArduCopter does not look at it.
                 param4: f32::NAN,
                 ..blank.clone()
             });
@@ -119,7 +137,7 @@ mod tests {
             longitude_deg: 8.5,
         };
         let local = Point::new(1.0, 2.0, 0.1);
-        let items = plan.items(global, local, 0.1, 1);
+        let items = plan.items(Make::Px4, global, local, 0.1, 1);
         assert_eq!(items.len(), 3);
         assert_eq!((items[0].seq, items[0].current, items[2].seq), (0, 1, 2));
         let place = Projection::new(global).to_local(GlobalPoint::from_e7(items[1].x, items[1].y));
@@ -128,5 +146,10 @@ mod tests {
             "{place}"
         );
         assert!((items[2].z - 5.1).abs() < 1e-5);
+        let copters = plan.items(Make::ArduCopter, global, local, 0.1, 1);
+        assert_eq!(copters.len(), 5);
+        assert_eq!(copters[1].command, MavCmd::MAV_CMD_NAV_TAKEOFF);
+        let before = plan.items_before_waypoints(Make::ArduCopter);
+        assert_eq!((copters[before].seq, copters[before].x), (3, items[1].x));
     }
 }

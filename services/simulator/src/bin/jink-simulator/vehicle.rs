@@ -6,9 +6,8 @@ use jink_runtime::config::Config;
 use jink_runtime::{Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::{SampleHeader, Timestamp, params, topics};
-use jink_simulator::ardupilot::{ArduCopter, ArduCopterConfig};
-use jink_simulator::autopilot::{Autopilot, AutopilotConfig, Link, Packet, UnknownParameter};
-use jink_simulator::flyer::Flyer;
+use jink_simulator::autopilot::{Link, Packet};
+use jink_simulator::flyer::{Flyer, FlyerConfig};
 use jink_simulator::truth::Observer;
 use jink_simulator::vehicle::STEP_US;
 use jink_simulator::world::World;
@@ -157,36 +156,25 @@ impl VehicleService {
     }
 }
 
-/// The autopilot the configuration names.
+/// The autopilot the configuration names; without a name the one that `link.profile` is for.
 fn autopilot(config: &Config) -> Result<Box<dyn Flyer>, StartError> {
-    let system_id = config.link.system_id.max(1);
-    let seed = config.simulation.seed;
-    let refused = |error: UnknownParameter| StartError::Needs {
+    let name = match (config.simulation.autopilot.as_str(), config.link.profile.as_str()) {
+        ("auto", "ardupilot_guided") => "ardupilot",
+        ("auto", "px4_offboard") => "px4_current",
+        ("auto", _) => "px4",
+        (name, _) => name,
+    };
+    let mut flyer = FlyerConfig::named(name)
+        .ok_or_else(|| StartError::Needs {
+            what: format!("simulation.autopilot = {name:?}"),
+            cause: format!("there are: auto {}", FlyerConfig::NAMES.join(" ")),
+        })?
+        .with_system_id(config.link.system_id.max(1));
+    flyer.vehicle_mut().seed = config.simulation.seed;
+    flyer.build().map_err(|error| StartError::Needs {
         what: "the autopilot".to_owned(),
         cause: error.to_string(),
-    };
-    match config.simulation.autopilot.as_str() {
-        "px4" => {
-            let mut px4 = AutopilotConfig {
-                system_id,
-                ..AutopilotConfig::default()
-            };
-            px4.vehicle.seed = seed;
-            Ok(Box::new(Autopilot::new(px4).map_err(refused)?))
-        }
-        "ardupilot" => {
-            let mut copter = ArduCopterConfig {
-                system_id,
-                ..ArduCopterConfig::default()
-            };
-            copter.vehicle.seed = seed;
-            Ok(Box::new(ArduCopter::new(copter).map_err(refused)?))
-        }
-        other => Err(StartError::Needs {
-            what: format!("simulation.autopilot = {other:?}"),
-            cause: "known are px4 and ardupilot".to_owned(),
-        }),
-    }
+    })
 }
 
 fn open_udp(port: u16, peer: SocketAddr) -> Result<MavUdp, StartError> {
