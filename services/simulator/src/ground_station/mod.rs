@@ -371,10 +371,11 @@ impl GroundStation {
                 Ending::Hold => self.enter(Phase::Done, now_s),
                 Ending::Land | Ending::Return => self.enter(Phase::Land, now_s),
             }
-        } else if !matches!(self.progress.mode, NavMode::Mission | NavMode::Offboard) {
-            if (self.plan.resume || self.progress.fell_out == 0) && self.may_ask(now_s) {
-                self.set_mode(outbox, NavMode::Mission);
-            }
+        } else if !matches!(self.progress.mode, NavMode::Mission | NavMode::Offboard)
+            && (self.plan.resume || self.progress.fell_out == 0)
+            && self.may_ask(now_s)
+        {
+            self.set_mode(outbox, NavMode::Mission);
         }
     }
 
