@@ -4,4 +4,5 @@
 pub mod campaign;
 pub mod lockstep;
 pub mod lossy;
+pub mod pairing;
 pub mod processes;

@@ -2,8 +2,9 @@
 //! and up to a fifth lost or 100 ms each way the goal is reached without a fall to Hold.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use jink_tests::campaign::{Cell, FlightOutcome, fly_as, setup};
+use jink_tests::campaign::{FlightOutcome, fly_as};
 use jink_tests::lossy::LinkFaults;
+use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 use std::sync::Mutex;
 
 #[test]
@@ -56,26 +57,34 @@ fn through_a_forest_over_bad_links() {
             true,
         ),
     ];
-    let next = Mutex::new(rows.iter());
+    // What only follows setpoints is flown over the worst that must be borne.
+    let worst = [
+        "nothing",
+        "20 % lost",
+        "5 % damaged",
+        "100 ms late",
+        "all: 5 %, 0 to 50 ms",
+    ];
+    let flights: Vec<(Pairing, _)> = [PX4_TRAJECTORY, PX4_CURRENT, COPTER]
+        .into_iter()
+        .flat_map(|whose| rows.iter().map(move |row| (whose, row)))
+        .filter(|(whose, (name, ..))| *whose == PX4_TRAJECTORY || worst.contains(name))
+        .collect();
+    let next = Mutex::new(flights.iter());
     let lines = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
         for _ in 0..2 {
             scope.spawn(|| {
                 loop {
-                    let Some((name, faults, must_arrive)) = next.lock().unwrap().next() else {
+                    let Some((whose, (name, faults, must_arrive))) = next.lock().unwrap().next() else {
                         return;
                     };
-                    let cell = Cell {
-                        kind: "forest".parse().unwrap(),
-                        density_per_m2: None,
-                        speed_mps: 3.0,
-                        limit_s: 120.0,
-                    };
-                    let mut setup = setup(&cell, 3).unwrap();
+                    let mut setup = whose.forest(3).unwrap();
                     setup.link_faults = Some(*faults);
-                    let report = fly_as(setup, cell.speed_mps).unwrap();
+                    let report = fly_as(setup, 3.0).unwrap();
                     let line = format!(
-                        "{name:24} {:?}, {} touched, largest gap {:4.0} ms, {} Holds, {:.1} m/s, nearest {:.2} m",
+                        "{:16} {name:24} {:?}, {} touched, largest gap {:4.0} ms, {} Holds, {:.1} m/s, nearest {:.2} m",
+                        whose.profile.name(),
                         report.outcome,
                         report.collisions,
                         report.setpoint_gap_ms,

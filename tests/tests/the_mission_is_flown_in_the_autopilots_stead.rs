@@ -2,61 +2,14 @@
 //! today and of 2021 in OFFBOARD, on ArduCopter in GUIDED.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use jink_mavlink_gateway::ProfileName;
 use jink_shared_types::events;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::flyer::FlyerConfig;
-use jink_simulator::ground_station::{Make, Outcome};
-use jink_tests::campaign::{Cell, FlightOutcome, fly_as, setup};
+use jink_simulator::ground_station::Outcome;
+use jink_tests::campaign::{FlightOutcome, fly_as};
 use jink_tests::lockstep::{FlightSetup, LockStep};
+use jink_tests::pairing::{COPTER, FOLLOWERS, PX4_2021_OFFBOARD, PX4_CURRENT, Pairing};
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 use nalgebra::Vector3;
-
-/// An autopilot that only follows setpoints.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Follower {
-    name: &'static str,
-    profile: ProfileName,
-    make: Make,
-}
-
-const PX4_CURRENT: Follower = Follower {
-    name: "px4_current",
-    profile: ProfileName::Px4Offboard,
-    make: Make::Px4,
-};
-const PX4_2021: Follower = Follower {
-    name: "px4",
-    ..PX4_CURRENT
-};
-const COPTER: Follower = Follower {
-    name: "ardupilot",
-    profile: ProfileName::ArdupilotGuided,
-    make: Make::ArduCopter,
-};
-const ALL: [Follower; 3] = [PX4_CURRENT, PX4_2021, COPTER];
-
-impl Follower {
-    fn flight(self, seed: u64) -> FlightSetup {
-        let cell = Cell {
-            kind: "forest".parse().unwrap(),
-            density_per_m2: None,
-            speed_mps: 3.0,
-            limit_s: 120.0,
-        };
-        let mut setup = setup(&cell, seed).unwrap();
-        setup.profile = self.profile;
-        setup.autopilot = FlyerConfig::named(self.name).unwrap();
-        if self == PX4_2021 {
-            setup.autopilot = setup.autopilot.with_parameter("COM_OBS_AVOID", 0.0);
-        }
-        setup
-    }
-
-    fn say(self, flight: &mut LockStep, mode: NavMode) {
-        flight.send(self.make.mode_command(mode, 1).unwrap());
-    }
-}
 
 /// Following setpoints, and well on its way.
 fn under_way(setup: FlightSetup) -> LockStep {
@@ -76,7 +29,7 @@ fn fly_for(flight: &mut LockStep, seconds: f64) {
     }
 }
 
-fn lands_safely(flight: &mut LockStep, whose: Follower) {
+fn lands_safely(flight: &mut LockStep, whose: Pairing) {
     while flight.outcome().is_none() {
         flight.step();
     }
@@ -88,10 +41,10 @@ fn lands_safely(flight: &mut LockStep, whose: Follower) {
 
 #[test]
 fn through_a_forest() {
-    for whose in ALL {
+    for whose in FOLLOWERS {
         for seed in [1, 2, 3, 4] {
-            let report = fly_as(whose.flight(seed), 3.0).unwrap();
-            println!("{} {report:?}", whose.name);
+            let report = fly_as(whose.forest(seed).unwrap(), 3.0).unwrap();
+            println!("{} {report:?}", whose.autopilot);
             assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
             assert_eq!(
                 (report.collisions, report.hold_count),
@@ -106,8 +59,8 @@ fn through_a_forest() {
 /// It knows neither mission nor mode at first, and what is committed is flown on meanwhile.
 #[test]
 fn a_gateway_that_is_restarted_in_flight_goes_on_at_the_current_item() {
-    for whose in ALL {
-        let mut flight = under_way(whose.flight(1));
+    for whose in FOLLOWERS {
+        let mut flight = under_way(whose.forest(1).unwrap());
         for _ in 0..3 {
             flight.restart_gateway();
             fly_for(&mut flight, 3.0);
@@ -119,17 +72,17 @@ fn a_gateway_that_is_restarted_in_flight_goes_on_at_the_current_item() {
 
 #[test]
 fn a_pilot_who_takes_over_is_left_alone_until_he_lets_the_mission_be_flown_again() {
-    for whose in ALL {
-        let mut setup = whose.flight(1);
+    for whose in FOLLOWERS {
+        let mut setup = whose.forest(1).unwrap();
         setup.plan.resume = false;
         let mut flight = under_way(setup);
-        whose.say(&mut flight, NavMode::Hold);
+        whose.command_mode(&mut flight, NavMode::Hold);
         fly_for(&mut flight, 2.0);
         for _ in 0..2500 {
             assert_eq!(flight.truth().mode.get(), NavMode::Hold, "{whose:?}");
             flight.step();
         }
-        whose.say(&mut flight, NavMode::Mission);
+        whose.command_mode(&mut flight, NavMode::Mission);
         fly_for(&mut flight, 4.0);
         assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
         lands_safely(&mut flight, whose);
@@ -139,12 +92,12 @@ fn a_pilot_who_takes_over_is_left_alone_until_he_lets_the_mission_be_flown_again
 /// Somebody chooses the mode himself, hovering: the mission is flown from its current item on.
 #[test]
 fn whoever_chooses_the_mode_himself_gets_the_mission_flown() {
-    for whose in [PX4_CURRENT, PX4_2021] {
-        let mut flight = LockStep::new(whose.flight(2)).unwrap();
+    for whose in [PX4_CURRENT, PX4_2021_OFFBOARD] {
+        let mut flight = LockStep::new(whose.forest(2).unwrap()).unwrap();
         while flight.truth().mode.get() != NavMode::Hold || flight.truth().position.z_m > -1.5 {
             flight.step();
         }
-        whose.say(&mut flight, NavMode::Offboard);
+        whose.command_mode(&mut flight, NavMode::Offboard);
         while flight.truth().position.x_m < 5.0 {
             flight.step();
             assert!(flight.truth().time_s < 90.0, "{whose:?} does not move");
@@ -167,10 +120,10 @@ fn command(command: MavCmd, param1: f32, param7: f32) -> MavMessage {
 /// The first setpoint would end ArduCopter's take-off wherever it is. Then the place is held, without a mission.
 #[test]
 fn a_take_off_in_guided_is_not_broken_off() {
-    let mut flight = LockStep::new(COPTER.flight(1)).unwrap();
+    let mut flight = LockStep::new(COPTER.forest(1).unwrap()).unwrap();
     flight.silent_station = true;
     fly_for(&mut flight, 10.0);
-    COPTER.say(&mut flight, NavMode::Offboard);
+    COPTER.command_mode(&mut flight, NavMode::Offboard);
     fly_for(&mut flight, 3.0);
     flight.send(command(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM, 1.0, 0.0));
     fly_for(&mut flight, 0.5);

@@ -33,10 +33,11 @@ const REST_MPS: f64 = 0.2;
 const PREPARATION_S: f64 = 1.5;
 /// Pause in which the old plan is dropped (s).
 const PAUSE_S: f64 = 0.5;
-/// A demand is repeated after this long (s): a change of mode shows within 30 ms, its heartbeat at once.
-const REPEAT_S: f64 = 1.0;
+/// A demand is repeated after this long (s): a change of mode shows within 30 ms, its heartbeat at once, and over a slow
+/// link in less than this; an autopilot that flies its mission gathers speed meanwhile.
+const REPEAT_S: f64 = 0.5;
 /// After so many demands without effect it is left alone until something changes.
-const TRIES: u32 = 5;
+const TRIES: u32 = 10;
 /// Speeds a mission may ask for (m/s).
 const SPEEDS_MPS: std::ops::RangeInclusive<f32> = 0.1..=30.0;
 

@@ -1,0 +1,91 @@
+//! Which autopilots are flown with which profile.
+
+use crate::campaign::{Cell, setup};
+use crate::lockstep::{FlightSetup, LockStep};
+use jink_mavlink_gateway::ProfileName;
+use jink_shared_types::vehicle::NavMode;
+use jink_simulator::flyer::FlyerConfig;
+use jink_simulator::ground_station::Make;
+
+/// An autopilot and the profile it is flown with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pairing {
+    /// Its name in the configuration.
+    pub autopilot: &'static str,
+    /// The profile.
+    pub profile: ProfileName,
+    /// Whose firmware it is.
+    pub make: Make,
+    /// Parameter of the autopilot that is not at its default.
+    parameter: Option<(&'static str, f64)>,
+}
+
+/// PX4 up to v1.15, asking for trajectories.
+pub const PX4_TRAJECTORY: Pairing = Pairing {
+    autopilot: "px4",
+    profile: ProfileName::Px4Trajectory,
+    make: Make::Px4,
+    parameter: None,
+};
+/// Current PX4 in OFFBOARD.
+pub const PX4_CURRENT: Pairing = Pairing {
+    autopilot: "px4_current",
+    profile: ProfileName::Px4Offboard,
+    ..PX4_TRAJECTORY
+};
+/// PX4 of 2021 in OFFBOARD.
+pub const PX4_2021_OFFBOARD: Pairing = Pairing {
+    profile: ProfileName::Px4Offboard,
+    parameter: Some(("COM_OBS_AVOID", 0.0)),
+    ..PX4_TRAJECTORY
+};
+/// ArduCopter in GUIDED.
+pub const COPTER: Pairing = Pairing {
+    autopilot: "ardupilot",
+    profile: ProfileName::ArdupilotGuided,
+    make: Make::ArduCopter,
+    parameter: None,
+};
+/// Those that only follow setpoints.
+pub const FOLLOWERS: [Pairing; 3] = [PX4_CURRENT, PX4_2021_OFFBOARD, COPTER];
+
+impl Pairing {
+    /// A flight through the forest of `seed` at 3 m/s.
+    ///
+    /// # Errors
+    /// A text naming what cannot be built.
+    pub fn forest(self, seed: u64) -> Result<FlightSetup, String> {
+        let cell = Cell {
+            kind: "forest".parse().map_err(|error| format!("{error}"))?,
+            density_per_m2: None,
+            speed_mps: 3.0,
+            limit_s: 120.0,
+        };
+        self.fly(setup(&cell, seed)?)
+    }
+
+    /// The same flight with this autopilot and its profile.
+    ///
+    /// # Errors
+    /// A text naming what cannot be built.
+    pub fn fly(self, setup: FlightSetup) -> Result<FlightSetup, String> {
+        let name = self.autopilot;
+        let autopilot = FlyerConfig::named(name).ok_or_else(|| format!("no autopilot {name:?}"))?;
+        let autopilot = match self.parameter {
+            Some((name, value)) => autopilot.with_parameter(name, value),
+            None => autopilot,
+        };
+        Ok(FlightSetup {
+            profile: self.profile,
+            autopilot,
+            ..setup
+        })
+    }
+
+    /// Somebody besides the ground station commands a mode; nothing happens if the make has none like it.
+    pub fn command_mode(self, flight: &mut LockStep, mode: NavMode) {
+        if let Some(command) = self.make.mode_command(mode, 1) {
+            flight.send(command);
+        }
+    }
+}
