@@ -1,8 +1,7 @@
-//! The mission: where jink flies it in the autopilot's stead, what the executive sees and what becomes of its intents; and
-//! everywhere, what is done about an item that cannot be reached.
+//! The mission, where jink flies it in the autopilot's stead: what the executive sees and what becomes of its intents.
 
 use super::Gateway;
-use crate::blockage::{Remedy, View};
+use super::watch::Echoes;
 use crate::executive::client::MissionClient;
 use crate::executive::georeference::Georeference;
 use crate::executive::{Demand, Executive, Intent, Scene};
@@ -11,22 +10,16 @@ use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT};
 use crate::profile::pilot::Nearness;
 use crate::ticker::Ticker;
-use jink_shared_types::events::{
-    EventSample, ITEM_BLOCKED, MODE_REFUSED, SETPOINTS_FOLLOWED, SETPOINTS_IGNORED,
-};
+use jink_shared_types::events::MODE_REFUSED;
 use jink_shared_types::link::AvoidanceState;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Timestamp};
 use mavlink::dialects::ardupilotmega::{
     COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavModeFlag, MavResult,
-    POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask,
 };
 
 /// Rate at which the wish is repeated (Hz), as the topic table says.
 const WISH_RATE_HZ: f64 = 5.0;
-
-/// So many echoes in a row that show no position count as a refusal: at 5 Hz 0.6 s, in which a mode has been entered.
-const ECHOES_TO_TELL: u32 = 3;
 
 /// Everything about a mission that jink flies.
 #[derive(Clone, Debug)]
@@ -40,8 +33,7 @@ pub(super) struct MissionFlight {
     /// Mode at the last step.
     mode: NavMode,
     was_refused: bool,
-    /// Echoes in a row in which the autopilot followed no position.
-    empty_echoes: u32,
+    pub(super) echoes: Echoes,
 }
 
 impl MissionFlight {
@@ -54,7 +46,7 @@ impl MissionFlight {
             repeat: Ticker::new(WISH_RATE_HZ),
             mode: NavMode::Unknown,
             was_refused: false,
-            empty_echoes: 0,
+            echoes: Echoes::default(),
         }
     }
 
@@ -76,6 +68,16 @@ impl MissionFlight {
     /// The autopilot is heard for the first time, or again.
     pub(super) fn read_anew(&mut self, now: Timestamp) {
         self.client.begin(now);
+    }
+
+    /// What is wanted, as it was said last.
+    pub(super) fn wish(&self) -> Option<DesiredPath> {
+        self.wish
+    }
+
+    /// The item that is flown to is left out.
+    pub(super) fn skip(&mut self) {
+        self.executive.skip();
     }
 
     pub(super) fn home_down_m(&self) -> Option<f64> {
@@ -145,84 +147,13 @@ impl Gateway {
         }
     }
 
-    fn demand(&mut self, now: Timestamp, demand: Demand, outputs: &mut Outputs) {
+    pub(super) fn demand(&mut self, now: Timestamp, demand: Demand, outputs: &mut Outputs) {
         let target = self.latch.system_id(now).zip(self.vehicle.make());
         let command =
             target.and_then(|(system_id, make)| command(demand, make, (system_id, COMPONENT_AUTOPILOT)));
         if let Some(command) = command {
             tracing::info!("asked of the autopilot: {demand:?}");
             outputs.send(self.outgoing(now, Body::Message(command)));
-        }
-    }
-
-    /// What the autopilot says it follows. ArduCopter refuses a setpoint without a word: only here it shows, as a target without a
-    /// position, while every setpoint of ours has one.
-    pub(super) fn take_echo(
-        &mut self,
-        now: Timestamp,
-        echo: &POSITION_TARGET_LOCAL_NED_DATA,
-        outputs: &mut Outputs,
-    ) {
-        let follows = self.vehicle.mode() == NavMode::Offboard;
-        let copter = self.vehicle.make() == Some(Make::ArduPilot);
-        let Some(flight) = self.mission.as_mut().filter(|_| copter) else {
-            return;
-        };
-        let empty = echo
-            .type_mask
-            .contains(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE);
-        let before = flight.empty_echoes;
-        flight.empty_echoes = if follows && empty {
-            before.saturating_add(1)
-        } else {
-            0
-        };
-        if flight.empty_echoes == ECHOES_TO_TELL {
-            self.tell(now, &SETPOINTS_IGNORED, 0.0, outputs);
-        } else if before >= ECHOES_TO_TELL && flight.empty_echoes == 0 {
-            self.tell(now, &SETPOINTS_FOLLOWED, 0.0, outputs);
-        }
-    }
-
-    /// Helps a vehicle that stands before an item it cannot reach.
-    pub(super) fn watch_blockage(&mut self, now: Timestamp, outputs: &mut Outputs) {
-        let mode = self.vehicle.mode();
-        let wish = match &self.mission {
-            Some(flight) => flight.wish.filter(|_| mode == NavMode::Offboard),
-            None => self
-                .desired
-                .filter(|path| path.mode == mode && mode == NavMode::Mission),
-        };
-        let wanted = wish.filter(|wish| self.was_alive && self.vehicle.is_armed() && wish.wants_planning());
-        let present = self.vehicle.present(now);
-        let Some((item, total)) = self.current_item else {
-            return;
-        };
-        let view = View {
-            now,
-            item,
-            speed_mps: present.map_or(f64::INFINITY, |present| present.velocity.norm()),
-            away_m: wanted
-                .zip(present)
-                .map(|(wish, present)| (wish.points[1].position.vector() - present.position).norm()),
-        };
-        let Some(remedy) = self.blockage.step(&view) else {
-            return;
-        };
-        let next = item.saturating_add(1);
-        // Behind the last item there is nothing to go on to.
-        let remedy = match remedy {
-            Remedy::Skip if total.is_some_and(|total| next >= total) => Remedy::Stop,
-            remedy => remedy,
-        };
-        let event = EventSample::new(&ITEM_BLOCKED, remedy.word(), [f64::from(item), 0.0]);
-        self.texts.push(now, &event);
-        outputs.tell(event);
-        match (remedy, &mut self.mission) {
-            (Remedy::Wait, _) => {}
-            (Remedy::Stop, _) => self.demand(now, Demand::Hold, outputs),
-            (Remedy::Skip, Some(flight)) => flight.executive.skip(),
-            (Remedy::Skip, None) => self.demand(now, Demand::Current(next), outputs),
         }
     }
 

@@ -3,6 +3,7 @@
 mod intake;
 mod mission;
 mod serve;
+mod watch;
 
 use crate::avoidance::{self, Heartbeats, Input};
 use crate::blockage::Blockage;
