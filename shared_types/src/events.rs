@@ -109,6 +109,8 @@ events! {
     SETPOINTS_IGNORED = 29, Error, "jink: autopilot ignores setpoints", "Take over; check the autopilot's log and version.";
     /// It follows them again.
     SETPOINTS_FOLLOWED = 30, Notice, "jink: autopilot follows setpoints again", "None.";
+    /// The autopilot flies its mission itself, in a profile in which jink should.
+    UNGUARDED = 31, Warning, "jink: mission flown without avoidance", "Hold, or fly by hand; see what jink is waiting for.";
     /// Somebody wanted the gateway restarted in flight.
     RESTART_REFUSED = 40, Warning, "jink: restart refused, vehicle is armed", "Land and disarm first.";
     /// A changed parameter could not be kept.

@@ -12,7 +12,7 @@ fn through_a_forest_over_bad_links() {
     let none = LinkFaults::default();
     let loss = |loss| LinkFaults { loss, ..none };
     let delay = |delay_s| LinkFaults { delay_s, ..none };
-    // The last column: whether the goal must be reached. At 200 ms each way the vehicle stays where it is, and safe.
+    // The last column: whether the goal must be reached. At 200 ms each way the vehicle stays where it is, or is halted there, and safe.
     let rows = [
         ("nothing", none, true),
         ("1 % lost", loss(0.01), true),
@@ -63,6 +63,7 @@ fn through_a_forest_over_bad_links() {
         "20 % lost",
         "5 % damaged",
         "100 ms late",
+        "200 ms late",
         "all: 5 %, 0 to 50 ms",
     ];
     let flights: Vec<(Pairing, _)> = [PX4_TRAJECTORY, PX4_CURRENT, COPTER]
@@ -80,6 +81,8 @@ fn through_a_forest_over_bad_links() {
                         return;
                     };
                     let mut setup = whose.forest(3).unwrap();
+                    // Who is told that jink holds does not let the mission go on blindly, again and again.
+                    setup.plan.resume = *whose == PX4_TRAJECTORY;
                     setup.link_faults = Some(*faults);
                     let report = fly_as(setup, 3.0).unwrap();
                     let line = format!(

@@ -2,7 +2,9 @@
 //!
 //! | the autopilot | jink |
 //! |---|---|
-//! | flies its mission in the air, at a plain waypoint; the mission is read; jink is ready | has the way planned from the vehicle's own motion; asks for the mode in which setpoints are followed as soon as they lie where the vehicle is |
+//! | flies its mission in the air, at a plain waypoint; the mission is read; jink is ready | has the way planned from the vehicle's own motion; asks for the mode in which setpoints are followed as soon as they lie where the vehicle is, at once if it hardly moves |
+//! | flies on while that does not succeed: a slow link, a vehicle that gathers speed; or at once if jink is not ready | asks it to hold, since nobody looks for obstacles, and takes over from rest once it can |
+//! | still flies its mission after a while | tells the pilot |
 //! | follows setpoints | wants the current waypoint and the next one, counts them as reached, tells the autopilot which is current |
 //! | the next item is no plain waypoint (a landing, a loiter, ...) | comes to rest, makes that item current, gives the mission back |
 //! | the last waypoint is reached | comes to rest, gives the mission back: the autopilot finishes it |
@@ -34,6 +36,11 @@ const REST_MPS: f64 = 0.2;
 /// the autopilot has flown meanwhile. It leaves room for one demand that is lost and its repetition after [`REPEAT_S`]; longer, a
 /// plan that the autopilot does not follow would lie ever farther from the vehicle.
 const PREPARATION_S: f64 = 1.5;
+/// A vehicle that is slower has not moved away from its own stop before the mode is entered (m/s): at rest in 0.5 m, the distance
+/// within which a plan counts as where the vehicle is.
+const SLOW_MPS: f64 = 1.0;
+/// A mission that is flown without jink for so long is told to the pilot (s): longer than taking over takes with a lost message.
+const UNGUARDED_S: f64 = 3.0;
 /// Pause in which the old plan is dropped (s): the wish is said every 0.2 s, and route, trajectory and approval count as silent
 /// after 0.15 s each, so everybody has noticed that nothing is wanted before the next plan is.
 const PAUSE_S: f64 = 0.5;
@@ -42,6 +49,8 @@ const PAUSE_S: f64 = 0.5;
 const REPEAT_S: f64 = 0.5;
 /// After so many demands without effect it is left alone until something changes.
 const TRIES: u32 = 10;
+/// After so many attempts to take a mission over it is left alone, too.
+const ATTEMPTS: u32 = 5;
 /// Speeds a mission may ask for (m/s).
 const SPEEDS_MPS: std::ops::RangeInclusive<f32> = 0.1..=30.0;
 
@@ -90,6 +99,8 @@ pub struct Intent {
     pub path: Option<DesiredPath>,
     /// What is to be asked of the autopilot now.
     pub demand: Option<Demand>,
+    /// From now on the autopilot flies on its own what jink is here to fly.
+    pub unguarded: bool,
 }
 
 /// Where the mission stands.
@@ -106,6 +117,12 @@ pub struct Executive {
     /// The mission was given back at this item: it is not taken over at it again.
     given_back: Option<u16>,
     preparing: Option<Timestamp>,
+    /// Attempts to take over since the mode has changed.
+    attempts: u32,
+    /// The autopilot holds because it was asked to, until the mission is taken over.
+    halted: bool,
+    /// Since when the mission is flown without jink; `None`: it is not; [`Timestamp::NEVER`]: that was told.
+    unguarded: Option<Timestamp>,
     asked: Option<(Demand, Timestamp, u32)>,
 }
 
@@ -120,6 +137,9 @@ impl Executive {
             yielded: false,
             given_back: None,
             preparing: None,
+            attempts: 0,
+            halted: false,
+            unguarded: None,
             asked: None,
         }
     }
@@ -129,35 +149,74 @@ impl Executive {
         self.notice_mode(scene);
         match scene.mode {
             NavMode::Offboard => self.fly(scene, place),
-            NavMode::Mission => self.prepare(scene, place),
+            NavMode::Mission => Intent {
+                unguarded: self.notice_unguarded(scene),
+                ..self.prepare(scene, place)
+            },
+            NavMode::Hold if self.halted => self.prepare(scene, place),
             _ => Intent::default(),
         }
     }
 
-    /// Has the way planned while the autopilot still flies, and takes over once setpoints lie where it flies.
+    /// Has the way planned while the autopilot still flies, and takes over once setpoints lie where it flies. If they do not in
+    /// time, the autopilot is to hold first.
     fn prepare(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
-        let Some((items, index)) = self.to_be_taken_over(scene) else {
+        let Some((items, index)) = self.to_be_taken_over(scene).filter(|_| self.attempts < ATTEMPTS) else {
             self.preparing = None;
             return Intent::default();
         };
-        let Some(target) = place(&items[index]) else {
-            return Intent::default();
-        };
+        if !scene.ready {
+            self.preparing = None;
+            return self.halt(scene);
+        }
         let since = *self.preparing.get_or_insert(scene.now);
         let passed_s = scene.now.seconds_since(since);
         if passed_s > PREPARATION_S {
             if passed_s > PREPARATION_S + PAUSE_S {
                 self.preparing = None;
+                self.attempts += 1;
             }
-            return Intent::default();
+            return self.halt(scene);
         }
+        let Some(target) = place(&items[index]) else {
+            return Intent::default();
+        };
+        let may_follow = scene.on_plan || scene.speed_mps <= SLOW_MPS;
         Intent {
             path: Some(path(items, index, target, self.next(items, index, place))),
-            demand: scene
-                .on_plan
-                .then(|| self.ask(scene.now, Demand::Follow))
-                .flatten(),
+            demand: may_follow.then(|| self.ask(scene.now, Demand::Follow)).flatten(),
+            unguarded: false,
         }
+    }
+
+    /// The autopilot is to hold while nobody looks for obstacles.
+    fn halt(&mut self, scene: &Scene<'_>) -> Intent {
+        let flies = scene.mode == NavMode::Mission;
+        Intent {
+            demand: flies.then(|| self.ask(scene.now, Demand::Hold)).flatten(),
+            ..Intent::default()
+        }
+    }
+
+    /// Whether the autopilot flies the mission on its own for too long now; said once, until it is in another mode.
+    fn notice_unguarded(&mut self, scene: &Scene<'_>) -> bool {
+        let item = scene.items.zip(scene.current).and_then(|(items, current)| {
+            let index = first_place(items, usize::from(current))?;
+            Some(&items[index])
+        });
+        // Not known which item: it may be one.
+        let is_ours = item.is_none_or(|item| is_plain(item) && self.given_back != Some(item.sequence));
+        let alone = self.takes_over && !self.yielded && scene.armed && scene.in_air && is_ours;
+        if !alone {
+            self.unguarded = None;
+            return false;
+        }
+        let before = *self.unguarded.get_or_insert(scene.now);
+        let due = before.is_set() && scene.now.seconds_since(before) > UNGUARDED_S;
+        if due {
+            self.unguarded = Some(Timestamp::NEVER);
+        }
+        due
     }
 
     /// The item that is flown to cannot be reached: the one behind it is flown to.
@@ -173,6 +232,9 @@ impl Executive {
         }
         let asked = self.asked.take().map(|(demand, ..)| demand);
         self.preparing = None;
+        self.attempts = 0;
+        self.unguarded = None;
+        self.halted = (before, scene.mode, asked) == (NavMode::Mission, NavMode::Hold, Some(Demand::Hold));
         match (before, scene.mode) {
             (_, NavMode::Offboard) => {
                 self.yielded = false;
@@ -193,14 +255,10 @@ impl Executive {
         }
     }
 
-    /// The items and the one to go on at, if the mission is to be taken over now.
+    /// The items and the one to go on at, if the mission is to be taken over as soon as that can be done.
     fn to_be_taken_over<'a>(&self, scene: &Scene<'a>) -> Option<(&'a [Item], usize)> {
-        let able = self.takes_over
-            && !self.yielded
-            && scene.ready
-            && scene.armed
-            && scene.in_air
-            && scene.position.is_some();
+        let able =
+            self.takes_over && !self.yielded && scene.armed && scene.in_air && scene.position.is_some();
         let (items, current) = scene.items.zip(scene.current).filter(|_| able)?;
         let index = first_place(items, usize::from(current))?;
         let item = &items[index];
@@ -249,6 +307,7 @@ impl Executive {
         Intent {
             path: Some(path),
             demand,
+            unguarded: false,
         }
     }
 
@@ -279,6 +338,7 @@ impl Executive {
             Some(target) => Intent {
                 path: Some(path(items, next, target, self.next(items, next, place))),
                 demand: self.ask(scene.now, Demand::Current(item.sequence)),
+                unguarded: false,
             },
             None => Intent::default(),
         }
@@ -301,6 +361,7 @@ impl Executive {
         Intent {
             path: None,
             demand: rests.then(|| self.ask(scene.now, demand)).flatten(),
+            unguarded: false,
         }
     }
 

@@ -1,5 +1,5 @@
 use super::client::Item;
-use super::{Demand, Executive, Scene};
+use super::{Demand, Executive, Intent, Scene};
 use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::{MavCmd, MavFrame};
@@ -69,9 +69,11 @@ fn a_mission_is_taken_over_at_its_first_plain_waypoint_when_all_is_ready() {
             _ => seen.current = Some(4),
         }
         let intent = Executive::new(true).step(&seen, place);
+        // Nobody looks for obstacles while jink is not ready.
+        let demand = (!seen.ready).then_some(Demand::Hold);
         assert_eq!(
             (intent.path, intent.demand),
-            (None, None),
+            (None, demand),
             "hindrance {hindrance}"
         );
     }
@@ -87,7 +89,7 @@ fn a_mission_is_taken_over_at_its_first_plain_waypoint_when_all_is_ready() {
 }
 
 #[test]
-fn a_demand_is_repeated_every_second_and_not_for_ever() {
+fn demands_without_effect_are_repeated_and_not_for_ever() {
     let items = mission();
     let mut executive = Executive::new(true);
     let mut seen = scene(&items);
@@ -96,7 +98,62 @@ fn a_demand_is_repeated_every_second_and_not_for_ever() {
         seen.now = seen.now.plus_seconds(0.02);
         demands += u32::from(executive.step(&seen, place).demand.is_some());
     }
-    assert_eq!(demands, 5);
+    // Five attempts: to follow three or four times, then to hold.
+    assert!((20..=35).contains(&demands), "{demands}");
+    assert_eq!(executive.step(&seen, place), Intent::default());
+}
+
+#[test]
+fn a_mission_that_cannot_be_taken_over_in_motion_is_taken_over_from_rest() {
+    let items = mission();
+    let mut executive = Executive::new(true);
+    let mut seen = scene(&items);
+    seen.on_plan = false;
+    let mut asked = Vec::new();
+    while asked.is_empty() {
+        seen.now = seen.now.plus_seconds(0.02);
+        asked.extend(executive.step(&seen, place).demand);
+    }
+    assert_eq!(asked, [Demand::Hold]);
+    seen.mode = NavMode::Hold;
+    let intent = executive.step(&seen, place);
+    assert!(intent.path.is_some() && intent.demand.is_none(), "{intent:?}");
+    seen.speed_mps = 0.5;
+    assert_eq!(executive.step(&seen, place).demand, Some(Demand::Follow));
+    // While it is not ready, it waits there.
+    seen.ready = false;
+    assert_eq!(executive.step(&seen, place), Intent::default());
+    seen.ready = true;
+    // Somebody else's Hold is his.
+    let mut executive = Executive::new(true);
+    seen.mode = NavMode::Mission;
+    seen.on_plan = true;
+    executive.step(&seen, place);
+    seen.mode = NavMode::Hold;
+    assert_eq!(executive.step(&seen, place), Intent::default());
+}
+
+#[test]
+fn a_mission_that_is_flown_while_jink_is_not_ready_is_told_once() {
+    let items = mission();
+    let mut executive = Executive::new(true);
+    let mut seen = scene(&items);
+    seen.ready = false;
+    let mut told = 0;
+    for _ in 0..500 {
+        seen.now = seen.now.plus_seconds(0.02);
+        told += u32::from(executive.step(&seen, place).unguarded);
+    }
+    assert_eq!(told, 1);
+    // A landing is the autopilot's, and so is what is not to be taken over.
+    for (takes_over, current) in [(true, 4), (false, 1)] {
+        let mut executive = Executive::new(takes_over);
+        seen.current = Some(current);
+        for _ in 0..500 {
+            seen.now = seen.now.plus_seconds(0.02);
+            assert!(!executive.step(&seen, place).unguarded);
+        }
+    }
 }
 
 #[test]
@@ -171,7 +228,7 @@ fn after_the_last_waypoint_the_autopilot_finishes_its_mission_and_keeps_it() {
     seen.mode = NavMode::Mission;
     for _ in 0..100 {
         seen.now = seen.now.plus_seconds(0.02);
-        assert_eq!(executive.step(&seen, place), super::Intent::default());
+        assert_eq!(executive.step(&seen, place), Intent::default());
     }
     seen.mode = NavMode::Hold;
     executive.step(&seen, place);
@@ -223,11 +280,7 @@ fn a_pilot_who_takes_the_mission_back_keeps_it() {
         seen.mode = taken_to;
         for _ in 0..200 {
             seen.now = seen.now.plus_seconds(0.02);
-            assert_eq!(
-                executive.step(&seen, place),
-                super::Intent::default(),
-                "{taken_to:?}"
-            );
+            assert_eq!(executive.step(&seen, place), Intent::default(), "{taken_to:?}");
         }
     }
 }

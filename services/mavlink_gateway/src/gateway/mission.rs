@@ -10,7 +10,7 @@ use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT};
 use crate::profile::pilot::Nearness;
 use crate::ticker::Ticker;
-use jink_shared_types::events::MODE_REFUSED;
+use jink_shared_types::events::{MODE_REFUSED, UNGUARDED};
 use jink_shared_types::link::AvoidanceState;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Timestamp};
@@ -104,7 +104,7 @@ impl Gateway {
             _ => false,
         };
         if begins {
-            flight.client.begin(now);
+            flight.client.refresh(now);
         }
         let scene = Scene {
             now,
@@ -118,7 +118,11 @@ impl Gateway {
             ready,
             on_plan: nearness == Nearness::OnPlan,
         };
-        let Intent { path, demand } = flight
+        let Intent {
+            path,
+            demand,
+            unguarded,
+        } = flight
             .executive
             .step(&scene, |item| flight.georeference.place(item));
         // What lies too far from the vehicle must be planned anew: nothing is wanted for a moment.
@@ -144,6 +148,9 @@ impl Gateway {
         }
         if let Some(demand) = demand {
             self.demand(now, demand, outputs);
+        }
+        if unguarded {
+            self.tell(now, &UNGUARDED, 0.0, outputs);
         }
     }
 
