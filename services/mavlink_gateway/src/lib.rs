@@ -51,6 +51,7 @@ mod baton;
 mod blockage;
 pub mod board;
 pub mod budget;
+pub mod check;
 mod clock_map;
 mod commands;
 pub mod computer;

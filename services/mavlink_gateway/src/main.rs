@@ -354,5 +354,10 @@ fn open(setup: &LinkSetup, generation: u32) -> Result<Link, LinkError> {
 }
 
 fn main() -> ExitCode {
+    // As a tool: the examination of the links before the flight.
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    if let Some((_, rest)) = arguments.split_first().filter(|(first, _)| *first == "check") {
+        return jink_mavlink_gateway::check::run(rest);
+    }
     jink_runtime::run::<GatewayService>()
 }

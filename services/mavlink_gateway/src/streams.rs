@@ -42,6 +42,23 @@ struct Stream {
     arrived: u32,
     is_short: bool,
     not_before: Timestamp,
+    /// What the last whole window brought; `None` before it has ended.
+    came_hz: Option<f64>,
+}
+
+/// How a stream comes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StreamRate {
+    /// Message type.
+    pub message_id: u32,
+    /// What is needed (Hz).
+    pub needed_hz: f64,
+    /// What came in the last whole window (Hz).
+    pub came_hz: f64,
+    /// It has to come again and again; if not, it came once.
+    pub is_steady: bool,
+    /// It came less than half as often as it should, or never.
+    pub is_short: bool,
 }
 
 const fn stream(message_id: u32, rate_hz: f64, need: Need) -> Stream {
@@ -52,6 +69,7 @@ const fn stream(message_id: u32, rate_hz: f64, need: Need) -> Stream {
         arrived: 0,
         is_short: false,
         not_before: Timestamp::NEVER,
+        came_hz: None,
     }
 }
 
@@ -174,6 +192,19 @@ impl Streams {
             .fold(self.window_end, Timestamp::min)
     }
 
+    /// Every stream as the last whole window has shown it; nothing before the first has ended.
+    pub fn rates(&self) -> impl Iterator<Item = StreamRate> {
+        self.streams.iter().filter_map(|stream| {
+            stream.came_hz.map(|came_hz| StreamRate {
+                message_id: stream.message_id,
+                needed_hz: stream.rate_hz,
+                came_hz,
+                is_steady: stream.need != Need::Once,
+                is_short: stream.is_short,
+            })
+        })
+    }
+
     fn begin_window(&mut self, now: Timestamp, automatic: bool) {
         self.window_end = now.plus_seconds(WINDOW_S);
         self.window_automatic = automatic;
@@ -188,6 +219,7 @@ impl Streams {
                     Need::Always | Need::Once => true,
                     Need::InAutomaticModes => self.window_automatic,
                 };
+            stream.came_hz = Some(f64::from(stream.arrived) / WINDOW_S);
             if stream.need != Need::Once {
                 stream.arrived = 0;
             }

@@ -149,7 +149,7 @@ impl Gateway {
 
 /// Whether a message comes from an autopilot and nobody else.
 #[allow(deprecated)]
-fn speaks_as_autopilot(message: &MavMessage) -> bool {
+pub(crate) fn speaks_as_autopilot(message: &MavMessage) -> bool {
     match message {
         MavMessage::HEARTBEAT(heartbeat) => is_autopilot(heartbeat),
         MavMessage::LOCAL_POSITION_NED(_)
@@ -159,7 +159,8 @@ fn speaks_as_autopilot(message: &MavMessage) -> bool {
     }
 }
 
-fn is_autopilot(heartbeat: &HEARTBEAT_DATA) -> bool {
+/// Whether a heartbeat is that of an autopilot.
+pub(crate) fn is_autopilot(heartbeat: &HEARTBEAT_DATA) -> bool {
     heartbeat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID
         && !matches!(
             heartbeat.mavtype,

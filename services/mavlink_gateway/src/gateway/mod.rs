@@ -5,6 +5,8 @@ mod mission;
 mod serve;
 mod watch;
 
+pub(crate) use intake::{is_autopilot, speaks_as_autopilot};
+
 use crate::avoidance::{self, Heartbeats, Input};
 use crate::blockage::Blockage;
 use crate::budget::Class;
@@ -34,7 +36,7 @@ use mission::MissionFlight;
 /// Rate of OBSTACLE_DISTANCE (Hz): 10 were enough for 4 m/s in the autopilot's own tests; faster vehicles need more.
 const OBSTACLES_RATE_HZ: f64 = 15.0;
 /// Rate of our TIMESYNC requests (Hz), the autopilot's own.
-const TIMESYNC_RATE_HZ: f64 = 10.0;
+pub(crate) const TIMESYNC_RATE_HZ: f64 = 10.0;
 /// Rate at which the counters are published (Hz), as the topic table says.
 const STATUS_RATE_HZ: u32 = 5;
 /// A new trajectory does not wait for the beat, but keeps this part of a period behind the setpoint before: 2.5 ms at
@@ -401,6 +403,6 @@ impl Gateway {
 }
 
 /// Nanoseconds as TIMESYNC carries them.
-fn nanoseconds(time: Timestamp) -> i64 {
+pub(crate) fn nanoseconds(time: Timestamp) -> i64 {
     i64::try_from(time.ns).unwrap_or(i64::MAX)
 }

@@ -140,7 +140,7 @@ impl LinkSetup {
     }
 
     /// Whom a listening UDP link answers.
-    pub(super) fn answers(&self) -> Answers {
+    pub(crate) fn answers(&self) -> Answers {
         match self.purpose {
             Purpose::Autopilot => Answers::Autopilot,
             Purpose::GroundStation => Answers::Anybody,

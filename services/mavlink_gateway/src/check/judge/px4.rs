@@ -1,0 +1,154 @@
+//! PX4's parameters that bear on what jink does.
+
+use super::{is_absent, speed, value};
+use crate::check::Interview;
+use crate::check::finding::Finding;
+use crate::check::limits::{
+    COM_OF_LOSS_T_MAX_S, COM_OF_LOSS_T_MIN_S, MPC_ACC_HOR_MIN_MPS2, MPC_JERK_AUTO_MIN_MPS3,
+};
+
+/// The first version in which collision prevention acts in the default Position mode.
+const CP_IN_EVERY_POSITION_MODE: (u8, u8) = (1, 16);
+/// MPC_POS_MODE: by acceleration, the default.
+const POS_MODE_BY_ACCELERATION: f64 = 4.0;
+
+/// For `px4_trajectory`.
+pub(super) fn trajectory(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
+    match value(interview, "COM_OBS_AVOID") {
+        Some(0.0) => findings.push(Finding::blocker(
+            "COM_OBS_AVOID",
+            "COM_OBS_AVOID = 0: PX4 flies its missions without asking jink",
+            "set COM_OBS_AVOID to 1",
+        )),
+        Some(_) => findings.push(Finding::good(
+            "COM_OBS_AVOID",
+            "COM_OBS_AVOID = 1: PX4 asks jink for trajectories and arms only while jink is ready",
+        )),
+        None => {}
+    }
+    speed(
+        "MPC_XY_CRUISE",
+        value(interview, "MPC_XY_CRUISE"),
+        speed_max_mps,
+        findings,
+    );
+    for (name, least, unit) in [
+        ("MPC_ACC_HOR", MPC_ACC_HOR_MIN_MPS2, "m/s2"),
+        ("MPC_JERK_AUTO", MPC_JERK_AUTO_MIN_MPS3, "m/s3"),
+    ] {
+        if let Some(now) = value(interview, name).filter(|now| *now < least) {
+            findings.push(Finding::warning(
+                name,
+                format!(
+                    "{name} = {now:.1} {unit}: PX4 smooths curves more than jink allows for, and cuts corners"
+                ),
+                format!("set {name} to {least:.0} {unit} or more"),
+            ));
+        }
+    }
+    let ignored = value(interview, "MPC_POS_MODE") == Some(POS_MODE_BY_ACCELERATION)
+        && interview
+            .version
+            .is_some_and(|version| version.numbers() < CP_IN_EVERY_POSITION_MODE);
+    collision_prevention(interview, ignored, findings);
+}
+
+/// For `px4_offboard`.
+pub(super) fn offboard(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
+    if value(interview, "COM_OBS_AVOID").is_some_and(|now| now != 0.0) {
+        findings.push(Finding::blocker(
+            "COM_OBS_AVOID",
+            "COM_OBS_AVOID = 1: in automatic modes PX4 waits for trajectories, which \"px4_offboard\" does not send, and falls to Hold",
+            "set COM_OBS_AVOID to 0, or link.profile to \"px4_trajectory\"",
+        ));
+    }
+    if let Some(loss_s) = value(interview, "COM_OF_LOSS_T") {
+        findings.push(loss_time(loss_s));
+    }
+    if let Some(action) = value(interview, "COM_OBL_RC_ACT") {
+        findings.push(loss_action(action));
+    } else if is_absent(interview, "COM_OBL_RC_ACT") {
+        findings.push(Finding::warning(
+            "COM_OBL_RC_ACT",
+            "this PX4 has no COM_OBL_RC_ACT: what follows when jink falls silent is not known",
+            "look up what this version does when OFFBOARD setpoints stop",
+        ));
+    }
+    speed(
+        "MPC_XY_VEL_MAX",
+        value(interview, "MPC_XY_VEL_MAX"),
+        speed_max_mps,
+        findings,
+    );
+    collision_prevention(interview, false, findings);
+}
+
+fn loss_time(loss_s: f64) -> Finding {
+    let about = "COM_OF_LOSS_T";
+    if loss_s < COM_OF_LOSS_T_MIN_S {
+        Finding::warning(
+            about,
+            format!("COM_OF_LOSS_T = {loss_s:.2} s: a restart of the gateway may end OFFBOARD"),
+            "set COM_OF_LOSS_T to 0.5 to 1.0 s",
+        )
+    } else if loss_s > COM_OF_LOSS_T_MAX_S {
+        Finding::warning(
+            about,
+            format!(
+                "COM_OF_LOSS_T = {loss_s:.1} s: if the board dies, PX4 flies the last setpoint on for so long"
+            ),
+            "set COM_OF_LOSS_T to 0.5 to 1.0 s",
+        )
+    } else {
+        Finding::good(about, format!("COM_OF_LOSS_T = {loss_s:.1} s"))
+    }
+}
+
+/// What PX4 does when the board dies.
+fn loss_action(action: f64) -> Finding {
+    let about = "COM_OBL_RC_ACT";
+    let then = match action as i64 {
+        0 => "without a remote control the vehicle climbs to RTL_RETURN_ALT and flies home unguarded",
+        1 => "the vehicle drifts in Altitude mode until a pilot takes over",
+        2 => "the vehicle drifts in Stabilized mode until a pilot takes over",
+        3 => "the vehicle climbs to RTL_RETURN_ALT and flies home unguarded",
+        4 => "the vehicle lands where it is, whatever is below",
+        5 => return Finding::good(about, "COM_OBL_RC_ACT = 5: if the board dies, PX4 holds"),
+        _ => {
+            return Finding::blocker(
+                about,
+                format!("COM_OBL_RC_ACT = {action:.0}: if the board dies, PX4 stops the motors in the air"),
+                "set COM_OBL_RC_ACT to 5 (Hold)",
+            );
+        }
+    };
+    Finding::warning(
+        about,
+        format!("COM_OBL_RC_ACT = {action:.0}: if the board dies, {then}"),
+        "set COM_OBL_RC_ACT to 5 (Hold), unless that is what you want",
+    )
+}
+
+/// PX4's own, for manual flight. It lives on the obstacle maps that jink sends.
+fn collision_prevention(interview: &Interview, ignored: bool, findings: &mut Vec<Finding>) {
+    let Some(distance_m) = value(interview, "CP_DIST") else {
+        return;
+    };
+    let about = "CP_DIST";
+    findings.push(if distance_m <= 0.0 {
+        Finding::good(about, "collision prevention is off: in Position mode nothing keeps the pilot from obstacles")
+    } else if ignored {
+        Finding::warning(
+            about,
+            format!("CP_DIST = {distance_m:.1} m has no effect: this version ignores it in Position mode with MPC_POS_MODE = 4"),
+            "set MPC_POS_MODE to 3, or CP_DIST to -1",
+        )
+    } else {
+        Finding::good(
+            about,
+            format!(
+                "CP_DIST = {distance_m:.1} m: in Position mode PX4 keeps away from what jink sees, and stops moving when jink is silent"
+            ),
+        )
+    });
+}
