@@ -6,6 +6,8 @@
 //! | [`report`] | `system/status`, `link/status` | one screen, or JSON |
 //! | [`top`] | the same, rates of topics, events | a screen that is drawn again and again |
 //! | [`topic_list`], [`beat`], [`digest`] | topic table, headers, samples | topics, their rates, what they say |
+//! | [`findings`] | what an examination has found | verdict and table, or JSON |
+//! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
 //! | [`param_list`] | parameter table, `parameters` | a table, or JSON |
 //! | [`narrate`] | `system/status` | one line per piece of news |
 //! | [`flight`] | `sim/truth`, `link/status` | the course of a demonstration flight and its summary |
@@ -17,11 +19,13 @@ pub mod beat;
 pub mod chaos;
 pub mod digest;
 pub mod drill;
+pub mod findings;
 pub mod flight;
 pub mod handover;
 pub mod narrate;
 pub mod param_list;
 pub mod picture;
 pub mod report;
+pub mod running_link;
 pub mod top;
 pub mod topic_list;

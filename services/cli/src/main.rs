@@ -50,6 +50,8 @@ enum Command {
     Topic(cmd::topic::Args),
     /// Show parameters, and change them while jink runs
     Param(cmd::param::Args),
+    /// Examine the link to the autopilot before the flight
+    Check(cmd::check::Args),
     /// Let another binary take the place of a service in flight
     Swap(cmd::ask::SwapArgs),
     /// Replace a service by a fresh instance of itself
@@ -75,6 +77,7 @@ fn main() -> ExitCode {
         Command::Top(args) => cmd::top::run(&cli.instance, &args),
         Command::Topic(args) => cmd::topic::run(&cli.instance, &args),
         Command::Param(args) => cmd::param::run(&cli.instance, &args),
+        Command::Check(args) => cmd::check::run(&cli.instance, &args),
         Command::Swap(args) => cmd::ask::swap(&cli.instance, &args),
         Command::Restart(args) => cmd::ask::restart(&cli.instance, &args),
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),

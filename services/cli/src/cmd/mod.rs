@@ -2,6 +2,7 @@
 
 pub mod ask;
 pub mod chaos;
+pub mod check;
 pub mod demo;
 pub mod down;
 pub mod meter;

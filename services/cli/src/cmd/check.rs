@@ -1,0 +1,324 @@
+//! `jink check`: what keeps jink from flying, before the flight.
+//!
+//! The examination belongs to the gateway, which alone knows MAVLink: this command starts its program as a tool and shows what
+//! that finds. While jink runs here the link is the gateway's, and is looked at through its figures instead.
+
+use super::watch::{PROGRAM, Watch};
+use super::{Interrupt, Problem, places, running};
+use jink_cli::findings::{Finding, Findings, Grade};
+use jink_cli::running_link::{Seen, judge};
+use jink_runtime::config::Config;
+use jink_runtime::{Instance, Session};
+use jink_shared_types::link::LinkStatus;
+use jink_shared_types::topics;
+use serde::Deserialize;
+use std::io::{BufRead, BufReader, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::time::{Duration, Instant};
+
+/// Nothing keeps jink from flying.
+const EXIT_READY: u8 = 0;
+/// Something does.
+const EXIT_BLOCKED: u8 = 1;
+/// The command or the configuration is wrong: nothing was examined.
+const EXIT_USAGE: u8 = 2;
+/// How long a running gateway is looked at: three heartbeats of an autopilot, fifteen figures of the gateway.
+const LOOK_AT_RUNNING: Duration = Duration::from_secs(3);
+/// How often there may be news of it; its queue of states holds sixteen, 320 ms.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// What to examine.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    action: Doing,
+}
+
+#[derive(Clone, Debug, clap::Subcommand)]
+enum Doing {
+    /// The link to the autopilot: what keeps jink from flying over it, and what to do about it
+    #[command(after_help = "\
+Opens the configured links itself, listens, and asks the autopilot for its version, parameters, streams and time. It sends no
+setpoint, changes no mode and no parameter, and does not arm. While this instance runs, the gateway's own figures are shown
+instead.
+
+Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying; 2 wrong usage or configuration.")]
+    Link(LinkArgs),
+}
+
+/// Which link, and for how long.
+#[derive(Clone, Debug, clap::Args)]
+struct LinkArgs {
+    /// Profile laid over jink.toml: profiles/PROFILE.toml
+    #[arg(long)]
+    profile: Option<String>,
+    /// Configuration folder; without it ./config, /etc/jink or that of the checkout
+    #[arg(long, value_name = "DIR")]
+    config: Option<PathBuf>,
+    /// Where the autopilot is: udpin:ADDRESS:PORT, udpout:ADDRESS:PORT or serial:DEVICE:BAUD
+    #[arg(long, value_name = "ADDRESS")]
+    link: Option<String>,
+    /// Value laid over the configuration, e.g. link.profile=px4_offboard (repeatable)
+    #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
+    overrides: Vec<String>,
+    /// How long to look at most (s); what is clear sooner ends sooner
+    #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=600))]
+    seconds: u32,
+    /// One JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
+/// A line of the program that examines.
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Said {
+    Progress { progress: String },
+    Refused { refused: String },
+    Done(Findings),
+}
+
+/// How an examination ended.
+enum Outcome {
+    Found(Findings),
+    Refused(String),
+    Interrupted,
+}
+
+/// Examines.
+pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
+    let Doing::Link(args) = &args.action;
+    let outcome = match configuration(args) {
+        Err(problem) => Outcome::Refused(problem.to_string()),
+        Ok((text, config)) => match holder(instance, &config)? {
+            Some(address) => look_at_running(instance, &address)?,
+            None => examine(&text, &config, args)?,
+        },
+    };
+    match outcome {
+        Outcome::Found(findings) => {
+            if args.json {
+                sayln!("{}", findings.json());
+            } else {
+                say!("{}", findings.text());
+            }
+            let code = if findings.is_ready() {
+                EXIT_READY
+            } else {
+                EXIT_BLOCKED
+            };
+            Ok(ExitCode::from(code))
+        }
+        Outcome::Refused(problem) => {
+            eprintln!("jink: {problem}");
+            Ok(ExitCode::from(EXIT_USAGE))
+        }
+        Outcome::Interrupted => Ok(ExitCode::from(EXIT_BLOCKED)),
+    }
+}
+
+/// The configuration as text and as values, or what is wrong with it.
+fn configuration(args: &LinkArgs) -> Result<(String, Config), Problem> {
+    let folder = places::config_folder(args.config.as_deref())?;
+    let link = args
+        .link
+        .as_ref()
+        .map(|address| format!("link.address={address}"));
+    let overrides: Vec<String> = link.into_iter().chain(args.overrides.iter().cloned()).collect();
+    let resolved = Config::resolve(&folder, args.profile.as_deref(), &overrides);
+    resolved
+        .map(|resolved| (resolved.text, resolved.config))
+        .map_err(|error| Problem::Other(error.to_string()))
+}
+
+/// The address of the autopilot's link, if this instance runs and has it.
+fn holder(instance: &Instance, config: &Config) -> Result<Option<String>, Problem> {
+    if running::find(instance)?.is_none() || !Watch::is_ready(instance) {
+        return Ok(None);
+    }
+    let held = Config::load(&instance.run_config()).map(|config| config.link.address);
+    Ok(held.ok().filter(|held| *held == config.link.address))
+}
+
+/// Has the gateway's program examine, and shows what it does meanwhile.
+fn examine(text: &str, config: &Config, args: &LinkArgs) -> Result<Outcome, Problem> {
+    let program = places::program(&places::program_folder()?, "jink-mavlink-gateway")?;
+    let interrupt = Interrupt::listen()?;
+    let stamps = Stamps::of(config);
+    let mut command = Command::new(program);
+    command
+        .arg("check")
+        .args(["--seconds", &args.seconds.to_string(), "--stamps"]);
+    command
+        .arg(&stamps.path)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped());
+    let mut child = command.spawn().map_err(Problem::io("jink-mavlink-gateway"))?;
+    let outcome = converse(&mut child, text, &interrupt);
+    // Ended by itself, or no longer wanted.
+    let _gone_already = child.kill();
+    let _reaped = child.wait();
+    outcome
+}
+
+fn converse(child: &mut Child, text: &str, interrupt: &Interrupt) -> Result<Outcome, Problem> {
+    if let Some(mut input) = child.stdin.take() {
+        input
+            .write_all(text.as_bytes())
+            .map_err(Problem::io("jink-mavlink-gateway"))?;
+    }
+    let mut screen = Progress::default();
+    for line in child
+        .stdout
+        .take()
+        .map(BufReader::new)
+        .into_iter()
+        .flat_map(BufRead::lines)
+    {
+        let line = line.map_err(Problem::io("jink-mavlink-gateway"))?;
+        match serde_json::from_str(&line) {
+            Ok(Said::Progress { progress }) => screen.show(&progress),
+            Ok(Said::Refused { refused }) => return Ok(Outcome::Refused(refused)),
+            Ok(Said::Done(findings)) => {
+                screen.clear();
+                return Ok(Outcome::Found(findings));
+            }
+            Err(error) => return Err(Problem::Other(format!("jink-mavlink-gateway: {error}: {line}"))),
+        }
+        if interrupt.has_come() {
+            return Ok(Outcome::Interrupted);
+        }
+    }
+    match interrupt.has_come() {
+        true => Ok(Outcome::Interrupted),
+        false => Err(Problem::Other(
+            "jink-mavlink-gateway ended without a verdict".to_owned(),
+        )),
+    }
+}
+
+/// Where the stamps of signatures are kept: the gateway's own, or, where those are kept in memory only, a file that is removed
+/// with this. Stamps follow the clock, so the gateway's next ones are newer.
+struct Stamps {
+    path: PathBuf,
+    is_temporary: bool,
+}
+
+impl Stamps {
+    fn of(config: &Config) -> Self {
+        match config.link.state.as_str() {
+            "" => Self {
+                path: std::env::temp_dir().join(format!("jink_check_{}.stamps", std::process::id())),
+                is_temporary: true,
+            },
+            folder => Self {
+                path: Path::new(folder).join("mavlink_gateway.stamps"),
+                is_temporary: false,
+            },
+        }
+    }
+}
+
+impl Drop for Stamps {
+    fn drop(&mut self) {
+        if self.is_temporary {
+            // There is none unless something was signed.
+            let _none = std::fs::remove_file(&self.path);
+        }
+    }
+}
+
+/// One line that is written over itself, on a terminal only.
+#[derive(Default)]
+struct Progress {
+    width: usize,
+}
+
+impl Progress {
+    fn show(&mut self, text: &str) {
+        let mut screen = std::io::stderr();
+        if screen.is_terminal() {
+            let width = self.width.max(text.chars().count());
+            let _nobody_looks = write!(screen, "\r{text:width$}");
+            self.width = width;
+        }
+    }
+
+    fn clear(&mut self) {
+        self.show("");
+        if self.width > 0 {
+            let _nobody_looks = write!(std::io::stderr(), "\r");
+        }
+    }
+}
+
+/// Looks at a running gateway.
+fn look_at_running(instance: &Instance, address: &str) -> Result<Outcome, Problem> {
+    let interrupt = Interrupt::listen()?;
+    let session = Session::open(instance, PROGRAM)?;
+    let mut figures = session.input(topics::LINK_STATUS, "")?;
+    let mut states = session.input(topics::VEHICLE_STATE, "")?;
+    let mut events = session.input(topics::EVENT, "")?.of_all_producers();
+    let (mut first, mut last): (Option<Box<LinkStatus>>, Option<Box<LinkStatus>>) = (None, None);
+    let (mut count, mut told) = (0, Vec::new());
+    let begin = Instant::now();
+    // What had come before is not of this time.
+    states.each(|_| {});
+    while begin.elapsed() < LOOK_AT_RUNNING && !interrupt.has_come() {
+        figures.each(|status| {
+            let status = Box::new(*status.sample);
+            if first.is_none() {
+                first = Some(status.clone());
+            }
+            last = Some(status);
+        });
+        states.each(|_| count += 1);
+        events.each(|event| told.push(*event.sample));
+        std::thread::sleep(LOOK);
+    }
+    let seconds = begin.elapsed().as_secs_f64();
+    let mut findings = vec![Finding {
+        grade: Grade::Good,
+        about: "link".to_owned(),
+        is: format!("jink {instance} runs and holds {address}: this is what its gateway sees"),
+        remedy: String::new(),
+    }];
+    findings.extend(judge(&Seen {
+        figures: first.as_deref().zip(last.as_deref()),
+        seconds,
+        states: count,
+        events: &told,
+    }));
+    Ok(Outcome::Found(Findings {
+        findings,
+        subject: "as the running gateway sees it; `jink down` first for versions and parameters".to_owned(),
+        seconds,
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Args, Doing};
+    use clap::Parser;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        args: Args,
+    }
+
+    #[test]
+    fn a_time_that_is_none_is_refused_and_fifteen_seconds_are_enough_without_one() {
+        let parse = |line: &str| Line::try_parse_from(line.split_whitespace());
+        let Doing::Link(args) = parse("check link").unwrap().args.action;
+        assert_eq!((args.seconds, args.json), (15, false));
+        for refused in [
+            "check link --seconds 0",
+            "check link --seconds soon",
+            "check wind",
+        ] {
+            assert!(parse(refused).is_err(), "{refused}");
+        }
+    }
+}
