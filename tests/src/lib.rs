@@ -4,5 +4,6 @@
 pub mod campaign;
 pub mod lockstep;
 pub mod lossy;
+pub mod on_udp;
 pub mod pairing;
 pub mod processes;
