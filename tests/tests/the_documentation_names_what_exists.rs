@@ -1,6 +1,8 @@
-//! Documents that promise a test name one that is there.
+//! Documents that promise a test name one that is there, links lead somewhere, and every parameter that is examined is explained.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use jink_mavlink_gateway::ProfileName;
+use jink_mavlink_gateway::check::examined_parameters;
 use jink_tests::processes::workspace;
 use std::path::{Path, PathBuf};
 
@@ -51,4 +53,47 @@ fn every_test_that_the_documents_name_is_there() {
         }
     }
     assert!(names > 40, "only {names} names were found: is the search broken?");
+}
+
+#[test]
+fn every_file_that_a_document_links_to_is_there() {
+    let root = workspace();
+    let mut documents = vec![root.join("README.md"), root.join("CONTRIBUTING.md")];
+    let docs = std::fs::read_dir(root.join("docs")).unwrap().flatten();
+    documents.extend(docs.map(|entry| entry.path()));
+    let mut links = 0;
+    for document in documents {
+        let text = std::fs::read_to_string(&document).unwrap();
+        for rest in text.split("](").skip(1) {
+            let target = rest.split(&[')', '#'][..]).next().unwrap();
+            if target.is_empty() || target.contains("://") {
+                continue;
+            }
+            links += 1;
+            let path = document.parent().unwrap().join(target);
+            assert!(path.exists(), "{}: {target} is not there", document.display());
+        }
+    }
+    assert!(links > 15, "only {links} links were found: is the search broken?");
+}
+
+#[test]
+fn every_parameter_that_is_examined_is_explained_on_the_page_of_its_autopilot() {
+    for (profile, page) in [
+        (ProfileName::Px4Trajectory, "connect_px4_trajectory.md"),
+        (ProfileName::Px4Offboard, "connect_px4_offboard.md"),
+        (ProfileName::ArdupilotGuided, "connect_ardupilot.md"),
+    ] {
+        let text = std::fs::read_to_string(workspace().join("docs").join(page)).unwrap();
+        for name in examined_parameters(profile) {
+            assert!(
+                text.contains(&format!("`{name}`")),
+                "{page} does not explain {name}"
+            );
+        }
+        assert!(
+            text.contains(&format!("profile = \"{}\"", profile.name())),
+            "{page}"
+        );
+    }
 }
