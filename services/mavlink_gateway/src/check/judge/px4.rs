@@ -9,6 +9,8 @@ use crate::check::limits::{
 
 /// The first version in which collision prevention acts in the default Position mode.
 const CP_IN_EVERY_POSITION_MODE: (u8, u8) = (1, 16);
+/// The demand for Hold after trajectories have stopped is addressed to this system, whatever the vehicle's own is (PX4's source).
+const HOLDS_BY_ITSELF: u8 = 1;
 /// MPC_POS_MODE: by acceleration, the default.
 const POS_MODE_BY_ACCELERATION: f64 = 4.0;
 
@@ -25,6 +27,14 @@ pub(super) fn trajectory(interview: &Interview, speed_max_mps: f64, findings: &m
             "COM_OBS_AVOID = 1: PX4 asks jink for trajectories and arms only while jink is ready",
         )),
         None => {}
+    }
+    let system_id = interview.system_id();
+    if system_id != HOLDS_BY_ITSELF {
+        findings.push(Finding::warning(
+            "MAV_SYS_ID",
+            format!("the vehicle's system id is {system_id}, and PX4 addresses its own demand for Hold to system 1: it does not hold when trajectories stop"),
+            "set MAV_SYS_ID to 1",
+        ));
     }
     speed(
         "MPC_XY_CRUISE",

@@ -384,6 +384,12 @@ pub(super) fn cases() -> Vec<Case> {
             Blocker,
         ),
         (
+            "the vehicle's system id is 4, and PX4 addresses its own demand for Hold to system 1",
+            Trajectory,
+            |scene| scene.system_id = 4,
+            Warning,
+        ),
+        (
             "MPC_XY_CRUISE lets the vehicle fly 5.0 m/s, and jink plans for 8.0",
             Trajectory,
             |scene| {
