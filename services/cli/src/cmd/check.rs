@@ -91,7 +91,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let Doing::Link(args) = &args.action;
     let outcome = match configuration(args) {
         Err(problem) => Outcome::Refused(problem.to_string()),
-        Ok((text, config)) => match holder(instance, &config)? {
+        Ok((text, config)) => match holder(instance, &config, args)? {
             Some(address) => look_at_running(instance, &address)?,
             None => examine(&text, &config, args)?,
         },
@@ -132,13 +132,16 @@ fn configuration(args: &LinkArgs) -> Result<(String, Config), Problem> {
         .map_err(|error| Problem::Other(error.to_string()))
 }
 
-/// The address of the autopilot's link, if this instance runs and has it.
-fn holder(instance: &Instance, config: &Config) -> Result<Option<String>, Problem> {
+/// The address of the autopilot's link, if this instance runs and no other address is asked for.
+fn holder(instance: &Instance, config: &Config, args: &LinkArgs) -> Result<Option<String>, Problem> {
     if running::find(instance)?.is_none() || !Watch::is_ready(instance) {
         return Ok(None);
     }
+    let names_address =
+        args.link.is_some() || args.overrides.iter().any(|text| text.starts_with("link.address"));
+    let is_named = names_address || args.profile.is_some() || args.config.is_some();
     let held = Config::load(&instance.run_config()).map(|config| config.link.address);
-    Ok(held.ok().filter(|held| *held == config.link.address))
+    Ok(held.ok().filter(|held| !is_named || *held == config.link.address))
 }
 
 /// Has the gateway's program examine, and shows what it does meanwhile.
