@@ -2,7 +2,8 @@
 //!
 //! Without a configured id the first autopilot heard is taken at once, so that a restarted gateway does not keep a flying
 //! vehicle waiting. If a second one is heard within three seconds of that, nobody can tell which is meant: then neither is
-//! ours until only one is left. Later strangers are ignored.
+//! ours until only one is left, which is ours for good. Later strangers are ignored, and so is system 0, which is nobody: to lose the
+//! vehicle in flight to a stranger would stop its setpoints.
 //!
 //! It may be heard on several links. One of them is its own: the one it was heard on first, until it is silent there for
 //! [`SILENT_S`] and heard on another. What it says elsewhere is said twice.
@@ -16,12 +17,26 @@ const DOUBT_S: f64 = 3.0;
 /// autopilot counts as alive.
 const SILENT_S: f64 = 1.5;
 
+/// One that may be ours.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    system_id: u8,
+    since: Timestamp,
+    heard: Timestamp,
+}
+
+impl Candidate {
+    fn is_silent(&self, now: Timestamp) -> bool {
+        now.seconds_since(self.heard) > DOUBT_S
+    }
+}
+
 /// Finds and keeps our vehicle.
 #[derive(Clone, Copy, Debug)]
 pub struct Latch {
     configured: Option<u8>,
-    first: Option<(u8, Timestamp)>,
-    rival: Option<(u8, Timestamp)>,
+    first: Option<Candidate>,
+    rival: Option<Candidate>,
     link: u8,
     heard_on_link: Timestamp,
 }
@@ -56,33 +71,58 @@ impl Latch {
 
     /// Takes note of an autopilot's message.
     pub fn hear(&mut self, system_id: u8, time: Timestamp) {
-        if self.configured.is_some_and(|configured| configured != system_id) {
+        let is_another = self.configured.is_some_and(|configured| configured != system_id);
+        if is_another || system_id == 0 {
             return;
         }
-        match self.first {
-            None => self.first = Some((system_id, time)),
-            Some((first, since)) if first != system_id => {
-                if self.rival.is_some() || time.seconds_since(since) <= DOUBT_S {
-                    self.rival = Some((system_id, time));
-                }
-            }
-            Some(_) => {}
+        self.settle(time);
+        let heard = Candidate {
+            system_id,
+            since: time,
+            heard: time,
+        };
+        let Some(first) = &mut self.first else {
+            self.first = Some(heard);
+            return;
+        };
+        if first.system_id == system_id {
+            first.heard = time;
+        } else if self.rival.is_some() || time.seconds_since(first.since) <= DOUBT_S {
+            self.rival = Some(heard);
         }
+    }
+
+    /// One of two that is left is ours from now on.
+    fn settle(&mut self, now: Timestamp) {
+        let (Some(first), Some(rival)) = (self.first, self.rival) else {
+            return;
+        };
+        let left = match (first.is_silent(now), rival.is_silent(now)) {
+            (_, true) => first,
+            (true, false) => rival,
+            (false, false) => return,
+        };
+        self.rival = None;
+        // Nobody is a second one within three seconds of this any more.
+        self.first = Some(Candidate {
+            since: Timestamp::NEVER,
+            ..left
+        });
     }
 
     /// Our vehicle's system id; `None` before an autopilot was heard, and while there are two.
     pub fn system_id(&self, now: Timestamp) -> Option<u8> {
-        match (self.first, self.rival(now)) {
-            (Some((first, _)), None) => Some(first),
-            _ => None,
-        }
+        let mut settled = *self;
+        settled.settle(now);
+        let undecided = settled.rival.is_some();
+        settled.first.filter(|_| !undecided).map(|first| first.system_id)
     }
 
     /// The second autopilot that puts the first in doubt.
     pub fn rival(&self, now: Timestamp) -> Option<u8> {
-        self.rival
-            .filter(|(_, heard)| now.seconds_since(*heard) <= DOUBT_S)
-            .map(|(rival, _)| rival)
+        let mut settled = *self;
+        settled.settle(now);
+        settled.rival.map(|rival| rival.system_id)
     }
 
     /// The system id to sign with while no autopilot was heard: somebody has to speak first on some links. 1 is what
@@ -112,14 +152,47 @@ mod tests {
     }
 
     #[test]
-    fn two_autopilots_at_the_start_are_nobodys() {
+    fn two_autopilots_at_the_start_are_nobodys_until_one_is_left() {
+        for left in [7, 9] {
+            let mut latch = Latch::new(None);
+            latch.hear(7, at(0.0));
+            latch.hear(9, at(1.0));
+            assert_eq!((latch.system_id(at(1.0)), latch.rival(at(1.0))), (None, Some(9)));
+            for i in 0..20 {
+                latch.hear(7, at(f64::from(i)));
+                latch.hear(9, at(f64::from(i) + 0.5));
+            }
+            assert_eq!(latch.system_id(at(20.0)), None, "both are still there");
+            for i in 20..40 {
+                latch.hear(left, at(f64::from(i)));
+            }
+            assert_eq!(latch.system_id(at(40.0)), Some(left), "the other is gone");
+        }
+    }
+
+    #[test]
+    fn in_flight_the_vehicle_is_not_lost_to_a_stranger_that_was_there_at_the_start() {
         let mut latch = Latch::new(None);
-        latch.hear(7, at(0.0));
-        latch.hear(9, at(1.0));
-        assert_eq!((latch.system_id(at(1.0)), latch.rival(at(1.0))), (None, Some(9)));
-        latch.hear(9, at(20.0));
-        assert_eq!(latch.system_id(at(20.0)), None, "the rival is still there");
-        assert_eq!(latch.system_id(at(24.0)), Some(7), "the rival is gone");
+        latch.hear(9, at(0.0));
+        latch.hear(7, at(1.0));
+        for i in 2..60 {
+            latch.hear(7, at(f64::from(i)));
+        }
+        assert_eq!(latch.system_id(at(60.0)), Some(7));
+        latch.hear(9, at(60.1));
+        assert_eq!(
+            (latch.system_id(at(60.1)), latch.rival(at(60.1))),
+            (Some(7), None)
+        );
+    }
+
+    #[test]
+    fn nobody_is_not_our_vehicle() {
+        for configured in [None, Some(0)] {
+            let mut latch = Latch::new(configured);
+            latch.hear(0, at(0.0));
+            assert_eq!(latch.system_id(at(0.0)), None);
+        }
     }
 
     #[test]
