@@ -21,6 +21,8 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 /// Stamps in a second: one each 10 us.
 pub const PER_SECOND: u64 = 100_000;
 
+/// Behind the last stamp: a signature has 48 bits for it, which last until 2104.
+const END: u64 = 1 << 48;
 /// 2015-01-01 in seconds since 1970, where stamps begin.
 const BEGIN_S: u64 = 1_420_070_400;
 /// How far ahead of the clock a bound is set.
@@ -64,17 +66,20 @@ impl Stamps {
     /// bound. That second is kept: if the disk takes long, or the clock has jumped, each message takes one stamp of it,
     /// and nothing falls silent.
     pub fn take(&mut self, wall: u64) -> Option<u64> {
-        let stamp = self.next.max(wall.min(self.bound.saturating_sub(AT_LEAST)));
-        (stamp < self.bound).then(|| {
+        let bound = self.bound.min(END);
+        let stamp = self.next.max(wall.min(bound.saturating_sub(AT_LEAST)));
+        (stamp < bound).then(|| {
             self.next = stamp + 1;
             stamp
         })
     }
 
-    /// The bound that should be stored now; `None` while enough is reserved.
+    /// The bound that should be stored now; `None` while enough is reserved, and when there are no more.
     pub fn wants(&self, wall: u64) -> Option<u64> {
-        let is_short = self.bound < wall + LEFT || self.bound < self.next + LEFT_AT_LEAST;
-        is_short.then(|| (wall + AHEAD).max(self.next + AT_LEAST))
+        let (wall, next) = (wall.min(END), self.next.min(END));
+        let is_short = self.bound < wall + LEFT || self.bound < next + LEFT_AT_LEAST;
+        let wanted = (wall + AHEAD).max(next + AT_LEAST).min(END);
+        (is_short && wanted > self.bound).then_some(wanted)
     }
 
     /// `bound` is stored.
@@ -193,10 +198,10 @@ enum Durable {
 /// The stored bound; 0 where there is no file.
 fn load(path: &Path) -> io::Result<u64> {
     match std::fs::read_to_string(path) {
-        Ok(text) => text
-            .trim()
-            .parse()
-            .map_err(|_| io::Error::new(io::ErrorKind::InvalidData, "it holds no number")),
+        Ok(text) => {
+            let bound = text.trim().parse().ok().filter(|bound| *bound <= END);
+            bound.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "it holds no stamp"))
+        }
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(0),
         Err(error) => Err(error),
     }
@@ -215,7 +220,7 @@ fn store(path: &Path, bound: u64, durable: Durable) -> io::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    use super::{AHEAD, AT_LEAST, PER_SECOND, StampKeeper, Stamps, load, wall};
+    use super::{AHEAD, AT_LEAST, END, PER_SECOND, StampKeeper, Stamps, load, wall};
     use proptest::prelude::*;
     use std::time::{Duration, Instant};
 
@@ -250,6 +255,20 @@ mod tests {
             let stamp = stamps.take(wall + 100 * AHEAD);
             assert!(stamp > last && stamp < Some(bound), "{stamp:?} after {last:?}");
             last = stamp;
+        }
+    }
+
+    #[test]
+    fn behind_the_last_stamp_nothing_is_signed_and_nothing_breaks() {
+        for (next, bound) in [(END, END), (u64::MAX, u64::MAX), (0, u64::MAX), (u64::MAX, 0)] {
+            let mut stamps = Stamps { next, bound };
+            for wall in [0, END - 1, u64::MAX] {
+                if let Some(wanted) = stamps.wants(wall) {
+                    assert!(wanted <= END);
+                    stamps.reserved(wanted);
+                }
+                assert!(stamps.take(wall).is_none_or(|stamp| stamp < END));
+            }
         }
     }
 
@@ -350,8 +369,10 @@ mod tests {
         let mut second = StampKeeper::open(&path).unwrap();
         second.begin(now).unwrap();
         assert!(second.take(now).unwrap() > stamp);
-        std::fs::write(&path, "nonsense").unwrap();
-        assert!(StampKeeper::open(&path).is_err());
+        for damaged in ["nonsense", "", "281474976710657", "18446744073709551615"] {
+            std::fs::write(&path, damaged).unwrap();
+            assert!(StampKeeper::open(&path).is_err(), "{damaged}");
+        }
         std::fs::remove_file(&path).unwrap();
     }
 }
