@@ -3,6 +3,7 @@
 //! NaN keeps its meaning "not given". One quirk is put right: while landing PX4 fills points 1 and 2 with the home
 //! altitude as if it were a down coordinate (some hundred metres below ground); that z is no goal and becomes NaN.
 
+use crate::profile::curve::MAX_YAW_RAD;
 use crate::px4_mode;
 use crate::vehicle::{MAX_COORDINATE_M, MAX_SPEED_MPS};
 use jink_shared_types::vehicle::{COMMAND_LAND, DesiredPath, DesiredPoint, NavMode};
@@ -28,8 +29,8 @@ pub fn read(
             given(message.vel_y[i], MAX_SPEED_MPS),
             given(message.vel_z[i], MAX_SPEED_MPS),
         ),
-        yaw_rad: message.pos_yaw[i],
-        yaw_rate_radps: message.vel_yaw[i],
+        yaw_rad: given_turn(message.pos_yaw[i]),
+        yaw_rate_radps: given_turn(message.vel_yaw[i]),
         command: message.command[i],
         valid: Flag::from(i < usize::from(message.valid_points)),
         reserved: [0; 5],
@@ -52,4 +53,13 @@ pub fn read(
 fn given(value: f32, largest: f64) -> f64 {
     let value = f64::from(value);
     if value.abs() <= largest { value } else { f64::NAN }
+}
+
+/// The same for headings and their rates, to the bit: what is mirrored is what was asked for.
+fn given_turn(value: f32) -> f32 {
+    if f64::from(value).abs() <= MAX_YAW_RAD {
+        value
+    } else {
+        f32::NAN
+    }
 }

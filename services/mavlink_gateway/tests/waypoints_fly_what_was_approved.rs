@@ -144,6 +144,45 @@ fn what_is_not_planned_goes_back_bit_by_bit() {
     }
 }
 
+#[test]
+fn a_number_that_is_infinite_is_not_given_and_never_goes_back() {
+    for field in 0..8 {
+        let mut wanted = waypoints([(HERE, COMMAND_LOITER); 3]);
+        wanted.vel_x[0] = 0.1;
+        let fields = [
+            &mut wanted.pos_x,
+            &mut wanted.pos_y,
+            &mut wanted.pos_z,
+            &mut wanted.vel_x,
+            &mut wanted.vel_y,
+            &mut wanted.vel_z,
+            &mut wanted.pos_yaw,
+            &mut wanted.vel_yaw,
+        ];
+        fields[field][0] = f32::NEG_INFINITY;
+        let bench = in_mode(MODE_HOLD, Some(&wanted));
+        let (_, last) = sent(&bench).pop().unwrap();
+        assert_rules(&last);
+        let all = [
+            last.pos_x,
+            last.pos_y,
+            last.pos_z,
+            last.vel_x,
+            last.vel_y,
+            last.vel_z,
+            last.pos_yaw,
+            last.vel_yaw,
+        ];
+        assert!(
+            all.iter().flatten().all(|n| !n.is_infinite()),
+            "field {field}: {last:?}"
+        );
+        let (path, _) = bench.paths.last().unwrap();
+        let turn = [path.points[0].yaw_rad, path.points[0].yaw_rate_radps];
+        assert!(turn.iter().all(|n| !n.is_infinite()), "field {field}: {turn:?}");
+    }
+}
+
 proptest! {
     /// Whatever the autopilot leaves out, no axis of the answer is without position and velocity.
     #[test]
