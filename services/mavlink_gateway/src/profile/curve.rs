@@ -111,7 +111,7 @@ impl Curve {
         loop {
             let (curve, faithful) = Self::fit(plan, start, duration_s)?;
             if faithful || duration_s <= shortest_s {
-                return curve.is_sendable().then_some(curve);
+                return curve.is_sendable().then_some(curve.with_bounded_turn());
             }
             duration_s = (duration_s / 2.0).max(shortest_s);
         }
@@ -165,6 +165,19 @@ impl Curve {
         let end_rad = self.yaw_rad[CONTROL_POINTS - 1];
         if self.yaw_rad.iter().all(|yaw| (yaw - end_rad).abs() <= REST_RAD) {
             self.yaw_rad = [wrap_pi(end_rad); CONTROL_POINTS];
+        }
+        self
+    }
+
+    /// Turning no further than can be sent: a plan that turns half round within the shortest curve is not flown in its heading, and
+    /// PX4 would take the other way round.
+    fn with_bounded_turn(mut self) -> Self {
+        let first_rad = self.yaw_rad[0];
+        let turns = self.yaw_rad.map(|yaw| (yaw - first_rad).abs());
+        let widest_rad = turns.into_iter().fold(0.0, f64::max);
+        if widest_rad > WIDEST_TURN_RAD {
+            let share = WIDEST_TURN_RAD / widest_rad;
+            self.yaw_rad = self.yaw_rad.map(|yaw| first_rad + (yaw - first_rad) * share);
         }
         self
     }
@@ -343,6 +356,16 @@ mod tests {
                 let error_m = (curve.position_at(time) - plan.at(time).unwrap().position.vector()).norm();
                 // Between the samples the error may be a little larger than at them.
                 prop_assert!(error_m <= 1.1 * WORST_ERROR_M || curve.duration_s <= SHORTEST_S, "{error_m} m");
+            }
+        }
+
+        #[test]
+        fn no_curve_turns_so_far_that_px4_would_take_the_other_way_round(
+            mut plan in plan(), yaw_rad in prop::array::uniform6(-900.0..900.0f64), at in 0.0..7.0f64,
+        ) {
+            plan.pieces[0].yaw_rad = yaw_rad;
+            if let Some(curve) = Curve::cut(&plan, plan.start.plus_seconds(at), 0.8, SHORTEST_S) {
+                prop_assert!(curve.yaw_rad.iter().all(|yaw| (yaw - curve.yaw_rad[0]).abs() < 3.1), "{:?}", curve.yaw_rad);
             }
         }
 
