@@ -31,9 +31,10 @@ impl Baton {
         }
     }
 
-    /// Handed to the gateway that speaks from now on; the stamps are for its links.
-    pub fn hand_to(self, gateway: &mut Gateway, encoder: &mut Encoder) -> Stamps {
-        gateway.go_on_from(self.last_setpoint);
+    /// Handed to the gateway that speaks from `now` on; the stamps are for its links.
+    pub fn hand_to(self, now: Timestamp, gateway: &mut Gateway, encoder: &mut Encoder) -> Stamps {
+        // The time of a damaged baton would keep the next one silent until then.
+        gateway.go_on_from(self.last_setpoint.min(now));
         encoder.go_on_from(self.sequences);
         self.stamps
     }

@@ -204,7 +204,7 @@ impl GatewayService {
         if let Some(baton) = self.links.take_baton() {
             match (Baton::of_bytes(&baton), self.links.encoder()) {
                 (Some(baton), Some(encoder)) => {
-                    let stamps = baton.hand_to(&mut self.gateway, encoder);
+                    let stamps = baton.hand_to(now, &mut self.gateway, encoder);
                     self.links.go_on_from(stamps);
                 }
                 _ => self.gateway.go_on_at_once(now),

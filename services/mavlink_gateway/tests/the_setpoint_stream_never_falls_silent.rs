@@ -5,6 +5,8 @@
 
 mod support;
 
+use jink_mavlink_gateway::signing::stamps::Stamps;
+use jink_mavlink_gateway::{Baton, Encoder};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::Health;
 use jink_shared_types::motion::{ApprovedTrajectory, Trajectory, Verdict};
@@ -324,4 +326,20 @@ fn an_unsound_sample_in_shared_memory_is_no_panic() {
     bench.step();
     bench.idle_until(bench.now.plus_seconds(0.1));
     assert!(bench.last_curve().pos_x.iter().all(|x| x.is_finite()));
+}
+
+#[test]
+fn a_baton_with_a_time_to_come_does_not_silence_the_next_one() {
+    let mut bench = Bench::new();
+    bench.fly(1.0, |bench, t| {
+        bench.telemetry(t, MODE_HOLD, Vector3::zeros(), Vector3::zeros());
+    });
+    let mut encoder = Encoder::new();
+    let mut bytes = Baton::of(&bench.gateway, &encoder, Stamps::default()).to_bytes();
+    bytes[..8].copy_from_slice(&u64::MAX.to_le_bytes());
+    let baton = Baton::of_bytes(&bytes).unwrap();
+    baton.hand_to(bench.now, &mut bench.gateway, &mut encoder);
+    let before = bench.curves().len();
+    bench.idle_until(bench.now.plus_seconds(1.0));
+    assert!(bench.curves().len() - before >= 19);
 }
