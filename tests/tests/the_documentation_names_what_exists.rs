@@ -97,3 +97,55 @@ fn every_parameter_that_is_examined_is_explained_on_the_page_of_its_autopilot() 
         );
     }
 }
+
+/// References to tests in backticks: a crate's folder, a file in it without its ending, a function.
+fn references(text: &str) -> Vec<(&str, &str, &str)> {
+    let quoted = text.split('`').skip(1).step_by(2);
+    quoted
+        .filter_map(|reference| {
+            let (place, function) = reference.split_once("::")?;
+            let (folder, file) = place.split_once('/')?;
+            Some((folder, file, function))
+        })
+        .collect()
+}
+
+/// Whether `code` holds a test of that name.
+fn has_test(code: &str, function: &str) -> bool {
+    let Some(at) = code.find(&format!("fn {function}(")) else {
+        return false;
+    };
+    let before = code[..at].trim_end();
+    let attributes = before
+        .lines()
+        .rev()
+        .take_while(|line| line.trim_start().starts_with("#["));
+    attributes.into_iter().any(|line| line.trim() == "#[test]")
+}
+
+#[test]
+fn every_row_of_the_conformance_names_tests_and_every_one_is_where_it_says() {
+    let mut files = Vec::new();
+    for folder in ["services", "shared_types", "tests"] {
+        rust_files(&workspace().join(folder), &mut files);
+    }
+    let page = std::fs::read_to_string(workspace().join("docs/conformance.md")).unwrap();
+    let mut requirements = 0;
+    for row in page
+        .lines()
+        .filter(|line| line.starts_with("| ") && !line.contains("| tests |"))
+    {
+        let named = references(row);
+        assert!(!named.is_empty(), "no test: {row}");
+        requirements += usize::from(row.starts_with("| PP"));
+        for (folder, file, function) in named {
+            let found = files.iter().any(|path| {
+                path.file_stem().is_some_and(|stem| stem == file)
+                    && path.components().any(|part| part.as_os_str() == folder)
+                    && has_test(&std::fs::read_to_string(path).unwrap(), function)
+            });
+            assert!(found, "there is no test {folder}/{file}::{function}");
+        }
+    }
+    assert_eq!(requirements, 30, "one row for each documented requirement");
+}

@@ -94,6 +94,31 @@ fn before_the_first_curve_an_old_waypoint_is_taken_back_and_none_is_ever_sent() 
     }
 }
 
+#[test]
+fn a_restarted_autopilot_is_told_again_that_no_old_waypoint_counts() {
+    let mut bench = Bench::new();
+    bench.boot_ms_at_zero = 3_600_000;
+    let telemetry = |bench: &mut Bench, t: f64| bench.telemetry(t, MODE_HOLD, HERE, still());
+    bench.fly(2.0, telemetry);
+    let restart = bench.now;
+    bench.boot_ms_at_zero = 0;
+    bench.fly(2.0, telemetry);
+    let firsts = [at(0.0), restart].map(|since| {
+        let later = bench.sent.iter().filter(|sent| sent.time > since);
+        later
+            .map(|sent| &sent.message)
+            .find(|message| is_setpoint(message))
+            .unwrap()
+            .clone()
+    });
+    for first in firsts {
+        let MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(first) = first else {
+            panic!("{first:?}");
+        };
+        assert_eq!(first.valid_points, 0);
+    }
+}
+
 fn is_setpoint(message: &MavMessage) -> bool {
     matches!(
         message,
