@@ -12,7 +12,7 @@
 //! The message types of another dialect have an unknown seed: they cannot be verified, and count as garbage. A splitter
 //! whose frames are passed on ([`Splitter::with_unknown`]) lets them through, marked as not verified, where the bytes
 //! around them leave no doubt about their borders: they begin where another frame, or the datagram, has ended or begun; they
-//! end where the datagram ends or the next frame begins; and no verified frame lies inside. Lengths that fit on both
+//! end where the datagram ends or the next frame begins; and no whole verified frame lies inside. Lengths that fit on both
 //! sides by chance are rarer than sixteen bits of checksum; garbage on a line follows and precedes no frame for long.
 //!
 //! Source: MAVLink developer guide, "Packet Serialization".
@@ -310,7 +310,8 @@ impl Splitter {
         if !self.with_unknown || !self.at_border || !has_sender || layout.is_known(bytes) {
             return Borders::DoNotFit;
         }
-        if (1..layout.frame_len).any(|at| is_intact_frame(&bytes[at..])) {
+        // Only what lies inside as a whole: what reaches beyond may not be all there yet, and must not count once it is.
+        if (1..layout.frame_len).any(|at| is_intact_frame(&bytes[at..layout.frame_len])) {
             return Borders::DoNotFit;
         }
         // What is not all there yet: more bytes of a stream may come, a datagram is what it is.
