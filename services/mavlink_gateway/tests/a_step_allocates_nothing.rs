@@ -18,6 +18,7 @@ use jink_shared_types::motion::{ApprovedTrajectory, Verdict};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::{Coded, Timestamp};
 use mavlink::dialects::ardupilotmega::*;
+use mavlink::{Message, calculate_crc};
 use nalgebra::Vector3;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
@@ -185,6 +186,52 @@ fn links() -> (Links, Vec<UdpSocket>) {
         socket
     });
     (links, peers.collect())
+}
+
+/// Frames of every type with any payload, and garbage between them.
+fn anything() -> Vec<u8> {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut next = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state.to_le_bytes()
+    };
+    let mut stream = Vec::new();
+    for id in MavMessage::all_ids().iter().chain(&[60_000, 0x00fd_fdfd]) {
+        for _ in 0..4 {
+            let len = usize::from(next()[0]);
+            let payload: Vec<u8> = (0..32).flat_map(|_| next()).take(len).collect();
+            let mut frame = vec![0xfd, payload.len() as u8, 0, 0, 0, 1, 1];
+            frame.extend_from_slice(&id.to_le_bytes()[..3]);
+            frame.extend_from_slice(&payload);
+            let crc = calculate_crc(&frame[1..], MavMessage::extra_crc(*id));
+            stream.extend_from_slice(&frame);
+            stream.extend_from_slice(&crc.to_le_bytes());
+        }
+        stream.extend_from_slice(&next());
+    }
+    stream
+}
+
+#[test]
+fn whatever_bytes_come_they_cost_no_memory() {
+    let stream = anything();
+    let mut splitter = Splitter::new();
+    splitter.with_unknown();
+    let before = allocations();
+    let (mut understood, mut others) = (0, 0);
+    for piece in stream.chunks(700) {
+        assert_eq!(splitter.push(piece), piece.len());
+        while let Some(frame) = splitter.next_frame() {
+            match Content::of(&frame) {
+                Some(_) => understood += 1,
+                None => others += 1,
+            }
+        }
+    }
+    assert_eq!(allocations() - before, 0);
+    assert!(understood > 500 && others > 20, "{understood}, {others}");
 }
 
 #[test]
