@@ -86,9 +86,11 @@ impl Gateway {
             return;
         };
         let next = item.saturating_add(1);
+        // ArduPilot's item 0 is home, and does not count.
+        let home = u16::from(self.vehicle.make() == Some(Make::ArduPilot));
         // Behind the last item there is nothing to go on to.
         let remedy = match remedy {
-            Remedy::Skip if total.is_some_and(|total| next >= total) => Remedy::Stop,
+            Remedy::Skip if total.is_some_and(|total| next >= total + home) => Remedy::Stop,
             remedy => remedy,
         };
         let event = EventSample::new(&ITEM_BLOCKED, remedy.word(), [f64::from(item), 0.0]);
