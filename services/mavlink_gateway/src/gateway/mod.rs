@@ -190,6 +190,11 @@ impl Gateway {
         self.latch.link()
     }
 
+    /// Whether no setpoint is sent now because the vehicle is not in the air yet.
+    pub fn waits_for_air(&self) -> bool {
+        self.profile.waits_for_air() && !self.vehicle.has_taken_off()
+    }
+
     /// Who we are on the links.
     pub fn us(&self, now: Timestamp) -> Us {
         Us {

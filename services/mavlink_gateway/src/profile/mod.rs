@@ -60,8 +60,13 @@ pub trait Profile: fmt::Debug + Send {
     fn observe(&mut self, situation: &Situation<'_>) -> bool;
 
     /// The setpoint for now; `None` only while no position was ever known, for a moment after the start in which the
-    /// guard may yet be heard, and before the vehicle is in the air if the autopilot would break its take-off off.
+    /// guard may yet be heard, and before the vehicle is in the air if it [waits for that](Profile::waits_for_air).
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint>;
+
+    /// Whether nothing is sent before the vehicle is in the air: the first setpoint would break its take-off off.
+    fn waits_for_air(&self) -> bool {
+        false
+    }
 
     /// How what was sent last lies to the vehicle.
     fn nearness(&self) -> Nearness {

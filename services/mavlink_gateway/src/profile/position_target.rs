@@ -77,7 +77,7 @@ impl Profile for PositionTarget {
     }
 
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint> {
-        if self.waits_for_air && !situation.in_air {
+        if self.waits_for_air() && !situation.in_air {
             self.on_plan = false;
             return None;
         }
@@ -126,6 +126,10 @@ impl Profile for PositionTarget {
             source: decision.source,
             first_of: decision.first_of,
         })
+    }
+
+    fn waits_for_air(&self) -> bool {
+        self.waits_for_air
     }
 
     fn nearness(&self) -> Nearness {

@@ -433,6 +433,9 @@ impl Story {
             // Nobody knows for whom setpoints would be.
             self.last_setpoint = self.last_setpoint.map(|_| time);
         }
+        if self.gateway.waits_for_air() {
+            self.last_setpoint = self.last_setpoint.map(|_| time);
+        }
         self.now = time;
         if let Some(last) = self.last_setpoint {
             let gap_s = time.seconds_since(last);
