@@ -1,9 +1,14 @@
 //! The state of a running system on one screen, and as JSON for scripts.
 
+mod links;
+
+pub use links::{LinkFigures, Refused};
+
 use jink_shared_types::health::{
     Health, Histogram, ProcessStatus, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
 };
 use jink_shared_types::link::LinkStatus;
+use jink_shared_types::topics::LINK_STATUS;
 use jink_shared_types::{STAGE_NAMES, STAGES, Stamped, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -169,6 +174,8 @@ pub struct Link {
     pub capture_to_wire_max_ms: f64,
     /// What each stage adds to it.
     pub stages: Vec<StageLatency>,
+    /// Each link by itself, the autopilot's first.
+    pub links: Vec<LinkFigures>,
 }
 
 /// What one stage of the chain adds to the way from capture to wire, waiting included.
@@ -226,7 +233,7 @@ impl Report {
                 .iter()
                 .map(|process| Service::new(now, process))
                 .collect(),
-            link: link.map(|link| Link::new(now, link)),
+            link: link.map(|link| Link::new(now, link, gateway_uptime_s(now, status))),
         }
     }
 
@@ -245,7 +252,7 @@ impl Report {
         out.push('\n');
         out.push_str(&self.link.as_ref().map_or_else(
             || "link: the gateway has said nothing yet\n".to_owned(),
-            Link::line,
+            |link| link.line() + &LinkFigures::lines(&link.links),
         ));
         if !self.ends.is_empty() {
             out.push('\n');
@@ -378,8 +385,15 @@ impl Service {
     }
 }
 
+/// How long the process behind the link's figures has been running (s).
+fn gateway_uptime_s(now: Timestamp, status: &SystemStatus) -> Option<f64> {
+    let gateway = |process: &&ProcessStatus| LINK_STATUS.row.may_publish(process.heartbeat.name.as_str());
+    let gateway = status.processes().iter().find(gateway)?;
+    (gateway.pid != 0).then(|| now.seconds_since(gateway.started))
+}
+
 impl Link {
-    fn new(now: Timestamp, link: Stamped<'_, LinkStatus>) -> Self {
+    fn new(now: Timestamp, link: Stamped<'_, LinkStatus>, uptime_s: Option<f64>) -> Self {
         let latency = &link.sample.capture_to_wire;
         let us = |us: f64| round(us * 1e-3);
         Self {
@@ -397,6 +411,7 @@ impl Link {
             capture_to_wire_p99_ms: us(latency.quantile_us(0.99)),
             capture_to_wire_max_ms: us(f64::from(latency.max_us)),
             stages: StageLatency::of(&link.sample.stages),
+            links: LinkFigures::of(link.sample, uptime_s),
         }
     }
 

@@ -2,7 +2,7 @@ use super::{PostMortem, Report, duration, exit_code, exit_text};
 use jink_shared_types::Stage;
 use jink_shared_types::coded::{Coded, Flag};
 use jink_shared_types::health::{Health, Heartbeat, Name, ProcessStatus, ServiceState, SystemStatus};
-use jink_shared_types::link::LinkStatus;
+use jink_shared_types::link::{CLASSES, LinkStatus, LinkTraffic};
 use jink_shared_types::{SampleHeader, Stamped, Timestamp};
 
 fn at(seconds: f64) -> Timestamp {
@@ -122,6 +122,62 @@ fn the_link_says_whether_the_autopilot_is_heard_and_how_fast_the_chain_is() {
         "{text}"
     );
     assert!(text.ends_with("of that p50/p99: fusion 5.0/5.0\n"), "{text}");
+}
+
+fn linked(others: &[LinkTraffic]) -> (String, serde_json::Value) {
+    let mut link = LinkStatus {
+        autopilot_alive: Flag::YES,
+        ..LinkStatus::default()
+    };
+    link.links[0].name = Name::new("autopilot");
+    link.links[0].sent_bytes[1] = 50_000;
+    link.links[1..=others.len()].copy_from_slice(others);
+    let mut status = status();
+    status.processes[1].heartbeat.name = Name::new("mavlink_gateway");
+    status.processes[1].started = at(120.0);
+    status.processes[1].pid = 99;
+    let header = SampleHeader::at(at(129.9));
+    let stamped = Stamped {
+        sample: &link,
+        header: &header,
+    };
+    let report = Report::new("default", at(130.0), &status, Some(stamped), Vec::new());
+    (report.text(1_000.0), serde_json::to_value(report).unwrap())
+}
+
+#[test]
+fn one_link_without_trouble_needs_no_line_of_its_own() {
+    let (text, json) = linked(&[]);
+    assert!(!text.contains("B/s"), "{text}");
+    assert_eq!(json["link"]["links"].as_array().unwrap().len(), 1);
+    assert_eq!(json["link"]["links"][0]["sent_bytes_per_s"], 5_000.0);
+}
+
+#[test]
+fn every_link_says_what_it_carries_and_what_was_left_out_or_refused() {
+    let mut ground = LinkTraffic {
+        name: Name::new("ground"),
+        forwarded: 7,
+        signature_refused: 1,
+        replayed: 2,
+        unsigned_refused: 3,
+        strangers: 4,
+        reopened: 5,
+        ..LinkTraffic::default()
+    };
+    ground.dropped[3] = 12;
+    ground.dropped[7] = 1;
+    let (text, json) = linked(&[ground]);
+    let wanted = "      autopilot  5000 B/s sent since its start\n      \
+                  ground     0 B/s sent since its start; passed on 7; left out 12 obstacles, 1 forwarded; \
+                  refused 1 wrongly signed, 2 played back, 3 unsigned, 4 of strangers; opened again 5 times\n";
+    assert!(text.ends_with(wanted), "{text}");
+    let ground = &json["link"]["links"][1];
+    assert_eq!(ground["name"], "ground");
+    assert_eq!(ground["dropped"].as_object().unwrap().len(), CLASSES.len());
+    assert_eq!(ground["dropped"]["obstacles"], 12);
+    assert_eq!(ground["refused"]["replayed"], 2);
+    assert_eq!(ground["strangers"], 4);
 }
 
 #[test]
