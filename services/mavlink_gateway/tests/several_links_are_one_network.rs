@@ -277,7 +277,7 @@ fn what_is_ours_reaches_whom_it_is_for() {
 }
 
 #[test]
-fn the_telemetry_log_holds_what_is_heard_and_said_on_every_link_once() {
+fn the_telemetry_log_holds_what_is_heard_and_said_on_every_link_once_and_no_key() {
     let mut bench = Bench::acquainted(|_| {});
     let folder = own_path("tlog");
     let log = Tlog::begin(&folder, 1).unwrap();
@@ -285,6 +285,14 @@ fn the_telemetry_log_holds_what_is_heard_and_said_on_every_link_once() {
     bench.links.record(log);
     let (autopilots, stations) = (bytes(1, 1, attitude(5)), bytes(255, 190, command(1, 1)));
     let _both_are_passed_on = (bench.passes(0, &autopilots), bench.passes(1, &stations));
+    let secret_key = *b"a key that somebody has set here";
+    let setup = MavMessage::SETUP_SIGNING(SETUP_SIGNING_DATA {
+        target_system: 1,
+        target_component: 1,
+        secret_key,
+        ..SETUP_SIGNING_DATA::default()
+    });
+    let _is_passed_on_to_nobody = bench.passes(1, &bytes(255, 190, setup));
     bench.send(Destination::Link(0), attitude(6));
     bench.send(Destination::Link(2), attitude(7));
     drop(bench);
@@ -302,6 +310,11 @@ fn the_telemetry_log_holds_what_is_heard_and_said_on_every_link_once() {
             .count();
         assert_eq!(count, 1, "{frame:?}");
     }
+    assert!(
+        !written
+            .windows(secret_key.len())
+            .any(|window| window == secret_key)
+    );
 }
 
 #[test]

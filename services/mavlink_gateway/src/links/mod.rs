@@ -32,7 +32,8 @@ use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::EventSample;
 use jink_shared_types::link::{LINKS, LinkTraffic};
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::{MavMessage, SETUP_SIGNING_DATA};
 use member::{Member, Rules};
 use std::os::fd::BorrowedFd;
 use std::path::{Path, PathBuf};
@@ -382,7 +383,9 @@ impl Intake for Gate<'_> {
             .verify(frame, setup.signing, setup.key.as_ref(), self.our_stamp);
         match verified {
             Ok(()) => {
-                if let Some(log) = self.hall.log.as_mut().filter(|_| self.holds) {
+                // The log is read by many, a key by nobody.
+                let is_key = frame.message_id == SETUP_SIGNING_DATA::ID;
+                if let Some(log) = self.hall.log.as_mut().filter(|_| self.holds && !is_key) {
                     log.add(frame.bytes);
                 }
                 true
