@@ -9,7 +9,8 @@
 //! Whoever hears no answer asks again with the same number: the last answer to each client is kept and said again, so that
 //! nothing is done twice. Pieces of a burst leave at [`PACE_HZ`], in turn for all clients, and a burst ends after
 //! [`BURST_PIECES`]: a client that has lost some asks for them before it goes on. A session that is not used for
-//! [`SESSION_S`] is over. Session numbers are not used again soon, so a late copy of an old request ends nobody's session.
+//! [`SESSION_S`] is over. Session numbers are not used again soon, so a late copy of an old request ends nobody's session;
+//! a client that names session 0, which nobody has, means the one it has used last.
 
 mod crc;
 mod metadata;
@@ -32,6 +33,9 @@ const BURST_PIECES: u32 = 16;
 const SESSIONS: usize = 4;
 /// A session without a request and without a burst is over after this time (s): clients repeat themselves after one.
 const SESSION_S: f64 = 10.0;
+/// Number of the first session. Zero is never given out: MAVSDK names it whatever number it was given, and means the session it
+/// has opened last.
+const FIRST_ID: u8 = 1;
 /// An answer is said again if the same request comes within this time (s); later it is a new one.
 const REPEAT_S: f64 = 3.0;
 
@@ -96,7 +100,7 @@ impl Default for FileServer {
             ],
             sessions: [None; SESSIONS],
             said: [None; SESSIONS],
-            next_id: 0,
+            next_id: FIRST_ID,
             turn: 0,
             pace: Ticker::new(PACE_HZ),
         }
@@ -273,7 +277,7 @@ impl FileServer {
             .find(|slot| slot.as_ref().is_none_or(is_over));
         let slot = free.ok_or(Nak::NoSessionsAvailable)?;
         let id = self.next_id;
-        self.next_id = self.next_id.wrapping_add(1);
+        self.next_id = self.next_id.checked_add(1).unwrap_or(FIRST_ID);
         *slot = Some(Session {
             id,
             peer,
@@ -284,13 +288,14 @@ impl FileServer {
         Ok(id)
     }
 
+    /// Where the session of `peer` with this number is; with no number, the one it has used last.
     fn slot(&self, peer: Peer, id: u8) -> Result<usize, Nak> {
-        let is_it = |session: &Session| session.id == id && session.peer == peer;
-        let slot = self
-            .sessions
-            .iter()
-            .position(|slot| slot.as_ref().is_some_and(is_it));
-        slot.ok_or(Nak::InvalidSession)
+        let is_it = |session: &&Session| session.peer == peer && (session.id == id || id < FIRST_ID);
+        let places = self.sessions.iter().enumerate();
+        let slot = places
+            .filter_map(|(slot, session)| Some((slot, session.as_ref().filter(is_it)?)))
+            .max_by_key(|(_, session)| (session.heard, session.id));
+        slot.map(|(slot, _)| slot).ok_or(Nak::InvalidSession)
     }
 
     /// The session, whose burst ends with every other request.

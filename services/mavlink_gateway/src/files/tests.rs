@@ -139,6 +139,33 @@ fn nothing_can_be_written_and_nonsense_is_refused_with_its_reason() {
 }
 
 #[test]
+fn whoever_names_no_session_means_the_one_it_has_opened_last() {
+    let mut server = FileServer::default();
+    let read = |seq| Packet {
+        size: 10,
+        ..request(seq, op::READ)
+    };
+    assert_eq!(
+        refusal(&ask(&mut server, 0.0, read(1))),
+        Some(Nak::InvalidSession as u8)
+    );
+    for (seq, file) in [(10, 0), (20, 1)] {
+        let file = server.files[file].clone();
+        let opened = ask(
+            &mut server,
+            f64::from(seq),
+            request(seq, op::OPEN).with(file.name.as_bytes()),
+        );
+        assert_ne!(opened.session, 0, "nobody is given it");
+        let piece = ask(&mut server, f64::from(seq), read(seq + 1));
+        assert_eq!(piece.given(), Some(&file.bytes[..10]), "{}", file.name);
+    }
+    // The last one, then the one before, then none is left.
+    let ends = [30, 31, 32].map(|seq| ask(&mut server, 21.0, request(seq, op::TERMINATE)).opcode);
+    assert_eq!(ends, [ACK, ACK, NAK]);
+}
+
+#[test]
 fn sessions_run_out_and_come_back_and_belong_to_whoever_opened_them() {
     let mut server = FileServer::default();
     let open = |seq| request(seq, op::OPEN).with(b"general.json");
