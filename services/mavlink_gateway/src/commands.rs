@@ -3,6 +3,7 @@
 //! | command | answer |
 //! |---|---|
 //! | MAV_CMD_REQUEST_MESSAGE for something that the component says ([`MESSAGES`]) | ACCEPTED, the message |
+//! | the same of ONBOARD_COMPUTER_STATUS, before the board has been read | TEMPORARILY_REJECTED |
 //! | MAV_CMD_SET_MESSAGE_INTERVAL within the limits of a message that may be slower or faster | ACCEPTED |
 //! | the same for anything else: heartbeats and setpoints are what safety rests on | DENIED |
 //! | MAV_CMD_GET_MESSAGE_INTERVAL | ACCEPTED, MESSAGE_INTERVAL |

@@ -121,6 +121,19 @@ fn every_message_that_can_be_asked_for_comes_at_once() {
 }
 
 #[test]
+fn a_board_that_nobody_has_read_yet_is_told_later() {
+    let mut bench = acquainted(false);
+    let asked = [ONBOARD_COMPUTER_STATUS_DATA::ID as f32, 0.0];
+    let ask_for_it = || command(MavCmd::MAV_CMD_REQUEST_MESSAGE, asked, COMPONENT_ONBOARD_COMPUTER);
+    ask(&mut bench, ask_for_it());
+    assert_eq!(results(&bench), [MavResult::MAV_RESULT_TEMPORARILY_REJECTED]);
+    bench.sent.clear();
+    bench.gateway.notice_board(BoardReading::default());
+    ask(&mut bench, ask_for_it());
+    assert_eq!(results(&bench), [MavResult::MAV_RESULT_ACCEPTED]);
+}
+
+#[test]
 fn the_version_announces_what_is_true_of_each_component() {
     for (autopilot, encoding, other) in [
         (

@@ -13,7 +13,9 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::events::{EventSample, RESTART_REFUSED};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::tuning::ParameterChange;
-use mavlink::dialects::ardupilotmega::{FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage};
+use mavlink::dialects::ardupilotmega::{
+    FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage, MavResult,
+};
 
 impl Gateway {
     /// With these values in force instead of the defaults.
@@ -170,11 +172,15 @@ impl Gateway {
         received: &Received,
         outputs: &mut Outputs,
     ) {
-        let (result, deed) = command.judge(&Circumstances {
+        let (mut result, deed) = command.judge(&Circumstances {
             role,
             armed: self.desk.armed,
             restarting: self.desk.is_restarting(),
         });
+        // Nobody has read the board in the gateway's first second.
+        if deed == Deed::Say(Topic::Computer) && self.desk.computer(now).is_none() {
+            result = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
+        }
         let ack = Body::CommandAck(CommandAck {
             command: command.command,
             result,
