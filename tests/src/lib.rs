@@ -6,4 +6,5 @@ pub mod lockstep;
 pub mod lossy;
 pub mod on_udp;
 pub mod pairing;
+pub mod peers;
 pub mod processes;

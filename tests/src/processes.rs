@@ -2,6 +2,7 @@
 // A harness for tests: without its programs, ports and folders there is nothing to test.
 #![allow(clippy::expect_used)]
 
+use crate::peers;
 use serde_json::Value;
 use std::net::UdpSocket;
 use std::ops::Deref;
@@ -166,7 +167,8 @@ impl System {
     /// # Panics
     /// If it does not come up: the text says why.
     pub fn up(role: &str, arguments: &[&str]) -> Self {
-        let instance = format!("test_{role}_{}", std::process::id());
+        // A process id has seven digits at most, the name of an instance 22 characters.
+        let instance = format!("t_{role}_{}", std::process::id());
         let system = Self {
             handle: Handle { instance },
         };
@@ -268,28 +270,7 @@ impl Drop for TempFolder {
 /// # Errors
 /// A text saying what is missing on this machine.
 pub fn python_with_pymavlink() -> Result<PathBuf, String> {
-    let venv = programs().with_file_name("python");
-    let python = venv.join("bin/python");
-    let has_it = |python: &Path| {
-        let asked = Command::new(python).args(["-c", "import pymavlink"]).output();
-        asked.is_ok_and(|output| output.status.success())
-    };
-    if has_it(&python) {
-        return Ok(python);
-    }
-    let made = answer(Command::new("sh").args([
-        "-c",
-        "python3 -m venv \"$0\" && \"$0/bin/pip\" install --quiet pymavlink",
-        &venv.to_string_lossy(),
-    ]));
-    if has_it(&python) {
-        Ok(python)
-    } else {
-        Err(format!(
-            "no Python with pymavlink (python3, python3-venv and a package index are needed): {}",
-            made.stderr.trim()
-        ))
-    }
+    peers::python(&peers::PYMAVLINK)
 }
 
 /// What a demonstration flight said: its whole output, and the JSON object on the last line.

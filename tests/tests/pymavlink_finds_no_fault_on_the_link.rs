@@ -2,22 +2,13 @@
 //! judges it, and is the ground station that flies the mission. Distances come from the world's own description.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use jink_tests::peers::AUTOPILOT_ONLY;
 use jink_tests::processes::{
     System, TempFolder, answer, free_udp_port, program, python_with_pymavlink, workspace,
 };
 use serde_json::Value;
 use std::process::Command;
 use std::sync::{Mutex, PoisonError};
-
-/// The process table of a host with nothing but an autopilot and its vehicle.
-const AUTOPILOT_ONLY: &str = r#"
-[[process]]
-name = "simulator"
-program = "jink-simulator"
-arguments = ["vehicle"]
-when = "simulated_vehicle"
-heartbeat_timeout_ms = 500
-"#;
 
 #[test]
 fn an_external_autopilot_is_flown_through_a_virtual_world_and_pymavlink_finds_no_fault() {
