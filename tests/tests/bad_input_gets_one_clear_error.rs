@@ -14,7 +14,7 @@ const CANNOT_START: i32 = 78;
 fn up(folder: &TempFolder, arguments: &[&str]) -> Answer {
     static STARTS: AtomicU32 = AtomicU32::new(0);
     let start = STARTS.fetch_add(1, Ordering::Relaxed);
-    let instance = format!("test_refused_{}_{start}", std::process::id());
+    let instance = format!("refused_{}_{start}", std::process::id());
     let mut command = program(
         "jink",
         &[

@@ -7,8 +7,10 @@ use iceoryx2::prelude::{Config, FileName, Path, SemanticString};
 use std::fmt;
 use std::path::PathBuf;
 
-/// Longest name of an instance; keeps iceoryx2's file names below their limit.
-const NAME_MAX: usize = 24;
+/// Longest name of an instance. iceoryx2 wakes a process over a local socket called
+/// `/dev/shm/jink_NAME/iox/jink_NAME-NUMBER.event`, and such a path has 107 bytes at most: with 22 twice in it, 32 digits are left
+/// for the number, which has 30 to 31 in a process with a dozen ports.
+const NAME_MAX: usize = 22;
 
 /// One jink on this host.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -157,14 +159,32 @@ impl Instance {
 
 #[cfg(test)]
 mod tests {
-    use super::Instance;
+    use super::{Instance, NAME_MAX};
+
+    /// Bytes of a path in `sockaddr_un`, without the zero at its end.
+    const SOCKET_PATH_MAX: usize = 107;
 
     #[test]
     fn a_name_that_would_leave_its_folder_is_refused() {
-        for bad in ["", "..", "a/b", "A", "with space", "x".repeat(25).as_str()] {
+        for bad in [
+            "",
+            "..",
+            "a/b",
+            "A",
+            "with space",
+            "x".repeat(NAME_MAX + 1).as_str(),
+        ] {
             assert!(bad.parse::<Instance>().is_err(), "{bad:?}");
         }
         assert!("default".parse::<Instance>().is_ok());
+    }
+
+    #[test]
+    fn the_longest_name_leaves_room_for_the_sockets_of_its_processes() {
+        let longest: Instance = "x".repeat(NAME_MAX).parse().unwrap();
+        let socket = format!("{}9{:031}.event", longest.shm_prefix(), 0);
+        let path = longest.iceoryx_root().join(socket);
+        assert!(path.as_os_str().len() <= SOCKET_PATH_MAX, "{}", path.display());
     }
 
     #[test]
