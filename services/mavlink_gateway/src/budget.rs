@@ -21,8 +21,9 @@ use jink_shared_types::link::CLASSES;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{
     COMPONENT_METADATA_DATA, FILE_TRANSFER_PROTOCOL_DATA, HEARTBEAT_DATA, OBSTACLE_DISTANCE_3D_DATA,
-    OBSTACLE_DISTANCE_DATA, PARAM_ERROR_DATA, PARAM_EXT_VALUE_DATA, PARAM_VALUE_DATA,
-    SET_POSITION_TARGET_GLOBAL_INT_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,
+    OBSTACLE_DISTANCE_DATA, ONBOARD_COMPUTER_STATUS_DATA, PARAM_ERROR_DATA, PARAM_EXT_VALUE_DATA,
+    PARAM_VALUE_DATA, SET_POSITION_TARGET_GLOBAL_INT_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
+    STATUSTEXT_DATA,
 };
 // The trajectory messages are gone from PX4 1.16 on; some profiles are for the versions before.
 #[allow(deprecated)]
@@ -45,7 +46,7 @@ pub enum Class {
     Text = 4,
     /// OBSTACLE_DISTANCE_3D: the same again, in more detail.
     Points = 5,
-    /// Parameters, files.
+    /// Parameters, files, how the board is.
     Parameter = 6,
     /// What others have sent to others.
     Forwarded = 7,
@@ -80,7 +81,8 @@ impl Class {
             | PARAM_EXT_VALUE_DATA::ID
             | PARAM_ERROR_DATA::ID
             | FILE_TRANSFER_PROTOCOL_DATA::ID
-            | COMPONENT_METADATA_DATA::ID => Self::Parameter,
+            | COMPONENT_METADATA_DATA::ID
+            | ONBOARD_COMPUTER_STATUS_DATA::ID => Self::Parameter,
             _ => Self::Answer,
         }
     }

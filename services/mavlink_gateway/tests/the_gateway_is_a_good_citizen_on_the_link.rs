@@ -3,6 +3,7 @@
 
 mod support;
 
+use jink_mavlink_gateway::computer::BoardReading;
 use jink_mavlink_gateway::router::LinkSet;
 use jink_mavlink_gateway::{
     COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, Destination, GatewayConfig, Receipt,
@@ -404,6 +405,7 @@ fn who_speaks_as_an_autopilot_on_a_ground_stations_link_is_nobodys_autopilot() {
 #[allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
 fn the_autopilot_is_spoken_to_where_it_is_heard_and_whoever_asks_where_he_asked() {
     let mut bench = Bench::new();
+    bench.gateway.notice_board(BoardReading::default());
     bench.link = 1;
     bench.fly(2.0, |bench, t| {
         bench.link = 1;
@@ -430,7 +432,11 @@ fn the_autopilot_is_spoken_to_where_it_is_heard_and_whoever_asks_where_he_asked(
     );
     assert_eq!(of(TIMESYNC_DATA::ID), [Destination::Link(1)]);
     assert_eq!(of(COMMAND_ACK_DATA::ID), [Destination::Link(2)]);
-    for for_all in [HEARTBEAT_DATA::ID, OBSTACLE_DISTANCE_DATA::ID] {
+    for for_all in [
+        HEARTBEAT_DATA::ID,
+        OBSTACLE_DISTANCE_DATA::ID,
+        ONBOARD_COMPUTER_STATUS_DATA::ID,
+    ] {
         assert_eq!(of(for_all), [Destination::Everyone]);
     }
 }

@@ -5,9 +5,9 @@
 //! | byte-wise | the float whose bits are those of the integer | systems with a PX4 |
 //! | C cast | 5.0 | systems with an ArduPilot |
 //!
-//! Ground stations choose by the *autopilot* of the system, not by what a component announces: MAVProxy keeps one autopilot
-//! type per system id and decodes every component's integers by it, QGroundControl and MAVSDK choose by the vehicle's
-//! firmware. A companion that kept to one encoding would be misread beside the other autopilot, so ours follows the
+//! Ground stations choose by the *autopilot* of the system, not by what a component announces: QGroundControl and MAVSDK by the
+//! vehicle's firmware; MAVProxy means to, but knows the type only where component 1 is addressed, and takes all others
+//! for C casts. A companion that kept to one encoding would be misread beside the other autopilot, so ours follows the
 //! autopilot it flies with, and announces what it does in AUTOPILOT_VERSION. Floats travel the same in both.
 //!
 //! Source: MAVLink developer guide, "Parameter Protocol", section "Parameter Encoding".
