@@ -72,7 +72,7 @@ fn heartbeat(mavtype: MavType, autopilot: MavAutopilot) -> MavMessage {
 /// `jink check link` on a link to `port`, with further `settings`.
 fn check(port: u16, settings: &[&str], further: &[&str]) -> Answer {
     // No instance of this name runs.
-    let instance = format!("test_check_{}_{port}", std::process::id());
+    let instance = format!("t_check_{}_{port}", std::process::id());
     let mut command = program("jink", &["--instance", &instance, "check", "link"]);
     command.args(["--link", &format!("udpin:127.0.0.1:{port}")]);
     for setting in settings {
@@ -289,7 +289,7 @@ fn streams_and_times_that_do_not_come_are_told_one_by_one() {
     assert_told(
         &slow,
         "BLOCKER",
-        "ATTITUDE_QUATERNION comes 5.0 times a second, and 50 are needed",
+        "times a second, and 50 are needed; it tells how it is turned",
     );
 
     let timeless = told(px4(1, &[]), lost(TIMESYNC), &[]);
