@@ -44,8 +44,14 @@ fn planner_fusion_and_guard_one_after_the_other() {
     }
     let flown = mission.wait_with_output().unwrap();
     assert_eq!(flown.status.code(), Some(0), "{flown:?}");
-    assert_eq!(jink.truth_number("collisions"), Some(0.0));
-    assert_eq!(jink.truth_number("hold_count"), Some(0.0));
+    let truth = jink.truth();
+    assert_eq!(jink.truth_number("collisions"), Some(0.0), "{truth}");
+    assert_eq!(
+        jink.truth_number("hold_count"),
+        Some(0.0),
+        "{truth} {}",
+        jink.status()
+    );
 }
 
 #[test]
