@@ -39,6 +39,12 @@ pub const PX4_2021_OFFBOARD: Pairing = Pairing {
     parameter: Some(("COM_OBS_AVOID", 0.0)),
     ..PX4_TRAJECTORY
 };
+/// Current PX4 in its own mission, with velocities and accelerations taken in, as proposed for it.
+pub const PX4_DEVIATION: Pairing = Pairing {
+    profile: ProfileName::Px4Deviation,
+    parameter: Some(("EAV_EN", 1.0)),
+    ..PX4_CURRENT
+};
 /// ArduCopter in GUIDED.
 pub const COPTER: Pairing = Pairing {
     autopilot: "ardupilot",

@@ -128,6 +128,11 @@ fn where_nothing_is_wrong_each_profile_is_ready() {
             "PX4 1.17.0 (development), quadrotor, system 1",
         ),
         (
+            current_px4(&[("EAV_EN", 1.0)]),
+            "px4_deviation",
+            "PX4 1.17.0 (development), quadrotor, system 1",
+        ),
+        (
             arducopter(&[("GUID_TIMEOUT", 0.5), ("PRX1_TYPE", 2.0)]),
             "ardupilot_guided",
             "ArduPilot 4.7.0 (development), quadrotor, system 1",
@@ -342,7 +347,7 @@ fn wrong_usage_and_a_wrong_configuration_are_no_examination() {
         (
             &["link.profile=px5"][..],
             &[][..],
-            "unknown profile px5; there are: px4_trajectory px4_offboard ardupilot_guided",
+            "unknown profile px5; there are: px4_trajectory px4_offboard px4_deviation ardupilot_guided",
         ),
         (
             &["link.addres=udpin:1"],

@@ -82,6 +82,7 @@ fn every_parameter_that_is_examined_is_explained_on_the_page_of_its_autopilot() 
     for (profile, page) in [
         (ProfileName::Px4Trajectory, "connect_px4_trajectory.md"),
         (ProfileName::Px4Offboard, "connect_px4_offboard.md"),
+        (ProfileName::Px4Deviation, "connect_px4_deviation.md"),
         (ProfileName::ArdupilotGuided, "connect_ardupilot.md"),
     ] {
         let text = std::fs::read_to_string(workspace().join("docs").join(page)).unwrap();

@@ -99,7 +99,7 @@ fn besides(profile: ProfileName) -> Vec<Stream> {
             stream(MISSION_CURRENT_DATA::ID, 1.0, Need::Always),
             altitude,
         ],
-        ProfileName::Px4Offboard => {
+        ProfileName::Px4Offboard | ProfileName::Px4Deviation => {
             let mode = stream(CURRENT_MODE_DATA::ID, 2.0, Need::Always);
             MISSION.into_iter().chain([mode, altitude]).collect()
         }

@@ -82,6 +82,7 @@ pub fn parameters(profile: ProfileName) -> &'static [&'static str] {
             "MPC_XY_VEL_MAX",
             "CP_DIST",
         ],
+        ProfileName::Px4Deviation => &["EAV_EN", "EAV_TIMEOUT", "MPC_XY_VEL_MAX", "CP_DIST"],
         ProfileName::ArdupilotGuided => &[
             "GUID_TIMEOUT",
             "GUID_OPTIONS",
@@ -404,7 +405,7 @@ fn make(heartbeat: &HEARTBEAT_DATA) -> Option<Make> {
 /// The make that `profile` is for.
 pub fn make_of(profile: ProfileName) -> Make {
     match profile {
-        ProfileName::Px4Trajectory | ProfileName::Px4Offboard => Make::Px4,
+        ProfileName::Px4Trajectory | ProfileName::Px4Offboard | ProfileName::Px4Deviation => Make::Px4,
         ProfileName::ArdupilotGuided => Make::ArduPilot,
     }
 }

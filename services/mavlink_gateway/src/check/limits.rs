@@ -24,6 +24,9 @@ pub const MPC_JERK_AUTO_MIN_MPS3: f64 = 4.0;
 
 /// The shortest COM_OF_LOSS_T that was flown (s); with less, a restart of the gateway may count as a loss.
 pub const COM_OF_LOSS_T_MIN_S: f64 = 0.3;
+/// The shortest EAV_TIMEOUT with which a restart of the gateway goes unnoticed (s): several times the gap of some 60 ms that a
+/// killed gateway leaves.
+pub const EAV_TIMEOUT_MIN_S: f64 = 0.3;
 /// PX4's default (s): from 4.5 m/s the vehicle then goes on for 5 to 7 m, and each further second is another 4.5.
 pub const COM_OF_LOSS_T_MAX_S: f64 = 1.0;
 

@@ -57,6 +57,8 @@ pub fn fitting(profile: ProfileName) -> ((u8, u8), Option<(u8, u8)>) {
     match profile {
         ProfileName::Px4Trajectory => ((1, 11), Some((1, 15))),
         ProfileName::Px4Offboard => ((1, 13), None),
+        // The proposal was made for the version in work then.
+        ProfileName::Px4Deviation => ((1, 17), None),
         ProfileName::ArdupilotGuided => ((4, 0), None),
     }
 }

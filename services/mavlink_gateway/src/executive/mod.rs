@@ -17,6 +17,7 @@
 pub mod client;
 pub mod georeference;
 
+use crate::config::GatewayConfig;
 use client::Item;
 use jink_shared_types::vehicle::{DesiredPath, DesiredPoint, NavMode};
 use jink_shared_types::{Coded, Flag, Point, Timestamp};
@@ -53,6 +54,31 @@ const TRIES: u32 = 10;
 const ATTEMPTS: u32 = 5;
 /// Speeds a mission may ask for (m/s).
 const SPEEDS_MPS: std::ops::RangeInclusive<f32> = 0.1..=30.0;
+
+/// What jink does about missions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// Flies them where somebody lets it follow setpoints; takes none over.
+    WhenChosen,
+    /// Takes over those that the autopilot flies.
+    TakesOver,
+    /// Shows the autopilot the way while that flies them itself.
+    ShowsTheWay,
+    /// Nothing.
+    None,
+}
+
+impl Part {
+    /// That of a profile.
+    pub fn of(config: &GatewayConfig) -> Self {
+        match (config.profile.flies_the_mission(), config.takes_missions) {
+            (true, true) => Self::TakesOver,
+            (true, false) => Self::WhenChosen,
+            (false, true) => Self::ShowsTheWay,
+            (false, false) => Self::None,
+        }
+    }
+}
 
 /// What the autopilot is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -106,7 +132,7 @@ pub struct Intent {
 /// Where the mission stands.
 #[derive(Clone, Debug)]
 pub struct Executive {
-    takes_over: bool,
+    part: Part,
     /// The item that is flown to.
     index: Option<usize>,
     /// It was reached then.
@@ -127,10 +153,10 @@ pub struct Executive {
 }
 
 impl Executive {
-    /// `takes_over`: missions that the autopilot flies are taken over; otherwise only when somebody chooses the mode.
-    pub fn new(takes_over: bool) -> Self {
+    /// For one flight after the other.
+    pub fn new(part: Part) -> Self {
         Self {
-            takes_over,
+            part,
             index: None,
             reached: None,
             before: NavMode::Unknown,
@@ -148,13 +174,29 @@ impl Executive {
     pub fn step(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
         self.notice_mode(scene);
         match scene.mode {
-            NavMode::Offboard => self.fly(scene, place),
+            NavMode::Mission if self.part == Part::ShowsTheWay => Intent {
+                unguarded: self.notice_unguarded(scene),
+                ..self.show(scene, place)
+            },
+            NavMode::Offboard if self.part != Part::ShowsTheWay => self.fly(scene, place),
             NavMode::Mission => Intent {
                 unguarded: self.notice_unguarded(scene),
                 ..self.prepare(scene, place)
             },
             NavMode::Hold if self.halted => self.prepare(scene, place),
             _ => Intent::default(),
+        }
+    }
+
+    /// The way to the autopilot's current item, which counts it as reached itself.
+    fn show(&self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
+        let way = self.to_be_taken_over(scene).and_then(|(items, index)| {
+            let target = place(&items[index])?;
+            Some(path(items, index, target, self.next(items, index, place)))
+        });
+        Intent {
+            path: way,
+            ..Intent::default()
         }
     }
 
@@ -206,7 +248,13 @@ impl Executive {
         });
         // Not known which item: it may be one.
         let is_ours = item.is_none_or(|item| is_plain(item) && self.given_back != Some(item.sequence));
-        let alone = self.takes_over && !self.yielded && scene.armed && scene.in_air && is_ours;
+        let alone = match self.part {
+            Part::TakesOver => !self.yielded,
+            Part::ShowsTheWay => !scene.ready,
+            Part::WhenChosen | Part::None => false,
+        } && scene.armed
+            && scene.in_air
+            && is_ours;
         if !alone {
             self.unguarded = None;
             return false;
@@ -257,8 +305,11 @@ impl Executive {
 
     /// The items and the one to go on at, if the mission is to be taken over as soon as that can be done.
     fn to_be_taken_over<'a>(&self, scene: &Scene<'a>) -> Option<(&'a [Item], usize)> {
-        let able =
-            self.takes_over && !self.yielded && scene.armed && scene.in_air && scene.position.is_some();
+        let able = matches!(self.part, Part::TakesOver | Part::ShowsTheWay)
+            && !self.yielded
+            && scene.armed
+            && scene.in_air
+            && scene.position.is_some();
         let (items, current) = scene.items.zip(scene.current).filter(|_| able)?;
         let index = first_place(items, usize::from(current))?;
         let item = &items[index];

@@ -1,5 +1,5 @@
 use super::client::Item;
-use super::{Demand, Executive, Intent, Scene};
+use super::{Demand, Executive, Intent, Part, Scene};
 use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::{MavCmd, MavFrame};
@@ -68,7 +68,7 @@ fn a_mission_is_taken_over_at_its_first_plain_waypoint_when_all_is_ready() {
             5 => seen.position = None,
             _ => seen.current = Some(4),
         }
-        let intent = Executive::new(true).step(&seen, place);
+        let intent = Executive::new(Part::TakesOver).step(&seen, place);
         // Nobody looks for obstacles while jink is not ready.
         let demand = (!seen.ready).then_some(Demand::Hold);
         assert_eq!(
@@ -79,19 +79,19 @@ fn a_mission_is_taken_over_at_its_first_plain_waypoint_when_all_is_ready() {
     }
     let mut seen = scene(&items);
     seen.on_plan = false;
-    let intent = Executive::new(true).step(&seen, place);
+    let intent = Executive::new(Part::TakesOver).step(&seen, place);
     assert_eq!(intent.path.unwrap().points[1].position.x_m, 20.0);
     assert_eq!(intent.demand, None, "the way is planned first");
-    let intent = Executive::new(true).step(&scene(&items), place);
+    let intent = Executive::new(Part::TakesOver).step(&scene(&items), place);
     assert_eq!(intent.demand, Some(Demand::Follow));
-    let intent = Executive::new(false).step(&scene(&items), place);
+    let intent = Executive::new(Part::WhenChosen).step(&scene(&items), place);
     assert_eq!(intent.demand, None, "nobody has asked for it");
 }
 
 #[test]
 fn demands_without_effect_are_repeated_and_not_for_ever() {
     let items = mission();
-    let mut executive = Executive::new(true);
+    let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
     let mut demands = 0;
     for _ in 0..1000 {
@@ -106,7 +106,7 @@ fn demands_without_effect_are_repeated_and_not_for_ever() {
 #[test]
 fn a_mission_that_cannot_be_taken_over_in_motion_is_taken_over_from_rest() {
     let items = mission();
-    let mut executive = Executive::new(true);
+    let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
     seen.on_plan = false;
     let mut asked = Vec::new();
@@ -125,7 +125,7 @@ fn a_mission_that_cannot_be_taken_over_in_motion_is_taken_over_from_rest() {
     assert_eq!(executive.step(&seen, place), Intent::default());
     seen.ready = true;
     // Somebody else's Hold is his.
-    let mut executive = Executive::new(true);
+    let mut executive = Executive::new(Part::TakesOver);
     seen.mode = NavMode::Mission;
     seen.on_plan = true;
     executive.step(&seen, place);
@@ -136,7 +136,7 @@ fn a_mission_that_cannot_be_taken_over_in_motion_is_taken_over_from_rest() {
 #[test]
 fn a_mission_that_is_flown_while_jink_is_not_ready_is_told_once() {
     let items = mission();
-    let mut executive = Executive::new(true);
+    let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
     seen.ready = false;
     let mut told = 0;
@@ -146,8 +146,8 @@ fn a_mission_that_is_flown_while_jink_is_not_ready_is_told_once() {
     }
     assert_eq!(told, 1);
     // A landing is the autopilot's, and so is what is not to be taken over.
-    for (takes_over, current) in [(true, 4), (false, 1)] {
-        let mut executive = Executive::new(takes_over);
+    for (part, current) in [(Part::TakesOver, 4), (Part::WhenChosen, 1)] {
+        let mut executive = Executive::new(part);
         seen.current = Some(current);
         for _ in 0..500 {
             seen.now = seen.now.plus_seconds(0.02);
@@ -159,7 +159,7 @@ fn a_mission_that_is_flown_while_jink_is_not_ready_is_told_once() {
 #[test]
 fn waypoint_by_waypoint_to_the_landing_which_is_the_autopilots() {
     let items = mission();
-    let mut executive = Executive::new(true);
+    let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
     executive.step(&seen, place);
     seen.mode = NavMode::Offboard;
@@ -201,7 +201,7 @@ fn waypoint_by_waypoint_to_the_landing_which_is_the_autopilots() {
 #[test]
 fn a_plan_that_the_autopilot_has_flown_away_from_is_dropped_and_made_anew() {
     let items = mission();
-    let mut executive = Executive::new(true);
+    let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
     seen.on_plan = false;
     let wishes: Vec<_> = (0..400)
@@ -217,7 +217,7 @@ fn a_plan_that_the_autopilot_has_flown_away_from_is_dropped_and_made_anew() {
 #[test]
 fn after_the_last_waypoint_the_autopilot_finishes_its_mission_and_keeps_it() {
     let items = &mission()[..4];
-    let mut executive = Executive::new(true);
+    let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(items);
     seen.mode = NavMode::Offboard;
     seen.current = Some(3);
@@ -244,7 +244,7 @@ fn after_the_last_waypoint_the_autopilot_finishes_its_mission_and_keeps_it() {
 fn a_waypoint_with_a_delay_is_waited_at() {
     let mut items = mission();
     items[1].params[0] = 3.0;
-    let mut executive = Executive::new(true);
+    let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
     seen.mode = NavMode::Offboard;
     seen.position = at(20.0);
@@ -273,7 +273,7 @@ fn a_pilot_who_takes_the_mission_back_keeps_it() {
         NavMode::Position,
         NavMode::Return,
     ] {
-        let mut executive = Executive::new(true);
+        let mut executive = Executive::new(Part::TakesOver);
         let mut seen = scene(&items);
         seen.mode = NavMode::Offboard;
         executive.step(&seen, place);
@@ -288,7 +288,7 @@ fn a_pilot_who_takes_the_mission_back_keeps_it() {
 #[test]
 fn a_gateway_that_starts_in_flight_goes_on_at_the_current_item() {
     let items = mission();
-    let mut executive = Executive::new(true);
+    let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
     seen.mode = NavMode::Offboard;
     seen.current = Some(3);
@@ -296,8 +296,25 @@ fn a_gateway_that_starts_in_flight_goes_on_at_the_current_item() {
     assert_eq!(wanted.points[1].position.x_m, 40.0);
     seen.items = None;
     assert_eq!(
-        Executive::new(true).step(&seen, place).path,
+        Executive::new(Part::TakesOver).step(&seen, place).path,
         None,
         "not read yet: hold"
     );
+}
+
+#[test]
+fn where_the_autopilot_flies_itself_it_is_shown_the_way_and_asked_for_nothing() {
+    let items = mission();
+    let mut executive = Executive::new(Part::ShowsTheWay);
+    let mut seen = scene(&items);
+    for (current, wanted) in [(1, Some(20.0)), (3, Some(40.0)), (4, None)] {
+        seen.current = Some(current);
+        seen.position = at(39.9);
+        let intent = executive.step(&seen, place);
+        let target = intent.path.map(|path| path.points[1].position.x_m);
+        assert_eq!((target, intent.demand), (wanted, None));
+    }
+    seen.mode = NavMode::Offboard;
+    seen.current = Some(1);
+    assert_eq!(executive.step(&seen, place), Intent::default());
 }

@@ -4,6 +4,7 @@ use super::mission::MissionFlight;
 use super::{Gateway, nanoseconds};
 use crate::clock_map::ClockMap;
 use crate::desired;
+use crate::executive::Part;
 use crate::io::Outputs;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Received};
 use crate::streams::Streams;
@@ -136,7 +137,7 @@ impl Gateway {
         self.clock = ClockMap::default();
         self.streams = Streams::new(self.config.profile);
         if let Some(flight) = &mut self.mission {
-            *flight = MissionFlight::new(self.config.takes_missions);
+            *flight = MissionFlight::new(Part::of(&self.config));
             flight.read_anew(now);
         }
         self.desired = None;

@@ -4,7 +4,7 @@ use super::Gateway;
 use super::watch::Echoes;
 use crate::executive::client::MissionClient;
 use crate::executive::georeference::Georeference;
-use crate::executive::{Demand, Executive, Intent, Scene};
+use crate::executive::{Demand, Executive, Intent, Part, Scene};
 use crate::io::Outputs;
 use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT};
@@ -37,10 +37,10 @@ pub(super) struct MissionFlight {
 }
 
 impl MissionFlight {
-    pub(super) fn new(takes_over: bool) -> Self {
+    pub(super) fn new(part: Part) -> Self {
         Self {
             client: MissionClient::default(),
-            executive: Executive::new(takes_over),
+            executive: Executive::new(part),
             georeference: Georeference::default(),
             wish: None,
             repeat: Ticker::new(WISH_RATE_HZ),

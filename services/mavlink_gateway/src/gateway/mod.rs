@@ -13,6 +13,7 @@ use crate::budget::Class;
 use crate::clock_map::ClockMap;
 use crate::config::GatewayConfig;
 use crate::desk::Desk;
+use crate::executive::Part;
 use crate::io::{Inputs, Outputs};
 use crate::latch::Latch;
 use crate::make::Make;
@@ -98,8 +99,8 @@ impl Gateway {
             desired: None,
             mission: config
                 .profile
-                .flies_the_mission()
-                .then(|| MissionFlight::new(config.takes_missions)),
+                .reads_the_mission()
+                .then(|| MissionFlight::new(Part::of(&config))),
             current_item: None,
             blockage: Blockage::new(config.blocked_remedy, config.blocked_patience_s),
             position: Input::Missing,

@@ -89,6 +89,8 @@ pub enum ProfileName {
     Px4Trajectory,
     /// PX4 1.13 and later in OFFBOARD: SET_POSITION_TARGET_LOCAL_NED.
     Px4Offboard,
+    /// PX4 in its own mission with `EAV_EN=1`, as proposed for it: velocities and accelerations in SET_POSITION_TARGET_LOCAL_NED.
+    Px4Deviation,
     /// ArduCopter in GUIDED: SET_POSITION_TARGET_LOCAL_NED.
     ArdupilotGuided,
 }
@@ -104,9 +106,10 @@ pub enum Representation {
 }
 
 /// Every profile with its name in the configuration.
-const NAMES: [(&str, ProfileName); 3] = [
+const NAMES: [(&str, ProfileName); 4] = [
     ("px4_trajectory", ProfileName::Px4Trajectory),
     ("px4_offboard", ProfileName::Px4Offboard),
+    ("px4_deviation", ProfileName::Px4Deviation),
     ("ardupilot_guided", ProfileName::ArdupilotGuided),
 ];
 
@@ -168,6 +171,7 @@ impl ProfileName {
         match self {
             ProfileName::Px4Trajectory => Box::new(Px4Trajectory::new(representation, horizon_s, shortest_s)),
             ProfileName::Px4Offboard => Box::new(PositionTarget::px4()),
+            ProfileName::Px4Deviation => Box::new(PositionTarget::px4_deviation()),
             ProfileName::ArdupilotGuided => Box::new(PositionTarget::arducopter()),
         }
     }
@@ -180,6 +184,11 @@ impl ProfileName {
 
     /// Whether the autopilot only follows setpoints, so that jink flies the mission in its stead.
     pub fn flies_the_mission(self) -> bool {
+        matches!(self, ProfileName::Px4Offboard | ProfileName::ArdupilotGuided)
+    }
+
+    /// Whether jink reads the mission to know the way: the autopilot does not tell it.
+    pub fn reads_the_mission(self) -> bool {
         self != ProfileName::Px4Trajectory
     }
 
@@ -187,7 +196,9 @@ impl ProfileName {
     pub fn rate_hz(self, chosen_hz: f64) -> f64 {
         match self {
             ProfileName::Px4Trajectory => chosen_hz,
-            ProfileName::Px4Offboard | ProfileName::ArdupilotGuided => FOLLOWED_RATE_HZ,
+            ProfileName::Px4Offboard | ProfileName::Px4Deviation | ProfileName::ArdupilotGuided => {
+                FOLLOWED_RATE_HZ
+            }
         }
     }
 }

@@ -1,4 +1,5 @@
-//! PX4 in OFFBOARD and ArduCopter in GUIDED: every setpoint is a SET_POSITION_TARGET_LOCAL_NED, fifty times a second.
+//! PX4 in OFFBOARD and ArduCopter in GUIDED: every setpoint is a SET_POSITION_TARGET_LOCAL_NED, fifty times a second. So it is for
+//! PX4 in its own mission mode with EAV_EN, but for positions and headings.
 //!
 //! | field | PX4 | ArduCopter | why |
 //! |---|---|---|---|
@@ -10,6 +11,10 @@
 //! | every number | finite | finite | ArduCopter's process aborts at a NaN |
 //! | `target_component` | 1 | 1 | PX4 takes its own or 0 only |
 //! | on the ground and while taking off | sent: the mode cannot be entered without | silence | the first setpoint ends ArduCopter's take-off in GUIDED, wherever it is; it needs no stream to enter the mode |
+//!
+//! With EAV_EN PX4 stays in its mission, which gives the heading; what is sent replaces velocity and acceleration, and the position is
+//! not held any more. So the error of position is answered here, with a velocity towards the reference. Where nothing is planned
+//! nothing is sent, and PX4 flies on as it would alone half a second later.
 //!
 //! When the stream stops PX4 flies on the last setpoint for a second, then its fail-safe climbs and comes back; ArduCopter extrapolates
 //! the last one for GUID_TIMEOUT: 5 to 20 m of travel. So there is always a setpoint, and without a plan it is a stop of our own.
@@ -32,8 +37,19 @@ const ASTRAY_M: f64 = 2.0;
 const NEAR_M: f64 = 0.5;
 /// ... and as fast, within this (m/s).
 const AS_FAST_MPS: f64 = 0.7;
+/// Velocity towards the reference for each metre beside it (1/s): PX4's own, MPC_XY_P ...
+const BACK_PER_S: f64 = 0.95;
+/// ... and not more than this (m/s): from [`ASTRAY_M`] on the reference is not flown at all.
+const BACK_MAX_MPS: f64 = 1.0;
 /// Length of the pieces that are cut from a plan (s): the longest lead, and a little.
 const PIECE_S: f64 = 0.35;
+
+/// Positions and headings.
+const NOT_GIVEN: PositionTargetTypemask = PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_Y_IGNORE)
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_Z_IGNORE)
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_IGNORE)
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE);
 
 /// The profile.
 #[derive(Debug)]
@@ -44,6 +60,8 @@ pub struct PositionTarget {
     on_plan: bool,
     /// Nothing is sent before it is in the air.
     waits_for_air: bool,
+    /// The autopilot stays in its mission, and takes velocities and accelerations only.
+    deviates: bool,
 }
 
 impl PositionTarget {
@@ -54,6 +72,16 @@ impl PositionTarget {
             lead: Some(Lead::default()),
             on_plan: false,
             waits_for_air: false,
+            deviates: false,
+        }
+    }
+
+    /// For PX4 with EAV_EN.
+    pub fn px4_deviation() -> Self {
+        Self {
+            waits_for_air: true,
+            deviates: true,
+            ..Self::px4()
         }
     }
 
@@ -69,7 +97,7 @@ impl PositionTarget {
 
 impl Profile for PositionTarget {
     fn listens(&self, mode: NavMode) -> bool {
-        matches!(mode, NavMode::Offboard | NavMode::Unknown)
+        !self.deviates && matches!(mode, NavMode::Offboard | NavMode::Unknown)
     }
 
     fn observe(&mut self, situation: &Situation<'_>) -> bool {
@@ -77,7 +105,8 @@ impl Profile for PositionTarget {
     }
 
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint> {
-        if self.waits_for_air() && !situation.in_air {
+        let is_wanted = situation.is_flown || !self.deviates;
+        if !is_wanted || self.waits_for_air() && !situation.in_air {
             self.on_plan = false;
             return None;
         }
@@ -91,7 +120,11 @@ impl Profile for PositionTarget {
             decision.source == Source::Planned && error.norm() <= NEAR_M && slip.norm() <= AS_FAST_MPS;
         let later = match &mut self.lead {
             Some(lead) => {
-                if self.on_plan && situation.mode == NavMode::Offboard {
+                let follows = match self.deviates {
+                    true => NavMode::Mission,
+                    false => NavMode::Offboard,
+                };
+                if self.on_plan && situation.mode == follows {
                     lead.learn(now, error, curve.acceleration_at(now));
                 }
                 now.plus_seconds(lead.seconds())
@@ -103,7 +136,7 @@ impl Profile for PositionTarget {
             curve.velocity_at(later),
             curve.acceleration_at(later),
         );
-        let message = SET_POSITION_TARGET_LOCAL_NED_DATA {
+        let mut message = SET_POSITION_TARGET_LOCAL_NED_DATA {
             time_boot_ms: (now.ns / 1_000_000) as u32,
             x: position.x as f32,
             y: position.y as f32,
@@ -121,6 +154,13 @@ impl Profile for PositionTarget {
             target_component: COMPONENT_AUTOPILOT,
             coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
         };
+        if self.deviates {
+            let velocity = velocity + (BACK_PER_S * error).cap_magnitude(BACK_MAX_MPS);
+            [message.vx, message.vy, message.vz] = velocity.map(|v| v as f32).into();
+            [message.x, message.y, message.z] = [0.0; 3];
+            [message.yaw, message.yaw_rate] = [0.0; 2];
+            message.type_mask = NOT_GIVEN;
+        }
         Some(Setpoint {
             message: MavMessage::SET_POSITION_TARGET_LOCAL_NED(message),
             source: decision.source,

@@ -89,6 +89,7 @@ impl Story {
             (ProfileName::Px4Trajectory, Representation::Bezier),
             (ProfileName::Px4Trajectory, Representation::Waypoints),
             (ProfileName::Px4Offboard, Representation::Bezier),
+            (ProfileName::Px4Deviation, Representation::Bezier),
             (ProfileName::ArdupilotGuided, Representation::Bezier),
         ]);
         let config = GatewayConfig {
@@ -548,7 +549,7 @@ impl Story {
 
 /// Whether `message` is what the profile may send: a setpoint without anything that it forbids, or none.
 fn judge_setpoint(config: &GatewayConfig, now: Timestamp, is_setpoint: bool, message: &MavMessage) {
-    use ProfileName::{ArdupilotGuided, Px4Offboard, Px4Trajectory};
+    use ProfileName::{ArdupilotGuided, Px4Deviation, Px4Offboard, Px4Trajectory};
     use Representation::{Bezier, Waypoints};
     match (message, config.profile, config.representation) {
         (MavMessage::TRAJECTORY_REPRESENTATION_BEZIER(curve), Px4Trajectory, Bezier) => {
@@ -564,6 +565,7 @@ fn judge_setpoint(config: &GatewayConfig, now: Timestamp, is_setpoint: bool, mes
         (MavMessage::SET_POSITION_TARGET_LOCAL_NED(target), Px4Offboard | ArdupilotGuided, _) => {
             judge_target(target);
         }
+        (MavMessage::SET_POSITION_TARGET_LOCAL_NED(target), Px4Deviation, _) => judge_deviation(target),
         (
             MavMessage::TRAJECTORY_REPRESENTATION_BEZIER(_)
             | MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(_)
@@ -615,6 +617,16 @@ fn judge_waypoints(waypoints: &TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA) {
     );
     assert!(acceleration.iter().flatten().all(|n| n.is_nan()), "{waypoints:?}");
     assert_eq!(waypoints.command, [u16::MAX; 5]);
+}
+
+fn judge_deviation(target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
+    let whole = SET_POSITION_TARGET_LOCAL_NED_DATA {
+        type_mask: PositionTargetTypemask::empty(),
+        ..target.clone()
+    };
+    judge_target(&whole);
+    // Positions and headings are not given, velocities and accelerations are.
+    assert_eq!(target.type_mask.bits(), 0b1100_0000_0111, "{target:?}");
 }
 
 fn judge_target(target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {

@@ -23,7 +23,7 @@ const NAME_MAX: usize = 15;
 pub struct Link {
     /// `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT`, `tcpin:...`, `tcpout:...` or `serial:DEVICE:BAUD`.
     pub address: String,
-    /// How setpoints are spoken: `px4_trajectory`, `px4_offboard` or `ardupilot_guided`.
+    /// How setpoints are spoken: `px4_trajectory`, `px4_offboard`, `px4_deviation` or `ardupilot_guided`.
     pub profile: String,
     /// In which message `px4_trajectory` speaks: `bezier` or `waypoints`.
     pub output: String,

@@ -2,6 +2,7 @@
 
 use super::Autopilot;
 use super::auto_task::{AutoInput, AutoOutput};
+use super::external_avoidance;
 use super::link::Packet;
 use super::navigator::NavigatorInput;
 use super::parameters::Parameter as P;
@@ -56,7 +57,8 @@ impl Autopilot {
             self.navigate(outbox);
         }
         self.handle_estimator_reset();
-        let (mut setpoint, caps, want_takeoff) = self.fly_task();
+        let (own, caps, want_takeoff) = self.fly_task();
+        let mut setpoint = self.deviated(own);
         let armed = self.commander.is_armed();
         self.takeoff.step(
             armed,
@@ -199,6 +201,20 @@ impl Autopilot {
             up_mps: self.parameters.get(P::MPC_Z_VEL_MAX_UP),
             down_mps: self.parameters.get(P::MPC_Z_VEL_MAX_DN),
         }
+    }
+
+    /// With what a companion gives, where it may.
+    fn deviated(&self, own: MotionSetpoint) -> MotionSetpoint {
+        let timeout_s = self.parameters.get(P::EAV_TIMEOUT);
+        if self.may_be_deviated() && self.offboard.is_alive(self.now_us, timeout_s) {
+            external_avoidance::fuse(&own, self.offboard.setpoint())
+        } else {
+            own
+        }
+    }
+
+    pub(super) fn may_be_deviated(&self) -> bool {
+        self.parameters.get(P::EAV_EN) != 0.0 && external_avoidance::is_taken_in(self.commander.mode())
     }
 
     fn control_limits(&mut self, caps: &SpeedCaps, flying: bool) -> ControlLimits {

@@ -32,6 +32,7 @@ mod config;
 mod control;
 mod current_mode;
 mod desired_path;
+mod external_avoidance;
 mod firmware;
 mod heading;
 mod heartbeat_watch;
@@ -251,8 +252,11 @@ impl Autopilot {
 
     fn watch_setpoints(&mut self) {
         let mode = self.commander.mode();
-        let by_companion =
-            mode == NavMode::Offboard || (mode.is_automatic() && self.parameters.avoidance_enabled());
+        let by_companion = match mode {
+            NavMode::Offboard => true,
+            NavMode::Mission if self.may_be_deviated() => true,
+            _ => mode.is_automatic() && self.parameters.avoidance_enabled(),
+        };
         let in_air = self.commander.is_armed() && !self.land_detector.is_landed();
         self.statistics.step(self.now_us, by_companion && in_air);
     }

@@ -61,6 +61,10 @@ parameters! {
     COM_SPOOLUP_TIME: Real = 1.0;
     /// Collision prevention distance (m); negative = off.
     CP_DIST: Real = -1.0;
+    /// Velocities and accelerations of a companion are taken in Position and Mission: 0 no, 1 yes.
+    EAV_EN: Integer = 0.0;
+    /// Silence after which the mode's own setpoint is flown again (s).
+    EAV_TIMEOUT: Real = 0.5;
     /// Stick speed with which a pilot takes over, full deflections a second.
     MAN_OVERRIDE_SPD: Real = 1.0;
     /// Take-off height of AUTO.TAKEOFF (m).
@@ -156,6 +160,7 @@ impl Parameter {
         match self {
             Parameter::COM_OBS_AVOID | Parameter::COM_OBC_LOSS_T => !current,
             Parameter::COM_FAIL_ACT_T | Parameter::COM_OBL_RC_ACT | Parameter::MAN_OVERRIDE_SPD => current,
+            Parameter::EAV_EN | Parameter::EAV_TIMEOUT => current,
             _ => true,
         }
     }

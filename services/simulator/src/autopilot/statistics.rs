@@ -7,7 +7,7 @@ pub struct SetpointStatistics {
     pub count: u64,
     /// When the last one came, boot time (s); 0 before the first.
     pub last_s: f64,
-    /// Largest time without one while armed, in the air, and in an automatic mode or OFFBOARD (s).
+    /// Largest time without one while armed, in the air, and in a mode in which the companion leads (s).
     pub gap_max_s: f64,
     /// OBSTACLE_DISTANCE messages received.
     pub obstacle_distances: u64,

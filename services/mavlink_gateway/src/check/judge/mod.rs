@@ -28,6 +28,7 @@ pub(super) fn judge(examination: &Examination, now: Timestamp) -> Vec<Finding> {
             match examination.plan.profile {
                 ProfileName::Px4Trajectory => px4::trajectory(interview, speed_max_mps, &mut findings),
                 ProfileName::Px4Offboard => px4::offboard(interview, speed_max_mps, &mut findings),
+                ProfileName::Px4Deviation => px4::deviation(interview, speed_max_mps, &mut findings),
                 ProfileName::ArdupilotGuided => arducopter::guided(interview, speed_max_mps, &mut findings),
             }
         }

@@ -4,7 +4,7 @@ use super::{is_absent, speed, value};
 use crate::check::Interview;
 use crate::check::finding::Finding;
 use crate::check::limits::{
-    COM_OF_LOSS_T_MAX_S, COM_OF_LOSS_T_MIN_S, MPC_ACC_HOR_MIN_MPS2, MPC_JERK_AUTO_MIN_MPS3,
+    COM_OF_LOSS_T_MAX_S, COM_OF_LOSS_T_MIN_S, EAV_TIMEOUT_MIN_S, MPC_ACC_HOR_MIN_MPS2, MPC_JERK_AUTO_MIN_MPS3,
 };
 
 /// The first version in which collision prevention acts in the default Position mode.
@@ -91,6 +91,51 @@ pub(super) fn offboard(interview: &Interview, speed_max_mps: f64, findings: &mut
         findings,
     );
     collision_prevention(interview, false, findings);
+}
+
+/// For `px4_deviation`.
+pub(super) fn deviation(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
+    let about = "EAV_EN";
+    match value(interview, about) {
+        Some(0.0) => findings.push(Finding::blocker(
+            about,
+            "EAV_EN = 0: PX4 flies its missions without looking at what jink sends",
+            "set EAV_EN to 1",
+        )),
+        Some(_) => findings.push(Finding::good(
+            about,
+            "EAV_EN = 1: PX4 takes velocities and accelerations in its missions",
+        )),
+        None if is_absent(interview, about) => findings.push(Finding::blocker(
+            about,
+            "this PX4 has no EAV_EN: it takes setpoints in OFFBOARD only",
+            "set link.profile to \"px4_offboard\", or install a PX4 with external avoidance",
+        )),
+        None => {}
+    }
+    if let Some(timeout_s) = value(interview, "EAV_TIMEOUT") {
+        findings.push(eav_timeout(timeout_s));
+    }
+    speed(
+        "MPC_XY_VEL_MAX",
+        value(interview, "MPC_XY_VEL_MAX"),
+        speed_max_mps,
+        findings,
+    );
+    collision_prevention(interview, false, findings);
+}
+
+fn eav_timeout(timeout_s: f64) -> Finding {
+    let about = "EAV_TIMEOUT";
+    if timeout_s < EAV_TIMEOUT_MIN_S {
+        Finding::warning(
+            about,
+            format!("EAV_TIMEOUT = {timeout_s:.2} s: while the gateway restarts, PX4 flies straight on"),
+            "set EAV_TIMEOUT to 0.5 s",
+        )
+    } else {
+        Finding::good(about, format!("EAV_TIMEOUT = {timeout_s:.1} s"))
+    }
 }
 
 fn loss_time(loss_s: f64) -> Finding {

@@ -12,7 +12,10 @@ pub(super) type Case = (&'static str, ProfileName, fn(&mut Scene), Grade);
 
 pub(super) fn cases() -> Vec<Case> {
     use Grade::{Blocker, Good, Warning};
-    use ProfileName::{ArdupilotGuided as Guided, Px4Offboard as Offboard, Px4Trajectory as Trajectory};
+    use ProfileName::{
+        ArdupilotGuided as Guided, Px4Deviation as Deviation, Px4Offboard as Offboard,
+        Px4Trajectory as Trajectory,
+    };
     vec![
         (
             "nothing arrives on udpin:127.0.0.1:14540",
@@ -438,6 +441,22 @@ pub(super) fn cases() -> Vec<Case> {
             Offboard,
             |scene| {
                 scene.parameter("COM_OF_LOSS_T", 5.0);
+            },
+            Warning,
+        ),
+        (
+            "EAV_EN = 0: PX4 flies its missions without looking",
+            Deviation,
+            |scene| {
+                scene.parameter("EAV_EN", 0.0);
+            },
+            Blocker,
+        ),
+        (
+            "EAV_TIMEOUT = 0.10 s: while the gateway restarts",
+            Deviation,
+            |scene| {
+                scene.parameter("EAV_TIMEOUT", 0.1);
             },
             Warning,
         ),

@@ -10,9 +10,10 @@ use mavlink::dialects::ardupilotmega::{MavMessage, MavType};
 use proptest::prelude::*;
 use scene::{Scene, good};
 
-const PROFILES: [ProfileName; 3] = [
+const PROFILES: [ProfileName; 4] = [
     ProfileName::Px4Trajectory,
     ProfileName::Px4Offboard,
+    ProfileName::Px4Deviation,
     ProfileName::ArdupilotGuided,
 ];
 

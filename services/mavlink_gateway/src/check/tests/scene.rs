@@ -78,6 +78,16 @@ pub(super) fn good(profile: ProfileName) -> Scene {
                 ("CP_DIST", 4.0),
             ],
         ),
+        ProfileName::Px4Deviation => (
+            MavAutopilot::MAV_AUTOPILOT_PX4,
+            0x0111_0000,
+            &[
+                ("EAV_EN", 1.0),
+                ("EAV_TIMEOUT", 0.5),
+                ("MPC_XY_VEL_MAX", 12.0),
+                ("CP_DIST", 4.0),
+            ],
+        ),
         ProfileName::ArdupilotGuided => (
             MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA,
             0x0407_00ff,

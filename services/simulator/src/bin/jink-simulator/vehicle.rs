@@ -160,7 +160,7 @@ impl VehicleService {
 fn autopilot(config: &Config) -> Result<Box<dyn Flyer>, StartError> {
     let name = match (config.simulation.autopilot.as_str(), config.link.profile.as_str()) {
         ("auto", "ardupilot_guided") => "ardupilot",
-        ("auto", "px4_offboard") => "px4_current",
+        ("auto", "px4_offboard" | "px4_deviation") => "px4_current",
         ("auto", _) => "px4",
         (name, _) => name,
     };
@@ -170,6 +170,9 @@ fn autopilot(config: &Config) -> Result<Box<dyn Flyer>, StartError> {
             cause: format!("there are: auto {}", FlyerConfig::NAMES.join(" ")),
         })?
         .with_system_id(config.link.system_id.max(1));
+    if (name, config.link.profile.as_str()) == ("px4_current", "px4_deviation") {
+        flyer = flyer.with_parameter("EAV_EN", 1.0);
+    }
     flyer.vehicle_mut().seed = config.simulation.seed;
     flyer.build().map_err(|error| StartError::Needs {
         what: "the autopilot".to_owned(),
