@@ -19,12 +19,14 @@
 //! | `auto_task`, `track`, `heading`, `trajectory`, `speed_rules`, `smoothing` | waypoints to smooth setpoints |
 //! | `avoidance`, `bezier`, `timesync` | the companion's trajectory in between, with all known traps |
 //! | `offboard`, `position_task` | the other sources of setpoints |
+//! | [`collision_prevention`] | what keeps a pilot in Position mode from obstacles |
 //! | `position_control`, `control` | setpoints to attitude and thrust |
 //! | `streams`, `telemetry`, `current_mode`, `desired_path`, `statistics` | messages out, observations |
 
 mod auto_task;
 mod avoidance;
 mod bezier;
+pub mod collision_prevention;
 mod command;
 mod commander;
 pub(crate) mod companion_health;
