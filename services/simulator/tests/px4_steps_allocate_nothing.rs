@@ -12,7 +12,7 @@ mod support;
 
 use jink_simulator::autopilot::{Link, Packet};
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavFrame, MavMessage};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
@@ -102,4 +102,49 @@ fn a_step_in_offboard_allocates_nothing_and_neither_do_loss_return_and_refusals(
         "the loss, the return and the refusal, on both links"
     );
     assert_eq!(flight.autopilot.hold_count(), 1);
+}
+
+#[test]
+fn a_step_under_sticks_among_obstacles_allocates_nothing() {
+    let mut flight = support::obstacles::in_position(&[("CP_DIST", 2.0)]);
+    let packet = |link, message| Packet {
+        link,
+        header: MavHeader {
+            system_id: 1,
+            component_id: 196,
+            sequence: 0,
+        },
+        message,
+    };
+    let pushed = MavMessage::MANUAL_CONTROL(MANUAL_CONTROL_DATA {
+        x: 1_000,
+        z: 500,
+        target: 1,
+        ..MANUAL_CONTROL_DATA::default()
+    });
+    let wall = support::obstacles::wall(20.0);
+    let scan = |frame| MavMessage::OBSTACLE_DISTANCE(support::obstacles::scan(&flight, &wall, frame));
+    let seen = scan(MavFrame::MAV_FRAME_BODY_FRD);
+    let refused = scan(MavFrame::MAV_FRAME_LOCAL_ENU);
+    let stick = [packet(Link::GroundStation, pushed)];
+    let scans = [packet(Link::Companion, seen), packet(Link::Companion, refused)];
+    let mut outbox = Vec::with_capacity(256);
+    let before = ALLOCATIONS.with(Cell::get);
+    let mut maps = 0;
+    for step in 0..4_000 {
+        outbox.clear();
+        let heard = match step % 25 {
+            0 | 12 => &stick[..],
+            5 if step < 2_000 => &scans[..1],
+            6 if step < 2_000 => &scans[1..],
+            _ => &[],
+        };
+        flight.autopilot.step(heard, &mut outbox);
+        let fused =
+            |p: &&Packet| p.header.component_id == 1 && matches!(p.message, MavMessage::OBSTACLE_DISTANCE(_));
+        maps += outbox.iter().filter(fused).count();
+    }
+    assert_eq!(ALLOCATIONS.with(Cell::get), before);
+    assert!(maps > 100, "{maps}");
+    assert_eq!(flight.autopilot.hold_count(), 1, "without scans it holds");
 }

@@ -47,6 +47,8 @@ pub enum HoldCause {
     CurveInFuture,
     /// Messages come, but without a valid point.
     NoValidPoint,
+    /// In Position mode, with collision prevention: no distances for 5 s.
+    NoObstacleData,
 }
 
 /// Point 0 of the last WAYPOINTS message.

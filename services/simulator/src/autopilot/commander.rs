@@ -293,8 +293,18 @@ impl Commander {
     }
 
     fn fall_to_hold(&mut self, now_us: u64, cause: HoldCause) {
-        if !self.mode.is_automatic() || self.mode == NavMode::Hold {
+        let under_sticks = cause == HoldCause::NoObstacleData;
+        let concerned = if under_sticks {
+            self.mode == NavMode::Position
+        } else {
+            self.mode.is_automatic() && self.mode != NavMode::Hold
+        };
+        if !concerned {
             return;
+        }
+        if under_sticks {
+            // Setpoints that come back do not take a vehicle that was sent to Hold back to OFFBOARD.
+            self.failsafe = Failsafe::None;
         }
         self.note_fall(now_us, cause);
         self.proceed_to(NavMode::Hold);

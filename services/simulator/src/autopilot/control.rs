@@ -16,7 +16,7 @@ use mavlink::dialects::ardupilotmega::MavSeverity;
 /// Steps per control cycle: PX4's estimator hands out positions at about this rate, and everything hangs on them.
 pub(super) const CONTROL_STEPS: u64 = 2;
 /// Duration of a control cycle (s).
-const CYCLE_S: f64 = STEP_S * CONTROL_STEPS as f64;
+pub(super) const CYCLE_S: f64 = STEP_S * CONTROL_STEPS as f64;
 /// How fast the tilt limit may widen after take-off (rad/s).
 const TILT_LIMIT_SLEW_RADPS: f64 = 0.2;
 
@@ -57,7 +57,7 @@ impl Autopilot {
             self.navigate(outbox);
         }
         self.handle_estimator_reset();
-        let (own, caps, want_takeoff) = self.fly_task();
+        let (own, caps, want_takeoff) = self.fly_task(outbox);
         let mut setpoint = self.deviated(own);
         let armed = self.commander.is_armed();
         self.takeoff.step(
@@ -137,7 +137,7 @@ impl Autopilot {
         self.position_task.position_reset(&self.estimate);
     }
 
-    fn fly_task(&mut self) -> (MotionSetpoint, SpeedCaps, bool) {
+    fn fly_task(&mut self, outbox: &mut Vec<Packet>) -> (MotionSetpoint, SpeedCaps, bool) {
         let task = FlightTask::of(self.commander.mode());
         let entered = task != self.task;
         if entered && self.task == FlightTask::Offboard && self.config.firmware.forgets_offboard_setpoint() {
@@ -146,15 +146,7 @@ impl Autopilot {
         self.task = task;
         match task {
             FlightTask::None => (MotionSetpoint::idle(), self.plain_caps(), false),
-            FlightTask::Position => {
-                if entered || self.takeoff.state() < TakeoffState::RampUp {
-                    self.position_task.activate(&self.estimate);
-                }
-                let (setpoint, caps) =
-                    self.position_task
-                        .step(&self.sticks, &self.estimate, &self.parameters, CYCLE_S);
-                (setpoint, caps, self.sticks.want_takeoff())
-            }
+            FlightTask::Position => self.fly_position(entered, outbox),
             FlightTask::Offboard => {
                 let up = self.offboard.wants_takeoff(self.estimate.position.z_m);
                 (*self.offboard.setpoint(), self.plain_caps(), up)

@@ -61,6 +61,11 @@ impl Firmware {
         self == Self::Current
     }
 
+    /// Position mode flies accelerations against drag, with collision prevention in it.
+    pub fn flies_sticks_by_acceleration(self) -> bool {
+        self == Self::Current
+    }
+
     /// `flight_sw_version` of AUTOPILOT_VERSION: 1.13 and 1.17, both in development.
     pub fn version(self) -> u32 {
         match self {

@@ -18,8 +18,8 @@
 //! | `navigator`, `return_home`, `land_detector`, `takeoff` | what a mode means as waypoints and phases |
 //! | `auto_task`, `track`, `heading`, `trajectory`, `speed_rules`, `smoothing` | waypoints to smooth setpoints |
 //! | `avoidance`, `bezier`, `timesync` | the companion's trajectory in between, with all known traps |
-//! | `offboard`, `position_task` | the other sources of setpoints |
-//! | [`collision_prevention`] | what keeps a pilot in Position mode from obstacles |
+//! | `offboard`, `position_task`, `position_mode`, `stick_acceleration` | the other sources of setpoints |
+//! | [`collision_prevention`], `obstacle_messages` | what keeps a pilot in Position mode from obstacles |
 //! | `position_control`, `control` | setpoints to attitude and thrust |
 //! | `streams`, `telemetry`, `current_mode`, `desired_path`, `statistics` | messages out, observations |
 
@@ -44,10 +44,12 @@ pub(crate) mod mission;
 pub(crate) mod mission_protocol;
 mod modes;
 mod navigator;
+mod obstacle_messages;
 mod offboard;
 mod parameter_protocol;
 mod parameters;
 pub(crate) mod position_control;
+mod position_mode;
 mod position_task;
 mod receive;
 mod refusal;
@@ -56,6 +58,7 @@ pub(crate) mod setpoint;
 mod smoothing;
 mod speed_rules;
 pub(crate) mod statistics;
+mod stick_acceleration;
 mod stick_speed;
 mod streams;
 mod takeoff;
@@ -77,6 +80,7 @@ use crate::vehicle::estimator::{Estimate, Estimator};
 use crate::vehicle::{ActuatorCommand, STEP_US, Vehicle, VehicleTruth};
 use auto_task::AutoTask;
 use avoidance::AvoidanceConsumer;
+use collision_prevention::{CollisionPrevention, Settings};
 use commander::{Commander, Situation};
 use control::{CONTROL_STEPS, FlightTask};
 use current_mode::ModeNews;
@@ -145,6 +149,9 @@ pub struct Autopilot {
     task: FlightTask,
     auto_task: AutoTask,
     position_task: PositionTask,
+    collision_prevention: CollisionPrevention,
+    /// When the fused map was published last.
+    fused_us: Option<u64>,
     sticks: Sticks,
     stick_speed: StickSpeed,
     offboard: Offboard,
@@ -206,7 +213,9 @@ impl Autopilot {
             takeoff: Takeoff::default(),
             task: FlightTask::None,
             auto_task: AutoTask::new(),
-            position_task: PositionTask::default(),
+            position_task: PositionTask::new(config.firmware),
+            collision_prevention: CollisionPrevention::new(Settings::default()),
+            fused_us: None,
             sticks: Sticks::default(),
             stick_speed: StickSpeed::default(),
             offboard: Offboard::default(),

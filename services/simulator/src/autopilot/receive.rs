@@ -9,6 +9,7 @@ use super::bezier::{ControlPoint, Curve, POINTS_MAX};
 use super::companion_health::{COMPONENT_AVOIDANCE, ForeignHeartbeat};
 use super::link::{Link, Packet};
 use super::mission_protocol::MissionChange;
+use super::obstacle_messages;
 use super::parameters::Parameter;
 use super::position_task::Sticks;
 use mavlink::dialects::ardupilotmega::{
@@ -49,7 +50,16 @@ impl Autopilot {
             }
             MavMessage::SET_POSITION_TARGET_LOCAL_NED(message) => self.receive_setpoint(message, outbox),
             MavMessage::TIMESYNC(message) => self.receive_timesync(packet.link, message, outbox),
-            MavMessage::OBSTACLE_DISTANCE(_) => self.statistics.obstacle_distances += 1,
+            MavMessage::OBSTACLE_DISTANCE(message) => {
+                self.statistics.obstacle_distances += 1;
+                self.collision_prevention
+                    .obstacle_distance(obstacle_messages::scan(self.now_us, message));
+            }
+            MavMessage::DISTANCE_SENSOR(message) => {
+                let reading = obstacle_messages::reading(self.now_us, message);
+                self.collision_prevention
+                    .distance_sensor(packet.link as usize, reading);
+            }
             MavMessage::MANUAL_CONTROL(message) => self.receive_sticks(message, outbox),
             MavMessage::COMMAND_LONG(command) => {
                 self.execute(packet.link, &packet.header, command, outbox);

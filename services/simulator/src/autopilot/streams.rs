@@ -39,6 +39,8 @@ pub enum Stream {
     HomePosition = 242,
     /// EXTENDED_SYS_STATE.
     ExtendedSysState = 245,
+    /// OBSTACLE_DISTANCE: the fused map of collision prevention.
+    ObstacleDistance = 330,
     /// ODOMETRY.
     Odometry = 331,
     /// TRAJECTORY_REPRESENTATION_WAYPOINTS.
@@ -54,14 +56,14 @@ impl Stream {
     fn exists_in(self, firmware: Firmware) -> bool {
         match self {
             S::Trajectory => firmware.has_trajectory_interface(),
-            S::Odometry | S::CurrentMode => firmware == Firmware::Current,
+            S::ObstacleDistance | S::Odometry | S::CurrentMode => firmware == Firmware::Current,
             _ => true,
         }
     }
 }
 
 /// Stream, rate to the companion, rate to the ground station (Hz); 0 = off.
-const RATES_HZ: [(Stream, f64, f64); 16] = [
+const RATES_HZ: [(Stream, f64, f64); 17] = [
     (S::Heartbeat, 1.0, 1.0),
     (S::SysStatus, 5.0, 1.0),
     (S::SystemTime, 1.0, 1.0),
@@ -75,6 +77,7 @@ const RATES_HZ: [(Stream, f64, f64); 16] = [
     (S::Altitude, 10.0, 1.0),
     (S::HomePosition, 0.5, 0.5),
     (S::ExtendedSysState, 5.0, 1.0),
+    (S::ObstacleDistance, 10.0, 1.0),
     (S::Odometry, 30.0, 0.0),
     (S::Trajectory, 5.0, 0.0),
     (S::CurrentMode, 0.5, 0.5),

@@ -1,10 +1,13 @@
 //! The messages of the streams, made from the autopilot's state.
 
 use super::Autopilot;
+use super::control::CONTROL_STEPS;
 use super::current_mode;
 use super::link::Packet;
 use super::modes::{base_mode, custom_mode};
+use super::obstacle_messages;
 use super::streams::{Stream, Streams};
+use crate::vehicle::STEP_US;
 use crate::vehicle::estimator::Estimate;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega as m;
@@ -75,6 +78,7 @@ impl Autopilot {
                 self.commander.mode(),
                 self.commander.intended(),
             )),
+            Stream::ObstacleDistance => self.fused_obstacles(),
             Stream::Odometry if self.is_ready() => Some(self.odometry()),
             Stream::Trajectory => self.trajectory(),
             _ => None,
@@ -250,6 +254,14 @@ impl Autopilot {
                 coordinate_frame: m::MavFrame::MAV_FRAME_LOCAL_NED,
             },
         ))
+    }
+
+    /// The fused map of collision prevention, while it publishes one: in Position mode, switched on.
+    fn fused_obstacles(&self) -> Option<MavMessage> {
+        let published = self
+            .fused_us
+            .is_some_and(|at_us| self.now_us - at_us <= CONTROL_STEPS * STEP_US);
+        published.then(|| MavMessage::OBSTACLE_DISTANCE(obstacle_messages::fused(&self.collision_prevention)))
     }
 
     /// Position and velocity in the local frame, as current PX4's estimator gives both; nothing is said of covariances.

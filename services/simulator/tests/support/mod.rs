@@ -6,6 +6,7 @@
 pub mod copter;
 pub mod copter_tracking;
 pub mod current;
+pub mod obstacles;
 pub mod tracking;
 pub mod tracking_current;
 pub mod travel;
