@@ -7,13 +7,15 @@
 //! | [`params`] | the parameter table: name, type, default, range, unit, help |
 //! | [`events`] | the event table: what pilots and logs are told |
 //! | [`mod@sample`] | the header every sample carries, and `Fresh / Stale / Never` |
-//! | [`vehicle`], [`ranges`], [`map`], [`ring`], [`motion`], [`health`], [`link`], [`tuning`], [`truth`] | the payloads |
+//! | [`vehicle`], [`ranges`], [`map`], [`ring`], [`motion`], [`prevention`], [`health`], [`link`], [`tuning`], [`truth`] | the payloads |
+//! | [`beams`] | range messages of other makers, as scans |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
 //! | [`frames`], [`clock`], [`coded`], [`layout`] | units and frames, time, enums on the wire, layout hashes |
 //!
 //! Units stand in field names (`_m`, `_mps`, `_rad`, `_ns`); frames stand in types
 //! ([`frames::LocalNed`], [`frames::BodyFrd`]).
 
+pub mod beams;
 pub mod bezier;
 pub mod clock;
 pub mod coded;
@@ -27,6 +29,7 @@ pub mod link;
 pub mod map;
 pub mod motion;
 pub mod params;
+pub mod prevention;
 pub mod ranges;
 pub mod ring;
 pub mod sample;

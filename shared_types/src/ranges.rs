@@ -13,8 +13,20 @@ pub const SCAN_BEAMS: usize = 1_024;
 /// Most points in one [`PointCloud`].
 pub const CLOUD_POINTS: usize = 131_072;
 
+crate::wire_enum! {
+    /// What the beams of a scan turn with.
+    pub enum ScanFrame {
+        /// The body: they tilt with it.
+        Body = 0 "body",
+        /// The heading: they are level, and their ranges horizontal.
+        Level = 1 "level",
+        /// Nothing: they are level, angles count from north, and their ranges are horizontal.
+        North = 2 "north",
+    }
+}
+
 crate::sample! {
-    /// A planar scan (rotating 2-D lidar) or a single beam (`beams == 1`).
+    /// A planar scan (rotating 2-D lidar), a single beam (`beams == 1`), or a row of level distances.
     ///
     /// Beam `i` points along `angle_first_rad + i * angle_step_rad`, clockwise seen from above in the sensor's own
     /// plane. `range_m[i]`: a number up to `range_max_m` is a hit, infinity is "nothing up to `range_max_m`", NaN is
@@ -23,7 +35,7 @@ crate::sample! {
     pub struct RangeScan: 4208 {
         /// Sensor position in the body.
         pub origin: Point<BodyFrd>,
-        /// `body_q_sensor`: takes sensor components to body components.
+        /// `body_q_sensor`: takes sensor components to body components. Only for [`ScanFrame::Body`].
         pub mounting: Attitude,
         /// When the first beam was measured.
         pub first_beam: Timestamp,
@@ -43,8 +55,10 @@ crate::sample! {
         pub range_sigma_m: f32,
         /// Beams in use, at most [`SCAN_BEAMS`].
         pub beams: u32,
+        /// What the beams turn with.
+        pub frame: Coded<ScanFrame>,
         /// Explicit padding, zero.
-        pub reserved: [u32; 4],
+        pub reserved: [u8; 15],
         /// The ranges.
         pub range_m: [f32; SCAN_BEAMS],
     }
@@ -160,7 +174,8 @@ impl Default for RangeScan {
             range_max_m: 0.0,
             range_sigma_m: 0.0,
             beams: 0,
-            reserved: [0; 4],
+            frame: Coded::new(ScanFrame::Body),
+            reserved: [0; 15],
             range_m: [f32::NAN; SCAN_BEAMS],
         }
     }

@@ -9,7 +9,7 @@
 use crate::rays::Tracer;
 use jink_shared_types::frames::Attitude;
 use jink_shared_types::map::CELL_M;
-use jink_shared_types::ranges::{RangeScan, SCAN_BEAMS};
+use jink_shared_types::ranges::{RangeScan, SCAN_BEAMS, ScanFrame};
 use nalgebra::{Matrix3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -42,6 +42,8 @@ pub(crate) fn is_plausible(scan: &RangeScan) -> bool {
         && (0.0..=MAX_DURATION_S).contains(&(f64::from(scan.beam_interval_s) * beams))
         && width_is_plausible
         && is_rotation(scan.mounting)
+        // A row of level distances does not say at which height something stands: it is for the sector ring.
+        && scan.frame.get() == ScanFrame::Body
 }
 
 fn is_rotation(q: Attitude) -> bool {

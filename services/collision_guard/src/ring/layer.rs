@@ -1,25 +1,42 @@
-//! One sensor's part of the ring: its newest view, and how old that may get.
+//! One sensor's part of the ring: what it saw last, in parts if it does not see all at once, and how old that may get.
 
-use super::view::View;
+use super::bearing::sector_toward;
+use super::poses::Pose;
+use super::view::{Hit, View, ViewSector};
 use jink_shared_types::Timestamp;
-use jink_shared_types::ring::SECTORS;
+use jink_shared_types::ring::{SECTORS, sector_bearing_rad};
 
 /// A sample stamped this far in the future (s) is broken, not fresh: clocks of one board agree to less.
 const FUTURE_S: f64 = 0.1;
+/// Parts kept of a sensor that turns: half a second of parts of 20 ms.
+const PARTS: usize = 25;
 
-/// The newest view of one sensor.
+/// What was seen at one moment.
+#[derive(Clone, Debug)]
+struct Part {
+    view: View,
+    /// When that was published; never if there is none.
+    published: Timestamp,
+    /// Whether the view still has its place in local NED.
+    is_placed: bool,
+}
+
+/// How long something counts.
+#[derive(Clone, Copy, Debug)]
+pub struct Lifetimes {
+    /// Age at which the sensor's samples count as stale (s).
+    pub deadline_s: f64,
+    /// Age up to which what it saw counts (s).
+    pub kept_s: f64,
+}
+
+/// What one sensor saw.
 #[derive(Clone, Debug)]
 pub struct Layer {
-    /// What it saw.
-    pub view: View,
-    /// When that was published; never if there is none.
-    pub published: Timestamp,
-    /// Whether the view still has its place in local NED.
-    pub is_placed: bool,
+    parts: Vec<Part>,
     /// When its newest sample was published, placed or not.
-    pub arrived: Timestamp,
-    /// Age at which its samples count as stale (s).
-    pub deadline_s: f64,
+    arrived: Timestamp,
+    lifetimes: Lifetimes,
     /// Shortest range it measures (m).
     pub range_min_m: f32,
 }
@@ -27,39 +44,126 @@ pub struct Layer {
 impl Layer {
     /// A sensor not heard of.
     pub fn new() -> Self {
-        Self {
+        let part = Part {
             view: View::unknown(),
             published: Timestamp::NEVER,
             is_placed: false,
+        };
+        Self {
+            parts: vec![part; PARTS],
             arrived: Timestamp::NEVER,
-            deadline_s: 0.0,
+            lifetimes: Lifetimes {
+                deadline_s: 0.0,
+                kept_s: 0.0,
+            },
             range_min_m: 0.0,
         }
     }
 
-    /// Whether what it saw still counts.
+    /// A sample of it has come, whatever becomes of it.
+    pub fn note_arrival(&mut self, published: Timestamp, lifetimes: Lifetimes) {
+        self.arrived = published;
+        self.lifetimes = lifetimes;
+    }
+
+    /// Takes what was seen from `pose` instead of everything before: `fill` writes it into an empty view.
+    pub fn replace(&mut self, pose: &Pose, published: Timestamp, fill: impl FnOnce(&mut View)) -> &View {
+        for part in &mut self.parts {
+            part.published = Timestamp::NEVER;
+        }
+        self.fill(0, pose, published, fill)
+    }
+
+    /// Takes what was seen from `pose` besides what was seen before in other directions.
+    pub fn add(&mut self, pose: &Pose, published: Timestamp, fill: impl FnOnce(&mut View)) -> &View {
+        let oldest = (0..self.parts.len()).min_by_key(|index| self.parts[*index].published.ns);
+        let index = oldest.unwrap_or(0);
+        self.fill(index, pose, published, fill);
+        let (before, rest) = self.parts.split_at_mut(index);
+        if let Some((new, after)) = rest.split_first_mut() {
+            for old in before
+                .iter_mut()
+                .chain(after)
+                .filter(|part| part.published.is_set())
+            {
+                forget_what_is_seen_again(&mut old.view, &new.view);
+            }
+        }
+        &self.parts[index].view
+    }
+
+    fn fill(
+        &mut self,
+        index: usize,
+        pose: &Pose,
+        published: Timestamp,
+        fill: impl FnOnce(&mut View),
+    ) -> &View {
+        let part = &mut self.parts[index];
+        part.view.reset(pose);
+        fill(&mut part.view);
+        part.published = published;
+        part.is_placed = true;
+        &part.view
+    }
+
+    /// Local NED has moved: nothing has its place any more.
+    pub fn displace(&mut self) {
+        for part in &mut self.parts {
+            part.is_placed = false;
+        }
+    }
+
+    /// Everything that it saw and that still counts.
+    pub fn views(&self, now: Timestamp) -> impl Iterator<Item = &View> {
+        self.parts
+            .iter()
+            .filter(move |part| part.is_placed && is_young(now, part.published, self.lifetimes.kept_s))
+            .map(|part| &part.view)
+    }
+
+    /// Whether anything that it saw still counts.
     pub fn is_live(&self, now: Timestamp) -> bool {
-        self.is_placed && self.is_young(now, self.published)
+        self.views(now).next().is_some()
     }
 
     /// Whether samples still come from this sensor, wherever they could be placed.
     pub fn is_arriving(&self, now: Timestamp) -> bool {
-        self.arrived.is_set() && self.is_young(now, self.arrived)
+        is_young(now, self.arrived, self.lifetimes.deadline_s)
     }
 
     /// Whether it saw something once and does not any more.
     pub fn is_lost(&self, now: Timestamp) -> bool {
-        self.published.is_set() && !self.is_live(now)
+        self.parts.iter().any(|part| part.published.is_set()) && !self.is_live(now)
     }
 
-    fn is_young(&self, now: Timestamp, time: Timestamp) -> bool {
-        (-FUTURE_S..=self.deadline_s).contains(&now.seconds_since(time))
-    }
-
-    /// Marks in `mask` the sectors this layer knows something of, numbered from the heading it had.
+    /// Marks in `mask` the sectors this layer knows, or knew, something of, numbered from the heading it had.
     pub fn mark_covered(&self, mask: &mut [bool; SECTORS]) {
-        for (covered, sector) in mask.iter_mut().zip(&self.view.sectors) {
-            *covered |= sector.is_known() || sector.near_m2.is_finite();
+        for part in self.parts.iter().filter(|part| part.published.is_set()) {
+            for (covered, sector) in mask.iter_mut().zip(&part.view.sectors) {
+                *covered |= sector.is_told();
+            }
+        }
+    }
+}
+
+fn is_young(now: Timestamp, time: Timestamp, limit_s: f64) -> bool {
+    time.is_set() && (-FUTURE_S..=limit_s).contains(&now.seconds_since(time))
+}
+
+/// Takes from `old` what lies in sectors that `new` tells something of.
+fn forget_what_is_seen_again(old: &mut View, new: &View) {
+    let turn_rad = old.heading_rad - new.heading_rad;
+    for (sector, slot) in old.sectors.iter_mut().enumerate() {
+        let (right, forward) = (sector_bearing_rad(sector) + turn_rad).sin_cos();
+        if new.sectors[sector_toward(forward as f32, right as f32)].is_told() {
+            *slot = ViewSector::UNKNOWN;
+        }
+    }
+    for index in 0..old.hits.len() {
+        let [forward, right] = new.level(old.local(old.hits[index].level_m));
+        if new.sectors[sector_toward(forward, right)].is_told() {
+            old.hits[index] = Hit::NONE;
         }
     }
 }

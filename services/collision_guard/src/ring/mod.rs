@@ -6,19 +6,23 @@
 //! | point clouds and scans, per sensor ([`Ring::cloud`], [`Ring::scan`]) | [`SectorRing`] at any later moment ([`Ring::ring`]) |
 //! | | the [`Outlook`] on a path: obstacle points, and whether a place is known to be free |
 //!
-//! * One layer per sensor. Over layers the smallest distance to an obstacle wins; free is what any layer saw free.
+//! * One layer per sensor. Over layers the smallest distance to an obstacle wins; free is what any layer saw free. A cloud replaces its
+//!   layer. A scan, a beam or a row replaces what it sees again: sensors that turn tell a part at a time.
 //! * Sectors are level: every ray is rotated by the attitude the vehicle had when it was measured (`sweep.rs`).
 //! * What a layer saw stays fixed in local NED. The ring at a later pose is recomputed from it: the vehicle has moved and
 //!   turned, the obstacles have not.
 //! * Only the height band around the vehicle counts. Hits above and below are no obstacles; a ray is known to be free
 //!   only as far as it stays inside the band. A hit within the vehicle's own radius is the vehicle: no obstacle, and its ray
 //!   tells nothing.
-//! * A layer older than its topic's deadline contributes nothing: its sectors become unknown, and unknown is not free.
+//! * Single beams, and rows of level distances, count whatever the height of their ends (`beam.rs`).
+//! * A cloud older than its topic's deadline contributes nothing, nor do scans, beams and rows older than half a second: their
+//!   sectors become unknown, and unknown is not free.
 //!
 //! **Limit.** The ring is flat: it says nothing of what is above or below the band. For a motion that climbs or descends,
 //! an obstacle inside the band counts as a column of any height, and one outside the band does not count until the vehicle
 //! has come to its height. Vertical clearance is the planner's affair.
 
+mod beam;
 mod bearing;
 mod cloud;
 mod layer;
@@ -30,26 +34,28 @@ mod sweep;
 mod view;
 
 pub use outlook::{Outlook, Sight};
-pub use poses::PoseRefused;
+pub use poses::{Pose, PoseRefused};
 
 pub(crate) use bearing::SLOTS;
 
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
-use jink_shared_types::ring::{SECTORS, SectorRing, sector_bearing_rad};
+use jink_shared_types::ring::{SECTORS, SectorRing, sector_bearing_rad, sector_of};
 use jink_shared_types::topics;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Point, SampleHeader, Timestamp};
-use layer::Layer;
+use layer::{Layer, Lifetimes};
 use memory::Memory;
-use poses::{Pose, Poses};
+use poses::Poses;
 use std::fmt;
 use sweep::{Collector, Hull, Sweep};
-use view::Borders;
+use view::{Borders, View};
 
 /// Most sensors: sixteen single beams around the vehicle, or any smaller number of better ones.
 pub const SENSORS: usize = 16;
 
+/// How long scans, beams and rows count (s): a sensor that turns comes back to its edges in that time, and PX4 keeps ranges as long.
+const SCAN_KEPT_S: f64 = 0.5;
 /// Longest sweep (s): what the 16-bit time offset of a cloud point can say.
 const SWEEP_S: f64 = 0.655_35;
 
@@ -141,9 +147,7 @@ impl Ring {
     pub fn vehicle(&mut self, state: &VehicleState, header: &SampleHeader) -> Result<(), PoseRefused> {
         if self.poses.push(state, header)? {
             self.memory.clear();
-            for layer in &mut self.layers {
-                layer.is_placed = false;
-            }
+            self.layers.iter_mut().for_each(Layer::displace);
         }
         Ok(())
     }
@@ -170,63 +174,102 @@ impl Ring {
             sensor_m: cloud.origin,
             range_min_m: cloud.range_min_m,
             range_max_m: cloud.range_max_m,
-            deadline_ms: topics::RANGE_CLOUD.row.deadline_ms,
+            lifetimes: Lifetimes {
+                deadline_s: topics::RANGE_CLOUD.row.deadline_ms * 1e-3,
+                kept_s: topics::RANGE_CLOUD.row.deadline_ms * 1e-3,
+            },
         };
-        let sweep = self.begin(sensor, &rays)?;
+        let [from, to] = self.begin(sensor, &rays)?;
+        let sweep = self.sweep(&rays, &from, &to);
         cloud::collect(cloud, &sweep, &mut self.collector);
-        self.end(sensor, &sweep, &rays);
+        let collector = &mut self.collector;
+        let layer = &mut self.layers[sensor];
+        let view = layer.replace(&to, rays.published, |view| collector.finish(&sweep, view));
+        self.memory.offer(sensor, view, rays.last);
         Ok(())
     }
 
-    /// Takes a planar scan or a single beam as the new layer of `sensor`. A beam as wide as several sectors fills them all.
+    /// Takes a planar scan, a single beam or a row of distances of `sensor`. A beam as wide as several sectors fills them all.
     ///
     /// # Errors
-    /// [`RangeRefused`]; the sensor's last layer stays, and grows old.
+    /// [`RangeRefused`]; what the sensor said before stays, and grows old.
     pub fn scan(
         &mut self,
         sensor: usize,
         scan: &RangeScan,
         header: &SampleHeader,
     ) -> Result<(), RangeRefused> {
-        let first = if scan.first_beam.is_set() {
-            scan.first_beam
-        } else {
-            header.capture
-        };
-        let rays = Rays {
-            first,
-            last: header.capture,
-            published: header.publish,
-            sensor_m: scan.origin,
-            range_min_m: scan.range_min_m,
-            range_max_m: scan.range_max_m,
-            deadline_ms: topics::RANGE_SCAN.row.deadline_ms,
-        };
-        let sweep = self.begin(sensor, &rays)?;
-        scan::collect(scan, &sweep, &mut self.collector);
-        self.end(sensor, &sweep, &rays);
+        let rays = Rays::of_scan(scan, header);
+        let [from, to] = self.begin(sensor, &rays)?;
+        self.take_scan(sensor, scan, &rays, &from, &to);
         Ok(())
+    }
+
+    /// The same for a scan that was taken at once, at `pose`, whatever the vehicle's states say.
+    ///
+    /// # Errors
+    /// As [`Ring::scan`].
+    pub fn scan_from(
+        &mut self,
+        sensor: usize,
+        scan: &RangeScan,
+        header: &SampleHeader,
+        pose: &Pose,
+    ) -> Result<(), RangeRefused> {
+        let rays = Rays::of_scan(scan, header);
+        self.admit(sensor, &rays)?;
+        self.take_scan(sensor, scan, &rays, pose, pose);
+        Ok(())
+    }
+
+    fn take_scan(&mut self, sensor: usize, scan: &RangeScan, rays: &Rays, from: &Pose, to: &Pose) {
+        let is_beam = beam::is_beam(scan);
+        let sweep = self.sweep(rays, from, to);
+        if !is_beam {
+            scan::collect(scan, &sweep, &mut self.collector);
+        }
+        let collector = &mut self.collector;
+        let layer = &mut self.layers[sensor];
+        let view = layer.add(to, rays.published, |view| {
+            if is_beam {
+                beam::collect(scan, to, rays.first, view);
+            } else {
+                collector.finish(&sweep, view);
+            }
+        });
+        self.memory.offer(sensor, view, rays.last);
     }
 
     /// The ring as it looks from where the vehicle is at `now`. Without a pose everything is unknown.
     pub fn ring(&self, now: Timestamp, out: &mut SectorRing) {
-        *out = SectorRing {
-            band_half_m: self.hull.band_half_m as f32,
-            ..SectorRing::default()
-        };
-        let Some(pose) = self.poses.at(now) else {
-            return;
-        };
+        match self.poses.at(now) {
+            Some(pose) => self.ring_from(now, &pose, out),
+            None => *out = self.empty(),
+        }
+    }
+
+    /// The ring as it looks at `now` from `pose`, whatever the vehicle's states say.
+    pub fn ring_from(&self, now: Timestamp, pose: &Pose, out: &mut SectorRing) {
+        *out = self.empty();
         out.position = Point::from_vector(pose.position);
         out.attitude = jink_shared_types::frames::Attitude::from_rotation(pose.attitude);
         let mut range_min_m = f32::INFINITY;
-        for layer in self.layers.iter().filter(|layer| layer.is_live(now)) {
-            range_min_m = range_min_m.min(layer.range_min_m);
-            self.add_free_ways(layer, &pose, out);
-            add_hits(layer, &pose, out);
+        for layer in &self.layers {
+            for view in layer.views(now) {
+                range_min_m = range_min_m.min(layer.range_min_m);
+                self.add_free_ways(view, pose, out);
+                add_hits(view, pose, out);
+            }
         }
         if range_min_m.is_finite() {
             out.range_min_m = range_min_m;
+        }
+    }
+
+    fn empty(&self) -> SectorRing {
+        SectorRing {
+            band_half_m: self.hull.band_half_m as f32,
+            ..SectorRing::default()
         }
     }
 
@@ -245,7 +288,22 @@ impl Ring {
         self.hull.radius_m
     }
 
-    fn begin(&mut self, sensor: usize, rays: &Rays) -> Result<Sweep, RangeRefused> {
+    /// Where the vehicle was at the first and at the last of `rays`.
+    fn begin(&mut self, sensor: usize, rays: &Rays) -> Result<[Pose; 2], RangeRefused> {
+        self.admit(sensor, rays)?;
+        let (first, last) = (rays.first, rays.last);
+        match (self.poses.at(first), self.poses.at(last)) {
+            (Some(from), Some(to)) => Ok([from, to]),
+            _ => Err(RangeRefused::NoPose {
+                first,
+                last,
+                newest: self.poses.newest(),
+            }),
+        }
+    }
+
+    /// Notes that the sensor is heard, unless the sample contradicts itself.
+    fn admit(&mut self, sensor: usize, rays: &Rays) -> Result<(), RangeRefused> {
         if !(rays.range_max_m > 0.0 && rays.range_max_m.is_finite()) {
             return Err(RangeRefused::BadReach {
                 range_max_m: rays.range_max_m,
@@ -259,46 +317,29 @@ impl Ring {
         let Some(layer) = self.layers.get_mut(sensor) else {
             return Err(RangeRefused::NoSuchSensor { sensor, sensors });
         };
-        layer.arrived = rays.published;
-        layer.deadline_s = rays.deadline_ms * 1e-3;
-        let (Some(first_pose), Some(last_pose)) = (self.poses.at(first), self.poses.at(last)) else {
-            return Err(RangeRefused::NoPose {
-                first,
-                last,
-                newest: self.poses.newest(),
-            });
-        };
-        layer.view.reset(&last_pose);
+        layer.note_arrival(rays.published, rays.lifetimes);
+        layer.range_min_m = rays.range_min_m.max(0.0);
+        Ok(())
+    }
+
+    fn sweep(&mut self, rays: &Rays, from: &Pose, to: &Pose) -> Sweep {
         self.collector.start();
-        Ok(Sweep::new(
-            (first, &first_pose),
-            (last, &last_pose),
+        Sweep::new(
+            (rays.first, from),
+            (rays.last, to),
             rays.sensor_m.vector(),
             rays.range_max_m,
             self.hull,
-        ))
+        )
     }
 
-    fn end(&mut self, sensor: usize, sweep: &Sweep, rays: &Rays) {
-        let Some(layer) = self.layers.get_mut(sensor) else {
-            return;
-        };
-        self.collector.finish(sweep, &mut layer.view);
-        layer.published = rays.published;
-        layer.is_placed = true;
-        layer.range_min_m = rays.range_min_m.max(0.0);
-        self.memory.offer(sensor, &layer.view, rays.last);
-    }
-
-    fn add_free_ways(&self, layer: &Layer, pose: &Pose, out: &mut SectorRing) {
+    fn add_free_ways(&self, view: &View, pose: &Pose, out: &mut SectorRing) {
         let place_m = [pose.position.x, pose.position.y];
         let trodden_m = self.hull.radius_m as f32;
         let yaw_rad = pose.yaw_rad();
         for sector in 0..SECTORS {
             let toward_rad = yaw_rad + sector_bearing_rad(sector);
-            let way = layer
-                .view
-                .free_way_m(&self.borders, place_m, toward_rad, trodden_m);
+            let way = view.free_way_m(&self.borders, place_m, toward_rad, trodden_m);
             let Some(way) = way else {
                 continue;
             };
@@ -326,16 +367,12 @@ fn note(out: &mut SectorRing, sector: usize, distance_m: f32, seen: Timestamp) {
     }
 }
 
-fn add_hits(layer: &Layer, pose: &Pose, out: &mut SectorRing) {
-    let (sin, cos) = pose.yaw_rad().sin_cos();
-    for (place_m, seen) in layer.view.places() {
+fn add_hits(view: &View, pose: &Pose, out: &mut SectorRing) {
+    let yaw_rad = pose.yaw_rad();
+    for (place_m, seen) in view.places() {
         let (north, east) = (place_m[0] - pose.position.x, place_m[1] - pose.position.y);
-        let (forward, right) = (
-            (north * cos + east * sin) as f32,
-            (east * cos - north * sin) as f32,
-        );
-        let distance_m = forward.hypot(right);
-        note(out, bearing::sector_toward(forward, right), distance_m, seen);
+        let sector = sector_of(east.atan2(north) - yaw_rad);
+        note(out, sector, north.hypot(east) as f32, seen);
     }
 }
 
@@ -347,5 +384,26 @@ struct Rays {
     sensor_m: Point<jink_shared_types::BodyFrd>,
     range_min_m: f32,
     range_max_m: f32,
-    deadline_ms: f64,
+    lifetimes: Lifetimes,
+}
+
+impl Rays {
+    fn of_scan(scan: &RangeScan, header: &SampleHeader) -> Self {
+        Self {
+            first: if scan.first_beam.is_set() {
+                scan.first_beam
+            } else {
+                header.capture
+            },
+            last: header.capture,
+            published: header.publish,
+            sensor_m: scan.origin,
+            range_min_m: scan.range_min_m,
+            range_max_m: scan.range_max_m,
+            lifetimes: Lifetimes {
+                deadline_s: topics::RANGE_SCAN.row.deadline_ms * 1e-3,
+                kept_s: SCAN_KEPT_S,
+            },
+        }
+    }
 }

@@ -1,7 +1,7 @@
 //! What the ring knows of the places along a path.
 
 use super::Ring;
-use super::layer::Layer;
+use super::view::View;
 use jink_shared_types::Timestamp;
 use jink_shared_types::ring::{SECTORS, sector_of};
 
@@ -52,21 +52,21 @@ impl<'a> Outlook<'a> {
         }
     }
 
-    fn live_layers(&self) -> impl Iterator<Item = &'a Layer> {
+    fn views(&self) -> impl Iterator<Item = &'a View> {
         let now = self.now;
-        self.ring.layers.iter().filter(move |layer| layer.is_live(now))
+        self.ring.layers.iter().flat_map(move |layer| layer.views(now))
     }
 
     /// The obstacle points in sight: the nearest of every quarter of a sector of every live sensor, local NED (north, east) (m).
     pub fn obstacles(&self) -> impl Iterator<Item = [f64; 2]> {
-        self.live_layers()
-            .flat_map(|layer| layer.view.places().map(|(place_m, _)| place_m))
+        self.views()
+            .flat_map(|view| view.places().map(|(place_m, _)| place_m))
     }
 
     /// What is known of the place (north, east) (m) at height `down_m`; if it is hidden now, it must have been seen with
     /// `clearance_m` around it.
     pub fn sight(&self, place_m: [f64; 2], down_m: f64, clearance_m: f64) -> Sight {
-        if self.live_layers().any(|layer| layer.view.admits(place_m)) {
+        if self.views().any(|view| view.admits(place_m)) {
             return Sight::Free;
         }
         let bearing_rad = (place_m[1] - self.place_m[1]).atan2(place_m[0] - self.place_m[0]) - self.yaw_rad;

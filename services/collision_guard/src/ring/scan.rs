@@ -1,4 +1,4 @@
-//! From the beams of a planar scan to rays.
+//! From the beams of a planar scan to rays. Single beams, and rows of distances, are in `beam.rs`.
 
 use super::sweep::{Collector, Sweep};
 use jink_shared_types::ranges::{RangeScan, RayKind};
@@ -52,7 +52,7 @@ fn rays_of(width_rad: f64) -> usize {
 }
 
 /// What a range says, and where its ray ends (m). A range below the sensor's shortest is an obstacle at that range.
-fn meaning(range_m: f32, range_max_m: f32) -> (f64, RayKind) {
+pub(super) fn meaning(range_m: f32, range_max_m: f32) -> (f64, RayKind) {
     if range_m.is_nan() || range_m < 0.0 {
         (0.0, RayKind::Unknown)
     } else if range_m > range_max_m {

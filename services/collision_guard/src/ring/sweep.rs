@@ -28,7 +28,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 const BLOCK: usize = 64;
 
 /// Squared range that no sensor has (m2): coordinates beyond are damage.
-const BEYOND_ANY_SENSOR_M2: f32 = 1e10;
+pub(super) const BEYOND_ANY_SENSOR_M2: f32 = 1e10;
 
 /// How the rays of one sensor sample become points of the level frame.
 #[derive(Clone, Debug)]

@@ -50,9 +50,9 @@ impl ViewSector {
         }
     }
 
-    /// Whether anything is known of it.
-    pub fn is_known(&self) -> bool {
-        self.known_m2 > 0.0
+    /// Whether anything was told of it.
+    pub fn is_told(&self) -> bool {
+        self.known_m2 > 0.0 || self.near_m2.is_finite()
     }
 }
 
@@ -98,7 +98,7 @@ impl View {
     }
 
     /// A local NED place (north, east) as forward and right of the origin (m).
-    fn level(&self, place_m: [f64; 2]) -> [f32; 2] {
+    pub fn level(&self, place_m: [f64; 2]) -> [f32; 2] {
         let north = (place_m[0] - self.origin_m[0]) as f32;
         let east = (place_m[1] - self.origin_m[1]) as f32;
         let [cos, sin] = self.turn;
@@ -106,7 +106,7 @@ impl View {
     }
 
     /// Forward and right of the origin (m) as a local NED place (north, east).
-    fn local(&self, level_m: [f32; 2]) -> [f64; 2] {
+    pub fn local(&self, level_m: [f32; 2]) -> [f64; 2] {
         let [cos, sin] = self.turn;
         let north = level_m[0] * cos - level_m[1] * sin;
         let east = level_m[0] * sin + level_m[1] * cos;
