@@ -111,6 +111,14 @@ events! {
     SETPOINTS_FOLLOWED = 30, Notice, "jink: autopilot follows setpoints again", "None.";
     /// The autopilot flies its mission itself, in a profile in which jink should.
     UNGUARDED = 31, Warning, "jink: mission flown without avoidance", "Hold, or fly by hand; see what jink is waiting for.";
+    /// Collision prevention turns or slows what the pilot wants; the name tells why, the number how near it is.
+    PREVENTION_ACTS = 32, Warning, "jink: prevention: {name}, {0} m", "Steer elsewhere.";
+    /// It does nothing any more.
+    PREVENTION_RESTS = 33, Info, "jink: prevention released", "None.";
+    /// There are no range data, and it lets nothing move.
+    PREVENTION_BLIND = 34, Critical, "jink: no range data, not moving", "Switch it off (CP_DIST) or change the mode.";
+    /// There have been none for so long that the vehicle holds.
+    PREVENTION_HOLDS = 35, Critical, "jink: no range data, asking for Hold", "Look at the sensors; land.";
     /// Somebody wanted the gateway restarted in flight.
     RESTART_REFUSED = 40, Warning, "jink: restart refused, vehicle is armed", "Land and disarm first.";
     /// A changed parameter could not be kept.

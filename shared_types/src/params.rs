@@ -81,6 +81,15 @@ params! {
     GD_BAND = Float, 0.50, 0.1 .. 5.0, "m", Restart, "Half height of the band around the vehicle in which the guard counts obstacles";
     GD_ACC_BRAKE = Float, 2.0, 0.5 .. 15.0, "m/s2", Live, "Deceleration the guard counts on and brakes with";
     GD_DELAY = Float, 0.35, 0.0 .. 2.0, "s", Live, "Reaction time the guard counts on: sensor, link and autopilot";
+    CP_DIST = Float, -1.0, -1.0 .. 15.0, "m", Live, "Distance that collision prevention keeps from everything; zero and below switch it off";
+    CP_DELAY = Float, 0.4, 0.0 .. 1.0, "s", Live, "Delay of sensors, link and tracking that collision prevention allows for";
+    CP_GUIDE_ANG = Float, 30.0, 0.0 .. 90.0, "deg", Live, "How far to either side collision prevention looks for a better direction";
+    CP_GO_NO_DATA = Integer, 0.0, 0.0 .. 1.0, "", Live, "Motion where no sensor has ever looked: 0 no, 1 yes";
+    MPC_XY_P = Float, 0.95, 0.0 .. 2.0, "1/s", Live, "Position gain of the autopilot, for collision prevention: as set there";
+    MPC_VEL_MANUAL = Float, 10.0, 3.0 .. 20.0, "m/s", Live, "Speed of a full stick, for collision prevention: as set on the autopilot";
+    MPC_JERK_MAX = Float, 8.0, 0.5 .. 500.0, "m/s3", Live, "Jerk with which the vehicle begins to brake, for collision prevention";
+    MPC_ACC_HOR = Float, 3.0, 2.0 .. 15.0, "m/s2", Live, "Acceleration with which the vehicle brakes, for collision prevention";
+    MPC_XY_VEL_P_ACC = Float, 1.8, 1.2 .. 5.0, "1/s", Live, "Acceleration for each m/s of wrong speed, for collision prevention";
     GW_RATE = Float, 20.0, 5.0 .. 50.0, "Hz", Restart, "Rate of the setpoint stream to the autopilot";
     GW_HORIZON = Float, 0.8, 0.3 .. 2.0, "s", Restart, "Duration of each Bezier curve sent to the autopilot";
 }

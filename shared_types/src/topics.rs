@@ -11,6 +11,7 @@ use crate::layout::Layout;
 use crate::link::LinkStatus;
 use crate::map::LocalMap;
 use crate::motion::{ApprovedTrajectory, Route, Trajectory};
+use crate::prevention::{PilotDemand, PreventedDemand};
 use crate::ranges::{PointCloud, RangeScan};
 use crate::ring::SectorRing;
 use crate::truth::SimTruth;
@@ -193,6 +194,14 @@ topics! {
     RING: SectorRing = "guard/ring",
         from ["collision_guard"], to ["mavlink_gateway"],
         15.0 Hz, stale after 200.0 ms, buffer 2, logged true, wakes false;
+    /// Where a pilot wants to fly who steers through jink.
+    PILOT_DEMAND: PilotDemand = "pilot/demand",
+        from ["mavlink_gateway"], to ["collision_guard"],
+        20.0 Hz, stale after 500.0 ms, buffer 2, logged true, wakes false;
+    /// What of it may be flown.
+    PREVENTED: PreventedDemand = "guard/prevented",
+        from ["collision_guard"], to ["mavlink_gateway"],
+        20.0 Hz, stale after 300.0 ms, buffer 2, logged true, wakes false;
     /// Signs of life, one topic per process.
     HEALTH: Heartbeat = "health/*",
         from ["*"], to ["supervisor"],

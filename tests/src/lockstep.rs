@@ -7,6 +7,7 @@
 use crate::lossy::{LinkFaults, Lossy};
 use jink_bezier_generator::Generator;
 use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
+use jink_collision_guard::prevention::{PreventionConfig, Watch};
 use jink_collision_guard::ring::Ring;
 use jink_mavlink_gateway::{
     Body, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Received, Representation,
@@ -21,6 +22,7 @@ use jink_shared_types::motion::{
     ApprovedTrajectory, MotionState, Route, RouteMode, Trajectory, TrajectoryMode, Verdict,
 };
 use jink_shared_types::params::{OA_VEH_RADIUS, ParamSet};
+use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::topics::{self, Topic};
@@ -47,6 +49,7 @@ const PLANNER_PERIOD_S: f64 = 1.0 / 30.0;
 const GUARD_PERIOD_S: f64 = 1.0 / 30.0;
 /// The ring is sent this often (s).
 const RING_PERIOD_S: f64 = 1.0 / 15.0;
+const WATCH_PERIOD_S: f64 = 0.02;
 /// The system's status is sent this often (s).
 const STATUS_PERIOD_S: f64 = 0.1;
 
@@ -147,6 +150,10 @@ pub struct LockStep {
     route: Slot<Route>,
     trajectory: Slot<Trajectory>,
     approved: Slot<ApprovedTrajectory>,
+    watch: Watch,
+    watch_due: Timestamp,
+    demand: Slot<PilotDemand>,
+    prevented: Slot<PreventedDemand>,
     sectors: Slot<SectorRing>,
     system: Slot<SystemStatus>,
     cloud: Box<PointCloud>,
@@ -214,6 +221,10 @@ impl LockStep {
             route: Slot::new(topics::ROUTE, Box::default()),
             trajectory: Slot::new(topics::TRAJECTORY, Box::default()),
             approved: Slot::new(topics::APPROVED, Box::default()),
+            watch: Watch::new(PreventionConfig::from_params(params)),
+            watch_due: Timestamp::NEVER,
+            demand: Slot::new(topics::PILOT_DEMAND, Box::default()),
+            prevented: Slot::new(topics::PREVENTED, Box::default()),
             sectors: Slot::new(topics::RING, Box::default()),
             system: Slot::new(topics::SYSTEM_STATUS, Box::default()),
             cloud: PointCloud::boxed(),
@@ -316,6 +327,7 @@ impl LockStep {
         let now = self.now();
         self.run_gateway(now);
         self.run_guard(now);
+        self.watch_over_the_pilot(now);
         self.run_generator(now);
         self.run_planner(now);
         self.run_sensors(now);
@@ -463,6 +475,22 @@ impl LockStep {
         }
     }
 
+    fn watch_over_the_pilot(&mut self, now: Timestamp) {
+        if !self.demand.reading(now).is_fresh() || now < self.watch_due {
+            return;
+        }
+        self.watch_due = now.plus_seconds(WATCH_PERIOD_S);
+        let mut around = SectorRing::default();
+        self.ring.ring(now, &mut around);
+        let state = self.state.reading(now);
+        if let Some((prevented, news)) = self.watch.step(now, self.demand.reading(now), state, &around) {
+            *self.prevented.sample = prevented;
+            self.prevented.publish(now, now);
+            let watch_events: Vec<_> = news.events().to_vec();
+            self.raise(&watch_events);
+        }
+    }
+
     fn run_gateway(&mut self, now: Timestamp) {
         if now >= self.status_due {
             self.status_due = now.plus_seconds(STATUS_PERIOD_S);
@@ -475,6 +503,7 @@ impl LockStep {
             messages: &received,
             link: Default::default(),
             approved: self.approved.reading(now),
+            prevented: self.prevented.reading(now),
             ring: self.sectors.reading(now),
             system: self.system.reading(now),
             events: &news,
@@ -506,6 +535,10 @@ impl LockStep {
             self.state.publish(now, capture);
             self.fusion.vehicle(&state, &self.state.header);
             let _invalid = self.ring.vehicle(&state, &self.state.header);
+        }
+        if let Some((demand, capture)) = self.outputs.pilot_demand {
+            *self.demand.sample = demand;
+            self.demand.publish(now, capture);
         }
         if let Some((desired, capture)) = self.outputs.desired_path {
             *self.desired.sample = desired;

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | raw ranges of every sensor, vehicle state | [`ring`]: the 72-sector ring, and what is known of the places along a way |
 //! | a new trajectory, the ring | [`guard`]: the trajectory that may leave, with verdict and reason |
+//! | a pilot's setpoint, the ring | [`prevention`]: the setpoint that may leave, with state and cause |
 //!
 //! The guard is the second opinion in the chain. What the planner concludes from its map, accumulated over a flight, is judged
 //! again from what the sensors say now, by other means: sectors instead of voxels, and the stopping distance
@@ -13,4 +14,8 @@
 //! the same answers to the bit.
 
 pub mod guard;
+mod news;
+pub mod prevention;
 pub mod ring;
+
+pub use news::News;

@@ -1,10 +1,13 @@
-//! The guard as a process: woken by ranges, trajectories and vehicle states; it answers each trajectory and each new ring.
+//! The guard as a process: woken by ranges, trajectories and vehicle states; it answers each trajectory, each new ring, and a pilot who
+//! steers.
 
 use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
+use jink_collision_guard::prevention::{PreventionConfig, Watch};
 use jink_collision_guard::ring::Ring;
 use jink_runtime::{Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake};
 use jink_shared_types::motion::{ApprovedTrajectory, Trajectory};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
@@ -12,16 +15,21 @@ use std::process::ExitCode;
 
 /// What is flown is looked at, and said again, this often.
 const RATE_HZ: u32 = 30;
+/// What a pilot wants is looked at this often.
+const WATCH_RATE_HZ: u32 = 50;
 /// The ring goes out this often.
 const RING_RATE_HZ: u32 = 15;
 
 struct GuardService {
     guard: Guard,
+    watch: Watch,
     ring: Ring,
     ranges: RangeInputs,
     state: Input<VehicleState>,
     trajectory: Input<Trajectory>,
+    demand: Input<PilotDemand>,
     approved: Output<ApprovedTrajectory>,
+    prevented: Output<PreventedDemand>,
     sectors: Output<SectorRing>,
     answer: ApprovedTrajectory,
     ring_sample: SectorRing,
@@ -29,6 +37,7 @@ struct GuardService {
     header: SampleHeader,
     due: Timestamp,
     ring_due: Timestamp,
+    watch_due: Timestamp,
 }
 
 impl Service for GuardService {
@@ -38,11 +47,14 @@ impl Service for GuardService {
         let params = ports.config().params.clone();
         Ok(Self {
             guard: Guard::new(GuardConfig::from_params(&params), ports.setup().generation),
+            watch: Watch::new(PreventionConfig::from_params(&params)),
             ring: Ring::from_params(&params),
             ranges: RangeInputs::open(ports)?,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             trajectory: ports.trigger(topics::TRAJECTORY)?,
+            demand: ports.input(topics::PILOT_DEMAND)?,
             approved: ports.output(topics::APPROVED)?,
+            prevented: ports.output(topics::PREVENTED)?,
             sectors: ports.output(topics::RING)?,
             answer: ApprovedTrajectory::default(),
             ring_sample: SectorRing::default(),
@@ -50,6 +62,7 @@ impl Service for GuardService {
             header: SampleHeader::default(),
             due: Timestamp::NEVER,
             ring_due: Timestamp::NEVER,
+            watch_due: Timestamp::NEVER,
         })
     }
 
@@ -84,16 +97,41 @@ impl Service for GuardService {
             self.ring.ring(now, &mut self.ring_sample);
             self.sectors.send(SampleHeader::at(now), &self.ring_sample);
         }
-        Wake::at(self.due.min(self.ring_due))
+        let watches = self.watch_over_the_pilot(cycle);
+        let due = self.due.min(self.ring_due);
+        Wake::at(if watches { due.min(self.watch_due) } else { due })
     }
 
     /// The ring keeps what it has seen: its hull and its band need a restart.
     fn retune(&mut self, params: &ParamSet) {
         self.guard.configure(GuardConfig::from_params(params));
+        self.watch.configure(PreventionConfig::from_params(params));
     }
 }
 
 impl GuardService {
+    /// Whether one steers.
+    fn watch_over_the_pilot(&mut self, cycle: &mut Cycle<'_>) -> bool {
+        let now = cycle.now;
+        let demand = self.demand.latest(now);
+        if !demand.is_fresh() {
+            return false;
+        }
+        if now < self.watch_due {
+            return true;
+        }
+        self.watch_due = now.next_beat(WATCH_RATE_HZ);
+        self.ring.ring(now, &mut self.ring_sample);
+        let state = self.state.latest(now);
+        if let Some((prevented, news)) = self.watch.step(now, demand, state, &self.ring_sample) {
+            self.prevented.send(SampleHeader::at(now), &prevented);
+            for event in news.events() {
+                cycle.events.publish(now, event);
+            }
+        }
+        true
+    }
+
     fn take_ranges(&mut self) {
         let Self {
             ring, state, ranges, ..

@@ -10,7 +10,8 @@ use common::{
     Lidar, Place, Random, World, end, fly, guard, hovering_guard, look, looking, on, step, straight, time,
     trajectory,
 };
-use jink_collision_guard::guard::{Guard, GuardConfig, News};
+use jink_collision_guard::News;
+use jink_collision_guard::guard::{Guard, GuardConfig};
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::bezier::{derivative, quintic_between};
 use jink_shared_types::events;

@@ -64,6 +64,7 @@ fn main() {
             messages: &messages,
             link: Default::default(),
             approved: fresh(&approved, &header),
+            prevented: Reading::Never,
             ring: fresh(&ring, &header),
             system: Reading::Never,
             events: &[],

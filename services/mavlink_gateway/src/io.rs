@@ -6,6 +6,7 @@ use jink_shared_types::events::EventSample;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::ApprovedTrajectory;
+use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
@@ -28,6 +29,8 @@ pub struct Inputs<'a> {
     pub link: LinksReport,
     /// What the guard lets through.
     pub approved: Reading<'a, ApprovedTrajectory>,
+    /// What the guard leaves of a pilot's wish.
+    pub prevented: Reading<'a, PreventedDemand>,
     /// What the guard sees.
     pub ring: Reading<'a, SectorRing>,
     /// Health of the whole.
@@ -45,6 +48,8 @@ pub struct Outputs {
     pub vehicle_state: Option<(VehicleState, Timestamp)>,
     /// What the autopilot wants, with its time of validity, if it was told anew.
     pub desired_path: Option<(DesiredPath, Timestamp)>,
+    /// What the pilot wants, with its time of validity, when that is due to be told.
+    pub pilot_demand: Option<(PilotDemand, Timestamp)>,
     /// The counters, when they are due for publication.
     pub link_status: Option<LinkStatus>,
     /// All parameters, when they are due for publication, and whether they have just been changed and are to be kept.
@@ -60,6 +65,7 @@ impl Default for Outputs {
             events: Vec::with_capacity(EVENTS),
             vehicle_state: None,
             desired_path: None,
+            pilot_demand: None,
             link_status: None,
             parameters: None,
             restart: false,
@@ -83,6 +89,7 @@ impl Outputs {
         self.events.clear();
         self.vehicle_state = None;
         self.desired_path = None;
+        self.pilot_demand = None;
         self.link_status = None;
         self.parameters = None;
         self.restart = false;

@@ -28,6 +28,7 @@
 //!     messages: &[],
 //!     link: Default::default(),
 //!     approved: Reading::Never,
+//!     prevented: Reading::Never,
 //!     ring: Reading::Never,
 //!     system: Reading::Never,
 //!     events: &[],

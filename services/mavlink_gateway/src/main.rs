@@ -17,6 +17,7 @@ use jink_shared_types::layout::{hash_start, hash_text};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::tuning::{ParameterChange, ParameterValues};
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
@@ -43,6 +44,7 @@ struct GatewayService {
     received: Vec<Received>,
     news: Vec<EventSample>,
     approved: Input<ApprovedTrajectory>,
+    prevented: Input<PreventedDemand>,
     ring: Input<SectorRing>,
     system: Input<SystemStatus>,
     events: Input<EventSample>,
@@ -50,6 +52,7 @@ struct GatewayService {
     me: Name,
     state: Output<VehicleState>,
     desired: Output<DesiredPath>,
+    pilot: Output<PilotDemand>,
     status: Output<LinkStatus>,
     /// Nothing that is needed to fly: without it the board stays unknown.
     board: Option<Board>,
@@ -96,12 +99,14 @@ impl Service for GatewayService {
             received: Vec::with_capacity(MESSAGES_MAX),
             news: Vec::with_capacity(EVENTS_MAX),
             approved: ports.trigger(topics::APPROVED)?,
+            prevented: ports.input(topics::PREVENTED)?,
             ring: ports.input(topics::RING)?,
             system: ports.trigger(topics::SYSTEM_STATUS)?,
             events: ports.input(topics::EVENT)?,
             me: Name::new(&ports.setup().process),
             state: ports.output(topics::VEHICLE_STATE)?,
             desired: ports.output(topics::DESIRED_PATH)?,
+            pilot: ports.output(topics::PILOT_DEMAND)?,
             status: ports.output(topics::LINK_STATUS)?,
             board: Board::watch().ok(),
             parameters: ports.output(topics::PARAMETERS)?,
@@ -143,6 +148,7 @@ impl Service for GatewayService {
             messages: &self.received,
             link: self.links.report(),
             approved: self.approved.latest(now),
+            prevented: self.prevented.latest(now),
             ring: self.ring.latest(now),
             system: self.system.latest(now),
             events: &self.news,
@@ -274,6 +280,9 @@ impl GatewayService {
         }
         if let Some((desired, capture)) = &self.outputs.desired_path {
             self.desired.send(captured(*capture), desired);
+        }
+        if let Some((demand, capture)) = &self.outputs.pilot_demand {
+            self.pilot.send(captured(*capture), demand);
         }
         if let Some((values, _)) = &self.outputs.parameters {
             self.parameters

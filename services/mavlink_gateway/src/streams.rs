@@ -6,13 +6,14 @@
 
 use crate::profile::ProfileName;
 use jink_shared_types::Timestamp;
+use jink_shared_types::vehicle::NavMode;
 use mavlink::MessageData;
 #[allow(deprecated)] // Gone from PX4 1.16 on; this profile is for the versions before.
 use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
 use mavlink::dialects::ardupilotmega::{
     ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, CURRENT_MODE_DATA,
     EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA,
-    MISSION_CURRENT_DATA, MavCmd, MavMessage, MavResult, POSITION_TARGET_LOCAL_NED_DATA,
+    MANUAL_CONTROL_DATA, MISSION_CURRENT_DATA, MavCmd, MavMessage, MavResult, POSITION_TARGET_LOCAL_NED_DATA,
 };
 
 /// How long arrivals are counted before they are judged (s).
@@ -30,6 +31,8 @@ enum Need {
     Always,
     /// Sent by PX4 in automatic modes only.
     InAutomaticModes,
+    /// Needed where a pilot steers through jink: in Position mode.
+    InPosition,
     /// One message is enough.
     Once,
 }
@@ -101,7 +104,13 @@ fn besides(profile: ProfileName) -> Vec<Stream> {
         ],
         ProfileName::Px4Offboard | ProfileName::Px4Deviation => {
             let mode = stream(CURRENT_MODE_DATA::ID, 2.0, Need::Always);
-            MISSION.into_iter().chain([mode, altitude]).collect()
+            let sticks = stream(MANUAL_CONTROL_DATA::ID, 20.0, Need::InPosition);
+            let sticks = profile.steers().then_some(sticks);
+            MISSION
+                .into_iter()
+                .chain([mode, altitude])
+                .chain(sticks)
+                .collect()
         }
         ProfileName::ArdupilotGuided => {
             let target = stream(POSITION_TARGET_LOCAL_NED_DATA::ID, 5.0, Need::Always);
@@ -115,7 +124,8 @@ fn besides(profile: ProfileName) -> Vec<Stream> {
 pub struct Streams {
     streams: Vec<Stream>,
     window_end: Timestamp,
-    window_automatic: bool,
+    /// The mode in which the whole window was, if it was one.
+    window_mode: Option<NavMode>,
     next_request: Timestamp,
     asked: Option<usize>,
 }
@@ -128,7 +138,7 @@ impl Streams {
         Self {
             streams,
             window_end: Timestamp::NEVER,
-            window_automatic: false,
+            window_mode: None,
             next_request: Timestamp::NEVER,
             asked: None,
         }
@@ -159,15 +169,16 @@ impl Streams {
         }
     }
 
-    /// The next request to the autopilot of `system_id`, if one is due. `automatic`: the autopilot is in an automatic mode.
-    pub fn request(&mut self, now: Timestamp, automatic: bool, target: (u8, u8)) -> Option<MavMessage> {
+    /// The next request to the autopilot of `system_id`, which is in `mode`, if one is due.
+    pub fn request(&mut self, now: Timestamp, mode: NavMode, target: (u8, u8)) -> Option<MavMessage> {
         if !self.window_end.is_set() {
-            self.begin_window(now, automatic);
+            self.begin_window(now, mode);
         }
-        self.window_automatic &= automatic;
+        let is_alike = |before: &NavMode| *before == mode || before.is_automatic() && mode.is_automatic();
+        self.window_mode = self.window_mode.filter(is_alike);
         if now >= self.window_end {
             self.judge();
-            self.begin_window(now, automatic);
+            self.begin_window(now, mode);
         }
         if now < self.next_request {
             return None;
@@ -205,9 +216,9 @@ impl Streams {
         })
     }
 
-    fn begin_window(&mut self, now: Timestamp, automatic: bool) {
+    fn begin_window(&mut self, now: Timestamp, mode: NavMode) {
         self.window_end = now.plus_seconds(WINDOW_S);
-        self.window_automatic = automatic;
+        self.window_mode = Some(mode);
     }
 
     fn judge(&mut self) {
@@ -217,7 +228,8 @@ impl Streams {
             stream.is_short = !came
                 && match stream.need {
                     Need::Always | Need::Once => true,
-                    Need::InAutomaticModes => self.window_automatic,
+                    Need::InAutomaticModes => self.window_mode.is_some_and(NavMode::is_automatic),
+                    Need::InPosition => self.window_mode == Some(NavMode::Position),
                 };
             stream.came_hz = Some(f64::from(stream.arrived) / WINDOW_S);
             if stream.need != Need::Once {
@@ -248,6 +260,7 @@ mod tests {
     use super::Streams;
     use crate::profile::ProfileName;
     use jink_shared_types::Timestamp;
+    use jink_shared_types::vehicle::NavMode;
     use mavlink::dialects::ardupilotmega::{
         COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult,
     };
@@ -259,7 +272,7 @@ mod tests {
     /// Runs 20 s at 100 Hz; `arrives` says which messages come at 100 Hz. Returns the requests with their times.
     fn run(
         streams: &mut Streams,
-        automatic: bool,
+        mode: NavMode,
         arrives: impl Fn(u32) -> bool,
         answer: Option<MavResult>,
     ) -> Vec<(f64, COMMAND_LONG_DATA)> {
@@ -275,7 +288,7 @@ mod tests {
             for message_id in arriving {
                 streams.arrived(message_id);
             }
-            if let Some(MavMessage::COMMAND_LONG(request)) = streams.request(now, automatic, (1, 1)) {
+            if let Some(MavMessage::COMMAND_LONG(request)) = streams.request(now, mode, (1, 1)) {
                 if let Some(result) = answer {
                     let ack = COMMAND_ACK_DATA {
                         command: request.command,
@@ -292,12 +305,12 @@ mod tests {
 
     #[test]
     fn nothing_is_asked_for_that_comes_by_itself() {
-        assert!(run(&mut all(), true, |_| true, None).is_empty());
+        assert!(run(&mut all(), NavMode::Mission, |_| true, None).is_empty());
     }
 
     #[test]
     fn what_is_missing_after_two_seconds_is_asked_for_and_never_flooded() {
-        let requests = run(&mut all(), true, |_| false, None);
+        let requests = run(&mut all(), NavMode::Mission, |_| false, None);
         assert!(requests[0].0 >= 2.0);
         for pair in requests.windows(2) {
             assert!(pair[1].0 - pair[0].0 >= 0.499);
@@ -328,7 +341,7 @@ mod tests {
     fn a_refusal_is_respected_for_half_a_minute() {
         let requests = run(
             &mut all(),
-            true,
+            NavMode::Mission,
             |_| false,
             Some(MavResult::MAV_RESULT_UNSUPPORTED),
         );
@@ -337,9 +350,9 @@ mod tests {
 
     #[test]
     fn the_desired_path_is_missed_in_automatic_modes_only() {
-        let requests = run(&mut all(), false, |id| id != 332, None);
+        let requests = run(&mut all(), NavMode::Manual, |id| id != 332, None);
         assert!(requests.is_empty());
-        let requests = run(&mut all(), true, |id| id != 332, None);
+        let requests = run(&mut all(), NavMode::Mission, |id| id != 332, None);
         assert!(!requests.is_empty() && requests.iter().all(|(_, request)| request.param1 == 332.0));
     }
 }

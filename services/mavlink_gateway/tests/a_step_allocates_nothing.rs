@@ -124,6 +124,7 @@ fn from_bytes_to_bytes_without_the_allocator() {
                 sample: &*approved.value,
                 header: &approved.header,
             }),
+            prevented: jink_shared_types::Reading::Never,
             ring: Sample::reading(&ring, now, 200.0),
             system: jink_shared_types::Reading::Never,
             events: &[],

@@ -28,10 +28,8 @@
 mod admission;
 mod brake;
 mod lookahead;
-mod news;
 
-pub use news::News;
-
+use crate::news::News;
 use crate::ring::Ring;
 use admission::departure;
 use brake::Hardness;

@@ -5,7 +5,8 @@
     reason = "a helper that cannot do its work fails the test"
 )]
 
-use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs, News};
+use jink_collision_guard::News;
+use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::frames::{AngularRate, Attitude};

@@ -335,10 +335,10 @@ impl Interview {
             .iter()
             .any(|question| is_command(question) && question.answer == Answer::Open);
         if self.streams_begun {
-            let automatic = self.mode().is_automatic();
+            let mode = self.mode();
             out.extend(
                 self.streams
-                    .request(now, automatic, (self.system_id, COMPONENT_AUTOPILOT)),
+                    .request(now, mode, (self.system_id, COMPONENT_AUTOPILOT)),
             );
         }
     }

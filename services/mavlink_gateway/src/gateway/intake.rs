@@ -1,6 +1,7 @@
 //! What the gateway makes of each message it receives.
 
 use super::mission::MissionFlight;
+use super::steering::Steering;
 use super::{Gateway, nanoseconds};
 use crate::clock_map::ClockMap;
 use crate::desired;
@@ -92,6 +93,7 @@ impl Gateway {
                 self.current_item = Some((current.seq, total));
             }
             MavMessage::POSITION_TARGET_LOCAL_NED(echo) => self.take_echo(now, echo, outputs),
+            MavMessage::MANUAL_CONTROL(control) => self.steering.take(control, time),
             MavMessage::CURRENT_MODE(current) => self.vehicle.take_mode(current.custom_mode),
             MavMessage::COMMAND_ACK(ack) => {
                 self.streams.answered(now, ack);
@@ -136,6 +138,7 @@ impl Gateway {
     fn autopilot_restarted(&mut self, now: Timestamp) {
         self.clock = ClockMap::default();
         self.streams = Streams::new(self.config.profile);
+        self.steering = Steering::default();
         if let Some(flight) = &mut self.mission {
             *flight = MissionFlight::new(Part::of(&self.config));
             flight.read_anew(now);

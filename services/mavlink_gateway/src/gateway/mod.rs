@@ -3,6 +3,7 @@
 mod intake;
 mod mission;
 mod serve;
+mod steering;
 mod watch;
 
 pub(crate) use intake::{is_autopilot, speaks_as_autopilot};
@@ -33,6 +34,7 @@ use jink_shared_types::vehicle::DesiredPath;
 use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::dialects::ardupilotmega::{MavMessage, TIMESYNC_DATA};
 use mission::MissionFlight;
+use steering::Steering;
 
 /// Rate of OBSTACLE_DISTANCE (Hz): 10 were enough for 4 m/s in the autopilot's own tests; faster vehicles need more.
 const OBSTACLES_RATE_HZ: f64 = 15.0;
@@ -75,6 +77,7 @@ pub struct Gateway {
     is_hastened: bool,
     heartbeats: Heartbeats,
     desk: Desk,
+    steering: Steering,
     streams: Streams,
     texts: Texts,
     wire: Wire,
@@ -114,6 +117,7 @@ impl Gateway {
             is_hastened: false,
             heartbeats: Heartbeats::default(),
             desk: Desk::new(&ParamSet::default()),
+            steering: Steering::default(),
             streams: Streams::new(config.profile),
             texts: Texts::default(),
             wire: Wire::default(),
@@ -267,6 +271,10 @@ impl Gateway {
     }
 
     fn fly(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
+        if self.is_steered() {
+            self.steer(now, inputs, outputs);
+            return;
+        }
         let Some(system_id) = self.latch.system_id(now) else {
             return;
         };
@@ -359,9 +367,9 @@ impl Gateway {
             });
             outputs.send(self.outgoing(now, Body::Message(request)));
         }
-        let automatic = self.vehicle.mode().is_automatic();
+        let mode = self.vehicle.mode();
         if self.was_alive
-            && let Some(request) = self.streams.request(now, automatic, autopilot)
+            && let Some(request) = self.streams.request(now, mode, autopilot)
         {
             outputs.send(self.outgoing(now, Body::Message(request)));
         }

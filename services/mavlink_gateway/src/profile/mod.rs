@@ -187,6 +187,11 @@ impl ProfileName {
         matches!(self, ProfileName::Px4Offboard | ProfileName::ArdupilotGuided)
     }
 
+    /// Whether a pilot may steer through jink: the autopilot takes velocities in his modes.
+    pub fn steers(self) -> bool {
+        self == ProfileName::Px4Deviation
+    }
+
     /// Whether jink reads the mission to know the way: the autopilot does not tell it.
     pub fn reads_the_mission(self) -> bool {
         self != ProfileName::Px4Trajectory

@@ -85,6 +85,7 @@ impl Desk {
             messages,
             link: Default::default(),
             approved: Reading::Never,
+            prevented: Reading::Never,
             ring: Reading::Never,
             system: Reading::Never,
             events: &[],

@@ -22,9 +22,10 @@ use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, TrajectoryMode, Verdict};
 use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::prevention::{PreventedDemand, PreventionState};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::tuning::{self, ParameterChange};
-use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp};
+use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp, Velocity};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
@@ -61,6 +62,7 @@ struct Story {
     pending: Vec<Received>,
     approved: Sample<ApprovedTrajectory>,
     ring: Sample<SectorRing>,
+    prevented: Sample<PreventedDemand>,
     system: Sample<SystemStatus>,
     events: Vec<EventSample>,
     steps: usize,
@@ -113,6 +115,7 @@ impl Story {
             pending: Vec::new(),
             approved: None,
             ring: None,
+            prevented: None,
             system: None,
             events: Vec::new(),
             steps: 0,
@@ -211,6 +214,27 @@ impl Story {
                     ..SectorRing::default()
                 };
                 self.ring = Some((Box::new(ring), SampleHeader::at(self.now)));
+                let prevented = PreventedDemand {
+                    velocity: Velocity::new(
+                        f64::from(dice.number()),
+                        f64::from(dice.number()),
+                        f64::from(dice.number()),
+                    ),
+                    nearest_m: dice.number(),
+                    state: Coded::new(dice.pick(&[
+                        PreventionState::Off,
+                        PreventionState::Acting,
+                        PreventionState::Hold,
+                    ])),
+                    ..PreventedDemand::default()
+                };
+                self.prevented = Some((Box::new(prevented), SampleHeader::at(self.now)));
+                let sticks = MANUAL_CONTROL_DATA {
+                    x: dice.u16() as i16,
+                    y: dice.u16() as i16,
+                    ..MANUAL_CONTROL_DATA::default()
+                };
+                self.autopilot_says(MavMessage::MANUAL_CONTROL(sticks));
             }
             21 => {
                 let health = dice.pick(&[
@@ -434,7 +458,9 @@ impl Story {
             // Nobody knows for whom setpoints would be.
             self.last_setpoint = self.last_setpoint.map(|_| time);
         }
-        if self.gateway.waits_for_air() {
+        // Where nothing is to be deviated, silence is what lets the autopilot fly.
+        let may_be_silent = self.config.profile == ProfileName::Px4Deviation;
+        if self.gateway.waits_for_air() || may_be_silent {
             self.last_setpoint = self.last_setpoint.map(|_| time);
         }
         self.now = time;
@@ -452,6 +478,7 @@ impl Story {
             messages: &self.pending,
             link: Default::default(),
             approved: reading(&self.approved, self.now, 150.0),
+            prevented: reading(&self.prevented, self.now, 300.0),
             ring: reading(&self.ring, self.now, 200.0),
             system: reading(&self.system, self.now, 300.0),
             events: &self.events,
@@ -625,8 +652,9 @@ fn judge_deviation(target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
         ..target.clone()
     };
     judge_target(&whole);
-    // Positions and headings are not given, velocities and accelerations are.
-    assert_eq!(target.type_mask.bits(), 0b1100_0000_0111, "{target:?}");
+    // Positions and headings are not given, velocities and accelerations are; where a pilot steers, the horizontal ones.
+    let masks = [0b1100_0000_0111, 0b1101_0010_0111];
+    assert!(masks.contains(&target.type_mask.bits()), "{target:?}");
 }
 
 fn judge_target(target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {

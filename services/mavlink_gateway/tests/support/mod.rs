@@ -12,6 +12,7 @@ use jink_shared_types::events::EventSample;
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, TrajectoryMode, Verdict};
+use jink_shared_types::prevention::PreventedDemand;
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp};
@@ -65,6 +66,7 @@ pub struct Bench {
     pub now: Timestamp,
     pub approved: Option<Sample<ApprovedTrajectory>>,
     pub ring: Option<Sample<SectorRing>>,
+    pub prevented: Option<Sample<PreventedDemand>>,
     pub system: Option<Sample<SystemStatus>>,
     pub events: Vec<EventSample>,
     pub sent: Vec<Sent>,
@@ -96,6 +98,7 @@ impl Bench {
             now: at(0.0),
             approved: None,
             ring: None,
+            prevented: None,
             system: None,
             events: Vec::new(),
             sent: Vec::new(),
@@ -175,6 +178,7 @@ impl Bench {
             messages: &self.pending,
             link: Default::default(),
             approved: Sample::reading(&self.approved, self.now, 150.0),
+            prevented: Sample::reading(&self.prevented, self.now, 300.0),
             ring: Sample::reading(&self.ring, self.now, 200.0),
             system: Sample::reading(&self.system, self.now, 300.0),
             events: &self.events,

@@ -29,6 +29,8 @@ pub enum Stream {
     GlobalPosition = 33,
     /// MISSION_CURRENT.
     MissionCurrent = 42,
+    /// MANUAL_CONTROL: the sticks, to whoever asks for them.
+    ManualControl = 69,
     /// POSITION_TARGET_LOCAL_NED.
     PositionTarget = 85,
     /// TIMESYNC requests.
@@ -63,7 +65,7 @@ impl Stream {
 }
 
 /// Stream, rate to the companion, rate to the ground station (Hz); 0 = off.
-const RATES_HZ: [(Stream, f64, f64); 17] = [
+const RATES_HZ: [(Stream, f64, f64); 18] = [
     (S::Heartbeat, 1.0, 1.0),
     (S::SysStatus, 5.0, 1.0),
     (S::SystemTime, 1.0, 1.0),
@@ -72,6 +74,7 @@ const RATES_HZ: [(Stream, f64, f64); 17] = [
     (S::LocalPosition, 30.0, 1.0),
     (S::GlobalPosition, 50.0, 5.0),
     (S::MissionCurrent, 1.0, 1.0),
+    (S::ManualControl, 0.0, 0.0),
     (S::PositionTarget, 10.0, 1.5),
     (S::Timesync, 10.0, 0.0),
     (S::Altitude, 10.0, 1.0),

@@ -53,6 +53,7 @@ impl Autopilot {
         match stream {
             Stream::Heartbeat => Some(self.heartbeat()),
             Stream::SysStatus => Some(self.sys_status()),
+            Stream::ManualControl => self.manual_control(),
             Stream::SystemTime => Some(MavMessage::SYSTEM_TIME(m::SYSTEM_TIME_DATA {
                 time_unix_usec: self.config.unix_start_us + self.now_us,
                 time_boot_ms: self.boot_ms(),
@@ -230,6 +231,21 @@ impl Autopilot {
     }
 
     /// What the controller follows, once it flies.
+    fn manual_control(&self) -> Option<MavMessage> {
+        let thousandths = |share: f64| (share * 1000.0) as i16;
+        let has_sticks = self.commander.has_sticks(self.now_us);
+        has_sticks.then(|| {
+            MavMessage::MANUAL_CONTROL(m::MANUAL_CONTROL_DATA {
+                x: thousandths(self.sticks.forward),
+                y: thousandths(self.sticks.right),
+                z: thousandths(0.5 + 0.5 * self.sticks.up),
+                r: thousandths(self.sticks.turn),
+                target: self.config.system_id,
+                ..m::MANUAL_CONTROL_DATA::default()
+            })
+        })
+    }
+
     fn position_target(&self) -> Option<MavMessage> {
         self.command?;
         let setpoint = self.controller.followed();

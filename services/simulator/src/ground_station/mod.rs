@@ -366,13 +366,14 @@ impl GroundStation {
     }
 
     fn act_mission(&mut self, now_s: f64, outbox: &mut Vec<(MavHeader, MavMessage)>) {
+        let is_by_pilot = matches!(self.progress.mode, NavMode::Position | NavMode::Manual);
         if self.is_finished() {
             match self.plan.ending {
                 Ending::Hold => self.enter(Phase::Done, now_s),
                 Ending::Land | Ending::Return => self.enter(Phase::Land, now_s),
             }
         } else if !matches!(self.progress.mode, NavMode::Mission | NavMode::Offboard)
-            && (self.plan.resume || self.progress.fell_out == 0)
+            && (self.plan.resume || self.progress.fell_out == 0 && !is_by_pilot)
             && self.may_ask(now_s)
         {
             self.set_mode(outbox, NavMode::Mission);

@@ -40,7 +40,7 @@ pub struct FlightPlan {
     pub cruise_speed_mps: Option<f64>,
     /// What to do after the last one.
     pub ending: Ending,
-    /// Set the mission again when the autopilot leaves it unasked.
+    /// Set the mission again when the autopilot leaves it unasked, or a pilot takes it.
     pub resume: bool,
     /// Longest time the mission may take (s).
     pub mission_limit_s: f64,

@@ -13,7 +13,7 @@ pub struct News {
 }
 
 impl News {
-    pub(super) fn add(&mut self, event: EventSample) {
+    pub(crate) fn add(&mut self, event: EventSample) {
         if let Some(slot) = self.events.get_mut(self.len) {
             *slot = event;
             self.len += 1;

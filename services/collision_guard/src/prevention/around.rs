@@ -1,0 +1,121 @@
+//! What the ring says, sector by sector, with the directions turned to local NED.
+
+use jink_shared_types::Timestamp;
+use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, SectorRing, sector_bearing_rad, sector_of};
+use nalgebra::Vector2;
+
+/// What is known of a sector.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Sight {
+    /// Nothing.
+    Unknown,
+    /// Nothing stands within the sensor's reach.
+    Clear {
+        /// That reach (m).
+        reach_m: f64,
+    },
+    /// Something stands there.
+    Hit {
+        /// Its horizontal distance (m).
+        distance_m: f64,
+        /// How long ago it was measured (s).
+        age_s: f64,
+    },
+}
+
+impl Sight {
+    /// How far it is known what is there (m): to the obstacle, or as far as the sensor reaches. `None`: not at all.
+    pub fn reach_m(&self) -> Option<f64> {
+        match *self {
+            Sight::Unknown => None,
+            Sight::Clear { reach_m } => Some(reach_m),
+            Sight::Hit { distance_m, .. } => Some(distance_m),
+        }
+    }
+}
+
+/// All sectors at one moment.
+#[derive(Clone, Debug)]
+pub struct Around {
+    /// Heading of the vehicle (rad).
+    pub yaw_rad: f64,
+    /// The sectors.
+    pub sights: [Sight; SECTORS],
+    /// Directions of their centres, north and east.
+    pub directions: [Vector2<f64>; SECTORS],
+    /// Shortest range that any sensor measures (m).
+    pub range_min_m: f64,
+}
+
+impl Around {
+    /// What `ring` says at `now`.
+    pub fn of(ring: &SectorRing, now: Timestamp) -> Self {
+        let yaw_rad = ring.attitude.yaw_rad();
+        let yaw_rad = if yaw_rad.is_finite() { yaw_rad } else { 0.0 };
+        Self {
+            yaw_rad,
+            sights: std::array::from_fn(|sector| sight(ring, sector, now)),
+            directions: std::array::from_fn(|sector| {
+                let (east, north) = (yaw_rad + sector_bearing_rad(sector)).sin_cos();
+                Vector2::new(north, east)
+            }),
+            range_min_m: f64::from(ring.range_min_m.max(0.0)),
+        }
+    }
+
+    /// Whether anything is known at all.
+    pub fn has_data(&self) -> bool {
+        self.sights.iter().any(|sight| *sight != Sight::Unknown)
+    }
+
+    /// Every sector that something is known of: its direction, how far that is known (m), its number.
+    pub fn known(&self) -> impl Iterator<Item = (usize, Vector2<f64>, f64)> + '_ {
+        self.sights
+            .iter()
+            .enumerate()
+            .filter_map(|(sector, sight)| Some((sector, self.directions[sector], sight.reach_m()?)))
+    }
+
+    /// The sector that ends first, and where (m): the first of equals.
+    pub fn nearest(&self) -> Option<(usize, f64)> {
+        self.known()
+            .map(|(sector, _, reach_m)| (sector, reach_m))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// The sector that holds a direction.
+    pub fn sector_toward(&self, direction: &Vector2<f64>) -> usize {
+        sector_of(self.bearing_rad(direction))
+    }
+
+    /// A direction as an angle from the nose, clockwise (rad), in sectors from the centre of the sector before it: that sector
+    /// and the share of the way to the next.
+    pub fn between(&self, direction: &Vector2<f64>) -> (usize, usize, f64) {
+        let sectors = (self.bearing_rad(direction) / SECTOR_WIDTH_RAD).rem_euclid(SECTORS as f64);
+        let before = sectors.floor();
+        let sector = before as usize % SECTORS;
+        (sector, (sector + 1) % SECTORS, sectors - before)
+    }
+
+    /// A direction as an angle from the nose, clockwise (rad).
+    pub fn bearing_rad(&self, direction: &Vector2<f64>) -> f64 {
+        direction.y.atan2(direction.x) - self.yaw_rad
+    }
+}
+
+fn sight(ring: &SectorRing, sector: usize, now: Timestamp) -> Sight {
+    let distance_m = f64::from(ring.distance_m[sector]);
+    let reach_m = f64::from(ring.range_max_m[sector]);
+    if distance_m.is_nan() {
+        Sight::Unknown
+    } else if distance_m.is_finite() {
+        Sight::Hit {
+            distance_m: distance_m.max(0.0),
+            age_s: now.seconds_since(ring.seen[sector]).max(0.0),
+        }
+    } else if reach_m > 0.0 && reach_m.is_finite() {
+        Sight::Clear { reach_m }
+    } else {
+        Sight::Unknown
+    }
+}

@@ -1,0 +1,342 @@
+//! Collision prevention: a setpoint leaves only as far as it leads into nothing.
+//!
+//! | in | out |
+//! |---|---|
+//! | the sector ring | the setpoint as it may be flown ([`Outcome::setpoint`]) |
+//! | a horizontal setpoint, acceleration or velocity, local NED | what was done to it, and why ([`State`], [`Cause`]) |
+//! | the horizontal velocity | whether the vehicle is to hold |
+//!
+//! # In which order
+//! 1. **Guidance** turns the setpoint toward a better direction nearby (`guidance.rs`), PX4's choice.
+//! 2. **Split**: what leads toward the nearest obstacle and what leads along it are scaled, PX4's law (`split.rs`).
+//! 3. **Compensation**: who is too fast for the way that is left is slowed, PX4's law for the sector that needs it most.
+//! 4. **Limits**: the answer is the acceleration nearest to that which, for *every* sector `k` something is known of, keeps
+//!
+//!    ```text
+//!    a . u_k <= P (v_max(d_k) - v . u_k) + max(S(d_k), 0) max(setpoint . u_k, 0)
+//!    ```
+//!
+//!    where `u_k` is the sector's direction, `d_k` how far it is known, `v_max` the speed from which the vehicle still stops at CP_DIST
+//!    (`laws.rs`), `P` MPC_XY_VEL_P_ACC, `S` the scale. For a single obstacle ahead this is what 1 to 3 give already; the limits are there
+//!    for the second one, and a third (`halfplanes.rs`). The first summand makes "not faster than one can stop" a barrier
+//!    (Ames et al.: Control barrier functions, 2019): the excess dies away with the rate `P`.
+//! 5. The answer is not longer than MPC_ACC_HOR or the setpoint itself, whichever is longer.
+//!
+//! A **velocity** setpoint goes through 1, and is then moved to the nearest velocity with `v . u_k <= v_max(d_k)` for every sector, where
+//! `v_max` allows for `1 / P` besides CP_DELAY.
+//!
+//! What PX4 does otherwise, and why this does not, is one table in docs/collision_prevention.md. Nothing here allocates, and no input gives
+//! a number that is none: a setpoint that is none is a centred stick, and with a velocity that is none nothing moves.
+
+mod around;
+mod config;
+mod guidance;
+mod halfplanes;
+mod laws;
+mod loss;
+mod split;
+#[cfg(test)]
+mod tests;
+mod watch;
+
+pub use around::{Around, Sight};
+pub use config::PreventionConfig;
+pub use guidance::{Guided, guide};
+pub use laws::{scale, speed_limit};
+pub use watch::Watch;
+
+use halfplanes::Limits;
+use jink_shared_types::Timestamp;
+pub use jink_shared_types::prevention::{PreventionCause as Cause, PreventionState as State};
+use jink_shared_types::ring::{SECTORS, SectorRing};
+use loss::{Loss, Missing};
+use nalgebra::Vector2;
+use split::Split;
+
+/// A setpoint shorter than this is a centred stick (m/s2 or m/s): PX4's own limit.
+const CENTRED: f64 = 1e-3;
+/// The vehicle stands if it is slower (m/s): less than an estimator's noise.
+const STANDS_MPS: f64 = 0.05;
+/// Nobody asks for more (m/s2, m/s): beyond is damage.
+const SANE: f64 = 1e3;
+
+/// What is wanted, horizontally, local NED (north, east).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Demand {
+    /// An acceleration (m/s2).
+    Acceleration(Vector2<f64>),
+    /// A velocity (m/s).
+    Velocity(Vector2<f64>),
+}
+
+/// The answer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Outcome {
+    /// What may be flown, of the kind of the demand. Always finite, unless it is switched off: then it is what came.
+    pub setpoint: Vector2<f64>,
+    /// What was done.
+    pub state: State,
+    /// Why.
+    pub cause: Cause,
+    /// The nearest obstacle, or the nearest end of what is known: its sector and distance (m).
+    pub nearest: Option<(usize, f64)>,
+    /// The sector that guidance chose.
+    pub guided: Option<usize>,
+    /// Nobody has seen anything, and the pilot has to know.
+    pub warns: bool,
+}
+
+/// Collision prevention.
+#[derive(Clone, Debug)]
+pub struct Prevention {
+    config: PreventionConfig,
+    loss: Loss,
+    /// Sectors, from the nose, of which something was known since it was made.
+    ever_seen: [bool; SECTORS],
+}
+
+impl Prevention {
+    /// One that has seen nothing yet.
+    pub fn new(config: PreventionConfig) -> Self {
+        Self {
+            config,
+            loss: Loss::default(),
+            ever_seen: [false; SECTORS],
+        }
+    }
+
+    /// Takes new values from now on.
+    pub fn configure(&mut self, config: PreventionConfig) {
+        self.config = config;
+    }
+
+    /// What may be flown of `demand` by a vehicle that moves with `velocity` (north, east, m/s), with `ring` around it.
+    pub fn step(
+        &mut self,
+        now: Timestamp,
+        ring: &SectorRing,
+        demand: Demand,
+        velocity: Vector2<f64>,
+    ) -> Outcome {
+        let around = Around::of(ring, now);
+        let newest = ring.seen.iter().max().copied().filter(|_| around.has_data());
+        let missing = self.loss.note(now, &self.config, newest);
+        let asked = match demand {
+            Demand::Acceleration(wanted) | Demand::Velocity(wanted) => wanted,
+        };
+        let mut outcome = Outcome {
+            setpoint: asked,
+            state: State::Off,
+            cause: Cause::None,
+            nearest: around.nearest(),
+            guided: None,
+            warns: false,
+        };
+        if !self.config.is_active() {
+            return outcome;
+        }
+        for (seen, sight) in self.ever_seen.iter_mut().zip(&around.sights) {
+            *seen |= *sight != Sight::Unknown;
+        }
+        outcome.state = State::Free;
+        if !is_sane(&velocity) {
+            outcome.setpoint = Vector2::zeros();
+            outcome.state = State::Acting;
+            outcome.cause = Cause::BadInput;
+            return outcome;
+        }
+        if missing != Missing::Nothing {
+            outcome.setpoint = match demand {
+                Demand::Acceleration(_) => self.bounded(self.stopping(&velocity), 0.0),
+                Demand::Velocity(_) => Vector2::zeros(),
+            };
+            outcome.cause = Cause::NoData;
+            outcome.warns = missing != Missing::Quiet;
+            outcome.state = if missing == Missing::Hold {
+                State::Hold
+            } else {
+                State::Blind
+            };
+            return outcome;
+        }
+        let wanted = if is_sane(&asked) { asked } else { Vector2::zeros() };
+        let keep_m = self.config.distance_m.max(around.range_min_m);
+        let scene = Scene {
+            config: &self.config,
+            around: &around,
+            keep_m,
+            allowed_unseen: std::array::from_fn(|sector| self.config.goes_unseen && !self.ever_seen[sector]),
+        };
+        let (setpoint, cause, guided) = match demand {
+            Demand::Acceleration(_) => scene.acceleration(wanted, velocity),
+            Demand::Velocity(_) => scene.velocity(wanted),
+        };
+        outcome.setpoint = setpoint;
+        outcome.guided = guided;
+        if (setpoint - asked).norm() > CENTRED || !is_sane(&asked) {
+            outcome.state = State::Acting;
+            outcome.cause = if is_sane(&asked) { cause } else { Cause::BadInput };
+        }
+        outcome
+    }
+
+    fn stopping(&self, velocity: &Vector2<f64>) -> Vector2<f64> {
+        velocity * -self.config.velocity_gain_per_s
+    }
+
+    fn bounded(&self, acceleration: Vector2<f64>, demanded: f64) -> Vector2<f64> {
+        acceleration.cap_magnitude(self.config.acceleration_mps2.max(demanded))
+    }
+}
+
+fn is_sane(vector: &Vector2<f64>) -> bool {
+    // False for NaN.
+    vector.norm() < SANE
+}
+
+/// One step's view.
+struct Scene<'a> {
+    config: &'a PreventionConfig,
+    around: &'a Around,
+    keep_m: f64,
+    allowed_unseen: [bool; SECTORS],
+}
+
+impl Scene<'_> {
+    fn acceleration(
+        &self,
+        wanted: Vector2<f64>,
+        velocity: Vector2<f64>,
+    ) -> (Vector2<f64>, Cause, Option<usize>) {
+        let size = wanted.norm();
+        let (guided, demand) = self.guided(wanted, size);
+        let split = Split {
+            config: self.config,
+            around: self.around,
+            keep_m: self.keep_m,
+            allowed_unseen: &self.allowed_unseen,
+        };
+        let mut answer = Vector2::zeros();
+        let mut cause = Cause::None;
+        if size > CENTRED {
+            answer = split.share(demand / size) * size;
+            cause = self.why(&demand, guided.map(|guided| guided.1));
+        }
+        let compensation = self.compensation(&velocity);
+        let mut limits = Limits::default();
+        for (sector, toward, reach_m) in self.around.known() {
+            let closing_mps = velocity.dot(&toward);
+            let room = self.config.velocity_gain_per_s
+                * (self.limit_mps(sector, reach_m, closing_mps) - closing_mps);
+            let granted = scale(self.config, self.keep_m, reach_m).max(0.0) * demand.dot(&toward).max(0.0);
+            limits.push(toward, (room + granted).max(-self.config.acceleration_mps2));
+        }
+        let before = answer;
+        answer = limits.nearest(answer + compensation);
+        if cause == Cause::None && (answer - before).norm() > CENTRED {
+            cause = Cause::Obstacle;
+        }
+        let longest = self.config.acceleration_mps2.max(size);
+        (
+            answer.cap_magnitude(longest),
+            cause,
+            guided.map(|guided| guided.0),
+        )
+    }
+
+    fn velocity(&self, wanted: Vector2<f64>) -> (Vector2<f64>, Cause, Option<usize>) {
+        let size = wanted.norm();
+        if size <= CENTRED {
+            return (wanted, Cause::None, None);
+        }
+        let (guided, demand) = self.guided(wanted, size);
+        let cause = self.why(&demand, guided.map(|guided| guided.1));
+        let split = Split {
+            config: self.config,
+            around: self.around,
+            keep_m: self.keep_m,
+            allowed_unseen: &self.allowed_unseen,
+        };
+        // A velocity is reached with the time constant of the loop that follows it.
+        let delay_s = self.config.delay_s + 1.0 / self.config.velocity_gain_per_s;
+        let mut limits = Limits::default();
+        for (_, toward, reach_m) in self.around.known() {
+            let way_m = reach_m - self.keep_m;
+            let limit_mps = speed_limit(
+                way_m,
+                self.config.acceleration_mps2,
+                self.config.jerk_mps3,
+                delay_s,
+            );
+            limits.push(toward, limit_mps);
+        }
+        let answer = limits.nearest(demand * split.coverage(&(demand / size)));
+        (answer.cap_magnitude(size), cause, guided.map(|guided| guided.0))
+    }
+
+    /// The sector that is better and whether it is another one; the demand turned there.
+    fn guided(&self, wanted: Vector2<f64>, size: f64) -> (Option<(usize, bool)>, Vector2<f64>) {
+        if size <= CENTRED {
+            return (None, Vector2::zeros());
+        }
+        let guided = guide(self.config, self.around, wanted / size);
+        (
+            Some((guided.sector, guided.sector != guided.original)),
+            guided.direction * size,
+        )
+    }
+
+    /// What acts on a demand, where something does.
+    fn why(&self, demand: &Vector2<f64>, was_turned: Option<bool>) -> Cause {
+        match self.around.sights[self.around.sector_toward(demand)] {
+            Sight::Unknown => Cause::Unseen,
+            _ if was_turned == Some(true) => Cause::Guided,
+            Sight::Clear { .. }
+                if self
+                    .around
+                    .nearest()
+                    .is_none_or(|(sector, _)| self.is_clear(sector)) =>
+            {
+                Cause::Reach
+            }
+            Sight::Clear { .. } | Sight::Hit { .. } => Cause::Obstacle,
+        }
+    }
+
+    fn is_clear(&self, sector: usize) -> bool {
+        matches!(self.around.sights[sector], Sight::Clear { .. })
+    }
+
+    /// Greatest speed toward a sector (m/s) of a vehicle that closes on it with `closing_mps`.
+    fn limit_mps(&self, sector: usize, reach_m: f64, closing_mps: f64) -> f64 {
+        let age_s = match self.around.sights[sector] {
+            Sight::Hit { age_s, .. } => age_s,
+            Sight::Clear { .. } | Sight::Unknown => 0.0,
+        };
+        let flown_m = closing_mps.max(0.0) * (self.config.delay_s + age_s);
+        let way_m = reach_m - self.keep_m - flown_m;
+        speed_limit(way_m, self.config.acceleration_mps2, self.config.jerk_mps3, 0.0)
+    }
+
+    /// What slows a vehicle that is too fast for one of the sectors: for the one that it is most too fast for.
+    fn compensation(&self, velocity: &Vector2<f64>) -> Vector2<f64> {
+        let gain = self.config.velocity_gain_per_s;
+        let mut worst = (0.0, Vector2::zeros());
+        for (sector, toward, reach_m) in self.around.known() {
+            let closing_mps = velocity.dot(&toward).max(0.0);
+            let needed = gain * (self.limit_mps(sector, reach_m, closing_mps) - closing_mps);
+            if needed < worst.0 {
+                worst = (needed, toward);
+            }
+        }
+        let speed_mps = velocity.norm();
+        if speed_mps > STANDS_MPS {
+            let sector = self.around.sector_toward(velocity);
+            let is_unseen = self.around.sights[sector] == Sight::Unknown && !self.allowed_unseen[sector];
+            if is_unseen && -gain * speed_mps < worst.0 {
+                worst = (-gain * speed_mps, velocity / speed_mps);
+            }
+        }
+        worst.1 * worst.0
+    }
+}

@@ -1,0 +1,388 @@
+use super::{Cause, Demand, Outcome, Prevention, PreventionConfig, State};
+use jink_shared_types::Timestamp;
+use jink_shared_types::ring::{SECTORS, SectorRing, sector_bearing_rad};
+use nalgebra::Vector2;
+use proptest::prelude::*;
+
+/// PX4's defaults, switched on.
+pub fn config() -> PreventionConfig {
+    PreventionConfig {
+        distance_m: 2.0,
+        delay_s: 0.4,
+        guide_rad: 0.0,
+        goes_unseen: false,
+        position_gain_per_s: 0.95,
+        manual_mps: 10.0,
+        jerk_mps3: 8.0,
+        acceleration_mps2: 3.0,
+        velocity_gain_per_s: 1.8,
+    }
+}
+
+const NOW_S: f64 = 100.0;
+
+fn now() -> Timestamp {
+    Timestamp::from_seconds(NOW_S)
+}
+
+/// A ring that was measured now: a number is an obstacle, infinity nothing within 30 m, NaN unknown.
+fn ring(distances_m: [f64; SECTORS]) -> SectorRing {
+    SectorRing {
+        distance_m: distances_m.map(|m| m as f32),
+        range_max_m: distances_m.map(|m| if m.is_nan() { 0.0 } else { 30.0 }),
+        seen: distances_m.map(|m| if m.is_nan() { Timestamp::NEVER } else { now() }),
+        range_min_m: 0.2,
+        ..SectorRing::default()
+    }
+}
+
+/// Distances to straight walls, each given by the bearing of its nearest point (rad) and its distance there (m).
+fn walls(walls: &[(f64, f64)]) -> [f64; SECTORS] {
+    std::array::from_fn(|sector| {
+        walls
+            .iter()
+            .map(|(bearing_rad, distance_m)| {
+                let cosine = (sector_bearing_rad(sector) - bearing_rad).cos();
+                let along_m = distance_m / cosine;
+                if cosine > 0.0 && along_m < 30.0 {
+                    along_m
+                } else {
+                    f64::INFINITY
+                }
+            })
+            .fold(f64::INFINITY, f64::min)
+    })
+}
+
+fn polar(size: f64, bearing_rad: f64) -> Vector2<f64> {
+    Vector2::new(size * bearing_rad.cos(), size * bearing_rad.sin())
+}
+
+fn step(config: PreventionConfig, ring: &SectorRing, demand: Demand, velocity: Vector2<f64>) -> Outcome {
+    Prevention::new(config).step(now(), ring, demand, velocity)
+}
+
+fn pushed(
+    config: PreventionConfig,
+    ring: &SectorRing,
+    stick: Vector2<f64>,
+    velocity: Vector2<f64>,
+) -> Vector2<f64> {
+    step(config, ring, Demand::Acceleration(stick), velocity).setpoint
+}
+
+fn distances() -> impl Strategy<Value = [f64; SECTORS]> {
+    let one = prop_oneof![
+        3 => 0.0..30.0f64,
+        2 => Just(f64::INFINITY),
+        1 => Just(f64::NAN),
+    ];
+    proptest::collection::vec(one, SECTORS).prop_map(|v| v.try_into().unwrap())
+}
+
+/// Rooms of one to four walls: rings as they are, and no sector unknown.
+fn rooms() -> impl Strategy<Value = [f64; SECTORS]> {
+    proptest::collection::vec((0.0..std::f64::consts::TAU, 0.5..20.0f64), 1..5).prop_map(|list| walls(&list))
+}
+
+fn plane(size: f64) -> impl Strategy<Value = Vector2<f64>> {
+    (0.0..size, 0.0..std::f64::consts::TAU).prop_map(|(size, bearing)| polar(size, bearing))
+}
+
+fn configs() -> impl Strategy<Value = PreventionConfig> {
+    (
+        0.2..10.0f64,
+        0.0..1.0f64,
+        0.0..90.0f64,
+        any::<bool>(),
+        2.0..15.0f64,
+        1.0..50.0f64,
+    )
+        .prop_map(
+            |(distance_m, delay_s, guide_deg, goes_unseen, acceleration_mps2, jerk_mps3)| PreventionConfig {
+                distance_m,
+                delay_s,
+                guide_rad: guide_deg.to_radians(),
+                goes_unseen,
+                acceleration_mps2,
+                jerk_mps3,
+                ..config()
+            },
+        )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(512))]
+
+    #[test]
+    fn the_answer_is_finite_and_bounded_whatever_comes(
+        distances in proptest::collection::vec(any::<f64>(), SECTORS), config in configs(),
+        stick in any::<[f64; 2]>(), velocity in any::<[f64; 2]>(), by_velocity in any::<bool>(),
+    ) {
+        let ring = ring(distances.try_into().unwrap());
+        let stick = Vector2::from(stick);
+        let demand = if by_velocity { Demand::Velocity(stick) } else { Demand::Acceleration(stick) };
+        let answer = step(config, &ring, demand, Vector2::from(velocity)).setpoint;
+        let size = stick.norm();
+        let asked = if size < 1e3 { size } else { 0.0 };
+        prop_assert!(answer.norm() <= config.acceleration_mps2.max(asked) + 1e-6, "{answer}");
+    }
+
+    /// The closing speed toward anything known is never raised beyond the one from which the vehicle stops in time.
+    #[test]
+    fn nothing_is_closed_on_faster_than_one_can_stop(
+        distances in rooms(), config in configs(), stick in plane(10.0), velocity in plane(12.0),
+    ) {
+        let config = PreventionConfig { guide_rad: 0.0, ..config };
+        let answer = pushed(config, &ring(distances), stick, velocity);
+        for sector in 0..SECTORS {
+            let toward = polar(1.0, sector_bearing_rad(sector));
+            let distance_m = distances[sector].min(30.0);
+            let closing = velocity.dot(&toward);
+            let way = distance_m - config.distance_m - closing.max(0.0) * config.delay_s;
+            let limit = super::speed_limit(way, config.acceleration_mps2, config.jerk_mps3, 0.0);
+            let granted = super::scale(&config, config.distance_m, distance_m).max(0.0) * stick.dot(&toward).max(0.0);
+            let may = (config.velocity_gain_per_s * (limit - closing) + granted).max(-config.acceleration_mps2);
+            // A bounded answer may be short of what is needed where obstacles on several sides need different things.
+            if may >= 0.0 {
+                prop_assert!(answer.dot(&toward) <= may + 1e-3, "sector {}: {} of {}", sector, answer.dot(&toward), may);
+            }
+        }
+    }
+
+    /// At rest and nearer than the distance to keep, nothing leads nearer.
+    #[test]
+    fn who_is_too_near_already_comes_no_nearer(distances in rooms(), config in configs(), stick in plane(10.0)) {
+        let answer = pushed(config, &ring(distances), stick, Vector2::zeros());
+        for sector in 0..SECTORS {
+            if distances[sector] <= config.distance_m {
+                let toward = polar(1.0, sector_bearing_rad(sector));
+                prop_assert!(answer.dot(&toward) < 1e-3, "sector {sector}");
+            }
+        }
+    }
+
+    /// A stick turned by a thousandth of a degree turns the answer by no more than a few times that.
+    #[test]
+    fn the_answer_is_continuous_in_the_angle_of_the_stick(
+        distances in distances(), bearing in 0.0..std::f64::consts::TAU, velocity in plane(8.0),
+    ) {
+        const STEP_RAD: f64 = 1e-5;
+        let ring = ring(distances);
+        let size = 3.0;
+        let here = pushed(config(), &ring, polar(size, bearing), velocity);
+        let there = pushed(config(), &ring, polar(size, bearing + STEP_RAD), velocity);
+        // The share falls from one to minus one within a sector of 5 degrees, or half of one: 50 / rad.
+        prop_assert!((there - here).norm() <= 60.0 * size * STEP_RAD, "{here} {there}");
+    }
+
+    #[test]
+    fn a_velocity_is_one_from_which_one_can_stop(distances in rooms(), config in configs(), wish in plane(15.0)) {
+        let config = PreventionConfig { guide_rad: 0.0, ..config };
+        let answer = step(config, &ring(distances), Demand::Velocity(wish), Vector2::zeros()).setpoint;
+        for sector in 0..SECTORS {
+            let toward = polar(1.0, sector_bearing_rad(sector));
+            let v = answer.dot(&toward);
+            let way = (distances[sector].min(30.0) - config.distance_m).max(0.0);
+            let needed = v * config.delay_s + v * 2.0 * config.acceleration_mps2 / config.jerk_mps3 + v * v / (2.0 * config.acceleration_mps2);
+            prop_assert!(v <= 1e-6 || needed <= way + 1e-6, "{needed} of {way}");
+        }
+    }
+
+    #[test]
+    fn it_is_the_same_whatever_the_heading(distances in rooms(), stick in plane(10.0), velocity in plane(8.0), turn in 0..SECTORS) {
+        let answer = pushed(config(), &ring(distances), stick, velocity);
+        let yaw_rad = sector_bearing_rad(turn);
+        let mut turned = ring(std::array::from_fn(|sector| distances[(sector + turn) % SECTORS]));
+        turned.attitude = jink_shared_types::frames::Attitude::from_rotation(
+            nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad),
+        );
+        let same = pushed(config(), &turned, stick, velocity);
+        prop_assert!((answer - same).norm() < 1e-3, "{answer} {same}");
+    }
+}
+
+#[test]
+fn far_from_everything_the_stick_is_what_is_flown() {
+    let far = ring([f64::INFINITY; SECTORS]);
+    let outcome = step(
+        config(),
+        &far,
+        Demand::Acceleration(polar(3.0, 0.7)),
+        Vector2::zeros(),
+    );
+    assert!((outcome.setpoint - polar(3.0, 0.7)).norm() < 1e-12);
+    assert_eq!((outcome.state, outcome.cause), (State::Free, Cause::None));
+}
+
+#[test]
+fn switched_off_it_passes_everything() {
+    let off = PreventionConfig {
+        distance_m: -1.0,
+        ..config()
+    };
+    let blind = ring([f64::NAN; SECTORS]);
+    let outcome = step(
+        off,
+        &blind,
+        Demand::Acceleration(polar(3.0, 0.7)),
+        Vector2::zeros(),
+    );
+    assert_eq!((outcome.setpoint, outcome.state), (polar(3.0, 0.7), State::Off));
+}
+
+/// In PX4 the second wall counts for nothing as soon as the stick is a hair past the perpendicular to the first.
+#[test]
+fn a_second_wall_counts_whichever_is_nearer() {
+    let corner = ring(walls(&[(0.0, 1.5), (1.570_796, 1.7)]));
+    for degrees in [80.0f64, 89.9, 90.0, 90.1, 100.0] {
+        let answer = pushed(
+            config(),
+            &corner,
+            polar(3.0, degrees.to_radians()),
+            Vector2::zeros(),
+        );
+        assert!(answer.x < 1e-6 && answer.y < 1e-6, "{degrees} deg: {answer}");
+    }
+}
+
+#[test]
+fn in_a_round_room_all_directions_are_alike() {
+    let room = ring([7.0; SECTORS]);
+    let sizes: Vec<f64> = (0..72)
+        .map(|k| {
+            pushed(
+                config(),
+                &room,
+                polar(3.0, f64::from(k) * 0.087),
+                Vector2::zeros(),
+            )
+            .norm()
+        })
+        .collect();
+    let (least, most) = sizes
+        .iter()
+        .fold((f64::INFINITY, 0.0f64), |(a, b), s| (a.min(*s), b.max(*s)));
+    assert!(
+        most - least < 0.01 && (0.6..0.75).contains(&least),
+        "{least} to {most}"
+    );
+}
+
+#[test]
+fn a_centred_stick_brakes_before_a_wall() {
+    let wall = ring(walls(&[(0.0, 4.0)]));
+    let answer = pushed(config(), &wall, Vector2::zeros(), polar(5.0, 0.0));
+    assert!(answer.x < -2.9, "{answer}");
+}
+
+#[test]
+fn along_a_wall_and_away_from_it_motion_goes_on() {
+    let wall = ring(walls(&[(0.0, 2.2)]));
+    let along = pushed(config(), &wall, polar(3.0, 1.570_796), Vector2::zeros());
+    assert!(along.y > 2.0 && along.x < 1e-6, "{along}");
+    let away = pushed(config(), &wall, polar(3.0, 3.141_592), Vector2::zeros());
+    assert!((away - polar(3.0, 3.141_592)).norm() < 1e-6, "{away}");
+}
+
+#[test]
+fn where_no_sensor_looks_nothing_moves_and_motion_there_is_braked() {
+    let mut ahead_only = [f64::NAN; SECTORS];
+    for sector in [69, 70, 71, 0, 1, 2, 3] {
+        ahead_only[sector] = f64::INFINITY;
+    }
+    let ring = ring(ahead_only);
+    let aside = step(
+        config(),
+        &ring,
+        Demand::Acceleration(polar(3.0, 1.5)),
+        Vector2::zeros(),
+    );
+    assert_eq!((aside.setpoint, aside.cause), (Vector2::zeros(), Cause::Unseen));
+    let ahead = pushed(config(), &ring, polar(3.0, 0.0), Vector2::zeros());
+    assert!(ahead.x > 2.9, "{ahead}");
+    let drifting = pushed(config(), &ring, Vector2::zeros(), polar(1.0, 1.5));
+    assert!(drifting.dot(&polar(1.0, 1.5)) < -1.5, "{drifting}");
+    let allowed = PreventionConfig {
+        goes_unseen: true,
+        ..config()
+    };
+    assert!(pushed(allowed, &ring, polar(3.0, 1.5), Vector2::zeros()).norm() > 2.9);
+    // What was seen once and is not any more is not "never seen".
+    let mut prevention = Prevention::new(allowed);
+    let all = super::tests::ring([f64::INFINITY; SECTORS]);
+    prevention.step(
+        now(),
+        &all,
+        Demand::Acceleration(Vector2::zeros()),
+        Vector2::zeros(),
+    );
+    let lost = prevention.step(
+        now(),
+        &ring,
+        Demand::Acceleration(polar(3.0, 1.5)),
+        Vector2::zeros(),
+    );
+    assert_eq!(lost.setpoint, Vector2::zeros());
+}
+
+#[test]
+fn guidance_takes_the_better_side_and_never_one_without_data() {
+    let mut post = [f64::INFINITY; SECTORS];
+    for sector in [70, 71, 0, 1] {
+        post[sector] = 4.0;
+    }
+    let guided = PreventionConfig {
+        guide_rad: 30f64.to_radians(),
+        ..config()
+    };
+    let outcome = step(
+        guided,
+        &ring(post),
+        Demand::Acceleration(polar(3.0, 0.01)),
+        Vector2::zeros(),
+    );
+    assert_eq!((outcome.guided, outcome.cause), (Some(3), Cause::Guided));
+    assert!(outcome.setpoint.y > 0.3, "{outcome:?}");
+    for sector in 2..20 {
+        post[sector] = f64::NAN;
+    }
+    let outcome = step(
+        guided,
+        &ring(post),
+        Demand::Acceleration(polar(3.0, 0.01)),
+        Vector2::zeros(),
+    );
+    assert!(outcome.guided.is_some_and(|sector| sector > 60), "{outcome:?}");
+}
+
+#[test]
+fn without_data_nothing_moves_then_the_pilot_is_told_then_the_vehicle_holds() {
+    let mut prevention = Prevention::new(config());
+    let mut told = Vec::new();
+    let seen = ring([f64::INFINITY; SECTORS]);
+    let blind = ring([f64::NAN; SECTORS]);
+    for tenth in 0..100 {
+        let at_s = NOW_S + 0.1 * f64::from(tenth);
+        // The ring calls its sectors unknown half a second after they were seen.
+        let around = if tenth <= 15 { &seen } else { &blind };
+        let mut around = around.clone();
+        if tenth <= 15 {
+            around.seen = [Timestamp::from_seconds(NOW_S + 0.1 * f64::from(tenth.min(10))); SECTORS];
+        }
+        let outcome = prevention.step(
+            Timestamp::from_seconds(at_s),
+            &around,
+            Demand::Acceleration(polar(3.0, 0.0)),
+            Vector2::zeros(),
+        );
+        if told.last().map(|(_, state)| *state) != Some(outcome.state) {
+            told.push((tenth, outcome.state));
+        }
+        if outcome.state != State::Free {
+            assert_eq!(outcome.setpoint, Vector2::zeros());
+            assert!(outcome.warns);
+        }
+    }
+    assert_eq!(told, [(0, State::Free), (16, State::Blind), (61, State::Hold)]);
+}

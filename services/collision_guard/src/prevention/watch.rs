@@ -1,0 +1,111 @@
+//! Watching over a pilot who steers through jink: his wish in, what may be flown out, and news once per change.
+
+use super::{Demand, Outcome, Prevention, PreventionConfig};
+use crate::news::News;
+use jink_shared_types::coded::Wire;
+use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::prevention::{PilotDemand, PreventedDemand, PreventionState};
+use jink_shared_types::ring::SectorRing;
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::{Coded, Reading, Timestamp, Velocity};
+use nalgebra::Vector2;
+
+/// It is said to rest when it has done nothing for so long (s): at the edge of acting it would be said again and again.
+const RESTS_S: f64 = 1.0;
+
+/// What the pilot was told last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum Told {
+    #[default]
+    Nothing,
+    Acts,
+    Blind,
+    Holds,
+}
+
+/// The watch.
+#[derive(Clone, Debug)]
+pub struct Watch {
+    prevention: Prevention,
+    told: Told,
+    /// It did something then.
+    acted: Timestamp,
+}
+
+impl Watch {
+    /// One that has seen nothing yet.
+    pub fn new(config: PreventionConfig) -> Self {
+        Self {
+            prevention: Prevention::new(config),
+            told: Told::Nothing,
+            acted: Timestamp::NEVER,
+        }
+    }
+
+    /// Takes new values from now on.
+    pub fn configure(&mut self, config: PreventionConfig) {
+        self.prevention.configure(config);
+    }
+
+    /// What of `demand` may be flown, with `ring` around the vehicle; `None` if nobody steers.
+    pub fn step(
+        &mut self,
+        now: Timestamp,
+        demand: Reading<'_, PilotDemand>,
+        state: Reading<'_, VehicleState>,
+        ring: &SectorRing,
+    ) -> Option<(PreventedDemand, News)> {
+        let mut news = News::default();
+        let Some(demand) = demand.fresh() else {
+            self.told = Told::Nothing;
+            return None;
+        };
+        let wanted = demand.sample.velocity.vector().xy();
+        let velocity = state
+            .fresh()
+            .map_or_else(Vector2::zeros, |state| state.sample.velocity.vector().xy());
+        let outcome = self
+            .prevention
+            .step(now, ring, Demand::Velocity(wanted), velocity);
+        self.tell(now, &outcome, &mut news);
+        let allowed = if outcome.setpoint.iter().all(|v| v.is_finite()) {
+            outcome.setpoint
+        } else {
+            // Switched off, what came is passed on: no number is nothing wanted.
+            Vector2::zeros()
+        };
+        let prevented = PreventedDemand {
+            velocity: Velocity::new(allowed.x, allowed.y, 0.0),
+            nearest_m: outcome.nearest.map_or(0.0, |(_, reach_m)| reach_m as f32),
+            state: Coded::new(outcome.state),
+            cause: Coded::new(outcome.cause),
+            reserved: [0; 2],
+        };
+        Some((prevented, news))
+    }
+
+    fn tell(&mut self, now: Timestamp, outcome: &Outcome, news: &mut News) {
+        let state = match outcome.state {
+            PreventionState::Hold => Told::Holds,
+            PreventionState::Blind if outcome.warns => Told::Blind,
+            PreventionState::Blind => self.told,
+            PreventionState::Acting => Told::Acts,
+            PreventionState::Off | PreventionState::Free => Told::Nothing,
+        };
+        if state != Told::Nothing {
+            self.acted = now;
+        }
+        let rests = state == Told::Nothing && now.seconds_since(self.acted) < RESTS_S;
+        if state == self.told || rests {
+            return;
+        }
+        self.told = state;
+        let nearest_m = outcome.nearest.map_or(0.0, |(_, reach_m)| reach_m);
+        news.add(match state {
+            Told::Acts => EventSample::new(&events::PREVENTION_ACTS, outcome.cause.name(), [nearest_m, 0.0]),
+            Told::Blind => EventSample::new(&events::PREVENTION_BLIND, "", [0.0; 2]),
+            Told::Holds => EventSample::new(&events::PREVENTION_HOLDS, "", [0.0; 2]),
+            Told::Nothing => EventSample::new(&events::PREVENTION_RESTS, "", [0.0; 2]),
+        });
+    }
+}

@@ -1,0 +1,165 @@
+//! A pilot who steers through jink: his sticks become a wish, and what the guard leaves of it goes to the autopilot.
+//!
+//! | Position mode, in the air | sent |
+//! |---|---|
+//! | collision prevention switched off (CP_DIST) | nothing: the pilot flies the autopilot |
+//! | sticks away from the centre, or the vehicle moving | the velocity that may be flown, fifty times a second |
+//! | sticks centred and the vehicle at rest | nothing: the autopilot holds its place |
+//! | the guard has fallen silent | stop |
+//!
+//! Sent is the horizontal velocity, with an acceleration of zero: what the autopilot would add from the sticks itself would lead past
+//! it. Heights and headings stay the pilot's.
+
+use super::Gateway;
+use crate::executive::Demand;
+use crate::io::{Inputs, Outputs};
+use crate::message::{Body, COMPONENT_AUTOPILOT, Outgoing, Receipt};
+use crate::ticker::Ticker;
+use crate::vehicle::Present;
+use jink_shared_types::params::MPC_VEL_MANUAL;
+use jink_shared_types::prevention::{PilotDemand, PreventionState};
+use jink_shared_types::vehicle::NavMode;
+use jink_shared_types::{Timestamp, Velocity};
+use mavlink::dialects::ardupilotmega::{
+    MANUAL_CONTROL_DATA, MavFrame, MavMessage, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
+};
+use nalgebra::{Rotation2, Vector2};
+
+/// Sticks that are heard of less recently than this (s) are centred: the autopilot's own limit for a lost remote control.
+const STICKS_KEPT_S: f64 = 0.5;
+/// A stick this near to its centre is there (share of its way): PX4's MPC_HOLD_DZ.
+const DEAD_ZONE: f64 = 0.1;
+/// Slower than this the vehicle counts as being at rest (m/s).
+const AT_REST_MPS: f64 = 0.3;
+/// The guard is told this often (Hz), as the topic table says.
+const DEMAND_RATE_HZ: f64 = 20.0;
+/// A hold is asked for this often while it is needed (s).
+const HOLD_EVERY_S: f64 = 1.0;
+
+/// Horizontal velocities and accelerations, and nothing else.
+const HORIZONTAL: PositionTargetTypemask = PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_Y_IGNORE)
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_Z_IGNORE)
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_VZ_IGNORE)
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_AZ_IGNORE)
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_IGNORE)
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE);
+
+/// The sticks, and what was made of them.
+#[derive(Debug)]
+pub(super) struct Steering {
+    /// Forward and right, in shares of their way, and when that was heard.
+    sticks: Vector2<f64>,
+    heard: Timestamp,
+    demands: Ticker,
+    /// The guard's last word was that it watches over the pilot.
+    is_watched: bool,
+    hold_due: Timestamp,
+}
+
+impl Default for Steering {
+    fn default() -> Self {
+        Self {
+            sticks: Vector2::zeros(),
+            heard: Timestamp::NEVER,
+            demands: Ticker::new(DEMAND_RATE_HZ),
+            is_watched: false,
+            hold_due: Timestamp::NEVER,
+        }
+    }
+}
+
+impl Steering {
+    /// Takes the sticks as the autopilot tells them.
+    pub(super) fn take(&mut self, control: &MANUAL_CONTROL_DATA, received: Timestamp) {
+        let share = |stick: i16| (stick != i16::MAX).then(|| (f64::from(stick) / 1000.0).clamp(-1.0, 1.0));
+        if let (Some(forward), Some(right)) = (share(control.x), share(control.y)) {
+            self.sticks = Vector2::new(beyond_dead_zone(forward), beyond_dead_zone(right)).cap_magnitude(1.0);
+            self.heard = received;
+        }
+    }
+
+    /// Where the pilot wants to go (north, east, m/s).
+    fn wish(&self, now: Timestamp, yaw_rad: f64, full_mps: f64) -> Vector2<f64> {
+        if !self.heard.is_set() || now.seconds_since(self.heard) > STICKS_KEPT_S {
+            return Vector2::zeros();
+        }
+        Rotation2::new(yaw_rad) * self.sticks * full_mps
+    }
+}
+
+fn beyond_dead_zone(stick: f64) -> f64 {
+    stick.signum() * (stick.abs() - DEAD_ZONE).max(0.0) / (1.0 - DEAD_ZONE)
+}
+
+impl Gateway {
+    /// Whether a pilot steers through jink now.
+    pub(super) fn is_steered(&self) -> bool {
+        self.config.profile.steers()
+            && self.vehicle.mode() == NavMode::Position
+            && self.vehicle.has_taken_off()
+    }
+
+    /// Tells the guard what the pilot wants, and the autopilot what of it may be flown.
+    pub(super) fn steer(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
+        let (Some(system_id), Some(vehicle)) = (self.latch.system_id(now), self.vehicle.present(now)) else {
+            return;
+        };
+        let full_mps = self.params().get(&MPC_VEL_MANUAL);
+        let wish = self.steering.wish(now, vehicle.yaw_rad, full_mps);
+        if self.steering.demands.take(now) {
+            let demand = PilotDemand {
+                velocity: Velocity::new(wish.x, wish.y, 0.0),
+            };
+            outputs.pilot_demand = Some((demand, now));
+        }
+        let (velocity, state) = match inputs.prevented.fresh() {
+            Some(prevented) => {
+                let allowed = prevented.velocity.vector().xy();
+                self.steering.is_watched = prevented.state != PreventionState::Off;
+                (allowed, prevented.state.get())
+            }
+            None => (Vector2::zeros(), PreventionState::Blind),
+        };
+        let is_beat = self.setpoints.take(now);
+        if !self.steering.is_watched || !is_beat {
+            return;
+        }
+        if state == PreventionState::Hold && now >= self.steering.hold_due {
+            self.steering.hold_due = now.plus_seconds(HOLD_EVERY_S);
+            self.demand(now, Demand::Hold, outputs);
+        }
+        if is_at_rest(&vehicle) && wish == Vector2::zeros() {
+            return;
+        }
+        self.last_setpoint = now;
+        let message = horizontal(now, system_id, velocity);
+        outputs.send(Outgoing {
+            receipt: Receipt::Setpoint { first_of: None },
+            ..self.outgoing(now, Body::Message(message))
+        });
+    }
+}
+
+fn is_at_rest(vehicle: &Present) -> bool {
+    vehicle.velocity.xy().norm() < AT_REST_MPS
+}
+
+fn horizontal(now: Timestamp, system_id: u8, velocity: Vector2<f64>) -> MavMessage {
+    // What came through shared memory may be damaged: no number, no motion.
+    let velocity = if velocity.iter().all(|v| v.is_finite()) {
+        velocity
+    } else {
+        Vector2::zeros()
+    };
+    MavMessage::SET_POSITION_TARGET_LOCAL_NED(SET_POSITION_TARGET_LOCAL_NED_DATA {
+        time_boot_ms: (now.ns / 1_000_000) as u32,
+        vx: velocity.x as f32,
+        vy: velocity.y as f32,
+        type_mask: HORIZONTAL,
+        target_system: system_id,
+        target_component: COMPONENT_AUTOPILOT,
+        coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
+        ..SET_POSITION_TARGET_LOCAL_NED_DATA::default()
+    })
+}
