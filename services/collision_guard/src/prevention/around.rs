@@ -4,6 +4,9 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, SectorRing, sector_bearing_rad, sector_of};
 use nalgebra::Vector2;
 
+/// Distances that differ by less are equal (m): rounding must not choose between two obstacles.
+const ALIKE_M: f64 = 1e-3;
+
 /// What is known of a sector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Sight {
@@ -76,11 +79,17 @@ impl Around {
             .filter_map(|(sector, sight)| Some((sector, self.directions[sector], sight.reach_m()?)))
     }
 
-    /// The sector that ends first, and where (m): the first of equals.
+    /// The sector that ends first, and where (m): the first of equals, as PX4 has it.
     pub fn nearest(&self) -> Option<(usize, f64)> {
         self.known()
             .map(|(sector, _, reach_m)| (sector, reach_m))
-            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .reduce(|nearest, other| {
+                if other.1 < nearest.1 - ALIKE_M {
+                    other
+                } else {
+                    nearest
+                }
+            })
     }
 
     /// The sector that holds a direction.

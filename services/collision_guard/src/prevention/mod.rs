@@ -247,7 +247,7 @@ impl Scene<'_> {
     fn velocity(&self, wanted: Vector2<f64>) -> (Vector2<f64>, Cause, Option<usize>) {
         let size = wanted.norm();
         if size <= CENTRED {
-            return (wanted, Cause::None, None);
+            return (Vector2::zeros(), Cause::None, None);
         }
         let (guided, demand) = self.guided(wanted, size);
         let cause = self.why(&demand, guided.map(|guided| guided.1));

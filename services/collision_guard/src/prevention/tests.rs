@@ -3,6 +3,7 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::ring::{SECTORS, SectorRing, sector_bearing_rad};
 use nalgebra::Vector2;
 use proptest::prelude::*;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// PX4's defaults, switched on.
 pub fn config() -> PreventionConfig {
@@ -135,9 +136,9 @@ proptest! {
     ) {
         let config = PreventionConfig { guide_rad: 0.0, ..config };
         let answer = pushed(config, &ring(distances), stick, velocity);
-        for sector in 0..SECTORS {
+        for (sector, distance_m) in distances.into_iter().enumerate() {
             let toward = polar(1.0, sector_bearing_rad(sector));
-            let distance_m = distances[sector].min(30.0);
+            let distance_m = distance_m.min(30.0);
             let closing = velocity.dot(&toward);
             let way = distance_m - config.distance_m - closing.max(0.0) * config.delay_s;
             let limit = super::speed_limit(way, config.acceleration_mps2, config.jerk_mps3, 0.0);
@@ -154,8 +155,8 @@ proptest! {
     #[test]
     fn who_is_too_near_already_comes_no_nearer(distances in rooms(), config in configs(), stick in plane(10.0)) {
         let answer = pushed(config, &ring(distances), stick, Vector2::zeros());
-        for sector in 0..SECTORS {
-            if distances[sector] <= config.distance_m {
+        for (sector, distance_m) in distances.into_iter().enumerate() {
+            if distance_m <= config.distance_m {
                 let toward = polar(1.0, sector_bearing_rad(sector));
                 prop_assert!(answer.dot(&toward) < 1e-3, "sector {sector}");
             }
@@ -180,10 +181,10 @@ proptest! {
     fn a_velocity_is_one_from_which_one_can_stop(distances in rooms(), config in configs(), wish in plane(15.0)) {
         let config = PreventionConfig { guide_rad: 0.0, ..config };
         let answer = step(config, &ring(distances), Demand::Velocity(wish), Vector2::zeros()).setpoint;
-        for sector in 0..SECTORS {
+        for (sector, distance_m) in distances.into_iter().enumerate() {
             let toward = polar(1.0, sector_bearing_rad(sector));
             let v = answer.dot(&toward);
-            let way = (distances[sector].min(30.0) - config.distance_m).max(0.0);
+            let way = (distance_m.min(30.0) - config.distance_m).max(0.0);
             let needed = v * config.delay_s + v * 2.0 * config.acceleration_mps2 / config.jerk_mps3 + v * v / (2.0 * config.acceleration_mps2);
             prop_assert!(v <= 1e-6 || needed <= way + 1e-6, "{needed} of {way}");
         }
@@ -191,6 +192,12 @@ proptest! {
 
     #[test]
     fn it_is_the_same_whatever_the_heading(distances in rooms(), stick in plane(10.0), velocity in plane(8.0), turn in 0..SECTORS) {
+        // Of two obstacles at one distance the one nearer to the nose is split after, as in PX4.
+        let mut sorted = distances;
+        sorted.sort_by(f64::total_cmp);
+        if sorted[1] - sorted[0] < 0.002 {
+            return Ok(());
+        }
         let answer = pushed(config(), &ring(distances), stick, velocity);
         let yaw_rad = sector_bearing_rad(turn);
         let mut turned = ring(std::array::from_fn(|sector| distances[(sector + turn) % SECTORS]));
@@ -234,7 +241,7 @@ fn switched_off_it_passes_everything() {
 /// In PX4 the second wall counts for nothing as soon as the stick is a hair past the perpendicular to the first.
 #[test]
 fn a_second_wall_counts_whichever_is_nearer() {
-    let corner = ring(walls(&[(0.0, 1.5), (1.570_796, 1.7)]));
+    let corner = ring(walls(&[(0.0, 1.5), (FRAC_PI_2, 1.7)]));
     for degrees in [80.0f64, 89.9, 90.0, 90.1, 100.0] {
         let answer = pushed(
             config(),
@@ -279,10 +286,10 @@ fn a_centred_stick_brakes_before_a_wall() {
 #[test]
 fn along_a_wall_and_away_from_it_motion_goes_on() {
     let wall = ring(walls(&[(0.0, 2.2)]));
-    let along = pushed(config(), &wall, polar(3.0, 1.570_796), Vector2::zeros());
+    let along = pushed(config(), &wall, polar(3.0, FRAC_PI_2), Vector2::zeros());
     assert!(along.y > 2.0 && along.x < 1e-6, "{along}");
-    let away = pushed(config(), &wall, polar(3.0, 3.141_592), Vector2::zeros());
-    assert!((away - polar(3.0, 3.141_592)).norm() < 1e-6, "{away}");
+    let away = pushed(config(), &wall, polar(3.0, PI), Vector2::zeros());
+    assert!((away - polar(3.0, PI)).norm() < 1e-6, "{away}");
 }
 
 #[test]
@@ -344,9 +351,7 @@ fn guidance_takes_the_better_side_and_never_one_without_data() {
     );
     assert_eq!((outcome.guided, outcome.cause), (Some(3), Cause::Guided));
     assert!(outcome.setpoint.y > 0.3, "{outcome:?}");
-    for sector in 2..20 {
-        post[sector] = f64::NAN;
-    }
+    post[2..20].fill(f64::NAN);
     let outcome = step(
         guided,
         &ring(post),
@@ -366,7 +371,7 @@ fn without_data_nothing_moves_then_the_pilot_is_told_then_the_vehicle_holds() {
         let at_s = NOW_S + 0.1 * f64::from(tenth);
         // The ring calls its sectors unknown half a second after they were seen.
         let around = if tenth <= 15 { &seen } else { &blind };
-        let mut around = around.clone();
+        let mut around = *around;
         if tenth <= 15 {
             around.seen = [Timestamp::from_seconds(NOW_S + 0.1 * f64::from(tenth.min(10))); SECTORS];
         }

@@ -81,12 +81,14 @@ impl Layer {
         self.fill(index, pose, published, fill);
         let (before, rest) = self.parts.split_at_mut(index);
         if let Some((new, after)) = rest.split_first_mut() {
-            for old in before
-                .iter_mut()
-                .chain(after)
-                .filter(|part| part.published.is_set())
-            {
-                forget_what_is_seen_again(&mut old.view, &new.view);
+            let others = before.iter_mut().chain(after);
+            for other in others.filter(|part| part.published.is_set()) {
+                // A late-comer does not know better.
+                if other.published <= new.published {
+                    forget_what_is_seen_again(&mut other.view, &new.view);
+                } else {
+                    forget_what_is_seen_again(&mut new.view, &other.view);
+                }
             }
         }
         &self.parts[index].view

@@ -370,7 +370,7 @@ mod tests {
         let mut told = Vec::new();
         parameters.request_list();
         let mut now = at(0.0);
-        for tick in 0..3000u32 {
+        for tick in 0..4000u32 {
             now = at(f64::from(tick) / 1e3);
             if tick == 500 {
                 parameters.request_list();

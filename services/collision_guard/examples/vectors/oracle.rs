@@ -1,0 +1,257 @@
+//! What the messages of a scenario say of a bin: worked out from the messages alone, by intervals of angles, without our ring.
+//!
+//! | message | touches a bin if |
+//! |---|---|
+//! | rangefinder | its opening angle, edges included, has an angle in common with the bin: PX4's rule |
+//! | row | the element and the bin overlap by more than an edge, around the circle |
+
+use crate::map::Row;
+use crate::replay::{Message, Taken};
+use crate::schema::BINS;
+use jink_shared_types::Timestamp;
+use jink_shared_types::ranges::ScanFrame;
+use nalgebra::{UnitQuaternion, Vector3};
+
+/// How long a message counts (s).
+const KEPT_S: f64 = 0.5;
+/// Width of a bin (deg).
+const BIN_DEG: f64 = 5.0;
+/// Elements overlap a bin that they share more than this with (deg): rounding.
+const EDGE_DEG: f64 = 1e-3;
+
+/// What one message says of one bin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Word {
+    /// Nothing.
+    Silent,
+    /// Nothing stands there within this (cm).
+    Clear(f64),
+    /// Something stands there (cm).
+    Hit(f64),
+}
+
+/// A message with what it says.
+#[derive(Clone, Debug)]
+pub struct Heard {
+    /// Whose it is.
+    pub layer: usize,
+    /// When it was sent.
+    pub at: Timestamp,
+    /// Heading when it was taken (rad).
+    pub yaw_rad: f64,
+    /// Per bin, from that heading.
+    pub words: [Word; BINS],
+    /// The same as PX4 reads it, the side of the seam and the last element of a row aside.
+    pub px4: [Word; BINS],
+    /// The distances of a row.
+    pub row: Option<Row>,
+}
+
+impl Heard {
+    /// What `taken` says.
+    pub fn of(taken: &Taken) -> Self {
+        let (_, _, yaw_rad) = taken.attitude.euler_angles();
+        let [ours, px4] = match &taken.message {
+            Message::Beam { .. } => beam(taken),
+            Message::Row { .. } => [row(taken, yaw_rad); 2],
+        };
+        Self {
+            layer: taken.layer,
+            at: taken.at,
+            yaw_rad,
+            words: match taken.scan {
+                Some(_) => ours,
+                None => [Word::Silent; BINS],
+            },
+            px4,
+            row: Row::of(&taken.message),
+        }
+    }
+
+    /// Whether it counts at `now`.
+    pub fn is_live(&self, now: Timestamp) -> bool {
+        now.seconds_since(self.at) <= KEPT_S
+    }
+
+    /// Whether PX4 reads something in it that is none.
+    pub fn is_refused(&self) -> bool {
+        let is_silent = |words: &[Word; BINS]| words.iter().all(|word| *word == Word::Silent);
+        is_silent(&self.words) && !is_silent(&self.px4)
+    }
+
+    /// What it says of the bin around `bin` from the heading `yaw_rad`.
+    pub fn word(&self, bin: usize, yaw_rad: f64) -> Word {
+        self.words[self.turned(bin, yaw_rad)]
+    }
+
+    /// The bin from its own heading that holds the centre of `bin` from `yaw_rad`.
+    pub fn turned(&self, bin: usize, yaw_rad: f64) -> usize {
+        let turn = (yaw_rad - self.yaw_rad).to_degrees() / BIN_DEG;
+        ((bin as f64 + turn).round().rem_euclid(BINS as f64) as usize) % BINS
+    }
+
+    /// Whether its bins are those of the heading `yaw_rad`.
+    pub fn is_unturned(&self, yaw_rad: f64) -> bool {
+        let turn = (yaw_rad - self.yaw_rad).sin().abs();
+        turn < 1e-9 && (yaw_rad - self.yaw_rad).cos() > 0.0
+    }
+}
+
+fn row(taken: &Taken, yaw_rad: f64) -> [Word; BINS] {
+    let Message::Row { row, .. } = &taken.message else {
+        return [Word::Silent; BINS];
+    };
+    let mut words = [Word::Silent; BINS];
+    let increment = f64::from(row.increment_deg);
+    if !(increment > 0.0 && increment <= 360.0) {
+        return words;
+    }
+    let elements = ((360.0 / increment + 1e-4) as usize).min(BINS);
+    let north = if row.frame == ScanFrame::North {
+        yaw_rad.to_degrees()
+    } else {
+        0.0
+    };
+    for (element, distance) in row.distances_cm[..elements].iter().enumerate() {
+        if *distance == u16::MAX {
+            continue;
+        }
+        let word = if *distance > row.max_cm {
+            Word::Clear(f64::from(row.max_cm) + 1.0)
+        } else {
+            Word::Hit(f64::from(*distance))
+        };
+        let centre = f64::from(row.offset_deg) - north + element as f64 * increment;
+        for (bin, slot) in words.iter_mut().enumerate() {
+            let apart = (bin as f64 * BIN_DEG - centre).rem_euclid(360.0);
+            let apart = apart.min(360.0 - apart);
+            if apart < 0.5 * (increment + BIN_DEG) - EDGE_DEG {
+                *slot = nearer(*slot, word);
+            }
+        }
+    }
+    words
+}
+
+fn beam(taken: &Taken) -> [[Word; BINS]; 2] {
+    let Message::Beam { reading, .. } = &taken.message else {
+        return [[Word::Silent; BINS]; 2];
+    };
+    let reach_cm = 100.0 * f64::from(reading.range_max_m);
+    let range_cm = 100.0 * f64::from(reading.range_m);
+    let is_nothing = reading.range_m == -1.0 && reading.quality == 0;
+    let is_clear = is_nothing || reading.range_m >= reading.range_max_m;
+    let flat = |v: &Vector3<f64>| (taken.attitude * v).xy().norm();
+    let level = |yaw_deg: f64| {
+        let (y, x) = yaw_deg.to_radians().sin_cos();
+        Vector3::new(x, y, 0.0)
+    };
+    let ours = match axis(reading.orientation, reading.quaternion) {
+        Some(axis) if is_clear || reading.range_m >= 0.0 => {
+            let yaw_deg = axis.y.atan2(axis.x).to_degrees();
+            let share = flat(&level(yaw_deg)).min(flat(&axis));
+            let word = if is_clear {
+                Word::Clear(reach_cm * share)
+            } else {
+                Word::Hit(range_cm * share)
+            };
+            touched(yaw_deg, reading.opening_rad, word)
+        }
+        _ => [Word::Silent; BINS],
+    };
+    let yaw_deg = yaw_of_px4_deg(reading.orientation, reading.quaternion);
+    let px4 = if is_clear || reading.range_m.is_nan() {
+        touched(yaw_deg, reading.opening_rad, Word::Clear(reach_cm))
+    } else if reading.range_m > reading.range_min_m {
+        let word = Word::Hit(range_cm * flat(&level(yaw_deg)));
+        touched(yaw_deg, reading.opening_rad, word)
+    } else {
+        [Word::Silent; BINS]
+    };
+    [ours, px4]
+}
+
+/// `word` in every bin that has an angle in common with an opening around `yaw_deg`.
+fn touched(yaw_deg: f64, opening_rad: f32, word: Word) -> [Word; BINS] {
+    let mut words = [Word::Silent; BINS];
+    if !opening_rad.is_finite() || !yaw_deg.is_finite() {
+        return words;
+    }
+    let half = 0.5 * f64::from(opening_rad).to_degrees().clamp(0.0, 360.0);
+    let centre = yaw_deg.rem_euclid(360.0);
+    let (first, last) = (
+        ((centre - half) / BIN_DEG).round() as i64,
+        ((centre + half) / BIN_DEG).round() as i64,
+    );
+    for bin in first..=last {
+        words[bin.rem_euclid(BINS as i64) as usize] = word;
+    }
+    words
+}
+
+/// The axis of a rangefinder in the body; `None` if nobody knows it or it looks up or down.
+fn axis(code: u8, q: [f32; 4]) -> Option<Vector3<f64>> {
+    let level = |yaw_deg: u32| {
+        let (y, x) = f64::from(yaw_deg).to_radians().sin_cos();
+        Vector3::new(x, y, 0.0)
+    };
+    let axis = match code {
+        // Yaw, then the same with the sensor rolled by 180, 90 and 270 degrees.
+        0..=15 => level(45 * (u32::from(code) % 8)),
+        16..=23 => level(45 * (u32::from(code) % 4)),
+        // Pitched by 180 degrees: it looks back from where its yaw points.
+        26 | 36 => level(270),
+        27 => level(90),
+        31 | 32 => level(180),
+        37 => level(270),
+        // Pitched by 315 degrees: down by 45.
+        39 | 40 => Vector3::new(0.5f64.sqrt(), 0.0, 0.5f64.sqrt()),
+        100 => {
+            let [w, x, y, z] = q.map(f64::from);
+            let q = nalgebra::Quaternion::new(w, x, y, z);
+            let is_rotation = (q.norm() - 1.0).abs() < 0.1;
+            is_rotation.then(|| UnitQuaternion::from_quaternion(q) * Vector3::x())?
+        }
+        _ => return None,
+    };
+    (axis.xy().norm() >= 0.5).then_some(axis)
+}
+
+/// The yaw of a rangefinder as PX4 takes it (deg): what it does not know is forward.
+fn yaw_of_px4_deg(code: u8, q: [f32; 4]) -> f64 {
+    match code {
+        0..=7 => 45.0 * f64::from(code),
+        100 => {
+            let [w, x, y, z] = q.map(f64::from);
+            f64::atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z)).to_degrees()
+        }
+        _ => 0.0,
+    }
+}
+
+fn nearer(a: Word, b: Word) -> Word {
+    match (a, b) {
+        (Word::Silent, word) | (word, Word::Silent) => word,
+        (Word::Hit(a), Word::Hit(b)) => Word::Hit(a.min(b)),
+        (Word::Hit(a), Word::Clear(_)) | (Word::Clear(_), Word::Hit(a)) => Word::Hit(a),
+        (Word::Clear(a), Word::Clear(b)) => Word::Clear(a.max(b)),
+    }
+}
+
+/// What all that was heard says of `bin` from the heading `yaw_rad`: of each source its newest word that is not silence, of all
+/// sources the nearest.
+pub fn fused(heard: &[Heard], now: Timestamp, bin: usize, yaw_rad: f64) -> Word {
+    let mut fused = Word::Silent;
+    for layer in 0..=10 {
+        let newest = heard
+            .iter()
+            .filter(|heard| heard.layer == layer && heard.is_live(now))
+            .filter(|heard| heard.word(bin, yaw_rad) != Word::Silent)
+            .max_by_key(|heard| heard.at);
+        fused = nearer(
+            fused,
+            newest.map_or(Word::Silent, |heard| heard.word(bin, yaw_rad)),
+        );
+    }
+    fused
+}

@@ -1,0 +1,241 @@
+//! The constrained setpoint against PX4's.
+//!
+//! * Never a number that is none.
+//! * Where PX4's own answer is one from which the vehicle stops in time, in every direction, ours is the same (see [`Law::binds`] for
+//!   the exceptions).
+//! * Elsewhere ours closes on nothing known faster than PX4's, unless by no more than PX4 grants toward the nearest obstacle, here for any:
+//!   `P (v_max - v . u) + S (setpoint . u)`, worked out here once more.
+
+use crate::map::said;
+use crate::oracle::Word;
+use crate::replay::Answer;
+use crate::report::Verdict;
+use crate::schema::{BINS, Fragile, Node, Unreadable};
+use jink_collision_guard::prevention::PreventionConfig;
+use nalgebra::Vector2;
+
+/// What the demand says: relative, and absolute for small ones.
+const SAME: f64 = 1e-3;
+/// A setpoint shorter than this is a centred stick (m/s2).
+const CENTRED: f64 = 1e-3;
+/// Cosine between the setpoint and the nearest obstacle at which PX4's rule jumps.
+const PERPENDICULAR: f64 = 0.0;
+
+/// Compares the setpoint of `answer` with the expectation of its step.
+pub fn judge(
+    step: &Node<'_>,
+    answer: &Answer,
+    config: &PreventionConfig,
+    fragile: &Fragile,
+    verdict: &mut Verdict,
+) -> Result<(), Unreadable> {
+    if !fragile.bins.is_empty() || fragile.setpoint {
+        verdict.fragile += 1;
+        return Ok(());
+    }
+    let expect = step.get("expect")?;
+    let px4 = Vector2::from(expect.get("setpoint_out")?.numbers::<2>()?);
+    let ours = answer.outcome.setpoint;
+    let is_active = expect.get("active")?.flag()?;
+    let is_same = (ours - px4).norm() <= SAME * (1.0 + px4.norm());
+    if !is_active {
+        let both_passed = ours == px4 || !answer.asked.iter().all(|x| x.is_finite()) || is_same;
+        if both_passed && !config.is_active() {
+            verdict.same();
+        } else {
+            verdict.wrong(format!("switched off: {ours:?} of {px4:?}"));
+        }
+        return Ok(());
+    }
+    if !ours.iter().all(|x| x.is_finite()) {
+        verdict.wrong(format!("{ours:?} is no number"));
+        return Ok(());
+    }
+    if is_same {
+        verdict.same();
+        return Ok(());
+    }
+    let law = Law::new(answer, config, expect)?;
+    if let Some(reason) = law.out_of_the_ordinary(expect, &px4)? {
+        verdict.differs(reason);
+        return Ok(());
+    }
+    if let Some(what) = law.closes_too_fast(&ours, &px4) {
+        verdict.wrong(what);
+        return Ok(());
+    }
+    match law.binds(&px4) {
+        Some(reason) => verdict.differs(reason),
+        None => verdict.wrong(format!("{ours:?}, and PX4's {px4:?} is safe")),
+    }
+    Ok(())
+}
+
+/// What may be, for one step.
+struct Law<'a> {
+    answer: &'a Answer,
+    config: &'a PreventionConfig,
+    keep_m: f64,
+    /// What guidance made of the setpoint.
+    demand: Vector2<f64>,
+    /// What PX4 knows of each bin (cm), and as far as its sensor reaches.
+    px4_cm: [i64; BINS],
+    px4_reach_cm: [i64; BINS],
+    nearest: Option<Vector2<f64>>,
+}
+
+impl<'a> Law<'a> {
+    fn new(answer: &'a Answer, config: &'a PreventionConfig, expect: Node<'a>) -> Result<Self, Unreadable> {
+        let direction = |name| match expect.find(name) {
+            Some(node) => node.numbers::<2>().map(Vector2::from).map(Some),
+            None => Ok(None),
+        };
+        let size = answer.asked.norm();
+        Ok(Self {
+            answer,
+            config,
+            keep_m: config.distance_m.max(f64::from(answer.ring.range_min_m)),
+            demand: direction("guided_dir")?.unwrap_or_default() * size,
+            px4_cm: expect.get("map_cm")?.bins()?,
+            px4_reach_cm: expect.get("bin_max_range_cm")?.bins()?,
+            nearest: direction("closest_dir")?,
+        })
+    }
+
+    fn toward(&self, bin: usize) -> Vector2<f64> {
+        let bearing_rad = self.answer.yaw_rad + (5.0 * bin as f64).to_radians();
+        Vector2::new(bearing_rad.cos(), bearing_rad.sin())
+    }
+
+    /// How far the ring knows a bin (m).
+    fn reach_m(&self, bin: usize) -> Option<f64> {
+        match said(&self.answer.ring, bin) {
+            Word::Silent => None,
+            Word::Clear(cm) | Word::Hit(cm) => Some(cm / 100.0),
+        }
+    }
+
+    /// The acceleration toward something `distance_m` away in the direction `toward` that the vehicle can take back in time.
+    fn can_be_taken_back(&self, distance_m: f64, toward: &Vector2<f64>) -> f64 {
+        let closing = self.answer.velocity.dot(toward);
+        let way = distance_m - self.keep_m - closing.max(0.0) * self.config.delay_s;
+        // Rest after v^2 / 2a + v 2a / j: the positive root.
+        let a = self.config.acceleration_mps2;
+        let lag = 2.0 * a * a / self.config.jerk_mps3;
+        let limit = if way > 0.0 {
+            (lag * lag + 2.0 * a * way).sqrt() - lag
+        } else {
+            0.0
+        };
+        (self.config.velocity_gain_per_s * (limit - closing)).max(-a)
+    }
+
+    /// Where what we do is not comparable.
+    fn out_of_the_ordinary(
+        &self,
+        expect: Node<'_>,
+        px4: &Vector2<f64>,
+    ) -> Result<Option<&'static str>, Unreadable> {
+        let finite = |v: &Vector2<f64>| v.iter().all(|x| x.is_finite());
+        let reason = if !finite(&self.answer.asked) || !finite(&self.answer.velocity) {
+            Some("an input that is no number is no motion")
+        } else if !finite(px4) {
+            Some("PX4's answer is no number")
+        } else if !expect.get("data_present")?.flag()? {
+            Some("without data it is stopped, and does not coast")
+        } else {
+            None
+        };
+        Ok(reason)
+    }
+
+    fn closes_too_fast(&self, ours: &Vector2<f64>, px4: &Vector2<f64>) -> Option<String> {
+        (0..BINS).find_map(|bin| {
+            let toward = self.toward(bin);
+            let is_hit = self.px4_cm[bin] < self.px4_reach_cm[bin];
+            let px4_m = is_hit.then_some(self.px4_cm[bin] as f64 / 100.0);
+            let ours_m = match said(&self.answer.ring, bin) {
+                Word::Hit(cm) => Some(cm / 100.0),
+                Word::Clear(_) | Word::Silent => None,
+            };
+            // What the ring says counts: that it is not PX4's has its reason.
+            let distance_m = ours_m.or(px4_m.filter(|_| self.reach_m(bin).is_none()))?;
+            let (closes, px4_closes) = (ours.dot(&toward), px4.dot(&toward).max(0.0));
+            let share = self.scale(distance_m) * self.demand.dot(&toward).max(0.0);
+            let may = px4_closes.max(self.can_be_taken_back(distance_m, &toward) + share);
+            let slack = SAME * (1.0 + ours.norm());
+            (closes > may + slack).then(|| {
+                format!(
+                    "closes on bin {bin}, {distance_m:.2} m, with {closes:.3} m/s2 where {may:.3} may be, PX4 {px4_closes:.3}"
+                )
+            })
+        })
+    }
+
+    /// Why ours must be another one than PX4's.
+    fn binds(&self, px4: &Vector2<f64>) -> Option<&'static str> {
+        let size = self.answer.asked.norm();
+        let velocity = &self.answer.velocity;
+        let a = self.config.acceleration_mps2;
+        let sector = |v: &Vector2<f64>| {
+            let bearing = (v.y.atan2(v.x) - self.answer.yaw_rad).to_degrees() / 5.0;
+            (bearing.round().rem_euclid(BINS as f64) as usize) % BINS
+        };
+        let is_unknown = |bin: usize| self.reach_m(bin % BINS).is_none();
+        let is_other_map = (0..BINS).any(|bin| {
+            let ours = self.reach_m(bin).map(|m| 100.0 * m);
+            let px4 = (self.px4_cm[bin] != 65535).then_some(self.px4_cm[bin] as f64);
+            match (ours, px4) {
+                (Some(ours), Some(px4)) => (ours - px4).abs() > 1.01,
+                (None, None) => false,
+                _ => true,
+            }
+        });
+        let breaks_a_limit = (0..BINS).any(|bin| {
+            self.reach_m(bin).is_some_and(|reach_m| {
+                let toward = self.toward(bin);
+                let share = self.scale(reach_m).max(0.0) * self.demand.dot(&toward).max(0.0);
+                let may = (self.can_be_taken_back(reach_m, &toward) + share).max(-a);
+                px4.dot(&toward) > may + 1e-6
+            })
+        });
+        let near_unknown = |bin: usize| is_unknown(bin) || is_unknown(bin + 1) || is_unknown(bin + BINS - 1);
+        let cosine = self.nearest.map_or(1.0, |nearest| {
+            self.demand.dot(&nearest) / self.demand.norm().max(CENTRED)
+        });
+        let least_m = (0..BINS)
+            .filter_map(|bin| self.reach_m(bin))
+            .fold(f64::INFINITY, f64::min);
+        if is_other_map {
+            Some("the map is another one")
+        } else if velocity.norm() > 0.05 && is_unknown(sector(velocity)) {
+            Some("motion into a sector without data is braked")
+        } else if size <= CENTRED {
+            Some("braked with the stick centred")
+        } else if px4.norm() > a.max(size) + 1e-6 {
+            Some("not more than MPC_ACC_HOR or what was asked for")
+        } else if breaks_a_limit {
+            Some("every sector counts, not the nearest alone")
+        } else if near_unknown(sector(&self.demand)) || near_unknown(sector(px4)) {
+            Some("no jump beside a sector without data")
+        } else if least_m - self.keep_m < -1.0 {
+            Some("not more than the whole demand turned back")
+        } else if cosine <= PERPENDICULAR {
+            Some("what stands in the direction of the setpoint counts, too")
+        } else {
+            None
+        }
+    }
+
+    fn scale(&self, reach_m: f64) -> f64 {
+        let d = self
+            .keep_m
+            .max(self.config.manual_mps / self.config.position_gain_per_s);
+        let share = (reach_m - self.keep_m) / d;
+        if share > 0.0 {
+            (share * share).min(1.0)
+        } else {
+            0.0
+        }
+    }
+}
