@@ -147,7 +147,10 @@ impl Prevention {
         }
         if missing != Missing::Nothing {
             outcome.setpoint = match demand {
-                Demand::Acceleration(_) => self.bounded(self.stopping(&velocity), 0.0),
+                Demand::Acceleration(_) => {
+                    let stopping = velocity * -self.config.velocity_gain_per_s;
+                    stopping.cap_magnitude(self.config.acceleration_mps2)
+                }
                 Demand::Velocity(_) => Vector2::zeros(),
             };
             outcome.cause = Cause::NoData;
@@ -179,14 +182,6 @@ impl Prevention {
         }
         outcome
     }
-
-    fn stopping(&self, velocity: &Vector2<f64>) -> Vector2<f64> {
-        velocity * -self.config.velocity_gain_per_s
-    }
-
-    fn bounded(&self, acceleration: Vector2<f64>, demanded: f64) -> Vector2<f64> {
-        acceleration.cap_magnitude(self.config.acceleration_mps2.max(demanded))
-    }
 }
 
 fn is_sane(vector: &Vector2<f64>) -> bool {
@@ -210,16 +205,10 @@ impl Scene<'_> {
     ) -> (Vector2<f64>, Cause, Option<usize>) {
         let size = wanted.norm();
         let (guided, demand) = self.guided(wanted, size);
-        let split = Split {
-            config: self.config,
-            around: self.around,
-            keep_m: self.keep_m,
-            allowed_unseen: &self.allowed_unseen,
-        };
         let mut answer = Vector2::zeros();
         let mut cause = Cause::None;
         if size > CENTRED {
-            answer = split.share(demand / size) * size;
+            answer = self.split().share(demand / size) * size;
             cause = self.why(&demand, guided.map(|guided| guided.1));
         }
         let compensation = self.compensation(&velocity);
@@ -251,12 +240,6 @@ impl Scene<'_> {
         }
         let (guided, demand) = self.guided(wanted, size);
         let cause = self.why(&demand, guided.map(|guided| guided.1));
-        let split = Split {
-            config: self.config,
-            around: self.around,
-            keep_m: self.keep_m,
-            allowed_unseen: &self.allowed_unseen,
-        };
         // A velocity is reached with the time constant of the loop that follows it.
         let delay_s = self.config.delay_s + 1.0 / self.config.velocity_gain_per_s;
         let mut limits = Limits::default();
@@ -270,8 +253,17 @@ impl Scene<'_> {
             );
             limits.push(toward, limit_mps);
         }
-        let answer = limits.nearest(demand * split.coverage(&(demand / size)));
+        let answer = limits.nearest(demand * self.split().coverage(&(demand / size)));
         (answer.cap_magnitude(size), cause, guided.map(|guided| guided.0))
+    }
+
+    fn split(&self) -> Split<'_> {
+        Split {
+            config: self.config,
+            around: self.around,
+            keep_m: self.keep_m,
+            allowed_unseen: &self.allowed_unseen,
+        }
     }
 
     /// The sector that is better and whether it is another one; the demand turned there.
