@@ -14,6 +14,7 @@ use super::Gateway;
 use crate::executive::Demand;
 use crate::io::{Inputs, Outputs};
 use crate::message::{Body, COMPONENT_AUTOPILOT, Outgoing, Receipt};
+use crate::profile::position_target::NO_PLACE_NOR_HEADING;
 use crate::ticker::Ticker;
 use crate::vehicle::Present;
 use jink_shared_types::params::MPC_VEL_MANUAL;
@@ -37,13 +38,9 @@ const DEMAND_RATE_HZ: f64 = 20.0;
 const HOLD_EVERY_S: f64 = 1.0;
 
 /// Horizontal velocities and accelerations, and nothing else.
-const HORIZONTAL: PositionTargetTypemask = PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE
-    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_Y_IGNORE)
-    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_Z_IGNORE)
+const HORIZONTAL: PositionTargetTypemask = NO_PLACE_NOR_HEADING
     .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_VZ_IGNORE)
-    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_AZ_IGNORE)
-    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_IGNORE)
-    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE);
+    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_AZ_IGNORE);
 
 /// The sticks, and what was made of them.
 #[derive(Debug)]

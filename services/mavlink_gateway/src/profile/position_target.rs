@@ -44,12 +44,13 @@ const BACK_MAX_MPS: f64 = 1.0;
 /// Length of the pieces that are cut from a plan (s): the longest lead, and a little.
 const PIECE_S: f64 = 0.35;
 
-/// Positions and headings.
-const NOT_GIVEN: PositionTargetTypemask = PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE
-    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_Y_IGNORE)
-    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_Z_IGNORE)
-    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_IGNORE)
-    .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE);
+/// Positions and headings are not given: what a PX4 that stays in its own mode takes of a setpoint.
+pub(crate) const NO_PLACE_NOR_HEADING: PositionTargetTypemask =
+    PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE
+        .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_Y_IGNORE)
+        .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_Z_IGNORE)
+        .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_IGNORE)
+        .union(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_YAW_RATE_IGNORE);
 
 /// The profile.
 #[derive(Debug)]
@@ -159,7 +160,7 @@ impl Profile for PositionTarget {
             [message.vx, message.vy, message.vz] = velocity.map(|v| v as f32).into();
             [message.x, message.y, message.z] = [0.0; 3];
             [message.yaw, message.yaw_rate] = [0.0; 2];
-            message.type_mask = NOT_GIVEN;
+            message.type_mask = NO_PLACE_NOR_HEADING;
         }
         Some(Setpoint {
             message: MavMessage::SET_POSITION_TARGET_LOCAL_NED(message),

@@ -84,13 +84,7 @@ pub(super) fn offboard(interview: &Interview, speed_max_mps: f64, findings: &mut
             "look up what this version does when OFFBOARD setpoints stop",
         ));
     }
-    speed(
-        "MPC_XY_VEL_MAX",
-        value(interview, "MPC_XY_VEL_MAX"),
-        speed_max_mps,
-        findings,
-    );
-    collision_prevention(interview, false, findings);
+    speed_and_pilot(interview, speed_max_mps, findings);
 }
 
 /// For `px4_deviation`.
@@ -116,6 +110,11 @@ pub(super) fn deviation(interview: &Interview, speed_max_mps: f64, findings: &mu
     if let Some(timeout_s) = value(interview, "EAV_TIMEOUT") {
         findings.push(eav_timeout(timeout_s));
     }
+    speed_and_pilot(interview, speed_max_mps, findings);
+}
+
+/// What both profiles need that send velocities: that they may be flown, and what keeps a pilot from obstacles.
+fn speed_and_pilot(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
     speed(
         "MPC_XY_VEL_MAX",
         value(interview, "MPC_XY_VEL_MAX"),
