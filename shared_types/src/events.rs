@@ -127,6 +127,10 @@ events! {
     LINK_SLOW = 42, Warning, "jink: link {name} slow, {0} of {1} B/s", "Raise the baud rate; expect fewer obstacle maps.";
     /// A link that was too slow carries everything again.
     LINK_FAST_AGAIN = 43, Notice, "jink: link {name} fast enough", "None.";
+    /// A rangefinder is unplugged, or says nothing.
+    RANGEFINDER_LOST = 44, Warning, "jink: rangefinder {name} lost", "Land soon; look at its plug and its power.";
+    /// It measures again.
+    RANGEFINDER_BACK = 45, Notice, "jink: rangefinder {name} back", "None.";
 }
 
 /// The event with identity `id`.

@@ -10,6 +10,7 @@
 //! | [`vehicle`], [`ranges`], [`map`], [`ring`], [`motion`], [`prevention`], [`health`], [`link`], [`tuning`], [`truth`] | the payloads |
 //! | [`beams`] | range messages of other makers, as scans |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
+//! | [`orientation`] | how sensors are mounted, as configurations say it |
 //! | [`frames`], [`clock`], [`coded`], [`layout`] | units and frames, time, enums on the wire, layout hashes |
 //!
 //! Units stand in field names (`_m`, `_mps`, `_rad`, `_ns`); frames stand in types
@@ -28,6 +29,7 @@ pub mod layout;
 pub mod link;
 pub mod map;
 pub mod motion;
+pub mod orientation;
 pub mod params;
 pub mod prevention;
 pub mod ranges;

@@ -1,0 +1,229 @@
+//! How a sensor sits on the vehicle: by a name, by three turns, or by a quaternion.
+//!
+//! Names and codes are those of MAV_SENSOR_ORIENTATION, which PX4 uses for its rangefinders, as far as they say where a
+//! sensor looks: around the vehicle upright, around it upside down, up and down. Everything else is turned or given as a
+//! quaternion.
+
+use nalgebra::{Quaternion, UnitQuaternion};
+use std::fmt;
+
+/// How much longer or shorter than one a quaternion may be that was written down with few decimals.
+const UNIT_TOLERANCE: f64 = 0.01;
+
+/// One row of the table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Orientation {
+    /// Code in MAVLink and in PX4's parameters.
+    pub code: u8,
+    /// Name in the configuration.
+    pub name: &'static str,
+    /// Turned to the right, then nose up, then right side down (deg); `None` for "custom": said by other means.
+    pub turns_deg: Option<[f64; 3]>,
+}
+
+const fn row(code: u8, name: &'static str, turns_deg: [f64; 3]) -> Orientation {
+    Orientation {
+        code,
+        name,
+        turns_deg: Some(turns_deg),
+    }
+}
+
+/// Every orientation that has a name.
+pub const TABLE: &[Orientation] = &[
+    row(0, "forward", [0.0, 0.0, 0.0]),
+    row(1, "forward_right", [45.0, 0.0, 0.0]),
+    row(2, "right", [90.0, 0.0, 0.0]),
+    row(3, "back_right", [135.0, 0.0, 0.0]),
+    row(4, "back", [180.0, 0.0, 0.0]),
+    row(5, "back_left", [225.0, 0.0, 0.0]),
+    row(6, "left", [270.0, 0.0, 0.0]),
+    row(7, "forward_left", [315.0, 0.0, 0.0]),
+    row(8, "forward_upside_down", [0.0, 0.0, 180.0]),
+    row(9, "forward_right_upside_down", [45.0, 0.0, 180.0]),
+    row(10, "right_upside_down", [90.0, 0.0, 180.0]),
+    row(11, "back_right_upside_down", [135.0, 0.0, 180.0]),
+    row(12, "back_upside_down", [180.0, 0.0, 180.0]),
+    row(13, "back_left_upside_down", [225.0, 0.0, 180.0]),
+    row(14, "left_upside_down", [270.0, 0.0, 180.0]),
+    row(15, "forward_left_upside_down", [315.0, 0.0, 180.0]),
+    row(24, "up", [0.0, 90.0, 0.0]),
+    row(25, "down", [0.0, -90.0, 0.0]),
+    Orientation {
+        code: 100,
+        name: "custom",
+        turns_deg: None,
+    },
+];
+
+/// The orientation called `name`.
+pub fn by_name(name: &str) -> Option<&'static Orientation> {
+    TABLE.iter().find(|row| row.name == name)
+}
+
+/// The orientation with this code.
+pub fn by_code(code: i64) -> Option<&'static Orientation> {
+    TABLE.iter().find(|row| i64::from(row.code) == code)
+}
+
+/// What a configuration says of a sensor's orientation. One of the three at most.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Written {
+    /// By name or code.
+    pub orientation: Option<&'static Orientation>,
+    /// Turned to the right, then nose up, then right side down (deg).
+    pub turns_deg: [f64; 3],
+    /// `body_q_sensor`, w first.
+    pub quaternion: Option<[f64; 4]>,
+}
+
+/// Why that is no orientation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Contradiction {
+    /// It is said twice, or more often.
+    Twice,
+    /// "custom", and nothing else.
+    CustomAlone,
+    /// The quaternion is not of unit length.
+    NoRotation {
+        /// Its length.
+        length: f64,
+    },
+}
+
+impl fmt::Display for Contradiction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Twice => write!(
+                f,
+                "orientation, yaw_deg with pitch_deg and roll_deg, and quaternion say the same: give one of them"
+            ),
+            Self::CustomAlone => write!(
+                f,
+                "orientation = \"custom\" needs a quaternion, or yaw_deg, pitch_deg, roll_deg"
+            ),
+            Self::NoRotation { length } => {
+                write!(f, "quaternion = [w, x, y, z] must have length 1, not {length:.3}")
+            }
+        }
+    }
+}
+impl std::error::Error for Contradiction {}
+
+impl Written {
+    /// `body_q_sensor`: takes sensor components to body components. Nothing said: looking forward.
+    ///
+    /// # Errors
+    /// [`Contradiction`] if it is said twice, or is none.
+    pub fn body_q_sensor(&self) -> Result<UnitQuaternion<f64>, Contradiction> {
+        let named = self.orientation.and_then(|orientation| orientation.turns_deg);
+        let is_turned = self.turns_deg.iter().any(|turn| *turn != 0.0);
+        let said = [named.is_some(), is_turned, self.quaternion.is_some()];
+        match said.into_iter().filter(|said| *said).count() {
+            0 if self.orientation.is_some() => Err(Contradiction::CustomAlone),
+            0 | 1 => match self.quaternion {
+                Some(quaternion) => unit(quaternion),
+                None => Ok(turned(named.unwrap_or(self.turns_deg))),
+            },
+            _ => Err(Contradiction::Twice),
+        }
+    }
+}
+
+fn turned([yaw_deg, pitch_deg, roll_deg]: [f64; 3]) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_euler_angles(
+        roll_deg.to_radians(),
+        pitch_deg.to_radians(),
+        yaw_deg.to_radians(),
+    )
+}
+
+fn unit([w, x, y, z]: [f64; 4]) -> Result<UnitQuaternion<f64>, Contradiction> {
+    let quaternion = Quaternion::new(w, x, y, z);
+    let length = quaternion.norm();
+    if (length - 1.0).abs() <= UNIT_TOLERANCE {
+        Ok(UnitQuaternion::new_normalize(quaternion))
+    } else {
+        Err(Contradiction::NoRotation { length })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Contradiction, TABLE, Written, by_code, by_name};
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    fn looks_along(name: &str) -> [f64; 3] {
+        let written = Written {
+            orientation: by_name(name),
+            ..Written::default()
+        };
+        let along = written.body_q_sensor().unwrap() * Vector3::x();
+        [along.x.round(), along.y.round(), along.z.round()]
+    }
+
+    #[test]
+    fn names_look_where_they_say() {
+        assert_eq!(looks_along("forward"), [1.0, 0.0, 0.0]);
+        assert_eq!(looks_along("right"), [0.0, 1.0, 0.0]);
+        assert_eq!(looks_along("back"), [-1.0, 0.0, 0.0]);
+        assert_eq!(looks_along("left"), [0.0, -1.0, 0.0]);
+        assert_eq!(looks_along("up"), [0.0, 0.0, -1.0]);
+        assert_eq!(looks_along("down"), [0.0, 0.0, 1.0]);
+        assert_eq!(looks_along("left_upside_down"), [0.0, -1.0, 0.0]);
+    }
+
+    #[test]
+    fn upside_down_exchanges_left_and_right_of_a_scan() {
+        let written = Written {
+            orientation: by_code(8),
+            ..Written::default()
+        };
+        let right_in_the_scan = written.body_q_sensor().unwrap() * Vector3::y();
+        assert!((right_in_the_scan + Vector3::y()).norm() < 1e-12);
+    }
+
+    #[test]
+    fn codes_and_names_are_unique() {
+        for (index, row) in TABLE.iter().enumerate() {
+            assert_eq!(by_code(row.code.into()), Some(row));
+            assert_eq!(by_name(row.name), Some(row));
+            assert!(TABLE[..index].iter().all(|other| other.code < row.code));
+        }
+    }
+
+    #[test]
+    fn one_way_of_saying_it_is_enough_and_two_are_too_many() {
+        let turned = Written {
+            turns_deg: [30.0, -10.0, 5.0],
+            ..Written::default()
+        };
+        let q = turned.body_q_sensor().unwrap();
+        let again = Written {
+            orientation: by_code(100),
+            quaternion: Some([q.w, q.i, q.j, q.k]),
+            ..Written::default()
+        };
+        assert!(again.body_q_sensor().unwrap().angle_to(&q) < 1e-12);
+        let nothing = Written::default();
+        assert_eq!(nothing.body_q_sensor(), Ok(UnitQuaternion::identity()));
+        let twice = Written {
+            orientation: by_name("left"),
+            ..turned
+        };
+        assert_eq!(twice.body_q_sensor(), Err(Contradiction::Twice));
+        let custom = Written {
+            orientation: by_code(100),
+            ..nothing
+        };
+        assert_eq!(custom.body_q_sensor(), Err(Contradiction::CustomAlone));
+        let long = Written {
+            quaternion: Some([1.0, 1.0, 0.0, 0.0]),
+            ..nothing
+        };
+        assert!(matches!(
+            long.body_q_sensor(),
+            Err(Contradiction::NoRotation { .. })
+        ));
+    }
+}
