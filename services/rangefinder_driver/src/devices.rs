@@ -1,0 +1,216 @@
+//! The models: everything that differs between them, in one table.
+//!
+//! | `model` | device | line (bit/s) | beam (deg) | rate (Hz) | range (m) | scans |
+//! |---|---|---|---|---|---|---|
+//! | `sf45b` | LightWare SF45/B | 921600 | 0.5 | 1000 | 0.2 to 50 | up to 320 deg |
+//! | `cm8jl65` | Lanbao PSK-CM8JL65-CC5 | 115200 | 2.8 | 20 | 0.17 to 6 | - |
+//! | `tfmini` | Benewake TFmini | 115200 | 2.3 | 100 | 0.3 to 12 | - |
+//! | `tfmini_s` | Benewake TFmini-S | 115200 | 2 | 100 | 0.1 to 12 | - |
+//! | `tfmini_plus` | Benewake TFmini Plus | 115200 | 3.6 | 100 | 0.1 to 12 | - |
+//! | `tf_luna` | Benewake TF-Luna | 115200 | 2 | 100 | 0.2 to 8 | - |
+//! | `sf11c` | LightWare SF11/C | 115200 | 0.2 | 20 | 0.2 to 120 | - |
+//! | `lw20c` | LightWare LW20/C, SF20/C | 115200 | 0.5 | 20 | 0.2 to 100 | - |
+//!
+//! Every beam is a round cone: its opening angle is the same in height and in width.
+//!
+//! What an answer means is decided here, for all of them alike ([`Reach::range`]):
+//!
+//! | answer | becomes |
+//! |---|---|
+//! | nearer than the device measures | an obstacle right before the shortest range: never nothing |
+//! | within the range that is looked at (`range_max_m`) | a hit |
+//! | beyond that, within the device's own range | nothing up to `range_max_m`: what answered is behind it |
+//! | beyond the device's own range | unknown |
+//! | "nothing in range", where the manual has a word for it | nothing up to `range_max_m` |
+//! | weak or saturated signal | unknown |
+//!
+//! Ranges hold for things that answer well; dark or mirroring ones are seen from nearer only. `range_max_m` in the
+//! configuration should be what the obstacles at hand answer from.
+//!
+//! Sources: those of [`crate::decode`]; 6 m for the Lanbao is ArduPilot's figure (the data sheet says 8 m).
+
+use crate::decode::{Answer, benewake};
+
+/// How a device speaks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Protocol {
+    /// [`crate::decode::sf45`].
+    Sf45,
+    /// [`crate::decode::cm8jl65`].
+    Cm8jl65,
+    /// [`crate::decode::benewake`].
+    Benewake(benewake::Rules),
+    /// [`crate::decode::lightware_text`].
+    LightwareText,
+}
+
+/// One model.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Model {
+    /// Name in the configuration.
+    pub name: &'static str,
+    /// How it speaks.
+    pub protocol: Protocol,
+    /// Its line as delivered, or as its page in the documentation says to set it up (bit/s).
+    pub baud: u32,
+    /// Full opening angle of its beam (deg).
+    pub beam_width_deg: f64,
+    /// Measurements per second as delivered, or as the driver asks for (Hz).
+    pub rate_hz: f64,
+    /// Shortest range (m).
+    pub range_min_m: f64,
+    /// Longest range (m).
+    pub range_max_m: f64,
+    /// One standard deviation of a range (m): half of the accuracy in the data sheet.
+    pub sigma_m: f64,
+    /// It turns its beam.
+    pub scans: bool,
+    /// A frame can be damaged and look sound: an answer counts when a second one agrees.
+    pub confirm: bool,
+}
+
+const fn benewake(
+    name: &'static str,
+    beam_width_deg: f64,
+    range_m: [f64; 2],
+    rules: benewake::Rules,
+) -> Model {
+    Model {
+        name,
+        protocol: Protocol::Benewake(rules),
+        baud: 115_200,
+        beam_width_deg,
+        rate_hz: 100.0,
+        range_min_m: range_m[0],
+        range_max_m: range_m[1],
+        sigma_m: 0.03,
+        scans: false,
+        confirm: true,
+    }
+}
+
+const fn lightware_text(name: &'static str, beam_width_deg: f64, range_max_m: f64) -> Model {
+    Model {
+        name,
+        protocol: Protocol::LightwareText,
+        baud: 115_200,
+        beam_width_deg,
+        rate_hz: 20.0,
+        range_min_m: 0.2,
+        range_max_m,
+        sigma_m: 0.05,
+        scans: false,
+        confirm: true,
+    }
+}
+
+/// Strengths of the TFmini-S and the TFmini Plus.
+const S_AND_PLUS: benewake::Rules = benewake::Rules {
+    strength_min: 101,
+    strength_max: 65_534,
+    beyond_cm: None,
+};
+
+/// Every model.
+pub const TABLE: &[Model] = &[
+    Model {
+        name: "sf45b",
+        protocol: Protocol::Sf45,
+        baud: 921_600,
+        beam_width_deg: 0.5,
+        rate_hz: 1000.0,
+        range_min_m: 0.2,
+        range_max_m: 50.0,
+        sigma_m: 0.05,
+        scans: true,
+        confirm: false,
+    },
+    Model {
+        name: "cm8jl65",
+        protocol: Protocol::Cm8jl65,
+        baud: 115_200,
+        beam_width_deg: 2.8,
+        rate_hz: 20.0,
+        range_min_m: 0.17,
+        range_max_m: 6.0,
+        sigma_m: 0.03,
+        scans: false,
+        confirm: false,
+    },
+    benewake(
+        "tfmini",
+        2.3,
+        [0.3, 12.0],
+        benewake::Rules {
+            strength_min: 20,
+            strength_max: 2_000,
+            beyond_cm: Some(1_200),
+        },
+    ),
+    benewake("tfmini_s", 2.0, [0.1, 12.0], S_AND_PLUS),
+    benewake("tfmini_plus", 3.6, [0.1, 12.0], S_AND_PLUS),
+    benewake(
+        "tf_luna",
+        2.0,
+        [0.2, 8.0],
+        benewake::Rules {
+            strength_min: 100,
+            strength_max: 65_534,
+            beyond_cm: None,
+        },
+    ),
+    lightware_text("sf11c", 0.2, 120.0),
+    lightware_text("lw20c", 0.5, 100.0),
+];
+
+/// The model called `name`.
+pub fn find(name: &str) -> Option<&'static Model> {
+    TABLE.iter().find(|model| model.name == name)
+}
+
+/// What jink makes of an answer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Range {
+    /// An obstacle at this range (m); below the shortest range: there or nearer.
+    Hit(f32),
+    /// Nothing up to the range that is looked at.
+    Clear,
+    /// Nothing is known.
+    Unknown,
+}
+
+impl Range {
+    /// As a scan says it (m).
+    pub fn metres(self) -> f32 {
+        match self {
+            Self::Hit(range_m) => range_m,
+            Self::Clear => f32::INFINITY,
+            Self::Unknown => f32::NAN,
+        }
+    }
+}
+
+/// The ranges of one sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reach {
+    /// Shortest range (m).
+    pub min_m: f32,
+    /// How far is looked (m).
+    pub max_m: f32,
+    /// Longest range of the device itself (m).
+    pub device_max_m: f32,
+}
+
+impl Reach {
+    /// What jink makes of `answer`.
+    pub fn range(&self, answer: Answer) -> Range {
+        match answer {
+            Answer::Unreliable => Range::Unknown,
+            Answer::Nothing => Range::Clear,
+            Answer::Distance(distance_m) if distance_m < self.min_m => Range::Hit(self.min_m.next_down()),
+            Answer::Distance(distance_m) if distance_m <= self.max_m => Range::Hit(distance_m),
+            Answer::Distance(distance_m) if distance_m <= self.device_max_m => Range::Clear,
+            Answer::Distance(_) => Range::Unknown,
+        }
+    }
+}

@@ -1,0 +1,275 @@
+//! The step: bytes that arrived become scans, silence becomes news.
+//!
+//! **Time.** A byte that was read at some moment has been on the wire before: the last one for the time of one byte, each one
+//! before it for one byte longer, and a frame began as long before its last byte as it has bytes. So a measurement is dated
+//! to the beginning of its frame, which the device sends when it has measured. What a USB adapter keeps back (an FTDI chip up
+//! to 16 ms) cannot be seen from here.
+
+use crate::beam::Beam;
+use crate::config::RangefinderSpec;
+use crate::decode::{Decoder, Frame, Item};
+use crate::devices::Range;
+use crate::dialogue::Dialogue;
+use crate::scan_view::ScanView;
+use crate::sweep::{Finished, Sweep};
+use jink_shared_types::Timestamp;
+use jink_shared_types::events::{EventSample, RANGEFINDER_BACK, RANGEFINDER_LOST};
+
+/// Bits of a byte on the line: a start and a stop bit besides its own eight.
+const BITS_PER_BYTE: f64 = 10.0;
+/// Silence that is told to the pilot (s): four times as long as a scan counts, so that a device that is set up again within
+/// half a second is not news.
+const SILENCE_S: f64 = 1.0;
+
+/// What has become of the line since it was opened first.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Counters {
+    /// Measurements that were read.
+    pub good: u64,
+    /// What looked like a frame and was none.
+    pub damaged: u64,
+    /// Bytes that belong to no frame.
+    pub skipped_bytes: u64,
+    /// Measurements per second since the last look (Hz).
+    pub rate_hz: f64,
+}
+
+/// A change that the pilot is told.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum News {
+    /// The sensor is silent, or gone.
+    Lost,
+    /// It measures again.
+    Back,
+}
+
+impl News {
+    /// As an event about the sensor called `name`.
+    pub fn event(self, name: &str) -> EventSample {
+        let event = match self {
+            Self::Lost => &RANGEFINDER_LOST,
+            Self::Back => &RANGEFINDER_BACK,
+        };
+        EventSample::new(event, name, [0.0; 2])
+    }
+}
+
+#[derive(Clone, Debug)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is one in a process: a box would save nothing"
+)]
+enum Assembly {
+    Beam(Beam),
+    Sweep(Sweep),
+}
+
+/// One rangefinder.
+#[derive(Clone, Debug)]
+pub struct Driver {
+    spec: RangefinderSpec,
+    byte_s: f64,
+    decoder: Decoder,
+    dialogue: Dialogue,
+    assembly: Assembly,
+    measured: u64,
+    /// Time of the newest measurement.
+    newest: Timestamp,
+    /// When a measurement came last, and since when one is waited for.
+    heard: Timestamp,
+    waiting: Timestamp,
+    told_lost: bool,
+    looked: (Timestamp, u64),
+}
+
+impl Driver {
+    /// For the rangefinder that `spec` describes; nothing is open yet.
+    pub fn new(spec: RangefinderSpec) -> Self {
+        let period_s = 1.0 / spec.rate_hz;
+        let assembly = if spec.model.scans {
+            Assembly::Sweep(Sweep::new(period_s))
+        } else {
+            Assembly::Beam(Beam::new(period_s, spec.model.confirm, spec.sigma_m))
+        };
+        Self {
+            byte_s: BITS_PER_BYTE / f64::from(spec.baud),
+            decoder: Decoder::new(spec.model.protocol),
+            dialogue: Dialogue::new(spec.model.protocol, &spec.scan),
+            assembly,
+            measured: 0,
+            newest: Timestamp::NEVER,
+            heard: Timestamp::NEVER,
+            waiting: Timestamp::NEVER,
+            told_lost: false,
+            looked: (Timestamp::NEVER, 0),
+            spec,
+        }
+    }
+
+    /// What it is.
+    pub fn spec(&self) -> &RangefinderSpec {
+        &self.spec
+    }
+
+    /// The port was opened at `now`: what was begun before is forgotten, the set-up begins.
+    pub fn connected(&mut self, now: Timestamp) {
+        self.decoder.interrupted();
+        self.dialogue.begin(now);
+        match &mut self.assembly {
+            Assembly::Beam(beam) => beam.clear(),
+            Assembly::Sweep(sweep) => sweep.clear(),
+        }
+    }
+
+    /// Takes `bytes` that were read at `arrived`, and hands every scan they complete to `publish`.
+    pub fn bytes(&mut self, arrived: Timestamp, bytes: &[u8], publish: &mut impl FnMut(&ScanView<'_>)) {
+        for (index, byte) in bytes.iter().enumerate() {
+            let behind = (bytes.len() - index) as f64;
+            let end = arrived.plus_seconds(-(behind - 1.0) * self.byte_s);
+            // A frame in 16 bytes at most, two of them at most: on the stack.
+            let mut frames: [Option<Frame>; 2] = [None; 2];
+            let mut count = 0;
+            self.decoder.push(*byte, |frame| {
+                if let Some(place) = frames.get_mut(count) {
+                    *place = Some(frame);
+                    count += 1;
+                }
+            });
+            for frame in frames.into_iter().flatten() {
+                let began = end.plus_seconds(-(frame.bytes as f64) * self.byte_s);
+                self.frame(arrived, began, frame.item, publish);
+            }
+        }
+    }
+
+    /// Ends what is due at `now`, data or not.
+    pub fn tick(&mut self, now: Timestamp, publish: &mut impl FnMut(&ScanView<'_>)) {
+        let due = match &self.assembly {
+            Assembly::Beam(beam) => beam.due(),
+            Assembly::Sweep(sweep) => sweep.due(),
+        };
+        if now >= due {
+            self.close(publish);
+        }
+    }
+
+    /// What is to be written to the device now, if anything; ask again until there is nothing.
+    pub fn next_write(&mut self, now: Timestamp) -> Option<&[u8]> {
+        self.dialogue.next_write(now)
+    }
+
+    /// When [`Self::tick`] and [`Self::next_write`] have something to do even if nothing arrives.
+    pub fn due(&self, now: Timestamp) -> Timestamp {
+        let assembled = match &self.assembly {
+            Assembly::Beam(beam) => beam.due(),
+            Assembly::Sweep(sweep) => sweep.due(),
+        };
+        assembled.min(self.dialogue.due(now))
+    }
+
+    /// Whether the sensor has fallen silent, or measures again; once per change.
+    pub fn news(&mut self, now: Timestamp) -> Option<News> {
+        if !self.waiting.is_set() {
+            self.waiting = now;
+        }
+        let silent = now.seconds_since(self.heard.max(self.waiting)) > SILENCE_S;
+        let changed = if self.told_lost { !silent } else { silent };
+        if !changed {
+            return None;
+        }
+        self.told_lost = silent;
+        Some(if silent { News::Lost } else { News::Back })
+    }
+
+    /// What has become of the line, with the rate since the last look.
+    pub fn counters(&mut self, now: Timestamp) -> Counters {
+        let tally = self.decoder.tally();
+        let (time, measured) = std::mem::replace(&mut self.looked, (now, self.measured));
+        let since_s = now.seconds_since(time);
+        Counters {
+            good: self.measured,
+            damaged: tally.damaged,
+            skipped_bytes: tally.skipped_bytes,
+            rate_hz: if time.is_set() && since_s > 0.0 {
+                (self.measured - measured) as f64 / since_s
+            } else {
+                0.0
+            },
+        }
+    }
+
+    fn frame(
+        &mut self,
+        arrived: Timestamp,
+        began: Timestamp,
+        item: Item,
+        publish: &mut impl FnMut(&ScanView<'_>),
+    ) {
+        match item {
+            Item::Acknowledged(number) => self.dialogue.acknowledged(number),
+            Item::Measured { yaw_rad, answer } => {
+                self.measured += 1;
+                self.heard = arrived;
+                self.dialogue.measured(arrived);
+                let range = self.spec.reach.range(answer);
+                // Two reads in quick succession may date their bytes in each other's time.
+                self.newest = began.max(self.newest);
+                self.measurement(self.newest, yaw_rad, range, publish);
+            }
+        }
+    }
+
+    fn measurement(
+        &mut self,
+        time: Timestamp,
+        yaw_rad: f32,
+        range: Range,
+        publish: &mut impl FnMut(&ScanView<'_>),
+    ) {
+        let ends = match &self.assembly {
+            Assembly::Beam(beam) => time >= beam.due(),
+            Assembly::Sweep(sweep) => sweep.ends_before(time, yaw_rad),
+        };
+        if ends {
+            self.close(publish);
+        }
+        match &mut self.assembly {
+            Assembly::Beam(beam) => beam.take(time, range),
+            Assembly::Sweep(sweep) => sweep.take(time, yaw_rad, range),
+        }
+    }
+
+    fn close(&mut self, publish: &mut impl FnMut(&ScanView<'_>)) {
+        let Self { spec, assembly, .. } = self;
+        match assembly {
+            Assembly::Beam(beam) => {
+                if let Some(outcome) = beam.close() {
+                    publish(&ScanView {
+                        spec,
+                        first_beam: outcome.time,
+                        capture: outcome.time,
+                        angle_first_rad: 0.0,
+                        angle_step_rad: 0.0,
+                        range_m: &[outcome.range_m],
+                    });
+                }
+            }
+            Assembly::Sweep(sweep) => {
+                if let Some(part) = sweep.close() {
+                    publish(&part_view(spec, &part));
+                }
+            }
+        }
+    }
+}
+
+fn part_view<'a>(spec: &'a RangefinderSpec, part: &Finished<'a>) -> ScanView<'a> {
+    ScanView {
+        spec,
+        first_beam: part.first_beam,
+        capture: part.capture,
+        angle_first_rad: part.angle_first_rad,
+        angle_step_rad: part.angle_step_rad,
+        range_m: part.range_m,
+    }
+}

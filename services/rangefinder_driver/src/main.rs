@@ -1,0 +1,146 @@
+//! A rangefinder as a process: woken by its serial port, at the latest when a scan or a request is due.
+
+use jink_rangefinder_driver::config::{RangefinderSpec, SensorTable};
+use jink_rangefinder_driver::driver::Driver;
+use jink_rangefinder_driver::port::{Port, Read};
+use jink_runtime::service::WATCHED_FDS;
+use jink_runtime::{Claim, Cycle, Output, Ports, Service, StartError, Wake};
+use jink_shared_types::ranges::RangeScan;
+use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
+use std::os::fd::BorrowedFd;
+use std::process::ExitCode;
+
+/// Read at once: what an SF45/B sends in a tenth of a second at its usual rate.
+const READ_BYTES: usize = 1024;
+/// Reads per cycle at most: a port that never ends must not keep the heartbeat waiting.
+const READS: usize = 16;
+/// A look at the news is taken at least this often.
+const LOOK_HZ: u32 = 10;
+/// The counters go to the log this often (s).
+const REPORT_S: f64 = 60.0;
+
+struct RangefinderService {
+    driver: Driver,
+    port: Port,
+    scans: Output<RangeScan>,
+    claim: Claim,
+    report_due: Timestamp,
+}
+
+impl Service for RangefinderService {
+    const PROGRAM: &'static str = "rangefinder_driver";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let name = sensor_name(&ports.setup().arguments)?;
+        let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;
+        let spec = RangefinderSpec::find(&tables, &name).map_err(|mistake| StartError::Needs {
+            what: "the rangefinder".to_owned(),
+            cause: mistake.to_string(),
+        })?;
+        Ok(Self {
+            port: Port::new(&spec.device, spec.baud),
+            scans: ports.output_of(topics::RANGE_SCAN, &spec.name)?,
+            claim: ports.claim(),
+            driver: Driver::new(spec),
+            report_due: Timestamp::NEVER,
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        let now = cycle.now;
+        let look = now.next_beat(LOOK_HZ);
+        // A port has one reader: whoever takes over opens it when it is its own.
+        let is_ours = self.claim.is_due(now);
+        self.claim.declare(is_ours);
+        if !is_ours {
+            self.port.close();
+            return Wake::at(
+                self.claim
+                    .changes_at()
+                    .map_or(look, |change| look.min(change.max(now))),
+            );
+        }
+        if self.port.open_if_due(now) {
+            self.driver.connected(now);
+        }
+        self.listen(now);
+        while let Some(bytes) = self.driver.next_write(now).filter(|_| self.port.is_open()) {
+            self.port.write(now, bytes);
+        }
+        if let Some(news) = self.driver.news(now) {
+            cycle.events.publish(now, &news.event(&self.driver.spec().name));
+        }
+        self.report(now);
+        Wake::at(look.min(self.port.due()).min(self.driver.due(now)))
+    }
+
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
+        let mut watched = [None; WATCHED_FDS];
+        watched[0] = self.port.watched();
+        watched
+    }
+}
+
+impl RangefinderService {
+    /// Reads what has arrived, and publishes what it comes to.
+    fn listen(&mut self, now: Timestamp) {
+        let Self {
+            driver, port, scans, ..
+        } = self;
+        let mut publish = |view: &jink_rangefinder_driver::ScanView<'_>| {
+            let header = SampleHeader {
+                capture: view.capture,
+                ..SampleHeader::default()
+            };
+            scans.write(header.derived(Stage::Sensor, view.capture), |scan| {
+                view.write(scan);
+            });
+        };
+        let mut bytes = [0; READ_BYTES];
+        for _ in 0..READS {
+            match port.read(now, &mut bytes) {
+                Read::Bytes(count) => {
+                    driver.bytes(jink_runtime::now(), &bytes[..count], &mut publish);
+                    if count < READ_BYTES {
+                        break;
+                    }
+                }
+                Read::Nothing | Read::Lost => break,
+            }
+        }
+        driver.tick(now, &mut publish);
+    }
+
+    fn report(&mut self, now: Timestamp) {
+        if now < self.report_due {
+            return;
+        }
+        let counters = self.driver.counters(now);
+        if self.report_due.is_set() {
+            tracing::info!(
+                good = counters.good,
+                damaged = counters.damaged,
+                skipped_bytes = counters.skipped_bytes,
+                rate_hz = counters.rate_hz,
+                "{}",
+                self.driver.spec().name
+            );
+        }
+        self.report_due = now.plus_seconds(REPORT_S);
+    }
+}
+
+/// The name behind `--sensor`.
+fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
+    match arguments {
+        [option, name] if option == "--sensor" => Ok(name.clone()),
+        _ => Err(StartError::Needs {
+            what: "--sensor NAME".to_owned(),
+            cause: format!("the arguments are {arguments:?}"),
+        }),
+    }
+}
+
+fn main() -> ExitCode {
+    jink_runtime::run::<RangefinderService>()
+}
