@@ -106,10 +106,14 @@ pub struct Sensor {
     pub name: String,
     /// What it publishes.
     pub output: SensorOutput,
+    /// Its kind, as configured.
+    pub kind: String,
+    /// It is plugged in somewhere: the table has a `device`, which the driver of the kind opens.
+    pub has_device: bool,
 }
 
 /// The kinds of sensors and what they publish. The driver that owns a kind knows its other keys.
-const SENSOR_KINDS: &[(&str, SensorOutput)] = &[
+pub const SENSOR_KINDS: &[(&str, SensorOutput)] = &[
     ("lidar_3d", SensorOutput::Cloud),
     ("depth_camera", SensorOutput::Cloud),
     ("lidar_2d", SensorOutput::Scan),
@@ -132,7 +136,7 @@ struct SensorTable {
     name: Spanned<String>,
     kind: Spanned<String>,
     #[serde(flatten)]
-    _of_the_driver: BTreeMap<String, toml::Value>,
+    of_the_driver: BTreeMap<String, toml::Value>,
 }
 
 impl Config {
@@ -203,6 +207,8 @@ impl Config {
         self.sensors.push(Sensor {
             name: name.clone(),
             output: *output,
+            kind: kind.clone(),
+            has_device: table.of_the_driver.contains_key("device"),
         });
         Ok(())
     }
@@ -221,7 +227,7 @@ pub fn read(file: &Path) -> Result<String, ConfigError> {
 }
 
 /// The names in the process table that lies beside `jink.toml`; empty if there is none. The table itself is the
-/// supervisor's, which has checked it; others only need to know who there is.
+/// supervisor's, which has checked it; others only need to know who there may be.
 pub fn process_names(folder: &Path) -> Vec<String> {
     #[derive(Deserialize)]
     struct Table {
@@ -231,13 +237,39 @@ pub fn process_names(folder: &Path) -> Vec<String> {
     #[derive(Deserialize)]
     struct Row {
         name: String,
+        per_sensor: Option<String>,
     }
     let text = std::fs::read_to_string(folder.join(PROCESS_FILE)).unwrap_or_default();
     let table = toml::from_str::<Table>(&text);
     table.map_or_else(
         |_| Vec::new(),
-        |table| table.process.into_iter().map(|row| row.name).collect(),
+        |table| {
+            let sensors = Config::load(folder).map_or_else(|_| Vec::new(), |config| config.sensors);
+            let rows = table.process.into_iter();
+            rows.flat_map(|row| match &row.per_sensor {
+                Some(kind) => plugged_in(&sensors, kind)
+                    .map(|sensor| of_sensor(&row.name, &sensor.name))
+                    .collect(),
+                None => vec![row.name],
+            })
+            .collect()
+        },
     )
+}
+
+/// What stands for a sensor's name in a row of the process table that is there once per sensor.
+const SENSOR_PLACE: &str = "{sensor}";
+
+/// A text of such a row for the sensor called `sensor`.
+pub fn of_sensor(text: &str, sensor: &str) -> String {
+    text.replace(SENSOR_PLACE, sensor)
+}
+
+/// The sensors of `kind` that have a `device`: each of them has a driver of its own.
+pub fn plugged_in<'a>(sensors: &'a [Sensor], kind: &str) -> impl Iterator<Item = &'a Sensor> {
+    sensors
+        .iter()
+        .filter(move |sensor| sensor.has_device && sensor.kind == kind)
 }
 
 /// Parses TOML into `T`; an unknown key is answered with the nearest one that exists.
@@ -275,7 +307,7 @@ fn with_nearest(message: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{Config, SensorOutput};
+    use super::{Config, SensorOutput, of_sensor, plugged_in};
     use jink_shared_types::params;
     use std::path::Path;
 
@@ -320,6 +352,19 @@ mod tests {
         );
         assert!(error_of("[link]\nsystem_id = \"one\"\n").starts_with("jink.toml:2: "));
         assert!(error_of("[link\n").starts_with("jink.toml:1: "));
+    }
+
+    #[test]
+    fn a_sensor_that_is_plugged_in_is_told_from_one_that_is_not() {
+        let text = "[[sensor]]\nname = \"a\"\nkind = \"rangefinder\"\ndevice = \"/dev/ttyS4\"\n\
+                    [[sensor]]\nname = \"b\"\nkind = \"rangefinder\"\n\
+                    [[sensor]]\nname = \"c\"\nkind = \"lidar_2d\"\ndevice = \"/dev/ttyS5\"\n";
+        let config = Config::parse(Path::new("jink.toml"), text).unwrap();
+        let names: Vec<&str> = plugged_in(&config.sensors, "rangefinder")
+            .map(|sensor| sensor.name.as_str())
+            .collect();
+        assert_eq!(names, ["a"]);
+        assert_eq!(of_sensor("{sensor}_driver", "a"), "a_driver");
     }
 
     #[test]

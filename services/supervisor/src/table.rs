@@ -7,7 +7,8 @@
 //! | `program` | - | program beside the supervisor, or an absolute path |
 //! | `arguments` | `[]` | what this kind of service is told after `--` |
 //! | `arguments_external` | as `arguments` | the same where the autopilot is not the simulated one |
-//! | `when` | `"always"` | `"always"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered) |
+//! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered) |
+//! | `per_sensor` | none | one process for each `[[sensor]]` of this kind that has a `device`; its name stands for `{sensor}` in `name` and `arguments` |
 //! | `essential` | `true` | the system cannot fly without it |
 //! | `cycle_budget_us` | `0` | longest cycle; 0 = none |
 //! | `end_to_end_ms` | `0` | oldest range data behind an output; older ones are told with the stage that ate the time; 0 = any |
@@ -20,14 +21,16 @@
 //! | `core`, `priority`, `lock_memory` | none, `0`, `false` | CPU to stay on, SCHED_FIFO priority, pages kept in memory |
 //! | `log` | the supervisor's | `"error"`, `"warn"`, `"info"`, `"debug"`, `"trace"` |
 //!
-//! A `[defaults]` section may give any key but the first five; a row wins over it. Whatever is not understood is
+//! A `[defaults]` section may give any key but the first six; a row wins over it. Whatever is not understood is
 //! refused with file, line and the nearest valid word.
 
 mod check;
 
 use crate::policy::RestartRule;
 use crate::slowness::SlowRule;
-use jink_runtime::config::{ConfigError, PROCESS_FILE, line_of, parse_toml, read};
+use jink_runtime::config::{
+    ConfigError, PROCESS_FILE, Sensor, line_of, of_sensor, parse_toml, plugged_in, read,
+};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
@@ -57,6 +60,8 @@ impl Mode {
 pub enum When {
     /// In all.
     Always,
+    /// Where the sensors are real.
+    Real,
     /// Where the vehicle is simulated.
     SimulatedVehicle,
     /// Where sensors are rendered, around the simulated or an external vehicle.
@@ -68,6 +73,7 @@ impl When {
     pub fn includes(self, mode: Mode) -> bool {
         match self {
             Self::Always => true,
+            Self::Real => mode == Mode::Real,
             Self::SimulatedVehicle => mode == Mode::SimulatedVehicle,
             Self::VirtualWorld => mode != Mode::Real,
         }
@@ -129,6 +135,8 @@ pub struct ProcessRow {
     pub arguments_external: Option<Vec<String>>,
     /// In which modes it runs.
     pub when: When,
+    /// Kind of the sensors that have such a process each.
+    pub per_sensor: Option<String>,
     /// Core to stay on.
     pub core: Option<usize>,
     /// SCHED_FIFO priority, 0 = ordinary scheduling.
@@ -194,14 +202,19 @@ impl ProcessTable {
     }
 
     /// The rows that run in `mode`, with the arguments for it and with the full path of their programs, which must be
-    /// executable files: absolute, or in `folder`.
+    /// executable files: absolute, or in `folder`. What is there per sensor is there once for each of `sensors` that it is for.
     ///
     /// # Errors
-    /// [`ConfigError`] naming the line of the row and the path that was tried.
-    pub fn select(&self, mode: Mode, folder: &Path) -> Result<Vec<ProcessRow>, ConfigError> {
-        let mut selected = Vec::new();
-        for row in self.rows.iter().filter(|row| row.when.includes(mode)) {
-            let mut row = row.clone();
+    /// [`ConfigError`] naming the line of the row, and the path that was tried or the name that is taken.
+    pub fn select(
+        &self,
+        mode: Mode,
+        folder: &Path,
+        sensors: &[Sensor],
+    ) -> Result<Vec<ProcessRow>, ConfigError> {
+        let mut selected: Vec<ProcessRow> = Vec::new();
+        let rows = self.rows.iter().filter(|row| row.when.includes(mode));
+        for mut row in rows.flat_map(|row| row.per_sensor_of(sensors)) {
             row.program = folder.join(&row.program);
             if !check::is_executable(&row.program) {
                 return Err(ConfigError {
@@ -219,9 +232,28 @@ impl ProcessTable {
             {
                 row.arguments = external;
             }
+            check::joins(&row, &selected, &self.file)?;
             selected.push(row);
         }
         Ok(selected)
+    }
+}
+
+impl ProcessRow {
+    /// The row once, or once for each of `sensors` that it is for.
+    fn per_sensor_of(&self, sensors: &[Sensor]) -> Vec<Self> {
+        let Some(kind) = &self.per_sensor else {
+            return vec![self.clone()];
+        };
+        let of = |sensor: &Sensor| {
+            let mut row = self.clone();
+            row.rules.name = of_sensor(&row.rules.name, &sensor.name);
+            for argument in &mut row.arguments {
+                *argument = of_sensor(argument, &sensor.name);
+            }
+            row
+        };
+        plugged_in(sensors, kind).map(of).collect()
     }
 }
 
@@ -242,6 +274,7 @@ struct Written {
     arguments: Option<Spanned<Vec<String>>>,
     arguments_external: Option<Spanned<Vec<String>>>,
     when: Option<Spanned<String>>,
+    per_sensor: Option<Spanned<String>>,
     essential: Option<bool>,
     cycle_budget_us: Option<Spanned<i64>>,
     end_to_end_ms: Option<Spanned<i64>>,
@@ -295,6 +328,7 @@ impl Written {
                 self.arguments_external.as_ref().map(Spanned::span),
             ),
             ("when", self.when.as_ref().map(Spanned::span)),
+            ("per_sensor", self.per_sensor.as_ref().map(Spanned::span)),
         ];
         for (key, span) in of_a_row {
             if let Some(span) = span {

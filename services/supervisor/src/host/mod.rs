@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> ExitCode {
 fn start(args: &Args) -> Result<ExitCode, Failure> {
     let programs = program_folder()?;
     let resolved = Config::resolve(&args.config, args.profile.as_deref(), &args.overrides)?;
-    let rows = ProcessTable::load(&args.config)?.select(args.mode, &programs)?;
+    let rows = ProcessTable::load(&args.config)?.select(args.mode, &programs, &resolved.config.sensors)?;
 
     let claim = Claim::take(&args.instance)?;
     let record = Record::new(&args.instance);
@@ -75,8 +75,9 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     } else {
         // Processes of a supervisor that was killed are flying: what they were started with stays in force.
         let folder = args.instance.run_config();
-        let rows = ProcessTable::load(&folder)?.select(args.mode, &programs)?;
-        (Config::load(&folder)?, rows)
+        let config = Config::load(&folder)?;
+        let rows = ProcessTable::load(&folder)?.select(args.mode, &programs, &config.sensors)?;
+        (config, rows)
     };
     std::fs::create_dir_all(args.instance.log_folder())?;
     if args.log_to_file {

@@ -3,7 +3,7 @@
 use super::{At, OnFailure, ProcessRow, Rules, When, Written, WrittenRestart, WrittenSlow, choose};
 use crate::policy::RestartRule;
 use crate::slowness::SlowRule;
-use jink_runtime::config::ConfigError;
+use jink_runtime::config::{ConfigError, SENSOR_KINDS, of_sensor};
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
 use jink_shared_types::health::PROCESSES;
 use jink_shared_types::topics;
@@ -21,8 +21,9 @@ const HEARTBEAT_TIMEOUT_MIN_MS: i64 = (2.0 * HEARTBEAT_PERIOD_S * 1e3) as i64;
 
 const DEFAULT_START_GRACE_MS: i64 = 3_000;
 
-const WHEN: [(&str, When); 3] = [
+const WHEN: [(&str, When); 4] = [
     ("always", When::Always),
+    ("real", When::Real),
     ("simulated_vehicle", When::SimulatedVehicle),
     ("virtual_world", When::VirtualWorld),
 ];
@@ -54,6 +55,33 @@ pub(super) fn size(rows: &[ProcessRow], at: &At<'_>) -> Result<(), ConfigError> 
         n if n > PROCESSES => Err(at(0, format!("{n} processes; at most {PROCESSES} are possible"))),
         _ => Ok(()),
     }
+}
+
+/// A row that is about to join `others` has a name of its own and a place: what is there per sensor can have taken either.
+pub(super) fn joins(row: &ProcessRow, others: &[ProcessRow], file: &Path) -> Result<(), ConfigError> {
+    let name = &row.rules.name;
+    let refused = |message: String| ConfigError {
+        file: file.to_owned(),
+        line: row.line,
+        message,
+    };
+    if let Some(other) = others.iter().find(|other| other.rules.name == *name) {
+        return Err(refused(format!(
+            "{name:?} is already the process of line {}; rename the sensor",
+            other.line
+        )));
+    }
+    if !is_name(name) || name == RESERVED_NAME {
+        return Err(refused(format!(
+            "{name:?} cannot be the name of a process; rename the sensor (at most {NAME_MAX} characters in all)"
+        )));
+    }
+    if others.len() == PROCESSES {
+        return Err(refused(format!(
+            "more than {PROCESSES} processes with those of the sensors"
+        )));
+    }
+    Ok(())
 }
 
 /// The row that starts at `line`, completed by `defaults`.
@@ -122,6 +150,7 @@ pub(super) fn row(
             Some(word) => choose("when", word, &WHEN, at)?,
             None => When::Always,
         },
+        per_sensor: per_sensor(written, at)?,
         core: usize::try_from(core).ok(),
         priority: u8::try_from(priority).unwrap_or(0),
         lock_memory: written.lock_memory.or(defaults.lock_memory).unwrap_or(false),
@@ -142,8 +171,20 @@ fn name(written: &Written, start: usize, at: &At<'_>) -> Result<String, ConfigEr
         return Err(at(start, "a process needs a `name`".to_owned()));
     };
     let text = name.get_ref();
-    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
-    if text.is_empty() || text.len() > NAME_MAX || !text.chars().all(plain) {
+    // The name of a sensor takes the place of its own.
+    let is_name = match &written.per_sensor {
+        Some(_) => is_name(&of_sensor(text, "s")) && *text != of_sensor(text, "s"),
+        None => is_name(text),
+    };
+    if !is_name && let Some(kind) = &written.per_sensor {
+        let message = format!(
+            "process name {text:?}: of a row for each {}, it needs {{sensor}} in it, and else lower-case letters, digits \
+             and underscores",
+            kind.get_ref()
+        );
+        return Err(at(name.span().start, message));
+    }
+    if !is_name {
         let message =
             format!("process name {text:?}: use 1 to {NAME_MAX} lower-case letters, digits and underscores");
         return Err(at(name.span().start, message));
@@ -153,6 +194,21 @@ fn name(written: &Written, start: usize, at: &At<'_>) -> Result<String, ConfigEr
         return Err(at(name.span().start, message));
     }
     Ok(text.clone())
+}
+
+fn is_name(text: &str) -> bool {
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    (1..=NAME_MAX).contains(&text.len()) && text.chars().all(plain)
+}
+
+/// The kind of the sensors that have such a process each.
+fn per_sensor(written: &Written, at: &At<'_>) -> Result<Option<String>, ConfigError> {
+    let Some(kind) = &written.per_sensor else {
+        return Ok(None);
+    };
+    let kinds: Vec<(&'static str, &'static str)> =
+        SENSOR_KINDS.iter().map(|(kind, _)| (*kind, *kind)).collect();
+    choose("kind of sensor", kind, &kinds, at).map(|kind| Some(kind.to_owned()))
 }
 
 fn program(written: &Written, start: usize, name: &str, at: &At<'_>) -> Result<PathBuf, ConfigError> {

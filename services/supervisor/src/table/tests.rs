@@ -1,4 +1,5 @@
-use super::{Mode, OnFailure, ProcessTable, When};
+use super::{Mode, OnFailure, ProcessRow, ProcessTable, When};
+use jink_runtime::config::{Config, Sensor};
 use std::path::Path;
 
 fn parse(text: &str) -> ProcessTable {
@@ -67,7 +68,7 @@ fn unknown_keys_and_words_are_refused_with_line_and_nearest() {
     );
     assert_eq!(
         error_of(&format!("{SHORT}when = \"simulated\"\n")),
-        "services.toml:4: unknown when \"simulated\"; use one of always, simulated_vehicle, virtual_world"
+        "services.toml:4: unknown when \"simulated\"; use one of always, real, simulated_vehicle, virtual_world"
     );
     assert_eq!(
         error_of(&format!("{SHORT}on_failure = \"stop\"\n")),
@@ -188,7 +189,7 @@ fn more_processes_than_a_status_can_hold_are_refused() {
 fn a_missing_program_is_named_with_the_path_that_was_tried() {
     let table = parse(&format!("\n{SHORT}"));
     let message = table
-        .select(Mode::Real, Path::new("/nowhere/bin"))
+        .select(Mode::Real, Path::new("/nowhere/bin"), &[])
         .unwrap_err()
         .to_string();
     assert_eq!(
@@ -209,13 +210,93 @@ fn each_mode_has_its_processes_and_arguments() {
         row("a", "always"),
         row("v", "simulated_vehicle"),
         row("s", "virtual_world"),
+        row("r", "real"),
     ];
     let table = parse(&rows.concat());
     let started = |mode: Mode| -> Vec<String> {
-        let rows = table.select(mode, Path::new("/")).unwrap();
+        let rows = table.select(mode, Path::new("/"), &[]).unwrap();
         rows.iter().map(|row| row.arguments.join(" ")).collect()
     };
-    assert_eq!(started(Mode::Real), ["a"]);
+    assert_eq!(started(Mode::Real), ["a", "r"]);
     assert_eq!(started(Mode::SimulatedVehicle), ["a", "v", "s"]);
     assert_eq!(started(Mode::VirtualWorld), ["a external", "s external"]);
+}
+
+/// A configuration with rangefinders that are plugged in, one that is not, and a lidar that is.
+fn sensors(names: &[&str]) -> Vec<Sensor> {
+    let plugged: String = names
+        .iter()
+        .map(|name| format!("[[sensor]]\nname = \"{name}\"\nkind = \"rangefinder\"\ndevice = \"/dev/x\"\n"))
+        .collect();
+    let text = format!(
+        "{plugged}[[sensor]]\nname = \"ground\"\nkind = \"rangefinder\"\n\
+         [[sensor]]\nname = \"lidar\"\nkind = \"lidar_2d\"\ndevice = \"/dev/y\"\n"
+    );
+    Config::parse(Path::new("jink.toml"), &text).unwrap().sensors
+}
+
+const PER_SENSOR: &str = "[[process]]\nname = \"planner\"\nprogram = \"/bin/sh\"\n\
+                          [[process]]\nname = \"{sensor}\"\nprogram = \"/bin/sh\"\nper_sensor = \"rangefinder\"\n\
+                          when = \"real\"\narguments = [\"--sensor\", \"{sensor}\"]\n";
+
+#[test]
+fn a_row_per_sensor_is_there_for_each_that_is_plugged_in() {
+    let table = parse(PER_SENSOR);
+    let started = |mode: Mode, names: &[&str]| -> Vec<String> {
+        let rows = table.select(mode, Path::new("/"), &sensors(names)).unwrap();
+        let told = |row: &ProcessRow| format!("{} {}", row.rules.name, row.arguments.join(" "));
+        rows.iter().map(told).collect()
+    };
+    assert_eq!(
+        started(Mode::Real, &["front", "left"]),
+        ["planner ", "front --sensor front", "left --sensor left"]
+    );
+    assert_eq!(started(Mode::Real, &[]), ["planner "]);
+    assert_eq!(started(Mode::VirtualWorld, &["front"]), ["planner "]);
+}
+
+#[test]
+fn a_row_per_sensor_needs_a_place_for_its_name_and_a_known_kind() {
+    let row = |name: &str, kind: &str| {
+        error_of(&format!(
+            "[[process]]\nname = \"{name}\"\nprogram = \"p\"\nper_sensor = \"{kind}\"\n"
+        ))
+    };
+    assert_eq!(
+        row("range", "rangefinder"),
+        "services.toml:2: process name \"range\": of a row for each rangefinder, it needs {sensor} in it, and else lower-case \
+         letters, digits and underscores"
+    );
+    assert_eq!(
+        row("{sensor}", "sonar"),
+        "services.toml:4: unknown kind of sensor \"sonar\"; use one of lidar_3d, depth_camera, lidar_2d, rangefinder"
+    );
+    assert!(
+        error_of("[[process]]\nname = \"{sensor}\"\nprogram = \"p\"\n").contains("process name \"{sensor}\"")
+    );
+    assert_eq!(
+        error_of(&format!("[defaults]\nper_sensor = \"rangefinder\"\n{SHORT}")),
+        "services.toml:2: `per_sensor` belongs into a [[process]] row, not into [defaults]"
+    );
+}
+
+#[test]
+fn a_sensor_whose_name_is_taken_too_long_or_one_too_many_is_refused() {
+    let refused = |text: &str, names: &[&str]| {
+        let selected = parse(text).select(Mode::Real, Path::new("/"), &sensors(names));
+        selected.unwrap_err().to_string()
+    };
+    assert_eq!(
+        refused(PER_SENSOR, &["planner"]),
+        "services.toml:4: \"planner\" is already the process of line 1; rename the sensor"
+    );
+    let long = PER_SENSOR.replace("name = \"{sensor}\"", "name = \"range_{sensor}\"");
+    assert_eq!(
+        refused(&long, &["front", "a_name_of_fifteen"]),
+        "services.toml:4: \"range_a_name_of_fifteen\" cannot be the name of a process; rename the sensor (at most 20 \
+         characters in all)"
+    );
+    let names: Vec<String> = (0..24).map(|n| format!("s{n}")).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    assert!(refused(PER_SENSOR, &names).contains("more than 24 processes"));
 }
