@@ -1,6 +1,7 @@
 //! What can be wrong with a list of sensors, and with a request to render one.
 
 use super::spec::{NAME_CHARACTERS, SensorKind};
+use jink_shared_types::orientation::{self, Contradiction};
 use jink_shared_types::ranges::CLOUD_POINTS;
 use std::fmt;
 
@@ -48,6 +49,18 @@ pub enum SensorError {
         /// Its kind.
         kind: SensorKind,
     },
+    /// An orientation that has no name, or a code that is none of PX4's.
+    UnknownOrientation {
+        /// Name of the sensor.
+        sensor: String,
+    },
+    /// The orientation is said twice, or is none.
+    Mounting {
+        /// Name of the sensor.
+        sensor: String,
+        /// Why.
+        contradiction: Contradiction,
+    },
     /// More pixels than a point cloud holds.
     TooManyPixels {
         /// Name of the sensor.
@@ -83,6 +96,19 @@ impl fmt::Display for SensorError {
             Self::NotOfThisKind { sensor, option, kind } => {
                 write!(f, "sensor \"{sensor}\": a {} has no {option}", kind.name())
             }
+            Self::UnknownOrientation { sensor } => {
+                let known = orientation::TABLE.iter();
+                let known: Vec<String> = known.map(|row| format!("{} ({})", row.name, row.code)).collect();
+                write!(
+                    f,
+                    "sensor \"{sensor}\": orientation is one of {}",
+                    known.join(", ")
+                )
+            }
+            Self::Mounting {
+                sensor,
+                contradiction,
+            } => write!(f, "sensor \"{sensor}\": {contradiction}"),
             Self::TooManyPixels {
                 sensor,
                 width_px,

@@ -61,12 +61,7 @@ impl Head {
         let range_max_m = spec.number("range_max_m", spec.range_max_m, far_m, [0.1, 200.0])?;
         spec.ordered(["range_min_m", "range_max_m"], range_min_m, range_max_m)?;
         let offset = |option, given_m| spec.number(option, Some(given_m), 0.0, [-10.0, 10.0]);
-        let turn = |option, given_deg| spec.angle_rad(option, Some(given_deg), 0.0, [-360.0, 360.0]);
-        let body_q_sensor = UnitQuaternion::from_euler_angles(
-            turn("roll_deg", spec.roll_deg)?,
-            turn("pitch_deg", spec.pitch_deg)?,
-            turn("yaw_deg", spec.yaw_deg)?,
-        );
+        let body_q_sensor = spec.body_q_sensor()?;
         Ok(Self {
             position: Vector3::new(
                 offset("forward_m", spec.forward_m)?,

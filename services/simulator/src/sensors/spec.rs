@@ -11,7 +11,10 @@
 //! Everything but name and kind has a default that depends on the kind ([`SensorKind`]).
 
 use super::error::SensorError;
+use jink_shared_types::orientation;
+use nalgebra::UnitQuaternion;
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 /// Longest name: it becomes part of a topic's name.
 pub(super) const NAME_CHARACTERS: usize = 16;
@@ -74,6 +77,10 @@ pub struct SensorSpec {
     /// Mounting position in the body, down (m).
     #[serde(default)]
     pub down_m: f64,
+    /// Mounting, by PX4's name or code ([`jink_shared_types::orientation`]), instead of the three rotations.
+    pub orientation: Option<OrientationKey>,
+    /// Mounting, as `body_q_sensor` with w first, instead of the three rotations.
+    pub quaternion: Option<[f64; 4]>,
     /// Mounting: turned to the right (deg) (first of the three rotations, about down).
     #[serde(default)]
     pub yaw_deg: f64,
@@ -118,6 +125,26 @@ pub struct SensorSpec {
     pub thin_miss: Option<f64>,
     /// How far a pixel at a depth edge may slide towards its neighbour's depth, 0 to 1 (`depth_camera`).
     pub edge_mixing: Option<f64>,
+    /// Of the real device, whose driver reads it; here without effect, so that one configuration serves both.
+    pub model: Option<IgnoredAny>,
+    /// As [`Self::model`].
+    pub device: Option<IgnoredAny>,
+    /// As [`Self::model`].
+    pub baud: Option<IgnoredAny>,
+    /// As [`Self::model`].
+    pub scan_low_deg: Option<IgnoredAny>,
+    /// As [`Self::model`].
+    pub scan_high_deg: Option<IgnoredAny>,
+}
+
+/// An orientation as written.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(untagged, expecting = "an orientation is a name or a code")]
+pub enum OrientationKey {
+    /// Its code.
+    Code(i64),
+    /// Its name.
+    Name(String),
 }
 
 impl SensorSpec {
@@ -151,7 +178,44 @@ impl SensorSpec {
             beam_width_deg: None,
             thin_miss: None,
             edge_mixing: None,
+            orientation: None,
+            quaternion: None,
+            model: None,
+            device: None,
+            baud: None,
+            scan_low_deg: None,
+            scan_high_deg: None,
         }
+    }
+
+    /// How the sensor is mounted: `body_q_sensor`.
+    pub(super) fn body_q_sensor(&self) -> Result<UnitQuaternion<f64>, SensorError> {
+        let unknown = || SensorError::UnknownOrientation {
+            sensor: self.name.clone(),
+        };
+        let orientation = match &self.orientation {
+            None => None,
+            Some(OrientationKey::Code(code)) => Some(orientation::by_code(*code).ok_or_else(unknown)?),
+            Some(OrientationKey::Name(name)) => Some(orientation::by_name(name).ok_or_else(unknown)?),
+        };
+        for (option, turn_deg) in [
+            ("roll_deg", self.roll_deg),
+            ("pitch_deg", self.pitch_deg),
+            ("yaw_deg", self.yaw_deg),
+        ] {
+            self.number(option, Some(turn_deg), 0.0, [-360.0, 360.0])?;
+        }
+        let written = orientation::Written {
+            orientation,
+            turns_deg: [self.yaw_deg, self.pitch_deg, self.roll_deg],
+            quaternion: self.quaternion,
+        };
+        written
+            .body_q_sensor()
+            .map_err(|contradiction| SensorError::Mounting {
+                sensor: self.name.clone(),
+                contradiction,
+            })
     }
 
     /// What the forest vehicle carries: a 3-D lidar "lidar" at 10 Hz and a rangefinder "ground" looking down at 20

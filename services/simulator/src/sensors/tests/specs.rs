@@ -41,6 +41,58 @@ fn options_take_effect_whole_numbers_too() {
 }
 
 #[test]
+fn the_configuration_of_a_real_rangefinder_is_rendered_where_it_is_mounted() {
+    let real = json!({
+        "name": "front", "kind": "rangefinder", "model": "sf45b", "device": "/dev/ttyUSB0", "baud": 921600,
+        "scan_low_deg": -90, "scan_high_deg": 90, "range_max_m": 20, "orientation": "left"
+    });
+    let spec = parse(real).unwrap();
+    let turned = SensorSpec {
+        yaw_deg: 270.0,
+        ..SensorSpec::new("front", SensorKind::Rangefinder)
+    };
+    assert_eq!(spec.body_q_sensor(), turned.body_q_sensor());
+    assert_eq!(spec.validate(), Ok(()));
+    let by_code = SensorSpec {
+        orientation: parse(json!({"name": "a", "kind": "lidar_2d", "orientation": 6}))
+            .unwrap()
+            .orientation,
+        ..spec.clone()
+    };
+    assert_eq!(by_code.body_q_sensor(), spec.body_q_sensor());
+    for (change, said) in [
+        (
+            json!("leftish"),
+            "sensor \"front\": orientation is one of forward (0), ",
+        ),
+        (json!(25), ""),
+    ] {
+        let orientation = parse(json!({"name": "a", "kind": "lidar_2d", "orientation": change}))
+            .unwrap()
+            .orientation;
+        let spec = SensorSpec {
+            orientation,
+            ..spec.clone()
+        };
+        let error = spec
+            .validate()
+            .err()
+            .map(|error| error.to_string())
+            .unwrap_or_default();
+        assert!(error.starts_with(said), "{error}");
+        assert_eq!(error.is_empty(), said.is_empty());
+    }
+    let twice = SensorSpec { yaw_deg: 5.0, ..spec };
+    assert!(
+        twice
+            .validate()
+            .unwrap_err()
+            .to_string()
+            .contains("give one of them")
+    );
+}
+
+#[test]
 fn unknown_keys_and_kinds_are_refused_by_name() {
     let error = parse(json!({"name": "a", "kind": "lidar_3d", "range": 5})).unwrap_err();
     assert!(error.to_string().contains("unknown field `range`"), "{error}");
