@@ -87,7 +87,8 @@ impl Beam {
     pub fn close(&mut self) -> Option<Outcome> {
         let seen = &self.seen[..self.len];
         let last = *seen.last()?;
-        let nearest = seen.iter().enumerate().min_by(|a, b| nearer(a.1, b.1));
+        // Of equal ones the latest: it is the youngest.
+        let nearest = seen.iter().enumerate().rev().min_by(|a, b| nearer(a.1, b.1));
         let believed =
             nearest.and_then(|(index, nearest)| Some((nearest.time, self.believed(index, nearest)?)));
         let (time, range) = believed.unwrap_or((last.time, Range::Unknown));
@@ -170,6 +171,7 @@ mod tests {
     fn the_nearest_of_a_period_counts_with_its_own_time() {
         let outcome = period(false, &[Clear, Hit(5.0), Hit(4.0), Unknown, Hit(6.0)]);
         assert_eq!((outcome.time, outcome.range_m), (at(20), 4.0));
+        assert_eq!(period(false, &[Hit(4.0), Hit(4.0), Hit(5.0)]).time, at(10));
         assert_eq!(period(false, &[Unknown, Clear]).range_m, f32::INFINITY);
         assert!(period(false, &[Unknown, Unknown]).range_m.is_nan());
     }

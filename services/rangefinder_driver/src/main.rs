@@ -1,5 +1,6 @@
 //! A rangefinder as a process: woken by its serial port, at the latest when a scan or a request is due.
 
+use jink_rangefinder_driver::ScanView;
 use jink_rangefinder_driver::config::{RangefinderSpec, SensorTable};
 use jink_rangefinder_driver::driver::Driver;
 use jink_rangefinder_driver::port::{Port, Read};
@@ -16,6 +17,9 @@ const READ_BYTES: usize = 1024;
 const READS: usize = 16;
 /// A look at the news is taken at least this often.
 const LOOK_HZ: u32 = 10;
+/// A second instance of a scanning device's driver rehearses this often (Hz). The supervisor asks of a candidate that it puts
+/// out half to twice as much as the owner, which publishes an eighth of a turn at a time.
+const PARTS_HZ: f64 = 30.0;
 /// The counters go to the log this often (s).
 const REPORT_S: f64 = 60.0;
 
@@ -24,6 +28,7 @@ struct RangefinderService {
     port: Port,
     scans: Output<RangeScan>,
     claim: Claim,
+    rehearsal_due: Timestamp,
     report_due: Timestamp,
 }
 
@@ -42,6 +47,7 @@ impl Service for RangefinderService {
             scans: ports.output_of(topics::RANGE_SCAN, &spec.name)?,
             claim: ports.claim(),
             driver: Driver::new(spec),
+            rehearsal_due: Timestamp::NEVER,
             report_due: Timestamp::NEVER,
         })
     }
@@ -54,11 +60,9 @@ impl Service for RangefinderService {
         self.claim.declare(is_ours);
         if !is_ours {
             self.port.close();
-            return Wake::at(
-                self.claim
-                    .changes_at()
-                    .map_or(look, |change| look.min(change.max(now))),
-            );
+            self.rehearse(now);
+            let change = self.claim.changes_at().filter(|change| *change > now);
+            return Wake::at(change.map_or(self.rehearsal_due, |change| change.min(self.rehearsal_due)));
         }
         if self.port.open_if_due(now) {
             self.driver.connected(now);
@@ -87,7 +91,7 @@ impl RangefinderService {
         let Self {
             driver, port, scans, ..
         } = self;
-        let mut publish = |view: &jink_rangefinder_driver::ScanView<'_>| {
+        let mut publish = |view: &ScanView<'_>| {
             let header = SampleHeader {
                 capture: view.capture,
                 ..SampleHeader::default()
@@ -109,6 +113,25 @@ impl RangefinderService {
             }
         }
         driver.tick(now, &mut publish);
+    }
+
+    /// What a second instance can show without the port: that it runs, and can write scans. None of them is published.
+    fn rehearse(&mut self, now: Timestamp) {
+        if now < self.rehearsal_due {
+            return;
+        }
+        let spec = self.driver.spec();
+        let rate_hz = if spec.model.scans { PARTS_HZ } else { spec.rate_hz };
+        self.rehearsal_due = now.next_beat(rate_hz as u32);
+        let view = ScanView {
+            spec,
+            first_beam: now,
+            capture: now,
+            angle_first_rad: 0.0,
+            angle_step_rad: 0.0,
+            range_m: &[f32::NAN],
+        };
+        self.scans.write(SampleHeader::at(now), |scan| view.write(scan));
     }
 
     fn report(&mut self, now: Timestamp) {

@@ -19,7 +19,8 @@ struct Line {
 impl Line {
     /// A new line, reachable under `link`.
     fn plug_in(link: &Path) -> Self {
-        let control = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        let control =
+            rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
         rustix::pty::grantpt(&control).unwrap();
         rustix::pty::unlockpt(&control).unwrap();
         let name = rustix::pty::ptsname(&control, Vec::new()).unwrap();
