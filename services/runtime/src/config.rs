@@ -307,7 +307,7 @@ fn with_nearest(message: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{Config, SensorOutput, of_sensor, plugged_in};
+    use super::{CONFIG_FILE, Config, PROCESS_FILE, SensorOutput, of_sensor, plugged_in, process_names};
     use jink_shared_types::params;
     use std::path::Path;
 
@@ -365,6 +365,21 @@ mod tests {
             .collect();
         assert_eq!(names, ["a"]);
         assert_eq!(of_sensor("{sensor}_driver", "a"), "a_driver");
+    }
+
+    #[test]
+    fn a_process_per_sensor_is_known_by_the_names_of_those_that_are_plugged_in() {
+        let folder = std::env::temp_dir().join(format!("jink_names_{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let sensors = "[[sensor]]\nname = \"front\"\nkind = \"rangefinder\"\ndevice = \"/dev/ttyS4\"\n\
+                       [[sensor]]\nname = \"ground\"\nkind = \"rangefinder\"\n";
+        std::fs::write(folder.join(CONFIG_FILE), sensors).unwrap();
+        let rows = "[[process]]\nname = \"planner\"\nprogram = \"p\"\n\
+                    [[process]]\nname = \"{sensor}\"\nprogram = \"r\"\nper_sensor = \"rangefinder\"\n";
+        std::fs::write(folder.join(PROCESS_FILE), rows).unwrap();
+        let names = process_names(&folder);
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(names, ["planner", "front"]);
     }
 
     #[test]
