@@ -5,7 +5,7 @@
 //!
 //! **Confirmation.** Where a frame can be damaged and look sound (an 8-bit sum, no checksum at all), the nearest answer
 //! counts if another one of the same period, or the last one of the period before, agrees: if it differs by no more than a
-//! vehicle can have come nearer in the time between the two, at [`FASTEST_MPS`], and four standard deviations. Otherwise the
+//! vehicle can have come nearer in the time between the two, at 20 m/s, and four standard deviations. Otherwise the
 //! beam is unknown for this period. That is sound because of what it can cost. An answer that stands alone is
 //! never taken for free space, however far it is, and never for an obstacle; unknown space is not flown into. And a real thing
 //! does not stay alone: at 100 Hz, a pole of 5 cm at 3 m that passes through a beam of 2 deg at 1 rad/s is seen in five
