@@ -2,6 +2,8 @@
 //! frames byte by byte.
 #![allow(dead_code, reason = "every test uses a part")]
 
+pub mod device;
+
 use jink_rangefinder_driver::{Decoder, Item, Model, RangefinderSpec, devices};
 
 /// Remainder of the message times x^16 divided by x^16 + `poly`, the register starting at `start`; bits in the order given.
