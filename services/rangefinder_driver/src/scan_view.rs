@@ -1,8 +1,8 @@
 //! A scan that is ready to be published, before it is written into shared memory.
 
 use crate::config::RangefinderSpec;
-use jink_shared_types::Timestamp;
-use jink_shared_types::ranges::RangeScan;
+use jink_shared_types::ranges::{RangeScan, ScanFrame};
+use jink_shared_types::{Coded, Timestamp};
 
 /// A scan of one beam, or a part of a sweep.
 #[derive(Clone, Copy, Debug)]
@@ -37,7 +37,8 @@ impl ScanView<'_> {
         scan.range_max_m = self.spec.reach.max_m;
         scan.range_sigma_m = self.spec.sigma_m as f32;
         scan.beams = beams as u32;
-        scan.reserved = [0; 4];
+        scan.frame = Coded::new(ScanFrame::Body);
+        scan.reserved = [0; 15];
         scan.range_m[..beams].copy_from_slice(&self.range_m[..beams]);
     }
 }
