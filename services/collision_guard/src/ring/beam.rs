@@ -1,24 +1,30 @@
-//! Single beams, and rows of level distances: every one an arc at one distance.
+//! Scans, single beams and rows of level distances: every reading an arc at one distance.
 //!
-//! A beam is a cone. Where it is level, and some way above and below, it sees what the vehicle could hit, so its reading counts whether
-//! or not the end of its axis lies in the height band; a vehicle with nothing but such sensors tilts in order to fly. The reading
-//! is an obstacle at the distance to which it reaches horizontally, in all sectors that the opening angle touches, as PX4 takes it. A beam that is
-//! mounted steeper than [`STEEPEST_RAD`] looks up or down, and tells nothing.
+//! | sample | direction of an arc | distance |
+//! |---|---|---|
+//! | planar scan | that of its beam as the vehicle was tilted when it was measured | what of the range is horizontal |
+//! | single beam | that of its axis in the body, from the heading, as PX4 takes it | the same, or as if it looked along the body's plane, whichever is shorter |
+//! | row of level distances | as it says, from the heading or from north | as it says |
 //!
-//! Unlike the rays of a scan, a beam is never taken to see the vehicle itself: nobody mounts it so, and "too near" must count.
+//! None of them says at which height something stands, and a vehicle with nothing but such sensors tilts in order to fly. So tilt shortens
+//! what they see and never blinds them: a reading counts whether or not its end lies in the height band. What a tilted beam meets
+//! above or below, the ground among it, is an obstacle; nothing in its way is nothing at the vehicle's height. A beam mounted steeper than
+//! [`STEEPEST_RAD`] looks up or down, and tells nothing.
+//!
+//! A single beam is never taken to see the vehicle itself: nobody mounts it so, and "too near" must count. A scan may: its hits
+//! within the vehicle's radius tell nothing.
 
 use super::bearing::{SLOTS, SLOTS_PER_SECTOR};
 use super::poses::Pose;
-use super::scan::meaning;
 use super::sweep::BEYOND_ANY_SENSOR_M2;
 use super::view::{Hit, View};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::{RangeScan, RayKind, ScanFrame};
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, sector_of};
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Rotation2, Vector2, Vector3};
 use std::f64::consts::TAU;
 
-/// Greatest angle between the axis of a beam and the body's horizontal plane (rad): 60 degrees, beyond which it looks up or down rather
+/// Greatest angle between a beam and the body's horizontal plane (rad): 60 degrees, beyond which it looks up or down rather
 /// than around, however the vehicle tilts.
 const STEEPEST_RAD: f64 = std::f64::consts::FRAC_PI_3;
 /// Places on the border of two slots are put this far into theirs, in slots: 4e-7 rad, more than rounding moves them.
@@ -26,9 +32,20 @@ const INSIDE: f64 = 2e-5;
 /// Nothing is nearer than this (m): at zero there would be no direction.
 const LEAST_M: f64 = 2e-3;
 
-/// An arc around the sensor, in the level frame of the vehicle.
+/// When and from where a scan was taken.
+#[derive(Clone, Copy, Debug)]
+pub struct Span<'a> {
+    /// Its first beam.
+    pub first: (Timestamp, &'a Pose),
+    /// Its last one: the view's place.
+    pub last: (Timestamp, &'a Pose),
+    /// Within this a scan sees the vehicle (m).
+    pub hull_m: f64,
+}
+
+/// An arc around a place, in the level frame of the view.
 struct Arc {
-    /// Where the sensor is (m): forward, right.
+    /// Its centre (m): forward, right.
     centre_m: Vector2<f64>,
     /// From here clockwise ... (rad)
     from_rad: f64,
@@ -41,80 +58,121 @@ struct Arc {
     seen: Timestamp,
 }
 
-/// Whether `scan` is of this kind.
-pub fn is_beam(scan: &RangeScan) -> bool {
-    scan.beams == 1 || scan.frame.get() != ScanFrame::Body
-}
-
-/// Writes all beams of `scan`, taken at `pose`, into `view`. `first` is when the first was measured.
-pub fn collect(scan: &RangeScan, pose: &Pose, first: Timestamp, view: &mut View) {
+/// Writes all beams of `scan` into `view`.
+pub fn collect(scan: &RangeScan, span: &Span<'_>, view: &mut View) {
+    let (first, from) = span.first;
+    let (last, to) = span.last;
+    let duration_s = last.seconds_since(first);
+    let width_rad = f64::from(scan.beam_width_rad).clamp(0.0, TAU);
+    // A NaN width is no width.
+    let width_rad = if width_rad > 0.0 { width_rad } else { 0.0 };
+    let level = Rotation2::new(-to.yaw_rad());
     for (beam, range_m) in scan.ranges().iter().enumerate() {
         let (range_m, kind) = meaning(*range_m, scan.range_max_m);
         if kind == RayKind::Unknown {
             continue;
         }
+        let after_s = beam as f64 * f64::from(scan.beam_interval_s);
+        let share = if duration_s > 0.0 {
+            (after_s / duration_s).clamp(0.0, 1.0)
+        } else {
+            1.0
+        };
+        let pose = from.toward(to, share);
         let toward_rad = f64::from(scan.angle_first_rad) + beam as f64 * f64::from(scan.angle_step_rad);
-        let Some(level) = level(scan, pose, toward_rad) else {
+        let Some(axis) = axis(scan, &pose, toward_rad) else {
             continue;
         };
-        let width_rad = f64::from(scan.beam_width_rad).clamp(0.0, TAU);
-        let seen = first.plus_seconds(beam as f64 * f64::from(scan.beam_interval_s));
+        let is_self = scan.beams > 1 && kind == RayKind::Hit && axis.end_m(range_m) < span.hull_m;
+        if is_self && scan.frame.get() == ScanFrame::Body {
+            continue;
+        }
+        let bearing_rad = axis.bearing_rad - to.yaw_rad();
         paint(
             view,
             &Arc {
-                centre_m: level.centre_m,
-                from_rad: level.bearing_rad - 0.5 * width_rad,
+                centre_m: level * (axis.sensor_m.xy() + pose.position.xy() - to.position.xy()),
+                from_rad: bearing_rad - 0.5 * width_rad,
                 width_rad,
-                distance_m: (range_m * level.share).max(LEAST_M),
+                distance_m: (range_m * axis.share).max(LEAST_M),
                 reach_m: f64::from(scan.range_max_m),
                 kind,
-                seen,
+                seen: first.plus_seconds(share * duration_s),
             },
         );
     }
 }
 
-/// A beam's axis in the level frame.
-struct Level {
-    centre_m: Vector2<f64>,
+/// What a range says, and how far that is (m).
+fn meaning(range_m: f32, range_max_m: f32) -> (f64, RayKind) {
+    if range_m.is_nan() || range_m < 0.0 {
+        (0.0, RayKind::Unknown)
+    } else if range_m > range_max_m {
+        (f64::from(range_max_m), RayKind::Clear)
+    } else {
+        (f64::from(range_m), RayKind::Hit)
+    }
+}
+
+/// Where a beam points.
+struct Axis {
+    /// The sensor from the vehicle's centre, along local NED (m).
+    sensor_m: Vector3<f64>,
+    /// The beam, along local NED.
+    along: Vector3<f64>,
+    /// Direction (rad), clockwise from north.
     bearing_rad: f64,
     /// Which part of the range is horizontal.
     share: f64,
 }
 
-fn level(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Level> {
-    let yaw_rad = pose.yaw_rad();
-    let bearing_rad = match scan.frame.get() {
-        ScanFrame::Level => toward_rad,
-        ScanFrame::North => toward_rad - yaw_rad,
-        ScanFrame::Body => return body(scan, pose, toward_rad),
-    };
-    Some(Level {
-        centre_m: Vector2::zeros(),
-        bearing_rad,
-        share: 1.0,
-    })
+impl Axis {
+    /// Distance of the beam's end from the vehicle's centre (m).
+    fn end_m(&self, range_m: f64) -> f64 {
+        (self.sensor_m + self.along * range_m).norm()
+    }
 }
 
-fn body(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Level> {
+fn axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
+    let level = |bearing_rad: f64| Axis {
+        sensor_m: Vector3::zeros(),
+        along: Vector3::new(bearing_rad.cos(), bearing_rad.sin(), 0.0),
+        bearing_rad,
+        share: 1.0,
+    };
+    match scan.frame.get() {
+        ScanFrame::Level => Some(level(toward_rad + pose.yaw_rad())),
+        ScanFrame::North => Some(level(toward_rad)),
+        ScanFrame::Body => body_axis(scan, pose, toward_rad),
+    }
+}
+
+fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
     let (sin, cos) = toward_rad.sin_cos();
-    let axis = scan.mounting.rotation() * Vector3::new(cos, sin, 0.0);
-    let flat = axis.xy().norm();
+    let in_body = scan.mounting.rotation() * Vector3::new(cos, sin, 0.0);
+    let flat = in_body.xy().norm();
     // False for NaN, too.
     let looks_around = flat >= STEEPEST_RAD.cos();
     if !looks_around {
         return None;
     }
-    let bearing_rad = axis.y.atan2(axis.x);
-    // The vehicle's tilt shortens the beam's own axis, and the direction in the body that it stands for: the shorter counts.
-    let forward = Vector3::new(axis.x / flat, axis.y / flat, 0.0);
-    let share_of = |axis: &Vector3<f64>| (pose.attitude * axis).xy().norm();
-    let sensor = pose.attitude * scan.origin.vector();
-    let (sin, cos) = pose.yaw_rad().sin_cos();
-    Some(Level {
-        centre_m: Vector2::new(sensor.x * cos + sensor.y * sin, sensor.y * cos - sensor.x * sin),
-        bearing_rad,
-        share: share_of(&axis).min(share_of(&forward)),
+    let along = pose.attitude * in_body;
+    let share = along.xy().norm();
+    let sensor_m = pose.attitude * scan.origin.vector();
+    if scan.beams > 1 {
+        return Some(Axis {
+            sensor_m,
+            along,
+            bearing_rad: along.y.atan2(along.x),
+            share,
+        });
+    }
+    let in_plane = Vector3::new(in_body.x / flat, in_body.y / flat, 0.0);
+    Some(Axis {
+        sensor_m,
+        along,
+        bearing_rad: pose.yaw_rad() + in_body.y.atan2(in_body.x),
+        share: share.min((pose.attitude * in_plane).xy().norm()),
     })
 }
 

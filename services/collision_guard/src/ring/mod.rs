@@ -14,7 +14,7 @@
 //! * Only the height band around the vehicle counts. Hits above and below are no obstacles; a ray is known to be free
 //!   only as far as it stays inside the band. A hit within the vehicle's own radius is the vehicle: no obstacle, and its ray
 //!   tells nothing.
-//! * Single beams, and rows of level distances, count whatever the height of their ends (`beam.rs`).
+//! * Scans, single beams and rows of level distances count whatever the height of their ends (`beam.rs`).
 //! * A cloud older than its topic's deadline contributes nothing, nor do scans, beams and rows older than half a second: their
 //!   sectors become unknown, and unknown is not free.
 //!
@@ -29,7 +29,6 @@ mod layer;
 mod memory;
 mod outlook;
 mod poses;
-mod scan;
 mod sweep;
 mod view;
 
@@ -38,6 +37,7 @@ pub use poses::{Pose, PoseRefused};
 
 pub(crate) use bearing::SLOTS;
 
+use beam::Span;
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::{SECTORS, SectorRing, sector_bearing_rad, sector_of};
@@ -223,20 +223,13 @@ impl Ring {
     }
 
     fn take_scan(&mut self, sensor: usize, scan: &RangeScan, rays: &Rays, from: &Pose, to: &Pose) {
-        let is_beam = beam::is_beam(scan);
-        let sweep = self.sweep(rays, from, to);
-        if !is_beam {
-            scan::collect(scan, &sweep, &mut self.collector);
-        }
-        let collector = &mut self.collector;
+        let span = Span {
+            first: (rays.first, from),
+            last: (rays.last, to),
+            hull_m: self.hull.radius_m,
+        };
         let layer = &mut self.layers[sensor];
-        let view = layer.add(to, rays.published, |view| {
-            if is_beam {
-                beam::collect(scan, to, rays.first, view);
-            } else {
-                collector.finish(&sweep, view);
-            }
-        });
+        let view = layer.add(to, rays.published, |view| beam::collect(scan, &span, view));
         self.memory.offer(sensor, view, rays.last);
     }
 

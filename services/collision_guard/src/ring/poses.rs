@@ -26,6 +26,21 @@ pub struct Pose {
 }
 
 impl Pose {
+    /// The pose `share` (0 to 1) of the way to `other`.
+    pub fn toward(&self, other: &Self, share: f64) -> Self {
+        // The two quaternions of one rotation differ in sign: take the nearer one, or the mean would be nonsense.
+        let from = self.attitude;
+        let to = if from.coords.dot(&other.attitude.coords) < 0.0 {
+            UnitQuaternion::new_unchecked(-other.attitude.into_inner())
+        } else {
+            other.attitude
+        };
+        Self {
+            position: self.position.lerp(&other.position, share),
+            attitude: from.nlerp(&to, share),
+        }
+    }
+
     /// Heading (rad), clockwise from north.
     pub fn yaw_rad(&self) -> f64 {
         jink_shared_types::frames::Attitude::from_rotation(self.attitude).yaw_rad()
@@ -164,17 +179,7 @@ fn between(earlier: &Entry, later: &Entry, time: Timestamp) -> Option<Pose> {
         return None;
     }
     let share = time.seconds_since(earlier.time) / gap_s;
-    // The two quaternions of one rotation differ in sign: take the nearer one, or the mean would be nonsense.
-    let from = earlier.pose.attitude;
-    let to = if from.coords.dot(&later.pose.attitude.coords) < 0.0 {
-        UnitQuaternion::new_unchecked(-later.pose.attitude.into_inner())
-    } else {
-        later.pose.attitude
-    };
-    Some(Pose {
-        position: earlier.pose.position.lerp(&later.pose.position, share),
-        attitude: from.nlerp(&to, share),
-    })
+    Some(earlier.pose.toward(&later.pose, share))
 }
 
 fn is_usable(state: &VehicleState) -> bool {
