@@ -26,6 +26,7 @@ pub mod narrate;
 pub mod param_list;
 pub mod picture;
 pub mod report;
+pub mod ring_view;
 pub mod running_link;
 pub mod top;
 pub mod topic_list;

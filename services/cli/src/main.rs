@@ -46,6 +46,8 @@ enum Command {
     Status(cmd::status::Args),
     /// Show all that live: services, hops, rates, news
     Top(cmd::top::Args),
+    /// Show what the guard sees around the vehicle, or have it plotted
+    Ring(cmd::ring::Args),
     /// List topics, measure their rates, show what they say
     Topic(cmd::topic::Args),
     /// Show parameters, and change them while jink runs
@@ -75,6 +77,7 @@ fn main() -> ExitCode {
         Command::Down => cmd::down::run(&cli.instance),
         Command::Status(args) => cmd::status::run(&cli.instance, &args),
         Command::Top(args) => cmd::top::run(&cli.instance, &args),
+        Command::Ring(args) => cmd::ring::run(&cli.instance, &args),
         Command::Topic(args) => cmd::topic::run(&cli.instance, &args),
         Command::Param(args) => cmd::param::run(&cli.instance, &args),
         Command::Check(args) => cmd::check::run(&cli.instance, &args),

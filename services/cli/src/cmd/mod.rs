@@ -8,6 +8,7 @@ pub mod down;
 pub mod meter;
 pub mod param;
 pub mod places;
+pub mod ring;
 pub mod running;
 pub mod status;
 pub mod supervisor;
