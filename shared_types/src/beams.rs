@@ -16,6 +16,7 @@
 
 use crate::coded::Coded;
 use crate::frames::Attitude;
+use crate::orientation::{CUSTOM, turned, turns_deg};
 use crate::ranges::{RangeScan, ScanFrame};
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::f64::consts::TAU;
@@ -23,8 +24,6 @@ use std::fmt;
 
 /// Elements of a row.
 pub const ROW: usize = 72;
-/// MAV_SENSOR_ROTATION_CUSTOM.
-const CUSTOM: u8 = 100;
 /// A row's element is narrower than its increment by twice this (rad), so that rounding does not make it touch the sector next to
 /// its own: 0.0003 degrees.
 const SHY_RAD: f64 = 5e-6;
@@ -151,41 +150,13 @@ impl BeamReading {
                 .then(|| UnitQuaternion::from_quaternion(q))
                 .ok_or(unknown);
         }
-        let [roll, pitch, yaw] = euler_deg(self.orientation).ok_or(unknown)?.map(f64::to_radians);
+        let turns_deg = turns_deg(self.orientation).ok_or(unknown)?;
         // Up or down, however it is turned besides.
-        if pitch.cos().abs() < 1e-6 {
+        if turns_deg[1].to_radians().cos().abs() < 1e-6 {
             return Err(BeamRefused::Vertical);
         }
-        Ok(UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+        Ok(turned(turns_deg))
     }
-}
-
-/// Roll, pitch and yaw (deg) of a MAV_SENSOR_ORIENTATION.
-fn euler_deg(code: u8) -> Option<[f64; 3]> {
-    Some(match code {
-        0..=7 => [0.0, 0.0, 45.0 * f64::from(code)],
-        8..=15 => [180.0, 0.0, 45.0 * f64::from(code - 8)],
-        16..=19 => [90.0, 0.0, 45.0 * f64::from(code - 16)],
-        20..=23 => [270.0, 0.0, 45.0 * f64::from(code - 20)],
-        24 => [0.0, 90.0, 0.0],
-        25 => [0.0, 270.0, 0.0],
-        26 => [0.0, 180.0, 90.0],
-        27 => [0.0, 180.0, 270.0],
-        28 => [90.0, 90.0, 0.0],
-        29 => [180.0, 90.0, 0.0],
-        30 => [270.0, 90.0, 0.0],
-        31 => [90.0, 180.0, 0.0],
-        32 => [270.0, 180.0, 0.0],
-        33 => [90.0, 270.0, 0.0],
-        34 => [180.0, 270.0, 0.0],
-        35 => [270.0, 270.0, 0.0],
-        36 => [90.0, 180.0, 90.0],
-        37 => [90.0, 0.0, 270.0],
-        38 => [90.0, 68.0, 293.0],
-        39 => [0.0, 315.0, 0.0],
-        40 => [90.0, 315.0, 0.0],
-        _ => return None,
-    })
 }
 
 /// A row of distances around the vehicle, as OBSTACLE_DISTANCE tells it.

@@ -10,51 +10,75 @@ use std::fmt;
 /// How much longer or shorter than one a quaternion may be that was written down with few decimals.
 const UNIT_TOLERANCE: f64 = 0.01;
 
-/// One row of the table.
+/// Yaw, pitch and roll (deg), turned in this order: to the right, nose up, right side down.
+pub type TurnsDeg = [f64; 3];
+
+/// An orientation that has a name in the configuration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Orientation {
     /// Code in MAVLink and in PX4's parameters.
     pub code: u8,
     /// Name in the configuration.
     pub name: &'static str,
-    /// Turned to the right, then nose up, then right side down (deg); `None` for "custom": said by other means.
-    pub turns_deg: Option<[f64; 3]>,
 }
 
-const fn row(code: u8, name: &'static str, turns_deg: [f64; 3]) -> Orientation {
-    Orientation {
-        code,
-        name,
-        turns_deg: Some(turns_deg),
-    }
+/// MAV_SENSOR_ROTATION_CUSTOM: said by other means.
+pub const CUSTOM: u8 = 100;
+
+const fn row(code: u8, name: &'static str) -> Orientation {
+    Orientation { code, name }
 }
 
 /// Every orientation that has a name.
 pub const TABLE: &[Orientation] = &[
-    row(0, "forward", [0.0, 0.0, 0.0]),
-    row(1, "forward_right", [45.0, 0.0, 0.0]),
-    row(2, "right", [90.0, 0.0, 0.0]),
-    row(3, "back_right", [135.0, 0.0, 0.0]),
-    row(4, "back", [180.0, 0.0, 0.0]),
-    row(5, "back_left", [225.0, 0.0, 0.0]),
-    row(6, "left", [270.0, 0.0, 0.0]),
-    row(7, "forward_left", [315.0, 0.0, 0.0]),
-    row(8, "forward_upside_down", [0.0, 0.0, 180.0]),
-    row(9, "forward_right_upside_down", [45.0, 0.0, 180.0]),
-    row(10, "right_upside_down", [90.0, 0.0, 180.0]),
-    row(11, "back_right_upside_down", [135.0, 0.0, 180.0]),
-    row(12, "back_upside_down", [180.0, 0.0, 180.0]),
-    row(13, "back_left_upside_down", [225.0, 0.0, 180.0]),
-    row(14, "left_upside_down", [270.0, 0.0, 180.0]),
-    row(15, "forward_left_upside_down", [315.0, 0.0, 180.0]),
-    row(24, "up", [0.0, 90.0, 0.0]),
-    row(25, "down", [0.0, -90.0, 0.0]),
-    Orientation {
-        code: 100,
-        name: "custom",
-        turns_deg: None,
-    },
+    row(0, "forward"),
+    row(1, "forward_right"),
+    row(2, "right"),
+    row(3, "back_right"),
+    row(4, "back"),
+    row(5, "back_left"),
+    row(6, "left"),
+    row(7, "forward_left"),
+    row(8, "forward_upside_down"),
+    row(9, "forward_right_upside_down"),
+    row(10, "right_upside_down"),
+    row(11, "back_right_upside_down"),
+    row(12, "back_upside_down"),
+    row(13, "back_left_upside_down"),
+    row(14, "left_upside_down"),
+    row(15, "forward_left_upside_down"),
+    row(24, "up"),
+    row(25, "down"),
+    row(CUSTOM, "custom"),
 ];
+
+/// The turns of a MAV_SENSOR_ORIENTATION; `None` for [`CUSTOM`] and for codes that are none.
+pub fn turns_deg(code: u8) -> Option<TurnsDeg> {
+    Some(match code {
+        0..=7 => [45.0 * f64::from(code), 0.0, 0.0],
+        8..=15 => [45.0 * f64::from(code - 8), 0.0, 180.0],
+        16..=19 => [45.0 * f64::from(code - 16), 0.0, 90.0],
+        20..=23 => [45.0 * f64::from(code - 20), 0.0, 270.0],
+        24 => [0.0, 90.0, 0.0],
+        25 => [0.0, 270.0, 0.0],
+        26 => [90.0, 180.0, 0.0],
+        27 => [270.0, 180.0, 0.0],
+        28 => [0.0, 90.0, 90.0],
+        29 => [0.0, 90.0, 180.0],
+        30 => [0.0, 90.0, 270.0],
+        31 => [0.0, 180.0, 90.0],
+        32 => [0.0, 180.0, 270.0],
+        33 => [0.0, 270.0, 90.0],
+        34 => [0.0, 270.0, 180.0],
+        35 => [0.0, 270.0, 270.0],
+        36 => [90.0, 180.0, 90.0],
+        37 => [270.0, 0.0, 90.0],
+        38 => [293.0, 68.0, 90.0],
+        39 => [0.0, 315.0, 0.0],
+        40 => [0.0, 315.0, 90.0],
+        _ => return None,
+    })
+}
 
 /// The orientation called `name`.
 pub fn by_name(name: &str) -> Option<&'static Orientation> {
@@ -72,7 +96,7 @@ pub struct Written {
     /// By name or code.
     pub orientation: Option<&'static Orientation>,
     /// Turned to the right, then nose up, then right side down (deg).
-    pub turns_deg: [f64; 3],
+    pub turns_deg: TurnsDeg,
     /// `body_q_sensor`, w first.
     pub quaternion: Option<[f64; 4]>,
 }
@@ -116,7 +140,9 @@ impl Written {
     /// # Errors
     /// [`Contradiction`] if it is said twice, or is none.
     pub fn body_q_sensor(&self) -> Result<UnitQuaternion<f64>, Contradiction> {
-        let named = self.orientation.and_then(|orientation| orientation.turns_deg);
+        let named = self
+            .orientation
+            .and_then(|orientation| turns_deg(orientation.code));
         let is_turned = self.turns_deg.iter().any(|turn| *turn != 0.0);
         let said = [named.is_some(), is_turned, self.quaternion.is_some()];
         match said.into_iter().filter(|said| *said).count() {
@@ -130,7 +156,8 @@ impl Written {
     }
 }
 
-fn turned([yaw_deg, pitch_deg, roll_deg]: [f64; 3]) -> UnitQuaternion<f64> {
+/// As a rotation.
+pub fn turned([yaw_deg, pitch_deg, roll_deg]: TurnsDeg) -> UnitQuaternion<f64> {
     UnitQuaternion::from_euler_angles(
         roll_deg.to_radians(),
         pitch_deg.to_radians(),

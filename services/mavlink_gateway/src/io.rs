@@ -2,6 +2,7 @@
 
 use crate::links::LinksReport;
 use crate::message::{Outgoing, Received};
+use crate::ranges::{Arrived, SCANS};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
@@ -43,6 +44,7 @@ pub struct Inputs<'a> {
 #[derive(Debug)]
 pub struct Outputs {
     messages: Vec<Outgoing>,
+    scans: Vec<Arrived>,
     events: Vec<EventSample>,
     /// The vehicle's state with its time of validity, if there is a new one.
     pub vehicle_state: Option<(VehicleState, Timestamp)>,
@@ -62,6 +64,7 @@ impl Default for Outputs {
     fn default() -> Self {
         Self {
             messages: Vec::with_capacity(OUTBOX),
+            scans: Vec::with_capacity(SCANS),
             events: Vec::with_capacity(EVENTS),
             vehicle_state: None,
             desired_path: None,
@@ -79,6 +82,11 @@ impl Outputs {
         &self.messages
     }
 
+    /// Ranges that have come over MAVLink, oldest first.
+    pub fn scans(&self) -> &[Arrived] {
+        &self.scans
+    }
+
     /// What the gateway itself has to tell; it is on its way to the pilot already.
     pub fn events(&self) -> &[EventSample] {
         &self.events
@@ -86,6 +94,7 @@ impl Outputs {
 
     pub(crate) fn clear(&mut self) {
         self.messages.clear();
+        self.scans.clear();
         self.events.clear();
         self.vehicle_state = None;
         self.desired_path = None;
@@ -106,6 +115,12 @@ impl Outputs {
     pub(crate) fn send(&mut self, message: Outgoing) {
         if self.messages.len() < OUTBOX {
             self.messages.push(message);
+        }
+    }
+
+    pub(crate) fn see(&mut self, arrived: Arrived) {
+        if self.scans.len() < SCANS {
+            self.scans.push(arrived);
         }
     }
 

@@ -74,6 +74,7 @@ mod obstacles;
 mod parameters;
 pub mod profile;
 pub mod px4_mode;
+pub mod ranges;
 pub mod router;
 pub mod signing;
 mod streams;

@@ -3,6 +3,7 @@
 use jink_mavlink_gateway::board::Board;
 use jink_mavlink_gateway::link::{Link, LinkError, Progress};
 use jink_mavlink_gateway::links::{LinkSetup, Links};
+use jink_mavlink_gateway::ranges::{RangeSources, SensorTable};
 use jink_mavlink_gateway::tlog::Tlog;
 use jink_mavlink_gateway::{
     Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Receipt,
@@ -18,6 +19,7 @@ use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
+use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::tuning::{ParameterChange, ParameterValues};
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
@@ -53,6 +55,8 @@ struct GatewayService {
     state: Output<VehicleState>,
     desired: Output<DesiredPath>,
     pilot: Output<PilotDemand>,
+    /// One for each sensor that comes over MAVLink.
+    scans: Vec<Output<RangeScan>>,
     status: Output<LinkStatus>,
     /// Nothing that is needed to fly: without it the board stays unknown.
     board: Option<Board>,
@@ -90,8 +94,18 @@ impl Service for GatewayService {
             takes_missions: settings.takes_missions,
             ..GatewayConfig::from_params(&ports.config().params, profile)
         };
+        let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;
+        let sources = RangeSources::new(&tables).map_err(|mistake| StartError::Needs {
+            what: "ranges over MAVLink".to_owned(),
+            cause: mistake.to_string(),
+        })?;
+        let scans = sources
+            .names()
+            .map(|name| ports.output_of(topics::RANGE_SCAN, name))
+            .collect::<Result<_, _>>()?;
         Ok(Self {
             gateway: Gateway::new(config)
+                .with_range_sources(sources)
                 .with_params(&ports.config().params)
                 .with_board_id(board_id()),
             links,
@@ -107,6 +121,7 @@ impl Service for GatewayService {
             state: ports.output(topics::VEHICLE_STATE)?,
             desired: ports.output(topics::DESIRED_PATH)?,
             pilot: ports.output(topics::PILOT_DEMAND)?,
+            scans,
             status: ports.output(topics::LINK_STATUS)?,
             board: Board::watch().ok(),
             parameters: ports.output(topics::PARAMETERS)?,
@@ -280,6 +295,11 @@ impl GatewayService {
         }
         if let Some((desired, capture)) = &self.outputs.desired_path {
             self.desired.send(captured(*capture), desired);
+        }
+        for arrived in self.outputs.scans() {
+            if let Some(output) = self.scans.get_mut(arrived.source) {
+                output.send(captured(arrived.at), &arrived.scan);
+            }
         }
         if let Some((demand, capture)) = &self.outputs.pilot_demand {
             self.pilot.send(captured(*capture), demand);

@@ -118,6 +118,8 @@ pub const SENSOR_KINDS: &[(&str, SensorOutput)] = &[
     ("depth_camera", SensorOutput::Cloud),
     ("lidar_2d", SensorOutput::Scan),
     ("rangefinder", SensorOutput::Scan),
+    ("autopilot_rangefinder", SensorOutput::Scan),
+    ("obstacle_row", SensorOutput::Scan),
 ];
 
 #[derive(Deserialize)]

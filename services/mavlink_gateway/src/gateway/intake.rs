@@ -8,7 +8,6 @@ use crate::desired;
 use crate::executive::Part;
 use crate::io::Outputs;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Received};
-use crate::streams::Streams;
 use crate::vehicle::AttitudeNews;
 use jink_shared_types::Timestamp;
 use mavlink::Message;
@@ -21,6 +20,7 @@ impl Gateway {
         if self.serve(now, received, outputs) {
             return;
         }
+        self.take_ranges(now, received, outputs);
         if let Content::Message(message) = &received.content
             && header.component_id == COMPONENT_AUTOPILOT
             && !self.config.ground_station_links.contains(received.link)
@@ -39,6 +39,31 @@ impl Gateway {
             }
         }
         self.ignored += 1;
+    }
+
+    /// Ranges are taken from our vehicle only: the autopilot's beams, and rows of whoever is configured.
+    fn take_ranges(&mut self, now: Timestamp, received: &Received, outputs: &mut Outputs) {
+        let header = received.header;
+        let Content::Message(message) = &received.content else {
+            return;
+        };
+        if self.latch.system_id(now).map(u32::from) != Some(header.system_id) {
+            return;
+        }
+        let arrived = match message {
+            MavMessage::DISTANCE_SENSOR(beam) if header.component_id == COMPONENT_AUTOPILOT => {
+                self.sources.take_beam(beam, received.time)
+            }
+            MavMessage::OBSTACLE_DISTANCE(row) => {
+                self.sources.take_row(header.component_id, row, received.time)
+            }
+            _ => None,
+        };
+        match arrived {
+            Some(Ok(arrived)) => outputs.see(arrived),
+            Some(Err(refused)) => tracing::debug!("ranges of component {}: {refused}", header.component_id),
+            None => {}
+        }
     }
 
     #[allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
@@ -137,7 +162,7 @@ impl Gateway {
     /// Its clock and its coordinates have begun anew.
     fn autopilot_restarted(&mut self, now: Timestamp) {
         self.clock = ClockMap::default();
-        self.streams = Streams::new(self.config.profile);
+        self.streams = self.needed_streams();
         self.steering = Steering::default();
         if let Some(flight) = &mut self.mission {
             *flight = MissionFlight::new(Part::of(&self.config));

@@ -21,6 +21,7 @@ use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Destination, Outgoing, Receipt};
 use crate::obstacles;
 use crate::profile::{Profile, Situation};
+use crate::ranges::RangeSources;
 use crate::router::Us;
 use crate::streams::Streams;
 use crate::texts::Texts;
@@ -32,7 +33,8 @@ use jink_shared_types::link::{AvoidanceState, LinkStatus};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::DesiredPath;
 use jink_shared_types::{Coded, Flag, Timestamp};
-use mavlink::dialects::ardupilotmega::{MavMessage, TIMESYNC_DATA};
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::{DISTANCE_SENSOR_DATA, MavMessage, TIMESYNC_DATA};
 use mission::MissionFlight;
 use steering::Steering;
 
@@ -78,6 +80,7 @@ pub struct Gateway {
     heartbeats: Heartbeats,
     desk: Desk,
     steering: Steering,
+    sources: RangeSources,
     streams: Streams,
     texts: Texts,
     wire: Wire,
@@ -118,6 +121,7 @@ impl Gateway {
             heartbeats: Heartbeats::default(),
             desk: Desk::new(&ParamSet::default()),
             steering: Steering::default(),
+            sources: RangeSources::default(),
             streams: Streams::new(config.profile),
             texts: Texts::default(),
             wire: Wire::default(),
@@ -127,6 +131,22 @@ impl Gateway {
             status_due: Timestamp::NEVER,
             config,
         }
+    }
+
+    /// With sensors that come over MAVLink.
+    pub fn with_range_sources(mut self, sources: RangeSources) -> Self {
+        self.sources = sources;
+        self.streams = self.needed_streams();
+        self
+    }
+
+    /// What the autopilot has to tell for us to work, nothing of it heard yet.
+    fn needed_streams(&self) -> Streams {
+        let mut streams = Streams::new(self.config.profile);
+        if let Some(rate_hz) = self.sources.rate_hz() {
+            streams.need(DISTANCE_SENSOR_DATA::ID, rate_hz);
+        }
+        streams
     }
 
     /// One step: takes in what has come, gives out what is due. To be called whenever an input changes, and at the

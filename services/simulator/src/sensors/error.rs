@@ -61,6 +61,13 @@ pub enum SensorError {
         /// Why.
         contradiction: Contradiction,
     },
+    /// A sensor whose data come over MAVLink.
+    NotRendered {
+        /// Name of the sensor.
+        sensor: String,
+        /// Its kind.
+        kind: SensorKind,
+    },
     /// More pixels than a point cloud holds.
     TooManyPixels {
         /// Name of the sensor.
@@ -109,6 +116,11 @@ impl fmt::Display for SensorError {
                 sensor,
                 contradiction,
             } => write!(f, "sensor \"{sensor}\": {contradiction}"),
+            Self::NotRendered { sensor, kind } => write!(
+                f,
+                "sensor \"{sensor}\": what an {} says comes over MAVLink and is not rendered",
+                kind.name()
+            ),
             Self::TooManyPixels {
                 sensor,
                 width_px,

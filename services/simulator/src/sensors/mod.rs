@@ -276,6 +276,10 @@ impl Sensor {
                 scan::RANGEFINDER_RATE_HZ,
                 Model::Rangefinder(Box::new(Rangefinder::new(spec, rig_seed)?)),
             ),
+            kind @ (SensorKind::AutopilotRangefinder | SensorKind::ObstacleRow) => {
+                let sensor = spec.name.clone();
+                return Err(SensorError::NotRendered { sensor, kind });
+            }
         };
         let rate_hz = spec.number("rate_hz", spec.rate_hz, default_hz, RATE_HZ)?;
         Ok(Self {

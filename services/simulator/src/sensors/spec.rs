@@ -41,6 +41,12 @@ pub enum SensorKind {
     /// One wide beam; renders a range scan with one beam.
     #[serde(rename = "rangefinder")]
     Rangefinder,
+    /// Nothing that is rendered: the gateway hears it.
+    #[serde(rename = "autopilot_rangefinder")]
+    AutopilotRangefinder,
+    /// As [`Self::AutopilotRangefinder`].
+    #[serde(rename = "obstacle_row")]
+    ObstacleRow,
 }
 
 impl SensorKind {
@@ -51,7 +57,14 @@ impl SensorKind {
             Self::DepthCamera => "depth_camera",
             Self::Lidar2d => "lidar_2d",
             Self::Rangefinder => "rangefinder",
+            Self::AutopilotRangefinder => "autopilot_rangefinder",
+            Self::ObstacleRow => "obstacle_row",
         }
+    }
+
+    /// Whether it is the simulator that makes its data.
+    pub const fn is_rendered(self) -> bool {
+        !matches!(self, Self::AutopilotRangefinder | Self::ObstacleRow)
     }
 }
 
@@ -135,6 +148,10 @@ pub struct SensorSpec {
     pub scan_low_deg: Option<IgnoredAny>,
     /// As [`Self::model`].
     pub scan_high_deg: Option<IgnoredAny>,
+    /// As [`Self::model`]: for what the gateway hears.
+    pub id: Option<IgnoredAny>,
+    /// As [`Self::id`].
+    pub component: Option<IgnoredAny>,
 }
 
 /// An orientation as written.
@@ -185,6 +202,8 @@ impl SensorSpec {
             baud: None,
             scan_low_deg: None,
             scan_high_deg: None,
+            id: None,
+            component: None,
         }
     }
 

@@ -28,8 +28,10 @@ pub fn build(name: &str, seed: u64, density_per_m2: Option<f64>) -> Result<World
     })
 }
 
-/// The sensors of the configuration with the keys that only the simulator knows. Everything else in the file has been
-/// checked by [`Config`] already.
+/// The sensors to render, with the keys that only the simulator knows. Everything else in the file has been checked by
+/// [`Config`] already.
 pub fn sensors(ports: &Ports) -> Result<Vec<SensorSpec>, StartError> {
-    Ok(jink_runtime::config::sensors(&ports.setup().config)?)
+    let mut specs: Vec<SensorSpec> = jink_runtime::config::sensors(&ports.setup().config)?;
+    specs.retain(|spec| spec.kind.is_rendered());
+    Ok(specs)
 }
