@@ -2,7 +2,8 @@
 //!
 //! Every two seconds the arrivals are compared with what is needed. A stream that brings less than half of it is asked
 //! for by MAV_CMD_SET_MESSAGE_INTERVAL, a one-off message by MAV_CMD_REQUEST_MESSAGE; one request at a time, each
-//! repeated after seconds, and after a refusal only after half a minute.
+//! repeated after seconds, and after a refusal only after half a minute. The sticks are asked for before they are needed, or the
+//! first seconds in Position mode would be flown without them; they may be missing then, because no remote control is switched on.
 
 use crate::profile::ProfileName;
 use jink_shared_types::Timestamp;
@@ -47,6 +48,13 @@ struct Stream {
     not_before: Timestamp,
     /// What the last whole window brought; `None` before it has ended.
     came_hz: Option<f64>,
+}
+
+impl Stream {
+    /// Whether to ask for it: it is short, or will be needed and has not come.
+    fn is_wanted(&self) -> bool {
+        self.is_short || self.need == Need::InPosition && self.came_hz == Some(0.0)
+    }
 }
 
 /// How a stream comes.
@@ -144,6 +152,11 @@ impl Streams {
         }
     }
 
+    /// A message that has to come besides, this often (Hz).
+    pub fn need(&mut self, message_id: u32, rate_hz: f64) {
+        self.streams.push(stream(message_id, rate_hz, Need::Always));
+    }
+
     /// Counts an arrival.
     pub fn arrived(&mut self, message_id: u32) {
         if let Some(stream) = self.streams.iter_mut().find(|s| s.message_id == message_id) {
@@ -186,9 +199,9 @@ impl Streams {
         let due = self
             .streams
             .iter()
-            .position(|s| s.is_short && now >= s.not_before)?;
+            .position(|s| s.is_wanted() && now >= s.not_before)?;
         let stream = &mut self.streams[due];
-        stream.not_before = now.plus_seconds(REPEAT_S);
+        stream.not_before = now.plus_seconds(if stream.is_short { REPEAT_S } else { REFUSED_S });
         self.next_request = now.plus_seconds(PAUSE_S);
         self.asked = Some(due);
         Some(ask(stream, target))
@@ -198,7 +211,7 @@ impl Streams {
     pub fn next_wake(&self) -> Timestamp {
         self.streams
             .iter()
-            .filter(|s| s.is_short)
+            .filter(|s| s.is_wanted())
             .map(|s| s.not_before.max(self.next_request))
             .fold(self.window_end, Timestamp::min)
     }
@@ -261,6 +274,7 @@ mod tests {
     use crate::profile::ProfileName;
     use jink_shared_types::Timestamp;
     use jink_shared_types::vehicle::NavMode;
+    use mavlink::MessageData;
     use mavlink::dialects::ardupilotmega::{
         COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult,
     };
@@ -306,6 +320,22 @@ mod tests {
     #[test]
     fn nothing_is_asked_for_that_comes_by_itself() {
         assert!(run(&mut all(), NavMode::Mission, |_| true, None).is_empty());
+    }
+
+    #[test]
+    fn the_sticks_are_asked_for_before_they_are_needed_and_may_be_missing_until_then() {
+        let sticks = mavlink::dialects::ardupilotmega::MANUAL_CONTROL_DATA::ID;
+        let asked_in = |mode| {
+            let mut streams = Streams::new(ProfileName::Px4Deviation);
+            let requests = run(&mut streams, mode, |id| id != sticks, None);
+            let is_short = streams
+                .rates()
+                .any(|rate| rate.message_id == sticks && rate.is_short);
+            (requests.len(), is_short)
+        };
+        assert_eq!(asked_in(NavMode::Mission), (1, false));
+        let (times, is_short) = asked_in(NavMode::Position);
+        assert!(times >= 3 && is_short);
     }
 
     #[test]
