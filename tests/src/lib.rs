@@ -7,4 +7,5 @@ pub mod lossy;
 pub mod on_udp;
 pub mod pairing;
 pub mod peers;
+pub mod pilot;
 pub mod processes;

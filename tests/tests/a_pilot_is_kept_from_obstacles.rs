@@ -3,51 +3,14 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use jink_shared_types::events;
-use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Phase;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::PX4_DEVIATION;
-use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavMessage};
+use jink_tests::pilot::by_hand;
 
-/// Between two messages of the sticks (s).
-const STICKS_PERIOD_S: f64 = 0.05;
 /// Distance that collision prevention keeps (m).
 const CP_DIST_M: f64 = 1.5;
 /// What of it may be lost: the sensor's noise, a trunk between two rays, the autopilot's overshoot (m).
 const LOST_M: f64 = 0.3;
-
-/// Flies the mission until it is under way, then by hand: `stick` says where to, of 1000, at a time since then (s).
-fn by_hand(flight: &mut LockStep, seconds: f64, mut stick: impl FnMut(&LockStep, f64) -> [i16; 2]) -> f64 {
-    let (mut from_s, mut next_s, mut nearest_m) = (None, 0.0, f64::INFINITY);
-    loop {
-        flight.step();
-        let truth = *flight.truth();
-        let was_under_way = from_s.is_some() || truth.mode == NavMode::Mission;
-        if flight.station().progress().phase != Phase::Mission || !was_under_way {
-            assert_eq!(flight.outcome(), None, "it never was under way");
-            continue;
-        }
-        let time_s = truth.time_s - *from_s.get_or_insert(truth.time_s);
-        if time_s >= seconds {
-            return nearest_m;
-        }
-        if truth.time_s >= next_s {
-            next_s = truth.time_s + STICKS_PERIOD_S;
-            if truth.mode.get() != NavMode::Position {
-                PX4_DEVIATION.command_mode(flight, NavMode::Position);
-            }
-            let [x, y] = stick(flight, time_s);
-            flight.send(MavMessage::MANUAL_CONTROL(MANUAL_CONTROL_DATA {
-                x,
-                y,
-                z: 500,
-                target: 1,
-                ..MANUAL_CONTROL_DATA::default()
-            }));
-        }
-        nearest_m = nearest_m.min(truth.clearance_m);
-    }
-}
 
 fn forest(seed: u64, distance_m: f64) -> LockStep {
     let mut setup = PX4_DEVIATION.forest(seed).unwrap();

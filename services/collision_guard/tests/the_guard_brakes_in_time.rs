@@ -19,6 +19,7 @@ use jink_shared_types::frames::Acceleration;
 use jink_shared_types::motion::{
     ApprovedTrajectory, BezierPiece, GuardReason, Trajectory, TrajectoryMode, Verdict, stopping_distance_m,
 };
+use jink_shared_types::params::ParamSet;
 use jink_shared_types::{Coded, Point, Velocity};
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -170,6 +171,49 @@ fn a_guard_brake_ends_before_the_obstacle_it_is_made_for() {
     let clearance = world.clearance_m(rest.x_m, rest.y_m);
     assert!(clearance > CLEARANCE_M, "{clearance}");
     assert!(clearance < 2.5, "{clearance}: not much earlier than needed");
+}
+
+#[test]
+fn with_collision_prevention_a_guard_brake_ends_before_the_distance_to_keep() {
+    const KEPT_M: f64 = 2.5;
+    let mut params = ParamSet::default();
+    params.set("CP_DIST", KEPT_M).unwrap();
+    let first = straight(7, NOW_S, 3.0, 2.0, 20.0);
+    // Not in the way of the hull, but nearer to it than is to be kept.
+    let world = World(vec![[16.0, 1.5, 0.3]]);
+    let (mut guard, mut ring) = started(&first);
+    follow(
+        &mut guard,
+        &mut ring,
+        &|_| world.clone(),
+        NOW_S + 12.0,
+        |_, out, _| {
+            assert_eq!(out.verdict, Verdict::Passed, "without it: {:?}", out.reason);
+        },
+    );
+    let (mut guard, mut ring) = started(&first);
+    guard.configure(GuardConfig::from_params(&params));
+    let mut braked = None;
+    follow(
+        &mut guard,
+        &mut ring,
+        &|_| world.clone(),
+        NOW_S + 12.0,
+        |_, out, _| {
+            if out.verdict == Verdict::Braked {
+                braked.get_or_insert(out.trajectory);
+            }
+        },
+    );
+    let brake = braked.unwrap();
+    let rest = brake.at(brake.end()).unwrap().position;
+    let clearance_m = world.clearance_m(rest.x_m, rest.y_m);
+    // Noise of the lidar: 2 cm, the nearest of many rays.
+    assert!(clearance_m > KEPT_M - 0.05, "{clearance_m}");
+    assert!(
+        clearance_m < KEPT_M + 2.5,
+        "{clearance_m}: not much earlier than needed"
+    );
 }
 
 #[test]

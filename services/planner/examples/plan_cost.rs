@@ -4,7 +4,7 @@
 //! a whole cycle with a new map: p50, p99 and maximum over all forests.
 
 use jink_planner::gears::gears;
-use jink_planner::space::Space;
+use jink_planner::space::{Room, Space};
 use jink_planner::{Inputs, Planner};
 use jink_shared_types::frames::Point;
 use jink_shared_types::map::{LocalMap, center_of, set};
@@ -75,7 +75,7 @@ fn main() {
     for point in &mut desired.points {
         point.position = Point::new(60.0, 0.0, -2.5);
     }
-    let mut space = Space::new(&gears(&params), 0.3, 0.1);
+    let mut space = Space::new(&gears(&params), Room::from_params(&params));
     let mut planner = Planner::new(&params, 1);
     let (mut inflate, mut cycle, mut planned) = (Vec::new(), Vec::new(), 0);
     for seed in 0..FORESTS {

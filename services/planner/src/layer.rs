@@ -32,6 +32,13 @@ fn index_of(y: usize, z: usize) -> usize {
 }
 
 impl Layer {
+    /// Adds the cells of another.
+    pub fn add(&mut self, other: &Self) {
+        for (row, more) in self.rows.iter_mut().zip(&other.rows) {
+            *row |= more;
+        }
+    }
+
     /// Whether the bit of `cell` is set; the caller answers for the cell being inside the window.
     pub fn test(&self, cell: Cell) -> bool {
         self.rows[row_of(cell)] >> bit_of(cell) & 1 == 1
@@ -80,7 +87,7 @@ impl Layer {
     }
 }
 
-/// A ball as the widths of its rows, for bit-parallel dilation.
+/// A ball, or a ball and a cylinder, as the widths of its rows, for bit-parallel dilation.
 #[derive(Clone, Debug)]
 pub struct Ball {
     /// Per half width (index): the row offsets `(dy, dz)` at which the ball is that wide.
@@ -90,15 +97,29 @@ pub struct Ball {
 impl Ball {
     /// The ball of `radius_m`; every cell counts whose nearest point is nearer than that.
     pub fn new(radius_m: f64) -> Self {
+        Self::within(radius_m, |level_m2, height_m| {
+            level_m2 + height_m * height_m < radius_m * radius_m
+        })
+    }
+
+    /// The same within an upright cylinder of `cylinder_m` and `half_height_m` around it.
+    pub fn in_cylinder(radius_m: f64, cylinder_m: f64, half_height_m: f64) -> Self {
+        Self::within(radius_m.max(cylinder_m), |level_m2, height_m| {
+            level_m2 + height_m * height_m < radius_m * radius_m
+                || level_m2 < cylinder_m * cylinder_m && height_m < half_height_m
+        })
+    }
+
+    /// A body no larger than `reach_m` that holds what is `is_inside(level distance squared, height)`.
+    fn within(reach_m: f64, is_inside: impl Fn(f64, f64) -> bool) -> Self {
         let gap_m = |offset: i32| f64::from((offset.abs() - 1).max(0)) * CELL_M;
-        let reach = (radius_m / CELL_M).ceil() as i32 + 1;
+        let reach = (reach_m / CELL_M).ceil() as i32 + 1;
         let mut offsets = Vec::new();
         for dz in -reach..=reach {
             for dy in -reach..=reach {
-                let across_m2 = gap_m(dy).powi(2) + gap_m(dz).powi(2);
                 let width = (0..=reach)
                     .rev()
-                    .find(|dx| across_m2 + gap_m(*dx).powi(2) < radius_m * radius_m);
+                    .find(|dx| is_inside(gap_m(*dx).powi(2) + gap_m(dy).powi(2), gap_m(dz)));
                 if let Some(width) = width {
                     let width = width as usize;
                     if offsets.len() <= width {
@@ -179,6 +200,24 @@ mod tests {
                         let near = cells.iter().any(|(cx, cy, cz)| nearest_m([x, y, z], [*cx, *cy, *cz]) < radius);
                         prop_assert_eq!(out.test([x, y, z]), near, "{} {} {}", x, y, z);
                     }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_cylinder_reaches_farther_to_the_sides_and_no_higher() {
+        let mut source = Layer::default();
+        source.set([0, 0, 0]);
+        let (mut scratch, mut out) = (Layer::default(), Layer::default());
+        Ball::in_cylinder(0.5, 2.0, 0.5).dilate(&source, &mut scratch, &mut out);
+        for x in -15..=15 {
+            for y in -15..=15 {
+                for z in -15..=15 {
+                    let level_m = nearest_m([x, y, 0], [0; 3]);
+                    let height_m = nearest_m([0, 0, z], [0; 3]);
+                    let inside = level_m < 2.0 && height_m < 0.5 || level_m.hypot(height_m) < 0.5;
+                    assert_eq!(out.test([x, y, z]), inside, "{x} {y} {z}");
                 }
             }
         }

@@ -26,7 +26,7 @@ use crate::corridor::CorridorBuilder;
 use crate::gears::{GEARS, gears};
 use crate::guide::Guide;
 use crate::search::{Found, PathEnd, Query, Search};
-use crate::space::Space;
+use crate::space::{Room, Space};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, cell_of};
@@ -130,11 +130,7 @@ impl Planner {
             goal_radius_m: params.get(&params::OA_GOAL_RAD),
             height_range_m: (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX)),
             yaw_along_path: params.get(&params::OA_YAW_MODE) == 1.0,
-            space: Space::new(
-                &limits,
-                params.get(&params::OA_VEH_RADIUS),
-                params.get(&params::OA_MAP_ERR),
-            ),
+            space: Space::new(&limits, Room::from_params(params)),
             search: Search::default(),
             best_path: Vec::with_capacity(4096),
             guide: Guide::default(),
@@ -159,6 +155,7 @@ impl Planner {
     /// than a new limit allows flies its commitment to its end, at rest, and goes on from there.
     pub fn retune(&mut self, params: &ParamSet) {
         self.limits = gears(params);
+        self.space.keep(&self.limits, Room::from_params(params));
         self.goal_radius_m = params.get(&params::OA_GOAL_RAD);
         self.height_range_m = (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX));
         self.yaw_along_path = params.get(&params::OA_YAW_MODE) == 1.0;
@@ -365,6 +362,7 @@ impl Planner {
         route: &mut Route,
     ) -> bool {
         let start = departure.state.position.vector();
+        self.space.depart_from(cell_of(departure.state.position));
         let straight_m = (goal.vector() - start).norm();
         let mut best: Option<(f64, usize, Found)> = None;
         for gear in self.top_gear..GEARS {

@@ -2,25 +2,63 @@
 //!
 //! | layer | holds | use |
 //! |---|---|---|
-//! | `blocked` | ball around (occupied or unknown) | certificates: outside it the vehicle is safe |
-//! | `hit` | ball around occupied | search (unknown may be explored), re-check of what is already committed |
+//! | `blocked` | ball around (occupied or unknown), and `hit` | certificates: outside it the vehicle is safe |
+//! | `hit` | ball around occupied; with collision prevention what is nearer than CP_DIST at the vehicle's height | search (unknown may be explored), re-check of what is already committed |
 //! | `near` | a wider ball around the hits of the highest gear | cost only: prefer room |
+//!
+//! A vehicle that is nearer to something than CP_DIST already plans without it, or it could never leave; the guard sees to it that it
+//! comes no nearer.
 
 use crate::gears::GEARS;
 use crate::layer::{Ball, Layer};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, cell_of};
 use jink_shared_types::motion::MotionLimits;
+use jink_shared_types::params::{self, ParamSet};
 use nalgebra::Vector3;
 
 /// Additional clearance that the search pays for rather than give up (m).
 const COMFORT_M: f64 = 0.4;
+/// More of CP_DIST is left to the guard (m): the map reaches 12.8 m.
+const KEPT_MOST_M: f64 = 5.0;
+
+/// How much room the vehicle takes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Room {
+    /// Radius of the vehicle and error of the map (m).
+    pub body_m: f64,
+    /// Level distance of its centre from obstacles at its height (m); zero and below: no more than the body needs.
+    pub kept_m: f64,
+    /// What is higher above or deeper below is not at its height (m).
+    pub band_half_m: f64,
+}
+
+impl Room {
+    /// Of the vehicle that `params` describe.
+    pub fn from_params(params: &ParamSet) -> Self {
+        Self {
+            body_m: params.get(&params::OA_VEH_RADIUS) + params.get(&params::OA_MAP_ERR),
+            kept_m: params.get(&params::CP_DIST).min(KEPT_MOST_M),
+            band_half_m: params.get(&params::GD_BAND),
+        }
+    }
+
+    /// What has to be free of obstacles around a reference that is followed within `tube_m`; `None` if it is no more than the body.
+    fn kept(&self, tube_m: f64) -> Option<Ball> {
+        (self.kept_m > self.body_m)
+            .then(|| Ball::in_cylinder(self.body_m + tube_m, self.kept_m + tube_m, self.band_half_m))
+    }
+}
 
 /// The inflated map.
 #[derive(Debug)]
 pub struct Space {
     min_cell: Cell,
+    room: Room,
     balls: [Ball; GEARS],
+    kept: [Option<Ball>; GEARS],
+    /// The vehicle is nearer to something than it should keep: it plans as if it need not.
+    is_leaving: bool,
     comfort: Ball,
     not_free: Layer,
     occupied: Layer,
@@ -33,12 +71,14 @@ pub struct Space {
 }
 
 impl Space {
-    /// For a vehicle of `radius_m` in a map with error `map_error_m`.
-    pub fn new(gears: &[MotionLimits; GEARS], radius_m: f64, map_error_m: f64) -> Self {
-        let body_m = radius_m + map_error_m;
+    /// For a vehicle that takes so much room.
+    pub fn new(gears: &[MotionLimits; GEARS], room: Room) -> Self {
         Self {
             min_cell: [0; 3],
-            balls: std::array::from_fn(|gear| Ball::new(body_m + gears[gear].tube_m)),
+            room,
+            balls: std::array::from_fn(|gear| Ball::new(room.body_m + gears[gear].tube_m)),
+            kept: std::array::from_fn(|gear| room.kept(gears[gear].tube_m)),
+            is_leaving: false,
             comfort: Ball::new(COMFORT_M),
             not_free: Layer::default(),
             occupied: Layer::default(),
@@ -48,6 +88,34 @@ impl Space {
             hit: std::array::from_fn(|_| Layer::default()),
             near: Layer::default(),
             loaded: false,
+        }
+    }
+
+    /// Keeps another distance from now on; the body stays what it was.
+    pub fn keep(&mut self, gears: &[MotionLimits; GEARS], room: Room) {
+        if room.kept_m != self.room.kept_m {
+            self.room.kept_m = room.kept_m;
+            self.kept = std::array::from_fn(|gear| self.room.kept(gears[gear].tube_m));
+            self.ready = [false; GEARS];
+        }
+    }
+
+    /// Notes from where it is planned next: whether the distance to keep is kept there.
+    pub fn depart_from(&mut self, cell: Cell) {
+        let slowest = GEARS - 1;
+        if self.kept[slowest].is_none() {
+            return;
+        }
+        self.leave(false);
+        self.prepare(slowest);
+        let is_too_near = self.is_hit(slowest, cell);
+        self.leave(is_too_near);
+    }
+
+    fn leave(&mut self, is_leaving: bool) {
+        if is_leaving != self.is_leaving {
+            self.is_leaving = is_leaving;
+            self.ready = [false; GEARS];
         }
     }
 
@@ -68,7 +136,12 @@ impl Space {
         self.ready[gear] = true;
         let ball = &self.balls[gear];
         ball.dilate(&self.not_free, &mut self.scratch, &mut self.blocked[gear]);
-        ball.dilate(&self.occupied, &mut self.scratch, &mut self.hit[gear]);
+        let kept = self.kept[gear].as_ref().filter(|_| !self.is_leaving);
+        let body = kept.unwrap_or(ball);
+        body.dilate(&self.occupied, &mut self.scratch, &mut self.hit[gear]);
+        if kept.is_some() {
+            self.blocked[gear].add(&self.hit[gear]);
+        }
         if gear == 0 {
             self.comfort
                 .dilate(&self.hit[0], &mut self.scratch, &mut self.near);
@@ -197,7 +270,6 @@ pub(crate) mod tests {
     use super::*;
     use crate::gears::gears;
     use jink_shared_types::map::{center_of, set};
-    use jink_shared_types::params::ParamSet;
     use proptest::prelude::*;
 
     /// A map whose cells are all known free except where `occupied` says so.
@@ -219,7 +291,11 @@ pub(crate) mod tests {
     }
 
     pub(crate) fn space_of(map: &LocalMap) -> Space {
-        let mut space = Space::new(&gears(&ParamSet::default()), 0.3, 0.1);
+        space_with(&ParamSet::default(), map)
+    }
+
+    fn space_with(params: &ParamSet, map: &LocalMap) -> Space {
+        let mut space = Space::new(&gears(params), Room::from_params(params));
         space.load(map);
         (0..GEARS).for_each(|gear| space.prepare(gear));
         space
@@ -237,6 +313,29 @@ pub(crate) mod tests {
         };
         assert!(radius(2) < radius(1) && radius(1) < radius(0));
         assert!(radius(0) > 0.3 + 0.4 + 0.4);
+    }
+
+    #[test]
+    fn with_collision_prevention_a_post_is_kept_away_from_and_who_is_too_near_may_leave() {
+        let map = known_map(|p| (p.x - 5.0).hypot(p.y) < 0.3);
+        let mut params = ParamSet::default();
+        params.set("CP_DIST", 2.0).unwrap();
+        let mut space = space_with(&params, &map);
+        let at = |distance_m: f64| cell_of(Point::new(4.7 - distance_m, 0.1, 0.1));
+        assert!(!space.is_safe(2, at(2.0)) && space.is_hit(2, at(2.0)));
+        assert!(space.is_safe(2, at(2.8)));
+        space.depart_from(at(3.0));
+        space.prepare(2);
+        assert!(!space.is_safe(2, at(2.0)));
+        space.depart_from(at(1.5));
+        space.prepare(2);
+        assert!(space.is_safe(2, at(1.5)) && !space.is_safe(2, at(0.5)));
+        // Without it nothing of that.
+        params.set("CP_DIST", -1.0).unwrap();
+        space.keep(&gears(&params), Room::from_params(&params));
+        space.depart_from(at(3.0));
+        space.prepare(2);
+        assert!(space.is_safe(2, at(1.2)));
     }
 
     #[test]

@@ -28,8 +28,10 @@ const LEAVING_SLACK_M: f64 = 0.05;
 /// What the guard demands of a way.
 #[derive(Clone, Copy, Debug)]
 pub struct Demand {
-    /// Clearance between the reference and any obstacle point (m).
+    /// Clearance that the vehicle itself needs around the reference (m): so much has to be known to be free.
     pub clearance_m: f64,
+    /// Distance between the reference and any obstacle point (m); not less than that.
+    pub kept_m: f64,
     /// Reaction time (s).
     pub delay_s: f64,
     /// Deceleration of the guard's own brake (m/s2).
@@ -170,14 +172,14 @@ impl Lookahead {
     /// Whether the place (north, east) has the clearance asked for.
     fn is_clear(&self, walk: &mut Walk, place_m: [f64; 2], demand: &Demand) -> bool {
         let clearance_m = self.clearance_m(place_m);
-        if walk.best_clearance_m < demand.clearance_m {
+        if walk.best_clearance_m < demand.kept_m {
             let asked_m = walk.best_clearance_m - LEAVING_SLACK_M;
             walk.best_clearance_m = walk.best_clearance_m.max(clearance_m);
             return clearance_m >= asked_m;
         }
         // Nothing comes nearer faster than the way goes on: there is no need to look again before.
-        walk.clear_until_m = walk.way_m + clearance_m - demand.clearance_m;
-        clearance_m >= demand.clearance_m
+        walk.clear_until_m = walk.way_m + clearance_m - demand.kept_m;
+        clearance_m >= demand.kept_m
     }
 
     fn gather(&mut self, start: &MotionState, outlook: &Outlook<'_>) {

@@ -19,6 +19,12 @@
 //! from it passes. Unknown sectors are a conflict, except those of a sensor that has fallen silent: what was approved was
 //! certified then, and runs on to its own stop.
 //!
+//! # With collision prevention
+//! What a pilot asks for is judged setpoint by setpoint, because nobody knows what he wants next ([`crate::prevention`]). Of a trajectory
+//! all of it is known, up to the place where it comes to rest, and so the same promise is kept on the whole of it: never nearer to an
+//! obstacle than CP_DIST, and always slow enough to stop before. The stricter one of the guard's own demands and CP_DIST, CP_DELAY and
+//! MPC_ACC_HOR counts. Who is too near already may leave, and comes no nearer.
+//!
 //! # After a restart
 //! A guard that has just started does not know what is flown. It approves nothing until a trajectory comes, and takes the
 //! first one that covers the present moment, has not departed yet, is near the measured position and velocity, and passes everything else. That is
@@ -30,6 +36,7 @@ mod brake;
 mod lookahead;
 
 use crate::news::News;
+use crate::prevention::PreventionConfig;
 use crate::ring::Ring;
 use admission::departure;
 use brake::Hardness;
@@ -68,16 +75,29 @@ pub struct GuardConfig {
     pub brake_mps2: f64,
     /// Reaction time counted on (s).
     pub delay_s: f64,
+    /// Distance between the vehicle's centre and any obstacle (m), where that is more than radius and margin.
+    pub kept_m: f64,
 }
 
 impl GuardConfig {
-    /// The values in force.
+    /// The values in force. Where collision prevention is switched on, the stricter of its values and the guard's own.
     pub fn from_params(params: &ParamSet) -> Self {
-        Self {
+        let own = Self {
             vehicle_radius_m: params.get(&params::OA_VEH_RADIUS),
             margin_m: params.get(&params::GD_MARGIN),
             brake_mps2: params.get(&params::GD_ACC_BRAKE),
             delay_s: params.get(&params::GD_DELAY),
+            kept_m: 0.0,
+        };
+        let prevention = PreventionConfig::from_params(params);
+        if !prevention.is_active() {
+            return own;
+        }
+        Self {
+            brake_mps2: own.brake_mps2.min(prevention.acceleration_mps2),
+            delay_s: own.delay_s.max(prevention.delay_s),
+            kept_m: prevention.distance_m,
+            ..own
         }
     }
 }
@@ -261,8 +281,10 @@ impl Guard {
 
     /// What is ahead of `candidate`, or of what is flown.
     fn look(&mut self, now: Timestamp, candidate: Option<&Trajectory>, ring: &Ring) -> Prospect {
+        let clearance_m = self.config.vehicle_radius_m + self.config.margin_m;
         let demand = Demand {
-            clearance_m: self.config.vehicle_radius_m + self.config.margin_m,
+            clearance_m,
+            kept_m: clearance_m.max(self.config.kept_m),
             delay_s: self.config.delay_s,
             brake_mps2: self.config.brake_mps2,
             horizon_s: if candidate.is_some() { HORIZON_S } else { 0.0 },
