@@ -12,10 +12,13 @@ mod common;
 
 use common::{Lidar, Random, World, beam, fly, guard, on, ring, straight, time};
 use jink_collision_guard::guard::GuardInputs;
+use jink_collision_guard::prevention::{PreventionConfig, Watch};
 use jink_shared_types::motion::{ApprovedTrajectory, GuardReason, Verdict};
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::prevention::{PilotDemand, PreventionState};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::sample::Stamped;
-use jink_shared_types::{Reading, SampleHeader};
+use jink_shared_types::{Reading, SampleHeader, Velocity};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
@@ -64,6 +67,10 @@ fn a_flight_with_everything_in_it_allocates_nothing() {
     let mut sectors = SectorRing::default();
     let mut verdicts = Vec::with_capacity(1_000);
     let mut flown = first;
+    let mut params = ParamSet::default();
+    params.set("CP_DIST", 2.0).unwrap();
+    let mut watch = Watch::new(PreventionConfig::from_params(&params));
+    let mut states = Vec::with_capacity(1_000);
     for i in 0..140_u32 {
         let t = 10.0 + 0.05 * f64::from(i);
         let place = move |t: f64| on(&flown, t);
@@ -80,7 +87,7 @@ fn a_flight_with_everything_in_it_allocates_nothing() {
         let counted = allocations_of(|| {
             fly(&mut ring, &place, t - 0.2, t);
             // For a while there are no ranges at all.
-            if !(30..40).contains(&i) {
+            if !(30..45).contains(&i) {
                 ring.cloud(0, &cloud, &header).unwrap();
                 ring.scan(1, &single, &header).unwrap();
             }
@@ -94,6 +101,15 @@ fn a_flight_with_everything_in_it_allocates_nothing() {
             };
             guard.step(time(t), &inputs, &mut out);
             ring.ring(time(t), &mut sectors);
+            let demand = PilotDemand {
+                velocity: Velocity::new(5.0, 0.2, 0.0),
+            };
+            let demand = Reading::Fresh(Stamped {
+                sample: &demand,
+                header: &state_header,
+            });
+            let watched = watch.step(time(t), demand, inputs.state, &sectors).unwrap();
+            states.push(watched.0.state.get());
         });
         assert_eq!(counted, 0, "at {t}");
         verdicts.push((out.verdict.get(), out.reason.get()));
@@ -106,5 +122,8 @@ fn a_flight_with_everything_in_it_allocates_nothing() {
         (Verdict::Braked, GuardReason::Obstacle),
     ] {
         assert!(verdicts.contains(&needed), "{needed:?}");
+    }
+    for needed in [PreventionState::Acting, PreventionState::Blind] {
+        assert!(states.contains(&needed), "{needed:?}");
     }
 }
