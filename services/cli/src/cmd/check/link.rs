@@ -1,10 +1,11 @@
-//! `jink check`: what keeps jink from flying, before the flight.
+//! `jink check link`.
 //!
 //! The examination belongs to the gateway, which alone knows MAVLink: this command starts its program as a tool and shows what
 //! that finds. While jink runs here the link is the gateway's, and is looked at through its figures instead.
 
-use super::watch::{PROGRAM, Watch};
-use super::{Interrupt, Problem, places, running};
+use super::{Outcome, Progress};
+use crate::cmd::watch::{PROGRAM, Watch};
+use crate::cmd::{Interrupt, Problem, places, running};
 use jink_cli::findings::{Finding, Findings, Grade};
 use jink_cli::running_link::{Seen, judge};
 use jink_runtime::config::Config;
@@ -12,44 +13,19 @@ use jink_runtime::{Instance, Session};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::topics;
 use serde::Deserialize;
-use std::io::{BufRead, BufReader, IsTerminal, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitCode, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Nothing keeps jink from flying.
-const EXIT_READY: u8 = 0;
-/// Something does.
-const EXIT_BLOCKED: u8 = 1;
-/// The command or the configuration is wrong: nothing was examined.
-const EXIT_USAGE: u8 = 2;
 /// How long a running gateway is looked at: three heartbeats of an autopilot, fifteen figures of the gateway.
 const LOOK_AT_RUNNING: Duration = Duration::from_secs(3);
 /// How often there may be news of it; its queue of states holds sixteen, 320 ms.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What to examine.
-#[derive(Clone, Debug, clap::Args)]
-pub struct Args {
-    #[command(subcommand)]
-    action: Doing,
-}
-
-#[derive(Clone, Debug, clap::Subcommand)]
-enum Doing {
-    /// The link to the autopilot: what keeps jink from flying over it, and what to do about it
-    #[command(after_help = "\
-Opens the configured links itself, listens, and asks the autopilot for its version, parameters, streams and time. It sends no
-setpoint, changes no mode and no parameter, and does not arm. While this instance runs, the gateway's own figures are shown
-instead.
-
-Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying; 2 wrong usage or configuration.")]
-    Link(LinkArgs),
-}
-
 /// Which link, and for how long.
 #[derive(Clone, Debug, clap::Args)]
-struct LinkArgs {
+pub struct Args {
     /// Profile laid over jink.toml: profiles/PROFILE.toml
     #[arg(long)]
     profile: Option<String>,
@@ -64,10 +40,10 @@ struct LinkArgs {
     overrides: Vec<String>,
     /// How long to look at most (s); what is clear sooner ends sooner
     #[arg(long, default_value_t = 15, value_parser = clap::value_parser!(u32).range(1..=600))]
-    seconds: u32,
+    pub(super) seconds: u32,
     /// One JSON object instead of a table
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
 }
 
 /// A line of the program that examines.
@@ -79,47 +55,19 @@ enum Said {
     Done(Findings),
 }
 
-/// How an examination ended.
-enum Outcome {
-    Found(Findings),
-    Refused(String),
-    Interrupted,
-}
-
-/// Examines.
-pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
-    let Doing::Link(args) = &args.action;
-    let outcome = match configuration(args) {
-        Err(problem) => Outcome::Refused(problem.to_string()),
+/// Examines the link.
+pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
+    match configuration(args) {
+        Err(problem) => Ok(Outcome::Refused(problem.to_string())),
         Ok((text, config)) => match holder(instance, &config, args)? {
-            Some(address) => look_at_running(instance, &address)?,
-            None => examine(&text, &config, args)?,
+            Some(address) => look_at_running(instance, &address),
+            None => examine(&text, &config, args),
         },
-    };
-    match outcome {
-        Outcome::Found(findings) => {
-            if args.json {
-                sayln!("{}", findings.json());
-            } else {
-                say!("{}", findings.text());
-            }
-            let code = if findings.is_ready() {
-                EXIT_READY
-            } else {
-                EXIT_BLOCKED
-            };
-            Ok(ExitCode::from(code))
-        }
-        Outcome::Refused(problem) => {
-            eprintln!("jink: {problem}");
-            Ok(ExitCode::from(EXIT_USAGE))
-        }
-        Outcome::Interrupted => Ok(ExitCode::from(EXIT_BLOCKED)),
     }
 }
 
 /// The configuration as text and as values, or what is wrong with it.
-fn configuration(args: &LinkArgs) -> Result<(String, Config), Problem> {
+fn configuration(args: &Args) -> Result<(String, Config), Problem> {
     let folder = places::config_folder(args.config.as_deref())?;
     let link = args
         .link
@@ -133,7 +81,7 @@ fn configuration(args: &LinkArgs) -> Result<(String, Config), Problem> {
 }
 
 /// The address of the autopilot's link, if this instance runs and no other address is asked for.
-fn holder(instance: &Instance, config: &Config, args: &LinkArgs) -> Result<Option<String>, Problem> {
+fn holder(instance: &Instance, config: &Config, args: &Args) -> Result<Option<String>, Problem> {
     if running::find(instance)?.is_none() || !Watch::is_ready(instance) {
         return Ok(None);
     }
@@ -145,7 +93,7 @@ fn holder(instance: &Instance, config: &Config, args: &LinkArgs) -> Result<Optio
 }
 
 /// Has the gateway's program examine, and shows what it does meanwhile.
-fn examine(text: &str, config: &Config, args: &LinkArgs) -> Result<Outcome, Problem> {
+fn examine(text: &str, config: &Config, args: &Args) -> Result<Outcome, Problem> {
     let program = places::program(&places::program_folder()?, "jink-mavlink-gateway")?;
     let interrupt = Interrupt::listen()?;
     let stamps = Stamps::of(config);
@@ -232,30 +180,6 @@ impl Drop for Stamps {
     }
 }
 
-/// One line that is written over itself, on a terminal only.
-#[derive(Default)]
-struct Progress {
-    width: usize,
-}
-
-impl Progress {
-    fn show(&mut self, text: &str) {
-        let mut screen = std::io::stderr();
-        if screen.is_terminal() {
-            let width = self.width.max(text.chars().count());
-            let _nobody_looks = write!(screen, "\r{text:width$}");
-            self.width = width;
-        }
-    }
-
-    fn clear(&mut self) {
-        self.show("");
-        if self.width > 0 {
-            let _nobody_looks = write!(std::io::stderr(), "\r");
-        }
-    }
-}
-
 /// Looks at a running gateway.
 fn look_at_running(instance: &Instance, address: &str) -> Result<Outcome, Problem> {
     let interrupt = Interrupt::listen()?;
@@ -298,30 +222,4 @@ fn look_at_running(instance: &Instance, address: &str) -> Result<Outcome, Proble
         subject: "as the running gateway sees it; `jink down` first for versions and parameters".to_owned(),
         seconds,
     }))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{Args, Doing};
-    use clap::Parser;
-
-    #[derive(Parser)]
-    struct Line {
-        #[command(flatten)]
-        args: Args,
-    }
-
-    #[test]
-    fn a_time_that_is_none_is_refused_and_fifteen_seconds_are_enough_without_one() {
-        let parse = |line: &str| Line::try_parse_from(line.split_whitespace());
-        let Doing::Link(args) = parse("check link").unwrap().args.action;
-        assert_eq!((args.seconds, args.json), (15, false));
-        for refused in [
-            "check link --seconds 0",
-            "check link --seconds soon",
-            "check wind",
-        ] {
-            assert!(parse(refused).is_err(), "{refused}");
-        }
-    }
 }
