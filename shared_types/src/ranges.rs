@@ -6,6 +6,11 @@
 use crate::clock::Timestamp;
 use crate::coded::Coded;
 use crate::frames::{Attitude, BodyFrd, Point};
+use nalgebra::Vector3;
+
+/// Greatest angle between a beam of a scan and the body's horizontal plane (rad): 60 degrees, beyond which it looks up or down rather
+/// than around, however the vehicle tilts.
+pub const STEEPEST_RAD: f64 = std::f64::consts::FRAC_PI_3;
 
 /// Most beams in one [`RangeScan`].
 pub const SCAN_BEAMS: usize = 1_024;
@@ -68,6 +73,22 @@ impl RangeScan {
     /// The beams in use.
     pub fn ranges(&self) -> &[f32] {
         &self.range_m[..(self.beams as usize).min(SCAN_BEAMS)]
+    }
+
+    /// Where beam `beam` of a level vehicle with heading `heading_rad` points, in the body; `None` if it looks up or down rather than
+    /// around ([`STEEPEST_RAD`]).
+    pub fn axis(&self, beam: usize, heading_rad: f64) -> Option<Vector3<f64>> {
+        let toward_rad = f64::from(self.angle_first_rad) + beam as f64 * f64::from(self.angle_step_rad);
+        let level = |bearing_rad: f64| Vector3::new(bearing_rad.cos(), bearing_rad.sin(), 0.0);
+        match self.frame.get() {
+            ScanFrame::Level => Some(level(toward_rad)),
+            ScanFrame::North => Some(level(toward_rad - heading_rad)),
+            ScanFrame::Body => {
+                let along = self.mounting.rotation() * level(toward_rad);
+                // False for NaN, too.
+                (along.xy().norm() >= STEEPEST_RAD.cos()).then_some(along)
+            }
+        }
     }
 }
 
@@ -178,5 +199,44 @@ impl Default for RangeScan {
             reserved: [0; 15],
             range_m: [f32::NAN; SCAN_BEAMS],
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{RangeScan, ScanFrame};
+    use crate::coded::Coded;
+    use crate::frames::Attitude;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    #[test]
+    fn a_beam_points_where_it_is_mounted_and_to_no_side_if_it_looks_down() {
+        let at = |pitch_deg: f64, frame: ScanFrame| RangeScan {
+            mounting: Attitude::from_rotation(UnitQuaternion::from_euler_angles(
+                0.0,
+                pitch_deg.to_radians(),
+                0.0,
+            )),
+            angle_first_rad: 90.0_f32.to_radians(),
+            angle_step_rad: -90.0_f32.to_radians(),
+            beams: 2,
+            frame: Coded::new(frame),
+            ..RangeScan::default()
+        };
+        let is = |axis: Option<Vector3<f64>>, x: f64, y: f64, z: f64| {
+            axis.is_some_and(|axis| (axis - Vector3::new(x, y, z)).norm() < 1e-6)
+        };
+        let down = at(-90.0, ScanFrame::Body);
+        assert!(
+            is(down.axis(0, 0.0), 0.0, 1.0, 0.0),
+            "the axis it is turned about"
+        );
+        assert_eq!(down.axis(1, 0.0), None);
+        assert!(at(59.0, ScanFrame::Body).axis(1, 0.0).is_some());
+        assert!(at(61.0, ScanFrame::Body).axis(1, 0.0).is_none());
+        // Rows know no mounting; what counts from north turns with the heading.
+        let quarter = std::f64::consts::FRAC_PI_2;
+        assert!(is(at(-90.0, ScanFrame::Level).axis(1, quarter), 1.0, 0.0, 0.0));
+        assert!(is(at(-90.0, ScanFrame::North).axis(0, quarter), 1.0, 0.0, 0.0));
     }
 }

@@ -55,9 +55,59 @@ pub fn sector_bearing_rad(sector: usize) -> f64 {
     sector as f64 * SECTOR_WIDTH_RAD
 }
 
+/// The sectors that an arc touches, clockwise, each once: from `from_rad` on, `width_rad` wide (a whole turn at most; no width is one
+/// direction). None if either is no finite number.
+pub fn sectors_of_arc(from_rad: f64, width_rad: f64) -> impl Iterator<Item = usize> {
+    let width_rad = width_rad.clamp(0.0, std::f64::consts::TAU);
+    let first = (from_rad / SECTOR_WIDTH_RAD).round();
+    let last = ((from_rad + width_rad) / SECTOR_WIDTH_RAD).round();
+    let count = if (last - first).is_finite() {
+        (last - first) as usize + 1
+    } else {
+        0
+    };
+    let first = first.rem_euclid(SECTORS as f64) as usize;
+    (0..count.min(SECTORS)).map(move |step| (first + step) % SECTORS)
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{SECTOR_WIDTH_RAD, SECTORS, sector_bearing_rad, sector_of};
+    use super::{SECTOR_WIDTH_RAD, SECTORS, sector_bearing_rad, sector_of, sectors_of_arc};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn an_arc_touches_the_sectors_of_all_its_directions_and_no_other(
+            from_rad in -20.0..20.0f64, width_rad in 0.0..7.0f64,
+        ) {
+            let touched: Vec<usize> = sectors_of_arc(from_rad, width_rad).collect();
+            let width_rad = width_rad.min(std::f64::consts::TAU);
+            let mut expected = [false; SECTORS];
+            for step in 0..=10_000 {
+                expected[sector_of(from_rad + width_rad * f64::from(step) / 10_000.0)] = true;
+            }
+            for (sector, is_expected) in expected.into_iter().enumerate() {
+                let count = touched.iter().filter(|touched| **touched == sector).count();
+                prop_assert!(count <= 1, "sector {sector} comes {count} times");
+                // An arc that reaches less than a step into a sector is missed by the steps.
+                prop_assert!(count == 1 || !is_expected, "sector {sector} is missing");
+                let middle_rad = sector_bearing_rad(sector);
+                let past_rad = (middle_rad - from_rad).rem_euclid(std::f64::consts::TAU);
+                let half_rad = 0.5 * SECTOR_WIDTH_RAD;
+                let is_far = past_rad > width_rad + half_rad + 1e-9
+                    && past_rad < std::f64::consts::TAU - half_rad - 1e-9;
+                prop_assert!(count == 0 || !is_far, "sector {sector} is not in it");
+            }
+        }
+    }
+
+    #[test]
+    fn an_arc_that_is_no_number_touches_nothing() {
+        assert_eq!(sectors_of_arc(f64::NAN, 1.0).count(), 0);
+        assert_eq!(sectors_of_arc(f64::INFINITY, 1.0).count(), 0);
+        assert_eq!(sectors_of_arc(0.0, f64::NAN).count(), 0);
+        assert_eq!(sectors_of_arc(3.0, f64::INFINITY).count(), SECTORS);
+    }
 
     #[test]
     fn a_sector_holds_its_own_centre_and_the_seam_is_round() {

@@ -19,14 +19,11 @@ use super::poses::Pose;
 use super::sweep::BEYOND_ANY_SENSOR_M2;
 use super::view::{Hit, View};
 use jink_shared_types::Timestamp;
-use jink_shared_types::ranges::{RangeScan, RayKind, ScanFrame};
+use jink_shared_types::ranges::{RangeScan, RayKind, STEEPEST_RAD, ScanFrame};
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, sector_of};
 use nalgebra::{Rotation2, Vector2, Vector3};
 use std::f64::consts::TAU;
 
-/// Greatest angle between a beam and the body's horizontal plane (rad): 60 degrees, beyond which it looks up or down rather
-/// than around, however the vehicle tilts.
-const STEEPEST_RAD: f64 = std::f64::consts::FRAC_PI_3;
 /// Places on the border of two slots are put this far into theirs, in slots: 4e-7 rad, more than rounding moves them.
 const INSIDE: f64 = 2e-5;
 /// Nothing is nearer than this (m): at zero there would be no direction.
