@@ -146,7 +146,7 @@ impl View {
     ///
     /// The free region is a fan of 72 wedges around the origin. Seen from the origin the ray turns one way only, so the
     /// wedges it crosses are consecutive, and in each one it ends at the border, or at the wedge's radius. Within
-    /// `trodden_m` of the origin the vehicle itself has been, known or not.
+    /// `trodden_m` of the origin the vehicle itself has been, known or not: a way that does not lead out of there tells nothing.
     pub fn free_way_m(
         &self,
         borders: &Borders,
@@ -168,9 +168,13 @@ impl View {
             sector_toward(start[0], start[1])
         };
         let clockwise = cross(start, along) >= 0.0;
-        let mut way_m = 0.0;
+        let out_m = exit_m(start, along, trodden_m * trodden_m);
+        let (mut way_m, mut told) = (0.0, None);
         for _ in 0..=SECTORS {
             let sector = &self.sectors[index];
+            if sector.is_told() {
+                told = Some(sector);
+            }
             let radius_m2 = sector.free_m2().max(trodden_m * trodden_m);
             let rim_m = exit_m(start, along, radius_m2);
             let border_m = if index == last {
@@ -182,9 +186,9 @@ impl View {
                 let way = FreeWay {
                     way_m: rim_m.max(way_m),
                     ends_at_obstacle: rim_m >= way_m && sector.near_m2 <= sector.known_m2,
-                    sector,
+                    sector: told?,
                 };
-                return (way.way_m > trodden_m).then_some(way);
+                return (way.way_m > out_m).then_some(way);
             }
             way_m = border_m;
             index = (index + if clockwise { 1 } else { SECTORS - 1 }) % SECTORS;
@@ -200,7 +204,7 @@ pub struct FreeWay<'a> {
     pub way_m: f32,
     /// It ends where the nearest hit of a sector is, not where knowledge ends.
     pub ends_at_obstacle: bool,
-    /// The sector that ends it.
+    /// The last sector on it that anything is known of.
     pub sector: &'a ViewSector,
 }
 
@@ -290,8 +294,11 @@ mod tests {
             let view = view(&ranges, heading);
             let place = [100.0 + north, -50.0 + east];
             let trodden = 0.3 + (north.hypot(east) as f32);
-            if let Some(FreeWay { way_m, .. }) = view.free_way_m(&Borders::new(), place, toward, 0.3) {
+            if let Some(FreeWay { way_m, sector, .. }) = view.free_way_m(&Borders::new(), place, toward, 0.3) {
                 let (sin, cos) = toward.sin_cos();
+                prop_assert!(sector.is_told());
+                let end = [north + cos * f64::from(way_m), east + sin * f64::from(way_m)];
+                prop_assert!(end[0].hypot(end[1]) >= f64::from(trodden) - 1e-4, "it ends where the vehicle was");
                 for i in 0..200 {
                     let s = f64::from(way_m) * f64::from(i) / 200.0;
                     let point = [place[0] + cos * s, place[1] + sin * s];
