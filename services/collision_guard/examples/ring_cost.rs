@@ -40,21 +40,16 @@ fn main() {
             });
         }
     }
+    // A 2-D lidar with gaps between its beams, and one whose beams touch each other.
+    for (beams, width_rad) in [(1_024, 0.006), (1_000, std::f64::consts::TAU / 1e3)] {
+        let mut ring = flying();
+        let scan = turn(beams, width_rad);
+        report(
+            &format!("scan, {beams} beams of {:.2} deg", width_rad.to_degrees()),
+            || ring.scan(1, black_box(&scan), &SampleHeader::at(last())).is_ok(),
+        );
+    }
     let mut ring = flying();
-    let mut scan = RangeScan {
-        first_beam: first(),
-        beam_interval_s: (SWEEP_S / 1024.0) as f32,
-        angle_step_rad: std::f32::consts::TAU / 1024.0,
-        beam_width_rad: 0.006,
-        range_min_m: 0.1,
-        range_max_m: RANGE_MAX_M as f32,
-        beams: 1024,
-        ..RangeScan::default()
-    };
-    scan.range_m = std::array::from_fn(|i| 3.0 + (i % 37) as f32);
-    report("scan, 1024 beams", || {
-        ring.scan(1, black_box(&scan), &SampleHeader::at(last())).is_ok()
-    });
     let cloud = forest(20_000, Order::Columns);
     for sensor in 0..4 {
         let taken = ring.cloud(sensor, &cloud, &SampleHeader::at(last()));
@@ -65,6 +60,22 @@ fn main() {
         ring.ring(last().plus_seconds(0.03), black_box(&mut out));
         out.distance_m.iter().any(|distance| distance.is_finite())
     });
+}
+
+/// What a 2-D lidar says of a turn that takes the whole sweep.
+fn turn(beams: u32, width_rad: f64) -> RangeScan {
+    let count = f64::from(beams);
+    RangeScan {
+        first_beam: first(),
+        beam_interval_s: (SWEEP_S / count) as f32,
+        angle_step_rad: (std::f64::consts::TAU / count) as f32,
+        beam_width_rad: width_rad as f32,
+        range_min_m: 0.1,
+        range_max_m: RANGE_MAX_M as f32,
+        beams,
+        range_m: std::array::from_fn(|i| 3.0 + (i % 37) as f32),
+        ..RangeScan::default()
+    }
 }
 
 fn report(what: &str, mut run: impl FnMut() -> bool) {
