@@ -1,6 +1,7 @@
 //! What an examination has found, as people and scripts read it: the verdict first, then the one thing to mend first, then
 //! everything.
 
+use jink_shared_types::events::{EventSample, find};
 use serde::{Deserialize, Serialize};
 
 /// How a finding bears on flying.
@@ -37,6 +38,19 @@ pub struct Findings {
     pub subject: String,
     /// How long it took (s).
     pub seconds: f64,
+}
+
+/// What of `events` is about one of `about` (their ids), told again with what to do.
+pub fn of_events<'a>(events: &'a [EventSample], about: &'a [u16]) -> impl Iterator<Item = Finding> + 'a {
+    events
+        .iter()
+        .filter(|event| about.contains(&event.id))
+        .map(|event| Finding {
+            grade: Grade::Warning,
+            about: "event".to_owned(),
+            is: event.text(),
+            remedy: find(event.id).map_or("", |row| row.action).to_owned(),
+        })
 }
 
 /// Columns of the grade and of what a finding is about.

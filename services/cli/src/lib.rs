@@ -8,6 +8,7 @@
 //! | [`topic_list`], [`beat`], [`digest`] | topic table, headers, samples | topics, their rates, what they say |
 //! | [`findings`] | what an examination has found | verdict and table, or JSON |
 //! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
+//! | [`sensors_seen`] | scans, clouds, `guard/ring`, events | findings and figures |
 //! | [`param_list`] | parameter table, `parameters` | a table, or JSON |
 //! | [`narrate`] | `system/status` | one line per piece of news |
 //! | [`flight`] | `sim/truth`, `link/status` | the course of a demonstration flight and its summary |
@@ -28,5 +29,6 @@ pub mod picture;
 pub mod report;
 pub mod ring_view;
 pub mod running_link;
+pub mod sensors_seen;
 pub mod top;
 pub mod topic_list;

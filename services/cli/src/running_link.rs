@@ -1,9 +1,7 @@
 //! The link of a jink that runs, as its gateway sees it: as far as an examination goes that asks the autopilot nothing.
 
-use crate::findings::{Finding, Grade};
-use jink_shared_types::events::{
-    AUTOPILOT_LOST, EventSample, LINK_SLOW, MODE_REFUSED, SETPOINTS_IGNORED, find,
-};
+use crate::findings::{Finding, Grade, of_events};
+use jink_shared_types::events::{AUTOPILOT_LOST, EventSample, LINK_SLOW, MODE_REFUSED, SETPOINTS_IGNORED};
 use jink_shared_types::link::{AvoidanceState, LinkStatus, LinkTraffic};
 
 /// `vehicle/state` is stale after 100 ms: below this rate (Hz) its readers hold.
@@ -48,7 +46,13 @@ pub fn judge(seen: &Seen<'_>) -> Vec<Finding> {
     if after.system_id != 0 && after.autopilot_alive.is_set() {
         flow(before, after, seen, &mut findings);
     }
-    told(seen.events, &mut findings);
+    let about_link = [
+        AUTOPILOT_LOST.id,
+        LINK_SLOW.id,
+        MODE_REFUSED.id,
+        SETPOINTS_IGNORED.id,
+    ];
+    findings.extend(of_events(seen.events, &about_link));
     findings
 }
 
@@ -161,20 +165,6 @@ fn flow(before: &LinkStatus, after: &LinkStatus, seen: &Seen<'_>, findings: &mut
             "`jink status` names what is missing",
         ),
     });
-}
-
-/// Events that are about the link.
-fn told(events: &[EventSample], findings: &mut Vec<Finding>) {
-    let about_link = [
-        AUTOPILOT_LOST.id,
-        LINK_SLOW.id,
-        MODE_REFUSED.id,
-        SETPOINTS_IGNORED.id,
-    ];
-    for event in events.iter().filter(|event| about_link.contains(&event.id)) {
-        let action = find(event.id).map_or("", |row| row.action);
-        findings.push(finding(Grade::Warning, "event", event.text(), action));
-    }
 }
 
 #[cfg(test)]

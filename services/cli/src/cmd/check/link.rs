@@ -13,6 +13,7 @@ use jink_runtime::{Instance, Session};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::topics;
 use serde::Deserialize;
+use serde_json::Map;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -133,7 +134,7 @@ fn converse(child: &mut Child, text: &str, interrupt: &Interrupt) -> Result<Outc
             Ok(Said::Refused { refused }) => return Ok(Outcome::Refused(refused)),
             Ok(Said::Done(findings)) => {
                 screen.clear();
-                return Ok(Outcome::Found(findings));
+                return Ok(Outcome::Found(findings, Map::new()));
             }
             Err(error) => return Err(Problem::Other(format!("jink-mavlink-gateway: {error}: {line}"))),
         }
@@ -217,9 +218,10 @@ fn look_at_running(instance: &Instance, address: &str) -> Result<Outcome, Proble
         states: count,
         events: &told,
     }));
-    Ok(Outcome::Found(Findings {
+    let findings = Findings {
         findings,
         subject: "as the running gateway sees it; `jink down` first for versions and parameters".to_owned(),
         seconds,
-    }))
+    };
+    Ok(Outcome::Found(findings, Map::new()))
 }

@@ -3,12 +3,15 @@
 //! | command | examines |
 //! |---|---|
 //! | `jink check link` | the link to the autopilot |
+//! | `jink check sensors` | the sensors of a jink that runs, and what the guard sees with them |
 
 mod link;
+mod sensors;
 
-use super::Problem;
+use super::{EXIT_NOT_RUNNING, Problem};
 use jink_cli::findings::Findings;
 use jink_runtime::Instance;
+use serde_json::{Map, Value};
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
 
@@ -36,24 +39,39 @@ instead.
 
 Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying; 2 wrong usage or configuration.")]
     Link(link::Args),
+    /// The sensors of a running jink: whether each speaks, in time and credibly, and which directions nobody sees
+    #[command(after_help = "\
+Listens to what every configured sensor says and to what the guard makes of it, and changes nothing. It works on a running
+instance (`jink up`), real or simulated: on the ground before the take-off, with people and things at a distance.
+
+Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying; 2 wrong usage or configuration; 3 not
+running.")]
+    Sensors(sensors::Args),
 }
 
 /// How an examination ended.
 enum Outcome {
-    Found(Findings),
+    /// With figures for scripts, which stand beside the findings.
+    Found(Findings, Map<String, Value>),
     Refused(String),
     Interrupted,
+    NotRunning,
 }
 
 /// Examines.
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let (outcome, json) = match &args.action {
         Doing::Link(args) => (link::run(instance, args)?, args.json),
+        Doing::Sensors(args) => (sensors::run(instance, args)?, args.json),
     };
     let code = match outcome {
-        Outcome::Found(findings) => {
+        Outcome::Found(findings, figures) => {
             if json {
-                sayln!("{}", findings.json());
+                let mut object = findings.json();
+                if let Some(object) = object.as_object_mut() {
+                    object.extend(figures);
+                }
+                sayln!("{object}");
             } else {
                 say!("{}", findings.text());
             }
@@ -68,6 +86,10 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             EXIT_USAGE
         }
         Outcome::Interrupted => EXIT_BLOCKED,
+        Outcome::NotRunning => {
+            eprintln!("jink {instance}: not running; `jink up` starts it");
+            EXIT_NOT_RUNNING
+        }
     };
     Ok(ExitCode::from(code))
 }
@@ -107,14 +129,25 @@ mod tests {
         args: Args,
     }
 
+    fn parse(line: &str) -> Result<Doing, clap::Error> {
+        Line::try_parse_from(line.split_whitespace()).map(|line| line.args.action)
+    }
+
     #[test]
-    fn a_time_that_is_none_is_refused_and_fifteen_seconds_are_enough_without_one() {
-        let parse = |line: &str| Line::try_parse_from(line.split_whitespace());
-        let Doing::Link(args) = parse("check link").unwrap().args.action;
-        assert_eq!((args.seconds, args.json), (15, false));
+    fn a_time_that_is_none_is_refused_and_without_one_there_is_a_usual_one() {
+        let Doing::Link(link) = parse("check link").unwrap() else {
+            panic!("another command");
+        };
+        assert_eq!((link.seconds, link.json), (15, false));
+        let Doing::Sensors(sensors) = parse("check sensors --json").unwrap() else {
+            panic!("another command");
+        };
+        assert_eq!((sensors.seconds, sensors.json), (5, true));
         for refused in [
             "check link --seconds 0",
             "check link --seconds soon",
+            "check sensors --seconds 0",
+            "check sensors --seconds 601",
             "check wind",
         ] {
             assert!(parse(refused).is_err(), "{refused}");

@@ -1,0 +1,141 @@
+//! `jink check sensors`: listens to every configured sensor and to the guard, and has it judged.
+
+use super::{Outcome, Progress};
+use crate::cmd::watch::{PROGRAM, Watch};
+use crate::cmd::{Interrupt, Problem, running};
+use jink_cli::findings::Findings;
+use jink_cli::sensors_seen::{Seen, SensorTable, judge, subject};
+use jink_runtime::config::{self, Config, SensorOutput};
+use jink_runtime::{Input, Instance, Session};
+use jink_shared_types::events::EventSample;
+use jink_shared_types::ranges::{PointCloud, RangeScan};
+use jink_shared_types::ring::SectorRing;
+use jink_shared_types::topics;
+use jink_shared_types::tuning::ParameterValues;
+use jink_shared_types::vehicle::VehicleState;
+use std::time::{Duration, Instant};
+
+/// How often there may be news: the queue of a scan holds four, 20 ms of the fastest sensor.
+const LOOK: Duration = Duration::from_millis(2);
+/// How often progress is shown.
+const SHOW: Duration = Duration::from_millis(500);
+
+/// For how long.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Args {
+    /// How long to listen (s)
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..=600))]
+    pub(super) seconds: u32,
+    /// One JSON object instead of a table: findings, and the figures of every sensor and of the ring
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+/// Examines the sensors.
+pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
+    if running::find(instance)?.is_none() || !Watch::is_ready(instance) {
+        return Ok(Outcome::NotRunning);
+    }
+    let folder = instance.run_config();
+    let (config, tables) = match (Config::load(&folder), config::sensors::<SensorTable>(&folder)) {
+        (Ok(config), Ok(tables)) => (config, tables),
+        (Err(error), _) | (_, Err(error)) => return Ok(Outcome::Refused(error.to_string())),
+    };
+    let interrupt = Interrupt::listen()?;
+    let session = Session::open(instance, PROGRAM)?;
+    let mut topics = Topics::open(&session, &config)?;
+    // What had come before is not of this time; only the parameters still hold.
+    let mut before = Seen::new(tables.clone(), config.params);
+    topics.take(&mut before);
+    let mut seen = Seen::new(tables, before.params);
+    let mut screen = Progress::default();
+    let (whole, begin) = (Duration::from_secs(args.seconds.into()), Instant::now());
+    let mut shown = begin;
+    while begin.elapsed() < whole {
+        if interrupt.has_come() {
+            screen.clear();
+            return Ok(Outcome::Interrupted);
+        }
+        topics.take(&mut seen);
+        if shown.elapsed() >= SHOW {
+            shown = Instant::now();
+            screen.show(&progress(&seen, begin.elapsed(), whole));
+        }
+        std::thread::sleep(LOOK);
+    }
+    screen.clear();
+    seen.seconds = begin.elapsed().as_secs_f64();
+    let findings = Findings {
+        findings: judge(&seen),
+        subject: subject(&seen),
+        seconds: seen.seconds,
+    };
+    Ok(Outcome::Found(findings, seen.figures()))
+}
+
+fn progress(seen: &Seen, elapsed: Duration, whole: Duration) -> String {
+    let counts: Vec<String> = seen
+        .sensors
+        .iter()
+        .map(|sensor| format!("{} {}", sensor.table.name, sensor.timing.samples()))
+        .collect();
+    let (elapsed_s, whole_s) = (elapsed.as_secs(), whole.as_secs());
+    format!("listening, {elapsed_s} of {whole_s} s: {}", counts.join(", "))
+}
+
+enum Source {
+    Scan(Input<RangeScan>),
+    Cloud(Input<PointCloud>),
+}
+
+/// All that is listened to.
+struct Topics {
+    /// In the order of the configuration.
+    sensors: Vec<Source>,
+    ring: Input<SectorRing>,
+    states: Input<VehicleState>,
+    params: Input<ParameterValues>,
+    events: Input<EventSample>,
+}
+
+impl Topics {
+    fn open(session: &Session, config: &Config) -> Result<Self, Problem> {
+        let mut sensors = Vec::new();
+        for sensor in &config.sensors {
+            sensors.push(match sensor.output {
+                SensorOutput::Scan => Source::Scan(session.input(topics::RANGE_SCAN, &sensor.name)?),
+                SensorOutput::Cloud => Source::Cloud(session.input(topics::RANGE_CLOUD, &sensor.name)?),
+            });
+        }
+        Ok(Self {
+            sensors,
+            ring: session.input(topics::RING, "")?,
+            states: session.input(topics::VEHICLE_STATE, "")?,
+            params: session.input(topics::PARAMETERS, "")?,
+            events: session.input(topics::EVENT, "")?.of_all_producers(),
+        })
+    }
+
+    /// Takes what has come.
+    fn take(&mut self, seen: &mut Seen) {
+        let (heading_rad, own_m) = (seen.ring.heading_rad(), seen.own_m());
+        for (source, sensor) in self.sensors.iter_mut().zip(&mut seen.sensors) {
+            match source {
+                Source::Scan(input) => {
+                    input.each(|scan| sensor.scan(scan.sample, scan.header, heading_rad, own_m));
+                }
+                Source::Cloud(input) => input.each(|cloud| sensor.cloud(cloud.sample, cloud.header, own_m)),
+            }
+        }
+        self.ring.each(|ring| seen.ring.take(ring.sample, ring.header));
+        self.states
+            .each(|state| seen.states += u64::from(state.sample.position_valid.is_set()));
+        self.events.each(|event| seen.events.push(*event.sample));
+        self.params.each(|values| {
+            for (row, value) in values.sample.rows() {
+                // Values of another build may lie outside; the ones at hand stay.
+                let _refused = seen.params.set(row.name, value);
+            }
+        });
+    }
+}

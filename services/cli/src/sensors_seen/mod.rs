@@ -1,0 +1,78 @@
+//! Whether the sensors of a running jink can be flown with, judged by what they say over some seconds.
+//!
+//! | in | out |
+//! |---|---|
+//! | `range/scan/*`, `range/cloud/*` of every configured sensor ([`SensorSeen`]) | whether it speaks, in time, and credibly |
+//! | `guard/ring` ([`RingSeen`]) | which directions nobody sees, and what that means with these parameters |
+//! | `vehicle/state`, events | whether ranges can be placed, what the pilot was told |
+//!
+//! Coverage is counted as the guard counts it: in sectors of five degrees, each as a whole as soon as it is looked into.
+
+mod circle;
+mod frame;
+mod judge;
+mod ring;
+mod sensor;
+mod timing;
+
+pub use circle::{Interval, Sectors};
+pub use frame::Sort;
+pub use judge::{judge, subject};
+pub use ring::{RingFigures, RingSeen};
+pub use sensor::{Rate, SensorFigures, SensorSeen, SensorTable};
+pub use timing::Timing;
+
+use jink_shared_types::events::EventSample;
+use jink_shared_types::params::{self, ParamSet};
+use serde_json::{Map, Value, json};
+
+/// How far beyond the vehicle's radius a range may still be the vehicle (m): landing gear, antennas, what hangs below.
+const OWN_MARGIN_M: f64 = 0.2;
+
+/// Everything that was seen.
+#[derive(Clone, Debug)]
+pub struct Seen {
+    /// Every configured sensor.
+    pub sensors: Vec<SensorSeen>,
+    /// The guard's ring.
+    pub ring: RingSeen,
+    /// Vehicle states with a position that may be used.
+    pub states: u64,
+    /// What the pilot was told.
+    pub events: Vec<EventSample>,
+    /// For how long (s).
+    pub seconds: f64,
+    /// The parameters in force.
+    pub params: ParamSet,
+}
+
+impl Seen {
+    /// Nothing yet of `sensors`, in a vehicle with `params`.
+    pub fn new(sensors: impl IntoIterator<Item = SensorTable>, params: ParamSet) -> Self {
+        Self {
+            sensors: sensors.into_iter().map(SensorSeen::new).collect(),
+            ring: RingSeen::default(),
+            states: 0,
+            events: Vec::new(),
+            seconds: 0.0,
+            params,
+        }
+    }
+
+    /// What is nearer to the vehicle's centre than this may be the vehicle itself (m).
+    pub fn own_m(&self) -> f64 {
+        self.params.get(&params::OA_VEH_RADIUS) + OWN_MARGIN_M
+    }
+
+    /// For scripts: what stands beside the findings.
+    pub fn figures(&self) -> Map<String, Value> {
+        let sensors: Vec<SensorFigures> = self.sensors.iter().map(SensorSeen::figures).collect();
+        let mut figures = Map::new();
+        figures.insert("sensors".to_owned(), json!(sensors));
+        figures.insert("ring".to_owned(), json!(self.ring.figures()));
+        figures
+    }
+}
+
+#[cfg(test)]
+mod tests;
