@@ -1,6 +1,7 @@
 //! Promises across processes: the lock-step harness that flies the whole chain in one process, the multi-process harness
 //! that runs the real programs, and the campaigns made of them.
 
+pub mod approach;
 pub mod campaign;
 pub mod lockstep;
 pub mod lossy;

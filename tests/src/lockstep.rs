@@ -38,7 +38,7 @@ use jink_simulator::vehicle::STEP_US;
 use jink_simulator::world::World;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::MavMessage;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, VecDeque};
 use std::time::Instant;
 
 /// Where the board's clock stands when the autopilot boots: any number but zero.
@@ -133,6 +133,7 @@ pub struct LockStep {
     rig: SensorRig,
     track: PoseTrack,
     gateway_config: GatewayConfig,
+    params: ParamSet,
     gateway: Gateway,
     encoder: Encoder,
     splitters: [Splitter; 2],
@@ -158,6 +159,7 @@ pub struct LockStep {
     system: Slot<SystemStatus>,
     cloud: Box<PointCloud>,
     scan: RangeScan,
+    scans_under_way: VecDeque<LateScan>,
     truth: SimTruth,
     step: u64,
     to_autopilot: Vec<Packet>,
@@ -180,6 +182,25 @@ pub struct LockStep {
     pub silent_sensors: BTreeSet<usize>,
     /// The ground station says nothing: somebody else commands.
     pub silent_station: bool,
+    /// How long scans are under way from their sensor, and what their stamps say.
+    pub scan_delay: ScanDelay,
+}
+
+/// A slow driver. Clouds are not delayed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ScanDelay {
+    /// From the end of a scan until anybody hears of it (s).
+    pub delay_s: f64,
+    /// It is stamped as if it had been taken when it arrives: what a driver does that does not know better.
+    pub is_stamped_on_arrival: bool,
+}
+
+/// A scan that nobody has heard of yet.
+struct LateScan {
+    arrives: Timestamp,
+    sensor: usize,
+    scan: Box<RangeScan>,
+    capture: Timestamp,
 }
 
 impl LockStep {
@@ -204,7 +225,8 @@ impl LockStep {
             world: setup.world,
             track: PoseTrack::new(rig.longest_frame_s() + 0.1, STEP_US as f64 * 1e-6),
             rig,
-            gateway: Gateway::new(gateway_config),
+            gateway: Gateway::new(gateway_config).with_params(params),
+            params: params.clone(),
             gateway_config,
             encoder: Encoder::new(),
             splitters: [Splitter::new(), Splitter::new()],
@@ -229,6 +251,7 @@ impl LockStep {
             system: Slot::new(topics::SYSTEM_STATUS, Box::default()),
             cloud: PointCloud::boxed(),
             scan: RangeScan::default(),
+            scans_under_way: VecDeque::new(),
             truth: SimTruth::default(),
             step: 0,
             to_autopilot: Vec::new(),
@@ -246,12 +269,13 @@ impl LockStep {
             brakes: 0,
             silent_sensors: BTreeSet::new(),
             silent_station: false,
+            scan_delay: ScanDelay::default(),
         })
     }
 
     /// The gateway dies and is started again: it knows nothing of what it was told before.
     pub fn restart_gateway(&mut self) {
-        self.gateway = Gateway::new(self.gateway_config);
+        self.gateway = Gateway::new(self.gateway_config).with_params(&self.params);
         self.encoder = Encoder::new();
         self.splitters = [Splitter::new(), Splitter::new()];
     }
@@ -294,6 +318,16 @@ impl LockStep {
     /// The planner's newest answer.
     pub fn route(&self) -> &Route {
         &self.route.sample
+    }
+
+    /// What of the pilot's wish was allowed last.
+    pub fn prevented(&self) -> &PreventedDemand {
+        &self.prevented.sample
+    }
+
+    /// Puts another world in the place of the one there is: something in it has moved.
+    pub fn move_world(&mut self, world: World) {
+        self.world = world;
     }
 
     /// The newest map.
@@ -398,11 +432,39 @@ impl LockStep {
                         .render_scan(&frame, &self.world, &self.track, &mut self.scan)
                         .is_ok()
                     {
-                        self.fusion.scan(frame.sensor, &self.scan, &header);
-                        let _late = self.ring.scan(frame.sensor, &self.scan, &header);
+                        self.scans_under_way.push_back(LateScan {
+                            arrives: frame.end.plus_seconds(self.scan_delay.delay_s),
+                            sensor: frame.sensor,
+                            scan: Box::new(self.scan),
+                            capture: frame.end,
+                        });
                     }
                 }
             }
+        }
+        self.deliver_scans(now);
+    }
+
+    fn deliver_scans(&mut self, now: Timestamp) {
+        while self
+            .scans_under_way
+            .front()
+            .is_some_and(|late| late.arrives <= now)
+        {
+            let Some(mut late) = self.scans_under_way.pop_front() else {
+                return;
+            };
+            if self.scan_delay.is_stamped_on_arrival {
+                late.capture = late.capture.plus_seconds(self.scan_delay.delay_s);
+                late.scan.first_beam = late.scan.first_beam.plus_seconds(self.scan_delay.delay_s);
+            }
+            let header = SampleHeader {
+                capture: late.capture,
+                publish: now,
+                ..SampleHeader::default()
+            };
+            self.fusion.scan(late.sensor, &late.scan, &header);
+            let _late = self.ring.scan(late.sensor, &late.scan, &header);
         }
     }
 

@@ -1,0 +1,132 @@
+//! How a vehicle that is pushed at obstacles comes to rest: jink and PX4 side by side, in lock-step.
+
+use clap::Parser;
+use jink_tests::approach::{
+    Approach, Ending, Filter, Moment, Scene, Who, cells, fly, is_drawn, plots, table,
+};
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::time::Instant;
+
+/// Pushes a vehicle at walls, posts, corners, gaps, corridors and people, with jink's collision prevention and with PX4's own; prints one
+/// table and, on request, one JSON line per approach and plots
+///
+/// Exit codes: 0 nothing was hit with jink; 1 something was; 2 wrong arguments.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    /// Only these scenes: wall, post, corner, narrow_gap, wide_gap, corridor, crossing, towards
+    #[arg(long, value_delimiter = ',', value_parser = scene)]
+    scene: Vec<Scene>,
+    /// Only these speeds (m/s)
+    #[arg(long, value_delimiter = ',')]
+    speed: Vec<f64>,
+    /// Only these delays of the sensor (s)
+    #[arg(long, value_delimiter = ',')]
+    delay: Vec<f64>,
+    /// A few speeds and delays, everything head-on
+    #[arg(long)]
+    quick: bool,
+    /// Approaches at a time
+    #[arg(long, default_value_t = 2)]
+    jobs: usize,
+    /// File for one JSON object per approach
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Folder for plots
+    #[arg(long)]
+    svg: Option<PathBuf>,
+}
+
+fn scene(name: &str) -> Result<Scene, String> {
+    Scene::named(name).ok_or_else(|| {
+        let names: Vec<_> = Scene::ALL.iter().map(|scene| scene.name()).collect();
+        format!("expected one of {}", names.join(", "))
+    })
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let begin = Instant::now();
+    match run(&arguments) {
+        Ok(approaches) => {
+            print!("{}", table(&approaches));
+            println!(
+                "\n{} approaches, wall time {:.0} s",
+                approaches.len(),
+                begin.elapsed().as_secs_f64()
+            );
+            let hits = |a: &Approach| {
+                a.cell.who == Who::Jink && a.ending == Ending::Collision && a.cell.scene != Scene::Towards
+            };
+            ExitCode::from(u8::from(approaches.iter().any(hits)))
+        }
+        Err(error) => {
+            eprintln!("jink-approach: {error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Flies all of them on `jobs` threads; they come back in their order.
+fn run(arguments: &Arguments) -> Result<Vec<Approach>, String> {
+    let wanted = cells(&Filter {
+        scenes: arguments.scene.clone(),
+        speeds_mps: arguments.speed.clone(),
+        delays_s: arguments.delay.clone(),
+        is_quick: arguments.quick,
+    });
+    let (sender, receiver) = mpsc::channel();
+    let next = AtomicUsize::new(0);
+    let mut flown: Vec<(usize, Approach, Vec<Moment>)> = Vec::with_capacity(wanted.len());
+    std::thread::scope(|scope| {
+        for _ in 0..arguments.jobs.max(1) {
+            let (sender, next, wanted) = (sender.clone(), &next, &wanted);
+            scope.spawn(move || {
+                loop {
+                    let index = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(cell) = wanted.get(index) else { return };
+                    if sender.send((index, *cell, fly(cell))).is_err() {
+                        return;
+                    }
+                }
+            });
+        }
+        drop(sender);
+        for (index, cell, answer) in receiver {
+            let (approach, moments) = answer.map_err(|error| format!("{}: {error}", cell.name()))?;
+            let keep = arguments.svg.is_some() && is_drawn(&cell, wanted.len());
+            flown.push((index, approach, if keep { moments } else { Vec::new() }));
+            eprint!("\r{} of {} approaches", flown.len(), wanted.len());
+        }
+        eprintln!();
+        Ok::<(), String>(())
+    })?;
+    flown.sort_by_key(|(index, ..)| *index);
+    let flown: Vec<(Approach, Vec<Moment>)> = flown.into_iter().map(|(_, a, m)| (a, m)).collect();
+    if let Some(path) = &arguments.json {
+        write_lines(path, &flown).map_err(|error| format!("{}: {error}", path.display()))?;
+    }
+    if let Some(folder) = &arguments.svg {
+        let write = || -> std::io::Result<()> {
+            std::fs::create_dir_all(folder)?;
+            for (name, text) in plots(&flown) {
+                std::fs::write(folder.join(name), text)?;
+            }
+            Ok(())
+        };
+        write().map_err(|error| format!("{}: {error}", folder.display()))?;
+    }
+    Ok(flown.into_iter().map(|(approach, _)| approach).collect())
+}
+
+fn write_lines(path: &PathBuf, flown: &[(Approach, Vec<Moment>)]) -> std::io::Result<()> {
+    let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
+    for (approach, _) in flown {
+        writeln!(file, "{}", serde_json::to_string(approach)?)?;
+    }
+    file.flush()
+}
