@@ -22,8 +22,8 @@
 //!    (Ames et al.: Control barrier functions, 2019): the excess dies away with the rate `P`.
 //! 5. The answer is not longer than MPC_ACC_HOR or the setpoint itself, whichever is longer.
 //!
-//! A **velocity** setpoint goes through 1, and is then moved to the nearest velocity with `v . u_k <= v_max(d_k)` for every sector, where
-//! `v_max` allows for `1 / P` besides CP_DELAY.
+//! A **velocity** setpoint goes through 1, is approached from the last answer no faster than the vehicle is to accelerate (`pace.rs`), and is
+//! then moved to the nearest velocity with `v . u_k <= v_max(d_k)` for every sector, where `v_max` allows for `1 / P` besides CP_DELAY.
 //!
 //! What PX4 does otherwise, and why this does not, is one table in docs/collision_prevention.md. Nothing here allocates, and no input gives
 //! a number that is none: a setpoint that is none is a centred stick, and with a velocity that is none nothing moves.
@@ -34,6 +34,7 @@ mod guidance;
 mod halfplanes;
 mod laws;
 mod loss;
+mod pace;
 mod split;
 #[cfg(test)]
 mod tests;
@@ -51,6 +52,7 @@ pub use jink_shared_types::prevention::{PreventionCause as Cause, PreventionStat
 use jink_shared_types::ring::{SECTORS, SectorRing};
 use loss::{Loss, Missing};
 use nalgebra::Vector2;
+use pace::{Pace, Step};
 use split::Split;
 
 /// A setpoint shorter than this is a centred stick (m/s2 or m/s): PX4's own limit.
@@ -91,6 +93,7 @@ pub struct Outcome {
 pub struct Prevention {
     config: PreventionConfig,
     loss: Loss,
+    pace: Pace,
     /// Sectors, from the nose, of which something was known since it was made.
     ever_seen: [bool; SECTORS],
 }
@@ -101,6 +104,7 @@ impl Prevention {
         Self {
             config,
             loss: Loss::default(),
+            pace: Pace::default(),
             ever_seen: [false; SECTORS],
         }
     }
@@ -170,13 +174,22 @@ impl Prevention {
             keep_m,
             allowed_unseen: std::array::from_fn(|sector| self.config.goes_unseen && !self.ever_seen[sector]),
         };
-        let (setpoint, cause, guided) = match demand {
-            Demand::Acceleration(_) => scene.acceleration(wanted, velocity),
-            Demand::Velocity(_) => scene.velocity(wanted),
+        let pace = self.pace.at(now, &velocity);
+        let (setpoint, asked_now, cause, guided) = match demand {
+            Demand::Acceleration(_) => {
+                let (setpoint, cause, guided) = scene.acceleration(wanted, velocity);
+                (setpoint, asked, cause, guided)
+            }
+            Demand::Velocity(_) => {
+                let asked_now = pace.toward(&wanted, self.config.acceleration_mps2);
+                let (setpoint, cause, guided) = scene.velocity(wanted, &pace);
+                self.pace = Pace::new(now, setpoint);
+                (setpoint, asked_now, cause, guided)
+            }
         };
         outcome.setpoint = setpoint;
         outcome.guided = guided;
-        if (setpoint - asked).norm() > CENTRED || !is_sane(&asked) {
+        if (setpoint - asked_now).norm() > CENTRED || !is_sane(&asked) {
             outcome.state = State::Acting;
             outcome.cause = if is_sane(&asked) { cause } else { Cause::BadInput };
         }
@@ -233,13 +246,12 @@ impl Scene<'_> {
         )
     }
 
-    fn velocity(&self, wanted: Vector2<f64>) -> (Vector2<f64>, Cause, Option<usize>) {
+    fn velocity(&self, wanted: Vector2<f64>, pace: &Step) -> (Vector2<f64>, Cause, Option<usize>) {
         let size = wanted.norm();
-        if size <= CENTRED {
-            return (Vector2::zeros(), Cause::None, None);
-        }
         let (guided, demand) = self.guided(wanted, size);
         let cause = self.why(&demand, guided.map(|guided| guided.1));
+        let target = demand * self.coverage(&demand);
+        let next = pace.toward(&target, self.config.acceleration_mps2);
         // A velocity is reached with the time constant of the loop that follows it.
         let delay_s = self.config.delay_s + 1.0 / self.config.velocity_gain_per_s;
         let mut limits = Limits::default();
@@ -253,8 +265,23 @@ impl Scene<'_> {
             );
             limits.push(toward, limit_mps);
         }
-        let answer = limits.nearest(demand * self.split().coverage(&(demand / size)));
-        (answer.cap_magnitude(size), cause, guided.map(|guided| guided.0))
+        let next = next * self.coverage(&next);
+        let answer = limits.nearest(next);
+        (
+            answer.cap_magnitude(next.norm()),
+            cause,
+            guided.map(|guided| guided.0),
+        )
+    }
+
+    /// Share of a velocity that leads into what is covered; a velocity that is none leads nowhere.
+    fn coverage(&self, velocity: &Vector2<f64>) -> f64 {
+        let speed_mps = velocity.norm();
+        if speed_mps > CENTRED {
+            self.split().coverage(&(velocity / speed_mps))
+        } else {
+            1.0
+        }
     }
 
     fn split(&self) -> Split<'_> {
