@@ -22,8 +22,17 @@
 //!    (Ames et al.: Control barrier functions, 2019): the excess dies away with the rate `P`.
 //! 5. The answer is not longer than MPC_ACC_HOR or the setpoint itself, whichever is longer.
 //!
-//! A **velocity** setpoint goes through 1, is approached from the last answer no faster than the vehicle is to accelerate (`pace.rs`), and is
-//! then moved to the nearest velocity with `v . u_k <= v_max(d_k)` for every sector, where `v_max` allows for `1 / P` besides CP_DELAY.
+//! # A velocity
+//! is what the pilot's sticks ask for where he steers through jink. It goes through 1, and then:
+//!
+//! 1. It is approached from the last answer no faster than the vehicle is to accelerate (`pace.rs`).
+//! 2. What a straight flight meets first is looked for (`outline.rs`). Along the normal there, the velocity must be one from which the vehicle
+//!    stops at CP_DIST, with `1 / P` besides CP_DELAY; the answer is the nearest velocity for which that holds, and 2 begins anew with it, until
+//!    nothing is met too fast. What is passed at CP_DIST or more does not count, so that the vehicle slides along walls with what of the
+//!    demand leads along them.
+//! 3. What is small and stands alone is closed on as if it stood in the way, unless it is passed at three times CP_DIST: it may be a person
+//!    who takes another step.
+//! 4. With the stick pushed, what has come nearer than CP_DIST is left again.
 //!
 //! What PX4 does otherwise, and why this does not, is one table in docs/collision_prevention.md. Nothing here allocates, and no input gives
 //! a number that is none: a setpoint that is none is a centred stick, and with a velocity that is none nothing moves.
@@ -34,6 +43,7 @@ mod guidance;
 mod halfplanes;
 mod laws;
 mod loss;
+mod outline;
 mod pace;
 mod split;
 #[cfg(test)]
@@ -52,6 +62,7 @@ pub use jink_shared_types::prevention::{PreventionCause as Cause, PreventionStat
 use jink_shared_types::ring::{SECTORS, SectorRing};
 use loss::{Loss, Missing};
 use nalgebra::Vector2;
+use outline::Outline;
 use pace::{Pace, Step};
 use split::Split;
 
@@ -59,6 +70,10 @@ use split::Split;
 const CENTRED: f64 = 1e-3;
 /// The vehicle stands if it is slower (m/s): less than an estimator's noise.
 const STANDS_MPS: f64 = 0.05;
+/// Fastest retreat from what has come too near (m/s): a person walks with 1.4.
+const RETREAT_MPS: f64 = 2.0;
+/// Contacts that one answer is moved past: two walls are enough for a corner, the rest is for what is ragged.
+const CONTACTS: usize = 8;
 /// Nobody asks for more (m/s2, m/s): beyond is damage.
 const SANE: f64 = 1e3;
 
@@ -252,25 +267,79 @@ impl Scene<'_> {
         let cause = self.why(&demand, guided.map(|guided| guided.1));
         let target = demand * self.coverage(&demand);
         let next = pace.toward(&target, self.config.acceleration_mps2);
+        let answer = self.moderated(next * self.coverage(&next), size > CENTRED);
+        let answer = answer * self.coverage(&answer);
+        (answer, cause, guided.map(|guided| guided.0))
+    }
+
+    /// The velocity nearest to `wanted` that leads into nothing faster than one can stop before it.
+    fn moderated(&self, wanted: Vector2<f64>, is_pushed: bool) -> Vector2<f64> {
+        let outline = Outline::of(self.around, self.keep_m);
+        let mut limits = Limits::default();
+        if let Some(near) = outline.too_near().filter(|_| is_pushed) {
+            limits.push(near.normal, self.closing_mps(near.room_m));
+        }
+        for place in outline.lone() {
+            self.be_wary(place, &wanted, &mut limits);
+        }
+        // Between two obstacles the nearest velocity that keeps both limits may be any number to the side.
+        let longest_mps = wanted.norm().max(if is_pushed { RETREAT_MPS } else { 0.0 });
+        let mut answer = limits.nearest(wanted).cap_magnitude(longest_mps);
+        for _ in 0..CONTACTS {
+            let Some(direction) = answer.try_normalize(CENTRED) else {
+                return Vector2::zeros();
+            };
+            let Some(contact) = outline.first_contact(&direction) else {
+                return answer;
+            };
+            let limit_mps = self.closing_mps(contact.room_m).max(0.0);
+            let closing_mps = answer.dot(&contact.normal);
+            if closing_mps <= limit_mps + CENTRED {
+                return answer;
+            }
+            limits.push(contact.normal, limit_mps);
+            answer = limits.nearest(wanted).cap_magnitude(longest_mps);
+        }
+        // Something else is met in every direction that was tried: slower in the last of them.
+        let direction = answer.try_normalize(CENTRED).unwrap_or_default();
+        match outline.first_contact(&direction) {
+            Some(contact) => {
+                let limit_mps = self.closing_mps(contact.room_m).max(0.0) / contact.normal.dot(&direction);
+                answer.cap_magnitude(limit_mps)
+            }
+            None => answer,
+        }
+    }
+
+    /// What stands alone may step into the way: it is closed on as if it stood there, the less so the farther aside it is passed. From twice
+    /// CP_DIST aside it counts less, and at three times it not any more.
+    fn be_wary(&self, place: &Vector2<f64>, wanted: &Vector2<f64>, limits: &mut Limits) {
+        let distance_m = place.norm();
+        let speed_mps = wanted.norm();
+        if distance_m <= CENTRED || speed_mps <= CENTRED || wanted.dot(place) <= 0.0 {
+            return;
+        }
+        let aside_m = wanted.perp(place).abs() / speed_mps;
+        let care = (3.0 - aside_m / self.keep_m).min(1.0);
+        if care > 0.0 {
+            let limit_mps = self.closing_mps((distance_m - self.keep_m).max(0.0)) / care;
+            limits.push(place / distance_m, limit_mps);
+        }
+    }
+
+    /// Greatest speed toward something that may be approached by another `room_m` (m/s). What is too near is left again, with the same
+    /// gain with which wrong speeds are mended: with less of it a person who walks up was waited for.
+    fn closing_mps(&self, room_m: f64) -> f64 {
+        if room_m < 0.0 {
+            return (self.config.velocity_gain_per_s * room_m).max(-RETREAT_MPS);
+        }
         // A velocity is reached with the time constant of the loop that follows it.
         let delay_s = self.config.delay_s + 1.0 / self.config.velocity_gain_per_s;
-        let mut limits = Limits::default();
-        for (_, toward, reach_m) in self.around.known() {
-            let way_m = reach_m - self.keep_m;
-            let limit_mps = speed_limit(
-                way_m,
-                self.config.acceleration_mps2,
-                self.config.jerk_mps3,
-                delay_s,
-            );
-            limits.push(toward, limit_mps);
-        }
-        let next = next * self.coverage(&next);
-        let answer = limits.nearest(next);
-        (
-            answer.cap_magnitude(next.norm()),
-            cause,
-            guided.map(|guided| guided.0),
+        speed_limit(
+            room_m,
+            self.config.acceleration_mps2,
+            self.config.jerk_mps3,
+            delay_s,
         )
     }
 

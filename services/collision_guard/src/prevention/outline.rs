@@ -1,0 +1,266 @@
+//! What stands around as points and faces between them, and what a straight flight meets of it first.
+//!
+//! A sector says how far its nearest hit is, not where in its 5 degrees. It is drawn where a wall would have it:
+//!
+//! | sector | its hit is drawn |
+//! |---|---|
+//! | one of its neighbours ends nearer | at the edge to the nearer one: a wall that comes nearer on that side is nearest there |
+//! | it ends before both | at both edges, with a face between: it may be anywhere in there |
+//!
+//! Neighbours' hits less than twice the kept distance apart are joined by a face: nothing that keeps its distance from both passes
+//! between them. So are those that may belong to one wall ([`STEEP`]). With points alone, a flight along a wall would seem to close on every
+//! one of them, and one towards it to slip through.
+//!
+//! A disc of the kept distance that moves straight on meets a point or a face in a place with a normal. The way it may go on in this
+//! direction is what counts against the speed *along the normal*; what it passes beside does not count at all.
+//!
+//! What is small and stands alone may be a person who takes another step: it is told apart, for whoever is more careful with it.
+
+use super::around::{Around, Sight};
+use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS};
+use nalgebra::{Rotation2, Vector2};
+
+/// What is joined and not longer than this (m) may be a person, an animal, a vehicle: something that moves.
+const SMALL_M: f64 = 1.5;
+/// Hits of neighbouring sectors are joined up to so many times the width of a sector there: a wall that is seen at 10 degrees.
+const STEEP: f64 = 6.0;
+/// A part of a unit vector shorter than this leads nowhere.
+const NONE: f64 = 1e-6;
+/// Most points: two for each sector.
+const POINTS: usize = 2 * SECTORS;
+
+/// What is met first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Contact {
+    /// From the vehicle towards what is met (unit vector), where it is met.
+    pub normal: Vector2<f64>,
+    /// How far the vehicle may still move along the normal (m); negative if it is too near already.
+    pub room_m: f64,
+}
+
+/// One hit, seen from the vehicle (m).
+#[derive(Clone, Copy, Debug)]
+struct Hit {
+    place: Vector2<f64>,
+    /// A face leads from here to the next one.
+    is_joined: bool,
+    /// What stands there, and not the end of what is known.
+    is_solid: bool,
+}
+
+/// All hits, clockwise.
+#[derive(Clone, Debug)]
+pub struct Outline {
+    hits: [Hit; POINTS],
+    len: usize,
+    /// The nearest hits of what is small and stands alone.
+    lone: [Vector2<f64>; SECTORS],
+    lone_len: usize,
+    keep_m: f64,
+}
+
+impl Outline {
+    /// What `around` says, to be kept `keep_m` away from.
+    pub fn of(around: &Around, keep_m: f64) -> Self {
+        let nothing = Hit {
+            place: Vector2::zeros(),
+            is_joined: false,
+            is_solid: false,
+        };
+        let mut outline = Self {
+            hits: [nothing; POINTS],
+            len: 0,
+            lone: [Vector2::zeros(); SECTORS],
+            lone_len: 0,
+            keep_m,
+        };
+        for (sector, toward, reach_m) in around.known() {
+            let ends_at = |sector: usize| around.sights[sector % SECTORS].reach_m().unwrap_or(f64::INFINITY);
+            let (left_m, right_m) = (ends_at(sector + SECTORS - 1), ends_at(sector + 1));
+            let is_solid = matches!(around.sights[sector], Sight::Hit { .. });
+            let mut push = |aside: f64, is_joined: bool| {
+                let place = Rotation2::new(0.5 * aside * SECTOR_WIDTH_RAD) * toward * reach_m;
+                outline.push(Hit {
+                    place,
+                    is_joined,
+                    is_solid,
+                });
+            };
+            if left_m < reach_m && left_m <= right_m {
+                push(-1.0, false);
+            } else if right_m < reach_m {
+                push(1.0, false);
+            } else {
+                push(-1.0, true);
+                push(1.0, false);
+            }
+        }
+        outline.join();
+        outline.find_lone(around);
+        outline
+    }
+
+    /// The nearest hits (m) of all that is small and stands alone.
+    pub fn lone(&self) -> &[Vector2<f64>] {
+        &self.lone[..self.lone_len]
+    }
+
+    fn find_lone(&mut self, around: &Around) {
+        let place = |sector: usize| match around.sights[sector % SECTORS] {
+            Sight::Hit { distance_m, .. } => Some(around.directions[sector % SECTORS] * distance_m),
+            Sight::Clear { .. } | Sight::Unknown => None,
+        };
+        let keep_m = self.keep_m;
+        let goes_on = |sector: usize| match (place(sector), place(sector + 1)) {
+            (Some(this), Some(next)) => is_one(&this, &next, keep_m),
+            _ => false,
+        };
+        for first in (0..SECTORS).filter(|first| !goes_on(first + SECTORS - 1)) {
+            let Some(begin) = place(first) else { continue };
+            let (mut nearest, mut end, mut sector) = (begin, begin, first);
+            while sector < first + SECTORS && goes_on(sector) {
+                sector += 1;
+                end = place(sector).unwrap_or(end);
+                if end.norm() < nearest.norm() {
+                    nearest = end;
+                }
+            }
+            if (end - begin).norm() <= SMALL_M {
+                self.lone[self.lone_len] = nearest;
+                self.lone_len += 1;
+            }
+        }
+    }
+
+    fn push(&mut self, hit: Hit) {
+        if let Some(slot) = self.hits.get_mut(self.len) {
+            *slot = hit;
+            self.len += 1;
+        }
+    }
+
+    fn join(&mut self) {
+        for index in 0..self.len {
+            let (this, next) = (self.hits[index], self.hits[(index + 1) % self.len]);
+            self.hits[index].is_joined |= is_one(&this.place, &next.place, self.keep_m);
+        }
+    }
+
+    /// Every hit with the face that leads on from it.
+    fn parts(&self) -> impl Iterator<Item = (Vector2<f64>, Option<Vector2<f64>>)> + '_ {
+        (0..self.len).map(|index| {
+            let next = self.hits[(index + 1) % self.len].place;
+            let hit = self.hits[index];
+            (hit.place, hit.is_joined.then_some(next))
+        })
+    }
+
+    /// What a disc of the kept distance that moves along `direction` (a unit vector) meets first, if it meets anything.
+    pub fn first_contact(&self, direction: &Vector2<f64>) -> Option<Contact> {
+        let mut first: Option<(f64, Contact)> = None;
+        let mut offer = |way_m: f64, contact: Contact| {
+            if first.is_none_or(|(first_m, _)| way_m < first_m) {
+                first = Some((way_m, contact));
+            }
+        };
+        for (place, next) in self.parts() {
+            if let Some((way_m, contact)) = self.meet_point(&place, direction) {
+                offer(way_m, contact);
+            }
+            if let Some((way_m, contact)) = next.and_then(|next| self.meet_face(&place, &next, direction)) {
+                offer(way_m, contact);
+            }
+        }
+        first.map(|(_, contact)| contact)
+    }
+
+    fn meet_point(&self, place: &Vector2<f64>, direction: &Vector2<f64>) -> Option<(f64, Contact)> {
+        let (ahead_m, distance_m) = (place.dot(direction), place.norm());
+        if ahead_m <= NONE * distance_m {
+            return None;
+        }
+        if distance_m <= self.keep_m {
+            let contact = Contact {
+                normal: place / distance_m,
+                room_m: distance_m - self.keep_m,
+            };
+            return Some((contact.room_m * distance_m / ahead_m, contact));
+        }
+        let beside_m2 = distance_m * distance_m - ahead_m * ahead_m;
+        let half_m2 = self.keep_m * self.keep_m - beside_m2;
+        if half_m2 <= 0.0 {
+            return None;
+        }
+        let way_m = ahead_m - half_m2.sqrt();
+        let normal = (place - direction * way_m) / self.keep_m;
+        let room_m = way_m * normal.dot(direction);
+        Some((way_m, Contact { normal, room_m }))
+    }
+
+    fn meet_face(
+        &self,
+        from: &Vector2<f64>,
+        to: &Vector2<f64>,
+        direction: &Vector2<f64>,
+    ) -> Option<(f64, Contact)> {
+        let (normal, distance_m) = plane(from, to)?;
+        let slope = normal.dot(direction);
+        if slope <= NONE {
+            return None;
+        }
+        let room_m = distance_m - self.keep_m;
+        // Too near already: met at once, right where it is nearest.
+        let way_m = room_m / slope;
+        let centre = direction * way_m.max(0.0);
+        let is_met = is_between(&centre, from, to);
+        is_met.then_some((way_m, Contact { normal, room_m }))
+    }
+
+    /// What of the obstacles is nearest, if one is nearer than the kept distance.
+    pub fn too_near(&self) -> Option<Contact> {
+        let hits = self.hits[..self.len].iter();
+        let solid = hits.zip(self.parts()).filter(|(hit, _)| hit.is_solid);
+        let nearest = solid
+            .flat_map(|(_, (place, next))| {
+                let face = next.and_then(|next| {
+                    let (normal, distance_m) = plane(&place, &next)?;
+                    is_between(&Vector2::zeros(), &place, &next).then_some((normal, distance_m))
+                });
+                let distance_m = place.norm();
+                let point = (distance_m > NONE).then(|| (place / distance_m, distance_m));
+                [point, face]
+            })
+            .flatten()
+            .min_by(|a, b| a.1.total_cmp(&b.1))?;
+        let room_m = nearest.1 - self.keep_m;
+        (room_m < 0.0).then_some(Contact {
+            normal: nearest.0,
+            room_m,
+        })
+    }
+}
+
+/// Whether two neighbouring hits are joined.
+fn is_one(this: &Vector2<f64>, next: &Vector2<f64>, keep_m: f64) -> bool {
+    let width_m = SECTOR_WIDTH_RAD * this.norm().min(next.norm());
+    (next - this).norm() < (2.0 * keep_m).max(STEEP * width_m)
+}
+
+/// The line through two places: its normal away from the vehicle, and how far it is (m). `None` for one that is no line.
+fn plane(from: &Vector2<f64>, to: &Vector2<f64>) -> Option<(Vector2<f64>, f64)> {
+    let along = (to - from).try_normalize(NONE)?;
+    let normal = Vector2::new(along.y, -along.x);
+    let distance_m = normal.dot(from);
+    Some(if distance_m < 0.0 {
+        (-normal, -distance_m)
+    } else {
+        (normal, distance_m)
+    })
+}
+
+/// Whether the foot of `place` on the line from one place to another lies between them.
+fn is_between(place: &Vector2<f64>, from: &Vector2<f64>, to: &Vector2<f64>) -> bool {
+    let along = to - from;
+    let share = (place - from).dot(&along);
+    (0.0..=along.norm_squared()).contains(&share)
+}
