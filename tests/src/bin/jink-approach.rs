@@ -4,6 +4,7 @@ use clap::Parser;
 use jink_tests::approach::{
     Approach, Ending, Filter, Moment, Scene, Who, cells, fly, is_drawn, plots, table,
 };
+use std::fs::File;
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -79,6 +80,11 @@ fn run(arguments: &Arguments) -> Result<Vec<Approach>, String> {
         delays_s: arguments.delay.clone(),
         is_quick: arguments.quick,
     });
+    let unwritable = |path: &PathBuf, error: std::io::Error| format!("{}: {error}", path.display());
+    let mut lines = match &arguments.json {
+        Some(path) => Some((path, File::create(path).map_err(|error| unwritable(path, error))?)),
+        None => None,
+    };
     let (sender, receiver) = mpsc::channel();
     let next = AtomicUsize::new(0);
     let mut flown: Vec<(usize, Approach, Vec<Moment>)> = Vec::with_capacity(wanted.len());
@@ -98,6 +104,10 @@ fn run(arguments: &Arguments) -> Result<Vec<Approach>, String> {
         drop(sender);
         for (index, cell, answer) in receiver {
             let (approach, moments) = answer.map_err(|error| format!("{}: {error}", cell.name()))?;
+            if let Some((path, file)) = &mut lines {
+                let line = serde_json::to_string(&approach).map_err(|error| error.to_string())?;
+                writeln!(file, "{line}").map_err(|error| unwritable(path, error))?;
+            }
             let keep = arguments.svg.is_some() && is_drawn(&cell, wanted.len());
             flown.push((index, approach, if keep { moments } else { Vec::new() }));
             eprint!("\r{} of {} approaches", flown.len(), wanted.len());
@@ -107,9 +117,6 @@ fn run(arguments: &Arguments) -> Result<Vec<Approach>, String> {
     })?;
     flown.sort_by_key(|(index, ..)| *index);
     let flown: Vec<(Approach, Vec<Moment>)> = flown.into_iter().map(|(_, a, m)| (a, m)).collect();
-    if let Some(path) = &arguments.json {
-        write_lines(path, &flown).map_err(|error| format!("{}: {error}", path.display()))?;
-    }
     if let Some(folder) = &arguments.svg {
         let write = || -> std::io::Result<()> {
             std::fs::create_dir_all(folder)?;
@@ -118,15 +125,7 @@ fn run(arguments: &Arguments) -> Result<Vec<Approach>, String> {
             }
             Ok(())
         };
-        write().map_err(|error| format!("{}: {error}", folder.display()))?;
+        write().map_err(|error| unwritable(folder, error))?;
     }
     Ok(flown.into_iter().map(|(approach, _)| approach).collect())
-}
-
-fn write_lines(path: &PathBuf, flown: &[(Approach, Vec<Moment>)]) -> std::io::Result<()> {
-    let mut file = std::io::BufWriter::new(std::fs::File::create(path)?);
-    for (approach, _) in flown {
-        writeln!(file, "{}", serde_json::to_string(approach)?)?;
-    }
-    file.flush()
 }
