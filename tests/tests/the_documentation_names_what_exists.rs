@@ -149,5 +149,9 @@ fn every_row_of_the_conformance_names_tests_and_every_one_is_where_it_says() {
             assert!(found, "there is no test {folder}/{file}::{function}");
         }
     }
-    assert_eq!((trajectories, prevention), (30, 19), "one row for each documented requirement");
+    assert_eq!(
+        (trajectories, prevention),
+        (30, 19),
+        "one row for each documented requirement"
+    );
 }
