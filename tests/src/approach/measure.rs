@@ -10,6 +10,8 @@ const REST_MPS: f64 = 0.05;
 const REST_S: f64 = 2.0;
 /// The stick is held for this long after it has come to rest (s).
 const HELD_AT_REST_S: f64 = 10.0;
+/// Whose distance changes by more in the last seconds (m) only stood for a while: it slips past what it was pushed at.
+const DRIFT_M: f64 = 0.5;
 /// So fast it must have been (m/s), or it has not even begun.
 const BEGUN_MPS: f64 = 0.3;
 /// Who has passed is this far behind (m).
@@ -79,17 +81,18 @@ impl<'a> Measure<'a> {
     }
 
     pub fn finish(&self, moments: &[Moment]) -> Approach {
-        let rests = self.rest_s.is_some() && self.passed_s.is_none() && self.contact.is_none();
         let last = last(moments, LAST_S);
+        let distances = || last.iter().map(|m| m.distance_m);
+        let swing_m =
+            distances().fold(f64::NEG_INFINITY, f64::max) - distances().fold(f64::INFINITY, f64::min);
+        let stood = self.rest_s.is_some() && self.passed_s.is_none() && self.contact.is_none();
+        let rests = stood && swing_m < DRIFT_M;
         let rest_m = rests.then(|| mean(self::last(moments, 1.0), |m| m.distance_m) - CP_DIST_M);
         let reached_mps = moments.iter().map(Moment::speed_mps).fold(0.0, f64::max);
         let gate_s = moments
             .iter()
             .find(|m| m.distance_m <= CP_DIST_M + GATE_M)
             .map_or(0.0, |m| m.time_s);
-        let distances = || last.iter().map(|m| m.distance_m);
-        let swing_m =
-            distances().fold(f64::NEG_INFINITY, f64::max) - distances().fold(f64::INFINITY, f64::min);
         let end = moments.last();
         Approach {
             cell: *self.cell,
@@ -106,7 +109,10 @@ impl<'a> Measure<'a> {
             passed_after_s: self.passed_s,
             impact_mps: self.contact.map(|contact| contact.1),
             slows_at_m: slows_at_m(moments, reached_mps),
-            reversals: self.rest_s.map_or(0, |rest_s| reversals(moments, rest_s)),
+            reversals: self
+                .rest_s
+                .filter(|_| rests)
+                .map_or(0, |rest_s| reversals(moments, rest_s)),
             swing_m: rests.then_some(swing_m),
             aside_mps: mean(last, |m| m.velocity_mps[1]).abs(),
             ahead_mps: end.map_or(0.0, |m| m.ahead_m / m.time_s),
