@@ -61,7 +61,7 @@ pub enum Variant {
     NearSighted,
     /// The driver stamps its scans when they arrive.
     StampedOnArrival,
-    /// Gusts of 1.5 m/s (one sigma) about a headless mean of 3 m/s from behind.
+    /// Wind of 3 m/s from behind, with gusts of 1.5 m/s (one sigma).
     Gusts,
 }
 

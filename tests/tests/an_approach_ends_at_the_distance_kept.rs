@@ -7,7 +7,7 @@ use jink_tests::approach::{Approach, Cell, Ending, Moment, Scene, Who, fly};
 
 /// How much of CP_DIST may be lost on the way (m): nothing is planned to be. A sector does not say where in its 5 degrees a hit is (2.5
 /// degrees aside, a wall at CP_DIST is 0.002 m nearer than it looks, a post 0.09 m), the lidar has 0.01 m of noise (one sigma) and the vehicle follows
-/// the setpoint with an overshoot that CP_DELAY allows for. In calm air, with stamps that are true, the campaign has seen no more than this.
+/// the setpoint with an overshoot that CP_DELAY allows for. In calm air, with stamps that are true, the campaign has seen none of it lost.
 const LOST_M: f64 = 0.05;
 /// How much farther off it may come to rest (m): the last of the way is flown ever more slowly.
 const SHORT_M: f64 = 0.15;

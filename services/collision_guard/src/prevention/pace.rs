@@ -7,7 +7,7 @@
 //! | because something stands there | any: the limits are applied afterwards |
 //!
 //! A step of the setpoint makes the autopilot tilt as far as it can, and a sensor that is fixed to the body then sees the ground or the sky.
-//! A vehicle with a planar lidar was seen to stop and go, again and again, because it had blinded itself.
+//! A vehicle with a planar lidar was seen to slow down and speed up again, because it had blinded itself.
 
 use jink_shared_types::Timestamp;
 use nalgebra::Vector2;
