@@ -92,11 +92,11 @@ fn fill(data: &mut OBSTACLE_DISTANCE_DATA, ring: &SectorRing) {
         .filter(|(distance_m, _)| !distance_m.is_nan())
         .map(|(_, reach_m)| centimetres(*reach_m))
         .max();
-    let Some(reach_cm) = reach_cm else {
-        return; // Every sector unknown.
+    let Some(reach_cm) = reach_cm.filter(|reach_cm| *reach_cm > 1) else {
+        return; // Every sector unknown, or known no farther than it can be told.
     };
     data.max_distance = reach_cm;
-    data.min_distance = centimetres(ring.range_min_m.max(LEAST_M)).min(reach_cm);
+    data.min_distance = centimetres(ring.range_min_m.max(LEAST_M)).min(reach_cm - 1);
     for (slot, (distance_m, reach_m)) in data.distances.iter_mut().zip(sectors()) {
         let own_reach_cm = centimetres(*reach_m);
         *slot = if distance_m.is_nan() {
@@ -118,7 +118,7 @@ fn centimetres(metres: f32) -> u16 {
 
 #[cfg(test)]
 mod tests {
-    use super::{message, points};
+    use super::{UNKNOWN_CM, message, points};
     use jink_shared_types::ring::{SECTORS, SectorRing};
     use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
     use mavlink::dialects::ardupilotmega::{
@@ -214,6 +214,19 @@ mod tests {
         let [ahead, right] = [&points[0], &points[1]];
         assert!((ahead.x - 2.0 * 10f32.to_radians().cos()).abs() < 1e-4 && ahead.y < 0.0);
         assert!(right.x.abs() < 1e-4 && (right.y - 4.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_ring_that_knows_millimetres_knows_nothing() {
+        let told = sent(&ring(0.004));
+        assert!(told.distances.iter().all(|cm| *cm == UNKNOWN_CM));
+        for reach_m in [0.0, 0.004, 0.02, 0.1, 0.3] {
+            let told = sent(&ring(reach_m));
+            assert!(
+                0 < told.min_distance && told.min_distance < told.max_distance,
+                "{reach_m}"
+            );
+        }
     }
 
     #[test]

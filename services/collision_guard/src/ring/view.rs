@@ -146,7 +146,8 @@ impl View {
     ///
     /// The free region is a fan of 72 wedges around the origin. Seen from the origin the ray turns one way only, so the
     /// wedges it crosses are consecutive, and in each one it ends at the border, or at the wedge's radius. Within
-    /// `trodden_m` of the origin the vehicle itself has been, known or not: a way that does not lead out of there tells nothing.
+    /// `trodden_m` of the origin the vehicle itself has been, known or not: a way that does not lead out of there tells nothing,
+    /// nor does one that is no longer than that.
     pub fn free_way_m(
         &self,
         borders: &Borders,
@@ -188,7 +189,7 @@ impl View {
                     ends_at_obstacle: rim_m >= way_m && sector.near_m2 <= sector.known_m2,
                     sector: told?,
                 };
-                return (way.way_m > out_m).then_some(way);
+                return (way.way_m > out_m.max(trodden_m)).then_some(way);
             }
             way_m = border_m;
             index = (index + if clockwise { 1 } else { SECTORS - 1 }) % SECTORS;
