@@ -269,7 +269,7 @@ fn a_row_per_sensor_needs_a_place_for_its_name_and_a_known_kind() {
     );
     assert_eq!(
         row("{sensor}", "sonar"),
-        "services.toml:4: unknown kind of sensor \"sonar\"; use one of lidar_3d, depth_camera, lidar_2d, rangefinder"
+        "services.toml:4: unknown kind of sensor \"sonar\"; use one of lidar_3d, depth_camera, lidar_2d, rangefinder, autopilot_rangefinder, obstacle_row"
     );
     assert!(
         error_of("[[process]]\nname = \"{sensor}\"\nprogram = \"p\"\n").contains("process name \"{sensor}\"")
