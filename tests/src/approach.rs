@@ -51,10 +51,8 @@ pub enum Who {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Variant {
-    /// Nothing: a lidar that sees 50 m, GD_BAND 5 m, true stamps, CP_DELAY as documented, calm air.
+    /// Nothing: a lidar that sees 50 m, true stamps, CP_DELAY as documented, calm air.
     Usual,
-    /// GD_BAND is 0.5 m, its default: of what a lidar sees that tilts with the vehicle little counts.
-    NarrowBand,
     /// CP_DELAY is 0.
     NoDelaySet,
     /// The lidar sees 12 m.
@@ -67,9 +65,8 @@ pub enum Variant {
 
 impl Variant {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 5] = [
         Self::Usual,
-        Self::NarrowBand,
         Self::NoDelaySet,
         Self::NearSighted,
         Self::StampedOnArrival,
@@ -80,17 +77,11 @@ impl Variant {
     pub fn name(self) -> &'static str {
         match self {
             Self::Usual => "as documented",
-            Self::NarrowBand => "GD_BAND 0.5",
             Self::NoDelaySet => "CP_DELAY 0",
             Self::NearSighted => "lidar of 12 m",
             Self::StampedOnArrival => "stamped on arrival",
             Self::Gusts => "wind 3 m/s, gusts 1.5",
         }
-    }
-
-    /// GD_BAND (m). The lidar tilts with the vehicle, and everything is taller than it flies high.
-    pub fn band_m(self) -> f64 {
-        if self == Self::NarrowBand { 0.5 } else { 5.0 }
     }
 
     /// How far the lidar sees (m).

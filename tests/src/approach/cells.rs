@@ -52,7 +52,7 @@ const fn but(variant: Variant, scene: Scene) -> Row {
 }
 
 const HEAD_ON: &[(f64, f64)] = &[(0.0, 0.0)];
-const ROWS: [Row; 19] = [
+const ROWS: [Row; 18] = [
     row(
         Scene::Wall,
         0.0,
@@ -82,7 +82,6 @@ const ROWS: [Row; 19] = [
     but(Variant::NoDelaySet, Scene::Wall),
     but(Variant::NoDelaySet, Scene::Corner),
     but(Variant::StampedOnArrival, Scene::Wall),
-    but(Variant::NarrowBand, Scene::Wall),
     but(Variant::NearSighted, Scene::Wall),
     but(Variant::Gusts, Scene::Wall),
 ];
@@ -127,7 +126,7 @@ impl Filter {
 
     fn delays_s(&self, variant: Variant) -> Vec<f64> {
         let all: &[f64] = match variant {
-            Variant::NarrowBand | Variant::NearSighted | Variant::Gusts => &[ORDINARY_DELAY_S],
+            Variant::NearSighted | Variant::Gusts => &[ORDINARY_DELAY_S],
             _ if self.is_quick => &QUICK_DELAYS_S,
             _ => &DELAYS_S,
         };

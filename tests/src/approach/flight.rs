@@ -90,11 +90,7 @@ fn setup(cell: &Cell) -> Result<FlightSetup, String> {
         .ok_or("no such autopilot")?
         .with_parameter("EAV_EN", 1.0)
         .with_parameter("CP_DIST", distance_m(Who::Px4));
-    let own = [
-        ("CP_DIST", distance_m(Who::Jink)),
-        ("GD_BAND", cell.variant.band_m()),
-    ];
-    let jinks = shared.into_iter().chain(own);
+    let jinks = shared.into_iter().chain([("CP_DIST", distance_m(Who::Jink))]);
     for (name, value) in jinks {
         params.set(name, value).map_err(|error| error.to_string())?;
     }
