@@ -4,7 +4,8 @@
 //!
 //! PX4's loop is the one of the emulated autopilot, which answers as PX4 does; like PX4's it counts in single precision. A tick of it: the
 //! setpoint constrained on its map, with a new OBSTACLE_DISTANCE at every third tick, as at 15 messages and 50 ticks a second. A tick of ours: the
-//! same on the sector ring, with and without making the ring from a planar scan's layer.
+//! same on the sector ring, then a velocity instead of an acceleration (what a pilot's sticks are where he steers through jink), then the acceleration
+//! with the making of the ring from a planar scan's layer.
 
 use jink_collision_guard::prevention::{Demand, Prevention, PreventionConfig};
 use jink_collision_guard::ring::{Pose, Ring};
@@ -56,17 +57,23 @@ fn main() {
         let mut theirs = Theirs::new(&scene);
         let mut ours = Ours::new(&scene);
         // Turn by turn, so that both see the same machine.
-        let mut us: [Vec<f64>; 3] = std::array::from_fn(|_| Vec::with_capacity(RUNS));
+        let mut us: [Vec<f64>; 4] = std::array::from_fn(|_| Vec::with_capacity(RUNS));
         for run in 0..RUNS {
             let stick = 0.001 * run as f64;
             us[0].push(timed(|| theirs.tick(run, stick)));
             us[1].push(timed(|| ours.tick(run, stick)));
-            us[2].push(timed(|| ours.tick_with_ring(run, stick)));
+            us[2].push(timed(|| ours.velocity_tick(run, stick)));
+            us[3].push(timed(|| ours.tick_with_ring(run, stick)));
         }
         let p50 = us.each_ref().map(|us| percentile(us, 0.5));
-        for (what, us) in ["PX4's", "ours, on the ring", "ours, and the ring's making"]
-            .iter()
-            .zip(&us)
+        for (what, us) in [
+            "PX4's",
+            "ours, on the ring",
+            "ours, a velocity",
+            "ours, and the ring's making",
+        ]
+        .iter()
+        .zip(&us)
         {
             println!(
                 "{name:<16} {what:<26} {:>9.2} {:>9.2} {:>9.2} {:>9.2}",
@@ -181,6 +188,17 @@ impl Ours {
         // The ring stays as fresh as it is flown with.
         let now = self.at(0).plus_seconds(0.02 * (run % 3) as f64);
         self.constrain(now, stick)
+    }
+
+    fn velocity_tick(&mut self, run: usize, stick: f64) -> f64 {
+        let now = self.at(0).plus_seconds(0.02 * (run % 3) as f64);
+        let (sin, cos) = stick.sin_cos();
+        let demand = Demand::Velocity(Vector2::new(6.0 * cos, 6.0 * sin));
+        let velocity = Vector2::new(2.0, 0.5);
+        self.prevention
+            .step(now, &self.sectors, demand, velocity)
+            .setpoint
+            .x
     }
 
     fn tick_with_ring(&mut self, run: usize, stick: f64) -> f64 {
