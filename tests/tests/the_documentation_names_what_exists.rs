@@ -18,6 +18,13 @@ fn rust_files(folder: &Path, into: &mut Vec<PathBuf>) {
     }
 }
 
+/// Every page in docs.
+fn pages() -> impl Iterator<Item = PathBuf> {
+    let entries = std::fs::read_dir(workspace().join("docs")).unwrap().flatten();
+    let files = entries.map(|entry| entry.path());
+    files.filter(|path| path.extension().is_some_and(|extension| extension == "md"))
+}
+
 /// Names in backticks that look like tests: several words joined by underscores.
 fn promised(text: &str) -> Vec<&str> {
     let quoted = text.split('`').skip(1).step_by(2);
@@ -41,14 +48,14 @@ fn every_test_that_the_documents_name_is_there() {
         .map(|file| std::fs::read_to_string(file).unwrap())
         .collect();
     let mut names = 0;
-    for entry in std::fs::read_dir(workspace().join("docs")).unwrap().flatten() {
-        let text = std::fs::read_to_string(entry.path()).unwrap();
+    for page in pages() {
+        let text = std::fs::read_to_string(&page).unwrap();
         for name in promised(&text) {
             names += 1;
             assert!(
                 code.contains(&format!("fn {name}(")),
                 "{}: there is no test {name}",
-                entry.path().display()
+                page.display()
             );
         }
     }
@@ -59,8 +66,7 @@ fn every_test_that_the_documents_name_is_there() {
 fn every_file_that_a_document_links_to_is_there() {
     let root = workspace();
     let mut documents = vec![root.join("README.md"), root.join("CONTRIBUTING.md")];
-    let docs = std::fs::read_dir(root.join("docs")).unwrap().flatten();
-    documents.extend(docs.map(|entry| entry.path()));
+    documents.extend(pages());
     let mut links = 0;
     for document in documents {
         let text = std::fs::read_to_string(&document).unwrap();
