@@ -235,6 +235,24 @@ impl TempFolder {
         folder
     }
 
+    /// As [`Self::with_config`], with `sensors` in the place of the configuration's own.
+    ///
+    /// # Panics
+    /// If it cannot be made.
+    pub fn with_sensors(role: &str, sensors: &str) -> Self {
+        let folder = Self::with_config(role);
+        let text = std::fs::read_to_string(folder.path().join("jink.toml")).expect("the configuration");
+        let (before, rest) = text.split_once("\n[[sensor]]\n").expect("a sensor");
+        let (_, behind) = rest
+            .split_once("\n[simulation]\n")
+            .expect("what is behind the sensors");
+        folder.write(
+            "jink.toml",
+            &format!("{before}\n{sensors}\n[simulation]\n{behind}"),
+        );
+        folder
+    }
+
     /// Where it is.
     pub fn path(&self) -> &Path {
         &self.path

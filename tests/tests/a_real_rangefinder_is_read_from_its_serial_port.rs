@@ -56,19 +56,6 @@ impl Drop for Luna {
     }
 }
 
-/// The usual configuration with `sensors` in the place of its own.
-fn configured(role: &str, sensors: &str) -> TempFolder {
-    let folder = TempFolder::with_config(role);
-    let text = std::fs::read_to_string(folder.path().join("jink.toml")).unwrap();
-    let (before, rest) = text.split_once("\n[[sensor]]\n").unwrap();
-    let (_, behind) = rest.split_once("\n[simulation]\n").unwrap();
-    folder.write(
-        "jink.toml",
-        &format!("{before}\n{sensors}\n[simulation]\n{behind}"),
-    );
-    folder
-}
-
 fn rangefinder(model: &str, device: &Path) -> String {
     format!(
         "[[sensor]]\nname = \"front\"\nkind = \"rangefinder\"\nmodel = \"{model}\"\ndevice = {device:?}\norientation = \"forward\"\n"
@@ -100,7 +87,7 @@ fn its_scans_arrive_and_a_loose_plug_is_told_and_survived() {
     let place = TempFolder::new("luna_line");
     let device = place.path().join("ttyLUNA");
     let luna = Luna::plug_in(&device, 300);
-    let folder = configured("luna", &rangefinder("tf_luna", &device));
+    let folder = TempFolder::with_sensors("luna", &rangefinder("tf_luna", &device));
     let link = format!("udpin:127.0.0.1:{}", free_udp_port());
     let jink = System::up(role, &["--config", folder.text(), "--link", &link]);
     // The newest scan on one line.
@@ -149,7 +136,7 @@ fn its_scans_arrive_and_a_loose_plug_is_told_and_survived() {
 
 #[test]
 fn a_mistake_in_its_table_is_one_line_that_says_what_is_possible() {
-    let folder = configured("luno", &rangefinder("tf_luno", Path::new("/dev/nothing")));
+    let folder = TempFolder::with_sensors("luno", &rangefinder("tf_luno", Path::new("/dev/nothing")));
     let instance = format!("luno_{}", std::process::id());
     let link = format!("udpin:127.0.0.1:{}", free_udp_port());
     let arguments = [
@@ -177,7 +164,7 @@ fn a_mistake_in_its_table_is_one_line_that_says_what_is_possible() {
 
 #[test]
 fn in_a_virtual_world_it_is_rendered_and_no_process_is_started_for_it() {
-    let folder = configured("virtual", &rangefinder("tf_luna", Path::new("/dev/nothing")));
+    let folder = TempFolder::with_sensors("virtual", &rangefinder("tf_luna", Path::new("/dev/nothing")));
     let link = format!("udpin:127.0.0.1:{}", free_udp_port());
     let jink = System::up(
         "virt",

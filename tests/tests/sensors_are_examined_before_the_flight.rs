@@ -16,19 +16,6 @@ const BLOCKED: Option<i32> = Some(1);
 const WRONG_USAGE: Option<i32> = Some(2);
 const NOT_RUNNING: Option<i32> = Some(3);
 
-/// The usual configuration with `sensors` in the place of its own.
-fn configured(role: &str, sensors: &str) -> TempFolder {
-    let folder = TempFolder::with_config(role);
-    let text = std::fs::read_to_string(folder.path().join("jink.toml")).unwrap();
-    let (before, rest) = text.split_once("\n[[sensor]]\n").unwrap();
-    let (_, behind) = rest.split_once("\n[simulation]\n").unwrap();
-    folder.write(
-        "jink.toml",
-        &format!("{before}\n{sensors}\n[simulation]\n{behind}"),
-    );
-    folder
-}
-
 /// Examines for so long, and answers what the JSON says.
 fn examined(jink: &Handle, seconds: &str) -> (Value, Answer) {
     let told = jink.jink(&["check", "sensors", "--seconds", seconds, "--json"]);
@@ -56,7 +43,7 @@ fn rates_coverage_and_what_nobody_sees_are_told_of_a_vehicle_with_a_gap() {
     // Ahead 182 degrees, behind 82, so sectors of 185 and 85: 45 degrees are missing to each side.
     let sensors = "[[sensor]]\nname = \"front\"\nkind = \"lidar_2d\"\nfov_horizontal_deg = 182\nbeams = 182\nrate_hz = 12\n\
                    [[sensor]]\nname = \"rear\"\nkind = \"lidar_2d\"\nfov_horizontal_deg = 82\nbeams = 82\nyaw_deg = 180\n";
-    let folder = configured("sensors_gap", sensors);
+    let folder = TempFolder::with_sensors("sensors_gap", sensors);
     let address = format!("link.address=udpin:127.0.0.1:{}", free_udp_port());
     let jink = System::up(
         "gap",
@@ -173,7 +160,7 @@ fn a_rangefinder_that_repeats_itself_is_stuck_and_one_that_is_unplugged_is_silen
         )
     };
     let sensors = table("lies", &lying, "forward") + &table("speaks", &honest, "right");
-    let folder = configured("sensors_lies", &sensors);
+    let folder = TempFolder::with_sensors("sensors_lies", &sensors);
     let link = format!("udpin:127.0.0.1:{}", free_udp_port());
     let jink = System::up("lies", &["--config", folder.text(), "--link", &link]);
 
