@@ -123,7 +123,7 @@ events! {
     RESTART_REFUSED = 40, Warning, "jink: restart refused, vehicle is armed", "Land and disarm first.";
     /// A changed parameter could not be kept.
     PARAMETERS_NOT_KEPT = 41, Warning, "jink: parameters not stored on disk", "Look at the disk; they hold until a restart.";
-    /// A link is too slow for setpoints and ten obstacle maps a second; the numbers are what it carries and what they need.
+    /// A link is too slow for setpoints and five obstacle maps a second; the numbers are what it carries and what they need.
     LINK_SLOW = 42, Warning, "jink: link {name} slow, {0} of {1} B/s", "Raise the baud rate; expect fewer obstacle maps.";
     /// A link that was too slow carries everything again.
     LINK_FAST_AGAIN = 43, Notice, "jink: link {name} fast enough", "None.";
@@ -131,6 +131,44 @@ events! {
     RANGEFINDER_LOST = 44, Warning, "jink: rangefinder {name} lost", "Land soon; look at its plug and its power.";
     /// It measures again.
     RANGEFINDER_BACK = 45, Notice, "jink: rangefinder {name} back", "None.";
+    /// The vehicle has come no nearer to what it flies to for OA_BLOCKED_T; the name tells why, the number how far away it is.
+    GOAL_BLOCKED = 46, Warning, "jink: goal {0} m off: {name}", "Choose another goal, or fly by hand.";
+    /// The current mission item is a motion that cannot be guarded, and is not begun; the name tells which.
+    ITEM_HELD = 50, Warning, "jink: item {0} {name}: unguarded, held", "Choose another item, fly it by hand, or set OA_UNGUARDED.";
+    /// The same, and OA_UNGUARDED lets the autopilot fly it.
+    ITEM_UNGUARDED = 51, Warning, "jink: item {0} {name} flown unguarded", "Watch it; hold if something is in the way.";
+    /// A spline item is flown along straight legs.
+    ITEM_STRAIGHT = 52, Notice, "jink: spline item {0} flown straight", "None.";
+    /// The mission that was flown is gone.
+    MISSION_CLEARED = 53, Warning, "jink: mission cleared, holding", "Upload a mission, send a go-to, or choose a mode.";
+    /// Another mission was uploaded while one was flown.
+    MISSION_CHANGED = 54, Notice, "jink: mission changed, on at item {0}", "None.";
+    /// Somebody has chosen another item than the one that was flown to.
+    ITEM_CHOSEN = 55, Info, "jink: item {0} chosen", "None.";
+    /// The mode that follows setpoints was chosen, and there is nothing to fly to.
+    NO_GOAL = 56, Notice, "jink: holds, waits for mission or go-to", "Start the mission, send a go-to, or choose a mode.";
+    /// A place that a ground station asked for is flown to.
+    GO_TO = 57, Info, "jink: go-to, {0} m away", "None.";
+    /// The mission cannot be given back: the autopilot begins it anew, or does not take the item.
+    NOT_GIVEN_BACK = 58, Error, "jink: item {0} not taken back, holding", "Land by hand, or choose the item and the mission mode.";
+    /// The autopilot flies on its own what somebody has asked for a second time.
+    LEFT_ALONE = 59, Warning, "jink: chosen again, flown without avoidance", "Hold, or fly by hand.";
+    /// Somebody chose the mission mode from the mode that follows setpoints; it is taken over again.
+    TAKEN_AGAIN = 60, Notice, "jink: takes over again; repeat to fly alone", "Choose the mission mode once more to fly without jink.";
+    /// No setpoint is sent, because the autopilot does not say whether the vehicle stands on the ground.
+    LANDED_UNKNOWN = 61, Warning, "jink: landed state not told, no setpoints", "Let the autopilot send EXTENDED_SYS_STATE.";
+    /// The profile was chosen by what the autopilot is.
+    PROFILE_CHOSEN = 80, Info, "jink: profile {name} chosen", "None.";
+    /// The autopilot does not take what the profile sends; the name is that of the right one.
+    PROFILE_UNFIT = 81, Error, "jink: not ready, profile must be {name}", "Set link.profile, or leave it at auto; start jink again.";
+    /// The interface that the profile needs is switched off; the name is that of the autopilot's parameter.
+    INTERFACE_OFF = 82, Error, "jink: not ready, set {name} to 1", "Set the parameter on the autopilot.";
+    /// No profile is for this autopilot.
+    AUTOPILOT_UNFIT = 83, Error, "jink: not ready, autopilot not supported", "Look at the versions in README.md; update the firmware.";
+    /// The autopilot does not answer what decides about the profile.
+    PROFILE_UNPROVEN = 84, Error, "jink: not ready, autopilot answers nothing", "Check the wire to the autopilot, and signing.";
+    /// Somebody ends jink in flight: the vehicle comes to rest, and is left to the autopilot's own hold.
+    STOPPING_TO_END = 85, Warning, "jink: ending, stopping the vehicle", "Be ready to take over: nobody looks for obstacles soon.";
 }
 
 /// The event with identity `id`.

@@ -8,13 +8,12 @@ use crate::health::{Histogram, Name};
 pub const LINKS: usize = 4;
 
 /// Classes of what is sent, the most urgent first; each has its place in the arrays of [`LinkTraffic`].
-pub const CLASSES: [&str; 8] = [
+pub const CLASSES: [&str; 7] = [
     "heartbeats",
     "setpoints",
     "answers",
     "obstacles",
     "texts",
-    "points",
     "parameters",
     "forwarded",
 ];
@@ -37,10 +36,30 @@ crate::wire_enum! {
     }
 }
 
+crate::wire_enum! {
+    /// Whether the autopilot on the link takes what the profile sends.
+    pub enum ProfileFit {
+        /// Not known yet.
+        Unknown = 0 "not known",
+        /// It does.
+        Fits = 1 "fits",
+        /// The profile is for another make of autopilot.
+        OtherAutopilot = 2 "for another autopilot",
+        /// The autopilot is set up for another profile.
+        OtherInterface = 3 "for another setting",
+        /// This firmware has no such interface.
+        NoInterface = 4 "not in this firmware",
+        /// It has, and it is switched off.
+        SwitchedOff = 5 "switched off",
+        /// The firmware is older than what the profile is for.
+        TooOld = 6 "firmware too old",
+    }
+}
+
 crate::sample! {
     /// One link's traffic since the gateway's start.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct LinkTraffic: 208 {
+    pub struct LinkTraffic: 192 {
         /// Its name; empty = there is no such link.
         pub name: Name,
         /// Bytes sent, per class.
@@ -67,7 +86,7 @@ crate::sample! {
 crate::sample! {
     /// The gateway's counters since its start.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct LinkStatus: 5512 {
+    pub struct LinkStatus: 5504 {
         /// Messages received from the autopilot.
         pub received: u64,
         /// Messages that could not be decoded, or came from somebody who does not concern us.
@@ -98,13 +117,32 @@ crate::sample! {
         pub desired_paths: u64,
         /// OBSTACLE_DISTANCE sent.
         pub obstacle_distances: u64,
+        /// How setpoints are spoken; empty = not chosen yet.
+        pub profile: Name,
+        /// The profile that is for this autopilot; empty = not known, or there is none.
+        pub matching_profile: Name,
+        /// Whether the one fits.
+        pub profile_fit: Coded<ProfileFit>,
         /// Explicit padding, zero.
-        pub reserved: u64,
+        pub reserved: [u8; 3],
+        /// By how much the autopilot's clock runs faster than the board's (ppm); zero where no difference shows.
+        pub clock_rate_ppm: i32,
+        /// Explicit padding, zero.
+        pub reserved_tail: u64,
         /// Every link by itself, the autopilot's first.
         pub links: [LinkTraffic; LINKS],
         /// Capture of the newest range behind a planned setpoint to its bytes handed to the kernel.
         pub capture_to_wire: Histogram,
         /// What each stage added to that, waiting included: from the end of the stage before it to its own end.
         pub stages: [Histogram; STAGES],
+    }
+}
+
+crate::sample! {
+    /// The vehicle is to be brought to rest and left to the autopilot: jink is about to be ended.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    pub struct StopRequest: 8 {
+        /// Process id of who asks.
+        pub pid: u64,
     }
 }

@@ -75,7 +75,8 @@ params! {
     OA_GOAL_RAD = Float, 0.3, 0.05 .. 5.0, "m", Live, "Distance at which a goal counts as reached";
     OA_YAW_MODE = Integer, 1.0, 0.0 .. 1.0, "", Live, "Heading of planned motion: 0 as the mission asks, 1 along the path";
     OA_BLOCKED = Integer, 0.0, 0.0 .. 2.0, "", Restart, "Mission item that cannot be reached: 0 wait and tell, 1 skip it, 2 stop the mission";
-    OA_BLOCKED_T = Float, 30.0, 2.0 .. 600.0, "s", Restart, "Time of standing before a mission item after which it counts as out of reach";
+    OA_BLOCKED_T = Float, 30.0, 2.0 .. 600.0, "s", Restart, "Time without coming nearer, by the way that is left, after which a goal or mission item counts as out of reach";
+    OA_UNGUARDED = Integer, 0.0, 0.0 .. 1.0, "", Live, "Motion of the autopilot that jink cannot guard (orbit, unknown item): 0 hold and tell, 1 let it fly and tell";
     OA_CARVE_RNG = Float, 12.0, 3.0 .. 12.0, "m", Restart, "Range up to which rays clear the map";
     GD_MARGIN = Float, 0.10, 0.0 .. 2.0, "m", Live, "Distance the guard keeps besides the vehicle radius";
     GD_BAND = Float, 0.50, 0.1 .. 5.0, "m", Restart, "Half height of the band around the vehicle in which the guard counts obstacles";
@@ -91,6 +92,7 @@ params! {
     MPC_ACC_HOR = Float, 3.0, 2.0 .. 15.0, "m/s2", Live, "Acceleration with which the vehicle brakes, for collision prevention";
     MPC_XY_VEL_P_ACC = Float, 1.8, 1.2 .. 5.0, "1/s", Live, "Acceleration for each m/s of wrong speed, for collision prevention";
     GW_RATE = Float, 20.0, 5.0 .. 50.0, "Hz", Restart, "Rate of the setpoint stream to the autopilot";
+    GW_OBST_RATE = Float, 0.0, 0.0 .. 30.0, "Hz", Live, "Rate of the obstacle maps to the autopilot, which may pass them on to ground stations; 0 as it needs them";
     GW_HORIZON = Float, 0.8, 0.3 .. 2.0, "s", Restart, "Duration of each Bezier curve sent to the autopilot";
 }
 

@@ -8,7 +8,7 @@ use crate::control::Control;
 use crate::events::EventSample;
 use crate::health::{Heartbeat, SystemStatus};
 use crate::layout::Layout;
-use crate::link::LinkStatus;
+use crate::link::{LinkStatus, StopRequest};
 use crate::map::LocalMap;
 use crate::motion::{ApprovedTrajectory, Route, Trajectory};
 use crate::prevention::{PilotDemand, PreventedDemand};
@@ -228,6 +228,10 @@ topics! {
         1.0 Hz, stale after 2500.0 ms, buffer 2, logged true, wakes false;
     /// A value that the command line wants changed; the answer is in `parameters`.
     PARAMETER_CHANGE: ParameterChange = "parameters/change",
+        from ["cli"], to ["mavlink_gateway"],
+        0.0 Hz, stale after 5000.0 ms, buffer 4, logged true, wakes false;
+    /// Somebody is about to end jink in flight: the vehicle is to be brought to rest and left to the autopilot.
+    STOP_REQUEST: StopRequest = "vehicle/stop_request",
         from ["cli"], to ["mavlink_gateway"],
         0.0 Hz, stale after 5000.0 ms, buffer 4, logged true, wakes false;
     /// Ground truth, in simulations only. The sensor rendering uses it where the vehicle is simulated, too.

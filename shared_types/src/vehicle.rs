@@ -163,17 +163,25 @@ impl Default for DesiredPath {
 impl DesiredPath {
     /// Whether this asks for a motion that jink plans itself; everything else is mirrored back.
     ///
-    /// Planned: the waypoints of a mission and the level legs of a return, and what is wanted of external setpoints. Mirrored:
-    /// take-off, hold, landing (also as mission items), and anything without a finite target.
+    /// Planned: every finite target in an automatic mode, be it a waypoint, a go-to, a place to hold or a leg of a return, and
+    /// what is wanted of external setpoints. Mirrored: what goes straight up or down at the vehicle's place (take-off and
+    /// landing, also as mission items), and anything without a finite target. A take-off or a landing elsewhere is made a
+    /// plain target by the gateway until the vehicle is there.
     pub fn wants_planning(&self) -> bool {
-        let planned_mode = matches!(
-            self.mode.get(),
-            NavMode::Mission | NavMode::Return | NavMode::Offboard
-        );
-        let plain = !matches!(
-            self.points[0].command,
-            COMMAND_TAKEOFF | COMMAND_LAND | COMMAND_LOITER
-        ) && !matches!(self.points[1].command, COMMAND_TAKEOFF | COMMAND_LAND);
-        planned_mode && plain && self.points[0].position.is_finite() && self.points[1].position.is_finite()
+        let mode = self.mode.get();
+        let planned_mode = mode.is_automatic() || mode == NavMode::Offboard;
+        let [target, waypoint, _] = &self.points;
+        let is_level = |point: &DesiredPoint| !matches!(point.command, COMMAND_TAKEOFF | COMMAND_LAND);
+        planned_mode
+            && is_level(target)
+            && is_level(waypoint)
+            && target.position.is_finite()
+            && waypoint.position.is_finite()
+    }
+
+    /// Whether this asks for a place to stay at or to come to, however the vehicle moves now: a hold or a landing, where
+    /// coming to rest counts more than being there soon.
+    pub fn is_to_rest(&self) -> bool {
+        matches!(self.mode.get(), NavMode::Hold | NavMode::Land)
     }
 }

@@ -75,6 +75,22 @@ pub struct Simulation {
     pub ground_station_port: u16,
     /// UDP port the simulated autopilot binds for its companion; 0 = any free one.
     pub autopilot_port: u16,
+    /// Mean wind to the north, where the air moves to (m/s).
+    pub wind_north_mps: f64,
+    /// Mean wind to the east (m/s).
+    pub wind_east_mps: f64,
+    /// Standard deviation of the gusts on each axis (m/s).
+    pub wind_gust_mps: f64,
+    /// Folder of a build of PX4 or ArduCopter (SITL) that flies instead of an emulated autopilot; empty = none.
+    pub sitl: String,
+    /// How it is simulated: auto, hil, sih, json.
+    pub sitl_interface: String,
+    /// Its instance number, from which its ports count; -1 = the first one whose ports are free.
+    pub sitl_instance: i16,
+    /// Parameters it starts with over its defaults and those that `link.profile` needs: NAME=NUMBER,NAME=NUMBER.
+    pub sitl_parameters: String,
+    /// Its working folder, kept; empty = a temporary one.
+    pub sitl_folder: String,
 }
 
 impl Default for Simulation {
@@ -86,6 +102,14 @@ impl Default for Simulation {
             density_per_m2: None,
             ground_station_port: 14550,
             autopilot_port: 0,
+            wind_north_mps: 0.0,
+            wind_east_mps: 0.0,
+            wind_gust_mps: 0.0,
+            sitl: String::new(),
+            sitl_interface: "auto".to_owned(),
+            sitl_instance: -1,
+            sitl_parameters: String::new(),
+            sitl_folder: String::new(),
         }
     }
 }

@@ -21,6 +21,7 @@ pub(crate) struct Duty {
     budget_us: u32,
     entry: Cell<Option<ControlEntry>>,
     declared: Cell<Option<bool>>,
+    stands_by: Cell<bool>,
     began: Cell<Timestamp>,
     newest_trigger: Cell<Timestamp>,
     outputs: Cell<u64>,
@@ -46,6 +47,7 @@ impl Duty {
             budget_us,
             entry: Cell::new(None),
             declared: Cell::new(None),
+            stands_by: Cell::new(false),
             began: Cell::new(Timestamp::NEVER),
             newest_trigger: Cell::new(Timestamp::NEVER),
             outputs: Cell::new(0),
@@ -76,6 +78,16 @@ impl Duty {
     /// Whether the service says by itself which cycles it owns.
     pub(crate) fn declare(&self, owns: bool) {
         self.declared.set(Some(owns));
+    }
+
+    /// Whether the service lacks something that is no topic.
+    pub(crate) fn stand_by(&self, stands_by: bool) {
+        self.stands_by.set(stands_by);
+    }
+
+    /// What it said last.
+    pub(crate) fn stands_by(&self) -> bool {
+        self.stands_by.get()
     }
 
     /// When ownership changes, if a change is planned.

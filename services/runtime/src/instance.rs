@@ -81,6 +81,11 @@ impl Instance {
         self.folder().join("parameters.toml")
     }
 
+    /// Where the gateway keeps which profile it has found to fit, for the next gateway of the same run.
+    pub fn proven_profile(&self) -> PathBuf {
+        self.folder().join("profile")
+    }
+
     /// Where the processes' logs are kept while the instance is up.
     pub fn log_folder(&self) -> PathBuf {
         self.folder().join("log")
@@ -138,10 +143,12 @@ impl Instance {
                 _ => {}
             }
         }
-        // The values of an earlier run would lie over those that this one was started with.
-        match std::fs::remove_file(self.param_store()) {
-            Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
-            _ => {}
+        // The values of an earlier run would lie over those that this one was started with, and its autopilot was another.
+        for file in [self.param_store(), self.proven_profile()] {
+            match std::fs::remove_file(file) {
+                Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(error),
+                _ => {}
+            }
         }
         let prefix = self.shm_prefix();
         for entry in std::fs::read_dir("/dev/shm")?.flatten() {

@@ -317,10 +317,10 @@ impl Ports {
     }
 
     /// Alive and blind is told from alive and well: a needed input that is stale degrades, one that never came is a
-    /// reason to stand by.
+    /// reason to stand by, and so is what the service lacks besides.
     fn state(&self, now: Timestamp) -> ServiceState {
         let needed = || self.inputs.iter().filter(|input| input.needed.get());
-        if needed().any(|input| !input.newest.get().is_set()) {
+        if self.duty.stands_by() || needed().any(|input| !input.newest.get().is_set()) {
             ServiceState::Standby
         } else if needed().all(|input| input.is_fresh(now)) {
             ServiceState::Active
@@ -363,6 +363,11 @@ impl Claim {
     /// What is put out from now on is published, or not.
     pub fn declare(&self, owns: bool) {
         self.duty.declare(owns);
+    }
+
+    /// Something that the service needs besides its inputs is not there, or is there again: meanwhile it stands by.
+    pub fn stand_by(&self, stands_by: bool) {
+        self.duty.stand_by(stands_by);
     }
 }
 

@@ -23,7 +23,8 @@ const NAME_MAX: usize = 15;
 pub struct Link {
     /// `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT`, `tcpin:...`, `tcpout:...` or `serial:DEVICE:BAUD`.
     pub address: String,
-    /// How setpoints are spoken: `px4_trajectory`, `px4_offboard`, `px4_deviation` or `ardupilot_guided`.
+    /// How setpoints are spoken: `px4_trajectory`, `px4_offboard`, `px4_deviation` or `ardupilot_guided`; `auto` = the one that
+    /// is for the autopilot on the link.
     pub profile: String,
     /// In which message `px4_trajectory` speaks: `bezier` or `waypoints`.
     pub output: String,
@@ -53,7 +54,7 @@ impl Default for Link {
     fn default() -> Self {
         Self {
             address: "udpin:127.0.0.1:14540".to_owned(),
-            profile: "px4_trajectory".to_owned(),
+            profile: "auto".to_owned(),
             output: "bezier".to_owned(),
             takes_missions: true,
             tlog: String::new(),
