@@ -1,11 +1,12 @@
 //! Gears: how fast to go for how much room. A faster motion is followed less exactly, so it needs a wider tube, so it
 //! fits through fewer gaps. The planner takes the highest gear in which there is a way worth its time.
 //!
-//! The tube of profile `px4_trajectory` follows what was measured on a real PX4, which smooths every curve once more
-//! with its own limits (acceleration 3 m/s2, jerk 4 m/s3): with 1.8 m/s2 of lateral acceleration at 3 m/s it cut the
-//! corners by up to 0.60 m, on a straight at 2 m/s by 0.02 m; stops from 4.5 m/s ran 0.93 m past their end at
-//! 2 m/s2. Corner cutting grows with the acceleration asked for and hardly with the speed alone, hence
-//! `tube = BASE + PER_ACCELERATION * a`; below half of PX4's own acceleration limit the linear law holds.
+//! The tube follows what was measured on a real PX4 with its trajectory interface, which smooths every curve once more with its
+//! own limits (acceleration 3 m/s2, jerk 4 m/s3) and strays most of all autopilots: in waves with 1.8 m/s2 of lateral acceleration
+//! at 3 m/s it cut the corners by up to 0.60 m, in jink's own turns in a forest, planned with 1.2 m/s2 at 2 m/s, by 0.50 m; on a
+//! straight at 2 m/s by 0.02 m. In OFFBOARD it was 0.16 m. Stops from 4.5 m/s ran 0.93 m past their end at 2 m/s2. Corner cutting
+//! grows with the acceleration asked for and hardly with the speed alone, hence `tube = BASE + PER_ACCELERATION * a`, not
+//! smaller than any of these; below half of PX4's own acceleration limit the linear law holds.
 
 use jink_shared_types::motion::MotionLimits;
 use jink_shared_types::params::{self, ParamSet};
@@ -15,14 +16,15 @@ pub const GEARS: usize = 3;
 
 /// Wobble on a straight (m): 0.02 to 0.03 m measured, doubled for wind and for other airframes.
 const TUBE_BASE_M: f64 = 0.06;
-/// Corner cutting per commanded acceleration (m per m/s2): 0.60 m at 1.8 m/s2.
-const TUBE_PER_ACCELERATION: f64 = 0.33;
+/// Corner cutting per commanded acceleration (m per m/s2): 0.50 m at 1.2 m/s2, and a tenth for airframes that follow less well.
+const TUBE_PER_ACCELERATION: f64 = 0.41;
 /// Overshoot of a stop per commanded deceleration (m per m/s2): 0.93 m at 2 m/s2, 1.37 m at 3 m/s2.
-const OVERSHOOT_PER_DECELERATION: f64 = 0.47;
+pub const OVERSHOOT_PER_DECELERATION: f64 = 0.47;
 
 /// Share of the highest speed, acceleration (m/s2) and jerk (m/s3) of each gear. The highest acceleration stays below
-/// half of PX4's MPC_ACC_HOR, the jerk below its MPC_JERK_AUTO: beyond, PX4 flies another path than the one certified.
-const TABLE: [(f64, f64, f64); GEARS] = [(1.0, 1.2, 2.5), (0.5, 0.7, 2.0), (0.25, 0.4, 1.5)];
+/// half of PX4's MPC_ACC_HOR, the jerk below its MPC_JERK_AUTO: beyond, PX4 flies another path than the one certified. What a gear
+/// asks for decides how much room it takes: with these the lowest one fits through a gap of 1.3 m.
+const TABLE: [(f64, f64, f64); GEARS] = [(1.0, 1.1, 2.5), (0.5, 0.63, 2.0), (0.25, 0.33, 1.5)];
 
 /// The limits of every gear, fastest first.
 pub fn gears(params: &ParamSet) -> [MotionLimits; GEARS] {
@@ -47,6 +49,20 @@ pub fn gears(params: &ParamSet) -> [MotionLimits; GEARS] {
 mod tests {
     use super::gears;
     use jink_shared_types::params::ParamSet;
+
+    #[test]
+    fn no_tube_is_smaller_than_what_was_measured() {
+        for limits in gears(&ParamSet::default()) {
+            // Acceleration asked for (m/s2) and corner cut (m), real PX4, trajectory interface.
+            for (acceleration_mps2, cut_m) in [(1.2, 0.50), (1.8, 0.60), (0.0, 0.03)] {
+                let scaled_m = cut_m * (limits.acceleration_mps2 / acceleration_mps2).min(1.0);
+                assert!(
+                    limits.tube_m > scaled_m,
+                    "{limits:?}: {cut_m} m at {acceleration_mps2} m/s2"
+                );
+            }
+        }
+    }
 
     #[test]
     fn a_slower_gear_needs_less_room() {

@@ -11,6 +11,10 @@
 //! flown. It departs from the state that the committed trajectory will have in [`SPLICE_LEAD_S`], and replaces it only if it
 //! is certified (rule I2). Without fresh ranges or a valid state nothing new is committed (rule I4).
 //!
+//! Where the vehicle is to rest (a hold, a landing) and is too fast to come to rest there, it stops first and comes back from rest.
+//! A goal that it cannot come to (an obstacle, a closed wall, a height that is not allowed) is approached as far as that is
+//! safe; there it rests, and after OA_BLOCKED_T without [`progress`] the gateway and the pilot are told why.
+//!
 //! A plan is: a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
 //! pieces of certified space around it ([`corridor`]); tried in the highest [gear](mod@gears) that is worth it.
 
@@ -18,15 +22,19 @@ pub mod corridor;
 pub mod gears;
 pub mod guide;
 pub mod layer;
+pub mod progress;
 pub mod search;
 pub mod space;
+mod stopping;
 pub mod stops;
 
 use crate::corridor::CorridorBuilder;
 use crate::gears::{GEARS, gears};
 use crate::guide::Guide;
+use crate::progress::{Obstruction, Progress};
 use crate::search::{Found, PathEnd, Query, Search};
 use crate::space::{Room, Space};
+use crate::stopping::is_stop;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, cell_of};
@@ -62,6 +70,13 @@ const NO_PATH_AFTER_S: f64 = 1.5;
 const MOVING_MPS: f64 = 0.5;
 /// Distance between two looks at the committed trajectory (s).
 const RECHECK_STEP_S: f64 = 0.03;
+/// Where no way is known, it is looked for so often (s): every search that fails expands all it may.
+const RETRY_S: f64 = 0.5;
+/// A vehicle at rest whose distance from the goal is at most this more than that of the best place it can come to stays where
+/// it is (m): what lies between is mostly the map's noise.
+const NEAR_ENOUGH_M: f64 = 0.5;
+/// A height that is this far from the one asked for is another one (m): PX4 accepts up to 0.8 m (NAV_MC_ALT_RAD).
+const HEIGHT_OFF_M: f64 = 0.7;
 
 /// What the planner reads.
 #[derive(Clone, Copy, Debug)]
@@ -96,11 +111,20 @@ pub struct Planner {
     /// The last plan on this map; 0 = none yet.
     planned_id: u64,
     map_publish: Timestamp,
+    /// The goal that was planned to last, in vain or not.
     planned_goal: Option<Point<LocalNed>>,
     failing_since: Option<Timestamp>,
     no_path_told: bool,
     blocked_told: bool,
-    lost_told: bool,
+    lost_told: Timestamp,
+    progress: Progress,
+    /// Why the goal was not reached by the last plan.
+    obstruction: Option<Obstruction>,
+    /// The same when the goal was told to be out of reach.
+    blocked_by: Option<Obstruction>,
+    /// Price of the way that was found last (m); `None` none was.
+    left_m: Option<f64>,
+    retry: Timestamp,
     /// The last wish was for setpoints that the autopilot follows.
     sets_points: bool,
     events: Vec<EventSample>,
@@ -118,6 +142,10 @@ impl Departure {
     /// Whether the vehicle moves without a plan, as when a pilot hands over in flight: if none is found it must be stopped.
     fn is_unplanned_motion(&self) -> bool {
         self.base_id == 0 && self.state.velocity.vector().norm() > 0.0
+    }
+
+    fn is_at_rest(&self) -> bool {
+        self.state.velocity.vector().norm() < RESTING_MPS
     }
 }
 
@@ -144,7 +172,12 @@ impl Planner {
             failing_since: None,
             no_path_told: false,
             blocked_told: false,
-            lost_told: false,
+            lost_told: Timestamp::NEVER,
+            progress: Progress::new(params.get(&params::OA_BLOCKED_T)),
+            obstruction: None,
+            blocked_by: None,
+            left_m: None,
+            retry: Timestamp::NEVER,
             sets_points: false,
             events: Vec::with_capacity(8),
         }
@@ -194,6 +227,8 @@ impl Planner {
             route.mode = Coded::new(RouteMode::Mirror);
             self.planned_goal = None;
             self.search.forget();
+            self.progress.forget();
+            self.failing_since = None;
             return;
         };
         let Some(desired) = desired else {
@@ -204,11 +239,11 @@ impl Planner {
         let departure = departure(now, committed, &state);
         let blocked = self.is_blocked(now, committed);
         let must_leave = blocked || departure.is_unplanned_motion();
-        self.lost_told &= must_leave;
         route.goal = goal;
         if inputs.map.fresh().is_none_or(|map| !map.ranges_fresh.is_set()) || !state.position_valid.is_set() {
+            self.progress.pause(now);
             if must_leave {
-                self.leave(&departure, route);
+                self.leave(now, &departure, route);
             }
             return; // I4: blind, the committed trajectory runs to its own stop.
         }
@@ -218,22 +253,38 @@ impl Planner {
         let goal_moved = self
             .planned_goal
             .is_none_or(|old| (old.vector() - goal.vector()).norm() > 0.1);
+        if goal_moved {
+            self.obstruction = None;
+            self.left_m = None;
+            self.retry = now;
+        }
         if is_at(&departure.state, &goal) {
+            let off_m = (desired.points[1].position.z_m - goal.z_m).abs();
+            self.obstruction = (off_m > HEIGHT_OFF_M).then_some(Obstruction::Height);
+            self.left_m = Some(off_m);
             self.report(now, true, &state, &goal);
-        } else if new_map
-            || goal_moved
+        } else if !must_leave && self.stops_first(&departure, &desired, &goal) {
+            if !committed.is_some_and(is_stop) {
+                self.stop_certified(&departure, route);
+            }
+            self.report(now, true, &state, &goal);
+        } else if goal_moved
             || must_leave && !self.is_heeded(committed)
-            || self.failing_since.is_some()
+            || now >= self.retry && (new_map || self.failing_since.is_some())
         {
             let planned = self.plan(&departure, &desired, &goal, route);
+            if !planned && departure.is_at_rest() {
+                self.retry = now.plus_seconds(RETRY_S);
+            }
             self.report(now, planned, &state, &goal);
             if planned {
                 self.planned_id = route.id;
             }
             if !planned && must_leave {
-                self.leave(&departure, route);
+                self.leave(now, &departure, route);
             }
         }
+        self.judge_progress(now, &state, &goal, &desired.points[1].position);
         route.must_leave = Flag::from(must_leave);
         self.tell_blocked(blocked);
     }
@@ -279,15 +330,16 @@ impl Planner {
             self.sets_points = desired.mode.get() == NavMode::Offboard;
         }
         let planned_mode = match state.mode.get() {
-            NavMode::Mission | NavMode::Return => true,
             // Somebody else's setpoints may be followed as well.
             NavMode::Offboard => self.sets_points,
-            _ => false,
+            mode => mode.is_automatic(),
         };
         if !planned_mode || !state.armed.is_set() {
             return None;
         }
         match desired {
+            // Of the mode before: what is wanted in this one comes next.
+            Some(desired) if desired.mode.get().is_automatic() && desired.mode != state.mode => Some(None),
             Some(desired) => desired.wants_planning().then_some(Some(*desired.sample)),
             None => Some(None),
         }
@@ -324,10 +376,15 @@ impl Planner {
         if !self.space.is_loaded() {
             return false;
         }
-        let gear = self.gear_of(committed.limits.tube_m);
+        let end = committed.end();
+        // At rest nothing is strayed from.
+        let gear = if now < end {
+            self.gear_of(committed.limits.tube_m)
+        } else {
+            GEARS - 1
+        };
         self.space.prepare(gear);
         let mut time = now;
-        let end = committed.end();
         loop {
             let Some(state) = committed.at(time) else {
                 return false;
@@ -365,33 +422,60 @@ impl Planner {
         self.space.depart_from(cell_of(departure.state.position));
         let straight_m = (goal.vector() - start).norm();
         let mut best: Option<(f64, usize, Found)> = None;
-        for gear in self.top_gear..GEARS {
+        let mut seen: Option<Found> = None;
+        let mut next = Some(self.top_gear);
+        while let Some(gear) = next {
+            next = (gear + 1 < GEARS).then_some(gear + 1);
             self.space.prepare(gear);
             let Some(found) = self.find(gear, departure, goal) else {
                 continue;
             };
+            let is_short = found.end == PathEnd::Nearest;
+            if seen.is_none_or(|before| before.end == PathEnd::Nearest) {
+                seen = Some(found);
+            }
             // A way that ends nowhere near the goal is a last resort.
-            let dead_end_s = if found.end == PathEnd::Nearest { 1e3 } else { 0.0 };
+            let dead_end_s = if is_short { 1e3 } else { 0.0 };
             let time_s =
                 f64::from(found.cost_m) / self.limits[0].speed_mps + GEAR_PRICE_S * gear as f64 + dead_end_s;
             if best.is_none_or(|(best_s, _, _)| time_s < best_s)
+                && !(is_short && is_near_enough(departure, goal, &found))
                 && let Some(flown) = self.flown_gear(gear, departure, goal, &found)
             {
                 best = Some((time_s, flown, found));
                 self.search.swap_path(&mut self.best_path);
             }
-            let direct =
-                found.end != PathEnd::Nearest && found.cost_m <= DETOUR_WORTH_A_GEAR * straight_m as f32;
+            let direct = !is_short && found.cost_m <= DETOUR_WORTH_A_GEAR * straight_m as f32;
             if best.is_some() && direct {
                 break;
             }
+            // Where the lowest gear finds no way, none between does.
+            if is_short && gear == self.top_gear {
+                next = (gear + 1 < GEARS).then_some(GEARS - 1);
+            }
         }
+        self.left_m = seen.map(|found| f64::from(found.cost_m));
+        let falls_short = seen.is_none_or(|found| found.end == PathEnd::Nearest) || best.is_none();
+        self.obstruction = falls_short.then(|| Obstruction::of(seen.as_ref()));
         let Some((_, flown, found)) = best else {
             return false;
         };
         self.search.swap_path(&mut self.best_path);
-        self.search.prefer_path();
         let target_is_goal = self.build_guide(flown, departure, goal, &found);
+        if self.progress.is_blocked() && !target_is_goal && !departure.is_unplanned_motion() {
+            // Once the goal counts as out of reach, only a way that is known to its end is worth leaving for, or one where
+            // there was none.
+            let is_open_now = found.end != PathEnd::Nearest
+                && matches!(
+                    self.blocked_by,
+                    Some(Obstruction::Occupied | Obstruction::Enclosed)
+                );
+            if !is_open_now {
+                return false;
+            }
+            self.progress.forget();
+        }
+        self.search.prefer_path();
         self.write_plan(flown, departure, desired, target_is_goal, route)
     }
 
@@ -509,43 +593,6 @@ impl Planner {
         true
     }
 
-    /// I3: a certified stop if there is one, else the hardest braking allowed, and say so.
-    fn leave(&mut self, departure: &Departure, route: &mut Route) {
-        let gear = (0..GEARS).find_map(|gear| {
-            self.space.prepare(gear);
-            stops::certified(&self.space, gear, &departure.state).map(|stop| (gear, stop))
-        });
-        let (limits, stop) = match gear {
-            Some((gear, stop)) => (self.limits[gear], stop),
-            None => {
-                if !self.lost_told {
-                    self.lost_told = true;
-                    self.tell(&events::CERTIFICATE_LOST);
-                }
-                (
-                    self.limits[GEARS - 1],
-                    stops::stop(&departure.state, stops::HARDEST_MPS2, 0.0),
-                )
-            }
-        };
-        route.base_id = departure.base_id;
-        route.splice = departure.splice;
-        route.start = departure.state;
-        route.limits = MotionLimits {
-            speed_mps: limits
-                .speed_mps
-                .max(departure.state.velocity.vector().norm() * SPEED_TOLERANCE),
-            acceleration_mps2: stops::HARDEST_MPS2 * 1.5,
-            jerk_mps3: 12.0,
-            ..limits
-        };
-        route.stop = stop;
-        route.has_stop = Flag::YES;
-        route.must_leave = Flag::YES;
-        route.target = stop.at(stop.duration_s).position;
-        route.mode = Coded::new(RouteMode::Stop);
-    }
-
     fn report(&mut self, now: Timestamp, planned: bool, state: &VehicleState, goal: &Point<LocalNed>) {
         let at_goal = (state.position.vector() - goal.vector()).norm() <= self.goal_radius_m;
         if planned || at_goal {
@@ -557,11 +604,40 @@ impl Planner {
             }
             return;
         }
+        self.planned_goal = Some(*goal);
         let since = *self.failing_since.get_or_insert(now);
         let standing = state.velocity.vector().norm() < 0.3;
         if standing && !self.no_path_told && now.seconds_since(since) > NO_PATH_AFTER_S {
             self.no_path_told = true;
             self.tell(&events::NO_PATH);
+        }
+    }
+
+    /// Tells when the goal has been out of reach for too long, and again after the same time each.
+    fn judge_progress(
+        &mut self,
+        now: Timestamp,
+        state: &VehicleState,
+        goal: &Point<LocalNed>,
+        asked_for: &Point<LocalNed>,
+    ) {
+        let away_m = (state.position.vector() - goal.vector()).norm();
+        if away_m <= self.goal_radius_m && self.obstruction != Some(Obstruction::Height) {
+            self.progress.forget();
+            return;
+        }
+        let has_detour = self.obstruction.is_none();
+        let detour_mps = if has_detour {
+            self.limits[DEGRADED_GEAR].speed_mps
+        } else {
+            0.0
+        };
+        if self.progress.step(now, goal, self.left_m, detour_mps) {
+            let why = self.obstruction.unwrap_or(Obstruction::Unseen);
+            self.blocked_by = Some(why);
+            let away_m = (state.position.vector() - asked_for.vector()).norm();
+            let event = EventSample::new(&events::GOAL_BLOCKED, why.word(), [away_m, 0.0]);
+            self.events.push(event);
         }
     }
 
@@ -577,10 +653,18 @@ impl Planner {
     }
 }
 
+/// A reference slower than this rests (m/s).
+const RESTING_MPS: f64 = 0.05;
+
+/// Whether the way found leads nowhere from where the vehicle rests already.
+fn is_near_enough(departure: &Departure, goal: &Point<LocalNed>, found: &Found) -> bool {
+    let away_m = (departure.state.position.vector() - goal.vector()).norm();
+    departure.is_at_rest() && away_m <= f64::from(found.left_m) + NEAR_ENOUGH_M
+}
+
 /// Whether the reference rests at `goal` already.
 fn is_at(reference: &MotionState, goal: &Point<LocalNed>) -> bool {
     const HERE_M: f64 = 0.05;
-    const RESTING_MPS: f64 = 0.05;
     (reference.position.vector() - goal.vector()).norm() < HERE_M
         && reference.velocity.vector().norm() < RESTING_MPS
 }

@@ -4,6 +4,7 @@
 //! falls as `v (1 - 3 u^2 + 2 u^3)`: the deceleration peaks at `1.5 v / T` half way and the jerk at `6 v / T^2` at
 //! both ends, which gives the shortest duration for given limits.
 
+use crate::gears::OVERSHOOT_PER_DECELERATION;
 use crate::space::Space;
 use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::motion::{BezierPiece, MotionState};
@@ -15,6 +16,8 @@ const JERK_MPS3: f64 = 6.0;
 pub const HARDEST_MPS2: f64 = 3.0;
 /// Decelerations tried, gentle first (m/s2).
 const DECELERATIONS_MPS2: [f64; 4] = [1.2, 1.8, 2.4, HARDEST_MPS2];
+/// Deceleration of who wants to rest soon (m/s2): from 3 m/s in 3.8 m; measured overshoots are known up to 3 m/s2.
+pub const BRISK_MPS2: f64 = 1.8;
 /// Changes of direction tried (degrees), straight first.
 const TURNS_DEG: [f64; 7] = [0.0, 15.0, -15.0, 30.0, -30.0, 50.0, -50.0];
 /// Points looked at along a stop.
@@ -70,6 +73,15 @@ pub fn certified(space: &Space, gear: usize, start: &MotionState) -> Option<Bezi
     None
 }
 
+/// The same for who wants to rest soon: straight and harder, where the overshoot of that is safe as well.
+pub fn brisk(space: &Space, gear: usize, start: &MotionState) -> Option<BezierPiece> {
+    let piece = stop(start, BRISK_MPS2, 0.0);
+    let end = piece.at(piece.duration_s).position.vector();
+    let ahead = start.velocity.vector().normalize() * (OVERSHOOT_PER_DECELERATION * BRISK_MPS2);
+    let fits = is_safe(space, gear, &piece) && space.segment_is_safe(gear, &end, &(end + ahead));
+    fits.then_some(piece).or_else(|| certified(space, gear, start))
+}
+
 /// Whether every cell that `piece` passes is safe in `gear`.
 fn is_safe(space: &Space, gear: usize, piece: &BezierPiece) -> bool {
     let mut last = piece.at(0.0).position.vector();
@@ -86,7 +98,7 @@ fn is_safe(space: &Space, gear: usize, piece: &BezierPiece) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{HARDEST_MPS2, certified, stop};
+    use super::{HARDEST_MPS2, brisk, certified, stop};
     use crate::space::tests::{known_map, space_of};
     use jink_shared_types::frames::{Acceleration, Point, Velocity};
     use jink_shared_types::motion::MotionState;
@@ -135,6 +147,18 @@ mod tests {
             certified(&space, 1, &moving(12.0)).is_none(),
             "too fast for anything"
         );
+    }
+
+    #[test]
+    fn a_brisk_stop_needs_room_for_its_overshoot_else_the_gentle_family_is_tried() {
+        let way_m = |wall_m: f64| {
+            let space = space_of(&known_map(|p| p.x > wall_m));
+            brisk(&space, 1, &moving(3.0)).map(|piece| piece.at(piece.duration_s).position)
+        };
+        let open = way_m(11.0).unwrap();
+        assert!(open.x_m < 4.0 && open.y_m == 0.0, "{open:?}");
+        let near = way_m(5.0).unwrap();
+        assert!(near != open, "{near:?}");
     }
 
     #[test]

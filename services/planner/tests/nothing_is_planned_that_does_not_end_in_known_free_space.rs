@@ -9,7 +9,9 @@ use jink_shared_types::motion::{
     ApprovedTrajectory, BezierPiece, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
 };
 use jink_shared_types::params::ParamSet;
-use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_TAKEOFF, DesiredPath, NavMode, VehicleState};
+use jink_shared_types::vehicle::{
+    COMMAND_LAND, COMMAND_LOITER, COMMAND_TAKEOFF, DesiredPath, NavMode, VehicleState,
+};
 use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped, Timestamp};
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -190,13 +192,7 @@ fn a_vehicle_in_unplanned_motion_is_stopped_when_nothing_can_be_seen() {
 #[test]
 fn what_jink_does_not_plan_is_mirrored() {
     let map = map(10.0, |_| false);
-    for mode in [
-        NavMode::Takeoff,
-        NavMode::Hold,
-        NavMode::Land,
-        NavMode::Manual,
-        NavMode::Unknown,
-    ] {
+    for mode in [NavMode::Manual, NavMode::Position, NavMode::Unknown] {
         let state = VehicleState {
             mode: Coded::new(mode),
             ..hovering()
@@ -216,6 +212,76 @@ fn what_jink_does_not_plan_is_mirrored() {
     };
     let route = answer(&mut planner(), Some(&map), Some(&disarmed), &to(9.0, 0.0), None);
     assert_eq!(route.mode.get(), RouteMode::Mirror);
+}
+
+/// The same in another mode.
+fn in_mode(mode: NavMode, desired: DesiredPath, state: VehicleState) -> (DesiredPath, VehicleState) {
+    let mode = Coded::new(mode);
+    (DesiredPath { mode, ..desired }, VehicleState { mode, ..state })
+}
+
+#[test]
+fn a_target_is_planned_to_in_every_automatic_mode() {
+    let map = map(10.0, |_| false);
+    for mode in [
+        NavMode::Takeoff,
+        NavMode::Mission,
+        NavMode::Hold,
+        NavMode::Return,
+        NavMode::Land,
+    ] {
+        let (mut desired, state) = in_mode(mode, to(4.0, 0.0), hovering());
+        desired.points[0].command = COMMAND_LOITER;
+        desired.points[1].command = COMMAND_LOITER;
+        let route = answer(&mut planner(), Some(&map), Some(&state), &desired, None);
+        assert_eq!(route.mode.get(), RouteMode::Plan, "{mode}");
+        assert!(route.target_is_goal.is_set(), "{mode}");
+        // What was wanted in the mode before is no wish.
+        let route = answer(&mut planner(), Some(&map), Some(&hovering()), &desired, None);
+        let expected = if mode == NavMode::Mission {
+            RouteMode::Plan
+        } else {
+            RouteMode::Keep
+        };
+        assert_eq!(route.mode.get(), expected, "{mode}");
+    }
+}
+
+#[test]
+fn who_is_to_rest_at_a_place_that_is_passed_stops_first_and_stops_once() {
+    let map = map(12.0, |_| false);
+    let flown = flying_north(9.0);
+    for mode in [NavMode::Hold, NavMode::Land] {
+        let (desired, state) = in_mode(mode, to(0.0, 0.0), hovering());
+        let route = answer(&mut planner(), Some(&map), Some(&state), &desired, Some(&flown));
+        assert_eq!(route.mode.get(), RouteMode::Stop, "{mode}");
+        assert_eq!(route.base_id, flown.trajectory.id);
+        assert!(!route.must_leave.is_set());
+        let mut stopping = flown;
+        stopping.trajectory.mode = Coded::new(TrajectoryMode::Stop);
+        let route = answer(
+            &mut planner(),
+            Some(&map),
+            Some(&state),
+            &desired,
+            Some(&stopping),
+        );
+        assert_eq!(
+            route.mode.get(),
+            RouteMode::Keep,
+            "{mode}: a stop goes on to its end"
+        );
+        let (far, _) = in_mode(mode, to(9.0, 0.0), hovering());
+        let route = answer(&mut planner(), Some(&map), Some(&state), &far, Some(&flown));
+        assert_eq!(route.mode.get(), RouteMode::Plan, "{mode}: far enough ahead");
+    }
+    let (desired, state) = in_mode(NavMode::Mission, to(0.0, 0.0), hovering());
+    let route = answer(&mut planner(), Some(&map), Some(&state), &desired, Some(&flown));
+    assert_ne!(
+        route.mode.get(),
+        RouteMode::Stop,
+        "a waypoint is no place to rest at"
+    );
 }
 
 #[test]

@@ -1,0 +1,189 @@
+//! Whether the goal comes nearer, and if not, why.
+//!
+//! Neither standing nor the straight distance is the sign: a detour leads away from the goal for a while, and a vehicle may circle
+//! round one that it cannot come to. What counts is the price of the way that is left, as the search finds it: whoever does not
+//! make it smaller for OA_BLOCKED_T is out of reach of the goal. A detour that is found on the way makes it greater at once; the
+//! time for flying it is given in addition.
+
+use crate::search::{Found, PathEnd};
+use jink_shared_types::Timestamp;
+use jink_shared_types::frames::{LocalNed, Point};
+
+/// A way that is shorter by this is progress (m): above what the map's noise makes of it from plan to plan.
+const PROGRESS_M: f64 = 0.5;
+/// A goal that has moved less is the same (m).
+const SAME_GOAL_M: f64 = 0.1;
+/// More time is given to no detour (s): one that leads along all four sides of the map's window takes it.
+const DETOUR_MAX_S: f64 = 60.0;
+
+/// Why a goal is not reached.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Obstruction {
+    /// No vehicle can be at it.
+    Occupied,
+    /// What stands around it leaves no way.
+    Enclosed,
+    /// It lies outside of the heights allowed; the vehicle waits above or below it.
+    Height,
+    /// No way is known that ends in known-free space.
+    Unseen,
+}
+
+impl Obstruction {
+    /// Of a way that does not end at the goal.
+    pub fn of(found: Option<&Found>) -> Self {
+        match found {
+            Some(found) if found.goal_is_occupied => Obstruction::Occupied,
+            Some(found) if found.end == PathEnd::Nearest => Obstruction::Enclosed,
+            _ => Obstruction::Unseen,
+        }
+    }
+
+    /// For the pilot.
+    pub fn word(self) -> &'static str {
+        match self {
+            Obstruction::Occupied => "obstacle there",
+            Obstruction::Enclosed => "no way round",
+            Obstruction::Height => "height not allowed",
+            Obstruction::Unseen => "way not seen",
+        }
+    }
+}
+
+/// Watches the way to one goal.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress {
+    patience_s: f64,
+    goal: Option<Point<LocalNed>>,
+    /// The least that was ever left (m), and when that was.
+    least_m: f64,
+    since: Timestamp,
+    /// The most that was left after that (m).
+    most_m: f64,
+    is_blocked: bool,
+    due: Timestamp,
+}
+
+impl Progress {
+    /// A goal is out of reach after `patience_s` without progress.
+    pub fn new(patience_s: f64) -> Self {
+        Self {
+            patience_s,
+            goal: None,
+            least_m: f64::INFINITY,
+            since: Timestamp::NEVER,
+            most_m: 0.0,
+            is_blocked: false,
+            due: Timestamp::NEVER,
+        }
+    }
+
+    /// Nothing is flown to, or it was reached.
+    pub fn forget(&mut self) {
+        *self = Self::new(self.patience_s);
+    }
+
+    /// Whether the goal has been out of reach, and is still.
+    pub fn is_blocked(&self) -> bool {
+        self.is_blocked
+    }
+
+    /// `left_m` of the way to `goal` is left at `now`, with a detour being flown at `speed_mps` (none: 0); `None`: not known.
+    /// Returns whether the goal counts as out of reach from now on, and again after the same time each.
+    pub fn step(
+        &mut self,
+        now: Timestamp,
+        goal: &Point<LocalNed>,
+        left_m: Option<f64>,
+        speed_mps: f64,
+    ) -> bool {
+        let is_same = self
+            .goal
+            .is_some_and(|before| (before.vector() - goal.vector()).norm() <= SAME_GOAL_M);
+        if !is_same {
+            *self = Self {
+                goal: Some(*goal),
+                since: now,
+                ..Self::new(self.patience_s)
+            };
+        }
+        if let Some(left_m) = left_m {
+            if left_m < self.least_m - PROGRESS_M {
+                self.least_m = left_m;
+                self.most_m = left_m;
+                self.since = now;
+                self.is_blocked = false;
+            }
+            self.most_m = self.most_m.max(left_m);
+        }
+        let detour_s = if speed_mps > 0.0 && self.least_m.is_finite() {
+            ((self.most_m - self.least_m) / speed_mps).min(DETOUR_MAX_S)
+        } else {
+            0.0
+        };
+        let waits_since = if self.is_blocked { self.due } else { self.since };
+        if now.seconds_since(waits_since) < self.patience_s + detour_s {
+            return false;
+        }
+        self.is_blocked = true;
+        self.due = now;
+        true
+    }
+
+    /// Nothing could be seen until `now`: that time does not count.
+    pub fn pause(&mut self, now: Timestamp) {
+        if self.goal.is_some() && !self.is_blocked {
+            self.since = now;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Progress;
+    use jink_shared_types::Timestamp;
+    use jink_shared_types::frames::Point;
+
+    /// When it was out of reach within 100 s of a way that is `left_m` long after each time.
+    fn blocked(detour_mps: f64, left_m: impl Fn(f64) -> Option<f64>) -> Vec<f64> {
+        let mut progress = Progress::new(10.0);
+        let goal = Point::new(1.0, 2.0, 3.0);
+        let seconds = (0..1000).map(|i| f64::from(i) * 0.1);
+        seconds
+            .filter(|s| progress.step(Timestamp::from_seconds(50.0 + s), &goal, left_m(*s), detour_mps))
+            .collect()
+    }
+
+    #[test]
+    fn whoever_comes_nearer_is_left_alone_however_slowly() {
+        assert!(blocked(0.0, |s| Some(60.0 - 0.1 * s)).is_empty());
+    }
+
+    #[test]
+    fn standing_wobbling_and_circling_are_told_after_the_patience_and_again() {
+        let ways: [fn(f64) -> Option<f64>; 3] = [|_| Some(3.0), |s| Some(3.0 + 0.4 * s.sin()), |_| None];
+        for left_m in ways {
+            let due = blocked(0.0, left_m);
+            assert!(due[0] < 13.0 && due.len() >= 8, "{due:?}");
+        }
+        let circling = blocked(1.5, |s| Some(4.0 + 2.0 * s.sin()));
+        assert!(circling[0] < 20.0, "{circling:?}");
+    }
+
+    #[test]
+    fn a_detour_is_given_the_time_it_takes_and_no_more() {
+        let left_m = |s: f64| Some(if s < 5.0 { 10.0 - s } else { 45.0 - 1.5 * (s - 5.0) }.max(4.0));
+        let due = blocked(1.5, left_m);
+        assert!(due[0] > 35.0, "{due:?}");
+    }
+
+    #[test]
+    fn another_goal_begins_anew() {
+        let mut progress = Progress::new(10.0);
+        for i in 0..1000 {
+            let goal = Point::new(f64::from(i / 50), 0.0, 0.0);
+            let now = Timestamp::from_seconds(50.0 + 0.1 * f64::from(i));
+            assert!(!progress.step(now, &goal, Some(5.0), 0.0));
+        }
+    }
+}
