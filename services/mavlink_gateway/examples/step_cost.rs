@@ -18,7 +18,10 @@ use std::time::Instant;
 const TICKS: u32 = 60_000;
 
 fn main() {
-    let mut gateway = Gateway::new(GatewayConfig::default());
+    let mut gateway = Gateway::new(GatewayConfig {
+        is_proven: true,
+        ..GatewayConfig::default()
+    });
     let mut outputs = Outputs::default();
     let mut splitter = Splitter::new();
     let (mut autopilot, mut ours) = (Encoder::new(), Encoder::new());

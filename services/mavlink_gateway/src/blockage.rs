@@ -1,20 +1,18 @@
 //! A mission item that cannot be reached blocks the mission for ever: PX4 accepts it only within its radius, wherever the obstacle
-//! stands. So somebody has to notice, and decide.
+//! stands. So somebody has to decide.
 //!
-//! | noticed | done, by OA_BLOCKED |
+//! | the planner says | done, by OA_BLOCKED |
 //! |---|---|
-//! | a way is wanted, the vehicle has been standing for OA_BLOCKED_T, and is not at the item | 0: told; 1: the next item is made current, or the mission stopped at the last one; 2: the mission is stopped (hold) |
+//! | the item that is flown to has been out of reach for OA_BLOCKED_T | 0: told; 1: the next item is made current, or the mission stopped at the last one; 2: the mission is stopped (hold) |
+//! | the same of a goal that is no item | told |
 //!
-//! Standing is the sign, not the lack of progress: a detour leads away from the item for a while, and a planner that finds nothing
-//! comes to rest.
+//! The planner alone knows whether the way becomes shorter; the vehicle rests meanwhile.
 
-use jink_shared_types::Timestamp;
 use jink_shared_types::params::{OA_BLOCKED, ParamSet};
+use jink_shared_types::{LocalNed, Point};
 
-/// Slower than this counts as standing (m/s).
-const STANDING_MPS: f64 = 0.3;
-/// Nearer to the item than this, the autopilot itself has accepted it or is waiting there on purpose (m).
-const AT_ITEM_M: f64 = 1.5;
+/// A goal that has moved less is the same (m).
+const SAME_GOAL_M: f64 = 0.1;
 
 /// What is to be done about an item that cannot be reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,103 +45,67 @@ impl Remedy {
     }
 }
 
-/// What is seen at one moment.
-#[derive(Clone, Copy, Debug)]
-pub struct View {
-    /// Now.
-    pub now: Timestamp,
-    /// Speed of the vehicle (m/s).
-    pub speed_mps: f64,
-    /// The mission item that is flown to.
-    pub item: u16,
-    /// Distance to it (m); `None` no way to it is wanted.
-    pub away_m: Option<f64>,
-}
-
-/// Watches for it.
+/// Helps with what is out of reach.
 #[derive(Clone, Copy, Debug)]
 pub struct Blockage {
     remedy: Remedy,
-    patience_s: f64,
-    standing_since: Option<Timestamp>,
     /// The item that was told of last.
     told: Option<u16>,
+    /// The goal that is no item and was told of last.
+    told_goal: Option<Point<LocalNed>>,
 }
 
 impl Blockage {
-    /// `remedy` is due after standing for `patience_s`.
-    pub fn new(remedy: Remedy, patience_s: f64) -> Self {
+    /// With that remedy.
+    pub fn new(remedy: Remedy) -> Self {
         Self {
             remedy,
-            patience_s,
-            standing_since: None,
             told: None,
+            told_goal: None,
         }
     }
 
-    /// The remedy, at the moment when it is due. Waiting is told once per item; a remedy that has not helped is due again after the
-    /// same time.
-    pub fn step(&mut self, view: &View) -> Option<Remedy> {
-        let stuck = view.speed_mps < STANDING_MPS && view.away_m.is_some_and(|away_m| away_m > AT_ITEM_M);
-        if !stuck {
-            self.standing_since = None;
-            return None;
-        }
-        let since = *self.standing_since.get_or_insert(view.now);
-        if view.now.seconds_since(since) < self.patience_s {
-            return None;
-        }
-        self.standing_since = Some(view.now);
-        let before = self.told.replace(view.item);
-        let repeats = before == Some(view.item) && self.remedy == Remedy::Wait;
+    /// What to do about `item`, which is out of reach, or still is. Waiting is told once per item; a remedy that has not helped
+    /// is due again.
+    pub fn remedy(&mut self, item: u16) -> Option<Remedy> {
+        let before = self.told.replace(item);
+        let repeats = before == Some(item) && self.remedy == Remedy::Wait;
         (!repeats).then_some(self.remedy)
+    }
+
+    /// Whether the pilot is to be told that `goal`, which is no item, is out of reach: once.
+    pub fn is_news(&mut self, goal: Point<LocalNed>) -> bool {
+        let before = self.told_goal.replace(goal);
+        before.is_none_or(|before| (before.vector() - goal.vector()).norm() > SAME_GOAL_M)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Blockage, Remedy, View};
-    use jink_shared_types::Timestamp;
+    use super::{Blockage, Remedy};
+    use jink_shared_types::Point;
     use jink_shared_types::params::ParamSet;
 
-    fn blockage(policy: f64) -> Blockage {
+    fn remedies(policy: f64, items: [u16; 3]) -> Vec<Option<Remedy>> {
         let mut params = ParamSet::default();
         params.set("OA_BLOCKED", policy).unwrap();
-        Blockage::new(Remedy::from_params(&params), 10.0)
-    }
-
-    /// When, and with which remedy, within 35 s of `speed_mps` at `away_m` of the item.
-    fn remedies(policy: f64, speed_mps: f64, away_m: Option<f64>) -> Vec<(f64, Remedy)> {
-        let mut blockage = blockage(policy);
-        let seconds = (0..350).map(|i| f64::from(i) * 0.1);
-        seconds
-            .filter_map(|s| {
-                let now = Timestamp::from_seconds(100.0 + s);
-                let view = View {
-                    now,
-                    speed_mps,
-                    item: 3,
-                    away_m,
-                };
-                blockage.step(&view).map(|remedy| (s, remedy))
-            })
-            .collect()
+        let mut blockage = Blockage::new(Remedy::from_params(&params));
+        items.map(|item| blockage.remedy(item)).to_vec()
     }
 
     #[test]
-    fn who_stands_before_an_item_for_too_long_is_helped() {
-        for (policy, remedy) in [(1.0, Remedy::Skip), (2.0, Remedy::Stop)] {
-            let due = remedies(policy, 0.1, Some(4.0));
-            assert_eq!(due.len(), 3, "{due:?}");
-            assert!((due[0].0 - 10.0).abs() < 0.2 && due.iter().all(|(_, due)| *due == remedy));
-        }
-        assert_eq!(remedies(0.0, 0.1, Some(4.0)).len(), 1, "waiting is told once");
+    fn an_item_out_of_reach_is_helped_by_policy_and_waiting_is_told_once() {
+        let [wait, skip, stop] = [Remedy::Wait, Remedy::Skip, Remedy::Stop].map(Some);
+        assert_eq!(remedies(0.0, [3, 3, 4]), [wait, None, wait]);
+        assert_eq!(remedies(1.0, [3, 3, 4]), [skip; 3]);
+        assert_eq!(remedies(2.0, [3, 3, 4]), [stop; 3]);
     }
 
     #[test]
-    fn who_moves_or_has_arrived_or_wants_nothing_is_left_alone() {
-        assert!(remedies(1.0, 1.0, Some(4.0)).is_empty());
-        assert!(remedies(1.0, 0.0, Some(1.0)).is_empty());
-        assert!(remedies(1.0, 0.0, None).is_empty());
+    fn a_goal_that_is_no_item_is_told_once() {
+        let mut blockage = Blockage::new(Remedy::Skip);
+        let goals = [1.0, 1.0, 5.0, 5.05, 1.0].map(|x| Point::new(x, 0.0, -3.0));
+        let told = goals.map(|goal| blockage.is_news(goal));
+        assert_eq!(told, [true, false, true, false, true]);
     }
 }

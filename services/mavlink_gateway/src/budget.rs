@@ -13,17 +13,16 @@
 //! - Its class has not used up what the more urgent ones leave: nothing less urgent keeps them waiting later, and the line
 //!   does not stand full, which would make every setpoint late. What they take is measured, about a second back.
 //!
-//! Obstacle maps are needed ten times a second. Those beyond that are a luxury and come last, so that ground stations
+//! Obstacle maps are needed five times a second. Those beyond that are a luxury and come last, so that ground stations
 //! are heard on a link that is just fast enough.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::link::CLASSES;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{
-    COMPONENT_METADATA_DATA, FILE_TRANSFER_PROTOCOL_DATA, HEARTBEAT_DATA, OBSTACLE_DISTANCE_3D_DATA,
-    OBSTACLE_DISTANCE_DATA, ONBOARD_COMPUTER_STATUS_DATA, PARAM_ERROR_DATA, PARAM_EXT_VALUE_DATA,
-    PARAM_VALUE_DATA, SET_POSITION_TARGET_GLOBAL_INT_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
-    STATUSTEXT_DATA,
+    COMPONENT_METADATA_DATA, FILE_TRANSFER_PROTOCOL_DATA, HEARTBEAT_DATA, OBSTACLE_DISTANCE_DATA,
+    ONBOARD_COMPUTER_STATUS_DATA, PARAM_ERROR_DATA, PARAM_EXT_VALUE_DATA, PARAM_VALUE_DATA,
+    SET_POSITION_TARGET_GLOBAL_INT_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,
 };
 // The trajectory messages are gone from PX4 1.16 on; some profiles are for the versions before.
 #[allow(deprecated)]
@@ -44,12 +43,10 @@ pub enum Class {
     Obstacles = 3,
     /// STATUSTEXT.
     Text = 4,
-    /// OBSTACLE_DISTANCE_3D: the same again, in more detail.
-    Points = 5,
     /// Parameters, files, how the board is.
-    Parameter = 6,
+    Parameter = 5,
     /// What others have sent to others.
-    Forwarded = 7,
+    Forwarded = 6,
 }
 
 impl Class {
@@ -60,7 +57,6 @@ impl Class {
         Self::Answer,
         Self::Obstacles,
         Self::Text,
-        Self::Points,
         Self::Parameter,
         Self::Forwarded,
     ];
@@ -75,7 +71,6 @@ impl Class {
             | SET_POSITION_TARGET_LOCAL_NED_DATA::ID
             | SET_POSITION_TARGET_GLOBAL_INT_DATA::ID => Self::Setpoint,
             OBSTACLE_DISTANCE_DATA::ID => Self::Obstacles,
-            OBSTACLE_DISTANCE_3D_DATA::ID => Self::Points,
             STATUSTEXT_DATA::ID => Self::Text,
             PARAM_VALUE_DATA::ID
             | PARAM_EXT_VALUE_DATA::ID
@@ -97,7 +92,6 @@ impl Class {
             Self::Obstacles => 192.0,
             Self::Text => 79.0,
             // Eight come at once; they can wait for each other.
-            Self::Points => 53.0,
             Self::Parameter | Self::Forwarded => 293.0,
         }
     }
@@ -113,9 +107,9 @@ impl Class {
     }
 }
 
-/// Obstacle maps that are needed (Hz).
-pub const OBSTACLES_NEEDED_HZ: f64 = 10.0;
-/// Needed maps that may have been saved up (1): two, so that fifteen a second are thinned to ten and not to seven and a half.
+/// Obstacle maps that are needed (Hz): PX4 and ArduPilot stop believing them after half a second, and two may get lost.
+pub const OBSTACLES_NEEDED_HZ: f64 = 5.0;
+/// Needed maps that may have been saved up (1): two, so that seven a second are thinned to five and not to three and a half.
 const SAVED_UP: f64 = 2.0;
 /// Time that a fast link's bucket holds (s): what bursts at most before the next one.
 const DEPTH_S: f64 = 0.1;
@@ -141,7 +135,7 @@ pub enum Change {
     Slow {
         /// What it carries (bytes/s).
         carries_bps: f64,
-        /// What setpoints, what is more urgent, answers and ten obstacle maps a second need (bytes/s).
+        /// What setpoints, what is more urgent, answers and five obstacle maps a second need (bytes/s).
         needed_bps: f64,
     },
     /// It does again.
@@ -306,9 +300,9 @@ mod tests {
     }
 
     /// Offers messages for 20 s; answers how many a second of each class got through in the second half, and every change.
-    fn offer(rate_bps: f64, streams: &[(Class, usize, f64)]) -> ([f64; 8], Vec<Change>) {
+    fn offer(rate_bps: f64, streams: &[(Class, usize, f64)]) -> ([f64; Class::ALL.len()], Vec<Change>) {
         let mut budget = Budget::new(rate_bps);
-        let (mut sent, mut changes) = ([0.0; 8], Vec::new());
+        let (mut sent, mut changes) = ([0.0; Class::ALL.len()], Vec::new());
         let mut due: Vec<_> = streams.iter().map(|_| 0.0).collect();
         for ms in 0..20_000 {
             let s = f64::from(ms) / 1000.0;
@@ -326,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn obstacle_maps_are_thinned_to_ten_before_anything_else_suffers() {
+    fn obstacle_maps_are_thinned_to_five_before_anything_else_suffers() {
         let streams = [
             (Class::Obstacles, 179, 15.0),
             (Class::Setpoint, 121, 20.0),
@@ -334,9 +328,9 @@ mod tests {
             (Class::Heartbeat, 21, 2.0),
             (Class::Forwarded, 40, 20.0),
         ];
-        let (sent, changes) = offer(5760.0, &streams);
+        let (sent, changes) = offer(4900.0, &streams);
         assert!(sent[Class::Setpoint as usize] > 19.8 && sent[Class::Heartbeat as usize] > 1.8);
-        assert!((9.8..11.0).contains(&sent[Class::Obstacles as usize]), "{sent:?}");
+        assert!((4.8..6.5).contains(&sent[Class::Obstacles as usize]), "{sent:?}");
         assert!(sent[Class::Forwarded as usize] > 15.0, "{sent:?}");
         assert!(changes.is_empty(), "{changes:?}");
     }
@@ -362,7 +356,7 @@ mod tests {
         else {
             panic!("{changes:?}");
         };
-        let needed = 251.0 * 20.0 + 30.0 * 20.0 + 179.0 * 10.0;
+        let needed = 251.0 * 20.0 + 30.0 * 20.0 + 179.0 * 5.0;
         assert!((needed_bps - needed).abs() < 0.03 * needed && carries_bps == 5760.0);
     }
 

@@ -11,13 +11,27 @@
 //! those of the last few seconds that are within [`RTT_SLACK_NS`] of the shortest. This is the clock filter of NTP
 //! (RFC 5905, section 10) in its simplest form.
 //!
+//! Clocks of hardware agree in their rate to some 50 ppm; a simulated autopilot's may run a per cent slow. Each answer bounds
+//! the offset to an interval of half a round trip to both sides. While one offset lies in the intervals of all answers, the
+//! rates are taken as equal. Once none does, a line is fitted through the offsets, each weighted by the square of what it
+//! knows (1 / round trip), and stamps are mapped along that line.
+//!
 //! Until enough answers have come, a stamp is mapped through its reception: the smallest difference between reception
 //! and stamp belongs to the message that was delayed least, and that difference maps every other stamp.
 
 use jink_shared_types::Timestamp;
 
-/// Answers that are remembered: about six seconds at 10 Hz. Clocks drift by up to 50 ppm, 0.3 ms in that time.
+/// Answers that are remembered: about six seconds at 10 Hz.
 const WINDOW: usize = 64;
+/// Answers older than this (s) count no more: clocks that drift by 50 ppm are 0.4 ms apart by then.
+const WINDOW_S: f64 = 8.0;
+/// Rate of requests until the estimate can be trusted, and while it is in doubt (Hz): the autopilot's own.
+pub const SEARCHING_HZ: f64 = 10.0;
+/// The same from then on (Hz). An autopilot may pass requests on to the ground station's radio; in a second a clock drifts by
+/// 0.05 ms.
+const FOLLOWING_HZ: f64 = 1.0;
+/// A clock whose rate differs by more than this (1) has jumped.
+const RATE_ERROR_MAX: f64 = 0.2;
 /// Answers needed before the estimate is used: two seconds at 10 Hz, so that a few short round trips are among them.
 const NEEDED: u32 = 20;
 /// How much longer than the shortest a round trip may be to count in the mean (ns).
@@ -37,8 +51,28 @@ const OLDEST_S: f64 = 1.0;
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Answer {
+    /// Board time in the middle of its round trip.
+    at: Timestamp,
     offset_ns: i64,
     round_trip_ns: u64,
+}
+
+/// What is known of the offset.
+#[derive(Clone, Copy, Debug, Default)]
+struct Estimate {
+    /// Board time at which the offset is `offset_ns`.
+    at: Timestamp,
+    offset_ns: i64,
+    /// Growth of the offset (ns per ns); zero where the rates are equal as far as can be told.
+    rate_error: f64,
+    round_trip_ns: u64,
+}
+
+impl Estimate {
+    fn offset_ns(&self, at: Timestamp) -> i64 {
+        let growth_ns = self.rate_error * at.seconds_since(self.at) * 1e9;
+        self.offset_ns.saturating_add(growth_ns as i64)
+    }
 }
 
 /// Maps the autopilot's clock to the board's.
@@ -50,7 +84,7 @@ pub struct ClockMap {
     window: [Answer; WINDOW],
     good: u32,
     outliers: u32,
-    estimate: Answer,
+    estimate: Estimate,
     delay: Option<(i64, Timestamp)>,
 }
 
@@ -63,7 +97,7 @@ impl Default for ClockMap {
             window: [Answer::default(); WINDOW],
             good: 0,
             outliers: 0,
-            estimate: Answer::default(),
+            estimate: Estimate::default(),
             delay: None,
         }
     }
@@ -101,18 +135,19 @@ impl ClockMap {
         if received < sent || round_trip_ns > LONGEST_RTT_NS || autopilot_ns < 0 {
             return;
         }
-        let middle_ns = i128::from(sent.ns) + i128::from(round_trip_ns / 2);
-        let Ok(offset_ns) = i64::try_from(i128::from(autopilot_ns) - middle_ns) else {
+        let at = Timestamp::from_ns(sent.ns + round_trip_ns / 2);
+        let Ok(offset_ns) = i64::try_from(i128::from(autopilot_ns) - i128::from(at.ns)) else {
             return;
         };
         self.take(Answer {
+            at,
             offset_ns,
             round_trip_ns,
         });
     }
 
     fn take(&mut self, answer: Answer) {
-        let deviation_ns = answer.offset_ns.abs_diff(self.estimate.offset_ns);
+        let deviation_ns = answer.offset_ns.abs_diff(self.estimate.offset_ns(answer.at));
         let bound_ns = (answer.round_trip_ns + self.estimate.round_trip_ns) / 2;
         if self.good > 0 && deviation_ns > bound_ns + OUTLIER_NS {
             self.outliers += 1;
@@ -134,21 +169,34 @@ impl ClockMap {
 
     fn estimate(&mut self) {
         let known = &self.window[..(self.good as usize).min(WINDOW)];
-        let shortest_ns = known
-            .iter()
+        let newest = known.iter().map(|answer| answer.at).max().unwrap_or_default();
+        let recent = || {
+            let young = |answer: &&Answer| newest.seconds_since(answer.at) <= WINDOW_S;
+            known.iter().filter(young)
+        };
+        let shortest_ns = recent()
             .map(|answer| answer.round_trip_ns)
             .min()
             .unwrap_or(LONGEST_RTT_NS);
-        let short = known
-            .iter()
-            .filter(|answer| answer.round_trip_ns <= shortest_ns + RTT_SLACK_NS);
-        let (sum, count) = short.fold((0i128, 0i128), |(sum, count), answer| {
-            (sum + i128::from(answer.offset_ns), count + 1)
-        });
-        self.estimate = Answer {
-            offset_ns: (sum / count.max(1)) as i64,
-            round_trip_ns: shortest_ns,
+        self.estimate = if is_one_offset(recent()) {
+            mean_of_short(recent(), shortest_ns, newest)
+        } else {
+            line_through(recent(), shortest_ns, newest)
         };
+    }
+
+    /// How often the autopilot is to be asked now (Hz).
+    pub fn request_rate_hz(&self) -> f64 {
+        if self.is_converged() && self.outliers == 0 {
+            FOLLOWING_HZ
+        } else {
+            SEARCHING_HZ
+        }
+    }
+
+    /// By how much the autopilot's clock runs faster than the board's (1); zero where no difference shows.
+    pub fn rate_error(&self) -> f64 {
+        self.estimate.rate_error
     }
 
     /// Whether the offset can be trusted.
@@ -203,7 +251,7 @@ impl ClockMap {
     fn autopilot_ns(&self, at: Timestamp) -> i64 {
         i64::try_from(at.ns)
             .unwrap_or(i64::MAX)
-            .saturating_add(self.estimate.offset_ns)
+            .saturating_add(self.estimate.offset_ns(at))
     }
 
     fn map_by_delay(&mut self, boot_ns: i64, received: Timestamp) -> Timestamp {
@@ -220,6 +268,73 @@ impl ClockMap {
         self.delay = Some((least_ns, received));
         let late_ns = seen_ns.saturating_sub(least_ns);
         bounded(received.plus_seconds(-(late_ns as f64) * 1e-9), received)
+    }
+}
+
+/// Whether one offset explains all answers: their intervals have something in common.
+fn is_one_offset<'a>(answers: impl Iterator<Item = &'a Answer>) -> bool {
+    let half_ns = |answer: &Answer| i64::try_from(answer.round_trip_ns / 2).unwrap_or(i64::MAX);
+    let (least_ns, most_ns) = answers.fold((i64::MIN, i64::MAX), |(least_ns, most_ns), answer| {
+        (
+            least_ns.max(answer.offset_ns.saturating_sub(half_ns(answer))),
+            most_ns.min(answer.offset_ns.saturating_add(half_ns(answer))),
+        )
+    });
+    // A crystal's drift in the window, and the halved nanosecond.
+    least_ns.saturating_sub(most_ns) <= RTT_SLACK_NS as i64
+}
+
+fn mean_of_short<'a>(
+    answers: impl Iterator<Item = &'a Answer>,
+    shortest_ns: u64,
+    newest: Timestamp,
+) -> Estimate {
+    let short = answers.filter(|answer| answer.round_trip_ns <= shortest_ns + RTT_SLACK_NS);
+    let (sum, count) = short.fold((0i128, 0i128), |(sum, count), answer| {
+        (sum + i128::from(answer.offset_ns), count + 1)
+    });
+    Estimate {
+        at: newest,
+        offset_ns: (sum / count.max(1)) as i64,
+        rate_error: 0.0,
+        round_trip_ns: shortest_ns,
+    }
+}
+
+/// Weighted least squares, around the newest answer.
+fn line_through<'a>(
+    answers: impl Iterator<Item = &'a Answer> + Clone,
+    shortest_ns: u64,
+    newest: Timestamp,
+) -> Estimate {
+    let base_ns = answers.clone().next().map_or(0, |answer| answer.offset_ns);
+    let (mut weight, mut t, mut o, mut tt, mut to) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    for answer in answers {
+        let w = (answer.round_trip_ns as f64).max(1e3).powi(-2) * 1e12;
+        let time_s = -newest.seconds_since(answer.at);
+        let offset_s = answer.offset_ns.saturating_sub(base_ns) as f64 * 1e-9;
+        weight += w;
+        t += w * time_s;
+        o += w * offset_s;
+        tt += w * time_s * time_s;
+        to += w * time_s * offset_s;
+    }
+    let spread = weight * tt - t * t;
+    let slope = if spread > 0.0 {
+        ((weight * to - t * o) / spread).clamp(-RATE_ERROR_MAX, RATE_ERROR_MAX)
+    } else {
+        0.0
+    };
+    let offset_s = if weight > 0.0 {
+        (o - slope * t) / weight
+    } else {
+        0.0
+    };
+    Estimate {
+        at: newest,
+        offset_ns: base_ns.saturating_add((offset_s * 1e9) as i64),
+        rate_error: slope,
+        round_trip_ns: shortest_ns,
     }
 }
 
@@ -339,6 +454,49 @@ mod tests {
             exchange(&mut map, time(i), 500_000_000, 200, 200);
         }
         assert!(map.is_converged());
+    }
+
+    #[test]
+    fn a_clock_that_runs_slow_is_followed_and_its_rate_is_told() {
+        for rate in [0.987f64, 0.99, 1.02] {
+            let mut map = ClockMap::default();
+            let clock_ns = |at: Timestamp| (at.ns as f64 - START_S * 1e9) * rate + 5e9;
+            let mut now = time(0);
+            for i in 0..400u64 {
+                // 0.1 to 0.2 ms each way, as between processes of one machine.
+                let (there_us, back_us) = (100 + i * 37 % 100, 100 + i * 53 % 100);
+                map.request(now);
+                let noted = Timestamp::from_ns(now.ns + there_us * 1000);
+                let received = Timestamp::from_ns(noted.ns + back_us * 1000);
+                map.answer(received, clock_ns(noted) as i64, now.ns as i64);
+                if i >= 40 {
+                    assert!(map.is_converged(), "{rate}: lost after {i} answers");
+                    assert!(
+                        (map.rate_error() - (rate - 1.0)).abs() < 2e-4,
+                        "{rate}: {}",
+                        map.rate_error()
+                    );
+                    let later = received.plus_seconds(0.05);
+                    let boot_us = (clock_ns(received) / 1e3) as u64;
+                    let mapped = map.map_us(boot_us, later);
+                    let error_s = mapped.seconds_since(received).abs();
+                    assert!(error_s < 1.2e-3, "{rate}: off by {error_s} s");
+                }
+                now = now.plus_seconds(1.0 / map.request_rate_hz());
+            }
+        }
+    }
+
+    #[test]
+    fn it_asks_often_until_it_knows_and_again_when_it_doubts() {
+        let mut map = ClockMap::default();
+        for i in 0..NEEDED as usize {
+            assert_eq!(map.request_rate_hz(), 10.0);
+            exchange(&mut map, time(i), 1_000_000, 200, 200);
+        }
+        assert_eq!(map.request_rate_hz(), 1.0);
+        exchange(&mut map, time(30), 900_000_000, 200, 200);
+        assert_eq!(map.request_rate_hz(), 10.0);
     }
 
     #[test]

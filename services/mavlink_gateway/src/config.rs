@@ -2,9 +2,9 @@
 
 use crate::blockage::Remedy;
 use crate::message::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
-use crate::profile::{ProfileName, Representation};
+use crate::profile::{Profile, ProfileName, Representation};
 use crate::router::LinkSet;
-use jink_shared_types::params::{GW_HORIZON, GW_RATE, OA_BLOCKED_T, ParamSet};
+use jink_shared_types::params::{GW_HORIZON, GW_RATE, ParamSet};
 
 /// A curve lasts at least this many periods of the stream: one lost setpoint and one late one must not let it expire.
 const PERIODS_PER_CURVE: f64 = 3.0;
@@ -24,14 +24,16 @@ pub struct GatewayConfig {
     pub system_id: Option<u8>,
     /// Links on which no autopilot is looked for, whoever says there that it is one.
     pub ground_station_links: LinkSet,
-    /// How setpoints are spoken.
+    /// How setpoints are spoken; until one is chosen it means nothing where the gateway chooses it.
     pub profile: ProfileName,
+    /// The profile is chosen by what the autopilot is.
+    pub chooses_profile: bool,
+    /// An earlier gateway of this run has found that `profile` fits the autopilot.
+    pub is_proven: bool,
     /// Missions that the autopilot flies are taken over from it, where it only follows setpoints.
     pub takes_missions: bool,
-    /// What is done about a mission item that cannot be reached ...
+    /// What is done about a mission item that cannot be reached.
     pub blocked_remedy: Remedy,
-    /// ... after standing before it for so long (s).
-    pub blocked_patience_s: f64,
     /// In which message, where the profile leaves the choice.
     pub representation: Representation,
     /// Rate of the setpoint stream (Hz). A new trajectory does not wait for the beat, so up to twice as many may go out.
@@ -55,13 +57,23 @@ impl GatewayConfig {
             system_id: None,
             ground_station_links: LinkSet::default(),
             profile,
+            chooses_profile: false,
+            is_proven: false,
             takes_missions: true,
             blocked_remedy: Remedy::from_params(params),
-            blocked_patience_s: params.get(&OA_BLOCKED_T),
             representation: Representation::default(),
             setpoint_rate_hz: profile.rate_hz(params.get(&GW_RATE)),
             horizon_s: params.get(&GW_HORIZON),
         }
+    }
+
+    /// The profile itself.
+    pub(crate) fn build_profile(&self) -> Box<dyn Profile> {
+        self.profile.build(
+            self.representation,
+            self.longest_curve_s(),
+            self.shortest_curve_s(),
+        )
     }
 
     /// The shortest a curve may be made (s).

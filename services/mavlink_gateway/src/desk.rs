@@ -19,8 +19,8 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::params::ParamSet;
 use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavMessage, MavModeFlag};
 
-/// Rate of ONBOARD_COMPUTER_STATUS (Hz), that of the readings.
-const COMPUTER_RATE_HZ: f64 = 1.0;
+/// Rate of ONBOARD_COMPUTER_STATUS (Hz): 250 bytes that an autopilot may pass on to a radio, of figures that change slowly.
+const COMPUTER_RATE_HZ: f64 = 0.2;
 /// From the acknowledgement of a restart to the restart (s): the answer has left, and a vehicle that is armed right after it
 /// is heard of.
 const RESTART_AFTER_S: f64 = 0.5;

@@ -11,7 +11,7 @@
 use jink_shared_types::Timestamp;
 
 /// How long a second autopilot puts the first in doubt (s).
-const DOUBT_S: f64 = 3.0;
+const DEBOUNCE_S: f64 = 3.0;
 
 /// How long the autopilot's link is silent before another one on which it is heard becomes its own (s): as long as the
 /// autopilot counts as alive.
@@ -27,7 +27,7 @@ struct Candidate {
 
 impl Candidate {
     fn is_silent(&self, now: Timestamp) -> bool {
-        now.seconds_since(self.heard) > DOUBT_S
+        now.seconds_since(self.heard) > DEBOUNCE_S
     }
 }
 
@@ -87,7 +87,7 @@ impl Latch {
         };
         if first.system_id == system_id {
             first.heard = time;
-        } else if self.rival.is_some() || time.seconds_since(first.since) <= DOUBT_S {
+        } else if self.rival.is_some() || time.seconds_since(first.since) <= DEBOUNCE_S {
             self.rival = Some(heard);
         }
     }

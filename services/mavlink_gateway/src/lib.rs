@@ -62,6 +62,7 @@ mod desk;
 mod encoder;
 pub mod executive;
 mod files;
+mod fit;
 pub mod frame;
 mod gateway;
 mod io;
@@ -95,5 +96,5 @@ pub use message::{
     Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, CommandAck, Content,
     Destination, Outgoing, Receipt, Received,
 };
-pub use profile::{ProfileName, Representation};
+pub use profile::{ProfileChoice, ProfileName, Representation};
 pub use vehicle::Present;

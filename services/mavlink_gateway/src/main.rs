@@ -1,13 +1,14 @@
 //! The gateway as a process: woken by its links, by approved trajectories, and by its own beat.
 
 use jink_mavlink_gateway::board::Board;
+use jink_mavlink_gateway::executive::record::Record;
 use jink_mavlink_gateway::link::{Link, LinkError, Progress};
 use jink_mavlink_gateway::links::{LinkSetup, Links};
 use jink_mavlink_gateway::ranges::{RangeSources, SensorTable};
 use jink_mavlink_gateway::tlog::Tlog;
 use jink_mavlink_gateway::{
-    Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Receipt,
-    Received, Representation,
+    Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileChoice,
+    ProfileName, Receipt, Received, Representation,
 };
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Claim, Cycle, Input, Latency, Output, Ports, Service, StartError, StoreWriter, Wake};
@@ -15,7 +16,7 @@ use jink_shared_types::events::EventSample;
 use jink_shared_types::health::Name;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::layout::{hash_start, hash_text};
-use jink_shared_types::link::LinkStatus;
+use jink_shared_types::link::{LinkStatus, StopRequest};
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
@@ -36,6 +37,9 @@ const MESSAGES_MAX: usize = 256;
 const LET_GO_S: f64 = 0.3;
 /// How often an instance that hears nobody any more looks whether the link is its own now (s).
 const ORPHAN_LOOKS_S: f64 = 0.002;
+/// How far back from its start a gateway takes events that nobody may have said (s): longer than the gap that a killed gateway
+/// leaves, and shorter than what a pilot takes for old.
+const TOLD_BEFORE_S: f64 = 0.5;
 /// Events handled per cycle.
 const EVENTS_MAX: usize = 32;
 
@@ -62,9 +66,16 @@ struct GatewayService {
     board: Option<Board>,
     parameters: Output<ParameterValues>,
     changes: Input<ParameterChange>,
+    stop_requests: Input<StopRequest>,
     store: StoreWriter,
     latency: Latency,
     claim: Claim,
+    /// What the next gateway is to know of this flight.
+    flight: FlightFile,
+    /// What the next gateway of this run begins with.
+    proven: ProvenProfile,
+    /// When this process began to listen.
+    begin: Timestamp,
 }
 
 fn needs<E: Display>(what: String) -> impl FnOnce(E) -> StartError {
@@ -80,10 +91,12 @@ impl Service for GatewayService {
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         let settings = ports.config().link.clone();
         let links = open_links(ports)?;
-        let profile: ProfileName = settings
+        let choice: ProfileChoice = settings
             .profile
             .parse()
             .map_err(needs("link.profile".to_owned()))?;
+        let proven = ProvenProfile::of(ports.setup().instance.proven_profile());
+        let (profile, is_proven) = proven.for_choice(choice);
         let representation: Representation =
             settings.output.parse().map_err(needs("link.output".to_owned()))?;
         let config = GatewayConfig {
@@ -91,6 +104,8 @@ impl Service for GatewayService {
             component_id: COMPONENT_AVOIDANCE,
             ground_station_links: links.of_ground_stations(),
             representation,
+            chooses_profile: choice == ProfileChoice::Auto,
+            is_proven,
             takes_missions: settings.takes_missions,
             ..GatewayConfig::from_params(&ports.config().params, profile)
         };
@@ -103,8 +118,10 @@ impl Service for GatewayService {
             .names()
             .map(|name| ports.output_of(topics::RANGE_SCAN, name))
             .collect::<Result<_, _>>()?;
+        let flight = FlightFile::of(&ports.setup().instance.folder());
         Ok(Self {
             gateway: Gateway::new(config)
+                .resuming(jink_runtime::now(), flight.read())
                 .with_range_sources(sources)
                 .with_params(&ports.config().params)
                 .with_board_id(board_id()),
@@ -127,9 +144,13 @@ impl Service for GatewayService {
             parameters: ports.output(topics::PARAMETERS)?,
             // Each command that asks is a producer of its own.
             changes: ports.input(topics::PARAMETER_CHANGE)?.of_all_producers(),
+            stop_requests: ports.input(topics::STOP_REQUEST)?.of_all_producers(),
             store: ports.param_store().clone().writer(),
             latency: ports.latency(),
             claim: ports.claim(),
+            flight,
+            proven,
+            begin: jink_runtime::now(),
         })
     }
 
@@ -148,14 +169,17 @@ impl Service for GatewayService {
             cycle.events.publish(now, &event);
             self.news.push(event);
         }
+        let since = self.begin.plus_seconds(-TOLD_BEFORE_S);
         self.events.each(|event| {
-            // Its own are on their way already.
-            if event.sample.process != self.me && self.news.len() < EVENTS_MAX {
+            // Its own are on their way already, and what came long before it has been said by the gateway before.
+            let is_news = event.sample.process != self.me && event.header.publish >= since;
+            if is_news && self.news.len() < EVENTS_MAX {
                 self.news.push(*event.sample);
             }
         });
         self.changes
             .each(|change| self.gateway.change_param(change.sample));
+        self.stop_requests.each(|_| self.gateway.request_stop(now));
         if let Some(reading) = self.board.as_ref().and_then(Board::news) {
             self.gateway.notice_board(reading);
         }
@@ -171,6 +195,11 @@ impl Service for GatewayService {
         self.gateway.step(now, &inputs, &mut self.outputs);
         if speaks {
             self.send();
+            self.flight.keep(now, self.gateway.record(now));
+        }
+        self.claim.stand_by(!self.gateway.profile_fits());
+        if speaks {
+            self.proven.keep(self.gateway.proven_profile());
         }
         self.publish();
         for event in self.outputs.events() {
@@ -310,6 +339,94 @@ impl GatewayService {
         }
         if let Some(status) = &self.outputs.link_status {
             self.status.send(SampleHeader::at(jink_runtime::now()), status);
+        }
+    }
+}
+
+/// How often what is flown is written down although it has not changed (s): it is read if it is not much older.
+const WRITTEN_EVERY_S: f64 = 1.0;
+
+/// What is flown, in a file on tmpfs that is read by the next gateway.
+struct FlightFile {
+    path: PathBuf,
+    written: Option<Record>,
+}
+
+impl FlightFile {
+    fn of(folder: &Path) -> Self {
+        Self {
+            path: folder.join("mavlink_gateway.flight"),
+            written: None,
+        }
+    }
+
+    fn read(&self) -> Option<Record> {
+        std::fs::read(&self.path)
+            .ok()
+            .and_then(|bytes| Record::of_bytes(&bytes))
+    }
+
+    /// Writes a new file beside the old one and puts it in its place: whoever reads meanwhile has one of the two whole.
+    fn keep(&mut self, now: Timestamp, record: Option<Record>) {
+        let Some(record) = record else { return };
+        let is_kept = self.written.is_some_and(|written| {
+            let is_recent = !record.armed || now.seconds_since(written.written) < WRITTEN_EVERY_S;
+            written.says_the_same(&record) && is_recent
+        });
+        if is_kept {
+            return;
+        }
+        self.written = Some(record);
+        let beside = self.path.with_extension("new");
+        let done =
+            std::fs::write(&beside, record.to_bytes()).and_then(|()| std::fs::rename(&beside, &self.path));
+        if let Err(cause) = done {
+            tracing::warn!(
+                "what is flown is not kept for a restart, {}: {cause}",
+                self.path.display()
+            );
+        }
+    }
+}
+
+/// Which profile a gateway of this run has found to fit the autopilot, in a file of the instance: a gateway that is started again
+/// in flight goes on at once with what was chosen.
+struct ProvenProfile {
+    file: PathBuf,
+    kept: Option<ProfileName>,
+}
+
+impl ProvenProfile {
+    /// What is kept in `file`; nothing, if it cannot be read.
+    fn of(file: PathBuf) -> Self {
+        let text = std::fs::read_to_string(&file).unwrap_or_default();
+        Self {
+            kept: text.trim().parse().ok(),
+            file,
+        }
+    }
+
+    /// The profile to begin with, and whether it is proven.
+    fn for_choice(&self, choice: ProfileChoice) -> (ProfileName, bool) {
+        match (choice, self.kept) {
+            (ProfileChoice::Fixed(profile), kept) => (profile, kept == Some(profile)),
+            (ProfileChoice::Auto, Some(kept)) => (kept, true),
+            (ProfileChoice::Auto, None) => (ProfileName::Px4Trajectory, false),
+        }
+    }
+
+    /// Keeps it if it is another than before. What was proven once stays: a run has one profile.
+    fn keep(&mut self, proven: Option<ProfileName>) {
+        if proven.is_none() || proven == self.kept {
+            return;
+        }
+        self.kept = proven;
+        let written = std::fs::write(&self.file, proven.map_or("", ProfileName::name));
+        if let Err(cause) = written {
+            tracing::warn!(
+                "{}: {cause}; a restarted gateway will ask the autopilot again",
+                self.file.display()
+            );
         }
     }
 }

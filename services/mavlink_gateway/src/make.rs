@@ -67,9 +67,11 @@ impl Make {
             (Make::Px4, NavMode::Offboard) => Some((6, 0)),
             (Make::Px4, NavMode::Hold) => Some((4, 3)),
             (Make::Px4, NavMode::Mission) => Some((4, 4)),
+            (Make::Px4, NavMode::Land) => Some((4, 6)),
             (Make::ArduPilot, NavMode::Offboard) => Some((4, 0)),
             (Make::ArduPilot, NavMode::Hold) => Some((COPTER_BRAKE, 0)),
             (Make::ArduPilot, NavMode::Mission) => Some((3, 0)),
+            (Make::ArduPilot, NavMode::Land) => Some((9, 0)),
             _ => None,
         }
     }
@@ -82,7 +84,7 @@ mod tests {
 
     #[test]
     fn a_mode_that_is_asked_for_is_the_one_that_is_told() {
-        for mode in [NavMode::Offboard, NavMode::Hold, NavMode::Mission] {
+        for mode in [NavMode::Offboard, NavMode::Hold, NavMode::Mission, NavMode::Land] {
             let (main, sub) = Make::Px4.mode_numbers(mode).unwrap();
             assert_eq!(Make::Px4.nav_mode(main << 16 | sub << 24), mode);
             let (number, _) = Make::ArduPilot.mode_numbers(mode).unwrap();

@@ -14,7 +14,8 @@ use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
 use mavlink::dialects::ardupilotmega::{
     ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, CURRENT_MODE_DATA,
     EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA,
-    MANUAL_CONTROL_DATA, MISSION_CURRENT_DATA, MavCmd, MavMessage, MavResult, POSITION_TARGET_LOCAL_NED_DATA,
+    MANUAL_CONTROL_DATA, MISSION_CURRENT_DATA, MavCmd, MavMessage, MavResult,
+    POSITION_TARGET_GLOBAL_INT_DATA, POSITION_TARGET_LOCAL_NED_DATA,
 };
 
 /// How long arrivals are counted before they are judged (s).
@@ -34,8 +35,10 @@ enum Need {
     Always,
     /// Sent by PX4 in automatic modes only.
     InAutomaticModes,
-    /// Needed where a pilot steers through jink: in Position mode.
-    InPosition,
+    /// Needed in this mode only; asked for before, so that it comes when the mode begins.
+    In(NavMode),
+    /// Some autopilots send it only while they have a mission.
+    WithMission,
     /// One message is enough.
     Once,
 }
@@ -55,7 +58,8 @@ struct Stream {
 impl Stream {
     /// Whether to ask for it: it is short, or will be needed and has not come.
     fn is_wanted(&self) -> bool {
-        self.is_short || self.need == Need::InPosition && self.came_hz == Some(0.0)
+        let comes_later = matches!(self.need, Need::In(_) | Need::WithMission);
+        self.is_short || comes_later && self.came_hz == Some(0.0)
     }
 }
 
@@ -88,16 +92,16 @@ const fn stream(message_id: u32, rate_hz: f64, need: Need) -> Stream {
 
 /// What every profile needs, most important first.
 const ALWAYS: [Stream; 4] = [
+    stream(EXTENDED_SYS_STATE_DATA::ID, 5.0, Need::Always),
     stream(LOCAL_POSITION_NED_DATA::ID, 30.0, Need::Always),
     stream(ATTITUDE_QUATERNION_DATA::ID, 50.0, Need::Always),
-    stream(EXTENDED_SYS_STATE_DATA::ID, 2.0, Need::Always),
     stream(HOME_POSITION_DATA::ID, 0.5, Need::Once),
 ];
 
 /// Where the mission is flown by jink: where it lies, and how far it is.
 const MISSION: [Stream; 2] = [
     stream(GLOBAL_POSITION_INT_DATA::ID, 5.0, Need::Always),
-    stream(MISSION_CURRENT_DATA::ID, 1.0, Need::Always),
+    stream(MISSION_CURRENT_DATA::ID, 2.0, Need::WithMission),
 ];
 
 /// What a profile needs besides. ArduCopter has no ALTITUDE; its heartbeat comes at once when the mode changes, while PX4's
@@ -109,21 +113,27 @@ fn besides(profile: ProfileName) -> Vec<Stream> {
     match profile {
         ProfileName::Px4Trajectory => vec![
             stream(path, 5.0, Need::InAutomaticModes),
-            stream(MISSION_CURRENT_DATA::ID, 1.0, Need::Always),
+            stream(MISSION_CURRENT_DATA::ID, 1.0, Need::WithMission),
             altitude,
         ],
         ProfileName::Px4Offboard | ProfileName::Px4Deviation => {
             let mode = stream(CURRENT_MODE_DATA::ID, 2.0, Need::Always);
-            let sticks = stream(MANUAL_CONTROL_DATA::ID, 20.0, Need::InPosition);
+            let sticks = stream(MANUAL_CONTROL_DATA::ID, 20.0, Need::In(NavMode::Position));
             let sticks = profile.steers().then_some(sticks);
+            let target = stream(POSITION_TARGET_GLOBAL_INT_DATA::ID, 5.0, Need::In(NavMode::Hold));
             MISSION
                 .into_iter()
-                .chain([mode, altitude])
+                .chain([mode, altitude, target])
                 .chain(sticks)
                 .collect()
         }
         ProfileName::ArdupilotGuided => {
-            let target = stream(POSITION_TARGET_LOCAL_NED_DATA::ID, 5.0, Need::Always);
+            // As often as setpoints: between two of them somebody else's target shows.
+            let target = stream(
+                POSITION_TARGET_LOCAL_NED_DATA::ID,
+                50.0,
+                Need::In(NavMode::Offboard),
+            );
             MISSION.into_iter().chain([target]).collect()
         }
     }
@@ -177,7 +187,8 @@ impl Streams {
             MavResult::MAV_RESULT_DENIED | MavResult::MAV_RESULT_UNSUPPORTED | MavResult::MAV_RESULT_FAILED
         );
         if ours && let Some(stream) = self.asked.take().map(|asked| &mut self.streams[asked]) {
-            let pause_s = if refused { REFUSED_S } else { REPEAT_S };
+            let waits = refused || stream.need == Need::WithMission;
+            let pause_s = if waits { REFUSED_S } else { REPEAT_S };
             stream.not_before = stream.not_before.max(now.plus_seconds(pause_s));
         }
     }
@@ -202,7 +213,8 @@ impl Streams {
             .filter(|(_, s)| s.is_wanted() && now >= s.not_before)
             .min_by_key(|(_, s)| s.not_before)?;
         let stream = &mut self.streams[due];
-        stream.not_before = now.plus_seconds(if stream.is_short { UNANSWERED_S } else { REFUSED_S });
+        let is_urgent = stream.is_short || stream.need == Need::WithMission;
+        stream.not_before = now.plus_seconds(if is_urgent { UNANSWERED_S } else { REFUSED_S });
         self.next_request = now.plus_seconds(PAUSE_S);
         self.asked = Some(due);
         Some(ask(stream, target))
@@ -243,7 +255,8 @@ impl Streams {
                 && match stream.need {
                     Need::Always | Need::Once => true,
                     Need::InAutomaticModes => self.window_mode.is_some_and(NavMode::is_automatic),
-                    Need::InPosition => self.window_mode == Some(NavMode::Position),
+                    Need::In(mode) => self.window_mode == Some(mode),
+                    Need::WithMission => false,
                 };
             stream.came_hz = Some(f64::from(stream.arrived) / WINDOW_S);
             if stream.need != Need::Once {
@@ -271,7 +284,7 @@ fn ask(stream: &Stream, (target_system, target_component): (u8, u8)) -> MavMessa
 
 #[cfg(test)]
 mod tests {
-    use super::Streams;
+    use super::{Need, Streams};
     use crate::profile::ProfileName;
     use jink_shared_types::Timestamp;
     use jink_shared_types::vehicle::NavMode;
@@ -340,6 +353,27 @@ mod tests {
     }
 
     #[test]
+    fn what_comes_in_guided_only_or_with_a_mission_only_is_no_fault_elsewhere() {
+        use mavlink::dialects::ardupilotmega::{MISSION_CURRENT_DATA, POSITION_TARGET_LOCAL_NED_DATA};
+        let seen_in = |mode, answer| {
+            let mut streams = Streams::new(ProfileName::ArdupilotGuided);
+            let silent = [MISSION_CURRENT_DATA::ID, POSITION_TARGET_LOCAL_NED_DATA::ID];
+            let requests = run(&mut streams, mode, |id| !silent.contains(&id), answer);
+            let short: Vec<_> = streams.rates().filter(|rate| rate.is_short).collect();
+            (
+                requests.len(),
+                short.iter().map(|rate| rate.message_id).collect::<Vec<_>>(),
+            )
+        };
+        let granted = Some(MavResult::MAV_RESULT_ACCEPTED);
+        assert_eq!(seen_in(NavMode::Manual, granted), (2, vec![]));
+        assert_eq!(
+            seen_in(NavMode::Offboard, granted).1,
+            [POSITION_TARGET_LOCAL_NED_DATA::ID]
+        );
+    }
+
+    #[test]
     fn what_is_missing_after_two_seconds_is_asked_for_and_never_flooded() {
         let requests = run(&mut all(), NavMode::Mission, |_| false, None);
         assert!(requests[0].0 >= 2.0);
@@ -361,7 +395,15 @@ mod tests {
             // Nobody answers: the request may have got lost.
             assert!(times.windows(2).all(|pair| pair[1] - pair[0] >= 0.99));
         }
-        let position = &requests[0].1;
+        assert_eq!(
+            requests[0].1.param1, 245.0,
+            "whether it stands on the ground comes first"
+        );
+        let position = &requests
+            .iter()
+            .find(|(_, request)| request.param1 == 32.0)
+            .unwrap()
+            .1;
         assert_eq!(position.command, MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL);
         assert_eq!((position.param1, position.param2.round()), (32.0, 33333.0));
         assert!(requests.iter().any(|(_, request)| {
@@ -374,6 +416,9 @@ mod tests {
         let granted = Some(MavResult::MAV_RESULT_ACCEPTED);
         let requests = run(&mut all(), NavMode::Mission, |_| false, granted);
         for stream in all().streams {
+            if stream.need == Need::WithMission {
+                continue; // There may be no mission.
+            }
             let id = stream.message_id as f32;
             let mut times = requests
                 .iter()

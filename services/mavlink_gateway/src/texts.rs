@@ -5,10 +5,18 @@
 //! would fall into a character, blanks stand in front of it. The same event about the same process is said once within
 //! [`REPEAT_S`]; a full queue drops the least severe line. Events happen on change, so this is the one place of the gateway
 //! that formats text.
+//!
+//! An autopilot that passes lines on to a ground station may lose many (PX4 up to 40 %). What a pilot waits for or has to act upon
+//! ([`STANDING`]) is therefore said again after [`AGAIN_S`], unless something of the same subject has happened since.
 
 use crate::ticker::Ticker;
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::{EventSample, Severity};
+use jink_shared_types::events::{
+    AUTOPILOT_FOUND, AUTOPILOT_LOST, AUTOPILOT_UNFIT, AVOIDANCE_DEGRADED, AVOIDANCE_READY, Event,
+    EventSample, INTERFACE_OFF, ITEM_BLOCKED, NO_PATH, PATH_FOUND, PREVENTION_BLIND, PREVENTION_HOLDS,
+    PROCESS_FAILED, PROFILE_CHOSEN, PROFILE_UNFIT, PROFILE_UNPROVEN, RANGES_BACK, RANGES_LOST, SENSOR_BACK,
+    SENSOR_LOST, SETPOINTS_FOLLOWED, SETPOINTS_IGNORED, Severity, UNGUARDED,
+};
 use jink_shared_types::health::Name;
 use mavlink::dialects::ardupilotmega::{MavMessage, MavSeverity, STATUSTEXT_DATA};
 use mavlink::types::CharArray;
@@ -27,6 +35,44 @@ const PARTS: usize = 4;
 /// Lines remembered for that.
 const REMEMBERED: usize = 16;
 
+/// When a standing line is said again, after it was said last (s).
+const AGAIN_S: [f64; 2] = [3.0, 6.0];
+/// Lines that stay true until another of the same row is said.
+const STANDING: [&[&Event]; 11] = [
+    &[&AVOIDANCE_READY, &AVOIDANCE_DEGRADED],
+    &[&RANGES_LOST, &RANGES_BACK],
+    &[&NO_PATH, &PATH_FOUND],
+    &[&AUTOPILOT_LOST, &AUTOPILOT_FOUND],
+    &[&ITEM_BLOCKED],
+    &[&UNGUARDED],
+    &[&SETPOINTS_IGNORED, &SETPOINTS_FOLLOWED],
+    &[&PREVENTION_BLIND, &PREVENTION_HOLDS],
+    &[&PROCESS_FAILED],
+    &[&SENSOR_LOST, &SENSOR_BACK],
+    &[
+        &PROFILE_CHOSEN,
+        &PROFILE_UNFIT,
+        &INTERFACE_OFF,
+        &AUTOPILOT_UNFIT,
+        &PROFILE_UNPROVEN,
+    ],
+];
+
+/// The row of an event.
+fn subject(id: u16) -> Option<usize> {
+    STANDING
+        .iter()
+        .position(|row| row.iter().any(|event| event.id == id))
+}
+
+/// A line that will be said again.
+#[derive(Clone, Copy, Debug)]
+struct Again {
+    event: EventSample,
+    due: Timestamp,
+    times: usize,
+}
+
 #[derive(Clone, Copy, Debug)]
 struct Said {
     id: u16,
@@ -39,6 +85,8 @@ struct Said {
 pub struct Texts {
     queue: Vec<EventSample>,
     said: Vec<Said>,
+    /// Per subject.
+    again: [Option<Again>; STANDING.len()],
     ticker: Ticker,
     parts: Parts,
     /// Number of the last line that had parts.
@@ -50,6 +98,7 @@ impl Default for Texts {
         Self {
             queue: Vec::with_capacity(QUEUE),
             said: Vec::with_capacity(REMEMBERED),
+            again: [None; STANDING.len()],
             ticker: Ticker::new(RATE_HZ),
             parts: Parts::default(),
             number: 0,
@@ -62,6 +111,9 @@ impl Texts {
     pub fn push(&mut self, now: Timestamp, event: &EventSample) {
         if event.severity == Severity::Debug || self.was_said(now, event) {
             return;
+        }
+        if let Some(subject) = subject(event.id) {
+            self.again[subject] = None;
         }
         if self.queue.len() == QUEUE {
             let least = (0..QUEUE).rev().max_by_key(|i| urgency(&self.queue[*i]));
@@ -94,11 +146,11 @@ impl Texts {
         if let Some(rest) = self.parts.next() {
             return Some(rest);
         }
-        if self.queue.is_empty() || now < self.ticker.due() {
+        if now < self.ticker.due() {
             return None;
         }
+        let event = self.take(now)?;
         self.ticker.restart(now);
-        let event = self.queue.remove(0);
         let text = event.text();
         let mut number = 0;
         if text.len() > LINE_BYTES {
@@ -110,9 +162,40 @@ impl Texts {
         self.parts.next()
     }
 
+    /// The next line of the queue, or, if that is empty, one that is due to be said again.
+    fn take(&mut self, now: Timestamp) -> Option<EventSample> {
+        if !self.queue.is_empty() {
+            let event = self.queue.remove(0);
+            if let Some(subject) = subject(event.id) {
+                self.again[subject] = Some(Again {
+                    event,
+                    due: now.plus_seconds(AGAIN_S[0]),
+                    times: 1,
+                });
+            }
+            return Some(event);
+        }
+        let slot = self
+            .again
+            .iter_mut()
+            .find(|slot| slot.is_some_and(|again| now >= again.due))?;
+        let again = (*slot)?;
+        *slot = AGAIN_S.get(again.times).map(|pause_s| Again {
+            due: now.plus_seconds(*pause_s),
+            times: again.times + 1,
+            ..again
+        });
+        Some(again.event)
+    }
+
     /// When the next line may leave; `None` if nothing waits.
     pub fn next_wake(&self) -> Option<Timestamp> {
-        (!self.queue.is_empty()).then(|| self.ticker.due())
+        let soonest = self.ticker.due();
+        if !self.queue.is_empty() {
+            return Some(soonest);
+        }
+        let again = self.again.iter().flatten().map(|again| again.due).min();
+        again.map(|due| due.max(soonest))
     }
 }
 
@@ -234,6 +317,51 @@ mod tests {
         assert!(next(&mut texts, 6.0).is_some(), "a later change was swallowed");
     }
 
+    /// The lines of half a minute, with their times (s); these events happen meanwhile.
+    fn lines(happens: &[(f64, &events::Event)]) -> Vec<(f64, String)> {
+        let mut texts = Texts::default();
+        let mut lines = Vec::new();
+        for step in 0..300 {
+            let time_s = f64::from(step) * 0.1;
+            for (_, event) in happens
+                .iter()
+                .filter(|(when_s, _)| (when_s - time_s).abs() < 0.05)
+            {
+                texts.push(at(time_s), &EventSample::new(event, "", [0.0; 2]));
+            }
+            if let Some(line) = next(&mut texts, time_s) {
+                lines.push((time_s, line.text.to_str().unwrap().to_owned()));
+            }
+        }
+        lines
+    }
+
+    #[test]
+    fn what_a_pilot_waits_for_is_said_three_times_unless_it_is_over() {
+        let times = |happens: &[(f64, &events::Event)], text: &str| -> Vec<f64> {
+            let lines = lines(happens).into_iter();
+            lines
+                .filter(|(_, line)| line == text)
+                .map(|(time_s, _)| time_s)
+                .collect()
+        };
+        let near = |told: Vec<f64>, expected: &[f64]| {
+            let close = told.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.11);
+            assert!(told.len() == expected.len() && close, "{told:?}");
+        };
+        near(
+            times(&[(1.0, &events::AVOIDANCE_READY)], "jink: avoidance ready"),
+            &[1.0, 4.0, 10.0],
+        );
+        let over = [(1.0, &events::RANGES_LOST), (5.0, &events::RANGES_BACK)];
+        near(times(&over, "jink: range data lost, stopping"), &[1.0, 4.0]);
+        near(times(&over, "jink: range data back"), &[5.0, 8.0, 14.0]);
+        near(
+            times(&[(1.0, &events::GUARD_RELEASED)], "jink: guard released"),
+            &[1.0],
+        );
+    }
+
     #[test]
     fn a_full_queue_keeps_what_is_severe() {
         let mut texts = Texts::default();
@@ -247,7 +375,9 @@ mod tests {
             at(0.0),
             &EventSample::new(&events::CERTIFICATE_LOST, "", [0.0; 2]),
         );
-        let lines: Vec<_> = (0..60).filter_map(|i| next(&mut texts, f64::from(i))).collect();
+        let lines: Vec<_> = (0..QUEUE)
+            .filter_map(|i| next(&mut texts, f64::from(i as u32)))
+            .collect();
         assert_eq!(lines.len(), QUEUE);
         assert!(
             lines

@@ -23,6 +23,16 @@ impl Ticker {
         self.period_s
     }
 
+    /// From the next time on at `rate_hz`; what is due sooner by that comes sooner.
+    pub fn set_rate(&mut self, rate_hz: f64) {
+        let period_s = 1.0 / rate_hz;
+        if period_s != self.period_s {
+            let last = self.due.plus_seconds(-self.period_s);
+            self.due = self.due.min(last.plus_seconds(period_s));
+            self.period_s = period_s;
+        }
+    }
+
     /// When it is due next.
     pub fn due(&self) -> Timestamp {
         self.due

@@ -10,6 +10,7 @@
 //! vehicle has not moved, its coordinates have. The sum of these jumps ([`Present::shift`]) lets a held point keep
 //! its place in the world.
 
+use crate::executive::record::{LandedState, Record};
 use crate::make::Make;
 use jink_shared_types::frames::{AngularRate, Attitude};
 use jink_shared_types::vehicle::{NavMode, VehicleState};
@@ -131,8 +132,7 @@ pub struct VehicleTracker {
     heartbeat_mode: (NavMode, bool),
     heartbeat_heard: bool,
     armed: bool,
-    landed: bool,
-    taking_off: bool,
+    landed_state: LandedState,
     home_down_m: f64,
     ground: (f64, Timestamp),
     resets: u32,
@@ -154,8 +154,7 @@ impl Default for VehicleTracker {
             heartbeat_mode: (NavMode::Unknown, true),
             heartbeat_heard: false,
             armed: false,
-            landed: false,
-            taking_off: false,
+            landed_state: LandedState::Unknown,
             home_down_m: f64::NAN,
             ground: (f64::NAN, Timestamp::NEVER),
             resets: 0,
@@ -221,9 +220,21 @@ impl VehicleTracker {
         self.armed
     }
 
-    /// Neither on the ground nor on its way up from it.
+    /// Neither on the ground nor on its way up from it; not before that was told.
     pub fn has_taken_off(&self) -> bool {
-        !self.landed && !self.taking_off
+        self.landed_state == LandedState::InAir
+    }
+
+    /// On the ground or not, as it was told last.
+    pub fn landed_state(&self) -> LandedState {
+        self.landed_state
+    }
+
+    /// Goes on with what the gateway before has known, until the autopilot says otherwise.
+    pub fn resume(&mut self, record: &Record) {
+        self.mode = record.mode;
+        self.armed = record.armed;
+        self.landed_state = record.landed_state;
     }
 
     /// Takes the mode and the arming state.
@@ -253,8 +264,14 @@ impl VehicleTracker {
 
     /// Takes whether the vehicle stands on the ground.
     pub fn take_landed(&mut self, state: &EXTENDED_SYS_STATE_DATA) {
-        self.landed = state.landed_state == MavLandedState::MAV_LANDED_STATE_ON_GROUND;
-        self.taking_off = state.landed_state == MavLandedState::MAV_LANDED_STATE_TAKEOFF;
+        self.landed_state = match state.landed_state {
+            MavLandedState::MAV_LANDED_STATE_ON_GROUND => LandedState::OnGround,
+            MavLandedState::MAV_LANDED_STATE_TAKEOFF => LandedState::TakingOff,
+            MavLandedState::MAV_LANDED_STATE_IN_AIR | MavLandedState::MAV_LANDED_STATE_LANDING => {
+                LandedState::InAir
+            }
+            MavLandedState::MAV_LANDED_STATE_UNDEFINED => return,
+        };
     }
 
     /// Takes the distance to the ground; negative ones and NaN mean "not known".
@@ -350,6 +367,7 @@ impl VehicleTracker {
             self.resets = self.resets.wrapping_add(1);
         }
         self.ground = (f64::NAN, Timestamp::NEVER);
+        self.landed_state = LandedState::Unknown;
         self.home_down_m = f64::NAN;
         self.position_stamp = Stamp::default();
         self.attitude_stamp = Stamp::default();
@@ -374,7 +392,7 @@ impl VehicleTracker {
             system_id,
             mode: Coded::new(self.mode),
             armed: Flag::from(self.armed),
-            landed: Flag::from(self.landed),
+            landed: Flag::from(self.landed_state == LandedState::OnGround),
             position_valid: Flag::from(alive && self.is_position_valid(now)),
             autopilot_alive: Flag::from(alive),
             mode_pending: Flag::from(!self.heartbeat_heard),

@@ -1,5 +1,5 @@
 //! What each stream costs, and what of it a serial line of 57600 and one of 921600 bit/s carries: heartbeats and setpoints
-//! always, obstacle maps at least ten times a second where that fits, and an event where it does not.
+//! always, obstacle maps at least five times a second where that fits, and an event where it does not.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on.
 
@@ -65,9 +65,9 @@ fn always() -> Vec<Stream> {
     });
     vec![
         Stream::new("HEARTBEAT, two components", heartbeat, 2.0),
-        Stream::new("TIMESYNC requests", timesync(0), 10.0),
+        Stream::new("TIMESYNC requests", timesync(0), 1.0),
         Stream::new("TIMESYNC answers", timesync(i64::MAX), 10.0),
-        Stream::new("OBSTACLE_DISTANCE", obstacles, 15.0),
+        Stream::new("OBSTACLE_DISTANCE", obstacles, 5.0),
         Stream::new("STATUSTEXT", text, 0.5),
         Stream::new("PARAM_VALUE", parameter, 2.0),
         Stream {
@@ -154,7 +154,7 @@ fn of_57600_and_921600_bits_per_second() {
                     assert!(*sent_hz >= 0.99 * stream.rate_hz - 0.1, "{what}");
                 }
                 if stream.class == Class::Obstacles && name != "WAYPOINTS" {
-                    assert!(*sent_hz >= 9.7, "{what}");
+                    assert!(*sent_hz >= 4.85, "{what}");
                 }
             }
             let is_too_slow = name == "WAYPOINTS" && *rate_bps < 6000.0;

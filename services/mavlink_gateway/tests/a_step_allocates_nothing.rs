@@ -85,7 +85,10 @@ fn telemetry() -> Vec<Vec<u8>> {
 #[test]
 fn from_bytes_to_bytes_without_the_allocator() {
     let telemetry = telemetry();
-    let mut gateway = Gateway::new(GatewayConfig::default());
+    let mut gateway = Gateway::new(GatewayConfig {
+        is_proven: true,
+        ..GatewayConfig::default()
+    });
     let mut outputs = Outputs::default();
     let mut splitter = Splitter::new();
     let mut encoder = Encoder::new();

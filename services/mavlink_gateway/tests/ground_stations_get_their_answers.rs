@@ -194,13 +194,13 @@ fn the_obstacle_map_comes_in_the_rhythm_that_was_asked_for_and_is_never_silenced
         let maps = |sent: &&Sent| matches!(sent.message, MavMessage::OBSTACLE_DISTANCE(_));
         bench.sent.iter().filter(maps).count()
     };
-    ask(&mut bench, rhythm(200_000.0));
+    ask(&mut bench, rhythm(100_000.0));
     ask(&mut bench, rhythm(-1.0));
     assert_eq!(
         results(&bench),
         [MavResult::MAV_RESULT_ACCEPTED, MavResult::MAV_RESULT_DENIED]
     );
-    assert!((19..=21).contains(&maps(&mut bench)));
+    assert!((39..=41).contains(&maps(&mut bench)));
     ask(
         &mut bench,
         command(
@@ -213,9 +213,9 @@ fn the_obstacle_map_comes_in_the_rhythm_that_was_asked_for_and_is_never_silenced
         MavMessage::MESSAGE_INTERVAL(told) => Some((told.message_id, told.interval_us)),
         _ => None,
     });
-    assert_eq!(told, [(COMPONENT_AVOIDANCE, (330, 200_000))]);
+    assert_eq!(told, [(COMPONENT_AVOIDANCE, (330, 100_000))]);
     ask(&mut bench, rhythm(0.0));
-    assert!((59..=61).contains(&maps(&mut bench)));
+    assert!((19..=21).contains(&maps(&mut bench)));
 }
 
 #[test]
@@ -439,14 +439,14 @@ fn mavlink_crc(bytes: &[u8]) -> u32 {
 }
 
 #[test]
-fn the_board_is_described_once_a_second_by_the_computer_component() {
+fn the_board_is_described_every_five_seconds_by_the_computer_component() {
     let mut bench = acquainted(false);
     bench.gateway.notice_board(BoardReading {
         temperature_c: 55,
         ..BoardReading::default()
     });
     bench.step();
-    bench.idle_until(bench.now.plus_seconds(4.5));
+    bench.idle_until(bench.now.plus_seconds(22.5));
     let told = sent(&bench, |message| match message {
         MavMessage::ONBOARD_COMPUTER_STATUS(status) => Some(status.temperature_board),
         _ => None,

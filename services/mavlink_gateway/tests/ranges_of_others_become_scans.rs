@@ -27,7 +27,11 @@ fn bench() -> Bench {
     };
     let mut bench = Bench::new();
     let sources = RangeSources::new(&[front, radar]).unwrap();
-    bench.gateway = Gateway::new(GatewayConfig::default()).with_range_sources(sources);
+    bench.gateway = Gateway::new(GatewayConfig {
+        is_proven: true,
+        ..GatewayConfig::default()
+    })
+    .with_range_sources(sources);
     bench
 }
 

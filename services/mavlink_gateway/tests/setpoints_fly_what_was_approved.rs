@@ -222,19 +222,15 @@ fn trajectories_that_come_in_a_hurry_do_not_flood_the_link() {
 }
 
 #[test]
-fn takeoff_and_hold_are_mirrored_as_curves_that_stand_on_the_target() {
-    for (mode, command, target) in [
-        (MODE_TAKEOFF, COMMAND_TAKEOFF, HERE + Vector3::new(0.0, 0.0, -2.5)),
-        (MODE_HOLD, COMMAND_LOITER, HERE + Vector3::new(0.7, 0.0, 0.0)),
-    ] {
-        let bench = in_mode(mode, Some(path_to(target, command)));
-        assert_constant_at(&bench, target, 1e-5);
-        assert_eq!(
-            bench.last_curve().pos_yaw,
-            [1.0; 5],
-            "the heading of point 1 was not taken"
-        );
-    }
+fn a_takeoff_is_mirrored_as_curves_that_stand_on_the_target() {
+    let target = HERE + Vector3::new(0.0, 0.0, -2.5);
+    let bench = in_mode(MODE_TAKEOFF, Some(path_to(target, COMMAND_TAKEOFF)));
+    assert_constant_at(&bench, target, 1e-5);
+    assert_eq!(
+        bench.last_curve().pos_yaw,
+        [1.0; 5],
+        "the heading of point 1 was not taken"
+    );
 }
 
 #[test]
@@ -279,6 +275,20 @@ fn a_landing_descends_at_exactly_the_wanted_speed_from_where_the_vehicle_is() {
 }
 
 #[test]
+fn a_landing_that_has_met_the_ground_presses_on_until_the_autopilot_has_noticed() {
+    let mut data = waypoints([(HERE, COMMAND_LAND); 3]);
+    data.pos_z[0] = f32::NAN;
+    data.vel_z[0] = 0.7;
+    let mut bench = in_mode(
+        MODE_LAND,
+        Some(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(data)),
+    );
+    bench.fly(4.0, |bench, t| bench.telemetry(t, MODE_LAND, HERE, still()));
+    let lowest = control_points(&bench.last_curve())[0].z - HERE.z;
+    assert!(lowest > 1.5, "{lowest} m below the vehicle");
+}
+
+#[test]
 fn between_mode_entry_and_the_first_plan_the_raw_waypoint_is_never_flown() {
     // The heartbeat still says hold, or says mission already; approved says mirror, nothing, or is stale.
     for heartbeat in [MODE_HOLD, MODE_MISSION, MODE_POSITION] {
@@ -319,9 +329,9 @@ fn a_mission_is_entered_at_the_last_target_if_that_is_near_else_where_the_vehicl
             HERE + Vector3::new(0.4, 0.0, 0.0),
             HERE + Vector3::new(0.4, 0.0, 0.0),
         ),
-        (HERE + Vector3::new(30.0, 0.0, 0.0), HERE),
+        (HERE + Vector3::new(0.0, 0.0, -30.0), HERE),
     ] {
-        let mut bench = in_mode(MODE_HOLD, Some(path_to(target, COMMAND_LOITER)));
+        let mut bench = in_mode(MODE_TAKEOFF, Some(path_to(target, COMMAND_TAKEOFF)));
         assert_constant_at(&bench, target, 1e-5);
         bench.hear_heartbeat(MODE_MISSION, true);
         bench.hear(path_to(FAR, COMMAND_NONE));

@@ -2,8 +2,8 @@
 //!
 //! | mode, item | answered |
 //! |---|---|
-//! | take-off, hold, landing (z not given), also as items of a mission or a return | the autopilot's own target: in waypoints to the bit |
-//! | mission, level leg of a return; a plan is approved | the plan |
+//! | take-off and landing (z not given) at the vehicle's place, also as items of a mission or a return | the autopilot's own target: in waypoints to the bit |
+//! | a finite target in any automatic mode: a waypoint, a go-to, a place to hold, a landing elsewhere; a plan is approved | the plan |
 //! | the same at the goal | the goal |
 //! | the same without a path | the place, for as long as it takes |
 //! | offboard, position, manual | the vehicle's place, which nobody flies |
@@ -27,6 +27,16 @@ const MODE_MANUAL: u32 = 1 << 16;
 const MODE_OFFBOARD: u32 = 6 << 16;
 /// The longest silence that a beat of 20 Hz allows (s).
 const GAP_S: f64 = 0.075;
+/// Every way in which PX4 asks for a target to the side.
+const TARGETS: [(u32, u16); 7] = [
+    (MODE_MISSION, COMMAND_NONE),
+    (MODE_MISSION, COMMAND_LOITER),
+    (MODE_RETURN, COMMAND_NONE),
+    (MODE_RETURN, COMMAND_LOITER),
+    (MODE_HOLD, COMMAND_LOITER),
+    (MODE_LAND, COMMAND_LAND),
+    (MODE_MISSION, COMMAND_LAND),
+];
 const REPRESENTATIONS: [Representation; 2] = [Representation::Bezier, Representation::Waypoints];
 
 type Waypoints = TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
@@ -127,8 +137,13 @@ fn wanted(target: Vector3<f64>, command: u16) -> Waypoints {
     waypoints([(target, command), (FAR, COMMAND_NONE), (FAR * 2.0, COMMAND_NONE)])
 }
 
+/// The same place in all points: take-off and landing.
+fn vertical(target: Vector3<f64>, command: u16) -> Waypoints {
+    waypoints([(target, command); 3])
+}
+
 fn descent() -> Waypoints {
-    let mut landing = wanted(HERE, COMMAND_LAND);
+    let mut landing = vertical(HERE, COMMAND_LAND);
     landing.pos_z[0] = f32::NAN;
     landing.vel_z[0] = 0.7;
     landing
@@ -138,13 +153,10 @@ fn descent() -> Waypoints {
 fn what_is_not_planned_goes_back_as_it_came() {
     let above = HERE + Vector3::new(0.1, -0.2, -2.5);
     for (mode, asked) in [
-        (MODE_TAKEOFF, wanted(above, COMMAND_TAKEOFF)),
-        (MODE_HOLD, wanted(above, COMMAND_LOITER)),
+        (MODE_TAKEOFF, vertical(above, COMMAND_TAKEOFF)),
         (MODE_LAND, descent()),
-        (MODE_MISSION, wanted(above, COMMAND_TAKEOFF)),
-        (MODE_MISSION, wanted(above, COMMAND_LOITER)),
+        (MODE_MISSION, vertical(above, COMMAND_TAKEOFF)),
         (MODE_MISSION, descent()),
-        (MODE_RETURN, wanted(above, COMMAND_LOITER)),
         (MODE_RETURN, descent()),
     ] {
         for representation in REPRESENTATIONS {
@@ -183,15 +195,15 @@ fn what_is_not_planned_goes_back_as_it_came() {
 }
 
 #[test]
-fn legs_of_a_mission_and_of_a_return_are_planned_and_their_goal_is_held() {
+fn every_target_to_the_side_is_planned_and_its_goal_is_held() {
     let (way, duration_s) = (Vector3::new(5.0, 0.0, 0.0), 2.0);
-    for mode in [MODE_MISSION, MODE_RETURN] {
+    for (mode, command) in TARGETS {
         for representation in REPRESENTATIONS {
             let plan = flight(7, at(1.0), HERE, way, duration_s);
             let all = answered(
                 representation,
                 mode,
-                &wanted(HERE + way, COMMAND_NONE),
+                &vertical(HERE + way, command),
                 6.0,
                 |bench| {
                     if bench.now < at(1.0) {
@@ -228,9 +240,9 @@ fn without_a_path_the_place_is_held_and_never_the_raw_waypoint_flown() {
         ("no guard", |_| {}),
     ];
     for (what, guard) in guards {
-        for mode in [MODE_MISSION, MODE_RETURN] {
+        for (mode, command) in TARGETS {
             for representation in REPRESENTATIONS {
-                let all = answered(representation, mode, &wanted(FAR, COMMAND_NONE), 10.0, guard);
+                let all = answered(representation, mode, &vertical(FAR, command), 10.0, guard);
                 assert!(all.len() > 190);
                 for one in &all {
                     assert!((one.position - HERE).norm() < 0.01, "{what}: {one:?}");
@@ -290,12 +302,18 @@ fn the_stream_is_there_before_a_mode_is_entered_and_goes_on_through_every_change
                 }
             }
         }
-        // No gap in it, and every setpoint is where the vehicle is: nothing was approved.
+        // No gap in it, and every setpoint is where the vehicle is: nothing was approved. A landing whose vehicle stands still
+        // is on the ground, and is pressed into it.
         let all = taken(&bench, representation);
         assert!(all.len() > 700, "{}", all.len());
         for one in &all {
             let given = one.position.map(|c| if c.is_nan() { HERE.z } else { c });
-            assert!((given - HERE).norm() < 0.5, "{representation:?}: {one:?}");
+            let beside = given - HERE;
+            let lands = one.velocity.z > 0.0;
+            assert!(
+                beside.xy().norm() < 0.5 && (lands || beside.z.abs() < 0.5),
+                "{representation:?}: {one:?}"
+            );
         }
     }
 }

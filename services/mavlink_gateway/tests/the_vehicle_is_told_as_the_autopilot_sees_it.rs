@@ -176,7 +176,7 @@ fn the_loss_of_the_autopilot_is_told_once_and_its_return_too() {
     bench.step();
     assert!(newest(&bench).autopilot_alive.is_set());
     bench.idle_until(at(6.0));
-    let lines: Vec<_> = bench
+    let mut lines: Vec<_> = bench
         .sent
         .iter()
         .filter_map(|sent| match &sent.message {
@@ -184,6 +184,8 @@ fn the_loss_of_the_autopilot_is_told_once_and_its_return_too() {
             _ => None,
         })
         .collect();
+    // What a pilot waits for is repeated: texts may get lost on their way.
+    lines.dedup();
     assert_eq!(
         lines,
         [
@@ -261,7 +263,13 @@ fn time_stamps_are_mapped_through_timesync_once_it_has_converged() {
         bench.step();
     }
     let status = bench.status.unwrap();
-    assert!(status.timesync_converged.is_set() && status.timesync_samples > 50);
+    assert!(status.timesync_converged.is_set());
+    // Ten a second until it has converged after twenty, then one: ten seconds in all.
+    assert!(
+        (26..=30).contains(&status.timesync_samples),
+        "{}",
+        status.timesync_samples
+    );
     assert!(status.round_trip_us <= 10_001, "{}", status.round_trip_us);
     let truth_ns = f64::from(bench.boot_ms_at_zero) * 1e6 - at(0.0).ns as f64;
     assert!((status.clock_offset_ns as f64 - truth_ns).abs() < 1e3);

@@ -12,8 +12,9 @@
 
 use super::limits::{ASK_AGAIN_S, ASK_PAUSE_S, ASKS_MAX};
 use super::version::Version;
-use crate::clock_map::ClockMap;
-use crate::gateway::{TIMESYNC_RATE_HZ, nanoseconds};
+use crate::clock_map::{ClockMap, SEARCHING_HZ};
+use crate::fit::TRAJECTORY_SWITCH;
+use crate::gateway::nanoseconds;
 use crate::make::Make;
 use crate::message::{COMPONENT_AUTOPILOT, COMPONENT_ONBOARD_COMPUTER};
 use crate::parameters::Encoding;
@@ -26,7 +27,7 @@ use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
 use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavCmd, MavMessage,
-    MavResult, PARAM_REQUEST_READ_DATA, POSITION_TARGET_LOCAL_NED_DATA, TIMESYNC_DATA,
+    MavResult, PARAM_REQUEST_READ_DATA, TIMESYNC_DATA,
 };
 use mavlink::{Message, MessageData};
 
@@ -64,7 +65,7 @@ struct Question {
     answer: Answer,
 }
 
-/// The parameters that bear on what jink does beside `profile`.
+/// The parameters that bear on what jink does beside `profile`. Of those that were renamed both names are asked for.
 pub fn parameters(profile: ProfileName) -> &'static [&'static str] {
     match profile {
         ProfileName::Px4Trajectory => &[
@@ -72,6 +73,7 @@ pub fn parameters(profile: ProfileName) -> &'static [&'static str] {
             "MPC_XY_CRUISE",
             "MPC_ACC_HOR",
             "MPC_JERK_AUTO",
+            "NAV_ACC_RAD",
             "CP_DIST",
             "MPC_POS_MODE",
         ],
@@ -79,15 +81,32 @@ pub fn parameters(profile: ProfileName) -> &'static [&'static str] {
             "COM_OBS_AVOID",
             "COM_OF_LOSS_T",
             "COM_OBL_RC_ACT",
+            "COM_OBL_ACT",
             "MPC_XY_VEL_MAX",
             "CP_DIST",
         ],
-        ProfileName::Px4Deviation => &["EAV_EN", "EAV_TIMEOUT", "MPC_XY_VEL_MAX", "CP_DIST"],
+        ProfileName::Px4Deviation => &[
+            "EAV_EN",
+            "EAV_TIMEOUT",
+            "NAV_ACC_RAD",
+            "MPC_XY_VEL_MAX",
+            "CP_DIST",
+        ],
         ProfileName::ArdupilotGuided => &[
             "GUID_TIMEOUT",
             "GUID_OPTIONS",
             "WPNAV_SPEED",
+            "WP_SPD",
+            "WPNAV_ACCEL",
+            "WP_ACC",
+            "PSC_JERK_XY",
+            "PSC_JERK_NE",
+            "ANGLE_MAX",
+            "ATC_ANGLE_MAX",
+            "MIS_RESTART",
             "PRX1_TYPE",
+            "PRX_FILT",
+            "AVOID_ENABLE",
             "OA_TYPE",
             "FS_GCS_ENABLE",
         ],
@@ -104,7 +123,7 @@ pub struct Interview {
     pub last: Timestamp,
     /// What it says of its version.
     pub version: Option<Version>,
-    profile: ProfileName,
+    profile: Option<ProfileName>,
     since: Timestamp,
     questions: Vec<Question>,
     next_question: Timestamp,
@@ -116,14 +135,20 @@ pub struct Interview {
 }
 
 impl Interview {
-    /// With the autopilot of `system_id`, which was first heard at `since` saying `heartbeat`.
-    pub fn new(system_id: u8, heartbeat: HEARTBEAT_DATA, since: Timestamp, profile: ProfileName) -> Self {
-        let fits = make(&heartbeat) == Some(make_of(profile));
+    /// With the autopilot of `system_id`, which was first heard at `since` saying `heartbeat`. `profile`: `None` while it is not
+    /// known which one is examined.
+    pub fn new(
+        system_id: u8,
+        heartbeat: HEARTBEAT_DATA,
+        since: Timestamp,
+        profile: Option<ProfileName>,
+    ) -> Self {
+        let fitting = profile.filter(|profile| make(&heartbeat) == Some(profile.make()));
         let mut asks = vec![Ask::Version];
-        if fits && profile == ProfileName::Px4Trajectory {
+        if fitting == Some(ProfileName::Px4Trajectory) {
             asks.push(Ask::DesiredPath);
         }
-        if fits {
+        if let Some(profile) = fitting {
             asks.extend(parameters(profile).iter().map(|name| Ask::Parameter(name)));
         }
         let open = |ask| Question {
@@ -141,10 +166,10 @@ impl Interview {
             since,
             questions: asks.into_iter().map(open).collect(),
             next_question: Timestamp::NEVER,
-            streams: Streams::new(profile),
+            streams: Streams::new(profile.unwrap_or(ProfileName::Px4Trajectory)),
             streams_begun: false,
             clock: ClockMap::default(),
-            timesync: Ticker::new(TIMESYNC_RATE_HZ),
+            timesync: Ticker::new(SEARCHING_HZ),
             answers: 0,
         }
     }
@@ -161,7 +186,8 @@ impl Interview {
 
     /// Whether it is of the make that the profile is for.
     pub fn is_of_fitting_make(&self) -> bool {
-        self.make() == Some(make_of(self.profile))
+        self.profile
+            .is_some_and(|profile| self.make() == Some(profile.make()))
     }
 
     /// The mode it is in.
@@ -213,18 +239,13 @@ impl Interview {
 
     /// The streams as they came last, without those that this mode does not have.
     pub fn streams(&self) -> impl Iterator<Item = StreamRate> {
-        let following = self.mode() == NavMode::Offboard;
-        let comes_now = move |rate: &StreamRate| {
-            rate.message_id != POSITION_TARGET_LOCAL_NED_DATA::ID || following || !rate.is_short
-        };
         let automatic = self.mode().is_automatic();
+        let is_off = self.parameter(TRAJECTORY_SWITCH) == Answer::Value(0.0);
         #[allow(deprecated)]
         let is_asked_for = move |rate: &StreamRate| {
-            rate.message_id != TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA::ID || automatic
+            rate.message_id != TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA::ID || automatic && !is_off
         };
-        self.streams
-            .rates()
-            .filter(move |rate| comes_now(rate) && is_asked_for(rate))
+        self.streams.rates().filter(is_asked_for)
     }
 
     /// Whether nothing more is to be learned.
@@ -289,7 +310,7 @@ impl Interview {
     }
 
     fn asked_parameter(&self, told: Option<&str>) -> Option<&'static str> {
-        let names = parameters(self.profile).iter();
+        let names = self.profile.map_or(&[][..], parameters).iter();
         names.copied().find(|name| Some(*name) == told)
     }
 
@@ -400,12 +421,4 @@ pub const ASKER: u8 = COMPONENT_ONBOARD_COMPUTER;
 
 fn make(heartbeat: &HEARTBEAT_DATA) -> Option<Make> {
     Make::of(heartbeat.autopilot)
-}
-
-/// The make that `profile` is for.
-pub fn make_of(profile: ProfileName) -> Make {
-    match profile {
-        ProfileName::Px4Trajectory | ProfileName::Px4Offboard | ProfileName::Px4Deviation => Make::Px4,
-        ProfileName::ArdupilotGuided => Make::ArduPilot,
-    }
 }

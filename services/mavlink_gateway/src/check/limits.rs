@@ -36,6 +36,19 @@ pub const GUID_TIMEOUT_MIN_S: f64 = 0.1;
 /// this (s) it is not complained about.
 pub const GUID_TIMEOUT_MAX_S: f64 = 1.0;
 
+/// Up to this speed (m/s) ArduCopter's defaults follow what jink sends; a weave at 8 m/s was lost by 8 m with them (measured).
+pub const FAST_MPS: f64 = 5.0;
+/// Acceleration in which ArduCopter corrects errors: its default, and what followed 8 m/s (m/s^2).
+pub const WP_ACC_MIN_MPS2: [f64; 2] = [2.5, 9.0];
+/// The same for the jerk (m/s^3).
+pub const PSC_JERK_MIN_MPS3: [f64; 2] = [5.0, 20.0];
+/// The same for the lean (degrees).
+pub const ANGLE_MAX_MIN_DEG: [f64; 2] = [30.0, 45.0];
+
+/// PX4's default for multicopters up to 1.17 (m). With more it counts an item as reached from farther off, and does there what the
+/// next item says.
+pub const NAV_ACC_RAD_MAX_M: f64 = 2.0;
+
 /// How long the examination lasts at least once the autopilot is heard (s): others that speak once a second or two are heard by
 /// then, a second autopilot among them.
 pub const LISTEN_S: f64 = 5.0;

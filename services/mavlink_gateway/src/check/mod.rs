@@ -22,25 +22,27 @@ mod limits;
 #[cfg(test)]
 mod tests;
 mod tool;
-mod version;
+pub(crate) mod version;
 
 pub use ear::{Counts, Ear};
 pub use finding::{Finding, Grade};
 pub use interview::parameters as examined_parameters;
 pub use tool::run;
 
+use crate::fit::{Fit, MatchingProfile};
 use crate::gateway::{is_autopilot, speaks_as_autopilot};
 use crate::latch::Latch;
 use crate::links::{LinkSetup, SetupError};
 use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Receipt, Received};
-use crate::profile::{ProfileName, UnknownName};
+use crate::profile::{ProfileChoice, ProfileName, UnknownName};
 use crate::ticker::Ticker;
 use crate::vehicle::ALIVE_S;
 use heard::Heard;
 use interview::{ASKER, Interview};
 use jink_runtime::config::{Config, Purpose};
 use jink_shared_types::Timestamp;
+use jink_shared_types::link::ProfileFit;
 use jink_shared_types::params::OA_SPD_MAX;
 use limits::LISTEN_S;
 use mavlink::dialects::ardupilotmega::{
@@ -52,7 +54,7 @@ use std::fmt;
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// How setpoints will be spoken.
-    pub profile: ProfileName,
+    pub profile: ProfileChoice,
     /// The vehicle's system id; `None` = that of the only autopilot heard.
     pub system_id: Option<u8>,
     /// The highest speed of a planned motion (m/s).
@@ -129,6 +131,9 @@ pub struct Examination {
     heard: Heard,
     latch: Latch,
     interview: Option<Interview>,
+    /// The profile that is examined; where jink chooses it, `None` until that is known.
+    profile: Option<ProfileName>,
+    fit: Fit,
     greeting: Ticker,
 }
 
@@ -138,6 +143,11 @@ impl Examination {
         Self {
             lines: vec![Line::default(); plan.links.len()],
             latch: Latch::new(plan.system_id),
+            profile: match plan.profile {
+                ProfileChoice::Auto => None,
+                ProfileChoice::Fixed(profile) => Some(profile),
+            },
+            fit: Fit::default(),
             plan,
             patience_s,
             begin: Timestamp::NEVER,
@@ -184,17 +194,30 @@ impl Examination {
             && is_autopilot(heartbeat)
             && self.interview.is_none()
         {
-            self.interview = Some(Interview::new(
-                system_id,
-                heartbeat.clone(),
-                time,
-                self.plan.profile,
-            ));
+            self.interview = Some(Interview::new(system_id, heartbeat.clone(), time, self.profile));
         }
+        self.choose(time, message);
         if let Some(interview) = &mut self.interview
             && interview.system_id() == system_id
         {
             interview.take(time, message);
+        }
+    }
+
+    /// Where that is left to jink, the autopilot's answers choose the profile; then it is examined for that one.
+    fn choose(&mut self, time: Timestamp, message: &MavMessage) {
+        self.fit.take(message);
+        let Some(interview) = self.interview.as_ref().filter(|_| self.profile.is_none()) else {
+            return;
+        };
+        if let MatchingProfile::Profile(profile) = self.fit.matching_profile() {
+            self.profile = Some(profile);
+            self.interview = Some(Interview::new(
+                interview.system_id(),
+                interview.heartbeat.clone(),
+                time,
+                Some(profile),
+            ));
         }
     }
 
@@ -217,8 +240,15 @@ impl Examination {
         let link = self.latch.link();
         if let Some(interview) = &mut self.interview {
             let mut messages = Vec::new();
-            interview.speak(now, &mut messages);
             let system_id = interview.system_id();
+            match self.profile {
+                Some(_) => interview.speak(now, &mut messages),
+                None => messages.extend(self.fit.question(
+                    now,
+                    ProfileFit::Unknown,
+                    (system_id, COMPONENT_AUTOPILOT),
+                )),
+            }
             out.extend(
                 messages
                     .into_iter()

@@ -3,7 +3,7 @@
 //! | profile | first | last | why |
 //! |---|---|---|---|
 //! | `px4_trajectory` | 1.11 | 1.15 | TRAJECTORY_REPRESENTATION_BEZIER came with 1.11; 1.16 removed the interface |
-//! | `px4_offboard` | 1.13 | none | OFFBOARD with position, velocity and acceleration in one setpoint |
+//! | `px4_offboard` | 1.13 and its development | none | OFFBOARD with position, velocity and acceleration in one setpoint |
 //! | `ardupilot_guided` | 4.0 | none | GUIDED as it was observed |
 
 use crate::profile::ProfileName;
@@ -20,6 +20,8 @@ pub struct Version {
 
 /// FIRMWARE_VERSION_TYPE of a release.
 const RELEASE: u8 = 255;
+/// The first one that is an alpha version; below it is development.
+const ALPHA: u8 = 64;
 
 impl Version {
     /// From `flight_sw_version`; `None` if nothing is told.
@@ -37,14 +39,19 @@ impl Version {
     pub fn numbers(self) -> (u8, u8) {
         (self.major, self.minor)
     }
+
+    /// Built between two releases.
+    pub fn is_development(self) -> bool {
+        self.kind < ALPHA
+    }
 }
 
 impl fmt::Display for Version {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kind = match self.kind {
             RELEASE => "",
-            0..64 => " (development)",
-            64..128 => " (alpha)",
+            0..ALPHA => " (development)",
+            ALPHA..128 => " (alpha)",
             128..192 => " (beta)",
             _ => " (release candidate)",
         };
@@ -63,9 +70,27 @@ pub fn fitting(profile: ProfileName) -> ((u8, u8), Option<(u8, u8)>) {
     }
 }
 
+/// Whether `version` is older than every one that `profile` fits. What is in development counts as the release it becomes: PX4
+/// names it after the release before.
+pub fn is_too_old(version: Version, profile: ProfileName) -> bool {
+    let (major, minor) = version.numbers();
+    let becomes = (major, minor + u8::from(version.is_development()));
+    becomes < fitting(profile).0
+}
+
 #[cfg(test)]
 mod tests {
-    use super::Version;
+    use super::{Version, is_too_old};
+    use crate::profile::ProfileName;
+
+    #[test]
+    fn development_counts_as_the_release_it_becomes() {
+        let is_old = |number, profile| is_too_old(Version::of(number).unwrap(), profile);
+        assert!(!is_old(0x010c_0000, ProfileName::Px4Offboard));
+        assert!(is_old(0x010c_00ff, ProfileName::Px4Offboard));
+        assert!(is_old(0x010b_0000, ProfileName::Px4Offboard));
+        assert!(!is_old(0x010d_00ff, ProfileName::Px4Offboard));
+    }
 
     #[test]
     fn versions_are_told_as_their_makers_write_them() {

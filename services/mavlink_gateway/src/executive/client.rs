@@ -4,7 +4,8 @@
 //! |---|---|
 //! | [`MissionClient::begin`], [`MissionClient::refresh`] | MISSION_REQUEST_LIST, then MISSION_REQUEST_INT for each item, MISSION_ACK at the end |
 //! | an answer that does not come | the request is repeated, five times, then the whole is tried again later |
-//! | MISSION_CURRENT tells another length or identity than before | the mission is read anew |
+//! | MISSION_CURRENT tells another length or identity than before; MISSION_ACK for somebody else; "Flight plan received" | the mission is read anew |
+//! | nothing, in flight, from an autopilot that gives missions no identity ([`MissionClient::watch`]) | the mission is read anew again and again: ArduPilot tells only the uploader of a new one |
 //!
 //! Source: MAVLink developer guide, "Mission Protocol", with its time-outs.
 
@@ -12,7 +13,7 @@ use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{
     MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA,
     MISSION_REQUEST_INT_DATA, MISSION_REQUEST_LIST_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult,
-    MavMissionType,
+    MavMissionType, STATUSTEXT_DATA,
 };
 
 /// Items that are kept; a longer mission is not flown.
@@ -23,6 +24,10 @@ const TRIES: u32 = 5;
 const COUNT_TIMEOUT_S: f64 = 1.5;
 /// Time-out for an item (s).
 const ITEM_TIMEOUT_S: f64 = 0.25;
+/// In flight the mission is read again after this long for each of its items (s): half a kilobyte a second ...
+const WATCH_ITEM_S: f64 = 0.1;
+/// ... and not more often than this (s).
+const WATCH_S: f64 = 2.0;
 /// Pause after an attempt that was given up or refused (s): an autopilot is busy with another transfer for about this long.
 const REST_S: f64 = 1.0;
 
@@ -87,6 +92,12 @@ pub struct MissionClient {
     reading: Vec<Item>,
     items: Vec<Item>,
     is_known: bool,
+    /// Counts the missions that were read, each different from the one before.
+    version: u32,
+    /// When the reading that is under way began.
+    begun: Timestamp,
+    /// When the last one that was ended began.
+    read_at: Timestamp,
     /// Number of items and identity of the mission, as MISSION_CURRENT told them last; what it counts differs from make to make.
     told: (Option<u16>, Option<u32>),
 }
@@ -101,6 +112,9 @@ impl Default for MissionClient {
             reading: Vec::with_capacity(ITEMS_MAX),
             items: Vec::with_capacity(ITEMS_MAX),
             is_known: false,
+            version: 0,
+            begun: Timestamp::NEVER,
+            read_at: Timestamp::NEVER,
             told: (None, None),
         }
     }
@@ -113,6 +127,7 @@ impl MissionClient {
         self.phase = Phase::Counting;
         self.tries = 0;
         self.due = now;
+        self.begun = now;
     }
 
     /// Reads the mission once more, since it may have been changed; what is known of it holds until then.
@@ -120,6 +135,37 @@ impl MissionClient {
         let is_known = self.is_known;
         self.begin(now);
         self.is_known = is_known;
+    }
+
+    /// Reads it once more, unless that is being done already.
+    pub fn read_again(&mut self, now: Timestamp) {
+        if matches!(self.phase, Phase::Idle | Phase::Acknowledging) {
+            self.refresh(now);
+        }
+    }
+
+    /// In flight: notices a mission that was changed without a sign of it.
+    pub fn watch(&mut self, now: Timestamp) {
+        let period_s = (self.items.len() as f64 * WATCH_ITEM_S).max(WATCH_S);
+        let has_identity = self.told.1.is_some();
+        if !has_identity && self.phase == Phase::Idle && now.seconds_since(self.begun) >= period_s {
+            self.refresh(now);
+        }
+    }
+
+    /// Counts the missions that were read, each different from the one before; 0 none yet.
+    pub fn version(&self) -> u32 {
+        self.version
+    }
+
+    /// Whether it is being read.
+    pub fn is_reading(&self) -> bool {
+        !matches!(self.phase, Phase::Idle | Phase::Resting)
+    }
+
+    /// When the last reading that has come to its end began; [`Timestamp::NEVER`] none yet.
+    pub fn read_at(&self) -> Timestamp {
+        self.read_at
     }
 
     /// The items in order, once they have been read whole.
@@ -134,6 +180,7 @@ impl MissionClient {
             MavMessage::MISSION_ITEM_INT(item) => self.take_item(now, item),
             MavMessage::MISSION_CURRENT(current) => self.take_current(now, current),
             MavMessage::MISSION_ACK(ack) => self.take_ack(now, ack),
+            MavMessage::STATUSTEXT(text) if is_about_a_new_mission(text) => self.read_again(now),
             _ => {}
         }
     }
@@ -178,8 +225,15 @@ impl MissionClient {
         }
     }
 
-    /// The autopilot refuses: it may be busy with a ground station.
+    /// The autopilot refuses, since it may be busy with a ground station; or it has taken a mission from one.
     fn take_ack(&mut self, now: Timestamp, ack: &MISSION_ACK_DATA) {
+        if ack.mission_type != MavMissionType::MAV_MISSION_TYPE_MISSION {
+            return;
+        }
+        let is_idle = matches!(self.phase, Phase::Idle | Phase::Acknowledging);
+        if is_idle && ack.mavtype == MavMissionResult::MAV_MISSION_ACCEPTED {
+            self.refresh(now);
+        }
         let under_way = matches!(self.phase, Phase::Counting | Phase::Reading(_));
         if under_way && ack.mavtype != MavMissionResult::MAV_MISSION_ACCEPTED {
             self.rest(now);
@@ -193,8 +247,12 @@ impl MissionClient {
             self.phase = Phase::Reading(sequence);
         } else {
             self.phase = Phase::Acknowledging;
-            std::mem::swap(&mut self.items, &mut self.reading);
+            if self.version == 0 || !is_same(&self.items, &self.reading) {
+                std::mem::swap(&mut self.items, &mut self.reading);
+                self.version = self.version.wrapping_add(1).max(1);
+            }
             self.is_known = true;
+            self.read_at = self.begun;
         }
     }
 
@@ -253,6 +311,27 @@ impl MissionClient {
     pub fn next_wake(&self) -> Option<Timestamp> {
         (self.phase != Phase::Idle).then_some(self.due)
     }
+}
+
+/// Whether two readings are of the same mission; a number that is not given (NaN) equals itself. What ArduPilot tells as item 0
+/// is home, and moves by itself.
+fn is_same(a: &[Item], b: &[Item]) -> bool {
+    let bits = |item: &Item| (item.params.map(f32::to_bits), item.z_m.to_bits());
+    let same = |(a, b): (&Item, &Item)| {
+        let numbers = bits(a) == bits(b) && (a.x, a.y) == (b.x, b.y);
+        let is_home = a.sequence == 0 && a.frame == MavFrame::MAV_FRAME_GLOBAL;
+        a.command == b.command
+            && (is_home || numbers)
+            && (a.frame, a.autocontinue) == (b.frame, b.autocontinue)
+    };
+    a.len() == b.len() && a.iter().zip(b).all(same)
+}
+
+/// ArduPilot's text at the end of an upload.
+fn is_about_a_new_mission(text: &STATUSTEXT_DATA) -> bool {
+    text.text
+        .to_str()
+        .is_ok_and(|text| text.starts_with("Flight plan received"))
 }
 
 #[cfg(test)]

@@ -123,20 +123,30 @@ impl Georeference {
         self.told.map(|(fix, _)| fix.home_down_m)
     }
 
+    /// Whether places on the globe can be told.
+    pub fn is_known(&self) -> bool {
+        self.told.is_some()
+    }
+
     /// Where `item` lies in the local frame (m); `None` while the frame's place is not known, for a frame that needs the
     /// terrain, and for an item that names no place.
-    #[allow(deprecated)] // Frames whose names tell how a number is sent mean the same as those without.
     pub fn place(&self, item: &Item) -> Option<Vector3<f64>> {
+        self.locate(item.frame, (item.x, item.y), item.z_m)
+    }
+
+    /// The same for a place in the numbers of a mission item.
+    #[allow(deprecated)] // Frames whose names tell how a number is sent mean the same as those without.
+    pub fn locate(&self, frame: MavFrame, (x, y): (i32, i32), z_m: f32) -> Option<Vector3<f64>> {
         const METRES_PER_UNIT: f64 = 1e-4;
-        let height_m = f64::from(item.z_m);
-        let is_local = item.frame == MavFrame::MAV_FRAME_LOCAL_NED;
+        let height_m = f64::from(z_m);
+        let is_local = frame == MavFrame::MAV_FRAME_LOCAL_NED;
         let place = if is_local {
-            let level = Vector2::new(item.x, item.y).map(f64::from) * METRES_PER_UNIT;
+            let level = Vector2::new(x, y).map(f64::from) * METRES_PER_UNIT;
             Vector3::new(level.x, level.y, height_m)
         } else {
             let (fix, projection) = self.told?;
-            let level = projection.to_local(GlobalPoint::from_e7(item.x, item.y));
-            let zero_down_m = match item.frame {
+            let level = projection.to_local(GlobalPoint::from_e7(x, y));
+            let zero_down_m = match frame {
                 MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT | MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT => {
                     fix.home_down_m
                 }
@@ -146,7 +156,7 @@ impl Georeference {
             Vector3::new(level.x, level.y, zero_down_m - height_m)
         };
         // Latitude and longitude zero mean "where the vehicle is".
-        let names_a_place = is_local || (item.x, item.y) != (0, 0);
+        let names_a_place = is_local || (x, y) != (0, 0);
         (names_a_place && place.iter().all(|c| c.abs() <= MAX_COORDINATE_M)).then_some(place)
     }
 }

@@ -1,59 +1,57 @@
-//! Flies the autopilot's mission in its stead, for autopilots that only follow setpoints (OFFBOARD, GUIDED).
+//! Decides what is flown where the autopilot only follows setpoints (OFFBOARD, GUIDED): its mission in its stead, the place that a
+//! ground station asks for, or nothing.
 //!
 //! | the autopilot | jink |
 //! |---|---|
-//! | flies its mission in the air, at a plain waypoint; the mission is read; jink is ready | has the way planned from the vehicle's own motion; asks for the mode in which setpoints are followed as soon as they lie where the vehicle is, at once if it hardly moves |
+//! | flies its mission in the air, at an item that jink can fly; the mission is read; jink is ready | has the way planned from the vehicle's own motion; asks for the mode in which setpoints are followed as soon as they lie where the vehicle is, at once if it hardly moves |
 //! | flies on while that does not succeed: a slow link, a vehicle that gathers speed; or at once if jink is not ready | asks it to hold, since nobody looks for obstacles, and takes over from rest once it can |
+//! | begins an item that nobody could guard ([`items`]) | asks it to hold and tells the pilot, unless OA_UNGUARDED lets it fly |
 //! | still flies its mission after a while | tells the pilot |
-//! | follows setpoints | wants the current waypoint and the next one, counts them as reached, tells the autopilot which is current |
-//! | the next item is no plain waypoint (a landing, a loiter, ...) | comes to rest, makes that item current, gives the mission back |
-//! | the last waypoint is reached | comes to rest, gives the mission back: the autopilot finishes it |
+//! | follows setpoints, and its mission was taken over | wants the current item and the next one, counts them as reached, tells the autopilot which is current |
+//! | the next item ends on the ground | comes to rest above its place, makes it current, gives the mission back for the descent ([`give_back`]) |
+//! | the last item is reached | comes to rest, gives the mission back: the autopilot finishes it |
+//! | is told to go to a place ([`go_to`]) | has the way there planned instead of the mission |
+//! | follows setpoints, and nobody asked for a flight | holds, and says what it waits for |
 //! | leaves that mode otherwise: the pilot, a failsafe | nothing, until somebody lets it fly the mission again |
+//! | is let fly its mission again out of that mode | takes it over again; if that is repeated within seconds, leaves it alone, and tells so |
 //!
-//! The stream is there before the mode is asked for, so entering is never refused and begins without a jump. Whoever chooses the
-//! mode himself gets the same: the mission from its current item on. So does a gateway that was started again in flight: the
-//! autopilot re-enters the mode as soon as setpoints come, and its current item is where the flight was.
+//! The stream is there before the mode is asked for, so entering is never refused and begins without a jump. A mission that was
+//! taken over goes on when the mode is entered again, as PX4 does by itself after a lost stream. A gateway that was started again
+//! in flight knows from its predecessor's [`record`] what was flown.
+//!
+//! Other stations may choose another item or upload another mission at any time. What jink has asked for itself is remembered until
+//! it shows; every other change is somebody's wish, and is followed.
 
 pub mod client;
 pub mod georeference;
+pub mod give_back;
+pub mod go_to;
+pub mod items;
+pub mod mission;
+pub mod notice;
+pub mod record;
 
 use crate::config::GatewayConfig;
 use client::Item;
-use jink_shared_types::vehicle::{DesiredPath, DesiredPoint, NavMode};
-use jink_shared_types::{Coded, Flag, Point, Timestamp};
-use mavlink::dialects::ardupilotmega::MavCmd;
+use give_back::GivenBack;
+use go_to::GoTo;
+use items::Jumps;
+use jink_shared_types::Timestamp;
+use jink_shared_types::events::Event;
+use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use nalgebra::Vector3;
 
-/// A waypoint without a radius of its own counts as reached within this (m): PX4's default for multicopters is 2 m
-/// (NAV_ACC_RAD); a planned path passes nearer.
-const RADIUS_M: f64 = 1.0;
-/// No radius is smaller than what a vehicle holds (m).
-const SMALLEST_RADIUS_M: f64 = 0.3;
-/// Slower than this counts as at rest (m/s): below the 0.3 m/s at which a vehicle counts as standing before an item, so that none
-/// is taken for blocked while it waits to be given back; much lower, gusts at the end of the way would keep the mission from
-/// ever being given back.
-const REST_MPS: f64 = 0.2;
-/// The way to be taken over must be planned and entered within this time (s); then the plan is dropped and made anew from where
-/// the autopilot has flown meanwhile. It leaves room for one demand that is lost and its repetition after [`REPEAT_S`]; longer, a
-/// plan that the autopilot does not follow would lie ever farther from the vehicle.
-const PREPARATION_S: f64 = 1.5;
-/// A vehicle that is slower has not moved away from its own stop before the mode is entered (m/s): at rest in 0.5 m, the distance
-/// within which a plan counts as where the vehicle is.
-const SLOW_MPS: f64 = 1.0;
-/// A mission that is flown without jink for so long is told to the pilot (s): longer than taking over takes with a lost message.
-const UNGUARDED_S: f64 = 3.0;
-/// Pause in which the old plan is dropped (s): the wish is said every 0.2 s, and route, trajectory and approval count as silent
-/// after 0.15 s each, so everybody has noticed that nothing is wanted before the next plan is.
-const PAUSE_S: f64 = 0.5;
 /// A demand is repeated after this long (s): a change of mode shows within 30 ms, its heartbeat at once, and over a slow
 /// link in less than this; an autopilot that flies its mission gathers speed meanwhile.
 const REPEAT_S: f64 = 0.5;
 /// After so many demands without effect it is left alone until something changes.
 const TRIES: u32 = 10;
-/// After so many attempts to take a mission over it is left alone, too.
-const ATTEMPTS: u32 = 5;
-/// Speeds a mission may ask for (m/s).
-const SPEEDS_MPS: std::ops::RangeInclusive<f32> = 0.1..=30.0;
+/// Requests for an item that may be on their way at once: more are not made before the first has shown.
+const REQUESTED_MAX: usize = 4;
+/// A change of the current item this soon (s) after the mode was entered is the autopilot's own, from just before.
+const ENTERED_S: f64 = 1.0;
+/// Texts that wait to be sent; more of them in one step are left out.
+const NEWS_MAX: usize = 4;
 
 /// What jink does about missions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -89,8 +87,22 @@ pub enum Demand {
     Mission,
     /// To hold its place.
     Hold,
+    /// To land where it is.
+    Land,
     /// To count this item as the current one.
     Current(u16),
+}
+
+/// What is flown while the autopilot follows setpoints.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum FlightGoal {
+    /// Nothing: the vehicle holds its place.
+    #[default]
+    None,
+    /// The mission.
+    Mission,
+    /// To a place in the local frame (m).
+    GoTo(Vector3<f64>),
 }
 
 /// What is known at one moment.
@@ -108,14 +120,43 @@ pub struct Scene<'a> {
     pub position: Option<Vector3<f64>>,
     /// Speed (m/s).
     pub speed_mps: f64,
+    /// Horizontal part of it (m/s).
+    pub level_mps: f64,
     /// The mission; `None` not read.
     pub items: Option<&'a [Item]>,
+    /// Counts the missions that were read, each different from the one before.
+    pub version: u32,
+    /// The mission is being read: the autopilot takes no other request about it.
+    pub is_reading: bool,
+    /// When the last whole reading of the mission began.
+    pub read_at: Timestamp,
     /// The item that the autopilot counts as current; `None` not known.
     pub current: Option<u16>,
+    /// The first item that is part of the mission: ArduPilot's item 0 is home.
+    pub first_item: u16,
+    /// Home in the local frame (m); `None` not known.
+    pub home: Option<Vector3<f64>>,
+    /// Places of items can be told.
+    pub is_located: bool,
+    /// The place that a station has asked for last.
+    pub go_to: Option<GoTo>,
+    /// Motions that nobody can guard may be flown by the autopilot (OA_UNGUARDED).
+    pub lets_fly_unguarded: bool,
     /// The whole chain is ready.
     pub ready: bool,
     /// The setpoints that are sent belong to a plan and lie where the vehicle is.
     pub on_plan: bool,
+}
+
+/// A text for the pilot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PilotText {
+    /// Row of the event table.
+    pub event: &'static Event,
+    /// Fills its name.
+    pub name: &'static str,
+    /// Fills its first number.
+    pub number: f64,
 }
 
 /// What follows from it.
@@ -125,31 +166,65 @@ pub struct Intent {
     pub path: Option<DesiredPath>,
     /// What is to be asked of the autopilot now.
     pub demand: Option<Demand>,
-    /// From now on the autopilot flies on its own what jink is here to fly.
-    pub unguarded: bool,
+    /// What the pilot is to be told now.
+    pub news: Option<PilotText>,
+    /// The mission is to be read anew before anything else happens.
+    pub read_again: bool,
 }
 
-/// Where the mission stands.
+impl Intent {
+    fn asking(demand: Option<Demand>) -> Self {
+        Self {
+            demand,
+            ..Self::default()
+        }
+    }
+}
+
+/// Where the flight stands.
 #[derive(Clone, Debug)]
 pub struct Executive {
     part: Part,
+    flight_goal: FlightGoal,
+    /// The go-to was asked for while the autopilot held its place: it holds again afterwards.
+    returns_to_hold: bool,
     /// The item that is flown to.
     index: Option<usize>,
+    jumps: Jumps,
+    /// Where the vehicle was when it began to fly to the item.
+    began_at: Option<(usize, Vector3<f64>)>,
     /// It was reached then.
     reached: Option<Timestamp>,
     before: NavMode,
-    /// The autopilot left the mode without being asked; the mission is the autopilot's until it begins anew.
+    entered: Timestamp,
+    was_armed: bool,
+    /// The autopilot flies its mission on its own, as somebody wants it, until the mode changes.
     yielded: bool,
-    /// The mission was given back at this item: it is not taken over at it again.
-    given_back: Option<u16>,
+    /// The mission was given back, and is not taken over again at the same item.
+    given_back: Option<GivenBack>,
+    /// The autopilot flew it from another item, and did not let itself be put right.
+    is_refused: bool,
+    /// At rest since then to give the mission back.
+    leaving: Option<Timestamp>,
     preparing: Option<Timestamp>,
     /// Attempts to take over since the mode has changed.
     attempts: u32,
     /// The autopilot holds because it was asked to, until the mission is taken over.
     halted: bool,
+    /// Somebody let the autopilot fly its mission out of the mode that follows setpoints.
+    left: Timestamp,
     /// Since when the mission is flown without jink; `None`: it is not; [`Timestamp::NEVER`]: that was told.
     unguarded: Option<Timestamp>,
     asked: Option<(Demand, Timestamp, u32)>,
+    current: Option<u16>,
+    requested: [Option<(u16, Timestamp)>; REQUESTED_MAX],
+    version: u32,
+    reads_again: bool,
+    is_reading: bool,
+    go_to_serial: u32,
+    /// What was told last: it is not repeated while nothing changes.
+    told: Option<PilotText>,
+    news: Vec<PilotText>,
 }
 
 impl Executive {
@@ -157,330 +232,119 @@ impl Executive {
     pub fn new(part: Part) -> Self {
         Self {
             part,
+            flight_goal: FlightGoal::None,
+            returns_to_hold: false,
             index: None,
+            jumps: Jumps::default(),
+            began_at: None,
             reached: None,
             before: NavMode::Unknown,
+            entered: Timestamp::NEVER,
+            was_armed: false,
             yielded: false,
             given_back: None,
+            is_refused: false,
+            leaving: None,
             preparing: None,
             attempts: 0,
             halted: false,
+            left: Timestamp::NEVER,
             unguarded: None,
             asked: None,
+            current: None,
+            requested: [None; REQUESTED_MAX],
+            version: 0,
+            reads_again: false,
+            is_reading: false,
+            go_to_serial: 0,
+            told: None,
+            news: Vec::with_capacity(NEWS_MAX),
         }
+    }
+
+    /// What is flown while the autopilot follows setpoints.
+    pub fn flight_goal(&self) -> FlightGoal {
+        self.flight_goal
     }
 
     /// One step. `place` tells where an item lies in the local frame (m); `None` if that cannot be said.
     pub fn step(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
+        self.is_reading = scene.is_reading;
+        self.notice_arming(scene);
         self.notice_mode(scene);
-        match scene.mode {
-            NavMode::Mission if self.part == Part::ShowsTheWay => Intent {
-                unguarded: self.notice_unguarded(scene),
-                ..self.show(scene, place)
-            },
-            NavMode::Offboard if self.part != Part::ShowsTheWay => self.fly(scene, place),
-            NavMode::Mission => Intent {
-                unguarded: self.notice_unguarded(scene),
-                ..self.prepare(scene, place)
-            },
-            NavMode::Hold if self.halted => self.prepare(scene, place),
+        self.notice_mission(scene);
+        self.notice_current(scene);
+        self.notice_go_to(scene);
+        let intent = match scene.mode {
+            NavMode::Mission if self.part == Part::ShowsTheWay => self.show(scene, &place),
+            NavMode::Offboard if self.part != Part::ShowsTheWay => self.fly(scene, &place),
+            NavMode::Mission => self.prepare(scene, &place),
+            NavMode::Hold if self.halted => self.prepare(scene, &place),
+            NavMode::Hold if self.is_going(scene) => self.prepare_go_to(scene),
             _ => Intent::default(),
-        }
-    }
-
-    /// The way to the autopilot's current item, which counts it as reached itself.
-    fn show(&self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
-        let way = self.to_be_taken_over(scene).and_then(|(items, index)| {
-            let target = place(&items[index])?;
-            Some(path(items, index, target, self.next(items, index, place)))
-        });
-        Intent {
-            path: way,
-            ..Intent::default()
-        }
-    }
-
-    /// Has the way planned while the autopilot still flies, and takes over once setpoints lie where it flies. If they do not in
-    /// time, the autopilot is to hold first.
-    fn prepare(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
-        let Some((items, index)) = self.to_be_taken_over(scene).filter(|_| self.attempts < ATTEMPTS) else {
-            self.preparing = None;
-            return Intent::default();
         };
-        if !scene.ready {
-            self.preparing = None;
-            return self.halt(scene);
-        }
-        let since = *self.preparing.get_or_insert(scene.now);
-        let passed_s = scene.now.seconds_since(since);
-        if passed_s > PREPARATION_S {
-            if passed_s > PREPARATION_S + PAUSE_S {
-                self.preparing = None;
-                self.attempts += 1;
-            }
-            return self.halt(scene);
-        }
-        let Some(target) = place(&items[index]) else {
-            return Intent::default();
-        };
-        let may_follow = scene.on_plan || scene.speed_mps <= SLOW_MPS;
+        let news = (!self.news.is_empty()).then(|| self.news.remove(0));
+        self.reads_again |= intent.read_again;
+        // A request for an item goes first: an autopilot that is being read ignores it.
+        let read_again = self.reads_again && !matches!(intent.demand, Some(Demand::Current(_)));
+        self.reads_again &= !read_again;
         Intent {
-            path: Some(path(items, index, target, self.next(items, index, place))),
-            demand: may_follow.then(|| self.ask(scene.now, Demand::Follow)).flatten(),
-            unguarded: false,
+            news,
+            read_again,
+            ..intent
         }
-    }
-
-    /// The autopilot is to hold while nobody looks for obstacles.
-    fn halt(&mut self, scene: &Scene<'_>) -> Intent {
-        let flies = scene.mode == NavMode::Mission;
-        Intent {
-            demand: flies.then(|| self.ask(scene.now, Demand::Hold)).flatten(),
-            ..Intent::default()
-        }
-    }
-
-    /// Whether the autopilot flies the mission on its own for too long now; said once, until it is in another mode.
-    fn notice_unguarded(&mut self, scene: &Scene<'_>) -> bool {
-        let item = scene.items.zip(scene.current).and_then(|(items, current)| {
-            let index = first_place(items, usize::from(current))?;
-            Some(&items[index])
-        });
-        // Not known which item: it may be one.
-        let is_ours = item.is_none_or(|item| is_plain(item) && self.given_back != Some(item.sequence));
-        let alone = match self.part {
-            Part::TakesOver => !self.yielded,
-            Part::ShowsTheWay => !scene.ready,
-            Part::WhenChosen | Part::None => false,
-        } && scene.armed
-            && scene.in_air
-            && is_ours;
-        if !alone {
-            self.unguarded = None;
-            return false;
-        }
-        let before = *self.unguarded.get_or_insert(scene.now);
-        let due = before.is_set() && scene.now.seconds_since(before) > UNGUARDED_S;
-        if due {
-            self.unguarded = Some(Timestamp::NEVER);
-        }
-        due
     }
 
     /// The item that is flown to cannot be reached: the one behind it is flown to.
     pub fn skip(&mut self) {
-        self.index = self.index.map(|index| index + 1);
+        self.go_on_at(self.index.map(|index| index + 1));
+    }
+
+    /// What is flown is flown to another item.
+    fn go_on_at(&mut self, index: Option<usize>) {
+        self.index = index;
+        self.began_at = None;
         self.reached = None;
+        self.leaving = None;
+        self.told = None;
     }
 
-    fn notice_mode(&mut self, scene: &Scene<'_>) {
-        let before = std::mem::replace(&mut self.before, scene.mode);
-        if before == scene.mode {
-            return;
-        }
-        let asked = self.asked.take().map(|(demand, ..)| demand);
-        self.preparing = None;
-        self.attempts = 0;
-        self.unguarded = None;
-        self.halted = (before, scene.mode, asked) == (NavMode::Mission, NavMode::Hold, Some(Demand::Hold));
-        match (before, scene.mode) {
-            (_, NavMode::Offboard) => {
-                self.yielded = false;
-                self.given_back = None;
-                self.index = None;
-                self.reached = None;
-            }
-            // Nothing was flown: it was armed in this mode, or hovered.
-            (NavMode::Offboard, _) if self.index.is_none() => self.yielded = false,
-            (NavMode::Offboard, NavMode::Mission) => self.yielded = asked != Some(Demand::Mission),
-            (NavMode::Offboard, _) => self.yielded = asked != Some(Demand::Hold),
-            // Somebody lets the autopilot fly its mission.
-            (_, NavMode::Mission) => {
-                self.yielded = false;
-                self.given_back = None;
-            }
-            _ => {}
+    /// Has it told to the pilot, unless that was the last thing he heard and nothing has changed.
+    fn tell(&mut self, event: &'static Event, name: &'static str, number: f64) {
+        let news = PilotText { event, name, number };
+        if self.told.replace(news) != Some(news) && self.news.len() < NEWS_MAX {
+            self.news.push(news);
         }
     }
 
-    /// The items and the one to go on at, if the mission is to be taken over as soon as that can be done.
-    fn to_be_taken_over<'a>(&self, scene: &Scene<'a>) -> Option<(&'a [Item], usize)> {
-        let able = matches!(self.part, Part::TakesOver | Part::ShowsTheWay)
-            && !self.yielded
-            && scene.armed
-            && scene.in_air
-            && scene.position.is_some();
-        let (items, current) = scene.items.zip(scene.current).filter(|_| able)?;
-        let index = first_place(items, usize::from(current))?;
-        let item = &items[index];
-        let afresh = self.given_back != Some(item.sequence);
-        (is_plain(item) && afresh).then_some((items, index))
-    }
-
-    fn fly(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
-        let (Some(items), Some(position), true) = (scene.items, scene.position, scene.in_air) else {
-            return Intent::default();
-        };
-        let Some(current) = self.index.or(scene.current.map(usize::from)) else {
-            return Intent::default();
-        };
-        // Items that are no place (a change of speed, a jump that is not taken) are passed over.
-        let Some(index) = first_place(items, current) else {
-            return self.give_back(scene, items);
-        };
-        let item = &items[index];
-        if self.index != Some(index) {
-            self.index = Some(index);
-            self.reached = None;
-        }
-        if !is_plain(item) {
-            if scene.current != Some(item.sequence) {
-                return self.leave(scene, Demand::Current(item.sequence));
-            }
-            return self.leave(scene, Demand::Mission);
-        }
-        let Some(target) = place(item) else {
-            // Not known where: what the autopilot makes of it is not jink's.
-            return self.leave(scene, Demand::Hold);
-        };
-        if (position - target).norm() <= radius_m(item) {
-            let since = *self.reached.get_or_insert(scene.now);
-            if scene.now.seconds_since(since) >= f64::from(item.params[0]).max(0.0) {
-                self.index = Some(index + 1);
-                self.reached = None;
-                return self.fly_on(scene, items, index + 1, place);
-            }
-        }
-        let path = path(items, index, target, self.next(items, index, place));
-        let demand = (scene.current != Some(item.sequence))
-            .then(|| self.ask(scene.now, Demand::Current(item.sequence)))
-            .flatten();
-        Intent {
-            path: Some(path),
-            demand,
-            unguarded: false,
-        }
-    }
-
-    /// Where it goes on behind `index`, if that is a plain waypoint.
-    fn next(
-        &self,
-        items: &[Item],
-        index: usize,
-        place: impl Fn(&Item) -> Option<Vector3<f64>>,
-    ) -> Option<Vector3<f64>> {
-        let next = &items[first_place(items, index + 1)?];
-        place(next).filter(|_| is_plain(next))
-    }
-
-    /// An item was reached; the next step looks at the one behind it, and until then its place is wanted.
-    fn fly_on(
-        &mut self,
-        scene: &Scene<'_>,
-        items: &[Item],
-        index: usize,
-        place: impl Fn(&Item) -> Option<Vector3<f64>>,
-    ) -> Intent {
-        let Some(next) = first_place(items, index) else {
-            return self.give_back(scene, items);
-        };
-        let item = &items[next];
-        match place(item).filter(|_| is_plain(item)) {
-            Some(target) => Intent {
-                path: Some(path(items, next, target, self.next(items, next, place))),
-                demand: self.ask(scene.now, Demand::Current(item.sequence)),
-                unguarded: false,
-            },
-            None => Intent::default(),
-        }
-    }
-
-    /// All is flown: the autopilot finishes the mission at its last place, where the vehicle is.
-    fn give_back(&mut self, scene: &Scene<'_>, items: &[Item]) -> Intent {
-        let last = items.iter().rev().find(|item| navigates(item));
-        self.given_back = last.map(|item| item.sequence);
-        match self.given_back {
-            Some(last) if scene.current != Some(last) => self.leave(scene, Demand::Current(last)),
-            Some(_) => self.leave(scene, Demand::Mission),
-            None => Intent::default(),
-        }
-    }
-
-    /// Comes to rest first: without a wish the committed trajectory ends, and then its end is held.
-    fn leave(&mut self, scene: &Scene<'_>, demand: Demand) -> Intent {
-        let rests = scene.speed_mps <= REST_MPS;
-        Intent {
-            path: None,
-            demand: rests.then(|| self.ask(scene.now, demand)).flatten(),
-            unguarded: false,
-        }
-    }
-
-    /// A demand goes out at once, again every second, and not for ever.
+    /// A demand goes out at once, again every half second, and not for ever.
     fn ask(&mut self, now: Timestamp, demand: Demand) -> Option<Demand> {
         let (last, times) = match self.asked {
             Some((asked, last, times)) if asked == demand => (last, times),
             _ => (Timestamp::NEVER, 0),
         };
         let due = times == 0 || now.seconds_since(last) >= REPEAT_S;
-        if !due || times >= TRIES {
+        let is_busy = self.is_reading && matches!(demand, Demand::Current(_));
+        if !due || is_busy || times >= TRIES {
             return None;
         }
         self.asked = Some((demand, now, times + 1));
+        if let Demand::Current(item) = demand {
+            let slot = self.requested.iter().position(Option::is_none).unwrap_or(0);
+            let known = self
+                .requested
+                .iter()
+                .position(|asked| asked.is_some_and(|(other, _)| other == item));
+            self.requested[known.unwrap_or(slot)] = Some((item, now));
+        }
         Some(demand)
     }
-}
 
-/// A waypoint that is flown to, waited at for a while at most, and left.
-fn is_plain(item: &Item) -> bool {
-    item.command == MavCmd::MAV_CMD_NAV_WAYPOINT && item.autocontinue
-}
-
-/// Whether an item means a place or a task of the autopilot's own: what the protocol counts as a navigation command.
-fn navigates(item: &Item) -> bool {
-    (item.command as u32) < MavCmd::MAV_CMD_NAV_LAST as u32
-}
-
-/// The first item from `from` on that is a place or a task.
-fn first_place(items: &[Item], from: usize) -> Option<usize> {
-    (from..items.len()).find(|index| navigates(&items[*index]))
-}
-
-fn radius_m(item: &Item) -> f64 {
-    match f64::from(item.params[1]) {
-        radius if radius > 0.0 => radius.max(SMALLEST_RADIUS_M),
-        _ => RADIUS_M,
-    }
-}
-
-/// The speed that the mission asks for at `index`: the last DO_CHANGE_SPEED of a ground speed before it (m/s); NaN none.
-fn speed_mps(items: &[Item], index: usize) -> f64 {
-    let changes = items[..index].iter().rev();
-    let mut speeds = changes
-        .filter(|item| item.command == MavCmd::MAV_CMD_DO_CHANGE_SPEED && item.params[0] == 1.0)
-        .map(|item| item.params[1]);
-    speeds
-        .find(|speed| SPEEDS_MPS.contains(speed))
-        .map_or(f64::NAN, f64::from)
-}
-
-fn path(items: &[Item], index: usize, target: Vector3<f64>, next: Option<Vector3<f64>>) -> DesiredPath {
-    let point = |place: Vector3<f64>, yaw_rad: f32| DesiredPoint {
-        position: Point::from_vector(place),
-        yaw_rad,
-        valid: Flag::YES,
-        ..DesiredPoint::default()
-    };
-    let yaw_rad = items[index].params[3].to_radians();
-    DesiredPath {
-        points: [
-            point(target, f32::NAN),
-            point(target, yaw_rad),
-            point(next.unwrap_or(target), f32::NAN),
-        ],
-        mission_speed_mps: speed_mps(items, index),
-        mode: Coded::new(NavMode::Offboard),
-        ..DesiredPath::default()
+    /// How often the same has been asked for without effect.
+    fn times_asked(&self, demand: Demand) -> u32 {
+        self.asked
+            .filter(|(asked, ..)| *asked == demand)
+            .map_or(0, |(.., times)| times)
     }
 }
 

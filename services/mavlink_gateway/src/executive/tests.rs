@@ -1,6 +1,9 @@
 use super::client::Item;
-use super::{Demand, Executive, Intent, Part, Scene};
+use super::go_to::GoTo;
+use super::record::{LandedState, Record};
+use super::{Demand, Executive, FlightGoal, Intent, Part, Scene};
 use jink_shared_types::Timestamp;
+use jink_shared_types::events::{self, Event};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::{MavCmd, MavFrame};
 use nalgebra::Vector3;
@@ -35,6 +38,37 @@ fn place(item: &Item) -> Option<Vector3<f64>> {
     Some(Vector3::new(f64::from(item.x), 0.0, f64::from(item.z_m)))
 }
 
+/// A mission that was taken over just now.
+fn taken_over(items: &[Item]) -> (Executive, Scene<'_>) {
+    let mut executive = Executive::new(Part::TakesOver);
+    let mut seen = scene(items);
+    assert_eq!(executive.step(&seen, place).demand, Some(Demand::Follow));
+    seen.mode = NavMode::Offboard;
+    (executive, seen)
+}
+
+/// Goes on for so long and notes what is asked for and told on the way.
+fn go_on(
+    executive: &mut Executive,
+    seen: &mut Scene<'_>,
+    seconds: f64,
+) -> (Vec<Demand>, Vec<&'static Event>) {
+    let (mut asked, mut told) = (Vec::new(), Vec::new());
+    for _ in 0..(seconds * 50.0) as u32 {
+        seen.now = seen.now.plus_seconds(0.02);
+        seen.read_at = seen.now;
+        let intent = executive.step(seen, place);
+        asked.extend(intent.demand);
+        told.extend(intent.news.map(|news| news.event));
+    }
+    asked.dedup();
+    (asked, told)
+}
+
+fn goal_m(intent: &Intent) -> Option<f64> {
+    intent.path.map(|path| path.points[1].position.x_m)
+}
+
 fn scene(items: &[Item]) -> Scene<'_> {
     Scene {
         now: Timestamp::from_seconds(50.0),
@@ -43,8 +77,17 @@ fn scene(items: &[Item]) -> Scene<'_> {
         in_air: true,
         position: Some(Vector3::new(1.0, 0.0, -5.0)),
         speed_mps: 2.0,
+        level_mps: 2.0,
+        is_reading: false,
         items: Some(items),
+        version: 1,
+        read_at: Timestamp::from_seconds(1e6),
         current: Some(1),
+        first_item: 0,
+        home: Some(Vector3::zeros()),
+        is_located: true,
+        go_to: None,
+        lets_fly_unguarded: false,
         ready: true,
         on_plan: true,
     }
@@ -60,13 +103,19 @@ fn a_mission_is_taken_over_at_its_first_plain_waypoint_when_all_is_ready() {
     for hindrance in 0..7 {
         let mut seen = scene(&items);
         match hindrance {
-            0 => seen.current = Some(0),
+            0 => {
+                seen.current = Some(0);
+                seen.position = Some(Vector3::new(1.0, 0.0, -2.0));
+            }
             1 => seen.armed = false,
             2 => seen.in_air = false,
             3 => seen.ready = false,
             4 => seen.items = None,
             5 => seen.position = None,
-            _ => seen.current = Some(4),
+            _ => {
+                seen.current = Some(4);
+                seen.position = at(40.2);
+            }
         }
         let intent = Executive::new(Part::TakesOver).step(&seen, place);
         // Nobody looks for obstacles while jink is not ready.
@@ -86,6 +135,22 @@ fn a_mission_is_taken_over_at_its_first_plain_waypoint_when_all_is_ready() {
     assert_eq!(intent.demand, Some(Demand::Follow));
     let intent = Executive::new(Part::WhenChosen).step(&scene(&items), place);
     assert_eq!(intent.demand, None, "nobody has asked for it");
+}
+
+/// Behind it the autopilot gathers speed at once.
+#[test]
+fn a_take_off_is_taken_over_just_before_its_end() {
+    let items = mission();
+    let mut executive = Executive::new(Part::TakesOver);
+    let mut seen = scene(&items);
+    seen.current = Some(0);
+    (seen.speed_mps, seen.level_mps, seen.on_plan) = (1.2, 0.1, false);
+    for (height_m, demand) in [(2.0, None), (4.3, Some(Demand::Follow))] {
+        seen.position = Some(Vector3::new(0.3, 0.0, -height_m));
+        let intent = executive.step(&seen, place);
+        assert_eq!(intent.demand, demand, "at {height_m} m");
+        assert_eq!(goal_m(&intent), demand.map(|_| 0.3), "straight up");
+    }
 }
 
 #[test]
@@ -118,7 +183,7 @@ fn a_mission_that_cannot_be_taken_over_in_motion_is_taken_over_from_rest() {
     seen.mode = NavMode::Hold;
     let intent = executive.step(&seen, place);
     assert!(intent.path.is_some() && intent.demand.is_none(), "{intent:?}");
-    seen.speed_mps = 0.5;
+    (seen.speed_mps, seen.level_mps) = (0.5, 0.5);
     assert_eq!(executive.step(&seen, place).demand, Some(Demand::Follow));
     // While it is not ready, it waits there.
     seen.ready = false;
@@ -142,16 +207,18 @@ fn a_mission_that_is_flown_while_jink_is_not_ready_is_told_once() {
     let mut told = 0;
     for _ in 0..500 {
         seen.now = seen.now.plus_seconds(0.02);
-        told += u32::from(executive.step(&seen, place).unguarded);
+        let news = executive.step(&seen, place).news;
+        told += u32::from(news.is_some_and(|news| news.event == &events::UNGUARDED));
     }
     assert_eq!(told, 1);
     // A landing is the autopilot's, and so is what is not to be taken over.
     for (part, current) in [(Part::TakesOver, 4), (Part::WhenChosen, 1)] {
         let mut executive = Executive::new(part);
         seen.current = Some(current);
+        seen.position = at(40.0);
         for _ in 0..500 {
             seen.now = seen.now.plus_seconds(0.02);
-            assert!(!executive.step(&seen, place).unguarded);
+            assert_eq!(executive.step(&seen, place).news, None);
         }
     }
 }
@@ -180,13 +247,30 @@ fn waypoint_by_waypoint_to_the_landing_which_is_the_autopilots() {
     seen.current = Some(3);
     assert_eq!(executive.step(&seen, place).demand, None);
 
-    // The last waypoint before the landing: to rest, then the landing is made current, then the mission is given back.
+    // The last waypoint before the landing: to rest above its place, then the landing is made current once the mission was read
+    // again, then the mission is given back.
+    seen.position = at(39.4);
+    let intent = executive.step(&seen, place);
+    assert_eq!(
+        (goal_m(&intent), intent.demand),
+        (Some(40.0), Some(Demand::Current(4)))
+    );
     seen.position = at(39.9);
-    assert_eq!(executive.step(&seen, place).path, None);
-    seen.now = seen.now.plus_seconds(0.1);
     assert_eq!(executive.step(&seen, place).demand, None, "it still moves");
     seen.speed_mps = 0.05;
-    assert_eq!(executive.step(&seen, place).demand, Some(Demand::Current(4)));
+    seen.now = seen.now.plus_seconds(0.1);
+    seen.read_at = seen.now.plus_seconds(-1.0);
+    let intent = executive.step(&seen, place);
+    assert_eq!(
+        (intent.path, intent.demand, intent.read_again),
+        (None, None, true)
+    );
+    seen.read_at = seen.now;
+    assert_eq!(
+        executive.step(&seen, place).demand,
+        None,
+        "it has just been asked for"
+    );
     seen.current = Some(4);
     assert_eq!(executive.step(&seen, place).demand, Some(Demand::Mission));
     seen.mode = NavMode::Mission;
@@ -217,9 +301,7 @@ fn a_plan_that_the_autopilot_has_flown_away_from_is_dropped_and_made_anew() {
 #[test]
 fn after_the_last_waypoint_the_autopilot_finishes_its_mission_and_keeps_it() {
     let items = &mission()[..4];
-    let mut executive = Executive::new(Part::TakesOver);
-    let mut seen = scene(items);
-    seen.mode = NavMode::Offboard;
+    let (mut executive, mut seen) = taken_over(items);
     seen.current = Some(3);
     seen.position = at(40.0);
     assert_eq!(executive.step(&seen, place).demand, None, "it still moves");
@@ -244,9 +326,7 @@ fn after_the_last_waypoint_the_autopilot_finishes_its_mission_and_keeps_it() {
 fn a_waypoint_with_a_delay_is_waited_at() {
     let mut items = mission();
     items[1].params[0] = 3.0;
-    let mut executive = Executive::new(Part::TakesOver);
-    let mut seen = scene(&items);
-    seen.mode = NavMode::Offboard;
+    let (mut executive, mut seen) = taken_over(&items);
     seen.position = at(20.0);
     assert_eq!(
         executive.step(&seen, place).path.unwrap().points[1].position.x_m,
@@ -267,15 +347,8 @@ fn a_waypoint_with_a_delay_is_waited_at() {
 #[test]
 fn a_pilot_who_takes_the_mission_back_keeps_it() {
     let items = mission();
-    for taken_to in [
-        NavMode::Mission,
-        NavMode::Hold,
-        NavMode::Position,
-        NavMode::Return,
-    ] {
-        let mut executive = Executive::new(Part::TakesOver);
-        let mut seen = scene(&items);
-        seen.mode = NavMode::Offboard;
+    for taken_to in [NavMode::Hold, NavMode::Position, NavMode::Return] {
+        let (mut executive, mut seen) = taken_over(&items);
         executive.step(&seen, place);
         seen.mode = taken_to;
         for _ in 0..200 {
@@ -286,20 +359,291 @@ fn a_pilot_who_takes_the_mission_back_keeps_it() {
 }
 
 #[test]
-fn a_gateway_that_starts_in_flight_goes_on_at_the_current_item() {
+fn a_mission_chosen_out_of_the_mode_is_taken_over_again_unless_that_is_repeated() {
+    let items = mission();
+    let (mut executive, mut seen) = taken_over(&items);
+    go_on(&mut executive, &mut seen, 2.0);
+    seen.mode = NavMode::Mission;
+    let (asked, told) = go_on(&mut executive, &mut seen, 0.1);
+    assert_eq!((asked, told), (vec![Demand::Follow], vec![&events::TAKEN_AGAIN]));
+    seen.mode = NavMode::Offboard;
+    go_on(&mut executive, &mut seen, 2.0);
+    seen.mode = NavMode::Mission;
+    let (asked, told) = go_on(&mut executive, &mut seen, 5.0);
+    assert_eq!((asked, told), (vec![], vec![&events::LEFT_ALONE]));
+}
+
+#[test]
+fn a_gateway_that_starts_in_flight_goes_on_with_what_was_flown_before() {
+    let items = mission();
+    let (mut before, mut seen) = taken_over(&items);
+    seen.current = Some(3);
+    seen.position = at(30.0);
+    before.step(&seen, place);
+    let record = before.record(seen.now, LandedState::InAir);
+    let record = Record::of_bytes(&record.to_bytes()).unwrap();
+    assert!(record.is_valid(seen.now.plus_seconds(1.0)) && !record.is_valid(seen.now.plus_seconds(100.0)));
+    let mut executive = Executive::new(Part::TakesOver);
+    executive.resume(&record);
+    assert_eq!(goal_m(&executive.step(&seen, place)), Some(40.0));
+    // Without a record nobody has asked for a flight.
+    let mut executive = Executive::new(Part::TakesOver);
+    assert_eq!(goal_m(&executive.step(&seen, place)), None);
+    assert_eq!(Record::of_bytes(&record.to_bytes()[1..]), None);
+}
+
+#[test]
+fn a_go_to_survives_a_restart_too() {
     let items = mission();
     let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
     seen.mode = NavMode::Offboard;
+    seen.go_to = Some(GoTo {
+        place: Vector3::new(7.0, 1.0, -4.0),
+        serial: 1,
+    });
+    assert_eq!(goal_m(&executive.step(&seen, place)), Some(7.0));
+    let record = Record::of_bytes(&executive.record(seen.now, LandedState::InAir).to_bytes()).unwrap();
+    assert_eq!(record.flight_goal, FlightGoal::GoTo(Vector3::new(7.0, 1.0, -4.0)));
+}
+
+#[test]
+fn nothing_that_nobody_asked_for_is_flown() {
+    let items = mission();
+    let mut executive = Executive::new(Part::TakesOver);
+    let mut seen = scene(&items);
+    seen.mode = NavMode::Position;
+    executive.step(&seen, place);
+    seen.mode = NavMode::Offboard;
+    let (asked, told) = go_on(&mut executive, &mut seen, 5.0);
+    assert_eq!((asked, told), (vec![], vec![&events::NO_GOAL]));
+    assert_eq!(executive.step(&seen, place).path, None);
+    // Where missions are flown when the mode is chosen, home is none.
+    let mut executive = Executive::new(Part::WhenChosen);
+    seen.first_item = 1;
+    for (current, goal) in [(0, None), (1, Some(20.0))] {
+        seen.mode = NavMode::Position;
+        executive.step(&seen, place);
+        seen.mode = NavMode::Offboard;
+        seen.current = Some(current);
+        assert_eq!(goal_m(&executive.step(&seen, place)), goal, "item {current}");
+    }
+}
+
+#[test]
+fn the_item_that_somebody_chooses_is_flown_to() {
+    let items = mission();
+    let (mut executive, mut seen) = taken_over(&items);
+    go_on(&mut executive, &mut seen, 2.0);
+    seen.current = Some(3);
+    let (asked, told) = go_on(&mut executive, &mut seen, 0.1);
+    assert_eq!((asked, told), (vec![], vec![&events::ITEM_CHOSEN]));
+    assert_eq!(goal_m(&executive.step(&seen, place)), Some(40.0));
+    seen.current = Some(1);
+    assert_eq!(
+        goal_m(&executive.step(&seen, place)),
+        Some(20.0),
+        "and back again"
+    );
+    // What jink has asked for itself is nobody's choice, however late it shows.
+    seen.position = at(20.0);
+    let (asked, _) = go_on(&mut executive, &mut seen, 1.0);
+    assert_eq!(asked, [Demand::Current(3)]);
+    seen.current = Some(3);
+    let (_, told) = go_on(&mut executive, &mut seen, 1.0);
+    assert!(told.is_empty(), "{told:?}");
+}
+
+#[test]
+fn a_mission_that_was_changed_is_flown_as_it_is_now_and_one_that_was_cleared_is_not() {
+    let items = mission();
+    let (mut executive, mut seen) = taken_over(&items);
+    go_on(&mut executive, &mut seen, 1.0);
+    let mut other = mission();
+    other[1].x = 27;
+    let mut seen = Scene {
+        items: Some(&other),
+        version: 2,
+        ..seen
+    };
+    let (_, told) = go_on(&mut executive, &mut seen, 0.1);
+    assert_eq!(told, [&events::MISSION_CHANGED]);
+    assert_eq!(goal_m(&executive.step(&seen, place)), Some(27.0));
+    let mut seen = Scene {
+        items: Some(&[]),
+        version: 3,
+        current: Some(0),
+        ..seen
+    };
+    let (asked, told) = go_on(&mut executive, &mut seen, 2.0);
+    assert!(
+        asked.is_empty() && told.contains(&&events::MISSION_CLEARED),
+        "{told:?}"
+    );
+    assert_eq!(goal_m(&executive.step(&seen, place)), None);
+}
+
+#[test]
+fn a_landing_elsewhere_is_flown_to_at_this_height_and_given_back_above() {
+    let mut items = mission();
+    items[4].x = 90;
+    items[4].z_m = 0.0;
+    let (mut executive, mut seen) = taken_over(&items);
+    seen.position = at(40.0);
     seen.current = Some(3);
     let wanted = executive.step(&seen, place).path.unwrap();
-    assert_eq!(wanted.points[1].position.x_m, 40.0);
-    seen.items = None;
     assert_eq!(
-        Executive::new(Part::TakesOver).step(&seen, place).path,
-        None,
-        "not read yet: hold"
+        (wanted.points[1].position.x_m, wanted.points[1].position.z_m),
+        (90.0, -5.0)
     );
+    seen.speed_mps = 0.0;
+    let (asked, _) = go_on(&mut executive, &mut seen, 2.0);
+    assert_eq!(asked, [Demand::Current(4)], "it is not there yet");
+    seen.position = at(90.1);
+    seen.current = Some(4);
+    let (asked, _) = go_on(&mut executive, &mut seen, 0.2);
+    assert_eq!(asked, [Demand::Mission]);
+    // An autopilot that is on its way there is taken over, too.
+    let mut executive = Executive::new(Part::TakesOver);
+    seen.mode = NavMode::Mission;
+    seen.position = at(50.0);
+    assert_eq!(executive.step(&seen, place).demand, Some(Demand::Follow));
+}
+
+#[test]
+fn what_nobody_could_guard_is_held_and_told_unless_it_is_allowed() {
+    let mut above_terrain = item(3, MavCmd::MAV_CMD_NAV_WAYPOINT, 40);
+    above_terrain.frame = MavFrame::MAV_FRAME_GLOBAL_TERRAIN_ALT;
+    let others = [
+        item(3, MavCmd::MAV_CMD_NAV_LOITER_TURNS, 40),
+        item(3, MavCmd::MAV_CMD_NAV_PAYLOAD_PLACE, 40),
+        above_terrain,
+    ];
+    for other in others {
+        let mut items = mission();
+        items[3] = other;
+        let (mut executive, mut seen) = taken_over(&items);
+        go_on(&mut executive, &mut seen, 2.0);
+        seen.position = at(20.0);
+        seen.speed_mps = 0.0;
+        let (asked, told) = go_on(&mut executive, &mut seen, 5.0);
+        assert_eq!((asked, told), (vec![], vec![&events::ITEM_HELD]), "{other:?}");
+        seen.lets_fly_unguarded = true;
+        let (asked, told) = go_on(&mut executive, &mut seen, 3.0);
+        assert_eq!(asked, [Demand::Current(3), Demand::Mission], "{other:?}");
+        assert_eq!(told, [&events::ITEM_UNGUARDED]);
+        // In its mission it is held before it begins.
+        let mut executive = Executive::new(Part::TakesOver);
+        seen.mode = NavMode::Mission;
+        seen.current = Some(3);
+        let (asked, _) = go_on(&mut executive, &mut seen, 1.0);
+        assert!(asked.is_empty(), "{asked:?}");
+        seen.lets_fly_unguarded = false;
+        let (asked, _) = go_on(&mut executive, &mut seen, 1.0);
+        assert_eq!(asked, [Demand::Hold]);
+    }
+}
+
+#[test]
+fn an_autopilot_that_starts_its_mission_anew_is_put_right_and_never_flies_a_second_lap() {
+    let items = mission();
+    let (mut executive, mut seen) = taken_over(&items);
+    seen.position = at(40.0);
+    seen.current = Some(3);
+    seen.speed_mps = 0.0;
+    executive.step(&seen, place);
+    seen.current = Some(4);
+    let (asked, _) = go_on(&mut executive, &mut seen, 0.5);
+    assert_eq!(asked, [Demand::Mission]);
+    let mut stubborn = executive.clone();
+    seen.mode = NavMode::Mission;
+    seen.current = Some(0);
+    let (asked, _) = go_on(&mut executive, &mut seen, 0.1);
+    assert_eq!(asked, [Demand::Current(4)]);
+    seen.current = Some(4);
+    let (asked, told) = go_on(&mut executive, &mut seen, 5.0);
+    assert!(asked.is_empty() && told.is_empty(), "{asked:?} {told:?}");
+    // One that does not let itself be put right holds, and is left alone.
+    seen.current = Some(1);
+    let (asked, told) = go_on(&mut stubborn, &mut seen, 8.0);
+    assert_eq!(asked, [Demand::Current(4), Demand::Hold]);
+    assert_eq!(told[0], &events::NOT_GIVEN_BACK);
+    seen.mode = NavMode::Hold;
+    let (asked, _) = go_on(&mut stubborn, &mut seen, 5.0);
+    assert!(asked.is_empty(), "{asked:?}");
+}
+
+#[test]
+fn an_item_that_is_not_shown_outside_of_the_mission_does_not_keep_it_from_being_given_back() {
+    let items = mission();
+    let (mut executive, mut seen) = taken_over(&items);
+    seen.position = at(40.0);
+    executive.step(&seen, place);
+    executive.skip();
+    seen.speed_mps = 0.0;
+    let (asked, _) = go_on(&mut executive, &mut seen, 5.0);
+    assert_eq!(asked.last(), Some(&Demand::Mission), "{asked:?}");
+}
+
+#[test]
+fn jumps_are_taken_as_often_as_they_say() {
+    let mut jump = item(4, MavCmd::MAV_CMD_DO_JUMP, 0);
+    jump.params = [1.0, 2.0, 0.0, 0.0];
+    let mut items = mission();
+    items[4] = jump;
+    items.push(item(5, MavCmd::MAV_CMD_NAV_WAYPOINT, 60));
+    let (mut executive, mut seen) = taken_over(&items);
+    let mut flown = Vec::new();
+    for _ in 0..20 {
+        let Some(goal) = goal_m(&executive.step(&seen, place)) else {
+            break;
+        };
+        flown.push(goal);
+        seen.position = at(goal);
+    }
+    flown.dedup();
+    assert_eq!(flown, [20.0, 40.0, 20.0, 40.0, 20.0, 40.0, 60.0]);
+}
+
+#[test]
+fn a_return_is_flown_to_above_home_and_lands_there() {
+    let mut items = mission();
+    items[4] = item(4, MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH, 0);
+    let (mut executive, mut seen) = taken_over(&items);
+    seen.current = Some(3);
+    seen.position = at(40.0);
+    let wanted = executive.step(&seen, place).path.unwrap().points[1].position;
+    assert_eq!((wanted.x_m, wanted.z_m), (0.0, -5.0));
+    seen.position = at(0.0);
+    seen.speed_mps = 0.0;
+    let (asked, _) = go_on(&mut executive, &mut seen, 1.0);
+    assert_eq!(asked.last(), Some(&Demand::Land));
+}
+
+#[test]
+fn a_go_to_in_hold_is_taken_over_and_ends_in_hold() {
+    let items = mission();
+    let mut executive = Executive::new(Part::TakesOver);
+    let mut seen = scene(&items);
+    seen.mode = NavMode::Hold;
+    assert_eq!(executive.step(&seen, place), Intent::default());
+    seen.go_to = Some(GoTo {
+        place: Vector3::new(30.0, 0.0, -5.0),
+        serial: 1,
+    });
+    let intent = executive.step(&seen, place);
+    assert_eq!(
+        (goal_m(&intent), intent.demand),
+        (Some(30.0), Some(Demand::Follow))
+    );
+    seen.mode = NavMode::Offboard;
+    assert_eq!(goal_m(&executive.step(&seen, place)), Some(30.0));
+    seen.position = at(29.9);
+    seen.speed_mps = 0.0;
+    assert_eq!(executive.step(&seen, place).demand, Some(Demand::Hold));
+    seen.mode = NavMode::Hold;
+    let (asked, _) = go_on(&mut executive, &mut seen, 5.0);
+    assert!(asked.is_empty(), "{asked:?}");
 }
 
 #[test]
@@ -307,9 +651,15 @@ fn where_the_autopilot_flies_itself_it_is_shown_the_way_and_asked_for_nothing() 
     let items = mission();
     let mut executive = Executive::new(Part::ShowsTheWay);
     let mut seen = scene(&items);
-    for (current, wanted) in [(1, Some(20.0)), (3, Some(40.0)), (4, None)] {
+    // A landing that begins away from its place is led there at this height.
+    for (current, north_m, wanted) in [
+        (1, 19.0, Some(20.0)),
+        (3, 30.0, Some(40.0)),
+        (4, 30.0, Some(40.0)),
+        (4, 39.9, None),
+    ] {
         seen.current = Some(current);
-        seen.position = at(39.9);
+        seen.position = at(north_m);
         let intent = executive.step(&seen, place);
         let target = intent.path.map(|path| path.points[1].position.x_m);
         assert_eq!((target, intent.demand), (wanted, None));

@@ -4,7 +4,7 @@ use super::mission::MissionFlight;
 use super::steering::Steering;
 use super::{Gateway, nanoseconds};
 use crate::clock_map::ClockMap;
-use crate::desired;
+use crate::desired::{self, VerticalMotions};
 use crate::executive::Part;
 use crate::io::Outputs;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Received};
@@ -38,6 +38,7 @@ impl Gateway {
                 return;
             }
         }
+        self.overhear(now, received);
         self.ignored += 1;
     }
 
@@ -76,6 +77,7 @@ impl Gateway {
     ) {
         let time = received.time;
         self.streams.arrived(message.message_id());
+        self.profile_check.fit.take(message);
         if let Some(flight) = &mut self.mission {
             flight.take(now, message);
             if let Some(home_down_m) = flight.home_down_m() {
@@ -102,8 +104,10 @@ impl Gateway {
                 }
             }
             MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(waypoints) if self.mission.is_none() => {
-                let path = desired::read(waypoints, self.vehicle.heartbeat_mode());
+                let mut path = desired::read(waypoints, self.vehicle.heartbeat_mode());
                 self.vehicle.infer_mode(path.mode.get());
+                self.vertical_motions
+                    .separate(&mut path, self.vehicle.present(now).as_ref());
                 let capture = self.clock.map_us(path.autopilot_time_us, time);
                 self.wire.status.desired_paths += 1;
                 self.desired = Some(path);
@@ -116,6 +120,9 @@ impl Gateway {
             MavMessage::MISSION_CURRENT(current) => {
                 let total = (1..u16::MAX).contains(&current.total).then_some(current.total);
                 self.current_item = Some((current.seq, total));
+            }
+            MavMessage::POSITION_TARGET_GLOBAL_INT(target) => {
+                self.take_target(now, (target.lat_int, target.lon_int), target.alt);
             }
             MavMessage::POSITION_TARGET_LOCAL_NED(echo) => self.take_echo(now, echo, outputs),
             MavMessage::MANUAL_CONTROL(control) => self.steering.take(control, time),
@@ -162,6 +169,7 @@ impl Gateway {
     /// Its clock and its coordinates have begun anew.
     fn autopilot_restarted(&mut self, now: Timestamp) {
         self.clock = ClockMap::default();
+        self.profile_check.restart();
         self.streams = self.needed_streams();
         self.steering = Steering::default();
         if let Some(flight) = &mut self.mission {
@@ -169,6 +177,7 @@ impl Gateway {
             flight.read_anew(now);
         }
         self.desired = None;
+        self.vertical_motions = VerticalMotions::default();
         self.current_item = None;
         self.was_greeted = false;
         self.profile.reset();

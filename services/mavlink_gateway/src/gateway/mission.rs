@@ -4,19 +4,26 @@ use super::Gateway;
 use super::watch::Echoes;
 use crate::executive::client::MissionClient;
 use crate::executive::georeference::Georeference;
-use crate::executive::{Demand, Executive, Intent, Part, Scene};
+use crate::executive::go_to::GoToWatch;
+use crate::executive::record::Record;
+use crate::executive::{Demand, Executive, FlightGoal, Intent, Part, Scene};
 use crate::io::Outputs;
 use crate::make::Make;
-use crate::message::{Body, COMPONENT_AUTOPILOT};
+use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Received};
 use crate::profile::pilot::Nearness;
 use crate::ticker::Ticker;
-use jink_shared_types::events::{MODE_REFUSED, UNGUARDED};
+use jink_shared_types::events::{EventSample, MODE_REFUSED};
 use jink_shared_types::link::AvoidanceState;
+use jink_shared_types::params::OA_UNGUARDED;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Timestamp};
+#[allow(deprecated)]
+use mavlink::dialects::ardupilotmega::MISSION_SET_CURRENT_DATA;
 use mavlink::dialects::ardupilotmega::{
-    COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavModeFlag, MavResult,
+    COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage, MavModeFlag, MavResult,
+    POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask,
 };
+use nalgebra::Vector3;
 
 /// Rate at which the wish is repeated (Hz), as the topic table says.
 const WISH_RATE_HZ: f64 = 5.0;
@@ -27,6 +34,9 @@ pub(super) struct MissionFlight {
     client: MissionClient,
     executive: Executive,
     georeference: Georeference,
+    go_to: GoToWatch,
+    /// Latitude and longitude of home (1e-7 deg), where the autopilot tells them.
+    home: Option<(i32, i32)>,
     /// The last wish, and when it is due again.
     wish: Option<DesiredPath>,
     repeat: Ticker,
@@ -42,6 +52,8 @@ impl MissionFlight {
             client: MissionClient::default(),
             executive: Executive::new(part),
             georeference: Georeference::default(),
+            go_to: GoToWatch::default(),
+            home: None,
             wish: None,
             repeat: Ticker::new(WISH_RATE_HZ),
             mode: NavMode::Unknown,
@@ -60,6 +72,8 @@ impl MissionFlight {
         match message {
             MavMessage::LOCAL_POSITION_NED(position) => self.georeference.take_local(position),
             MavMessage::GLOBAL_POSITION_INT(position) => self.georeference.take_global(position),
+            MavMessage::HEARTBEAT(_) | MavMessage::CURRENT_MODE(_) => self.go_to.hear_mode(now),
+            MavMessage::HOME_POSITION(home) => self.home = Some((home.latitude, home.longitude)),
             _ => {}
         }
         self.client.take(now, message);
@@ -75,6 +89,11 @@ impl MissionFlight {
         self.wish
     }
 
+    /// What is flown while the autopilot follows setpoints is the mission, and no go-to.
+    pub(super) fn flies_an_item(&self) -> bool {
+        self.executive.flight_goal() == FlightGoal::Mission
+    }
+
     /// The item that is flown to is left out.
     pub(super) fn skip(&mut self) {
         self.executive.skip();
@@ -82,6 +101,39 @@ impl MissionFlight {
 
     pub(super) fn home_down_m(&self) -> Option<f64> {
         self.georeference.home_down_m()
+    }
+
+    /// Takes what ArduCopter says that it flies to.
+    pub(super) fn take_echo(&mut self, now: Timestamp, echo: &POSITION_TARGET_LOCAL_NED_DATA) {
+        self.go_to.take_echo(now, echo);
+    }
+
+    /// Whether the autopilot's target may be somebody else's: nothing is to be sent before it has shown, and nothing needs to be
+    /// while it holds a place of jink's own.
+    pub(super) fn may_rest(&self, now: Timestamp, position: Vector3<f64>) -> bool {
+        let waits = self.executive.flight_goal() == FlightGoal::None;
+        waits && (self.go_to.is_waited_for(now) || self.go_to.holds_ours(now, position))
+    }
+
+    /// Goes on where the gateway before has stopped.
+    pub(super) fn resume(&mut self, record: &Record) {
+        self.executive.resume(record);
+        self.mode = record.mode;
+    }
+
+    /// Home in the local frame (m).
+    fn home(&self, first_item: u16) -> Option<Vector3<f64>> {
+        let told = |(x, y)| self.georeference.locate(MavFrame::MAV_FRAME_GLOBAL, (x, y), 0.0);
+        // ArduPilot's item 0 is home.
+        let item = self
+            .client
+            .items()
+            .and_then(<[_]>::first)
+            .filter(|_| first_item > 0);
+        match item {
+            Some(home) => told((home.x, home.y)),
+            None => self.home.and_then(told),
+        }
     }
 }
 
@@ -91,10 +143,16 @@ impl Gateway {
         let Some(system_id) = self.latch.system_id(now).filter(|_| self.was_alive) else {
             return;
         };
+        if self.mission.is_some() {
+            self.ask_for_footing(now, (system_id, COMPONENT_AUTOPILOT), outputs);
+        }
         let nearness = self.profile.nearness();
         let ready = self.heartbeats.said() == AvoidanceState::Active;
         let present = self.vehicle.present(now);
         let mode = self.vehicle.mode();
+        let in_air = self.vehicle.has_taken_off();
+        let lets_fly_unguarded = self.params().get(&OA_UNGUARDED) > 0.0;
+        let first_item = u16::from(self.vehicle.make() == Some(Make::ArduPilot));
         let Some(flight) = &mut self.mission else { return };
         let before = std::mem::replace(&mut flight.mode, mode);
         // A mission may have been changed while nobody looked.
@@ -105,26 +163,42 @@ impl Gateway {
         };
         if begins {
             flight.client.refresh(now);
+        } else if in_air && matches!(mode, NavMode::Mission | NavMode::Offboard) {
+            flight.client.watch(now);
         }
+        flight.go_to.notice(now, mode, in_air);
         let scene = Scene {
             now,
             mode,
             armed: self.vehicle.is_armed(),
-            in_air: self.vehicle.has_taken_off(),
+            in_air,
             position: present.map(|present| present.position),
             speed_mps: present.map_or(f64::INFINITY, |present| present.velocity.norm()),
+            level_mps: present.map_or(f64::INFINITY, |present| present.velocity.xy().norm()),
             items: flight.client.items(),
+            is_reading: flight.client.is_reading(),
+            version: flight.client.version(),
+            read_at: flight.client.read_at(),
             current: self.current_item.map(|(item, _)| item),
+            first_item,
+            home: flight.home(first_item),
+            is_located: flight.georeference.is_known(),
+            go_to: flight.go_to.go_to(),
+            lets_fly_unguarded,
             ready,
             on_plan: nearness == Nearness::OnPlan,
         };
         let Intent {
             path,
             demand,
-            unguarded,
+            news,
+            read_again,
         } = flight
             .executive
             .step(&scene, |item| flight.georeference.place(item));
+        if read_again {
+            flight.client.read_again(now);
+        }
         // What lies too far from the vehicle must be planned anew: nothing is wanted for a moment.
         let wish = path
             .filter(|_| nearness != Nearness::Astray)
@@ -149,16 +223,105 @@ impl Gateway {
         if let Some(demand) = demand {
             self.demand(now, demand, outputs);
         }
-        if unguarded {
-            self.tell(now, &UNGUARDED, 0.0, outputs);
+        if let Some(news) = news {
+            let sample = EventSample::new(news.event, news.name, [news.number, 0.0]);
+            self.texts.push(now, &sample);
+            outputs.tell(sample);
         }
     }
 
+    /// What is to be known of this flight by a gateway that is started in it.
+    pub fn record(&self, now: Timestamp) -> Option<Record> {
+        let flight = self.mission.as_ref()?;
+        Some(flight.executive.record(now, self.vehicle.landed_state()))
+    }
+
+    /// With what the gateway before has left, if that was just now.
+    #[must_use]
+    pub fn resuming(mut self, now: Timestamp, record: Option<Record>) -> Self {
+        let record = record.filter(|record| record.is_valid(now));
+        if let Some((flight, record)) = self.mission.as_mut().zip(record) {
+            flight.resume(&record);
+            self.vehicle.resume(&record);
+        }
+        self
+    }
+
+    /// PX4's target in Hold.
+    pub(super) fn take_target(&mut self, now: Timestamp, target: (i32, i32), height_m: f32) {
+        let px4 = self.vehicle.make() == Some(Make::Px4) && self.vehicle.mode() == NavMode::Hold;
+        let Some((flight, present)) = self
+            .mission
+            .as_mut()
+            .zip(self.vehicle.present(now))
+            .filter(|_| px4)
+        else {
+            return;
+        };
+        let place = flight
+            .georeference
+            .locate(MavFrame::MAV_FRAME_GLOBAL, target, height_m);
+        if let Some(place) = place {
+            flight
+                .go_to
+                .take_target(now, place, present.position, present.velocity.norm());
+        }
+    }
+
+    /// A station on a link of ours asks ArduCopter to go to a place: seen before it is overwritten.
+    pub(super) fn overhear(&mut self, now: Timestamp, received: &Received) {
+        let follows = self.vehicle.mode() == NavMode::Offboard;
+        let copter = self.vehicle.make() == Some(Make::ArduPilot);
+        let Content::Message(message) = &received.content else {
+            return;
+        };
+        let Some(flight) = self.mission.as_mut().filter(|_| follows && copter) else {
+            return;
+        };
+        let only_position = |mask: PositionTargetTypemask| {
+            !mask.contains(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE)
+                && mask.contains(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_VX_IGNORE)
+        };
+        let place = match message {
+            MavMessage::COMMAND_INT(command) if command.command == MavCmd::MAV_CMD_DO_REPOSITION => flight
+                .georeference
+                .locate(command.frame, (command.x, command.y), command.z),
+            MavMessage::SET_POSITION_TARGET_GLOBAL_INT(target) if only_position(target.type_mask) => {
+                flight.georeference.locate(
+                    target.coordinate_frame,
+                    (target.lat_int, target.lon_int),
+                    target.alt,
+                )
+            }
+            MavMessage::SET_POSITION_TARGET_LOCAL_NED(target)
+                if only_position(target.type_mask)
+                    && target.coordinate_frame == MavFrame::MAV_FRAME_LOCAL_NED =>
+            {
+                Some(Vector3::new(target.x, target.y, target.z).map(f64::from))
+            }
+            _ => None,
+        };
+        if let Some(place) = place {
+            flight.go_to.take_place(now, place);
+        }
+    }
+
+    #[allow(deprecated)] // MISSION_SET_CURRENT is older than the command that replaces it, and so are the versions that need it.
     pub(super) fn demand(&mut self, now: Timestamp, demand: Demand, outputs: &mut Outputs) {
         let target = self.latch.system_id(now).zip(self.vehicle.make());
-        let command =
-            target.and_then(|(system_id, make)| command(demand, make, (system_id, COMPONENT_AUTOPILOT)));
-        if let Some(command) = command {
+        let Some((system_id, make)) = target else { return };
+        let autopilot = (system_id, COMPONENT_AUTOPILOT);
+        // PX4 shows an item that is chosen by this message in every mode, one that is chosen by command in its mission only; older
+        // versions know the message only.
+        if let (Demand::Current(seq), Make::Px4) = (demand, make) {
+            let message = MavMessage::MISSION_SET_CURRENT(MISSION_SET_CURRENT_DATA {
+                seq,
+                target_system: autopilot.0,
+                target_component: autopilot.1,
+            });
+            outputs.send(self.outgoing(now, Body::Message(message)));
+        }
+        if let Some(command) = command(demand, make, autopilot) {
             tracing::info!("asked of the autopilot: {demand:?}");
             outputs.send(self.outgoing(now, Body::Message(command)));
         }
@@ -200,6 +363,7 @@ fn command(demand: Demand, make: Make, (target_system, target_component): (u8, u
         Demand::Follow => mode(NavMode::Offboard)?,
         Demand::Mission => mode(NavMode::Mission)?,
         Demand::Hold => mode(NavMode::Hold)?,
+        Demand::Land => mode(NavMode::Land)?,
         // The second parameter resets the mission where it is 1.
         Demand::Current(item) => (
             MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT,

@@ -1,7 +1,9 @@
 //! The gateway itself: one pure step from messages and samples to messages and samples.
 
+mod controlled_stop;
 mod intake;
 mod mission;
+mod profile_check;
 mod serve;
 mod steering;
 mod watch;
@@ -11,13 +13,14 @@ pub(crate) use intake::{is_autopilot, speaks_as_autopilot};
 use crate::avoidance::{self, Heartbeats, Input};
 use crate::blockage::Blockage;
 use crate::budget::Class;
-use crate::clock_map::ClockMap;
+use crate::clock_map::{ClockMap, SEARCHING_HZ};
 use crate::config::GatewayConfig;
+use crate::desired::VerticalMotions;
 use crate::desk::Desk;
 use crate::executive::Part;
+use crate::executive::record::LandedState;
 use crate::io::{Inputs, Outputs};
 use crate::latch::Latch;
-use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Destination, Outgoing, Receipt};
 use crate::obstacles;
 use crate::profile::{Profile, Situation};
@@ -28,20 +31,34 @@ use crate::texts::Texts;
 use crate::ticker::Ticker;
 use crate::vehicle::VehicleTracker;
 use crate::wire::Wire;
-use jink_shared_types::events::{AUTOPILOT_FOUND, AUTOPILOT_LOST, Event, EventSample};
+use controlled_stop::ControlledStop;
+use jink_shared_types::events::{
+    AUTOPILOT_FOUND, AUTOPILOT_LOST, Event, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN,
+};
+use jink_shared_types::health::Name;
 use jink_shared_types::link::{AvoidanceState, LinkStatus};
-use jink_shared_types::params::ParamSet;
-use jink_shared_types::vehicle::DesiredPath;
+use jink_shared_types::params::{GW_OBST_RATE, ParamSet};
+use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{DISTANCE_SENSOR_DATA, MavMessage, TIMESYNC_DATA};
+use mavlink::dialects::ardupilotmega::{
+    COMMAND_LONG_DATA, DISTANCE_SENSOR_DATA, EXTENDED_SYS_STATE_DATA, MavCmd, MavMessage, TIMESYNC_DATA,
+};
 use mission::MissionFlight;
+use profile_check::ProfileCheck;
 use steering::Steering;
 
-/// Rate of OBSTACLE_DISTANCE (Hz): 10 were enough for 4 m/s in the autopilot's own tests; faster vehicles need more.
-const OBSTACLES_RATE_HZ: f64 = 15.0;
-/// Rate of our TIMESYNC requests (Hz), the autopilot's own.
-pub(crate) const TIMESYNC_RATE_HZ: f64 = 10.0;
+/// Whether the vehicle stands on the ground is asked for this often while it is not known (s).
+const LANDED_STATE_EVERY_S: f64 = 0.3;
+/// After so many requests without an answer the pilot is told.
+const LANDED_STATE_TRIES: u32 = 15;
+/// Rate of OBSTACLE_DISTANCE (Hz): ArduPilot and PX4 stop believing a map after half a second, and two may get lost. ArduCopter's
+/// LOITER stops 0.1 m later than with ten. Each message is 179 bytes, which an autopilot may pass on to the ground station's radio.
+const OBSTACLES_HZ: f64 = 5.0;
+/// The same while PX4's own collision prevention is on: it asks for ten, and counts on the age of what it has.
+const OBSTACLES_PREVENTION_HZ: f64 = 10.0;
+/// No rate is lower (Hz): one map may get lost within half a second.
+const OBSTACLES_LEAST_HZ: f64 = 2.5;
 /// Rate at which the counters are published (Hz), as the topic table says.
 const STATUS_RATE_HZ: u32 = 5;
 /// A new trajectory does not wait for the beat, but keeps this part of a period behind the setpoint before: 2.5 ms at
@@ -56,10 +73,15 @@ const HASTENED_APART_PERIODS: f64 = 0.2;
 pub struct Gateway {
     config: GatewayConfig,
     profile: Box<dyn Profile>,
+    /// Whether it is for the autopilot on the link.
+    profile_check: ProfileCheck,
+    /// Somebody is about to end jink.
+    controlled_stop: Option<ControlledStop>,
     latch: Latch,
     clock: ClockMap,
     vehicle: VehicleTracker,
     desired: Option<DesiredPath>,
+    vertical_motions: VerticalMotions,
     /// Where jink flies the mission itself.
     mission: Option<MissionFlight>,
     /// The mission item that the autopilot counts as current, and how many there are, where it says so.
@@ -68,6 +90,10 @@ pub struct Gateway {
     position: Input,
     ranges: Input,
     approved: Input,
+    /// On the ground or in the air.
+    landed_state: Input,
+    /// When that was asked for last, and how often.
+    footing_asked: (Timestamp, u32),
     was_alive: bool,
     /// The autopilot has heard what comes before the first setpoint.
     was_greeted: bool,
@@ -86,6 +112,8 @@ pub struct Gateway {
     wire: Wire,
     setpoints: Ticker,
     obstacles: Ticker,
+    /// What somebody has asked for in place of the parameter.
+    obstacles_period_s: Option<f64>,
     timesync: Ticker,
     status_due: Timestamp,
 }
@@ -94,24 +122,25 @@ impl Gateway {
     /// A gateway that has heard nothing yet.
     pub fn new(config: GatewayConfig) -> Self {
         Self {
-            profile: config.profile.build(
-                config.representation,
-                config.longest_curve_s(),
-                config.shortest_curve_s(),
-            ),
+            profile: config.build_profile(),
+            profile_check: ProfileCheck::new(config.chooses_profile, config.is_proven),
+            controlled_stop: None,
             latch: Latch::new(config.system_id),
             clock: ClockMap::default(),
             vehicle: VehicleTracker::default(),
             desired: None,
+            vertical_motions: VerticalMotions::default(),
             mission: config
                 .profile
                 .reads_the_mission()
                 .then(|| MissionFlight::new(Part::of(&config))),
             current_item: None,
-            blockage: Blockage::new(config.blocked_remedy, config.blocked_patience_s),
+            blockage: Blockage::new(config.blocked_remedy),
             position: Input::Missing,
             ranges: Input::Missing,
             approved: Input::Missing,
+            landed_state: Input::Missing,
+            footing_asked: (Timestamp::NEVER, 0),
             was_alive: false,
             was_greeted: false,
             ignored: 0,
@@ -126,8 +155,9 @@ impl Gateway {
             texts: Texts::default(),
             wire: Wire::default(),
             setpoints: Ticker::new(config.setpoint_rate_hz),
-            obstacles: Ticker::new(OBSTACLES_RATE_HZ),
-            timesync: Ticker::new(TIMESYNC_RATE_HZ),
+            obstacles: Ticker::new(OBSTACLES_HZ),
+            obstacles_period_s: None,
+            timesync: Ticker::new(SEARCHING_HZ),
             status_due: Timestamp::NEVER,
             config,
         }
@@ -158,12 +188,20 @@ impl Gateway {
         }
         self.notice_life(now, outputs);
         for event in inputs.events {
-            self.texts.push(now, event);
+            if event.id == GOAL_BLOCKED.id {
+                self.take_blocked_goal(now, event, outputs);
+            } else {
+                self.texts.push(now, event);
+            }
         }
+        self.watch_profile(now, outputs);
         self.judge(now, inputs);
-        self.run_mission(now, outputs);
-        self.watch_blockage(now, outputs);
-        self.fly(now, inputs, outputs);
+        if self.profile_check.speaks() {
+            if !self.run_controlled_stop(now, outputs) {
+                self.run_mission(now, outputs);
+            }
+            self.fly(now, inputs, outputs);
+        }
         self.speak(now, inputs, outputs);
         self.serve_due(now, outputs);
         if now >= self.status_due {
@@ -187,8 +225,11 @@ impl Gateway {
             wake = wake.min(self.obstacles.due()).min(self.timesync.due());
             if self.was_alive {
                 wake = wake.min(self.streams.next_wake());
+                if let Some(question) = self.profile_check.fit.next_wake(self.profile_check.found()) {
+                    wake = wake.min(question);
+                }
             }
-            if self.vehicle.present(now).is_some() {
+            if self.profile_check.speaks() && self.vehicle.present(now).is_some() {
                 wake = wake.min(self.setpoints.due());
             }
         }
@@ -218,6 +259,21 @@ impl Gateway {
     /// Whether no setpoint is sent now because the vehicle is not in the air yet.
     pub fn waits_for_air(&self) -> bool {
         self.profile.waits_for_air() && !self.vehicle.has_taken_off()
+    }
+
+    /// Whether no setpoint is sent now because the autopilot does without one, and a station's go-to would be lost by it: in modes
+    /// that do not follow setpoints, and while it holds a place of jink's own.
+    pub fn rests(&self, now: Timestamp) -> bool {
+        let Some(flight) = self.mission.as_ref().filter(|_| self.config.profile.sees_go_to()) else {
+            return false;
+        };
+        let mode = self.vehicle.mode();
+        if mode != NavMode::Offboard {
+            return !self.profile.listens(mode) && !flight.wants_a_plan();
+        }
+        self.vehicle
+            .present(now)
+            .is_some_and(|present| flight.may_rest(now, present.position))
     }
 
     /// Who we are on the links.
@@ -285,9 +341,18 @@ impl Gateway {
             .notice(self.was_alive && self.vehicle.is_position_valid(now));
         self.ranges.notice(avoidance::ranges_flow(now, inputs.ring));
         self.approved.notice(inputs.approved.is_fresh());
-        let needed = [self.position, self.ranges, self.approved];
+        // Without knowing whether the vehicle stands on the ground jink sends and asks for nothing.
+        let is_told = self.mission.is_none() || self.vehicle.landed_state() != LandedState::Unknown;
+        self.landed_state.notice(self.was_alive && is_told);
+        let needed = [
+            self.position,
+            self.ranges,
+            self.approved,
+            self.landed_state,
+            self.profile_check.input,
+        ];
         self.heartbeats
-            .set_state(avoidance::judge(inputs.system, &needed));
+            .set_state(now, avoidance::judge(inputs.system, &needed));
     }
 
     fn fly(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
@@ -323,26 +388,44 @@ impl Gateway {
             self.is_hastened |= soonest < self.setpoints.due();
             self.setpoints.hasten(soonest);
         }
-        if situation.vehicle.is_some()
-            && self.setpoints.take(now)
-            && let Some(setpoint) = self.profile.setpoint(&situation)
+        if situation.vehicle.is_none() || !self.setpoints.take(now) {
+            return;
+        }
+        let setpoint = match self.rests(now) {
+            true => None,
+            false => self.profile.setpoint(&situation),
+        };
+        let Some(setpoint) = setpoint else {
+            // There is nothing to be said now: the next setpoint begins another stream.
+            self.wire.interrupted();
+            return;
+        };
+        if !std::mem::replace(&mut self.was_greeted, true)
+            && let Some(greeting) = self.profile.greeting()
         {
-            if !std::mem::replace(&mut self.was_greeted, true)
-                && let Some(greeting) = self.profile.greeting()
-            {
-                outputs.send(self.outgoing(now, Body::Message(greeting)));
-            }
-            self.last_setpoint = now;
-            if std::mem::take(&mut self.is_hastened) {
-                self.last_hastened = now;
-            }
-            let receipt = Receipt::Setpoint {
-                first_of: setpoint.first_of,
-            };
-            outputs.send(Outgoing {
-                receipt,
-                ..self.outgoing(now, Body::Message(setpoint.message))
-            });
+            outputs.send(self.outgoing(now, Body::Message(greeting)));
+        }
+        self.last_setpoint = now;
+        if std::mem::take(&mut self.is_hastened) {
+            self.last_hastened = now;
+        }
+        let receipt = Receipt::Setpoint {
+            first_of: setpoint.first_of,
+        };
+        outputs.send(Outgoing {
+            receipt,
+            ..self.outgoing(now, Body::Message(setpoint.message))
+        });
+    }
+
+    /// How often the obstacle map is due (Hz): as somebody has asked for it, as the parameter says, or as the autopilot needs it.
+    pub(super) fn obstacles_hz(&self) -> f64 {
+        let configured_hz = self.params().get(&GW_OBST_RATE);
+        match self.obstacles_period_s {
+            Some(period_s) => 1.0 / period_s,
+            None if configured_hz > 0.0 => configured_hz.max(OBSTACLES_LEAST_HZ),
+            None if self.profile_check.fit.prevents_collisions() => OBSTACLES_PREVENTION_HZ,
+            None => OBSTACLES_HZ,
         }
     }
 
@@ -366,17 +449,15 @@ impl Gateway {
             return;
         };
         let autopilot = (system_id, COMPONENT_AUTOPILOT);
+        self.obstacles.set_rate(self.obstacles_hz());
         if self.obstacles.take(now) {
+            let map = obstacles::message(now, inputs.ring, self.vehicle.make());
             outputs.send(Outgoing {
                 receipt: Receipt::Obstacles,
-                ..self.outgoing(now, Body::Message(obstacles::message(now, inputs.ring)))
+                ..self.outgoing(now, Body::Message(map))
             });
-            if self.vehicle.make() == Some(Make::ArduPilot) {
-                for point in obstacles::points(now, inputs.ring).into_iter().flatten() {
-                    outputs.send(self.outgoing(now, Body::Message(point)));
-                }
-            }
         }
+        self.timesync.set_rate(self.clock.request_rate_hz());
         if self.timesync.take(now) {
             self.clock.request(now);
             let request = MavMessage::TIMESYNC(TIMESYNC_DATA {
@@ -393,6 +474,30 @@ impl Gateway {
         {
             outputs.send(self.outgoing(now, Body::Message(request)));
         }
+    }
+
+    /// Whether the vehicle stands on the ground must be known before the first setpoint, so it is asked for at once.
+    pub(super) fn ask_for_footing(&mut self, now: Timestamp, target: (u8, u8), outputs: &mut Outputs) {
+        if self.vehicle.landed_state() != LandedState::Unknown {
+            self.footing_asked = (Timestamp::NEVER, 0);
+            return;
+        }
+        let (last, times) = self.footing_asked;
+        if last.is_set() && now.seconds_since(last) < LANDED_STATE_EVERY_S {
+            return;
+        }
+        self.footing_asked = (now, times.saturating_add(1));
+        if times == LANDED_STATE_TRIES {
+            self.tell(now, &LANDED_UNKNOWN, 0.0, outputs);
+        }
+        let request = COMMAND_LONG_DATA {
+            param1: EXTENDED_SYS_STATE_DATA::ID as f32,
+            command: MavCmd::MAV_CMD_REQUEST_MESSAGE,
+            target_system: target.0,
+            target_component: target.1,
+            ..COMMAND_LONG_DATA::default()
+        };
+        outputs.send(self.outgoing(now, Body::Message(MavMessage::COMMAND_LONG(request))));
     }
 
     fn outgoing(&self, now: Timestamp, body: Body) -> Outgoing {
@@ -421,7 +526,11 @@ impl Gateway {
 
     fn link_status(&mut self, now: Timestamp, inputs: &Inputs<'_>) -> &LinkStatus {
         let said: AvoidanceState = self.heartbeats.said();
+        let [profile, suited] = self.profile_names();
         let status = &mut self.wire.status;
+        status.profile = Name::new(profile);
+        status.matching_profile = Name::new(suited);
+        status.profile_fit = Coded::new(self.profile_check.found());
         status.garbage_bytes = inputs.link.garbage_bytes();
         status.links = inputs.link.links;
         status.ignored = self.ignored + inputs.link.undecodable;
@@ -430,6 +539,7 @@ impl Gateway {
         status.avoidance = Coded::new(said);
         status.autopilot_alive = Flag::from(self.was_alive);
         status.clock_offset_ns = self.clock.offset_ns();
+        status.clock_rate_ppm = (self.clock.rate_error() * 1e6).round() as i32;
         status.round_trip_us = u32::try_from(self.clock.round_trip_ns() / 1000).unwrap_or(u32::MAX);
         status.timesync_samples = self.clock.samples();
         status

@@ -1,13 +1,12 @@
 //! Whatever is asked of our components: commands, parameters, files. The state is at the [`Desk`](crate::desk::Desk).
 
-use super::{Gateway, OBSTACLES_RATE_HZ, TIMESYNC_RATE_HZ};
+use super::Gateway;
 use crate::avoidance::{AVOIDANCE_RATE_HZ, COMPUTER_RATE_HZ};
 use crate::commands::{Circumstances, Command, Deed, Rhythm, Role, Topic};
 use crate::computer::BoardReading;
 use crate::io::Outputs;
 use crate::message::{Body, CommandAck, Content, Destination, Outgoing, Received};
 use crate::parameters::Reply;
-use crate::ticker::Ticker;
 use crate::version;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{EventSample, RESTART_REFUSED};
@@ -244,8 +243,8 @@ impl Gateway {
 
     fn set_rhythm(&mut self, topic: Topic, rhythm: Rhythm) {
         match (topic, rhythm) {
-            (Topic::Obstacles, Rhythm::Usual) => self.obstacles = Ticker::new(OBSTACLES_RATE_HZ),
-            (Topic::Obstacles, Rhythm::Period(period_s)) => self.obstacles = Ticker::new(1.0 / period_s),
+            (Topic::Obstacles, Rhythm::Usual) => self.obstacles_period_s = None,
+            (Topic::Obstacles, Rhythm::Period(period_s)) => self.obstacles_period_s = Some(period_s),
             (Topic::Computer, rhythm) => self.desk.set_computer_rhythm(rhythm),
             _ => {}
         }
@@ -256,8 +255,8 @@ impl Gateway {
         match (topic, role) {
             (Topic::Heartbeat, Role::Avoidance) => Some(1.0 / AVOIDANCE_RATE_HZ),
             (Topic::Heartbeat, Role::Computer) => Some(1.0 / COMPUTER_RATE_HZ),
-            (Topic::Timesync, _) => Some(1.0 / TIMESYNC_RATE_HZ),
-            (Topic::Obstacles, _) => Some(self.obstacles.period_s()),
+            (Topic::Timesync, _) => Some(self.timesync.period_s()),
+            (Topic::Obstacles, _) => Some(1.0 / self.obstacles_hz()),
             (Topic::Computer, _) => self.desk.computer_period_s(),
             (Topic::Version | Topic::Protocol | Topic::Metadata, _) => Some(0.0),
         }

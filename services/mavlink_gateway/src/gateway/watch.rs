@@ -1,13 +1,14 @@
-//! What is watched in flight besides flying: whether the autopilot follows what it is sent, and whether the vehicle stands before
-//! an item that it cannot reach.
+//! What is watched in flight besides flying: whether the autopilot follows what it is sent, and what becomes of an item that the
+//! planner says is out of reach.
 //!
 //! | seen | said | done |
 //! |---|---|---|
-//! | ArduCopter follows no position, [`ECHOES_TO_TELL`] times in a row | once, and once more when it does again | nothing |
-//! | a way is wanted, and the vehicle stands | as [`Blockage`](crate::blockage::Blockage) decides | waits, goes on to the next item, or stops |
+//! | ArduCopter follows no position in the air, while it is sent some, for [`EMPTY_S`] | once, and once more when it does again | nothing |
+//! | the planner says that what is flown to is out of reach | as [`Blockage`](crate::blockage::Blockage) decides | waits, goes on to the next item, or stops |
 
 use super::Gateway;
-use crate::blockage::{Remedy, View};
+use super::mission::MissionFlight;
+use crate::blockage::Remedy;
 use crate::executive::Demand;
 use crate::io::Outputs;
 use crate::make::Make;
@@ -16,25 +17,37 @@ use jink_shared_types::events::{Event, EventSample, ITEM_BLOCKED, SETPOINTS_FOLL
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::{POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask};
 
-/// So many echoes in a row that show no position count as a refusal: at 5 Hz 0.6 s, in which a mode has been entered.
+/// So many echoes in a row that show no position ...
 const ECHOES_TO_TELL: u32 = 3;
+/// ... for so long (s) count as a refusal: a mode has been entered by then.
+const EMPTY_S: f64 = 0.6;
+/// A setpoint this long ago (s) may be refused now; an older one is not what the autopilot flies.
+const SENT_S: f64 = 0.2;
+
+/// The planner's distance to what is out of reach and ours may differ by so much (m): what the vehicle moves in between.
+const SAME_AWAY_M: f64 = 1.0;
 
 /// Counts the echoes in a row in which the autopilot followed no position.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Echoes {
     empty: u32,
+    since: Timestamp,
+    is_told: bool,
 }
 
 impl Echoes {
     /// One more; what there is to tell, if that has changed.
-    fn count(&mut self, is_empty: bool) -> Option<&'static Event> {
-        let before = self.empty;
-        self.empty = if is_empty { before.saturating_add(1) } else { 0 };
-        if self.empty == ECHOES_TO_TELL {
-            Some(&SETPOINTS_IGNORED)
-        } else {
-            (before >= ECHOES_TO_TELL && self.empty == 0).then_some(&SETPOINTS_FOLLOWED)
+    fn count(&mut self, now: Timestamp, is_empty: bool) -> Option<&'static Event> {
+        if !is_empty {
+            self.empty = 0;
+            return std::mem::take(&mut self.is_told).then_some(&SETPOINTS_FOLLOWED);
         }
+        if self.empty == 0 {
+            self.since = now;
+        }
+        self.empty = self.empty.saturating_add(1);
+        let is_due = self.empty >= ECHOES_TO_TELL && now.seconds_since(self.since) >= EMPTY_S;
+        (is_due && !std::mem::replace(&mut self.is_told, is_due)).then_some(&SETPOINTS_IGNORED)
     }
 }
 
@@ -47,7 +60,11 @@ impl Gateway {
         echo: &POSITION_TARGET_LOCAL_NED_DATA,
         outputs: &mut Outputs,
     ) {
-        let follows = self.vehicle.mode() == NavMode::Offboard;
+        let is_flown = self.vehicle.mode() == NavMode::Offboard
+            && self.vehicle.is_armed()
+            && self.vehicle.has_taken_off()
+            && now.seconds_since(self.last_setpoint) <= SENT_S
+            && self.last_setpoint.is_set();
         let copter = self.vehicle.make() == Some(Make::ArduPilot);
         let Some(flight) = self.mission.as_mut().filter(|_| copter) else {
             return;
@@ -55,34 +72,40 @@ impl Gateway {
         let empty = echo
             .type_mask
             .contains(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE);
-        if let Some(news) = flight.echoes.count(follows && empty) {
+        flight.take_echo(now, echo);
+        if let Some(news) = flight.echoes.count(now, is_flown && empty) {
             self.tell(now, news, 0.0, outputs);
         }
     }
 
-    /// Helps a vehicle that stands before an item it cannot reach.
-    pub(super) fn watch_blockage(&mut self, now: Timestamp, outputs: &mut Outputs) {
+    /// Takes the planner's word that what is flown to is out of reach.
+    pub(super) fn take_blocked_goal(&mut self, now: Timestamp, event: &EventSample, outputs: &mut Outputs) {
         let mode = self.vehicle.mode();
         let wish = match &self.mission {
-            Some(flight) => flight.wish().filter(|_| mode == NavMode::Offboard),
-            None => self
-                .desired
-                .filter(|path| path.mode == mode && mode == NavMode::Mission),
+            Some(flight) => flight.wish(),
+            None => self.desired.filter(|path| path.mode == mode),
         };
         let wanted = wish.filter(|wish| self.was_alive && self.vehicle.is_armed() && wish.wants_planning());
-        let present = self.vehicle.present(now);
-        let Some((item, total)) = self.current_item else {
+        let Some((wish, present)) = wanted.zip(self.vehicle.present(now)) else {
             return;
         };
-        let view = View {
-            now,
-            item,
-            speed_mps: present.map_or(f64::INFINITY, |present| present.velocity.norm()),
-            away_m: wanted
-                .zip(present)
-                .map(|(wish, present)| (wish.points[1].position.vector() - present.position).norm()),
-        };
-        let Some(remedy) = self.blockage.step(&view) else {
+        let goal = wish.points[1].position;
+        let away_m = (goal.vector() - present.position).norm();
+        let is_told_of = (away_m - event.numbers[0]).abs() <= SAME_AWAY_M;
+        if !is_told_of {
+            return; // Something else is flown to by now.
+        }
+        let flies_item = self.mission.as_ref().is_some_and(MissionFlight::flies_an_item);
+        let is_item = flies_item || mode == NavMode::Mission;
+        match self.current_item.filter(|_| is_item) {
+            Some((item, total)) => self.help_with_item(now, item, total, outputs),
+            None if self.blockage.is_news(goal) => self.texts.push(now, event),
+            None => {}
+        }
+    }
+
+    fn help_with_item(&mut self, now: Timestamp, item: u16, total: Option<u16>, outputs: &mut Outputs) {
+        let Some(remedy) = self.blockage.remedy(item) else {
             return;
         };
         let next = item.saturating_add(1);
@@ -96,7 +119,8 @@ impl Gateway {
         let event = EventSample::new(&ITEM_BLOCKED, remedy.word(), [f64::from(item), 0.0]);
         self.texts.push(now, &event);
         outputs.tell(event);
-        match (remedy, &mut self.mission) {
+        let flies_it = self.config.profile.flies_the_mission();
+        match (remedy, self.mission.as_mut().filter(|_| flies_it)) {
             (Remedy::Wait, _) => {}
             (Remedy::Stop, _) => self.demand(now, Demand::Hold, outputs),
             (Remedy::Skip, Some(flight)) => flight.skip(),

@@ -10,6 +10,7 @@ use pilot::{Nearness, Source};
 use position_target::PositionTarget;
 use px4_trajectory::Px4Trajectory;
 
+use crate::make::Make;
 use crate::vehicle::Present;
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
@@ -29,7 +30,7 @@ pub struct Situation<'a> {
     pub system_id: u8,
     /// Mode in force.
     pub mode: NavMode,
-    /// It has taken off; so it is as long as the autopilot says nothing of it.
+    /// It has taken off, as the autopilot says.
     pub in_air: bool,
     /// What is sent is flown ([`Profile::listens`]), or is about to be.
     pub is_flown: bool,
@@ -158,6 +159,33 @@ impl FromStr for ProfileName {
     }
 }
 
+/// What the configuration says in place of a profile's name to have it chosen by what the autopilot is.
+const CHOSEN_BY_JINK: &str = "auto";
+
+/// Which profile is flown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProfileChoice {
+    /// The one that is for the autopilot on the link.
+    Auto,
+    /// This one.
+    Fixed(ProfileName),
+}
+
+impl FromStr for ProfileChoice {
+    type Err = UnknownName;
+    fn from_str(text: &str) -> Result<Self, UnknownName> {
+        if text == CHOSEN_BY_JINK {
+            return Ok(Self::Auto);
+        }
+        text.parse()
+            .map(Self::Fixed)
+            .map_err(|error: UnknownName| UnknownName {
+                known: std::iter::once(CHOSEN_BY_JINK).chain(error.known).collect(),
+                ..error
+            })
+    }
+}
+
 impl FromStr for Representation {
     type Err = UnknownName;
     fn from_str(text: &str) -> Result<Self, UnknownName> {
@@ -182,6 +210,14 @@ impl ProfileName {
         row.map_or("", |(name, _)| name)
     }
 
+    /// Whose autopilots it is for.
+    pub fn make(self) -> Make {
+        match self {
+            Self::Px4Trajectory | Self::Px4Offboard | Self::Px4Deviation => Make::Px4,
+            Self::ArdupilotGuided => Make::ArduPilot,
+        }
+    }
+
     /// Whether the autopilot only follows setpoints, so that jink flies the mission in its stead.
     pub fn flies_the_mission(self) -> bool {
         matches!(self, ProfileName::Px4Offboard | ProfileName::ArdupilotGuided)
@@ -190,6 +226,11 @@ impl ProfileName {
     /// Whether a pilot may steer through jink: the autopilot takes velocities in his modes.
     pub fn steers(self) -> bool {
         self == ProfileName::Px4Deviation
+    }
+
+    /// Whether a station's go-to reaches the autopilot without a change of mode, and shows until the next setpoint.
+    pub fn sees_go_to(self) -> bool {
+        self == ProfileName::ArdupilotGuided
     }
 
     /// Whether jink reads the mission to know the way: the autopilot does not tell it.

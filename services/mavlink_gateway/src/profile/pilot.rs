@@ -3,7 +3,7 @@
 //! | mode | approved trajectory | desired path | flown |
 //! |---|---|---|---|
 //! | automatic | fresh and usable | any | the approved trajectory ([`Source::Planned`]); after its end its end |
-//! | automatic | anything else | not for planning | the autopilot's own target back ([`Source::Mirror`]) |
+//! | automatic | anything else | straight up or down, or no target | the autopilot's own target back ([`Source::Mirror`]) |
 //! | automatic | anything else, one was flown before | for planning, or not known | that one, to its end at rest ([`Source::Coast`]) |
 //! | automatic | none was flown | for planning, or not known | a held point ([`Source::Hold`]): never the raw waypoint |
 //! | not listened to: flown by the pilot, or by the autopilot itself | any | any | the vehicle's place ([`Source::Shadow`]), so that no mode that listens begins with a jump |
@@ -36,6 +36,13 @@ const LISTEN_S: f64 = 0.15;
 const STOP_MPS2: f64 = 2.5;
 /// No stop is shorter than this (s).
 const SHORTEST_STOP_S: f64 = 0.3;
+/// A descent that stands still for so long (s) has met the ground: on its way down from a hover the vehicle moves after half of it.
+const GROUND_AFTER_S: f64 = 2.0;
+/// Slower than this share of the descent that is asked for is standing still.
+const GROUND_SHARE: f64 = 0.3;
+/// Then the curve lies so far below the vehicle (m): PX4 takes the way back to a curve from its own setpoint, which has gone on
+/// into the ground, off the descent, and counts only nine tenths of a descent as one that ends on the ground.
+const INTO_GROUND_M: f64 = 2.0;
 /// A trajectory longer than this (s) is none.
 const LONGEST_TRAJECTORY_S: f64 = 1e4;
 
@@ -129,6 +136,8 @@ pub struct Pilot {
     barred: Option<u64>,
     held: Option<Held>,
     mirrored: Option<Held>,
+    /// Since when a descent that is mirrored stands still.
+    grounded_since: Option<Timestamp>,
     shadow: Option<Held>,
     last: Option<Curve>,
     listening_since: Option<Timestamp>,
@@ -150,6 +159,7 @@ impl Pilot {
             barred: None,
             held: None,
             mirrored: None,
+            grounded_since: None,
             shadow: None,
             last: None,
             listening_since: None,
@@ -277,6 +287,7 @@ impl Pilot {
         self.held = None;
         self.stop = None;
         self.mirrored = None;
+        self.grounded_since = None;
         self.last = Some(curve);
         Some(Decision {
             curve,
@@ -315,6 +326,9 @@ impl Pilot {
                 velocity[axis] = wanted_velocity[axis];
             }
         }
+        if self.is_on_ground(velocity.z, vehicle, now) {
+            position.z += INTO_GROUND_M;
+        }
         let yaw_rad = [target.yaw_rad, waypoint.yaw_rad]
             .into_iter()
             .map(f64::from)
@@ -327,6 +341,17 @@ impl Pilot {
             source: Source::Mirror,
             first_of: None,
         }
+    }
+
+    /// Whether a descent with that speed has met the ground.
+    fn is_on_ground(&mut self, descent_mps: f64, vehicle: &Present, now: Timestamp) -> bool {
+        let stands = descent_mps > 0.0 && vehicle.velocity.z < GROUND_SHARE * descent_mps;
+        if !stands {
+            self.grounded_since = None;
+            return false;
+        }
+        let since = *self.grounded_since.get_or_insert(now);
+        now.seconds_since(since) > GROUND_AFTER_S
     }
 
     fn hold(&mut self, vehicle: &Present, now: Timestamp, start: Timestamp) -> Decision {

@@ -10,6 +10,7 @@
 //! | yaw, yaw rate | of the reference at this moment | the same | |
 //! | every number | finite | finite | ArduCopter's process aborts at a NaN |
 //! | `target_component` | 1 | 1 | PX4 takes its own or 0 only |
+//! | in other modes | sent: the mode cannot be entered without | silence, unless the mode is about to be asked for | a setpoint that arrives just after the mode was entered would end the go-to with which a station has entered it |
 //! | on the ground and while taking off | sent: the mode cannot be entered without | silence | the first setpoint ends ArduCopter's take-off in GUIDED, wherever it is; it needs no stream to enter the mode |
 //!
 //! With EAV_EN PX4 stays in its mission, which gives the heading; what is sent replaces velocity and acceleration, and the position is
@@ -61,6 +62,8 @@ pub struct PositionTarget {
     on_plan: bool,
     /// Nothing is sent before it is in the air.
     waits_for_air: bool,
+    /// What is sent is sent in modes as well in which it is not flown.
+    shadows: bool,
     /// The autopilot stays in its mission, and takes velocities and accelerations only.
     deviates: bool,
 }
@@ -73,6 +76,7 @@ impl PositionTarget {
             lead: Some(Lead::default()),
             on_plan: false,
             waits_for_air: false,
+            shadows: true,
             deviates: false,
         }
     }
@@ -81,6 +85,7 @@ impl PositionTarget {
     pub fn px4_deviation() -> Self {
         Self {
             waits_for_air: true,
+            shadows: false,
             deviates: true,
             ..Self::px4()
         }
@@ -91,6 +96,7 @@ impl PositionTarget {
         Self {
             lead: None,
             waits_for_air: true,
+            shadows: false,
             ..Self::px4()
         }
     }
@@ -106,7 +112,7 @@ impl Profile for PositionTarget {
     }
 
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint> {
-        let is_wanted = situation.is_flown || !self.deviates;
+        let is_wanted = situation.is_flown || self.shadows;
         if !is_wanted || self.waits_for_air() && !situation.in_air {
             self.on_plan = false;
             return None;

@@ -35,7 +35,7 @@ const STEPS_MAX: usize = 3000;
 /// Whose autopilot it is, unless another one was there before.
 const SYSTEM: u8 = 1;
 /// For so long (s) a second autopilot may put the first in doubt.
-const DOUBT_S: f64 = 3.0;
+const DEBOUNCE_S: f64 = 3.0;
 /// Setpoints are this many periods apart at most, woken late by less than half of one.
 const GAP_PERIODS: f64 = 1.5;
 
@@ -99,8 +99,8 @@ impl Story {
             takes_missions: !dice.once_in(4),
             system_id: dice.once_in(4).then_some(SYSTEM),
             blocked_remedy: dice.pick(&[Remedy::Wait, Remedy::Skip, Remedy::Stop]),
-            blocked_patience_s: 0.5,
             computer_component_id: (!dice.once_in(4)).then_some(COMPONENT_ONBOARD_COMPUTER),
+            is_proven: true,
             ..GatewayConfig::from_params(&ParamSet::default(), profile)
         };
         let began = Timestamp::from_seconds(1000.0);
@@ -460,7 +460,7 @@ impl Story {
         }
         // Where nothing is to be deviated, silence is what lets the autopilot fly.
         let may_be_silent = self.config.profile == ProfileName::Px4Deviation;
-        if self.gateway.waits_for_air() || may_be_silent {
+        if self.gateway.waits_for_air() || self.gateway.rests(self.now) || may_be_silent {
             self.last_setpoint = self.last_setpoint.map(|_| time);
         }
         self.now = time;
@@ -566,7 +566,7 @@ impl Story {
                     .take()
                     .map_or(0.0, |since| self.now.seconds_since(since));
                 assert!(
-                    known_s <= DOUBT_S + 1e-6,
+                    known_s <= DEBOUNCE_S + 1e-6,
                     "the autopilot is nobody's after {known_s} s"
                 );
             }

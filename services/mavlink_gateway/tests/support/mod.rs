@@ -91,7 +91,16 @@ impl Bench {
         Self::with(GatewayConfig::default())
     }
 
+    /// The profile fits, as an earlier gateway has found out.
     pub fn with(config: GatewayConfig) -> Self {
+        Self::unproven(GatewayConfig {
+            is_proven: true,
+            ..config
+        })
+    }
+
+    /// Whether the profile fits is still to be found out.
+    pub fn unproven(config: GatewayConfig) -> Self {
         Self {
             gateway: Gateway::new(config),
             outputs: Outputs::default(),

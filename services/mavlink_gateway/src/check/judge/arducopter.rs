@@ -3,7 +3,9 @@
 use super::{is_absent, speed, value};
 use crate::check::Interview;
 use crate::check::finding::Finding;
-use crate::check::limits::{GUID_TIMEOUT_MAX_S, GUID_TIMEOUT_MIN_S};
+use crate::check::limits::{
+    ANGLE_MAX_MIN_DEG, FAST_MPS, GUID_TIMEOUT_MAX_S, GUID_TIMEOUT_MIN_S, PSC_JERK_MIN_MPS3, WP_ACC_MIN_MPS2,
+};
 
 /// GUID_OPTIONS: errors of the position are not corrected.
 const NO_POSITION_CONTROL: i64 = 1 << 4;
@@ -13,6 +15,8 @@ const NO_VELOCITY_CONTROL: i64 = 1 << 5;
 const BY_WAYPOINT_NAVIGATION: i64 = 1 << 6;
 /// PRX1_TYPE: OBSTACLE_DISTANCE and OBSTACLE_DISTANCE_3D.
 const PROXIMITY_BY_MAVLINK: f64 = 2.0;
+/// AVOID_ENABLE: proximity counts.
+const BY_PROXIMITY: i64 = 1 << 1;
 
 /// For `ardupilot_guided`.
 pub(super) fn guided(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
@@ -26,13 +30,24 @@ pub(super) fn guided(interview: &Interview, speed_max_mps: f64, findings: &mut V
         ));
     }
     options(value(interview, "GUID_OPTIONS"), findings);
-    let limit_mps = value(interview, "WPNAV_SPEED").map(|limit_cmps| limit_cmps * 0.01);
-    speed("WPNAV_SPEED", limit_mps, speed_max_mps, findings);
+    let limit = renamed(interview, ["WPNAV_SPEED", "WP_SPD"], 0.01);
+    let name = limit.map_or("WPNAV_SPEED", |(name, _)| name);
+    speed(
+        name,
+        limit.map(|(_, limit_mps)| limit_mps),
+        speed_max_mps,
+        findings,
+    );
+    tracking(interview, speed_max_mps, findings);
+    if value(interview, "MIS_RESTART").is_some_and(|now| now != 0.0) {
+        findings.push(Finding::warning(
+            "MIS_RESTART",
+            "MIS_RESTART = 1: whenever AUTO is chosen the mission begins at its first item again, also when jink gives it back for landing",
+            "set MIS_RESTART to 0",
+        ));
+    }
     match value(interview, "PRX1_TYPE") {
-        Some(PROXIMITY_BY_MAVLINK) => findings.push(Finding::good(
-            "PRX1_TYPE",
-            "PRX1_TYPE = 2: LOITER avoids what jink sees; arming is refused (\"PRX1: No Data\") until jink runs",
-        )),
+        Some(PROXIMITY_BY_MAVLINK) => proximity(interview, findings),
         Some(_) => findings.push(Finding::good(
             "PRX1_TYPE",
             "the autopilot does not use jink's obstacle maps (PRX1_TYPE is not 2): in LOITER nothing keeps the pilot from obstacles",
@@ -51,6 +66,65 @@ pub(super) fn guided(interview: &Interview, speed_max_mps: f64, findings: &mut V
             "FS_GCS_ENABLE",
             "when the ground station is lost the autopilot leaves GUIDED within 5 s and flies by itself, unguarded, whether or not jink goes on",
             "set FS_GCS_ENABLE to 0, unless that is what you want",
+        ));
+    }
+}
+
+/// A parameter under its old name, in units of `old_unit`, or under its new one, in SI units or degrees.
+fn renamed(
+    interview: &Interview,
+    [old, new]: [&'static str; 2],
+    old_unit: f64,
+) -> Option<(&'static str, f64)> {
+    let of_old = value(interview, old).map(|number| (old, number * old_unit));
+    of_old.or_else(|| value(interview, new).map(|number| (new, number)))
+}
+
+/// Errors against the setpoints are corrected within these limits.
+fn tracking(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
+    let is_fast = speed_max_mps > FAST_MPS;
+    for (names, old_unit, [least, least_fast], unit) in [
+        (["WPNAV_ACCEL", "WP_ACC"], 0.01, WP_ACC_MIN_MPS2, "m/s2"),
+        (["PSC_JERK_XY", "PSC_JERK_NE"], 1.0, PSC_JERK_MIN_MPS3, "m/s3"),
+        (["ANGLE_MAX", "ATC_ANGLE_MAX"], 0.01, ANGLE_MAX_MIN_DEG, "degrees"),
+    ] {
+        let least = if is_fast { least_fast } else { least };
+        let Some((name, now)) = renamed(interview, names, old_unit).filter(|(_, now)| *now < least - 1e-6)
+        else {
+            continue;
+        };
+        let in_its_unit = if name == names[0] { least / old_unit } else { least };
+        findings.push(Finding::warning(
+            name,
+            format!(
+                "{name} allows {now:.1} {unit}: ArduCopter corrects errors against jink's setpoints too slowly for {speed_max_mps:.1} m/s, \
+                 which needs {least:.1}"
+            ),
+            format!("set {name} to {in_its_unit:.0}, or lower OA_SPD_MAX"),
+        ));
+    }
+}
+
+/// What makes of obstacle maps an avoidance for the pilot.
+fn proximity(interview: &Interview, findings: &mut Vec<Finding>) {
+    let avoids = value(interview, "AVOID_ENABLE").is_none_or(|set| set as i64 & BY_PROXIMITY != 0);
+    let filter_hz = value(interview, "PRX_FILT").unwrap_or(0.0);
+    if !avoids {
+        findings.push(Finding::warning(
+            "AVOID_ENABLE",
+            "AVOID_ENABLE has bit 1 off: PRX1_TYPE = 2 takes jink's obstacle maps, and LOITER does not look at them",
+            "set AVOID_ENABLE to 3, or PRX1_TYPE to 0",
+        ));
+    } else if filter_hz > 0.0 {
+        findings.push(Finding::warning(
+            "PRX_FILT",
+            format!("PRX_FILT = {filter_hz:.2} Hz smooths the distances: LOITER stops too late"),
+            "set PRX_FILT to 0",
+        ));
+    } else {
+        findings.push(Finding::good(
+            "PRX1_TYPE",
+            "PRX1_TYPE = 2: LOITER avoids what jink sees; arming is refused (\"PRX1: No Data\") until jink runs",
         ));
     }
 }

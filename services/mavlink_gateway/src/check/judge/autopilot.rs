@@ -3,12 +3,13 @@
 use super::is_absent;
 use crate::check::finding::Finding;
 use crate::check::heard::Sender;
-use crate::check::interview::{Answer, make_of};
+use crate::check::interview::Answer;
 use crate::check::limits::SILENT_S;
-use crate::check::version::fitting;
+use crate::check::version::{fitting, is_too_old};
 use crate::check::{Examination, Interview, kind_name, make_name};
+use crate::fit::{DEVIATION_SWITCH, MatchingProfile, TRAJECTORY_SWITCH};
 use crate::make::Make;
-use crate::profile::ProfileName;
+use crate::profile::{ProfileChoice, ProfileName};
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{MavModeFlag, MavType};
 
@@ -43,10 +44,10 @@ pub(super) fn judge<'a>(
         "autopilot",
         format!("{} is heard", examination.subject()),
     ));
-    let fits = make(examination, interview, findings);
+    let profile = profile(examination, interview, findings);
     vehicle(interview, findings);
-    let version_fits = fits && version(examination, interview, findings);
-    version_fits.then_some(interview)
+    let fits = profile.is_some_and(|profile| version(profile, interview, findings));
+    fits.then_some(interview)
 }
 
 fn is_ambiguous(examination: &Examination, systems: &[u32]) -> bool {
@@ -103,8 +104,12 @@ fn nobody(examination: &Examination, systems: &[u32]) -> Option<Finding> {
     ))
 }
 
-fn make(examination: &Examination, interview: &Interview, findings: &mut Vec<Finding>) -> bool {
-    let profile = examination.plan.profile;
+/// The profile that is examined, if it is for this make of autopilot.
+fn profile(
+    examination: &Examination,
+    interview: &Interview,
+    findings: &mut Vec<Finding>,
+) -> Option<ProfileName> {
     let Some(make) = interview.make() else {
         findings.push(Finding::blocker(
             "profile",
@@ -114,14 +119,24 @@ fn make(examination: &Examination, interview: &Interview, findings: &mut Vec<Fin
             ),
             "jink flies with PX4 and with ArduCopter",
         ));
-        return false;
+        return None;
     };
-    if make == make_of(profile) {
-        return true;
+    let Some(profile) = examination.profile else {
+        findings.push(not_chosen(examination));
+        return None;
+    };
+    if make == profile.make() {
+        if examination.plan.profile == ProfileChoice::Auto {
+            findings.push(Finding::good(
+                "profile",
+                format!("link.profile = \"auto\" chooses \"{}\"", profile.name()),
+            ));
+        }
+        return Some(profile);
     }
     let fitting = match make {
-        Make::Px4 => "px4_offboard, or px4_trajectory for PX4 1.11 to 1.15",
-        Make::ArduPilot => "ardupilot_guided",
+        Make::Px4 => "auto, or to px4_offboard, or px4_trajectory for PX4 1.11 to 1.15",
+        Make::ArduPilot => "auto, or to ardupilot_guided",
     };
     findings.push(Finding::blocker(
         "profile",
@@ -129,11 +144,31 @@ fn make(examination: &Examination, interview: &Interview, findings: &mut Vec<Fin
             "the autopilot is {}, and link.profile = \"{}\" is for {}",
             make_name(Some(make)),
             profile.name(),
-            make_name(Some(make_of(profile)))
+            make_name(Some(profile.make()))
         ),
         format!("set link.profile to {fitting}"),
     ));
-    false
+    None
+}
+
+/// Why none was chosen.
+fn not_chosen(examination: &Examination) -> Finding {
+    let about = "profile";
+    match examination.fit.matching_profile() {
+        MatchingProfile::None => Finding::blocker(
+            about,
+            "no profile is for this version of the autopilot's firmware",
+            "update the autopilot's firmware",
+        ),
+        _ => Finding::blocker(
+            about,
+            format!(
+                "link.profile = \"auto\", and the autopilot does not tell what decides: {TRAJECTORY_SWITCH} and {DEVIATION_SWITCH}"
+            ),
+            "check the wire from the board's TX to the autopilot's RX, and routers on the way; if the autopilot requires signatures, set \
+             link.signing and link.key_file",
+        ),
+    }
 }
 
 fn vehicle(interview: &Interview, findings: &mut Vec<Finding>) {
@@ -168,8 +203,7 @@ fn vehicle(interview: &Interview, findings: &mut Vec<Finding>) {
 }
 
 /// Whether the profile fits the version, as far as it is known.
-fn version(examination: &Examination, interview: &Interview, findings: &mut Vec<Finding>) -> bool {
-    let profile = examination.plan.profile;
+fn version(profile: ProfileName, interview: &Interview, findings: &mut Vec<Finding>) -> bool {
     let name = make_name(interview.make());
     let ((major, minor), last) = fitting(profile);
     let span = match last {
@@ -177,14 +211,22 @@ fn version(examination: &Examination, interview: &Interview, findings: &mut Vec<
         None => format!("{name} {major}.{minor} and later"),
     };
     if let Some(version) = interview.version {
-        if version.numbers() < (major, minor) {
+        if is_too_old(version, profile) {
             findings.push(Finding::blocker(
                 "version",
                 format!(
                     "{name} {version} is too old for link.profile = \"{}\" ({span})",
                     profile.name()
                 ),
-                "update the autopilot's firmware",
+                match profile {
+                    ProfileName::Px4Deviation => {
+                        "set link.profile to auto: the proposed interface is part of no release"
+                    }
+                    ProfileName::Px4Offboard => {
+                        "update the autopilot's firmware; PX4 1.11 to 1.15 with COM_OBS_AVOID = 1 can be flown with \"px4_trajectory\""
+                    }
+                    _ => "update the autopilot's firmware",
+                },
             ));
             return false;
         }

@@ -25,11 +25,14 @@ pub(super) fn judge(examination: &Examination, now: Timestamp) -> Vec<Finding> {
             streams::judge(interview, &mut findings);
             streams::time(interview, &mut findings);
             let speed_max_mps = examination.plan.speed_max_mps;
-            match examination.plan.profile {
-                ProfileName::Px4Trajectory => px4::trajectory(interview, speed_max_mps, &mut findings),
-                ProfileName::Px4Offboard => px4::offboard(interview, speed_max_mps, &mut findings),
-                ProfileName::Px4Deviation => px4::deviation(interview, speed_max_mps, &mut findings),
-                ProfileName::ArdupilotGuided => arducopter::guided(interview, speed_max_mps, &mut findings),
+            match examination.profile {
+                Some(ProfileName::Px4Trajectory) => px4::trajectory(interview, speed_max_mps, &mut findings),
+                Some(ProfileName::Px4Offboard) => px4::offboard(interview, speed_max_mps, &mut findings),
+                Some(ProfileName::Px4Deviation) => px4::deviation(interview, speed_max_mps, &mut findings),
+                Some(ProfileName::ArdupilotGuided) => {
+                    arducopter::guided(interview, speed_max_mps, &mut findings);
+                }
+                None => {}
             }
         }
     }

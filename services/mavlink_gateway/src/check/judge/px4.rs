@@ -4,7 +4,8 @@ use super::{is_absent, speed, value};
 use crate::check::Interview;
 use crate::check::finding::Finding;
 use crate::check::limits::{
-    COM_OF_LOSS_T_MAX_S, COM_OF_LOSS_T_MIN_S, EAV_TIMEOUT_MIN_S, MPC_ACC_HOR_MIN_MPS2, MPC_JERK_AUTO_MIN_MPS3,
+    COM_OF_LOSS_T_MAX_S, COM_OF_LOSS_T_MIN_S, EAV_TIMEOUT_MIN_S, MPC_ACC_HOR_MIN_MPS2,
+    MPC_JERK_AUTO_MIN_MPS3, NAV_ACC_RAD_MAX_M,
 };
 
 /// The first version in which collision prevention acts in the default Position mode.
@@ -56,6 +57,7 @@ pub(super) fn trajectory(interview: &Interview, speed_max_mps: f64, findings: &m
             ));
         }
     }
+    acceptance_radius(interview, findings);
     let ignored = value(interview, "MPC_POS_MODE") == Some(POS_MODE_BY_ACCELERATION)
         && interview
             .version
@@ -75,8 +77,12 @@ pub(super) fn offboard(interview: &Interview, speed_max_mps: f64, findings: &mut
     if let Some(loss_s) = value(interview, "COM_OF_LOSS_T") {
         findings.push(loss_time(loss_s));
     }
+    let without_sticks = value(interview, "COM_OBL_ACT");
+    if let Some(action) = without_sticks {
+        findings.push(loss_action_without_sticks(action));
+    }
     if let Some(action) = value(interview, "COM_OBL_RC_ACT") {
-        findings.push(loss_action(action));
+        findings.push(loss_action(action, without_sticks.is_some()));
     } else if is_absent(interview, "COM_OBL_RC_ACT") {
         findings.push(Finding::warning(
             "COM_OBL_RC_ACT",
@@ -110,6 +116,7 @@ pub(super) fn deviation(interview: &Interview, speed_max_mps: f64, findings: &mu
     if let Some(timeout_s) = value(interview, "EAV_TIMEOUT") {
         findings.push(eav_timeout(timeout_s));
     }
+    acceptance_radius(interview, findings);
     speed_and_pilot(interview, speed_max_mps, findings);
 }
 
@@ -122,6 +129,21 @@ fn speed_and_pilot(interview: &Interview, speed_max_mps: f64, findings: &mut Vec
         findings,
     );
     collision_prevention(interview, false, findings);
+}
+
+/// How far off PX4 counts an item as reached, where PX4 itself flies the mission.
+fn acceptance_radius(interview: &Interview, findings: &mut Vec<Finding>) {
+    let about = "NAV_ACC_RAD";
+    let Some(radius_m) = value(interview, about).filter(|radius_m| *radius_m > NAV_ACC_RAD_MAX_M) else {
+        return;
+    };
+    findings.push(Finding::warning(
+        about,
+        format!(
+            "NAV_ACC_RAD = {radius_m:.0} m: PX4 counts waypoints as reached so far off, and begins there what follows, a landing for example"
+        ),
+        format!("set NAV_ACC_RAD to {NAV_ACC_RAD_MAX_M:.0} m or less, or give waypoints a radius of their own"),
+    ));
 }
 
 fn eav_timeout(timeout_s: f64) -> Finding {
@@ -158,10 +180,42 @@ fn loss_time(loss_s: f64) -> Finding {
     }
 }
 
-/// What PX4 does when the board dies.
-fn loss_action(action: f64) -> Finding {
+/// What PX4 up to 1.13 does when the board dies and no sticks are heard; later ones have COM_OBL_RC_ACT only.
+fn loss_action_without_sticks(action: f64) -> Finding {
+    let about = "COM_OBL_ACT";
+    let then = match action as i64 {
+        -1 => "nothing is done about it",
+        0 => "the vehicle lands where it is, whatever is below",
+        1 => {
+            return Finding::good(
+                about,
+                "COM_OBL_ACT = 1: if the board dies and no sticks are heard, PX4 holds",
+            );
+        }
+        2 => "the vehicle climbs to RTL_RETURN_ALT and flies home unguarded",
+        _ => {
+            return Finding::blocker(
+                about,
+                format!(
+                    "COM_OBL_ACT = {action:.0}: if the board dies and no sticks are heard, PX4 stops the motors in the air"
+                ),
+                "set COM_OBL_ACT to 1 (Hold)",
+            );
+        }
+    };
+    Finding::warning(
+        about,
+        format!("COM_OBL_ACT = {action:.0}: if the board dies and no sticks are heard, {then}"),
+        "set COM_OBL_ACT to 1 (Hold), unless that is what you want",
+    )
+}
+
+/// What PX4 does when the board dies; `with_sticks_only`: this version has another parameter for flying without them.
+fn loss_action(action: f64, with_sticks_only: bool) -> Finding {
     let about = "COM_OBL_RC_ACT";
     let then = match action as i64 {
+        -1 if with_sticks_only => "nothing is done about it",
+        0 if with_sticks_only => "the vehicle drifts in Position mode until a pilot takes over",
         0 => "without a remote control the vehicle climbs to RTL_RETURN_ALT and flies home unguarded",
         1 => "the vehicle drifts in Altitude mode until a pilot takes over",
         2 => "the vehicle drifts in Stabilized mode until a pilot takes over",

@@ -60,7 +60,11 @@ pub(super) fn judge(interview: &Interview, findings: &mut Vec<Finding>) {
     let mut good = Vec::new();
     for rate in &rates {
         if !rate.is_short {
+            if rate.is_steady && rate.came_hz == 0.0 {
+                continue; // It comes when it is needed.
+            }
             good.push(match rate.is_steady {
+                true if rate.came_hz < 2.0 => format!("{} {:.1} Hz", name(rate.message_id), rate.came_hz),
                 true => format!("{} {:.0} Hz", name(rate.message_id), rate.came_hz),
                 false => name(rate.message_id).to_owned(),
             });
@@ -95,6 +99,7 @@ fn missing(interview: &Interview, rate: &StreamRate) -> Finding {
     } else if rate.message_id == HOME_POSITION_DATA::ID {
         "home is set with the first position: wait for it, then look again"
     } else if interview.make() == Some(Make::Px4) {
+        // In Onboard mode everything of this comes; a network's port is in that mode by itself.
         "set the MAVLink mode of this port to Onboard (MAV_1_MODE = 2) and restart the autopilot"
     } else {
         "let nothing between jink and the autopilot filter it, and update the firmware if it does not know the message"
@@ -144,7 +149,7 @@ pub(super) fn time(interview: &Interview, findings: &mut Vec<Finding>) {
                 "time is not synchronised: only {} answers to TIMESYNC that can be used",
                 clock.samples()
             ),
-            "look longer (--seconds 15); if it stays so, the line is too slow or too unsteady",
+            "look longer (--seconds 30); if it stays so, the autopilot's clock jumps, or the line is too slow or too unsteady",
         ));
     } else if interview.make() == Some(Make::Px4) && round_trip_s > PX4_ROUND_TRIP_MAX_S {
         findings.push(Finding::warning(
@@ -160,8 +165,15 @@ pub(super) fn time(interview: &Interview, findings: &mut Vec<Finding>) {
         findings.push(Finding::good(
             about,
             format!(
-                "clocks are synchronised, shortest round trip {:.1} ms",
-                round_trip_s * 1e3
+                "clocks are synchronised, shortest round trip {:.1} ms{}",
+                round_trip_s * 1e3,
+                match clock.rate_error() {
+                    0.0 => String::new(),
+                    error => format!(
+                        "; the autopilot's runs at {:.4} of the board's, as in simulations",
+                        1.0 + error
+                    ),
+                }
             ),
         ));
     }

@@ -1,0 +1,159 @@
+//! What has changed since the last step: arming, mode, mission, current item; and whose wish it was.
+
+use super::items::Jumps;
+use super::{Demand, ENTERED_S, Executive, FlightGoal, Intent, Part, REQUESTED_MAX, Scene, items};
+use jink_shared_types::Timestamp;
+use jink_shared_types::events::{ITEM_CHOSEN, LEFT_ALONE, MISSION_CHANGED, MISSION_CLEARED, TAKEN_AGAIN};
+use jink_shared_types::vehicle::NavMode;
+
+/// A requested item that has not shown after this long (s) will not: later it is somebody else's choice.
+const REQUESTED_S: f64 = 10.0;
+/// Who chooses the mission mode again within this time (s) means it.
+const MEANT_S: f64 = 10.0;
+
+impl Executive {
+    /// A flight ends with the motors.
+    pub(super) fn notice_arming(&mut self, scene: &Scene<'_>) {
+        if std::mem::replace(&mut self.was_armed, scene.armed) && !scene.armed {
+            self.flight_goal = FlightGoal::None;
+            self.go_on_at(None);
+            self.jumps = Jumps::default();
+            self.given_back = None;
+        }
+    }
+
+    pub(super) fn notice_mode(&mut self, scene: &Scene<'_>) {
+        let before = std::mem::replace(&mut self.before, scene.mode);
+        if before == scene.mode {
+            return;
+        }
+        let asked = self.asked.take().map(|(demand, ..)| demand);
+        self.entered = scene.now;
+        self.preparing = None;
+        self.leaving = None;
+        self.attempts = 0;
+        self.unguarded = None;
+        self.yielded = false;
+        self.told = None;
+        self.halted = (before, scene.mode, asked) == (NavMode::Mission, NavMode::Hold, Some(Demand::Hold))
+            && !self.is_refused;
+        self.is_refused = false;
+        let is_ours = match scene.mode {
+            NavMode::Offboard => asked == Some(Demand::Follow),
+            NavMode::Mission => asked == Some(Demand::Mission),
+            _ => false,
+        };
+        match (before, scene.mode) {
+            (_, NavMode::Offboard) => self.enter(is_ours),
+            (_, NavMode::Mission) if is_ours => {
+                self.flight_goal = FlightGoal::None;
+                self.given_back = self.given_back.map(|given| given.taken(scene.now));
+            }
+            (_, NavMode::Mission) => {
+                self.notice_leaving(scene, before);
+                self.begin_mission();
+            }
+            // Whoever holds or lands or flies by hand ends a go-to; a mission may be resumed.
+            (NavMode::Offboard | NavMode::Hold, _) if matches!(self.flight_goal, FlightGoal::GoTo(_)) => {
+                self.flight_goal = FlightGoal::None;
+            }
+            _ => {}
+        }
+    }
+
+    /// The autopilot follows setpoints from now on: because it was asked to, or because somebody wants it.
+    fn enter(&mut self, is_ours: bool) {
+        self.given_back = None;
+        self.began_at = None;
+        self.reached = None;
+        if is_ours {
+            return;
+        }
+        if (self.part, self.flight_goal) == (Part::WhenChosen, FlightGoal::None) {
+            self.begin_mission();
+        }
+    }
+
+    fn begin_mission(&mut self) {
+        self.flight_goal = FlightGoal::Mission;
+        self.given_back = None;
+        self.jumps = Jumps::default();
+        self.go_on_at(None);
+    }
+
+    /// Somebody lets the autopilot fly its mission while jink has flown. Once that may be a way to go on; twice it is meant.
+    fn notice_leaving(&mut self, scene: &Scene<'_>, before: NavMode) {
+        if before != NavMode::Offboard || self.part != Part::TakesOver || !scene.in_air {
+            return;
+        }
+        let is_meant = self.left.is_set() && scene.now.seconds_since(self.left) <= MEANT_S;
+        self.yielded = is_meant;
+        self.left = if is_meant { Timestamp::NEVER } else { scene.now };
+        self.tell(if is_meant { &LEFT_ALONE } else { &TAKEN_AGAIN }, "", 0.0);
+    }
+
+    /// Another mission than before.
+    pub(super) fn notice_mission(&mut self, scene: &Scene<'_>) {
+        let before = std::mem::replace(&mut self.version, scene.version);
+        if before == scene.version || before == 0 {
+            return;
+        }
+        self.jumps = Jumps::default();
+        self.go_on_at(None);
+        self.given_back = None;
+        let first = usize::from(scene.first_item);
+        let has_items = scene
+            .items
+            .is_some_and(|items| items.iter().skip(first).any(items::navigates));
+        if has_items && scene.mode == NavMode::Offboard && self.flight_goal == FlightGoal::Mission {
+            let current = scene.current.unwrap_or(0).max(scene.first_item);
+            self.tell(&MISSION_CHANGED, "", f64::from(current));
+        }
+    }
+
+    /// There is nothing left to fly of the mission that was flown.
+    pub(super) fn clear(&mut self) -> Intent {
+        self.flight_goal = FlightGoal::None;
+        self.go_on_at(None);
+        self.tell(&MISSION_CLEARED, "", 0.0);
+        Intent::default()
+    }
+
+    /// Another current item than before: what jink has asked for, the autopilot's own progress, or somebody's choice.
+    pub(super) fn notice_current(&mut self, scene: &Scene<'_>) {
+        let before = std::mem::replace(&mut self.current, scene.current);
+        let Some(current) = scene.current.filter(|_| before != scene.current) else {
+            return;
+        };
+        let is_ours = self
+            .requested
+            .iter()
+            .flatten()
+            .any(|(item, since)| *item == current && scene.now.seconds_since(*since) <= REQUESTED_S);
+        if is_ours {
+            self.requested = [None; REQUESTED_MAX];
+            return;
+        }
+        let flies_it = self.index.is_some_and(|index| index == usize::from(current));
+        if before.is_none() || flies_it {
+            return;
+        }
+        self.requested = [None; REQUESTED_MAX];
+        // An autopilot that changes its mode tells its own item again.
+        let is_leaving = self
+            .asked
+            .is_some_and(|(asked, ..)| matches!(asked, Demand::Mission | Demand::Land | Demand::Hold));
+        if is_leaving && scene.mode == NavMode::Offboard {
+            return;
+        }
+        self.go_on_at(None);
+        // It may be the current item of another mission.
+        let flies = scene.mode == NavMode::Offboard && self.part != Part::ShowsTheWay;
+        self.reads_again |= flies && self.flight_goal == FlightGoal::Mission;
+        let is_choice = scene.now.seconds_since(self.entered) > ENTERED_S && current >= scene.first_item;
+        if is_choice && scene.mode == NavMode::Offboard && self.flight_goal == FlightGoal::Mission {
+            self.asked = None;
+            self.tell(&ITEM_CHOSEN, "", f64::from(current));
+        }
+    }
+}

@@ -1,0 +1,164 @@
+//! What a gateway that is started again in flight needs to know of its predecessor: what is flown, and whether it is in the air.
+//! It is written whenever it changes, and read once.
+
+use super::items::Jumps;
+use super::{Executive, FlightGoal};
+use jink_shared_types::Timestamp;
+use jink_shared_types::coded::Wire;
+use jink_shared_types::vehicle::NavMode;
+use nalgebra::Vector3;
+
+/// A record that is older than this (s) tells of another flight: it is written every second at least.
+const VALID_S: f64 = 5.0;
+/// First byte: the layout.
+const LAYOUT: u8 = 1;
+/// Bytes in front of the jumps.
+const HEAD: usize = 1 + 8 + 1 + 1 + 1 + 1 + 24 + 2 + 1;
+/// Flag in the flight_goal's byte: armed.
+const ARMED: u8 = 0x80;
+
+/// Whether the vehicle is on the ground.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LandedState {
+    /// Nobody has said.
+    #[default]
+    Unknown,
+    /// It stands.
+    OnGround,
+    /// It is on its way up from there.
+    TakingOff,
+    /// It flies.
+    InAir,
+}
+
+impl LandedState {
+    const ALL: [Self; 4] = [Self::Unknown, Self::OnGround, Self::TakingOff, Self::InAir];
+}
+
+/// The record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Record {
+    /// When it was written.
+    pub written: Timestamp,
+    /// Mode in force.
+    pub mode: NavMode,
+    /// Motors armed.
+    pub armed: bool,
+    /// On the ground or not.
+    pub landed_state: LandedState,
+    /// What is flown.
+    pub flight_goal: FlightGoal,
+    /// The go-to ends with the autopilot's own hold.
+    pub returns_to_hold: bool,
+    /// The item that is flown to.
+    pub index: Option<u16>,
+    /// How often jumps were taken.
+    pub jumps: Jumps,
+}
+
+impl Record {
+    /// Whether it tells of the flight that is going on.
+    pub fn is_valid(&self, now: Timestamp) -> bool {
+        self.written <= now && now.seconds_since(self.written) <= VALID_S
+    }
+
+    /// Whether it says the same as another one.
+    pub fn says_the_same(&self, other: &Self) -> bool {
+        *self
+            == Self {
+                written: self.written,
+                ..*other
+            }
+    }
+
+    /// As bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        let (flight_goal, place) = match self.flight_goal {
+            FlightGoal::None => (0, Vector3::zeros()),
+            FlightGoal::Mission => (1, Vector3::zeros()),
+            FlightGoal::GoTo(place) => (2, place),
+        };
+        let pairs = self.jumps.pairs();
+        let mut bytes = vec![LAYOUT];
+        bytes.extend(self.written.ns.to_le_bytes());
+        let flight_goal = flight_goal | if self.armed { ARMED } else { 0 };
+        bytes.extend([
+            self.mode as u8,
+            self.landed_state as u8,
+            flight_goal,
+            u8::from(self.returns_to_hold),
+        ]);
+        for coordinate in &place {
+            bytes.extend(coordinate.to_le_bytes());
+        }
+        bytes.extend(self.index.map_or(u16::MAX, |index| index).to_le_bytes());
+        bytes.push(pairs.len() as u8);
+        for (at, taken) in pairs {
+            bytes.extend(at.to_le_bytes());
+            bytes.extend(taken.to_le_bytes());
+        }
+        bytes
+    }
+
+    /// From those bytes; `None` if they are damaged, or of another version.
+    pub fn of_bytes(bytes: &[u8]) -> Option<Self> {
+        let (head, pairs) = bytes.split_first_chunk::<HEAD>()?;
+        let number = |from: usize| {
+            let mut eight = [0; 8];
+            eight.copy_from_slice(&head[from..from + 8]);
+            eight
+        };
+        let place = Vector3::from_fn(|axis, _| f64::from_le_bytes(number(13 + 8 * axis)));
+        let is_whole = pairs.len() == 4 * usize::from(head[HEAD - 1]);
+        if head[0] != LAYOUT || !is_whole || !place.iter().all(|c| c.is_finite()) {
+            return None;
+        }
+        let index = u16::from_le_bytes([head[37], head[38]]);
+        Some(Self {
+            written: Timestamp::from_ns(u64::from_le_bytes(number(1))),
+            mode: NavMode::from_code(head[9])?,
+            armed: head[11] & ARMED != 0,
+            landed_state: *LandedState::ALL.get(usize::from(head[10]))?,
+            flight_goal: match head[11] & !ARMED {
+                0 => FlightGoal::None,
+                1 => FlightGoal::Mission,
+                2 => FlightGoal::GoTo(place),
+                _ => return None,
+            },
+            returns_to_hold: head[12] != 0,
+            index: (index != u16::MAX).then_some(index),
+            jumps: Jumps::of_pairs(pairs.chunks_exact(4).map(|pair| {
+                (
+                    u16::from_le_bytes([pair[0], pair[1]]),
+                    u16::from_le_bytes([pair[2], pair[3]]),
+                )
+            })),
+        })
+    }
+}
+
+impl Executive {
+    /// What is to be known of it.
+    pub fn record(&self, now: Timestamp, landed_state: LandedState) -> Record {
+        Record {
+            written: now,
+            mode: self.before,
+            armed: self.was_armed,
+            landed_state,
+            flight_goal: self.flight_goal,
+            returns_to_hold: self.returns_to_hold,
+            index: self.index.and_then(|index| u16::try_from(index).ok()),
+            jumps: self.jumps,
+        }
+    }
+
+    /// Goes on where the one before has stopped.
+    pub fn resume(&mut self, record: &Record) {
+        self.before = record.mode;
+        self.flight_goal = record.flight_goal;
+        self.returns_to_hold = record.returns_to_hold;
+        self.index = record.index.map(usize::from);
+        self.jumps = record.jumps;
+        self.was_armed = record.armed;
+    }
+}
