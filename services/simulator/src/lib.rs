@@ -9,6 +9,7 @@
 //! | [`ardupilot`] | the same | the same: ArduCopter |
 //! | [`flyer`] | | what both have in common |
 //! | [`ground_station`] | MAVLink messages, a flight plan | MAVLink messages, progress |
+//! | [`sitl`] | a build of PX4 or ArduCopter | it runs, with this simulator around it: truth |
 //! | [`truth`] | autopilot, world | ground truth of the flight |
 //!
 //! Everything is a pure step with a fixed period: the same seed gives the same flight to the bit, in lock-step
@@ -20,6 +21,7 @@ pub mod flyer;
 pub mod ground_station;
 pub mod random;
 pub mod sensors;
+pub mod sitl;
 pub mod truth;
 pub mod vehicle;
 pub mod world;

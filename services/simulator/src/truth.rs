@@ -1,6 +1,8 @@
 //! The ground truth of a flight: how close it came, how fast it went, what failed.
 
+use crate::autopilot::{MissionProgress, SetpointStatistics};
 use crate::flyer::Flyer;
+use crate::vehicle::VehicleTruth;
 use crate::world::World;
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::vehicle::NavMode;
@@ -9,6 +11,43 @@ use nalgebra::Vector3;
 
 /// A contact counts again after the vehicle has been this far from everything (m).
 const CLEAR_AGAIN_M: f64 = 0.05;
+
+/// What there is to be seen of a flight after a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Observed<'a> {
+    /// Simulated time (s).
+    pub time_s: f64,
+    /// Where the vehicle really is.
+    pub truth: &'a VehicleTruth,
+    /// Mode in force.
+    pub mode: NavMode,
+    /// Motors armed.
+    pub armed: bool,
+    /// On the ground.
+    pub landed: bool,
+    /// How far the mission has come.
+    pub mission: MissionProgress,
+    /// What arrived from the companion.
+    pub setpoints: &'a SetpointStatistics,
+    /// How often the autopilot fell to Hold because its companion failed it.
+    pub hold_count: u32,
+}
+
+impl<'a> Observed<'a> {
+    /// What there is to be seen of an emulated autopilot.
+    pub fn of(autopilot: &'a dyn Flyer) -> Self {
+        Self {
+            time_s: autopilot.time_s(),
+            truth: autopilot.truth(),
+            mode: autopilot.mode(),
+            armed: autopilot.is_armed(),
+            landed: autopilot.is_landed(),
+            mission: autopilot.mission(),
+            setpoints: autopilot.setpoint_statistics(),
+            hold_count: autopilot.hold_count(),
+        }
+    }
+}
 
 /// Watches one flight.
 #[derive(Clone, Debug)]
@@ -38,10 +77,15 @@ impl Observer {
         }
     }
 
-    /// Looks at the state after a step; the ground is no obstacle.
+    /// Looks at an emulated autopilot after a step.
     pub fn observe(&mut self, autopilot: &dyn Flyer, world: &World) -> SimTruth {
-        let truth = autopilot.truth();
-        let in_air = autopilot.is_armed() && !truth.on_ground;
+        self.judge(&Observed::of(autopilot), world)
+    }
+
+    /// Looks at the state after a step; the ground is no obstacle.
+    pub fn judge(&mut self, seen: &Observed<'_>, world: &World) -> SimTruth {
+        let truth = seen.truth;
+        let in_air = seen.armed && !truth.on_ground;
         let clearance_m = world.clearance_to_obstacles_m(truth.position) - self.hull_radius_m;
         if in_air {
             self.min_clearance_m = self.min_clearance_m.min(clearance_m);
@@ -50,9 +94,8 @@ impl Observer {
             self.collisions += 1;
         }
         self.touching = clearance_m < 0.0 || self.touching && clearance_m < CLEAR_AGAIN_M;
-        self.measure_way(autopilot, in_air);
-        let mission = autopilot.mission();
-        let setpoints = autopilot.setpoint_statistics();
+        self.measure_way(seen, in_air);
+        let (mission, setpoints) = (seen.mission, seen.setpoints);
         SimTruth {
             position: truth.position,
             velocity: truth.velocity,
@@ -62,30 +105,30 @@ impl Observer {
             flown_m: self.flown_m,
             cruise_s: self.cruise_s,
             cruise_m: self.cruise_m,
-            time_s: autopilot.time_s(),
+            time_s: seen.time_s,
             setpoint_gap_max_s: setpoints.gap_max_s,
             setpoints: setpoints.count,
             sequence_breaks: setpoints.sequence_breaks,
             collisions: self.collisions,
-            hold_count: autopilot.hold_count(),
+            hold_count: seen.hold_count,
             mission_item: mission.current,
             mission_items: mission.total,
-            mode: Coded::new(autopilot.mode()),
-            armed: Flag::from(autopilot.is_armed()),
-            landed: Flag::from(autopilot.is_landed()),
+            mode: Coded::new(seen.mode),
+            armed: Flag::from(seen.armed),
+            landed: Flag::from(seen.landed),
             mission_done: Flag::from(mission.done),
             hull_radius_m: self.hull_radius_m,
             late_max_s: 0.0,
         }
     }
 
-    fn measure_way(&mut self, autopilot: &dyn Flyer, in_air: bool) {
-        let (now_s, position) = (autopilot.time_s(), autopilot.truth().position.vector());
+    fn measure_way(&mut self, seen: &Observed<'_>, in_air: bool) {
+        let (now_s, position) = (seen.time_s, seen.truth.position.vector());
         if let (Some((last_s, last)), true) = (self.last, in_air) {
             let way_m = (position - last).norm();
             self.flown_m += way_m;
-            let cruises = matches!(autopilot.mode(), NavMode::Mission | NavMode::Offboard);
-            if cruises && !autopilot.mission().done {
+            let cruises = matches!(seen.mode, NavMode::Mission | NavMode::Offboard);
+            if cruises && !seen.mission.done {
                 self.cruise_s += now_s - last_s;
                 self.cruise_m += way_m;
             }

@@ -132,6 +132,8 @@ fn plan(arguments: &Arguments) -> Result<FlightPlan, String> {
     Ok(FlightPlan {
         takeoff_height_m: height_m,
         waypoints: legs.flatten().copied().collect(),
+        tail: Vec::new(),
+        in_flight: Vec::new(),
         cruise_speed_mps: arguments.speed,
         ending: match arguments.ending {
             EndingName::Land => Ending::Land,

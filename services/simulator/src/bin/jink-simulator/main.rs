@@ -3,23 +3,62 @@
 //! As a service, started by the supervisor, it plays one of two roles (the argument behind `--`):
 //! `vehicle` is the world, the vehicle and its autopilot, which speaks MAVLink over UDP; `sensors` renders the
 //! configured sensors around the vehicle's true pose, or, as `sensors external`, around somebody else's vehicle, whose
-//! pose comes from `vehicle/state`. As a tool, `jink-simulator world` prints a world, `jink-simulator fly` is a ground
-//! station that flies a mission.
+//! pose comes from `vehicle/state`. With `simulation.sitl` the vehicle's autopilot is a real one in simulation. As a tool,
+//! `jink-simulator world` prints a world, `jink-simulator sitl` what a build of an autopilot offers, and `jink-simulator fly` is
+//! a ground station that flies a mission.
 
 mod fly;
 mod sensors;
 mod settings;
+mod sitl;
+mod sitl_vehicle;
 mod udp;
 mod vehicle;
 mod world;
 
+use jink_runtime::{Cycle, Ports, Service, StartError, Wake};
+use std::os::fd::BorrowedFd;
 use std::process::ExitCode;
+
+/// The vehicle with whichever autopilot the configuration names.
+enum Vehicle {
+    /// An emulated one, in this process.
+    Emulated(Box<vehicle::VehicleService>),
+    /// Somebody's build of a real one.
+    Sitl(Box<sitl_vehicle::SitlVehicle>),
+}
+
+impl Service for Vehicle {
+    const PROGRAM: &'static str = "simulator";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        Ok(match ports.config().simulation.sitl.is_empty() {
+            true => Self::Emulated(Box::new(vehicle::VehicleService::open(ports)?)),
+            false => Self::Sitl(Box::new(sitl_vehicle::SitlVehicle::open(ports)?)),
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        match self {
+            Self::Emulated(vehicle) => vehicle.cycle(cycle),
+            Self::Sitl(vehicle) => vehicle.cycle(cycle),
+        }
+    }
+
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; jink_runtime::service::WATCHED_FDS] {
+        match self {
+            Self::Emulated(vehicle) => vehicle.watched(),
+            Self::Sitl(vehicle) => vehicle.watched(),
+        }
+    }
+}
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().collect();
     match arguments.get(1).map(String::as_str) {
         Some("world") => return world::run(),
         Some("fly") => return fly::run(),
+        Some("sitl") => return sitl::run(),
         _ => {}
     }
     let role = arguments
@@ -27,11 +66,11 @@ fn main() -> ExitCode {
         .position(|argument| argument == "--")
         .and_then(|at| arguments.get(at + 1));
     match role.map(String::as_str) {
-        Some("vehicle") => jink_runtime::run::<vehicle::VehicleService>(),
+        Some("vehicle") => jink_runtime::run::<Vehicle>(),
         Some("sensors") => jink_runtime::run::<sensors::SensorService>(),
         other => {
             eprintln!(
-                "jink-simulator: {}: expected a tool (world, fly) or, behind --, a role (vehicle, sensors)",
+                "jink-simulator: {}: expected a tool (world, sitl, fly) or, behind --, a role (vehicle, sensors)",
                 other.map_or("no role".to_owned(), |role| format!("unknown role {role:?}"))
             );
             ExitCode::from(jink_runtime::service::EXIT_CANNOT_START)

@@ -1,9 +1,11 @@
-//! What both roles read from the configuration.
+//! What all roles read from the configuration.
 
-use jink_runtime::config::Config;
+use jink_runtime::config::{Config, Simulation};
 use jink_runtime::{Ports, StartError};
 use jink_simulator::sensors::SensorSpec;
+use jink_simulator::vehicle::wind::WindConfig;
 use jink_simulator::world::{World, WorldError, WorldKind, WorldSpec};
+use std::net::SocketAddr;
 
 /// The world the configuration names.
 pub fn world(config: &Config) -> Result<World, StartError> {
@@ -34,4 +36,23 @@ pub fn sensors(ports: &Ports) -> Result<Vec<SensorSpec>, StartError> {
     let mut specs: Vec<SensorSpec> = jink_runtime::config::sensors(&ports.setup().config)?;
     specs.retain(|spec| spec.kind.is_rendered());
     Ok(specs)
+}
+
+/// The wind the configuration asks for.
+pub fn wind(simulation: &Simulation) -> WindConfig {
+    WindConfig {
+        mean_mps: [simulation.wind_north_mps, simulation.wind_east_mps, 0.0],
+        gust_sigma_mps: simulation.wind_gust_mps,
+        ..WindConfig::default()
+    }
+}
+
+/// Where the gateway waits for its autopilot.
+pub fn companion_address(link: &str) -> Result<SocketAddr, StartError> {
+    link.strip_prefix("udpin:")
+        .and_then(|address| address.parse().ok())
+        .ok_or_else(|| StartError::Needs {
+            what: format!("link.address = {link:?}"),
+            cause: "a simulated autopilot speaks to udpin:ADDRESS:PORT only".to_owned(),
+        })
 }

@@ -47,7 +47,7 @@ impl Service for VehicleService {
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         let config = ports.config().clone();
         let simulation = &config.simulation;
-        let companion_at = companion_address(&config.link.address)?;
+        let companion_at = settings::companion_address(&config.link.address)?;
         let companion = open_udp(simulation.autopilot_port, companion_at)?;
         let ground_station = match simulation.ground_station_port {
             0 => None,
@@ -174,6 +174,7 @@ fn autopilot(config: &Config) -> Result<Box<dyn Flyer>, StartError> {
         flyer = flyer.with_parameter("EAV_EN", 1.0);
     }
     flyer.vehicle_mut().seed = config.simulation.seed;
+    flyer.vehicle_mut().wind = settings::wind(&config.simulation);
     flyer.build().map_err(|error| StartError::Needs {
         what: "the autopilot".to_owned(),
         cause: error.to_string(),
@@ -186,14 +187,4 @@ fn open_udp(port: u16, peer: SocketAddr) -> Result<MavUdp, StartError> {
         what: format!("UDP port {port} for the simulated autopilot"),
         cause: format!("{error}; is another simulator running?"),
     })
-}
-
-/// Where the gateway waits for its autopilot.
-fn companion_address(link: &str) -> Result<SocketAddr, StartError> {
-    link.strip_prefix("udpin:")
-        .and_then(|address| address.parse().ok())
-        .ok_or_else(|| StartError::Needs {
-            what: format!("link.address = {link:?}"),
-            cause: "the simulated autopilot speaks to udpin:ADDRESS:PORT only".to_owned(),
-        })
 }

@@ -2,6 +2,8 @@
 
 use crate::settings;
 use clap::Parser;
+use jink_simulator::world::World;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 /// Prints the obstacles of a world: local NED, heights up
@@ -24,29 +26,40 @@ struct Arguments {
 
 pub fn run() -> ExitCode {
     let arguments = Arguments::parse_from(std::env::args().skip(1));
-    match settings::build(&arguments.world, arguments.seed, arguments.density) {
-        Ok(world) if arguments.json => {
-            println!("{}", world.json());
-            ExitCode::SUCCESS
-        }
-        Ok(world) => {
-            println!(
-                "{} with seed {}: {} obstacles",
-                world.name(),
-                world.seed(),
-                world.obstacles().len()
-            );
-            for obstacle in world.obstacles() {
-                println!("  {obstacle:?}");
-            }
-            for goal in world.goals() {
-                println!("  goal {:.1} m north, {:.1} m east", goal.x_m, goal.y_m);
-            }
-            ExitCode::SUCCESS
-        }
+    let world = match settings::build(&arguments.world, arguments.seed, arguments.density) {
+        Ok(world) => world,
         Err(error) => {
             eprintln!("jink-simulator world: {error}");
-            ExitCode::from(2)
+            return ExitCode::from(2);
         }
+    };
+    match describe(&world, arguments.json, &mut std::io::stdout().lock()) {
+        // Whoever reads has seen enough (`| head`).
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("jink-simulator world: {error}");
+            ExitCode::FAILURE
+        }
+        Ok(()) => ExitCode::SUCCESS,
     }
+}
+
+fn describe(world: &World, json: bool, out: &mut impl Write) -> std::io::Result<()> {
+    if json {
+        return writeln!(out, "{}", world.json());
+    }
+    writeln!(
+        out,
+        "{} with seed {}: {} obstacles",
+        world.name(),
+        world.seed(),
+        world.obstacles().len()
+    )?;
+    for obstacle in world.obstacles() {
+        writeln!(out, "  {obstacle:?}")?;
+    }
+    for goal in world.goals() {
+        writeln!(out, "  goal {:.1} m north, {:.1} m east", goal.x_m, goal.y_m)?;
+    }
+    Ok(())
 }
