@@ -55,6 +55,8 @@ fn plan(ending: Ending) -> FlightPlan {
     FlightPlan {
         takeoff_height_m: 2.5,
         waypoints: vec![Point::new(30.0, 0.0, -2.5), Point::new(30.0, 20.0, -2.5)],
+        tail: Vec::new(),
+        in_flight: Vec::new(),
         cruise_speed_mps: None,
         ending,
         resume: false,

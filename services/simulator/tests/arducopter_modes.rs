@@ -8,70 +8,14 @@ use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ardupilot::Mode;
 use jink_simulator::autopilot::Link;
 use mavlink::dialects::ardupilotmega::*;
-use support::copter::{CopterFlight, PVA, at, level, setpoint};
+use support::copter::{CopterFlight, PVA, at, level, setpoint, square};
 
 const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
-
-/// An item of a mission in the frame of relative heights.
-pub fn item(command: MavCmd, north: f64, east: f64, height_m: f32) -> MISSION_ITEM_INT_DATA {
-    let origin = jink_simulator::ardupilot::ArduCopterConfig::default().origin;
-    let projection = jink_shared_types::geo::Projection::new(origin);
-    let (x, y) = projection.to_global(nalgebra::Vector2::new(north, east)).to_e7();
-    MISSION_ITEM_INT_DATA {
-        command,
-        frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
-        x,
-        y,
-        z: height_m,
-        autocontinue: 1,
-        ..MISSION_ITEM_INT_DATA::default()
-    }
-}
-
-fn upload(flight: &mut CopterFlight, items: &[MISSION_ITEM_INT_DATA]) -> MavMissionResult {
-    flight.station(MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
-        count: items.len() as u16,
-        target_system: 1,
-        target_component: 1,
-        ..MISSION_COUNT_DATA::default()
-    }));
-    for _ in 0..2_000 {
-        flight.step();
-        let mut wanted = None;
-        for packet in &flight.heard {
-            match &packet.message {
-                MavMessage::MISSION_REQUEST_INT(request) => wanted = Some(request.seq),
-                MavMessage::MISSION_ACK(ack) => return ack.mavtype,
-                _ => {}
-            }
-        }
-        if let Some(seq) = wanted {
-            let mut item = items[usize::from(seq)].clone();
-            (item.seq, item.target_system, item.target_component) = (seq, 1, 1);
-            flight.station(MavMessage::MISSION_ITEM_INT(item));
-        }
-    }
-    panic!("no acknowledgement of the mission");
-}
-
-/// Home, take-off to 5 m, 30 m north, 30 m east of that, land.
-fn square() -> Vec<MISSION_ITEM_INT_DATA> {
-    vec![
-        item(MavCmd::MAV_CMD_NAV_WAYPOINT, 0.0, 0.0, 0.0),
-        item(MavCmd::MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 5.0),
-        item(MavCmd::MAV_CMD_NAV_WAYPOINT, 60.0, 0.0, 5.0),
-        item(MavCmd::MAV_CMD_NAV_WAYPOINT, 60.0, 30.0, 5.0),
-        item(MavCmd::MAV_CMD_NAV_LAND, 60.0, 30.0, 0.0),
-    ]
-}
 
 fn on_mission(parameters: &[(&str, f64)]) -> CopterFlight {
     let mut flight = CopterFlight::with(parameters);
     flight.run(6.0);
-    assert_eq!(
-        upload(&mut flight, &square()),
-        MavMissionResult::MAV_MISSION_ACCEPTED
-    );
+    assert_eq!(flight.upload(&square()), MavMissionResult::MAV_MISSION_ACCEPTED);
     flight.set_mode(Mode::Guided);
     assert_eq!(flight.arm(), ACCEPTED);
     assert_eq!(flight.ask(MavCmd::MAV_CMD_MISSION_START, [0.0; 7]), ACCEPTED);
@@ -81,7 +25,7 @@ fn on_mission(parameters: &[(&str, f64)]) -> CopterFlight {
 #[test]
 fn a_companion_may_set_every_mode_and_the_heartbeat_tells_it_at_once() {
     let mut flight = CopterFlight::airborne(&[]);
-    upload(&mut flight, &square());
+    flight.upload(&square());
     for mode in [Mode::Loiter, Mode::Brake, Mode::Auto, Mode::Guided] {
         assert_eq!(flight.set_mode(mode), ACCEPTED);
         let told: Vec<(Link, u32)> = flight
@@ -217,7 +161,7 @@ fn the_current_item_can_be_set_by_command_and_by_message() {
     assert_eq!(flight.ask(command, jump), ACCEPTED);
     assert_eq!(flight.copter.mission().current, 2);
     let too_far = [9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-    assert_eq!(flight.ask(command, too_far), MavResult::MAV_RESULT_FAILED);
+    assert_eq!(flight.ask(command, too_far), MavResult::MAV_RESULT_DENIED);
     flight.station(MavMessage::MISSION_SET_CURRENT(MISSION_SET_CURRENT_DATA {
         seq: 3,
         target_system: 1,
@@ -260,7 +204,7 @@ fn auto_needs_a_mission_and_on_the_ground_a_take_off_in_it() {
     assert_eq!(flight.set_mode(Mode::Auto), MavResult::MAV_RESULT_FAILED);
     let mut items = square();
     items.remove(1);
-    upload(&mut flight, &items);
+    flight.upload(&items);
     flight.set_mode(Mode::Guided);
     flight.arm();
     assert_eq!(flight.set_mode(Mode::Auto), MavResult::MAV_RESULT_FAILED);

@@ -101,8 +101,13 @@ fn mission_current_says_how_many_items_there_are_and_how_far_it_has_come() {
     let flying = mission_current(&mut flight);
     assert_eq!(facts(&flying), (0, 2, MissionState::MISSION_STATE_ACTIVE, 1));
     flight.set_mode(NavMode::Hold);
+    let left = mission_current(&mut flight);
+    assert_eq!(facts(&left), (0, 2, MissionState::MISSION_STATE_NOT_STARTED, 2));
+    flight.set_mode(NavMode::Mission);
+    assert!(flight.run_until(40.0, |f| f.autopilot.mission().current == 1));
+    flight.set_mode(NavMode::Hold);
     let paused = mission_current(&mut flight);
-    assert_eq!(facts(&paused), (0, 2, MissionState::MISSION_STATE_PAUSED, 2));
+    assert_eq!(facts(&paused), (1, 2, MissionState::MISSION_STATE_PAUSED, 2));
     flight.set_mode(NavMode::Mission);
     assert!(flight.run_until(40.0, |f| f.autopilot.mission().done));
     let done = mission_current(&mut flight);

@@ -76,7 +76,7 @@ fn a_whole_flight_without_companion_takes_off_flies_lands_and_disarms() {
     assert_eq!(reached, [0, 1]);
     assert_eq!(flight.autopilot.mission().total, 2);
     flight.run(6.0);
-    assert_eq!(flight.autopilot.mode(), NavMode::Hold);
+    assert_eq!(flight.autopilot.mode(), NavMode::Mission);
     let position = flight.autopilot.truth().position.vector();
     assert!(
         (position - Vector3::new(30.0, 20.0, -5.0)).norm() < 0.3,

@@ -58,6 +58,7 @@ impl ArduCopter {
         }
         self.armed = false;
         self.may_take_off = false;
+        self.auto.rewind(self.mode == Mode::Auto);
         let text = "Disarming motors";
         self.wire.say(outbox, MavSeverity::MAV_SEVERITY_INFO, text);
     }

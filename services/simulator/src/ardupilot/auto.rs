@@ -1,5 +1,7 @@
 //! AUTO: the mission, item by item. Item 0 is home and is never flown; leaving the mode and coming back goes on at the item
-//! that was flown last, from wherever the vehicle is then.
+//! that was flown last, from wherever the vehicle is then, or with MIS_RESTART at the first one.
+//!
+//! Before the mission has ever begun no item is current, which is told as 0.
 
 use super::land::{Return, descend};
 use super::leg::Leg;
@@ -63,19 +65,35 @@ enum Doing {
     Rest,
 }
 
+/// How far the mission is, whatever the mode.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum State {
+    /// Not begun, or left.
+    #[default]
+    Stopped,
+    /// Being flown.
+    Running,
+    /// The last item is done.
+    Complete,
+}
+
 /// The mode's state.
 #[derive(Clone, Debug)]
 pub struct Auto {
-    current: usize,
+    /// `None` = the mission has not begun.
+    current: Option<usize>,
+    state: State,
     doing: Doing,
     paused: bool,
+    /// The last item was done since the mode was entered.
     finished: bool,
 }
 
 impl Default for Auto {
     fn default() -> Self {
         Self {
-            current: FIRST,
+            current: None,
+            state: State::Stopped,
             doing: Doing::Begin,
             paused: false,
             finished: false,
@@ -84,26 +102,70 @@ impl Default for Auto {
 }
 
 impl Auto {
-    /// Enters the mode: the current item begins again, a finished mission from its start.
-    pub fn enter(&mut self) {
-        if self.finished {
-            self.current = FIRST;
-        }
+    /// Enters the mode: the current item begins again, a finished mission from its start. `restarts`: so does any.
+    pub fn enter(&mut self, mission: &Mission, restarts: bool) {
+        let known = self.current.filter(|current| *current < mission.len());
+        let resumed = known.filter(|_| !restarts && self.state != State::Complete);
+        self.current = Some(resumed.unwrap_or(FIRST));
+        self.state = State::Running;
         self.doing = Doing::Begin;
         self.paused = false;
         self.finished = false;
     }
 
-    /// Goes on at `item`.
-    pub fn jump_to(&mut self, item: usize) {
-        self.current = item.max(FIRST);
-        self.doing = Doing::Begin;
-        self.finished = false;
+    /// Another mode begins.
+    pub fn leave(&mut self) {
+        if self.state == State::Running {
+            self.state = State::Stopped;
+        }
     }
 
-    /// Item being flown.
+    /// Goes on at `item`, or the first behind it that leads somewhere. Returns whether there is one.
+    pub fn jump_to(&mut self, item: usize, mission: &Mission) -> bool {
+        let item = item.max(FIRST);
+        self.doing = Doing::Begin;
+        self.finished = false;
+        if self.state == State::Running {
+            self.current = Some(item);
+            return true;
+        }
+        self.current = (item..mission.len()).find(|index| {
+            let task = mission.task(*index);
+            task.is_some_and(|task| task.has_place() || task == Task::Return)
+        });
+        self.state = State::Stopped;
+        self.current.is_some()
+    }
+
+    /// The items are other ones; which is current stays. Returns whether the one that is flown begins anew.
+    pub fn take_change(&mut self) -> bool {
+        let restarts = self.state == State::Running && matches!(self.doing, Doing::Fly { .. });
+        if restarts {
+            self.doing = Doing::Begin;
+        }
+        restarts
+    }
+
+    /// Motors stopped: the mission begins anew, at once with its first item if the mode is in force.
+    pub fn rewind(&mut self, in_force: bool) {
+        self.doing = Doing::Begin;
+        self.current = in_force.then_some(FIRST);
+        self.state = if in_force { State::Running } else { State::Stopped };
+    }
+
+    /// There are no items any more.
+    pub fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Item being flown, or to be flown; 0 = the mission has not begun.
     pub fn current(&self) -> usize {
-        self.current
+        self.current.unwrap_or(0)
+    }
+
+    /// How far the mission is.
+    pub fn state(&self) -> State {
+        self.state
     }
 
     /// The last one is done.
@@ -137,7 +199,7 @@ impl Auto {
         match &mut self.doing {
             Doing::Begin | Doing::Rest => {
                 step.flying = !input.landed;
-                step.landing = input.landed && self.finished;
+                step.landing = input.landed && self.state == State::Complete;
                 stay(control);
             }
             Doing::TakeOff(takeoff) => {
@@ -191,8 +253,9 @@ impl Auto {
             }
         }
         if done {
-            step.reached = Some(self.current as u16);
-            self.current += 1;
+            let reached = self.current();
+            step.reached = Some(reached as u16);
+            self.current = Some(reached + 1);
             self.doing = Doing::Begin;
             self.begin(input, control);
         }
@@ -202,15 +265,17 @@ impl Auto {
     /// Begins the current item, passing over those that are done at once.
     fn begin(&mut self, input: &AutoInput<'_>, control: &mut PositionControl) {
         loop {
-            let Some(item) = input.mission.get(self.current) else {
-                self.current = input.mission.len().saturating_sub(1);
+            let current = self.current();
+            let Some(item) = input.mission.get(current) else {
+                self.current = Some(input.mission.len().saturating_sub(1));
+                self.state = State::Complete;
                 self.finished = true;
                 self.doing = Doing::Rest;
                 return;
             };
             let place = place_of(item, input.frame);
             let leg = |to: Vector3<f64>| Leg::new(control.desired(), to);
-            self.doing = match input.mission.task(self.current) {
+            self.doing = match input.mission.task(current) {
                 Some(Task::Takeoff) => {
                     let mut takeoff = Takeoff::default();
                     takeoff.begin(input.now_us, place.z.min(input.estimate.position.z_m));
@@ -238,11 +303,11 @@ impl Auto {
                     if mps > 0.0 {
                         control.limits.speed_mps = mps;
                     }
-                    self.current += 1;
+                    self.current = Some(current + 1);
                     continue;
                 }
                 None => {
-                    self.current += 1;
+                    self.current = Some(current + 1);
                     continue;
                 }
             };

@@ -6,27 +6,31 @@
 use super::ArduCopter;
 use super::guided::Submode;
 use super::modes::Mode;
+use super::setpoint::{Request, YawRequest};
 use super::streams::Stream;
+use crate::autopilot::command_place::CommandPlace;
 use crate::autopilot::link::{Link, Packet};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, MESSAGE_INTERVAL_DATA, MavCmd, MavMessage,
     MavModeFlag, MavProtocolCapability, MavResult, MavSeverity, STATUSTEXT_DATA,
 };
+use nalgebra::Vector3;
 
 /// 4.7.0, development.
 const FLIGHT_SOFTWARE_VERSION: u32 = 4 << 24 | 7 << 16;
 
 impl ArduCopter {
-    /// Executes a command and acknowledges it to its sender.
+    /// Executes a command and acknowledges it to its sender. `place`: where it leads.
     pub(super) fn execute(
         &mut self,
         link: Link,
         header: &MavHeader,
         command: &COMMAND_LONG_DATA,
+        place: CommandPlace,
         outbox: &mut Vec<Packet>,
     ) {
-        let result = self.result_of(link, command, outbox);
+        let result = self.result_of(link, command, place, outbox);
         let ack = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
             command: command.command,
             result,
@@ -37,7 +41,13 @@ impl ArduCopter {
         self.wire.send(outbox, link, ack);
     }
 
-    fn result_of(&mut self, link: Link, command: &COMMAND_LONG_DATA, outbox: &mut Vec<Packet>) -> MavResult {
+    fn result_of(
+        &mut self,
+        link: Link,
+        command: &COMMAND_LONG_DATA,
+        place: CommandPlace,
+        outbox: &mut Vec<Packet>,
+    ) -> MavResult {
         use MavResult as R;
         match command.command {
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => {
@@ -60,11 +70,15 @@ impl ArduCopter {
             MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT => {
                 let item = command.param1 as usize;
                 if item >= self.mission.len() {
+                    return R::MAV_RESULT_DENIED;
+                }
+                if !self.auto.jump_to(item, &self.mission) {
                     return R::MAV_RESULT_FAILED;
                 }
-                self.auto.jump_to(item);
+                self.send_stream(link, Stream::MissionCurrent, outbox);
                 R::MAV_RESULT_ACCEPTED
             }
+            MavCmd::MAV_CMD_DO_REPOSITION => self.go_to(command.param2, place, outbox),
             MavCmd::MAV_CMD_DO_PAUSE_CONTINUE => self.pause(command.param1),
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
                 self.set_interval(link, command.param1 as u32, f64::from(command.param2), outbox)
@@ -87,7 +101,7 @@ impl ArduCopter {
         let reason = if mode.needs_position() && !self.is_ready() {
             Some(text(mode, "requires position"))
         } else if mode == Mode::Auto && self.mission.len() < 2 {
-            Some(text(mode, "no mission"))
+            Some(text(mode, "init failed"))
         } else if mode == Mode::Auto && on_ground && self.armed && !self.begins_with_takeoff() {
             Some(text(mode, "Missing Takeoff Cmd"))
         } else {
@@ -132,6 +146,29 @@ impl ArduCopter {
         let result = self.change_mode(Mode::Auto, outbox);
         self.may_take_off |= result == MavResult::MAV_RESULT_ACCEPTED;
         result
+    }
+
+    /// DO_REPOSITION: in GUIDED a position like a setpoint's. The first bit of `flags` asks for that mode.
+    fn go_to(&mut self, flags: f32, place: CommandPlace, outbox: &mut Vec<Packet>) -> MavResult {
+        if self.mode != Mode::Guided && flags as u32 & 1 == 0 {
+            return MavResult::MAV_RESULT_DENIED;
+        }
+        let Some((level, down_m)) = place.level(&self.frame).zip(place.down_m(&self.frame)) else {
+            return MavResult::MAV_RESULT_DENIED;
+        };
+        if self.change_mode(Mode::Guided, outbox) != MavResult::MAV_RESULT_ACCEPTED {
+            return MavResult::MAV_RESULT_FAILED;
+        }
+        let to = Vector3::new(level.x, level.y, down_m);
+        self.guided.receive(
+            &Request::Place(to, YawRequest::Default),
+            self.now_us,
+            &self.estimate,
+            &self.parameters,
+            &mut self.control,
+            &mut self.yaw,
+        );
+        MavResult::MAV_RESULT_ACCEPTED
     }
 
     /// DO_CHANGE_SPEED: 0 and 1 horizontal, 2 up, 3 down; until the mode or GUIDED's submode begins anew.

@@ -174,6 +174,9 @@ impl ArduCopter {
 
     /// The mode begins: its controller starts from where the vehicle is and how it moves.
     pub(super) fn enter(&mut self, mode: Mode) {
+        if self.mode == Mode::Auto {
+            self.auto.leave();
+        }
         self.mode = mode;
         let mut limits = Limits::automatic(&self.parameters);
         match mode {
@@ -197,7 +200,8 @@ impl ArduCopter {
                 &mut self.yaw,
             ),
             Mode::Auto => {
-                self.auto.enter();
+                let restarts = self.parameters.get(P::MIS_RESTART) == 1.0;
+                self.auto.enter(&self.mission, restarts);
                 self.yaw.set_default(&self.parameters);
             }
             Mode::Rtl => {

@@ -76,6 +76,8 @@ pub struct Guided {
     updated_us: u64,
     paused: bool,
     takeoff: Takeoff,
+    /// The height of the take-off is reached; its submode stays until something else is asked for.
+    has_climbed: bool,
 }
 
 impl Default for Guided {
@@ -86,6 +88,7 @@ impl Default for Guided {
             updated_us: 0,
             paused: false,
             takeoff: Takeoff::default(),
+            has_climbed: false,
         }
     }
 }
@@ -142,6 +145,7 @@ impl Guided {
         self.target = Motion::at(estimate.position.vector());
         self.target.position.z = down_m;
         self.takeoff.begin(now_us, down_m);
+        self.has_climbed = false;
         yaw.hold(estimate.attitude.yaw_rad());
     }
 
@@ -152,7 +156,7 @@ impl Guided {
 
     /// Climbing after NAV_TAKEOFF.
     pub fn is_taking_off(&self) -> bool {
-        self.submode == Submode::TakeOff
+        self.submode == Submode::TakeOff && !self.has_climbed
     }
 
     /// What is followed.
@@ -160,12 +164,13 @@ impl Guided {
         self.submode
     }
 
-    /// The target as extrapolated, with only what the submode tells.
+    /// The target as extrapolated, with only what the submode tells. A take-off tells a position of zeros.
     pub fn target(&self) -> Motion {
         let t = self.target;
         match self.submode {
             Submode::Motion => t,
-            Submode::TakeOff | Submode::Place => Motion::at(t.position),
+            Submode::TakeOff => Motion::default(),
+            Submode::Place => Motion::at(t.position),
             Submode::Velocity => Motion {
                 position: Vector3::zeros(),
                 ..t
@@ -185,7 +190,7 @@ impl Guided {
         yaw: &mut AutoYaw,
         avoid: &mut Avoid,
     ) -> GuidedStep {
-        if self.submode == Submode::TakeOff {
+        if self.is_taking_off() {
             return self.climb(input, control);
         }
         if input.landed {
@@ -246,7 +251,7 @@ impl Guided {
             TakeoffStep::Wait => return GuidedStep::Idle,
             TakeoffStep::Climb => {}
             TakeoffStep::Done => {
-                self.submode = Submode::Place;
+                self.has_climbed = true;
                 self.updated_us = input.now_us;
             }
         }

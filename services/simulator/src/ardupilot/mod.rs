@@ -47,7 +47,7 @@ pub use modes::Mode;
 
 use crate::autopilot::land_detector::LandDetector;
 use crate::autopilot::link::{Link, Packet, Wire};
-use crate::autopilot::mission::{ITEMS_MAX, Mission, MissionFrame};
+use crate::autopilot::mission::{Dialect, ITEMS_MAX, Mission, MissionFrame};
 use crate::autopilot::mission_protocol::MissionProtocol;
 use crate::autopilot::setpoint::single;
 use crate::autopilot::{MissionProgress, SetpointStatistics, UnknownParameter};
@@ -159,6 +159,8 @@ pub struct ArduCopter {
     command: Option<ActuatorCommand>,
     aborted: Option<Abort>,
     wire: Wire,
+    /// MAVn_OPTIONS of the companion's and the station's link, as they were at the start.
+    link_options: [u32; 2],
     streams: Streams,
     mission: Mission,
     mission_protocol: MissionProtocol,
@@ -213,8 +215,10 @@ impl ArduCopter {
             command: None,
             aborted: None,
             wire: Wire::new(config.system_id),
+            link_options: [Parameter::MAV2_OPTIONS, Parameter::MAV1_OPTIONS]
+                .map(|p| parameters.get(p) as u32),
             streams: Streams::default(),
-            mission: Mission::default(),
+            mission: Mission::new(Dialect::ArduCopter),
             mission_protocol: MissionProtocol::default(),
             parameter_protocol: ParameterProtocol::default(),
             reached_items: VecDeque::with_capacity(ITEMS_MAX),

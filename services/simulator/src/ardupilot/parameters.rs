@@ -95,8 +95,14 @@ parameters! {
     LOIT_BRK_JERK: Real = 500.0;
     /// Speed of LOITER at full stick (cm/s).
     LOIT_SPEED: Real = 1_250.0;
+    /// Options of the ground station's link: 2 = nothing is forwarded to and from it. Read at start only.
+    MAV1_OPTIONS: Short = 0.0;
+    /// Options of the companion's link: 2 = nothing is forwarded to and from it. Read at start only.
+    MAV2_OPTIONS: Short = 0.0;
     /// System id of the ground station whose heartbeat counts.
     MAV_GCS_SYSID: Short = 255.0;
+    /// Where AUTO begins: 0 = at the item it was left at, 1 = at the first.
+    MIS_RESTART: Byte = 0.0;
     /// Vertical acceleration under sticks (cm/s^2).
     PILOT_ACCEL_Z: Short = 250.0;
     /// Descent at full stick (cm/s).

@@ -3,20 +3,25 @@
 // Ground stations still send SET_MODE and REQUEST_DATA_STREAM.
 #![allow(deprecated)]
 
+use super::auto::State;
 use super::modes::Mode;
 use super::parameters::Parameter as P;
 use super::setpoint::{NotFinite, read};
 use super::{Abort, ArduCopter};
 use crate::autopilot::Link;
+use crate::autopilot::command_place::{CommandPlace, long_of};
 use crate::autopilot::companion_health::COMPONENT_AVOIDANCE;
 use crate::autopilot::link::Packet;
 use crate::autopilot::mission_protocol::MissionChange;
 use jink_shared_types::geo::GlobalPoint;
 use mavlink::Message;
 use mavlink::dialects::ardupilotmega::{
-    COMMAND_LONG_DATA, MavFrame, MavMessage, SET_POSITION_TARGET_GLOBAL_INT_DATA,
-    SET_POSITION_TARGET_LOCAL_NED_DATA, TIMESYNC_DATA,
+    MavFrame, MavMessage, MavSeverity, SET_POSITION_TARGET_GLOBAL_INT_DATA,
+    SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
+
+/// Bit of MAVn_OPTIONS: nothing is forwarded to and from the link.
+const NO_FORWARD: u32 = 2;
 
 impl ArduCopter {
     /// Forwards a packet to the other link and takes it itself where it is meant.
@@ -24,7 +29,9 @@ impl ArduCopter {
         if packet.link == Link::Companion && packet.header.component_id == COMPONENT_AVOIDANCE {
             self.statistics.note_sequence(packet.header.sequence);
         }
-        if let Some(forwarded) = self.wire.forward(packet) {
+        if self.may_forward(packet)
+            && let Some(forwarded) = self.wire.forward(packet)
+        {
             outbox.push(forwarded);
         }
         match &packet.message {
@@ -40,6 +47,13 @@ impl ArduCopter {
             _ if self.wire.is_addressed(&packet.message) => self.receive_own(packet, outbox),
             _ => {}
         }
+    }
+
+    /// A link that does not forward (MAVn_OPTIONS) gives nothing on, and takes only what is meant for somebody on it.
+    fn may_forward(&self, packet: &Packet) -> bool {
+        let keeps_apart = |link: Link| self.link_options[link as usize] & NO_FORWARD != 0;
+        let is_for_everybody = packet.message.target_system_id().unwrap_or(0) == 0;
+        !(keeps_apart(packet.link) || keeps_apart(packet.link.other()) && is_for_everybody)
     }
 
     fn is_my_system(&self, packet: &Packet) -> bool {
@@ -75,19 +89,12 @@ impl ArduCopter {
                 }
             }
             MavMessage::COMMAND_LONG(command) => {
-                self.execute(packet.link, &packet.header, command, outbox);
+                let place = CommandPlace::of_long(command);
+                self.execute(packet.link, &packet.header, command, place, outbox);
             }
             MavMessage::COMMAND_INT(command) => {
-                let long = COMMAND_LONG_DATA {
-                    command: command.command,
-                    param1: command.param1,
-                    param2: command.param2,
-                    param3: command.param3,
-                    param4: command.param4,
-                    param7: command.z,
-                    ..COMMAND_LONG_DATA::default()
-                };
-                self.execute(packet.link, &packet.header, &long, outbox);
+                let (long, place) = (long_of(command), CommandPlace::of_int(command));
+                self.execute(packet.link, &packet.header, &long, place, outbox);
             }
             MavMessage::SET_MODE(set) => {
                 if let Some(mode) = Mode::of_custom(set.custom_mode) {
@@ -175,16 +182,35 @@ impl ArduCopter {
     }
 
     fn receive_mission(&mut self, packet: &Packet, outbox: &mut Vec<Packet>) {
+        self.mission_protocol.keeps_mission = self.armed && self.auto.state() == State::Running;
         let change =
             self.mission_protocol
                 .receive(self.now_us, packet, &mut self.mission, &mut self.wire, outbox);
         match change {
             MissionChange::None => {}
-            MissionChange::Replaced => {
+            MissionChange::Replaced(link) => {
                 self.store_mission();
-                self.auto.jump_to(1);
+                // Only who has sent it is told.
+                let text = MavMessage::STATUSTEXT(STATUSTEXT_DATA {
+                    severity: MavSeverity::MAV_SEVERITY_INFO,
+                    text: "Flight plan received".into(),
+                    ..STATUSTEXT_DATA::default()
+                });
+                self.wire.send(outbox, link, text);
+                if self.auto.take_change() {
+                    let text = "Auto mission changed, restarted command";
+                    self.wire.say(outbox, MavSeverity::MAV_SEVERITY_CRITICAL, text);
+                }
             }
-            MissionChange::JumpTo(item) => self.auto.jump_to(item),
+            MissionChange::Cleared => self.auto.forget(),
+            MissionChange::JumpTo(item) => {
+                if self.auto.jump_to(item, &self.mission) {
+                    let mut current = self.mission_current();
+                    current.seq = item as u16;
+                    self.wire
+                        .send(outbox, packet.link, MavMessage::MISSION_CURRENT(current));
+                }
+            }
         }
     }
 

@@ -4,6 +4,7 @@
 #![allow(deprecated)]
 
 use super::ArduCopter;
+use super::auto::State;
 use super::command::version_message;
 use super::modes::{Mode, base_mode};
 use super::proximity::SECTORS;
@@ -79,11 +80,7 @@ impl ArduCopter {
             Stream::LocalPosition if self.is_ready() => self.local_position(),
             Stream::GlobalPosition => self.global_position(),
             Stream::ServoOutput => self.servo_output(),
-            Stream::MissionCurrent => MavMessage::MISSION_CURRENT(m::MISSION_CURRENT_DATA {
-                seq: self.mission().current,
-                total: self.mission().total.saturating_sub(1),
-                ..m::MISSION_CURRENT_DATA::default()
-            }),
+            Stream::MissionCurrent => MavMessage::MISSION_CURRENT(self.mission_current()),
             Stream::MissionItemReached => MavMessage::MISSION_ITEM_REACHED(m::MISSION_ITEM_REACHED_DATA {
                 seq: self.last_reached,
             }),
@@ -109,6 +106,24 @@ impl ArduCopter {
             }),
             Stream::LocalPosition | Stream::HomePosition | Stream::DistanceSensor => return None,
         })
+    }
+
+    /// Without an identity: who did not upload a mission cannot tell it from another of the same length.
+    pub(super) fn mission_current(&self) -> m::MISSION_CURRENT_DATA {
+        use m::MissionState as S;
+        let total = self.mission().total.saturating_sub(1);
+        m::MISSION_CURRENT_DATA {
+            seq: self.mission().current,
+            total,
+            mission_state: match self.auto.state() {
+                _ if total == 0 => S::MISSION_STATE_NO_MISSION,
+                State::Stopped => S::MISSION_STATE_NOT_STARTED,
+                State::Running => S::MISSION_STATE_ACTIVE,
+                State::Complete => S::MISSION_STATE_COMPLETE,
+            },
+            mission_mode: u8::from(self.mode == Mode::Auto),
+            ..m::MISSION_CURRENT_DATA::default()
+        }
     }
 
     fn boot_ms(&self) -> u32 {

@@ -1,12 +1,15 @@
-//! Commands: COMMAND_LONG, SET_MODE, and their acknowledgements.
+//! Commands: COMMAND_LONG, COMMAND_INT, SET_MODE, and their acknowledgements.
 
 // Ground stations still send the older ones of the commands below.
 #![allow(deprecated)]
 
 use super::Autopilot;
+use super::command_place::CommandPlace;
 use super::firmware::Firmware;
 use super::link::{Link, Packet};
 use super::modes::{mode_of, mode_of_custom};
+use super::navigator::Reposition;
+use super::parameters::Parameter;
 use super::refusal::Refusal;
 use super::streams::Stream;
 use jink_shared_types::vehicle::NavMode;
@@ -15,6 +18,7 @@ use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, MESSAGE_INTERVAL_DATA, MavCmd, MavMessage,
     MavProtocolCapability, MavResult, MavSeverity,
 };
+use nalgebra::Vector3;
 
 /// `param2` of MAV_CMD_COMPONENT_ARM_DISARM that forces it.
 const FORCE: f32 = 21_196.0;
@@ -22,15 +26,16 @@ const FORCE: f32 = 21_196.0;
 const AUTOPILOT_VERSION_ID: u32 = 148;
 
 impl Autopilot {
-    /// Executes a command and acknowledges it to its sender.
+    /// Executes a command and acknowledges it to its sender. `place`: where it leads.
     pub(super) fn execute(
         &mut self,
         link: Link,
         header: &MavHeader,
         command: &COMMAND_LONG_DATA,
+        place: CommandPlace,
         outbox: &mut Vec<Packet>,
     ) {
-        let result = self.result_of(link, command, outbox);
+        let result = self.result_of(link, command, place, outbox);
         let ack = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
             command: command.command,
             result,
@@ -41,7 +46,13 @@ impl Autopilot {
         self.wire.send(outbox, link, ack);
     }
 
-    fn result_of(&mut self, link: Link, command: &COMMAND_LONG_DATA, outbox: &mut Vec<Packet>) -> MavResult {
+    fn result_of(
+        &mut self,
+        link: Link,
+        command: &COMMAND_LONG_DATA,
+        place: CommandPlace,
+        outbox: &mut Vec<Packet>,
+    ) -> MavResult {
         use MavResult as R;
         match command.command {
             MavCmd::MAV_CMD_COMPONENT_ARM_DISARM => self.arm_or_disarm(command, outbox),
@@ -57,6 +68,7 @@ impl Autopilot {
                 self.navigator.set_speed(f64::from(command.param2));
                 R::MAV_RESULT_ACCEPTED
             }
+            MavCmd::MAV_CMD_DO_REPOSITION => self.go_to(command, place, outbox),
             MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT => {
                 let item = command.param1 as usize;
                 if item >= self.mission.len() {
@@ -86,7 +98,12 @@ impl Autopilot {
         let forced = command.param2 == FORCE;
         let situation = self.situation();
         let result = if command.param1 == 1.0 {
-            self.commander.arm(forced, &self.parameters, &situation)
+            let was_armed = self.commander.is_armed();
+            let armed = self.commander.arm(forced, &self.parameters, &situation);
+            if !was_armed && armed.is_ok() {
+                self.step_gate.stall(&self.config.pace);
+            }
+            armed
         } else {
             self.commander.disarm(forced, &situation)
         };
@@ -113,9 +130,47 @@ impl Autopilot {
         MavResult::MAV_RESULT_TEMPORARILY_REJECTED
     }
 
+    /// DO_REPOSITION: a place to hold instead of the present one. The first bit of `param2` asks for Hold.
+    fn go_to(
+        &mut self,
+        command: &COMMAND_LONG_DATA,
+        place: CommandPlace,
+        outbox: &mut Vec<Packet>,
+    ) -> MavResult {
+        let asks_for_hold = command.param2 as u32 & 1 != 0;
+        let forgets = self.config.firmware.forgets_repositions();
+        let holds = self.commander.mode() == NavMode::Hold;
+        if asks_for_hold && self.change_mode(NavMode::Hold, outbox) != MavResult::MAV_RESULT_ACCEPTED {
+            return MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
+        }
+        if forgets && !asks_for_hold && !holds {
+            return MavResult::MAV_RESULT_DENIED;
+        }
+        if forgets && !self.commander.is_armed() {
+            return MavResult::MAV_RESULT_ACCEPTED;
+        }
+        let place = place.above_the_sea();
+        let here = self.estimate.position.vector();
+        let level = place.level(&self.frame).unwrap_or(here.xy());
+        let down_m = place.down_m(&self.frame).unwrap_or(here.z);
+        let wish = Reposition {
+            position: Vector3::new(level.x, level.y, down_m),
+            speed_mps: f64::from(command.param1),
+            yaw_rad: f64::from(command.param4),
+        };
+        let acceptance_m = self.parameters.get(Parameter::NAV_ACC_RAD);
+        self.navigator.reposition(&wish, acceptance_m);
+        MavResult::MAV_RESULT_ACCEPTED
+    }
+
     /// Goes on with the mission at `item`, and says so.
     pub(super) fn jump_to_item(&mut self, item: usize, outbox: &mut Vec<Packet>) {
         self.navigator.jump_to(item);
+        self.show_item(outbox);
+    }
+
+    fn show_item(&mut self, outbox: &mut Vec<Packet>) {
+        self.navigator.show_item();
         if let Some(current) = self.message(Stream::MissionCurrent) {
             self.wire.broadcast(outbox, &current);
         }

@@ -1,6 +1,7 @@
 //! What an autopilot is told at its start.
 
 use super::firmware::Firmware;
+use super::pace::Pace;
 use crate::vehicle::VehicleConfig;
 use crate::vehicle::estimator::EstimatorConfig;
 use jink_shared_types::geo::GlobalPoint;
@@ -24,6 +25,8 @@ pub struct AutopilotConfig {
     pub ready_after_s: f64,
     /// Wall clock at boot, for SYSTEM_TIME only (us since 1970).
     pub unix_start_us: u64,
+    /// How its time passes beside everybody else's.
+    pub pace: Pace,
     /// Parameters that differ from the defaults, by PX4's name.
     pub parameters: Vec<(String, f64)>,
 }
@@ -42,6 +45,7 @@ impl Default for AutopilotConfig {
             origin_altitude_m: 488.0,
             ready_after_s: 1.0,
             unix_start_us: 1_626_393_600_000_000,
+            pace: Pace::default(),
             parameters: Vec::new(),
         }
     }

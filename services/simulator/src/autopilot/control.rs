@@ -113,7 +113,8 @@ impl Autopilot {
         if let Some(item) = events.reached {
             self.reached_items.push_back(item as u16);
         }
-        if events.takeoff_finished || events.mission_finished {
+        let leaves = events.mission_finished && self.config.firmware.leaves_finished_missions();
+        if events.takeoff_finished || leaves {
             self.commander.proceed_to(NavMode::Hold);
         }
         if events.wants_return {

@@ -46,12 +46,22 @@ impl Firmware {
         self == Self::Current
     }
 
+    /// The mode changes to Hold when the mission is done; otherwise it stays, and its last waypoint is held in it.
+    pub fn leaves_finished_missions(self) -> bool {
+        self == Self::Current
+    }
+
+    /// A place to go to is taken in Hold only, or if the command asks for that mode; otherwise it is kept for the next Hold.
+    pub fn forgets_repositions(self) -> bool {
+        self == Self::Current
+    }
+
     /// OFFBOARD is no flight task: whoever flies after it starts from the vehicle's motion, not from the last setpoint.
     pub fn forgets_offboard_setpoint(self) -> bool {
         self == Self::Current
     }
 
-    /// MISSION_CURRENT says how many items there are and how far the mission has come.
+    /// MISSION_CURRENT says how many items there are, which mission that is and how far it has come, and is sent without one, too.
     pub fn describes_missions(self) -> bool {
         self == Self::Current
     }

@@ -8,6 +8,8 @@ use jink_shared_types::geo::{GlobalPoint, Projection};
 use mavlink::dialects::ardupilotmega::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionResult};
 use nalgebra::Vector3;
 
+/// Time of one turn of LOITER_TURNS (s): CIRCLE_RATE, 20 degrees a second.
+const TURN_S: f64 = 18.0;
 /// Most items of a mission: well above any flight plan of a test, and small enough to keep in memory twice.
 pub const ITEMS_MAX: usize = 512;
 
@@ -33,6 +35,16 @@ pub enum Task {
     Speed(f64),
 }
 
+/// Whose items they are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Dialect {
+    /// PX4's.
+    #[default]
+    Px4,
+    /// ArduCopter's: more kinds of items lead somewhere.
+    ArduCopter,
+}
+
 /// The frame in which items become local.
 #[derive(Clone, Copy, Debug)]
 pub struct MissionFrame {
@@ -47,8 +59,9 @@ pub struct MissionFrame {
 /// What `item` asks for.
 ///
 /// # Errors
-/// The result with which PX4 refuses the item: unknown command, or a frame it cannot place.
-pub fn task_of(item: &MISSION_ITEM_INT_DATA) -> Result<Task, MavMissionResult> {
+/// The result with which the item is refused: unknown command, or a frame it cannot be placed in.
+pub fn task_of(dialect: Dialect, item: &MISSION_ITEM_INT_DATA) -> Result<Task, MavMissionResult> {
+    let copters = dialect == Dialect::ArduCopter;
     let seconds = |field: f32| f64::from(field).max(0.0);
     let task = match item.command {
         MavCmd::MAV_CMD_NAV_WAYPOINT => Task::Waypoint {
@@ -57,6 +70,14 @@ pub fn task_of(item: &MISSION_ITEM_INT_DATA) -> Result<Task, MavMissionResult> {
         },
         MavCmd::MAV_CMD_NAV_LOITER_TIME => Task::Waypoint {
             hold_s: seconds(item.param1),
+            acceptance_m: 0.0,
+        },
+        MavCmd::MAV_CMD_NAV_SPLINE_WAYPOINT if copters => Task::Waypoint {
+            hold_s: seconds(item.param1),
+            acceptance_m: 0.0,
+        },
+        MavCmd::MAV_CMD_NAV_LOITER_TURNS if copters => Task::Waypoint {
+            hold_s: seconds(item.param1) * TURN_S,
             acceptance_m: 0.0,
         },
         MavCmd::MAV_CMD_NAV_LOITER_UNLIM => Task::LoiterForever,
@@ -118,18 +139,29 @@ pub fn place_of(item: &MISSION_ITEM_INT_DATA, frame: &MissionFrame) -> Vector3<f
 /// The items in force.
 #[derive(Clone, Debug)]
 pub struct Mission {
+    dialect: Dialect,
     items: Vec<MISSION_ITEM_INT_DATA>,
-}
-
-impl Default for Mission {
-    fn default() -> Self {
-        Self {
-            items: Vec::with_capacity(ITEMS_MAX),
-        }
-    }
+    identity: u32,
 }
 
 impl Mission {
+    /// None, whose items will be those of `dialect`.
+    pub fn new(dialect: Dialect) -> Self {
+        Self {
+            dialect,
+            items: Vec::with_capacity(ITEMS_MAX),
+            identity: 0,
+        }
+    }
+
+    /// Whether an item can be part of it.
+    ///
+    /// # Errors
+    /// The result with which it is refused.
+    pub fn check(&self, item: &MISSION_ITEM_INT_DATA) -> Result<(), MavMissionResult> {
+        task_of(self.dialect, item).map(|_| ())
+    }
+
     /// Items.
     pub fn len(&self) -> usize {
         self.items.len()
@@ -147,13 +179,22 @@ impl Mission {
 
     /// What item `index` asks for.
     pub fn task(&self, index: usize) -> Option<Task> {
-        self.get(index).and_then(|item| task_of(item).ok())
+        self.get(index).and_then(|item| task_of(self.dialect, item).ok())
     }
 
     /// Replaces all items, without allocating.
     pub fn replace(&mut self, items: &[MISSION_ITEM_INT_DATA]) {
         self.items.clear();
         self.items.extend(items.iter().take(ITEMS_MAX).cloned());
+        self.identity = match self.items.is_empty() {
+            true => 0,
+            false => self.items.iter().fold(FNV_OFFSET, identity_with),
+        };
+    }
+
+    /// A number that another mission does not have; 0 without one. PX4 sends a checksum of its own.
+    pub fn identity(&self) -> u32 {
+        self.identity
     }
 
     /// Item `index`, to be rewritten as an autopilot stores it.
@@ -172,6 +213,26 @@ impl Mission {
         }
         None
     }
+}
+
+/// Where FNV-1a begins.
+const FNV_OFFSET: u32 = 0x811c_9dc5;
+
+/// FNV-1a over what an item says.
+fn identity_with(identity: u32, item: &MISSION_ITEM_INT_DATA) -> u32 {
+    let words = [
+        item.command as u32,
+        item.frame as u32,
+        item.param1.to_bits(),
+        item.param2.to_bits(),
+        item.param3.to_bits(),
+        item.param4.to_bits(),
+        item.x.cast_unsigned(),
+        item.y.cast_unsigned(),
+        item.z.to_bits(),
+    ];
+    let add = |hash: u32, word: &u32| (hash ^ word).wrapping_mul(0x0100_0193);
+    words.iter().fold(identity, add)
 }
 
 #[cfg(test)]
@@ -223,17 +284,21 @@ mod tests {
             MavCmd::MAV_CMD_NAV_SPLINE_WAYPOINT,
             MavFrame::MAV_FRAME_GLOBAL_INT,
         );
-        assert_eq!(task_of(&unknown), Err(MavMissionResult::MAV_MISSION_UNSUPPORTED));
+        assert_eq!(
+            task_of(Dialect::Px4, &unknown),
+            Err(MavMissionResult::MAV_MISSION_UNSUPPORTED)
+        );
         let nowhere = item(MavCmd::MAV_CMD_NAV_WAYPOINT, MavFrame::MAV_FRAME_BODY_NED);
         assert_eq!(
-            task_of(&nowhere),
+            task_of(Dialect::Px4, &nowhere),
             Err(MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME)
         );
+        assert!(task_of(Dialect::ArduCopter, &unknown).is_ok());
     }
 
     #[test]
     fn speed_items_are_passed_over_and_a_return_ends_the_search() {
-        let mut mission = Mission::default();
+        let mut mission = Mission::new(Dialect::Px4);
         let waypoint = item(MavCmd::MAV_CMD_NAV_WAYPOINT, MavFrame::MAV_FRAME_GLOBAL_INT);
         let speed = item(MavCmd::MAV_CMD_DO_CHANGE_SPEED, MavFrame::MAV_FRAME_MISSION);
         let back = item(MavCmd::MAV_CMD_NAV_RETURN_TO_LAUNCH, MavFrame::MAV_FRAME_MISSION);

@@ -4,7 +4,7 @@
 #![allow(deprecated)]
 
 use super::link::{Link, Packet, Wire};
-use super::mission::{ITEMS_MAX, Mission, task_of};
+use super::mission::{ITEMS_MAX, Mission};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::{
     MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_INT_DATA, MavMessage,
@@ -47,8 +47,10 @@ struct Upload {
 pub enum MissionChange {
     /// Nothing that matters to flight.
     None,
-    /// The mission is another one now.
-    Replaced,
+    /// The mission is another one now, received on this link.
+    Replaced(Link),
+    /// There is none any more.
+    Cleared,
     /// The operator wants to go on at this item.
     JumpTo(usize),
 }
@@ -58,6 +60,8 @@ pub enum MissionChange {
 pub struct MissionProtocol {
     upload: Option<Upload>,
     received: Vec<MISSION_ITEM_INT_DATA>,
+    /// The mission cannot be cleared now.
+    pub keeps_mission: bool,
 }
 
 impl Default for MissionProtocol {
@@ -65,6 +69,7 @@ impl Default for MissionProtocol {
         Self {
             upload: None,
             received: Vec::with_capacity(ITEMS_MAX),
+            keeps_mission: false,
         }
     }
 }
@@ -95,10 +100,7 @@ impl MissionProtocol {
                     acknowledge(partner, refused, clear.mission_type, wire, outbox);
                     return MissionChange::None;
                 }
-                mission.replace(&[]);
-                let done = MavMissionResult::MAV_MISSION_ACCEPTED;
-                acknowledge(partner, done, clear.mission_type, wire, outbox);
-                return MissionChange::Replaced;
+                return self.clear(partner, clear.mission_type, mission, wire, outbox);
             }
             MavMessage::MISSION_REQUEST_LIST(list) => {
                 let own = list.mission_type == MavMissionType::MAV_MISSION_TYPE_MISSION;
@@ -167,10 +169,7 @@ impl MissionProtocol {
         }
         self.received.clear();
         if count.count == 0 {
-            self.upload = None;
-            mission.replace(&[]);
-            acknowledge(partner, R::MAV_MISSION_ACCEPTED, kind, wire, outbox);
-            return MissionChange::Replaced;
+            return self.clear(partner, kind, mission, wire, outbox);
         }
         self.upload = Some(Upload {
             partner,
@@ -199,7 +198,7 @@ impl MissionProtocol {
         if usize::from(item.seq) != self.received.len() {
             return MissionChange::None;
         }
-        if let Err(reason) = task_of(item) {
+        if let Err(reason) = mission.check(item) {
             self.upload = None;
             acknowledge(partner, reason, kind, wire, outbox);
             return MissionChange::None;
@@ -216,7 +215,31 @@ impl MissionProtocol {
         mission.replace(&self.received);
         let done = MavMissionResult::MAV_MISSION_ACCEPTED;
         acknowledge(partner, done, kind, wire, outbox);
-        MissionChange::Replaced
+        MissionChange::Replaced(partner.link)
+    }
+
+    fn clear(
+        &mut self,
+        partner: Partner,
+        kind: MavMissionType,
+        mission: &mut Mission,
+        wire: &mut Wire,
+        outbox: &mut Vec<Packet>,
+    ) -> MissionChange {
+        self.upload = None;
+        if self.keeps_mission {
+            acknowledge(partner, MavMissionResult::MAV_MISSION_ERROR, kind, wire, outbox);
+            return MissionChange::None;
+        }
+        mission.replace(&[]);
+        acknowledge(
+            partner,
+            MavMissionResult::MAV_MISSION_ACCEPTED,
+            kind,
+            wire,
+            outbox,
+        );
+        MissionChange::Cleared
     }
 
     fn ask(&self, partner: Partner, wire: &mut Wire, outbox: &mut Vec<Packet>) {

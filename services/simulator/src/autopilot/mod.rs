@@ -10,8 +10,8 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `config`, `firmware` | which PX4 on which vehicle, and where that matters |
-//! | `link`, `receive`, `command`, `refusal` | messages in, acknowledgements |
+//! | `config`, `firmware`, `pace` | which PX4 on which vehicle, where that matters, how its time passes |
+//! | `link`, `receive`, `command`, `command_place`, `refusal` | messages in, acknowledgements |
 //! | `mission`, `mission_protocol`, `parameters`, `parameter_protocol` | what a ground station uploads and sets |
 //! | `companion_health`, `heartbeat_watch`, `stick_speed` | who is alive, who wants the vehicle |
 //! | `commander`, `modes` | who may arm, which mode, which failsafe |
@@ -28,6 +28,7 @@ mod avoidance;
 mod bezier;
 pub mod collision_prevention;
 mod command;
+pub(crate) mod command_place;
 mod commander;
 pub(crate) mod companion_health;
 mod config;
@@ -46,6 +47,7 @@ mod modes;
 mod navigator;
 mod obstacle_messages;
 mod offboard;
+mod pace;
 mod parameter_protocol;
 mod parameters;
 pub(crate) mod position_control;
@@ -74,6 +76,7 @@ pub use firmware::Firmware;
 use jink_shared_types::geo::Projection;
 pub use link::{Link, Packet};
 pub use modes::{custom_mode, mode_of_custom};
+pub use pace::Pace;
 pub use statistics::SetpointStatistics;
 
 use crate::vehicle::estimator::{Estimate, Estimator};
@@ -87,11 +90,12 @@ use current_mode::ModeNews;
 use jink_shared_types::vehicle::NavMode;
 use land_detector::LandDetector;
 use link::Wire;
-use mission::{ITEMS_MAX, Mission, MissionFrame};
+use mission::{Dialect, ITEMS_MAX, Mission, MissionFrame};
 use mission_protocol::MissionProtocol;
 use nalgebra::Vector3;
 use navigator::Navigator;
 use offboard::Offboard;
+use pace::StepGate;
 use parameter_protocol::ParameterProtocol;
 use parameters::{Parameter, Parameters};
 use position_control::PositionController;
@@ -134,6 +138,9 @@ pub struct Autopilot {
     config: AutopilotConfig,
     now_us: u64,
     steps: u64,
+    step_gate: StepGate,
+    /// What arrived while its time stood still.
+    unread: Vec<Packet>,
     vehicle: Vehicle,
     estimator: Estimator,
     estimate: Estimate,
@@ -195,6 +202,8 @@ impl Autopilot {
         Ok(Self {
             now_us: 0,
             steps: 0,
+            step_gate: StepGate::default(),
+            unread: Vec::new(),
             estimator,
             estimate,
             resets_handled: 0,
@@ -208,7 +217,7 @@ impl Autopilot {
             home,
             commander: Commander::new(config.firmware),
             navigator: Navigator::new(config.firmware),
-            mission: Mission::default(),
+            mission: Mission::new(Dialect::Px4),
             land_detector: LandDetector::default(),
             takeoff: Takeoff::default(),
             task: FlightTask::None,
@@ -236,8 +245,15 @@ impl Autopilot {
         })
     }
 
-    /// 4 ms: takes `inbox`, flies, and appends what it has to say to `outbox`.
+    /// 4 ms: takes `inbox`, flies, and appends what it has to say to `outbox`. Where its time stands still it does nothing.
     pub fn step(&mut self, inbox: &[Packet], outbox: &mut Vec<Packet>) {
+        if !self.step_gate.passes(&self.config.pace) {
+            self.unread.extend_from_slice(inbox);
+            return;
+        }
+        for packet in &std::mem::take(&mut self.unread) {
+            self.receive(packet, outbox);
+        }
         for packet in inbox {
             self.receive(packet, outbox);
         }

@@ -58,6 +58,17 @@ pub struct NavigatorEvents {
     pub return_started: Option<f64>,
 }
 
+/// A place to go to, as DO_REPOSITION names it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reposition {
+    /// Where, local NED (m).
+    pub position: Vector3<f64>,
+    /// Speed (m/s); not positive or NaN = that of the mission.
+    pub speed_mps: f64,
+    /// Heading (rad); NaN = none.
+    pub yaw_rad: f64,
+}
+
 /// The navigator.
 #[derive(Clone, Debug)]
 pub struct Navigator {
@@ -67,9 +78,14 @@ pub struct Navigator {
     may_loiter_at_point: bool,
     takeoff_reached: bool,
     item: usize,
+    /// The item that MISSION_CURRENT names.
+    shown_item: usize,
+    reposition: Option<CurrentPoint>,
     work: Work,
-    started: bool,
     finished: bool,
+    /// What MISSION_CURRENT says: a take-off that is over counts as a mission that is done.
+    says_finished: bool,
+    has_reached_items: bool,
     stayed_s: f64,
     speed_mps: f64,
     return_home: ReturnHome,
@@ -86,9 +102,12 @@ impl Navigator {
             may_loiter_at_point: false,
             takeoff_reached: false,
             item: 0,
+            shown_item: 0,
+            reposition: None,
             work: Work::Item,
-            started: false,
             finished: false,
+            says_finished: false,
+            has_reached_items: false,
             stayed_s: 0.0,
             speed_mps: -1.0,
             return_home: ReturnHome::default(),
@@ -106,20 +125,32 @@ impl Navigator {
         self.item
     }
 
+    /// The item that MISSION_CURRENT names. A command that sets another one while the mission is not flown does not show.
+    pub fn shown_item(&self) -> usize {
+        self.shown_item
+    }
+
     /// Whether the last item is done.
     pub fn mission_finished(&self) -> bool {
         self.finished
     }
 
-    /// Whether the mission has been entered since it was uploaded.
-    pub fn mission_started(&self) -> bool {
-        self.started
+    /// Whether a take-off or the last item is done, and the mission was not entered since.
+    pub fn says_finished(&self) -> bool {
+        self.says_finished
+    }
+
+    /// Whether an item was reached since the mission was uploaded.
+    pub fn has_reached_items(&self) -> bool {
+        self.has_reached_items
     }
 
     /// The mission is another one now.
     pub fn start_over(&mut self) {
         self.jump_to(0);
-        self.started = false;
+        self.show_item();
+        self.says_finished = false;
+        self.has_reached_items = false;
     }
 
     /// Goes on with the mission at `item`.
@@ -129,9 +160,31 @@ impl Navigator {
         self.stayed_s = 0.0;
         self.work = Work::Item;
         if self.mode == NavMode::Mission {
-            // Entered anew in the next cycle.
+            // Entered anew in the next cycle, on a leg that begins where the vehicle is.
             self.mode = NavMode::Unknown;
+            self.triplet = Triplet::default();
         }
+    }
+
+    /// MISSION_CURRENT names the item that is flown, or will be.
+    pub fn show_item(&mut self) {
+        self.shown_item = self.item;
+    }
+
+    /// Goes to a place in Hold, from wherever the vehicle is then.
+    pub fn reposition(&mut self, place: &Reposition, acceptance_m: f64) {
+        let cruise_mps = if place.speed_mps > 0.0 {
+            place.speed_mps
+        } else {
+            self.speed_mps
+        };
+        self.reposition = Some(CurrentPoint {
+            kind: PointKind::Loiter,
+            position: single(place.position),
+            yaw_rad: place.yaw_rad,
+            acceptance_m,
+            cruise_mps,
+        });
     }
 
     /// Another mission speed (m/s); not positive = the default.
@@ -150,7 +203,10 @@ impl Navigator {
             self.enter(input, &mut events);
         }
         match self.mode {
-            NavMode::Hold => self.hold_on_ground(input),
+            NavMode::Hold => {
+                self.hold_on_ground(input);
+                self.go_to_reposition(input);
+            }
             NavMode::Takeoff => self.watch_takeoff(input, &mut events),
             NavMode::Mission => self.run_mission(input, &mut events),
             NavMode::Return => {
@@ -160,7 +216,25 @@ impl Navigator {
             }
             _ => {}
         }
+        if self.mode == NavMode::Mission {
+            self.show_item();
+        }
+        self.says_finished |= events.takeoff_finished || events.mission_finished;
+        self.has_reached_items |= events.reached.is_some();
         events
+    }
+
+    /// The leg begins where the vehicle is, whatever it flew before.
+    fn go_to_reposition(&mut self, input: &NavigatorInput) {
+        let Some(point) = self.reposition.take_if(|_| input.armed) else {
+            return;
+        };
+        self.triplet = Triplet {
+            previous: Some(single(input.estimate.position.vector())),
+            current: Some(point),
+            next: None,
+        };
+        self.may_loiter_at_point = true;
     }
 
     fn enter(&mut self, input: &NavigatorInput, events: &mut NavigatorEvents) {
@@ -172,7 +246,7 @@ impl Navigator {
                     self.item = 0;
                     self.finished = false;
                 }
-                self.started = true;
+                self.says_finished = false;
                 self.may_loiter_at_point = false;
                 self.start_item(input, events);
             }

@@ -76,6 +76,8 @@ parameters! {
     MAN_DEADZONE: Real = 0.0;
     /// Stick speed with which a pilot takes over, full deflections a second.
     MAN_OVERRIDE_SPD: Real = 1.0;
+    /// The vehicle's MAVLink system id; to be read only: the emulator's own is set when it is made.
+    MAV_SYS_ID: Integer = 1.0;
     /// Take-off height of AUTO.TAKEOFF (m).
     MIS_TAKEOFF_ALT: Real = 2.5;
     /// Heading error at which a waypoint's heading counts as reached (deg).

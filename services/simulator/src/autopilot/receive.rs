@@ -6,6 +6,7 @@
 use super::Autopilot;
 use super::avoidance::point_of;
 use super::bezier::{ControlPoint, Curve, POINTS_MAX};
+use super::command_place::{CommandPlace, long_of};
 use super::companion_health::{COMPONENT_AVOIDANCE, ForeignHeartbeat};
 use super::link::{Link, Packet};
 use super::mission_protocol::MissionChange;
@@ -62,7 +63,12 @@ impl Autopilot {
             }
             MavMessage::MANUAL_CONTROL(message) => self.receive_sticks(message, outbox),
             MavMessage::COMMAND_LONG(command) => {
-                self.execute(packet.link, &packet.header, command, outbox);
+                let place = CommandPlace::of_long(command);
+                self.execute(packet.link, &packet.header, command, place, outbox);
+            }
+            MavMessage::COMMAND_INT(command) => {
+                let (long, place) = (long_of(command), CommandPlace::of_int(command));
+                self.execute(packet.link, &packet.header, &long, place, outbox);
             }
             MavMessage::SET_MODE(set) => self.set_mode_message(set.custom_mode, outbox),
             MavMessage::PARAM_REQUEST_LIST(_)
@@ -149,7 +155,7 @@ impl Autopilot {
                 .receive(self.now_us, packet, &mut self.mission, &mut self.wire, outbox);
         match change {
             MissionChange::None => {}
-            MissionChange::Replaced => self.navigator.start_over(),
+            MissionChange::Replaced(_) | MissionChange::Cleared => self.navigator.start_over(),
             MissionChange::JumpTo(item) => self.jump_to_item(item, outbox),
         }
     }

@@ -33,6 +33,8 @@ pub enum Stream {
     ManualControl = 69,
     /// POSITION_TARGET_LOCAL_NED.
     PositionTarget = 85,
+    /// POSITION_TARGET_GLOBAL_INT: the waypoint being flown.
+    PositionTargetGlobal = 87,
     /// TIMESYNC requests.
     Timesync = 111,
     /// ALTITUDE.
@@ -65,7 +67,7 @@ impl Stream {
 }
 
 /// Stream, rate to the companion, rate to the ground station (Hz); 0 = off.
-const RATES_HZ: [(Stream, f64, f64); 18] = [
+const RATES_HZ: [(Stream, f64, f64); 19] = [
     (S::Heartbeat, 1.0, 1.0),
     (S::SysStatus, 5.0, 1.0),
     (S::SystemTime, 1.0, 1.0),
@@ -76,6 +78,7 @@ const RATES_HZ: [(Stream, f64, f64); 18] = [
     (S::MissionCurrent, 1.0, 1.0),
     (S::ManualControl, 0.0, 0.0),
     (S::PositionTarget, 10.0, 1.5),
+    (S::PositionTargetGlobal, 10.0, 1.5),
     (S::Timesync, 10.0, 0.0),
     (S::Altitude, 10.0, 1.0),
     (S::HomePosition, 0.5, 0.5),

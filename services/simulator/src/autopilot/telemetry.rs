@@ -70,11 +70,12 @@ impl Autopilot {
             Stream::Altitude if self.is_ready() => Some(self.altitude()),
             Stream::HomePosition if self.is_ready() => Some(self.home_position()),
             Stream::PositionTarget => self.position_target(),
+            Stream::PositionTargetGlobal => self.position_target_global(),
             Stream::ExtendedSysState => Some(MavMessage::EXTENDED_SYS_STATE(m::EXTENDED_SYS_STATE_DATA {
                 vtol_state: m::MavVtolState::MAV_VTOL_STATE_UNDEFINED,
                 landed_state: self.landed_state(),
             })),
-            Stream::MissionCurrent => Some(self.mission_current()),
+            Stream::MissionCurrent => self.mission_current(),
             Stream::CurrentMode => Some(current_mode::message(
                 self.commander.mode(),
                 self.commander.intended(),
@@ -272,6 +273,38 @@ impl Autopilot {
         ))
     }
 
+    /// The place of the current waypoint, with the motion that the controller follows. In OFFBOARD and under sticks there is none.
+    fn position_target_global(&self) -> Option<MavMessage> {
+        self.command?;
+        let place = self.navigator.triplet().current?.position;
+        let level = place.xy();
+        if !level.iter().all(|c| c.is_finite()) {
+            return None;
+        }
+        let (lat_int, lon_int) = self.frame.projection.to_global(level).to_e7();
+        let setpoint = self.controller.followed();
+        let [vx, vy, vz] = setpoint.velocity.map(|c| c as f32).into();
+        let [afx, afy, afz] = setpoint.acceleration.map(|c| c as f32).into();
+        Some(MavMessage::POSITION_TARGET_GLOBAL_INT(
+            m::POSITION_TARGET_GLOBAL_INT_DATA {
+                time_boot_ms: self.boot_ms(),
+                lat_int,
+                lon_int,
+                alt: (self.frame.origin_altitude_m - place.z) as f32,
+                vx,
+                vy,
+                vz,
+                afx,
+                afy,
+                afz,
+                yaw: setpoint.yaw_rad as f32,
+                yaw_rate: setpoint.yaw_rate_radps as f32,
+                type_mask: m::PositionTargetTypemask::empty(),
+                coordinate_frame: m::MavFrame::MAV_FRAME_GLOBAL,
+            },
+        ))
+    }
+
     /// The fused map of collision prevention, while it publishes one: in Position mode, switched on.
     fn fused_obstacles(&self) -> Option<MavMessage> {
         let published = self
@@ -313,38 +346,45 @@ impl Autopilot {
         })
     }
 
-    fn mission_current(&self) -> MavMessage {
+    fn mission_current(&self) -> Option<MavMessage> {
         use m::MissionState as S;
-        let seq = self.navigator.item() as u16;
+        let seq = self.navigator.shown_item() as u16;
+        if self.mission.is_empty() && !self.config.firmware.describes_missions() {
+            return None;
+        }
         let mut current = m::MISSION_CURRENT_DATA {
             seq,
             ..m::MISSION_CURRENT_DATA::default()
         };
         if self.config.firmware.describes_missions() {
-            let flying = self.commander.mode() == NavMode::Mission;
+            let active = matches!(
+                self.commander.mode(),
+                NavMode::Mission | NavMode::Takeoff | NavMode::Land
+            );
             current.total = if self.mission.is_empty() {
                 u16::MAX
             } else {
                 self.mission.len() as u16
             };
+            current.mission_id = self.mission.identity();
             current.mission_state = if self.mission.is_empty() {
                 S::MISSION_STATE_NO_MISSION
-            } else if self.navigator.mission_finished() {
+            } else if self.navigator.says_finished() {
                 S::MISSION_STATE_COMPLETE
-            } else if !self.navigator.mission_started() {
-                S::MISSION_STATE_NOT_STARTED
-            } else if flying {
+            } else if active {
                 S::MISSION_STATE_ACTIVE
-            } else {
+            } else if self.navigator.has_reached_items() {
                 S::MISSION_STATE_PAUSED
+            } else {
+                S::MISSION_STATE_NOT_STARTED
             };
-            current.mission_mode = if flying {
+            current.mission_mode = if active {
                 MISSION_MODE_ACTIVE
             } else {
                 MISSION_MODE_SUSPENDED
             };
         }
-        MavMessage::MISSION_CURRENT(current)
+        Some(MavMessage::MISSION_CURRENT(current))
     }
 
     fn landed_state(&self) -> m::MavLandedState {

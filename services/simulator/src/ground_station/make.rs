@@ -43,7 +43,7 @@ impl Make {
     }
 
     /// The mode behind its number.
-    pub(super) fn mode(self, custom: u32) -> NavMode {
+    pub fn mode(self, custom: u32) -> NavMode {
         let mode = match self {
             Make::Px4 => mode_of_custom(custom),
             Make::ArduCopter => Mode::of_custom(custom).map(Mode::nav),

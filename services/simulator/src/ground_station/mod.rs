@@ -6,24 +6,28 @@
 //!
 //! It does what a person at a ground station does: waits for the autopilot and its position, uploads the mission, holds,
 //! arms, takes off, flies the mission, lands, waits for the motors to stop. Everything is ordinary MAVLink, repeated
-//! until it is seen to work, so it flies a real PX4 or ArduCopter as well as the simulated ones. Every phase has a time
+//! until it is seen to work, and in flight it does what its plan says ([`InFlight`]). So it flies a real PX4 or ArduCopter as well as the simulated ones. Every phase has a time
 //! limit and ends in a named failure.
 
+mod in_flight;
 mod make;
 mod plan;
 mod upload;
 
+pub use in_flight::{Action, InFlight, When};
 pub use make::Make;
-pub use plan::{Ending, FlightPlan};
+pub use plan::{Ending, FlightPlan, PlanItem};
 
+use in_flight::Acting;
 use jink_shared_types::frames::{LocalNed, Point};
-use jink_shared_types::geo::GlobalPoint;
+use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
 use make::command;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::{
-    HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavParamType, MavResult, MavState,
-    MavType, PARAM_SET_DATA,
+    COMMAND_ACK_DATA, COMMAND_INT_DATA, HEARTBEAT_DATA, MISSION_CLEAR_ALL_DATA, MavAutopilot, MavCmd,
+    MavFrame, MavMessage, MavMissionType, MavModeFlag, MavParamType, MavResult, MavState, MavType,
+    PARAM_SET_DATA,
 };
 use upload::Upload;
 
@@ -32,6 +36,11 @@ const SYSTEM_ID: u8 = 255;
 const COMPONENT_ID: u8 = 190;
 /// Requests that have shown no effect are repeated after this (s).
 const REPEAT_S: f64 = 1.0;
+/// A message without an answer is said so often.
+const SAID_ENOUGH: u32 = 3;
+/// A waypoint on the way, and the last one, counts as reached this near (m) when nobody says so: an autopilot that follows
+/// setpoints (OFFBOARD, GUIDED) does not announce the items of its mission.
+const REACHED_M: [f64; 2] = [1.0, 0.5];
 /// Height missing to the take-off height at which the mission may start (m).
 const TAKEOFF_SLACK_M: f64 = 0.4;
 
@@ -130,6 +139,7 @@ pub struct GroundStation {
     sequence: u8,
     vehicle: Vehicle,
     upload: Option<Upload>,
+    acting: Acting,
 }
 
 /// What is known of the vehicle.
@@ -139,6 +149,8 @@ struct Vehicle {
     make: Make,
     armed: bool,
     global: Option<GlobalPoint>,
+    /// Height above the sea (m).
+    altitude_m: f64,
     local: Option<Point<LocalNed>>,
     /// Down coordinate when the plan was made: the ground.
     ground_down_m: f64,
@@ -165,6 +177,7 @@ impl GroundStation {
             sequence: 0,
             vehicle: Vehicle::default(),
             upload: None,
+            acting: Acting::default(),
         }
     }
 
@@ -213,6 +226,7 @@ impl GroundStation {
             }
             MavMessage::GLOBAL_POSITION_INT(p) => {
                 self.vehicle.global = Some(GlobalPoint::from_e7(p.lat, p.lon));
+                self.vehicle.altitude_m = f64::from(p.alt) * 1e-3;
             }
             MavMessage::LOCAL_POSITION_NED(p) => {
                 let position = Point::new(f64::from(p.x), f64::from(p.y), f64::from(p.z));
@@ -220,10 +234,20 @@ impl GroundStation {
                 if let Some(goal) = self.plan.waypoints.last() {
                     self.progress.to_goal_m = (goal.vector() - position.vector()).norm();
                 }
+                self.note_place(position);
             }
             MavMessage::STATUSTEXT(text) => {
                 self.progress.said = text.text.to_str().unwrap_or("").to_owned();
             }
+            MavMessage::COMMAND_ACK(ack) if self.is_answer(ack.command) => {
+                self.acting.answered |= ack.result == MavResult::MAV_RESULT_ACCEPTED;
+            }
+            // The autopilot flies it from now on; a heartbeat may tell of that only a second later.
+            MavMessage::COMMAND_ACK(ack) if self.starts_mission(ack) => self.note_mode(NavMode::Mission),
+            MavMessage::MISSION_CURRENT(current) if self.is_chosen(current.seq) => {
+                self.acting.answered = true;
+            }
+            MavMessage::MISSION_ACK(_) if self.clears_mission() => self.acting.answered = true,
             MavMessage::COMMAND_ACK(ack)
                 if ack.result != MavResult::MAV_RESULT_ACCEPTED && self.progress.said.is_empty() =>
             {
@@ -254,6 +278,22 @@ impl GroundStation {
         let first = self.plan.items_before_waypoints(self.vehicle.make);
         let reached = (usize::from(sequence) + 1).saturating_sub(first);
         self.progress.reached = self.progress.reached.max(reached.min(self.plan.waypoints.len()));
+    }
+
+    /// Waypoints that were flown to by setpoints.
+    fn note_place(&mut self, position: Point<LocalNed>) {
+        if self.progress.phase != Phase::Mission || self.progress.mode != NavMode::Offboard {
+            return;
+        }
+        let Some(next) = self.plan.waypoints.get(self.progress.reached) else {
+            return;
+        };
+        let [on_the_way_m, last_m] = REACHED_M;
+        let is_last = self.progress.reached + 1 == self.plan.waypoints.len();
+        let near_m = if is_last { last_m } else { on_the_way_m };
+        if (next.vector() - position.vector()).norm() < near_m {
+            self.progress.reached += 1;
+        }
     }
 
     fn is_finished(&self) -> bool {
@@ -323,8 +363,15 @@ impl GroundStation {
     }
 
     fn act_upload(&mut self, now_s: f64, outbox: &mut Vec<(MavHeader, MavMessage)>) {
+        if self.upload_plan(now_s, outbox) {
+            self.enter(Phase::Ready, now_s);
+        }
+    }
+
+    /// Uploads the plan's mission. Returns whether the autopilot has it.
+    fn upload_plan(&mut self, now_s: f64, outbox: &mut Vec<(MavHeader, MavMessage)>) -> bool {
         let (Some(global), Some(local)) = (self.vehicle.global, self.vehicle.local) else {
-            return;
+            return false;
         };
         let target = self.target();
         let (plan, vehicle) = (&self.plan, self.vehicle);
@@ -335,7 +382,7 @@ impl GroundStation {
         match upload.result() {
             Some(0) => {
                 self.upload = None;
-                self.enter(Phase::Ready, now_s);
+                return true;
             }
             Some(result) => self.progress.outcome = Some(Outcome::MissionRefused { result }),
             None => {
@@ -344,6 +391,7 @@ impl GroundStation {
                 }
             }
         }
+        false
     }
 
     fn act_takeoff(&mut self, now_s: f64, outbox: &mut Vec<(MavHeader, MavMessage)>) {
@@ -366,11 +414,14 @@ impl GroundStation {
     }
 
     fn act_mission(&mut self, now_s: f64, outbox: &mut Vec<(MavHeader, MavMessage)>) {
+        if self.act_in_flight(now_s, outbox) || self.acting.hands_off {
+            return;
+        }
         let is_by_pilot = matches!(self.progress.mode, NavMode::Position | NavMode::Manual);
         if self.is_finished() {
             match self.plan.ending {
                 Ending::Hold => self.enter(Phase::Done, now_s),
-                Ending::Land | Ending::Return => self.enter(Phase::Land, now_s),
+                Ending::Land | Ending::Return | Ending::Mission => self.enter(Phase::Land, now_s),
             }
         } else if !matches!(self.progress.mode, NavMode::Mission | NavMode::Offboard)
             && (self.plan.resume || self.progress.fell_out == 0 && !is_by_pilot)
@@ -378,6 +429,129 @@ impl GroundStation {
         {
             self.set_mode(outbox, NavMode::Mission);
         }
+    }
+
+    /// The action under way, if there is one.
+    fn action(&self) -> Option<&Action> {
+        let action = self.plan.in_flight.get(self.acting.index);
+        action.filter(|_| self.acting.begun).map(|step| &step.action)
+    }
+
+    fn is_answer(&self, to: MavCmd) -> bool {
+        match self.action() {
+            Some(Action::GoTo(_)) => to == MavCmd::MAV_CMD_DO_REPOSITION,
+            Some(Action::Mode(_)) => to == MavCmd::MAV_CMD_DO_SET_MODE,
+            _ => false,
+        }
+    }
+
+    fn is_chosen(&self, sequence: u16) -> bool {
+        matches!(self.action(), Some(Action::SetCurrent { item }) if *item == sequence)
+    }
+
+    fn clears_mission(&self) -> bool {
+        matches!(self.action(), Some(Action::ClearMission))
+    }
+
+    /// Whether the request to fly the mission was accepted.
+    fn starts_mission(&self, ack: &COMMAND_ACK_DATA) -> bool {
+        ack.command == MavCmd::MAV_CMD_DO_SET_MODE
+            && ack.result == MavResult::MAV_RESULT_ACCEPTED
+            && self.progress.phase == Phase::Mission
+            && self.action().is_none()
+    }
+
+    /// What the plan wants done in flight. Returns whether something is under way.
+    fn act_in_flight(&mut self, now_s: f64, outbox: &mut Vec<(MavHeader, MavMessage)>) -> bool {
+        self.acting.since_s.get_or_insert(now_s);
+        let Some(step) = self.plan.in_flight.get(self.acting.index).cloned() else {
+            return false;
+        };
+        if !self.acting.begun {
+            let north_m = self.vehicle.local.map(|local| local.x_m);
+            if !self.acting.is_due(step.when, now_s, north_m) {
+                return false;
+            }
+            self.acting.begun = true;
+            self.asked_s = f64::NEG_INFINITY;
+        }
+        let done = match &step.action {
+            Action::Upload { waypoints, tail } => self.upload_in_flight(now_s, waypoints, tail, outbox),
+            _ => self.say_in_flight(now_s, &step.action, outbox),
+        };
+        if done {
+            self.acting.finish(now_s, step.action.wants_mission());
+        }
+        !done
+    }
+
+    fn upload_in_flight(
+        &mut self,
+        now_s: f64,
+        waypoints: &[Point<LocalNed>],
+        tail: &[PlanItem],
+        outbox: &mut Vec<(MavHeader, MavMessage)>,
+    ) -> bool {
+        if self.upload.is_none() {
+            self.plan.waypoints = waypoints.to_vec();
+            self.plan.tail = tail.to_vec();
+            self.progress.waypoints = waypoints.len();
+            self.progress.reached = 0;
+        }
+        self.upload_plan(now_s, outbox)
+    }
+
+    fn say_in_flight(
+        &mut self,
+        now_s: f64,
+        action: &Action,
+        outbox: &mut Vec<(MavHeader, MavMessage)>,
+    ) -> bool {
+        if self.acting.answered || self.acting.said >= SAID_ENOUGH {
+            return true;
+        }
+        if self.may_ask(now_s)
+            && let Some(message) = self.message_for(action)
+        {
+            self.acting.said += 1;
+            self.send(outbox, message);
+        }
+        false
+    }
+
+    /// What says it; `None` while the vehicle's place is not known, or for a mode that the make has not.
+    fn message_for(&self, action: &Action) -> Option<MavMessage> {
+        let target_system = self.target();
+        let message = match action {
+            Action::Upload { .. } => return None,
+            Action::ClearMission => MavMessage::MISSION_CLEAR_ALL(MISSION_CLEAR_ALL_DATA {
+                target_system,
+                target_component: 1,
+                mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
+            }),
+            Action::SetCurrent { item } => set_current(*item, target_system),
+            Action::Mode(mode) => return self.vehicle.make.mode_command(*mode, target_system),
+            Action::GoTo(place) => {
+                let (global, local) = self.vehicle.global.zip(self.vehicle.local)?;
+                let offset = (place.vector() - local.vector()).xy();
+                let (x, y) = Projection::new(global).to_global(offset).to_e7();
+                MavMessage::COMMAND_INT(COMMAND_INT_DATA {
+                    target_system,
+                    target_component: 1,
+                    frame: MavFrame::MAV_FRAME_GLOBAL,
+                    command: MavCmd::MAV_CMD_DO_REPOSITION,
+                    // Its own speed, and the mode that goes there.
+                    param1: -1.0,
+                    param2: 1.0,
+                    param4: f32::NAN,
+                    x,
+                    y,
+                    z: (self.vehicle.altitude_m + local.z_m - place.z_m) as f32,
+                    ..COMMAND_INT_DATA::default()
+                })
+            }
+        };
+        Some(message)
     }
 
     fn reach_mode(
@@ -465,7 +639,18 @@ impl GroundStation {
     }
 }
 
-fn heartbeat() -> MavMessage {
+// PX4 before July 2026 has no command for it.
+#[allow(deprecated)]
+fn set_current(seq: u16, target_system: u8) -> MavMessage {
+    MavMessage::MISSION_SET_CURRENT(mavlink::dialects::ardupilotmega::MISSION_SET_CURRENT_DATA {
+        seq,
+        target_system,
+        target_component: 1,
+    })
+}
+
+/// What a ground station says of itself once a second.
+pub fn heartbeat() -> MavMessage {
     MavMessage::HEARTBEAT(HEARTBEAT_DATA {
         custom_mode: 0,
         mavtype: MavType::MAV_TYPE_GCS,

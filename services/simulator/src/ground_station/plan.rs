@@ -1,6 +1,7 @@
 //! What to fly, and how it looks as mission items.
 
 use super::Make;
+use super::in_flight::InFlight;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
@@ -16,6 +17,8 @@ pub enum Ending {
     Return,
     /// Stay there.
     Hold,
+    /// The mission itself ends on the ground: its last items do.
+    Mission,
 }
 
 impl Ending {
@@ -24,7 +27,29 @@ impl Ending {
         match self {
             Self::Land => Some(NavMode::Land),
             Self::Return => Some(NavMode::Return),
-            Self::Hold => None,
+            Self::Hold | Self::Mission => None,
+        }
+    }
+}
+
+/// An item behind the waypoints.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlanItem {
+    /// What is done there.
+    pub command: MavCmd,
+    /// Where, in the frame of the autopilot's local position.
+    pub place: Point<LocalNed>,
+    /// Its first parameter.
+    pub param1: f32,
+}
+
+impl PlanItem {
+    /// A landing, there.
+    pub fn landing(place: Point<LocalNed>) -> Self {
+        Self {
+            command: MavCmd::MAV_CMD_NAV_LAND,
+            place,
+            param1: 0.0,
         }
     }
 }
@@ -36,6 +61,10 @@ pub struct FlightPlan {
     pub takeoff_height_m: f64,
     /// Waypoints, in the frame of the autopilot's local position.
     pub waypoints: Vec<Point<LocalNed>>,
+    /// Items that come behind them.
+    pub tail: Vec<PlanItem>,
+    /// What is done in flight, one after the other.
+    pub in_flight: Vec<InFlight>,
     /// Speed asked for (m/s); `None` leaves it to the autopilot.
     pub cruise_speed_mps: Option<f64>,
     /// What to do after the last one.
@@ -97,14 +126,25 @@ impl FlightPlan {
                 ..blank.clone()
             });
         }
-        for waypoint in &self.waypoints {
-            let offset = Vector2::new(waypoint.x_m - local.x_m, waypoint.y_m - local.y_m);
+        let waypoints = self.waypoints.iter().map(|place| PlanItem {
+            command: MavCmd::MAV_CMD_NAV_WAYPOINT,
+            place: *place,
+            param1: 0.0,
+        });
+        for item in waypoints.chain(self.tail.iter().cloned()) {
+            let PlanItem {
+                command,
+                place,
+                param1,
+            } = item;
+            let offset = Vector2::new(place.x_m - local.x_m, place.y_m - local.y_m);
             let (x, y) = here.to_global(offset).to_e7();
             items.push(MISSION_ITEM_INT_DATA {
-                command: MavCmd::MAV_CMD_NAV_WAYPOINT,
+                command,
+                param1,
                 x,
                 y,
-                z: (ground_down_m - waypoint.z_m) as f32,
+                z: (ground_down_m - place.z_m) as f32,
                 // No heading asked for; ArduCopter does not look at it.
                 param4: f32::NAN,
                 ..blank.clone()
@@ -127,6 +167,8 @@ mod tests {
         let plan = FlightPlan {
             takeoff_height_m: 2.5,
             waypoints: vec![Point::new(30.0, -4.0, -2.5), Point::new(60.0, 0.0, -5.0)],
+            tail: vec![PlanItem::landing(Point::new(60.0, 9.0, 0.1))],
+            in_flight: Vec::new(),
             cruise_speed_mps: Some(3.0),
             ending: Ending::Land,
             resume: true,
@@ -138,7 +180,8 @@ mod tests {
         };
         let local = Point::new(1.0, 2.0, 0.1);
         let items = plan.items(Make::Px4, global, local, 0.1, 1);
-        assert_eq!(items.len(), 3);
+        assert_eq!(items.len(), 4);
+        assert_eq!((items[3].command, items[3].z), (MavCmd::MAV_CMD_NAV_LAND, 0.0));
         assert_eq!((items[0].seq, items[0].current, items[2].seq), (0, 1, 2));
         let place = Projection::new(global).to_local(GlobalPoint::from_e7(items[1].x, items[1].y));
         assert!(
@@ -147,7 +190,7 @@ mod tests {
         );
         assert!((items[2].z - 5.1).abs() < 1e-5);
         let copters = plan.items(Make::ArduCopter, global, local, 0.1, 1);
-        assert_eq!(copters.len(), 5);
+        assert_eq!(copters.len(), 6);
         assert_eq!(copters[1].command, MavCmd::MAV_CMD_NAV_TAKEOFF);
         let before = plan.items_before_waypoints(Make::ArduCopter);
         assert_eq!((copters[before].seq, copters[before].x), (3, items[1].x));

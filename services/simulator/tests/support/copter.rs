@@ -280,6 +280,33 @@ impl CopterFlight {
         picked
     }
 
+    /// Uploads items from the ground station.
+    pub fn upload(&mut self, items: &[MISSION_ITEM_INT_DATA]) -> MavMissionResult {
+        self.station(MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
+            count: items.len() as u16,
+            target_system: 1,
+            target_component: 1,
+            ..MISSION_COUNT_DATA::default()
+        }));
+        for _ in 0..2_000 {
+            self.step();
+            let mut wanted = None;
+            for packet in &self.heard {
+                match &packet.message {
+                    MavMessage::MISSION_REQUEST_INT(request) => wanted = Some(request.seq),
+                    MavMessage::MISSION_ACK(ack) => return ack.mavtype,
+                    _ => {}
+                }
+            }
+            if let Some(seq) = wanted {
+                let mut item = items[usize::from(seq)].clone();
+                (item.seq, item.target_system, item.target_component) = (seq, 1, 1);
+                self.station(MavMessage::MISSION_ITEM_INT(item));
+            }
+        }
+        panic!("no acknowledgement of the mission");
+    }
+
     /// POSITION_TARGET_LOCAL_NED now.
     pub fn target(&mut self) -> POSITION_TARGET_LOCAL_NED_DATA {
         let asked = [85.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
@@ -292,6 +319,33 @@ impl CopterFlight {
             })
             .expect("a target")
     }
+}
+
+/// An item of a mission in the frame of relative heights.
+pub fn item(command: MavCmd, north: f64, east: f64, height_m: f32) -> MISSION_ITEM_INT_DATA {
+    let origin = jink_simulator::ardupilot::ArduCopterConfig::default().origin;
+    let projection = jink_shared_types::geo::Projection::new(origin);
+    let (x, y) = projection.to_global(nalgebra::Vector2::new(north, east)).to_e7();
+    MISSION_ITEM_INT_DATA {
+        command,
+        frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+        x,
+        y,
+        z: height_m,
+        autocontinue: 1,
+        ..MISSION_ITEM_INT_DATA::default()
+    }
+}
+
+/// Home, take-off to 5 m, 30 m north, 30 m east of that, land.
+pub fn square() -> Vec<MISSION_ITEM_INT_DATA> {
+    vec![
+        item(MavCmd::MAV_CMD_NAV_WAYPOINT, 0.0, 0.0, 0.0),
+        item(MavCmd::MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 5.0),
+        item(MavCmd::MAV_CMD_NAV_WAYPOINT, 60.0, 0.0, 5.0),
+        item(MavCmd::MAV_CMD_NAV_WAYPOINT, 60.0, 30.0, 5.0),
+        item(MavCmd::MAV_CMD_NAV_LAND, 60.0, 30.0, 0.0),
+    ]
 }
 
 /// A setpoint in the local frame.

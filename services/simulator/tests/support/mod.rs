@@ -11,13 +11,39 @@ pub mod tracking;
 pub mod tracking_current;
 pub mod travel;
 
+use jink_shared_types::geo::Projection;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::autopilot::{Autopilot, AutopilotConfig, Link, Packet, custom_mode};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
+use nalgebra::Vector3;
 
 /// Steps a second.
 pub const STEPS_PER_S: f64 = 250.0;
+
+/// DO_REPOSITION by COMMAND_INT to `place` (local NED, m), its height above the sea.
+pub fn reposition(place: Vector3<f64>, flags: f32) -> MavMessage {
+    let config = AutopilotConfig::default();
+    let (x, y) = Projection::new(config.origin).to_global(place.xy()).to_e7();
+    MavMessage::COMMAND_INT(COMMAND_INT_DATA {
+        target_system: 1,
+        target_component: 1,
+        frame: MavFrame::MAV_FRAME_GLOBAL,
+        command: MavCmd::MAV_CMD_DO_REPOSITION,
+        param1: -1.0,
+        param2: flags,
+        param4: f32::NAN,
+        x,
+        y,
+        z: (config.origin_altitude_m - place.z) as f32,
+        ..COMMAND_INT_DATA::default()
+    })
+}
+
+/// Where the vehicle truly is (local NED, m).
+pub fn position(flight: &Flight) -> Vector3<f64> {
+    flight.autopilot.truth().position.vector()
+}
 
 /// What the companion sends in answer to the desired path.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -184,7 +184,7 @@ impl Navigator {
     fn finish(&mut self, input: &NavigatorInput, events: &mut NavigatorEvents) {
         self.finished = true;
         self.item = input.mission.len().saturating_sub(1);
-        self.may_loiter_at_point = self.triplet.current.is_some();
+        self.may_loiter_at_point = true;
         self.speed_mps = -1.0;
         let place = self
             .triplet
