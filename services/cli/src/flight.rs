@@ -121,6 +121,12 @@ impl FaultRecord {
     }
 }
 
+/// Whether a mission is under way: by the autopilot, or by jink, to which it may have gone between two heartbeats.
+fn flies_mission(truth: &SimTruth) -> bool {
+    let mode = truth.mode.get();
+    truth.armed.is_set() && (mode == NavMode::Mission || mode == NavMode::Offboard && !truth.landed.is_set())
+}
+
 /// The stream of setpoints as the autopilot sees it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Stream {
@@ -145,7 +151,7 @@ pub struct FlightLog {
 impl FlightLog {
     /// Takes a sample of the ground truth.
     pub fn see_truth(&mut self, truth: &SimTruth) {
-        if self.mission_began_s.is_none() && truth.armed.is_set() && truth.mode == NavMode::Mission {
+        if self.mission_began_s.is_none() && flies_mission(truth) {
             self.mission_began_s = Some(truth.time_s);
         }
         if self.armed_s.is_none() && truth.armed.is_set() {
@@ -162,7 +168,9 @@ impl FlightLog {
     fn see_stream(&mut self, truth: &SimTruth) {
         let stream = &mut self.stream;
         // On the ground, and where a pilot flies, nobody waits for setpoints.
-        let counts = truth.armed.is_set() && truth.mode.get().is_automatic();
+        let mode = truth.mode.get();
+        let follows = mode == NavMode::Offboard && !truth.landed.is_set();
+        let counts = truth.armed.is_set() && (mode.is_automatic() || follows);
         if truth.setpoints != stream.setpoints || !counts {
             stream.setpoints = truth.setpoints;
             stream.since_s = truth.time_s;

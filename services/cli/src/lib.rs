@@ -14,6 +14,7 @@
 //! | [`flight`] | `sim/truth`, `link/status` | the course of a demonstration flight and its summary |
 //! | [`handover`] | headers around a change of the producer | what was missing, doubled, out of order |
 //! | [`drill`] | `planner@8s` | which process to kill when |
+//! | [`sitl`] | options, a build of an autopilot | values laid over the configuration |
 //! | [`picture`] | world, course, sensed points | the flight from above as SVG |
 
 pub mod beat;
@@ -30,5 +31,6 @@ pub mod report;
 pub mod ring_view;
 pub mod running_link;
 pub mod sensors_seen;
+pub mod sitl;
 pub mod top;
 pub mod topic_list;

@@ -40,8 +40,7 @@ enum Command {
     /// Start the system
     Up(cmd::up::Args),
     /// Stop the system
-    #[command(after_help = cmd::down::EXIT_CODES)]
-    Down,
+    Down(cmd::down::Args),
     /// Show every service, the health of the whole and the link
     Status(cmd::status::Args),
     /// Show all that live: services, hops, rates, news
@@ -74,7 +73,7 @@ fn main() -> ExitCode {
     jink_runtime::logging::init("jink", tracing::Level::ERROR);
     let outcome = match cli.command {
         Command::Up(args) => cmd::up::run(&cli.instance, &args),
-        Command::Down => cmd::down::run(&cli.instance),
+        Command::Down(args) => cmd::down::run(&cli.instance, &args),
         Command::Status(args) => cmd::status::run(&cli.instance, &args),
         Command::Top(args) => cmd::top::run(&cli.instance, &args),
         Command::Ring(args) => cmd::ring::run(&cli.instance, &args),

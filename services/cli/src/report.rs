@@ -1,8 +1,10 @@
 //! The state of a running system on one screen, and as JSON for scripts.
 
 mod links;
+mod profile;
 
 pub use links::{LinkFigures, Refused};
+pub use profile::unfit;
 
 use jink_shared_types::health::{
     Health, Histogram, ProcessStatus, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
@@ -154,6 +156,14 @@ pub struct Link {
     pub system_id: u8,
     /// What the avoidance heartbeat says.
     pub avoidance: String,
+    /// How setpoints are spoken; empty = not chosen yet.
+    pub profile: String,
+    /// Whether that fits the autopilot.
+    pub profile_fit: String,
+    /// Why jink is not ready, and what to do; `None` if the profile fits.
+    pub unfit: Option<String>,
+    /// Rate of the autopilot's clock (1 = that of the board).
+    pub clock_rate: f64,
     /// The autopilot's clock is mapped.
     pub timesync_converged: bool,
     /// Shortest round trip of a time synchronisation (ms).
@@ -240,10 +250,12 @@ impl Report {
     /// For people, at `unix_s` (seconds since 1970): one line per service, then the link, then who ended how.
     pub fn text(&self, unix_s: f64) -> String {
         let restarts: u32 = self.services.iter().map(|service| service.restarts).sum();
+        let unfit = self.link.as_ref().is_some_and(|link| link.unfit.is_some());
         let mut out = format!(
-            "jink {}: {}, up {}, {} restart{}\n\n",
+            "jink {}: {}{}, up {}, {} restart{}\n\n",
             self.instance,
             self.health,
+            if unfit { ", NOT READY" } else { "" },
             duration(self.uptime_s),
             restarts,
             if restarts == 1 { "" } else { "s" }
@@ -401,6 +413,10 @@ impl Link {
             autopilot_heard: link.sample.autopilot_alive.is_set(),
             system_id: link.sample.system_id,
             avoidance: link.sample.avoidance.get().to_string(),
+            profile: link.sample.profile.as_str().to_owned(),
+            profile_fit: link.sample.profile_fit.get().to_string(),
+            unfit: unfit(link.sample).map(|[is, remedy]| format!("{is}; {remedy}")),
+            clock_rate: 1.0 + f64::from(link.sample.clock_rate_ppm) * 1e-6,
             timesync_converged: link.sample.timesync_converged.is_set(),
             round_trip_ms: us(f64::from(link.sample.round_trip_us)),
             garbage_bytes: link.sample.garbage_bytes,
@@ -423,7 +439,12 @@ impl Link {
                 self.garbage_bytes, self.ignored
             );
         }
-        let clock = if self.timesync_converged {
+        let clock = if self.timesync_converged && self.clock_rate != 1.0 {
+            format!(
+                "clock mapped (round trip {:.1} ms, runs at {:.4})",
+                self.round_trip_ms, self.clock_rate
+            )
+        } else if self.timesync_converged {
             format!("clock mapped (round trip {:.1} ms)", self.round_trip_ms)
         } else {
             "clock not mapped yet".to_owned()
@@ -432,8 +453,13 @@ impl Link {
             [] => String::new(),
             stages => format!("      of that p50/p99: {}\n", StageLatency::line(stages)),
         };
+        let profile = match (&self.unfit, self.profile.as_str()) {
+            (Some(unfit), _) => format!("      NOT READY: {unfit}\n"),
+            (None, "") => "      profile not chosen yet\n".to_owned(),
+            (None, profile) => format!("      profile {profile}\n"),
+        };
         format!(
-            "link: autopilot {} heard, {clock}, avoidance {}\n      {} setpoints, largest gap {:.0} ms; capture to \
+            "link: autopilot {} heard, {clock}, avoidance {}\n{profile}      {} setpoints, largest gap {:.0} ms; capture to \
              wire {:.1} / {:.1} / {:.1} ms p50/p99/max\n{stages}",
             self.system_id,
             self.avoidance,

@@ -1,6 +1,7 @@
 //! The link of a jink that runs, as its gateway sees it: as far as an examination goes that asks the autopilot nothing.
 
 use crate::findings::{Finding, Grade, of_events};
+use crate::report::unfit;
 use jink_shared_types::events::{AUTOPILOT_LOST, EventSample, LINK_SLOW, MODE_REFUSED, SETPOINTS_IGNORED};
 use jink_shared_types::link::{AvoidanceState, LinkStatus, LinkTraffic};
 
@@ -133,8 +134,12 @@ fn flow(before: &LinkStatus, after: &LinkStatus, seen: &Seen<'_>, findings: &mut
             Grade::Good,
             "TIMESYNC",
             format!(
-                "clocks are synchronised, shortest round trip {:.1} ms",
-                f64::from(after.round_trip_us) * 1e-3
+                "clocks are synchronised, shortest round trip {:.1} ms{}",
+                f64::from(after.round_trip_us) * 1e-3,
+                match after.clock_rate_ppm {
+                    0 => String::new(),
+                    ppm => format!("; the autopilot's runs at {:.4}", 1.0 + f64::from(ppm) * 1e-6),
+                }
             ),
             "",
         ));
@@ -146,8 +151,17 @@ fn flow(before: &LinkStatus, after: &LinkStatus, seen: &Seen<'_>, findings: &mut
                 "time is not synchronised: {} answers to TIMESYNC so far",
                 after.timesync_samples
             ),
-            "if it stays so, let routers pass TIMESYNC on, and use a faster line",
+            "wait some seconds; if it stays so, let routers pass TIMESYNC on, and use a faster line",
         ));
+    }
+    match unfit(after) {
+        Some([is, remedy]) => findings.push(finding(Grade::Blocker, "profile", is, &remedy)),
+        None => findings.push(finding(
+            Grade::Good,
+            "profile",
+            format!("profile {} fits the autopilot", after.profile.as_str()),
+            "",
+        )),
     }
     let setpoints_hz = per_second(after.setpoints, before.setpoints);
     let state = after.avoidance.get();
@@ -172,7 +186,8 @@ mod tests {
     use super::{Seen, judge};
     use crate::findings::Grade;
     use jink_shared_types::events::{EventSample, MODE_REFUSED};
-    use jink_shared_types::link::{AvoidanceState, LinkStatus};
+    use jink_shared_types::health::Name;
+    use jink_shared_types::link::{AvoidanceState, LinkStatus, ProfileFit};
     use jink_shared_types::{Coded, Flag};
 
     /// A gateway that has flown for a while.
@@ -185,6 +200,8 @@ mod tests {
             timesync_converged: Flag::from(true),
             round_trip_us: 900,
             avoidance: Coded::new(AvoidanceState::Active),
+            profile: Name::new("px4_offboard"),
+            profile_fit: Coded::new(ProfileFit::Fits),
             ..LinkStatus::default()
         }
     }
@@ -204,7 +221,7 @@ mod tests {
     #[test]
     fn a_flying_gateway_is_good_in_every_respect() {
         let found = found(&flying(), 150, &[]);
-        assert_eq!(found.len(), 4);
+        assert_eq!(found.len(), 5);
         assert!(found.iter().all(|(grade, _)| *grade == Grade::Good), "{found:?}");
     }
 
@@ -233,7 +250,14 @@ mod tests {
             avoidance: Coded::new(AvoidanceState::Standby),
             ..flying()
         };
+        let unfit = LinkStatus {
+            profile_fit: Coded::new(ProfileFit::NoInterface),
+            matching_profile: Name::new("px4_offboard"),
+            profile: Name::new("px4_trajectory"),
+            ..flying()
+        };
         for (after, states, grade, words) in [
+            (unfit, 150, Grade::Blocker, "lacks the interface of profile"),
             (silent, 0, Grade::Blocker, "the autopilot is not heard"),
             (lost, 0, Grade::Blocker, "the autopilot is not heard"),
             (noise, 0, Grade::Blocker, "4000 bytes came, but no message"),

@@ -1,6 +1,7 @@
 //! The commands, and what they share.
 
 pub mod ask;
+pub mod autopilot;
 pub mod chaos;
 pub mod check;
 pub mod demo;

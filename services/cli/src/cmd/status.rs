@@ -10,7 +10,9 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 /// How to look.
 #[derive(Clone, Debug, clap::Args)]
-#[command(after_help = "Exit codes: 0 healthy; 1 starting, degraded or stopping; 2 failed; 3 not running.")]
+#[command(
+    after_help = "Exit codes: 0 healthy; 1 starting, degraded, stopping, or not ready; 2 failed; 3 not running."
+)]
 pub struct Args {
     /// One JSON object instead of a screen
     #[arg(long)]
@@ -22,6 +24,8 @@ const STATUS_PATIENCE: Duration = Duration::from_secs(2);
 /// The link's figures come five times a second, if a gateway runs.
 const LINK_PATIENCE: Duration = Duration::from_millis(500);
 const EXIT_SILENT: u8 = 1;
+/// Healthy, with a profile that is not for the autopilot.
+const EXIT_NOT_READY: u8 = 1;
 const EXIT_FAILED: u8 = 2;
 
 /// Shows the state of the instance.
@@ -68,7 +72,13 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             report.text(since_1970.map_or(0.0, |time| time.as_secs_f64()))
         );
     }
-    Ok(ExitCode::from(exit_code(status.health.get())))
+    let is_unfit = report.link.as_ref().is_some_and(|link| link.unfit.is_some());
+    let code = exit_code(status.health.get());
+    Ok(ExitCode::from(if is_unfit {
+        code.max(EXIT_NOT_READY)
+    } else {
+        code
+    }))
 }
 
 /// What the supervisor has written down about processes that ended.

@@ -112,6 +112,12 @@ impl Supervisor {
         }
     }
 
+    /// The last error that a process has logged.
+    pub fn last_error_of(&self, process: &str) -> Option<String> {
+        let file = self.instance.log_folder().join(format!("{process}.log"));
+        last_error(&std::fs::read_to_string(file).unwrap_or_default())
+    }
+
     fn log_file(&self) -> PathBuf {
         self.instance.log_folder().join("supervisor.log")
     }

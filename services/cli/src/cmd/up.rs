@@ -1,7 +1,7 @@
 //! `jink up`.
 
 use super::supervisor::{StartOptions, Supervisor, exit_code, world_overrides};
-use super::{Interrupt, Problem, places};
+use super::{Interrupt, Problem, autopilot, demo, places};
 use jink_cli::narrate::{Narrator, health_line, is_standing_by};
 use jink_runtime::Instance;
 use jink_shared_types::health::{Health, SystemStatus};
@@ -13,7 +13,8 @@ use std::time::{Duration, Instant};
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
 Without --link and --world the vehicle of the configuration is flown. --world alone simulates vehicle, autopilot and
-sensors; --link and --world render the sensors around an external autopilot.
+sensors; --link and --world render the sensors around an external autopilot; --world and --sitl start a real autopilot in
+simulation and are its simulator.
 
 Exit codes: 0 stopped on request (with --detach: started); 70 a process was given up and the process table says that
 the system then stops; 78 the system cannot start; 1 anything else.")]
@@ -42,6 +43,8 @@ pub struct Args {
     /// Return as soon as the system is ready or stands by
     #[arg(long)]
     detach: bool,
+    #[command(flatten)]
+    autopilot: autopilot::Args,
 }
 
 /// How often there may be news.
@@ -103,18 +106,36 @@ fn not_ready(instance: &Instance, status: &SystemStatus) -> String {
 }
 
 fn options(args: &Args) -> Result<StartOptions, Problem> {
+    if args.autopilot.is_given() && (args.world.is_none() || args.link.is_some()) {
+        let what =
+            "--autopilot, --sitl and --wind belong to a simulated vehicle: with --world, without --link";
+        return Err(Problem::Other(what.to_owned()));
+    }
+    let programs = places::program_folder()?;
+    let build = args.autopilot.describe(&programs)?;
+    let autopilot = args
+        .autopilot
+        .overrides(build.as_ref(), args.profile.is_some(), &args.overrides)?;
+    if let Some(build) = &build {
+        sayln!("{}", build.text());
+    }
+    // The usual port belongs to the autopilot's end of the link: the simulator passes on what comes there.
+    let of_sitl = build.is_some().then(demo::free_ports).transpose()?;
+    let of_sitl = of_sitl.map(|[gateway, _]| format!("udpin:127.0.0.1:{gateway}"));
     let link = args
         .link
         .as_ref()
+        .or(of_sitl.as_ref())
         .map(|address| format!("link.address={address}"));
     let world = world_overrides(args.world.as_deref(), args.seed, args.density);
     Ok(StartOptions {
-        programs: places::program_folder()?,
+        programs,
         config: places::config_folder(args.config.as_deref())?,
         profile: args.profile.clone(),
         overrides: link
             .into_iter()
             .chain(world)
+            .chain(autopilot)
             .chain(args.overrides.iter().cloned())
             .collect(),
         mode: match (&args.link, &args.world) {

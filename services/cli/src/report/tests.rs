@@ -166,7 +166,7 @@ fn every_link_says_what_it_carries_and_what_was_left_out_or_refused() {
         ..LinkTraffic::default()
     };
     ground.dropped[3] = 12;
-    ground.dropped[7] = 1;
+    ground.dropped[6] = 1;
     let (text, json) = linked(&[ground]);
     let wanted = "      autopilot  5000 B/s sent since its start\n      \
                   ground     0 B/s sent since its start; passed on 7; left out 12 obstacles, 1 forwarded; \

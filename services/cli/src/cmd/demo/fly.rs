@@ -23,6 +23,10 @@ use std::time::{Duration, Instant};
 const LOOK: Duration = Duration::from_millis(20);
 /// Longest time until every service is active (s).
 const READY_PATIENCE: Duration = Duration::from_secs(60);
+/// The same with a real autopilot, which has to find its position first (s).
+const SITL_READY_PATIENCE: Duration = Duration::from_secs(150);
+/// The process of vehicle and autopilot.
+const SIMULATOR: &str = "simulator";
 /// Longest wait for the landing once the last mission item has been reached.
 const LANDING_PATIENCE: Duration = Duration::from_secs(30);
 
@@ -36,6 +40,8 @@ pub struct Flight {
     status: Option<SystemStatus>,
     done_since: Option<Instant>,
     memory: Memory,
+    /// A real autopilot flies: if it ends, the flight has.
+    is_sitl: bool,
     // Last: the ports above belong to its connection.
     watch: Watch,
 }
@@ -53,8 +59,8 @@ pub struct Flown {
 }
 
 impl Flight {
-    /// A flight that has not begun; `look_at_map` keeps what the system saw.
-    pub fn new(watch: Watch, look_at_map: bool, drills: Drills) -> Result<Self, Problem> {
+    /// A flight that has not begun; `look_at_map` keeps what the system saw, `is_sitl`: of a real autopilot.
+    pub fn new(watch: Watch, look_at_map: bool, is_sitl: bool, drills: Drills) -> Result<Self, Problem> {
         let session = watch.session();
         Ok(Self {
             truth: session.input(topics::SIM_TRUTH, "")?,
@@ -65,6 +71,7 @@ impl Flight {
             status: None,
             done_since: None,
             memory: Memory::default(),
+            is_sitl,
             watch,
         })
     }
@@ -87,11 +94,13 @@ impl Flight {
             {
                 return Ok(None);
             }
-            if begin.elapsed() > READY_PATIENCE {
-                let reason = format!(
-                    "not every service was active within {} s",
-                    READY_PATIENCE.as_secs()
-                );
+            let patience = if self.is_sitl {
+                SITL_READY_PATIENCE
+            } else {
+                READY_PATIENCE
+            };
+            if begin.elapsed() > patience {
+                let reason = format!("not every service was active within {} s", patience.as_secs());
                 return Ok(Some(Outcome::Failed { reason }));
             }
             std::thread::sleep(LOOK);
@@ -159,7 +168,7 @@ impl Flight {
         }
         // Not while taking off or landing: the map below is then the ground.
         if let (Some(sensed), Some(truth)) = (&mut self.sensed, self.log.truth())
-            && truth.mode == NavMode::Mission
+            && matches!(truth.mode.get(), NavMode::Mission | NavMode::Offboard)
         {
             sensed.look(truth.position);
         }
@@ -198,12 +207,25 @@ impl Flight {
         if self.log.has_collided() {
             return Ok(Some(Outcome::Collision));
         }
+        if self.is_sitl && self.has_simulator_restarted() {
+            let reason = supervisor
+                .last_error_of(SIMULATOR)
+                .unwrap_or_else(|| "the autopilot's simulation ended".to_owned());
+            return Ok(Some(Outcome::Failed { reason }));
+        }
         let failed = self
             .status
             .as_ref()
             .is_some_and(|status| status.health == Health::Failed);
         let reason = "an essential process was given up".to_owned();
         Ok(failed.then_some(Outcome::Failed { reason }))
+    }
+
+    fn has_simulator_restarted(&self) -> bool {
+        let processes = self.status.iter().flat_map(|status| status.processes());
+        processes
+            .filter(|process| process.heartbeat.name.as_str() == SIMULATOR)
+            .any(|process| process.restarts > 0)
     }
 
     /// The end of a good flight: the last item reached, and landed if the mission says so. Or a ground station that

@@ -10,7 +10,7 @@ pub mod show;
 
 use super::supervisor::{StartOptions, Supervisor, world_overrides};
 use super::watch::Watch;
-use super::{DEFAULT_INSTANCE, EXIT_PROBLEM, Interrupt, Problem, places, world};
+use super::{DEFAULT_INSTANCE, EXIT_PROBLEM, Interrupt, Problem, autopilot, places, world};
 use drills::{Drills, SUPERVISOR};
 use fly::{Flight, Flown};
 use jink_cli::drill::Drill;
@@ -72,15 +72,25 @@ pub struct Args {
     /// Value laid over the configuration (repeatable)
     #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
     overrides: Vec<String>,
+    #[command(flatten)]
+    autopilot: autopilot::Args,
 }
 
 /// Longest time for one leg unless told otherwise (s).
 const LEG_LIMIT_S: f64 = 180.0;
+/// What a real autopilot takes besides until it has found its position and lets itself be armed (s).
+const SITL_BOOT_S: f64 = 90.0;
 
 impl Args {
     /// Longest flight (s).
     fn limit_s(&self) -> f64 {
-        self.timeout.unwrap_or(LEG_LIMIT_S * f64::from(self.legs))
+        let boot_s = if self.autopilot.is_sitl() {
+            SITL_BOOT_S
+        } else {
+            0.0
+        };
+        self.timeout
+            .unwrap_or(LEG_LIMIT_S * f64::from(self.legs) + boot_s)
     }
 
     /// A flight of a campaign.
@@ -153,7 +163,8 @@ pub fn fly_once(
     interrupt: &Interrupt,
 ) -> Result<(Flown, Result<ExitStatus, Problem>), Problem> {
     let ports = free_ports()?;
-    let mut supervisor = Supervisor::start(instance, &options(args, programs, ports)?)?;
+    let options = options(args, programs, ports, show)?;
+    let mut supervisor = Supervisor::start(instance, &options)?;
     let drills = Drills::new(drills, instance.clone(), ports[0]);
     let flown = with_system(args, programs, ports[1], &mut supervisor, drills, show, interrupt);
     show.finish();
@@ -202,7 +213,7 @@ pub fn own_instance(suffix: &str) -> Result<Instance, Problem> {
 }
 
 /// Two UDP ports that are free now: for the gateway, and for the ground station.
-fn free_ports() -> Result<[u16; 2], Problem> {
+pub fn free_ports() -> Result<[u16; 2], Problem> {
     let bind = || UdpSocket::bind(("127.0.0.1", 0)).map_err(Problem::io("UDP port"));
     // Both open at once, so that they differ.
     let (gateway, ground_station) = (bind()?, bind()?);
@@ -219,12 +230,18 @@ fn options(
     args: &Args,
     programs: &Path,
     [gateway, ground_station]: [u16; 2],
+    show: &mut Show,
 ) -> Result<StartOptions, Problem> {
+    let build = args.autopilot.describe(programs)?;
     let mut overrides = vec![
         format!("link.address=udpin:127.0.0.1:{gateway}"),
         format!("simulation.ground_station_port={ground_station}"),
     ];
     overrides.extend(world_overrides(Some(&args.world), Some(args.seed), args.density));
+    overrides.extend(args.autopilot.overrides(build.as_ref(), false, &args.overrides)?);
+    if let Some(build) = &build {
+        show.news(&build.text());
+    }
     overrides.extend(args.speed.map(|speed| format!("params.OA_SPD_MAX={speed}")));
     overrides.extend(args.overrides.iter().cloned());
     Ok(StartOptions {
@@ -249,7 +266,7 @@ fn with_system(
     interrupt: &Interrupt,
 ) -> Result<Flown, Problem> {
     let watch: Watch = supervisor.watch(interrupt)?;
-    let mut flight = Flight::new(watch, args.svg.is_some(), drills)?;
+    let mut flight = Flight::new(watch, args.svg.is_some(), args.autopilot.is_sitl(), drills)?;
     let machine = Machine::watch();
     let outcome = match flight.wait_until_ready(supervisor, show, interrupt)? {
         Some(outcome) => outcome,
