@@ -10,7 +10,7 @@
 //! | who | CP_DIST on | what it works from |
 //! |---|---|---|
 //! | [`Who::Jink`] | jink, profile `px4_deviation` | the guard's ring |
-//! | [`Who::Px4`] | the emulated current PX4 | OBSTACLE_DISTANCE, made of the same ring, fifteen times a second |
+//! | [`Who::Px4`] | the emulated current PX4 | OBSTACLE_DISTANCE, made of the same ring, ten times a second |
 //! | [`Who::Nobody`] | neither | only shows that the scene is dangerous |
 //!
 //! Distances are those of the vehicle's centre to the nearest surface, as CP_DIST counts; a collision is a contact of the hull.

@@ -113,6 +113,8 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
     let plan = FlightPlan {
         takeoff_height_m: world.flight_height_m(),
         waypoints: world.goals().to_vec(),
+        tail: Vec::new(),
+        in_flight: Vec::new(),
         cruise_speed_mps: None,
         ending: Ending::Land,
         resume: true,

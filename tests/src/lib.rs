@@ -10,3 +10,4 @@ pub mod pairing;
 pub mod peers;
 pub mod pilot;
 pub mod processes;
+pub mod station;

@@ -36,15 +36,17 @@ use jink_simulator::sensors::{Output as SensorOutput, Pose, PoseTrack, SensorRig
 use jink_simulator::truth::Observer;
 use jink_simulator::vehicle::STEP_US;
 use jink_simulator::world::World;
-use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::MavMessage;
-use std::collections::{BTreeSet, VecDeque};
+use mavlink::{MavHeader, Message};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Instant;
 
 /// Where the board's clock stands when the autopilot boots: any number but zero.
 const BOARD_START_S: f64 = 1_000.0;
 /// The planner runs at least this often (s).
 const PLANNER_PERIOD_S: f64 = 1.0 / 30.0;
+/// Component id of the autopilot.
+const AUTOPILOT_COMPONENT: u8 = 1;
 /// The guard runs at least this often (s).
 const GUARD_PERIOD_S: f64 = 1.0 / 30.0;
 /// The ring is sent this often (s).
@@ -184,6 +186,17 @@ pub struct LockStep {
     pub silent_station: bool,
     /// How long scans are under way from their sensor, and what their stamps say.
     pub scan_delay: ScanDelay,
+    /// What of the companion's came over the ground station's link, through the autopilot's forwarding, by message id.
+    pub companion_traffic: BTreeMap<u32, Traffic>,
+}
+
+/// What came over a link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Messages.
+    pub messages: u64,
+    /// Bytes on the wire.
+    pub bytes: u64,
 }
 
 /// A slow driver. Clouds are not delayed.
@@ -270,12 +283,30 @@ impl LockStep {
             silent_sensors: BTreeSet::new(),
             silent_station: false,
             scan_delay: ScanDelay::default(),
+            companion_traffic: BTreeMap::new(),
         })
     }
 
-    /// The gateway dies and is started again: it knows nothing of what it was told before.
-    pub fn restart_gateway(&mut self) {
+    /// A gateway that takes no missions over, from before the flight.
+    pub fn leave_missions(&mut self) {
+        self.gateway_config.takes_missions = false;
         self.gateway = Gateway::new(self.gateway_config).with_params(&self.params);
+    }
+
+    /// The gateway dies and is started again: it knows nothing of what it was told before but what its record keeps.
+    pub fn restart_gateway(&mut self) {
+        let now = self.now();
+        let record = self.gateway.record(now);
+        // As the process does from its file: with the profile that was proven in this run.
+        let proven = self.gateway.proven_profile();
+        let config = GatewayConfig {
+            profile: proven.unwrap_or(self.gateway_config.profile),
+            is_proven: proven.is_some(),
+            ..self.gateway_config
+        };
+        self.gateway = Gateway::new(config)
+            .with_params(&self.params)
+            .resuming(now, record);
         self.encoder = Encoder::new();
         self.splitters = [Splitter::new(), Splitter::new()];
     }
@@ -355,6 +386,26 @@ impl LockStep {
         &self.station
     }
 
+    /// Goes on for `seconds` of the board's clock.
+    pub fn run(&mut self, seconds: f64) {
+        let end = self.now().plus_seconds(seconds);
+        while self.now() < end {
+            self.step();
+        }
+    }
+
+    /// Goes on until `done`, at most for `seconds` of the board's clock. Returns whether it was.
+    pub fn run_until(&mut self, seconds: f64, done: impl Fn(&Self) -> bool) -> bool {
+        let end = self.now().plus_seconds(seconds);
+        while self.now() < end {
+            self.step();
+            if done(self) {
+                return true;
+            }
+        }
+        false
+    }
+
     /// 4 ms of everything.
     pub fn step(&mut self) {
         // From the end of the chain to its start, so that nobody sees in a step what was made in it.
@@ -379,6 +430,14 @@ impl LockStep {
             .filter(|packet| packet.link == Link::GroundStation)
             .map(|packet| (packet.header, packet.message.clone()))
             .collect();
+        let mut raw = mavlink::MAVLinkV2MessageRaw::new();
+        let of_companion = |header: &MavHeader| header.component_id != AUTOPILOT_COMPONENT;
+        for (header, message) in to_station.iter().filter(|(header, _)| of_companion(header)) {
+            raw.serialize_message(*header, message);
+            let traffic = self.companion_traffic.entry(message.message_id()).or_default();
+            traffic.messages += 1;
+            traffic.bytes += raw.raw_bytes().len() as u64;
+        }
         let mut sent = Vec::new();
         self.station.step(self.autopilot.time_s(), &to_station, &mut sent);
         if self.silent_station {

@@ -56,6 +56,18 @@ pub const COPTER: Pairing = Pairing {
 pub const FOLLOWERS: [Pairing; 3] = [PX4_CURRENT, PX4_2021_OFFBOARD, COPTER];
 
 impl Pairing {
+    /// By a short name; `None` for one that means nothing.
+    pub fn named(name: &str) -> Option<Self> {
+        match name {
+            "px4_trajectory" => Some(PX4_TRAJECTORY),
+            "px4_offboard" => Some(PX4_CURRENT),
+            "px4_2021_offboard" => Some(PX4_2021_OFFBOARD),
+            "px4_deviation" => Some(PX4_DEVIATION),
+            "ardupilot_guided" => Some(COPTER),
+            _ => None,
+        }
+    }
+
     /// A flight through the forest of `seed` at 3 m/s.
     ///
     /// # Errors

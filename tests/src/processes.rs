@@ -188,7 +188,7 @@ impl Deref for System {
 
 impl Drop for System {
     fn drop(&mut self) {
-        let down = self.jink(&["down"]);
+        let down = self.jink(&["down", "--now"]);
         if down.code != Some(0) {
             eprintln!("{}: {down:?}", self.handle.instance);
         }
@@ -372,7 +372,7 @@ impl Drop for Flight {
         if let Some(mut demo) = self.demo.take() {
             let _gone_already = demo.kill();
             let _not_ours = demo.wait();
-            let down = self.jink(&["down"]);
+            let down = self.jink(&["down", "--now"]);
             eprintln!("{}: {}", self.handle.instance, down.stdout.trim());
         }
     }

@@ -75,6 +75,13 @@ fn check(port: u16, settings: &[&str], further: &[&str]) -> Answer {
     let instance = format!("t_check_{}_{port}", std::process::id());
     let mut command = program("jink", &["--instance", &instance, "check", "link"]);
     command.args(["--link", &format!("udpin:127.0.0.1:{port}")]);
+    // A profile is examined as it is named; which one "auto" chooses has tests of its own.
+    if !settings
+        .iter()
+        .any(|setting| setting.starts_with("link.profile="))
+    {
+        command.args(["--set", "link.profile=px4_trajectory"]);
+    }
     for setting in settings {
         command.args(["--set", setting]);
     }
@@ -133,7 +140,7 @@ fn where_nothing_is_wrong_each_profile_is_ready() {
             "PX4 1.17.0 (development), quadrotor, system 1",
         ),
         (
-            arducopter(&[("GUID_TIMEOUT", 0.5), ("PRX1_TYPE", 2.0)]),
+            arducopter(&[("GUID_TIMEOUT", 0.5), ("PRX1_TYPE", 2.0), ("PRX_FILT", 0.0)]),
             "ardupilot_guided",
             "ArduPilot 4.7.0 (development), quadrotor, system 1",
         ),
@@ -235,7 +242,10 @@ fn a_profile_that_does_not_fit_make_or_version_is_told_with_the_one_that_does() 
         "BLOCKER",
         "the autopilot is ArduPilot, and link.profile = \"px4_trajectory\" is for PX4",
     );
-    assert!(make.stdout.contains("-> set link.profile to ardupilot_guided"));
+    assert!(
+        make.stdout
+            .contains("-> set link.profile to auto, or to ardupilot_guided")
+    );
 
     let version = told(current_px4(&[]), Faults::default(), &[]);
     assert_told(
@@ -347,7 +357,7 @@ fn wrong_usage_and_a_wrong_configuration_are_no_examination() {
         (
             &["link.profile=px5"][..],
             &[][..],
-            "unknown profile px5; there are: px4_trajectory px4_offboard px4_deviation ardupilot_guided",
+            "unknown profile px5; there are: auto px4_trajectory px4_offboard px4_deviation ardupilot_guided",
         ),
         (
             &["link.addres=udpin:1"],

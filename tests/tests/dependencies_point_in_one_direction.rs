@@ -43,7 +43,7 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
         let allowed: &[&str] = match name.as_str() {
             "jink-shared-types" => &[],
             "jink-runtime" => &["jink-shared-types"],
-            "jink-tests" => continue,
+            "jink-tests" | "jink-real-autopilots" => continue,
             _ => &["jink-shared-types", "jink-runtime"],
         };
         for dependency in dependencies.iter().filter(|dependency| ours(dependency)) {
@@ -68,7 +68,12 @@ fn heavy_crates_stay_behind_one_door() {
     let doors: [(&str, &[&str]); 4] = [
         (
             "mavlink",
-            &["jink-mavlink-gateway", "jink-simulator", "jink-tests"],
+            &[
+                "jink-mavlink-gateway",
+                "jink-simulator",
+                "jink-tests",
+                "jink-real-autopilots",
+            ],
         ),
         ("iceoryx2", &["jink-runtime"]),
         ("clarabel", &["jink-bezier-generator"]),

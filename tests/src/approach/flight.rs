@@ -122,6 +122,8 @@ fn setup(cell: &Cell) -> Result<FlightSetup, String> {
         plan: FlightPlan {
             takeoff_height_m: HEIGHT_M,
             waypoints: vec![jink_shared_types::Point::new(0.0, 0.0, -HEIGHT_M)],
+            tail: Vec::new(),
+            in_flight: Vec::new(),
             cruise_speed_mps: None,
             ending: PlanEnding::Hold,
             resume: false,

@@ -2,7 +2,9 @@
 
 use clap::Parser;
 use jink_simulator::world::WorldKind;
-use jink_tests::campaign::{Cell, FlightOutcome, FlightReport, fly, percentiles};
+use jink_tests::campaign::{Cell, FlightOutcome, FlightReport, fly_as, percentiles, setup};
+use jink_tests::pairing::Pairing;
+use jink_tests::station::StationColumn;
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -24,6 +26,12 @@ struct Arguments {
     /// Highest speed (m/s)
     #[arg(long, default_value_t = 3.0)]
     speed: f64,
+    /// Autopilot and profile: px4_trajectory, px4_offboard, px4_2021_offboard, px4_deviation, ardupilot_guided
+    #[arg(long, default_value = "px4_trajectory", value_parser = pairing)]
+    profile: Pairing,
+    /// What the ground station does in flight
+    #[arg(long, value_enum, default_value_t)]
+    station: StationColumn,
     /// Seeds FIRST..LAST, both included
     #[arg(long, default_value = "1..20", value_parser = seeds)]
     seeds: (u64, u64),
@@ -42,6 +50,10 @@ struct Arguments {
     /// Print a line per flight
     #[arg(long, short)]
     verbose: bool,
+}
+
+fn pairing(text: &str) -> Result<Pairing, String> {
+    Pairing::named(text).ok_or_else(|| format!("no profile {text:?}"))
 }
 
 fn seeds(text: &str) -> Result<(u64, u64), String> {
@@ -110,7 +122,7 @@ fn run(arguments: &Arguments, cell: &Cell) -> Result<Vec<FlightReport>, String> 
             let (sender, next, mine) = (sender.clone(), &next, &mine);
             scope.spawn(move || {
                 while let Some(seed) = mine.get(next.fetch_add(1, std::sync::atomic::Ordering::Relaxed)) {
-                    if sender.send(fly(cell, *seed)).is_err() {
+                    if sender.send(fly(arguments, cell, *seed)).is_err() {
                         return;
                     }
                 }
@@ -139,6 +151,12 @@ fn run(arguments: &Arguments, cell: &Cell) -> Result<Vec<FlightReport>, String> 
     Ok(reports)
 }
 
+fn fly(arguments: &Arguments, cell: &Cell, seed: u64) -> Result<FlightReport, String> {
+    let mut setup = arguments.profile.fly(setup(cell, seed)?)?;
+    arguments.station.plan(&mut setup.plan);
+    fly_as(setup, cell.speed_mps)
+}
+
 fn line(report: &FlightReport) -> String {
     format!(
         "seed {:4} {:?}: {:.1} s, {:.2} m/s mean, {:.2} top, clearance {:.2} m, ratio {:.2}, brakes {}, changed {}, lost {}, hold {}, gap {:.0} ms, plan {:.1}/{:.1} ms, {:.1}x",
@@ -165,7 +183,10 @@ fn summary(arguments: &Arguments, reports: &[FlightReport], wall_s: f64) {
     let count = |outcome: FlightOutcome| reports.iter().filter(|report| report.outcome == outcome).count();
     let goals = count(FlightOutcome::Goal);
     let (low, high) = wilson(goals, n);
-    println!("{} at {} m/s, {n} flights", arguments.suite, arguments.speed);
+    println!(
+        "{} at {} m/s, {:?}, station {:?}, {n} flights",
+        arguments.suite, arguments.speed, arguments.profile.profile, arguments.station
+    );
     println!(
         "  goal             {goals} ({:.1} %, 95 % interval {:.1} to {:.1} %)",
         percent(goals, n),
