@@ -331,7 +331,7 @@ fn every_command_gets_exactly_one_acknowledgement_and_none_for_others() {
                 let usual = question.command == REQUEST_MESSAGE && message == "COMMAND_LONG";
                 assert_eq!(
                     interval["interval_us"],
-                    if usual { 66_667 } else { wanted },
+                    if usual { 200_000 } else { wanted },
                     "{text}"
                 );
             }
