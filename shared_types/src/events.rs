@@ -157,6 +157,10 @@ events! {
     TAKEN_AGAIN = 60, Notice, "jink: takes over again; repeat to fly alone", "Choose the mission mode once more to fly without jink.";
     /// No setpoint is sent, because the autopilot does not say whether the vehicle stands on the ground.
     LANDED_UNKNOWN = 61, Warning, "jink: landed state not told, no setpoints", "Let the autopilot send EXTENDED_SYS_STATE.";
+    /// Somebody chose a mode of the autopilot's whose motion cannot be guarded, in flight; the name tells which.
+    MODE_HELD = 62, Warning, "jink: {name}: unguarded, held", "Fly it by hand, choose it once more to mean it, or set OA_UNGUARDED.";
+    /// The same, and it is let fly.
+    MODE_UNGUARDED = 63, Warning, "jink: {name} flown unguarded", "Watch it; hold if something is in the way.";
     /// The profile was chosen by what the autopilot is.
     PROFILE_CHOSEN = 80, Info, "jink: profile {name} chosen", "None.";
     /// The autopilot does not take what the profile sends; the name is that of the right one.

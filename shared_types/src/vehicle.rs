@@ -25,6 +25,10 @@ crate::wire_enum! {
         Land = 7 "land",
         /// External setpoints (PX4 OFFBOARD, ArduPilot GUIDED).
         Offboard = 8 "offboard",
+        /// Circles around a place (PX4 orbit, ArduPilot CIRCLE).
+        Orbit = 9 "orbit",
+        /// Follows somebody (PX4 follow me, ArduPilot FOLLOW).
+        Follow = 10 "follow",
     }
 }
 

@@ -1,5 +1,5 @@
-//! A place to go to, the end of a mission, Hold at speed, a landing elsewhere, a return: the autopilot would fly straight there.
-//! With jink the way there is planned like a mission's.
+//! A place to go to, the end of a mission, Hold at speed, a landing elsewhere, a return, a circle: the autopilot would fly straight
+//! there. With jink the way there is planned like a mission's, or it holds and says why.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use jink_shared_types::Point;
@@ -8,7 +8,9 @@ use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Action, Ending, InFlight, Outcome, PlanItem, When};
 use jink_tests::campaign::{Cell, setup};
 use jink_tests::lockstep::{FlightSetup, LockStep};
-use jink_tests::pairing::{FOLLOWERS, PX4_DEVIATION, PX4_TRAJECTORY, Pairing};
+use jink_tests::pairing::{
+    FOLLOWERS, PX4_2021_OFFBOARD, PX4_CURRENT, PX4_DEVIATION, PX4_TRAJECTORY, Pairing,
+};
 
 /// What a vehicle overshoots its reference by, a tenth, and gusts (m/s).
 const FASTEST_MPS: f64 = 3.4;
@@ -126,6 +128,33 @@ fn a_landing_elsewhere() {
         assert!(away_m(&flight, down) < 2.5, "{whose:?} {truth:?}");
         // In its own mission mode an autopilot flies as fast as it likes until it is taken over.
         assert!(fastest < FASTEST_MPS + 1.0, "{whose:?} {fastest}");
+    }
+}
+
+/// Nobody looks for obstacles on a circle that PX4 flies by itself: it holds instead. Chosen once more it is flown.
+#[test]
+fn a_circle() {
+    let centre = place(22.0, 0.0);
+    for whose in [PX4_TRAJECTORY, PX4_CURRENT, PX4_2021_OFFBOARD] {
+        let orbit = |when| (when, Action::Orbit(centre));
+        let actions = vec![orbit(When::North(8.0)), orbit(When::After(9.0))];
+        let mut flight = LockStep::new(forest(whose, 1, actions)).unwrap();
+        let is = |mode| move |f: &LockStep| f.truth().mode.get() == mode;
+        assert!(flight.run_until(60.0, is(NavMode::Orbit)), "{whose:?}");
+        assert!(
+            flight.run_until(2.0, is(NavMode::Hold)),
+            "{whose:?} {:?}",
+            flight.truth()
+        );
+        let held = flight.truth().position;
+        flight.run(5.0);
+        let truth = flight.truth();
+        assert_eq!(truth.mode.get(), NavMode::Hold, "{whose:?} {truth:?}");
+        assert!(away_m(&flight, held) < 5.0, "{whose:?} {truth:?}");
+        assert_eq!(truth.collisions, 0, "{whose:?} {truth:?}");
+        assert!(flight.run_until(6.0, is(NavMode::Orbit)), "{whose:?}");
+        flight.run(3.0);
+        assert_eq!(flight.truth().mode.get(), NavMode::Orbit, "{whose:?}");
     }
 }
 

@@ -19,17 +19,18 @@ pub enum Make {
 }
 
 /// ArduCopter's modes that have a name here; every other one is the pilot's.
-const COPTER_MODES: [(u32, NavMode); 11] = [
+const COPTER_MODES: [(u32, NavMode); 12] = [
     (3, NavMode::Mission),   // AUTO
     (4, NavMode::Offboard),  // GUIDED
     (5, NavMode::Position),  // LOITER
     (6, NavMode::Return),    // RTL
-    (7, NavMode::Hold),      // CIRCLE
+    (7, NavMode::Orbit),     // CIRCLE
     (9, NavMode::Land),      // LAND
     (16, NavMode::Position), // POSHOLD
     (17, NavMode::Hold),     // BRAKE
     (18, NavMode::Hold),     // THROW
     (21, NavMode::Return),   // SMART_RTL
+    (23, NavMode::Follow),   // FOLLOW
     (27, NavMode::Return),   // AUTO_RTL
 ];
 /// BRAKE.

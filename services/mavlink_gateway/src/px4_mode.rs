@@ -10,7 +10,7 @@
 //! | any other | loiter (17) | hold |
 //! | any other | land (21) | land |
 //! | any other | none, points 0 and 1 finite | mission: only a mission or a return flies plain waypoints, and both are planned |
-//! | an automatic mode without a name here (follow me, ...) | any | what the heartbeat said |
+//! | follow me, an automatic mode without a name here | any | what the heartbeat said |
 //!
 //! The last but one row is the one that matters: without it a mission entered from hold would look like a hold whose
 //! target is the raw waypoint for up to a second, and would be sent back unplanned. An inference stands until the next
@@ -27,6 +27,7 @@ const MAIN_AUTO: u8 = 4;
 pub fn nav_mode(custom_mode: u32) -> NavMode {
     let [_, _, main, sub] = custom_mode.to_le_bytes();
     match (main, sub) {
+        (3, 1) => NavMode::Orbit,
         (3, _) => NavMode::Position,
         // Manual, altitude, acro, stabilized, rattitude, simple, termination: the pilot flies, or nobody.
         (1 | 2 | 5 | 7..=10, _) => NavMode::Manual,
@@ -36,6 +37,7 @@ pub fn nav_mode(custom_mode: u32) -> NavMode {
         (MAIN_AUTO, 4) => NavMode::Mission,
         (MAIN_AUTO, 5) => NavMode::Return,
         (MAIN_AUTO, 6 | 9) => NavMode::Land,
+        (MAIN_AUTO, 8) => NavMode::Follow,
         _ => NavMode::Unknown,
     }
 }
@@ -48,7 +50,7 @@ pub fn is_auto(custom_mode: u32) -> bool {
 /// The mode in which a path with these points was asked for, given the mode of the last heartbeat (see the module's
 /// table). `named` is false for an automatic mode that [`nav_mode`] has no name for.
 pub fn infer(heartbeat: NavMode, named: bool, points: &[DesiredPoint; 3]) -> NavMode {
-    if matches!(heartbeat, NavMode::Mission | NavMode::Return) || !named {
+    if matches!(heartbeat, NavMode::Mission | NavMode::Return | NavMode::Follow) || !named {
         return heartbeat;
     }
     let [current, waypoint, _] = points;
@@ -98,9 +100,11 @@ mod tests {
             (4, 5, NavMode::Return),
             (4, 6, NavMode::Land),
             (3, 0, NavMode::Position),
+            (3, 1, NavMode::Orbit),
             (1, 0, NavMode::Manual),
             (6, 0, NavMode::Offboard),
-            (4, 8, NavMode::Unknown),
+            (4, 8, NavMode::Follow),
+            (4, 11, NavMode::Unknown),
             (0, 0, NavMode::Unknown),
         ] {
             assert_eq!(nav_mode(custom(main, sub)), mode);

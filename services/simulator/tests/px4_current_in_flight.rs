@@ -91,6 +91,37 @@ fn a_place_to_go_to_outside_hold_needs_the_wish_for_that_mode() {
 }
 
 #[test]
+fn an_orbit_is_a_mode_of_its_own_that_flies_straight_to_its_circle() {
+    let mut flight = holding(&[]);
+    let centre = Vector3::new(30.0, 0.0, -5.0);
+    let MavMessage::COMMAND_INT(place) = reposition(centre, 0.0) else {
+        panic!("a place is sent as COMMAND_INT")
+    };
+    let orbit = COMMAND_INT_DATA {
+        command: MavCmd::MAV_CMD_DO_ORBIT,
+        param1: 5.0,
+        param2: 2.0,
+        ..place
+    };
+    flight.from(Link::GroundStation, 255, 190, MavMessage::COMMAND_INT(orbit));
+    let mut fastest = 0.0f64;
+    let at_circle = flight.run_until(20.0, |f| {
+        fastest = fastest.max(f.autopilot.truth().velocity.vector().norm());
+        (position(f) - centre).xy().norm() < 5.5
+    });
+    assert!(at_circle && fastest > 4.0, "{fastest}");
+    assert_eq!(flight.autopilot.mode(), NavMode::Orbit);
+    let mut quarters = [false; 4];
+    flight.run_until(25.0, |f| {
+        let from = (position(f) - centre).xy();
+        assert!((3.5..7.5).contains(&from.norm()), "{from}");
+        quarters[usize::from(from.x > 0.0) + 2 * usize::from(from.y > 0.0)] = true;
+        false
+    });
+    assert_eq!(quarters, [true; 4]);
+}
+
+#[test]
 fn every_mission_has_an_identity_of_its_own() {
     let mut flight = holding(&[]);
     assert_eq!(current(&mut flight).mission_id, 0);

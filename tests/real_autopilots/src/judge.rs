@@ -471,14 +471,19 @@ fn unwanted_modes(record: &Record, aim: &Aim, setup: Setup) -> Vec<String> {
         if from.custom == to.custom || !from.is_armed || !to.is_armed {
             continue;
         }
-        let is_asked = record.requests.iter().any(|request| {
-            (-0.3..FOLLOWS_S).contains(&(at_s - request.at_s))
-                && request.mode.is_none_or(|mode| mode == to.mode)
-        });
+        let was_asked = |wanted: NavMode| {
+            record.requests.iter().any(|request| {
+                (-0.3..FOLLOWS_S).contains(&(at_s - request.at_s))
+                    && request.mode.is_none_or(|mode| mode == wanted)
+            })
+        };
+        let is_asked = was_asked(to.mode);
         let truth = since(record, at_s).first().or(record.last());
         let is_at_end = truth.is_some_and(|truth| aim.end.level_distance_m(truth.place) < 3.0);
         let is_natural = match (from.mode, to.mode) {
             (NavMode::Takeoff, NavMode::Hold) => true,
+            // Given back at its last item, it is over before a heartbeat has told it.
+            (NavMode::Offboard, NavMode::Hold) => is_at_end && was_asked(NavMode::Mission),
             // PX4 ends a mission in Hold.
             (NavMode::Mission, NavMode::Hold) => {
                 is_at_end && setup.autopilot().make() == jink_simulator::ground_station::Make::Px4

@@ -97,15 +97,23 @@ impl Item {
 pub struct Anchor {
     projection: Projection,
     local: Point<LocalNed>,
+    /// Of the local frame's origin, above mean sea level (m).
+    origin_amsl_m: f64,
 }
 
 impl Anchor {
-    /// `global` and `local` are the same place.
-    pub fn new(global: GlobalPoint, local: Point<LocalNed>) -> Self {
+    /// `global`, `amsl_m` above mean sea level, and `local` are the same place.
+    pub fn new((global, amsl_m): (GlobalPoint, f64), local: Point<LocalNed>) -> Self {
         Self {
             projection: Projection::new(global),
             local,
+            origin_amsl_m: amsl_m + local.z_m,
         }
+    }
+
+    /// Height above mean sea level (m).
+    pub fn amsl_m(&self, place: Place) -> f64 {
+        self.origin_amsl_m + place.up_m
     }
 
     /// Latitude and longitude in units of 1e-7 degrees.

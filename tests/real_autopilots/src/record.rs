@@ -103,8 +103,8 @@ pub struct Record {
     pub current: Vec<(f64, u16)>,
     /// The autopilot's own position, local and global.
     pub local: Option<Point<LocalNed>>,
-    /// The same on the globe.
-    pub global: Option<GlobalPoint>,
+    /// The same on the globe, with its height above mean sea level (m).
+    pub global: Option<(GlobalPoint, f64)>,
     /// Version of the firmware.
     pub version: Option<String>,
     /// Times between which the link was cut or jink was down on purpose (s).

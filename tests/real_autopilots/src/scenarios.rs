@@ -131,7 +131,8 @@ pub const TABLE: &[Scenario] = &[
         ArrivesOrHolds(&[], 10.0),
     ),
     row("hold_at_speed", EACH, F31, modes::hold_at_speed, Rests),
-    row("orbit", PX4, F31, modes::orbit, ArrivesOrHolds(HELD, 10.0)),
+    row("orbit", PX4, F31, modes::orbit, Holds(HELD, 10.0)),
+    row("circle", GUIDED, F31, modes::circle, Holds(HELD, 10.0)),
     row("return", EACH, F31, modes::return_home, Lands).longer(80.0),
     row("return_low", CURVES, F31, modes::return_home, Lands)
         .parameters(&[("RTL_RETURN_ALT", 3.0), ("RTL_DESCEND_ALT", 3.0)])

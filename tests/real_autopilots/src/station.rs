@@ -142,10 +142,15 @@ impl Station {
     ) -> Option<MavResult> {
         let (x, y) = anchor.e7(place);
         let [param1, param2, param3, param4] = params;
+        // PX4 takes the height of these commands as one above the sea, whatever the frame says.
+        let (frame, up_m) = match self.make {
+            Make::Px4 => (MavFrame::MAV_FRAME_GLOBAL, anchor.amsl_m(place)),
+            Make::ArduCopter => (MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT, place.up_m),
+        };
         let message = MavMessage::COMMAND_INT(COMMAND_INT_DATA {
             target_system: self.target,
             target_component: 1,
-            frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT,
+            frame,
             command,
             param1,
             param2,
@@ -153,7 +158,7 @@ impl Station {
             param4,
             x,
             y,
-            z: place.up_m as f32,
+            z: up_m as f32,
             ..COMMAND_INT_DATA::default()
         });
         self.ask(command, &message)

@@ -152,7 +152,7 @@ pub fn note(record: &mut Record, make: Make, seen: &Seen) {
             record.local = Some(Point::new(f64::from(p.x), f64::from(p.y), f64::from(p.z)));
         }
         MavMessage::GLOBAL_POSITION_INT(p) if seen.is_autopilots() => {
-            record.global = Some(GlobalPoint::from_e7(p.lat, p.lon));
+            record.global = Some((GlobalPoint::from_e7(p.lat, p.lon), f64::from(p.alt) * 1e-3));
         }
         MavMessage::MISSION_CURRENT(current) if seen.is_autopilots() => record.see_current(current.seq),
         MavMessage::AUTOPILOT_VERSION(version) if seen.is_autopilots() => {

@@ -6,7 +6,7 @@ use crate::executive::client::MissionClient;
 use crate::executive::georeference::Georeference;
 use crate::executive::go_to::GoToWatch;
 use crate::executive::record::Record;
-use crate::executive::{Demand, Executive, FlightGoal, Intent, Part, Scene};
+use crate::executive::{Demand, Executive, FlightGoal, Intent, Part, PilotText, Scene};
 use crate::io::Outputs;
 use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Received};
@@ -224,10 +224,14 @@ impl Gateway {
             self.demand(now, demand, outputs);
         }
         if let Some(news) = news {
-            let sample = EventSample::new(news.event, news.name, [news.number, 0.0]);
-            self.texts.push(now, &sample);
-            outputs.tell(sample);
+            self.tell_pilot(now, &news, outputs);
         }
+    }
+
+    pub(super) fn tell_pilot(&mut self, now: Timestamp, news: &PilotText, outputs: &mut Outputs) {
+        let sample = EventSample::new(news.event, news.name, [news.number, 0.0]);
+        self.texts.push(now, &sample);
+        outputs.tell(sample);
     }
 
     /// What is to be known of this flight by a gateway that is started in it.

@@ -6,6 +6,7 @@ mod mission;
 mod profile_check;
 mod serve;
 mod steering;
+mod unguarded_mode;
 mod watch;
 
 pub(crate) use intake::{is_autopilot, speaks_as_autopilot};
@@ -47,6 +48,7 @@ use mavlink::dialects::ardupilotmega::{
 use mission::MissionFlight;
 use profile_check::ProfileCheck;
 use steering::Steering;
+use unguarded_mode::UnguardedMode;
 
 /// Whether the vehicle stands on the ground is asked for this often while it is not known (s).
 const LANDED_STATE_EVERY_S: f64 = 0.3;
@@ -77,6 +79,7 @@ pub struct Gateway {
     profile_check: ProfileCheck,
     /// Somebody is about to end jink.
     controlled_stop: Option<ControlledStop>,
+    unguarded_mode: UnguardedMode,
     latch: Latch,
     clock: ClockMap,
     vehicle: VehicleTracker,
@@ -125,6 +128,7 @@ impl Gateway {
             profile: config.build_profile(),
             profile_check: ProfileCheck::new(config.chooses_profile, config.is_proven),
             controlled_stop: None,
+            unguarded_mode: UnguardedMode::default(),
             latch: Latch::new(config.system_id),
             clock: ClockMap::default(),
             vehicle: VehicleTracker::default(),
@@ -199,6 +203,7 @@ impl Gateway {
         if self.profile_check.speaks() {
             if !self.run_controlled_stop(now, outputs) {
                 self.run_mission(now, outputs);
+                self.watch_unguarded_modes(now, outputs);
             }
             self.fly(now, inputs, outputs);
         }

@@ -69,7 +69,7 @@ impl Px4Trajectory {
 
 impl Profile for Px4Trajectory {
     fn listens(&self, mode: NavMode) -> bool {
-        mode.is_automatic() || mode == NavMode::Unknown
+        mode.is_automatic() || matches!(mode, NavMode::Follow | NavMode::Unknown)
     }
 
     fn observe(&mut self, situation: &Situation<'_>) -> bool {

@@ -9,6 +9,7 @@ use super::firmware::Firmware;
 use super::link::{Link, Packet};
 use super::modes::{mode_of, mode_of_custom};
 use super::navigator::Reposition;
+use super::orbit::Orbit;
 use super::parameters::Parameter;
 use super::refusal::Refusal;
 use super::streams::Stream;
@@ -69,6 +70,11 @@ impl Autopilot {
                 R::MAV_RESULT_ACCEPTED
             }
             MavCmd::MAV_CMD_DO_REPOSITION => self.go_to(command, place, outbox),
+            MavCmd::MAV_CMD_DO_ORBIT => {
+                let here = self.estimate.position.vector();
+                self.orbit = Some(Orbit::of(command, place, &self.frame, here));
+                self.change_mode(NavMode::Orbit, outbox)
+            }
             MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT => {
                 let item = command.param1 as usize;
                 if item >= self.mission.len() {

@@ -31,6 +31,8 @@ pub(super) enum FlightTask {
     Auto,
     /// External setpoints.
     Offboard,
+    /// A circle.
+    Orbit,
 }
 
 impl FlightTask {
@@ -39,6 +41,7 @@ impl FlightTask {
             NavMode::Manual | NavMode::Unknown => FlightTask::None,
             NavMode::Position => FlightTask::Position,
             NavMode::Offboard => FlightTask::Offboard,
+            NavMode::Orbit => FlightTask::Orbit,
             _ => FlightTask::Auto,
         }
     }
@@ -151,6 +154,13 @@ impl Autopilot {
             FlightTask::Offboard => {
                 let up = self.offboard.wants_takeoff(self.estimate.position.z_m);
                 (*self.offboard.setpoint(), self.plain_caps(), up)
+            }
+            FlightTask::Orbit => {
+                let cruise_mps = self.parameters.get(P::MPC_XY_CRUISE);
+                let setpoint = self.orbit.map_or(MotionSetpoint::idle(), |orbit| {
+                    orbit.setpoint(self.estimate.position, cruise_mps)
+                });
+                (setpoint, self.plain_caps(), false)
             }
             FlightTask::Auto if !self.is_ready() => (MotionSetpoint::idle(), self.plain_caps(), false),
             FlightTask::Auto => {

@@ -64,7 +64,8 @@ fn standard_mode(mode: NavMode) -> MavStandardMode {
         NavMode::Mission => S::MAV_STANDARD_MODE_MISSION,
         NavMode::Land => S::MAV_STANDARD_MODE_LAND,
         NavMode::Takeoff => S::MAV_STANDARD_MODE_TAKEOFF,
-        NavMode::Manual | NavMode::Hold | NavMode::Offboard | NavMode::Unknown => {
+        NavMode::Orbit => S::MAV_STANDARD_MODE_ORBIT,
+        NavMode::Manual | NavMode::Hold | NavMode::Offboard | NavMode::Follow | NavMode::Unknown => {
             S::MAV_STANDARD_MODE_NON_STANDARD
         }
     }

@@ -18,7 +18,7 @@
 //! | `navigator`, `return_home`, `land_detector`, `takeoff` | what a mode means as waypoints and phases |
 //! | `auto_task`, `track`, `heading`, `trajectory`, `speed_rules`, `smoothing` | waypoints to smooth setpoints |
 //! | `avoidance`, `bezier`, `timesync` | the companion's trajectory in between, with all known traps |
-//! | `offboard`, `position_task`, `position_mode`, `stick_acceleration` | the other sources of setpoints |
+//! | `offboard`, `orbit`, `position_task`, `position_mode`, `stick_acceleration` | the other sources of setpoints |
 //! | [`collision_prevention`], `obstacle_messages` | what keeps a pilot in Position mode from obstacles |
 //! | `position_control`, `control` | setpoints to attitude and thrust |
 //! | `streams`, `telemetry`, `current_mode`, `desired_path`, `statistics` | messages out, observations |
@@ -47,6 +47,7 @@ mod modes;
 mod navigator;
 mod obstacle_messages;
 mod offboard;
+mod orbit;
 mod pace;
 mod parameter_protocol;
 mod parameters;
@@ -95,6 +96,7 @@ use mission_protocol::MissionProtocol;
 use nalgebra::Vector3;
 use navigator::Navigator;
 use offboard::Offboard;
+use orbit::Orbit;
 use pace::StepGate;
 use parameter_protocol::ParameterProtocol;
 use parameters::{Parameter, Parameters};
@@ -162,6 +164,7 @@ pub struct Autopilot {
     sticks: Sticks,
     stick_speed: StickSpeed,
     offboard: Offboard,
+    orbit: Option<Orbit>,
     avoidance: AvoidanceConsumer,
     controller: PositionController,
     tilt_limit_rad: f64,
@@ -228,6 +231,7 @@ impl Autopilot {
             sticks: Sticks::default(),
             stick_speed: StickSpeed::default(),
             offboard: Offboard::default(),
+            orbit: None,
             avoidance: AvoidanceConsumer::new(variant),
             controller: PositionController::default(),
             last_setpoint: MotionSetpoint::unset(),

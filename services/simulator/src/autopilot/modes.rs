@@ -19,7 +19,9 @@ pub fn px4_mode(mode: NavMode) -> Option<(u8, u8)> {
         NavMode::Return => Some((MAIN_AUTO, 5)),
         NavMode::Land => Some((MAIN_AUTO, 6)),
         NavMode::Offboard => Some((MAIN_OFFBOARD, 0)),
-        NavMode::Unknown => None,
+        NavMode::Orbit => Some((MAIN_POSITION, 1)),
+        // Not flown by this emulator.
+        NavMode::Follow | NavMode::Unknown => None,
     }
 }
 

@@ -33,6 +33,8 @@ pub enum Action {
     },
     /// The vehicle is sent somewhere.
     GoTo(Point<LocalNed>),
+    /// It is sent around a place (PX4): 5 m from it, at 2 m/s.
+    Orbit(Point<LocalNed>),
     /// A mode is chosen.
     Mode(NavMode),
 }
@@ -42,7 +44,7 @@ impl Action {
     pub(super) fn wants_mission(&self) -> Option<bool> {
         match self {
             Self::Upload { .. } | Self::ClearMission | Self::SetCurrent { .. } => None,
-            Self::GoTo(_) => Some(false),
+            Self::GoTo(_) | Self::Orbit(_) => Some(false),
             Self::Mode(mode) => Some(*mode == NavMode::Mission),
         }
     }

@@ -440,6 +440,7 @@ impl GroundStation {
     fn is_answer(&self, to: MavCmd) -> bool {
         match self.action() {
             Some(Action::GoTo(_)) => to == MavCmd::MAV_CMD_DO_REPOSITION,
+            Some(Action::Orbit(_)) => to == MavCmd::MAV_CMD_DO_ORBIT,
             Some(Action::Mode(_)) => to == MavCmd::MAV_CMD_DO_SET_MODE,
             _ => false,
         }
@@ -531,7 +532,12 @@ impl GroundStation {
             }),
             Action::SetCurrent { item } => set_current(*item, target_system),
             Action::Mode(mode) => return self.vehicle.make.mode_command(*mode, target_system),
-            Action::GoTo(place) => {
+            Action::GoTo(place) | Action::Orbit(place) => {
+                // Its own speed, and the mode that goes there; radius and speed of the circle.
+                let (command, param1, param2) = match action {
+                    Action::Orbit(_) => (MavCmd::MAV_CMD_DO_ORBIT, 5.0, 2.0),
+                    _ => (MavCmd::MAV_CMD_DO_REPOSITION, -1.0, 1.0),
+                };
                 let (global, local) = self.vehicle.global.zip(self.vehicle.local)?;
                 let offset = (place.vector() - local.vector()).xy();
                 let (x, y) = Projection::new(global).to_global(offset).to_e7();
@@ -539,10 +545,9 @@ impl GroundStation {
                     target_system,
                     target_component: 1,
                     frame: MavFrame::MAV_FRAME_GLOBAL,
-                    command: MavCmd::MAV_CMD_DO_REPOSITION,
-                    // Its own speed, and the mode that goes there.
-                    param1: -1.0,
-                    param2: 1.0,
+                    command,
+                    param1,
+                    param2,
                     param4: f32::NAN,
                     x,
                     y,
