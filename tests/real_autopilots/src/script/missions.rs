@@ -1,7 +1,7 @@
 //! Missions of all kinds of items.
 
 use super::places::{free_near, hidden, inside};
-use crate::flight::{Flight, HEIGHT_M, Trouble};
+use crate::flight::{Flight, HEIGHT_M, Trouble, height_m};
 use crate::mission::{Item, Place};
 use mavlink::dialects::ardupilotmega::MavCmd;
 
@@ -152,15 +152,17 @@ pub fn jump(flight: &mut Flight) -> Done {
     flight.fly_mission(&items)
 }
 
-/// A waypoint that cannot be reached, and one behind it. The mark is when it is near.
+/// A waypoint that cannot be reached, and one behind it. The mark is when it is near, or when a vehicle that climbs first, as a PX4
+/// that flies its mission itself does, rests below it.
 fn out_of_reach(flight: &mut Flight, place: Place) -> Done {
     let end = free_near(&flight.world, 30.0, 0.0);
     flight.aim.end = end;
     flight.fly_mission(&through(&[place, end]))?;
     flight.wait("nearness of the waypoint", 40.0, |record| {
-        record
+        let is_near = record
             .last()
-            .is_some_and(|truth| place.level_distance_m(truth.place) < 5.0)
+            .is_some_and(|truth| place.level_distance_m(truth.place) < 5.0);
+        is_near || height_m(record) > 2.0 * HEIGHT_M && record.rests(2.0, 0.3)
     })?;
     flight.mark();
     Ok(())
