@@ -87,8 +87,6 @@ const SETPOINTS: &[Setup] = &[Offboard2021, Offboard, Guided];
 const PX4: &[Setup] = &[Bezier, Offboard2021, Offboard];
 const GUIDED: &[Setup] = &[Guided];
 const TODAY: &[Setup] = &[Offboard];
-/// Autopilots of today.
-const TODAYS: &[Setup] = &[Offboard, Guided];
 
 const F31: World = ("forest", 900_031);
 const F32: World = ("forest", 900_032);
@@ -168,8 +166,8 @@ pub const TABLE: &[Scenario] = &[
     ),
     row(
         "loiter_turns",
-        // PX4 of 2021 refuses the item itself.
-        TODAYS,
+        // PX4 refuses the item itself.
+        GUIDED,
         F31,
         missions::loiter_turns,
         GoalOrHolds(HELD, 40.0),
