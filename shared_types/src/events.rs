@@ -119,6 +119,14 @@ events! {
     PREVENTION_BLIND = 34, Critical, "jink: no range data, not moving", "Switch it off (CP_DIST) or change the mode.";
     /// There have been none for so long that the vehicle holds.
     PREVENTION_HOLDS = 35, Critical, "jink: no range data, asking for Hold", "Look at the sensors; land.";
+    /// A pilot's sticks pass through the guard from now on, or again.
+    ASSIST_ON = 36, Info, "jink: assisted flight on", "None.";
+    /// They do not any more; the name tells why. The autopilot is in its own mode, or asked for it.
+    ASSIST_OFF = 37, Notice, "jink: assisted flight off: {name}", "Fly by hand; without sticks look at the remote control.";
+    /// It was chosen, and something speaks against it; the name tells what.
+    ASSIST_REFUSED = 38, Warning, "jink: no assisted flight: {name}", "Mend that, and choose it again.";
+    /// The vehicle holds its place while something is missing; the name tells what.
+    ASSIST_HOLDS = 39, Critical, "jink: assisted flight holds: {name}", "Change the mode, or wait for Hold.";
     /// Somebody wanted the gateway restarted in flight.
     RESTART_REFUSED = 40, Warning, "jink: restart refused, vehicle is armed", "Land and disarm first.";
     /// A changed parameter could not be kept.

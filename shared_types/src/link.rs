@@ -56,6 +56,22 @@ crate::wire_enum! {
     }
 }
 
+crate::wire_enum! {
+    /// Whether a pilot's sticks pass through the guard in OFFBOARD or GUIDED.
+    pub enum AssistState {
+        /// They do not.
+        Off = 0 "off",
+        /// It was chosen, and the autopilot has not changed its mode yet.
+        Engaging = 1 "engaging",
+        /// They do.
+        On = 2 "on",
+        /// Sticks or ranges are missing: the vehicle holds its place.
+        Holds = 3 "holds",
+        /// The autopilot is asked for its own mode.
+        Leaving = 4 "leaving",
+    }
+}
+
 crate::sample! {
     /// One link's traffic since the gateway's start.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -123,8 +139,10 @@ crate::sample! {
         pub matching_profile: Name,
         /// Whether the one fits.
         pub profile_fit: Coded<ProfileFit>,
+        /// Whether a pilot is assisted.
+        pub assist: Coded<AssistState>,
         /// Explicit padding, zero.
-        pub reserved: [u8; 3],
+        pub reserved: [u8; 2],
         /// By how much the autopilot's clock runs faster than the board's (ppm); zero where no difference shows.
         pub clock_rate_ppm: i32,
         /// Explicit padding, zero.

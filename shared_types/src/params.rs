@@ -91,6 +91,8 @@ params! {
     MPC_JERK_MAX = Float, 8.0, 0.5 .. 500.0, "m/s3", Live, "Jerk with which the vehicle begins to brake, for collision prevention";
     MPC_ACC_HOR = Float, 3.0, 2.0 .. 15.0, "m/s2", Live, "Acceleration with which the vehicle brakes, for collision prevention";
     MPC_XY_VEL_P_ACC = Float, 1.8, 1.2 .. 5.0, "1/s", Live, "Acceleration for each m/s of wrong speed, for collision prevention";
+    OA_ASSIST_CH = Integer, 0.0, 0.0 .. 18.0, "", Live, "Channel of the remote control whose upper end switches assisted flight on; 0 none, by command only";
+    OA_ASSIST_YAW = Float, 60.0, 10.0 .. 200.0, "deg/s", Live, "Heading rate of a full stick in assisted flight";
     GW_RATE = Float, 20.0, 5.0 .. 50.0, "Hz", Restart, "Rate of the setpoint stream to the autopilot";
     GW_OBST_RATE = Float, 0.0, 0.0 .. 30.0, "Hz", Live, "Rate of the obstacle maps to the autopilot, which may pass them on to ground stations; 0 as it needs them";
     GW_HORIZON = Float, 0.8, 0.3 .. 2.0, "s", Restart, "Duration of each Bezier curve sent to the autopilot";

@@ -160,6 +160,8 @@ pub struct Link {
     pub profile: String,
     /// Whether that fits the autopilot.
     pub profile_fit: String,
+    /// Whether a pilot is assisted.
+    pub assist: String,
     /// Why jink is not ready, and what to do; `None` if the profile fits.
     pub unfit: Option<String>,
     /// Rate of the autopilot's clock (1 = that of the board).
@@ -415,6 +417,7 @@ impl Link {
             avoidance: link.sample.avoidance.get().to_string(),
             profile: link.sample.profile.as_str().to_owned(),
             profile_fit: link.sample.profile_fit.get().to_string(),
+            assist: link.sample.assist.get().to_string(),
             unfit: unfit(link.sample).map(|[is, remedy]| format!("{is}; {remedy}")),
             clock_rate: 1.0 + f64::from(link.sample.clock_rate_ppm) * 1e-6,
             timesync_converged: link.sample.timesync_converged.is_set(),
@@ -458,8 +461,12 @@ impl Link {
             (None, "") => "      profile not chosen yet\n".to_owned(),
             (None, profile) => format!("      profile {profile}\n"),
         };
+        let assist = match self.assist.as_str() {
+            "off" => String::new(),
+            assist => format!("      assisted flight {assist}\n"),
+        };
         format!(
-            "link: autopilot {} heard, {clock}, avoidance {}\n{profile}      {} setpoints, largest gap {:.0} ms; capture to \
+            "link: autopilot {} heard, {clock}, avoidance {}\n{profile}{assist}      {} setpoints, largest gap {:.0} ms; capture to \
              wire {:.1} / {:.1} / {:.1} ms p50/p99/max\n{stages}",
             self.system_id,
             self.avoidance,

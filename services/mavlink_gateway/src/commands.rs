@@ -10,6 +10,7 @@
 //! | MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, restart, disarmed | ACCEPTED, and the gateway is started anew |
 //! | the same while armed, while that is not known, or while a restart is under way | TEMPORARILY_REJECTED |
 //! | the same, shutdown | DENIED: what keeps a vehicle from hitting things is not switched off from afar |
+//! | MAV_CMD_USER_1, 1: a pilot is to be assisted, 0: not any more ([`crate::assist`]) | ACCEPTED, or TEMPORARILY_REJECTED with a text that says why; other numbers DENIED |
 //! | MAV_CMD_COMPONENT_ARM_DISARM | DENIED: we have no motors |
 //! | everything else, known to the dialect or not | UNSUPPORTED |
 //!
@@ -171,6 +172,8 @@ pub enum Deed {
     Restart,
     /// Whoever asked is told why there is no restart.
     ExplainRefusal,
+    /// A pilot is assisted (`true`), or not any more.
+    Assist(bool),
 }
 
 /// What a command is judged by.
@@ -239,6 +242,12 @@ impl Command {
             tell_interval(circumstances.role, first)
         } else if is(MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN) {
             reboot(circumstances, first, second)
+        } else if is(MavCmd::MAV_CMD_USER_1) && circumstances.role == Role::Avoidance {
+            match first {
+                1.0 => (MavResult::MAV_RESULT_ACCEPTED, Deed::Assist(true)),
+                0.0 => (MavResult::MAV_RESULT_ACCEPTED, Deed::Assist(false)),
+                _ => (MavResult::MAV_RESULT_DENIED, Deed::Nothing),
+            }
         } else if is(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) {
             (MavResult::MAV_RESULT_DENIED, Deed::Nothing)
         } else {

@@ -211,6 +211,11 @@ impl Fit {
         index_of(Some(name)).map_or(Fact::Open, |index| self.facts[index])
     }
 
+    /// What its heartbeat says that it is; `None` before one was heard.
+    pub fn autopilot(&self) -> Option<MavAutopilot> {
+        self.autopilot
+    }
+
     /// Whether the autopilot is a PX4 whose own collision prevention is on.
     pub fn prevents_collisions(&self) -> bool {
         matches!(self.fact(PREVENTION), Fact::Value(distance_m) if distance_m > 0.0)

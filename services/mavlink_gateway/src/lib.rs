@@ -10,6 +10,7 @@
 //! | `system/status` | HEARTBEAT of component 196, honest |
 //! | `event` | STATUSTEXT |
 //! | TIMESYNC | answers; the autopilot's clock mapped to the board's |
+//! | where a pilot chooses assisted flight: his sticks, `guard/prevented` | `pilot/demand`, SET_POSITION_TARGET_LOCAL_NED ([`assist`]) |
 //! | commands, PARAM_*, FILE_TRANSFER_PROTOCOL | answers; `parameters` |
 //! | the board | ONBOARD_COMPUTER_STATUS of component 191 |
 //!
@@ -47,6 +48,7 @@
 //! autopilot's own target, else a held point. Which of them, and why, is the table in [`profile::pilot`]; how it is said,
 //! those in [`profile::px4_trajectory`] and [`profile::position_target`].
 
+pub mod assist;
 mod avoidance;
 mod baton;
 mod blockage;

@@ -35,6 +35,8 @@ const COPTER_MODES: [(u32, NavMode); 12] = [
 ];
 /// BRAKE.
 const COPTER_BRAKE: u32 = 17;
+/// ArduCopter's modes in which a pilot flies and the height is held: ALT_HOLD, LOITER, POSHOLD.
+const COPTER_PILOTS_MODES: [u32; 3] = [2, 5, 16];
 
 impl Make {
     /// From the heartbeat's field; `None` for makes that are not known here.
@@ -60,6 +62,29 @@ impl Make {
     /// Whether a mode without a name here may be one in which trajectories are followed.
     pub fn is_unnamed_auto(self, custom_mode: u32) -> bool {
         self == Make::Px4 && px4_mode::is_auto(custom_mode)
+    }
+
+    /// Whether a pilot flies in this mode and the autopilot holds the height, and in most of them the place.
+    pub fn is_pilots_mode(self, custom_mode: u32) -> bool {
+        match self {
+            // POSCTL, and POSCTL_SLOW; its other sub modes fly by themselves.
+            Make::Px4 => {
+                let [_, _, main, sub] = custom_mode.to_le_bytes();
+                main == 3 && matches!(sub, 0 | 2)
+            }
+            Make::ArduPilot => COPTER_PILOTS_MODES.contains(&custom_mode),
+        }
+    }
+
+    /// Parameters 2 and 3 of MAV_CMD_DO_SET_MODE for the mode that the autopilot tells under this number.
+    pub fn numbers_of(self, custom_mode: u32) -> (u32, u32) {
+        match self {
+            Make::Px4 => {
+                let [_, _, main, sub] = custom_mode.to_le_bytes();
+                (u32::from(main), u32::from(sub))
+            }
+            Make::ArduPilot => (custom_mode, 0),
+        }
     }
 
     /// Parameters 2 and 3 of MAV_CMD_DO_SET_MODE for the modes that jink asks for; `None` for others.

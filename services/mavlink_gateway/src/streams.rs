@@ -169,6 +169,14 @@ impl Streams {
         self.streams.push(stream(message_id, rate_hz, Need::Always));
     }
 
+    /// Sticks that have to come this often (Hz) while a pilot flies; what is needed already stays as it is.
+    pub fn need_sticks(&mut self, message_id: u32, rate_hz: f64) {
+        if self.streams.iter().all(|stream| stream.message_id != message_id) {
+            self.streams
+                .push(stream(message_id, rate_hz, Need::In(NavMode::Position)));
+        }
+    }
+
     /// Counts an arrival.
     pub fn arrived(&mut self, message_id: u32) {
         if let Some(stream) = self.streams.iter_mut().find(|s| s.message_id == message_id) {

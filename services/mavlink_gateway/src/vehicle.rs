@@ -129,6 +129,7 @@ pub struct VehicleTracker {
     heard: Timestamp,
     make: Option<Make>,
     mode: NavMode,
+    custom_mode: u32,
     heartbeat_mode: (NavMode, bool),
     heartbeat_heard: bool,
     armed: bool,
@@ -151,6 +152,7 @@ impl Default for VehicleTracker {
             heard: Timestamp::NEVER,
             make: None,
             mode: NavMode::Unknown,
+            custom_mode: 0,
             heartbeat_mode: (NavMode::Unknown, true),
             heartbeat_heard: false,
             armed: false,
@@ -182,6 +184,11 @@ impl VehicleTracker {
     /// Mode in force.
     pub fn mode(&self) -> NavMode {
         self.mode
+    }
+
+    /// The number under which the autopilot has told its mode last.
+    pub fn custom_mode(&self) -> u32 {
+        self.custom_mode
     }
 
     /// Mode of the last heartbeat, and whether it has a name here (see [`crate::px4_mode::infer`]).
@@ -249,6 +256,7 @@ impl VehicleTracker {
 
     /// Takes a mode as it is numbered by the make that was heard.
     pub fn take_mode(&mut self, custom_mode: u32) {
+        self.custom_mode = custom_mode;
         // Another make's numbers mean something else.
         self.mode = self
             .make
@@ -272,6 +280,14 @@ impl VehicleTracker {
             }
             MavLandedState::MAV_LANDED_STATE_UNDEFINED => return,
         };
+    }
+
+    /// Distance to the ground (m) and height above home (m), where they are known.
+    pub fn heights_m(&self, now: Timestamp) -> [Option<f64>; 2] {
+        let (ground_m, told) = self.ground;
+        let is_fresh = now.seconds_since(told) <= GROUND_VALID_S;
+        let above_home_m = self.fix.map(|fix| self.home_down_m - fix.position.z);
+        [Some(ground_m).filter(|_| is_fresh), above_home_m].map(|height| height.filter(|m| m.is_finite()))
     }
 
     /// Takes the distance to the ground; negative ones and NaN mean "not known".

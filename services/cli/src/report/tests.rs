@@ -2,7 +2,7 @@ use super::{PostMortem, Report, duration, exit_code, exit_text};
 use jink_shared_types::Stage;
 use jink_shared_types::coded::{Coded, Flag};
 use jink_shared_types::health::{Health, Heartbeat, Name, ProcessStatus, ServiceState, SystemStatus};
-use jink_shared_types::link::{CLASSES, LinkStatus, LinkTraffic};
+use jink_shared_types::link::{AssistState, CLASSES, LinkStatus, LinkTraffic};
 use jink_shared_types::{SampleHeader, Stamped, Timestamp};
 
 fn at(seconds: f64) -> Timestamp {
@@ -122,6 +122,10 @@ fn the_link_says_whether_the_autopilot_is_heard_and_how_fast_the_chain_is() {
         "{text}"
     );
     assert!(text.ends_with("of that p50/p99: fusion 5.0/5.0\n"), "{text}");
+    assert!(!text.contains("assisted flight"), "{text}");
+    link.assist = Coded::new(AssistState::Holds);
+    let text = report(Some(&link)).text(1_000.0);
+    assert!(text.contains("      assisted flight holds\n"), "{text}");
 }
 
 fn linked(others: &[LinkTraffic]) -> (String, serde_json::Value) {

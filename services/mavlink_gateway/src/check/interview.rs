@@ -12,6 +12,7 @@
 
 use super::limits::{ASK_AGAIN_S, ASK_PAUSE_S, ASKS_MAX};
 use super::version::Version;
+use crate::assist::facts::{OVERRIDE_BITS, OVERRIDE_SPEED};
 use crate::clock_map::{ClockMap, SEARCHING_HZ};
 use crate::fit::TRAJECTORY_SWITCH;
 use crate::gateway::nanoseconds;
@@ -84,6 +85,8 @@ pub fn parameters(profile: ProfileName) -> &'static [&'static str] {
             "COM_OBL_ACT",
             "MPC_XY_VEL_MAX",
             "CP_DIST",
+            OVERRIDE_SPEED,
+            OVERRIDE_BITS,
         ],
         ProfileName::Px4Deviation => &[
             "EAV_EN",

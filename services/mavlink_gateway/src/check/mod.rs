@@ -43,7 +43,7 @@ use interview::{ASKER, Interview};
 use jink_runtime::config::{Config, Purpose};
 use jink_shared_types::Timestamp;
 use jink_shared_types::link::ProfileFit;
-use jink_shared_types::params::OA_SPD_MAX;
+use jink_shared_types::params::{CP_DIST, MPC_ACC_HOR, MPC_JERK_MAX, OA_ASSIST_CH, OA_SPD_MAX};
 use limits::LISTEN_S;
 use mavlink::dialects::ardupilotmega::{
     HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
@@ -59,8 +59,19 @@ pub struct Plan {
     pub system_id: Option<u8>,
     /// The highest speed of a planned motion (m/s).
     pub speed_max_mps: f64,
+    /// What collision prevention counts on, if a switch of the remote control chooses assisted flight.
+    pub assist: Option<Braking>,
     /// The links, the autopilot's first.
     pub links: Vec<LinkSetup>,
+}
+
+/// How collision prevention expects the vehicle to brake.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Braking {
+    /// Deceleration (m/s2): MPC_ACC_HOR.
+    pub acceleration_mps2: f64,
+    /// How fast that builds up (m/s3): MPC_JERK_MAX.
+    pub jerk_mps3: f64,
 }
 
 /// Why a configuration is no plan.
@@ -102,6 +113,12 @@ impl Plan {
             profile: config.link.profile.parse().map_err(PlanError::Profile)?,
             system_id: (config.link.system_id != 0).then_some(config.link.system_id),
             speed_max_mps: config.params.get(&OA_SPD_MAX),
+            assist: (config.params.get(&OA_ASSIST_CH) > 0.0 && config.params.get(&CP_DIST) > 0.0).then(
+                || Braking {
+                    acceleration_mps2: config.params.get(&MPC_ACC_HOR),
+                    jerk_mps3: config.params.get(&MPC_JERK_MAX),
+                },
+            ),
             links: links.map_err(PlanError::Link)?,
         })
     }

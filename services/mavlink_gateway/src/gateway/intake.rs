@@ -1,5 +1,6 @@
 //! What the gateway makes of each message it receives.
 
+use super::assist::AssistedFlight;
 use super::mission::MissionFlight;
 use super::steering::Steering;
 use super::{Gateway, nanoseconds};
@@ -125,7 +126,13 @@ impl Gateway {
                 self.take_target(now, (target.lat_int, target.lon_int), target.alt);
             }
             MavMessage::POSITION_TARGET_LOCAL_NED(echo) => self.take_echo(now, echo, outputs),
-            MavMessage::MANUAL_CONTROL(control) => self.steering.take(control, time),
+            MavMessage::MANUAL_CONTROL(control) => self.steering.sticks.take(control, time),
+            MavMessage::RC_CHANNELS(channels) => self.take_channels(channels, time),
+            MavMessage::PARAM_VALUE(told) => {
+                if let Some(autopilot) = self.profile_check.fit.autopilot() {
+                    self.assist.take_parameter(autopilot, told);
+                }
+            }
             MavMessage::CURRENT_MODE(current) => self.vehicle.take_mode(current.custom_mode),
             MavMessage::COMMAND_ACK(ack) => {
                 self.streams.answered(now, ack);
@@ -172,6 +179,7 @@ impl Gateway {
         self.profile_check.restart();
         self.streams = self.needed_streams();
         self.steering = Steering::default();
+        self.assist = AssistedFlight::default();
         if let Some(flight) = &mut self.mission {
             *flight = MissionFlight::new(Part::of(&self.config));
             flight.read_anew(now);

@@ -149,7 +149,7 @@ impl Gateway {
         let nearness = self.profile.nearness();
         let ready = self.heartbeats.said() == AvoidanceState::Active;
         let present = self.vehicle.present(now);
-        let mode = self.vehicle.mode();
+        let mode = self.mode_for_missions();
         let in_air = self.vehicle.has_taken_off();
         let lets_fly_unguarded = self.params().get(&OA_UNGUARDED) > 0.0;
         let first_item = u16::from(self.vehicle.make() == Some(Make::ArduPilot));
@@ -237,7 +237,11 @@ impl Gateway {
     /// What is to be known of this flight by a gateway that is started in it.
     pub fn record(&self, now: Timestamp) -> Option<Record> {
         let flight = self.mission.as_ref()?;
-        Some(flight.executive.record(now, self.vehicle.landed_state()))
+        let record = flight.executive.record(now, self.vehicle.landed_state());
+        Some(Record {
+            assisted_from: self.assist.pilots_mode(),
+            ..record
+        })
     }
 
     /// With what the gateway before has left, if that was just now.
@@ -247,6 +251,10 @@ impl Gateway {
         if let Some((flight, record)) = self.mission.as_mut().zip(record) {
             flight.resume(&record);
             self.vehicle.resume(&record);
+            if let Some(pilots_mode) = record.assisted_from {
+                self.vehicle.infer_mode(NavMode::Offboard);
+                self.assist.resume(now, pilots_mode);
+            }
         }
         self
     }
@@ -338,6 +346,9 @@ impl Gateway {
             return;
         }
         let refused = ack.result != MavResult::MAV_RESULT_ACCEPTED;
+        if refused {
+            self.assist.note_refusal();
+        }
         let news = refused && !flight.was_refused;
         flight.was_refused = refused;
         if news {

@@ -1,5 +1,6 @@
 //! The gateway itself: one pure step from messages and samples to messages and samples.
 
+mod assist;
 mod controlled_stop;
 mod intake;
 mod mission;
@@ -32,6 +33,7 @@ use crate::texts::Texts;
 use crate::ticker::Ticker;
 use crate::vehicle::VehicleTracker;
 use crate::wire::Wire;
+use assist::AssistedFlight;
 use controlled_stop::ControlledStop;
 use jink_shared_types::events::{
     AUTOPILOT_FOUND, AUTOPILOT_LOST, Event, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN,
@@ -109,6 +111,7 @@ pub struct Gateway {
     heartbeats: Heartbeats,
     desk: Desk,
     steering: Steering,
+    assist: AssistedFlight,
     sources: RangeSources,
     streams: Streams,
     texts: Texts,
@@ -154,6 +157,7 @@ impl Gateway {
             heartbeats: Heartbeats::default(),
             desk: Desk::new(&ParamSet::default()),
             steering: Steering::default(),
+            assist: AssistedFlight::default(),
             sources: RangeSources::default(),
             streams: Streams::new(config.profile),
             texts: Texts::default(),
@@ -201,6 +205,7 @@ impl Gateway {
         self.watch_profile(now, outputs);
         self.judge(now, inputs);
         if self.profile_check.speaks() {
+            self.run_assist(now, inputs, outputs);
             if !self.run_controlled_stop(now, outputs) {
                 self.run_mission(now, outputs);
                 self.watch_unguarded_modes(now, outputs);
@@ -230,6 +235,9 @@ impl Gateway {
             wake = wake.min(self.obstacles.due()).min(self.timesync.due());
             if self.was_alive {
                 wake = wake.min(self.streams.next_wake());
+                if let Some(question) = self.assist_wake() {
+                    wake = wake.min(question);
+                }
                 if let Some(question) = self.profile_check.fit.next_wake(self.profile_check.found()) {
                     wake = wake.min(question);
                 }
@@ -263,12 +271,15 @@ impl Gateway {
 
     /// Whether no setpoint is sent now because the vehicle is not in the air yet.
     pub fn waits_for_air(&self) -> bool {
-        self.profile.waits_for_air() && !self.vehicle.has_taken_off()
+        !self.assist.streams() && self.profile.waits_for_air() && !self.vehicle.has_taken_off()
     }
 
     /// Whether no setpoint is sent now because the autopilot does without one, and a station's go-to would be lost by it: in modes
     /// that do not follow setpoints, and while it holds a place of jink's own.
     pub fn rests(&self, now: Timestamp) -> bool {
+        if self.assist.streams() {
+            return false;
+        }
         let Some(flight) = self.mission.as_ref().filter(|_| self.config.profile.sees_go_to()) else {
             return false;
         };
@@ -363,6 +374,10 @@ impl Gateway {
     fn fly(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
         if self.is_steered() {
             self.steer(now, inputs, outputs);
+            return;
+        }
+        if self.assist.streams() {
+            self.fly_assisted(now, inputs, outputs);
             return;
         }
         let Some(system_id) = self.latch.system_id(now) else {
@@ -537,6 +552,7 @@ impl Gateway {
         status.matching_profile = Name::new(suited);
         status.profile_fit = Coded::new(self.profile_check.found());
         status.garbage_bytes = inputs.link.garbage_bytes();
+        status.assist = Coded::new(self.assist.state());
         status.links = inputs.link.links;
         status.ignored = self.ignored + inputs.link.undecodable;
         status.system_id = self.latch.system_id(now).unwrap_or(0);

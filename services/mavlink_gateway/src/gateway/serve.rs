@@ -180,6 +180,11 @@ impl Gateway {
         if deed == Deed::Say(Topic::Computer) && self.desk.computer(now).is_none() {
             result = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
         }
+        if let Deed::Assist(on) = deed
+            && self.assist.choose(on).is_err()
+        {
+            result = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
+        }
         let ack = Body::CommandAck(CommandAck {
             command: command.command,
             result,
@@ -199,7 +204,8 @@ impl Gateway {
     /// Does it, and answers with the message that was asked for. What has a beat of its own only comes sooner.
     fn act(&mut self, now: Timestamp, role: Role, deed: Deed, outputs: &mut Outputs) -> Option<MavMessage> {
         match deed {
-            Deed::Nothing => None,
+            // What has become of it shows in the next step.
+            Deed::Nothing | Deed::Assist(_) => None,
             Deed::Restart => {
                 self.desk.restart(now);
                 None

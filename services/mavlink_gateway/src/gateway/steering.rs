@@ -11,6 +11,7 @@
 //! it. Heights and headings stay the pilot's.
 
 use super::Gateway;
+use crate::assist::sticks::PilotSticks;
 use crate::executive::Demand;
 use crate::io::{Inputs, Outputs};
 use crate::message::{Body, COMPONENT_AUTOPILOT, Outgoing, Receipt};
@@ -22,14 +23,10 @@ use jink_shared_types::prevention::{PilotDemand, PreventionState};
 use jink_shared_types::vehicle::NavMode;
 use jink_shared_types::{Timestamp, Velocity};
 use mavlink::dialects::ardupilotmega::{
-    MANUAL_CONTROL_DATA, MavFrame, MavMessage, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
+    MavFrame, MavMessage, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
-use nalgebra::{Rotation2, Vector2};
+use nalgebra::Vector2;
 
-/// Sticks that are heard of less recently than this (s) are centred: the autopilot's own limit for a lost remote control.
-const STICKS_KEPT_S: f64 = 0.5;
-/// A stick this near to its centre is there (share of its way): PX4's MPC_HOLD_DZ.
-const DEAD_ZONE: f64 = 0.1;
 /// Slower than this the vehicle counts as being at rest (m/s).
 const AT_REST_MPS: f64 = 0.3;
 /// The guard is told this often (Hz), as the topic table says.
@@ -45,9 +42,7 @@ const HORIZONTAL: PositionTargetTypemask = NO_PLACE_NOR_HEADING
 /// The sticks, and what was made of them.
 #[derive(Debug)]
 pub(super) struct Steering {
-    /// Forward and right, in shares of their way, and when that was heard.
-    sticks: Vector2<f64>,
-    heard: Timestamp,
+    pub(super) sticks: PilotSticks,
     demands: Ticker,
     /// The guard's last word was that it watches over the pilot.
     is_watched: bool,
@@ -57,8 +52,7 @@ pub(super) struct Steering {
 impl Default for Steering {
     fn default() -> Self {
         Self {
-            sticks: Vector2::zeros(),
-            heard: Timestamp::NEVER,
+            sticks: PilotSticks::default(),
             demands: Ticker::new(DEMAND_RATE_HZ),
             is_watched: false,
             hold_due: Timestamp::NEVER,
@@ -67,26 +61,23 @@ impl Default for Steering {
 }
 
 impl Steering {
-    /// Takes the sticks as the autopilot tells them.
-    pub(super) fn take(&mut self, control: &MANUAL_CONTROL_DATA, received: Timestamp) {
-        let share = |stick: i16| (stick != i16::MAX).then(|| (f64::from(stick) / 1000.0).clamp(-1.0, 1.0));
-        if let (Some(forward), Some(right)) = (share(control.x), share(control.y)) {
-            self.sticks = Vector2::new(beyond_dead_zone(forward), beyond_dead_zone(right)).cap_magnitude(1.0);
-            self.heard = received;
+    /// Tells the guard what the pilot wants (north, east, m/s), when that is due, and answers what it allows of it; `None`: it is silent.
+    pub(super) fn ask_guard(
+        &mut self,
+        now: Timestamp,
+        wish: Vector2<f64>,
+        inputs: &Inputs<'_>,
+        outputs: &mut Outputs,
+    ) -> Option<(Vector2<f64>, PreventionState)> {
+        if self.demands.take(now) {
+            let demand = PilotDemand {
+                velocity: Velocity::new(wish.x, wish.y, 0.0),
+            };
+            outputs.pilot_demand = Some((demand, now));
         }
+        let prevented = inputs.prevented.fresh()?;
+        Some((prevented.velocity.vector().xy(), prevented.state.get()))
     }
-
-    /// Where the pilot wants to go (north, east, m/s).
-    fn wish(&self, now: Timestamp, yaw_rad: f64, full_mps: f64) -> Vector2<f64> {
-        if !self.heard.is_set() || now.seconds_since(self.heard) > STICKS_KEPT_S {
-            return Vector2::zeros();
-        }
-        Rotation2::new(yaw_rad) * self.sticks * full_mps
-    }
-}
-
-fn beyond_dead_zone(stick: f64) -> f64 {
-    stick.signum() * (stick.abs() - DEAD_ZONE).max(0.0) / (1.0 - DEAD_ZONE)
 }
 
 impl Gateway {
@@ -103,18 +94,11 @@ impl Gateway {
             return;
         };
         let full_mps = self.params().get(&MPC_VEL_MANUAL);
-        let wish = self.steering.wish(now, vehicle.yaw_rad, full_mps);
-        if self.steering.demands.take(now) {
-            let demand = PilotDemand {
-                velocity: Velocity::new(wish.x, wish.y, 0.0),
-            };
-            outputs.pilot_demand = Some((demand, now));
-        }
-        let (velocity, state) = match inputs.prevented.fresh() {
-            Some(prevented) => {
-                let allowed = prevented.velocity.vector().xy();
-                self.steering.is_watched = prevented.state != PreventionState::Off;
-                (allowed, prevented.state.get())
+        let wish = self.steering.sticks.velocity(now, vehicle.yaw_rad, full_mps);
+        let (velocity, state) = match self.steering.ask_guard(now, wish, inputs, outputs) {
+            Some((allowed, state)) => {
+                self.steering.is_watched = state != PreventionState::Off;
+                (allowed, state)
             }
             None => (Vector2::zeros(), PreventionState::Blind),
         };

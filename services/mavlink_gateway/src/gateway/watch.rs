@@ -60,7 +60,9 @@ impl Gateway {
         echo: &POSITION_TARGET_LOCAL_NED_DATA,
         outputs: &mut Outputs,
     ) {
+        // An assisted vehicle follows velocities.
         let is_flown = self.vehicle.mode() == NavMode::Offboard
+            && !self.assist.streams()
             && self.vehicle.is_armed()
             && self.vehicle.has_taken_off()
             && now.seconds_since(self.last_setpoint) <= SENT_S

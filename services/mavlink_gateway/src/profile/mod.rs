@@ -228,6 +228,11 @@ impl ProfileName {
         self == ProfileName::Px4Deviation
     }
 
+    /// Whether a pilot may be assisted: the autopilot follows setpoints in a mode of its own.
+    pub fn assists(self) -> bool {
+        self.flies_the_mission()
+    }
+
     /// Whether a station's go-to reaches the autopilot without a change of mode, and shows until the next setpoint.
     pub fn sees_go_to(self) -> bool {
         self == ProfileName::ArdupilotGuided

@@ -129,6 +129,46 @@ parameters! {
     PSC_VELXY_P: Real = 2.0;
     /// Vertical velocity gain (1/s).
     PSC_VELZ_P: Real = 5.0;
+    /// Upper end of channel 1 (us). The simulated sticks do not look at this, the others of their channels, or RCMAP_*.
+    RC1_MAX: Short = 2_000.0;
+    /// Lower end (us).
+    RC1_MIN: Short = 1_000.0;
+    /// It counts the other way round.
+    RC1_REVERSED: Byte = 0.0;
+    /// Centre (us).
+    RC1_TRIM: Short = 1_500.0;
+    /// Upper end of channel 2 (us). The simulated sticks do not look at this, the others of their channels, or RCMAP_*.
+    RC2_MAX: Short = 2_000.0;
+    /// Lower end (us).
+    RC2_MIN: Short = 1_000.0;
+    /// It counts the other way round.
+    RC2_REVERSED: Byte = 0.0;
+    /// Centre (us).
+    RC2_TRIM: Short = 1_500.0;
+    /// Upper end of channel 3 (us). The simulated sticks do not look at this, the others of their channels, or RCMAP_*.
+    RC3_MAX: Short = 2_000.0;
+    /// Lower end (us).
+    RC3_MIN: Short = 1_000.0;
+    /// It counts the other way round.
+    RC3_REVERSED: Byte = 0.0;
+    /// Centre (us).
+    RC3_TRIM: Short = 1_500.0;
+    /// Upper end of channel 4 (us). The simulated sticks do not look at this, the others of their channels, or RCMAP_*.
+    RC4_MAX: Short = 2_000.0;
+    /// Lower end (us).
+    RC4_MIN: Short = 1_000.0;
+    /// It counts the other way round.
+    RC4_REVERSED: Byte = 0.0;
+    /// Centre (us).
+    RC4_TRIM: Short = 1_500.0;
+    /// Channel of the pitch stick.
+    RCMAP_PITCH: Byte = 2.0;
+    /// Channel of the roll stick.
+    RCMAP_ROLL: Byte = 1.0;
+    /// Channel of the throttle stick.
+    RCMAP_THROTTLE: Byte = 3.0;
+    /// Channel of the yaw stick.
+    RCMAP_YAW: Byte = 4.0;
     /// Height of a return (cm).
     RTL_ALT: Integer = 1_500.0;
     /// Slope of the cone about home within which a return climbs less; 0 = none.

@@ -3,8 +3,10 @@
 use mavlink::dialects::ardupilotmega::RC_CHANNELS_OVERRIDE_DATA;
 use nalgebra::Vector2;
 
-/// Roll, pitch, throttle, yaw of the simulated receiver (us): the throttle is down.
-const RECEIVER_US: [u16; 4] = [1_500, 1_500, 1_000, 1_500];
+/// Channels that are simulated.
+pub const CHANNELS: usize = 8;
+/// Roll, pitch, throttle, yaw and four switches of the simulated receiver (us): the throttle is down.
+const RECEIVER_US: [u16; CHANNELS] = [1_500, 1_500, 1_000, 1_500, 1_800, 1_000, 1_000, 1_800];
 /// An override that is not repeated ends after this (us): RC_OVERRIDE_TIME.
 const OVERRIDE_US: u64 = 3_000_000;
 /// Values of an override that leave a channel to the receiver, and as it is.
@@ -15,10 +17,10 @@ const TRAVEL_US: f64 = 500.0;
 /// Deviation from the centre that counts as none, in shares of the travel.
 const DEAD: f64 = 0.06;
 
-/// The four sticks.
+/// The four sticks, and the switches.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sticks {
-    overrides: [Option<u16>; 4],
+    overrides: [Option<u16>; CHANNELS],
     heard_us: u64,
     now_us: u64,
 }
@@ -32,6 +34,10 @@ impl Sticks {
             message.chan2_raw,
             message.chan3_raw,
             message.chan4_raw,
+            message.chan5_raw,
+            message.chan6_raw,
+            message.chan7_raw,
+            message.chan8_raw,
         ];
         for (slot, channel) in self.overrides.iter_mut().zip(channels) {
             match channel {

@@ -283,6 +283,10 @@ impl ArduCopter {
             chan2_raw: self.sticks.raw_us(1),
             chan3_raw: self.sticks.raw_us(2),
             chan4_raw: self.sticks.raw_us(3),
+            chan5_raw: self.sticks.raw_us(4),
+            chan6_raw: self.sticks.raw_us(5),
+            chan7_raw: self.sticks.raw_us(6),
+            chan8_raw: self.sticks.raw_us(7),
             chancount: 16,
             rssi: u8::MAX,
             ..m::RC_CHANNELS_DATA::default()

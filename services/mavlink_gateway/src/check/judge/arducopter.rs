@@ -71,7 +71,7 @@ pub(super) fn guided(interview: &Interview, speed_max_mps: f64, findings: &mut V
 }
 
 /// A parameter under its old name, in units of `old_unit`, or under its new one, in SI units or degrees.
-fn renamed(
+pub(super) fn renamed(
     interview: &Interview,
     [old, new]: [&'static str; 2],
     old_unit: f64,

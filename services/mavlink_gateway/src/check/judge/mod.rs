@@ -1,6 +1,7 @@
 //! From what was heard to findings, in the order of causes.
 
 mod arducopter;
+mod assist;
 mod autopilot;
 mod line;
 mod px4;
@@ -33,6 +34,9 @@ pub(super) fn judge(examination: &Examination, now: Timestamp) -> Vec<Finding> {
                     arducopter::guided(interview, speed_max_mps, &mut findings);
                 }
                 None => {}
+            }
+            if let Some(braking) = examination.plan.assist {
+                assist::judge(interview, examination.profile, braking, &mut findings);
             }
         }
     }
