@@ -2,6 +2,7 @@
 //! that runs the real programs, and the campaigns made of them.
 
 pub mod approach;
+pub mod assisted;
 pub mod campaign;
 pub mod lockstep;
 pub mod lossy;

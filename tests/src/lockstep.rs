@@ -17,6 +17,7 @@ use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_planner::Planner;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, SystemStatus};
+use jink_shared_types::link::AssistState;
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{
     ApprovedTrajectory, MotionState, Route, RouteMode, Trajectory, TrajectoryMode, Verdict,
@@ -158,6 +159,7 @@ pub struct LockStep {
     demand: Slot<PilotDemand>,
     prevented: Slot<PreventedDemand>,
     sectors: Slot<SectorRing>,
+    assist: AssistState,
     system: Slot<SystemStatus>,
     cloud: Box<PointCloud>,
     scan: RangeScan,
@@ -184,6 +186,8 @@ pub struct LockStep {
     pub silent_sensors: BTreeSet<usize>,
     /// The ground station says nothing: somebody else commands.
     pub silent_station: bool,
+    /// The companion hears of no sticks.
+    pub mute_sticks: bool,
     /// How long scans are under way from their sensor, and what their stamps say.
     pub scan_delay: ScanDelay,
     /// What of the companion's came over the ground station's link, through the autopilot's forwarding, by message id.
@@ -261,6 +265,7 @@ impl LockStep {
             demand: Slot::new(topics::PILOT_DEMAND, Box::default()),
             prevented: Slot::new(topics::PREVENTED, Box::default()),
             sectors: Slot::new(topics::RING, Box::default()),
+            assist: AssistState::Off,
             system: Slot::new(topics::SYSTEM_STATUS, Box::default()),
             cloud: PointCloud::boxed(),
             scan: RangeScan::default(),
@@ -282,6 +287,7 @@ impl LockStep {
             brakes: 0,
             silent_sensors: BTreeSet::new(),
             silent_station: false,
+            mute_sticks: false,
             scan_delay: ScanDelay::default(),
             companion_traffic: BTreeMap::new(),
         })
@@ -369,6 +375,11 @@ impl LockStep {
     /// The newest vehicle state, as the board knows it.
     pub fn state(&self) -> &VehicleState {
         &self.state.sample
+    }
+
+    /// Whether a pilot is assisted, as the gateway said last.
+    pub fn assist(&self) -> AssistState {
+        self.assist
     }
 
     /// The board's clock.
@@ -657,6 +668,9 @@ impl LockStep {
             self.fusion.vehicle(&state, &self.state.header);
             let _invalid = self.ring.vehicle(&state, &self.state.header);
         }
+        if let Some(status) = &self.outputs.link_status {
+            self.assist = status.assist.get();
+        }
         if let Some((demand, capture)) = self.outputs.pilot_demand {
             *self.demand.sample = demand;
             self.demand.publish(now, capture);
@@ -680,6 +694,13 @@ impl LockStep {
             .iter()
             .filter(|packet| packet.link == Link::Companion)
         {
+            let is_stick = matches!(
+                packet.message,
+                MavMessage::MANUAL_CONTROL(_) | MavMessage::RC_CHANNELS(_)
+            );
+            if is_stick && self.mute_sticks {
+                continue;
+            }
             raw.serialize_message(packet.header, &packet.message);
             self.ways[1].send(now.ns as f64 * 1e-9, raw.raw_bytes());
         }

@@ -72,7 +72,15 @@ impl AutopilotFacts {
         } else {
             return;
         }
-        self.calibration = self.calibrate();
+        self.calibration = self.calibrate().or(self.calibration);
+    }
+
+    /// With the channels that the gateway before has read.
+    pub fn with_calibration(calibration: Option<RcCalibration>) -> Self {
+        Self {
+            calibration,
+            ..Self::default()
+        }
     }
 
     /// The autopilot's channels, once all of them are known.
@@ -122,8 +130,9 @@ impl AutopilotFacts {
     }
 
     /// What has kept a pilot from being assisted is asked for again: it may have been mended.
-    pub fn ask_again(&mut self) {
+    pub fn ask_again(&mut self, now: Timestamp) {
         self.rounds = 0;
+        self.due = now.plus_seconds(PAUSE_S);
         self.px4 = [None; PX4.len()];
     }
 

@@ -25,6 +25,7 @@
 
 pub mod facts;
 pub mod motion;
+pub mod record;
 pub mod sticks;
 pub mod switch;
 

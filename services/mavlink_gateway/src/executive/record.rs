@@ -3,6 +3,7 @@
 
 use super::items::Jumps;
 use super::{Executive, FlightGoal};
+use crate::assist::record::{self as assist, AssistRecord, BYTES as ASSIST_BYTES};
 use jink_shared_types::Timestamp;
 use jink_shared_types::coded::Wire;
 use jink_shared_types::vehicle::NavMode;
@@ -13,7 +14,9 @@ const VALID_S: f64 = 5.0;
 /// First byte: the layout.
 const LAYOUT: u8 = 2;
 /// Bytes in front of the jumps.
-const HEAD: usize = 1 + 8 + 1 + 1 + 1 + 1 + 24 + 2 + 5 + 1;
+const HEAD: usize = ASSIST_AT + ASSIST_BYTES + 1;
+/// Where that of an assisted pilot begins.
+const ASSIST_AT: usize = 1 + 8 + 1 + 1 + 1 + 1 + 24 + 2;
 /// Flag in the flight_goal's byte: armed.
 const ARMED: u8 = 0x80;
 
@@ -54,8 +57,8 @@ pub struct Record {
     pub index: Option<u16>,
     /// How often jumps were taken.
     pub jumps: Jumps,
-    /// A pilot is assisted: the number of the mode that he is given back ([`crate::assist`]).
-    pub assisted_from: Option<u32>,
+    /// A pilot who is assisted.
+    pub assist: Option<AssistRecord>,
 }
 
 impl Record {
@@ -94,8 +97,7 @@ impl Record {
             bytes.extend(coordinate.to_le_bytes());
         }
         bytes.extend(self.index.map_or(u16::MAX, |index| index).to_le_bytes());
-        bytes.push(u8::from(self.assisted_from.is_some()));
-        bytes.extend(self.assisted_from.unwrap_or(0).to_le_bytes());
+        bytes.extend(assist::to_bytes(self.assist.as_ref()));
         bytes.push(pairs.len() as u8);
         for (at, taken) in pairs {
             bytes.extend(at.to_le_bytes());
@@ -130,9 +132,8 @@ impl Record {
                 _ => return None,
             },
             returns_to_hold: head[12] != 0,
-            assisted_from: (head[39] != 0)
-                .then_some(u32::from_le_bytes([head[40], head[41], head[42], head[43]])),
             index: (index != u16::MAX).then_some(index),
+            assist: assist::of_bytes(head[ASSIST_AT..HEAD - 1].try_into().ok()?),
             jumps: Jumps::of_pairs(pairs.chunks_exact(4).map(|pair| {
                 (
                     u16::from_le_bytes([pair[0], pair[1]]),
@@ -155,7 +156,7 @@ impl Executive {
             returns_to_hold: self.returns_to_hold,
             index: self.index.and_then(|index| u16::try_from(index).ok()),
             jumps: self.jumps,
-            assisted_from: None,
+            assist: None,
         }
     }
 

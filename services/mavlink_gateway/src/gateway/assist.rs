@@ -4,6 +4,7 @@ use super::Gateway;
 use super::mission::MissionFlight;
 use crate::assist::facts::AutopilotFacts;
 use crate::assist::motion::{AssistedMotion, HeightLimits, MotionDemand};
+use crate::assist::record::AssistRecord;
 use crate::assist::sticks::channels_us;
 use crate::assist::switch::Switch;
 use crate::assist::{Assist, AssistScene, ModeRequest};
@@ -68,14 +69,19 @@ impl AssistedFlight {
         self.assist.state()
     }
 
-    /// The mode to go back to, while the autopilot follows this.
-    pub(super) fn pilots_mode(&self) -> Option<u32> {
-        self.assist.pilots_mode()
+    /// What the next gateway has to know, while the autopilot follows this.
+    pub(super) fn record(&self) -> Option<AssistRecord> {
+        let pilots_mode = self.assist.pilots_mode()?;
+        Some(AssistRecord {
+            pilots_mode,
+            calibration: self.facts.calibration().copied(),
+        })
     }
 
     /// Goes on where the gateway before has stopped.
-    pub(super) fn resume(&mut self, now: Timestamp, pilots_mode: u32) {
-        self.assist.resume(now, pilots_mode);
+    pub(super) fn resume(&mut self, now: Timestamp, record: &AssistRecord) {
+        self.assist.resume(now, record.pilots_mode);
+        self.facts = AutopilotFacts::with_calibration(record.calibration);
     }
 
     /// Takes what the autopilot tells of a parameter.
@@ -109,9 +115,10 @@ impl Gateway {
         }
     }
 
-    /// Whether a pilot may be assisted by this profile, and collision prevention is on.
+    /// Whether the profile assists pilots, and somebody has set jink up for it: collision prevention is on, or there is a switch.
     fn may_assist(&self) -> bool {
-        self.config.profile.assists() && self.params().get(&CP_DIST) > 0.0
+        let is_on = |row| self.params().get(row) > 0.0;
+        self.config.profile.assists() && (is_on(&CP_DIST) || is_on(&OA_ASSIST_CH))
     }
 
     /// When it has something to ask next.
@@ -167,7 +174,7 @@ impl Gateway {
         }
         if let Some(text) = intent.text {
             if text.event.id == jink_shared_types::events::ASSIST_REFUSED.id {
-                self.assist.facts.ask_again();
+                self.assist.facts.ask_again(now);
             }
             let sample = EventSample::new(text.event, text.name, [0.0; 2]);
             self.texts.push(now, &sample);

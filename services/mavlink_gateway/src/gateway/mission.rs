@@ -239,7 +239,7 @@ impl Gateway {
         let flight = self.mission.as_ref()?;
         let record = flight.executive.record(now, self.vehicle.landed_state());
         Some(Record {
-            assisted_from: self.assist.pilots_mode(),
+            assist: self.assist.record(),
             ..record
         })
     }
@@ -251,9 +251,9 @@ impl Gateway {
         if let Some((flight, record)) = self.mission.as_mut().zip(record) {
             flight.resume(&record);
             self.vehicle.resume(&record);
-            if let Some(pilots_mode) = record.assisted_from {
+            if let Some(assist) = &record.assist {
                 self.vehicle.infer_mode(NavMode::Offboard);
-                self.assist.resume(now, pilots_mode);
+                self.assist.resume(now, assist);
             }
         }
         self
