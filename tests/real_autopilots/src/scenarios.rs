@@ -2,7 +2,7 @@
 
 use crate::flight::{Flight, Trouble};
 use crate::judge::Expectation::{self, *};
-use crate::script::{changes, faults, missions, modes};
+use crate::script::{assist, changes, faults, missions, modes};
 use crate::setup::Setup::{self, *};
 
 /// A row.
@@ -46,6 +46,20 @@ impl Scenario {
             ..self
         }
     }
+    /// Set up for assisted flight: PX4 does not have what is set for ArduCopter, and the other way round.
+    const fn assisted(self) -> Self {
+        Self {
+            settings: &[
+                "params.CP_DIST=1.5",
+                "params.MPC_VEL_MANUAL=5",
+                "params.MPC_ACC_HOR=2.5",
+                "params.MPC_JERK_MAX=5",
+                "params.OA_ASSIST_CH=7",
+            ],
+            parameters: &[("MAN_OVERRIDE_SPD", -1.0)],
+            ..self
+        }
+    }
     const fn longer(self, extra_s: f64) -> Self {
         Self { extra_s, ..self }
     }
@@ -86,6 +100,8 @@ const SETPOINTS: &[Setup] = &[Offboard2021, Offboard, Guided];
 /// All PX4 that plan.
 const PX4: &[Setup] = &[Bezier, Offboard2021, Offboard];
 const GUIDED: &[Setup] = &[Guided];
+/// What follows setpoints and is released today.
+const FOLLOWERS: &[Setup] = &[Offboard, Guided];
 const TODAY: &[Setup] = &[Offboard];
 
 const F31: World = ("forest", 900_031);
@@ -284,6 +300,21 @@ pub const TABLE: &[Scenario] = &[
         StaysDown(&["profile"], 15.0),
     )
     .settings(&["link.profile=px4_offboard"]),
+    // A pilot who is assisted.
+    row("assist_into_trees", FOLLOWERS, F31, assist::into_trees, Rests).assisted(),
+    row("assist_into_trees_34", FOLLOWERS, F34, assist::into_trees, Rests).assisted(),
+    row("assist_mode_changed", FOLLOWERS, F31, assist::mode_changed, Rests).assisted(),
+    row(
+        "assist_gateway_killed",
+        FOLLOWERS,
+        F31,
+        assist::gateway_killed,
+        Rests,
+    )
+    .assisted(),
+    row("assist_sticks_lost", FOLLOWERS, F31, assist::sticks_lost, Rests)
+        .assisted()
+        .failsafe(),
     // Faults.
     row("cut_0.6", EACH, F33, faults::cut::<6>, Goal),
     row("cut_3", EACH, F33, faults::cut::<30>, Goal).failsafe(),

@@ -4,13 +4,15 @@
 use crate::mission::{Anchor, Item, Place};
 use crate::record::{ModeRequest, Share, Shared};
 use crate::wire::{Reader, Wire, frames, note};
+use jink_mavlink_gateway::COMPONENT_AVOIDANCE;
 use jink_mavlink_gateway::frame::Splitter;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Make, heartbeat};
 use mavlink::dialects::ardupilotmega::{
-    COMMAND_INT_DATA, COMMAND_LONG_DATA, MISSION_CLEAR_ALL_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA,
-    MISSION_SET_CURRENT_DATA, MavCmd, MavFrame, MavMessage, MavMissionType, MavParamType, MavResult,
-    PARAM_SET_DATA, PositionTargetTypemask, RC_CHANNELS_OVERRIDE_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA,
+    COMMAND_INT_DATA, COMMAND_LONG_DATA, MANUAL_CONTROL_DATA, MISSION_CLEAR_ALL_DATA, MISSION_COUNT_DATA,
+    MISSION_ITEM_INT_DATA, MISSION_SET_CURRENT_DATA, MavCmd, MavFrame, MavMessage, MavMissionType,
+    MavParamType, MavResult, PARAM_SET_DATA, PositionTargetTypemask, RC_CHANNELS_OVERRIDE_DATA,
+    SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -21,6 +23,8 @@ pub const STATION: u8 = 255;
 const COMPONENT: u8 = 190;
 /// A question is repeated after this.
 const REPEAT: Duration = Duration::from_millis(1200);
+/// The sticks are told this often.
+const STICKS_PERIOD: Duration = Duration::from_millis(50);
 /// So often at most.
 const ATTEMPTS: u32 = 4;
 /// How often somebody who waits looks.
@@ -33,6 +37,49 @@ struct Upload {
     result: Option<u32>,
 }
 
+/// Sticks: forward, right, up, turn right, -1 to 1 each.
+pub type Sticks = [f64; 4];
+
+/// The pilot's remote control.
+#[derive(Clone, Copy, Debug, Default)]
+struct Remote {
+    sticks: Option<Sticks>,
+    /// The switch on channel 7.
+    is_switched_on: bool,
+}
+
+impl Remote {
+    /// What it tells the autopilot of this make with the system id `target`.
+    fn message(&self, make: Make, target: u8) -> Option<MavMessage> {
+        let [forward, right, up, turn] = self.sticks?;
+        let thousandths = |share: f64| (1000.0 * share) as i16;
+        let pulse_us = |share: f64| (1500.0 + 500.0 * share) as u16;
+        Some(match make {
+            Make::Px4 => MavMessage::MANUAL_CONTROL(MANUAL_CONTROL_DATA {
+                x: thousandths(forward),
+                y: thousandths(right),
+                z: thousandths(0.5 + 0.5 * up),
+                r: thousandths(turn),
+                target,
+                ..MANUAL_CONTROL_DATA::default()
+            }),
+            Make::ArduCopter => MavMessage::RC_CHANNELS_OVERRIDE(RC_CHANNELS_OVERRIDE_DATA {
+                chan1_raw: pulse_us(right),
+                chan2_raw: pulse_us(-forward),
+                chan3_raw: pulse_us(up),
+                chan4_raw: pulse_us(turn),
+                chan5_raw: u16::MAX,
+                chan6_raw: u16::MAX,
+                chan7_raw: if self.is_switched_on { 2000 } else { 1000 },
+                chan8_raw: u16::MAX,
+                target_system: target,
+                target_component: 1,
+                ..RC_CHANNELS_OVERRIDE_DATA::default()
+            }),
+        })
+    }
+}
+
 /// The station; it falls silent with this.
 #[derive(Debug)]
 pub struct Station {
@@ -41,6 +88,7 @@ pub struct Station {
     target: u8,
     record: Shared,
     upload: Arc<Mutex<Upload>>,
+    remote: Arc<Mutex<Remote>>,
     _reader: Reader,
 }
 
@@ -49,8 +97,10 @@ impl Station {
     pub fn start(wire: Wire, make: Make, target: u8, record: Shared, is_radio: bool) -> Self {
         let wire = Arc::new(wire);
         let upload = Arc::new(Mutex::new(Upload::default()));
+        let remote = Arc::new(Mutex::new(Remote::default()));
         let reader = {
             let (ours, record, upload) = (Arc::clone(&wire), record.clone(), Arc::clone(&upload));
+            let (remote, mut steered) = (Arc::clone(&remote), Instant::now());
             let mut splitter = Splitter::new();
             let mut beat = Instant::now() - REPEAT;
             let mut last_s = 0.0;
@@ -58,6 +108,13 @@ impl Station {
                 if beat.elapsed() >= Duration::from_secs(1) {
                     beat = Instant::now();
                     ours.say(STATION, COMPONENT, heartbeat());
+                }
+                if steered.elapsed() >= STICKS_PERIOD {
+                    steered = Instant::now();
+                    let remote = *remote.lock().unwrap_or_else(PoisonError::into_inner);
+                    if let Some(sticks) = remote.message(make, target) {
+                        ours.say(STATION, COMPONENT, sticks);
+                    }
                 }
                 if is_radio {
                     let mut record = record.lock();
@@ -99,6 +156,7 @@ impl Station {
             target,
             record,
             upload,
+            remote,
             _reader: reader,
         }
     }
@@ -362,6 +420,30 @@ impl Station {
                 ..SET_POSITION_TARGET_LOCAL_NED_DATA::default()
             }),
         );
+    }
+
+    /// The remote control: from now on the sticks are told twenty times a second; `None`: it falls silent.
+    pub fn steer(&self, sticks: Option<Sticks>) {
+        self.remote().sticks = sticks;
+    }
+
+    fn remote(&self) -> std::sync::MutexGuard<'_, Remote> {
+        self.remote.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Chooses assisted flight, or switches it off: with ArduCopter by the switch on channel 7, with PX4 by command.
+    pub fn choose_assist(&self, on: bool) {
+        self.remote().is_switched_on = on;
+        self.expect_mode_change();
+        if self.make == Make::Px4 {
+            self.say(MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+                command: MavCmd::MAV_CMD_USER_1,
+                param1: f32::from(u8::from(on)),
+                target_system: self.target,
+                target_component: COMPONENT_AVOIDANCE,
+                ..COMMAND_LONG_DATA::default()
+            }));
+        }
     }
 
     /// Sticks in the middle, for modes in which a silent throttle counts as low.

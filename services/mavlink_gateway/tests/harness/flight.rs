@@ -590,7 +590,7 @@ fn judge_setpoint(config: &GatewayConfig, now: Timestamp, is_setpoint: bool, mes
             judge_waypoints(waypoints);
         }
         (MavMessage::SET_POSITION_TARGET_LOCAL_NED(target), Px4Offboard | ArdupilotGuided, _) => {
-            judge_target(target);
+            judge_assisted_or_whole(config.profile, target);
         }
         (MavMessage::SET_POSITION_TARGET_LOCAL_NED(target), Px4Deviation, _) => judge_deviation(target),
         (
@@ -655,6 +655,21 @@ fn judge_deviation(target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
     // Positions and headings are not given, velocities and accelerations are; where a pilot steers, the horizontal ones.
     let masks = [0b1100_0000_0111, 0b1101_0010_0111];
     assert!(masks.contains(&target.type_mask.bits()), "{target:?}");
+}
+
+/// Everything is given; where a pilot is assisted, but for the place and the heading: ArduCopter ignores the whole group.
+fn judge_assisted_or_whole(profile: ProfileName, target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
+    let place = match profile {
+        ProfileName::ArdupilotGuided => 0b111,
+        _ => 0b011,
+    };
+    let heading = 0b100_0000_0000;
+    let masks = [0, heading, place, place | heading];
+    assert!(masks.contains(&target.type_mask.bits()), "{target:?}");
+    judge_target(&SET_POSITION_TARGET_LOCAL_NED_DATA {
+        type_mask: PositionTargetTypemask::empty(),
+        ..target.clone()
+    });
 }
 
 fn judge_target(target: &SET_POSITION_TARGET_LOCAL_NED_DATA) {
