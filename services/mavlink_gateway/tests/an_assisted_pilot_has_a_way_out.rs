@@ -357,10 +357,10 @@ fn what_speaks_against_it_is_answered_and_told() {
     let cases: [(&str, Change); 5] = [
         ("set CP_DIST", |flight| flight.set_parameter("CP_DIST", -1.0)),
         ("not in the air", |flight| {
-            flight.landed = MavLandedState::MAV_LANDED_STATE_ON_GROUND
+            flight.landed = MavLandedState::MAV_LANDED_STATE_ON_GROUND;
         }),
         ("choose Position first", |flight| {
-            flight.mode = holding(flight.profile)
+            flight.mode = holding(flight.profile);
         }),
         ("no sticks", |flight| flight.sticks = None),
         ("centre the throttle", |flight| flight.sticks = Some([0.0, -1.0])),
@@ -393,14 +393,14 @@ fn every_exit_is_the_pilots_mode_or_hold_and_the_stream_lasts_until_it_is_there(
     let cases: [(&str, f64, bool, Change); 6] = [
         ("switched off", 1.0, true, |flight| flight.command(0.0)),
         ("CP_DIST is off", 1.0, true, |flight| {
-            flight.set_parameter("CP_DIST", -1.0)
+            flight.set_parameter("CP_DIST", -1.0);
         }),
         ("landed", 1.5, true, |flight| {
-            flight.landed = MavLandedState::MAV_LANDED_STATE_ON_GROUND
+            flight.landed = MavLandedState::MAV_LANDED_STATE_ON_GROUND;
         }),
         ("no sticks", 3.0, false, |flight| flight.sticks = None),
         ("no range data", 6.0, false, |flight| {
-            flight.guard = Some(PreventionState::Blind)
+            flight.guard = Some(PreventionState::Blind);
         }),
         ("no range data", 6.0, false, |flight| flight.guard = None),
     ];

@@ -54,7 +54,7 @@ impl Scenario {
                 "params.MPC_VEL_MANUAL=5",
                 "params.MPC_ACC_HOR=2.5",
                 "params.MPC_JERK_MAX=5",
-                "params.OA_ASSIST_CH=7",
+                "params.OA_ASSIST_CH=6",
             ],
             parameters: &[("MAN_OVERRIDE_SPD", -1.0)],
             ..self

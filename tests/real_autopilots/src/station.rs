@@ -44,7 +44,7 @@ pub type Sticks = [f64; 4];
 #[derive(Clone, Copy, Debug, Default)]
 struct Remote {
     sticks: Option<Sticks>,
-    /// The switch on channel 7.
+    /// The switch on channel 6.
     is_switched_on: bool,
 }
 
@@ -69,8 +69,8 @@ impl Remote {
                 chan3_raw: pulse_us(up),
                 chan4_raw: pulse_us(turn),
                 chan5_raw: u16::MAX,
-                chan6_raw: u16::MAX,
-                chan7_raw: if self.is_switched_on { 2000 } else { 1000 },
+                chan6_raw: if self.is_switched_on { 2000 } else { 1000 },
+                chan7_raw: u16::MAX,
                 chan8_raw: u16::MAX,
                 target_system: target,
                 target_component: 1,
@@ -431,7 +431,7 @@ impl Station {
         self.remote.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Chooses assisted flight, or switches it off: with ArduCopter by the switch on channel 7, with PX4 by command.
+    /// Chooses assisted flight, or switches it off: with ArduCopter by the switch on channel 6, with PX4 by command.
     pub fn choose_assist(&self, on: bool) {
         self.remote().is_switched_on = on;
         self.expect_mode_change();

@@ -13,6 +13,8 @@ const PERIOD_S: f64 = 0.05;
 const DISTANCE_M: f64 = 1.5;
 /// What of it may be lost (m): as in the lock-step flights.
 const LOST_M: f64 = 0.3;
+/// Where the stick points, from the nose (rad), for five seconds each.
+const TURNS_RAD: [f64; 8] = [0.0, 0.0, 0.8, -0.8, 0.0, 1.2, -1.2, 0.3];
 /// Let go of.
 const CENTRED: [f64; 4] = [0.0; 4];
 
@@ -123,7 +125,8 @@ pub fn into_trees(flight: &mut Flight) -> Done {
     choose(flight, true)?;
     let since_s = now_s(flight);
     steer(flight, 40.0, |t| {
-        let turn = (t / 5.0).floor() * 0.9;
+        // Into the forest, and to its trees on both sides.
+        let turn: f64 = TURNS_RAD[(t / 5.0) as usize % TURNS_RAD.len()];
         [turn.cos(), turn.sin(), 0.0, 0.0]
     })?;
     kept(flight, since_s)?;
