@@ -4,26 +4,35 @@
 
 mod support;
 
+use jink_mavlink_gateway::assist::record::AssistRecord;
 use jink_mavlink_gateway::budget::Class;
+use jink_mavlink_gateway::executive::FlightGoal;
+use jink_mavlink_gateway::executive::items::Jumps;
+use jink_mavlink_gateway::executive::record::{LandedState, Record};
 use jink_mavlink_gateway::frame::Splitter;
 use jink_mavlink_gateway::link::Link;
 use jink_mavlink_gateway::links::{LinkSetup, Links};
 use jink_mavlink_gateway::router::Us;
 use jink_mavlink_gateway::signing::Key;
 use jink_mavlink_gateway::{
-    Body, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outgoing, Outputs, Receipt, Received,
+    Body, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outgoing, Outputs, ProfileName,
+    Receipt, Received,
 };
 use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::motion::{ApprovedTrajectory, Verdict};
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::prevention::{PreventedDemand, PreventionState};
 use jink_shared_types::ring::SectorRing;
-use jink_shared_types::{Coded, Timestamp};
+use jink_shared_types::vehicle::NavMode;
+use jink_shared_types::{Coded, Timestamp, Velocity};
+use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{Message, calculate_crc};
 use nalgebra::Vector3;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::net::UdpSocket;
-use support::{MODE_MISSION, Sample, at, flight, heartbeat, wish};
+use support::{MODE_MISSION, MODE_POSITION, Sample, at, flight, heartbeat, wish};
 
 thread_local! {
     static ALLOCATIONS: Cell<usize> = const { Cell::new(0) };
@@ -153,6 +162,98 @@ fn from_bytes_to_bytes_without_the_allocator() {
     }
     assert_eq!(allocations() - before, 0);
     assert!(sent > 5000, "{sent} bytes");
+}
+
+#[test]
+fn an_assisted_flight_asks_the_allocator_for_nothing() {
+    let mut params = ParamSet::default();
+    params.set("CP_DIST", 2.0).unwrap();
+    let config = GatewayConfig {
+        is_proven: true,
+        ..GatewayConfig::from_params(&params, ProfileName::Px4Offboard)
+    };
+    let record = Record {
+        written: at(0.0),
+        mode: NavMode::Position,
+        armed: true,
+        landed_state: LandedState::InAir,
+        flight_goal: FlightGoal::None,
+        returns_to_hold: false,
+        index: None,
+        jumps: Jumps::default(),
+        assist: Some(AssistRecord {
+            pilots_mode: MODE_POSITION,
+            calibration: None,
+        }),
+    };
+    let mut gateway = Gateway::new(config)
+        .with_params(&params)
+        .resuming(at(0.0), Some(record));
+    let mut outputs = Outputs::default();
+    let mut prevented = Sample::new(
+        PreventedDemand {
+            velocity: Velocity::new(1.0, 0.5, 0.0),
+            state: Coded::new(PreventionState::Acting),
+            ..PreventedDemand::default()
+        },
+        at(0.0),
+    );
+    let mut messages: Vec<Received> = Vec::with_capacity(8);
+    let (mut before, mut setpoints) = (0, 0);
+    for i in 0..2000u32 {
+        let now = at(f64::from(i) / 100.0);
+        let time_boot_ms = 5000 + 10 * i;
+        if i == 1200 {
+            // By then everything was asked for that is not answered here.
+            (before, setpoints) = (allocations(), 0);
+        }
+        messages.clear();
+        for message in [
+            heartbeat(6 << 16, true),
+            MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
+                time_boot_ms,
+                ..LOCAL_POSITION_NED_DATA::default()
+            }),
+            MavMessage::MANUAL_CONTROL(MANUAL_CONTROL_DATA {
+                x: 900,
+                z: 700,
+                r: 300,
+                ..MANUAL_CONTROL_DATA::default()
+            }),
+        ] {
+            messages.push(Received {
+                header: MavHeader {
+                    system_id: 1,
+                    component_id: 1,
+                    sequence: 0,
+                },
+                content: Content::Message(message),
+                time: now,
+                link: 0,
+            });
+        }
+        prevented.header.publish = now;
+        let prevented = jink_shared_types::Reading::Fresh(jink_shared_types::Stamped {
+            sample: &*prevented.value,
+            header: &prevented.header,
+        });
+        let inputs = Inputs {
+            messages: &messages,
+            link: Default::default(),
+            approved: jink_shared_types::Reading::Never,
+            prevented,
+            ring: jink_shared_types::Reading::Never,
+            system: jink_shared_types::Reading::Never,
+            events: &[],
+        };
+        gateway.step(now, &inputs, &mut outputs);
+        for message in outputs.messages() {
+            setpoints += usize::from(matches!(message.receipt, Receipt::Setpoint { .. }));
+            gateway.wire(now, message.receipt);
+        }
+    }
+    assert_eq!(allocations() - before, 0);
+    assert!(setpoints >= 399, "{setpoints} setpoints in 8 s");
 }
 
 /// Three links over UDP: an autopilot's, a ground station's that asks for signatures, a slow one.

@@ -10,6 +10,9 @@ use mavlink::dialects::ardupilotmega::{
 /// A fault, the profile it is played with, and what must be told.
 pub(super) type Case = (&'static str, ProfileName, fn(&mut Scene), Grade);
 
+/// A switch chooses assisted flight.
+const ASSISTED: &str = "[params]\nCP_DIST = 2.0\nOA_ASSIST_CH = 7\n";
+
 pub(super) fn cases() -> Vec<Case> {
     use Grade::{Blocker, Good, Warning};
     use ProfileName::{
@@ -483,6 +486,36 @@ pub(super) fn cases() -> Vec<Case> {
                 scene.parameter("COM_OBL_RC_ACT", 7.0);
             },
             Blocker,
+        ),
+        (
+            "MAN_OVERRIDE_SPD = 1.0: sticks that move end OFFBOARD",
+            Offboard,
+            |scene| {
+                scene.config += ASSISTED;
+                scene.parameters.push(("MAN_OVERRIDE_SPD", 1.0));
+            },
+            Warning,
+        ),
+        (
+            "COM_RC_OVERRIDE = 3 has bit 1",
+            Offboard,
+            |scene| {
+                scene.config += ASSISTED;
+                scene.parameters.push(("COM_RC_OVERRIDE", 3.0));
+            },
+            Warning,
+        ),
+        (
+            "WPNAV_ACCEL lets ArduCopter brake with 2.5 m/s2, and collision prevention counts on MPC_ACC_HOR = 3.0",
+            Guided,
+            |scene| scene.config += ASSISTED,
+            Warning,
+        ),
+        (
+            "PSC_JERK_XY lets ArduCopter brake with 5.0 m/s3, and collision prevention counts on MPC_JERK_MAX = 8.0",
+            Guided,
+            |scene| scene.config += ASSISTED,
+            Warning,
         ),
         (
             "GUID_TIMEOUT = 0.05 s is too short",
