@@ -29,6 +29,8 @@ struct Flight {
     switch_us: u16,
     guard: Option<PreventionState>,
     landed: MavLandedState,
+    /// Whether heartbeats come: they do once a second only.
+    beats: bool,
     /// Messages that were looked at.
     looked_at: usize,
     /// Modes that were asked for.
@@ -71,6 +73,7 @@ impl Flight {
             switch_us: 1000,
             guard: Some(PreventionState::Free),
             landed: MavLandedState::MAV_LANDED_STATE_IN_AIR,
+            beats: true,
             looked_at: 0,
             asked: Vec::new(),
             texts: Vec::new(),
@@ -127,7 +130,7 @@ impl Flight {
 
     fn telemetry(&mut self, tick: u32) {
         let bench = &mut self.bench;
-        if tick.is_multiple_of(50) {
+        if tick.is_multiple_of(50) && self.beats {
             let MavMessage::HEARTBEAT(mut beat) = heartbeat(self.mode, true) else {
                 panic!("a heartbeat")
             };

@@ -312,9 +312,15 @@ pub const TABLE: &[Scenario] = &[
         Rests,
     )
     .assisted(),
-    row("assist_sticks_lost", FOLLOWERS, F31, assist::sticks_lost, Rests)
-        .assisted()
-        .failsafe(),
+    row(
+        "assist_sticks_lost",
+        FOLLOWERS,
+        F31,
+        assist::sticks_lost,
+        AsTheScriptSays,
+    )
+    .assisted()
+    .failsafe(),
     // Faults.
     row("cut_0.6", EACH, F33, faults::cut::<6>, Goal),
     row("cut_3", EACH, F33, faults::cut::<30>, Goal).failsafe(),

@@ -98,7 +98,7 @@ impl AssistedFlight {
 impl Gateway {
     /// Takes the remote control's channels: ArduPilot's sticks, and the switch.
     pub(super) fn take_channels(&mut self, channels: &RC_CHANNELS_DATA, received: Timestamp) {
-        if self.vehicle.make() == Some(Make::ArduPilot)
+        if self.config.profile.make() == Make::ArduPilot
             && let Some(calibration) = self.assist.facts.calibration()
         {
             self.steering
@@ -132,9 +132,11 @@ impl Gateway {
 
     /// One step of it: asks for what is needed to be ready for it, and for the modes.
     pub(super) fn run_assist(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
-        let Some((system_id, make)) = self.latch.system_id(now).zip(self.vehicle.make()) else {
+        let Some(system_id) = self.latch.system_id(now) else {
             return;
         };
+        // That of the profile, which fits: a gateway that is started again in flight does not wait for a heartbeat.
+        let make = self.config.profile.make();
         if self.may_assist() && self.was_alive {
             self.prepare_assist(now, make, system_id, outputs);
         }
@@ -204,10 +206,10 @@ impl Gateway {
 
     /// The setpoint of an assisted flight, when it is due.
     pub(super) fn fly_assisted(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
-        let target = self.latch.system_id(now).zip(self.vehicle.make());
-        let Some(((system_id, make), vehicle)) = target.zip(self.vehicle.present(now)) else {
+        let (Some(system_id), Some(vehicle)) = (self.latch.system_id(now), self.vehicle.present(now)) else {
             return;
         };
+        let make = self.config.profile.make();
         let params = self.params();
         let [full_mps, climb_mps, descent_mps] =
             [&MPC_VEL_MANUAL, &OA_SPD_CLIMB, &OA_SPD_DESC].map(|row| params.get(row));

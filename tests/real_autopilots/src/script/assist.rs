@@ -179,15 +179,24 @@ pub fn gateway_killed(flight: &mut Flight) -> Done {
     choose(flight, false)
 }
 
-/// The remote control falls silent in motion. ArduCopter's simulated receiver takes its place after three seconds, with the throttle
-/// down, and the descent ends above the ground; PX4 holds by itself.
+/// The remote control falls silent in motion: PX4 holds by itself, ArduCopter returns (FS_THR_ENABLE), and neither is asked for
+/// anything else.
 pub fn sticks_lost(flight: &mut Flight) -> Done {
     by_hand(flight)?;
     choose(flight, true)?;
     steer(flight, 3.0, |_| [-0.5, 0.0, 0.0, 0.0])?;
-    flight.station.steer(None);
-    match flight.make() {
-        Make::Px4 => flight.wait_mode(NavMode::Hold, 6.0),
-        Make::ArduCopter => flight.watch(15.0),
+    if flight.make() == Make::ArduCopter {
+        // The simulated receiver loses its signal, too; overrides count for three more seconds.
+        flight.station.set_parameter("SIM_RC_FAIL", 1.0);
     }
+    let since_s = now_s(flight);
+    flight.station.steer(None);
+    let mode = match flight.make() {
+        Make::Px4 => NavMode::Hold,
+        Make::ArduCopter => NavMode::Return,
+    };
+    flight.wait_mode(mode, 10.0)?;
+    flight.wait("text", 3.0, has_told("assisted flight off", since_s))?;
+    flight.watch(4.0)?;
+    flight.wait_mode(mode, 0.5)
 }

@@ -492,7 +492,7 @@ pub(super) fn cases() -> Vec<Case> {
             Offboard,
             |scene| {
                 scene.config += ASSISTED;
-                scene.parameters.push(("MAN_OVERRIDE_SPD", 1.0));
+                scene.parameter("MAN_OVERRIDE_SPD", 1.0);
             },
             Warning,
         ),
@@ -501,20 +501,26 @@ pub(super) fn cases() -> Vec<Case> {
             Offboard,
             |scene| {
                 scene.config += ASSISTED;
-                scene.parameters.push(("COM_RC_OVERRIDE", 3.0));
+                scene.parameter("COM_RC_OVERRIDE", 3.0);
             },
             Warning,
         ),
         (
             "WPNAV_ACCEL lets ArduCopter brake with 2.5 m/s2, and collision prevention counts on MPC_ACC_HOR = 3.0",
             Guided,
-            |scene| scene.config += ASSISTED,
+            |scene| {
+                scene.config += ASSISTED;
+                scene.parameter("WPNAV_ACCEL", 250.0);
+            },
             Warning,
         ),
         (
             "PSC_JERK_XY lets ArduCopter brake with 5.0 m/s3, and collision prevention counts on MPC_JERK_MAX = 8.0",
             Guided,
-            |scene| scene.config += ASSISTED,
+            |scene| {
+                scene.config += ASSISTED;
+                scene.parameter("PSC_JERK_XY", 5.0);
+            },
             Warning,
         ),
         (
