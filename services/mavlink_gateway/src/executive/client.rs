@@ -214,7 +214,12 @@ impl MissionClient {
 
     /// Another length or another identity than was told before: another mission.
     fn take_current(&mut self, now: Timestamp, current: &MISSION_CURRENT_DATA) {
-        let total = (current.total != u16::MAX).then_some(current.total);
+        // MAVLink: 0 is not supported, the greatest number is no mission.
+        let total = match current.total {
+            0 => None,
+            u16::MAX => Some(0),
+            total => Some(total),
+        };
         let id = (current.mission_id != 0).then_some(current.mission_id);
         let (total_before, id_before) = self.told;
         let other_length = total.zip(total_before).is_some_and(|(new, old)| new != old);
@@ -428,8 +433,11 @@ mod tests {
             })
         };
         client.take(now, &current(3, 77));
-        client.take(now, &current(u16::MAX, 77));
+        client.take(now, &current(0, 77));
         assert_eq!(client.next_wake(), None, "the same mission");
+        let mut emptied = client.clone();
+        emptied.take(now, &current(u16::MAX, 0));
+        assert_eq!(emptied.next_wake(), Some(now), "none any more");
         client.take(now, &current(3, 78));
         assert_eq!(client.next_wake(), Some(now), "another of the same length");
     }
