@@ -143,6 +143,12 @@ impl Flight {
                 ..EXTENDED_SYS_STATE_DATA::default()
             }));
         }
+        if tick.is_multiple_of(20) && self.profile == ProfileName::Px4Offboard {
+            bench.hear(MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
+                custom_mode: self.mode,
+                ..CURRENT_MODE_DATA::default()
+            }));
+        }
         if tick.is_multiple_of(3) {
             bench.hear_position(Vector3::new(1.0, 2.0, -5.0), Vector3::zeros());
         }

@@ -132,11 +132,10 @@ impl Gateway {
 
     /// One step of it: asks for what is needed to be ready for it, and for the modes.
     pub(super) fn run_assist(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
-        let Some(system_id) = self.latch.system_id(now) else {
+        // Before the first heartbeat the modes' numbers mean nothing: until then what was resumed goes on.
+        let Some((system_id, make)) = self.latch.system_id(now).zip(self.vehicle.make()) else {
             return;
         };
-        // That of the profile, which fits: a gateway that is started again in flight does not wait for a heartbeat.
-        let make = self.config.profile.make();
         if self.may_assist() && self.was_alive {
             self.prepare_assist(now, make, system_id, outputs);
         }
@@ -209,6 +208,7 @@ impl Gateway {
         let (Some(system_id), Some(vehicle)) = (self.latch.system_id(now), self.vehicle.present(now)) else {
             return;
         };
+        // That of the profile, which fits: a gateway that is started again in flight does not wait for a heartbeat.
         let make = self.config.profile.make();
         let params = self.params();
         let [full_mps, climb_mps, descent_mps] =
