@@ -48,7 +48,16 @@ fn spoil(folder: &TempFolder, file: &str, from: &str, to: &str) -> usize {
 #[test]
 fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
     let simulated = ["--world", "forest"];
-    let simulator = ["--world", "forest", "--set", "simulation.ground_station_port=0"];
+    // This one is found by a process of its own, while the gateway starts as well: on a port that nobody else has.
+    let link = format!("link.address=udpin:127.0.0.1:{}", free_udp_port());
+    let simulator = [
+        "--world",
+        "forest",
+        "--set",
+        "simulation.ground_station_port=0",
+        "--set",
+        &link,
+    ];
     for (file, from, to, arguments, said) in [
         (
             "jink.toml",

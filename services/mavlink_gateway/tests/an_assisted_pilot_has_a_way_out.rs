@@ -506,3 +506,25 @@ fn an_autopilot_that_has_started_anew_is_not_assisted() {
         assert!(flight.asked.is_empty());
     }
 }
+
+#[test]
+fn when_jink_is_ended_it_stops_and_the_autopilot_holds() {
+    for profile in BOTH {
+        let mut flight = Flight::engaged(profile);
+        flight.sticks = Some([1.0, 1.0]);
+        flight.run(1.0);
+        flight.forget();
+        flight.bench.gateway.request_stop(flight.bench.now);
+        flight.run(2.0);
+        assert_eq!(flight.asked.first(), Some(&holding(profile)), "{profile:?}");
+        assert_eq!(flight.assist(), AssistState::Off);
+        // Nothing brings it back while jink is about to end.
+        flight.command(1.0);
+        flight.run(1.0);
+        assert_eq!(
+            flight.acks.last(),
+            Some(&MavResult::MAV_RESULT_TEMPORARILY_REJECTED)
+        );
+        assert!(!flight.asked.contains(&following(profile)), "{profile:?}");
+    }
+}

@@ -235,7 +235,7 @@ pub const TABLE: &[Scenario] = &[
         EACH,
         F31,
         missions::above_ceiling,
-        Holds(BLOCKED, 25.0),
+        GoalOrHolds(BLOCKED, 25.0),
     )
     .settings(&["params.OA_BLOCKED_T=8", "params.OA_ALT_MAX=6"]),
     // Missions changed in flight.

@@ -28,6 +28,9 @@ use nalgebra::Vector3;
 /// Rate at which the wish is repeated (Hz), as the topic table says.
 const WISH_RATE_HZ: f64 = 5.0;
 
+/// A mission of ten items over a slow link is read within this time (s); a trajectory that is committed ends at rest about as soon.
+const READS_S: f64 = 5.0;
+
 /// Everything about a mission that jink flies.
 #[derive(Clone, Debug)]
 pub(super) struct MissionFlight {
@@ -39,6 +42,8 @@ pub(super) struct MissionFlight {
     home: Option<(i32, i32)>,
     /// The last wish, and when it is due again.
     wish: Option<DesiredPath>,
+    /// A gateway that was started in flight reads the mission first, at the latest until then.
+    reads_until: Timestamp,
     repeat: Ticker,
     /// Mode at the last step.
     mode: NavMode,
@@ -55,6 +60,7 @@ impl MissionFlight {
             go_to: GoToWatch::default(),
             home: None,
             wish: None,
+            reads_until: Timestamp::NEVER,
             repeat: Ticker::new(WISH_RATE_HZ),
             mode: NavMode::Unknown,
             was_refused: false,
@@ -65,6 +71,12 @@ impl MissionFlight {
     /// What is wanted now; the setpoints are flown, or are about to be.
     pub(super) fn wants_a_plan(&self) -> bool {
         self.wish.is_some_and(|wish| wish.wants_planning())
+    }
+
+    /// Whether this gateway was started in a flight and does not know its mission yet: what is approved goes on, even where it is
+    /// flown only with a wish.
+    pub(super) fn is_reading_after_start(&self, now: Timestamp) -> bool {
+        self.reads_until.is_set() && now <= self.reads_until && !self.wants_a_plan()
     }
 
     /// Takes a message of the autopilot's.
@@ -116,8 +128,9 @@ impl MissionFlight {
     }
 
     /// Goes on where the gateway before has stopped.
-    pub(super) fn resume(&mut self, record: &Record) {
+    pub(super) fn resume(&mut self, now: Timestamp, record: &Record) {
         self.executive.resume(record);
+        self.reads_until = now.plus_seconds(READS_S);
         self.mode = record.mode;
     }
 
@@ -249,7 +262,7 @@ impl Gateway {
     pub fn resuming(mut self, now: Timestamp, record: Option<Record>) -> Self {
         let record = record.filter(|record| record.is_valid(now));
         if let Some((flight, record)) = self.mission.as_mut().zip(record) {
-            flight.resume(&record);
+            flight.resume(now, &record);
             self.vehicle.resume(&record);
             if let Some(assist) = &record.assist {
                 self.vehicle.infer_mode(NavMode::Offboard);

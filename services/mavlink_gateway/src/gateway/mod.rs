@@ -25,6 +25,7 @@ use crate::io::{Inputs, Outputs};
 use crate::latch::Latch;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Destination, Outgoing, Receipt};
 use crate::obstacles;
+use crate::profile::pilot::is_for_flying;
 use crate::profile::{Profile, Situation};
 use crate::ranges::RangeSources;
 use crate::router::Us;
@@ -384,7 +385,17 @@ impl Gateway {
             return;
         };
         let mode = self.vehicle.mode();
-        let is_about_to = self.mission.as_ref().is_some_and(MissionFlight::wants_a_plan);
+        // Where the way is only shown, what was approved goes on while a gateway that was started in flight reads the mission.
+        let goes_on = mode == NavMode::Mission
+            && !self.config.profile.flies_the_mission()
+            && inputs
+                .approved
+                .fresh()
+                .is_some_and(|approved| is_for_flying(&approved));
+        let is_about_to = self
+            .mission
+            .as_ref()
+            .is_some_and(|flight| flight.wants_a_plan() || goes_on && flight.is_reading_after_start(now));
         let situation = Situation {
             now,
             vehicle: self.vehicle.present(now),

@@ -212,6 +212,11 @@ impl Pilot {
         if !self.is_news(&approved) || !is_usable(&approved) {
             return false;
         }
+        // What only goes on from a reference that the vehicle has lost is as far away as that: it is planned anew first.
+        if self.is_astray && self.is_far(&approved.trajectory, situation) {
+            self.barred = Some(approved.trajectory.id);
+            return false;
+        }
         *self.flown = approved.trajectory;
         self.has_flown = true;
         self.barred = None;
@@ -266,20 +271,29 @@ impl Pilot {
 
     /// What lies too far from the vehicle is not flown any more: nobody has certified the way there.
     fn notice_astray(&mut self, vehicle: &Present, now: Timestamp) {
-        let Some(limit_m) = self.astray_m.filter(|_| self.has_flown) else {
-            return;
-        };
-        let apart = self
-            .flown
-            .at(now)
-            .map(|reference| (reference.position.vector() - vehicle.position).norm());
-        if apart.is_none_or(|apart_m| apart_m > limit_m) {
+        if self.has_flown && self.lies_far(&self.flown, vehicle, now) {
             self.has_flown = false;
             self.news = None;
             self.last = None;
             self.barred = Some(self.flown.id);
             self.is_astray = true;
         }
+    }
+
+    fn is_far(&self, trajectory: &Trajectory, situation: &Situation<'_>) -> bool {
+        let vehicle = situation.vehicle;
+        vehicle.is_some_and(|vehicle| self.lies_far(trajectory, &vehicle, situation.now))
+    }
+
+    /// Whether a reference lies farther from the vehicle than what may be flown.
+    fn lies_far(&self, trajectory: &Trajectory, vehicle: &Present, now: Timestamp) -> bool {
+        let Some(limit_m) = self.astray_m else {
+            return false;
+        };
+        let apart = trajectory
+            .at(now)
+            .map(|reference| (reference.position.vector() - vehicle.position).norm());
+        apart.is_none_or(|apart_m| apart_m > limit_m)
     }
 
     fn follow(&mut self, source: Source, start: Timestamp) -> Option<Decision> {
@@ -415,7 +429,7 @@ impl Pilot {
     }
 }
 
-fn is_for_flying(approved: &ApprovedTrajectory) -> bool {
+pub(crate) fn is_for_flying(approved: &ApprovedTrajectory) -> bool {
     approved.verdict != Verdict::Hold && approved.trajectory.mode != TrajectoryMode::Mirror
 }
 
