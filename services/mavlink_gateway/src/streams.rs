@@ -128,10 +128,11 @@ fn besides(profile: ProfileName) -> Vec<Stream> {
                 .collect()
         }
         ProfileName::ArdupilotGuided => {
-            // As often as setpoints: between two of them somebody else's target shows.
+            // Between two setpoints somebody else's target shows. More often than these come, and never in step with them: at their own
+            // rate it is told just after each of them for a whole flight, or just before.
             let target = stream(
                 POSITION_TARGET_LOCAL_NED_DATA::ID,
-                50.0,
+                60.0,
                 Need::In(NavMode::Offboard),
             );
             MISSION.into_iter().chain([target]).collect()
