@@ -10,7 +10,7 @@ use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
 use mavlink::dialects::ardupilotmega::{
     ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, CURRENT_MODE_DATA, EXTENDED_SYS_STATE_DATA,
     GLOBAL_POSITION_INT_DATA, HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MavMessage,
-    POSITION_TARGET_LOCAL_NED_DATA,
+    POSITION_TARGET_GLOBAL_INT_DATA, POSITION_TARGET_LOCAL_NED_DATA,
 };
 use mavlink::{Message, MessageData};
 
@@ -59,6 +59,11 @@ pub(super) fn judge(interview: &Interview, findings: &mut Vec<Finding>) {
     let rates: Vec<StreamRate> = interview.streams().collect();
     let mut good = Vec::new();
     for rate in &rates {
+        // PX4 sends it while it flies to a place; on the ground there is none.
+        let is_for_later = rate.message_id == POSITION_TARGET_GLOBAL_INT_DATA::ID && rate.came_hz == 0.0;
+        if is_for_later {
+            continue;
+        }
         if !rate.is_short {
             if rate.is_steady && rate.came_hz == 0.0 {
                 continue; // It comes when it is needed.
@@ -98,6 +103,8 @@ fn missing(interview: &Interview, rate: &StreamRate) -> Finding {
         "the autopilot has no position yet: wait for GPS (or another source) until the ground station shows one, then look again"
     } else if rate.message_id == HOME_POSITION_DATA::ID {
         "home is set with the first position: wait for it, then look again"
+    } else if rate.message_id == CURRENT_MODE_DATA::ID {
+        "PX4 before 1.15 does not know it, and tells its mode once a second: update the firmware, or give changes of mode that second"
     } else if interview.make() == Some(Make::Px4) {
         // In Onboard mode everything of this comes; a network's port is in that mode by itself.
         "set the MAVLink mode of this port to Onboard (MAV_1_MODE = 2) and restart the autopilot"
