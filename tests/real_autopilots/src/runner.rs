@@ -101,6 +101,8 @@ fn one(index: usize, planned: &Planned, build: &Build, job: u16, options: &Optio
         Some(keep) => keep.join(&name),
         None => std::env::temp_dir().join(format!("jink_real_{}_{index}", std::process::id())),
     };
+    // An autopilot that finds the mission of an earlier flight goes on in it.
+    let _none_before = std::fs::remove_dir_all(&folder);
     let means = Means {
         programs: options.programs.clone(),
         config: options.config.clone(),
