@@ -5,16 +5,16 @@
 //!
 //! | seen | asked of the autopilot | sent meanwhile |
 //! |---|---|---|
-//! | chosen, and nothing speaks against it | the mode that follows setpoints, [`STREAM_S`] after the stream has begun | what the guard allows of the sticks, as later on |
+//! | chosen, and nothing speaks against it | the mode that follows setpoints, `STREAM_S` after the stream has begun | what the guard allows of the sticks, as later on |
 //! | chosen, and something does | nothing; the pilot is told what | nothing |
-//! | the autopilot does not change for [`ENGAGE_S`], or refuses | nothing more; the pilot is told | nothing |
+//! | the autopilot does not change for `ENGAGE_S`, or refuses | nothing more; the pilot is told | nothing |
 //! | switched off | the pilot's mode: the one in which he chose it | what the guard allows of the sticks |
 //! | the mode changes, by whomever | nothing: he has it | nothing |
-//! | it comes back by itself within [`RETURN_S`], as PX4 does after a lost stream | the pilot's mode | a stop, then the place |
+//! | it comes back by itself within `RETURN_S`, as PX4 does after a lost stream | the pilot's mode | a stop, then the place |
 //! | no sticks for [`STICKS_KEPT_S`](sticks::STICKS_KEPT_S) | nothing | a stop, then the place |
-//! | no sticks for [`STICKS_LOST_S`] | Hold: the pilot's mode would have nobody | the same |
+//! | no sticks for `STICKS_LOST_S` | Hold: the pilot's mode would have nobody | the same |
 //! | no ranges, or the guard is silent | nothing | a stop, then the place |
-//! | the same for [`BLIND_S`] | Hold | the same |
+//! | the same for `BLIND_S` | Hold | the same |
 //! | CP_DIST is switched off, the vehicle has landed | the pilot's mode | what is left of the sticks |
 //! | the pilot's mode is refused, or does not come | Hold | a stop, then the place |
 //! | disarmed; the autopilot has started anew | nothing | nothing |
