@@ -29,6 +29,7 @@ pub mod record;
 pub mod sticks;
 pub mod switch;
 
+use crate::executive::{PilotText, REPEAT_S};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{ASSIST_HOLDS, ASSIST_OFF, ASSIST_ON, ASSIST_REFUSED, Event};
 use jink_shared_types::link::AssistState;
@@ -40,8 +41,6 @@ use jink_shared_types::vehicle::NavMode;
 const STREAM_S: f64 = 0.3;
 /// An autopilot that has not changed its mode after this long (s) does not.
 const ENGAGE_S: f64 = 3.0;
-/// A request is repeated after this long (s): a change of mode shows within 30 ms, over a slow link in less than this.
-const REPEAT_S: f64 = 0.5;
 /// Without sticks for so long (s) nobody is there to fly: four times what a lost message costs, and before PX4's return begins.
 const STICKS_LOST_S: f64 = 2.0;
 /// Without ranges for so long (s) the autopilot holds by itself, as collision prevention does in PX4.
@@ -137,22 +136,13 @@ impl AssistScene {
     }
 }
 
-/// A text for the pilot.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AssistText {
-    /// Row of the event table.
-    pub event: &'static Event,
-    /// Fills its name.
-    pub name: &'static str,
-}
-
 /// What follows from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AssistIntent {
     /// The mode to be asked for now.
     pub request: Option<ModeRequest>,
     /// What the pilot is to be told now.
-    pub text: Option<AssistText>,
+    pub text: Option<PilotText>,
 }
 
 /// Assisted flight.
@@ -413,7 +403,8 @@ impl Assist {
         self.phase = Phase::Leaving { to, since: now };
         self.asked = Timestamp::NEVER;
         AssistIntent {
-            text: word.map(|name| AssistText {
+            text: word.map(|name| PilotText {
+                number: 0.0,
                 event: &ASSIST_OFF,
                 name,
             }),
@@ -445,7 +436,11 @@ impl Assist {
 fn told(event: &'static Event, name: &'static str) -> AssistIntent {
     AssistIntent {
         request: None,
-        text: Some(AssistText { event, name }),
+        text: Some(PilotText {
+            event,
+            name,
+            number: 0.0,
+        }),
     }
 }
 

@@ -43,9 +43,9 @@ use nalgebra::Vector3;
 
 /// A demand is repeated after this long (s): a change of mode shows within 30 ms, its heartbeat at once, and over a slow
 /// link in less than this; an autopilot that flies its mission gathers speed meanwhile.
-const REPEAT_S: f64 = 0.5;
+pub(crate) const REPEAT_S: f64 = 0.5;
 /// After so many demands without effect it is left alone until something changes.
-const TRIES: u32 = 10;
+pub(crate) const TRIES: u32 = 10;
 /// Requests for an item that may be on their way at once: more are not made before the first has shown.
 const REQUESTED_MAX: usize = 4;
 /// A change of the current item this soon (s) after the mode was entered is the autopilot's own, from just before.

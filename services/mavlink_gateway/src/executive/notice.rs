@@ -8,8 +8,8 @@ use jink_shared_types::vehicle::NavMode;
 
 /// A requested item that has not shown after this long (s) will not: later it is somebody else's choice.
 const REQUESTED_S: f64 = 10.0;
-/// Who chooses the mission mode again within this time (s) means it.
-const MEANT_S: f64 = 10.0;
+/// Who chooses a mode again that jink has taken him out of within this time (s) means it.
+pub(crate) const MEANT_S: f64 = 10.0;
 
 impl Executive {
     /// A flight ends with the motors.

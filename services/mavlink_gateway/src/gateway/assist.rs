@@ -15,7 +15,6 @@ use crate::io::{Inputs, Outputs};
 use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Outgoing, Receipt};
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::EventSample;
 use jink_shared_types::link::AssistState;
 use jink_shared_types::params::{
     CP_DIST, MPC_VEL_MANUAL, OA_ALT_MAX, OA_ALT_MIN, OA_ASSIST_CH, OA_ASSIST_YAW, OA_SPD_CLIMB, OA_SPD_DESC,
@@ -177,9 +176,7 @@ impl Gateway {
             if text.event.id == jink_shared_types::events::ASSIST_REFUSED.id {
                 self.assist.facts.ask_again(now);
             }
-            let sample = EventSample::new(text.event, text.name, [0.0; 2]);
-            self.texts.push(now, &sample);
-            outputs.tell(sample);
+            self.tell_pilot(now, &text, outputs);
         }
     }
 

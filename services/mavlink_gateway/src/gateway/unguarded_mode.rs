@@ -7,7 +7,8 @@
 //! | with `link.takes_missions` switched off; follow me of a PX4 that asks its companion for the way | nothing |
 
 use super::Gateway;
-use crate::executive::{Demand, PilotText};
+use crate::executive::notice::MEANT_S;
+use crate::executive::{Demand, PilotText, REPEAT_S, TRIES};
 use crate::io::Outputs;
 use crate::profile::ProfileName;
 use jink_shared_types::Timestamp;
@@ -15,13 +16,6 @@ use jink_shared_types::coded::Wire;
 use jink_shared_types::events::{MODE_HELD, MODE_UNGUARDED};
 use jink_shared_types::params::OA_UNGUARDED;
 use jink_shared_types::vehicle::NavMode;
-
-/// Who chooses the mode again within this time (s) means it.
-const MEANT_S: f64 = 10.0;
-/// Hold is asked for again after this long (s) ...
-const REPEAT_S: f64 = 0.5;
-/// ... and so often.
-const TRIES: u32 = 10;
 
 /// Watches for them.
 #[derive(Clone, Copy, Debug)]
