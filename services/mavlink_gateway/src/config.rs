@@ -67,6 +67,11 @@ impl GatewayConfig {
         }
     }
 
+    /// Whether setpoints are messages without an addressee.
+    pub(crate) fn sends_curves(&self) -> bool {
+        self.profile == ProfileName::Px4Trajectory && self.representation == Representation::Bezier
+    }
+
     /// The profile itself.
     pub(crate) fn build_profile(&self) -> Box<dyn Profile> {
         self.profile.build(

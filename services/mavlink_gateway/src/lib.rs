@@ -4,7 +4,7 @@
 //! |---|---|
 //! | autopilot: HEARTBEAT, LOCAL_POSITION_NED, ATTITUDE_QUATERNION, ALTITUDE, EXTENDED_SYS_STATE, HOME_POSITION | `vehicle/state` |
 //! | autopilot: TRAJECTORY_REPRESENTATION_WAYPOINTS, or its mission | `vehicle/desired_path` |
-//! | `guard/approved` | TRAJECTORY_REPRESENTATION_BEZIER or _WAYPOINTS, 20 Hz, or SET_POSITION_TARGET_LOCAL_NED, 50 Hz, in every mode |
+//! | `guard/approved` | TRAJECTORY_REPRESENTATION_BEZIER or _WAYPOINTS, 20 Hz (curves 10.8 Hz where a radio carries them), or SET_POSITION_TARGET_LOCAL_NED, 50 Hz, in every mode |
 //! | where jink flies the mission: its items | changes of mode and of the current item ([`executive`]) |
 //! | `guard/ring` | OBSTACLE_DISTANCE, 15 Hz |
 //! | `system/status` | HEARTBEAT of component 196, honest |
@@ -77,6 +77,7 @@ mod obstacles;
 mod parameters;
 pub mod profile;
 pub mod px4_mode;
+mod radio_share;
 pub mod ranges;
 pub mod router;
 pub mod signing;

@@ -70,7 +70,17 @@ fn the_companions_link_has_the_observed_rates() {
 
 #[test]
 fn the_links_forward_to_each_other() {
-    let mut flight = Flight::with(&[]);
+    assert_eq!(forwarded(&[("MAV_HB_FORW_EN", 1.0)]), [true, true]);
+}
+
+#[test]
+fn a_board_passes_no_stations_heartbeat_to_its_companion() {
+    assert_eq!(forwarded(&[]), [false, true]);
+}
+
+/// Whether the companion hears the station, and the station the companion.
+fn forwarded(parameters: &[(&'static str, f64)]) -> [bool; 2] {
+    let mut flight = Flight::with(parameters);
     flight.run(0.1);
     let beat = MavMessage::HEARTBEAT(HEARTBEAT_DATA {
         mavtype: MavType::MAV_TYPE_GCS,
@@ -85,8 +95,10 @@ fn the_links_forward_to_each_other() {
             .iter()
             .any(|p| p.link == link && (p.header.system_id, p.header.component_id) == (system, component))
     };
-    assert!(heard(Link::Companion, 255, 190));
-    assert!(heard(Link::GroundStation, 1, 196));
+    [
+        heard(Link::Companion, 255, 190),
+        heard(Link::GroundStation, 1, 196),
+    ]
 }
 
 #[test]

@@ -39,6 +39,12 @@ impl Gateway {
                 return;
             }
         }
+        if let Content::Message(MavMessage::HEARTBEAT(heartbeat)) = &received.content
+            && self.latch.system_id(now).is_some()
+            && received.link == self.autopilot_link()
+        {
+            self.radio.overhear(received.time, heartbeat);
+        }
         self.overhear(now, received);
         self.ignored += 1;
     }
@@ -159,6 +165,10 @@ impl Gateway {
         }
         if sync.tc1 != 0 {
             self.clock.answer(received.time, sync.tc1, sync.ts1);
+            return;
+        }
+        let spares = self.spares_radio(now);
+        if !self.radio.answers(now, spares) {
             return;
         }
         let answer = MavMessage::TIMESYNC(TIMESYNC_DATA {

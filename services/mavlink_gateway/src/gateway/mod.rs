@@ -27,6 +27,7 @@ use crate::message::{Body, COMPONENT_AUTOPILOT, Destination, Outgoing, Receipt};
 use crate::obstacles;
 use crate::profile::pilot::is_for_flying;
 use crate::profile::{Profile, Situation};
+use crate::radio_share::{REPEATED_HZ, RadioShare};
 use crate::ranges::RangeSources;
 use crate::router::Us;
 use crate::streams::Streams;
@@ -114,6 +115,7 @@ pub struct Gateway {
     steering: Steering,
     assist: AssistedFlight,
     sources: RangeSources,
+    radio: RadioShare,
     streams: Streams,
     texts: Texts,
     wire: Wire,
@@ -160,6 +162,7 @@ impl Gateway {
             steering: Steering::default(),
             assist: AssistedFlight::default(),
             sources: RangeSources::default(),
+            radio: RadioShare::default(),
             streams: Streams::new(config.profile),
             texts: Texts::default(),
             wire: Wire::default(),
@@ -233,7 +236,10 @@ impl Gateway {
             wake = wake.min(self.vehicle.alive_until().plus_seconds(1e-3));
         }
         if self.latch.system_id(now).is_some() {
-            wake = wake.min(self.obstacles.due()).min(self.timesync.due());
+            wake = wake.min(self.timesync.due());
+            if self.obstacles_hz(now).is_some() {
+                wake = wake.min(self.obstacles.due());
+            }
             if self.was_alive {
                 wake = wake.min(self.streams.next_wake());
                 if let Some(question) = self.assist_wake() {
@@ -396,8 +402,10 @@ impl Gateway {
             .mission
             .as_ref()
             .is_some_and(|flight| flight.wants_a_plan() || goes_on && flight.is_reading_after_start(now));
+        let spares_radio = self.spares_radio(now);
         let situation = Situation {
             now,
+            spares_radio,
             vehicle: self.vehicle.present(now),
             system_id,
             mode,
@@ -409,6 +417,7 @@ impl Gateway {
                 .filter(|path| self.was_alive && path.mode == mode),
             approved: inputs.approved,
         };
+        self.setpoints.set_rate(self.setpoint_rate_hz(now));
         if self.profile.observe(&situation) {
             let period_s = self.setpoints.period_s();
             let soonest = self
@@ -449,14 +458,29 @@ impl Gateway {
         });
     }
 
-    /// How often the obstacle map is due (Hz): as somebody has asked for it, as the parameter says, or as the autopilot needs it.
-    pub(super) fn obstacles_hz(&self) -> f64 {
+    /// Whether setpoints go out over a ground station's radio, so that what it carries is kept small.
+    fn spares_radio(&self, now: Timestamp) -> bool {
+        self.config.sends_curves() && self.radio.is_carried(now)
+    }
+
+    /// Rate of the setpoint stream (Hz) while nothing new is to be said.
+    pub fn setpoint_rate_hz(&self, now: Timestamp) -> f64 {
+        if self.spares_radio(now) {
+            self.config.setpoint_rate_hz.min(REPEATED_HZ)
+        } else {
+            self.config.setpoint_rate_hz
+        }
+    }
+
+    /// How often the obstacle map is due (Hz): as somebody has asked for it, as the parameter says, or as the autopilot needs it;
+    /// `None`: it needs none, and a radio would carry it.
+    pub(super) fn obstacles_hz(&self, now: Timestamp) -> Option<f64> {
         let configured_hz = self.params().get(&GW_OBST_RATE);
         match self.obstacles_period_s {
-            Some(period_s) => 1.0 / period_s,
-            None if configured_hz > 0.0 => configured_hz.max(OBSTACLES_LEAST_HZ),
-            None if self.profile_check.fit.prevents_collisions() => OBSTACLES_PREVENTION_HZ,
-            None => OBSTACLES_HZ,
+            Some(period_s) => Some(1.0 / period_s),
+            None if configured_hz > 0.0 => Some(configured_hz.max(OBSTACLES_LEAST_HZ)),
+            None if self.profile_check.fit.prevents_collisions() => Some(OBSTACLES_PREVENTION_HZ),
+            None => (!self.spares_radio(now)).then_some(OBSTACLES_HZ),
         }
     }
 
@@ -480,8 +504,11 @@ impl Gateway {
             return;
         };
         let autopilot = (system_id, COMPONENT_AUTOPILOT);
-        self.obstacles.set_rate(self.obstacles_hz());
-        if self.obstacles.take(now) {
+        let obstacles_hz = self.obstacles_hz(now);
+        if let Some(rate_hz) = obstacles_hz {
+            self.obstacles.set_rate(rate_hz);
+        }
+        if obstacles_hz.is_some() && self.obstacles.take(now) {
             let map = obstacles::message(now, inputs.ring, self.vehicle.make());
             outputs.send(Outgoing {
                 receipt: Receipt::Obstacles,

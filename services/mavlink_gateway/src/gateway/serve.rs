@@ -215,7 +215,7 @@ impl Gateway {
                 None
             }
             Deed::TellInterval(id, topic) => {
-                let period_s = topic.map_or(Some(0.0), |topic| self.period_s(role, topic));
+                let period_s = topic.map_or(Some(0.0), |topic| self.period_s(now, role, topic));
                 Some(MavMessage::MESSAGE_INTERVAL(MESSAGE_INTERVAL_DATA {
                     message_id: id as u16,
                     // 0 = it does not come by itself, -1 = it could, but does not.
@@ -257,12 +257,12 @@ impl Gateway {
     }
 
     /// `None`: it was silenced.
-    fn period_s(&self, role: Role, topic: Topic) -> Option<f64> {
+    fn period_s(&self, now: Timestamp, role: Role, topic: Topic) -> Option<f64> {
         match (topic, role) {
             (Topic::Heartbeat, Role::Avoidance) => Some(1.0 / AVOIDANCE_RATE_HZ),
             (Topic::Heartbeat, Role::Computer) => Some(1.0 / COMPUTER_RATE_HZ),
             (Topic::Timesync, _) => Some(self.timesync.period_s()),
-            (Topic::Obstacles, _) => Some(1.0 / self.obstacles_hz()),
+            (Topic::Obstacles, _) => self.obstacles_hz(now).map(|rate_hz| 1.0 / rate_hz),
             (Topic::Computer, _) => self.desk.computer_period_s(),
             (Topic::Version | Topic::Protocol | Topic::Metadata, _) => Some(0.0),
         }

@@ -29,7 +29,12 @@ const SAMPLES: usize = 8;
 const WIDEST_TURN_RAD: f64 = 3.0;
 /// A curve whose control points are all this near to its end is at rest (m). (f32 resolves 0.06 mm at 1 km.)
 const REST_M: f64 = 1e-3;
+/// A curve that is nowhere farther from another than this says the same (m): that is what a curve may leave its own plan by, and as
+/// much again.
+const SAME_M: f64 = 2.0 * WORST_ERROR_M;
 /// The same for headings (rad).
+const SAME_RAD: f64 = 0.1;
+/// The same as for positions, at rest, for headings (rad).
 const REST_RAD: f64 = 1e-3;
 /// A plan is continued backwards by at most this much before its start (s): what back-dating and one late cycle need.
 const BEFORE_START_S: f64 = 0.1;
@@ -191,6 +196,18 @@ impl Curve {
                 .iter()
                 .all(|p| p.iter().all(|c| c.abs() <= MAX_COORDINATE_M))
             && self.yaw_rad.iter().all(|yaw| yaw.abs() <= MAX_YAW_RAD)
+    }
+
+    /// Whether it leads where `plan` leads, from `now` on for `ahead_s`.
+    pub fn agrees_with(&self, plan: &Trajectory, now: Timestamp, ahead_s: f64) -> bool {
+        (0..=SAMPLES).all(|i| {
+            let time = now.plus_seconds(ahead_s * i as f64 / SAMPLES as f64);
+            time <= self.start.plus_seconds(self.duration_s)
+                && state_at(plan, time).is_some_and(|there| {
+                    (self.position_at(time) - there.position.vector()).norm() <= SAME_M
+                        && wrap_pi(self.yaw_at(time) - there.yaw_rad).abs() <= SAME_RAD
+                })
+        })
     }
 
     /// Where it is at `time` (m); its ends before and after.

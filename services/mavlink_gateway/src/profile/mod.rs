@@ -34,6 +34,8 @@ pub struct Situation<'a> {
     pub in_air: bool,
     /// What is sent is flown ([`Profile::listens`]), or is about to be.
     pub is_flown: bool,
+    /// A radio carries what is sent: what says nothing new waits for the beat of the stream.
+    pub spares_radio: bool,
     /// What the autopilot wants, if that was asked for in the mode in force by an autopilot that is alive.
     pub desired: Option<&'a DesiredPath>,
     /// What the guard lets through.

@@ -43,6 +43,8 @@ const GROUND_SHARE: f64 = 0.3;
 /// Then the curve lies so far below the vehicle (m): PX4 takes the way back to a curve from its own setpoint, which has gone on
 /// into the ground, off the descent, and counts only nine tenths of a descent as one that ends on the ground.
 const INTO_GROUND_M: f64 = 2.0;
+/// What is flown until then (s) must have been told: longer than four beats of the slowest stream.
+const TOLD_AHEAD_S: f64 = 0.4;
 /// A trajectory longer than this (s) is none.
 const LONGEST_TRAJECTORY_S: f64 = 1e4;
 
@@ -223,6 +225,17 @@ impl Pilot {
         self.is_astray = false;
         self.news = Some(*approved.header);
         true
+    }
+
+    /// Whether the new trajectory says what was sent last; then nobody waits for it.
+    pub fn is_told(&mut self, now: Timestamp) -> bool {
+        let is_told = self
+            .last
+            .is_some_and(|sent| sent.agrees_with(&self.flown, now, TOLD_AHEAD_S));
+        if is_told {
+            self.news = None;
+        }
+        is_told
     }
 
     fn is_news(&self, approved: &ApprovedTrajectory) -> bool {

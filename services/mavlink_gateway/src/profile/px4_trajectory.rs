@@ -73,7 +73,7 @@ impl Profile for Px4Trajectory {
     }
 
     fn observe(&mut self, situation: &Situation<'_>) -> bool {
-        self.pilot.observe(situation)
+        self.pilot.observe(situation) && !(situation.spares_radio && self.pilot.is_told(situation.now))
     }
 
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint> {

@@ -466,7 +466,8 @@ impl Story {
         self.now = time;
         if let Some(last) = self.last_setpoint {
             let gap_s = time.seconds_since(last);
-            let limit_s = GAP_PERIODS / self.config.setpoint_rate_hz + 1e-6;
+            let [before_hz, now_hz] = [last, time].map(|time| self.gateway.setpoint_rate_hz(time));
+            let limit_s = GAP_PERIODS / before_hz.min(now_hz) + 1e-6;
             assert!(gap_s <= limit_s, "silent for {gap_s} s, {limit_s} s are allowed");
         }
     }

@@ -76,6 +76,9 @@ parameters! {
     MAN_DEADZONE: Real = 0.0;
     /// Stick speed with which a pilot takes over, full deflections a second.
     MAN_OVERRIDE_SPD: Real = 1.0;
+    /// A ground station's heartbeats are passed on to the companion: 0 no, 1 yes. PX4's default is 1, where anything is passed on:
+    /// in simulation it is, on a board the companion's port takes no part in it (MAV_1_FORWARD is 0).
+    MAV_HB_FORW_EN: Integer = 0.0;
     /// The vehicle's MAVLink system id; to be read only: the emulator's own is set when it is made.
     MAV_SYS_ID: Integer = 1.0;
     /// Take-off height of AUTO.TAKEOFF (m).

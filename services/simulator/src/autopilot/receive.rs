@@ -20,12 +20,21 @@ use mavlink::dialects::ardupilotmega::{
 use nalgebra::Vector3;
 
 impl Autopilot {
+    /// Whether a packet is one that goes on to the other link at all.
+    fn passes_on(&self, packet: &Packet) -> bool {
+        let is_stations_heartbeat =
+            packet.link == Link::GroundStation && matches!(packet.message, MavMessage::HEARTBEAT(_));
+        !is_stations_heartbeat || self.parameters.get(Parameter::MAV_HB_FORW_EN) != 0.0
+    }
+
     /// Forwards a packet to the other link and takes it itself where it is meant.
     pub(super) fn receive(&mut self, packet: &Packet, outbox: &mut Vec<Packet>) {
         if packet.link == Link::Companion && packet.header.component_id == COMPONENT_AVOIDANCE {
             self.statistics.note_sequence(packet.header.sequence);
         }
-        if let Some(forwarded) = self.wire.forward(packet) {
+        if self.passes_on(packet)
+            && let Some(forwarded) = self.wire.forward(packet)
+        {
             outbox.push(forwarded);
         }
         if !self.wire.is_addressed(&packet.message) {
