@@ -27,23 +27,35 @@ pub const OVERSHOOT_PER_DECELERATION: f64 = 0.47;
 /// 0.51 m in the highest gear two gaps of 2 m out of twelve were not passed, with this one of 0.49 m all 36 that were tried.
 const TABLE: [(f64, f64, f64); GEARS] = [(1.0, 1.04, 2.5), (0.5, 0.6, 2.0), (0.25, 0.32, 1.5)];
 
+/// Speed (m/s), acceleration (m/s2) and jerk (m/s3) on the way out of a place that is too narrow for every gear.
+const CREEP: (f64, f64, f64) = (0.4, 0.1, 1.0);
+
+/// The limits on the way out of a place that is too narrow for every gear.
+pub fn creep(params: &ParamSet) -> MotionLimits {
+    let (speed_mps, acceleration_mps2, jerk_mps3) = CREEP;
+    limits(params, speed_mps, acceleration_mps2, jerk_mps3)
+}
+
 /// The limits of every gear, fastest first.
 pub fn gears(params: &ParamSet) -> [MotionLimits; GEARS] {
     let speed_max_mps = params.get(&params::OA_SPD_MAX);
     TABLE.map(|(share, acceleration_mps2, jerk_mps3)| {
-        let speed_mps = share * speed_max_mps;
-        MotionLimits {
-            speed_mps,
-            climb_mps: params.get(&params::OA_SPD_CLIMB).min(speed_mps),
-            descent_mps: params.get(&params::OA_SPD_DESC).min(speed_mps),
-            acceleration_mps2,
-            jerk_mps3,
-            // PX4's MPC_YAWRAUTO_MAX is 45 deg/s; two thirds of it leave the vehicle room to follow.
-            yaw_rate_radps: 0.5,
-            tube_m: TUBE_BASE_M + TUBE_PER_ACCELERATION * acceleration_mps2,
-            overshoot_m: OVERSHOOT_PER_DECELERATION * acceleration_mps2,
-        }
+        limits(params, share * speed_max_mps, acceleration_mps2, jerk_mps3)
     })
+}
+
+fn limits(params: &ParamSet, speed_mps: f64, acceleration_mps2: f64, jerk_mps3: f64) -> MotionLimits {
+    MotionLimits {
+        speed_mps,
+        climb_mps: params.get(&params::OA_SPD_CLIMB).min(speed_mps),
+        descent_mps: params.get(&params::OA_SPD_DESC).min(speed_mps),
+        acceleration_mps2,
+        jerk_mps3,
+        // PX4's MPC_YAWRAUTO_MAX is 45 deg/s; two thirds of it leave the vehicle room to follow.
+        yaw_rate_radps: 0.5,
+        tube_m: TUBE_BASE_M + TUBE_PER_ACCELERATION * acceleration_mps2,
+        overshoot_m: OVERSHOOT_PER_DECELERATION * acceleration_mps2,
+    }
 }
 
 #[cfg(test)]

@@ -66,6 +66,18 @@ impl Layer {
         }
     }
 
+    /// Takes the cells of another away.
+    pub fn remove(&mut self, other: &Self) {
+        for (row, less) in self.rows.iter_mut().zip(&other.rows) {
+            *row &= !less;
+        }
+    }
+
+    /// Becomes what another is.
+    pub fn copy(&mut self, other: &Self) {
+        self.rows.copy_from_slice(&other.rows);
+    }
+
     /// Becomes everything that is not known to be free: occupied, unknown, and the window's outermost shell, beyond
     /// which nothing is known.
     pub fn load_unsafe(&mut self, map: &LocalMap) {
@@ -85,6 +97,11 @@ impl Layer {
             };
         }
     }
+}
+
+/// Distance along an axis between two cells that are `offset` apart (m): of their nearest points.
+pub fn gap_m(offset: i32) -> f64 {
+    f64::from((offset.abs() - 1).max(0)) * CELL_M
 }
 
 /// A ball, or a ball and a cylinder, as the widths of its rows, for bit-parallel dilation.
@@ -112,7 +129,6 @@ impl Ball {
 
     /// A body no larger than `reach_m` that holds what is `is_inside(level distance squared, height)`.
     fn within(reach_m: f64, is_inside: impl Fn(f64, f64) -> bool) -> Self {
-        let gap_m = |offset: i32| f64::from((offset.abs() - 1).max(0)) * CELL_M;
         let reach = (reach_m / CELL_M).ceil() as i32 + 1;
         let mut offsets = Vec::new();
         for dz in -reach..=reach {

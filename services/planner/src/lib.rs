@@ -29,7 +29,7 @@ mod stopping;
 pub mod stops;
 
 use crate::corridor::CorridorBuilder;
-use crate::gears::{GEARS, gears};
+use crate::gears::{GEARS, creep, gears};
 use crate::guide::Guide;
 use crate::progress::{Obstruction, Progress};
 use crate::search::{Found, PathEnd, Query, Search};
@@ -37,7 +37,7 @@ use crate::space::{Room, Space};
 use crate::stopping::is_stop;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
-use jink_shared_types::map::{CELL_M, Cell, LocalMap, cell_of};
+use jink_shared_types::map::{CELL_M, Cell, LocalMap, cell_of, center_of};
 use jink_shared_types::motion::{
     ApprovedTrajectory, MotionLimits, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
 };
@@ -95,6 +95,8 @@ pub struct Inputs<'a> {
 #[derive(Debug)]
 pub struct Planner {
     limits: [MotionLimits; GEARS],
+    /// Those on the way out of a place that is too narrow for every gear.
+    creep: MotionLimits,
     goal_radius_m: f64,
     height_range_m: (f64, f64),
     yaw_along_path: bool,
@@ -155,6 +157,7 @@ impl Planner {
         let limits = gears(params);
         Self {
             limits,
+            creep: creep(params),
             goal_radius_m: params.get(&params::OA_GOAL_RAD),
             height_range_m: (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX)),
             yaw_along_path: params.get(&params::OA_YAW_MODE) == 1.0,
@@ -188,6 +191,7 @@ impl Planner {
     /// than a new limit allows flies its commitment to its end, at rest, and goes on from there.
     pub fn retune(&mut self, params: &ParamSet) {
         self.limits = gears(params);
+        self.creep = creep(params);
         self.space.keep(&self.limits, Room::from_params(params));
         self.goal_radius_m = params.get(&params::OA_GOAL_RAD);
         self.height_range_m = (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX));
@@ -419,7 +423,13 @@ impl Planner {
         route: &mut Route,
     ) -> bool {
         let start = departure.state.position.vector();
-        self.space.depart_from(cell_of(departure.state.position));
+        let speed_mps = departure.state.velocity.vector().norm();
+        let creeps = departure.is_at_rest()
+            || self.space.is_narrow() && speed_mps <= self.creep.speed_mps * SPEED_TOLERANCE;
+        self.space.depart_from(cell_of(departure.state.position), creeps);
+        if self.space.is_narrow() {
+            return self.plan_way_out(departure, desired, route);
+        }
         let straight_m = (goal.vector() - start).norm();
         let mut best: Option<(f64, usize, Found)> = None;
         let mut seen: Option<Found> = None;
@@ -477,6 +487,31 @@ impl Planner {
         }
         self.search.prefer_path();
         self.write_plan(flown, departure, desired, target_is_goal, route)
+    }
+
+    /// Out of a place that is too narrow for every gear, to the nearest that is not; from there it is planned as ever.
+    fn plan_way_out(&mut self, departure: &Departure, desired: &DesiredPath, route: &mut Route) -> bool {
+        let gear = GEARS - 1;
+        if !self
+            .search
+            .way_out(&self.space, cell_of(departure.state.position))
+        {
+            return false;
+        }
+        let Some(end) = self.search.path().last().copied() else {
+            return false;
+        };
+        let start = departure.state.position.vector();
+        self.guide.build(
+            &self.space,
+            gear,
+            &start,
+            self.search.path(),
+            Some(&center_of(end).vector()),
+            GUIDE_MAX_M,
+            self.creep.overshoot_m,
+        );
+        self.write_plan(gear, departure, desired, false, route)
     }
 
     /// The highest gear in which the way found for `gear` can be begun from this departure; `None` if in none.
@@ -573,7 +608,11 @@ impl Planner {
         route.base_id = departure.base_id;
         route.splice = departure.splice;
         route.start = departure.state;
-        route.limits = self.limits[gear];
+        route.limits = if gear == GEARS - 1 && self.space.is_narrow() {
+            self.creep
+        } else {
+            self.limits[gear]
+        };
         if desired.mission_speed_mps.is_finite() {
             route.limits.speed_mps = route.limits.speed_mps.min(desired.mission_speed_mps.max(0.3));
         }

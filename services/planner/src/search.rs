@@ -36,6 +36,9 @@ const OPEN_GOAL_CELLS: i32 = 20;
 /// this (cells): the map's noise would move it from side to side of a trunk, and the vehicle after it.
 const SAME_END_CELLS: f32 = 3.0;
 
+/// A way out of a narrow place is no longer than this (m): beyond, it would be a way through it.
+const WAY_OUT_MAX_M: f32 = 4.0;
+
 const CELLS: usize = SIZE_X * SIZE_Y * SIZE_Z;
 
 /// Where a search ended.
@@ -251,6 +254,53 @@ impl Search {
             goal_is_occupied,
             ..self.finish(space, end, PathEnd::Nearest, left_m, 1.0)
         }
+    }
+
+    /// The shortest way from `start`, where the slowest gear has no room, to a cell where it has; `false` if there is none near.
+    pub fn way_out(&mut self, space: &Space, start: Cell) -> bool {
+        let gear = GEARS - 1;
+        self.begin();
+        if !space.is_safe(gear, start) {
+            return false;
+        }
+        let first = index_of(start);
+        self.cost_m[first] = 0.0;
+        self.came_by[first] = u8::MAX;
+        self.visit[first] = self.round;
+        self.push(0.0, start, start);
+        while let Some(Reverse(key)) = self.open.pop() {
+            let index = (key & u64::from(u32::MAX)) as usize;
+            if self.visit[index] == self.round + 1 {
+                continue;
+            }
+            self.visit[index] = self.round + 1;
+            let cell = cell_at(index, space.min_cell());
+            if cell != start && space.has_room(cell) {
+                self.finish(space, cell, PathEnd::Nearest, 0.0, 0.0);
+                return true;
+            }
+            if self.cost_m[index] > WAY_OUT_MAX_M {
+                break;
+            }
+            let free = free_neighbours(space, gear, cell);
+            for number in 0..self.steps.len() {
+                let step = self.steps[number];
+                let next: Cell = std::array::from_fn(|axis| cell[axis] + step.by[axis]);
+                if free & step.needs != step.needs || !space.is_safe(gear, next) {
+                    continue;
+                }
+                let next_index = index_of(next);
+                let cost_m = self.cost_m[index] + step.length_m;
+                let is_known = self.visit[next_index] == self.round && self.cost_m[next_index] <= cost_m;
+                if !is_known && self.visit[next_index] != self.round + 1 {
+                    self.visit[next_index] = self.round;
+                    self.cost_m[next_index] = cost_m;
+                    self.came_by[next_index] = number as u8;
+                    self.push(cost_m, next, next);
+                }
+            }
+        }
+        false
     }
 
     fn begin(&mut self) {

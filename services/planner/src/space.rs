@@ -6,11 +6,15 @@
 //! | `hit` | ball around occupied; with collision prevention what is nearer than CP_DIST at the vehicle's height | search (unknown may be explored), re-check of what is already committed |
 //! | `near` | a wider ball around the hits of the highest gear | cost only: prefer room |
 //!
+//! A vehicle that rests where not even the slowest gear has room (a gust, a hard braking, something that came) plans with the room
+//! that it has, down to its radius, by the shortest way to where there is room: on it it comes no nearer to what is occupied, and it
+//! creeps, so that it strays less. The unknown is kept away from as ever.
+//!
 //! A vehicle that is nearer to something than CP_DIST already plans without it, or it could never leave; the guard sees to it that it
 //! comes no nearer.
 
 use crate::gears::GEARS;
-use crate::layer::{Ball, Layer};
+use crate::layer::{Ball, Layer, gap_m};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, cell_of};
 use jink_shared_types::motion::MotionLimits;
@@ -19,13 +23,17 @@ use nalgebra::Vector3;
 
 /// Additional clearance that the search pays for rather than give up (m).
 const COMFORT_M: f64 = 0.4;
+/// A ball that is just as large as the room there is must not hold what that was measured to, for rounding (m).
+const ROUNDING_M: f64 = 1e-6;
 /// More of CP_DIST is left to the guard (m): the map reaches 12.8 m.
 const KEPT_MOST_M: f64 = 5.0;
 
 /// How much room the vehicle takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Room {
-    /// Radius of the vehicle and error of the map (m).
+    /// Radius of the vehicle (m).
+    pub vehicle_m: f64,
+    /// The same and the error of the map (m).
     pub body_m: f64,
     /// Level distance of its centre from obstacles at its height (m); zero and below: no more than the body needs.
     pub kept_m: f64,
@@ -37,6 +45,7 @@ impl Room {
     /// Of the vehicle that `params` describe.
     pub fn from_params(params: &ParamSet) -> Self {
         Self {
+            vehicle_m: params.get(&params::OA_VEH_RADIUS),
             body_m: params.get(&params::OA_VEH_RADIUS) + params.get(&params::OA_MAP_ERR),
             kept_m: params.get(&params::CP_DIST).min(KEPT_MOST_M),
             band_half_m: params.get(&params::GD_BAND),
@@ -55,14 +64,18 @@ impl Room {
 pub struct Space {
     min_cell: Cell,
     room: Room,
+    radii_m: [f64; GEARS],
     balls: [Ball; GEARS],
     kept: [Option<Ball>; GEARS],
     /// The vehicle is nearer to something than it should keep: it plans as if it need not.
     is_leaving: bool,
+    /// What the slowest gear takes in place of its own ball, while the vehicle is in a place too narrow for that.
+    narrow: Option<Ball>,
     comfort: Ball,
     not_free: Layer,
     occupied: Layer,
     scratch: Layer,
+    unknown: Layer,
     ready: [bool; GEARS],
     blocked: [Layer; GEARS],
     hit: [Layer; GEARS],
@@ -73,16 +86,20 @@ pub struct Space {
 impl Space {
     /// For a vehicle that takes so much room.
     pub fn new(gears: &[MotionLimits; GEARS], room: Room) -> Self {
+        let radii_m = std::array::from_fn(|gear: usize| room.body_m + gears[gear].tube_m);
         Self {
             min_cell: [0; 3],
             room,
-            balls: std::array::from_fn(|gear| Ball::new(room.body_m + gears[gear].tube_m)),
+            radii_m,
+            balls: radii_m.map(Ball::new),
             kept: std::array::from_fn(|gear| room.kept(gears[gear].tube_m)),
             is_leaving: false,
+            narrow: None,
             comfort: Ball::new(COMFORT_M),
             not_free: Layer::default(),
             occupied: Layer::default(),
             scratch: Layer::default(),
+            unknown: Layer::default(),
             ready: [false; GEARS],
             blocked: std::array::from_fn(|_| Layer::default()),
             hit: std::array::from_fn(|_| Layer::default()),
@@ -100,8 +117,60 @@ impl Space {
         }
     }
 
-    /// Notes from where it is planned next: whether the distance to keep is kept there.
-    pub fn depart_from(&mut self, cell: Cell) {
+    /// Notes from where it is planned next: whether there is room for the slowest gear, if the vehicle `creeps` or rests there, and
+    /// whether the distance to keep is kept.
+    pub fn depart_from(&mut self, cell: Cell, creeps: bool) {
+        self.set_narrow(None);
+        self.keep_distance_from(cell);
+        let slowest = GEARS - 1;
+        self.prepare(slowest);
+        if creeps && self.contains(cell) && !self.is_safe(slowest, cell) {
+            let room_m = self.room_m(cell, self.radii_m[slowest]);
+            if room_m >= self.room.vehicle_m {
+                self.set_narrow(Some(Ball::new(room_m - ROUNDING_M)));
+                self.prepare(slowest);
+            }
+        }
+    }
+
+    /// Whether the slowest gear takes less room than it should, to get out of a place too narrow for it.
+    pub fn is_narrow(&self) -> bool {
+        self.narrow.is_some()
+    }
+
+    /// Whether the slowest gear has the room in `cell` that it should have.
+    pub fn has_room(&self, cell: Cell) -> bool {
+        let slowest = GEARS - 1;
+        let radius_m = self.radii_m[slowest];
+        self.is_safe(slowest, cell) && self.room_m(cell, radius_m) >= radius_m
+    }
+
+    fn set_narrow(&mut self, narrow: Option<Ball>) {
+        if narrow.is_some() || self.narrow.is_some() {
+            self.narrow = narrow;
+            self.ready[GEARS - 1] = false;
+        }
+    }
+
+    /// Distance from `cell` to the nearest that is occupied, at most `most_m`; as balls count it.
+    fn room_m(&self, cell: Cell, most_m: f64) -> f64 {
+        let reach = (most_m / CELL_M).ceil() as i32 + 1;
+        let mut least_m = most_m;
+        for dz in -reach..=reach {
+            for dy in -reach..=reach {
+                for dx in -reach..=reach {
+                    let there = [cell[0] + dx, cell[1] + dy, cell[2] + dz];
+                    if self.contains(there) && self.occupied.test(there) {
+                        let away = [dx, dy, dz].map(gap_m);
+                        least_m = least_m.min(Vector3::from(away).norm());
+                    }
+                }
+            }
+        }
+        least_m
+    }
+
+    fn keep_distance_from(&mut self, cell: Cell) {
         let slowest = GEARS - 1;
         if self.kept[slowest].is_none() {
             return;
@@ -134,6 +203,16 @@ impl Space {
             return;
         }
         self.ready[gear] = true;
+        if gear == GEARS - 1
+            && let Some(narrow) = &self.narrow
+        {
+            self.unknown.copy(&self.not_free);
+            self.unknown.remove(&self.occupied);
+            self.balls[gear].dilate(&self.unknown, &mut self.scratch, &mut self.blocked[gear]);
+            narrow.dilate(&self.occupied, &mut self.scratch, &mut self.hit[gear]);
+            self.blocked[gear].add(&self.hit[gear]);
+            return;
+        }
         let ball = &self.balls[gear];
         ball.dilate(&self.not_free, &mut self.scratch, &mut self.blocked[gear]);
         let kept = self.kept[gear].as_ref().filter(|_| !self.is_leaving);
@@ -324,16 +403,16 @@ pub(crate) mod tests {
         let at = |distance_m: f64| cell_of(Point::new(4.7 - distance_m, 0.1, 0.1));
         assert!(!space.is_safe(2, at(2.0)) && space.is_hit(2, at(2.0)));
         assert!(space.is_safe(2, at(2.8)));
-        space.depart_from(at(3.0));
+        space.depart_from(at(3.0), false);
         space.prepare(2);
         assert!(!space.is_safe(2, at(2.0)));
-        space.depart_from(at(1.5));
+        space.depart_from(at(1.5), false);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.5)) && !space.is_safe(2, at(0.5)));
         // Without it nothing of that.
         params.set("CP_DIST", -1.0).unwrap();
         space.keep(&gears(&params), Room::from_params(&params));
-        space.depart_from(at(3.0));
+        space.depart_from(at(3.0), false);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.2)));
     }

@@ -95,6 +95,8 @@ const TRAJECTORY: &[Setup] = &[Bezier, Waypoints];
 const CURVES: &[Setup] = &[Bezier];
 /// One of each profile.
 const EACH: &[Setup] = &[Bezier, Offboard2021, Offboard, Guided];
+/// One of each profile, and a mission of PX4's own with its setpoints corrected.
+const PLANNED: &[Setup] = &[Bezier, Offboard2021, Offboard, Deviation, Guided];
 /// Jink flies in the autopilot's setpoint mode.
 const SETPOINTS: &[Setup] = &[Offboard2021, Offboard, Guided];
 /// All PX4 that plan.
@@ -168,7 +170,7 @@ pub const TABLE: &[Scenario] = &[
         .parameters(&[("NAV_ACC_RAD", 10.0)]),
     row(
         "land_elsewhere",
-        EACH,
+        PLANNED,
         F33,
         missions::land_elsewhere,
         GoalOrHolds(HELD, 30.0),
