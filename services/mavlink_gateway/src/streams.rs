@@ -47,6 +47,8 @@ enum Need {
 struct Stream {
     message_id: u32,
     rate_hz: f64,
+    /// What is asked for (Hz): more where a message comes at changes only, as soon after them as it is asked for often.
+    asked_hz: f64,
     need: Need,
     arrived: u32,
     is_short: bool,
@@ -82,6 +84,7 @@ const fn stream(message_id: u32, rate_hz: f64, need: Need) -> Stream {
     Stream {
         message_id,
         rate_hz,
+        asked_hz: rate_hz,
         need,
         arrived: 0,
         is_short: false,
@@ -89,6 +92,9 @@ const fn stream(message_id: u32, rate_hz: f64, need: Need) -> Stream {
         came_hz: None,
     }
 }
+
+/// A mode is told within this time after it has changed, if it is asked for so often (Hz). It comes twice a second all the same.
+const MODE_ASKED_HZ: f64 = 20.0;
 
 /// What every profile needs, most important first.
 const ALWAYS: [Stream; 4] = [
@@ -117,10 +123,14 @@ fn besides(profile: ProfileName) -> Vec<Stream> {
             altitude,
         ],
         ProfileName::Px4Offboard | ProfileName::Px4Deviation => {
-            let mode = stream(CURRENT_MODE_DATA::ID, 2.0, Need::Always);
+            let mode = Stream {
+                asked_hz: MODE_ASKED_HZ,
+                ..stream(CURRENT_MODE_DATA::ID, 2.0, Need::Always)
+            };
             let sticks = stream(MANUAL_CONTROL_DATA::ID, 20.0, Need::In(NavMode::Position));
             let sticks = profile.steers().then_some(sticks);
-            let target = stream(POSITION_TARGET_GLOBAL_INT_DATA::ID, 5.0, Need::In(NavMode::Hold));
+            // A go-to in Hold is flown to by PX4 itself until it is seen here.
+            let target = stream(POSITION_TARGET_GLOBAL_INT_DATA::ID, 10.0, Need::In(NavMode::Hold));
             MISSION
                 .into_iter()
                 .chain([mode, altitude, target])
@@ -279,7 +289,7 @@ fn ask(stream: &Stream, (target_system, target_component): (u8, u8)) -> MavMessa
     let once = stream.need == Need::Once;
     MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
         param1: stream.message_id as f32,
-        param2: if once { 0.0 } else { (1e6 / stream.rate_hz) as f32 },
+        param2: if once { 0.0 } else { (1e6 / stream.asked_hz) as f32 },
         command: if once {
             MavCmd::MAV_CMD_REQUEST_MESSAGE
         } else {

@@ -383,6 +383,50 @@ fn missing_streams_are_asked_for_and_what_comes_is_not() {
     }
 }
 
+/// A station's go-to is flown by PX4 itself until the change of mode is known.
+#[test]
+fn a_px4_that_tells_changes_of_its_mode_late_is_asked_for_it_in_flight() {
+    const MODE_OFFBOARD: u32 = 6 << 16;
+    let questions = |has_current_mode: bool, is_up: bool| {
+        let mut bench = Bench::with(GatewayConfig::from_params(
+            &Default::default(),
+            jink_mavlink_gateway::ProfileName::Px4Offboard,
+        ));
+        bench.fly(10.0, |bench, t| {
+            bench.telemetry(t, MODE_OFFBOARD, still(), still());
+            if ((t * 100.0).round() as u32).is_multiple_of(50) {
+                let landed_state = if is_up {
+                    MavLandedState::MAV_LANDED_STATE_IN_AIR
+                } else {
+                    MavLandedState::MAV_LANDED_STATE_ON_GROUND
+                };
+                bench.hear(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
+                    landed_state,
+                    ..EXTENDED_SYS_STATE_DATA::default()
+                }));
+                if has_current_mode {
+                    bench.hear(MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
+                        custom_mode: MODE_OFFBOARD,
+                        ..CURRENT_MODE_DATA::default()
+                    }));
+                }
+            }
+        });
+        let asks = |sent: &&Sent| {
+            matches!(&sent.message, MavMessage::COMMAND_LONG(question)
+                if question.command == MavCmd::MAV_CMD_REQUEST_MESSAGE && question.param1 == 0.0)
+        };
+        bench.sent.iter().filter(asks).count()
+    };
+    assert!(
+        (40..52).contains(&questions(false, true)),
+        "{}",
+        questions(false, true)
+    );
+    assert!(questions(true, true) <= 1, "only until the first is heard");
+    assert_eq!(questions(false, false), 0);
+}
+
 #[test]
 fn what_was_not_written_is_not_counted_as_sent() {
     let mut bench = acquainted();

@@ -254,7 +254,7 @@ impl Flight {
         let jink = Jink::new(jink::Options {
             programs: means.programs.clone(),
             config: means.config.clone(),
-            instance: format!("real_{}_{}", std::process::id(), means.instance),
+            instance: jink::instance_name(means.instance),
             port: ports.jink(),
             world: kind,
             seed,

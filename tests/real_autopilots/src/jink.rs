@@ -1,8 +1,50 @@
 //! The jink that flies: the real programs, in an instance of its own.
 
 use serde_json::Value;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use std::io::Read;
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+
+/// What a shell says of a program that Ctrl-C has ended.
+const INTERRUPTED: i32 = 130;
+
+/// Name of the instance that flies beside the autopilot of that number.
+pub fn instance_name(autopilot: u16) -> String {
+    format!("real_{}_{autopilot}", std::process::id())
+}
+
+/// On Ctrl-C, SIGTERM and SIGHUP takes down what flies beside these autopilots, and ends this process. The autopilots end with it.
+///
+/// # Errors
+/// Signals cannot be watched.
+pub fn end_with_us(
+    programs: &Path,
+    autopilots: impl Iterator<Item = u16> + Send + 'static,
+) -> std::io::Result<()> {
+    let (mut read, write) = UnixStream::pair()?;
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::low_level::pipe::register(signal, write.try_clone()?)?;
+    }
+    let programs = programs.to_owned();
+    std::thread::spawn(move || {
+        let _end = read.read(&mut [0]);
+        eprintln!("stopped; what flies is taken down");
+        for autopilot in autopilots {
+            let _told = operate(&programs, &instance_name(autopilot)).arg("down").output();
+        }
+        std::process::exit(INTERRUPTED);
+    });
+    Ok(())
+}
+
+/// `jink` for one instance.
+fn operate(programs: &Path, instance: &str) -> Command {
+    let mut command = Command::new(programs.join("jink"));
+    command.args(["--instance", instance]).stdin(Stdio::null());
+    command
+}
 
 /// What to fly with.
 #[derive(Clone, Debug)]
@@ -118,11 +160,8 @@ impl Jink {
     }
 
     fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(self.options.programs.join("jink"));
-        command
-            .args(["--instance", &self.options.instance])
-            .args(arguments)
-            .stdin(Stdio::null());
+        let mut command = operate(&self.options.programs, &self.options.instance);
+        command.args(arguments);
         command
     }
 }

@@ -3,9 +3,9 @@
 use clap::Parser;
 use jink_real_autopilots::autopilot::Build;
 use jink_real_autopilots::runner::{self, Options};
-use jink_real_autopilots::scenarios::planned;
+use jink_real_autopilots::scenarios::{Planned, planned};
 use jink_real_autopilots::setup::{Autopilot, Setup};
-use jink_real_autopilots::{builds, table};
+use jink_real_autopilots::{builds, jink, table};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -106,6 +106,7 @@ fn run(arguments: &Arguments) -> Result<ExitCode, String> {
     for folder in [&arguments.svg, &arguments.keep].into_iter().flatten() {
         std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     }
+    has_ports(&flights, arguments)?;
     let options = Options {
         builds: found,
         jobs: arguments.jobs,
@@ -116,6 +117,7 @@ fn run(arguments: &Arguments) -> Result<ExitCode, String> {
         programs: arguments.programs.clone().map_or_else(runner::programs, Ok)?,
         config: runner::workspace().join("config"),
     };
+    jink::end_with_us(&options.programs, options.instances()).map_err(|error| format!("signals: {error}"))?;
     let verdicts = runner::run(&flights, &options);
     let text = table::markdown(&verdicts, &untested);
     print!("{text}");
@@ -124,4 +126,20 @@ fn run(arguments: &Arguments) -> Result<ExitCode, String> {
     }
     let all_passed = verdicts.len() == flights.len() && verdicts.iter().all(|verdict| verdict.passed);
     Ok(ExitCode::from(u8::from(!all_passed)))
+}
+
+/// PX4 gives each of its first ten instances ports of its own, and all others the same.
+fn has_ports(flights: &[Planned], arguments: &Arguments) -> Result<(), String> {
+    const PX4_LAST: u16 = 9;
+    let last = arguments
+        .instance
+        .saturating_add(arguments.jobs.saturating_sub(1));
+    let is_px4 = |flight: &Planned| flight.setup.autopilot() != Autopilot::ArduCopter;
+    if last > PX4_LAST && flights.iter().any(is_px4) {
+        return Err(format!(
+            "--instance {} with --jobs {} ends at instance {last}: PX4 has ports of their own for instances 0 to {PX4_LAST}",
+            arguments.instance, arguments.jobs
+        ));
+    }
+    Ok(())
 }

@@ -35,6 +35,13 @@ pub struct Options {
     pub config: PathBuf,
 }
 
+impl Options {
+    /// Numbers of the autopilots that are flown.
+    pub fn instances(&self) -> impl Iterator<Item = u16> + use<> {
+        self.first_instance..self.first_instance.saturating_add(self.jobs.max(1))
+    }
+}
+
 /// Whether `setup` can be flown: its build is there and has what the profile needs.
 ///
 /// # Errors

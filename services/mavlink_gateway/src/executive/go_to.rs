@@ -27,8 +27,12 @@ const AGAIN_S: f64 = 2.0;
 const HOLDS_WITHIN_M: f64 = 4.0;
 /// ... and, while it moves, than the way of a stop with this deceleration (m/s2).
 const STOP_MPS2: f64 = 1.0;
-/// A target that still shows after this long in Hold (s) is not that of the mode before.
+/// A target that still shows after this long in Hold (s) is not that of the mode before ...
 const SETTLED_S: f64 = 0.4;
+/// ... and after this long where every change of mode is told at once: meanwhile the autopilot flies there itself, unguarded.
+const SETTLED_AT_ONCE_S: f64 = 0.2;
+/// There the mode that a target belongs to is told within this time after it was seen first (s).
+const TOLD_AT_ONCE_S: f64 = 0.1;
 /// A vehicle that is this near (m) has arrived.
 const ARRIVED_M: f64 = 1.0;
 /// Slower than this counts as at rest (m/s).
@@ -59,10 +63,14 @@ pub struct GoToWatch {
     in_air: bool,
     /// The autopilot's target may be older than its mode.
     may_be_old: bool,
+    /// Where the vehicle was when Hold was entered, and its speed (m/s); where it came to rest last.
+    entered: Option<(Vector3<f64>, f64)>,
     /// A far target in Hold, and when it was seen first.
     candidate: Option<Echo>,
     /// The autopilot has told its mode last.
     mode_told: Timestamp,
+    /// It tells every change of its mode at once.
+    tells_at_once: bool,
     /// A target of jink's own, at rest.
     resting: Option<Echo>,
     heard: Timestamp,
@@ -76,8 +84,10 @@ impl Default for GoToWatch {
             since: Timestamp::NEVER,
             in_air: false,
             may_be_old: true,
+            entered: None,
             candidate: None,
             mode_told: Timestamp::NEVER,
+            tells_at_once: false,
             resting: None,
             heard: Timestamp::NEVER,
         }
@@ -97,6 +107,7 @@ impl GoToWatch {
             self.may_be_old = !(self.mode != NavMode::Unknown && mode == NavMode::Offboard && in_air);
             self.mode = mode;
             self.since = now;
+            self.entered = None;
             self.candidate = None;
             self.resting = None;
             self.heard = Timestamp::NEVER;
@@ -145,8 +156,19 @@ impl GoToWatch {
         self.mode_told = now;
     }
 
+    /// Whether every change of the mode is told at once.
+    pub fn tells_at_once(&self) -> bool {
+        self.tells_at_once
+    }
+
+    /// The same, in CURRENT_MODE, which comes at every change.
+    pub fn hear_current_mode(&mut self, now: Timestamp) {
+        self.hear_mode(now);
+        self.tells_at_once = true;
+    }
+
     /// Where PX4 says that it flies to in Hold, and where the vehicle is. A target shows before the mode that it belongs to, which
-    /// an older PX4 tells once a second: it counts once Hold was told after it.
+    /// an older PX4 tells once a second: there it counts once Hold was told after it.
     pub fn take_target(
         &mut self,
         now: Timestamp,
@@ -154,13 +176,27 @@ impl GoToWatch {
         position: Vector3<f64>,
         speed_mps: f64,
     ) {
-        let is_settled = self.mode == NavMode::Hold && now.seconds_since(self.since) >= SETTLED_S;
-        let stop_m = HOLDS_WITHIN_M + 0.5 * speed_mps * speed_mps / STOP_MPS2;
-        let is_held = (target - position).norm() <= stop_m;
+        let settled_s = if self.tells_at_once {
+            SETTLED_AT_ONCE_S
+        } else {
+            SETTLED_S
+        };
+        let is_settled = now.seconds_since(self.since) >= settled_s;
+        if self.mode == NavMode::Hold && self.entered.is_none() {
+            self.entered = Some((position, speed_mps));
+        }
+        // Whoever enters Hold fast runs past its place, and comes back to it.
+        if speed_mps <= REST_MPS && (target - position).norm() <= HOLDS_WITHIN_M {
+            self.entered = Some((position, 0.0));
+        }
+        let holds = |(from, speed_mps): (Vector3<f64>, f64)| {
+            (target - from).norm() <= HOLDS_WITHIN_M + 0.5 * speed_mps * speed_mps / STOP_MPS2
+        };
+        let is_held = holds((position, speed_mps)) || self.entered.is_some_and(holds);
         let is_known = self
             .last
             .is_some_and(|(last, seen)| (last.place - target).norm() <= SAME_M && seen >= self.since);
-        if !self.in_air || !is_settled || is_held || is_known {
+        if !self.in_air || self.mode != NavMode::Hold || is_held || is_known {
             self.candidate = None;
             return;
         }
@@ -171,7 +207,9 @@ impl GoToWatch {
             place: target,
             at: now,
         }));
-        if self.mode_told > candidate.at {
+        let is_told = self.mode_told > candidate.at
+            || self.tells_at_once && now.seconds_since(candidate.at) >= TOLD_AT_ONCE_S;
+        if is_settled && is_told {
             self.take_place(now, target);
         }
     }
@@ -298,6 +336,33 @@ mod tests {
             );
         }
         watch.go_to().is_some()
+    }
+
+    /// Holds in flight at 10 s, and flies to another place at once, as after DO_REPOSITION. When that is known (s).
+    fn known_s(tells_at_once: bool) -> f64 {
+        let mut watch = GoToWatch::default();
+        watch.notice(Timestamp::from_seconds(9.0), NavMode::Offboard, true);
+        for tick in 0..300 {
+            let now = Timestamp::from_seconds(10.0 + f64::from(tick) * 0.1);
+            if tells_at_once && tick == 0 {
+                watch.hear_current_mode(now);
+            } else if tick % 10 == 0 {
+                watch.hear_mode(now);
+            }
+            watch.notice(now, NavMode::Hold, true);
+            let target = Vector3::new(60.0, 0.0, -3.0);
+            watch.take_target(now, target, Vector3::new(0.0, 0.0, -3.0), 3.0);
+            if watch.go_to().is_some() {
+                return now.seconds_since(Timestamp::from_seconds(10.0));
+            }
+        }
+        f64::INFINITY
+    }
+
+    #[test]
+    fn who_tells_changes_of_mode_at_once_is_taken_over_from_at_once() {
+        assert!(known_s(true) < 0.35, "{}", known_s(true));
+        assert!((0.9..1.2).contains(&known_s(false)), "{}", known_s(false));
     }
 
     #[test]

@@ -17,16 +17,19 @@ use jink_shared_types::link::AvoidanceState;
 use jink_shared_types::params::OA_UNGUARDED;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Timestamp};
+use mavlink::MessageData;
 #[allow(deprecated)]
 use mavlink::dialects::ardupilotmega::MISSION_SET_CURRENT_DATA;
 use mavlink::dialects::ardupilotmega::{
-    COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavFrame, MavMessage, MavModeFlag, MavResult,
-    POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask,
+    COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavMessage, MavModeFlag,
+    MavResult, POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask,
 };
 use nalgebra::Vector3;
 
 /// Rate at which the wish is repeated (Hz), as the topic table says.
 const WISH_RATE_HZ: f64 = 5.0;
+/// An autopilot that does not tell changes of its mode at once is asked for it this often (Hz): within that time it may fly a metre.
+const MODE_QUESTIONS_HZ: f64 = 5.0;
 
 /// A mission of ten items over a slow link is read within this time (s); a trajectory that is committed ends at rest about as soon.
 const READS_S: f64 = 5.0;
@@ -45,6 +48,7 @@ pub(super) struct MissionFlight {
     /// A gateway that was started in flight reads the mission first, at the latest until then.
     reads_until: Timestamp,
     repeat: Ticker,
+    mode_questions: Ticker,
     /// Mode at the last step.
     mode: NavMode,
     was_refused: bool,
@@ -62,6 +66,7 @@ impl MissionFlight {
             wish: None,
             reads_until: Timestamp::NEVER,
             repeat: Ticker::new(WISH_RATE_HZ),
+            mode_questions: Ticker::new(MODE_QUESTIONS_HZ),
             mode: NavMode::Unknown,
             was_refused: false,
             echoes: Echoes::default(),
@@ -84,7 +89,8 @@ impl MissionFlight {
         match message {
             MavMessage::LOCAL_POSITION_NED(position) => self.georeference.take_local(position),
             MavMessage::GLOBAL_POSITION_INT(position) => self.georeference.take_global(position),
-            MavMessage::HEARTBEAT(_) | MavMessage::CURRENT_MODE(_) => self.go_to.hear_mode(now),
+            MavMessage::HEARTBEAT(_) => self.go_to.hear_mode(now),
+            MavMessage::CURRENT_MODE(_) => self.go_to.hear_current_mode(now),
             MavMessage::HOME_POSITION(home) => self.home = Some((home.latitude, home.longitude)),
             _ => {}
         }
@@ -158,6 +164,7 @@ impl Gateway {
         };
         if self.mission.is_some() {
             self.ask_for_footing(now, (system_id, COMPONENT_AUTOPILOT), outputs);
+            self.ask_for_mode(now, (system_id, COMPONENT_AUTOPILOT), outputs);
         }
         let nearness = self.profile.nearness();
         let ready = self.heartbeats.said() == AvoidanceState::Active;
@@ -270,6 +277,27 @@ impl Gateway {
             }
         }
         self
+    }
+
+    /// An older PX4 tells its mode once a second, and flies to a station's place itself until it is known that it does: in flight its
+    /// heartbeat is asked for.
+    fn ask_for_mode(&mut self, now: Timestamp, target: (u8, u8), outputs: &mut Outputs) {
+        let is_px4 = self.vehicle.make() == Some(Make::Px4);
+        let is_followed = matches!(self.vehicle.mode(), NavMode::Offboard | NavMode::Hold);
+        let is_flown = self.config.profile.flies_the_mission() && self.vehicle.has_taken_off();
+        let Some(flight) = &mut self.mission else { return };
+        let is_late = is_px4 && is_followed && is_flown && !flight.go_to.tells_at_once();
+        if !is_late || !flight.mode_questions.take(now) {
+            return;
+        }
+        let request = COMMAND_LONG_DATA {
+            param1: HEARTBEAT_DATA::ID as f32,
+            command: MavCmd::MAV_CMD_REQUEST_MESSAGE,
+            target_system: target.0,
+            target_component: target.1,
+            ..COMMAND_LONG_DATA::default()
+        };
+        outputs.send(self.outgoing(now, Body::Message(MavMessage::COMMAND_LONG(request))));
     }
 
     /// PX4's target in Hold.
