@@ -34,6 +34,8 @@ pub struct GatewayConfig {
     pub takes_missions: bool,
     /// What is done about a mission item that cannot be reached.
     pub blocked_remedy: Remedy,
+    /// The autopilot's link carries more than a telemetry radio's.
+    pub has_fast_link: bool,
     /// In which message, where the profile leaves the choice.
     pub representation: Representation,
     /// Rate of the setpoint stream (Hz). A new trajectory does not wait for the beat, so up to twice as many may go out.
@@ -61,6 +63,7 @@ impl GatewayConfig {
             is_proven: false,
             takes_missions: true,
             blocked_remedy: Remedy::from_params(params),
+            has_fast_link: false,
             representation: Representation::default(),
             setpoint_rate_hz: profile.rate_hz(params.get(&GW_RATE)),
             horizon_s: params.get(&GW_HORIZON),

@@ -31,6 +31,8 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
 
+/// A link that carries this (bytes/s) carries every stream as often as it is of use: a serial line at 460800 bit/s.
+const FAST_LINK_BPS: f64 = 46_000.0;
 /// Messages handled per cycle; a link that floods is read on in the next one, after the setpoint.
 const MESSAGES_MAX: usize = 256;
 /// How long a restarted gateway waits for its port to be let go (s).
@@ -107,6 +109,7 @@ impl Service for GatewayService {
             chooses_profile: choice == ProfileChoice::Auto,
             is_proven,
             takes_missions: settings.takes_missions,
+            has_fast_link: links.carries(FAST_LINK_BPS),
             ..GatewayConfig::from_params(&ports.config().params, profile)
         };
         let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;

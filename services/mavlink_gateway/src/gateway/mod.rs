@@ -185,6 +185,9 @@ impl Gateway {
     /// What the autopilot has to tell for us to work, nothing of it heard yet.
     fn needed_streams(&self) -> Streams {
         let mut streams = Streams::new(self.config.profile);
+        if self.config.has_fast_link {
+            streams.look_often();
+        }
         if let Some(rate_hz) = self.sources.rate_hz() {
             streams.need(DISTANCE_SENSOR_DATA::ID, rate_hz);
         }

@@ -186,6 +186,18 @@ impl Links {
             .fold(LinkSet::default(), |set, (index, _)| set.with(index))
     }
 
+    /// Whether the first link carries `bytes_per_s`.
+    pub fn carries(&self, bytes_per_s: f64) -> bool {
+        let first = self.members.first();
+        first.is_some_and(|first| {
+            first
+                .rules
+                .setup
+                .rate_bps
+                .is_none_or(|rate_bps| rate_bps >= bytes_per_s)
+        })
+    }
+
     /// Whether this process speaks: whether it holds the first link.
     pub fn holds(&self) -> bool {
         self.members.first().is_some_and(|first| first.link.holds())
