@@ -97,7 +97,7 @@ const fn stream(message_id: u32, rate_hz: f64, need: Need) -> Stream {
 const MODE_ASKED_HZ: f64 = 20.0;
 
 /// ArduCopter shows somebody else's target until jink's next setpoint, 20 ms at most: looked for this often (Hz), which is half of its
-/// main loop's rate and 13 kB/s, seven of eight are seen; with the 60 Hz that every link carries, four of seven.
+/// main loop's rate and 13 kB/s, 11 of 14 were seen in flight; with the 60 Hz that every link carries, some four of seven.
 const TARGET_ASKED_HZ: f64 = 200.0;
 
 /// What every profile needs, most important first.

@@ -34,13 +34,11 @@ pub fn go_to(flight: &mut Flight) -> Done {
     go_to_hidden(flight, 14.0, 26.0)
 }
 
-/// A go-to in the middle of a mission that jink flies. ArduCopter shows it until the next setpoint only, so it may be overlooked;
-/// then the pilot clicks again, as docs/missions.md tells him.
-pub fn go_to_in_mission(flight: &mut Flight) -> Done {
+/// The same while jink flies something else. ArduCopter shows it until the next setpoint only, so it may be overlooked; then the pilot
+/// clicks again, as docs/missions.md tells him.
+fn go_to_hidden_in_motion(flight: &mut Flight, near_m: f64, far_m: f64) -> Done {
     const CLICKS: u32 = 5;
-    plain(flight)?;
-    flight.wait_cruise(2.0, 8.0)?;
-    go_to_hidden(flight, 10.0, 22.0)?;
+    go_to_hidden(flight, near_m, far_m)?;
     let (place, marked_s) = (flight.aim.end, flight.aim.marked_s);
     for _ in 1..CLICKS {
         flight.watch(1.0)?;
@@ -58,13 +56,20 @@ pub fn go_to_in_mission(flight: &mut Flight) -> Done {
     Ok(())
 }
 
+/// A go-to in the middle of a mission that jink flies.
+pub fn go_to_in_mission(flight: &mut Flight) -> Done {
+    plain(flight)?;
+    flight.wait_cruise(2.0, 8.0)?;
+    go_to_hidden_in_motion(flight, 10.0, 22.0)
+}
+
 /// A second go-to replaces the first on its way.
 pub fn go_to_twice(flight: &mut Flight) -> Done {
     go_to(flight)?;
     flight.wait("speed on the way", 20.0, |record| {
         record.last().is_some_and(|truth| truth.speed_mps() > 1.5)
     })?;
-    go_to_hidden(flight, 8.0, 20.0)
+    go_to_hidden_in_motion(flight, 8.0, 20.0)
 }
 
 /// Another program beside jink sends a position.
