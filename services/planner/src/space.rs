@@ -122,9 +122,12 @@ impl Space {
     pub fn depart_from(&mut self, cell: Cell, creeps: bool) {
         self.set_narrow(None);
         self.keep_distance_from(cell);
+        if !creeps || !self.contains(cell) {
+            return;
+        }
         let slowest = GEARS - 1;
         self.prepare(slowest);
-        if creeps && self.contains(cell) && !self.is_safe(slowest, cell) {
+        if !self.is_safe(slowest, cell) {
             let room_m = self.room_m(cell, self.radii_m[slowest]);
             if room_m >= self.room.vehicle_m {
                 self.set_narrow(Some(Ball::new(room_m - ROUNDING_M)));
@@ -415,6 +418,30 @@ pub(crate) mod tests {
         space.depart_from(at(3.0), false);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.2)));
+    }
+
+    #[test]
+    fn who_rests_in_a_narrow_place_has_the_room_there_is_and_none_of_the_unknown() {
+        // Walls on both sides, the left one too near.
+        let mut map = known_map(|p| p.y < -0.4 || (0.8..1.0).contains(&p.y));
+        let here = cell_of(Point::new(0.1, 0.1, 0.1));
+        let mut space = space_of(&map);
+        assert!(!space.is_safe(2, here));
+        space.depart_from(here, false);
+        assert!(!space.is_narrow(), "in motion it is left alone");
+        space.depart_from(here, true);
+        assert!(space.is_narrow() && space.is_safe(2, here) && !space.has_room(here));
+        let aside = |east_m: f64| cell_of(Point::new(0.1, east_m, 0.1));
+        assert!(!space.is_safe(2, aside(-0.1)), "no nearer to what is near");
+        for row in 0..map.known.len() {
+            // Nothing is known within x = 0.4 to 1 m.
+            for x in 2..5u32 {
+                map.known[row][0] &= !(1 << x);
+            }
+        }
+        space.load(&map);
+        space.depart_from(here, true);
+        assert!(!space.is_safe(2, here), "the unknown is no nearer either");
     }
 
     #[test]
