@@ -11,7 +11,7 @@ use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
-use jink_shared_types::{Reading, Timestamp};
+use jink_shared_types::{Reading, SampleHeader, Timestamp};
 
 /// Messages that fit into one step's output. Of its own accord the gateway sends at most twenty-six per step: a line of text
 /// in up to four parts and eight obstacles as points among them.
@@ -46,6 +46,8 @@ pub struct Outputs {
     messages: Vec<Outgoing>,
     scans: Vec<Arrived>,
     events: Vec<EventSample>,
+    /// Of a new trajectory that says what the autopilot flies already: nothing of it need be sent.
+    pub told: Option<SampleHeader>,
     /// The vehicle's state with its time of validity, if there is a new one.
     pub vehicle_state: Option<(VehicleState, Timestamp)>,
     /// What the autopilot wants, with its time of validity, if it was told anew.
@@ -66,6 +68,7 @@ impl Default for Outputs {
             messages: Vec::with_capacity(OUTBOX),
             scans: Vec::with_capacity(SCANS),
             events: Vec::with_capacity(EVENTS),
+            told: None,
             vehicle_state: None,
             desired_path: None,
             pilot_demand: None,
@@ -96,6 +99,7 @@ impl Outputs {
         self.messages.clear();
         self.scans.clear();
         self.events.clear();
+        self.told = None;
         self.vehicle_state = None;
         self.desired_path = None;
         self.pilot_demand = None;

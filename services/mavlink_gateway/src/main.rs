@@ -297,6 +297,9 @@ impl GatewayService {
     }
 
     fn send(&mut self) {
+        if let Some(header) = &self.outputs.told {
+            self.latency.left(header, jink_runtime::now());
+        }
         for message in self.outputs.messages() {
             let sent = self.links.send(jink_runtime::now(), message);
             // What is for everybody counts when the autopilot has it.

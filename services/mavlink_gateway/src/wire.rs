@@ -27,13 +27,14 @@ impl Wire {
                 }
                 self.last_setpoint = now;
                 if let Some(header) = first_of {
-                    self.record_latency(now, &header);
+                    self.known(now, &header);
                 }
             }
         }
     }
 
-    fn record_latency(&mut self, now: Timestamp, header: &SampleHeader) {
+    /// The autopilot knows at `now` what the trajectory with this header says: it was sent, or is flown already.
+    pub fn known(&mut self, now: Timestamp, header: &SampleHeader) {
         self.status
             .capture_to_wire
             .record_us(microseconds(now, header.capture));

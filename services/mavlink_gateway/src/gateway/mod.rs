@@ -431,6 +431,10 @@ impl Gateway {
             self.is_hastened |= soonest < self.setpoints.due();
             self.setpoints.hasten(soonest);
         }
+        outputs.told = self.profile.told();
+        if let Some(header) = &outputs.told {
+            self.wire.known(now, header);
+        }
         if situation.vehicle.is_none() || !self.setpoints.take(now) {
             return;
         }

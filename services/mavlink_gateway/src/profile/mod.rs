@@ -62,6 +62,11 @@ pub trait Profile: fmt::Debug + Send {
     /// for the beat of the stream.
     fn observe(&mut self, situation: &Situation<'_>) -> bool;
 
+    /// Of the trajectory observed last, if the autopilot flies what it says already, so that nothing of it need be sent.
+    fn told(&self) -> Option<SampleHeader> {
+        None
+    }
+
     /// The setpoint for now; `None` only while no position was ever known, for a moment after the start in which the
     /// guard may yet be heard, and before the vehicle is in the air if it [waits for that](Profile::waits_for_air).
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint>;

@@ -227,15 +227,11 @@ impl Pilot {
         true
     }
 
-    /// Whether the new trajectory says what was sent last; then nobody waits for it.
-    pub fn is_told(&mut self, now: Timestamp) -> bool {
-        let is_told = self
-            .last
-            .is_some_and(|sent| sent.agrees_with(&self.flown, now, TOLD_AHEAD_S));
-        if is_told {
-            self.news = None;
-        }
-        is_told
+    /// The new trajectory's header, if it says what was sent last: then nobody waits for it.
+    pub fn told(&mut self, now: Timestamp) -> Option<SampleHeader> {
+        let sent = self.last?;
+        let is_told = sent.agrees_with(&self.flown, now, TOLD_AHEAD_S);
+        self.news.take_if(|_| is_told)
     }
 
     fn is_news(&self, approved: &ApprovedTrajectory) -> bool {

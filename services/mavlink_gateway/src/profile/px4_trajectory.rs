@@ -21,9 +21,9 @@
 use super::curve::{CONTROL_POINTS, Curve};
 use super::pilot::{Decision, Pilot, Source};
 use super::{Profile, Representation, Setpoint, Situation};
-use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::vehicle::{COMMAND_NONE, DesiredPoint, NavMode};
+use jink_shared_types::{SampleHeader, Timestamp};
 use mavlink::dialects::ardupilotmega::MavMessage;
 #[allow(deprecated)] // Gone from PX4 1.16 on; this profile is for the versions before.
 use mavlink::dialects::ardupilotmega::{
@@ -39,6 +39,8 @@ const BACK_DATING_S: f64 = 0.010;
 pub struct Px4Trajectory {
     representation: Representation,
     pilot: Pilot,
+    /// The trajectory observed last, if the autopilot flies what it says already.
+    told: Option<SampleHeader>,
 }
 
 impl Px4Trajectory {
@@ -46,6 +48,7 @@ impl Px4Trajectory {
     pub fn new(representation: Representation, horizon_s: f64, shortest_s: f64) -> Self {
         Self {
             representation,
+            told: None,
             pilot: Pilot::new(horizon_s, shortest_s),
         }
     }
@@ -73,7 +76,15 @@ impl Profile for Px4Trajectory {
     }
 
     fn observe(&mut self, situation: &Situation<'_>) -> bool {
-        self.pilot.observe(situation) && !(situation.spares_radio && self.pilot.is_told(situation.now))
+        let is_news = self.pilot.observe(situation);
+        self.told = (is_news && situation.spares_radio)
+            .then(|| self.pilot.told(situation.now))
+            .flatten();
+        is_news && self.told.is_none()
+    }
+
+    fn told(&self) -> Option<SampleHeader> {
+        self.told
     }
 
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint> {
