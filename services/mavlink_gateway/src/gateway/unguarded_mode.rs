@@ -1,10 +1,11 @@
-//! Modes in which the autopilot flies by itself where nobody looks for obstacles: it circles, or follows somebody.
+//! Modes in which the autopilot flies by itself where nobody looks for obstacles: it circles, follows somebody, or returns.
 //!
 //! | chosen in flight | jink |
 //! |---|---|
-//! | once | asks for Hold, and tells the pilot |
+//! | a circle, follow me, once | asks for Hold, and tells the pilot |
 //! | again within ten seconds, or with OA_UNGUARDED | lets it fly, and tells that |
-//! | with `link.takes_missions` switched off; follow me of a PX4 that asks its companion for the way | nothing |
+//! | return: the pilot's way out, or the autopilot's own | lets it fly, and tells that |
+//! | with `link.takes_missions` switched off; follow me and return of a PX4 that asks its companion for the way | nothing |
 
 use super::Gateway;
 use crate::executive::notice::MEANT_S;
@@ -51,7 +52,7 @@ impl UnguardedMode {
         flies: bool,
         is_allowed: bool,
     ) -> (Option<Demand>, Option<PilotText>) {
-        let is_unguarded = matches!(mode, NavMode::Orbit | NavMode::Follow);
+        let is_unguarded = matches!(mode, NavMode::Orbit | NavMode::Follow | NavMode::Return);
         if std::mem::replace(&mut self.mode, mode) != mode {
             self.is_told = false;
             self.tries = 0;
@@ -63,7 +64,7 @@ impl UnguardedMode {
         if !is_unguarded || !flies {
             return (None, None);
         }
-        let lets_fly = self.is_meant || is_allowed;
+        let lets_fly = self.is_meant || is_allowed || mode == NavMode::Return;
         let news = (!std::mem::replace(&mut self.is_told, true)).then_some(PilotText {
             event: if lets_fly { &MODE_UNGUARDED } else { &MODE_HELD },
             name: mode.name(),
@@ -84,7 +85,8 @@ impl Gateway {
     /// Holds before motions that nobody could guard.
     pub(super) fn watch_unguarded_modes(&mut self, now: Timestamp, outputs: &mut Outputs) {
         let mode = self.vehicle.mode();
-        let is_planned = mode == NavMode::Follow && self.config.profile == ProfileName::Px4Trajectory;
+        let is_planned = matches!(mode, NavMode::Follow | NavMode::Return)
+            && self.config.profile == ProfileName::Px4Trajectory;
         let flies = self.was_alive && self.vehicle.is_armed() && self.vehicle.has_taken_off() && !is_planned;
         if !self.config.takes_missions {
             return;
@@ -152,6 +154,14 @@ mod tests {
         assert_eq!(bench.fly(NavMode::Orbit, 0.3), (1, vec![&MODE_HELD]));
         assert_eq!(bench.fly(NavMode::Hold, 20.0), (0, vec![]));
         assert_eq!(bench.fly(NavMode::Follow, 0.3), (1, vec![&MODE_HELD]));
+    }
+
+    #[test]
+    fn a_return_is_told_and_never_held() {
+        let mut bench = Bench::new(true, false);
+        assert_eq!(bench.fly(NavMode::Return, 5.0), (0, vec![&MODE_UNGUARDED]));
+        assert_eq!(bench.fly(NavMode::Hold, 1.0), (0, vec![]));
+        assert_eq!(bench.fly(NavMode::Return, 5.0), (0, vec![&MODE_UNGUARDED]));
     }
 
     #[test]
