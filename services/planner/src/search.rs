@@ -205,20 +205,9 @@ impl Search {
             .map(|(_, end)| end);
         let goal = open_goal(space, query, before);
         let is_occupied = goal != query.goal;
-        self.begin();
-        let start = index_of(query.start);
-        self.cost_m[start] = 0.0;
-        self.came_by[start] = u8::MAX;
-        self.visit[start] = self.round;
-        self.push(0.0, query.start, goal);
+        self.begin(query.start, goal);
         let mut nearest = (heuristic_m(query.start, goal), query.start);
-        while let Some(Reverse(key)) = self.open.pop() {
-            let index = (key & u64::from(u32::MAX)) as usize;
-            if self.visit[index] == self.round + 1 {
-                continue;
-            }
-            self.visit[index] = self.round + 1;
-            let cell = cell_at(index, space.min_cell());
+        while let Some((cell, index)) = self.close_next(space) {
             let left_m = heuristic_m(cell, goal);
             if left_m < nearest.0 {
                 nearest = (left_m, cell);
@@ -259,22 +248,11 @@ impl Search {
     /// The shortest way from `start`, where the slowest gear has no room, to a cell where it has; `false` if there is none near.
     pub fn way_out(&mut self, space: &Space, start: Cell) -> bool {
         let gear = GEARS - 1;
-        self.begin();
         if !space.is_safe(gear, start) {
             return false;
         }
-        let first = index_of(start);
-        self.cost_m[first] = 0.0;
-        self.came_by[first] = u8::MAX;
-        self.visit[first] = self.round;
-        self.push(0.0, start, start);
-        while let Some(Reverse(key)) = self.open.pop() {
-            let index = (key & u64::from(u32::MAX)) as usize;
-            if self.visit[index] == self.round + 1 {
-                continue;
-            }
-            self.visit[index] = self.round + 1;
-            let cell = cell_at(index, space.min_cell());
+        self.begin(start, start);
+        while let Some((cell, index)) = self.close_next(space) {
             if cell != start && space.has_room(cell) {
                 self.finish(space, cell, PathEnd::Nearest, 0.0, 0.0);
                 return true;
@@ -303,7 +281,8 @@ impl Search {
         false
     }
 
-    fn begin(&mut self) {
+    /// Opens `start` alone, on the way to `goal`.
+    fn begin(&mut self, start: Cell, goal: Cell) {
         // Two marks per round: open and closed. On overflow the memory is wiped once in 2^31 rounds.
         self.round = match self.round.checked_add(2) {
             Some(round) if round < u32::MAX - 1 => round,
@@ -315,6 +294,23 @@ impl Search {
         self.open.clear();
         self.path.clear();
         self.expansions = 0;
+        let first = index_of(start);
+        self.cost_m[first] = 0.0;
+        self.came_by[first] = u8::MAX;
+        self.visit[first] = self.round;
+        self.push(0.0, start, goal);
+    }
+
+    /// Closes the most promising open cell, and returns it with its index.
+    fn close_next(&mut self, space: &Space) -> Option<(Cell, usize)> {
+        loop {
+            let Reverse(key) = self.open.pop()?;
+            let index = (key & u64::from(u32::MAX)) as usize;
+            if self.visit[index] != self.round + 1 {
+                self.visit[index] = self.round + 1;
+                return Some((cell_at(index, space.min_cell()), index));
+            }
+        }
     }
 
     fn push(&mut self, cost_m: f32, cell: Cell, goal: Cell) {
