@@ -1,7 +1,7 @@
 //! What of jink's stream goes out over a ground station's radio, and how it is kept small.
 //!
-//! An autopilot that passes messages on does so in both directions: whose ground station is heard on the autopilot's link, his radio
-//! carries what jink says to nobody in particular. Setpoints to OFFBOARD and GUIDED have an addressee and stay off it; curves have
+//! An autopilot that passes messages on does so in both directions: a ground station that is heard on the autopilot's
+//! link has a radio that carries what jink says to nobody in particular. Setpoints to OFFBOARD and GUIDED have an addressee and stay off it; curves have
 //! none. So while such a station is there
 //!
 //! | stream | instead of | is |
@@ -19,7 +19,7 @@ use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavType};
 
 /// Repetitions of what is flown already (Hz): 1.3 kB/s, and less than 100 ms between two curves.
 pub const REPEATED_HZ: f64 = 10.8;
-/// TIMESYNC answers (Hz): a clock drifts by some 20 us within that time.
+/// TIMESYNC answers (Hz): as often as jink itself asks once it knows the clock.
 const ANSWERED_HZ: f64 = 1.0;
 /// A ground station that is silent for so long is gone (s): ten of its heartbeats.
 const GONE_AFTER_S: f64 = 10.0;

@@ -290,14 +290,7 @@ impl Gateway {
         if !is_late || !flight.mode_questions.take(now) {
             return;
         }
-        let request = COMMAND_LONG_DATA {
-            param1: HEARTBEAT_DATA::ID as f32,
-            command: MavCmd::MAV_CMD_REQUEST_MESSAGE,
-            target_system: target.0,
-            target_component: target.1,
-            ..COMMAND_LONG_DATA::default()
-        };
-        outputs.send(self.outgoing(now, Body::Message(MavMessage::COMMAND_LONG(request))));
+        self.request_message(now, HEARTBEAT_DATA::ID, target, outputs);
     }
 
     /// PX4's target in Hold.

@@ -555,8 +555,19 @@ impl Gateway {
         if times == LANDED_STATE_TRIES {
             self.tell(now, &LANDED_UNKNOWN, 0.0, outputs);
         }
+        self.request_message(now, EXTENDED_SYS_STATE_DATA::ID, target, outputs);
+    }
+
+    /// Asks `target` (system, component) for one message.
+    pub(super) fn request_message(
+        &self,
+        now: Timestamp,
+        message_id: u32,
+        target: (u8, u8),
+        outputs: &mut Outputs,
+    ) {
         let request = COMMAND_LONG_DATA {
-            param1: EXTENDED_SYS_STATE_DATA::ID as f32,
+            param1: message_id as f32,
             command: MavCmd::MAV_CMD_REQUEST_MESSAGE,
             target_system: target.0,
             target_component: target.1,
