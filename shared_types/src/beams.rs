@@ -15,10 +15,10 @@
 //! fill one each.
 
 use crate::coded::Coded;
-use crate::frames::Attitude;
+use crate::frames::{Mounting, unit_quaternion};
 use crate::orientation::{CUSTOM, turned, turns_deg};
-use crate::ranges::{RangeScan, ScanFrame};
-use nalgebra::{Quaternion, UnitQuaternion};
+use crate::ranges::{MAX_RANGE_M, RangeScan, ScanFrame};
+use nalgebra::UnitQuaternion;
 use std::f64::consts::TAU;
 use std::fmt;
 
@@ -27,8 +27,6 @@ pub const ROW: usize = 72;
 /// A row's element is narrower than its increment by twice this (rad), so that rounding does not make it touch the sector next to
 /// its own: 0.0003 degrees.
 const SHY_RAD: f64 = 5e-6;
-/// A quaternion whose length is this far from one is none.
-const LENGTH_ERROR: f64 = 0.1;
 /// "Nothing known" in a row (cm).
 const UNKNOWN_CM: u16 = u16::MAX;
 
@@ -47,7 +45,7 @@ pub enum BeamRefused {
         /// What it says (rad).
         angle_rad: f32,
     },
-    /// The maximum range is no positive number.
+    /// The maximum range is no positive number, or one of the ranges is more than [`MAX_RANGE_M`].
     Reach {
         /// What it says (m).
         range_max_m: f32,
@@ -108,13 +106,14 @@ impl BeamReading {
                 angle_rad: self.opening_rad,
             });
         }
-        if !(self.range_max_m > 0.0 && self.range_max_m.is_finite()) {
+        let max_is_reach = self.range_max_m > 0.0 && f64::from(self.range_max_m) <= MAX_RANGE_M;
+        if !max_is_reach || f64::from(self.range_min_m) > MAX_RANGE_M {
             return Err(BeamRefused::Reach {
                 range_max_m: self.range_max_m,
             });
         }
         *scan = RangeScan {
-            mounting: Attitude::from_rotation(mounting),
+            mounting: Mounting::from_rotation(mounting),
             beam_width_rad: self.opening_rad.clamp(0.0, TAU as f32),
             range_min_m: self.range_min_m.max(0.0),
             range_max_m: self.range_max_m,
@@ -142,13 +141,7 @@ impl BeamReading {
             code: self.orientation,
         };
         if self.orientation == CUSTOM {
-            let [w, x, y, z] = self.quaternion.map(f64::from);
-            let q = Quaternion::new(w, x, y, z);
-            // False for NaN, too.
-            let is_rotation = (q.norm() - 1.0).abs() < LENGTH_ERROR;
-            return is_rotation
-                .then(|| UnitQuaternion::from_quaternion(q))
-                .ok_or(unknown);
+            return unit_quaternion(self.quaternion.map(f64::from)).ok_or(unknown);
         }
         let turns_deg = turns_deg(self.orientation).ok_or(unknown)?;
         // Up or down, however it is turned besides.
@@ -278,7 +271,7 @@ mod tests {
                 orientation,
                 ..reading()
             });
-            scan.map(|scan| scan.mounting.rotation() * Vector3::x())
+            scan.map(|scan| scan.mounting.rotation().unwrap() * Vector3::x())
         };
         assert!((axis(2).unwrap() - Vector3::y()).norm() < 1e-9);
         assert!((axis(4).unwrap() + Vector3::x()).norm() < 1e-9);

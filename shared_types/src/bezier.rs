@@ -80,6 +80,24 @@ pub fn split_scalar<const N: usize>(points: &[f64; N], u: f64) -> ([f64; N], [f6
     )
 }
 
+/// Whether the whole curve keeps the convex condition `keeps`, as far as its hull tells. The hull is larger than the curve: where
+/// it sticks out the curve is cut in halves, at most `halvings` times, each of which takes away three quarters of the excess. Never
+/// true for a curve that breaks the condition somewhere.
+pub fn hull_keeps<const N: usize>(
+    points: &[Vector3<f64>; N],
+    halvings: u32,
+    keeps: &impl Fn(&Vector3<f64>) -> bool,
+) -> bool {
+    if points.iter().all(keeps) {
+        return true;
+    }
+    if halvings == 0 {
+        return false;
+    }
+    let (before, after) = split(points, 0.5);
+    hull_keeps(&before, halvings - 1, keeps) && hull_keeps(&after, halvings - 1, keeps)
+}
+
 /// Position, velocity and acceleration at one end of a curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct End {
@@ -143,6 +161,16 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn what_the_hull_keeps_the_curve_keeps_and_what_all_points_keep_needs_no_halving(
+            points in quintic(), bound in 1.0..100.0f64, halvings in 0u32..4, u in 0.0..=1.0f64,
+        ) {
+            let keeps = |point: &Vector3<f64>| point.norm() <= bound;
+            let kept = hull_keeps(&points, halvings, &keeps);
+            prop_assert!(!kept || evaluate(&points, u).norm() <= bound + 1e-9);
+            prop_assert!(kept || !points.iter().all(keeps));
+        }
+
         #[test]
         fn a_half_space_that_holds_the_control_points_holds_the_curve(
             points in quintic(), normal in vector(), u in 0.0..=1.0f64,

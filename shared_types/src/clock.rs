@@ -3,7 +3,8 @@
 //! Autopilot time is mapped to it by the gateway and appears nowhere else. Reading the clock is the runtime's
 //! business; the mathematics only ever receives a [`Timestamp`].
 
-use crate::layout::{Layout, ZeroCopySend, hash_start};
+use crate::layout::{Layout, ZeroCopySend};
+use crate::shape::Shape;
 use std::fmt;
 use std::time::Duration;
 
@@ -21,7 +22,7 @@ unsafe impl ZeroCopySend for Timestamp {}
 #[allow(unsafe_code)]
 // SAFETY: a transparent u64: no padding, every pattern valid.
 unsafe impl Layout for Timestamp {
-    const LAYOUT_HASH: u64 = hash_start("Timestamp", 8, 8);
+    const SHAPE: Shape = Shape::Timestamp;
 }
 
 /// In seconds, to the nanosecond; `never` if it is not set.

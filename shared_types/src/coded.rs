@@ -3,7 +3,8 @@
 //! A Rust enum in shared memory would be undefined behaviour if another process wrote an unknown discriminant.
 //! [`Coded`] stores the byte and yields the enum's safest variant ([`Wire::UNKNOWN`]) for anything it does not know.
 
-use crate::layout::{Layout, ZeroCopySend, hash_start};
+use crate::layout::{Layout, ZeroCopySend};
+use crate::shape::{EnumShape, Shape};
 use std::fmt;
 use std::marker::PhantomData;
 
@@ -11,6 +12,8 @@ use std::marker::PhantomData;
 pub trait Wire: Copy + fmt::Debug + PartialEq + 'static {
     /// What an unknown byte is taken for: the variant that promises least.
     const UNKNOWN: Self;
+    /// Its name, and every variant with its byte: part of the layout hash of each sample that holds one.
+    const SHAPE: EnumShape;
     /// The byte of this variant.
     fn code(self) -> u8;
     /// The variant of `code`, if there is one.
@@ -79,7 +82,7 @@ unsafe impl<E: Wire> ZeroCopySend for Coded<E> {}
 #[allow(unsafe_code)]
 // SAFETY: a transparent u8; every pattern is read back through `from_code`.
 unsafe impl<E: Wire> Layout for Coded<E> {
-    const LAYOUT_HASH: u64 = hash_start("Coded", 1, 1);
+    const SHAPE: Shape = Shape::Enum(&E::SHAPE);
 }
 
 /// A boolean in a sample: zero is false, anything else true.
@@ -114,29 +117,47 @@ unsafe impl ZeroCopySend for Flag {}
 #[allow(unsafe_code)]
 // SAFETY: a transparent u8, every pattern valid.
 unsafe impl Layout for Flag {
-    const LAYOUT_HASH: u64 = hash_start("Flag", 1, 1);
+    const SHAPE: Shape = Shape::Flag;
 }
 
 /// Declares a [`Wire`] enum: variants with their bytes and names; the first variant is what unknown bytes become.
 #[macro_export]
 macro_rules! wire_enum {
     (
-        $(#[$meta:meta])*
+        $(#[doc = $doc:literal])*
         pub enum $name:ident {
-            $(#[$first_meta:meta])* $first:ident = $first_code:literal $first_name:literal,
-            $( $(#[$variant_meta:meta])* $variant:ident = $code:literal $text:literal, )*
+            $(#[doc = $first_doc:literal])* $first:ident = $first_code:literal $first_text:literal,
+            $( $(#[doc = $variant_doc:literal])* $variant:ident = $code:literal $text:literal, )*
         }
     ) => {
-        $(#[$meta])*
+        $(#[doc = $doc])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         #[repr(u8)]
         pub enum $name {
-            $(#[$first_meta])* $first = $first_code,
-            $( $(#[$variant_meta])* $variant = $code, )*
+            $(#[doc = $first_doc])* $first = $first_code,
+            $( $(#[doc = $variant_doc])* $variant = $code, )*
         }
 
         impl $crate::coded::Wire for $name {
             const UNKNOWN: Self = Self::$first;
+            const SHAPE: $crate::shape::EnumShape = $crate::shape::EnumShape {
+                name: stringify!($name),
+                docs: &[$($doc),*],
+                variants: &[
+                    $crate::shape::VariantShape {
+                        name: stringify!($first),
+                        text: $first_text,
+                        code: $first_code,
+                        docs: &[$($first_doc),*],
+                    },
+                    $( $crate::shape::VariantShape {
+                        name: stringify!($variant),
+                        text: $text,
+                        code: $code,
+                        docs: &[$($variant_doc),*],
+                    }, )*
+                ],
+            };
             fn code(self) -> u8 {
                 self as u8
             }
@@ -149,7 +170,7 @@ macro_rules! wire_enum {
             }
             fn name(self) -> &'static str {
                 match self {
-                    Self::$first => $first_name,
+                    Self::$first => $first_text,
                     $( Self::$variant => $text, )*
                 }
             }

@@ -8,6 +8,7 @@
 
 use crate::clock::Timestamp;
 use crate::health::{Name, PROCESSES};
+use crate::reserved::Reserved;
 
 crate::sample! {
     /// Who owns the inputs of one process.
@@ -59,27 +60,37 @@ crate::sample! {
         /// Entries in use.
         pub len: u32,
         /// Explicit padding, zero.
-        pub reserved: u32,
+        pub reserved: Reserved<4>,
         /// One per process.
         pub entries: [ControlEntry; PROCESSES],
     }
+    plausible if Self::is_consistent
 }
 
 impl Default for Control {
     fn default() -> Self {
         Self {
             len: 0,
-            reserved: 0,
+            reserved: Reserved::ZERO,
             entries: [ControlEntry::default(); PROCESSES],
         }
     }
 }
 
 impl Control {
+    /// Whether it has room for the entries that it counts, and each says in words whose it is.
+    pub fn is_consistent(&self) -> bool {
+        self.len as usize <= PROCESSES && self.entries().iter().all(|entry| entry.name.is_text())
+    }
+
+    /// The entries in use.
+    pub fn entries(&self) -> &[ControlEntry] {
+        &self.entries[..(self.len as usize).min(PROCESSES)]
+    }
+
     /// The entry of a process.
     pub fn entry(&self, name: &Name) -> Option<&ControlEntry> {
-        let used = &self.entries[..(self.len as usize).min(PROCESSES)];
-        used.iter().find(|entry| entry.name == *name)
+        self.entries().iter().find(|entry| entry.name == *name)
     }
 }
 

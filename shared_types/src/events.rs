@@ -2,6 +2,7 @@
 
 use crate::coded::Coded;
 use crate::health::Name;
+use crate::reserved::Reserved;
 
 crate::wire_enum! {
     /// Severity, as in RFC 5424 and MAV_SEVERITY (the number is the code).
@@ -201,13 +202,19 @@ crate::sample! {
         /// Row of the table.
         pub id: u16,
         /// Explicit padding, zero.
-        pub reserved: [u8; 5],
+        pub reserved: Reserved<5>,
         /// Severity, repeated so that an unknown id still has one.
         pub severity: Coded<Severity>,
     }
+    plausible if Self::is_consistent
 }
 
 impl EventSample {
+    /// Whether its names are texts. An event that this build does not know is still one.
+    pub fn is_consistent(&self) -> bool {
+        self.process.is_text() && self.name.is_text()
+    }
+
     /// `event` about `name` with `numbers`; whoever publishes it adds the process.
     pub fn new(event: &Event, name: &str, numbers: [f64; 2]) -> Self {
         Self {
@@ -215,7 +222,7 @@ impl EventSample {
             name: Name::new(name),
             numbers,
             id: event.id,
-            reserved: [0; 5],
+            reserved: Reserved::ZERO,
             severity: Coded::new(event.severity),
         }
     }

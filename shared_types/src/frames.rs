@@ -4,11 +4,13 @@
 //! |---|---|---|
 //! | [`LocalNed`] | x north, y east, z down | the autopilot's local origin |
 //! | [`BodyFrd`] | x forward, y right, z down | the vehicle's centre of gravity |
+//! | [`SensorFrd`] | x along the line of sight, y right, z down | the sensor |
 //!
 //! Quantities convert to `nalgebra` vectors for mathematics and back at the border of a sample. Rotations are
 //! named so that frames cancel: `local_q_body * v_body = v_local`.
 
-use crate::layout::{Layout, ZeroCopySend, hash_number, hash_start};
+use crate::layout::{Layout, ZeroCopySend};
+use crate::shape::{QuantityShape, Shape};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use std::fmt;
 use std::marker::PhantomData;
@@ -31,6 +33,13 @@ impl Frame for LocalNed {
 pub struct BodyFrd;
 impl Frame for BodyFrd {
     const NAME: &'static str = "BodyFrd";
+}
+
+/// Along the line of sight, right, down as the sensor itself has them; fixed to the sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SensorFrd;
+impl Frame for SensorFrd {
+    const NAME: &'static str = "SensorFrd";
 }
 
 macro_rules! quantity {
@@ -102,10 +111,12 @@ macro_rules! quantity {
         #[allow(unsafe_code)]
         // SAFETY: three f64 in repr(C): no padding, every pattern valid.
         unsafe impl<F: Frame> Layout for $name<F> {
-            const LAYOUT_HASH: u64 = hash_number(
-                hash_start(stringify!($name), 24, 8),
-                hash_start(F::NAME, 0, 0),
-            );
+            const SHAPE: Shape = Shape::Quantity(QuantityShape {
+                name: stringify!($name),
+                unit: $unit,
+                frame: F::NAME,
+                components: [stringify!($x), stringify!($y), stringify!($z)],
+            });
         }
         const _: () = assert!(size_of::<$name<LocalNed>>() == 24);
     };
@@ -128,59 +139,115 @@ quantity!(
     AngularRate, "rad/s", x_radps, y_radps, z_radps
 );
 
-crate::sample! {
-    /// An attitude: the rotation that takes body components to local components (`local_q_body`), w first, unit length.
-    #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct Attitude: 32 {
-        /// Scalar part.
-        pub w: f64,
-        /// First imaginary part.
-        pub x: f64,
-        /// Second imaginary part.
-        pub y: f64,
-        /// Third imaginary part.
-        pub z: f64,
-    }
+/// How much longer or shorter than one the four numbers of a rotation may be: floats on a wire cost 1e-7, a
+/// quaternion written down with few decimals up to 1e-2. What is further off is damage.
+pub const UNIT_TOLERANCE: f64 = 0.01;
+
+/// The rotation with these components, `w` first; `None` if they are not finite or their length is not one within
+/// [`UNIT_TOLERANCE`].
+pub fn unit_quaternion([w, x, y, z]: [f64; 4]) -> Option<UnitQuaternion<f64>> {
+    let raw = Quaternion::new(w, x, y, z);
+    // False for NaN, too.
+    ((raw.norm() - 1.0).abs() <= UNIT_TOLERANCE).then(|| UnitQuaternion::new_normalize(raw))
 }
 
-impl Default for Attitude {
-    fn default() -> Self {
+/// A rotation that takes components in frame `From` to components in frame `To`: a quaternion of unit length, `w`
+/// first. What was read from shared memory may be none, so it is used through [`Rotation::rotation`].
+#[repr(C)]
+pub struct Rotation<From, To> {
+    /// Scalar part.
+    pub w: f64,
+    /// First imaginary part.
+    pub x: f64,
+    /// Second imaginary part.
+    pub y: f64,
+    /// Third imaginary part.
+    pub z: f64,
+    frames: PhantomData<(From, To)>,
+}
+
+/// The vehicle's attitude, `local_q_body`.
+pub type Attitude = Rotation<BodyFrd, LocalNed>;
+
+/// How a sensor sits on the vehicle, `body_q_sensor`.
+pub type Mounting = Rotation<SensorFrd, BodyFrd>;
+
+impl<From: Frame, To: Frame> Rotation<From, To> {
+    /// From the four components as they are, unit length or not.
+    pub const fn new(w: f64, x: f64, y: f64, z: f64) -> Self {
         Self {
-            w: 1.0,
-            x: 0.0,
-            y: 0.0,
-            z: 0.0,
+            w,
+            x,
+            y,
+            z,
+            frames: PhantomData,
         }
+    }
+
+    /// From a unit quaternion that takes components in `From` to components in `To`.
+    pub fn from_rotation(to_q_from: UnitQuaternion<f64>) -> Self {
+        Self::new(to_q_from.w, to_q_from.i, to_q_from.j, to_q_from.k)
+    }
+
+    /// As a unit quaternion, normalised; `None` if the numbers are no rotation ([`unit_quaternion`]).
+    pub fn rotation(self) -> Option<UnitQuaternion<f64>> {
+        unit_quaternion([self.w, self.x, self.y, self.z])
+    }
+
+    /// Whether the numbers are a rotation.
+    pub fn is_rotation(self) -> bool {
+        self.rotation().is_some()
     }
 }
 
 impl Attitude {
-    /// From a unit quaternion that takes body components to local ones.
-    pub fn from_rotation(local_q_body: UnitQuaternion<f64>) -> Self {
-        Self {
-            w: local_q_body.w,
-            x: local_q_body.i,
-            y: local_q_body.j,
-            z: local_q_body.k,
-        }
-    }
-
-    /// As a unit quaternion (normalised; identity if the stored numbers are no rotation).
-    pub fn rotation(self) -> UnitQuaternion<f64> {
-        let raw = Quaternion::new(self.w, self.x, self.y, self.z);
-        let norm = raw.norm();
-        if norm.is_finite() && norm > 1e-6 {
-            UnitQuaternion::new_normalize(raw)
-        } else {
-            UnitQuaternion::identity()
-        }
-    }
-
-    /// Heading (rad), -pi..pi, clockwise from north seen from above (3-2-1 Euler yaw).
+    /// Heading (rad), -pi..pi, clockwise from north seen from above (3-2-1 Euler yaw); NaN if the numbers are no
+    /// rotation.
     pub fn yaw_rad(self) -> f64 {
-        (2.0 * (self.w * self.z + self.x * self.y)).atan2(1.0 - 2.0 * (self.y * self.y + self.z * self.z))
+        if self.is_rotation() {
+            (2.0 * (self.w * self.z + self.x * self.y)).atan2(1.0 - 2.0 * (self.y * self.y + self.z * self.z))
+        } else {
+            f64::NAN
+        }
     }
 }
+
+impl<From, To> Clone for Rotation<From, To> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<From, To> Copy for Rotation<From, To> {}
+impl<From: Frame, To: Frame> Default for Rotation<From, To> {
+    /// None at all: the axes of both frames coincide.
+    fn default() -> Self {
+        Self::new(1.0, 0.0, 0.0, 0.0)
+    }
+}
+impl<From, To> PartialEq for Rotation<From, To> {
+    fn eq(&self, other: &Self) -> bool {
+        [self.w, self.x, self.y, self.z] == [other.w, other.x, other.y, other.z]
+    }
+}
+impl<From: Frame, To: Frame> fmt::Debug for Rotation<From, To> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { w, x, y, z, .. } = self;
+        write!(f, "{} from {}({w}, {x}, {y}, {z})", To::NAME, From::NAME)
+    }
+}
+
+#[allow(unsafe_code)]
+// SAFETY: four f64 in repr(C); the marker has no size.
+unsafe impl<From: Frame, To: Frame> ZeroCopySend for Rotation<From, To> {}
+#[allow(unsafe_code)]
+// SAFETY: four f64 in repr(C): no padding, every pattern valid.
+unsafe impl<From: Frame, To: Frame> Layout for Rotation<From, To> {
+    const SHAPE: Shape = Shape::Rotation {
+        from: From::NAME,
+        to: To::NAME,
+    };
+}
+const _: () = assert!(size_of::<Attitude>() == 32);
 
 /// The angle `angle_rad` wrapped to [-pi, pi).
 pub fn wrap_pi(angle_rad: f64) -> f64 {
@@ -195,7 +262,8 @@ pub fn wrap_pi(angle_rad: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{Attitude, wrap_pi};
+    use super::{Attitude, BodyFrd, LocalNed, Mounting, Rotation, wrap_pi};
+    use crate::layout::Layout;
     use nalgebra::UnitQuaternion;
     use proptest::prelude::*;
     use std::f64::consts::PI;
@@ -205,6 +273,16 @@ mod tests {
         fn yaw_survives_the_round_trip(roll in -1.0..1.0f64, pitch in -1.0..1.0f64, yaw in -3.1..3.1f64) {
             let attitude = Attitude::from_rotation(UnitQuaternion::from_euler_angles(roll, pitch, yaw));
             prop_assert!((attitude.yaw_rad() - yaw).abs() < 1e-9);
+        }
+
+        #[test]
+        fn a_rotation_survives_the_round_trip_and_a_length_that_is_nearly_one(
+            roll in -3.0..3.0f64, pitch in -1.5..1.5f64, yaw in -3.0..3.0f64, length in 0.991..1.009f64,
+        ) {
+            let turn = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+            let Mounting { w, x, y, z, .. } = Mounting::from_rotation(turn);
+            let read = Mounting::new(w * length, x * length, y * length, z * length).rotation().unwrap();
+            prop_assert!(read.angle_to(&turn) < 1e-7);
         }
 
         #[test]
@@ -218,12 +296,25 @@ mod tests {
 
     #[test]
     fn nonsense_is_no_rotation() {
-        let bad = Attitude {
-            w: f64::NAN,
-            x: 0.0,
-            y: 0.0,
-            z: 0.0,
-        };
-        assert_eq!(bad.rotation(), UnitQuaternion::identity());
+        let bad = [
+            Attitude::new(f64::NAN, 0.0, 0.0, 0.0),
+            Attitude::new(f64::INFINITY, 0.0, 0.0, 0.0),
+            Attitude::new(0.0, 0.0, 0.0, 0.0),
+            Attitude::new(1.02, 0.0, 0.0, 0.0),
+            Attitude::new(0.98, 0.0, 0.0, 0.0),
+        ];
+        for attitude in bad {
+            assert_eq!(attitude.rotation(), None, "{attitude:?}");
+            assert!(attitude.yaw_rad().is_nan(), "{attitude:?}");
+        }
+    }
+
+    #[test]
+    fn frames_are_part_of_the_layout() {
+        assert_ne!(Attitude::LAYOUT_HASH, Mounting::LAYOUT_HASH);
+        assert_ne!(
+            Rotation::<LocalNed, BodyFrd>::LAYOUT_HASH,
+            Rotation::<BodyFrd, LocalNed>::LAYOUT_HASH
+        );
     }
 }

@@ -1,7 +1,13 @@
 //! How services say that they live, and what the supervisor makes of it.
 
+mod histogram;
+
+pub use histogram::{HISTOGRAM_BUCKETS, Histogram};
+
 use crate::clock::Timestamp;
 use crate::coded::{Coded, Flag};
+use crate::reserved::Reserved;
+use crate::sample::STAGE_ROOM;
 
 /// Longest name of a process in a sample (bytes).
 pub const NAME_BYTES: usize = 24;
@@ -27,6 +33,12 @@ impl Name {
         let mut bytes = [0; NAME_BYTES];
         bytes[..end].copy_from_slice(&text.as_bytes()[..end]);
         Self { bytes }
+    }
+
+    /// Whether the bytes are a text.
+    pub fn is_text(&self) -> bool {
+        let end = self.bytes.iter().position(|b| *b == 0).unwrap_or(NAME_BYTES);
+        std::str::from_utf8(&self.bytes[..end]).is_ok()
     }
 
     /// The text; empty if the bytes are no UTF-8.
@@ -76,7 +88,7 @@ crate::wire_enum! {
 crate::sample! {
     /// A service's sign of life with its cycle statistics since the last one hundred heartbeats.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct Heartbeat: 120 {
+    pub struct Heartbeat: 136 {
         /// Which process this is.
         pub name: Name,
         /// Its process id.
@@ -110,7 +122,7 @@ crate::sample! {
         /// Of the latest late output: the stage that took most of the time ([`STAGE_NAMES`](crate::STAGE_NAMES)).
         pub late_stage: u8,
         /// Explicit padding, zero.
-        pub reserved: u8,
+        pub reserved: Reserved<1>,
         /// Samples published since the start; in a shadow, those it would have published.
         pub outputs: u64,
         /// Of those, how many were older than the process's end-to-end budget.
@@ -121,6 +133,16 @@ crate::sample! {
         pub late_us: u32,
         /// Of that, what the stage that took most took (us).
         pub late_stage_us: u32,
+        /// Room for later fields, zero.
+        pub reserved_tail: Reserved<16>,
+    }
+    plausible if Self::is_consistent
+}
+
+impl Heartbeat {
+    /// Whether it says in words whose it is, and names a stage that there is room for.
+    pub fn is_consistent(&self) -> bool {
+        self.name.is_text() && usize::from(self.late_stage) < STAGE_ROOM
     }
 }
 
@@ -163,7 +185,7 @@ crate::wire_enum! {
 crate::sample! {
     /// One process as the supervisor sees it.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct ProcessStatus: 184 {
+    pub struct ProcessStatus: 200 {
         /// Its last heartbeat.
         pub heartbeat: Heartbeat,
         /// When that was published.
@@ -191,7 +213,7 @@ crate::sample! {
         /// It is slow beyond its budget, and counts as degraded for it.
         pub slow: Flag,
         /// Explicit padding, zero.
-        pub reserved: [u8; 3],
+        pub reserved: Reserved<3>,
         /// Process id now; 0 = none.
         pub pid: u32,
         /// Process id of its shadow (hot shadow, swap candidate, or the old one after a switch); 0 = none.
@@ -199,7 +221,7 @@ crate::sample! {
         /// End-to-end budget of its outputs (us); 0 = none.
         pub end_to_end_budget_us: u32,
         /// Explicit padding, zero.
-        pub reserved2: u32,
+        pub reserved2: Reserved<4>,
     }
 }
 
@@ -222,24 +244,25 @@ crate::wire_enum! {
 crate::sample! {
     /// Every process, and the health of the whole.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct SystemStatus: 4448 {
+    pub struct SystemStatus: 4832 {
         /// When the supervisor started.
         pub started: Timestamp,
         /// Health of the whole.
         pub health: Coded<Health>,
         /// Explicit padding, zero.
-        pub reserved: [u8; 3],
+        pub reserved: Reserved<3>,
         /// Processes in use.
         pub len: u32,
         /// Process id of the supervisor.
         pub pid: u32,
         /// Restarts of all processes since the system came up.
         pub restarts: u32,
-        /// Explicit padding, zero.
-        pub reserved2: u64,
+        /// Room for later fields, zero.
+        pub reserved2: Reserved<8>,
         /// The processes, in start order.
         pub processes: [ProcessStatus; PROCESSES],
     }
+    plausible if Self::is_consistent
 }
 
 impl Default for SystemStatus {
@@ -247,134 +270,35 @@ impl Default for SystemStatus {
         Self {
             started: Timestamp::NEVER,
             health: Coded::new(Health::Starting),
-            reserved: [0; 3],
+            reserved: Reserved::ZERO,
             len: 0,
             pid: 0,
             restarts: 0,
-            reserved2: 0,
+            reserved2: Reserved::ZERO,
             processes: [ProcessStatus::default(); PROCESSES],
         }
     }
 }
 
 impl SystemStatus {
+    /// Whether it has room for the processes that it counts, and each heartbeat is one.
+    pub fn is_consistent(&self) -> bool {
+        let is_one = |process: &ProcessStatus| process.heartbeat.is_consistent();
+        self.len as usize <= PROCESSES && self.processes().iter().all(is_one)
+    }
+
     /// The processes in use.
     pub fn processes(&self) -> &[ProcessStatus] {
         &self.processes[..(self.len as usize).min(PROCESSES)]
     }
 }
 
-/// Buckets of a [`Histogram`]: eight per octave from 1 us to 1 s, so a bucket is at most 12.5 % wide.
-pub const HISTOGRAM_BUCKETS: usize = 160;
-
-crate::sample! {
-    /// Durations counted in fixed memory, so that they can be shared, added and read while they are written.
-    #[derive(Clone, Copy, PartialEq)]
-    pub struct Histogram: 656 {
-        /// Values counted.
-        pub count: u64,
-        /// Largest value (us).
-        pub max_us: u32,
-        /// Explicit padding, zero.
-        pub reserved: u32,
-        /// Counts per bucket.
-        pub buckets: [u32; HISTOGRAM_BUCKETS],
-    }
-}
-
-impl Default for Histogram {
-    fn default() -> Self {
-        Self {
-            count: 0,
-            max_us: 0,
-            reserved: 0,
-            buckets: [0; HISTOGRAM_BUCKETS],
-        }
-    }
-}
-
-impl Histogram {
-    fn bucket_of(us: u32) -> usize {
-        let us = us.max(1);
-        let octave = us.ilog2();
-        let eighth = if octave >= 3 {
-            (us >> (octave - 3)) & 7
-        } else {
-            (us << (3 - octave)) & 7
-        };
-        ((octave * 8 + eighth) as usize).min(HISTOGRAM_BUCKETS - 1)
-    }
-
-    fn bucket_top_us(bucket: usize) -> f64 {
-        let octave = (bucket / 8) as i32;
-        let eighth = (bucket % 8) as f64;
-        2f64.powi(octave) * (1.0 + (eighth + 1.0) / 8.0)
-    }
-
-    /// Counts one duration.
-    pub fn record_us(&mut self, us: u32) {
-        self.buckets[Self::bucket_of(us)] += 1;
-        self.count += 1;
-        self.max_us = self.max_us.max(us);
-    }
-
-    /// Adds everything another histogram counted.
-    pub fn merge(&mut self, other: &Self) {
-        for (mine, theirs) in self.buckets.iter_mut().zip(&other.buckets) {
-            *mine = mine.saturating_add(*theirs);
-        }
-        self.count = self.count.saturating_add(other.count);
-        self.max_us = self.max_us.max(other.max_us);
-    }
-
-    /// The value below which `quantile` (0..1) of all values lie (us): the top of its bucket, at most 12.5 % too high;
-    /// 0 without values.
-    pub fn quantile_us(&self, quantile: f64) -> f64 {
-        if self.count == 0 {
-            return 0.0;
-        }
-        let wanted = (quantile * self.count as f64).ceil().max(1.0);
-        let mut seen = 0.0;
-        for (bucket, count) in self.buckets.iter().enumerate() {
-            seen += f64::from(*count);
-            if seen >= wanted {
-                return Self::bucket_top_us(bucket).min(f64::from(self.max_us));
-            }
-        }
-        f64::from(self.max_us)
-    }
-}
-impl std::fmt::Debug for Histogram {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "Histogram(n {}, p50 {} us, p99 {} us, max {} us)",
-            self.count,
-            self.quantile_us(0.5),
-            self.quantile_us(0.99),
-            self.max_us
-        )
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{Histogram, Name};
+    use super::Name;
     use proptest::prelude::*;
 
     proptest! {
-        #[test]
-        fn a_quantile_is_at_most_an_eighth_too_high(mut values in proptest::collection::vec(1u32..900_000, 1..200)) {
-            let mut histogram = Histogram::default();
-            for value in &values {
-                histogram.record_us(*value);
-            }
-            values.sort_unstable();
-            let exact = f64::from(values[(values.len() - 1) / 2]);
-            let read = histogram.quantile_us(0.5);
-            prop_assert!(read >= exact - 1.0 && read <= exact * 1.126 + 1.0, "{read} for {exact}");
-        }
-
         #[test]
         fn a_name_is_cut_at_a_character(text in "\\PC{0,40}") {
             let name = Name::new(&text);

@@ -11,7 +11,8 @@
 //! | [`beams`] | range messages of other makers, as scans |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
 //! | [`orientation`] | how sensors are mounted, as configurations say it |
-//! | [`frames`], [`clock`], [`coded`], [`layout`] | units and frames, time, enums on the wire, layout hashes |
+//! | [`frames`], [`clock`], [`coded`] | units and frames, time, enums on the wire |
+//! | [`layout`], [`shape`], [`reserved`], [`hash`] | what a sample is made of, its layout hash, room for later fields |
 //!
 //! Units stand in field names (`_m`, `_mps`, `_rad`, `_ns`); frames stand in types
 //! ([`frames::LocalNed`], [`frames::BodyFrd`]).
@@ -24,6 +25,7 @@ pub mod control;
 pub mod events;
 pub mod frames;
 pub mod geo;
+pub mod hash;
 pub mod health;
 pub mod layout;
 pub mod link;
@@ -33,8 +35,10 @@ pub mod orientation;
 pub mod params;
 pub mod prevention;
 pub mod ranges;
+pub mod reserved;
 pub mod ring;
 pub mod sample;
+pub mod shape;
 pub mod topics;
 pub mod truth;
 pub mod tuning;
@@ -43,4 +47,5 @@ pub mod vehicle;
 pub use clock::Timestamp;
 pub use coded::{Coded, Flag};
 pub use frames::{Acceleration, BodyFrd, LocalNed, Point, Velocity};
-pub use sample::{Reading, STAGE_NAMES, STAGES, SampleHeader, Stage, StageTime, Stamped};
+pub use reserved::{Added, Reserved};
+pub use sample::{Reading, STAGE_NAMES, STAGE_ROOM, STAGES, SampleHeader, Stage, StageTime, Stamped};

@@ -1,8 +1,9 @@
 //! What the gateway knows of its link, for people and for the supervisor.
 
-use crate::STAGES;
+use crate::STAGE_ROOM;
 use crate::coded::{Coded, Flag};
 use crate::health::{Histogram, Name};
+use crate::reserved::Reserved;
 
 /// Links one gateway can have: the autopilot's and three more.
 pub const LINKS: usize = 4;
@@ -102,7 +103,7 @@ crate::sample! {
 crate::sample! {
     /// The gateway's counters since its start.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct LinkStatus: 5504 {
+    pub struct LinkStatus: 6816 {
         /// Messages received from the autopilot.
         pub received: u64,
         /// Messages that could not be decoded, or came from somebody who does not concern us.
@@ -142,17 +143,28 @@ crate::sample! {
         /// Whether a pilot is assisted.
         pub assist: Coded<AssistState>,
         /// Explicit padding, zero.
-        pub reserved: [u8; 2],
+        pub reserved: Reserved<2>,
         /// By how much the autopilot's clock runs faster than the board's (ppm); zero where no difference shows.
         pub clock_rate_ppm: i32,
-        /// Explicit padding, zero.
-        pub reserved_tail: u64,
+        /// Room for later fields, zero.
+        pub reserved_tail: Reserved<8>,
         /// Every link by itself, the autopilot's first.
         pub links: [LinkTraffic; LINKS],
         /// Capture of the newest range behind a planned setpoint to its bytes handed to the kernel.
         pub capture_to_wire: Histogram,
         /// What each stage added to that, waiting included: from the end of the stage before it to its own end.
-        pub stages: [Histogram; STAGES],
+        pub stages: [Histogram; STAGE_ROOM],
+    }
+    means { CLASSES: texts }
+    plausible if Self::is_consistent
+}
+
+impl LinkStatus {
+    /// Whether its names are texts.
+    pub fn is_consistent(&self) -> bool {
+        self.profile.is_text()
+            && self.matching_profile.is_text()
+            && self.links.iter().all(|link| link.name.is_text())
     }
 }
 
@@ -162,5 +174,13 @@ crate::sample! {
     pub struct StopRequest: 8 {
         /// Process id of who asks.
         pub pid: u64,
+    }
+    plausible if Self::is_of_a_process
+}
+
+impl StopRequest {
+    /// Whether it says who asks: Linux counts processes from 1 in 31 bits.
+    pub fn is_of_a_process(&self) -> bool {
+        self.pid != 0 && i32::try_from(self.pid).is_ok()
     }
 }

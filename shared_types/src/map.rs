@@ -9,6 +9,7 @@
 
 use crate::coded::Flag;
 use crate::frames::{LocalNed, Point};
+use crate::reserved::Reserved;
 
 /// Edge of a cell (m). Half a vehicle radius resolves gaps of vehicle size; half of it again costs eight times the work.
 pub const CELL_M: f64 = 0.2;
@@ -20,6 +21,8 @@ pub const SIZE_Y: usize = 128;
 pub const SIZE_Z: usize = 64;
 /// Rows (of `SIZE_X` cells) in a plane.
 pub const ROWS: usize = SIZE_Y * SIZE_Z;
+/// Cells in the window.
+pub const CELLS: usize = SIZE_X * ROWS;
 
 /// A cell's global index along north, east, down.
 pub type Cell = [i32; 3];
@@ -85,20 +88,24 @@ crate::sample! {
         /// Whether any range data are fresh enough to commit a new motion.
         pub ranges_fresh: Flag,
         /// Explicit padding, zero.
-        pub reserved: [u8; 5],
+        pub reserved: Reserved<5>,
         /// Counts how often the map was thrown away (estimator reset, restart).
         pub epoch: u32,
         /// Occupied cells among them.
         pub occupied_cells: u32,
         /// Known cells.
         pub known_cells: u32,
-        /// Explicit padding, zero.
-        pub reserved2: [u32; 4],
+        /// Edge of a cell (m): [`CELL_M`] of the build that filled it.
+        pub cell_m: f64,
+        /// Room for later fields, zero.
+        pub reserved2: Reserved<8>,
         /// Cells seen occupied.
         pub occupied: Plane,
         /// Cells seen at all (free or occupied).
         pub known: Plane,
     }
+    means { CELL_M: f64, SIZE_X: usize, SIZE_Y: usize, SIZE_Z: usize }
+    plausible if Self::is_consistent
 }
 
 /// Short: nobody wants to read all cells or points.
@@ -113,6 +120,13 @@ impl std::fmt::Debug for LocalMap {
 }
 
 impl LocalMap {
+    /// Whether its cells are as large as this build takes them to be, and not more are counted than there are. The
+    /// cells themselves are not looked at: every bit pattern is a map.
+    pub fn is_consistent(&self) -> bool {
+        let counts_fit = self.occupied_cells as usize <= CELLS && self.known_cells as usize <= CELLS;
+        self.cell_m == CELL_M && counts_fit
+    }
+
     /// Whether `cell` lies inside the window.
     pub fn contains(&self, cell: Cell) -> bool {
         let size = [SIZE_X as i32, SIZE_Y as i32, SIZE_Z as i32];
@@ -134,7 +148,9 @@ impl LocalMap {
 
     /// An all-unknown map on the heap, for tests and for simulations within one process.
     pub fn boxed() -> Box<Self> {
-        crate::sample::zeroed_box()
+        let mut map: Box<Self> = crate::sample::zeroed_box();
+        map.cell_m = CELL_M;
+        map
     }
 }
 

@@ -4,11 +4,9 @@
 //! sensor looks: around the vehicle upright, around it upside down, up and down. Everything else is turned or given as a
 //! quaternion.
 
+use crate::frames::unit_quaternion;
 use nalgebra::{Quaternion, UnitQuaternion};
 use std::fmt;
-
-/// How much longer or shorter than one a quaternion may be that was written down with few decimals.
-const UNIT_TOLERANCE: f64 = 0.01;
 
 /// Yaw, pitch and roll (deg), turned in this order: to the right, nose up, right side down.
 pub type TurnsDeg = [f64; 3];
@@ -165,14 +163,10 @@ pub fn turned([yaw_deg, pitch_deg, roll_deg]: TurnsDeg) -> UnitQuaternion<f64> {
     )
 }
 
-fn unit([w, x, y, z]: [f64; 4]) -> Result<UnitQuaternion<f64>, Contradiction> {
-    let quaternion = Quaternion::new(w, x, y, z);
-    let length = quaternion.norm();
-    if (length - 1.0).abs() <= UNIT_TOLERANCE {
-        Ok(UnitQuaternion::new_normalize(quaternion))
-    } else {
-        Err(Contradiction::NoRotation { length })
-    }
+fn unit(quaternion: [f64; 4]) -> Result<UnitQuaternion<f64>, Contradiction> {
+    unit_quaternion(quaternion).ok_or_else(|| Contradiction::NoRotation {
+        length: Quaternion::from(quaternion).norm(),
+    })
 }
 
 #[cfg(test)]

@@ -86,7 +86,7 @@ params! {
     CP_DELAY = Float, 0.4, 0.0 .. 1.0, "s", Live, "Delay of sensors, link and tracking that collision prevention allows for";
     CP_GUIDE_ANG = Float, 30.0, 0.0 .. 90.0, "deg", Live, "How far to either side collision prevention looks for a better direction";
     CP_GO_NO_DATA = Integer, 0.0, 0.0 .. 1.0, "", Live, "Motion where no sensor has ever looked: 0 no, 1 yes";
-    MPC_XY_P = Float, 0.95, 0.0 .. 2.0, "1/s", Live, "Position gain of the autopilot, for collision prevention: as set there";
+    MPC_XY_P = Float, 0.95, 0.0 .. 2.0, "1/s", Live, "Position gain of the autopilot, for collision prevention, OFFBOARD and external avoidance: as set there";
     MPC_VEL_MANUAL = Float, 10.0, 3.0 .. 20.0, "m/s", Live, "Speed of a full stick, for collision prevention: as set on the autopilot";
     MPC_JERK_MAX = Float, 8.0, 0.5 .. 500.0, "m/s3", Live, "Jerk with which the vehicle begins to brake, for collision prevention";
     MPC_ACC_HOR = Float, 3.0, 2.0 .. 15.0, "m/s2", Live, "Acceleration with which the vehicle brakes, for collision prevention";
@@ -225,6 +225,30 @@ mod tests {
             assert!(row.name.len() <= 16, "{}", row.name);
             assert!((row.min..=row.max).contains(&row.default), "{}", row.name);
             assert!(!row.help.is_empty());
+        }
+    }
+
+    /// PX4's own table, `main` of August 2026: name, type, default, least and largest value.
+    #[test]
+    fn collision_prevention_has_px4s_names_types_ranges_and_defaults() {
+        use super::ParamType::{Float, Integer};
+        for (name, kind, default, min, max) in [
+            ("CP_DIST", Float, -1.0, -1.0, 15.0),
+            ("CP_DELAY", Float, 0.4, 0.0, 1.0),
+            ("CP_GUIDE_ANG", Float, 30.0, 0.0, 90.0),
+            ("CP_GO_NO_DATA", Integer, 0.0, 0.0, 1.0),
+            ("MPC_XY_P", Float, 0.95, 0.0, 2.0),
+            ("MPC_VEL_MANUAL", Float, 10.0, 3.0, 20.0),
+            ("MPC_JERK_MAX", Float, 8.0, 0.5, 500.0),
+            ("MPC_ACC_HOR", Float, 3.0, 2.0, 15.0),
+            ("MPC_XY_VEL_P_ACC", Float, 1.8, 1.2, 5.0),
+        ] {
+            let row = TABLE.iter().find(|row| row.name == name).unwrap();
+            assert_eq!(
+                (row.kind, row.default, row.min, row.max),
+                (kind, default, min, max),
+                "{name}"
+            );
         }
     }
 

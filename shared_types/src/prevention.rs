@@ -2,13 +2,24 @@
 
 use crate::coded::Coded;
 use crate::frames::{LocalNed, Velocity};
+use crate::reserved::Reserved;
 
 crate::sample! {
     /// What the pilot's sticks ask for, where he steers through jink.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct PilotDemand: 24 {
+    pub struct PilotDemand: 32 {
         /// Horizontal velocity (m/s); its down component is zero, and nobody reads it.
         pub velocity: Velocity<LocalNed>,
+        /// Room for later fields, zero.
+        pub reserved: Reserved<8>,
+    }
+    plausible if Self::is_consistent
+}
+
+impl PilotDemand {
+    /// Whether it is a velocity.
+    pub fn is_consistent(&self) -> bool {
+        self.velocity.is_finite()
     }
 }
 
@@ -51,7 +62,7 @@ crate::wire_enum! {
 crate::sample! {
     /// What of a pilot's wish may be flown.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct PreventedDemand: 32 {
+    pub struct PreventedDemand: 40 {
         /// Horizontal velocity (m/s); its down component is zero.
         pub velocity: Velocity<LocalNed>,
         /// Distance of the nearest obstacle, or of the nearest end of what is known (m); 0 = nothing is known.
@@ -61,6 +72,16 @@ crate::sample! {
         /// Why.
         pub cause: Coded<PreventionCause>,
         /// Explicit padding, zero.
-        pub reserved: [u8; 2],
+        pub reserved: Reserved<2>,
+        /// Room for later fields, zero.
+        pub reserved_tail: Reserved<8>,
+    }
+    plausible if Self::is_consistent
+}
+
+impl PreventedDemand {
+    /// Whether it is a velocity, beside a distance.
+    pub fn is_consistent(&self) -> bool {
+        self.velocity.is_finite() && self.nearest_m >= 0.0
     }
 }

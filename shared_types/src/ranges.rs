@@ -5,8 +5,10 @@
 
 use crate::clock::Timestamp;
 use crate::coded::Coded;
-use crate::frames::{Attitude, BodyFrd, Point};
+use crate::frames::{BodyFrd, Mounting, Point};
+use crate::reserved::Reserved;
 use nalgebra::Vector3;
+use std::f64::consts::TAU;
 
 /// Greatest angle between a beam of a scan and the body's horizontal plane (rad): 60 degrees, beyond which it looks up or down rather
 /// than around, however the vehicle tilts.
@@ -14,6 +16,18 @@ pub const STEEPEST_RAD: f64 = std::f64::consts::FRAC_PI_3;
 
 /// Most beams in one [`RangeScan`].
 pub const SCAN_BEAMS: usize = 1_024;
+
+/// Largest turn a scan covers (rad): one revolution, and as much again for odd conventions of the first angle.
+const MAX_TURN_RAD: f64 = 2.0 * TAU;
+
+/// Longest scan (s). The slowest sensor that turns takes a second; readers may ask for less.
+const MAX_DURATION_S: f64 = 10.0;
+
+/// No sensor is mounted further from the centre of gravity (m): the largest vehicle radius is 3 m.
+const MAX_LEVER_M: f64 = 5.0;
+
+/// No range sensor of a multicopter reaches further (m).
+pub const MAX_RANGE_M: f64 = 1_000.0;
 
 /// Most points in one [`PointCloud`].
 pub const CLOUD_POINTS: usize = 131_072;
@@ -41,7 +55,7 @@ crate::sample! {
         /// Sensor position in the body.
         pub origin: Point<BodyFrd>,
         /// `body_q_sensor`: takes sensor components to body components. Only for [`ScanFrame::Body`].
-        pub mounting: Attitude,
+        pub mounting: Mounting,
         /// When the first beam was measured.
         pub first_beam: Timestamp,
         /// Time between two beams (s); 0 for a scan taken at once.
@@ -62,21 +76,41 @@ crate::sample! {
         pub beams: u32,
         /// What the beams turn with.
         pub frame: Coded<ScanFrame>,
-        /// Explicit padding, zero.
-        pub reserved: [u8; 15],
+        /// Room for later fields, zero.
+        pub reserved: Reserved<15>,
         /// The ranges.
         pub range_m: [f32; SCAN_BEAMS],
     }
+    plausible if Self::is_consistent
 }
 
 impl RangeScan {
+    /// Whether the numbers that describe it can be those of a sensor. The ranges are not looked at: every number
+    /// means something.
+    pub fn is_consistent(&self) -> bool {
+        let beams = f64::from(self.beams);
+        let is_turn = |rad: f64| rad.abs() <= MAX_TURN_RAD;
+        let duration_s = f64::from(self.beam_interval_s) * beams;
+        // NaN fails every one of these comparisons.
+        self.beams as usize <= SCAN_BEAMS
+            && is_turn(f64::from(self.angle_first_rad))
+            && is_turn(f64::from(self.angle_step_rad) * beams)
+            && (0.0..=MAX_DURATION_S).contains(&duration_s)
+            && (0.0..=TAU + 1e-6).contains(&f64::from(self.beam_width_rad))
+            && self.mounting.is_rotation()
+            && is_sensor(
+                self.origin,
+                [self.range_min_m, self.range_max_m, self.range_sigma_m],
+            )
+    }
+
     /// The beams in use.
     pub fn ranges(&self) -> &[f32] {
         &self.range_m[..(self.beams as usize).min(SCAN_BEAMS)]
     }
 
     /// Where beam `beam` of a level vehicle with heading `heading_rad` points, in the body; `None` if it looks up or down rather than
-    /// around ([`STEEPEST_RAD`]).
+    /// around ([`STEEPEST_RAD`]), or if its mounting is no rotation.
     pub fn axis(&self, beam: usize, heading_rad: f64) -> Option<Vector3<f64>> {
         let toward_rad = f64::from(self.angle_first_rad) + beam as f64 * f64::from(self.angle_step_rad);
         let level = |bearing_rad: f64| Vector3::new(bearing_rad.cos(), bearing_rad.sin(), 0.0);
@@ -84,12 +118,24 @@ impl RangeScan {
             ScanFrame::Level => Some(level(toward_rad)),
             ScanFrame::North => Some(level(toward_rad - heading_rad)),
             ScanFrame::Body => {
-                let along = self.mounting.rotation() * level(toward_rad);
+                let along = self.mounting.rotation()? * level(toward_rad);
                 // False for NaN, too.
                 (along.xy().norm() >= STEEPEST_RAD.cos()).then_some(along)
             }
         }
     }
+}
+
+/// Whether a sensor may sit at `origin` and have this shortest range, longest range and deviation (m). NaN fails
+/// every comparison.
+fn is_sensor(origin: Point<BodyFrd>, [min_m, max_m, sigma_m]: [f32; 3]) -> bool {
+    let reach = 0.0..=MAX_RANGE_M as f32;
+    origin.is_finite()
+        && origin.vector().amax() <= MAX_LEVER_M
+        && reach.contains(&min_m)
+        && reach.contains(&max_m)
+        && max_m > 0.0
+        && reach.contains(&sigma_m)
 }
 
 crate::wire_enum! {
@@ -119,7 +165,7 @@ crate::sample! {
         /// What the ray says.
         pub kind: Coded<RayKind>,
         /// Explicit padding, zero.
-        pub reserved: u8,
+        pub reserved: Reserved<1>,
     }
 }
 
@@ -138,11 +184,12 @@ crate::sample! {
         pub range_sigma_m: f32,
         /// Points in use, at most [`CLOUD_POINTS`].
         pub len: u32,
-        /// Explicit padding, zero.
-        pub reserved: [u64; 2],
+        /// Room for later fields, zero.
+        pub reserved: Reserved<16>,
         /// The points.
         pub points: [CloudPoint; CLOUD_POINTS],
     }
+    plausible if Self::is_consistent
 }
 
 /// Short: nobody wants to read all cells or points.
@@ -157,6 +204,16 @@ impl std::fmt::Debug for PointCloud {
 }
 
 impl PointCloud {
+    /// Whether the numbers that describe it can be those of a sensor. The points are not looked at: drivers put NaN
+    /// where a pixel has no depth, and whoever enters a point looks at it anyway.
+    pub fn is_consistent(&self) -> bool {
+        self.len as usize <= CLOUD_POINTS
+            && is_sensor(
+                self.origin,
+                [self.range_min_m, self.range_max_m, self.range_sigma_m],
+            )
+    }
+
     /// The points in use.
     pub fn points(&self) -> &[CloudPoint] {
         &self.points[..(self.len as usize).min(CLOUD_POINTS)]
@@ -185,7 +242,7 @@ impl Default for RangeScan {
     fn default() -> Self {
         Self {
             origin: Point::ZERO,
-            mounting: Attitude::default(),
+            mounting: Mounting::default(),
             first_beam: Timestamp::NEVER,
             beam_interval_s: 0.0,
             angle_first_rad: 0.0,
@@ -196,7 +253,7 @@ impl Default for RangeScan {
             range_sigma_m: 0.0,
             beams: 0,
             frame: Coded::new(ScanFrame::Body),
-            reserved: [0; 15],
+            reserved: Reserved::ZERO,
             range_m: [f32::NAN; SCAN_BEAMS],
         }
     }
@@ -206,13 +263,13 @@ impl Default for RangeScan {
 mod tests {
     use super::{RangeScan, ScanFrame};
     use crate::coded::Coded;
-    use crate::frames::Attitude;
+    use crate::frames::Mounting;
     use nalgebra::{UnitQuaternion, Vector3};
 
     #[test]
     fn a_beam_points_where_it_is_mounted_and_to_no_side_if_it_looks_down() {
         let at = |pitch_deg: f64, frame: ScanFrame| RangeScan {
-            mounting: Attitude::from_rotation(UnitQuaternion::from_euler_angles(
+            mounting: Mounting::from_rotation(UnitQuaternion::from_euler_angles(
                 0.0,
                 pitch_deg.to_radians(),
                 0.0,

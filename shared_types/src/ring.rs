@@ -2,6 +2,7 @@
 
 use crate::clock::Timestamp;
 use crate::frames::{Attitude, LocalNed, Point};
+use crate::reserved::Reserved;
 
 /// Number of sectors.
 pub const SECTORS: usize = 72;
@@ -9,10 +10,13 @@ pub const SECTORS: usize = 72;
 /// Width of a sector (rad): 5 degrees.
 pub const SECTOR_WIDTH_RAD: f64 = std::f64::consts::TAU / SECTORS as f64;
 
+/// Bearing of the centre of sector 0 (rad), clockwise from forward.
+pub const SECTOR_0_RAD: f64 = 0.0;
+
 crate::sample! {
     /// Nearest obstacle per sector. Sector `i` is centred on `i * 5` degrees, clockwise from forward.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct SectorRing: 1216 {
+    pub struct SectorRing: 1248 {
         /// Where the vehicle was.
         pub position: Point<LocalNed>,
         /// Its attitude; sectors turn with its heading and stay level.
@@ -27,6 +31,24 @@ crate::sample! {
         pub range_min_m: f32,
         /// Half height of the band around the vehicle that counts (m).
         pub band_half_m: f32,
+        /// Room for later fields, zero.
+        pub reserved: Reserved<32>,
+    }
+    means { SECTOR_WIDTH_RAD: f64, SECTOR_0_RAD: f64 }
+    plausible if Self::is_consistent
+}
+
+impl SectorRing {
+    /// Whether it says from where and in which directions it was seen, and its distances are some; a NaN distance is
+    /// unknown.
+    pub fn is_consistent(&self) -> bool {
+        let is_length = |m: &f32| m.is_finite() && *m >= 0.0;
+        self.position.is_finite()
+            && self.attitude.is_rotation()
+            && is_length(&self.range_min_m)
+            && is_length(&self.band_half_m)
+            && self.distance_m.iter().all(|m| m.is_nan() || *m >= 0.0)
+            && self.range_max_m.iter().all(is_length)
     }
 }
 
@@ -40,27 +62,28 @@ impl Default for SectorRing {
             seen: [Timestamp::NEVER; SECTORS],
             range_min_m: 0.0,
             band_half_m: 0.0,
+            reserved: Reserved::ZERO,
         }
     }
 }
 
 /// The sector that holds the body-frame bearing `bearing_rad` (clockwise from forward, any turn).
 pub fn sector_of(bearing_rad: f64) -> usize {
-    let turns = (bearing_rad / SECTOR_WIDTH_RAD).round();
+    let turns = ((bearing_rad - SECTOR_0_RAD) / SECTOR_WIDTH_RAD).round();
     (turns.rem_euclid(SECTORS as f64) as usize) % SECTORS
 }
 
 /// The bearing of a sector's centre (rad), 0 to 2 pi.
 pub fn sector_bearing_rad(sector: usize) -> f64 {
-    sector as f64 * SECTOR_WIDTH_RAD
+    SECTOR_0_RAD + sector as f64 * SECTOR_WIDTH_RAD
 }
 
 /// The sectors that an arc touches, clockwise, each once: from `from_rad` on, `width_rad` wide (a whole turn at most; no width is one
 /// direction). None if either is no finite number.
 pub fn sectors_of_arc(from_rad: f64, width_rad: f64) -> impl Iterator<Item = usize> {
     let width_rad = width_rad.clamp(0.0, std::f64::consts::TAU);
-    let first = (from_rad / SECTOR_WIDTH_RAD).round();
-    let last = ((from_rad + width_rad) / SECTOR_WIDTH_RAD).round();
+    let first = ((from_rad - SECTOR_0_RAD) / SECTOR_WIDTH_RAD).round();
+    let last = ((from_rad - SECTOR_0_RAD + width_rad) / SECTOR_WIDTH_RAD).round();
     let count = if (last - first).is_finite() {
         (last - first) as usize + 1
     } else {

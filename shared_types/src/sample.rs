@@ -5,6 +5,7 @@
 
 use crate::clock::Timestamp;
 use crate::layout::Layout;
+use crate::reserved::Reserved;
 
 /// The stages between a sensor and the wire, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,6 +28,9 @@ pub enum Stage {
 /// Number of [`Stage`]s.
 pub const STAGES: usize = 6;
 
+/// Stages that a header has room for: builds that know a stage more still exchange samples.
+pub const STAGE_ROOM: usize = 8;
+
 /// The names of the stages, in order.
 pub const STAGE_NAMES: [&str; STAGES] = ["sensor", "fusion", "planner", "generator", "guard", "gateway"];
 
@@ -44,7 +48,7 @@ crate::sample! {
 crate::sample! {
     /// The user header of every topic.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-    pub struct SampleHeader: 128 {
+    pub struct SampleHeader: 192 {
         /// Counts samples of one topic; continues over restarts of the producer as far as it can know.
         pub sequence: u64,
         /// Time of validity: when the newest measurement inside was taken.
@@ -53,10 +57,14 @@ crate::sample! {
         pub publish: Timestamp,
         /// Which start of the producer this is (1, 2, ...), as counted by the supervisor.
         pub generation: u32,
-        /// Explicit padding, zero.
-        pub reserved: u32,
-        /// History of the measurement this sample was made from.
-        pub stages: [StageTime; STAGES],
+        /// Age, from `publish` and from `capture`, at which the producer says this sample is stale (us); 0 = the
+        /// topic's own deadline.
+        pub deadline_us: u32,
+        /// History of the measurement this sample was made from: sensor, fusion, planner, generator, guard, gateway
+        /// ([`Stage`]). The rest is unset.
+        pub stages: [StageTime; STAGE_ROOM],
+        /// Room for later fields, zero.
+        pub reserved: Reserved<32>,
     }
 }
 

@@ -6,6 +6,7 @@
 
 use crate::control::Control;
 use crate::events::EventSample;
+use crate::hash;
 use crate::health::{Heartbeat, SystemStatus};
 use crate::layout::Layout;
 use crate::link::{LinkStatus, StopRequest};
@@ -14,11 +15,26 @@ use crate::motion::{ApprovedTrajectory, Route, Trajectory};
 use crate::prevention::{PilotDemand, PreventedDemand};
 use crate::ranges::{PointCloud, RangeScan};
 use crate::ring::SectorRing;
+use crate::sample::SampleHeader;
 use crate::truth::SimTruth;
 use crate::tuning::{ParameterChange, ParameterValues};
 use crate::vehicle::{DesiredPath, VehicleState};
 use std::fmt::Debug;
 use std::marker::PhantomData;
+
+/// Publishers of a topic: active, shadow, and one dead that has not been cleaned up yet.
+pub const MAX_PUBLISHERS: usize = 3;
+/// The same of a topic on which every process speaks.
+const MAX_PUBLISHERS_SHARED: usize = 40;
+/// Consumers and their shadows, recorder, several command line tools.
+const MAX_SUBSCRIBERS: usize = 12;
+/// The same of a topic that every process and its shadow may read. Each subscriber that might come costs a publisher
+/// room for the samples it might hold, and time at its start.
+const MAX_SUBSCRIBERS_ALL: usize = 40;
+/// Nodes that may know a topic at once.
+pub const MAX_NODES: usize = 64;
+/// Samples that a reader may hold at once: the one being read, the next one, and one spare while the queue is drained.
+pub const MAX_BORROWED: usize = 3;
 
 /// One row of the table.
 #[derive(Clone, Copy, Debug)]
@@ -55,6 +71,24 @@ impl TopicRow {
         !self.is_family() && self.producers.contains(&"*")
     }
 
+    /// Publishers that there is room for.
+    pub fn max_publishers(&self) -> usize {
+        if self.is_shared() {
+            MAX_PUBLISHERS_SHARED
+        } else {
+            MAX_PUBLISHERS
+        }
+    }
+
+    /// Subscribers that there is room for.
+    pub fn max_subscribers(&self) -> usize {
+        if self.consumers.contains(&"*") {
+            MAX_SUBSCRIBERS_ALL
+        } else {
+            MAX_SUBSCRIBERS
+        }
+    }
+
     /// What stands for the `*` in `name`, empty if this row is no family; `None` if `name` is not of this row.
     pub fn member_of<'a>(&self, name: &'a str) -> Option<&'a str> {
         match self.name.strip_suffix('*') {
@@ -66,6 +100,16 @@ impl TopicRow {
     /// The name of one topic of this row: `member` replaces the `*` of a family and is ignored elsewhere.
     pub fn topic_name(&self, member: &str) -> String {
         self.name.replace('*', member)
+    }
+
+    /// The row and its payload's layout, folded into `before`.
+    const fn fold(&self, before: u64, layout: u64) -> u64 {
+        let named = hash::text(hash::text(before, self.name), self.payload);
+        let typed = hash::number(hash::number(named, layout), self.wakes as u64);
+        hash::number(
+            hash::number(typed, self.buffer as u64),
+            self.deadline_ms.to_bits(),
+        )
     }
 
     /// Whether `program` may publish the topic.
@@ -102,8 +146,8 @@ pub trait Visitor {
 }
 
 impl<T> Topic<T> {
-    /// The same topic with another payload, as a program of another version would have it: opening it is refused. For
-    /// tests of that.
+    /// The same topic with another payload, as a program of another version would have it: opening it is refused if the
+    /// layouts differ. For tests of that.
     pub const fn with_payload<U>(self) -> Topic<U> {
         Topic {
             row: self.row,
@@ -146,11 +190,12 @@ macro_rules! topics {
             None
         }
 
-        /// A number that two builds have in common if they agree on the layout of every topic.
+        /// A number that two builds have in common if they agree on every topic: its name, what its samples say, and
+        /// what is shared when it is opened.
         pub const FINGERPRINT: u64 = {
-            let mut hash = crate::layout::hash_start("topics", TABLE.len(), 0);
-            $( hash = crate::layout::hash_number(hash, <$payload as crate::layout::Layout>::LAYOUT_HASH); )*
-            hash
+            let mut all = hash::number(hash::START, SampleHeader::LAYOUT_HASH);
+            $( all = $name.row.fold(all, <$payload>::LAYOUT_HASH); )*
+            all
         };
     };
 }
@@ -242,7 +287,7 @@ topics! {
 
 #[cfg(test)]
 mod tests {
-    use super::{RANGE_CLOUD, TABLE, Topic, VEHICLE_STATE, Visitor, visit};
+    use super::{RANGE_CLOUD, TABLE, Topic, TopicRow, VEHICLE_STATE, Visitor, visit};
     use std::fmt::Debug;
 
     #[test]
@@ -261,6 +306,32 @@ mod tests {
         assert_eq!(RANGE_CLOUD.row.member_of("range/cloud/"), None);
         assert_eq!(RANGE_CLOUD.row.member_of("range/scan/front"), None);
         assert_eq!(VEHICLE_STATE.row.member_of("vehicle/state"), Some(""));
+    }
+
+    #[test]
+    fn a_row_that_differs_changes_the_fingerprint() {
+        let row = VEHICLE_STATE.row;
+        let others = [
+            TopicRow { name: "x", ..row },
+            TopicRow { payload: "X", ..row },
+            TopicRow {
+                wakes: !row.wakes,
+                ..row
+            },
+            TopicRow {
+                buffer: row.buffer + 1,
+                ..row
+            },
+            TopicRow {
+                deadline_ms: row.deadline_ms + 1.0,
+                ..row
+            },
+        ];
+        for other in others {
+            assert_ne!(other.fold(0, 7), row.fold(0, 7), "{other:?}");
+        }
+        assert_ne!(row.fold(0, 8), row.fold(0, 7));
+        assert_eq!(TopicRow { rate_hz: 1.0, ..row }.fold(0, 7), row.fold(0, 7));
     }
 
     #[test]

@@ -54,4 +54,23 @@ crate::sample! {
         /// Largest time by which the simulation ran behind the board's clock since take-off (s); 0 in lock-step.
         pub late_max_s: f64,
     }
+    plausible if Self::is_consistent
+}
+
+impl SimTruth {
+    /// Whether it is a motion, and its figures are some.
+    pub fn is_consistent(&self) -> bool {
+        let figures = [
+            self.clearance_m,
+            self.min_clearance_m,
+            self.flown_m,
+            self.cruise_s,
+            self.cruise_m,
+        ];
+        self.position.is_finite()
+            && self.velocity.is_finite()
+            && self.attitude.is_rotation()
+            && self.time_s.is_finite()
+            && figures.iter().all(|figure| !figure.is_nan())
+    }
 }

@@ -8,23 +8,26 @@
 //! Both name their rows by number, so both carry [`TABLE_HASH`]: a build with another table is not understood rather than
 //! misunderstood.
 
-use crate::layout::{hash_start, hash_text};
+use crate::hash;
 use crate::params::{self, Apply, ParamSet, TABLE};
+use crate::reserved::Reserved;
 
 /// Values that a sample has room for: four times today's table, in a sample that is still below a KiB.
 pub const PARAMETERS_MAX: usize = 64;
 
 const _: () = assert!(TABLE.len() <= PARAMETERS_MAX);
 
-/// A number that two builds have in common if their tables have the same rows in the same order.
+/// A number that two builds have in common if their tables have the same rows in the same units and order. It travels
+/// in the samples and not in their type names: builds whose tables differ still meet, and say that they do not
+/// understand.
 pub const TABLE_HASH: u64 = {
-    let mut hash = hash_start("params", TABLE.len(), 0);
+    let mut table = hash::START;
     let mut i = 0;
     while i < TABLE.len() {
-        hash = hash_text(hash, TABLE[i].name);
+        table = hash::text(hash::text(table, TABLE[i].name), TABLE[i].unit);
         i += 1;
     }
-    hash
+    table
 };
 
 crate::sample! {
@@ -42,6 +45,7 @@ crate::sample! {
         /// In the order of the table; the rest is zero.
         pub values: [f64; PARAMETERS_MAX],
     }
+    plausible if Self::is_consistent
 }
 
 impl Default for ParameterValues {
@@ -68,6 +72,12 @@ impl ParameterValues {
             *slot = set.get(row);
         }
         sample
+    }
+
+    /// Whether it has room for the values that it counts, and all are numbers. Ranges are the table's business.
+    pub fn is_consistent(&self) -> bool {
+        let used = self.values.get(..self.len as usize);
+        used.is_some_and(|values| values.iter().all(|value| value.is_finite()))
     }
 
     /// Row and value of each parameter; empty if it comes from a build with another table.
@@ -100,11 +110,17 @@ crate::sample! {
         /// Row of the table.
         pub row: u32,
         /// Explicit padding, zero.
-        pub reserved: u32,
+        pub reserved: Reserved<4>,
     }
+    plausible if Self::is_consistent
 }
 
 impl ParameterChange {
+    /// Whether it can be answered, and asks for a number.
+    pub fn is_consistent(&self) -> bool {
+        self.id != 0 && self.value.is_finite()
+    }
+
     /// The row that is meant; `None` if it comes from a build with another table.
     pub fn row(&self) -> Option<&'static params::Param> {
         TABLE.get(self.row as usize).filter(|_| self.table == TABLE_HASH)

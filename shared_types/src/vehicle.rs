@@ -3,6 +3,7 @@
 use crate::clock::Timestamp;
 use crate::coded::{Coded, Flag};
 use crate::frames::{AngularRate, Attitude, BodyFrd, LocalNed, Point, Velocity};
+use crate::reserved::Reserved;
 
 crate::wire_enum! {
     /// What the autopilot is doing, independent of its make.
@@ -45,7 +46,7 @@ impl NavMode {
 crate::sample! {
     /// The vehicle as the autopilot estimates it; validity time in the header's `capture`.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct VehicleState: 144 {
+    pub struct VehicleState: 176 {
         /// Position of the centre of gravity.
         pub position: Point<LocalNed>,
         /// Velocity.
@@ -76,18 +77,20 @@ crate::sample! {
         /// here means nothing, and what is being flown goes on.
         pub mode_pending: Flag,
         /// Explicit padding, zero.
-        pub reserved: [u8; 5],
+        pub reserved: Reserved<5>,
         /// Time of the position measurement, before any propagation to `capture`.
         pub position_time: Timestamp,
+        /// Room for later fields, zero.
+        pub reserved_tail: Reserved<32>,
     }
     plausible if Self::is_consistent
 }
 
 impl VehicleState {
-    /// Whether a position that may be used is one.
+    /// Whether a position that may be used is one, and comes with a motion and an attitude.
     pub fn is_consistent(&self) -> bool {
-        let finite = |v: &nalgebra::Vector3<f64>| v.iter().all(|x| x.is_finite());
-        !self.position_valid.is_set() || finite(&self.position.vector()) && finite(&self.velocity.vector())
+        let moves = || self.position.is_finite() && self.velocity.is_finite() && self.rates.is_finite();
+        !self.position_valid.is_set() || moves() && self.attitude.is_rotation()
     }
 }
 
@@ -117,7 +120,7 @@ crate::sample! {
         /// Whether the autopilot marked the point as valid.
         pub valid: Flag,
         /// Explicit padding, zero.
-        pub reserved: [u8; 5],
+        pub reserved: Reserved<5>,
     }
 }
 
@@ -130,7 +133,7 @@ impl Default for DesiredPoint {
             yaw_rate_radps: f32::NAN,
             command: COMMAND_NONE,
             valid: Flag::NO,
-            reserved: [0; 5],
+            reserved: Reserved::ZERO,
         }
     }
 }
@@ -138,7 +141,7 @@ impl Default for DesiredPoint {
 crate::sample! {
     /// What the autopilot wants to do: PX4's TRAJECTORY_REPRESENTATION_WAYPOINTS, or a goal in its shape.
     #[derive(Clone, Copy, Debug, PartialEq)]
-    pub struct DesiredPath: 216 {
+    pub struct DesiredPath: 232 {
         /// 0: the present setpoint, adapted to its type; 1: the current waypoint; 2: the next waypoint.
         pub points: [DesiredPoint; 3],
         /// Speed the mission asks for (m/s); NaN not known.
@@ -148,8 +151,11 @@ crate::sample! {
         /// Mode in which this was asked for.
         pub mode: Coded<NavMode>,
         /// Explicit padding, zero.
-        pub reserved: [u8; 7],
+        pub reserved: Reserved<7>,
+        /// Room for later fields, zero.
+        pub reserved_tail: Reserved<16>,
     }
+    plausible if Self::is_consistent
 }
 
 impl Default for DesiredPath {
@@ -159,12 +165,29 @@ impl Default for DesiredPath {
             mission_speed_mps: f64::NAN,
             autopilot_time_us: 0,
             mode: Coded::new(NavMode::Unknown),
-            reserved: [0; 7],
+            reserved: Reserved::ZERO,
+            reserved_tail: Reserved::ZERO,
         }
     }
 }
 
+impl DesiredPoint {
+    /// Whether every number is given and finite, or not given.
+    fn is_consistent(&self) -> bool {
+        let (position, velocity) = (self.position.vector(), self.velocity.vector());
+        let mut numbers = position.iter().chain(&velocity);
+        numbers.all(|x| !x.is_infinite()) && !self.yaw_rad.is_infinite() && !self.yaw_rate_radps.is_infinite()
+    }
+}
+
 impl DesiredPath {
+    /// Whether what is given is finite. NaN is not given, in every field.
+    pub fn is_consistent(&self) -> bool {
+        let speed_is_one =
+            self.mission_speed_mps.is_nan() || (0.0..f64::INFINITY).contains(&self.mission_speed_mps);
+        speed_is_one && self.points.iter().all(DesiredPoint::is_consistent)
+    }
+
     /// Whether this asks for a motion that jink plans itself; everything else is mirrored back.
     ///
     /// Planned: every finite target in an automatic mode, be it a waypoint, a go-to, a place to hold or a leg of a return, and

@@ -49,6 +49,7 @@ impl AssistedPilot {
     pub fn take_off(pairing: Pairing, seed: u64, change: impl FnOnce(&mut FlightSetup)) -> (LockStep, Self) {
         let mut setup = pairing.forest(seed).expect("a forest");
         setup.plan.resume = false;
+        setup.takes_missions = false;
         let parameters: &[(&str, f64)] = match pairing.make {
             Make::Px4 => &[("MAN_OVERRIDE_SPD", -1.0)],
             Make::ArduCopter => &[("MAV_GCS_SYSID", PILOT)],
@@ -70,7 +71,6 @@ impl AssistedPilot {
         }
         change(&mut setup);
         let mut flight = LockStep::new(setup).expect("a flight");
-        flight.leave_missions();
         let mut pilot = Self {
             make: pairing.make,
             pairing,

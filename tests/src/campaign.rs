@@ -128,6 +128,7 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         autopilot: FlyerConfig::Px4(AutopilotConfig::default()),
         profile: ProfileName::Px4Trajectory,
         representation: Representation::default(),
+        takes_missions: true,
         link_faults: None,
         plan,
     })
@@ -225,11 +226,11 @@ struct Hash(u64);
 
 impl Hash {
     fn new() -> Self {
-        Self(0xcbf2_9ce4_8422_2325)
+        Self(jink_shared_types::hash::START)
     }
 
     fn add(&mut self, number: u64) {
-        self.0 = jink_shared_types::layout::hash_number(self.0, number);
+        self.0 = jink_shared_types::hash::number(self.0, number);
     }
 
     fn text(&self) -> String {

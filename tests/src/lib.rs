@@ -3,6 +3,7 @@
 
 pub mod approach;
 pub mod assisted;
+pub mod board;
 pub mod campaign;
 pub mod lockstep;
 pub mod lossy;

@@ -1,97 +1,68 @@
-//! The whole chain in one process, in lock-step: world, vehicle, autopilot, ground station, sensors, fusion, planner,
-//! generator, guard, gateway. Faster than real time, the same to the bit on every run.
+//! A flight in one process, in lock-step: the processes of the table, a radio link with its faults, a ground station. Faster than
+//! real time, the same to the bit on every run.
 //!
-//! Time advances by 4 ms. What one part puts out in a step, the next part sees in the next step, so that a range needs some
-//! steps to become a setpoint, as it does between processes. The board's clock and the autopilot's clock differ.
+//! | part | what it is |
+//! |---|---|
+//! | [`Board`] | the very services that fly, opened and run as in processes of their own, and the supervisor's rules |
+//! | the wire | datagram sockets between autopilot and gateway, where frames may be lost, doubled and damaged |
+//! | the ground station | the one that `jink-simulator fly` has, on a socket of its own |
+//!
+//! Time advances by 4 ms. Processes run from the end of the chain to its start: what one puts out in a step, the next one sees in the
+//! next step, so that a range needs some steps to become a setpoint, as it does between processes. The board's clock and the
+//! autopilot's clock differ. What a service computes takes no time.
 
+use crate::board::{Board, Rig};
 use crate::lossy::{LinkFaults, Lossy};
-use jink_bezier_generator::Generator;
-use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
-use jink_collision_guard::prevention::{PreventionConfig, Watch};
-use jink_collision_guard::ring::Ring;
-use jink_mavlink_gateway::{
-    Body, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, ProfileName, Received, Representation,
-    frame::Splitter,
-};
-use jink_obstacle_fusion::{Fusion, FusionConfig};
-use jink_planner::Planner;
+use jink_mavlink_gateway::{ProfileName, Representation};
+use jink_runtime::config::{CONFIG_FILE, Config};
+use jink_runtime::lockstep::{LocalBus, Member};
+use jink_runtime::{Clock, Input, Instance, OpenError, Output, Session};
+use jink_shared_types::coded::Wire as _;
 use jink_shared_types::events::{self, EventSample};
-use jink_shared_types::health::{Health, SystemStatus};
-use jink_shared_types::link::AssistState;
+use jink_shared_types::health::Health;
+use jink_shared_types::link::{AssistState, LinkStatus};
 use jink_shared_types::map::LocalMap;
-use jink_shared_types::motion::{
-    ApprovedTrajectory, MotionState, Route, RouteMode, Trajectory, TrajectoryMode, Verdict,
-};
+use jink_shared_types::motion::{ApprovedTrajectory, MotionState, Route, RouteMode, TrajectoryMode, Verdict};
 use jink_shared_types::params::{OA_VEH_RADIUS, ParamSet};
-use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
-use jink_shared_types::ranges::{PointCloud, RangeScan};
-use jink_shared_types::ring::SectorRing;
-use jink_shared_types::topics::{self, Topic};
+use jink_shared_types::prevention::PreventedDemand;
+use jink_shared_types::topics;
 use jink_shared_types::truth::SimTruth;
-use jink_shared_types::vehicle::{DesiredPath, VehicleState};
-use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp};
-use jink_simulator::autopilot::{Link, Packet};
+use jink_shared_types::tuning::ParameterChange;
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::{SampleHeader, Timestamp};
 use jink_simulator::flyer::{Flyer, FlyerConfig};
 use jink_simulator::ground_station::{FlightPlan, GroundStation, Outcome};
-use jink_simulator::sensors::{Output as SensorOutput, Pose, PoseTrack, SensorRig, SensorSpec};
+use jink_simulator::sensors::SensorSpec;
+use jink_simulator::service::local::{LocalSocket, MavLocal};
+use jink_simulator::service::{SensorService, VehicleService};
 use jink_simulator::truth::Observer;
 use jink_simulator::vehicle::STEP_US;
 use jink_simulator::world::World;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use mavlink::{MavHeader, Message};
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
-use std::time::Instant;
+use serde::Serialize;
+use std::any::Any;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::rc::Rc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
+pub use jink_simulator::service::ScanDelay;
 
 /// Where the board's clock stands when the autopilot boots: any number but zero.
 const BOARD_START_S: f64 = 1_000.0;
-/// The planner runs at least this often (s).
-const PLANNER_PERIOD_S: f64 = 1.0 / 30.0;
 /// Component id of the autopilot.
 const AUTOPILOT_COMPONENT: u8 = 1;
-/// The guard runs at least this often (s).
-const GUARD_PERIOD_S: f64 = 1.0 / 30.0;
-/// The ring is sent this often (s).
-const RING_PERIOD_S: f64 = 1.0 / 15.0;
-const WATCH_PERIOD_S: f64 = 0.02;
-/// The system's status is sent this often (s).
-const STATUS_PERIOD_S: f64 = 0.1;
-
-/// The newest sample of one topic with its header.
-struct Slot<T> {
-    sample: Box<T>,
-    header: SampleHeader,
-    deadline_ms: f64,
-}
-
-impl<T> Slot<T> {
-    fn new(topic: Topic<T>, sample: Box<T>) -> Self {
-        Self {
-            sample,
-            header: SampleHeader::default(),
-            deadline_ms: topic.row.deadline_ms,
-        }
-    }
-
-    fn stamped(&self) -> Option<Stamped<'_, T>> {
-        self.header.publish.is_set().then_some(Stamped {
-            sample: &*self.sample,
-            header: &self.header,
-        })
-    }
-
-    fn reading(&self, now: Timestamp) -> Reading<'_, T> {
-        Reading::judge(self.stamped(), now, self.deadline_ms)
-    }
-
-    fn publish(&mut self, now: Timestamp, capture: Timestamp) {
-        self.header = SampleHeader {
-            sequence: self.header.sequence + 1,
-            capture,
-            publish: now,
-            ..SampleHeader::default()
-        };
-    }
-}
+/// The process table that is shipped.
+const PROCESSES: &str = include_str!("../../config/services.toml");
+/// The process with the vehicle, and the one with its sensors.
+const VEHICLE: &str = "simulator";
+const SENSORS: &str = "sensors";
+/// Message ids of the sticks: RC_CHANNELS, MANUAL_CONTROL.
+const STICKS: [u32; 2] = [65, 69];
+/// Longest datagram.
+const DATAGRAM_BYTES: usize = 2048;
 
 /// One flight's set-up.
 #[derive(Clone, Debug)]
@@ -110,6 +81,8 @@ pub struct FlightSetup {
     pub profile: ProfileName,
     /// In which message.
     pub representation: Representation,
+    /// Whether the gateway takes missions over.
+    pub takes_missions: bool,
     /// What happens to what they say to each other.
     pub link_faults: Option<LinkFaults>,
     /// What the ground station flies.
@@ -121,61 +94,189 @@ pub struct FlightSetup {
 pub struct Costs {
     /// Wall time of each planner cycle with a new map (ms).
     pub plan_ms: Vec<f64>,
-    /// Wall time of each generator answer to a plan (ms).
+    /// Wall time of each generator cycle with a new plan (ms).
     pub curve_ms: Vec<f64>,
-    /// Wall time of each map update (ms).
+    /// Wall time of each fusion cycle that put out a map (ms).
     pub map_ms: Vec<f64>,
+}
+
+/// What came over a link.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Messages.
+    pub messages: u64,
+    /// Bytes on the wire.
+    pub bytes: u64,
+}
+
+/// The folder of an instance that is removed at the end.
+struct Folder(Instance);
+
+impl Folder {
+    /// A new one with its configuration.
+    fn new(config: &str) -> Result<Self, String> {
+        static FLIGHTS: AtomicU32 = AtomicU32::new(0);
+        let number = FLIGHTS.fetch_add(1, Ordering::Relaxed);
+        let name = format!("ls{}_{number}", std::process::id());
+        let folder = Self(name.parse().map_err(|error| format!("{error}"))?);
+        let run_config = folder.0.run_config();
+        std::fs::create_dir_all(&run_config)
+            .and_then(|()| std::fs::write(run_config.join(CONFIG_FILE), config))
+            .map_err(|error| format!("{}: {error}", run_config.display()))?;
+        Ok(folder)
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.folder().join(name)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // What is left is told by whoever looks for left-overs.
+        let _left = std::fs::remove_dir_all(self.0.folder());
+    }
+}
+
+/// The link between autopilot and gateway.
+struct Radio {
+    autopilot: LocalSocket,
+    gateway: LocalSocket,
+    /// The way to the autopilot, and from it.
+    ways: [Lossy; 2],
+}
+
+impl Radio {
+    fn new(folder: &Folder, faults: LinkFaults, seed: u64) -> std::io::Result<Self> {
+        let pair = |own: &str, peer: &str| LocalSocket::bind(&folder.path(own), &folder.path(peer));
+        Ok(Self {
+            autopilot: pair("autopilot.jink", "autopilot")?,
+            gateway: pair("wire", "wire.jink")?,
+            ways: [0, 1].map(|way| Lossy::new(faults, 2 * seed + way)),
+        })
+    }
+
+    fn down(&mut self, now_s: f64, mute_sticks: bool) {
+        let mut buffer = [0; DATAGRAM_BYTES];
+        while let Some(frame) = self.autopilot.receive(&mut buffer) {
+            if !(mute_sticks && STICKS.contains(&message_id(frame))) {
+                self.ways[1].send(now_s, frame);
+            }
+        }
+        for frame in self.ways[1].arrived(now_s) {
+            self.gateway.send(&frame);
+        }
+    }
+
+    fn up(&mut self, now_s: f64) {
+        let mut buffer = [0; DATAGRAM_BYTES];
+        while let Some(frame) = self.gateway.receive(&mut buffer) {
+            self.ways[0].send(now_s, frame);
+        }
+        for frame in self.ways[0].arrived(now_s) {
+            self.autopilot.send(&frame);
+        }
+    }
+}
+
+/// Of a frame of MAVLink 2: bytes 7 to 9, little-endian.
+fn message_id(frame: &[u8]) -> u32 {
+    match frame {
+        [_, _, _, _, _, _, _, low, middle, high, ..] => u32::from_le_bytes([*low, *middle, *high, 0]),
+        _ => u32::MAX,
+    }
+}
+
+/// What is flown, and where: no configuration can say it as exactly.
+struct Flown {
+    autopilot: FlyerConfig,
+    world: World,
+}
+
+/// Sets the processes of a flight up.
+struct FlightRig {
+    wire: String,
+    vehicle: String,
+    flown: Rc<RefCell<Flown>>,
+}
+
+impl Rig for FlightRig {
+    /// The vehicle and the gateway are at the two ends of the radio.
+    fn configure(&self, process: &str, config: &mut Config) {
+        let side = if process == VEHICLE {
+            &self.vehicle
+        } else {
+            &self.wire
+        };
+        config.link.address.clone_from(side);
+    }
+
+    fn fit(&self, process: &mut dyn Any) {
+        let flown = self.flown.borrow();
+        if let Some(member) = process.downcast_mut::<Member<VehicleService>>()
+            && let Ok(autopilot) = flown.autopilot.clone().build()
+        {
+            member.service_mut().replace(autopilot, flown.world.clone());
+        }
+        if let Some(member) = process.downcast_mut::<Member<SensorService>>() {
+            member.service_mut().move_world(flown.world.clone());
+        }
+    }
+}
+
+/// What a spectator reads.
+struct Spectator {
+    map: Input<LocalMap>,
+    route: Input<Route>,
+    approved: Input<ApprovedTrajectory>,
+    prevented: Input<PreventedDemand>,
+    state: Input<VehicleState>,
+    link: Input<LinkStatus>,
+    events: Input<EventSample>,
+    change: Output<ParameterChange>,
+}
+
+impl Spectator {
+    fn new(bus: &LocalBus) -> Result<Self, OpenError> {
+        let session = Session::local(bus, "cli");
+        Ok(Self {
+            map: session.input(topics::LOCAL_MAP, "")?,
+            route: session.input(topics::ROUTE, "")?,
+            approved: session.input(topics::APPROVED, "")?,
+            prevented: session.input(topics::PREVENTED, "")?,
+            state: session.input(topics::VEHICLE_STATE, "")?,
+            link: session.input(topics::LINK_STATUS, "")?,
+            events: session.input(topics::EVENT, "")?,
+            change: session.output(topics::PARAMETER_CHANGE, "", 1)?,
+        })
+    }
+}
+
+/// What is read before anything has been said.
+struct Nothing {
+    map: Box<LocalMap>,
+    route: Box<Route>,
+    approved: Box<ApprovedTrajectory>,
+    prevented: PreventedDemand,
+    state: VehicleState,
 }
 
 /// A flight under way.
 pub struct LockStep {
-    autopilot: Box<dyn Flyer>,
+    bus: LocalBus,
+    board: Board,
+    radio: Radio,
     station: GroundStation,
-    world: World,
-    observer: Observer,
-    rig: SensorRig,
-    track: PoseTrack,
-    gateway_config: GatewayConfig,
-    params: ParamSet,
-    gateway: Gateway,
-    encoder: Encoder,
-    splitters: [Splitter; 2],
-    /// The way to the autopilot, and from it.
-    ways: [Lossy; 2],
-    outputs: Outputs,
-    fusion: Fusion,
-    ring: Ring,
-    guard: Guard,
-    planner: Planner,
-    generator: Generator,
-    state: Slot<VehicleState>,
-    desired: Slot<DesiredPath>,
-    map: Slot<LocalMap>,
-    route: Slot<Route>,
-    trajectory: Slot<Trajectory>,
-    approved: Slot<ApprovedTrajectory>,
-    watch: Watch,
-    watch_due: Timestamp,
-    demand: Slot<PilotDemand>,
-    prevented: Slot<PreventedDemand>,
-    sectors: Slot<SectorRing>,
-    assist: AssistState,
-    system: Slot<SystemStatus>,
-    cloud: Box<PointCloud>,
-    scan: RangeScan,
-    scans_under_way: VecDeque<LateScan>,
+    station_link: MavLocal,
+    spectator: Spectator,
+    nothing: Nothing,
+    flown: Rc<RefCell<Flown>>,
+    boots: Box<dyn Flyer>,
     truth: SimTruth,
     step: u64,
-    to_autopilot: Vec<Packet>,
-    from_autopilot: Vec<Packet>,
-    news: Vec<EventSample>,
-    new_map: bool,
-    new_route: bool,
-    new_trajectory: bool,
-    planner_due: Timestamp,
-    guard_due: Timestamp,
-    ring_due: Timestamp,
-    status_due: Timestamp,
+    was_braked: bool,
+    planned_map: u64,
+    curved_plan: u64,
     /// What it cost.
     pub costs: Costs,
     /// Every event raised, with the time since boot (s).
@@ -192,96 +293,62 @@ pub struct LockStep {
     pub scan_delay: ScanDelay,
     /// What of the companion's came over the ground station's link, through the autopilot's forwarding, by message id.
     pub companion_traffic: BTreeMap<u32, Traffic>,
-}
-
-/// What came over a link.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Traffic {
-    /// Messages.
-    pub messages: u64,
-    /// Bytes on the wire.
-    pub bytes: u64,
-}
-
-/// A slow driver. Clouds are not delayed.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ScanDelay {
-    /// From the end of a scan until anybody hears of it (s).
-    pub delay_s: f64,
-    /// It is stamped as if it had been taken when it arrives: what a driver does that does not know better.
-    pub is_stamped_on_arrival: bool,
-}
-
-/// A scan that nobody has heard of yet.
-struct LateScan {
-    arrives: Timestamp,
-    sensor: usize,
-    scan: Box<RangeScan>,
-    capture: Timestamp,
+    /// The last to go: everything above may still use it.
+    _folder: Folder,
 }
 
 impl LockStep {
-    /// Sets everything up; the vehicle stands on the ground.
+    /// Sets everything up; nothing runs yet.
     ///
     /// # Errors
     /// A text naming what cannot be built.
     pub fn new(setup: FlightSetup) -> Result<Self, String> {
-        let params = &setup.params;
-        let sensors = setup.sensors.len();
-        let rig = SensorRig::new(&setup.sensors, setup.seed).map_err(|error| error.to_string())?;
-        let mut autopilot = setup.autopilot;
+        let text = |error: &dyn std::fmt::Display| error.to_string();
+        let mut autopilot = setup.autopilot.clone();
         autopilot.vehicle_mut().seed = setup.seed;
-        let gateway_config = GatewayConfig {
-            representation: setup.representation,
-            ..GatewayConfig::from_params(params, setup.profile)
-        };
-        Ok(Self {
-            autopilot: autopilot.build().map_err(|error| error.to_string())?,
-            station: GroundStation::new(setup.plan),
-            observer: Observer::new(params.get(&OA_VEH_RADIUS)),
+        // Refused here, not when its process starts; and what is seen until then.
+        let boots = autopilot.clone().build().map_err(|error| text(&error))?;
+        let truth = Observer::new(setup.params.get(&OA_VEH_RADIUS)).observe(boots.as_ref(), &setup.world);
+        let bus = LocalBus::new(Timestamp::from_seconds(BOARD_START_S));
+        let folder = Folder::new(&configuration(&setup)?)?;
+        let (wire, vehicle) = (address(&folder.path("wire")), address(&folder.path("autopilot")));
+        let flown = Rc::new(RefCell::new(Flown {
+            autopilot,
             world: setup.world,
-            track: PoseTrack::new(rig.longest_frame_s() + 0.1, STEP_US as f64 * 1e-6),
-            rig,
-            gateway: Gateway::new(gateway_config).with_params(params),
-            params: params.clone(),
-            gateway_config,
-            encoder: Encoder::new(),
-            splitters: [Splitter::new(), Splitter::new()],
-            ways: [0, 1].map(|way| Lossy::new(setup.link_faults.unwrap_or_default(), 2 * setup.seed + way)),
-            outputs: Outputs::default(),
-            fusion: Fusion::new(FusionConfig::from_params(params, sensors)),
-            ring: Ring::from_params(params),
-            guard: Guard::new(GuardConfig::from_params(params), 1),
-            planner: Planner::new(params, 1).with_sensors(sensors as u16),
-            generator: Generator::new(1),
-            state: Slot::new(topics::VEHICLE_STATE, Box::default()),
-            desired: Slot::new(topics::DESIRED_PATH, Box::default()),
-            map: Slot::new(topics::LOCAL_MAP, LocalMap::boxed()),
-            route: Slot::new(topics::ROUTE, Box::default()),
-            trajectory: Slot::new(topics::TRAJECTORY, Box::default()),
-            approved: Slot::new(topics::APPROVED, Box::default()),
-            watch: Watch::new(PreventionConfig::from_params(params)),
-            watch_due: Timestamp::NEVER,
-            demand: Slot::new(topics::PILOT_DEMAND, Box::default()),
-            prevented: Slot::new(topics::PREVENTED, Box::default()),
-            sectors: Slot::new(topics::RING, Box::default()),
-            assist: AssistState::Off,
-            system: Slot::new(topics::SYSTEM_STATUS, Box::default()),
-            cloud: PointCloud::boxed(),
-            scan: RangeScan::default(),
-            scans_under_way: VecDeque::new(),
-            truth: SimTruth::default(),
+        }));
+        let rig = FlightRig {
+            wire,
+            vehicle,
+            flown: Rc::clone(&flown),
+        };
+        let board = Board::new(&bus, &folder.0, PROCESSES, rig)?;
+        let faults = setup.link_faults.unwrap_or_default();
+        let station = LocalSocket::bind(
+            &folder.path("autopilot.station"),
+            &folder.path("autopilot.ground"),
+        )
+        .map_err(|error| text(&error))?;
+        Ok(Self {
+            radio: Radio::new(&folder, faults, setup.seed).map_err(|error| text(&error))?,
+            station: GroundStation::new(setup.plan),
+            station_link: MavLocal::new(station, Clock::of(&bus)),
+            spectator: Spectator::new(&bus).map_err(|error| text(&error))?,
+            nothing: Nothing {
+                map: LocalMap::boxed(),
+                route: Box::default(),
+                approved: Box::default(),
+                prevented: PreventedDemand::default(),
+                state: VehicleState::default(),
+            },
+            board,
+            bus,
+            flown,
+            boots,
+            truth,
             step: 0,
-            to_autopilot: Vec::new(),
-            from_autopilot: Vec::new(),
-            news: Vec::new(),
-            new_map: false,
-            new_route: false,
-            new_trajectory: false,
-            planner_due: Timestamp::NEVER,
-            guard_due: Timestamp::NEVER,
-            ring_due: Timestamp::NEVER,
-            status_due: Timestamp::NEVER,
+            was_braked: false,
+            planned_map: 0,
+            curved_plan: 0,
             costs: Costs::default(),
             events: Vec::new(),
             brakes: 0,
@@ -290,31 +357,30 @@ impl LockStep {
             mute_sticks: false,
             scan_delay: ScanDelay::default(),
             companion_traffic: BTreeMap::new(),
+            _folder: folder,
         })
     }
 
-    /// A gateway that takes no missions over, from before the flight.
-    pub fn leave_missions(&mut self) {
-        self.gateway_config.takes_missions = false;
-        self.gateway = Gateway::new(self.gateway_config).with_params(&self.params);
+    /// The processes.
+    pub fn board(&mut self) -> &mut Board {
+        &mut self.board
     }
 
-    /// The gateway dies and is started again: it knows nothing of what it was told before but what its record keeps.
-    pub fn restart_gateway(&mut self) {
-        let now = self.now();
-        let record = self.gateway.record(now);
-        // As the process does from its file: with the profile that was proven in this run.
-        let proven = self.gateway.proven_profile();
-        let config = GatewayConfig {
-            profile: proven.unwrap_or(self.gateway_config.profile),
-            is_proven: proven.is_some(),
-            ..self.gateway_config
+    /// Asks for a value of a parameter, as `jink param set` does.
+    pub fn set_param(&mut self, name: &str, value: f64) {
+        let row = jink_shared_types::params::TABLE
+            .iter()
+            .position(|row| row.name == name);
+        let change = ParameterChange {
+            table: jink_shared_types::tuning::TABLE_HASH,
+            id: self.step + 1,
+            value,
+            row: row.map_or(u32::MAX, |row| row as u32),
+            ..ParameterChange::default()
         };
-        self.gateway = Gateway::new(config)
-            .with_params(&self.params)
-            .resuming(now, record);
-        self.encoder = Encoder::new();
-        self.splitters = [Splitter::new(), Splitter::new()];
+        self.spectator
+            .change
+            .send(SampleHeader::at(self.bus.now()), &change);
     }
 
     /// A second ground station, a pilot's tablet say, sends a message to the autopilot.
@@ -323,16 +389,12 @@ impl LockStep {
             system_id: 254,
             ..MavHeader::default()
         };
-        self.to_autopilot.push(Packet {
-            link: Link::GroundStation,
-            header,
-            message,
-        });
+        self.station_link.send(&header, &message);
     }
 
     /// Where the vehicle should be now, and how fast; `None` while the autopilot's own setpoints are mirrored.
     pub fn reference(&self) -> Option<MotionState> {
-        let trajectory = &self.approved.sample.trajectory;
+        let trajectory = &self.approved().trajectory;
         let flown = trajectory.mode != TrajectoryMode::Mirror && trajectory.is_sound();
         flown.then(|| trajectory.at(self.now()))?
     }
@@ -342,49 +404,73 @@ impl LockStep {
         &self.truth
     }
 
-    /// The autopilot.
+    /// The autopilot; before its process runs, one that has just booted.
     pub fn autopilot(&self) -> &dyn Flyer {
-        self.autopilot.as_ref()
+        let vehicle = self.board.service::<VehicleService>(VEHICLE);
+        vehicle.map_or(self.boots.as_ref(), VehicleService::autopilot)
     }
 
     /// What is approved now.
     pub fn approved(&self) -> &ApprovedTrajectory {
-        &self.approved.sample
+        let newest = self.spectator.approved.newest();
+        newest.map_or(&*self.nothing.approved, |approved| approved.sample)
     }
 
     /// The planner's newest answer.
     pub fn route(&self) -> &Route {
-        &self.route.sample
+        let newest = self.spectator.route.newest();
+        newest.map_or(&*self.nothing.route, |route| route.sample)
     }
 
     /// What of the pilot's wish was allowed last.
     pub fn prevented(&self) -> &PreventedDemand {
-        &self.prevented.sample
-    }
-
-    /// Puts another world in the place of the one there is: something in it has moved.
-    pub fn move_world(&mut self, world: World) {
-        self.world = world;
+        let newest = self.spectator.prevented.newest();
+        newest.map_or(&self.nothing.prevented, |prevented| prevented.sample)
     }
 
     /// The newest map.
     pub fn map(&self) -> &LocalMap {
-        &self.map.sample
+        let newest = self.spectator.map.newest();
+        newest.map_or(&*self.nothing.map, |map| map.sample)
     }
 
     /// The newest vehicle state, as the board knows it.
     pub fn state(&self) -> &VehicleState {
-        &self.state.sample
+        let newest = self.spectator.state.newest();
+        newest.map_or(&self.nothing.state, |state| state.sample)
     }
 
     /// Whether a pilot is assisted, as the gateway said last.
     pub fn assist(&self) -> AssistState {
-        self.assist
+        let newest = self.spectator.link.newest();
+        newest.map_or(AssistState::UNKNOWN, |link| link.assist.get())
+    }
+
+    /// The gateway's figures, as it said last.
+    pub fn link_status(&self) -> LinkStatus {
+        let newest = self.spectator.link.newest();
+        newest.map_or_else(LinkStatus::default, |link| *link.sample)
+    }
+
+    /// Health of the whole, as the supervisor judges.
+    pub fn health(&self) -> Health {
+        self.board.health()
+    }
+
+    /// Puts another world in the place of the one there is: something in it has moved.
+    pub fn move_world(&mut self, world: World) {
+        if let Some(vehicle) = self.board.service_mut::<VehicleService>(VEHICLE) {
+            vehicle.move_world(world.clone());
+        }
+        if let Some(sensors) = self.board.service_mut::<SensorService>(SENSORS) {
+            sensors.move_world(world.clone());
+        }
+        self.flown.borrow_mut().world = world;
     }
 
     /// The board's clock.
     pub fn now(&self) -> Timestamp {
-        Timestamp::from_seconds(BOARD_START_S).plus_seconds(self.step as f64 * STEP_US as f64 * 1e-6)
+        self.bus.now()
     }
 
     /// How the ground station sees the flight; the outcome is set when it is over.
@@ -419,313 +505,118 @@ impl LockStep {
 
     /// 4 ms of everything.
     pub fn step(&mut self) {
-        // From the end of the chain to its start, so that nobody sees in a step what was made in it.
         let now = self.now();
-        self.run_gateway(now);
-        self.run_guard(now);
-        self.watch_over_the_pilot(now);
-        self.run_generator(now);
-        self.run_planner(now);
-        self.run_sensors(now);
-        self.run_autopilot();
+        let now_s = now.ns as f64 * 1e-9;
+        let (map, route) = (self.newest_map(), self.newest_plan());
+        self.board.supervise();
+        self.radio.down(now_s, self.mute_sticks);
+        self.set_sensors_up();
+        self.board.run([
+            "mavlink_gateway",
+            "collision_guard",
+            "bezier_generator",
+            "planner",
+            "obstacle_fusion",
+            SENSORS,
+        ]);
+        self.radio.up(now_s);
+        self.board.run([VEHICLE]);
+        self.run_station();
+        self.look(map, route);
         self.step += 1;
+        self.bus.set_clock(
+            Timestamp::from_seconds(BOARD_START_S).plus_seconds(self.step as f64 * STEP_US as f64 * 1e-6),
+        );
     }
 
-    fn run_autopilot(&mut self) {
-        let inbox = std::mem::take(&mut self.to_autopilot);
-        self.from_autopilot.clear();
-        self.autopilot.step(&inbox, &mut self.from_autopilot);
-        let to_station: Vec<_> = self
-            .from_autopilot
-            .iter()
-            .filter(|packet| packet.link == Link::GroundStation)
-            .map(|packet| (packet.header, packet.message.clone()))
+    fn set_sensors_up(&mut self) {
+        if let Some(sensors) = self.board.service_mut::<SensorService>(SENSORS) {
+            sensors.silence(&self.silent_sensors);
+            sensors.delay_scans(self.scan_delay);
+        }
+    }
+
+    fn run_station(&mut self) {
+        let Some(vehicle) = self.board.service::<VehicleService>(VEHICLE) else {
+            return;
+        };
+        // Nothing is seen before its first step.
+        if vehicle.truth().time_s > 0.0 {
+            self.truth = *vehicle.truth();
+        }
+        let time_s = vehicle.autopilot().time_s();
+        let (mut arrivals, mut sent) = (Vec::new(), Vec::new());
+        self.station_link.receive(&mut arrivals);
+        let received: Vec<_> = arrivals
+            .into_iter()
+            .map(|arrival| (arrival.header, arrival.message))
             .collect();
         let mut raw = mavlink::MAVLinkV2MessageRaw::new();
         let of_companion = |header: &MavHeader| header.component_id != AUTOPILOT_COMPONENT;
-        for (header, message) in to_station.iter().filter(|(header, _)| of_companion(header)) {
+        for (header, message) in received.iter().filter(|(header, _)| of_companion(header)) {
             raw.serialize_message(*header, message);
             let traffic = self.companion_traffic.entry(message.message_id()).or_default();
             traffic.messages += 1;
             traffic.bytes += raw.raw_bytes().len() as u64;
         }
-        let mut sent = Vec::new();
-        self.station.step(self.autopilot.time_s(), &to_station, &mut sent);
-        if self.silent_station {
-            sent.clear();
+        self.station.step(time_s, &received, &mut sent);
+        for (header, message) in sent.iter().filter(|_| !self.silent_station) {
+            self.station_link.send(header, message);
         }
-        self.to_autopilot
-            .extend(sent.into_iter().map(|(header, message)| Packet {
-                link: Link::GroundStation,
-                header,
-                message,
-            }));
-        self.truth = self.observer.observe(self.autopilot.as_ref(), &self.world);
     }
 
-    fn run_sensors(&mut self, now: Timestamp) {
-        self.track.push(
-            now,
-            Pose {
-                position: self.autopilot.truth().position,
-                attitude: self.autopilot.truth().attitude.rotation(),
-            },
-        );
-        while let Some(frame) = self.rig.next_due(now) {
-            if self.silent_sensors.contains(&frame.sensor) {
-                continue;
-            }
-            let header = SampleHeader {
-                capture: frame.end,
-                publish: now,
-                ..SampleHeader::default()
-            };
-            match frame.output {
-                SensorOutput::Cloud => {
-                    if self
-                        .rig
-                        .render_cloud(&frame, &self.world, &self.track, &mut self.cloud)
-                        .is_ok()
-                    {
-                        let begin = Instant::now();
-                        self.fusion.cloud(frame.sensor, &self.cloud, &header);
-                        let _late = self.ring.cloud(frame.sensor, &self.cloud, &header);
-                        self.fusion.write(now, &mut self.map.sample);
-                        self.costs.map_ms.push(begin.elapsed().as_secs_f64() * 1e3);
-                        self.map.publish(now, frame.end);
-                        self.new_map = true;
-                    }
-                }
-                SensorOutput::Scan => {
-                    if self
-                        .rig
-                        .render_scan(&frame, &self.world, &self.track, &mut self.scan)
-                        .is_ok()
-                    {
-                        self.scans_under_way.push_back(LateScan {
-                            arrives: frame.end.plus_seconds(self.scan_delay.delay_s),
-                            sensor: frame.sensor,
-                            scan: Box::new(self.scan),
-                            capture: frame.end,
-                        });
-                    }
-                }
-            }
-        }
-        self.deliver_scans(now);
-    }
-
-    fn deliver_scans(&mut self, now: Timestamp) {
-        while self
-            .scans_under_way
-            .front()
-            .is_some_and(|late| late.arrives <= now)
+    /// Reads the topics; `map` and `plan` are what stood there before this step.
+    fn look(&mut self, map: u64, plan: u64) {
+        let now = self.now();
+        let Spectator {
+            map: maps,
+            route,
+            approved,
+            prevented,
+            state,
+            link,
+            events,
+            ..
+        } = &mut self.spectator;
+        maps.latest(now);
+        route.latest(now);
+        prevented.latest(now);
+        state.latest(now);
+        link.latest(now);
+        approved.each(|approved| {
+            let is_braked = approved.verdict == Verdict::Braked;
+            self.brakes += u32::from(is_braked && !self.was_braked);
+            self.was_braked = is_braked;
+        });
+        events.each(|event| self.events.push((self.truth.time_s, *event.sample)));
+        if let Some(ms) = self.board.ran_ms("planner")
+            && std::mem::replace(&mut self.planned_map, map) != map
         {
-            let Some(mut late) = self.scans_under_way.pop_front() else {
-                return;
-            };
-            if self.scan_delay.is_stamped_on_arrival {
-                late.capture = late.capture.plus_seconds(self.scan_delay.delay_s);
-                late.scan.first_beam = late.scan.first_beam.plus_seconds(self.scan_delay.delay_s);
-            }
-            let header = SampleHeader {
-                capture: late.capture,
-                publish: now,
-                ..SampleHeader::default()
-            };
-            self.fusion.scan(late.sensor, &late.scan, &header);
-            let _late = self.ring.scan(late.sensor, &late.scan, &header);
+            self.costs.plan_ms.push(ms);
         }
-    }
-
-    fn run_planner(&mut self, now: Timestamp) {
-        if !self.new_map && now < self.planner_due {
-            return;
-        }
-        let begin = Instant::now();
-        let inputs = jink_planner::Inputs {
-            map: self.map.reading(now),
-            state: self.state.reading(now),
-            desired: self.desired.reading(now),
-            approved: self.approved.stamped().map(|approved| approved.sample),
-        };
-        self.planner.step(now, &inputs, &mut self.route.sample);
-        if self.new_map {
-            self.costs.plan_ms.push(begin.elapsed().as_secs_f64() * 1e3);
-        }
-        self.new_map = false;
-        self.planner_due = now.plus_seconds(PLANNER_PERIOD_S);
-        self.route.publish(now, self.map.header.capture);
-        self.new_route = true;
-        let planner_events: Vec<_> = self.planner.events().to_vec();
-        self.raise(&planner_events);
-    }
-
-    fn run_generator(&mut self, now: Timestamp) {
-        if !std::mem::take(&mut self.new_route) {
-            return;
-        }
-        let flown = self
-            .approved
-            .stamped()
-            .map(|approved| &approved.sample.trajectory);
-        let begin = Instant::now();
-        let answer = self
-            .generator
-            .step(now, &self.route.sample, flown, &mut self.trajectory.sample);
-        if answer.is_ok() {
-            if self.route.sample.mode == RouteMode::Plan {
-                self.costs.curve_ms.push(begin.elapsed().as_secs_f64() * 1e3);
-            }
-            self.trajectory.publish(now, self.route.header.capture);
-            self.new_trajectory = true;
-        }
-    }
-
-    fn run_guard(&mut self, now: Timestamp) {
-        let new = std::mem::take(&mut self.new_trajectory);
-        if new || now >= self.guard_due {
-            let inputs = GuardInputs {
-                trajectory: new.then_some(&*self.trajectory.sample),
-                state: self.state.reading(now),
-                ring: &self.ring,
-            };
-            let braked_before = self.approved.sample.verdict.get() == Verdict::Braked;
-            let news = self.guard.step(now, &inputs, &mut self.approved.sample);
-            if self.approved.sample.verdict.get() == Verdict::Braked && !braked_before {
-                self.brakes += 1;
-            }
-            self.approved.publish(now, self.trajectory.header.capture);
-            self.guard_due = now.plus_seconds(GUARD_PERIOD_S);
-            let guard_events: Vec<_> = news.events().to_vec();
-            self.raise(&guard_events);
-        }
-        if now >= self.ring_due {
-            self.ring_due = now.plus_seconds(RING_PERIOD_S);
-            self.ring.ring(now, &mut self.sectors.sample);
-            self.sectors.publish(now, now);
-        }
-    }
-
-    fn watch_over_the_pilot(&mut self, now: Timestamp) {
-        if !self.demand.reading(now).is_fresh() || now < self.watch_due {
-            return;
-        }
-        self.watch_due = now.plus_seconds(WATCH_PERIOD_S);
-        let mut around = SectorRing::default();
-        self.ring.ring(now, &mut around);
-        let state = self.state.reading(now);
-        if let Some((prevented, news)) = self.watch.step(now, self.demand.reading(now), state, &around) {
-            *self.prevented.sample = prevented;
-            self.prevented.publish(now, now);
-            let watch_events: Vec<_> = news.events().to_vec();
-            self.raise(&watch_events);
-        }
-    }
-
-    fn run_gateway(&mut self, now: Timestamp) {
-        if now >= self.status_due {
-            self.status_due = now.plus_seconds(STATUS_PERIOD_S);
-            self.system.sample.health = Coded::new(Health::Healthy);
-            self.system.publish(now, now);
-        }
-        let received = self.received(now);
-        let news = std::mem::take(&mut self.news);
-        let inputs = Inputs {
-            messages: &received,
-            link: Default::default(),
-            approved: self.approved.reading(now),
-            prevented: self.prevented.reading(now),
-            ring: self.sectors.reading(now),
-            system: self.system.reading(now),
-            events: &news,
-        };
-        self.gateway.step(now, &inputs, &mut self.outputs);
-        for message in self.outputs.messages() {
-            let bytes = self
-                .encoder
-                .encode(message.system_id, message.component_id, &message.body);
-            if matches!(message.body, Body::Message(_)) {
-                self.ways[0].send(now.ns as f64 * 1e-9, bytes);
-            }
-            self.gateway.wire(now, message.receipt);
-        }
-        for datagram in self.ways[0].arrived(now.ns as f64 * 1e-9) {
-            self.splitters[0].load_datagram(&datagram);
-            while let Some(frame) = self.splitters[0].next_frame() {
-                if let Ok(message) = frame.decode() {
-                    self.to_autopilot.push(Packet {
-                        link: Link::Companion,
-                        header: frame.header,
-                        message,
-                    });
-                }
-            }
-        }
-        if let Some((state, capture)) = self.outputs.vehicle_state {
-            *self.state.sample = state;
-            self.state.publish(now, capture);
-            self.fusion.vehicle(&state, &self.state.header);
-            let _invalid = self.ring.vehicle(&state, &self.state.header);
-        }
-        if let Some(status) = &self.outputs.link_status {
-            self.assist = status.assist.get();
-        }
-        if let Some((demand, capture)) = self.outputs.pilot_demand {
-            *self.demand.sample = demand;
-            self.demand.publish(now, capture);
-        }
-        if let Some((desired, capture)) = self.outputs.desired_path {
-            *self.desired.sample = desired;
-            self.desired.publish(now, capture);
-        }
-        let gateway_events: Vec<_> = self.outputs.events().to_vec();
-        for event in gateway_events {
-            self.events.push((self.autopilot.time_s(), event));
-        }
-    }
-
-    /// What the autopilot sent to its companion, through the bytes of the wire.
-    fn received(&mut self, now: Timestamp) -> Vec<Received> {
-        let mut received = Vec::new();
-        let mut raw = mavlink::MAVLinkV2MessageRaw::new();
-        for packet in self
-            .from_autopilot
-            .iter()
-            .filter(|packet| packet.link == Link::Companion)
+        if let Some(ms) = self.board.ran_ms("bezier_generator")
+            && std::mem::replace(&mut self.curved_plan, plan) != plan
         {
-            let is_stick = matches!(
-                packet.message,
-                MavMessage::MANUAL_CONTROL(_) | MavMessage::RC_CHANNELS(_)
-            );
-            if is_stick && self.mute_sticks {
-                continue;
-            }
-            raw.serialize_message(packet.header, &packet.message);
-            self.ways[1].send(now.ns as f64 * 1e-9, raw.raw_bytes());
+            self.costs.curve_ms.push(ms);
         }
-        for datagram in self.ways[1].arrived(now.ns as f64 * 1e-9) {
-            self.splitters[1].load_datagram(&datagram);
-            while let Some(frame) = self.splitters[1].next_frame() {
-                if let Some(content) = Content::of(&frame) {
-                    received.push(Received {
-                        header: frame.header,
-                        content,
-                        time: now,
-                        link: 0,
-                    });
-                }
-            }
+        if let Some(ms) = self.board.ran_ms("obstacle_fusion")
+            && self.newest_map() != map
+        {
+            self.costs.map_ms.push(ms);
         }
-        received
     }
 
-    fn raise(&mut self, raised: &[EventSample]) {
-        let time_s = self.autopilot.time_s();
-        for event in raised {
-            self.news.push(*event);
-            self.events.push((time_s, *event));
-        }
+    /// Sequence of the newest map.
+    fn newest_map(&self) -> u64 {
+        let newest = self.spectator.map.newest();
+        newest.map_or(0, |map| map.header.sequence)
+    }
+
+    /// Sequence of the newest route, if it is a plan.
+    fn newest_plan(&self) -> u64 {
+        let newest = self.spectator.route.newest();
+        let plan = newest.filter(|route| route.mode == RouteMode::Plan);
+        plan.map_or(self.curved_plan, |plan| plan.header.sequence)
     }
 
     /// How often an event was raised.
@@ -735,4 +626,56 @@ impl LockStep {
             .filter(|(_, sample)| sample.id == event.id)
             .count()
     }
+}
+
+impl std::fmt::Debug for LockStep {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "LockStep(step {})", self.step)
+    }
+}
+
+/// The address of a socket in the instance's folder.
+fn address(path: &Path) -> String {
+    format!("unix:{}", path.display())
+}
+
+/// `jink.toml` for a set-up.
+fn configuration(setup: &FlightSetup) -> Result<String, String> {
+    #[derive(Serialize)]
+    struct File<'a> {
+        params: BTreeMap<&'static str, f64>,
+        link: Link<'a>,
+        simulation: Simulation,
+        sensor: &'a [SensorSpec],
+    }
+    #[derive(Serialize)]
+    struct Link<'a> {
+        profile: &'a str,
+        output: &'a str,
+        takes_missions: bool,
+    }
+    #[derive(Serialize)]
+    struct Simulation {
+        world: &'static str,
+        seed: u64,
+    }
+    toml::to_string(&File {
+        params: setup
+            .params
+            .rows()
+            .map(|(row, value)| (row.name, value))
+            .collect(),
+        link: Link {
+            profile: setup.profile.name(),
+            output: setup.representation.name(),
+            takes_missions: setup.takes_missions,
+        },
+        // The flight's own world takes its place.
+        simulation: Simulation {
+            world: "empty",
+            seed: setup.seed,
+        },
+        sensor: &setup.sensors,
+    })
+    .map_err(|error| error.to_string())
 }

@@ -299,6 +299,7 @@ heartbeat_timeout_ms = 500
 [[process]]
 name = "mavlink_gateway"
 program = "jink-mavlink-gateway"
+output = true
 "#;
 
 /// The process table of a host with nothing but an autopilot and its vehicle.

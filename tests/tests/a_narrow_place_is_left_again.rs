@@ -72,10 +72,11 @@ fn walled_in(whose: Pairing, left_m: f64, right_m: f64) -> Left {
     }
 }
 
+/// At 0.6 m it depends on where the cells of the map, 0.2 m wide, lie to the wall whether there is room for a certainty.
 #[test]
 fn between_walls() {
     for whose in [PX4_TRAJECTORY, PX4_CURRENT, COPTER] {
-        for (left_m, right_m) in [(0.7, 1.3), (0.6, 1.4), (0.75, 0.75)] {
+        for (left_m, right_m) in [(0.7, 1.3), (0.65, 1.35), (0.75, 0.75)] {
             let left = walled_in(whose, left_m, right_m);
             let what = format!("{whose:?} {left_m} {right_m}: {left:?}");
             assert!(left.way_m > 5.0, "{what}");

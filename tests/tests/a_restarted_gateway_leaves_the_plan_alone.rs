@@ -32,7 +32,7 @@ fn in_the_middle_of_a_forest_again_and_again() {
             if flies && time_s > next_s {
                 next_s = time_s + APART_S;
                 restarts += 1;
-                flight.restart_gateway();
+                flight.board().kill("mavlink_gateway");
             }
             let reference = flight.reference().filter(|_| flies);
             let dropped = flies && before.is_some() && reference.is_none();

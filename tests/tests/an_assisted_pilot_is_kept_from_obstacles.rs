@@ -201,7 +201,7 @@ fn a_gateway_that_is_started_again_goes_on_without_a_jump() {
         pilot.fly(&mut flight, 4.0, |_, _| [-0.5, 0.0, 0.0, 0.0]);
         let before_mps = speed_mps(&flight);
         assert!(before_mps > 1.5);
-        flight.restart_gateway();
+        flight.board().kill("mavlink_gateway");
         let mut slowest_mps = f64::INFINITY;
         pilot.fly(&mut flight, 2.0, |flight, _| {
             slowest_mps = slowest_mps.min(speed_mps(flight));

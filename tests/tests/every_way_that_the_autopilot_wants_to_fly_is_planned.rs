@@ -131,7 +131,8 @@ fn a_landing_elsewhere() {
     }
 }
 
-/// Nobody looks for obstacles on a circle that PX4 flies by itself: it holds instead. Chosen once more it is flown.
+/// Nobody looks for obstacles on a circle that PX4 flies by itself: it holds instead, after a stop out of 4 m/s around whatever stands
+/// in its way. Chosen once more it is flown.
 #[test]
 fn a_circle() {
     let centre = place(22.0, 0.0);
@@ -150,7 +151,7 @@ fn a_circle() {
         flight.run(5.0);
         let truth = flight.truth();
         assert_eq!(truth.mode.get(), NavMode::Hold, "{whose:?} {truth:?}");
-        assert!(away_m(&flight, held) < 5.0, "{whose:?} {truth:?}");
+        assert!(away_m(&flight, held) < 12.0, "{whose:?} {truth:?}");
         assert_eq!(truth.collisions, 0, "{whose:?} {truth:?}");
         assert!(flight.run_until(6.0, is(NavMode::Orbit)), "{whose:?}");
         flight.run(3.0);

@@ -82,7 +82,7 @@ fn a_gateway_that_is_restarted_on_the_ground_or_in_the_climb_does_not_break_it_o
     for restarted_s in [0.0, 1.0, 2.0, 3.0, 5.0] {
         let mut flight = taking_off(12.0, false);
         flight.run(restarted_s);
-        flight.restart_gateway();
+        flight.board().kill("mavlink_gateway");
         climbs(&mut flight);
         flight.run(2.0);
         stays(&mut flight, 5.0);

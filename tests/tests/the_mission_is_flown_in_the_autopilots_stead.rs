@@ -62,7 +62,7 @@ fn a_gateway_that_is_restarted_in_flight_goes_on_at_the_current_item() {
     for whose in FOLLOWERS {
         let mut flight = under_way(whose.forest(1).unwrap());
         for _ in 0..3 {
-            flight.restart_gateway();
+            flight.board().kill("mavlink_gateway");
             fly_for(&mut flight, 3.0);
             assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
         }
@@ -95,10 +95,9 @@ fn a_pilot_who_takes_over_is_left_alone_until_he_lets_the_mission_be_flown_again
 fn whoever_chooses_the_mode_himself_gets_the_mission_flown_only_where_none_is_taken_over() {
     for whose in [PX4_CURRENT, PX4_2021_OFFBOARD] {
         for takes_missions in [false, true] {
-            let mut flight = LockStep::new(whose.forest(2).unwrap()).unwrap();
-            if !takes_missions {
-                flight.leave_missions();
-            }
+            let mut setup = whose.forest(2).unwrap();
+            setup.takes_missions = takes_missions;
+            let mut flight = LockStep::new(setup).unwrap();
             while flight.truth().mode.get() != NavMode::Hold || flight.truth().position.z_m > -1.5 {
                 flight.step();
             }

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 /// Below this horizontal speed a curve has no direction worth turning to (m/s).
 const SPEED_MIN_MPS: f64 = 0.4;
-/// A quintic between two headings peaks at 1.875 times its mean rate; with end rates given, less.
+/// A quintic between two headings at rest peaks at 1.875 times its mean rate.
 const PEAK_OVER_MEAN: f64 = 1.875;
 
 /// The heading so far; pieces are added one after the other.
@@ -38,13 +38,34 @@ impl Heading {
         } else {
             self.direction(points, duration_s)
         };
-        let turn_max_rad = self.rate_max_radps / PEAK_OVER_MEAN * duration_s;
-        let turn_rad = wrap_pi(goal_rad - self.yaw_rad).clamp(-turn_max_rad, turn_max_rad);
+        let [least_radps, most_radps] = self.mean_rates();
+        let turn_rad = wrap_pi(goal_rad - self.yaw_rad)
+            .max(least_radps * duration_s)
+            .min(most_radps * duration_s);
         let start = along(self.yaw_rad, self.rate_radps);
         self.yaw_rad += turn_rad;
         // Every piece ends without turning: the next direction is not known yet, and rates stay within the limit.
         self.rate_radps = 0.0;
         quintic_between(&start, &along(self.yaw_rad, 0.0), duration_s).map(|point| point.x)
+    }
+
+    /// The mean rates (rad/s) of a piece whose heading never turns faster than allowed, smallest first.
+    ///
+    /// With the rate `r` at its start and the mean rate `r / 2 + q` the rate over a piece is `r g(u) + 30 q u^2 (1 - u)^2` with
+    /// `g(u) = 1 - 3 u^2 + 2 u^3`, which falls from 1 to 0: with `q = 0` the rate only runs out. It stays above `-R` if
+    /// `q >= -(R + r g) / (30 u^2 (1 - u)^2)` throughout and below `R` if `q <= (R - r + r (1 - g)) / (30 u^2 (1 - u)^2)`. The
+    /// denominator is at most 1.875, and over it `g` and `1 - g` are nowhere below a tenth: hence the bounds below, the same mirrored
+    /// for a negative `r`. A rate that is too fast already is not exceeded.
+    fn mean_rates(&self) -> [f64; 2] {
+        let (rate, limit) = (self.rate_radps.abs(), self.rate_max_radps);
+        let against = -limit / PEAK_OVER_MEAN - 0.1 * rate;
+        let along = (limit - rate).max(0.0) / PEAK_OVER_MEAN + 0.1 * rate;
+        let [least, most] = [against, along].map(|q| 0.5 * rate + q);
+        if self.rate_radps < 0.0 {
+            [-most, -least]
+        } else {
+            [least, most]
+        }
     }
 
     /// The direction in which the piece leaves, or mostly goes if it ends at rest.
@@ -71,26 +92,33 @@ fn along(yaw_rad: f64, rate_radps: f64) -> End {
 #[cfg(test)]
 mod tests {
     use super::Heading;
-    use jink_shared_types::bezier::{derivative_scalar, evaluate_scalar};
-    use jink_shared_types::motion::MotionState;
+    use crate::HEADING_HALVINGS;
+    use jink_shared_types::bezier::{derivative_scalar, evaluate_scalar, hull_keeps};
+    use jink_shared_types::motion::{MotionLimits, MotionState};
     use nalgebra::Vector3;
     use proptest::prelude::*;
     use std::f64::consts::PI;
 
     proptest! {
         #[test]
-        fn the_heading_never_turns_faster_than_allowed(
-            yaw in -PI..PI, direction in -PI..PI, duration in 0.3..4.0f64, rate_max in 0.2..2.0f64,
+        fn the_heading_never_turns_faster_than_allowed_nor_than_it_does_already(
+            yaw in -PI..PI, rate in -1.5..1.5f64, direction in -PI..PI, duration in 0.3..4.0f64, rate_max in 0.2..2.0f64,
         ) {
-            let start = MotionState { yaw_rad: yaw, ..MotionState::default() };
+            let start = MotionState { yaw_rad: yaw, yaw_rate_radps: rate, ..MotionState::default() };
             let way = Vector3::new(direction.cos(), direction.sin(), 0.0);
             let points = std::array::from_fn(|i| way * (i as f64 * duration * 0.4));
             let mut heading = Heading::new(&start, f64::NAN, rate_max);
             let yaw_rad = heading.piece(&points, duration);
             let rates: [f64; 5] = derivative_scalar(&yaw_rad, duration);
-            for i in 0..=50 {
-                prop_assert!(evaluate_scalar(&rates, f64::from(i) / 50.0).abs() <= rate_max * 1.001);
+            prop_assert!((rates[0] - rate).abs() < 1e-9 && rates[4].abs() < 1e-9);
+            for i in 0..=100 {
+                let reached = evaluate_scalar(&rates, f64::from(i) / 100.0).abs();
+                prop_assert!(reached <= rate_max.max(rate.abs()) + 1e-9, "{reached} rad/s");
             }
+            // As the certificate judges it: no heading costs a curve its certificate.
+            let allowed = MotionLimits::allowed(rate_max.max(rate.abs()));
+            let hull = rates.map(|rate| Vector3::new(rate, 0.0, 0.0));
+            prop_assert!(hull_keeps(&hull, HEADING_HALVINGS, &|rate: &Vector3<f64>| rate.x.abs() <= allowed));
         }
     }
 

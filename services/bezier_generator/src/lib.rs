@@ -6,17 +6,21 @@
 //! | route, the trajectory it departs from | a [`Trajectory`], certified, or nothing |
 //!
 //! The new trajectory repeats its base up to the splice, then follows the route's corridor. It is only put out with a
-//! certificate, computed anew from the finished control points: every control point of a piece inside one polytope of
-//! the corridor, every control point of the derivatives within the limits. Failing is safe: the base goes on and ends at
-//! rest. Only a route that must be left is answered with its stop when no curve is found.
+//! certificate, computed anew from the finished pieces: every control point of a piece inside one polytope of the corridor,
+//! and by the hull of the derivatives' control points speed, climb, descent, acceleration, jerk and heading rate within the
+//! limits. Failing is safe: the base goes on and ends at rest. Only a route that must be left is answered with its stop, which
+//! the planner has certified, when no curve is found.
 
 pub mod heading;
 pub mod problem;
 pub mod profile;
+mod service;
+
+pub use service::GeneratorService;
 
 use crate::problem::{Infeasible, PieceSpec, solve};
 use crate::profile::{PIECE_MIN_S, durations};
-use jink_shared_types::bezier::{QUINTIC, derivative};
+use jink_shared_types::bezier::{QUINTIC, derivative, derivative_scalar, hull_keeps};
 use jink_shared_types::motion::{
     BezierPiece, CORRIDOR_POLYTOPES, MotionLimits, Polytope, Route, RouteMode, Trajectory, TrajectoryMode,
 };
@@ -33,8 +37,11 @@ const FIRST_PIECE_MAX_S: f64 = 0.7;
 const PREFIX_S: f64 = 0.15;
 /// A trajectory that would be ready later than this before its splice is not sent (s).
 const READY_BEFORE_S: f64 = 0.005;
-/// Rounding allowed when a finished curve is checked against its corridor (m) and its limits (share).
-const CERTIFICATE_TOLERANCE: f64 = 1e-4;
+/// Rounding allowed when a finished curve is checked against its corridor (m).
+const CORRIDOR_TOLERANCE_M: f64 = 1e-4;
+/// How often the heading rate is halved before its hull counts as its extent: of a turn from rest to rest the middle control point
+/// is 2.7 times as fast as the turn. Position needs none, the solver keeps its control points themselves within the limits.
+const HEADING_HALVINGS: u32 = 2;
 /// Most pieces of a plan: one per polytope and one for a cut first piece.
 const PIECES_MAX: usize = CORRIDOR_POLYTOPES + 1;
 
@@ -145,27 +152,35 @@ impl Generator {
                 &route.limits,
                 &mut self.curves,
             ) {
-                Ok(()) if is_certified(&self.curves, &specs[..count], &route.limits) => {
-                    return self.append_curves(route, &specs[..count], out);
-                }
-                Ok(()) => failure = NoTrajectory::NotCertified,
+                Ok(()) => match self.append_curves(route, &specs[..count], out) {
+                    Err(NoTrajectory::NotCertified) => failure = NoTrajectory::NotCertified,
+                    answer => return answer,
+                },
                 Err(cause) => failure = NoTrajectory::Infeasible(cause),
             }
         }
         Err(failure)
     }
 
+    /// Puts the curves behind what is in `out`, or leaves it as it is if they are not certified.
     fn append_curves(
         &self,
         route: &Route,
         specs: &[PieceSpec<'_>],
         out: &mut Trajectory,
     ) -> Result<(), NoTrajectory> {
+        let prefix = out.len;
+        let bounds = Bounds::new(&route.limits, route.start.yaw_rate_radps);
         let mut heading =
             heading::Heading::new(&route.start, route.goal_yaw_rad, route.limits.yaw_rate_radps);
         for (points, spec) in self.curves.iter().zip(specs) {
             let yaw_rad = heading.piece(points, spec.duration_s);
-            if !out.push(BezierPiece::new(points, yaw_rad, spec.duration_s)) {
+            let piece = BezierPiece::new(points, yaw_rad, spec.duration_s);
+            if !bounds.certify(&piece, spec.polytope) {
+                out.len = prefix;
+                return Err(NoTrajectory::NotCertified);
+            }
+            if !out.push(piece) {
                 return Err(NoTrajectory::TooManyPieces);
             }
         }
@@ -240,7 +255,7 @@ fn append_stop(route: &Route, out: &mut Trajectory) -> Result<(), NoTrajectory> 
     if !route.has_stop.is_set() || !out.push(route.stop) {
         return Err(NoTrajectory::BadRoute);
     }
-    out.limits = route.limits;
+    out.limits = route.limits.of_a_stop(route.start.velocity.vector().norm());
     out.mode = Coded::new(TrajectoryMode::Stop);
     if out.is_sound() {
         Ok(())
@@ -287,35 +302,64 @@ fn specify<'a>(route: &'a Route, stretch: f64, specs: &mut [PieceSpec<'a>; PIECE
     count
 }
 
-/// The certificate: from the finished control points alone.
-fn is_certified(curves: &[[Vector3<f64>; QUINTIC]], specs: &[PieceSpec<'_>], limits: &MotionLimits) -> bool {
-    let inside = |points: &[Vector3<f64>], polytope: &Polytope| {
+/// The largest values that a certified piece may reach.
+struct Bounds {
+    speed_mps: f64,
+    climb_mps: f64,
+    descent_mps: f64,
+    acceleration_mps2: f64,
+    jerk_mps3: f64,
+    yaw_rate_radps: f64,
+}
+
+impl Bounds {
+    /// A heading that turns too fast at the start (`yaw_rate_radps`), as the guard's brake leaves it, can only run out; it may
+    /// not be exceeded. Of the other limits such a start is infeasible.
+    fn new(limits: &MotionLimits, yaw_rate_radps: f64) -> Self {
+        let allowed = MotionLimits::allowed;
+        Self {
+            speed_mps: allowed(limits.speed_mps),
+            climb_mps: allowed(limits.climb_mps),
+            descent_mps: allowed(limits.descent_mps),
+            acceleration_mps2: allowed(limits.acceleration_mps2),
+            jerk_mps3: allowed(limits.jerk_mps3),
+            yaw_rate_radps: allowed(limits.yaw_rate_radps.max(yaw_rate_radps.abs())),
+        }
+    }
+
+    /// The certificate of one finished piece, from its control points alone.
+    fn certify(&self, piece: &BezierPiece, polytope: &Polytope) -> bool {
+        let points = piece.points();
+        let velocity: [_; 5] = derivative(&points, piece.duration_s);
+        let acceleration: [_; 4] = derivative(&velocity, piece.duration_s);
+        let jerk: [_; 3] = derivative(&acceleration, piece.duration_s);
+        let yaw_rate: [f64; 5] = derivative_scalar(&piece.yaw_rad, piece.duration_s);
         points
             .iter()
-            .all(|point| polytope.depth_m(point) >= -CERTIFICATE_TOLERANCE)
-    };
-    let within = |points: &[Vector3<f64>], limit: f64| {
-        points
-            .iter()
-            .all(|point| point.norm() <= limit * (1.01 + CERTIFICATE_TOLERANCE))
-    };
-    curves.iter().zip(specs).all(|(points, spec)| {
-        let velocity: [_; 5] = derivative(points, spec.duration_s);
-        let acceleration: [_; 4] = derivative(&velocity, spec.duration_s);
-        let jerk: [_; 3] = derivative(&acceleration, spec.duration_s);
-        inside(points, spec.polytope)
-            && within(&velocity, limits.speed_mps)
-            && within(&acceleration, limits.acceleration_mps2)
-            && within(&jerk, limits.jerk_mps3)
-    })
+            .all(|point| polytope.depth_m(point) >= -CORRIDOR_TOLERANCE_M)
+            && velocity
+                .iter()
+                .all(|v| v.norm() <= self.speed_mps && -v.z <= self.climb_mps && v.z <= self.descent_mps)
+            && acceleration.iter().all(|a| a.norm() <= self.acceleration_mps2)
+            && jerk.iter().all(|j| j.norm() <= self.jerk_mps3)
+            && hull_keeps(
+                &yaw_rate.map(|rate| Vector3::new(rate, 0.0, 0.0)),
+                HEADING_HALVINGS,
+                &|rate: &Vector3<f64>| rate.x.abs() <= self.yaw_rate_radps,
+            )
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Generator, NoTrajectory};
+    use super::{Bounds, Generator, NoTrajectory};
+    use jink_shared_types::bezier::{
+        End, derivative, derivative_scalar, evaluate, evaluate_scalar, quintic_between,
+    };
     use jink_shared_types::frames::{Acceleration, Point, Velocity};
     use jink_shared_types::motion::{
-        HalfSpace, MotionLimits, MotionState, Polytope, Route, RouteMode, Trajectory, TrajectoryMode,
+        BezierPiece, HalfSpace, LIMIT_SLACK, LIMIT_TOLERANCE, MotionLimits, MotionState, Polytope, Route,
+        RouteMode, Trajectory, TrajectoryMode,
     };
     use jink_shared_types::{Coded, Flag, Timestamp};
     use nalgebra::Vector3;
@@ -385,6 +429,109 @@ mod tests {
             Vector3::new(8.5, 2.0, -2.5),
             Vector3::new(10.0, 0.5, -2.5),
         ]
+    }
+
+    /// A way up and one down, at rest between, the heading turning all the while.
+    fn hop() -> impl Strategy<Value = [BezierPiece; 2]> {
+        let leg = (
+            (-2.0..2.0f64, -2.0..2.0f64, 0.5..2.0f64),
+            (0.3..2.0f64, any::<bool>()),
+            2.0..5.0f64,
+        );
+        [leg.clone(), leg].prop_map(|[up, down]| {
+            let rest = |position| End {
+                position,
+                velocity: Vector3::zeros(),
+                acceleration: Vector3::zeros(),
+            };
+            let mut from = Vector3::new(0.0, 0.0, -20.0);
+            let mut yaw = 0.0;
+            [(up, -1.0), (down, 1.0)].map(|(((x, y, z), (turn, left), duration_s), sign)| {
+                let to = from + Vector3::new(x, y, sign * z);
+                let points = quintic_between(&rest(from), &rest(to), duration_s);
+                let yaw_to = yaw + if left { -turn } else { turn };
+                let [a, b] = [yaw, yaw_to].map(|yaw| rest(Vector3::new(yaw, 0.0, 0.0)));
+                let heading = quintic_between(&a, &b, duration_s).map(|point| point.x);
+                (from, yaw) = (to, yaw_to);
+                BezierPiece::new(&points, heading, duration_s)
+            })
+        })
+    }
+
+    /// The largest speed, climb, descent, acceleration, jerk and heading rate: of the motion itself, or of the control points.
+    fn extremes(pieces: &[BezierPiece], of_the_hull: bool) -> [f64; 6] {
+        let mut most = [0.0f64; 6];
+        for piece in pieces {
+            let velocity: [_; 5] = derivative(&piece.points(), piece.duration_s);
+            let acceleration: [_; 4] = derivative(&velocity, piece.duration_s);
+            let jerk: [_; 3] = derivative(&acceleration, piece.duration_s);
+            let yaw_rate: [f64; 5] = derivative_scalar(&piece.yaw_rad, piece.duration_s);
+            let mut see = |v: Vector3<f64>, a: Vector3<f64>, j: Vector3<f64>, rate: f64| {
+                for (most, value) in
+                    most.iter_mut()
+                        .zip([v.norm(), -v.z, v.z, a.norm(), j.norm(), rate.abs()])
+                {
+                    *most = most.max(value);
+                }
+            };
+            if of_the_hull {
+                for i in 0..5 {
+                    see(velocity[i], acceleration[i.min(3)], jerk[i.min(2)], yaw_rate[i]);
+                }
+            } else {
+                for i in 0..=400 {
+                    let u = f64::from(i) / 400.0;
+                    let rate = evaluate_scalar(&yaw_rate, u);
+                    see(
+                        evaluate(&velocity, u),
+                        evaluate(&acceleration, u),
+                        evaluate(&jerk, u),
+                        rate,
+                    );
+                }
+            }
+        }
+        most
+    }
+
+    fn limits_of(values: [f64; 6]) -> MotionLimits {
+        let [
+            speed_mps,
+            climb_mps,
+            descent_mps,
+            acceleration_mps2,
+            jerk_mps3,
+            yaw_rate_radps,
+        ] = values;
+        MotionLimits {
+            speed_mps,
+            climb_mps,
+            descent_mps,
+            acceleration_mps2,
+            jerk_mps3,
+            yaw_rate_radps,
+            ..MotionLimits::default()
+        }
+    }
+
+    fn are_certified(pieces: &[BezierPiece], limits: &MotionLimits) -> bool {
+        // No planes: all of space.
+        let everywhere = Polytope::default();
+        let bounds = Bounds::new(limits, 0.0);
+        pieces.iter().all(|piece| bounds.certify(piece, &everywhere))
+    }
+
+    proptest! {
+        #[test]
+        fn what_breaks_any_one_limit_is_not_certified_and_what_keeps_all_is(
+            pieces in hop(), broken in 0usize..6, excess in 1e-6..0.5f64,
+        ) {
+            let mut values = extremes(&pieces, true);
+            prop_assert!(are_certified(&pieces, &limits_of(values)));
+            let reached = extremes(&pieces, false)[broken];
+            values[broken] = (reached * (1.0 - excess) - LIMIT_SLACK) / (1.0 + LIMIT_TOLERANCE);
+            prop_assert!(!are_certified(&pieces, &limits_of(values)), "{values:?}, {reached} reached");
+        }
     }
 
     #[test]
@@ -462,9 +609,26 @@ mod tests {
         assert!(matches!(refused, Err(NoTrajectory::Infeasible(_))), "{refused:?}");
         hopeless.must_leave = Flag::YES;
         hopeless.has_stop = Flag::YES;
-        hopeless.stop = base.pieces()[base.len as usize - 1];
+        // Harder than any plan: 2 m/s in 1.2 s.
+        let speed_mps = state.velocity.vector().norm();
+        let duration_s = 0.6 * speed_mps;
+        let end = End {
+            position: state.position.vector() + state.velocity.vector() * (0.5 * duration_s),
+            velocity: Vector3::zeros(),
+            acceleration: Vector3::zeros(),
+        };
+        let points = quintic_between(&state.end(), &end, duration_s);
+        hopeless.stop = BezierPiece::new(&points, [state.yaw_rad; 6], duration_s);
         generator.step(later, &hopeless, Some(&base), &mut out).unwrap();
         assert_eq!(out.mode.get(), TrajectoryMode::Stop);
+        let reached = limits_of(extremes(&[hopeless.stop], false));
+        assert!(reached.acceleration_mps2 > MotionLimits::allowed(LIMITS.acceleration_mps2));
+        assert!(
+            reached.acceleration_mps2 <= out.limits.acceleration_mps2,
+            "{reached:?}"
+        );
+        assert!(reached.jerk_mps3 <= out.limits.jerk_mps3, "{reached:?}");
+        assert!(reached.speed_mps <= out.limits.speed_mps, "{reached:?}");
     }
 
     #[test]
@@ -489,18 +653,19 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
         fn whatever_is_put_out_keeps_its_corridor_and_its_limits(
-            turns in proptest::collection::vec((1.0..3.0f64, -0.9..0.9f64), 1..7),
-            speed in 0.0..2.9f64, side in 0.3..1.2f64,
+            turns in proptest::collection::vec((1.0..3.0f64, -0.9..0.9f64, -0.5..0.5f64), 1..7),
+            speed in 0.0..2.9f64, side in 0.3..1.2f64, yaw in -3.1..3.1f64, yaw_rate in -0.5..0.5f64,
         ) {
             let mut vertices = vec![Vector3::new(0.0, 0.0, -2.5)];
             let mut direction = 0.0f64;
-            for (length, turn) in turns {
+            for (length, turn, slope) in turns {
                 direction += turn;
                 let last = *vertices.last().unwrap();
-                vertices.push(last + Vector3::new(direction.cos(), direction.sin(), 0.0) * length);
+                vertices.push(last + Vector3::new(direction.cos(), direction.sin(), slope) * length);
             }
             let way = (vertices[1] - vertices[0]).normalize();
-            let route = route(&vertices, way * speed, side);
+            let mut route = route(&vertices, way * speed, side);
+            (route.start.yaw_rad, route.start.yaw_rate_radps) = (yaw, yaw_rate);
             let mut out = Trajectory::default();
             if Generator::new(1).step(now(), &route, None, &mut out).is_ok() {
                 let mut time = out.start;
@@ -508,10 +673,16 @@ mod tests {
                     let state = out.at(time).unwrap();
                     let inside = route.corridor().iter().any(|p| p.depth_m(&state.position.vector()) > -1e-3);
                     prop_assert!(inside, "{:?} at {}", state.position, time.seconds_since(out.start));
-                    prop_assert!(state.velocity.vector().norm() <= LIMITS.speed_mps * 1.011);
-                    prop_assert!(state.acceleration.vector().norm() <= LIMITS.acceleration_mps2 * 1.011);
                     time = time.plus_seconds(0.01);
                 }
+                let reached = limits_of(extremes(out.pieces(), false));
+                let allowed = MotionLimits::allowed;
+                prop_assert!(reached.speed_mps <= allowed(LIMITS.speed_mps), "{reached:?}");
+                prop_assert!(reached.climb_mps <= allowed(LIMITS.climb_mps), "{reached:?}");
+                prop_assert!(reached.descent_mps <= allowed(LIMITS.descent_mps), "{reached:?}");
+                prop_assert!(reached.acceleration_mps2 <= allowed(LIMITS.acceleration_mps2), "{reached:?}");
+                prop_assert!(reached.jerk_mps3 <= allowed(LIMITS.jerk_mps3), "{reached:?}");
+                prop_assert!(reached.yaw_rate_radps <= allowed(LIMITS.yaw_rate_radps), "{reached:?}");
                 prop_assert!(out.at(out.end()).unwrap().velocity.vector().norm() < 1e-6);
             }
         }

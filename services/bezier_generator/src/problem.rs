@@ -312,11 +312,10 @@ fn keep_inside(
     Ok(())
 }
 
+/// Within a ball; what the start fixes may exceed the limit by what a limit's tolerance allows.
 fn keep_within(expression: &Affine, limit: f64, rows: &mut Rows) -> Result<(), Infeasible> {
-    /// What the start fixes may exceed a limit by rounding.
-    const ROUNDING: f64 = 1.01;
     if expression.is_constant() {
-        if expression.constant.norm() > limit * ROUNDING {
+        if expression.constant.norm() > MotionLimits::allowed(limit) {
             return Err(Infeasible::Start);
         }
     } else {
@@ -325,6 +324,7 @@ fn keep_within(expression: &Affine, limit: f64, rows: &mut Rows) -> Result<(), I
     Ok(())
 }
 
+/// The same for one direction.
 fn keep_below(
     expression: &Affine,
     normal: Vector3<f64>,
@@ -332,7 +332,7 @@ fn keep_below(
     rows: &mut Rows,
 ) -> Result<(), Infeasible> {
     if expression.is_constant() {
-        if normal.dot(&expression.constant) > limit * 1.01 {
+        if normal.dot(&expression.constant) > MotionLimits::allowed(limit) {
             return Err(Infeasible::Start);
         }
     } else {

@@ -3,7 +3,7 @@
 use crate::drill::Fault;
 use crate::handover::SeamFigures;
 use crate::report::{StageLatency, round};
-use jink_shared_types::STAGES;
+use jink_shared_types::STAGE_ROOM;
 use jink_shared_types::health::Histogram;
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::truth::SimTruth;
@@ -252,7 +252,7 @@ impl FlightLog {
         faults: Vec<FaultRecord>,
     ) -> Summary {
         let mut latency = Histogram::default();
-        let mut stages = [Histogram::default(); STAGES];
+        let mut stages = [Histogram::default(); STAGE_ROOM];
         for link in self.links.values() {
             latency.merge(&link.capture_to_wire);
             for (sum, stage) in stages.iter_mut().zip(&link.stages) {

@@ -11,7 +11,7 @@ use jink_shared_types::health::{
 };
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::topics::LINK_STATUS;
-use jink_shared_types::{STAGE_NAMES, STAGES, Stamped, Timestamp};
+use jink_shared_types::{STAGE_NAMES, Stamped, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -203,7 +203,7 @@ pub struct StageLatency {
 
 impl StageLatency {
     /// Of all stages that were passed at all, in their order.
-    pub fn of(stages: &[Histogram; STAGES]) -> Vec<Self> {
+    pub fn of(stages: &[Histogram]) -> Vec<Self> {
         STAGE_NAMES
             .into_iter()
             .zip(stages)

@@ -11,7 +11,7 @@ use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, RayKind};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::VehicleState;
-use jink_shared_types::{Coded, Flag, Point, SampleHeader, Timestamp, Velocity};
+use jink_shared_types::{Coded, Flag, Point, Reserved, SampleHeader, Timestamp, Velocity};
 use nalgebra::UnitQuaternion;
 use std::hint::black_box;
 use std::time::Instant;
@@ -165,7 +165,7 @@ fn forest(points: usize, order: Order) -> Box<PointCloud> {
             down_m: (-range * elevation.sin()) as f32,
             offset_10us: (SWEEP_S * 1e5 * column as f64 / columns as f64) as u16,
             kind: Coded::new(kind),
-            reserved: 0,
+            reserved: Reserved::ZERO,
         }));
     }
     cloud

@@ -17,5 +17,7 @@ pub mod guard;
 mod news;
 pub mod prevention;
 pub mod ring;
+mod service;
 
 pub use news::News;
+pub use service::GuardService;

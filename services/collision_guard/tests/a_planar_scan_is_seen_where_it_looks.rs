@@ -10,7 +10,7 @@ mod common;
 use common::{Place, fly, ring, time, view};
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::SampleHeader;
-use jink_shared_types::frames::{Attitude, wrap_pi};
+use jink_shared_types::frames::{Attitude, Mounting, wrap_pi};
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, sector_bearing_rad, sector_of, sectors_of_arc};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
@@ -24,7 +24,7 @@ const THIN_RAD: f64 = 0.006;
 /// Beams of `width_rad` side by side, the first one towards `first_rad`, on a sensor that is turned by `mounting_rad`.
 fn scan(first_rad: f64, width_rad: f64, mounting_rad: f64, range_m: &[f32]) -> RangeScan {
     let mut scan = RangeScan {
-        mounting: Attitude::from_rotation(UnitQuaternion::from_euler_angles(0.0, 0.0, mounting_rad)),
+        mounting: Mounting::from_rotation(UnitQuaternion::from_euler_angles(0.0, 0.0, mounting_rad)),
         angle_first_rad: first_rad as f32,
         angle_step_rad: width_rad as f32,
         beam_width_rad: width_rad as f32,

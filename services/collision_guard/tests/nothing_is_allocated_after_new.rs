@@ -103,6 +103,7 @@ fn a_flight_with_everything_in_it_allocates_nothing() {
             ring.ring(time(t), &mut sectors);
             let demand = PilotDemand {
                 velocity: Velocity::new(5.0, 0.2, 0.0),
+                ..PilotDemand::default()
             };
             let demand = Reading::Fresh(Stamped {
                 sample: &demand,

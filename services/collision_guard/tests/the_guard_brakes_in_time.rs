@@ -17,7 +17,8 @@ use jink_shared_types::bezier::{derivative, quintic_between};
 use jink_shared_types::events;
 use jink_shared_types::frames::Acceleration;
 use jink_shared_types::motion::{
-    ApprovedTrajectory, BezierPiece, GuardReason, Trajectory, TrajectoryMode, Verdict, stopping_distance_m,
+    ApprovedTrajectory, BezierPiece, GuardReason, MotionLimits, Trajectory, TrajectoryMode, Verdict,
+    stopping_distance_m,
 };
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::{Coded, Point, Velocity};
@@ -94,13 +95,17 @@ fn assert_is_a_good_brake(brake: &Trajectory, base: &Trajectory, now_s: f64) {
         let jerk: [_; 3] = derivative(&acceleration, piece.duration_s);
         for a in acceleration {
             assert!(
-                a.norm() <= 1.02 * brake.limits.acceleration_mps2,
+                a.norm() <= MotionLimits::allowed(brake.limits.acceleration_mps2),
                 "{} m/s2",
                 a.norm()
             );
         }
         for j in jerk {
-            assert!(j.norm() <= 1.02 * brake.limits.jerk_mps3, "{} m/s3", j.norm());
+            assert!(
+                j.norm() <= MotionLimits::allowed(brake.limits.jerk_mps3),
+                "{} m/s3",
+                j.norm()
+            );
         }
     }
     assert!(last.velocity.vector().norm() < 1e-6 && last.acceleration.vector().norm() < 1e-6);

@@ -19,7 +19,7 @@ use crate::vehicle::{MAX_COORDINATE_M, MAX_SPEED_MPS, Present};
 use jink_shared_types::vehicle::{
     COMMAND_LAND, COMMAND_NONE, COMMAND_TAKEOFF, DesiredPath, DesiredPoint, NavMode,
 };
-use jink_shared_types::{Coded, Flag, Point, Velocity};
+use jink_shared_types::{Coded, Flag, Point, Reserved, Velocity};
 #[allow(deprecated)] // The interface is gone from PX4 1.16 on; this profile is for the versions before.
 use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
 
@@ -45,7 +45,7 @@ pub fn read(
         yaw_rate_radps: given_turn(message.vel_yaw[i]),
         command: message.command[i],
         valid: Flag::from(i < usize::from(message.valid_points)),
-        reserved: [0; 5],
+        reserved: Reserved::ZERO,
     });
     let [current, waypoint, next] = &mut points;
     let descends = current.position.z_m.is_nan() && current.velocity.z_mps.is_finite();

@@ -2,6 +2,7 @@
 
 use crate::links::LinksReport;
 use crate::message::{Outgoing, Received};
+use crate::note::Note;
 use crate::ranges::{Arrived, SCANS};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::SystemStatus;
@@ -20,6 +21,8 @@ pub const OUTBOX: usize = 64;
 const ANSWERS: usize = OUTBOX - 32;
 /// Events that fit into one step's output.
 const EVENTS: usize = 4;
+/// Lines for the log that fit into one step's output; of a flood the first are enough.
+const NOTES: usize = 16;
 
 /// Inputs of a step.
 #[derive(Clone, Copy, Debug)]
@@ -46,6 +49,7 @@ pub struct Outputs {
     messages: Vec<Outgoing>,
     scans: Vec<Arrived>,
     events: Vec<EventSample>,
+    notes: Vec<Note>,
     /// Of a new trajectory that says what the autopilot flies already: nothing of it need be sent.
     pub told: Option<SampleHeader>,
     /// The vehicle's state with its time of validity, if there is a new one.
@@ -68,6 +72,7 @@ impl Default for Outputs {
             messages: Vec::with_capacity(OUTBOX),
             scans: Vec::with_capacity(SCANS),
             events: Vec::with_capacity(EVENTS),
+            notes: Vec::with_capacity(NOTES),
             told: None,
             vehicle_state: None,
             desired_path: None,
@@ -95,10 +100,16 @@ impl Outputs {
         &self.events
     }
 
+    /// What is to be said in the log.
+    pub fn notes(&self) -> &[Note] {
+        &self.notes
+    }
+
     pub(crate) fn clear(&mut self) {
         self.messages.clear();
         self.scans.clear();
         self.events.clear();
+        self.notes.clear();
         self.told = None;
         self.vehicle_state = None;
         self.desired_path = None;
@@ -119,6 +130,12 @@ impl Outputs {
     pub(crate) fn send(&mut self, message: Outgoing) {
         if self.messages.len() < OUTBOX {
             self.messages.push(message);
+        }
+    }
+
+    pub(crate) fn note(&mut self, note: Note) {
+        if self.notes.len() < NOTES {
+            self.notes.push(note);
         }
     }
 

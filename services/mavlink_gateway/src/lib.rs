@@ -73,6 +73,7 @@ pub mod link;
 pub mod links;
 pub mod make;
 mod message;
+mod note;
 mod obstacles;
 mod parameters;
 pub mod profile;
@@ -80,6 +81,7 @@ pub mod px4_mode;
 mod radio_share;
 pub mod ranges;
 pub mod router;
+mod service;
 pub mod signing;
 mod streams;
 mod texts;
@@ -99,5 +101,7 @@ pub use message::{
     Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, CommandAck, Content,
     Destination, Outgoing, Receipt, Received,
 };
+pub use note::Note;
 pub use profile::{ProfileChoice, ProfileName, Representation};
+pub use service::GatewayService;
 pub use vehicle::Present;

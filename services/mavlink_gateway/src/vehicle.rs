@@ -12,14 +12,14 @@
 
 use crate::executive::record::{LandedState, Record};
 use crate::make::Make;
-use jink_shared_types::frames::{AngularRate, Attitude};
+use jink_shared_types::frames::{AngularRate, Attitude, unit_quaternion};
 use jink_shared_types::vehicle::{NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, LocalNed, Point, Timestamp, Velocity};
 use mavlink::dialects::ardupilotmega::{
     ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, EXTENDED_SYS_STATE_DATA, HEARTBEAT_DATA, HOME_POSITION_DATA,
     LOCAL_POSITION_NED_DATA, MavLandedState, MavModeFlag,
 };
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
 /// The autopilot counts as alive for this long after its last message (s): one lost heartbeat at 1 Hz is forgiven.
 pub const ALIVE_S: f64 = 1.5;
@@ -358,12 +358,12 @@ impl VehicleTracker {
         received: Timestamp,
         time: Timestamp,
     ) -> AttitudeNews {
-        let raw = Quaternion::new(message.q1, message.q2, message.q3, message.q4).cast::<f64>();
+        let components = [message.q1, message.q2, message.q3, message.q4].map(f64::from);
         let rates = Vector3::new(message.rollspeed, message.pitchspeed, message.yawspeed).map(f64::from);
-        let is_rotation = (0.9..1.1).contains(&raw.norm());
-        if !is_rotation || !rates.iter().all(|rate| rate.is_finite()) {
+        let rates_are_finite = rates.iter().all(|rate| rate.is_finite());
+        let Some(local_q_body) = unit_quaternion(components).filter(|_| rates_are_finite) else {
             return AttitudeNews::Ignored;
-        }
+        };
         match self.attitude_stamp.take(message.time_boot_ms, received) {
             Order::Late => return AttitudeNews::Ignored,
             Order::Reboot => {
@@ -372,7 +372,7 @@ impl VehicleTracker {
             }
             Order::Next => {}
         }
-        self.attitude = Attitude::from_rotation(UnitQuaternion::new_normalize(raw));
+        self.attitude = Attitude::from_rotation(local_q_body);
         self.rates = AngularRate::from_vector(rates);
         self.attitude_time = time.max(self.attitude_time);
         AttitudeNews::Taken
@@ -412,8 +412,8 @@ impl VehicleTracker {
             position_valid: Flag::from(alive && self.is_position_valid(now)),
             autopilot_alive: Flag::from(alive),
             mode_pending: Flag::from(!self.heartbeat_heard),
-            reserved: [0; 5],
             position_time: fix.time,
+            ..VehicleState::default()
         };
         Some((state, self.attitude_time))
     }

@@ -514,7 +514,7 @@ fn when_jink_is_ended_it_stops_and_the_autopilot_holds() {
         flight.sticks = Some([1.0, 1.0]);
         flight.run(1.0);
         flight.forget();
-        flight.bench.gateway.request_stop(flight.bench.now);
+        flight.bench.gateway.request_stop();
         flight.run(2.0);
         assert_eq!(flight.asked.first(), Some(&holding(profile)), "{profile:?}");
         assert_eq!(flight.assist(), AssistState::Off);

@@ -320,7 +320,7 @@ fn a_changed_parameter_is_told_to_everybody_and_kept() {
         id: 3,
         value: 5.5,
         row: row as u32,
-        reserved: 0,
+        reserved: jink_shared_types::Reserved::ZERO,
     });
     bench.step();
     assert_eq!(bench.outputs.parameters.unwrap().0.answered, 3);

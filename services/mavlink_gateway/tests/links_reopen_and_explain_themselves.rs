@@ -304,3 +304,53 @@ fn a_heartbeat_with_an_unknown_value_is_counted_not_fatal() {
     bench.until("the count", |bench, _| bench.link.counters().undecodable == 1);
     assert!(bench.errors.is_empty());
 }
+
+/// A folder of its own that is removed again.
+struct Folder(std::path::PathBuf);
+
+impl Folder {
+    fn new(test: &str) -> Self {
+        let path = std::env::temp_dir().join(format!("jink_link_{test}_{}", std::process::id()));
+        std::fs::create_dir_all(&path).unwrap();
+        Self(path)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _left = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+#[test]
+fn a_socket_of_this_machine_carries_both_ways_and_is_found_again() {
+    let folder = Folder::new("unix");
+    let path = folder.0.join("autopilot");
+    let endpoint = format!("unix:{}", path.display());
+    let refused = Link::open(endpoint.parse().unwrap()).unwrap_err();
+    assert!(matches!(refused, LinkError::Open { .. }), "{refused}");
+
+    let autopilot = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
+    let mut bench = Bench::open(&endpoint);
+    let ours = folder.0.join("autopilot.jink");
+    for n in 0..3 {
+        autopilot.send_to(&frame(1, n), &ours).unwrap();
+    }
+    assert_eq!(bench.poll(), [0, 1, 2]);
+    let answer = frame(196, 7);
+    assert_eq!(bench.link.send(bench.now, &answer).unwrap(), Sent::Yes);
+    let mut bytes = [0; 512];
+    let (length, _) = autopilot.recv_from(&mut bytes).unwrap();
+    assert_eq!(&bytes[..length], answer);
+
+    // The autopilot is started again: another socket at the same place.
+    drop(autopilot);
+    assert!(bench.link.send(bench.now, &answer).is_err());
+    std::fs::remove_file(&path).unwrap();
+    let autopilot = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
+    bench.until("the autopilot is found again", |bench, _| {
+        matches!(bench.link.send(bench.now, &answer), Ok(Sent::Yes))
+    });
+    autopilot.send_to(&frame(1, 9), &ours).unwrap();
+    assert_eq!(bench.poll(), [9]);
+}

@@ -136,6 +136,42 @@ fn an_approved_trajectory_is_sent_fifty_times_a_second_with_all_that_moves_it() 
     }
 }
 
+/// A vehicle that corrects its position fast and still lags has the longer delay.
+#[test]
+fn the_lead_is_learned_with_the_position_gain_that_is_set_on_the_autopilot() {
+    let profile = ProfileName::Px4Offboard;
+    let lead_s = |gain_per_s: f64| {
+        let mut params = ParamSet::default();
+        params.set("MPC_XY_P", gain_per_s).unwrap();
+        let mut bench = bench(profile);
+        bench.gateway.follow_params(&params);
+        bench.fly(1.0, |bench, t| {
+            tell(bench, profile, t, MODE_OFFBOARD, HERE, Vector3::zeros());
+            bench.approve(Verdict::Passed, mirror());
+        });
+        let begin = bench.now;
+        let plan = flight(7, begin, HERE, Vector3::new(5.0, 0.0, 0.0), 4.0);
+        bench.approve(Verdict::Passed, plan);
+        bench.fly(1.5, |bench, t| {
+            let there = plan.at(bench.now).unwrap();
+            let behind = there.position.vector() - 0.2 * Vector3::x();
+            tell(bench, profile, t, MODE_OFFBOARD, behind, there.velocity.vector());
+            bench.approved.as_mut().unwrap().header.publish = bench.now;
+        });
+        let (time, target) = sent(&bench).pop().unwrap();
+        let now = plan.at(time).unwrap();
+        (f64::from(target.vx) - now.velocity.x_mps) / now.acceleration.x_mps2
+    };
+    let leads_s = [0.0, 0.5, 1.0, 2.0].map(lead_s);
+    assert!(
+        (leads_s[0] - 0.075).abs() < 0.01,
+        "nothing is learned: {leads_s:?}"
+    );
+    for pair in leads_s.windows(2) {
+        assert!(pair[1] > pair[0] + 0.01, "{leads_s:?}");
+    }
+}
+
 /// Nobody has planned anything: what is sent brings the vehicle smoothly to rest.
 #[test]
 fn a_mode_that_is_entered_in_motion_without_a_plan_begins_with_a_smooth_stop() {

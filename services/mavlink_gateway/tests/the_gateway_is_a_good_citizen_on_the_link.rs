@@ -11,6 +11,7 @@ use jink_mavlink_gateway::{
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::Health;
 use jink_shared_types::link::AvoidanceState;
+use jink_shared_types::ring::SectorRing;
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{Message, MessageData};
 use nalgebra::Vector3;
@@ -319,6 +320,29 @@ fn the_obstacle_map_goes_out_as_often_as_the_autopilot_needs_it_with_or_without_
     let maps = |sent: &&Sent| matches!(sent.message, MavMessage::OBSTACLE_DISTANCE(_));
     let count = bench.sent.iter().filter(maps).count();
     assert!((39..=41).contains(&count), "{count}");
+    // The same with a ring: something stands 3 m away, all around.
+    bench.sent.clear();
+    for _ in 0..40 {
+        bench.ring = Some(Sample::new(
+            SectorRing {
+                distance_m: [3.0; 72],
+                range_max_m: [12.0; 72],
+                ..SectorRing::default()
+            },
+            bench.now,
+        ));
+        bench.idle_until(bench.now.plus_seconds(0.1));
+    }
+    let maps: Vec<_> = bench
+        .sent
+        .iter()
+        .filter_map(|sent| match &sent.message {
+            MavMessage::OBSTACLE_DISTANCE(map) => Some(map),
+            _ => None,
+        })
+        .collect();
+    assert!((39..=41).contains(&maps.len()), "{}", maps.len());
+    assert!(maps.iter().skip(1).all(|map| map.distances == [300; 72]));
 }
 
 #[test]

@@ -30,16 +30,20 @@ mod poses;
 mod rays;
 mod scan;
 mod sensors;
+mod service;
 mod window;
+
+pub use service::FusionService;
 
 use frame::Frame;
 use jink_shared_types::frames::{BodyFrd, Point};
-use jink_shared_types::map::{LocalMap, cell_of};
+use jink_shared_types::layout::Layout;
+use jink_shared_types::map::{CELL_M, LocalMap, cell_of};
 use jink_shared_types::params::{OA_CARVE_RNG, OA_VEH_RADIUS, ParamSet};
-use jink_shared_types::ranges::{CLOUD_POINTS, PointCloud, RangeScan};
+use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
 use jink_shared_types::vehicle::VehicleState;
-use jink_shared_types::{Flag, SampleHeader, Timestamp};
+use jink_shared_types::{Flag, Reserved, SampleHeader, Timestamp};
 use poses::{Order, PoseHistory, SweepPoses};
 use rays::{Limits, Tracer};
 use sensors::Sensors;
@@ -150,7 +154,7 @@ impl Fusion {
 
     /// Enters the cloud of sensor number `sensor`.
     pub fn cloud(&mut self, sensor: usize, cloud: &PointCloud, header: &SampleHeader) {
-        let plausible = cloud.len as usize <= CLOUD_POINTS;
+        let plausible = cloud.is_plausible();
         let limits = self.limits(cloud.origin, cloud.range_min_m, cloud.range_max_m);
         let Some(limits) = limits.filter(|_| plausible && self.sensors.accept(sensor, header.capture)) else {
             self.counters.frames_refused += 1;
@@ -164,13 +168,18 @@ impl Fusion {
 
     /// Enters the scan of sensor number `sensor`.
     pub fn scan(&mut self, sensor: usize, scan: &RangeScan, header: &SampleHeader) {
-        let plausible = scan::is_plausible(scan);
+        let mounting = scan
+            .mounting
+            .rotation()
+            .filter(|_| scan.is_plausible() && scan::is_mappable(scan));
         let limits = self.limits(scan.origin, scan.range_min_m, scan.range_max_m);
-        let Some(limits) = limits.filter(|_| plausible && self.sensors.accept(sensor, header.capture)) else {
+        let usable = limits.zip(mounting);
+        let Some((limits, body_q_sensor)) = usable.filter(|_| self.sensors.accept(sensor, header.capture))
+        else {
             self.counters.frames_refused += 1;
             return;
         };
-        if self.trace(limits, header.capture, |tracer| tracer.scan(scan)) {
+        if self.trace(limits, header.capture, |tracer| tracer.scan(scan, &body_q_sensor)) {
             let single_beam = scan.beams <= 1;
             self.sensors
                 .contributed(sensor, single_beam, RANGE_SCAN.row.deadline_ms);
@@ -178,7 +187,7 @@ impl Fusion {
     }
 
     fn limits(&self, origin: Point<BodyFrd>, min_m: f32, max_m: f32) -> Option<Limits> {
-        Limits::check(origin, min_m, max_m, &self.config)
+        Limits::of(origin, min_m, max_m, &self.config)
     }
 
     /// Collects the rays that `enter` enters, adds the body at the time of capture and counts the frame as evidence;
@@ -213,11 +222,12 @@ impl Fusion {
         out.min_cell = self.window.min_cell();
         out.live_sensors = self.sensors.live(now);
         out.ranges_fresh = Flag::from(self.sensors.fresh(now));
-        out.reserved = [0; 5];
+        out.reserved = Reserved::ZERO;
         out.epoch = self.epoch;
         out.occupied_cells = occupied_cells;
         out.known_cells = known_cells;
-        out.reserved2 = [0; 4];
+        out.cell_m = CELL_M;
+        out.reserved2 = Reserved::ZERO;
     }
 
     /// What was left out so far.

@@ -16,12 +16,6 @@ use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::map::CELL_M;
 use nalgebra::{Matrix3, Vector3};
 
-/// No sensor is mounted further from the centre of gravity (m): the largest vehicle radius is 3 m.
-const MAX_LEVER_M: f64 = 5.0;
-
-/// No range sensor of a multicopter reaches further (m).
-const MAX_RANGE_M: f64 = 1_000.0;
-
 /// A range may exceed the sensor's longest by this factor: noise on a hit, rounding of a "nothing there" point.
 const RANGE_SLACK: f64 = 1.01;
 
@@ -37,16 +31,11 @@ pub(crate) struct Limits {
 }
 
 impl Limits {
-    /// From a frame's header; nothing if these cannot be the numbers of a sensor.
-    pub fn check(origin: Point<BodyFrd>, min_m: f32, max_m: f32, config: &FusionConfig) -> Option<Self> {
+    /// From a plausible frame's header; nothing if it measures nothing between its shortest and its longest range.
+    pub fn of(origin: Point<BodyFrd>, min_m: f32, max_m: f32, config: &FusionConfig) -> Option<Self> {
         let origin_body_m = origin.vector();
         let (range_min_m, range_max_m) = (f64::from(min_m), f64::from(max_m));
-        // NaN fails every one of these comparisons.
-        let plausible = origin.is_finite()
-            && origin_body_m.amax() <= MAX_LEVER_M
-            && (0.0..range_max_m).contains(&range_min_m)
-            && range_max_m <= MAX_RANGE_M;
-        plausible.then(|| Self {
+        (range_min_m < range_max_m).then(|| Self {
             origin_body_m,
             reach_m: config.carve_range_m.min(range_max_m),
             range_min_m,

@@ -7,14 +7,10 @@
 //! For the beam of a lidar the cap is one cell and the sag nothing, and all this comes down to a cloud's ray.
 
 use crate::rays::Tracer;
-use jink_shared_types::frames::Attitude;
 use jink_shared_types::map::CELL_M;
-use jink_shared_types::ranges::{RangeScan, SCAN_BEAMS, ScanFrame};
-use nalgebra::{Matrix3, Vector3};
+use jink_shared_types::ranges::{RangeScan, ScanFrame};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
-
-/// Largest turn a scan covers (rad): one revolution, and as much again for odd conventions of the first angle.
-const MAX_TURN_RAD: f64 = 2.0 * TAU;
 
 /// Longest scan (s): offsets count 65536 steps of 10 us.
 const MAX_DURATION_S: f64 = 0.65;
@@ -28,26 +24,17 @@ const WINDOW_DIAGONAL_M: f64 = 39.0;
 /// Where one beam points: columns are the beam, its neighbour direction in the scan's plane, the plane's normal.
 type BeamFrame = Matrix3<f64>;
 
-/// Whether the numbers that describe `scan` can be those of a sensor. NaN fails every comparison.
-pub(crate) fn is_plausible(scan: &RangeScan) -> bool {
+/// Whether a plausible `scan` can be entered into a map: its beams are cones, and it takes no longer than is counted
+/// here.
+pub(crate) fn is_mappable(scan: &RangeScan) -> bool {
     let beams = f64::from(scan.beams);
-    let within = |value: f64, limit: f64| value.abs() <= limit;
     let half_rad = half_angle_rad(scan);
-    let width_is_plausible = (0.0..=0.5 * FRAC_PI_2).contains(&half_rad)
+    half_rad <= 0.5 * FRAC_PI_2
         // All cones together are at most the full sphere. A cone of half angle a has 2 pi (1 - cos a) steradians.
-        && beams * TAU * (1.0 - half_rad.cos()) <= 4.0 * PI;
-    scan.beams as usize <= SCAN_BEAMS
-        && within(f64::from(scan.angle_first_rad), MAX_TURN_RAD)
-        && within(f64::from(scan.angle_step_rad) * beams, MAX_TURN_RAD)
-        && (0.0..=MAX_DURATION_S).contains(&(f64::from(scan.beam_interval_s) * beams))
-        && width_is_plausible
-        && is_rotation(scan.mounting)
+        && beams * TAU * (1.0 - half_rad.cos()) <= 4.0 * PI
+        && f64::from(scan.beam_interval_s) * beams <= MAX_DURATION_S
         // A row of level distances does not say at which height something stands: it is for the sector ring.
         && scan.frame.get() == ScanFrame::Body
-}
-
-fn is_rotation(q: Attitude) -> bool {
-    crate::poses::is_unit((q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z).sqrt())
 }
 
 fn half_angle_rad(scan: &RangeScan) -> f64 {
@@ -55,10 +42,10 @@ fn half_angle_rad(scan: &RangeScan) -> f64 {
 }
 
 impl Tracer<'_> {
-    /// Enters every beam of `scan`, whose description is plausible.
-    pub fn scan(&mut self, scan: &RangeScan) {
+    /// Enters every beam of `scan`, whose description is plausible and whose mounting is `body_q_sensor`.
+    pub fn scan(&mut self, scan: &RangeScan, body_q_sensor: &UnitQuaternion<f64>) {
         self.sweep.begin(scan.first_beam);
-        let body_r_sensor = scan.mounting.rotation().to_rotation_matrix().into_inner();
+        let body_r_sensor = body_q_sensor.to_rotation_matrix().into_inner();
         let half_rad = half_angle_rad(scan);
         let beams = scan.ranges().len();
         let first_beam = self.first_ray(beams);
@@ -149,9 +136,11 @@ fn for_each_on_cap(range_m: f64, half_rad: f64, mut mark: impl FnMut(Vector3<f64
 
 #[cfg(test)]
 mod tests {
-    use super::{for_each_on_cap, is_plausible};
+    use super::{for_each_on_cap, is_mappable};
+    use jink_shared_types::layout::Layout;
     use jink_shared_types::map::CELL_M;
     use jink_shared_types::ranges::RangeScan;
+    use jink_shared_types::ranges::ScanFrame;
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
@@ -178,28 +167,25 @@ mod tests {
     }
 
     #[test]
-    fn only_a_possible_sensor_is_believed() {
+    fn only_what_can_be_mapped_is_entered() {
         let good = RangeScan {
             beams: 360,
             angle_step_rad: 0.01745,
             beam_width_rad: 0.01745,
             beam_interval_s: 2e-4,
+            range_max_m: 12.0,
             ..RangeScan::default()
         };
-        assert!(is_plausible(&good));
-        let broken: [fn(&mut RangeScan); 7] = [
-            |scan| scan.beams = 1_025,
-            |scan| scan.angle_first_rad = 1e30,
-            |scan| scan.angle_step_rad = f32::NAN,
-            |scan| scan.beam_interval_s = -1e-3,
-            |scan| scan.beam_interval_s = 0.1,
+        assert!(good.is_plausible() && is_mappable(&good));
+        let others: [fn(&mut RangeScan); 3] = [
+            |scan| scan.beam_interval_s = 2e-3,
             |scan| scan.beam_width_rad = 1.5,
-            |scan| scan.mounting.w = f64::INFINITY,
+            |scan| scan.frame = ScanFrame::Level.into(),
         ];
-        for (i, break_it) in broken.iter().enumerate() {
+        for (i, change) in others.iter().enumerate() {
             let mut scan = good;
-            break_it(&mut scan);
-            assert!(!is_plausible(&scan), "{i}");
+            change(&mut scan);
+            assert!(scan.is_plausible() && !is_mappable(&scan), "{i}");
         }
     }
 }

@@ -2,7 +2,7 @@
 mod world;
 
 use jink_obstacle_fusion::{Fusion, FusionConfig};
-use jink_shared_types::frames::{Attitude, Point};
+use jink_shared_types::frames::{Mounting, Point};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, center_of};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::RangeScan;
@@ -16,7 +16,7 @@ const EYE: Vector3<f64> = Vector3::new(0.3, 0.1, -2.1);
 fn beam(range_m: f32, width_rad: f32, mounting: UnitQuaternion<f64>) -> RangeScan {
     let mut scan = RangeScan {
         origin: Point::new(0.2, 0.0, 0.0),
-        mounting: Attitude::from_rotation(mounting),
+        mounting: Mounting::from_rotation(mounting),
         first_beam: at(0.0),
         beam_width_rad: width_rad,
         range_min_m: 0.3,

@@ -24,9 +24,12 @@ pub mod guide;
 pub mod layer;
 pub mod progress;
 pub mod search;
+mod service;
 pub mod space;
 mod stopping;
 pub mod stops;
+
+pub use service::PlannerService;
 
 use crate::corridor::CorridorBuilder;
 use crate::gears::{GEARS, creep, gears};
@@ -61,8 +64,6 @@ const HIGHER_GEAR_MIN_M: f64 = 1.5;
 const DETOUR_WORTH_A_GEAR: f32 = 1.25;
 /// Time that slowing down for one gear is expected to cost (s): some metres at half the speed.
 const GEAR_PRICE_S: f64 = 2.0;
-/// A moving start may exceed a gear's speed by this share: the curve slows down within its first piece.
-const SPEED_TOLERANCE: f64 = 1.02;
 /// How long planning must fail while the vehicle stands before the pilot is told (s).
 const NO_PATH_AFTER_S: f64 = 1.5;
 /// A vehicle that nobody has planned for and that is faster than this is in motion (m/s): slower, its way to rest stays
@@ -425,7 +426,7 @@ impl Planner {
         let start = departure.state.position.vector();
         let speed_mps = departure.state.velocity.vector().norm();
         let creeps = departure.is_at_rest()
-            || self.space.is_narrow() && speed_mps <= self.creep.speed_mps * SPEED_TOLERANCE;
+            || self.space.is_narrow() && speed_mps <= MotionLimits::allowed(self.creep.speed_mps);
         self.space.depart_from(cell_of(departure.state.position), creeps);
         if self.space.is_narrow() {
             return self.plan_way_out(departure, desired, route);
@@ -524,7 +525,7 @@ impl Planner {
     ) -> Option<usize> {
         let speed_mps = departure.state.velocity.vector().norm();
         (self.top_gear..=gear).find(|flown| {
-            if speed_mps > self.limits[*flown].speed_mps * SPEED_TOLERANCE
+            if speed_mps > MotionLimits::allowed(self.limits[*flown].speed_mps)
                 || !self.space.is_safe(*flown, cell_of(departure.state.position))
             {
                 return false;

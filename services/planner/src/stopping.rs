@@ -1,7 +1,7 @@
 //! How what is committed is left for a stop: because the vehicle is to rest before it could come to its goal, or because something
 //! stands on the way (rule I3).
 
-use super::{Departure, MOVING_MPS, Planner, SPEED_TOLERANCE};
+use super::{Departure, MOVING_MPS, Planner};
 use crate::gears::GEARS;
 use crate::stops;
 use jink_shared_types::events;
@@ -73,14 +73,7 @@ impl Planner {
         route.base_id = departure.base_id;
         route.splice = departure.splice;
         route.start = departure.state;
-        route.limits = MotionLimits {
-            speed_mps: limits
-                .speed_mps
-                .max(departure.state.velocity.vector().norm() * SPEED_TOLERANCE),
-            acceleration_mps2: stops::HARDEST_MPS2 * 1.5,
-            jerk_mps3: 12.0,
-            ..limits
-        };
+        route.limits = limits;
         route.stop = stop;
         route.has_stop = Flag::YES;
         route.target = stop.at(stop.duration_s).position;

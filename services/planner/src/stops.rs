@@ -7,7 +7,7 @@
 use crate::gears::OVERSHOOT_PER_DECELERATION;
 use crate::space::Space;
 use jink_shared_types::bezier::{End, quintic_between};
-use jink_shared_types::motion::{BezierPiece, MotionState};
+use jink_shared_types::motion::{BezierPiece, MotionState, STOP_JERK_MPS3};
 use nalgebra::{Rotation3, Vector3};
 
 /// Jerk that braking may use (m/s3): PX4's MPC_JERK_MAX is 8.
@@ -29,9 +29,16 @@ pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> Bezie
     const SHORTEST_S: f64 = 0.3;
     let velocity = start.velocity.vector();
     let speed = velocity.norm();
+    let acceleration = start.acceleration.vector().norm();
+    // The jerk begins with `turning v / T^2 - 4 a / T`, and a turn needs much: from a slow flight no guard would take it.
+    let turning = (30.0 * turn_rad.cos() - 36.0).hypot(30.0 * turn_rad.sin()) * speed;
+    let turned_s = (4.0 * acceleration
+        + (16.0 * acceleration * acceleration + 4.0 * STOP_JERK_MPS3 * turning).sqrt())
+        / (2.0 * STOP_JERK_MPS3);
     let duration_s = (1.5 * speed / deceleration_mps2)
         .max((6.0 * speed / JERK_MPS3).sqrt())
-        .max((2.0 * start.acceleration.vector().norm() / JERK_MPS3).max(SHORTEST_S));
+        .max((2.0 * acceleration / JERK_MPS3).max(SHORTEST_S))
+        .max(turned_s);
     let ahead = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad) * velocity * (0.5 * duration_s);
     // What the initial acceleration adds before it has faded: the quintic's own share of it over one duration.
     let drift = start.acceleration.vector() * (duration_s * duration_s / 12.0);
@@ -99,9 +106,12 @@ fn is_safe(space: &Space, gear: usize, piece: &BezierPiece) -> bool {
 #[cfg(test)]
 mod tests {
     use super::{HARDEST_MPS2, brisk, certified, stop};
+    use crate::gears::gears;
     use crate::space::tests::{known_map, space_of};
+    use jink_shared_types::bezier::{derivative, evaluate};
     use jink_shared_types::frames::{Acceleration, Point, Velocity};
-    use jink_shared_types::motion::MotionState;
+    use jink_shared_types::motion::{MotionLimits, MotionState};
+    use jink_shared_types::params::ParamSet;
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
@@ -113,6 +123,29 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_stop_out_of_a_plan_keeps_the_limits_of_a_stop(
+            v in proptest::array::uniform3(-1.7..1.7f64), a in proptest::array::uniform3(-0.6..0.6f64),
+            deceleration in 1.2..HARDEST_MPS2, turn_deg in -50.0..50.0f64,
+        ) {
+            let start = MotionState {
+                velocity: Velocity::new(v[0], v[1], v[2]),
+                acceleration: Acceleration::new(a[0], a[1], a[2]),
+                ..MotionState::default()
+            };
+            let limits = gears(&ParamSet::default())[0].of_a_stop(Vector3::from(v).norm());
+            let piece = stop(&start, deceleration, turn_deg.to_radians());
+            let velocity: [_; 5] = derivative(&piece.points(), piece.duration_s);
+            let acceleration: [_; 4] = derivative(&velocity, piece.duration_s);
+            let jerk: [_; 3] = derivative(&acceleration, piece.duration_s);
+            for i in 0..=40 {
+                let u = f64::from(i) / 40.0;
+                prop_assert!(evaluate(&velocity, u).norm() <= MotionLimits::allowed(limits.speed_mps));
+                prop_assert!(evaluate(&acceleration, u).norm() <= MotionLimits::allowed(limits.acceleration_mps2));
+                prop_assert!(evaluate(&jerk, u).norm() <= MotionLimits::allowed(limits.jerk_mps3));
+            }
+        }
+
         #[test]
         fn a_stop_starts_as_it_must_ends_at_rest_and_brakes_within_its_limit(
             v in proptest::array::uniform3(-4.0..4.0f64), a in proptest::array::uniform3(-1.0..1.0f64),

@@ -4,6 +4,7 @@
 use jink_planner::{Inputs, Planner};
 use jink_shared_types::events;
 use jink_shared_types::frames::{Point, Velocity};
+use jink_shared_types::layout::Layout;
 use jink_shared_types::map::{LocalMap, center_of, set};
 use jink_shared_types::motion::{
     ApprovedTrajectory, BezierPiece, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
@@ -91,6 +92,7 @@ fn answer(
     };
     let mut route = Route::default();
     planner.step(now(), &inputs, &mut route);
+    assert!(route.is_plausible(), "{route:?}");
     route
 }
 

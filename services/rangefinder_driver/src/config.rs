@@ -6,7 +6,7 @@
 
 use crate::devices::{self, Model, Reach};
 use crate::dialogue::ScanSetup;
-use jink_shared_types::frames::Attitude;
+use jink_shared_types::frames::Mounting;
 use jink_shared_types::orientation::{self, Contradiction, Orientation};
 use jink_shared_types::params::nearest;
 use jink_shared_types::{BodyFrd, Point};
@@ -67,7 +67,7 @@ pub struct RangefinderSpec {
     /// Where it sits.
     pub position: Point<BodyFrd>,
     /// How it sits: `body_q_sensor`.
-    pub mounting: Attitude,
+    pub mounting: Mounting,
     /// Full opening angle of its beam (rad).
     pub beam_width_rad: f64,
     /// Its ranges.
@@ -345,7 +345,7 @@ impl Keys<'_> {
         })
     }
 
-    fn mounting(&self) -> Result<Attitude, Mistake> {
+    fn mounting(&self) -> Result<Mounting, Mistake> {
         let turn = |key| self.number(key, 0.0, -360.0..=360.0);
         let written = orientation::Written {
             orientation: self.orientation()?,
@@ -354,7 +354,7 @@ impl Keys<'_> {
         };
         written
             .body_q_sensor()
-            .map(Attitude::from_rotation)
+            .map(Mounting::from_rotation)
             .map_err(|contradiction| Mistake::Mounting {
                 sensor: self.sensor.to_owned(),
                 contradiction,

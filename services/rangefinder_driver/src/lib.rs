@@ -25,6 +25,7 @@ pub mod dialogue;
 pub mod driver;
 pub mod port;
 pub mod scan_view;
+mod service;
 pub mod sweep;
 
 pub use config::{Mistake, RangefinderSpec};
@@ -32,3 +33,4 @@ pub use decode::{Answer, Decoder, Item};
 pub use devices::{Model, Range};
 pub use driver::{Counters, Driver, News};
 pub use scan_view::ScanView;
+pub use service::RangefinderService;

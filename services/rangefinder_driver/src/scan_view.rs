@@ -2,7 +2,7 @@
 
 use crate::config::RangefinderSpec;
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
-use jink_shared_types::{Coded, Timestamp};
+use jink_shared_types::{Coded, Reserved, Timestamp};
 
 /// A scan of one beam, or a part of a sweep.
 #[derive(Clone, Copy, Debug)]
@@ -38,7 +38,7 @@ impl ScanView<'_> {
         scan.range_sigma_m = self.spec.sigma_m as f32;
         scan.beams = beams as u32;
         scan.frame = Coded::new(ScanFrame::Body);
-        scan.reserved = [0; 15];
+        scan.reserved = Reserved::ZERO;
         scan.range_m[..beams].copy_from_slice(&self.range_m[..beams]);
     }
 }

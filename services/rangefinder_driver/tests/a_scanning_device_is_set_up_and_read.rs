@@ -9,6 +9,7 @@ use encoder::spec;
 use jink_rangefinder_driver::Driver;
 use jink_rangefinder_driver::driver::News;
 use jink_shared_types::Timestamp;
+use jink_shared_types::layout::Layout;
 use jink_shared_types::ranges::RangeScan;
 
 const STEP_NS: u64 = 1_000_000;
@@ -27,6 +28,7 @@ fn run(
         let mut publish = |view: &jink_rangefinder_driver::ScanView<'_>| {
             let mut scan = RangeScan::default();
             view.write(&mut scan);
+            assert!(scan.is_plausible(), "{scan:?}");
             assert!(view.capture <= now && now.seconds_since(view.capture) < 0.06);
             scans.push(scan);
         };

@@ -21,12 +21,12 @@ pub struct CycleMeter {
 }
 
 impl CycleMeter {
-    /// A meter for process `name`, `generation`-th start, with a cycle budget in microseconds (0 = none).
-    pub fn new(name: &str, generation: u32, budget_us: u32) -> Self {
+    /// A meter for process `name` with this process id, `generation`-th start, with a cycle budget in microseconds (0 = none).
+    pub fn new(name: &str, pid: u32, generation: u32, budget_us: u32) -> Self {
         Self {
             heartbeat: Heartbeat {
                 name: Name::new(name),
-                pid: std::process::id(),
+                pid,
                 generation,
                 state: Coded::new(ServiceState::Starting),
                 ..Heartbeat::default()
@@ -82,7 +82,7 @@ mod tests {
 
     #[test]
     fn cycles_over_budget_are_counted_and_quantiles_follow() {
-        let mut meter = CycleMeter::new("planner", 3, 1_000);
+        let mut meter = CycleMeter::new("planner", 1, 3, 1_000);
         for us in [500, 600, 700, 5_000] {
             meter.cycle(Timestamp::from_ns(1), Timestamp::from_ns(1 + us * 1_000));
         }

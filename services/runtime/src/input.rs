@@ -1,12 +1,9 @@
 //! A topic as a reader sees it: the newest sample with its age, or every unread one in order.
 
 use crate::duty::Duty;
-use iceoryx2::port::subscriber::Subscriber;
-use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::prelude::ipc;
-use iceoryx2::sample::Sample;
+use crate::transport::{Sample, Subscriber};
 use jink_shared_types::layout::Layout;
-use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
+use jink_shared_types::{Reading, Stamped, Timestamp};
 use std::cell::Cell;
 use std::fmt;
 use std::rc::Rc;
@@ -28,8 +25,8 @@ impl InputHealth {
 
 /// A topic opened for reading.
 pub struct Input<T: Layout> {
-    subscriber: Subscriber<ipc::Service, T, SampleHeader>,
-    newest: Option<Sample<ipc::Service, T, SampleHeader>>,
+    subscriber: Subscriber<T>,
+    newest: Option<Sample<T>>,
     last_sequence: u64,
     name: String,
     lost: u64,
@@ -47,13 +44,7 @@ impl<T: Layout> fmt::Debug for Input<T> {
 }
 
 impl<T: Layout> Input<T> {
-    pub(crate) fn new(
-        subscriber: Subscriber<ipc::Service, T, SampleHeader>,
-        name: String,
-        deadline_ms: f64,
-    ) -> Self {
-        // Without this a publisher that is idle now would not be connected before its next sample.
-        let _not_yet = subscriber.update_connections();
+    pub(crate) fn new(subscriber: Subscriber<T>, name: String, deadline_ms: f64) -> Self {
         Self {
             subscriber,
             newest: None,
@@ -122,7 +113,7 @@ impl<T: Layout> Input<T> {
     pub fn newest(&self) -> Option<Stamped<'_, T>> {
         self.newest.as_ref().map(|sample| Stamped {
             sample: sample.payload(),
-            header: sample.user_header(),
+            header: sample.header(),
         })
     }
 
@@ -130,8 +121,8 @@ impl<T: Layout> Input<T> {
     /// successor: whatever does not advance the sequence is dropped.
     fn receive(&mut self) -> Option<()> {
         loop {
-            let sample = self.subscriber.receive().ok().flatten()?;
-            let sequence = sample.user_header().sequence;
+            let sample = self.subscriber.receive()?;
+            let sequence = sample.header().sequence;
             if sequence <= self.last_sequence && self.newest.is_some() && !self.of_all {
                 continue;
             }
@@ -141,9 +132,9 @@ impl<T: Layout> Input<T> {
             }
             self.last_sequence = sequence;
             if let Some(duty) = &self.duty {
-                duty.took(sample.user_header().publish);
+                duty.took(sample.header().publish);
             }
-            self.health.newest.set(sample.user_header().publish);
+            self.health.newest.set(sample.header().publish);
             self.newest = Some(sample);
             return Some(());
         }

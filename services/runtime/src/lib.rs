@@ -39,8 +39,12 @@
 //! |---|---|
 //! | [`config`] | `jink.toml`: read, checked, errors with file, line and nearest key |
 //! | [`instance`] | names and folders that keep two jinks on one host apart |
-//! | [`session`] | one process's connection to shared memory; [`Input`] and [`Output`] |
-//! | [`service`] | the loop |
+//! | [`session`] | one program's connection to its topics; [`Input`] and [`Output`] |
+//! | [`ports`] | the topics of a service with its configuration, clock and ownership |
+//! | [`setup`] | what a service is started with |
+//! | [`service`] | what a service is, and the loop of its process |
+//! | [`lockstep`] | services in one process on a virtual clock, for campaigns and tests |
+//! | [`clock`] | the board's clock, or a simulated one |
 //! | [`heartbeat`] | cycle statistics |
 //! | [`param_store`] | changed parameters that outlive the process that changed them |
 //! | [`ranges`] | the range topics of all configured sensors |
@@ -49,6 +53,7 @@
 //! | [`realtime`] | memory locking, scheduling, clock |
 //! | [`logging`] | `tracing` for people and for journals |
 
+pub mod clock;
 pub mod config;
 mod duty;
 pub mod events;
@@ -56,23 +61,30 @@ pub mod heartbeat;
 pub mod input;
 pub mod instance;
 pub mod janitor;
+pub mod lockstep;
 pub mod logging;
 pub mod output;
 pub mod param_store;
+pub mod ports;
 mod pretouch;
 pub mod ranges;
 pub mod realtime;
 pub mod request;
+mod running;
 pub mod service;
 pub mod session;
-mod wakeup;
+pub mod setup;
+mod transport;
 
+pub use clock::Clock;
 pub use events::EventSender;
 pub use input::Input;
 pub use instance::Instance;
 pub use output::Output;
 pub use param_store::{ParamStore, StoreWriter};
+pub use ports::{Claim, Latency, Ports};
 pub use ranges::{RangeInputs, RangeSample};
 pub use realtime::now;
-pub use service::{Claim, Cycle, Latency, Ports, Service, Setup, StartError, Wake, run};
+pub use service::{Cycle, Service, Wake, run};
 pub use session::{OpenError, Session};
+pub use setup::{Setup, StartError};

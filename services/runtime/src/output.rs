@@ -1,10 +1,8 @@
 //! A topic as its producer sees it.
 
+use crate::clock::Clock;
 use crate::duty::Duty;
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::port::publisher::Publisher;
-use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::prelude::ipc;
+use crate::transport::Publisher;
 use jink_shared_types::layout::Layout;
 use jink_shared_types::{SampleHeader, Timestamp};
 use std::fmt;
@@ -12,9 +10,8 @@ use std::rc::Rc;
 
 /// A topic opened for publishing.
 pub struct Output<T: Layout> {
-    publisher: Publisher<ipc::Service, T, SampleHeader>,
-    /// Of a topic that wakes its readers.
-    notifier: Option<Notifier<ipc::Service>>,
+    publisher: Publisher<T>,
+    clock: Clock,
     generation: u32,
     count: u32,
     duty: Option<Rc<Duty>>,
@@ -27,16 +24,10 @@ impl<T: Layout> fmt::Debug for Output<T> {
 }
 
 impl<T: Layout> Output<T> {
-    pub(crate) fn new(
-        publisher: Publisher<ipc::Service, T, SampleHeader>,
-        notifier: Option<Notifier<ipc::Service>>,
-        generation: u32,
-    ) -> Self {
-        // Connect to the readers that are there already; others are found at the next sample.
-        let _not_yet = publisher.update_connections();
+    pub(crate) fn new(publisher: Publisher<T>, clock: Clock, generation: u32) -> Self {
         Self {
             publisher,
-            notifier,
+            clock,
             generation,
             count: 0,
             duty: None,
@@ -62,50 +53,46 @@ impl<T: Layout> Output<T> {
     /// holds an older sample: `fill` must write every field that counts. An instance that does not own the present
     /// cycle does everything but publish.
     pub fn write(&mut self, header: SampleHeader, fill: impl FnOnce(&mut T)) -> bool {
-        let Ok(mut loan) = self.publisher.loan_uninit() else {
-            return false;
-        };
-        #[allow(unsafe_code)]
-        // SAFETY: the memory is mapped shared memory, initialised by the kernel or by an older sample, and `Layout`
-        // promises that every bit pattern is a valid `T`.
-        fill(unsafe { loan.payload_mut().assume_init_mut() });
-        let publish = crate::now();
-        #[allow(unsafe_code)]
-        // SAFETY: as above.
-        let mut sample = unsafe { loan.assume_init() };
-        if let Some(duty) = &self.duty {
-            duty.count(&header, publish, sample.payload().is_plausible());
-            if !duty.owns_cycle() {
-                return true;
+        let Self {
+            publisher,
+            clock,
+            generation,
+            count,
+            duty,
+        } = self;
+        publisher.write(fill, |payload| {
+            let publish = clock.now();
+            if let Some(duty) = duty {
+                duty.count(&header, publish, payload.is_plausible());
+                if !duty.owns_cycle() {
+                    return None;
+                }
             }
-        }
-        self.count = self.count.wrapping_add(1);
-        *sample.user_header_mut() = self.stamp(header, publish);
-        let sent = sample.send().is_ok();
-        if let Some(notifier) = &self.notifier {
-            // A reader that is busy has not fetched its last wake-up yet: it will look anyway.
-            let _already_awake = notifier.notify();
-        }
-        sent
+            *count = count.wrapping_add(1);
+            // In the high half of the sequence, so that it only ever grows.
+            let epoch = duty.as_ref().map_or(*generation, |duty| duty.epoch());
+            let header = SampleHeader {
+                sequence: u64::from(epoch) << 32 | u64::from(*count),
+                generation: *generation,
+                ..header
+            };
+            Some(published(header, publish))
+        })
     }
 
     /// Lets readers that came after the last sample find it.
     pub fn greet(&self) {
-        let _not_yet = self.publisher.update_connections();
+        self.publisher.connect();
     }
+}
 
-    /// Completes the header: sequence (the epoch in the high half, so that it only ever grows), publication, and the
-    /// end of the stage that made it.
-    fn stamp(&self, mut header: SampleHeader, publish: Timestamp) -> SampleHeader {
-        let epoch = self.duty.as_ref().map_or(self.generation, |duty| duty.epoch());
-        header.sequence = u64::from(epoch) << 32 | u64::from(self.count);
-        header.generation = self.generation;
-        header.publish = publish;
-        for stage in &mut header.stages {
-            if stage.begin.is_set() && !stage.end.is_set() {
-                stage.end = publish;
-            }
+/// `header` with its publication, and the end of the stage that made the sample.
+fn published(mut header: SampleHeader, publish: Timestamp) -> SampleHeader {
+    header.publish = publish;
+    for stage in &mut header.stages {
+        if stage.begin.is_set() && !stage.end.is_set() {
+            stage.end = publish;
         }
-        header
     }
+    header
 }

@@ -2,7 +2,7 @@
 
 use crate::config::SensorOutput;
 use crate::input::Input;
-use crate::service::Ports;
+use crate::ports::Ports;
 use crate::session::OpenError;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::{Stamped, topics};

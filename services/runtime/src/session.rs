@@ -1,43 +1,16 @@
-//! One process's connection to shared memory, and the only place that opens topics.
-//!
-//! Quality of service is derived from the topic table. Safe overflow is always on: a reader that does not keep up
-//! loses the oldest sample, it never blocks the writer. A dead reader therefore cannot stop a flight.
+//! One program's connection to its topics, and the only place that opens them.
 
+use crate::clock::Clock;
 use crate::input::Input;
 use crate::instance::Instance;
-use crate::janitor::{self, Swept};
+use crate::janitor::Swept;
 use crate::output::Output;
-use iceoryx2::node::{Node, NodeBuilder};
-use iceoryx2::port::listener::Listener;
-use iceoryx2::port::notifier::Notifier;
-use iceoryx2::prelude::{NodeName, ServiceName, SignalHandlingMode, ipc};
-use iceoryx2::service::port_factory::{event, publish_subscribe};
-use jink_shared_types::SampleHeader;
+use crate::transport::local::LocalBus;
+use crate::transport::shared::Connection;
+use crate::transport::{Publisher, Subscriber, Wakeup};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::topics::{Topic, TopicRow};
 use std::fmt;
-use std::time::Duration;
-
-/// Active, shadow, and one dead that has not been cleaned up yet.
-const MAX_PUBLISHERS: usize = 3;
-/// The same of a topic on which every process speaks.
-const MAX_PUBLISHERS_SHARED: usize = 40;
-/// Consumers and their shadows, recorder, several command line tools.
-const MAX_SUBSCRIBERS: usize = 12;
-/// The same of a topic that every process and its shadow may read. Each subscriber that might come costs a publisher room for
-/// the samples it might hold, and time at its start.
-const MAX_SUBSCRIBERS_ALL: usize = 40;
-/// Nodes that may know a topic at once.
-const MAX_NODES: usize = 64;
-/// The sample being read, the next one, and one spare while the queue is drained.
-const MAX_BORROWED: usize = 3;
-/// One being filled, one spare.
-pub(crate) const MAX_LOANED: usize = 2;
-/// Processes that may be woken by one topic: every one and its shadow by the control record.
-const MAX_LISTENERS: usize = 40;
-/// Opening may meet a service in the middle of its creation or destruction by somebody else: those answers pass.
-const OPEN_ATTEMPTS: u32 = 50;
-const OPEN_RETRY: Duration = Duration::from_millis(4);
 
 /// Why a topic, or the connection itself, could not be opened.
 #[derive(Debug)]
@@ -89,13 +62,15 @@ impl fmt::Display for OpenError {
 }
 impl std::error::Error for OpenError {}
 
-pub(crate) type PubSubFactory<T> = publish_subscribe::PortFactory<ipc::Service, T, SampleHeader>;
-pub(crate) type EventFactory = event::PortFactory<ipc::Service>;
+/// Where a session's topics are.
+enum Transport {
+    Shared(Connection),
+    Local(LocalBus),
+}
 
-/// A connection to one instance's shared memory.
+/// A program's connection to the topics of one instance.
 pub struct Session {
-    node: Node<ipc::Service>,
-    instance: Instance,
+    transport: Transport,
     program: String,
 }
 
@@ -106,30 +81,31 @@ impl fmt::Debug for Session {
 }
 
 impl Session {
-    /// Connects `program` (a name from the topic table's producers and consumers) to `instance`.
+    /// Connects `program` (a name from the topic table's producers and consumers) to the shared memory of `instance`.
     ///
     /// # Errors
     /// [`OpenError::Transport`] if shared memory cannot be reached.
     pub fn open(instance: &Instance, program: &str) -> Result<Self, OpenError> {
-        let failed = |cause: String| OpenError::Transport {
-            topic: format!("instance {instance}"),
-            cause,
-        };
-        let config = instance
-            .iceoryx_config()
-            .ok_or_else(|| failed("its folder is no valid path".to_owned()))?;
-        let name = NodeName::new(program).map_err(|error| failed(format!("{error:?}")))?;
-        let node = NodeBuilder::new()
-            .name(&name)
-            .config(&config)
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<ipc::Service>()
-            .map_err(|error| failed(format!("{error:?}")))?;
         Ok(Self {
-            node,
-            instance: instance.clone(),
+            transport: Transport::Shared(Connection::open(instance, program)?),
             program: program.to_owned(),
         })
+    }
+
+    /// Connects `program` to topics within this process.
+    pub fn local(bus: &LocalBus, program: &str) -> Self {
+        Self {
+            transport: Transport::Local(bus.clone()),
+            program: program.to_owned(),
+        }
+    }
+
+    /// The clock of all samples of this connection.
+    pub fn clock(&self) -> Clock {
+        match &self.transport {
+            Transport::Shared(_) => Clock::monotonic(),
+            Transport::Local(bus) => Clock::of(bus),
+        }
     }
 
     /// Opens `topic` (member `member` of a family, ignored otherwise) for publishing.
@@ -144,24 +120,13 @@ impl Session {
     ) -> Result<Output<T>, OpenError> {
         self.check(&topic.row, topic.row.may_publish(&self.program), "publish")?;
         let name = topic.row.topic_name(member);
-        let factory = self.pub_sub(&topic, &name)?;
-        let transport = |cause: String| OpenError::Transport {
-            topic: name.clone(),
-            cause,
-        };
-        let publisher = factory
-            .publisher_builder()
-            .max_loaned_samples(MAX_LOANED)
-            .create()
-            .map_err(|error| transport(format!("{error:?}")))?;
-        let notifier: Option<Notifier<ipc::Service>> = match topic.row.wakes {
-            true => {
-                let notifier = self.event(&name)?.notifier_builder().create();
-                Some(notifier.map_err(|error| transport(format!("{error:?}")))?)
+        let publisher = match &self.transport {
+            Transport::Shared(connection) => {
+                Publisher::Shared(Box::new(connection.publisher(&topic, &name)?))
             }
-            false => None,
+            Transport::Local(bus) => Publisher::Local(bus.publisher(&topic, &name)?),
         };
-        Ok(Output::new(publisher, notifier, generation))
+        Ok(Output::new(publisher, self.clock(), generation))
     }
 
     /// Opens `topic` for reading.
@@ -171,14 +136,10 @@ impl Session {
     pub fn input<T: Layout>(&self, topic: Topic<T>, member: &str) -> Result<Input<T>, OpenError> {
         self.check(&topic.row, topic.row.may_read(&self.program), "read")?;
         let name = topic.row.topic_name(member);
-        let factory = self.pub_sub(&topic, &name)?;
-        let subscriber = factory
-            .subscriber_builder()
-            .create()
-            .map_err(|error| OpenError::Transport {
-                topic: name.clone(),
-                cause: format!("{error:?}"),
-            })?;
+        let subscriber = match &self.transport {
+            Transport::Shared(connection) => Subscriber::Shared(connection.subscriber(&topic, &name)?),
+            Transport::Local(bus) => Subscriber::Local(bus.subscriber(&topic, &name)?),
+        };
         let input = Input::new(subscriber, name, topic.row.deadline_ms);
         Ok(if topic.row.is_shared() {
             input.of_all_producers()
@@ -188,20 +149,13 @@ impl Session {
     }
 
     /// Opens the wake-ups of a topic. The table says which have any.
-    pub(crate) fn listener<T>(
-        &self,
-        topic: Topic<T>,
-        member: &str,
-    ) -> Result<Listener<ipc::Service>, OpenError> {
+    pub(crate) fn wakeup<T: Layout>(&self, topic: Topic<T>, member: &str) -> Result<Wakeup, OpenError> {
         self.check(&topic.row, topic.row.wakes, "wait for")?;
         let name = topic.row.topic_name(member);
-        self.event(&name)?
-            .listener_builder()
-            .create()
-            .map_err(|error| OpenError::Transport {
-                topic: name,
-                cause: format!("{error:?}"),
-            })
+        Ok(match &self.transport {
+            Transport::Shared(connection) => Wakeup::Shared(Box::new(connection.wakeup(&name)?)),
+            Transport::Local(bus) => Wakeup::Local(bus.wakeup::<T>(&name)?),
+        })
     }
 
     /// Creates (or joins) a topic and holds it open, so that its quality of service outlives its users.
@@ -210,17 +164,22 @@ impl Session {
     /// See [`OpenError`].
     pub fn hold<T: Layout>(&self, topic: Topic<T>, member: &str) -> Result<HeldTopic, OpenError> {
         let name = topic.row.topic_name(member);
-        let samples = self.pub_sub(&topic, &name)?;
-        let events = topic.row.wakes.then(|| self.event(&name)).transpose()?;
         Ok(HeldTopic {
-            _held: Box::new((samples, events)),
+            _held: match &self.transport {
+                Transport::Shared(connection) => Some(connection.hold(&topic, &name)?),
+                // A topic is there as long as its bus.
+                Transport::Local(_) => None,
+            },
         })
     }
 
     /// Removes what dead processes left behind. Takes milliseconds and allocates: for the supervisor only, after
     /// control has moved.
     pub fn clean_up_dead(&self) -> Swept {
-        janitor::sweep(&self.instance, self.node.config())
+        match &self.transport {
+            Transport::Shared(connection) => connection.clean_up_dead(),
+            Transport::Local(_) => Swept::default(),
+        }
     }
 
     fn check(&self, row: &TopicRow, allowed: bool, what: &'static str) -> Result<(), OpenError> {
@@ -234,109 +193,15 @@ impl Session {
             })
         }
     }
-
-    fn service_name(name: &str) -> Result<ServiceName, OpenError> {
-        ServiceName::new(name).map_err(|error| OpenError::Transport {
-            topic: name.to_owned(),
-            cause: format!("{error:?}"),
-        })
-    }
-
-    fn pub_sub<T: Layout>(&self, topic: &Topic<T>, name: &str) -> Result<PubSubFactory<T>, OpenError> {
-        let service = Self::service_name(name)?;
-        let subscribers = if topic.row.consumers.contains(&"*") {
-            MAX_SUBSCRIBERS_ALL
-        } else {
-            MAX_SUBSCRIBERS
-        };
-        let publishers = if topic.row.is_shared() {
-            MAX_PUBLISHERS_SHARED
-        } else {
-            MAX_PUBLISHERS
-        };
-        retry(|| {
-            self.node
-                .service_builder(&service)
-                .publish_subscribe::<T>()
-                .user_header::<SampleHeader>()
-                .max_publishers(publishers)
-                .max_subscribers(subscribers)
-                .max_nodes(MAX_NODES)
-                .history_size(1)
-                .subscriber_max_buffer_size(topic.row.buffer)
-                .subscriber_max_borrowed_samples(MAX_BORROWED)
-                .enable_safe_overflow(true)
-                .open_or_create()
-        })
-        .map_err(|error| {
-            let cause = format!("{error:?}");
-            if cause.contains("IncompatibleTypes") {
-                OpenError::Layout {
-                    topic: name.to_owned(),
-                    ours: jink_shared_types::layout::type_name::<T>(),
-                    cause,
-                }
-            } else {
-                OpenError::Transport {
-                    topic: name.to_owned(),
-                    cause,
-                }
-            }
-        })
-    }
-
-    fn event(&self, name: &str) -> Result<EventFactory, OpenError> {
-        let service = Self::service_name(name)?;
-        retry(|| {
-            self.node
-                .service_builder(&service)
-                .event()
-                .max_notifiers(MAX_PUBLISHERS)
-                .max_listeners(MAX_LISTENERS)
-                .max_nodes(MAX_NODES)
-                .open_or_create()
-        })
-        .map_err(|error| OpenError::Transport {
-            topic: name.to_owned(),
-            cause: format!("{error:?}"),
-        })
-    }
 }
 
 /// A topic that exists as long as this lives.
 pub struct HeldTopic {
-    _held: Box<dyn std::any::Any>,
+    _held: Option<Box<dyn std::any::Any>>,
 }
 
 impl fmt::Debug for HeldTopic {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("HeldTopic")
     }
-}
-
-/// Tries `open` again while the answer is one that passes by itself.
-fn retry<T, E: fmt::Debug>(mut open: impl FnMut() -> Result<T, E>) -> Result<T, E> {
-    let mut attempt = 0;
-    loop {
-        match open() {
-            Err(error) if attempt < OPEN_ATTEMPTS && passes_by_itself(&error) => {
-                attempt += 1;
-                std::thread::sleep(OPEN_RETRY);
-            }
-            answer => return answer,
-        }
-    }
-}
-
-fn passes_by_itself<E: fmt::Debug>(error: &E) -> bool {
-    let text = format!("{error:?}");
-    [
-        "HangsInCreation",
-        "ServiceInCorruptedState",
-        "IsMarkedForDestruction",
-        "SystemInFlux",
-        "AlreadyExists",
-    ]
-    .iter()
-    .any(|passing| text.contains(passing))
 }

@@ -1,27 +1,46 @@
-//! Topics over real shared memory: what a reader gets, when, and from whom.
+//! Topics over real shared memory and within one process: what a reader gets, when, and from whom. Both are to be the same.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use jink_runtime::lockstep::LocalBus;
 use jink_runtime::{Instance, OpenError, Session, now};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::topics;
 use jink_shared_types::{Reading, SampleHeader};
 
-/// An instance of its own that leaves nothing behind.
-struct Isolated(Instance);
+/// Where the topics are.
+enum Place {
+    /// An instance of its own that leaves nothing behind.
+    Shared(Instance),
+    Local(LocalBus),
+}
 
-impl Isolated {
-    fn new(test: &str) -> Self {
-        let instance: Instance = format!("rt_{test}_{}", std::process::id()).parse().unwrap();
-        std::fs::create_dir_all(instance.folder()).unwrap();
-        Self(instance)
+impl Place {
+    fn open(&self, program: &str) -> Session {
+        match self {
+            Self::Shared(instance) => Session::open(instance, program).unwrap(),
+            Self::Local(bus) => {
+                bus.set_clock(now());
+                Session::local(bus, program)
+            }
+        }
     }
 }
 
-impl Drop for Isolated {
+impl Drop for Place {
     fn drop(&mut self) {
-        self.0.wipe().unwrap();
-        std::fs::remove_dir_all(self.0.folder()).unwrap();
+        if let Self::Shared(instance) = self {
+            instance.wipe().unwrap();
+            std::fs::remove_dir_all(instance.folder()).unwrap();
+        }
     }
+}
+
+/// Keeps a promise in both.
+fn in_both(test: &str, promise: impl Fn(&Place)) {
+    let instance: Instance = format!("rt_{test}_{}", std::process::id()).parse().unwrap();
+    std::fs::create_dir_all(instance.folder()).unwrap();
+    promise(&Place::Shared(instance));
+    promise(&Place::Local(LocalBus::new(now())));
 }
 
 fn status(setpoints: u64) -> LinkStatus {
@@ -33,85 +52,126 @@ fn status(setpoints: u64) -> LinkStatus {
 
 #[test]
 fn a_reader_gets_the_newest_and_the_sequence_grows_over_restarts() {
-    let isolated = Isolated::new("newest");
-    let gateway = Session::open(&isolated.0, "mavlink_gateway").unwrap();
-    let reader = Session::open(&isolated.0, "supervisor").unwrap();
-    let mut input = reader.input(topics::LINK_STATUS, "").unwrap();
-    assert!(matches!(input.latest(now()), Reading::Never));
+    in_both("newest", |place| {
+        let gateway = place.open("mavlink_gateway");
+        let reader = place.open("supervisor");
+        let mut input = reader.input(topics::LINK_STATUS, "").unwrap();
+        assert!(matches!(input.latest(now()), Reading::Never));
 
-    let mut first = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
-    for setpoints in 1..=3 {
-        assert!(first.send(SampleHeader::at(now()), &status(setpoints)));
-    }
-    let Reading::Fresh(newest) = input.latest(now()) else {
-        panic!("nothing arrived");
-    };
-    assert_eq!((newest.setpoints, newest.header.generation), (3, 1));
+        let mut first = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
+        for setpoints in 1..=3 {
+            assert!(first.send(SampleHeader::at(now()), &status(setpoints)));
+        }
+        let Reading::Fresh(newest) = input.latest(now()) else {
+            panic!("nothing arrived");
+        };
+        assert_eq!((newest.setpoints, newest.header.generation), (3, 1));
 
-    let mut second = gateway.output(topics::LINK_STATUS, "", 2).unwrap();
-    assert!(second.send(SampleHeader::at(now()), &status(10)));
-    assert!(
-        first.send(SampleHeader::at(now()), &status(4)),
-        "the replaced producer still sends"
-    );
-    let Reading::Fresh(newest) = input.latest(now()) else {
-        panic!("nothing arrived");
-    };
-    assert_eq!(
-        (newest.setpoints, newest.header.generation),
-        (10, 2),
-        "the older generation is ignored"
-    );
+        let mut second = gateway.output(topics::LINK_STATUS, "", 2).unwrap();
+        assert!(second.send(SampleHeader::at(now()), &status(10)));
+        assert!(
+            first.send(SampleHeader::at(now()), &status(4)),
+            "the replaced producer still sends"
+        );
+        let Reading::Fresh(newest) = input.latest(now()) else {
+            panic!("nothing arrived");
+        };
+        assert_eq!(
+            (newest.setpoints, newest.header.generation),
+            (10, 2),
+            "the older generation is ignored"
+        );
+    });
 }
 
 #[test]
 fn a_late_reader_finds_the_last_sample_of_a_live_producer() {
-    let isolated = Isolated::new("late");
-    let gateway = Session::open(&isolated.0, "mavlink_gateway").unwrap();
-    let mut output = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
-    output.send(SampleHeader::at(now()), &status(7));
-    let reader = Session::open(&isolated.0, "supervisor").unwrap();
-    let mut input = reader.input(topics::LINK_STATUS, "").unwrap();
-    output.greet();
-    let value = input.latest(now()).fresh().map(|sample| sample.setpoints);
-    assert_eq!(value, Some(7));
+    in_both("late", |place| {
+        let gateway = place.open("mavlink_gateway");
+        let mut output = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
+        output.send(SampleHeader::at(now()), &status(7));
+        let reader = place.open("supervisor");
+        let mut input = reader.input(topics::LINK_STATUS, "").unwrap();
+        output.greet();
+        let value = input.latest(now()).fresh().map(|sample| sample.setpoints);
+        assert_eq!(value, Some(7));
+    });
+}
+
+#[test]
+fn what_was_received_outlives_its_producer_and_what_was_not_does_not() {
+    in_both("gone", |place| {
+        let gateway = place.open("mavlink_gateway");
+        let reader = place.open("supervisor");
+        let mut input = reader.input(topics::LINK_STATUS, "").unwrap();
+        let mut output = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
+        output.send(SampleHeader::at(now()), &status(7));
+        assert!(input.latest(now()).is_fresh());
+        drop(output);
+        assert_eq!(input.newest().map(|sample| sample.setpoints), Some(7));
+        let mut late = reader.input(topics::LINK_STATUS, "").unwrap();
+        assert!(matches!(late.latest(now()), Reading::Never));
+    });
+}
+
+#[test]
+fn a_reader_that_falls_behind_loses_the_oldest_and_counts_them() {
+    in_both("behind", |place| {
+        let gateway = place.open("mavlink_gateway");
+        let reader = place.open("supervisor");
+        let mut input = reader.input(topics::LINK_STATUS, "").unwrap();
+        let mut output = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
+        output.send(SampleHeader::at(now()), &status(0));
+        assert!(input.latest(now()).is_fresh());
+        let kept = topics::LINK_STATUS.row.buffer as u64;
+        for setpoints in 1..=10 {
+            output.send(SampleHeader::at(now()), &status(setpoints));
+        }
+        let mut seen = Vec::new();
+        input.each(|sample| seen.push(sample.setpoints));
+        assert_eq!(seen, (11 - kept..=10).collect::<Vec<_>>());
+        assert_eq!(input.lost(), 10 - kept);
+    });
 }
 
 #[test]
 fn a_sample_goes_stale_after_its_deadline() {
-    let isolated = Isolated::new("stale");
-    let gateway = Session::open(&isolated.0, "mavlink_gateway").unwrap();
-    let reader = Session::open(&isolated.0, "supervisor").unwrap();
-    let mut input = reader.input(topics::LINK_STATUS, "").unwrap();
-    let mut output = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
-    output.send(SampleHeader::at(now()), &status(7));
-    let later = now().plus_seconds(topics::LINK_STATUS.row.deadline_ms * 1e-3 + 1.0);
-    assert!(matches!(input.latest(later), Reading::Stale { age_s } if age_s > 1.0));
+    in_both("stale", |place| {
+        let gateway = place.open("mavlink_gateway");
+        let reader = place.open("supervisor");
+        let mut input = reader.input(topics::LINK_STATUS, "").unwrap();
+        let mut output = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
+        output.send(SampleHeader::at(now()), &status(7));
+        let later = now().plus_seconds(topics::LINK_STATUS.row.deadline_ms * 1e-3 + 1.0);
+        assert!(matches!(input.latest(later), Reading::Stale { age_s } if age_s > 1.0));
+    });
 }
 
 #[test]
 fn a_program_outside_the_row_is_refused() {
-    let isolated = Isolated::new("row");
-    let planner = Session::open(&isolated.0, "planner").unwrap();
-    let publish = planner.output(topics::VEHICLE_STATE, "", 1);
-    assert!(matches!(publish, Err(OpenError::NotInTable { .. })));
-    let read = planner.input(topics::RANGE_CLOUD, "lidar");
-    assert!(matches!(read, Err(OpenError::NotInTable { .. })));
+    in_both("row", |place| {
+        let planner = place.open("planner");
+        let publish = planner.output(topics::VEHICLE_STATE, "", 1);
+        assert!(matches!(publish, Err(OpenError::NotInTable { .. })));
+        let read = planner.input(topics::RANGE_CLOUD, "lidar");
+        assert!(matches!(read, Err(OpenError::NotInTable { .. })));
+    });
 }
 
 #[test]
 fn two_layouts_of_one_topic_refuse_to_meet() {
-    let isolated = Isolated::new("layout");
-    let gateway = Session::open(&isolated.0, "mavlink_gateway").unwrap();
-    let _held = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
-    // The same name with another payload stands for a build with another layout.
-    let mut row = topics::SIM_TRUTH;
-    row.row.name = topics::LINK_STATUS.row.name;
-    let simulator = Session::open(&isolated.0, "simulator").unwrap();
-    let refused = simulator.output(row, "", 1);
-    assert!(
-        matches!(refused, Err(OpenError::Layout { .. })),
-        "{:?}",
-        refused.err()
-    );
+    in_both("layout", |place| {
+        let gateway = place.open("mavlink_gateway");
+        let _held = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
+        // The same name with another payload stands for a build with another layout.
+        let mut row = topics::SIM_TRUTH;
+        row.row.name = topics::LINK_STATUS.row.name;
+        let simulator = place.open("simulator");
+        let refused = simulator.output(row, "", 1);
+        assert!(
+            matches!(refused, Err(OpenError::Layout { .. })),
+            "{:?}",
+            refused.err()
+        );
+    });
 }

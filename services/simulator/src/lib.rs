@@ -10,6 +10,7 @@
 //! | [`flyer`] | | what both have in common |
 //! | [`ground_station`] | MAVLink messages, a flight plan | MAVLink messages, progress |
 //! | [`sitl`] | a build of PX4 or ArduCopter | it runs, with this simulator around it: truth |
+//! | [`service`] | topics, MAVLink on sockets | the processes that the above runs in |
 //! | [`truth`] | autopilot, world | ground truth of the flight |
 //!
 //! Everything is a pure step with a fixed period: the same seed gives the same flight to the bit, in lock-step
@@ -21,6 +22,7 @@ pub mod flyer;
 pub mod ground_station;
 pub mod random;
 pub mod sensors;
+pub mod service;
 pub mod sitl;
 pub mod truth;
 pub mod vehicle;

@@ -1,7 +1,8 @@
 //! Reproducible random numbers: xoshiro256++ seeded through SplitMix64.
 //!
 //! Source: D. Blackman, S. Vigna, "Scrambled Linear Pseudorandom Number Generators", ACM TOMS 47(4), 2021. Written out
-//! here because a flight must be the same to the bit for ever, which the generators of a crate do not promise.
+//! here because a flight must be the same to the bit for ever. Of the crate rand `StdRng` and `SmallRng` do not promise that; its
+//! named generators do (rand_xoshiro has this one), and what is left to write are the uniform and normal numbers made of it.
 
 /// A stream of random numbers; the same seed gives the same stream.
 #[derive(Clone, Debug)]

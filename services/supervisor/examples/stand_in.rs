@@ -56,7 +56,7 @@ impl Service for StandIn {
                 std::thread::sleep(Duration::from_millis(10));
             }
         }
-        Wake::within_s(0.005)
+        Wake::at(cycle.now.plus_seconds(0.005))
     }
 }
 

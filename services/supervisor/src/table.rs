@@ -9,6 +9,7 @@
 //! | `arguments_external` | as `arguments` | the same where the autopilot is not the simulated one |
 //! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered) |
 //! | `per_sensor` | none | one process for each `[[sensor]]` of this kind that has a `device`; its name stands for `{sensor}` in `name` and `arguments` |
+//! | `output` | `false` | it speaks to the autopilot: `on_failure = "stop_output"` stops it |
 //! | `essential` | `true` | the system cannot fly without it |
 //! | `cycle_budget_us` | `0` | longest cycle; 0 = none |
 //! | `end_to_end_ms` | `0` | oldest range data behind an output; older ones are told with the stage that ate the time; 0 = any |
@@ -21,17 +22,19 @@
 //! | `core`, `priority`, `lock_memory` | none, `0`, `false` | CPU to stay on, SCHED_FIFO priority, pages kept in memory |
 //! | `log` | the supervisor's | `"error"`, `"warn"`, `"info"`, `"debug"`, `"trace"` |
 //!
-//! A `[defaults]` section may give any key but the first six; a row wins over it. Whatever is not understood is
+//! A `[defaults]` section may give any key but the first seven; a row wins over it. Whatever is not understood is
 //! refused with file, line and the nearest valid word.
 
 mod check;
 
 use crate::policy::RestartRule;
 use crate::slowness::SlowRule;
+use jink_runtime::Instance;
 use jink_runtime::config::{
     ConfigError, PROCESS_FILE, Sensor, line_of, of_sensor, parse_toml, plugged_in, read,
 };
 use serde::Deserialize;
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
@@ -86,7 +89,7 @@ pub enum OnFailure {
     /// The system counts as failed and everything else goes on: the committed stop is flown and the gateway keeps
     /// the autopilot holding.
     Hold,
-    /// The system counts as failed and the gateway is stopped as well, so that the autopilot's own fail-safe for a
+    /// The system counts as failed and the row with `output = true` is stopped as well, so that the autopilot's own fail-safe for a
     /// lost companion decides what happens next.
     StopOutput,
     /// Nothing: the system counts as degraded at most.
@@ -195,6 +198,7 @@ impl ProcessTable {
             rows.push(row);
         }
         check::size(&rows, &at)?;
+        check::output_is_there(&rows, file)?;
         Ok(Self {
             file: file.to_owned(),
             rows,
@@ -205,7 +209,7 @@ impl ProcessTable {
     /// executable files: absolute, or in `folder`. What is there per sensor is there once for each of `sensors` that it is for.
     ///
     /// # Errors
-    /// [`ConfigError`] naming the line of the row, and the path that was tried or the name that is taken.
+    /// [`ConfigError`] naming the line of the row, and the path that was tried, the name that is taken, or the output that it lacks.
     pub fn select(
         &self,
         mode: Mode,
@@ -235,11 +239,64 @@ impl ProcessTable {
             check::joins(&row, &selected, &self.file)?;
             selected.push(row);
         }
+        check::output_is_there(&selected, &self.file)?;
         Ok(selected)
     }
 }
 
+/// One start of a process.
+#[derive(Clone, Copy, Debug)]
+pub struct Start<'a> {
+    /// The instance it belongs to.
+    pub instance: &'a Instance,
+    /// Folder of its configuration.
+    pub config: &'a Path,
+    /// Log level, where the row gives none.
+    pub log: tracing::Level,
+    /// Which start of it this is.
+    pub generation: u32,
+    /// It computes, but publishes nothing before the control record says so.
+    pub is_shadow: bool,
+}
+
 impl ProcessRow {
+    /// The command line of a start, without the program's name: [`jink_runtime::Setup`] reads it.
+    pub fn arguments_of(&self, start: &Start<'_>) -> Vec<OsString> {
+        let text = |text: &dyn ToString| OsString::from(text.to_string());
+        let mut arguments: Vec<OsString> = vec![
+            "--process".into(),
+            text(&self.rules.name),
+            "--instance".into(),
+            text(start.instance),
+            "--config".into(),
+            start.config.into(),
+            "--generation".into(),
+            text(&start.generation),
+            "--budget-us".into(),
+            text(&self.rules.cycle_budget_us),
+            "--end-to-end-us".into(),
+            text(&self.rules.end_to_end_us),
+            "--priority".into(),
+            text(&self.priority),
+            "--log".into(),
+            text(&self.log.unwrap_or(start.log).to_string().to_lowercase()),
+        ];
+        if let Some(core) = self.core {
+            arguments.extend(["--core".into(), text(&core)]);
+        }
+        if start.is_shadow {
+            arguments.push("--shadow".into());
+        }
+        if self.lock_memory {
+            arguments.push("--lock-memory".into());
+        }
+        if !self.arguments.is_empty() {
+            arguments.push("--".into());
+            arguments.extend(self.arguments.iter().map(OsString::from));
+        }
+        arguments
+    }
+
     /// The row once, or once for each of `sensors` that it is for.
     fn per_sensor_of(&self, sensors: &[Sensor]) -> Vec<Self> {
         let Some(kind) = &self.per_sensor else {
@@ -275,6 +332,7 @@ struct Written {
     arguments_external: Option<Spanned<Vec<String>>>,
     when: Option<Spanned<String>>,
     per_sensor: Option<Spanned<String>>,
+    output: Option<Spanned<bool>>,
     essential: Option<bool>,
     cycle_budget_us: Option<Spanned<i64>>,
     end_to_end_ms: Option<Spanned<i64>>,
@@ -329,6 +387,7 @@ impl Written {
             ),
             ("when", self.when.as_ref().map(Spanned::span)),
             ("per_sensor", self.per_sensor.as_ref().map(Spanned::span)),
+            ("output", self.output.as_ref().map(Spanned::span)),
         ];
         for (key, span) in of_a_row {
             if let Some(span) = span {

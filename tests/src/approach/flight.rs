@@ -118,6 +118,7 @@ fn setup(cell: &Cell) -> Result<FlightSetup, String> {
         autopilot,
         profile: ProfileName::Px4Deviation,
         representation: Representation::default(),
+        takes_missions: true,
         link_faults: None,
         plan: FlightPlan {
             takeoff_height_m: HEIGHT_M,

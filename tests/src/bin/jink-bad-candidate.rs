@@ -105,7 +105,7 @@ impl Service for BadPlanner {
         if self.vice != Vice::Mute {
             self.output.send(header, &route);
         }
-        Wake::within_s(1.0 / 30.0)
+        Wake::at(cycle.now.plus_seconds(1.0 / 30.0))
     }
 }
 

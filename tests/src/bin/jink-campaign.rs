@@ -218,7 +218,7 @@ fn summary(arguments: &Arguments, reports: &[FlightReport], wall_s: f64) {
     println!("  certificates lost {}", sum(|r| r.certificates_lost));
     println!("  falls to Hold    {}", sum(|r| r.hold_count as usize));
     let hash = reports.iter().fold(0u64, |hash, report| {
-        jink_shared_types::layout::hash_text(hash ^ report.seed, &report.hash)
+        jink_shared_types::hash::text(hash ^ report.seed, &report.hash)
     });
     println!("  hash             {hash:016x}");
     println!("  wall time        {wall_s:.1} s");

@@ -9,7 +9,7 @@ use jink_cli::param_list::{Listed, table};
 use jink_runtime::{Input, Instance, Session};
 use jink_shared_types::params::{Apply, ParamSet, TABLE};
 use jink_shared_types::tuning::{ParameterChange, ParameterValues, TABLE_HASH};
-use jink_shared_types::{SampleHeader, topics};
+use jink_shared_types::{Reserved, SampleHeader, topics};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -148,7 +148,7 @@ fn set(
         id: jink_runtime::now().ns | 1,
         value,
         row: number as u32,
-        reserved: 0,
+        reserved: Reserved::ZERO,
     };
     let end = Instant::now() + PATIENCE;
     let mut ask_at = Instant::now();

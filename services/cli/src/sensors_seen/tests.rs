@@ -1,7 +1,7 @@
 use super::{Seen, SensorTable, judge, subject};
 use crate::findings::{Finding, Grade};
 use jink_shared_types::events::{AVOIDANCE_READY, EventSample, RANGEFINDER_LOST};
-use jink_shared_types::frames::Attitude;
+use jink_shared_types::frames::Mounting;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, RayKind, ScanFrame};
 use jink_shared_types::ring::{SECTORS, SectorRing};
@@ -152,7 +152,7 @@ fn noisy(range_m: f32, i: usize) -> f32 {
 
 fn down(mut scan: RangeScan) -> RangeScan {
     let turned = UnitQuaternion::from_euler_angles(0.0, -std::f64::consts::FRAC_PI_2, 0.0);
-    scan.mounting = Attitude::from_rotation(turned);
+    scan.mounting = Mounting::from_rotation(turned);
     scan
 }
 

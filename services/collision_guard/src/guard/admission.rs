@@ -3,10 +3,11 @@
 //!
 //! Limits are tested on the control points of the derivatives: a curve lies in the hull of its control points, so a bound
 //! that holds for them holds for the curve (see [`jink_shared_types::bezier`]). The hull is larger than the curve; where it
-//! sticks out the curve is cut in halves, twice at most, which takes away fifteen sixteenths of the excess.
+//! sticks out the curve is cut in halves, twice at most, which takes away fifteen sixteenths of the excess. By how much a limit
+//! may be exceeded is the generator's measure as well ([`jink_shared_types::motion::LIMIT_TOLERANCE`]).
 
 use jink_shared_types::Timestamp;
-use jink_shared_types::bezier::{self, derivative, derivative_scalar};
+use jink_shared_types::bezier::{derivative, derivative_scalar, hull_keeps};
 use jink_shared_types::motion::{BezierPiece, GuardReason, MotionLimits, MotionState, Trajectory};
 use nalgebra::Vector3;
 
@@ -17,10 +18,6 @@ use nalgebra::Vector3;
 const SAME_POSITION_M: f64 = 0.02;
 const SAME_VELOCITY_MPS: f64 = 0.05;
 const SAME_ACCELERATION_MPS2: f64 = 0.1;
-/// Share by which limits may be exceeded: rounding, and solvers that stop just outside.
-const LIMIT_TOLERANCE: f64 = 0.02;
-/// The same, absolute, where a limit is zero.
-const LIMIT_SLACK: f64 = 1e-3;
 /// How often a curve is halved before its hull counts as its extent.
 const HALVINGS: u32 = 2;
 /// Pieces cut shorter than this (s) are numerical dust.
@@ -143,7 +140,7 @@ struct Bounds {
 
 impl Bounds {
     fn new(limits: &MotionLimits, start: &MotionState) -> Self {
-        let bound = |limit: f64, inherited: f64| limit.max(inherited) * (1.0 + LIMIT_TOLERANCE) + LIMIT_SLACK;
+        let bound = |limit: f64, inherited: f64| MotionLimits::allowed(limit.max(inherited));
         Self {
             speed_mps: bound(limits.speed_mps, start.velocity.vector().norm()),
             climb_mps: bound(limits.climb_mps, -start.velocity.z_mps),
@@ -172,19 +169,125 @@ impl Bounds {
     }
 }
 
-/// Whether the curve with these control points keeps the convex condition `keeps`, as far as its hull, halved at most
-/// `halvings` times, can tell.
-fn hull_keeps<const N: usize>(
-    points: &[Vector3<f64>; N],
-    halvings: u32,
-    keeps: &impl Fn(&Vector3<f64>) -> bool,
-) -> bool {
-    if points.iter().all(keeps) {
-        return true;
+#[cfg(test)]
+mod tests {
+    use super::examine;
+    use jink_shared_types::Timestamp;
+    use jink_shared_types::bezier::{
+        End, derivative, derivative_scalar, evaluate, evaluate_scalar, quintic_between,
+    };
+    use jink_shared_types::motion::{
+        BezierPiece, GuardReason, LIMIT_SLACK, LIMIT_TOLERANCE, MotionLimits, Trajectory,
+    };
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    /// A way up and one down, at rest between, the heading turning all the while.
+    fn hop() -> impl Strategy<Value = [BezierPiece; 2]> {
+        let leg = (
+            (-2.0..2.0f64, -2.0..2.0f64, 0.5..2.0f64),
+            (0.3..2.0f64, any::<bool>()),
+            2.0..5.0f64,
+        );
+        [leg.clone(), leg].prop_map(|[up, down]| {
+            let rest = |position| End {
+                position,
+                velocity: Vector3::zeros(),
+                acceleration: Vector3::zeros(),
+            };
+            let mut from = Vector3::new(0.0, 0.0, -20.0);
+            let mut yaw = 0.0;
+            [(up, -1.0), (down, 1.0)].map(|(((x, y, z), (turn, left), duration_s), sign)| {
+                let to = from + Vector3::new(x, y, sign * z);
+                let points = quintic_between(&rest(from), &rest(to), duration_s);
+                let yaw_to = yaw + if left { -turn } else { turn };
+                let [a, b] = [yaw, yaw_to].map(|yaw| rest(Vector3::new(yaw, 0.0, 0.0)));
+                let heading = quintic_between(&a, &b, duration_s).map(|point| point.x);
+                (from, yaw) = (to, yaw_to);
+                BezierPiece::new(&points, heading, duration_s)
+            })
+        })
     }
-    if halvings == 0 {
-        return false;
+
+    /// The largest speed, climb, descent, acceleration, jerk and heading rate: of the motion itself, or of the control points.
+    fn extremes(pieces: &[BezierPiece], of_the_hull: bool) -> [f64; 6] {
+        let mut most = [0.0f64; 6];
+        for piece in pieces {
+            let velocity: [_; 5] = derivative(&piece.points(), piece.duration_s);
+            let acceleration: [_; 4] = derivative(&velocity, piece.duration_s);
+            let jerk: [_; 3] = derivative(&acceleration, piece.duration_s);
+            let yaw_rate: [f64; 5] = derivative_scalar(&piece.yaw_rad, piece.duration_s);
+            let mut see = |v: Vector3<f64>, a: Vector3<f64>, j: Vector3<f64>, rate: f64| {
+                for (most, value) in
+                    most.iter_mut()
+                        .zip([v.norm(), -v.z, v.z, a.norm(), j.norm(), rate.abs()])
+                {
+                    *most = most.max(value);
+                }
+            };
+            if of_the_hull {
+                for i in 0..5 {
+                    see(velocity[i], acceleration[i.min(3)], jerk[i.min(2)], yaw_rate[i]);
+                }
+            } else {
+                for i in 0..=400 {
+                    let u = f64::from(i) / 400.0;
+                    let rate = evaluate_scalar(&yaw_rate, u);
+                    see(
+                        evaluate(&velocity, u),
+                        evaluate(&acceleration, u),
+                        evaluate(&jerk, u),
+                        rate,
+                    );
+                }
+            }
+        }
+        most
     }
-    let (before, after) = bezier::split(points, 0.5);
-    hull_keeps(&before, halvings - 1, keeps) && hull_keeps(&after, halvings - 1, keeps)
+
+    fn limits_of(values: [f64; 6]) -> MotionLimits {
+        let [
+            speed_mps,
+            climb_mps,
+            descent_mps,
+            acceleration_mps2,
+            jerk_mps3,
+            yaw_rate_radps,
+        ] = values;
+        MotionLimits {
+            speed_mps,
+            climb_mps,
+            descent_mps,
+            acceleration_mps2,
+            jerk_mps3,
+            yaw_rate_radps,
+            ..MotionLimits::default()
+        }
+    }
+
+    fn examined(pieces: &[BezierPiece], limits: MotionLimits) -> Result<(), GuardReason> {
+        let mut trajectory = Trajectory {
+            id: 1,
+            start: Timestamp::from_seconds(100.0),
+            limits,
+            ..Trajectory::default()
+        };
+        assert!(pieces.iter().all(|piece| trajectory.push(*piece)));
+        examine(&trajectory)
+    }
+
+    proptest! {
+        #[test]
+        fn what_breaks_any_one_limit_is_refused_and_what_keeps_all_passes(
+            pieces in hop(), broken in 0usize..6, excess in 1e-6..0.5f64,
+        ) {
+            let mut values = extremes(&pieces, true);
+            prop_assert_eq!(examined(&pieces, limits_of(values)), Ok(()));
+            let reached = extremes(&pieces, false)[broken];
+            values[broken] = (reached * (1.0 - excess) - LIMIT_SLACK) / (1.0 + LIMIT_TOLERANCE);
+            prop_assert!(values[broken] > 0.0, "refused as too much, not as a limit that is none");
+            let refused = examined(&pieces, limits_of(values));
+            prop_assert_eq!(refused, Err(GuardReason::Unsound), "{:?}, {} reached", values, reached);
+        }
+    }
 }

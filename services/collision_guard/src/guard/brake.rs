@@ -10,7 +10,7 @@
 //! follows from `a1` and the jerk, so both are found by iteration.
 
 use jink_shared_types::bezier::{End, derivative, quintic_between, split_scalar};
-use jink_shared_types::motion::{BezierPiece, MotionState, Trajectory, TrajectoryMode};
+use jink_shared_types::motion::{BezierPiece, MotionLimits, MotionState, Trajectory, TrajectoryMode};
 use jink_shared_types::{Coded, Flag, Timestamp};
 use nalgebra::Vector3;
 
@@ -21,8 +21,6 @@ pub const LEAD_S: f64 = 0.05;
 const SHORTEST_S: f64 = 2e-3;
 /// Halvings of the interval in which the deceleration is sought: a billionth of it remains.
 const BISECTIONS: u32 = 30;
-/// Share by which the brake may exceed its own limits.
-const TOLERANCE: f64 = 0.01;
 
 /// How hard the brake may be.
 #[derive(Clone, Copy, Debug)]
@@ -200,8 +198,8 @@ impl Legs {
 
     /// Whether no leg brakes harder than allowed, or than it starts with.
     fn keep(&self, start: &End, hardness: Hardness) -> bool {
-        let most_mps2 = hardness.deceleration_mps2.max(start.acceleration.norm()) * (1.0 + TOLERANCE) + 1e-6;
-        let most_mps3 = hardness.jerk_mps3 * (1.0 + TOLERANCE) + 1e-6;
+        let most_mps2 = MotionLimits::allowed(hardness.deceleration_mps2.max(start.acceleration.norm()));
+        let most_mps3 = MotionLimits::allowed(hardness.jerk_mps3);
         let mut from = *start;
         self.len > 0
             && self.legs().all(|(end, duration_s)| {

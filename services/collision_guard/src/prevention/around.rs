@@ -51,13 +51,17 @@ pub struct Around {
 }
 
 impl Around {
-    /// What `ring` says at `now`.
+    /// What `ring` says at `now`: nothing, if it does not say where its sectors point.
     pub fn of(ring: &SectorRing, now: Timestamp) -> Self {
-        let yaw_rad = ring.attitude.yaw_rad();
-        let yaw_rad = if yaw_rad.is_finite() { yaw_rad } else { 0.0 };
+        let heading_rad = ring.attitude.yaw_rad();
+        let is_oriented = heading_rad.is_finite();
+        let yaw_rad = if is_oriented { heading_rad } else { 0.0 };
         Self {
             yaw_rad,
-            sights: std::array::from_fn(|sector| sight(ring, sector, now)),
+            sights: std::array::from_fn(|sector| match is_oriented {
+                true => sight(ring, sector, now),
+                false => Sight::Unknown,
+            }),
             directions: std::array::from_fn(|sector| {
                 let (east, north) = (yaw_rad + sector_bearing_rad(sector)).sin_cos();
                 Vector2::new(north, east)

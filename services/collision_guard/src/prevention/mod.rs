@@ -6,7 +6,7 @@
 //! | a horizontal setpoint, acceleration or velocity, local NED | what was done to it, and why ([`State`], [`Cause`]) |
 //! | the horizontal velocity | whether the vehicle is to hold |
 //!
-//! # In which order
+//! # An acceleration
 //! 1. **Guidance** turns the setpoint toward a better direction nearby (`guidance.rs`), PX4's choice.
 //! 2. **Split**: what leads toward the nearest obstacle and what leads along it are scaled, PX4's law (`split.rs`).
 //! 3. **Compensation**: who is too fast for the way that is left is slowed, PX4's law for the sector that needs it most.
@@ -21,6 +21,11 @@
 //!    for the second one, and a third (`halfplanes.rs`). The first summand makes "not faster than one can stop" a barrier
 //!    (Ames et al.: Control barrier functions, 2019): the excess dies away with the rate `P`.
 //! 5. The answer is not longer than MPC_ACC_HOR or the setpoint itself, whichever is longer.
+//!
+//! So it goes for an acceleration, which is what PX4's own collision prevention works on. Nothing of jink steers by accelerations, so this
+//! way is not flown: it is compared with what PX4 answered (`the_reference_vectors_are_met`), and kept for that. Guidance, the sectors,
+//! their times, and the speed from which one can stop are the same code in both ways, and only with accelerations PX4 has answers to
+//! compare them with.
 //!
 //! # A velocity
 //! is what the pilot's sticks ask for where he steers through jink. It goes through 1, and then:

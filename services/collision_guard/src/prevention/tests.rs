@@ -1,3 +1,4 @@
+use super::around::Around;
 use super::{Cause, Demand, Outcome, Prevention, PreventionConfig, State};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
@@ -263,6 +264,14 @@ proptest! {
         let same = pushed(config(), &turned, stick, velocity);
         prop_assert!((answer - same).norm() < 1e-3, "{answer} {same}");
     }
+}
+
+#[test]
+fn a_ring_that_does_not_say_where_its_sectors_point_says_nothing() {
+    let mut lost = ring([f64::INFINITY; SECTORS]);
+    assert!(Around::of(&lost, now()).has_data());
+    lost.attitude.w = f64::NAN;
+    assert!(!Around::of(&lost, now()).has_data());
 }
 
 #[test]

@@ -79,7 +79,7 @@ impl Watch {
             nearest_m: outcome.nearest.map_or(0.0, |(_, reach_m)| reach_m as f32),
             state: Coded::new(outcome.state),
             cause: Coded::new(outcome.cause),
-            reserved: [0; 2],
+            ..PreventedDemand::default()
         };
         Some((prevented, news))
     }

@@ -146,7 +146,7 @@ fn axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
 
 fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
     let (sin, cos) = toward_rad.sin_cos();
-    let in_body = scan.mounting.rotation() * Vector3::new(cos, sin, 0.0);
+    let in_body = scan.mounting.rotation()? * Vector3::new(cos, sin, 0.0);
     let flat = in_body.xy().norm();
     // False for NaN, too.
     let looks_around = flat >= STEEPEST_RAD.cos();

@@ -64,7 +64,7 @@ pub enum PoseRefused {
 impl fmt::Display for PoseRefused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            PoseRefused::Invalid => write!(f, "the vehicle's position is not valid"),
+            PoseRefused::Invalid => write!(f, "the vehicle's position or attitude is not valid"),
             PoseRefused::OutOfOrder { capture, newest } => write!(
                 f,
                 "vehicle state of {} ns came after that of {} ns",
@@ -104,9 +104,10 @@ impl Poses {
     /// Adds a state. `Ok(true)` if the estimator has moved its origin since the one before: everything that was placed in
     /// local coordinates is then worthless, the history included.
     pub fn push(&mut self, state: &VehicleState, header: &SampleHeader) -> Result<bool, PoseRefused> {
-        if !is_usable(state) || !header.capture.is_set() {
+        let attitude = state.attitude.rotation();
+        let Some(attitude) = attitude.filter(|_| is_usable(state) && header.capture.is_set()) else {
             return Err(PoseRefused::Invalid);
-        }
+        };
         let mut moved = self.resets.is_some_and(|resets| resets != state.estimator_resets);
         if let Some(newest) = self.entries.get(self.newest) {
             let step_s = header.capture.seconds_since(newest.time);
@@ -128,7 +129,7 @@ impl Poses {
             time: header.capture,
             pose: Pose {
                 position: state.position.vector(),
-                attitude: state.attitude.rotation(),
+                attitude,
             },
             velocity: state.velocity.vector(),
             rates,
@@ -183,18 +184,13 @@ fn between(earlier: &Entry, later: &Entry, time: Timestamp) -> Option<Pose> {
 }
 
 fn is_usable(state: &VehicleState) -> bool {
-    /// A quaternion whose length is this far from one is no attitude but damage.
-    const LENGTH_ERROR: f64 = 0.1;
     /// Farther from the origin than this, or faster, no multicopter is: keeps sums far from overflow.
     const SANE: f64 = 1e6;
-    let q = state.attitude;
-    let length = (q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z).sqrt();
     let rates = state.rates.vector();
     state.position_valid.is_set()
         && state.position.vector().norm() < SANE
         && state.velocity.vector().norm() < SANE
         && rates.norm() < SANE
-        && (length - 1.0).abs() < LENGTH_ERROR
 }
 
 #[cfg(test)]
@@ -272,12 +268,7 @@ mod tests {
                 ..state(0.0, 0.0)
             },
             VehicleState {
-                attitude: Attitude {
-                    w: 0.0,
-                    x: 0.0,
-                    y: 0.0,
-                    z: 0.0,
-                },
+                attitude: Attitude::new(0.0, 0.0, 0.0, 0.0),
                 ..state(0.0, 0.0)
             },
         ] {

@@ -9,14 +9,15 @@ use jink_collision_guard::News;
 use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::bezier::{End, quintic_between};
-use jink_shared_types::frames::{AngularRate, Attitude};
+use jink_shared_types::frames::{AngularRate, Attitude, Mounting};
+use jink_shared_types::layout::Layout;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, MotionLimits, Trajectory, TrajectoryMode};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, RayKind};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::sample::Stamped;
 use jink_shared_types::vehicle::VehicleState;
-use jink_shared_types::{Coded, Flag, Point, Reading, SampleHeader, Timestamp, Velocity};
+use jink_shared_types::{Coded, Flag, Point, Reading, Reserved, SampleHeader, Timestamp, Velocity};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Height at which everything flies, as down coordinate (m).
@@ -187,7 +188,7 @@ impl Lidar {
                     down_m: end.z as f32,
                     offset_10us,
                     kind: Coded::new(kind),
-                    reserved: 0,
+                    reserved: Reserved::ZERO,
                 }));
             }
         }
@@ -208,7 +209,7 @@ pub fn points(ends: &[([f64; 3], RayKind)], range_max_m: f64, at_s: f64) -> (Box
             down_m: end[2] as f32,
             offset_10us: 0,
             kind: Coded::new(*kind),
-            reserved: 0,
+            reserved: Reserved::ZERO,
         }));
     }
     (cloud, SampleHeader::at(time(at_s)))
@@ -217,7 +218,7 @@ pub fn points(ends: &[([f64; 3], RayKind)], range_max_m: f64, at_s: f64) -> (Box
 /// A single beam straight ahead of the sensor, `width_rad` wide, turned by `yaw_rad` in the body.
 pub fn beam(range_m: f32, width_rad: f64, yaw_rad: f64) -> RangeScan {
     let mut scan = RangeScan {
-        mounting: Attitude::from_rotation(UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad)),
+        mounting: Mounting::from_rotation(UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad)),
         beam_width_rad: width_rad as f32,
         range_min_m: 0.1,
         range_max_m: 10.0,
@@ -245,6 +246,7 @@ pub fn ring() -> Ring {
 pub fn view(ring: &Ring, at_s: f64) -> SectorRing {
     let mut out = SectorRing::default();
     ring.ring(time(at_s), &mut out);
+    assert!(out.is_plausible(), "{out:?}");
     out
 }
 
@@ -377,6 +379,7 @@ pub fn step(
         ring,
     };
     let news = guard.step(time(at_s), &inputs, &mut out);
+    assert!(out.is_plausible(), "{out:?}");
     (out, news)
 }
 

@@ -9,6 +9,7 @@
 //!
 //! Source: MAVLink developer guide, "Mission Protocol", with its time-outs.
 
+use crate::note::Note;
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{
     MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA,
@@ -100,6 +101,7 @@ pub struct MissionClient {
     read_at: Timestamp,
     /// Number of items and identity of the mission, as MISSION_CURRENT told them last; what it counts differs from make to make.
     told: (Option<u16>, Option<u32>),
+    note: Option<Note>,
 }
 
 impl Default for MissionClient {
@@ -116,6 +118,7 @@ impl Default for MissionClient {
             begun: Timestamp::NEVER,
             read_at: Timestamp::NEVER,
             told: (None, None),
+            note: None,
         }
     }
 }
@@ -158,6 +161,11 @@ impl MissionClient {
         self.version
     }
 
+    /// What is to be said in the log, once.
+    pub fn take_note(&mut self) -> Option<Note> {
+        self.note.take()
+    }
+
     /// Whether it is being read.
     pub fn is_reading(&self) -> bool {
         !matches!(self.phase, Phase::Idle | Phase::Resting)
@@ -190,10 +198,10 @@ impl MissionClient {
             return;
         }
         if usize::from(count.count) > ITEMS_MAX {
-            tracing::warn!(
-                "a mission of {} items is not read: {ITEMS_MAX} at most",
-                count.count
-            );
+            self.note = Some(Note::MissionTooLong {
+                items: count.count,
+                most: ITEMS_MAX,
+            });
             self.rest(now);
             return;
         }
@@ -341,7 +349,8 @@ fn is_about_a_new_mission(text: &STATUSTEXT_DATA) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{MissionClient, TRIES};
+    use super::{ITEMS_MAX, MissionClient, TRIES};
+    use crate::note::Note;
     use jink_shared_types::Timestamp;
     use mavlink::dialects::ardupilotmega::{
         MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA, MavMessage,
@@ -388,6 +397,19 @@ mod tests {
         let mut client = MissionClient::default();
         client.begin(Timestamp::from_seconds(100.0));
         client
+    }
+
+    #[test]
+    fn a_mission_that_is_too_long_is_not_read_and_said_in_the_log_once() {
+        let mut client = started();
+        let too_many = ITEMS_MAX as u16 + 1;
+        read(&mut client, too_many, 1.0, || false);
+        assert_eq!(client.items(), None);
+        let note = Note::MissionTooLong {
+            items: too_many,
+            most: ITEMS_MAX,
+        };
+        assert_eq!((client.take_note(), client.take_note()), (Some(note), None));
     }
 
     proptest! {

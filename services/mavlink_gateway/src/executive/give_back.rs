@@ -10,6 +10,7 @@
 use super::client::Item;
 use super::items::navigates;
 use super::{Demand, Executive, FlightGoal, Intent, Scene};
+use crate::note::Note;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{NO_GOAL, NOT_GIVEN_BACK};
 use jink_shared_types::vehicle::NavMode;
@@ -129,13 +130,15 @@ impl Executive {
             return None;
         }
         if self.times_asked(Demand::Current(given.sequence)) < CORRECTIONS {
-            tracing::info!(
-                "the mission was taken at item {other} instead of {}",
-                given.sequence
-            );
-            return Some(Intent::asking(
-                self.ask(scene.now, Demand::Current(given.sequence)),
-            ));
+            let demand = self.ask(scene.now, Demand::Current(given.sequence));
+            let note = demand.map(|_| Note::TakenElsewhere {
+                taken: other,
+                given: given.sequence,
+            });
+            return Some(Intent {
+                note,
+                ..Intent::asking(demand)
+            });
         }
         let waits = self
             .asked

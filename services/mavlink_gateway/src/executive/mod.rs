@@ -32,6 +32,7 @@ pub mod notice;
 pub mod record;
 
 use crate::config::GatewayConfig;
+use crate::note::Note;
 use client::Item;
 use give_back::GivenBack;
 use go_to::GoTo;
@@ -168,6 +169,8 @@ pub struct Intent {
     pub demand: Option<Demand>,
     /// What the pilot is to be told now.
     pub news: Option<PilotText>,
+    /// What is to be said in the log.
+    pub note: Option<Note>,
     /// The mission is to be read anew before anything else happens.
     pub read_again: bool,
 }

@@ -30,15 +30,11 @@ pub(super) struct ControlledStop {
 
 impl Gateway {
     /// Somebody is about to end jink.
-    pub fn request_stop(&mut self, now: Timestamp) {
+    pub fn request_stop(&mut self) {
         self.controlled_stop.get_or_insert(ControlledStop {
             since: Timestamp::NEVER,
             repeat: Ticker::new(REPEAT_HZ),
         });
-        tracing::info!(
-            at_ns = now.ns,
-            "asked to bring the vehicle to rest: jink is about to be ended"
-        );
     }
 
     /// Does what is due of it; `false`: nobody has asked.

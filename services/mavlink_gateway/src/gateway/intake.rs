@@ -9,6 +9,7 @@ use crate::desired::{self, VerticalMotions};
 use crate::executive::Part;
 use crate::io::Outputs;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Received};
+use crate::note::Note;
 use crate::vehicle::AttitudeNews;
 use jink_shared_types::Timestamp;
 use mavlink::Message;
@@ -69,7 +70,10 @@ impl Gateway {
         };
         match arrived {
             Some(Ok(arrived)) => outputs.see(arrived),
-            Some(Err(refused)) => tracing::debug!("ranges of component {}: {refused}", header.component_id),
+            Some(Err(cause)) => outputs.note(Note::RangesRefused {
+                component: header.component_id,
+                cause,
+            }),
             None => {}
         }
     }

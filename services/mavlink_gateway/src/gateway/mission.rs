@@ -10,6 +10,7 @@ use crate::executive::{Demand, Executive, FlightGoal, Intent, Part, PilotText, S
 use crate::io::Outputs;
 use crate::make::Make;
 use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Received};
+use crate::note::Note;
 use crate::profile::pilot::Nearness;
 use crate::ticker::Ticker;
 use jink_shared_types::events::{EventSample, MODE_REFUSED};
@@ -212,6 +213,7 @@ impl Gateway {
             path,
             demand,
             news,
+            note,
             read_again,
         } = flight
             .executive
@@ -235,6 +237,9 @@ impl Gateway {
                 outputs.desired_path = Some((wish, now));
                 self.wire.status.desired_paths += 1;
             }
+        }
+        for note in [note, flight.client.take_note()].into_iter().flatten() {
+            outputs.note(note);
         }
         let request = flight.client.request(now, (system_id, COMPONENT_AUTOPILOT));
         if let Some(request) = request {
@@ -368,7 +373,7 @@ impl Gateway {
             outputs.send(self.outgoing(now, Body::Message(message)));
         }
         if let Some(command) = command(demand, make, autopilot) {
-            tracing::info!("asked of the autopilot: {demand:?}");
+            outputs.note(Note::Asked(demand));
             outputs.send(self.outgoing(now, Body::Message(command)));
         }
     }

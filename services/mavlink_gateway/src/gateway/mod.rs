@@ -42,7 +42,7 @@ use jink_shared_types::events::{
 };
 use jink_shared_types::health::Name;
 use jink_shared_types::link::{AvoidanceState, LinkStatus};
-use jink_shared_types::params::{GW_OBST_RATE, ParamSet};
+use jink_shared_types::params::{GW_OBST_RATE, MPC_XY_P, ParamSet};
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::MessageData;
@@ -414,6 +414,7 @@ impl Gateway {
             mode,
             in_air: self.vehicle.has_taken_off(),
             is_flown: self.profile.listens(mode) || is_about_to,
+            position_gain_per_s: self.params().get(&MPC_XY_P),
             desired: self
                 .desired
                 .as_ref()

@@ -72,6 +72,7 @@ impl Steering {
         if self.demands.take(now) {
             let demand = PilotDemand {
                 velocity: Velocity::new(wish.x, wish.y, 0.0),
+                ..PilotDemand::default()
             };
             outputs.pilot_demand = Some((demand, now));
         }

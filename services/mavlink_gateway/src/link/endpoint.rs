@@ -5,7 +5,10 @@ use std::str::FromStr;
 
 /// What every error message about an address ends with.
 pub const ACCEPTED_FORMS: &str = "udpin:[HOST:]PORT (listen), udpout:HOST:PORT (speak first), tcpin:[HOST:]PORT, \
-     tcpout:HOST:PORT, serial:PATH:BAUD";
+     tcpout:HOST:PORT, serial:PATH:BAUD, unix:PATH (a datagram socket of this machine)";
+
+/// Bytes of a path in `sockaddr_un` (unix(7)), without the zero at its end.
+const UNIX_PATH_MAX: usize = 107;
 
 /// Without a host a listening link hears this machine only: a network must be asked for by name (0.0.0.0).
 const LISTEN_HOST: &str = "127.0.0.1";
@@ -48,7 +51,15 @@ pub enum Endpoint {
         /// Speed (bit/s).
         baud: u32,
     },
+    /// A datagram socket of this machine, bound by the other side; answered at the path with `.jink` behind it.
+    Unix {
+        /// The other side's path.
+        path: String,
+    },
 }
+
+/// What a [`Endpoint::Unix`] link's own socket is called: the other side's path and this.
+pub const UNIX_ANSWER: &str = ".jink";
 
 impl fmt::Display for Endpoint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -58,6 +69,7 @@ impl fmt::Display for Endpoint {
             Endpoint::TcpIn { host, port } => write!(f, "tcpin:{host}:{port}"),
             Endpoint::TcpOut { host, port } => write!(f, "tcpout:{host}:{port}"),
             Endpoint::Serial { path, baud } => write!(f, "serial:{path}:{baud}"),
+            Endpoint::Unix { path } => write!(f, "unix:{path}"),
         }
     }
 }
@@ -91,13 +103,17 @@ impl FromStr for Endpoint {
             reason,
         };
         let (kind, rest) = text.split_once(':').ok_or(refuse("no kind before a colon"))?;
-        let rest = rest.strip_prefix("//").unwrap_or(rest);
+        let rest = match kind {
+            "unix" => rest,
+            _ => rest.strip_prefix("//").unwrap_or(rest),
+        };
         match kind {
             "udpin" => own_address(rest).map(|(host, port)| Endpoint::UdpIn { host, port }),
             "tcpin" => own_address(rest).map(|(host, port)| Endpoint::TcpIn { host, port }),
             "udpout" => peer_address(rest).map(|(host, port)| Endpoint::UdpOut { host, port }),
             "tcpout" => peer_address(rest).map(|(host, port)| Endpoint::TcpOut { host, port }),
             "serial" => device(rest).map(|(path, baud)| Endpoint::Serial { path, baud }),
+            "unix" => socket(rest).map(|path| Endpoint::Unix { path }),
             _ => Err("unknown kind"),
         }
         .map_err(refuse)
@@ -135,6 +151,13 @@ fn device(text: &str) -> Result<(String, u32), &'static str> {
     }
 }
 
+fn socket(text: &str) -> Result<String, &'static str> {
+    match text.starts_with('/') && text.len() + UNIX_ANSWER.len() <= UNIX_PATH_MAX {
+        true => Ok(text.to_owned()),
+        false => Err("no absolute path of at most 102 bytes"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::{ACCEPTED_FORMS, Endpoint};
@@ -142,6 +165,7 @@ mod tests {
     #[test]
     fn every_accepted_form_is_read_and_printed_back() {
         for text in [
+            "unix:/run/autopilot.sock",
             "udpin:127.0.0.1:14540",
             "udpin:0.0.0.0:14540",
             "udpout:autopilot.local:14580",

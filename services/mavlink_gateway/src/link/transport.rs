@@ -1,13 +1,15 @@
 //! The kinds of transport behind one interface: non-blocking reads of chunks, writes of whole frames.
 
 use super::backlog::Backlog;
-use super::endpoint::Endpoint;
+use super::endpoint::{Endpoint, UNIX_ANSWER};
 use super::error::LinkError;
 use super::serial;
 use rustix::net::{AddressFamily, SocketFlags, SocketType};
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::net::UnixDatagram;
+use std::path::PathBuf;
 
 /// How long a peer may leave bytes unacknowledged before the connection counts as lost (ms). The system's own
 /// limit is a quarter of an hour, in which a restarted peer could not get in.
@@ -40,6 +42,7 @@ pub(super) enum Transport {
     },
     TcpOut(TcpStream, Backlog),
     Serial(OwnedFd, Backlog),
+    Unix(UnixDatagram),
 }
 
 /// Kinds of open transports, as told to another process.
@@ -51,13 +54,21 @@ pub(super) enum Kind {
     TcpIn = 3,
     TcpOut = 4,
     Serial = 5,
+    Unix = 6,
 }
 
 impl Kind {
     pub(super) fn of(number: u8) -> Option<Self> {
-        [Self::UdpIn, Self::UdpOut, Self::TcpIn, Self::TcpOut, Self::Serial]
-            .into_iter()
-            .find(|kind| *kind as u8 == number)
+        [
+            Self::UdpIn,
+            Self::UdpOut,
+            Self::TcpIn,
+            Self::TcpOut,
+            Self::Serial,
+            Self::Unix,
+        ]
+        .into_iter()
+        .find(|kind| *kind as u8 == number)
     }
 }
 
@@ -117,6 +128,14 @@ impl Transport {
             Endpoint::Serial { path, baud } => {
                 serial::open(path, *baud).map(|fd| Transport::Serial(fd, Backlog::default()))
             }
+            Endpoint::Unix { path } => {
+                connect_unix(path)
+                    .map(Transport::Unix)
+                    .map_err(|source| LinkError::Open {
+                        endpoint: endpoint.clone(),
+                        source,
+                    })
+            }
         }
     }
 
@@ -133,6 +152,7 @@ impl Transport {
                 client: None,
             } => listener.as_fd(),
             Transport::Serial(fd, _) => fd.as_fd(),
+            Transport::Unix(socket) => socket.as_fd(),
         }
     }
 
@@ -144,6 +164,7 @@ impl Transport {
             Transport::TcpIn { .. } => (Kind::TcpIn, None),
             Transport::TcpOut(..) => (Kind::TcpOut, None),
             Transport::Serial(..) => (Kind::Serial, None),
+            Transport::Unix(_) => (Kind::Unix, None),
         };
         let mut fds = vec![self.fd()];
         if let Transport::TcpIn { listener, client } = self
@@ -174,13 +195,14 @@ impl Transport {
             },
             Kind::TcpOut => Transport::TcpOut(TcpStream::from(fd), Backlog::default()),
             Kind::Serial => Transport::Serial(fd, Backlog::default()),
+            Kind::Unix => Transport::Unix(UnixDatagram::from(fd)),
         })
     }
 
     /// What was accepted for sending and not yet taken by the kernel; datagrams never wait.
     pub(super) fn backlog(&mut self) -> Option<&mut Backlog> {
         match self {
-            Transport::UdpIn { .. } | Transport::UdpOut(_) => None,
+            Transport::UdpIn { .. } | Transport::UdpOut(_) | Transport::Unix(_) => None,
             Transport::TcpIn { client, .. } => client.as_mut().map(|(_, backlog)| backlog),
             Transport::TcpOut(_, backlog) | Transport::Serial(_, backlog) => Some(backlog),
         }
@@ -246,6 +268,11 @@ impl Transport {
                 backlog.flush(&mut port)?;
                 stream_read(&mut port, chunk)
             }
+            Transport::Unix(socket) => match socket.recv(chunk) {
+                Ok(len) => Ok(Chunk::Datagram(len)),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(Chunk::Nothing),
+                Err(error) => Err(error),
+            },
         }
     }
 
@@ -267,6 +294,12 @@ impl Transport {
             },
             Transport::TcpOut(stream, backlog) => backlog.write(stream, frame),
             Transport::Serial(fd, backlog) => backlog.write(&mut serial::Port(&*fd), frame),
+            // Its other side is one socket: if that is gone, another one has to be looked for.
+            Transport::Unix(socket) => match socket.send(frame) {
+                Ok(_) => Ok(Sent::Yes),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(Sent::Busy),
+                Err(error) => Err(error),
+            },
         }
     }
 
@@ -327,6 +360,19 @@ fn connect_udp(peer: SocketAddr) -> io::Result<UdpSocket> {
     let any = if peer.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
     let socket = UdpSocket::bind(any)?;
     socket.connect(peer)?;
+    Ok(socket)
+}
+
+/// A socket of its own beside the other side's. What a dead process has left there is replaced.
+fn connect_unix(path: &str) -> io::Result<UnixDatagram> {
+    let own = PathBuf::from(format!("{path}{UNIX_ANSWER}"));
+    match std::fs::remove_file(&own) {
+        Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
+        _ => {}
+    }
+    let socket = UnixDatagram::bind(own)?;
+    socket.set_nonblocking(true)?;
+    socket.connect(path)?;
     Ok(socket)
 }
 

@@ -131,7 +131,10 @@ impl LinkSetup {
     pub fn is_exposed(&self) -> bool {
         let host = match &self.endpoint {
             Endpoint::UdpIn { host, .. } | Endpoint::TcpIn { host, .. } => host,
-            Endpoint::UdpOut { .. } | Endpoint::TcpOut { .. } | Endpoint::Serial { .. } => return false,
+            Endpoint::UdpOut { .. }
+            | Endpoint::TcpOut { .. }
+            | Endpoint::Serial { .. }
+            | Endpoint::Unix { .. } => return false,
         };
         let name = host.trim_start_matches('[').trim_end_matches(']');
         let stays_here =
@@ -156,7 +159,7 @@ impl LinkSetup {
             | Endpoint::UdpOut { host, port }
             | Endpoint::TcpIn { host, port }
             | Endpoint::TcpOut { host, port } => (host, *port),
-            Endpoint::Serial { .. } => return Ok(endpoint),
+            Endpoint::Serial { .. } | Endpoint::Unix { .. } => return Ok(endpoint),
         };
         let name = host.trim_start_matches('[').trim_end_matches(']');
         let found = (name, port).to_socket_addrs()?.next();

@@ -420,7 +420,7 @@ mod tests {
             id,
             value,
             row: row as u32,
-            reserved: 0,
+            reserved: jink_shared_types::Reserved::ZERO,
         };
         let row = TABLE.iter().position(|row| row.name == "OA_SPD_MAX").unwrap();
         parameters.take_change(&change(7, row, 5.0));

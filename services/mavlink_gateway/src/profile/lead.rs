@@ -13,8 +13,6 @@ use nalgebra::Vector3;
 const FIRST_S: f64 = 0.075;
 /// The longest lead (s): beyond it the error of another cause would be learned as a delay.
 const LONGEST_S: f64 = 0.3;
-/// Position gain of the autopilot (1/s): PX4's MPC_XY_P.
-const POSITION_GAIN_PER_S: f64 = 0.95;
 /// The reference must turn or brake at least this hard for the error to say anything about the delay (m/s^2).
 const TELLING_MPS2: f64 = 0.5;
 /// An error beyond this is no delay but a disturbance (m).
@@ -47,8 +45,15 @@ impl Lead {
         self.seconds
     }
 
-    /// Learns from the `error` (reference minus vehicle, m) while the reference accelerates by `acceleration` (m/s^2).
-    pub fn learn(&mut self, now: Timestamp, error: Vector3<f64>, acceleration: Vector3<f64>) {
+    /// Learns from the `error` (reference minus vehicle, m, local NED) while the reference accelerates by `acceleration` (m/s^2),
+    /// of a vehicle that corrects its position with `gain_per_s` (1/s).
+    pub fn learn(
+        &mut self,
+        now: Timestamp,
+        error: Vector3<f64>,
+        acceleration: Vector3<f64>,
+        gain_per_s: f64,
+    ) {
         let step_s = now.seconds_since(std::mem::replace(&mut self.last, now));
         let hard_mps2 = acceleration.xy().norm();
         let tells = hard_mps2 >= TELLING_MPS2 && error.norm() <= LARGEST_ERROR_M;
@@ -56,7 +61,7 @@ impl Lead {
             return;
         }
         let along_m = error.xy().dot(&acceleration.xy()) / hard_mps2;
-        let missing_s = POSITION_GAIN_PER_S * along_m / hard_mps2;
+        let missing_s = gain_per_s * along_m / hard_mps2;
         self.seconds = (self.seconds + missing_s * LEARNING_PER_S * step_s).clamp(0.0, LONGEST_S);
     }
 }
@@ -68,8 +73,9 @@ mod tests {
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
-    /// Weaves with `peak_mps2` in front of a vehicle that answers velocities `delay_s` late and corrects its position with 0.95/s.
-    fn settled(delay_s: f64, peak_mps2: f64, seconds: f64) -> f64 {
+    /// Weaves with `peak_mps2` in front of a vehicle that answers velocities `delay_s` late and corrects its position with
+    /// `gain_per_s`.
+    fn settled(delay_s: f64, gain_per_s: f64, peak_mps2: f64, seconds: f64) -> f64 {
         const STEP_S: f64 = 0.02;
         const TURN_RADPS: f64 = 1.1;
         let reference = |t: f64| {
@@ -93,8 +99,9 @@ mod tests {
                 Timestamp::from_seconds(100.0 + t),
                 Vector3::y() * error,
                 Vector3::y() * acceleration,
+                gain_per_s,
             );
-            commands.push(reference(t + lead.seconds()).1 + 0.95 * error);
+            commands.push(reference(t + lead.seconds()).1 + gain_per_s * error);
             vehicle += STEP_S * commands[i];
         }
         lead.seconds()
@@ -102,12 +109,14 @@ mod tests {
 
     #[test]
     fn the_lead_becomes_the_vehicles_delay() {
-        for delay_s in [0.06, 0.1, 0.16, 0.22] {
-            let lead_s = settled(delay_s, 2.5, 120.0);
-            assert!(
-                (lead_s - delay_s).abs() < 0.05,
-                "learned {lead_s:.3} s for a delay of {delay_s} s"
-            );
+        for gain_per_s in [0.6, 0.95, 1.5] {
+            for delay_s in [0.06, 0.1, 0.16, 0.22] {
+                let lead_s = settled(delay_s, gain_per_s, 2.5, 120.0);
+                assert!(
+                    (lead_s - delay_s).abs() < 0.05,
+                    "learned {lead_s:.3} s for a delay of {delay_s} s, gain {gain_per_s}/s"
+                );
+            }
         }
     }
 
@@ -116,8 +125,8 @@ mod tests {
         let mut lead = Lead::default();
         for i in 0..1000 {
             let now = Timestamp::from_seconds(100.0 + f64::from(i) * 0.02);
-            lead.learn(now, Vector3::x() * 0.4, Vector3::x() * 0.3);
-            lead.learn(now, Vector3::x() * 1.5, Vector3::x() * 3.0);
+            lead.learn(now, Vector3::x() * 0.4, Vector3::x() * 0.3, 0.95);
+            lead.learn(now, Vector3::x() * 1.5, Vector3::x() * 3.0, 0.95);
         }
         assert_eq!(lead.seconds(), FIRST_S);
     }
@@ -126,12 +135,13 @@ mod tests {
         #[test]
         fn whatever_comes_the_lead_stays_within_its_bounds(
             steps in prop::collection::vec((0u64..400, prop::array::uniform6(any::<f64>())), 1..100),
+            gain_per_s in 0.0..2.0f64,
         ) {
             let mut lead = Lead::default();
             let mut now = Timestamp::from_seconds(1.0);
             for (ms, [a, b, c, d, e, f]) in steps {
                 now = Timestamp::from_ns(now.ns + ms * 1_000_000);
-                lead.learn(now, Vector3::new(a, b, c), Vector3::new(d, e, f));
+                lead.learn(now, Vector3::new(a, b, c), Vector3::new(d, e, f), gain_per_s);
                 prop_assert!((0.0..=LONGEST_S).contains(&lead.seconds()));
             }
         }

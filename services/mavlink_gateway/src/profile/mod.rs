@@ -34,6 +34,8 @@ pub struct Situation<'a> {
     pub in_air: bool,
     /// What is sent is flown ([`Profile::listens`]), or is about to be.
     pub is_flown: bool,
+    /// With which velocity PX4 corrects each metre beside the reference (1/s): its `MPC_XY_P`, and that of who does it in its stead.
+    pub position_gain_per_s: f64,
     /// A radio carries what is sent: what says nothing new waits for the beat of the stream.
     pub spares_radio: bool,
     /// What the autopilot wants, if that was asked for in the mode in force by an autopilot that is alive.
@@ -197,6 +199,14 @@ impl FromStr for Representation {
     type Err = UnknownName;
     fn from_str(text: &str) -> Result<Self, UnknownName> {
         named("output", text, &REPRESENTATIONS)
+    }
+}
+
+impl Representation {
+    /// Its name in the configuration.
+    pub fn name(self) -> &'static str {
+        let known = REPRESENTATIONS.iter().find(|(_, one)| *one == self);
+        known.map_or("", |(name, _)| name)
     }
 }
 

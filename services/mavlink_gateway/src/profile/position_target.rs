@@ -38,9 +38,7 @@ const ASTRAY_M: f64 = 2.0;
 const NEAR_M: f64 = 0.5;
 /// ... and as fast, within this (m/s).
 const AS_FAST_MPS: f64 = 0.7;
-/// Velocity towards the reference for each metre beside it (1/s): PX4's own, MPC_XY_P ...
-const BACK_PER_S: f64 = 0.95;
-/// ... and not more than this (m/s): from [`ASTRAY_M`] on the reference is not flown at all.
+/// Highest velocity towards the reference beside which the vehicle is (m/s): from [`ASTRAY_M`] on it is not flown at all.
 const BACK_MAX_MPS: f64 = 1.0;
 /// Length of the pieces that are cut from a plan (s): the longest lead, and a little.
 const PIECE_S: f64 = 0.35;
@@ -132,7 +130,8 @@ impl Profile for PositionTarget {
                     false => NavMode::Offboard,
                 };
                 if self.on_plan && situation.mode == follows {
-                    lead.learn(now, error, curve.acceleration_at(now));
+                    let gain_per_s = situation.position_gain_per_s;
+                    lead.learn(now, error, curve.acceleration_at(now), gain_per_s);
                 }
                 now.plus_seconds(lead.seconds())
             }
@@ -162,7 +161,7 @@ impl Profile for PositionTarget {
             coordinate_frame: MavFrame::MAV_FRAME_LOCAL_NED,
         };
         if self.deviates {
-            let velocity = velocity + (BACK_PER_S * error).cap_magnitude(BACK_MAX_MPS);
+            let velocity = velocity + (situation.position_gain_per_s * error).cap_magnitude(BACK_MAX_MPS);
             [message.vx, message.vy, message.vz] = velocity.map(|v| v as f32).into();
             [message.x, message.y, message.z] = [0.0; 3];
             [message.yaw, message.yaw_rate] = [0.0; 2];

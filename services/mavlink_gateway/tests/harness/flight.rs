@@ -20,12 +20,13 @@ use jink_mavlink_gateway::{
 use jink_shared_types::bezier::{self, End};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, SystemStatus};
+use jink_shared_types::layout::Layout;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, TrajectoryMode, Verdict};
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::prevention::{PreventedDemand, PreventionState};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::tuning::{self, ParameterChange};
-use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp, Velocity};
+use jink_shared_types::{Coded, Reading, Reserved, SampleHeader, Stamped, Timestamp, Velocity};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
@@ -411,7 +412,7 @@ impl Story {
                 id: dice.u64(),
                 value: f64::from(dice.number()),
                 row: u32::from(dice.byte()),
-                reserved: 0,
+                reserved: Reserved::ZERO,
             }),
             1 => self.gateway.listen_only(dice.once_in(2)),
             2 => self.gateway.go_on_at_once(self.now),
@@ -533,21 +534,23 @@ impl Story {
 
     fn judge_samples(&self) {
         if let Some((state, _)) = &self.outputs.vehicle_state {
-            assert!(
-                state.position.is_finite() && state.velocity.is_finite(),
-                "{state:?}"
-            );
-            assert!(state.attitude.yaw_rad().is_finite() && !state.ground_distance_m.is_infinite());
+            assert!(state.is_plausible() && state.position.is_finite(), "{state:?}");
+            assert!(state.attitude.is_rotation() && !state.ground_distance_m.is_infinite());
         }
         if let Some((path, _)) = &self.outputs.desired_path {
-            for point in &path.points {
-                let numbers = [point.position.vector(), point.velocity.vector()];
-                assert!(numbers.iter().flatten().all(|n| !n.is_infinite()), "{point:?}");
-                assert!(
-                    !point.yaw_rad.is_infinite() && !point.yaw_rate_radps.is_infinite(),
-                    "{point:?}"
-                );
-            }
+            assert!(path.is_plausible(), "{path:?}");
+        }
+        if let Some((demand, _)) = &self.outputs.pilot_demand {
+            assert!(demand.is_plausible(), "{demand:?}");
+        }
+        if let Some(status) = &self.outputs.link_status {
+            assert!(status.is_plausible(), "{status:?}");
+        }
+        if let Some((values, _)) = &self.outputs.parameters {
+            assert!(values.is_plausible(), "{values:?}");
+        }
+        for arrived in self.outputs.scans() {
+            assert!(arrived.scan.is_plausible(), "{:?}", arrived.scan);
         }
         for row in params::TABLE {
             let value = self.gateway.params().get(row);

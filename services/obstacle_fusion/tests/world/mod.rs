@@ -8,7 +8,7 @@ use jink_shared_types::frames::{AngularRate, Attitude, Point, Velocity};
 use jink_shared_types::map::{Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, row_of, test};
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use jink_shared_types::vehicle::VehicleState;
-use jink_shared_types::{Flag, SampleHeader, Timestamp};
+use jink_shared_types::{Flag, Reserved, SampleHeader, Timestamp};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// One obstacle, local NED.
@@ -228,7 +228,7 @@ impl Lidar {
                 down_m: end.z as f32,
                 offset_10us,
                 kind: kind.into(),
-                reserved: 0,
+                reserved: Reserved::ZERO,
             }));
         }
     }

@@ -24,7 +24,7 @@ fn model_and_device_are_enough() {
         (spec.reach.min_m, spec.reach.max_m, spec.reach.device_max_m),
         (0.2, 8.0, 8.0)
     );
-    assert_eq!(spec.mounting.rotation() * Vector3::x(), Vector3::x());
+    assert_eq!(spec.mounting.rotation().unwrap() * Vector3::x(), Vector3::x());
 }
 
 #[test]
@@ -35,7 +35,7 @@ fn everything_that_is_given_takes_effect() {
     )
     .unwrap();
     assert_eq!((spec.position.x_m, spec.position.z_m), (0.12, -0.05));
-    assert!((spec.mounting.rotation() * Vector3::z() + Vector3::z()).norm() < 1e-12);
+    assert!((spec.mounting.rotation().unwrap() * Vector3::z() + Vector3::z()).norm() < 1e-12);
     assert_eq!((spec.reach.max_m, spec.reach.device_max_m), (20.0, 50.0));
     assert_eq!(
         (spec.scan.baud, spec.scan.low_deg, spec.scan.high_deg),

@@ -21,7 +21,7 @@ const NAME_MAX: usize = 15;
 #[derive(Clone, Debug, Deserialize, PartialEq, Eq)]
 #[serde(deny_unknown_fields, default)]
 pub struct Link {
-    /// `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT`, `tcpin:...`, `tcpout:...` or `serial:DEVICE:BAUD`.
+    /// `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT`, `tcpin:...`, `tcpout:...`, `serial:DEVICE:BAUD` or `unix:PATH`.
     pub address: String,
     /// How setpoints are spoken: `px4_trajectory`, `px4_offboard`, `px4_deviation` or `ardupilot_guided`; `auto` = the one that
     /// is for the autopilot on the link.

@@ -11,6 +11,7 @@ use super::proximity::SECTORS;
 use super::streams::{Stream, Streams};
 use crate::autopilot::link::{Link, Packet};
 use crate::vehicle::GRAVITY_MPS2;
+use jink_shared_types::frames::Attitude;
 use mavlink::dialects::ardupilotmega as m;
 use mavlink::dialects::ardupilotmega::{MavMessage, MavSensorOrientation, MavSysStatusSensor};
 
@@ -193,7 +194,9 @@ impl ArduCopter {
     }
 
     fn attitude(&self) -> MavMessage {
-        let (roll, pitch, yaw) = self.estimate.attitude.rotation().euler_angles();
+        let unknown = (f64::NAN, f64::NAN, f64::NAN);
+        let local_q_body = self.estimate.attitude.rotation();
+        let (roll, pitch, yaw) = local_q_body.map_or(unknown, |rotation| rotation.euler_angles());
         let rates = self.estimate.rates;
         MavMessage::ATTITUDE(m::ATTITUDE_DATA {
             time_boot_ms: self.boot_ms(),
@@ -309,10 +312,10 @@ impl ArduCopter {
     fn attitude_target(&self) -> MavMessage {
         let attitude = self
             .command
-            .map_or(self.estimate.attitude.rotation(), |c| c.attitude);
+            .map_or(self.estimate.attitude, |c| Attitude::from_rotation(c.attitude));
         MavMessage::ATTITUDE_TARGET(m::ATTITUDE_TARGET_DATA {
             time_boot_ms: self.boot_ms(),
-            q: [attitude.w, attitude.i, attitude.j, attitude.k].map(|c| c as f32),
+            q: [attitude.w, attitude.x, attitude.y, attitude.z].map(|c| c as f32),
             thrust: self.command.map_or(0.0, |c| c.thrust) as f32,
             ..m::ATTITUDE_TARGET_DATA::default()
         })
@@ -370,7 +373,10 @@ impl ArduCopter {
     fn felt(&self) -> nalgebra::Vector3<f64> {
         let truth = self.vehicle.truth();
         let gravity = nalgebra::Vector3::new(0.0, 0.0, GRAVITY_MPS2);
-        truth.attitude.rotation().inverse() * (truth.acceleration.vector() - gravity)
+        let unknown = nalgebra::Vector3::from_element(f64::NAN);
+        truth.attitude.rotation().map_or(unknown, |local_q_body| {
+            local_q_body.inverse() * (truth.acceleration.vector() - gravity)
+        })
     }
 
     fn highres_imu(&self) -> MavMessage {

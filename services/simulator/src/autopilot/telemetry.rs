@@ -142,7 +142,9 @@ impl Autopilot {
     }
 
     fn attitude(&self) -> MavMessage {
-        let (roll, pitch, yaw) = self.estimate.attitude.rotation().euler_angles();
+        let unknown = (f64::NAN, f64::NAN, f64::NAN);
+        let local_q_body = self.estimate.attitude.rotation();
+        let (roll, pitch, yaw) = local_q_body.map_or(unknown, |rotation| rotation.euler_angles());
         let rates = self.estimate.rates;
         MavMessage::ATTITUDE(m::ATTITUDE_DATA {
             time_boot_ms: self.boot_ms(),

@@ -9,9 +9,9 @@ use super::pose::Pose;
 use super::spec::SensorSpec;
 use crate::random::Random;
 use crate::world::{Hit, Target, World};
-use jink_shared_types::frames::Attitude;
+use jink_shared_types::frames::Mounting;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
-use jink_shared_types::{BodyFrd, LocalNed, Point};
+use jink_shared_types::{BodyFrd, LocalNed, Point, Reserved};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// What differs between the kinds when the spec says nothing.
@@ -86,8 +86,8 @@ impl Head {
     }
 
     /// `body_q_sensor`.
-    pub fn mounting(&self) -> Attitude {
-        Attitude::from_rotation(self.body_q_sensor)
+    pub fn mounting(&self) -> Mounting {
+        Mounting::from_rotation(self.body_q_sensor)
     }
 
     /// The view of the sensor while the vehicle is at `pose`.
@@ -158,7 +158,7 @@ impl Head {
         cloud.range_max_m = self.range_max_m as f32;
         cloud.range_sigma_m = self.sigma_at_m(self.range_max_m) as f32;
         cloud.len = 0;
-        cloud.reserved = [0; 2];
+        cloud.reserved = Reserved::ZERO;
     }
 
     /// The end of one ray along `direction` (body).
@@ -174,7 +174,7 @@ impl Head {
             down_m: end.z as f32,
             offset_10us,
             kind: kind.into(),
-            reserved: 0,
+            reserved: Reserved::ZERO,
         }
     }
 }

@@ -27,6 +27,9 @@ const STEP: [u64; 2] = [
     (0.569_840_290_998_053_2 * FULL) as u64,
 ];
 
+/// Places of the table of azimuths.
+const AZIMUTHS: usize = 1024;
+
 pub(super) const DEFAULT_RATE_HZ: f64 = 10.0;
 
 #[derive(Clone, Debug)]
@@ -34,7 +37,8 @@ pub(super) struct Lidar3d {
     head: Head,
     beam: Beam,
     rays: u64,
-    azimuth_first_rad: f64,
+    /// Sine and cosine of the azimuth at each [`AZIMUTHS`]th of the span.
+    azimuths: Vec<[f64; 2]>,
     azimuth_span_rad: f64,
     /// Sine of the lowest elevation and its distance to the highest.
     sine_first: f64,
@@ -70,7 +74,10 @@ impl Lidar3d {
             rays: rays as u64,
             sweep_begin: Timestamp::NEVER,
             sweep: Vec::with_capacity(rays),
-            azimuth_first_rad: -0.5 * azimuth_span_rad,
+            azimuths: (0..AZIMUTHS)
+                .map(|part| azimuth_span_rad * (part as f64 / AZIMUTHS as f64 - 0.5))
+                .map(|azimuth_rad| azimuth_rad.sin_cos().into())
+                .collect(),
             azimuth_span_rad,
             sine_first: elevation_min_rad.sin(),
             sine_span: elevation_max_rad.sin() - elevation_min_rad.sin(),
@@ -86,10 +93,26 @@ impl Lidar3d {
             self.place[1].wrapping_add(STEP[1]),
         ];
         let [u, v] = self.place.map(|fraction| fraction as f64 * (1.0 / FULL));
-        let (sine, cosine) = (self.azimuth_first_rad + self.azimuth_span_rad * u).sin_cos();
+        let [sine, cosine] = self.azimuth(u);
         let up = self.sine_first + self.sine_span * v;
         let level = (1.0 - up * up).max(0.0).sqrt();
         Vector3::new(level * cosine, level * sine, -up)
+    }
+
+    /// Sine and cosine of the azimuth at part `u` (0 to 1) of the span: from the table, by addition of an angle below 0.0062 rad, of
+    /// which five terms of the series are exact. A twentieth of a campaign's time was spent on these two functions.
+    fn azimuth(&self, u: f64) -> [f64; 2] {
+        let part = u * AZIMUTHS as f64;
+        let index = (part as usize).min(AZIMUTHS - 1);
+        let [sine, cosine] = self.azimuths[index];
+        let rest = self.azimuth_span_rad * (part - index as f64) / AZIMUTHS as f64;
+        let square = rest * rest;
+        let rest_sine = rest * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)));
+        let rest_cosine = 1.0 - square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0)));
+        [
+            sine * rest_cosine + cosine * rest_sine,
+            cosine * rest_cosine - sine * rest_sine,
+        ]
     }
 
     /// One sweep from `begin` to `end`. Rays are spread evenly over it, each from the pose at its own time as told
@@ -150,6 +173,28 @@ impl Lidar3d {
                 Some(hit) => Answer::Hit(self.head.measured_m(hit.range_m)),
             };
             self.sweep.push(self.head.point(&direction, answer, tick as u16));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Lidar3d;
+    use crate::sensors::{SensorKind, SensorSpec};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn azimuths_from_the_table_are_those_of_the_functions(u in 0.0..1.0f64, span_deg in 1.0..360.0f64) {
+            let spec = SensorSpec {
+                fov_horizontal_deg: Some(span_deg),
+                ..SensorSpec::new("lidar", SensorKind::Lidar3d)
+            };
+            let lidar = Lidar3d::new(&spec, 1).unwrap();
+            let azimuth_rad = span_deg.to_radians() * (u - 0.5);
+            let [sine, cosine] = lidar.azimuth(u);
+            prop_assert!((sine - azimuth_rad.sin()).abs() < 1e-14);
+            prop_assert!((cosine - azimuth_rad.cos()).abs() < 1e-14);
         }
     }
 }

@@ -13,8 +13,8 @@
 use super::error::SensorError;
 use jink_shared_types::orientation;
 use nalgebra::UnitQuaternion;
-use serde::Deserialize;
 use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
 
 /// Longest name: it becomes part of a topic's name.
 pub(super) const NAME_CHARACTERS: usize = 16;
@@ -27,7 +27,7 @@ pub(super) const NAME_CHARACTERS: usize = 16;
 /// | `depth_camera` | 90 x 75 deg | 160 x 120 | 0.2..4 m | 0.005 z^2 | 15 Hz |
 /// | `lidar_2d` | 360 deg | 360 | 0.1..12 m | 1 cm | 10 Hz |
 /// | `rangefinder` | cone of 27 deg | nearest of 9 | 0.1..8 m | 2 cm + 1 % | 20 Hz |
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
 pub enum SensorKind {
     /// A lidar whose pattern does not repeat; renders a point cloud over its whole period.
     #[serde(rename = "lidar_3d")]
@@ -69,7 +69,7 @@ impl SensorKind {
 }
 
 /// One sensor as configured. What is `None` takes the kind's default; what the kind does not know is refused.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorSpec {
     /// Name, unique in the rig: 1 to 16 of `a-z`, `0-9`, `_`.
@@ -139,23 +139,30 @@ pub struct SensorSpec {
     /// How far a pixel at a depth edge may slide towards its neighbour's depth, 0 to 1 (`depth_camera`).
     pub edge_mixing: Option<f64>,
     /// Of the real device, whose driver reads it; here without effect, so that one configuration serves both.
+    #[serde(skip_serializing)]
     pub model: Option<IgnoredAny>,
     /// As [`Self::model`].
+    #[serde(skip_serializing)]
     pub device: Option<IgnoredAny>,
     /// As [`Self::model`].
+    #[serde(skip_serializing)]
     pub baud: Option<IgnoredAny>,
     /// As [`Self::model`].
+    #[serde(skip_serializing)]
     pub scan_low_deg: Option<IgnoredAny>,
     /// As [`Self::model`].
+    #[serde(skip_serializing)]
     pub scan_high_deg: Option<IgnoredAny>,
     /// As [`Self::model`]: for what the gateway hears.
+    #[serde(skip_serializing)]
     pub id: Option<IgnoredAny>,
     /// As [`Self::id`].
+    #[serde(skip_serializing)]
     pub component: Option<IgnoredAny>,
 }
 
 /// An orientation as written.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "an orientation is a name or a code")]
 pub enum OrientationKey {
     /// Its code.

@@ -138,7 +138,7 @@ fn state(time_usec: u64, truth: &VehicleTruth, reading: &Reading) -> HIL_STATE_Q
     });
     let position = truth.position;
     let (lat, lon) = home.to_global(Vector2::new(position.x_m, position.y_m)).to_e7();
-    let q = truth.attitude.rotation();
+    let q = truth.attitude;
     let [rollspeed, pitchspeed, yawspeed] = single(truth.rates.vector());
     let [vx, vy, vz] = centi(truth.velocity.vector());
     // In thousandths of gravity.
@@ -147,7 +147,7 @@ fn state(time_usec: u64, truth: &VehicleTruth, reading: &Reading) -> HIL_STATE_Q
     let airspeed_cmps = (airspeed_mps * 1e2).round() as u16;
     HIL_STATE_QUATERNION_DATA {
         time_usec,
-        attitude_quaternion: [q.w as f32, q.i as f32, q.j as f32, q.k as f32],
+        attitude_quaternion: [q.w, q.x, q.y, q.z].map(|c| c as f32),
         rollspeed,
         pitchspeed,
         yawspeed,

@@ -116,9 +116,13 @@ impl Instruments {
         Reading {
             accelerometer: specific_force + self.noise([ACCELEROMETER_SIGMA_MPS2; 2]),
             gyroscope: truth.rates.vector() + self.noise([GYROSCOPE_SIGMA_RADPS; 2]),
-            magnetometer: self.is_due(MAGNETOMETER_STEPS).then(|| {
-                truth.attitude.rotation().inverse() * field() + self.noise([MAGNETOMETER_SIGMA_GAUSS; 2])
-            }),
+            magnetometer: truth
+                .attitude
+                .rotation()
+                .filter(|_| self.is_due(MAGNETOMETER_STEPS))
+                .map(|local_q_body| {
+                    local_q_body.inverse() * field() + self.noise([MAGNETOMETER_SIGMA_GAUSS; 2])
+                }),
             barometer: self.is_due(BAROMETER_STEPS).then(|| {
                 pressure(HOME_HEIGHT_M - truth.position.z_m + self.random.normal() * BAROMETER_SIGMA_M)
             }),

@@ -81,7 +81,7 @@ impl JsonState {
     /// The line, with the line feed before and behind it that ArduPilot wants.
     pub fn write(&self, line: &mut String) {
         line.clear();
-        let q = self.truth.attitude.rotation();
+        let q = self.truth.attitude;
         let (position, velocity) = (self.truth.position.vector(), self.truth.velocity.vector());
         let wind = self.truth.wind.vector();
         // Writing into a string cannot fail.
@@ -94,9 +94,9 @@ impl JsonState {
             Array(self.accel),
             Array(position),
             q.w,
-            q.i,
-            q.j,
-            q.k,
+            q.x,
+            q.y,
+            q.z,
             Array(velocity),
             Array(wind),
         );

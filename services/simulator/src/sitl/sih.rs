@@ -150,7 +150,7 @@ mod tests {
             let truth = truth(&message, &home, 488.0);
             prop_assert!((truth.position.x_m - north).abs() < 0.02 && (truth.position.y_m - east).abs() < 0.02);
             prop_assert!((truth.position.z_m + up).abs() < 2e-3 && (truth.velocity.x_mps - v).abs() < 0.011);
-            prop_assert!(truth.attitude.rotation().angle_to(&rotation) < 1e-3);
+            prop_assert!(truth.attitude.rotation().unwrap().angle_to(&rotation) < 1e-3);
         }
     }
 }

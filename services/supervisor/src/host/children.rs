@@ -11,7 +11,7 @@ use jink_runtime::Instance;
 use jink_runtime::realtime::{STARTING_PRIORITY, Scheduling, schedule};
 use jink_shared_types::Timestamp;
 use jink_supervisor::supervision::{Adopted, Doing, Exit, Observation};
-use jink_supervisor::table::ProcessRow;
+use jink_supervisor::table::{ProcessRow, Start};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, pidfd_open, pidfd_send_signal, waitpid};
 use std::io;
@@ -47,28 +47,13 @@ impl Launch {
 
     fn command(&self, row: &ProcessRow, program: &Path, generation: u32, shadow: bool) -> Command {
         let mut command = Command::new(program);
-        command
-            .args(["--process", &row.rules.name])
-            .args(["--instance", &self.instance.to_string()])
-            .arg("--config")
-            .arg(&self.config)
-            .args(["--generation", &generation.to_string()])
-            .args(["--budget-us", &row.rules.cycle_budget_us.to_string()])
-            .args(["--end-to-end-us", &row.rules.end_to_end_us.to_string()])
-            .args(["--priority", &row.priority.to_string()])
-            .args(["--log", &row.log.unwrap_or(self.log).to_string().to_lowercase()]);
-        if let Some(core) = row.core {
-            command.args(["--core", &core.to_string()]);
-        }
-        if shadow {
-            command.arg("--shadow");
-        }
-        if row.lock_memory {
-            command.arg("--lock-memory");
-        }
-        if !row.arguments.is_empty() {
-            command.arg("--").args(&row.arguments);
-        }
+        command.args(row.arguments_of(&Start {
+            instance: &self.instance,
+            config: &self.config,
+            log: self.log,
+            generation,
+            is_shadow: shadow,
+        }));
         // The service manager's socket is the supervisor's: a child that spoke to it would speak for the whole system.
         for variable in ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"] {
             command.env_remove(variable);

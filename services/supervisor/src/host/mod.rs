@@ -6,7 +6,6 @@
 //! | [`record`] | which processes were started, for whoever comes after a killed supervisor |
 //! | [`children`], [`log_file`] | starting, signalling, reaping; what the processes write |
 //! | [`cores`] | whether a core runs at all, as a virtual one may not |
-//! | [`shared`] | topics held open, heartbeats in, status and events out |
 //! | [`requests`] | what the command line asks for |
 //! | [`post_mortem`] | how a process ended, for whoever asks later |
 //! | [`notify`] | systemd |
@@ -20,7 +19,6 @@ mod notify;
 mod post_mortem;
 mod record;
 mod requests;
-mod shared;
 mod system;
 
 use crate::args::Args;
@@ -30,6 +28,7 @@ use jink_runtime::config::{CONFIG_FILE, Config, PROCESS_FILE};
 use jink_runtime::service::EXIT_CANNOT_START;
 use jink_runtime::{Instance, Session};
 use jink_shared_types::Timestamp;
+use jink_supervisor::shared::{PROGRAM, Shared};
 use jink_supervisor::supervision::{End, Supervision};
 use jink_supervisor::table::ProcessTable;
 use log_file::LogFile;
@@ -37,7 +36,6 @@ use notify::Notifier;
 use record::{Living, Record};
 use requests::Requests;
 use rustix::process::{Signal, pidfd_send_signal};
-use shared::Shared;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
@@ -87,7 +85,7 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     let stop_signal = signals()?;
 
     let names: Vec<&str> = rows.iter().map(|row| row.rules.name.as_str()).collect();
-    let session = Session::open(&args.instance, shared::PROGRAM)?;
+    let session = Session::open(&args.instance, PROGRAM)?;
     let shared = Shared::open(session, &config, &names, count_start(&args.instance)?)?;
     let rules = rows.iter().map(|row| row.rules.clone());
     let now = jink_runtime::now();

@@ -4,17 +4,16 @@ use super::children::Children;
 use super::notify::Notifier;
 use super::post_mortem::PostMortem;
 use super::requests::{CLIENTS, Requests, refusal};
-use super::shared::Shared;
 use jink_runtime::Instance;
 use jink_runtime::janitor::Swept;
 use jink_runtime::request::{Answer, Request};
 use jink_shared_types::Timestamp;
-use jink_shared_types::control::Control;
 use jink_shared_types::events::{self, EventSample};
-use jink_shared_types::health::{Health, PROCESSES, SystemStatus};
+use jink_shared_types::health::{Health, PROCESSES};
 use jink_shared_types::params::nearest;
 use jink_shared_types::topics::FINGERPRINT;
 use jink_supervisor::shadow::{PROBATION_CYCLES, Refusal, SwapNews};
+use jink_supervisor::shared::Shared;
 use jink_supervisor::supervision::{Action, End, Exit, Observation, Supervision};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
@@ -25,8 +24,6 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// The status is published this often even if nothing changes (s): the topic's rate.
-const STATUS_PERIOD_S: f64 = 0.1;
 /// How often the logs are measured (s); in that time even a chatty process writes little against their limit.
 const LOGS_PERIOD_S: f64 = 1.0;
 /// After a death the memory is swept a second time (s): what is left of a start that was cut short cannot be told from
@@ -52,10 +49,6 @@ pub struct System {
     shared: Shared,
     notifier: Notifier,
     stop_signal: UnixStream,
-    status: Box<SystemStatus>,
-    status_due: Timestamp,
-    control: Box<Control>,
-    control_due: Timestamp,
     /// Somebody has died: what it left in shared memory is to be removed.
     sweep_due: bool,
     requests: Requests,
@@ -86,10 +79,6 @@ impl System {
             shared,
             notifier,
             stop_signal,
-            status: Box::default(),
-            status_due: Timestamp::NEVER,
-            control: Box::default(),
-            control_due: Timestamp::NEVER,
             sweep_due: false,
             requests,
             instance,
@@ -212,18 +201,7 @@ impl System {
     }
 
     fn publish(&mut self, now: Timestamp, changed: bool) {
-        // Before the status: who has lost the right to speak learns it before anybody is told.
-        let before = *self.control;
-        self.supervision.write_control(&mut self.control);
-        if before != *self.control || now >= self.control_due {
-            self.shared.publish_control(now, &self.control);
-            self.control_due = now.plus_seconds(STATUS_PERIOD_S);
-        }
-        if changed || now >= self.status_due {
-            self.supervision.write_status(&mut self.status);
-            self.shared.publish(now, &self.status);
-            self.status_due = now.plus_seconds(STATUS_PERIOD_S);
-        }
+        self.shared.publish(now, &self.supervision, changed);
         if changed {
             let supervision = &self.supervision;
             self.children.write_record(|index| supervision.adoptable(index));
@@ -232,16 +210,11 @@ impl System {
 
     fn sleep(&self) {
         let now = jink_runtime::now();
-        let until = [
-            self.supervision.next_wake(now),
-            self.status_due,
-            self.control_due,
-            self.logs_due,
-        ]
-        .into_iter()
-        .chain(self.notifier.due())
-        .min()
-        .unwrap_or(now);
+        let until = [self.supervision.next_wake(now), self.shared.due(), self.logs_due]
+            .into_iter()
+            .chain(self.notifier.due())
+            .min()
+            .unwrap_or(now);
         let left_ns = until.ns_since(now);
         let timeout = Timespec {
             tv_sec: (left_ns / 1_000_000_000) as i64,

@@ -6,7 +6,6 @@ use crate::slowness::SlowRule;
 use jink_runtime::config::{ConfigError, SENSOR_KINDS, of_sensor};
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
 use jink_shared_types::health::PROCESSES;
-use jink_shared_types::topics;
 use std::ops::RangeInclusive;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -53,6 +52,22 @@ pub(super) fn size(rows: &[ProcessRow], at: &At<'_>) -> Result<(), ConfigError> 
     match rows.len() {
         0 => Err(at(0, "there is no [[process]] row".to_owned())),
         n if n > PROCESSES => Err(at(0, format!("{n} processes; at most {PROCESSES} are possible"))),
+        _ => Ok(()),
+    }
+}
+
+/// Who is to be stopped by `on_failure = "stop_output"` is among the rows: the autopilot's own fail-safe is counted on.
+pub(super) fn output_is_there(rows: &[ProcessRow], file: &Path) -> Result<(), ConfigError> {
+    let stops_it = |row: &&ProcessRow| row.rules.on_failure == OnFailure::StopOutput;
+    match rows.iter().find(stops_it) {
+        Some(row) if !rows.iter().any(|row| row.rules.is_output) => Err(ConfigError {
+            file: file.to_owned(),
+            line: row.line,
+            message: format!(
+                "on_failure = \"stop_output\" of {:?} would stop nothing: no row says `output = true`",
+                row.rules.name
+            ),
+        }),
         _ => Ok(()),
     }
 }
@@ -128,7 +143,7 @@ pub(super) fn row(
     let word = |of: fn(&Written) -> &Option<Spanned<String>>| of(written).as_ref().or(of(defaults).as_ref());
     Ok(ProcessRow {
         rules: Rules {
-            is_output: is_output(&program),
+            is_output: written.output.as_ref().is_some_and(|output| *output.get_ref()),
             name,
             essential: written.essential.or(defaults.essential).unwrap_or(true),
             cycle_budget_us: u32::try_from(budget_us).unwrap_or(0),
@@ -226,13 +241,6 @@ fn program(written: &Written, start: usize, name: &str, at: &At<'_>) -> Result<P
         program.get_ref()
     );
     Err(at(program.span().start, message))
-}
-
-/// The output to the autopilot is whoever publishes the state of the link to it.
-fn is_output(program: &Path) -> bool {
-    let name = program.file_name().and_then(|name| name.to_str()).unwrap_or("");
-    name.strip_prefix("jink-")
-        .is_some_and(|name| topics::LINK_STATUS.row.may_publish(&name.replace('-', "_")))
 }
 
 fn integer(

@@ -47,9 +47,43 @@ fn a_row_wins_over_the_defaults_section_key_by_key() {
 }
 
 #[test]
-fn the_gateway_is_recognised_as_the_output() {
-    let text = "[[process]]\nname = \"link\"\nprogram = \"/opt/jink/bin/jink-mavlink-gateway\"\n";
-    assert!(parse(text).rows[0].rules.is_output);
+fn the_output_is_the_row_that_says_so_whatever_its_program_is_called() {
+    let text = format!("{SHORT}[[process]]\nname = \"link\"\nprogram = \"/opt/my-gateway\"\noutput = true\n");
+    let is_output: Vec<bool> = parse(&text).rows.iter().map(|row| row.rules.is_output).collect();
+    assert_eq!(is_output, [false, true]);
+    let gateway = "[[process]]\nname = \"mavlink_gateway\"\nprogram = \"jink-mavlink-gateway\"\n";
+    assert!(!parse(gateway).rows[0].rules.is_output);
+    assert_eq!(
+        error_of(&format!("[defaults]\noutput = true\n{SHORT}")),
+        "services.toml:2: `output` belongs into a [[process]] row, not into [defaults]"
+    );
+}
+
+#[test]
+fn to_stop_the_output_there_must_be_one() {
+    let stops = format!("{SHORT}on_failure = \"stop_output\"\n");
+    let link = "[[process]]\nname = \"link\"\nprogram = \"jink-mavlink-gateway\"\n";
+    let refused = "services.toml:1: on_failure = \"stop_output\" of \"planner\" would stop nothing: no row says `output = true`";
+    assert_eq!(error_of(&format!("{stops}{link}")), refused);
+    assert_eq!(
+        error_of(&format!("[defaults]\non_failure = \"stop_output\"\n{link}")),
+        "services.toml:3: on_failure = \"stop_output\" of \"link\" would stop nothing: no row says `output = true`"
+    );
+    let with_one = parse(&format!("{stops}{link}output = true\nwhen = \"real\"\n"));
+    let folder = std::env::temp_dir().join(format!("jink-output-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    for program in ["jink-planner", "jink-mavlink-gateway"] {
+        std::os::unix::fs::symlink(std::env::current_exe().unwrap(), folder.join(program)).unwrap();
+    }
+    let [real, simulated] =
+        [Mode::Real, Mode::SimulatedVehicle].map(|mode| with_one.select(mode, &folder, &[]));
+    std::fs::remove_dir_all(&folder).unwrap();
+    assert_eq!(real.unwrap().len(), 2);
+    assert_eq!(
+        simulated.unwrap_err().to_string(),
+        refused,
+        "it does not run there"
+    );
 }
 
 #[test]

@@ -67,6 +67,9 @@ fn open_remedy(endpoint: &Endpoint) -> &'static str {
         Endpoint::UdpOut { .. } | Endpoint::TcpOut { .. } => {
             "check that host and port are right, that the other end runs, and that this board reaches it (ping)"
         }
+        Endpoint::Unix { .. } => {
+            "start the program at the other end first: it makes the socket, and this user must be allowed to write to it"
+        }
     }
 }
 
@@ -93,6 +96,9 @@ fn silent(about: String, setup: &LinkSetup, counts: &Counts) -> Finding {
         }
         Endpoint::UdpOut { .. } | Endpoint::TcpOut { .. } => {
             "check that something listens there and answers to where it hears us: PX4 in simulation listens on 14580"
+        }
+        Endpoint::Unix { .. } => {
+            "check that the program at the other end sends to the path with \".jink\" behind it"
         }
     };
     Finding::blocker(about, format!("nothing arrives on {endpoint}"), remedy)

@@ -8,22 +8,19 @@
 //! a ground station that flies a mission.
 
 mod fly;
-mod sensors;
-mod settings;
 mod sitl;
 mod sitl_vehicle;
-mod udp;
-mod vehicle;
 mod world;
 
 use jink_runtime::{Cycle, Ports, Service, StartError, Wake};
+use jink_simulator::service::{SensorService, VehicleService};
 use std::os::fd::BorrowedFd;
 use std::process::ExitCode;
 
 /// The vehicle with whichever autopilot the configuration names.
 enum Vehicle {
     /// An emulated one, in this process.
-    Emulated(Box<vehicle::VehicleService>),
+    Emulated(Box<VehicleService>),
     /// Somebody's build of a real one.
     Sitl(Box<sitl_vehicle::SitlVehicle>),
 }
@@ -33,7 +30,7 @@ impl Service for Vehicle {
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         Ok(match ports.config().simulation.sitl.is_empty() {
-            true => Self::Emulated(Box::new(vehicle::VehicleService::open(ports)?)),
+            true => Self::Emulated(Box::new(VehicleService::open(ports)?)),
             false => Self::Sitl(Box::new(sitl_vehicle::SitlVehicle::open(ports)?)),
         })
     }
@@ -67,7 +64,7 @@ fn main() -> ExitCode {
         .and_then(|at| arguments.get(at + 1));
     match role.map(String::as_str) {
         Some("vehicle") => jink_runtime::run::<Vehicle>(),
-        Some("sensors") => jink_runtime::run::<sensors::SensorService>(),
+        Some("sensors") => jink_runtime::run::<SensorService>(),
         other => {
             eprintln!(
                 "jink-simulator: {}: expected a tool (world, sitl, fly) or, behind --, a role (vehicle, sensors)",

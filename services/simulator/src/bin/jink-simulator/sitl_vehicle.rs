@@ -1,10 +1,10 @@
 //! Somebody's real autopilot in simulation as a process: its truth, seen by our judge.
 
-use crate::settings;
 use jink_runtime::config::Config;
 use jink_runtime::{Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::{SampleHeader, params, topics};
+use jink_simulator::service::settings;
 use jink_simulator::sitl::{Interface, Sitl, SitlBuild, SitlOptions, SitlSample};
 use jink_simulator::truth::{Observed, Observer};
 use jink_simulator::world::World;

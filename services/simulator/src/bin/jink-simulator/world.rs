@@ -1,7 +1,7 @@
 //! `jink-simulator world`: what stands in a world, so that anyone can judge a flight against the ground truth.
 
-use crate::settings;
 use clap::Parser;
+use jink_simulator::service::settings;
 use jink_simulator::world::World;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;

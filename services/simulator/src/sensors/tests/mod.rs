@@ -7,6 +7,7 @@ mod specs;
 
 use super::*;
 use crate::world::{Bounds, Cylinder, Obstacle, Scene, WorldKind, YawedBox};
+use jink_shared_types::layout::Layout;
 use jink_shared_types::ranges::{CloudPoint, RayKind};
 use jink_shared_types::{BodyFrd, LocalNed, Point};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -97,6 +98,7 @@ fn clouds(
         .map(|frame| {
             let mut cloud = PointCloud::boxed();
             rig.render_cloud(frame, world, track, &mut cloud).unwrap();
+            assert!(cloud.is_plausible(), "{cloud:?}");
             cloud
         })
         .collect()
@@ -109,6 +111,7 @@ fn scans(spec: &SensorSpec, seed: u64, world: &World, track: &PoseTrack, seconds
         .map(|frame| {
             let mut scan = RangeScan::default();
             rig.render_scan(frame, world, track, &mut scan).unwrap();
+            assert!(scan.is_plausible(), "{scan:?}");
             scan
         })
         .collect()

@@ -13,7 +13,7 @@ fn ground() -> SensorSpec {
 /// Direction of a beam in the body.
 fn direction(scan: &RangeScan, beam: usize) -> Vector3<f64> {
     let angle_rad = f64::from(scan.angle_first_rad) + beam as f64 * f64::from(scan.angle_step_rad);
-    scan.mounting.rotation() * Vector3::new(angle_rad.cos(), angle_rad.sin(), 0.0)
+    scan.mounting.rotation().unwrap() * Vector3::new(angle_rad.cos(), angle_rad.sin(), 0.0)
 }
 
 #[test]

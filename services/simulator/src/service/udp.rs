@@ -11,6 +11,7 @@ use nix::sys::socket::{
 use nix::sys::time::TimeSpec;
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::collections::VecDeque;
+use std::fmt;
 use std::io::{IoSliceMut, Read};
 use std::net::{SocketAddr, SocketAddrV4, UdpSocket};
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
@@ -32,9 +33,9 @@ pub struct Arrival {
 }
 
 /// Bytes received and not yet read as messages.
-#[derive(Default)]
-struct Feed {
-    bytes: VecDeque<u8>,
+#[derive(Debug, Default)]
+pub(super) struct Feed {
+    pub(super) bytes: VecDeque<u8>,
 }
 
 impl Read for Feed {
@@ -59,8 +60,17 @@ pub struct MavUdp {
     control: Vec<u8>,
 }
 
+impl fmt::Debug for MavUdp {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "MavUdp({:?})", self.socket)
+    }
+}
+
 impl MavUdp {
     /// Binds `local`; sends to `peer`, or, if there is none, to whoever spoke last.
+    ///
+    /// # Errors
+    /// What the system says.
     pub fn open(local: SocketAddr, peer: Option<SocketAddr>) -> std::io::Result<Self> {
         let socket = UdpSocket::bind(local)?;
         socket.set_nonblocking(true)?;

@@ -1,18 +1,19 @@
-//! World, vehicle and autopilot as a process: 250 steps a second in real time, MAVLink over UDP, ground truth.
+//! World, vehicle and autopilot as a process: 250 steps a second in real time, MAVLink on two links, ground truth.
 
-use crate::settings;
-use crate::udp::{Arrival, MavUdp};
+use super::settings;
+use super::udp::Arrival;
+use super::wire::{Wire, Wires};
+use crate::autopilot::{Link, Packet};
+use crate::flyer::{Flyer, FlyerConfig};
+use crate::truth::Observer;
+use crate::vehicle::STEP_US;
+use crate::world::World;
 use jink_runtime::config::Config;
 use jink_runtime::{Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::{SampleHeader, Timestamp, params, topics};
-use jink_simulator::autopilot::{Link, Packet};
-use jink_simulator::flyer::{Flyer, FlyerConfig};
-use jink_simulator::truth::Observer;
-use jink_simulator::vehicle::STEP_US;
-use jink_simulator::world::World;
 use std::collections::VecDeque;
-use std::net::{Ipv4Addr, SocketAddr};
+use std::fmt;
 use std::os::fd::BorrowedFd;
 
 /// More steps than this behind, the simulation goes on slower than real time instead of catching up: 200 ms.
@@ -28,9 +29,10 @@ pub struct VehicleService {
     world: World,
     autopilot: Box<dyn Flyer>,
     observer: Observer,
-    companion: MavUdp,
-    ground_station: Option<MavUdp>,
+    companion: Wire,
+    ground_station: Option<Wire>,
     truth: Output<SimTruth>,
+    newest: SimTruth,
     begin: Timestamp,
     steps: u64,
     late_max_s: f64,
@@ -41,18 +43,21 @@ pub struct VehicleService {
     outbox: Vec<Packet>,
 }
 
+impl fmt::Debug for VehicleService {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "VehicleService({} steps)", self.steps)
+    }
+}
+
 impl Service for VehicleService {
     const PROGRAM: &'static str = "simulator";
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
         let config = ports.config().clone();
-        let simulation = &config.simulation;
-        let companion_at = settings::companion_address(&config.link.address)?;
-        let companion = open_udp(simulation.autopilot_port, companion_at)?;
-        let ground_station = match simulation.ground_station_port {
-            0 => None,
-            port => Some(open_udp(0, SocketAddr::from((Ipv4Addr::LOCALHOST, port)))?),
-        };
+        let Wires {
+            companion,
+            ground_station,
+        } = Wires::open(ports)?;
         Ok(Self {
             world: settings::world(&config)?,
             autopilot: autopilot(&config)?,
@@ -60,8 +65,9 @@ impl Service for VehicleService {
             companion,
             ground_station,
             truth: ports.output(topics::SIM_TRUTH)?,
+            newest: SimTruth::default(),
             // The frames of the sensors end on beats of the clock: a pose is there then, and they need not wait for one.
-            begin: jink_runtime::now().next_beat(STEP_RATE_HZ),
+            begin: ports.clock().now().next_beat(STEP_RATE_HZ),
             steps: 0,
             late_max_s: 0.0,
             received: Vec::new(),
@@ -91,7 +97,7 @@ impl Service for VehicleService {
     }
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; jink_runtime::service::WATCHED_FDS] {
-        let station = self.ground_station.as_ref().map(MavUdp::fd);
+        let station = self.ground_station.as_ref().map(Wire::fd);
         let mut fds = [None; jink_runtime::service::WATCHED_FDS];
         fds[..2].copy_from_slice(&[Some(self.companion.fd()), station]);
         fds
@@ -99,6 +105,27 @@ impl Service for VehicleService {
 }
 
 impl VehicleService {
+    /// Puts another autopilot and another world in the place of those that the configuration names.
+    pub fn replace(&mut self, autopilot: Box<dyn Flyer>, world: World) {
+        self.autopilot = autopilot;
+        self.world = world;
+    }
+
+    /// Puts another world in the place of the one there is: something in it has moved.
+    pub fn move_world(&mut self, world: World) {
+        self.world = world;
+    }
+
+    /// The autopilot.
+    pub fn autopilot(&self) -> &dyn Flyer {
+        self.autopilot.as_ref()
+    }
+
+    /// The truth after the last step.
+    pub fn truth(&self) -> &SimTruth {
+        &self.newest
+    }
+
     /// When a step is due on the board's clock.
     fn step_time(&self, step: u64) -> Timestamp {
         Timestamp::from_ns(self.begin.ns + step * STEP_US * 1_000)
@@ -137,14 +164,14 @@ impl VehicleService {
         self.outbox.clear();
         self.autopilot.step(&self.inbox, &mut self.outbox);
         for packet in &self.outbox {
-            match (packet.link, &self.ground_station) {
+            match (packet.link, &mut self.ground_station) {
                 (Link::Companion, _) => self.companion.send(&packet.header, &packet.message),
                 (Link::GroundStation, Some(station)) => station.send(&packet.header, &packet.message),
                 (Link::GroundStation, None) => {}
             }
         }
         self.steps += 1;
-        let truth = SimTruth {
+        self.newest = SimTruth {
             late_max_s: self.late_max_s,
             ..self.observer.observe(self.autopilot.as_ref(), &self.world)
         };
@@ -152,7 +179,7 @@ impl VehicleService {
             capture: self.step_time(self.steps),
             ..SampleHeader::default()
         };
-        self.truth.send(header, &truth);
+        self.truth.send(header, &self.newest);
     }
 }
 
@@ -178,13 +205,5 @@ fn autopilot(config: &Config) -> Result<Box<dyn Flyer>, StartError> {
     flyer.build().map_err(|error| StartError::Needs {
         what: "the autopilot".to_owned(),
         cause: error.to_string(),
-    })
-}
-
-fn open_udp(port: u16, peer: SocketAddr) -> Result<MavUdp, StartError> {
-    let local = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-    MavUdp::open(local, Some(peer)).map_err(|error| StartError::Needs {
-        what: format!("UDP port {port} for the simulated autopilot"),
-        cause: format!("{error}; is another simulator running?"),
     })
 }

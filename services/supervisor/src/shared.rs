@@ -1,6 +1,7 @@
-//! The supervisor's part of shared memory: it creates every topic and holds it open, so that a topic outlives the
-//! processes that use it; it reads heartbeats and publishes status and events.
+//! The supervisor's topics: it creates every topic and holds it open, so that a topic outlives the processes that use it; it
+//! reads heartbeats and publishes status, control record and events.
 
+use crate::supervision::{Observation, Supervision};
 use jink_runtime::config::{Config, SensorOutput};
 use jink_runtime::janitor::Swept;
 use jink_runtime::session::HeldTopic;
@@ -10,10 +11,13 @@ use jink_shared_types::control::Control;
 use jink_shared_types::events::{EventSample, Severity};
 use jink_shared_types::health::{Heartbeat, Name, SystemStatus};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
-use jink_supervisor::supervision::Observation;
+use std::fmt;
 
 /// The supervisor in the topic table, and in its events.
 pub const PROGRAM: &str = "supervisor";
+
+/// Status and control record are published this often even if nothing changes (s): the topics' rate.
+const STATUS_PERIOD_S: f64 = 0.1;
 
 /// Ports and topics. Ports go before the session that they belong to.
 pub struct Shared {
@@ -21,13 +25,26 @@ pub struct Shared {
     events: Output<EventSample>,
     status: Output<SystemStatus>,
     control: Output<Control>,
+    status_sample: Box<SystemStatus>,
+    status_due: Timestamp,
+    control_sample: Box<Control>,
+    control_due: Timestamp,
     _held: Vec<HeldTopic>,
     session: Session,
+}
+
+impl fmt::Debug for Shared {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Shared({} processes)", self.heartbeats.len())
+    }
 }
 
 impl Shared {
     /// Creates every topic that `processes` and the sensors of `config` can use.
     /// `generation` tells this supervisor from those of the instance before it.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
     pub fn open(
         session: Session,
         config: &Config,
@@ -44,6 +61,10 @@ impl Shared {
             events: session.output(topics::EVENT, "", generation)?,
             status: session.output(topics::SYSTEM_STATUS, "", generation)?,
             control: session.output(topics::CONTROL, "", generation)?,
+            status_sample: Box::default(),
+            status_due: Timestamp::NEVER,
+            control_sample: Box::default(),
+            control_due: Timestamp::NEVER,
             _held: hold_all(&session, config, processes)?,
             session,
         })
@@ -62,14 +83,25 @@ impl Shared {
         }
     }
 
-    /// Publishes the status.
-    pub fn publish(&mut self, now: Timestamp, status: &SystemStatus) {
-        self.status.send(SampleHeader::at(now), status);
+    /// Publishes control record and status as `supervision` has them, if they are due or have changed.
+    pub fn publish(&mut self, now: Timestamp, supervision: &Supervision, changed: bool) {
+        // Before the status: who has lost the right to speak learns it before anybody is told.
+        let before = *self.control_sample;
+        supervision.write_control(&mut self.control_sample);
+        if before != *self.control_sample || now >= self.control_due {
+            self.control.send(SampleHeader::at(now), &self.control_sample);
+            self.control_due = now.plus_seconds(STATUS_PERIOD_S);
+        }
+        if changed || now >= self.status_due {
+            supervision.write_status(&mut self.status_sample);
+            self.status.send(SampleHeader::at(now), &self.status_sample);
+            self.status_due = now.plus_seconds(STATUS_PERIOD_S);
+        }
     }
 
-    /// Publishes who owns what.
-    pub fn publish_control(&mut self, now: Timestamp, control: &Control) {
-        self.control.send(SampleHeader::at(now), control);
+    /// When something is to be published again, changed or not.
+    pub fn due(&self) -> Timestamp {
+        self.status_due.min(self.control_due)
     }
 
     /// Tells the pilot, and the log.

@@ -1,13 +1,16 @@
 //! What all roles read from the configuration.
 
+use crate::sensors::SensorSpec;
+use crate::vehicle::wind::WindConfig;
+use crate::world::{World, WorldError, WorldKind, WorldSpec};
 use jink_runtime::config::{Config, Simulation};
 use jink_runtime::{Ports, StartError};
-use jink_simulator::sensors::SensorSpec;
-use jink_simulator::vehicle::wind::WindConfig;
-use jink_simulator::world::{World, WorldError, WorldKind, WorldSpec};
 use std::net::SocketAddr;
 
 /// The world the configuration names.
+///
+/// # Errors
+/// It names none.
 pub fn world(config: &Config) -> Result<World, StartError> {
     build(
         &config.simulation.world,
@@ -21,6 +24,9 @@ pub fn world(config: &Config) -> Result<World, StartError> {
 }
 
 /// The world called `name`.
+///
+/// # Errors
+/// There is none.
 pub fn build(name: &str, seed: u64, density_per_m2: Option<f64>) -> Result<World, WorldError> {
     let kind: WorldKind = name.parse()?;
     World::from_spec(&WorldSpec {
@@ -32,6 +38,9 @@ pub fn build(name: &str, seed: u64, density_per_m2: Option<f64>) -> Result<World
 
 /// The sensors to render, with the keys that only the simulator knows. Everything else in the file has been checked by
 /// [`Config`] already.
+///
+/// # Errors
+/// What is wrong, with file and line.
 pub fn sensors(ports: &Ports) -> Result<Vec<SensorSpec>, StartError> {
     let mut specs: Vec<SensorSpec> = jink_runtime::config::sensors(&ports.setup().config)?;
     specs.retain(|spec| spec.kind.is_rendered());
@@ -48,6 +57,9 @@ pub fn wind(simulation: &Simulation) -> WindConfig {
 }
 
 /// Where the gateway waits for its autopilot.
+///
+/// # Errors
+/// The link is no listening UDP socket.
 pub fn companion_address(link: &str) -> Result<SocketAddr, StartError> {
     link.strip_prefix("udpin:")
         .and_then(|address| address.parse().ok())

@@ -1,0 +1,161 @@
+//! The guard as a process: woken by ranges and trajectories, and 30 times a second at least; it answers each trajectory, and a pilot
+//! who steers.
+
+use crate::guard::{Guard, GuardConfig, GuardInputs};
+use crate::prevention::{PreventionConfig, Watch};
+use crate::ring::Ring;
+use jink_runtime::{Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake};
+use jink_shared_types::motion::{ApprovedTrajectory, Trajectory};
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
+use jink_shared_types::ring::SectorRing;
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
+use std::fmt;
+
+/// What is flown is looked at, and said again, this often.
+const RATE_HZ: u32 = 30;
+/// What a pilot wants is looked at this often.
+const WATCH_RATE_HZ: u32 = 50;
+/// The ring goes out this often.
+const RING_RATE_HZ: u32 = 15;
+
+/// The service: see [`crate`].
+pub struct GuardService {
+    guard: Guard,
+    watch: Watch,
+    ring: Ring,
+    ranges: RangeInputs,
+    state: Input<VehicleState>,
+    trajectory: Input<Trajectory>,
+    demand: Input<PilotDemand>,
+    approved: Output<ApprovedTrajectory>,
+    prevented: Output<PreventedDemand>,
+    sectors: Output<SectorRing>,
+    answer: ApprovedTrajectory,
+    ring_sample: SectorRing,
+    answered: Timestamp,
+    header: SampleHeader,
+    due: Timestamp,
+    ring_due: Timestamp,
+    watch_due: Timestamp,
+}
+
+impl fmt::Debug for GuardService {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("GuardService")
+    }
+}
+
+impl Service for GuardService {
+    const PROGRAM: &'static str = "collision_guard";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let params = ports.config().params.clone();
+        Ok(Self {
+            guard: Guard::new(GuardConfig::from_params(&params), ports.setup().generation),
+            watch: Watch::new(PreventionConfig::from_params(&params)),
+            ring: Ring::from_params(&params),
+            ranges: RangeInputs::open(ports)?,
+            state: ports.input(topics::VEHICLE_STATE)?.needed(),
+            trajectory: ports.trigger(topics::TRAJECTORY)?,
+            demand: ports.input(topics::PILOT_DEMAND)?,
+            approved: ports.output(topics::APPROVED)?,
+            prevented: ports.output(topics::PREVENTED)?,
+            sectors: ports.output(topics::RING)?,
+            answer: ApprovedTrajectory::default(),
+            ring_sample: SectorRing::default(),
+            answered: Timestamp::NEVER,
+            header: SampleHeader::default(),
+            due: Timestamp::NEVER,
+            ring_due: Timestamp::NEVER,
+            watch_due: Timestamp::NEVER,
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        let now = cycle.now;
+        self.take_ranges();
+        let newest = self.trajectory.latest(now).fresh();
+        let new = newest.filter(|trajectory| trajectory.header.publish != self.answered);
+        if new.is_some() || now >= self.due {
+            if let Some(new) = &new {
+                self.answered = new.header.publish;
+                self.header = *new.header;
+            }
+            let inputs = GuardInputs {
+                trajectory: new.map(|trajectory| trajectory.sample),
+                state: self.state.latest(now),
+                ring: &self.ring,
+            };
+            let news = self.guard.step(now, &inputs, &mut self.answer);
+            let answer = &self.answer;
+            self.approved
+                .write(self.header.derived(Stage::Guard, now), |slot| {
+                    slot.clone_from(answer);
+                });
+            for event in news.events() {
+                cycle.events.publish(now, event);
+            }
+            self.due = now.next_beat(RATE_HZ);
+        }
+        if now >= self.ring_due {
+            self.ring_due = now.next_beat(RING_RATE_HZ);
+            self.ring.ring(now, &mut self.ring_sample);
+            self.sectors.send(SampleHeader::at(now), &self.ring_sample);
+        }
+        let watches = self.watch_over_the_pilot(cycle);
+        let due = self.due.min(self.ring_due);
+        Wake::at(if watches { due.min(self.watch_due) } else { due })
+    }
+
+    /// The ring keeps what it has seen: its hull and its band need a restart.
+    fn retune(&mut self, params: &ParamSet) {
+        self.guard.configure(GuardConfig::from_params(params));
+        self.watch.configure(PreventionConfig::from_params(params));
+    }
+}
+
+impl GuardService {
+    /// Whether one steers.
+    fn watch_over_the_pilot(&mut self, cycle: &mut Cycle<'_>) -> bool {
+        let now = cycle.now;
+        let demand = self.demand.latest(now);
+        if !demand.is_fresh() {
+            return false;
+        }
+        if now < self.watch_due {
+            return true;
+        }
+        self.watch_due = now.next_beat(WATCH_RATE_HZ);
+        self.ring.ring(now, &mut self.ring_sample);
+        let state = self.state.latest(now);
+        if let Some((prevented, news)) = self.watch.step(now, demand, state, &self.ring_sample) {
+            self.prevented.send(SampleHeader::at(now), &prevented);
+            for event in news.events() {
+                cycle.events.publish(now, event);
+            }
+        }
+        true
+    }
+
+    fn take_ranges(&mut self) {
+        let Self {
+            ring, state, ranges, ..
+        } = self;
+        state.each(|state| {
+            if let Err(refused) = ring.vehicle(state.sample, state.header) {
+                tracing::debug!("{refused}");
+            }
+        });
+        ranges.each(|number, sample| {
+            let taken = match sample {
+                RangeSample::Cloud(cloud) => ring.cloud(number, cloud.sample, cloud.header),
+                RangeSample::Scan(scan) => ring.scan(number, scan.sample, scan.header),
+            };
+            if let Err(refused) = taken {
+                tracing::debug!("{refused}");
+            }
+        });
+    }
+}

@@ -1,0 +1,374 @@
+//! The gateway as a process: woken by its links, by approved trajectories, by the system's status, and by its own beat.
+
+mod kept;
+mod opening;
+
+use crate::board::Board;
+use crate::link::Progress;
+use crate::links::Links;
+use crate::ranges::{RangeSources, SensorTable};
+use crate::{
+    Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileChoice, Receipt,
+    Received, Representation,
+};
+use jink_runtime::service::WATCHED_FDS;
+use jink_runtime::{
+    Claim, Clock, Cycle, Input, Latency, Output, Ports, Service, StartError, StoreWriter, Wake,
+};
+use jink_shared_types::events::EventSample;
+use jink_shared_types::hash;
+use jink_shared_types::health::Name;
+use jink_shared_types::health::SystemStatus;
+use jink_shared_types::link::{LinkStatus, StopRequest};
+use jink_shared_types::motion::ApprovedTrajectory;
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
+use jink_shared_types::ranges::RangeScan;
+use jink_shared_types::ring::SectorRing;
+use jink_shared_types::tuning::{ParameterChange, ParameterValues};
+use jink_shared_types::vehicle::{DesiredPath, VehicleState};
+use jink_shared_types::{SampleHeader, Timestamp, topics};
+use kept::{FlightFile, ProvenProfile};
+use opening::open_links;
+use std::fmt::{self, Display};
+use std::os::fd::BorrowedFd;
+
+/// A link that carries this (bytes/s) carries every stream as often as it is of use: a serial line at 460800 bit/s.
+const FAST_LINK_BPS: f64 = 46_000.0;
+/// Messages handled per cycle; a link that floods is read on in the next one, after the setpoint.
+const MESSAGES_MAX: usize = 256;
+/// How often an instance that hears nobody any more looks whether the link is its own now (s).
+const ORPHAN_LOOKS_S: f64 = 0.002;
+/// How far back from its start a gateway takes events that nobody may have said (s): longer than the gap that a killed gateway
+/// leaves, and shorter than what a pilot takes for old.
+const TOLD_BEFORE_S: f64 = 0.5;
+/// Events handled per cycle.
+const EVENTS_MAX: usize = 32;
+
+/// The service: see [`crate`].
+pub struct GatewayService {
+    gateway: Gateway,
+    clock: Clock,
+    links: Links,
+    outputs: Outputs,
+    received: Vec<Received>,
+    news: Vec<EventSample>,
+    approved: Input<ApprovedTrajectory>,
+    prevented: Input<PreventedDemand>,
+    ring: Input<SectorRing>,
+    system: Input<SystemStatus>,
+    events: Input<EventSample>,
+    /// This process, as it stands in its events.
+    me: Name,
+    state: Output<VehicleState>,
+    desired: Output<DesiredPath>,
+    pilot: Output<PilotDemand>,
+    /// One for each sensor that comes over MAVLink.
+    scans: Vec<Output<RangeScan>>,
+    status: Output<LinkStatus>,
+    /// Nothing that is needed to fly: without it the board stays unknown.
+    board: Option<Board>,
+    parameters: Output<ParameterValues>,
+    changes: Input<ParameterChange>,
+    stop_requests: Input<StopRequest>,
+    store: StoreWriter,
+    latency: Latency,
+    claim: Claim,
+    /// What the next gateway is to know of this flight.
+    flight: FlightFile,
+    /// What the next gateway of this run begins with.
+    proven: ProvenProfile,
+    /// When this process began to listen.
+    begin: Timestamp,
+}
+
+fn needs<E: Display>(what: String) -> impl FnOnce(E) -> StartError {
+    move |cause| StartError::Needs {
+        what,
+        cause: cause.to_string(),
+    }
+}
+
+impl fmt::Debug for GatewayService {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("GatewayService")
+    }
+}
+
+impl Service for GatewayService {
+    const PROGRAM: &'static str = "mavlink_gateway";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let settings = ports.config().link.clone();
+        let links = open_links(ports)?;
+        let choice: ProfileChoice = settings
+            .profile
+            .parse()
+            .map_err(needs("link.profile".to_owned()))?;
+        let proven = ProvenProfile::of(ports.setup().instance.proven_profile());
+        let (profile, is_proven) = proven.for_choice(choice);
+        let representation: Representation =
+            settings.output.parse().map_err(needs("link.output".to_owned()))?;
+        let config = GatewayConfig {
+            system_id: (settings.system_id != 0).then_some(settings.system_id),
+            component_id: COMPONENT_AVOIDANCE,
+            ground_station_links: links.of_ground_stations(),
+            representation,
+            chooses_profile: choice == ProfileChoice::Auto,
+            is_proven,
+            takes_missions: settings.takes_missions,
+            has_fast_link: links.carries(FAST_LINK_BPS),
+            ..GatewayConfig::from_params(&ports.config().params, profile)
+        };
+        let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;
+        let sources = RangeSources::new(&tables).map_err(|mistake| StartError::Needs {
+            what: "ranges over MAVLink".to_owned(),
+            cause: mistake.to_string(),
+        })?;
+        let scans = sources
+            .names()
+            .map(|name| ports.output_of(topics::RANGE_SCAN, name))
+            .collect::<Result<_, _>>()?;
+        let flight = FlightFile::of(&ports.setup().instance.folder());
+        Ok(Self {
+            gateway: Gateway::new(config)
+                .resuming(ports.clock().now(), flight.read())
+                .with_range_sources(sources)
+                .with_params(&ports.config().params)
+                .with_board_id(board_id()),
+            links,
+            outputs: Outputs::default(),
+            received: Vec::with_capacity(MESSAGES_MAX),
+            news: Vec::with_capacity(EVENTS_MAX),
+            approved: ports.trigger(topics::APPROVED)?,
+            prevented: ports.input(topics::PREVENTED)?,
+            ring: ports.input(topics::RING)?,
+            system: ports.trigger(topics::SYSTEM_STATUS)?,
+            events: ports.input(topics::EVENT)?,
+            me: Name::new(&ports.setup().process),
+            state: ports.output(topics::VEHICLE_STATE)?,
+            desired: ports.output(topics::DESIRED_PATH)?,
+            pilot: ports.output(topics::PILOT_DEMAND)?,
+            scans,
+            status: ports.output(topics::LINK_STATUS)?,
+            // What else the board does is no part of a simulated flight.
+            board: (!ports.clock().is_virtual())
+                .then(|| Board::watch().ok())
+                .flatten(),
+            parameters: ports.output(topics::PARAMETERS)?,
+            // Each command that asks is a producer of its own.
+            changes: ports.input(topics::PARAMETER_CHANGE)?.of_all_producers(),
+            stop_requests: ports.input(topics::STOP_REQUEST)?.of_all_producers(),
+            store: ports.param_store().clone().writer(),
+            latency: ports.latency(),
+            claim: ports.claim(),
+            flight,
+            proven,
+            begin: ports.clock().now(),
+            clock: ports.clock(),
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        let now = cycle.now;
+        if self.links.holds() && !self.claim.is_due(now) {
+            self.release();
+        }
+        // What the former holder has read is its own to answer, also if the link passes over behind it.
+        let speaks = self.links.holds();
+        self.claim.declare(speaks);
+        self.gateway.listen_only(!speaks);
+        let progress = self.receive(now);
+        self.news.clear();
+        for event in self.links.news() {
+            cycle.events.publish(now, &event);
+            self.news.push(event);
+        }
+        let since = self.begin.plus_seconds(-TOLD_BEFORE_S);
+        self.events.each(|event| {
+            // Its own are on their way already, and what came long before it has been said by the gateway before.
+            let is_news = event.sample.process != self.me && event.header.publish >= since;
+            if is_news && self.news.len() < EVENTS_MAX {
+                self.news.push(*event.sample);
+            }
+        });
+        self.changes
+            .each(|change| self.gateway.change_param(change.sample));
+        self.stop_requests.each(|_| self.gateway.request_stop());
+        if let Some(reading) = self.board.as_ref().and_then(Board::news) {
+            self.gateway.notice_board(reading);
+        }
+        let inputs = Inputs {
+            messages: &self.received,
+            link: self.links.report(),
+            approved: self.approved.latest(now),
+            prevented: self.prevented.latest(now),
+            ring: self.ring.latest(now),
+            system: self.system.latest(now),
+            events: &self.news,
+        };
+        self.gateway.step(now, &inputs, &mut self.outputs);
+        if speaks {
+            self.send();
+            self.flight.keep(now, self.gateway.record(now));
+        }
+        self.claim.stand_by(!self.gateway.profile_fits());
+        if speaks {
+            self.proven.keep(self.gateway.proven_profile());
+        }
+        self.publish();
+        for note in self.outputs.notes() {
+            note.log();
+        }
+        for event in self.outputs.events() {
+            cycle.events.publish(now, event);
+        }
+        if speaks {
+            self.keep_params(cycle);
+            if self.outputs.restart {
+                tracing::info!("started anew, as asked for over the link");
+                return Wake::restart();
+            }
+        }
+        if self.take_over(now) || progress == Progress::More {
+            return Wake::at(now);
+        }
+        let mut wake = self.gateway.next_wake(now);
+        wake = wake.min(self.links.next_wake().unwrap_or(wake));
+        if let Some(change) = self.claim.changes_at().filter(|change| *change > now) {
+            wake = wake.min(change);
+        }
+        if self.links.is_orphaned() {
+            wake = wake.min(now.plus_seconds(ORPHAN_LOOKS_S));
+        }
+        Wake::at(wake)
+    }
+
+    /// An instance that only listens does as the one that speaks; that one knows best itself.
+    fn retune(&mut self, params: &ParamSet) {
+        if !self.links.holds() {
+            self.gateway.follow_params(params);
+        }
+    }
+
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
+        self.links.fds()
+    }
+}
+
+impl GatewayService {
+    /// Lets the next instance go on from here, if there is one.
+    fn release(&mut self) {
+        let stamps = self.links.stamps();
+        if let Some(encoder) = self.links.encoder() {
+            let baton = Baton::of(&self.gateway, encoder, stamps).to_bytes();
+            self.links.release(&baton);
+        }
+    }
+
+    /// Goes on where the former holder of the links has stopped, if it has passed them on or died. Returns whether this
+    /// instance speaks from now on.
+    fn take_over(&mut self, now: Timestamp) -> bool {
+        if let Some(baton) = self.links.take_baton() {
+            match (Baton::of_bytes(&baton), self.links.encoder()) {
+                (Some(baton), Some(encoder)) => {
+                    let stamps = baton.hand_to(now, &mut self.gateway, encoder);
+                    self.links.go_on_from(stamps);
+                }
+                _ => self.gateway.go_on_at_once(now),
+            }
+            tracing::info!("the link was passed on to this instance");
+            return true;
+        }
+        let left_alone = self.links.is_orphaned() && self.claim.is_due(now);
+        if left_alone {
+            self.links.take();
+            self.gateway.go_on_at_once(now);
+            tracing::info!("the link is taken over from an instance that has died");
+        }
+        left_alone
+    }
+
+    /// Has changed parameters written; a disk that does not take them is told to the pilot.
+    fn keep_params(&mut self, cycle: &mut Cycle<'_>) {
+        let changed = matches!(self.outputs.parameters, Some((_, true)));
+        let written = if changed {
+            self.store.save(self.gateway.params())
+        } else {
+            Ok(())
+        };
+        if let Some(cause) = written.err().or_else(|| self.store.failure()) {
+            tracing::warn!("parameters are not kept: {cause}");
+            cycle
+                .events
+                .publish(cycle.now, &self.gateway.notice_lost_store(cycle.now));
+        }
+    }
+
+    fn receive(&mut self, now: Timestamp) -> Progress {
+        self.received.clear();
+        let us = self.gateway.us(now);
+        let clock = &self.clock;
+        self.links.receive(|| clock.now(), us, &mut self.received)
+    }
+
+    fn send(&mut self) {
+        if let Some(header) = &self.outputs.told {
+            self.latency.left(header, self.clock.now());
+        }
+        for message in self.outputs.messages() {
+            let sent = self.links.send(self.clock.now(), message);
+            // What is for everybody counts when the autopilot has it.
+            let link = match message.to {
+                Destination::Link(link) => link,
+                Destination::Everyone => self.gateway.autopilot_link(),
+            };
+            if sent.contains(link) {
+                let now = self.clock.now();
+                self.gateway.wire(now, message.receipt);
+                if let Receipt::Setpoint {
+                    first_of: Some(header),
+                } = message.receipt
+                {
+                    self.latency.left(&header, now);
+                }
+            }
+        }
+    }
+
+    fn publish(&mut self) {
+        let captured = |capture: Timestamp| SampleHeader {
+            capture,
+            ..SampleHeader::default()
+        };
+        if let Some((state, capture)) = &self.outputs.vehicle_state {
+            self.state.send(captured(*capture), state);
+        }
+        if let Some((desired, capture)) = &self.outputs.desired_path {
+            self.desired.send(captured(*capture), desired);
+        }
+        for arrived in self.outputs.scans() {
+            if let Some(output) = self.scans.get_mut(arrived.source) {
+                output.send(captured(arrived.at), &arrived.scan);
+            }
+        }
+        if let Some((demand, capture)) = &self.outputs.pilot_demand {
+            self.pilot.send(captured(*capture), demand);
+        }
+        if let Some((values, _)) = &self.outputs.parameters {
+            self.parameters.send(SampleHeader::at(self.clock.now()), values);
+        }
+        if let Some(status) = &self.outputs.link_status {
+            self.status.send(SampleHeader::at(self.clock.now()), status);
+        }
+    }
+}
+
+/// Where Linux keeps a number of the installation.
+const MACHINE_ID: &str = "/etc/machine-id";
+
+/// A number of this board that does not give the installation's own away, which is to be kept confidential; 0 = unknown.
+fn board_id() -> u64 {
+    let salted = |id: String| hash::text(hash::text(hash::START, "jink board"), id.trim());
+    std::fs::read_to_string(MACHINE_ID).map_or(0, salted)
+}

@@ -1,0 +1,71 @@
+//! Opening the links of the configuration.
+
+use super::needs;
+use crate::link::{Link, LinkError};
+use crate::links::{LinkSetup, Links};
+use crate::tlog::Tlog;
+use jink_runtime::{Ports, StartError};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// How long a restarted gateway waits for its port to be let go (s).
+const LET_GO_S: f64 = 0.3;
+
+/// Opens or joins all links of the configuration.
+pub(super) fn open_links(ports: &Ports) -> Result<Links, StartError> {
+    let (settings, setup) = (&ports.config().link, ports.setup());
+    let mut setups = Vec::new();
+    for row in settings.rows() {
+        let link = LinkSetup::of(&row).map_err(|error| needs(error.key)(error.cause))?;
+        if link.is_exposed() {
+            tracing::warn!(
+                "{}: anybody on the network can speak on {}; name the peers, or set signing = \"require\"",
+                row.table,
+                row.address
+            );
+        }
+        setups.push(link);
+    }
+    let doors: Vec<_> = (0..setups.len())
+        .map(|index| match index {
+            0 => setup.instance.handover_socket(&setup.process),
+            _ => setup
+                .instance
+                .handover_socket(&format!("{}.{index}", setup.process)),
+        })
+        .collect();
+    let opened = if setup.shadow {
+        Links::join(setups, &doors)
+    } else {
+        Links::open(setups, &doors, |first| open(first, setup.generation))
+    };
+    let mut links = opened.map_err(needs(format!("link.address = {:?}", settings.address)))?;
+    let state = match settings.state.as_str() {
+        "" => setup.instance.folder(),
+        folder => PathBuf::from(folder),
+    };
+    let stamps = state.join(format!("{}.stamps", setup.process));
+    links
+        .sign_with_stamps_at(&stamps)
+        .map_err(needs(format!("link.state: {}", stamps.display())))?;
+    if !settings.tlog.is_empty() {
+        let log = Tlog::begin(Path::new(&settings.tlog), setup.generation)
+            .map_err(needs(format!("link.tlog = {:?}", settings.tlog)))?;
+        tracing::info!("telemetry log: {}", log.path().display());
+        links.record(log);
+    }
+    Ok(links)
+}
+
+/// Opens the first link. At a restart a second instance that is just being ended may still have it for a moment.
+fn open(setup: &LinkSetup, generation: u32) -> Result<Link, LinkError> {
+    let patience = jink_runtime::now().plus_seconds(LET_GO_S);
+    loop {
+        match Link::open(setup.endpoint.clone()) {
+            Err(LinkError::AddressInUse { .. }) if generation > 1 && jink_runtime::now() < patience => {
+                std::thread::sleep(Duration::from_millis(2));
+            }
+            opened => return opened,
+        }
+    }
+}

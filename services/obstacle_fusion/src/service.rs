@@ -1,0 +1,111 @@
+//! Obstacle fusion as a process: woken by every range sample, one map per sample of an area sensor.
+
+use crate::{Fusion, FusionConfig};
+use jink_runtime::{Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake};
+use jink_shared_types::map::LocalMap;
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::{SampleHeader, Stage, Timestamp, events, topics};
+use std::fmt;
+
+/// Without new ranges the map is sent again at this period, so that its readers learn that it has gone stale (s). Longer
+/// than the period of any sensor worth flying with: a map sent again just before the next frame would be planned in
+/// although it is a period old.
+const IDLE_PERIOD_S: f64 = 0.2;
+
+/// The vehicle's state is taken in this often at least (s): between two frames of a slow sensor what is known of it would look
+/// older than it is, and the service as if it were not told.
+const STATE_PERIOD_S: f64 = 0.05;
+
+/// The service: see [`crate`].
+pub struct FusionService {
+    fusion: Fusion,
+    ranges: RangeInputs,
+    state: Input<VehicleState>,
+    output: Output<LocalMap>,
+    resets: Option<u32>,
+    header: SampleHeader,
+    sent: Timestamp,
+}
+
+impl fmt::Debug for FusionService {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("FusionService")
+    }
+}
+
+impl Service for FusionService {
+    const PROGRAM: &'static str = "obstacle_fusion";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let ranges = RangeInputs::open(ports)?;
+        if ranges.is_empty() {
+            return Err(StartError::Needs {
+                what: "a range sensor".to_owned(),
+                cause: "the configuration has no [[sensor]]".to_owned(),
+            });
+        }
+        let config = FusionConfig {
+            // A restart continues the count of maps thrown away, as far as its generation tells.
+            first_epoch: ports.setup().generation << 16,
+            ..FusionConfig::from_params(&ports.config().params, ranges.len())
+        };
+        Ok(Self {
+            fusion: Fusion::new(config),
+            ranges,
+            state: ports.input(topics::VEHICLE_STATE)?.needed(),
+            output: ports.output(topics::LOCAL_MAP)?,
+            resets: None,
+            header: SampleHeader::default(),
+            sent: Timestamp::NEVER,
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        let now = cycle.now;
+        let Self {
+            fusion,
+            ranges,
+            state,
+            resets,
+            header,
+            ..
+        } = self;
+        state.each(|state| {
+            fusion.vehicle(state.sample, state.header);
+            if resets
+                .replace(state.estimator_resets)
+                .is_some_and(|old| old != state.estimator_resets)
+            {
+                cycle.events.raise(now, &events::ESTIMATOR_RESET, "", [0.0; 2]);
+            }
+        });
+        let mut news = false;
+        ranges.each(|number, sample| match sample {
+            RangeSample::Cloud(cloud) => {
+                fusion.cloud(number, cloud.sample, cloud.header);
+                *header = *cloud.header;
+                news = true;
+            }
+            RangeSample::Scan(scan) => {
+                fusion.scan(number, scan.sample, scan.header);
+                // A single beam refines the map; a scan of many is news of its own.
+                if scan.beams > 1 {
+                    *header = *scan.header;
+                    news = true;
+                }
+            }
+        });
+        if news || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
+            self.sent = now;
+            let fusion = &self.fusion;
+            self.output.write(self.header.derived(Stage::Fusion, now), |map| {
+                fusion.write(now, map);
+            });
+        }
+        Wake::at(
+            self.sent
+                .plus_seconds(IDLE_PERIOD_S)
+                .min(now.plus_seconds(STATE_PERIOD_S)),
+        )
+    }
+}

@@ -1,0 +1,75 @@
+//! The planner as a process: woken by maps, and 30 times a second at least.
+
+use crate::{Inputs, Planner};
+use jink_runtime::{Cycle, Input, Output, Ports, Service, StartError, Wake};
+use jink_shared_types::map::LocalMap;
+use jink_shared_types::motion::{ApprovedTrajectory, Route};
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::vehicle::{DesiredPath, VehicleState};
+use jink_shared_types::{SampleHeader, Stage, topics};
+use std::fmt;
+
+/// Routes go out at this rate even when nothing is new, so that a silent planner is told from a content one.
+const RATE_HZ: u32 = 30;
+
+/// The service: see [`crate`].
+pub struct PlannerService {
+    planner: Planner,
+    route: Route,
+    map: Input<LocalMap>,
+    state: Input<VehicleState>,
+    desired: Input<DesiredPath>,
+    approved: Input<ApprovedTrajectory>,
+    output: Output<Route>,
+}
+
+impl fmt::Debug for PlannerService {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("PlannerService")
+    }
+}
+
+impl Service for PlannerService {
+    const PROGRAM: &'static str = "planner";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        Ok(Self {
+            planner: Planner::new(&ports.config().params, ports.setup().generation)
+                .with_sensors(ports.config().sensors.len() as u16),
+            route: Route::default(),
+            map: ports.trigger(topics::LOCAL_MAP)?.needed(),
+            state: ports.input(topics::VEHICLE_STATE)?.needed(),
+            desired: ports.input(topics::DESIRED_PATH)?,
+            approved: ports.input(topics::APPROVED)?,
+            output: ports.output(topics::ROUTE)?,
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        let now = cycle.now;
+        // Fetched first: the approved trajectory counts however old it is, it outlives its producer.
+        self.approved.latest(now);
+        let map = self.map.latest(now);
+        let header = map
+            .fresh()
+            .map_or_else(|| SampleHeader::at(now), |map| *map.header);
+        let inputs = Inputs {
+            map,
+            state: self.state.latest(now),
+            desired: self.desired.latest(now),
+            approved: self.approved.newest().map(|approved| approved.sample),
+        };
+        self.planner.step(now, &inputs, &mut self.route);
+        let route = &self.route;
+        self.output
+            .write(header.derived(Stage::Planner, now), |slot| slot.clone_from(route));
+        for event in self.planner.events() {
+            cycle.events.publish(now, event);
+        }
+        Wake::at(now.next_beat(RATE_HZ))
+    }
+
+    fn retune(&mut self, params: &ParamSet) {
+        self.planner.retune(params);
+    }
+}

@@ -1,0 +1,178 @@
+//! A rangefinder as a process: woken by its serial port, at the latest when a scan or a request is due.
+
+use crate::ScanView;
+use crate::config::{RangefinderSpec, SensorTable};
+use crate::driver::Driver;
+use crate::port::{Port, Read};
+use jink_runtime::service::WATCHED_FDS;
+use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
+use jink_shared_types::ranges::RangeScan;
+use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
+use std::fmt;
+use std::os::fd::BorrowedFd;
+
+/// Read at once: what an SF45/B sends in a tenth of a second at its usual rate.
+const READ_BYTES: usize = 1024;
+/// Reads per cycle at most: a port that never ends must not keep the heartbeat waiting.
+const READS: usize = 16;
+/// A look at the news is taken at least this often.
+const LOOK_HZ: u32 = 10;
+/// A second instance of a scanning device's driver rehearses this often (Hz). The supervisor asks of a candidate that it puts
+/// out half to twice as much as the owner, which publishes an eighth of a turn at a time.
+const PARTS_HZ: f64 = 30.0;
+/// The counters go to the log this often (s).
+const REPORT_S: f64 = 60.0;
+
+/// The service: see [`crate`].
+pub struct RangefinderService {
+    driver: Driver,
+    clock: Clock,
+    port: Port,
+    scans: Output<RangeScan>,
+    claim: Claim,
+    rehearsal_due: Timestamp,
+    report_due: Timestamp,
+}
+
+impl fmt::Debug for RangefinderService {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("RangefinderService")
+    }
+}
+
+impl Service for RangefinderService {
+    const PROGRAM: &'static str = "rangefinder_driver";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let name = sensor_name(&ports.setup().arguments)?;
+        let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;
+        let spec = RangefinderSpec::find(&tables, &name).map_err(|mistake| StartError::Needs {
+            what: "the rangefinder".to_owned(),
+            cause: mistake.to_string(),
+        })?;
+        Ok(Self {
+            port: Port::new(&spec.device, spec.baud),
+            scans: ports.output_of(topics::RANGE_SCAN, &spec.name)?,
+            claim: ports.claim(),
+            clock: ports.clock(),
+            driver: Driver::new(spec),
+            rehearsal_due: Timestamp::NEVER,
+            report_due: Timestamp::NEVER,
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        let now = cycle.now;
+        let look = now.next_beat(LOOK_HZ);
+        // A port has one reader: whoever takes over opens it when it is its own.
+        let is_ours = self.claim.is_due(now);
+        self.claim.declare(is_ours);
+        if !is_ours {
+            self.port.close();
+            self.rehearse(now);
+            let change = self.claim.changes_at().filter(|change| *change > now);
+            return Wake::at(change.map_or(self.rehearsal_due, |change| change.min(self.rehearsal_due)));
+        }
+        if self.port.open_if_due(now) {
+            self.driver.connected(now);
+        }
+        self.listen(now);
+        while let Some(bytes) = self.driver.next_write(now).filter(|_| self.port.is_open()) {
+            self.port.write(now, bytes);
+        }
+        if let Some(news) = self.driver.news(now) {
+            cycle.events.publish(now, &news.event(&self.driver.spec().name));
+        }
+        self.report(now);
+        Wake::at(look.min(self.port.due()).min(self.driver.due(now)))
+    }
+
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
+        let mut watched = [None; WATCHED_FDS];
+        watched[0] = self.port.watched();
+        watched
+    }
+}
+
+impl RangefinderService {
+    /// Reads what has arrived, and publishes what it comes to.
+    fn listen(&mut self, now: Timestamp) {
+        let Self {
+            driver,
+            clock,
+            port,
+            scans,
+            ..
+        } = self;
+        let mut publish = |view: &ScanView<'_>| {
+            let header = SampleHeader {
+                capture: view.capture,
+                ..SampleHeader::default()
+            };
+            scans.write(header.derived(Stage::Sensor, view.capture), |scan| {
+                view.write(scan);
+            });
+        };
+        let mut bytes = [0; READ_BYTES];
+        for _ in 0..READS {
+            match port.read(now, &mut bytes) {
+                Read::Bytes(count) => {
+                    driver.bytes(clock.now(), &bytes[..count], &mut publish);
+                    if count < READ_BYTES {
+                        break;
+                    }
+                }
+                Read::Nothing | Read::Lost => break,
+            }
+        }
+        driver.tick(now, &mut publish);
+    }
+
+    /// What a second instance can show without the port: that it runs, and can write scans. None of them is published.
+    fn rehearse(&mut self, now: Timestamp) {
+        if now < self.rehearsal_due {
+            return;
+        }
+        let spec = self.driver.spec();
+        let rate_hz = if spec.model.scans { PARTS_HZ } else { spec.rate_hz };
+        self.rehearsal_due = now.next_beat(rate_hz as u32);
+        let view = ScanView {
+            spec,
+            first_beam: now,
+            capture: now,
+            angle_first_rad: 0.0,
+            angle_step_rad: 0.0,
+            range_m: &[f32::NAN],
+        };
+        self.scans.write(SampleHeader::at(now), |scan| view.write(scan));
+    }
+
+    fn report(&mut self, now: Timestamp) {
+        if now < self.report_due {
+            return;
+        }
+        let counters = self.driver.counters(now);
+        if self.report_due.is_set() {
+            tracing::info!(
+                good = counters.good,
+                damaged = counters.damaged,
+                skipped_bytes = counters.skipped_bytes,
+                rate_hz = counters.rate_hz,
+                "{}",
+                self.driver.spec().name
+            );
+        }
+        self.report_due = now.plus_seconds(REPORT_S);
+    }
+}
+
+/// The name behind `--sensor`.
+fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
+    match arguments {
+        [option, name] if option == "--sensor" => Ok(name.clone()),
+        _ => Err(StartError::Needs {
+            what: "--sensor NAME".to_owned(),
+            cause: format!("the arguments are {arguments:?}"),
+        }),
+    }
+}

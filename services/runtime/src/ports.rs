@@ -1,0 +1,201 @@
+//! The topics of a service, and what goes with them: configuration, clock, ownership.
+
+use crate::clock::Clock;
+use crate::config::Config;
+use crate::duty::Duty;
+use crate::input::{Input, InputHealth};
+use crate::output::Output;
+use crate::param_store::ParamStore;
+use crate::session::{OpenError, Session};
+use crate::setup::Setup;
+use crate::transport::Wakeup;
+use jink_shared_types::health::ServiceState;
+use jink_shared_types::layout::Layout;
+use jink_shared_types::topics::Topic;
+use jink_shared_types::{SampleHeader, Timestamp};
+use std::fmt;
+use std::rc::Rc;
+
+/// Opens the topics of a service.
+pub struct Ports {
+    pub(crate) session: Session,
+    setup: Setup,
+    config: Config,
+    store: ParamStore,
+    inputs: Vec<Rc<InputHealth>>,
+    pub(crate) wakeups: Vec<Wakeup>,
+    pub(crate) duty: Rc<Duty>,
+}
+
+impl fmt::Debug for Ports {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Ports({}, {} inputs)", self.setup.process, self.inputs.len())
+    }
+}
+
+impl Ports {
+    pub(crate) fn new(session: Session, setup: Setup, config: Config, store: ParamStore) -> Self {
+        Self {
+            duty: Rc::new(Duty::new(setup.generation, setup.shadow, setup.end_to_end_us)),
+            session,
+            setup,
+            config,
+            store,
+            inputs: Vec::new(),
+            wakeups: Vec::new(),
+        }
+    }
+
+    /// The clock of this service. It reads no other.
+    pub fn clock(&self) -> Clock {
+        self.session.clock()
+    }
+
+    /// What the supervisor said.
+    pub fn setup(&self) -> &Setup {
+        &self.setup
+    }
+
+    /// The configuration, with the parameters that were in force when the process was started.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// Where changed parameters are kept.
+    pub fn param_store(&self) -> &ParamStore {
+        &self.store
+    }
+
+    /// A topic to publish.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn output<T: Layout>(&mut self, topic: Topic<T>) -> Result<Output<T>, OpenError> {
+        self.output_of(topic, "")
+    }
+
+    /// One topic of a family to publish.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn output_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Output<T>, OpenError> {
+        let output = self.session.output(topic, member, self.setup.generation)?;
+        Ok(output.with_duty(&self.duty))
+    }
+
+    /// Judges the age of what leaves shared memory; see [`Latency::left`].
+    pub fn latency(&self) -> Latency {
+        Latency {
+            duty: Rc::clone(&self.duty),
+        }
+    }
+
+    /// A topic to look at in every cycle.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn input<T: Layout>(&mut self, topic: Topic<T>) -> Result<Input<T>, OpenError> {
+        self.input_of(topic, "")
+    }
+
+    /// One topic of a family to look at in every cycle.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn input_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Input<T>, OpenError> {
+        let input = self.session.input(topic, member)?;
+        self.inputs.push(input.health());
+        Ok(input)
+    }
+
+    /// A topic whose samples start a cycle.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn trigger<T: Layout>(&mut self, topic: Topic<T>) -> Result<Input<T>, OpenError> {
+        self.trigger_of(topic, "")
+    }
+
+    /// One topic of a family whose samples start a cycle.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn trigger_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Input<T>, OpenError> {
+        self.wakeups.push(self.session.wakeup(topic, member)?);
+        Ok(self.input_of(topic, member)?.with_duty(&self.duty))
+    }
+
+    /// For a service with a thing that only one instance can have: it declares itself which cycles it owns.
+    pub fn claim(&self) -> Claim {
+        let claim = Claim {
+            duty: Rc::clone(&self.duty),
+        };
+        claim.declare(!self.setup.shadow);
+        claim
+    }
+
+    /// Which inputs are fresh, and which are needed, one bit each in the order in which they were opened.
+    pub(crate) fn masks(&self, now: Timestamp) -> (u32, u32) {
+        let mut fresh = 0;
+        let mut needed = 0;
+        for (index, input) in self.inputs.iter().enumerate().take(32) {
+            fresh |= u32::from(input.is_fresh(now)) << index;
+            needed |= u32::from(input.needed.get()) << index;
+        }
+        (fresh, needed)
+    }
+
+    /// Alive and blind is told from alive and well: a needed input that is stale degrades, one that never came is a
+    /// reason to stand by, and so is what the service lacks besides.
+    pub(crate) fn state(&self, now: Timestamp) -> ServiceState {
+        let needed = || self.inputs.iter().filter(|input| input.needed.get());
+        if self.duty.stands_by() || needed().any(|input| !input.newest.get().is_set()) {
+            ServiceState::Standby
+        } else if needed().all(|input| input.is_fresh(now)) {
+            ServiceState::Active
+        } else {
+            ServiceState::Degraded
+        }
+    }
+}
+
+/// Judges the age of outputs that do not leave through a topic against the process's end-to-end budget.
+#[derive(Clone, Debug)]
+pub struct Latency {
+    duty: Rc<Duty>,
+}
+
+impl Latency {
+    /// Something made from the sample with this header left at `time`.
+    pub fn left(&self, header: &SampleHeader, time: Timestamp) {
+        self.duty.judge_age(header, time);
+    }
+}
+
+/// Ownership that a service passes on by itself, when the control record says so.
+#[derive(Clone, Debug)]
+pub struct Claim {
+    duty: Rc<Duty>,
+}
+
+impl Claim {
+    /// Whether the record says that this instance is the owner at `time`.
+    pub fn is_due(&self, time: Timestamp) -> bool {
+        self.duty.owns(time)
+    }
+
+    /// When that changes, if a change is planned; may be past.
+    pub fn changes_at(&self) -> Option<Timestamp> {
+        self.duty.changes_at()
+    }
+
+    /// What is put out from now on is published, or not.
+    pub fn declare(&self, owns: bool) {
+        self.duty.declare(owns);
+    }
+
+    /// Something that the service needs besides its inputs is not there, or is there again: meanwhile it stands by.
+    pub fn stand_by(&self, stands_by: bool) {
+        self.duty.stand_by(stands_by);
+    }
+}

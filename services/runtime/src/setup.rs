@@ -1,0 +1,114 @@
+//! What a service is started with, and why it could not be.
+
+use crate::config::ConfigError;
+use crate::instance::Instance;
+use crate::session::OpenError;
+use clap::{CommandFactory, FromArgMatches, Parser};
+use std::ffi::OsString;
+use std::fmt;
+use std::path::PathBuf;
+
+/// What the supervisor tells a process when it starts it.
+#[derive(Clone, Debug, Parser)]
+#[command(
+    about = "A jink service. It is started by jink-supervisor; by hand only for tests.",
+    version
+)]
+pub struct Setup {
+    /// Name of the process in the process table
+    #[arg(long)]
+    pub process: String,
+    /// Instance to join
+    #[arg(long, default_value = "default")]
+    pub instance: Instance,
+    /// Folder with jink.toml
+    #[arg(long, default_value = "config")]
+    pub config: PathBuf,
+    /// Which start of this process it is
+    #[arg(long, default_value_t = 1)]
+    pub generation: u32,
+    /// Cycle budget (us), 0 = none
+    #[arg(long, default_value_t = 0)]
+    pub budget_us: u32,
+    /// Oldest range data behind an output (us), 0 = any
+    #[arg(long, default_value_t = 0)]
+    pub end_to_end_us: u32,
+    /// Compute, but publish nothing before the control record says so
+    #[arg(long)]
+    pub shadow: bool,
+    /// SCHED_FIFO priority, 0 = ordinary scheduling
+    #[arg(long, default_value_t = 0)]
+    pub priority: u8,
+    /// Core to stay on
+    #[arg(long)]
+    pub core: Option<usize>,
+    /// Keep all pages in memory
+    #[arg(long)]
+    pub lock_memory: bool,
+    /// Log level: error, warn, info, debug, trace
+    #[arg(long, default_value = "info")]
+    pub log: tracing::Level,
+    /// Arguments of this kind of service
+    #[arg(last = true)]
+    pub arguments: Vec<String>,
+    /// Its process id; in a simulation within one process a number of its own.
+    #[arg(skip = std::process::id())]
+    pub pid: u32,
+}
+
+impl Setup {
+    /// What a command line says, the program's name first.
+    ///
+    /// # Errors
+    /// [`StartError::Needs`] with what is wrong with it.
+    pub fn of_command_line(line: impl IntoIterator<Item = OsString>) -> Result<Self, StartError> {
+        Self::try_parse_from(line).map_err(|error| StartError::Needs {
+            what: "the command line".to_owned(),
+            cause: error.to_string(),
+        })
+    }
+
+    /// The command line of the program called `name`.
+    pub(crate) fn try_parse_as(name: &str) -> Result<Self, clap::Error> {
+        let command = Self::command().display_name(name).bin_name(name);
+        let matches = command.try_get_matches()?;
+        Self::from_arg_matches(&matches)
+    }
+}
+
+/// Why a service could not start.
+#[derive(Debug)]
+pub enum StartError {
+    /// A topic could not be opened.
+    Topic(OpenError),
+    /// The configuration is wrong.
+    Config(ConfigError),
+    /// Something else the service needs is not to be had.
+    Needs {
+        /// What it needs.
+        what: String,
+        /// Why it is not there.
+        cause: String,
+    },
+}
+
+impl fmt::Display for StartError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Topic(error) => write!(f, "{error}"),
+            Self::Config(error) => write!(f, "{error}"),
+            Self::Needs { what, cause } => write!(f, "{what}: {cause}"),
+        }
+    }
+}
+impl std::error::Error for StartError {}
+impl From<OpenError> for StartError {
+    fn from(error: OpenError) -> Self {
+        Self::Topic(error)
+    }
+}
+impl From<ConfigError> for StartError {
+    fn from(error: ConfigError) -> Self {
+        Self::Config(error)
+    }
+}

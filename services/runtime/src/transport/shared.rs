@@ -1,0 +1,274 @@
+//! Between processes: iceoryx2.
+//!
+//! Quality of service is derived from the topic table. Safe overflow is always on: a reader that does not keep up
+//! loses the oldest sample, it never blocks the writer. A dead reader therefore cannot stop a flight.
+#![allow(unsafe_code)]
+
+use crate::instance::Instance;
+use crate::janitor::{self, Swept};
+use crate::session::OpenError;
+use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::{FileDescriptorBased, NodeName, ServiceName, SignalHandlingMode, ipc};
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use jink_shared_types::SampleHeader;
+use jink_shared_types::layout::Layout;
+use jink_shared_types::topics::{MAX_BORROWED, MAX_NODES, MAX_PUBLISHERS, Topic};
+use std::fmt;
+use std::os::fd::BorrowedFd;
+use std::time::Duration;
+
+/// One being filled, one spare.
+const MAX_LOANED: usize = 2;
+/// Processes that may be woken by one topic: every one and its shadow by the control record.
+const MAX_LISTENERS: usize = 40;
+/// Opening may meet a service in the middle of its creation or destruction by somebody else: those answers pass.
+const OPEN_ATTEMPTS: u32 = 50;
+const OPEN_RETRY: Duration = Duration::from_millis(4);
+
+type PubSubFactory<T> = publish_subscribe::PortFactory<ipc::Service, T, SampleHeader>;
+type EventFactory = event::PortFactory<ipc::Service>;
+
+/// A received sample.
+pub(crate) type Sample<T> = iceoryx2::sample::Sample<ipc::Service, T, SampleHeader>;
+
+/// A connection to one instance's shared memory.
+pub(crate) struct Connection {
+    node: Node<ipc::Service>,
+    instance: Instance,
+}
+
+impl Connection {
+    pub(crate) fn open(instance: &Instance, program: &str) -> Result<Self, OpenError> {
+        let failed = |cause: String| OpenError::Transport {
+            topic: format!("instance {instance}"),
+            cause,
+        };
+        let config = instance
+            .iceoryx_config()
+            .ok_or_else(|| failed("its folder is no valid path".to_owned()))?;
+        let name = NodeName::new(program).map_err(|error| failed(format!("{error:?}")))?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|error| failed(format!("{error:?}")))?;
+        Ok(Self {
+            node,
+            instance: instance.clone(),
+        })
+    }
+
+    pub(crate) fn publisher<T: Layout>(
+        &self,
+        topic: &Topic<T>,
+        name: &str,
+    ) -> Result<Publisher<T>, OpenError> {
+        let factory = self.pub_sub(topic, name)?;
+        let publisher = factory
+            .publisher_builder()
+            .max_loaned_samples(MAX_LOANED)
+            .create()
+            .map_err(|error| transport(name, &error))?;
+        let notifier = match topic.row.wakes {
+            true => {
+                let notifier = self.event(name)?.notifier_builder().create();
+                Some(notifier.map_err(|error| transport(name, &error))?)
+            }
+            false => None,
+        };
+        // Connect to the readers that are there already; others are found at the next sample.
+        let _not_yet = publisher.update_connections();
+        Ok(Publisher { publisher, notifier })
+    }
+
+    pub(crate) fn subscriber<T: Layout>(
+        &self,
+        topic: &Topic<T>,
+        name: &str,
+    ) -> Result<Subscriber<T>, OpenError> {
+        let factory = self.pub_sub(topic, name)?;
+        let subscriber = factory
+            .subscriber_builder()
+            .create()
+            .map_err(|error| transport(name, &error))?;
+        // Without this a publisher that is idle now would not be connected before its next sample.
+        let _not_yet = subscriber.update_connections();
+        Ok(Subscriber(subscriber))
+    }
+
+    pub(crate) fn wakeup(&self, name: &str) -> Result<Wakeup, OpenError> {
+        self.event(name)?
+            .listener_builder()
+            .create()
+            .map(Wakeup)
+            .map_err(|error| transport(name, &error))
+    }
+
+    /// What keeps the topic there.
+    pub(crate) fn hold<T: Layout>(
+        &self,
+        topic: &Topic<T>,
+        name: &str,
+    ) -> Result<Box<dyn std::any::Any>, OpenError> {
+        let samples = self.pub_sub(topic, name)?;
+        let events = topic.row.wakes.then(|| self.event(name)).transpose()?;
+        Ok(Box::new((samples, events)))
+    }
+
+    pub(crate) fn clean_up_dead(&self) -> Swept {
+        janitor::sweep(&self.instance, self.node.config())
+    }
+
+    fn pub_sub<T: Layout>(&self, topic: &Topic<T>, name: &str) -> Result<PubSubFactory<T>, OpenError> {
+        let service = service_name(name)?;
+        retry(|| {
+            self.node
+                .service_builder(&service)
+                .publish_subscribe::<T>()
+                .user_header::<SampleHeader>()
+                .max_publishers(topic.row.max_publishers())
+                .max_subscribers(topic.row.max_subscribers())
+                .max_nodes(MAX_NODES)
+                .history_size(1)
+                .subscriber_max_buffer_size(topic.row.buffer)
+                .subscriber_max_borrowed_samples(MAX_BORROWED)
+                .enable_safe_overflow(true)
+                .open_or_create()
+        })
+        .map_err(|error| {
+            let cause = format!("{error:?}");
+            if cause.contains("IncompatibleTypes") {
+                OpenError::Layout {
+                    topic: name.to_owned(),
+                    ours: jink_shared_types::layout::type_name::<T>(),
+                    cause,
+                }
+            } else {
+                OpenError::Transport {
+                    topic: name.to_owned(),
+                    cause,
+                }
+            }
+        })
+    }
+
+    fn event(&self, name: &str) -> Result<EventFactory, OpenError> {
+        let service = service_name(name)?;
+        retry(|| {
+            self.node
+                .service_builder(&service)
+                .event()
+                .max_notifiers(MAX_PUBLISHERS)
+                .max_listeners(MAX_LISTENERS)
+                .max_nodes(MAX_NODES)
+                .open_or_create()
+        })
+        .map_err(|error| transport(name, &error))
+    }
+}
+
+/// A topic opened for publishing.
+pub(crate) struct Publisher<T: Layout> {
+    publisher: iceoryx2::port::publisher::Publisher<ipc::Service, T, SampleHeader>,
+    /// Of a topic that wakes its readers.
+    notifier: Option<Notifier<ipc::Service>>,
+}
+
+impl<T: Layout> Publisher<T> {
+    pub(crate) fn write(
+        &mut self,
+        fill: impl FnOnce(&mut T),
+        seal: impl FnOnce(&T) -> Option<SampleHeader>,
+    ) -> bool {
+        let Ok(mut loan) = self.publisher.loan_uninit() else {
+            return false;
+        };
+        // SAFETY: the memory is mapped shared memory, initialised by the kernel or by an older sample, and `Layout`
+        // promises that every bit pattern is a valid `T`.
+        fill(unsafe { loan.payload_mut().assume_init_mut() });
+        // SAFETY: as above.
+        let mut sample = unsafe { loan.assume_init() };
+        let Some(header) = seal(sample.payload()) else {
+            return true;
+        };
+        *sample.user_header_mut() = header;
+        let sent = sample.send().is_ok();
+        if let Some(notifier) = &self.notifier {
+            // A reader that is busy has not fetched its last wake-up yet: it will look anyway.
+            let _already_awake = notifier.notify();
+        }
+        sent
+    }
+
+    pub(crate) fn connect(&self) {
+        let _not_yet = self.publisher.update_connections();
+    }
+}
+
+/// A topic opened for reading.
+pub(crate) struct Subscriber<T: Layout>(
+    iceoryx2::port::subscriber::Subscriber<ipc::Service, T, SampleHeader>,
+);
+
+impl<T: Layout> Subscriber<T> {
+    pub(crate) fn receive(&mut self) -> Option<Sample<T>> {
+        self.0.receive().ok().flatten()
+    }
+}
+
+/// The wake-ups of a topic: a file descriptor, next to sockets and serial ports.
+pub(crate) struct Wakeup(Listener<ipc::Service>);
+
+impl Wakeup {
+    pub(crate) fn fd(&self) -> BorrowedFd<'_> {
+        // SAFETY: the listener owns the descriptor and keeps it open as long as it lives, which the borrow enforces.
+        unsafe { BorrowedFd::borrow_raw(self.0.file_descriptor().native_handle()) }
+    }
+
+    pub(crate) fn clear(&self) {
+        // An error here means a wake-up less, not data lost: samples are fetched from their own queue.
+        let _signals = self.0.try_wait(|_| {});
+    }
+}
+
+fn service_name(name: &str) -> Result<ServiceName, OpenError> {
+    ServiceName::new(name).map_err(|error| transport(name, &error))
+}
+
+fn transport(topic: &str, error: &impl fmt::Debug) -> OpenError {
+    OpenError::Transport {
+        topic: topic.to_owned(),
+        cause: format!("{error:?}"),
+    }
+}
+
+/// Tries `open` again while the answer is one that passes by itself.
+fn retry<T, E: fmt::Debug>(mut open: impl FnMut() -> Result<T, E>) -> Result<T, E> {
+    let mut attempt = 0;
+    loop {
+        match open() {
+            Err(error) if attempt < OPEN_ATTEMPTS && passes_by_itself(&error) => {
+                attempt += 1;
+                std::thread::sleep(OPEN_RETRY);
+            }
+            answer => return answer,
+        }
+    }
+}
+
+fn passes_by_itself<E: fmt::Debug>(error: &E) -> bool {
+    let text = format!("{error:?}");
+    [
+        "HangsInCreation",
+        "ServiceInCorruptedState",
+        "IsMarkedForDestruction",
+        "SystemInFlux",
+        "AlreadyExists",
+    ]
+    .iter()
+    .any(|passing| text.contains(passing))
+}

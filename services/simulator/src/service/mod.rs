@@ -1,0 +1,11 @@
+//! The simulator's processes: the vehicle with its autopilot, and its sensors.
+
+pub mod local;
+mod sensors;
+pub mod settings;
+pub mod udp;
+mod vehicle;
+pub mod wire;
+
+pub use sensors::{ScanDelay, SensorService};
+pub use vehicle::VehicleService;
