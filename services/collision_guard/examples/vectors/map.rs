@@ -78,6 +78,11 @@ fn is_same(a: Word, b: Word) -> bool {
     }
 }
 
+/// Whether the vehicle has turned since something was told that still counts.
+pub fn has_turned(answer: &Answer, heard: &[Heard]) -> bool {
+    Scene { answer, heard }.has_turned()
+}
+
 struct Scene<'a> {
     answer: &'a Answer,
     heard: &'a [Heard],
@@ -122,16 +127,18 @@ impl Scene<'_> {
         (is_known && !was_told).then(|| format!("turned: {ours:?}, and nothing was told"))
     }
 
-    /// Whether the source of `told` has since said something of a bin beside it.
+    /// Whether the source of `told` has since said something of a bin beside it. Of two messages of one time the one that came last is
+    /// the newer, as for the ring.
     fn is_seen_again_beside(&self, bin: usize, told: Word) -> bool {
         let yaw_rad = self.answer.yaw_rad;
         self.live()
-            .filter(|heard| heard.word(bin, yaw_rad) == told)
-            .all(|by| {
-                self.live().any(|newer| {
+            .enumerate()
+            .filter(|(_, heard)| heard.word(bin, yaw_rad) == told)
+            .all(|(came, by)| {
+                self.live().enumerate().any(|(came_later, newer)| {
                     let beside = [(bin + BINS - 1) % BINS, (bin + 1) % BINS];
                     newer.layer == by.layer
-                        && newer.at > by.at
+                        && (newer.at, came_later) > (by.at, came)
                         && beside.iter().any(|bin| newer.word(*bin, yaw_rad) != Word::Silent)
                 })
             })

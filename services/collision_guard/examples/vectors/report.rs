@@ -82,6 +82,13 @@ impl Report {
         self.families.values().map(|family| family.failing.len()).sum()
     }
 
+    /// Outputs that differ for `reason`.
+    #[allow(dead_code, reason = "for tests")]
+    pub fn outputs(&self, reason: &str) -> usize {
+        let of = |family: &Family| family.reasons.get(reason).map_or(0, |(_, outputs)| *outputs);
+        self.families.values().map(of).sum()
+    }
+
     /// Scenarios.
     pub fn scenarios(&self) -> usize {
         self.families.values().map(|family| family.scenarios).sum()

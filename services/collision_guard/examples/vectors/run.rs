@@ -84,7 +84,8 @@ fn fly(scenario: &Node<'_>, with_setpoint: bool, verdict: &mut Verdict) -> Resul
             map::judge(&step, &answer, &heard, &fragile, verdict)?;
         }
         if with_setpoint {
-            setpoint::judge(&step, &answer, &replay.config, &fragile, verdict)?;
+            let has_turned = map::has_turned(&answer, &heard);
+            setpoint::judge(&step, &answer, &replay.config, has_turned, &fragile, verdict)?;
         }
     }
     Ok(())

@@ -4,7 +4,9 @@
 //! * Where PX4's own answer is one from which the vehicle stops in time, in every direction, ours is the same (see [`Law::binds`] for
 //!   the exceptions).
 //! * Elsewhere ours closes on nothing known faster than PX4's, unless by no more than PX4 grants toward the nearest obstacle, here for any:
-//!   `P (v_max - v . u) + S (setpoint . u)`, worked out here once more.
+//!   `P (v_max - v . u) + S (setpoint . u)`, worked out here once more. What was seen a while ago is nearer by what the vehicle has flown
+//!   since, as PX4 counts it, too; and the setpoint is the one that guidance makes of it on the map at hand, which is PX4's own
+//!   where both maps are the same.
 
 use crate::map::said;
 use crate::oracle::Word;
@@ -26,6 +28,7 @@ pub fn judge(
     step: &Node<'_>,
     answer: &Answer,
     config: &PreventionConfig,
+    has_turned: bool,
     fragile: &Fragile,
     verdict: &mut Verdict,
 ) -> Result<(), Unreadable> {
@@ -60,9 +63,16 @@ pub fn judge(
         verdict.differs(reason);
         return Ok(());
     }
-    if let Some(what) = law.closes_too_fast(&ours, &px4) {
-        verdict.wrong(what);
-        return Ok(());
+    match law.closes_too_fast(&ours, &px4) {
+        Some(TooFast { only_px4, .. }) if only_px4 && has_turned => {
+            verdict.differs("what PX4 carries along with the nose does not stand there");
+            return Ok(());
+        }
+        Some(TooFast { what, .. }) => {
+            verdict.wrong(what);
+            return Ok(());
+        }
+        None => {}
     }
     match law.binds(&px4) {
         Some(reason) => verdict.differs(reason),
@@ -71,12 +81,19 @@ pub fn judge(
     Ok(())
 }
 
+/// Something is closed on too fast.
+struct TooFast {
+    what: String,
+    /// It is in PX4's map alone; the ring knows nothing of that direction.
+    only_px4: bool,
+}
+
 /// What may be, for one step.
 struct Law<'a> {
     answer: &'a Answer,
     config: &'a PreventionConfig,
     keep_m: f64,
-    /// What guidance made of the setpoint.
+    /// What guidance made of the setpoint: PX4's, or ours where it had another map.
     demand: Vector2<f64>,
     /// What PX4 knows of each bin (cm), and as far as its sensor reaches.
     px4_cm: [i64; BINS],
@@ -91,7 +108,7 @@ impl<'a> Law<'a> {
             None => Ok(None),
         };
         let size = answer.asked.norm();
-        Ok(Self {
+        let mut law = Self {
             answer,
             config,
             keep_m: config.distance_m.max(f64::from(answer.ring.range_min_m)),
@@ -99,6 +116,33 @@ impl<'a> Law<'a> {
             px4_cm: expect.get("map_cm")?.bins()?,
             px4_reach_cm: expect.get("bin_max_range_cm")?.bins()?,
             nearest: direction("closest_dir")?,
+        };
+        if law.is_other_map() {
+            law.demand = match answer.outcome.guided {
+                Some(sector) if !law.asks_for(sector) => law.toward(sector) * size,
+                _ => answer.asked,
+            };
+        }
+        Ok(law)
+    }
+
+    /// Whether the setpoint as it came points into `sector`, so that guidance left it as it is; the sector of a stick is the one that begins
+    /// at its centre, as PX4 counts it.
+    fn asks_for(&self, sector: usize) -> bool {
+        let bearing = self.answer.asked.y.atan2(self.answer.asked.x) - self.answer.yaw_rad;
+        (bearing.to_degrees().rem_euclid(360.0) / 5.0) as usize % BINS == sector
+    }
+
+    /// Whether the ring says other than PX4's map.
+    fn is_other_map(&self) -> bool {
+        (0..BINS).any(|bin| {
+            let ours = self.reach_m(bin).map(|m| 100.0 * m);
+            let px4 = (self.px4_cm[bin] != 65535).then_some(self.px4_cm[bin] as f64);
+            match (ours, px4) {
+                (Some(ours), Some(px4)) => (ours - px4).abs() > 1.01,
+                (None, None) => false,
+                _ => true,
+            }
         })
     }
 
@@ -115,10 +159,19 @@ impl<'a> Law<'a> {
         }
     }
 
-    /// The acceleration toward something `distance_m` away in the direction `toward` that the vehicle can take back in time.
-    fn can_be_taken_back(&self, distance_m: f64, toward: &Vector2<f64>) -> f64 {
-        let closing = self.answer.velocity.dot(toward);
-        let way = distance_m - self.keep_m - closing.max(0.0) * self.config.delay_s;
+    /// Time since the ring has seen something in a bin (s); none for what is free.
+    fn age_s(&self, bin: usize) -> f64 {
+        match said(&self.answer.ring, bin) {
+            Word::Hit(_) => self.answer.now.seconds_since(self.answer.ring.seen[bin]).max(0.0),
+            Word::Clear(_) | Word::Silent => 0.0,
+        }
+    }
+
+    /// The acceleration toward something `distance_m` away in a bin that the vehicle can take back in time.
+    fn can_be_taken_back(&self, bin: usize, distance_m: f64) -> f64 {
+        let closing = self.answer.velocity.dot(&self.toward(bin));
+        let flown = closing.max(0.0) * (self.config.delay_s + self.age_s(bin));
+        let way = distance_m - self.keep_m - flown;
         // Rest after v^2 / 2a + v 2a / j: the positive root.
         let a = self.config.acceleration_mps2;
         let lag = 2.0 * a * a / self.config.jerk_mps3;
@@ -127,7 +180,7 @@ impl<'a> Law<'a> {
         } else {
             0.0
         };
-        (self.config.velocity_gain_per_s * (limit - closing)).max(-a)
+        self.config.velocity_gain_per_s * (limit - closing)
     }
 
     /// Where what we do is not comparable.
@@ -149,8 +202,8 @@ impl<'a> Law<'a> {
         Ok(reason)
     }
 
-    fn closes_too_fast(&self, ours: &Vector2<f64>, px4: &Vector2<f64>) -> Option<String> {
-        (0..BINS).find_map(|bin| {
+    fn closes_too_fast(&self, ours: &Vector2<f64>, px4: &Vector2<f64>) -> Option<TooFast> {
+        let too_fast = (0..BINS).filter_map(|bin| {
             let toward = self.toward(bin);
             let is_hit = self.px4_cm[bin] < self.px4_reach_cm[bin];
             let px4_m = is_hit.then_some(self.px4_cm[bin] as f64 / 100.0);
@@ -162,14 +215,17 @@ impl<'a> Law<'a> {
             let distance_m = ours_m.or(px4_m.filter(|_| self.reach_m(bin).is_none()))?;
             let (closes, px4_closes) = (ours.dot(&toward), px4.dot(&toward).max(0.0));
             let share = self.scale(distance_m) * self.demand.dot(&toward).max(0.0);
-            let may = px4_closes.max(self.can_be_taken_back(distance_m, &toward) + share);
+            let may = px4_closes.max(self.can_be_taken_back(bin, distance_m) + share);
             let slack = SAME * (1.0 + ours.norm());
-            (closes > may + slack).then(|| {
-                format!(
+            (closes > may + slack).then(|| TooFast {
+                what: format!(
                     "closes on bin {bin}, {distance_m:.2} m, with {closes:.3} m/s2 where {may:.3} may be, PX4 {px4_closes:.3}"
-                )
+                ),
+                only_px4: ours_m.is_none(),
             })
-        })
+        });
+        // What the ring knows counts first.
+        too_fast.min_by_key(|found| found.only_px4)
     }
 
     /// Why ours must be another one than PX4's.
@@ -182,20 +238,11 @@ impl<'a> Law<'a> {
             (bearing.round().rem_euclid(BINS as f64) as usize) % BINS
         };
         let is_unknown = |bin: usize| self.reach_m(bin % BINS).is_none();
-        let is_other_map = (0..BINS).any(|bin| {
-            let ours = self.reach_m(bin).map(|m| 100.0 * m);
-            let px4 = (self.px4_cm[bin] != 65535).then_some(self.px4_cm[bin] as f64);
-            match (ours, px4) {
-                (Some(ours), Some(px4)) => (ours - px4).abs() > 1.01,
-                (None, None) => false,
-                _ => true,
-            }
-        });
         let breaks_a_limit = (0..BINS).any(|bin| {
             self.reach_m(bin).is_some_and(|reach_m| {
                 let toward = self.toward(bin);
                 let share = self.scale(reach_m).max(0.0) * self.demand.dot(&toward).max(0.0);
-                let may = (self.can_be_taken_back(reach_m, &toward) + share).max(-a);
+                let may = (self.can_be_taken_back(bin, reach_m) + share).max(-a);
                 px4.dot(&toward) > may + 1e-6
             })
         });
@@ -206,7 +253,7 @@ impl<'a> Law<'a> {
         let least_m = (0..BINS)
             .filter_map(|bin| self.reach_m(bin))
             .fold(f64::INFINITY, f64::min);
-        if is_other_map {
+        if self.is_other_map() {
             Some("the map is another one")
         } else if velocity.norm() > 0.05 && is_unknown(sector(velocity)) {
             Some("motion into a sector without data is braked")
