@@ -9,6 +9,7 @@
 //! | [`findings`] | what an examination has found | verdict and table, or JSON |
 //! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
 //! | [`sensors_seen`] | scans, clouds, `guard/ring`, events | findings and figures |
+//! | [`schema`] | topic table, shapes of samples | a table, a C header, a Python module, JSON |
 //! | [`param_list`] | parameter table, `parameters` | a table, or JSON |
 //! | [`narrate`] | `system/status` | one line per piece of news |
 //! | [`flight`] | `sim/truth`, `link/status` | the course of a demonstration flight and its summary |
@@ -30,6 +31,7 @@ pub mod picture;
 pub mod report;
 pub mod ring_view;
 pub mod running_link;
+pub mod schema;
 pub mod sensors_seen;
 pub mod sitl;
 pub mod top;

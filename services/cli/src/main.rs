@@ -49,6 +49,8 @@ enum Command {
     Ring(cmd::ring::Args),
     /// List topics, measure their rates, show what they say
     Topic(cmd::topic::Args),
+    /// Show what topics carry, also as a C header, a Python module or JSON
+    Schema(cmd::schema::Args),
     /// Show parameters, and change them while jink runs
     Param(cmd::param::Args),
     /// Examine the link to the autopilot before the flight
@@ -78,6 +80,7 @@ fn main() -> ExitCode {
         Command::Top(args) => cmd::top::run(&cli.instance, &args),
         Command::Ring(args) => cmd::ring::run(&cli.instance, &args),
         Command::Topic(args) => cmd::topic::run(&cli.instance, &args),
+        Command::Schema(args) => cmd::schema::run(&args),
         Command::Param(args) => cmd::param::run(&cli.instance, &args),
         Command::Check(args) => cmd::check::run(&cli.instance, &args),
         Command::Swap(args) => cmd::ask::swap(&cli.instance, &args),

@@ -11,6 +11,7 @@ pub mod param;
 pub mod places;
 pub mod ring;
 pub mod running;
+pub mod schema;
 pub mod status;
 pub mod supervisor;
 pub mod top;
