@@ -182,6 +182,8 @@ events! {
     PROFILE_UNPROVEN = 84, Error, "jink: not ready, autopilot answers nothing", "Check the wire to the autopilot, and signing.";
     /// Somebody ends jink in flight: the vehicle comes to rest, and is left to the autopilot's own hold.
     STOPPING_TO_END = 85, Warning, "jink: ending, stopping the vehicle", "Be ready to take over: nobody looks for obstacles soon.";
+    /// Samples of a process, or on a topic, have stamps in the future or numbers that make no sense; nobody reads them.
+    SAMPLE_REFUSED = 86, Warning, "jink: {0} samples of {name} refused", "Look at its log; swap or restart it.";
 }
 
 /// The event with identity `id`.

@@ -14,6 +14,17 @@ use std::f64::consts::TAU;
 /// than around, however the vehicle tilts.
 pub const STEEPEST_RAD: f64 = std::f64::consts::FRAC_PI_3;
 
+/// Most sensors of one vehicle: sixteen single beams around it, or any smaller number of better ones.
+pub const SENSORS: usize = 16;
+
+/// Age, from its capture, at which a frame of a sensor is stale (us, [`crate::SampleHeader::deadline_us`]): two and a half periods of
+/// its `rate_hz` and the `delay_s` from capture to publication, and the deadline of its topic (ms) at least. `rate_hz` zero: not known.
+pub fn deadline_us(topic_deadline_ms: f64, rate_hz: f64, delay_s: f64) -> u32 {
+    let periods_s = if rate_hz > 0.0 { 2.5 / rate_hz } else { 0.0 };
+    // A cast of a float stops at the ends.
+    ((periods_s.max(topic_deadline_ms * 1e-3) + delay_s) * 1e6) as u32
+}
+
 /// Most beams in one [`RangeScan`].
 pub const SCAN_BEAMS: usize = 1_024;
 

@@ -57,8 +57,8 @@ crate::sample! {
         pub publish: Timestamp,
         /// Which start of the producer this is (1, 2, ...), as counted by the supervisor.
         pub generation: u32,
-        /// Age, from `publish` and from `capture`, at which the producer says this sample is stale (us); 0 = the
-        /// topic's own deadline.
+        /// Age, from `publish` and from `capture`, at which this sample is stale (us), as a source of measurements says of
+        /// itself; 0 = the topic's own deadline, from `publish`.
         pub deadline_us: u32,
         /// History of the measurement this sample was made from: sensor, fusion, planner, generator, guard, gateway
         /// ([`Stage`]). The rest is unset.
@@ -78,10 +78,33 @@ impl SampleHeader {
         }
     }
 
+    /// Whether the sample still counts at `now`: the one rule for age. Its publication is no older than the deadline; where the
+    /// producer of measurements says its own ([`Self::deadline_us`]), the newest measurement inside is no older than that, either.
+    /// `topic_deadline_ms` is that of the topic's row, for all others.
+    pub fn is_fresh(&self, now: Timestamp, topic_deadline_ms: f64) -> bool {
+        let is_within = |time: Timestamp| {
+            time.is_set() && now.seconds_since(time) * 1e3 <= self.deadline_ms(topic_deadline_ms)
+        };
+        is_within(self.publish) && (self.deadline_us == 0 || is_within(self.capture))
+    }
+
+    /// The age at which the sample is stale (ms): what its producer says, else that of the topic's row.
+    pub fn deadline_ms(&self, topic_deadline_ms: f64) -> f64 {
+        if self.deadline_us == 0 {
+            topic_deadline_ms
+        } else {
+            f64::from(self.deadline_us) * 1e-3
+        }
+    }
+
     /// The header of an output made in `stage` from an input with header `self`: same capture time and history,
     /// with the stage's begin added. The runtime fills sequence, generation, publication and the stage's end.
     pub fn derived(&self, stage: Stage, begin: Timestamp) -> Self {
-        let mut header = *self;
+        let mut header = Self {
+            // Said by a source of measurements, for itself.
+            deadline_us: 0,
+            ..*self
+        };
         header.stages[stage as usize] = StageTime {
             begin,
             end: Timestamp::NEVER,
@@ -115,9 +138,9 @@ impl<T> std::ops::Deref for Stamped<'_, T> {
 /// What a reader gets: never a value without its age.
 #[derive(Debug)]
 pub enum Reading<'a, T> {
-    /// Published within the topic's deadline.
+    /// Within its deadline.
     Fresh(Stamped<'a, T>),
-    /// The newest sample is older than the topic's deadline.
+    /// The newest sample is older than its deadline.
     Stale {
         /// Its age (s) since publication.
         age_s: f64,
@@ -134,16 +157,17 @@ impl<T> Clone for Reading<'_, T> {
 impl<T> Copy for Reading<'_, T> {}
 
 impl<'a, T> Reading<'a, T> {
-    /// Judges `stamped` at time `now` against the topic's deadline (ms).
+    /// Judges `stamped` at time `now` against the topic's deadline (ms); see [`SampleHeader::is_fresh`].
     pub fn judge(stamped: Option<Stamped<'a, T>>, now: Timestamp, deadline_ms: f64) -> Self {
         match stamped {
             None => Reading::Never,
             Some(stamped) => {
-                let age_s = now.seconds_since(stamped.header.publish);
-                if age_s * 1e3 > deadline_ms {
-                    Reading::Stale { age_s }
-                } else {
+                if stamped.header.is_fresh(now, deadline_ms) {
                     Reading::Fresh(stamped)
+                } else {
+                    Reading::Stale {
+                        age_s: now.seconds_since(stamped.header.publish),
+                    }
                 }
             }
         }
@@ -192,6 +216,25 @@ mod tests {
             Reading::<u8>::judge(None, Timestamp::from_seconds(1.0), 1.0),
             Reading::Never
         ));
+    }
+
+    #[test]
+    fn a_source_of_measurements_says_its_own_deadline_and_is_held_to_the_capture() {
+        let mut header = SampleHeader::at(Timestamp::from_seconds(10.0));
+        header.publish = Timestamp::from_seconds(10.2);
+        let at = |header: &SampleHeader, s: f64| header.is_fresh(Timestamp::from_seconds(s), 100.0);
+        assert!(
+            at(&header, 10.29) && !at(&header, 10.31),
+            "the topic's, from publication"
+        );
+        header.deadline_us = 625_000;
+        assert!(
+            at(&header, 10.62) && !at(&header, 10.63),
+            "its own, from the capture"
+        );
+        header.capture = Timestamp::NEVER;
+        assert!(!at(&header, 10.21), "a measurement that was never made");
+        assert_eq!(header.derived(Stage::Fusion, header.publish).deadline_us, 0);
     }
 
     #[test]

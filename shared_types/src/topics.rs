@@ -26,15 +26,23 @@ use std::marker::PhantomData;
 pub const MAX_PUBLISHERS: usize = 3;
 /// The same of a topic on which every process speaks.
 const MAX_PUBLISHERS_SHARED: usize = 40;
-/// Consumers and their shadows, recorder, several command line tools.
-const MAX_SUBSCRIBERS: usize = 12;
-/// The same of a topic that every process and its shadow may read. Each subscriber that might come costs a publisher
+/// Readers besides the programs of the row: a recorder, command line tools, and a program that has died and is not cleaned up yet.
+const SPECTATORS: usize = 8;
+/// The same of samples from [`LARGE_BYTES`] on: each costs several of them in memory.
+const SPECTATORS_OF_LARGE: usize = 3;
+const LARGE_BYTES: usize = 64 * 1024;
+/// Subscribers of a topic that every process and its shadow may read. Each subscriber that might come costs a publisher
 /// room for the samples it might hold, and time at its start.
 const MAX_SUBSCRIBERS_ALL: usize = 40;
 /// Nodes that may know a topic at once.
 pub const MAX_NODES: usize = 64;
-/// Samples that a reader may hold at once: the one being read, the next one, and one spare while the queue is drained.
-pub const MAX_BORROWED: usize = 3;
+/// Samples that a reader may hold at once: the newest it has read, and the next one while it changes over.
+pub const MAX_BORROWED: usize = 2;
+/// Samples that a publisher may fill at once: one, and one spare.
+pub const MAX_LOANED: usize = 2;
+
+/// What iceoryx2 writes before each sample (bytes).
+const CHUNK_HEADER_BYTES: usize = 64;
 
 /// One row of the table.
 #[derive(Clone, Copy, Debug)]
@@ -43,6 +51,8 @@ pub struct TopicRow {
     pub name: &'static str,
     /// Name of the payload type.
     pub payload: &'static str,
+    /// Size of the payload (bytes).
+    pub payload_bytes: usize,
     /// Programs that may publish it.
     pub producers: &'static [&'static str],
     /// Programs that may read it; `*` = every one. The command line tool may read every topic.
@@ -80,13 +90,28 @@ impl TopicRow {
         }
     }
 
-    /// Subscribers that there is room for.
+    /// Subscribers that there is room for: each program of the row with its shadow, and some spectators.
     pub fn max_subscribers(&self) -> usize {
         if self.consumers.contains(&"*") {
             MAX_SUBSCRIBERS_ALL
         } else {
-            MAX_SUBSCRIBERS
+            let spectators = match self.payload_bytes < LARGE_BYTES {
+                true => SPECTATORS,
+                false => SPECTATORS_OF_LARGE,
+            };
+            2 * self.consumers.len() + spectators
         }
+    }
+
+    /// Samples that each publisher has memory for: what every subscriber may have queued and hold, the history of one, and what is
+    /// being filled.
+    pub fn slots(&self) -> usize {
+        self.max_subscribers() * (self.buffer + MAX_BORROWED) + 1 + MAX_LOANED
+    }
+
+    /// Shared memory for the samples of one publisher, headers included (bytes).
+    pub fn memory_bytes(&self) -> usize {
+        self.slots() * (self.payload_bytes + size_of::<SampleHeader>() + CHUNK_HEADER_BYTES)
     }
 
     /// What stands for the `*` in `name`, empty if this row is no family; `None` if `name` is not of this row.
@@ -168,6 +193,7 @@ macro_rules! topics {
                 row: TopicRow {
                     name: $topic,
                     payload: stringify!($payload),
+                    payload_bytes: size_of::<$payload>(),
                     producers: &$producers,
                     consumers: &$consumers,
                     rate_hz: $rate_hz,

@@ -3,11 +3,13 @@
 #![allow(clippy::expect_used)]
 
 use crate::peers;
+use jink_runtime::Instance;
 use serde_json::Value;
 use std::net::UdpSocket;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::str::FromStr;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -86,6 +88,11 @@ pub struct Handle {
 }
 
 impl Handle {
+    /// Where its programs write their logs.
+    fn log_folder(&self) -> PathBuf {
+        Instance::from_str(&self.instance).map_or_else(|_| PathBuf::new(), |instance| instance.log_folder())
+    }
+
     /// The jink command for this instance.
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = program("jink", &["--instance", &self.instance]);
@@ -366,17 +373,32 @@ impl Deref for Flight {
     }
 }
 
-/// A test that has failed leaves nothing flying.
+/// A test that has failed leaves nothing flying, and shows what the flight has said.
 impl Drop for Flight {
     fn drop(&mut self) {
         if let Some(mut demo) = self.demo.take() {
             let _gone_already = demo.kill();
-            let _not_ours = demo.wait();
+            if let Ok(output) = demo.wait_with_output() {
+                eprintln!("{}", String::from_utf8_lossy(&output.stdout));
+            }
             let down = self.jink(&["down", "--now"]);
             eprintln!("{}: {}", self.handle.instance, down.stdout.trim());
+            for file in std::fs::read_dir(self.handle.log_folder())
+                .into_iter()
+                .flatten()
+                .flatten()
+            {
+                let text = std::fs::read_to_string(file.path()).unwrap_or_default();
+                let lines: Vec<&str> = text.lines().collect();
+                let last = &lines[lines.len().saturating_sub(LAST_LINES)..];
+                eprintln!("{}:\n{}", file.path().display(), last.join("\n"));
+            }
         }
     }
 }
+
+/// Lines of each log that a test which has failed shows.
+const LAST_LINES: usize = 30;
 
 /// Waits for `condition`, looking five times a second.
 ///

@@ -94,9 +94,12 @@ impl Seam {
         sorted.sort_by(f64::total_cmp);
         let usual_s = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
         let one_each = usual_s > ONE_EACH_SHARE * period_s;
+        // What was made of no measurement has no place among them.
         let changes = || {
             let pairs = self.headers.windows(2).zip(&steps);
-            pairs.filter(|(pair, _)| pair[0].generation != pair[1].generation)
+            pairs.filter(|(pair, _)| {
+                pair[0].generation != pair[1].generation && pair.iter().all(|header| header.capture.is_set())
+            })
         };
         let missing = changes().filter(|(_, step)| one_each && **step > MISSING_STEPS * usual_s);
         let both = changes().filter(|(pair, step)| {

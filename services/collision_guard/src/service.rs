@@ -4,7 +4,9 @@
 use crate::guard::{Guard, GuardConfig, GuardInputs};
 use crate::prevention::{PreventionConfig, Watch};
 use crate::ring::Ring;
-use jink_runtime::{Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake};
+use jink_runtime::{
+    Checks, Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake,
+};
 use jink_shared_types::motion::{ApprovedTrajectory, Trajectory};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
@@ -59,7 +61,8 @@ impl Service for GuardService {
             ranges: RangeInputs::open(ports)?,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             trajectory: ports.trigger(topics::TRAJECTORY)?,
-            demand: ports.input(topics::PILOT_DEMAND)?,
+            // To a demand that is no number collision prevention has an answer: no motion, at once.
+            demand: ports.input(topics::PILOT_DEMAND)?.with_checks(Checks::Stamps),
             approved: ports.output(topics::APPROVED)?,
             prevented: ports.output(topics::PREVENTED)?,
             sectors: ports.output(topics::RING)?,

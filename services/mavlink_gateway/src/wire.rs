@@ -33,8 +33,12 @@ impl Wire {
         }
     }
 
-    /// The autopilot knows at `now` what the trajectory with this header says: it was sent, or is flown already.
+    /// The autopilot knows at `now` what the trajectory with this header says: it was sent, or is flown already. One that was made of
+    /// no measurement says nothing of how long measurements take.
     pub fn known(&mut self, now: Timestamp, header: &SampleHeader) {
+        if !header.capture.is_set() {
+            return;
+        }
         self.status
             .capture_to_wire
             .record_us(microseconds(now, header.capture));

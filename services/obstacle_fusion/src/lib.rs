@@ -161,8 +161,8 @@ impl Fusion {
             return;
         };
         if self.trace(limits, header.capture, |tracer| tracer.cloud(cloud)) {
-            self.sensors
-                .contributed(sensor, false, RANGE_CLOUD.row.deadline_ms);
+            let deadline_ms = header.deadline_ms(RANGE_CLOUD.row.deadline_ms);
+            self.sensors.contributed(sensor, false, deadline_ms);
         }
     }
 
@@ -181,8 +181,8 @@ impl Fusion {
         };
         if self.trace(limits, header.capture, |tracer| tracer.scan(scan, &body_q_sensor)) {
             let single_beam = scan.beams <= 1;
-            self.sensors
-                .contributed(sensor, single_beam, RANGE_SCAN.row.deadline_ms);
+            let deadline_ms = header.deadline_ms(RANGE_SCAN.row.deadline_ms);
+            self.sensors.contributed(sensor, single_beam, deadline_ms);
         }
     }
 

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | capture times of frames that said something | how many sensors are live, whether ranges are fresh |
 //!
-//! A sensor is live while its newest contributing frame is younger than the deadline of its topic. A frame contributes
+//! A sensor is live while its newest contributing frame was captured within the sensor's own deadline, or that of its topic. A frame contributes
 //! if at least one ray said something and could be placed: a blind, covered or unplaceable sensor is as good as none.
 //!
 //! Ranges are fresh if a live sensor has more than one beam, or if all configured sensors have a single beam and all

@@ -80,17 +80,23 @@ impl Service for FusionService {
             }
         });
         let mut news = false;
+        // The map is as young as the newest frame in it, whichever sensor was read last.
+        let mut newest = |frame: &SampleHeader| {
+            if frame.capture > header.capture {
+                *header = *frame;
+            }
+        };
         ranges.each(|number, sample| match sample {
             RangeSample::Cloud(cloud) => {
                 fusion.cloud(number, cloud.sample, cloud.header);
-                *header = *cloud.header;
+                newest(cloud.header);
                 news = true;
             }
             RangeSample::Scan(scan) => {
                 fusion.scan(number, scan.sample, scan.header);
                 // A single beam refines the map; a scan of many is news of its own.
                 if scan.beams > 1 {
-                    *header = *scan.header;
+                    newest(scan.header);
                     news = true;
                 }
             }

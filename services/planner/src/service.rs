@@ -50,9 +50,8 @@ impl Service for PlannerService {
         // Fetched first: the approved trajectory counts however old it is, it outlives its producer.
         self.approved.latest(now);
         let map = self.map.latest(now);
-        let header = map
-            .fresh()
-            .map_or_else(|| SampleHeader::at(now), |map| *map.header);
+        // What is made without a map is made of no measurement, and says so.
+        let header = map.fresh().map_or_else(SampleHeader::default, |map| *map.header);
         let inputs = Inputs {
             map,
             state: self.state.latest(now),

@@ -40,6 +40,7 @@ const KEYS: &[&str] = &[
     "range_max_m",
     "sigma_m",
     "rate_hz",
+    "delay_ms",
     "scan_low_deg",
     "scan_high_deg",
 ];

@@ -52,7 +52,7 @@ impl Service for RangefinderService {
         })?;
         Ok(Self {
             port: Port::new(&spec.device, spec.baud),
-            scans: ports.output_of(topics::RANGE_SCAN, &spec.name)?,
+            scans: ports.range_output(topics::RANGE_SCAN, &spec.name, spec.rate_hz)?,
             claim: ports.claim(),
             clock: ports.clock(),
             driver: Driver::new(spec),

@@ -9,6 +9,7 @@ pub use link::{AUTOPILOT_LINK, AlsoLink, Link, LinkRow, Purpose, Signing};
 pub use overlay::{PROFILE_FOLDER, Resolved, sensors};
 
 use jink_shared_types::params::{ParamSet, nearest};
+use jink_shared_types::ranges::{SENSORS, deadline_us};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -124,7 +125,7 @@ pub enum SensorOutput {
 }
 
 /// One sensor as every service needs to know it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Sensor {
     /// Its name: the last part of its topic.
     pub name: String,
@@ -134,7 +135,26 @@ pub struct Sensor {
     pub kind: String,
     /// It is plugged in somewhere: the table has a `device`, which the driver of the kind opens.
     pub has_device: bool,
+    /// Frames per second (Hz), where the table says so.
+    pub rate_hz: Option<f64>,
+    /// From the capture of a frame to its publication, at most (s).
+    pub delay_s: f64,
 }
+
+impl Sensor {
+    /// When a frame of it is stale; see [`deadline_us`]. `rate_hz` is what its driver knows of it, zero for nothing.
+    pub fn deadline_us(&self, topic_deadline_ms: f64, rate_hz: f64) -> u32 {
+        deadline_us(topic_deadline_ms, self.rate_hz.unwrap_or(rate_hz), self.delay_s)
+    }
+}
+
+/// What a driver takes from capture to publication unless the sensor's table says more (s).
+const DELAY_S: f64 = 0.05;
+
+/// Most frames per second that a sensor's table may say (Hz).
+const RATE_MAX_HZ: f64 = 2_000.0;
+/// Longest delay that it may say (ms): what is older is no basis for a motion.
+const DELAY_MAX_MS: f64 = 1_000.0;
 
 /// The kinds of sensors and what they publish. The driver that owns a kind knows its other keys.
 pub const SENSOR_KINDS: &[(&str, SensorOutput)] = &[
@@ -161,6 +181,8 @@ struct File {
 struct SensorTable {
     name: Spanned<String>,
     kind: Spanned<String>,
+    rate_hz: Option<Spanned<f64>>,
+    delay_ms: Option<Spanned<f64>>,
     #[serde(flatten)]
     of_the_driver: BTreeMap<String, toml::Value>,
 }
@@ -224,6 +246,19 @@ impl Config {
                 format!("two sensors are called {name:?}"),
             ));
         }
+        if self.sensors.len() == SENSORS {
+            let message = format!("sensor {name:?} is one too many: there is room for {SENSORS}");
+            return Err(at(table.name.span().start, message));
+        }
+        let within = |key: &str, value: &Option<Spanned<f64>>, most: f64| match value {
+            Some(value) if !(0.0..=most).contains(value.get_ref()) => Err(at(
+                value.span().start,
+                format!("sensor {name:?}: {key} is a number from 0 to {most}"),
+            )),
+            value => Ok(value.as_ref().map(|value| *value.get_ref())),
+        };
+        let rate_hz = within("rate_hz", &table.rate_hz, RATE_MAX_HZ)?;
+        let delay_ms = within("delay_ms", &table.delay_ms, DELAY_MAX_MS)?;
         let kind = table.kind.get_ref();
         let Some((_, output)) = SENSOR_KINDS.iter().find(|(known, _)| known == kind) else {
             let known = nearest(kind, SENSOR_KINDS.iter().map(|(known, _)| *known)).unwrap_or("");
@@ -235,6 +270,8 @@ impl Config {
             output: *output,
             kind: kind.clone(),
             has_device: table.of_the_driver.contains_key("device"),
+            rate_hz: rate_hz.filter(|rate_hz| *rate_hz > 0.0),
+            delay_s: delay_ms.map_or(DELAY_S, |ms| ms * 1e-3),
         });
         Ok(())
     }
@@ -352,6 +389,45 @@ mod tests {
         assert_eq!(config.link.address, "udpin:127.0.0.1:14541");
         assert_eq!(config.param_store, Some("/var/lib/jink/p.toml".into()));
         assert_eq!(config.sensors[0].output, SensorOutput::Cloud);
+        // Two and a half periods of 10 Hz and what a driver takes unless its table says more.
+        assert_eq!(config.sensors[0].deadline_us(250.0, 0.0), 300_000);
+    }
+
+    #[test]
+    fn a_slow_sensor_says_so_in_its_table() {
+        let text = "[[sensor]]\nname = \"sonar\"\nkind = \"rangefinder\"\nrate_hz = 2\ndelay_ms = 200\n";
+        let config = Config::parse(Path::new("jink.toml"), text).unwrap();
+        assert_eq!(config.sensors[0].deadline_us(250.0, 20.0), 1_450_000);
+        let sensor = |key: &str| {
+            error_of(&format!(
+                "[[sensor]]\nname = \"a\"\nkind = \"rangefinder\"\n{key}\n"
+            ))
+        };
+        assert_eq!(
+            sensor("rate_hz = -1"),
+            "jink.toml:4: sensor \"a\": rate_hz is a number from 0 to 2000"
+        );
+        assert_eq!(
+            sensor("delay_ms = 5000"),
+            "jink.toml:4: sensor \"a\": delay_ms is a number from 0 to 1000"
+        );
+    }
+
+    #[test]
+    fn a_sensor_that_nobody_would_look_at_is_refused() {
+        let table = |number: usize| format!("[[sensor]]\nname = \"s{number}\"\nkind = \"rangefinder\"\n");
+        let sixteen: String = (0..16).map(table).collect();
+        assert_eq!(
+            Config::parse(Path::new("jink.toml"), &sixteen)
+                .unwrap()
+                .sensors
+                .len(),
+            16
+        );
+        assert_eq!(
+            error_of(&format!("{sixteen}{}", table(16))),
+            "jink.toml:50: sensor \"s16\" is one too many: there is room for 16"
+        );
     }
 
     #[test]

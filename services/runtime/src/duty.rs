@@ -137,7 +137,7 @@ impl Duty {
 
     /// Judges the age of an output that was made from ranges against the end-to-end budget.
     pub(crate) fn judge_age(&self, header: &SampleHeader, end: Timestamp) {
-        let of_ranges = header.stages.iter().any(|stage| stage.end.is_set());
+        let of_ranges = header.capture.is_set() && header.stages.iter().any(|stage| stage.end.is_set());
         let us = microseconds(end, header.capture);
         if self.budget_us == 0 || !of_ranges || us <= self.budget_us {
             return;

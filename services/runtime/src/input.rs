@@ -1,31 +1,124 @@
 //! A topic as a reader sees it: the newest sample with its age, or every unread one in order.
+//!
+//! What a reader gets has been looked at once, here: a sample whose numbers make no sense ([`Layout::is_plausible`]), or whose stamps
+//! lie in the future, is refused as if it had never come. It is counted, its producer is named in the log and to the pilot, and
+//! a service that needs the input counts as degraded for a second.
 
+use crate::clock::Clock;
 use crate::duty::Duty;
 use crate::transport::{Sample, Subscriber};
 use jink_shared_types::layout::Layout;
-use jink_shared_types::{Reading, Stamped, Timestamp};
+use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
 use std::cell::Cell;
 use std::fmt;
 use std::rc::Rc;
 
+/// A stamp this far ahead of the clock is wrong (s): processes of one board read one clock.
+pub const FUTURE_S: f64 = 0.05;
+/// A refused sample degrades whoever needs the input for so long (s), and is written to the log once in this time.
+const REFUSAL_COUNTS_S: f64 = 1.0;
+
 /// What the loop wants to know of an input without borrowing it.
 #[derive(Debug)]
 pub(crate) struct InputHealth {
-    pub(crate) newest: Cell<Timestamp>,
-    pub(crate) deadline_ms: f64,
+    /// Header of the newest sample; all zero if there is none.
+    newest: Cell<SampleHeader>,
+    deadline_ms: f64,
     pub(crate) needed: Cell<bool>,
+    /// Who may publish it.
+    producer: String,
+    refused: Cell<u64>,
+    refused_at: Cell<Timestamp>,
+    /// Refusals that the pilot has been told of.
+    reported: Cell<u64>,
+    reported_at: Cell<Timestamp>,
 }
 
 impl InputHealth {
+    /// Whether anything has ever come.
+    pub(crate) fn has_come(&self) -> bool {
+        self.newest.get().publish.is_set()
+    }
+
     pub(crate) fn is_fresh(&self, now: Timestamp) -> bool {
-        let newest = self.newest.get();
-        newest.is_set() && now.seconds_since(newest) * 1e3 <= self.deadline_ms
+        let refused_at = self.refused_at.get();
+        let is_refused = refused_at.is_set() && now.seconds_since(refused_at) < REFUSAL_COUNTS_S;
+        self.has_come() && !is_refused && self.newest.get().is_fresh(now, self.deadline_ms)
+    }
+
+    /// Samples refused so far and whose they were, if that is news: at most once in [`REPORT_PERIOD_S`].
+    pub(crate) fn news_of_refusals(&self, now: Timestamp) -> Option<(u64, &str)> {
+        let refused = self.refused.get();
+        let reported_at = self.reported_at.get();
+        if refused == self.reported.get()
+            || reported_at.is_set() && now.seconds_since(reported_at) < REPORT_PERIOD_S
+        {
+            return None;
+        }
+        self.reported.set(refused);
+        self.reported_at.set(now);
+        Some((refused, &self.producer))
+    }
+}
+
+/// The pilot is told of refused samples of one topic this often at most (s).
+const REPORT_PERIOD_S: f64 = 10.0;
+
+/// What is looked at before a reader gets a sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Checks {
+    /// Stamps and numbers.
+    All,
+    /// Stamps: the reader has an answer to numbers that make no sense.
+    Stamps,
+    /// Nothing: for those who show what is there.
+    None,
+}
+
+/// Why a sample was refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Refusal {
+    /// A stamp is this far ahead of the clock (s).
+    Future { ahead_s: f64 },
+    /// It was published and says that it never was.
+    Unstamped,
+    /// Its numbers make no sense.
+    Implausible,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Future { ahead_s } => write!(f, "its stamp is {ahead_s:.3} s in the future"),
+            Self::Unstamped => f.write_str("it has no time of publication"),
+            Self::Implausible => f.write_str("its numbers make no sense"),
+        }
+    }
+}
+
+impl Refusal {
+    fn judge<T: Layout>(checks: Checks, header: &SampleHeader, payload: &T, now: Timestamp) -> Option<Self> {
+        if checks == Checks::None {
+            return None;
+        }
+        let ahead_s = header.publish.max(header.capture).seconds_since(now);
+        if ahead_s > FUTURE_S {
+            Some(Self::Future { ahead_s })
+        } else if !header.publish.is_set() {
+            Some(Self::Unstamped)
+        } else if checks == Checks::All && !payload.is_plausible() {
+            Some(Self::Implausible)
+        } else {
+            None
+        }
     }
 }
 
 /// A topic opened for reading.
 pub struct Input<T: Layout> {
     subscriber: Subscriber<T>,
+    clock: Clock,
+    checks: Checks,
     newest: Option<Sample<T>>,
     last_sequence: u64,
     name: String,
@@ -44,17 +137,30 @@ impl<T: Layout> fmt::Debug for Input<T> {
 }
 
 impl<T: Layout> Input<T> {
-    pub(crate) fn new(subscriber: Subscriber<T>, name: String, deadline_ms: f64) -> Self {
+    pub(crate) fn new(
+        subscriber: Subscriber<T>,
+        clock: Clock,
+        name: String,
+        deadline_ms: f64,
+        producer: String,
+    ) -> Self {
         Self {
             subscriber,
+            clock,
+            checks: Checks::All,
             newest: None,
             last_sequence: 0,
             name,
             lost: 0,
             health: Rc::new(InputHealth {
-                newest: Cell::new(Timestamp::NEVER),
+                newest: Cell::default(),
                 deadline_ms,
                 needed: Cell::new(false),
+                producer,
+                refused: Cell::new(0),
+                refused_at: Cell::new(Timestamp::NEVER),
+                reported: Cell::new(0),
+                reported_at: Cell::new(Timestamp::NEVER),
             }),
             duty: None,
             of_all: false,
@@ -74,6 +180,12 @@ impl<T: Layout> Input<T> {
         self
     }
 
+    /// Looks at less before a sample is handed out.
+    pub fn with_checks(mut self, checks: Checks) -> Self {
+        self.checks = checks;
+        self
+    }
+
     /// Marks the input as one the service cannot work without: while it is stale, the service is degraded.
     pub fn needed(self) -> Self {
         self.health.needed.set(true);
@@ -88,6 +200,11 @@ impl<T: Layout> Input<T> {
     /// Samples that were overwritten before they could be read; not counted where several producers speak at once.
     pub fn lost(&self) -> u64 {
         self.lost
+    }
+
+    /// Samples that were refused: stamps in the future, numbers that make no sense.
+    pub fn refused(&self) -> u64 {
+        self.health.refused.get()
     }
 
     pub(crate) fn health(&self) -> Rc<InputHealth> {
@@ -117,26 +234,53 @@ impl<T: Layout> Input<T> {
         })
     }
 
-    /// Moves to the next unread sample. Samples of a producer that has been replaced may arrive after those of its
-    /// successor: whatever does not advance the sequence is dropped.
+    /// Moves to the next unread sample that can be used. Samples of a producer that has been replaced may arrive after those of
+    /// its successor: what does not advance the sequence is dropped, as long as the newest sample is fresh. After that whoever
+    /// speaks counts, so that a sequence number from nowhere silences nobody for longer.
     fn receive(&mut self) -> Option<()> {
         loop {
             let sample = self.subscriber.receive()?;
-            let sequence = sample.header().sequence;
-            if sequence <= self.last_sequence && self.newest.is_some() && !self.of_all {
+            let now = self.clock.now();
+            let header = sample.header();
+            if let Some(refusal) = Refusal::judge(self.checks, header, sample.payload(), now) {
+                self.health.refuse(&self.name, header, refusal, now);
                 continue;
             }
-            let same_producer = sequence >> 32 == self.last_sequence >> 32;
-            if same_producer && self.newest.is_some() && !self.of_all {
-                self.lost += (sequence - self.last_sequence).saturating_sub(1);
+            let sequence = header.sequence;
+            if self.newest.is_some() && !self.of_all {
+                let is_fresh = self.health.newest.get().is_fresh(now, self.health.deadline_ms);
+                if sequence <= self.last_sequence && is_fresh {
+                    continue;
+                }
+                if sequence >> 32 == self.last_sequence >> 32 {
+                    let skipped = sequence.saturating_sub(self.last_sequence).saturating_sub(1);
+                    self.lost = self.lost.saturating_add(skipped);
+                }
             }
             self.last_sequence = sequence;
             if let Some(duty) = &self.duty {
-                duty.took(sample.header().publish);
+                duty.took(header.publish);
             }
-            self.health.newest.set(sample.header().publish);
+            self.health.newest.set(*header);
             self.newest = Some(sample);
             return Some(());
         }
+    }
+}
+
+impl InputHealth {
+    fn refuse(&self, topic: &str, header: &SampleHeader, refusal: Refusal, now: Timestamp) {
+        let refused = self.refused.get() + 1;
+        self.refused.set(refused);
+        let last = self.refused_at.get();
+        if !last.is_set() || now.seconds_since(last) >= REFUSAL_COUNTS_S || refused == 1 {
+            tracing::warn!(
+                "{topic}: sample {} of {} (start {}) refused, {refusal}; {refused} in all",
+                header.sequence & u64::from(u32::MAX),
+                self.producer,
+                header.generation,
+            );
+        }
+        self.refused_at.set(now);
     }
 }

@@ -78,7 +78,7 @@ mod transport;
 
 pub use clock::Clock;
 pub use events::EventSender;
-pub use input::Input;
+pub use input::{Checks, Input};
 pub use instance::Instance;
 pub use output::Output;
 pub use param_store::{ParamStore, StoreWriter};

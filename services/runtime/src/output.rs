@@ -15,6 +15,8 @@ pub struct Output<T: Layout> {
     generation: u32,
     count: u32,
     duty: Option<Rc<Duty>>,
+    /// Of a source of measurements.
+    deadline_us: u32,
 }
 
 impl<T: Layout> fmt::Debug for Output<T> {
@@ -31,12 +33,19 @@ impl<T: Layout> Output<T> {
             generation,
             count: 0,
             duty: None,
+            deadline_us: 0,
         }
     }
 
     /// Publishes only what `duty` owns, and counts everything in it.
     pub(crate) fn with_duty(mut self, duty: &Rc<Duty>) -> Self {
         self.duty = Some(Rc::clone(duty));
+        self
+    }
+
+    /// Says with every sample that it is stale at this age from its capture (us).
+    pub(crate) fn with_deadline_us(mut self, deadline_us: u32) -> Self {
+        self.deadline_us = deadline_us;
         self
     }
 
@@ -59,6 +68,7 @@ impl<T: Layout> Output<T> {
             generation,
             count,
             duty,
+            deadline_us,
         } = self;
         publisher.write(fill, |payload| {
             let publish = clock.now();
@@ -74,6 +84,7 @@ impl<T: Layout> Output<T> {
             let header = SampleHeader {
                 sequence: u64::from(epoch) << 32 | u64::from(*count),
                 generation: *generation,
+                deadline_us: *deadline_us,
                 ..header
             };
             Some(published(header, publish))

@@ -3,6 +3,7 @@
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::duty::Duty;
+use crate::events::EventSender;
 use crate::input::{Input, InputHealth};
 use crate::output::Output;
 use crate::param_store::ParamStore;
@@ -12,9 +13,14 @@ use crate::transport::Wakeup;
 use jink_shared_types::health::ServiceState;
 use jink_shared_types::layout::Layout;
 use jink_shared_types::topics::Topic;
-use jink_shared_types::{SampleHeader, Timestamp};
+use jink_shared_types::{SampleHeader, Timestamp, events};
 use std::fmt;
 use std::rc::Rc;
+
+/// Topics that one service may read; one bit each in its heartbeat.
+pub const INPUTS: usize = 32;
+/// Topics that may wake one service.
+pub const WAKEUPS: usize = 32;
 
 /// Opens the topics of a service.
 pub struct Ports {
@@ -83,6 +89,22 @@ impl Ports {
         Ok(output.with_duty(&self.duty))
     }
 
+    /// The topic of one range sensor, named as in its table, to publish: its samples say when they are stale. `rate_hz` is what the
+    /// driver knows of its rate, zero for nothing; the table's own `rate_hz` counts before that.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn range_output<T: Layout>(
+        &mut self,
+        topic: Topic<T>,
+        sensor: &str,
+        rate_hz: f64,
+    ) -> Result<Output<T>, OpenError> {
+        let row = self.config.sensors.iter().find(|row| row.name == sensor);
+        let deadline_us = row.map_or(0, |row| row.deadline_us(topic.row.deadline_ms, rate_hz));
+        Ok(self.output_of(topic, sensor)?.with_deadline_us(deadline_us))
+    }
+
     /// Judges the age of what leaves shared memory; see [`Latency::left`].
     pub fn latency(&self) -> Latency {
         Latency {
@@ -103,6 +125,8 @@ impl Ports {
     /// # Errors
     /// See [`OpenError`].
     pub fn input_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Input<T>, OpenError> {
+        let name = topic.row.topic_name(member);
+        has_room(&name, "topics to read", self.inputs.len(), INPUTS)?;
         let input = self.session.input(topic, member)?;
         self.inputs.push(input.health());
         Ok(input)
@@ -121,6 +145,8 @@ impl Ports {
     /// # Errors
     /// See [`OpenError`].
     pub fn trigger_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Input<T>, OpenError> {
+        let name = topic.row.topic_name(member);
+        has_room(&name, "topics to be woken by", self.wakeups.len(), WAKEUPS)?;
         self.wakeups.push(self.session.wakeup(topic, member)?);
         Ok(self.input_of(topic, member)?.with_duty(&self.duty))
     }
@@ -138,18 +164,27 @@ impl Ports {
     pub(crate) fn masks(&self, now: Timestamp) -> (u32, u32) {
         let mut fresh = 0;
         let mut needed = 0;
-        for (index, input) in self.inputs.iter().enumerate().take(32) {
+        for (index, input) in self.inputs.iter().enumerate() {
             fresh |= u32::from(input.is_fresh(now)) << index;
             needed |= u32::from(input.needed.get()) << index;
         }
         (fresh, needed)
     }
 
+    /// Raises an event for each input whose producer sends what cannot be used; each at most once in ten seconds.
+    pub(crate) fn tell_refusals(&self, now: Timestamp, events: &mut EventSender) {
+        for input in &self.inputs {
+            if let Some((refused, producer)) = input.news_of_refusals(now) {
+                events.raise(now, &events::SAMPLE_REFUSED, producer, [refused as f64, 0.0]);
+            }
+        }
+    }
+
     /// Alive and blind is told from alive and well: a needed input that is stale degrades, one that never came is a
     /// reason to stand by, and so is what the service lacks besides.
     pub(crate) fn state(&self, now: Timestamp) -> ServiceState {
         let needed = || self.inputs.iter().filter(|input| input.needed.get());
-        if self.duty.stands_by() || needed().any(|input| !input.newest.get().is_set()) {
+        if self.duty.stands_by() || needed().any(|input| !input.has_come()) {
             ServiceState::Standby
         } else if needed().all(|input| input.is_fresh(now)) {
             ServiceState::Active
@@ -157,6 +192,17 @@ impl Ports {
             ServiceState::Degraded
         }
     }
+}
+
+fn has_room(topic: &str, what: &'static str, opened: usize, most: usize) -> Result<(), OpenError> {
+    if opened < most {
+        return Ok(());
+    }
+    Err(OpenError::TooMany {
+        topic: topic.to_owned(),
+        what,
+        most,
+    })
 }
 
 /// Judges the age of outputs that do not leave through a topic against the process's end-to-end budget.

@@ -79,6 +79,7 @@ impl<S: Service> Running<S> {
         self.ports.duty.begin(now);
         let events = &mut self.events;
         let wake = self.service.cycle(&mut Cycle { now, events });
+        self.ports.tell_refusals(now, &mut self.events);
         let end = self.clock.now();
         self.beat.meter.cycle(now, end);
         self.beat.send_if_due(end, &self.ports);

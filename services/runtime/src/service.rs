@@ -6,7 +6,7 @@
 
 use crate::config::Config;
 use crate::events::EventSender;
-use crate::ports::Ports;
+use crate::ports::{Ports, WAKEUPS};
 use crate::pretouch::Pretouch;
 use crate::realtime::{self, RealtimeWish, Scheduling};
 use crate::running::Running;
@@ -23,8 +23,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Descriptors a service may watch besides its topics: three for each of the gateway's links.
 pub const WATCHED_FDS: usize = 3 * jink_shared_types::link::LINKS;
-/// Trigger topics and watched descriptors together.
-const POLL_FDS: usize = 32;
+/// The control record, trigger topics and watched descriptors together.
+const POLL_FDS: usize = 1 + WAKEUPS + WATCHED_FDS;
 /// Exit code of a service that could not start: wrong configuration, missing device, refused topic. The supervisor does
 /// not restart it at once: it would fail again.
 pub const EXIT_CANNOT_START: u8 = 78;

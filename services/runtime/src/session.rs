@@ -30,8 +30,15 @@ pub enum OpenError {
         topic: String,
         /// This build's type name with its layout hash.
         ours: &'static str,
-        /// What iceoryx2 said.
-        cause: String,
+    },
+    /// The service has opened as many as there is room for.
+    TooMany {
+        /// The one that was too many.
+        topic: String,
+        /// Of what.
+        what: &'static str,
+        /// How many there may be.
+        most: usize,
     },
     /// iceoryx2 refused for another reason.
     Transport {
@@ -51,11 +58,14 @@ impl fmt::Display for OpenError {
                     "{program} may not {what} {topic}: the topic's row does not allow it"
                 )
             }
-            Self::Layout { topic, ours, cause } => write!(
+            Self::Layout { topic, ours } => write!(
                 f,
-                "{topic}: somebody holds it with another layout than this build's {ours} ({cause}); \
+                "{topic}: somebody holds it with another layout than this build's {ours}; \
                  stop the other instance or use binaries of one build"
             ),
+            Self::TooMany { topic, what, most } => {
+                write!(f, "{topic}: there is room for {most} {what} in one service")
+            }
             Self::Transport { topic, cause } => write!(f, "{topic}: {cause}"),
         }
     }
@@ -140,7 +150,11 @@ impl Session {
             Transport::Shared(connection) => Subscriber::Shared(connection.subscriber(&topic, &name)?),
             Transport::Local(bus) => Subscriber::Local(bus.subscriber(&topic, &name)?),
         };
-        let input = Input::new(subscriber, name, topic.row.deadline_ms);
+        let producer = match topic.row.producers {
+            [only] if *only != "*" => (*only).to_owned(),
+            _ => name.clone(),
+        };
+        let input = Input::new(subscriber, self.clock(), name, topic.row.deadline_ms, producer);
         Ok(if topic.row.is_shared() {
             input.of_all_producers()
         } else {

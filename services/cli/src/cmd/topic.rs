@@ -7,7 +7,7 @@ use jink_cli::beat::Beat;
 use jink_cli::digest::{Digest, header_line};
 use jink_cli::topic_list::{Listed, Members};
 use jink_runtime::config::{Config, SensorOutput, process_names};
-use jink_runtime::{Instance, OpenError, Session};
+use jink_runtime::{Checks, Instance, OpenError, Session};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::topics::{self, TABLE, Topic, TopicRow, Visitor};
 use std::fmt::{Debug, Write as _};
@@ -215,7 +215,8 @@ impl Visitor for Echo<'_> {
             .session
             .input(topic, self.member)
             .map_err(|error: OpenError| Problem::Memory(error))?
-            .of_all_producers();
+            .of_all_producers()
+            .with_checks(Checks::None);
         let (mut shown, mut last) = (0, Instant::now());
         let mut broken = None;
         let enough = |shown: u64| self.count.is_some_and(|count| shown >= count);

@@ -15,8 +15,8 @@ const PARTS: usize = 25;
 #[derive(Clone, Debug)]
 struct Part {
     view: View,
-    /// When that was published; never if there is none.
-    published: Timestamp,
+    /// When that was captured; never if there is none.
+    captured: Timestamp,
     /// Whether the view still has its place in local NED.
     is_placed: bool,
 }
@@ -34,7 +34,7 @@ pub struct Lifetimes {
 #[derive(Clone, Debug)]
 pub struct Layer {
     parts: Vec<Part>,
-    /// When its newest sample was published, placed or not.
+    /// When its newest sample was captured, placed or not.
     arrived: Timestamp,
     lifetimes: Lifetimes,
     /// Shortest range it measures (m).
@@ -46,7 +46,7 @@ impl Layer {
     pub fn new() -> Self {
         let part = Part {
             view: View::unknown(),
-            published: Timestamp::NEVER,
+            captured: Timestamp::NEVER,
             is_placed: false,
         };
         Self {
@@ -61,30 +61,30 @@ impl Layer {
     }
 
     /// A sample of it has come, whatever becomes of it.
-    pub fn note_arrival(&mut self, published: Timestamp, lifetimes: Lifetimes) {
-        self.arrived = published;
+    pub fn note_arrival(&mut self, captured: Timestamp, lifetimes: Lifetimes) {
+        self.arrived = captured;
         self.lifetimes = lifetimes;
     }
 
     /// Takes what was seen from `pose` instead of everything before: `fill` writes it into an empty view.
-    pub fn replace(&mut self, pose: &Pose, published: Timestamp, fill: impl FnOnce(&mut View)) -> &View {
+    pub fn replace(&mut self, pose: &Pose, captured: Timestamp, fill: impl FnOnce(&mut View)) -> &View {
         for part in &mut self.parts {
-            part.published = Timestamp::NEVER;
+            part.captured = Timestamp::NEVER;
         }
-        self.fill(0, pose, published, fill)
+        self.fill(0, pose, captured, fill)
     }
 
     /// Takes what was seen from `pose` besides what was seen before in other directions.
-    pub fn add(&mut self, pose: &Pose, published: Timestamp, fill: impl FnOnce(&mut View)) -> &View {
-        let oldest = (0..self.parts.len()).min_by_key(|index| self.parts[*index].published.ns);
+    pub fn add(&mut self, pose: &Pose, captured: Timestamp, fill: impl FnOnce(&mut View)) -> &View {
+        let oldest = (0..self.parts.len()).min_by_key(|index| self.parts[*index].captured.ns);
         let index = oldest.unwrap_or(0);
-        self.fill(index, pose, published, fill);
+        self.fill(index, pose, captured, fill);
         let (before, rest) = self.parts.split_at_mut(index);
         if let Some((new, after)) = rest.split_first_mut() {
             let others = before.iter_mut().chain(after);
-            for other in others.filter(|part| part.published.is_set()) {
+            for other in others.filter(|part| part.captured.is_set()) {
                 // A late-comer does not know better.
-                if other.published <= new.published {
+                if other.captured <= new.captured {
                     forget_what_is_seen_again(&mut other.view, &new.view);
                 } else {
                     forget_what_is_seen_again(&mut new.view, &other.view);
@@ -98,13 +98,13 @@ impl Layer {
         &mut self,
         index: usize,
         pose: &Pose,
-        published: Timestamp,
+        captured: Timestamp,
         fill: impl FnOnce(&mut View),
     ) -> &View {
         let part = &mut self.parts[index];
         part.view.reset(pose);
         fill(&mut part.view);
-        part.published = published;
+        part.captured = captured;
         part.is_placed = true;
         &part.view
     }
@@ -120,7 +120,7 @@ impl Layer {
     pub fn views(&self, now: Timestamp) -> impl Iterator<Item = &View> {
         self.parts
             .iter()
-            .filter(move |part| part.is_placed && is_young(now, part.published, self.lifetimes.kept_s))
+            .filter(move |part| part.is_placed && is_young(now, part.captured, self.lifetimes.kept_s))
             .map(|part| &part.view)
     }
 
@@ -136,12 +136,12 @@ impl Layer {
 
     /// Whether it saw something once and does not any more.
     pub fn is_lost(&self, now: Timestamp) -> bool {
-        self.parts.iter().any(|part| part.published.is_set()) && !self.is_live(now)
+        self.parts.iter().any(|part| part.captured.is_set()) && !self.is_live(now)
     }
 
     /// Marks in `mask` the sectors this layer knows, or knew, something of, numbered from the heading it had.
     pub fn mark_covered(&self, mask: &mut [bool; SECTORS]) {
-        for part in self.parts.iter().filter(|part| part.published.is_set()) {
+        for part in self.parts.iter().filter(|part| part.captured.is_set()) {
             for (covered, sector) in mask.iter_mut().zip(&part.view.sectors) {
                 *covered |= sector.is_told();
             }

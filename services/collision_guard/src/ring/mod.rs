@@ -15,8 +15,8 @@
 //!   only as far as it stays inside the band. A hit within the vehicle's own radius is the vehicle: no obstacle, and its ray
 //!   tells nothing.
 //! * Scans, single beams and rows of level distances count whatever the height of their ends (`beam.rs`).
-//! * A cloud older than its topic's deadline contributes nothing, nor do scans, beams and rows older than half a second: their
-//!   sectors become unknown, and unknown is not free.
+//! * A cloud captured longer ago than its sensor's deadline contributes nothing, nor do scans, beams and rows older than that and
+//!   than half a second: their sectors become unknown, and unknown is not free.
 //!
 //! **Limit.** The ring is flat: it says nothing of what is above or below the band. For a motion that climbs or descends,
 //! an obstacle inside the band counts as a column of any height, and one outside the band does not count until the vehicle
@@ -51,10 +51,9 @@ use std::fmt;
 use sweep::{Collector, Hull, Sweep};
 use view::{Borders, View};
 
-/// Most sensors: sixteen single beams around the vehicle, or any smaller number of better ones.
-pub const SENSORS: usize = 16;
+pub use jink_shared_types::ranges::SENSORS;
 
-/// How long scans, beams and rows count (s): a sensor that turns comes back to its edges in that time, and PX4 keeps ranges as long.
+/// How long scans, beams and rows count at least (s): a sensor that turns comes back to its edges in that time, and PX4 keeps ranges as long.
 const SCAN_KEPT_S: f64 = 0.5;
 /// Longest sweep (s): what the 16-bit time offset of a cloud point can say.
 const SWEEP_S: f64 = 0.655_35;
@@ -167,16 +166,16 @@ impl Ring {
         } else {
             header.capture
         };
+        let deadline_s = header.deadline_ms(topics::RANGE_CLOUD.row.deadline_ms) * 1e-3;
         let rays = Rays {
             first,
             last: header.capture,
-            published: header.publish,
             sensor_m: cloud.origin,
             range_min_m: cloud.range_min_m,
             range_max_m: cloud.range_max_m,
             lifetimes: Lifetimes {
-                deadline_s: topics::RANGE_CLOUD.row.deadline_ms * 1e-3,
-                kept_s: topics::RANGE_CLOUD.row.deadline_ms * 1e-3,
+                deadline_s,
+                kept_s: deadline_s,
             },
         };
         let [from, to] = self.begin(sensor, &rays)?;
@@ -184,7 +183,7 @@ impl Ring {
         cloud::collect(cloud, &sweep, &mut self.collector);
         let collector = &mut self.collector;
         let layer = &mut self.layers[sensor];
-        let view = layer.replace(&to, rays.published, |view| collector.finish(&sweep, view));
+        let view = layer.replace(&to, rays.last, |view| collector.finish(&sweep, view));
         self.memory.offer(sensor, view, rays.last);
         Ok(())
     }
@@ -229,7 +228,7 @@ impl Ring {
             hull_m: self.hull.radius_m,
         };
         let layer = &mut self.layers[sensor];
-        let view = layer.add(to, rays.published, |view| beam::collect(scan, &span, view));
+        let view = layer.add(to, rays.last, |view| beam::collect(scan, &span, view));
         self.memory.offer(sensor, view, rays.last);
     }
 
@@ -310,7 +309,7 @@ impl Ring {
         let Some(layer) = self.layers.get_mut(sensor) else {
             return Err(RangeRefused::NoSuchSensor { sensor, sensors });
         };
-        layer.note_arrival(rays.published, rays.lifetimes);
+        layer.note_arrival(rays.last, rays.lifetimes);
         layer.range_min_m = rays.range_min_m.max(0.0);
         Ok(())
     }
@@ -373,7 +372,6 @@ fn add_hits(view: &View, pose: &Pose, out: &mut SectorRing) {
 struct Rays {
     first: Timestamp,
     last: Timestamp,
-    published: Timestamp,
     sensor_m: Point<jink_shared_types::BodyFrd>,
     range_min_m: f32,
     range_max_m: f32,
@@ -382,6 +380,7 @@ struct Rays {
 
 impl Rays {
     fn of_scan(scan: &RangeScan, header: &SampleHeader) -> Self {
+        let deadline_s = header.deadline_ms(topics::RANGE_SCAN.row.deadline_ms) * 1e-3;
         Self {
             first: if scan.first_beam.is_set() {
                 scan.first_beam
@@ -389,13 +388,12 @@ impl Rays {
                 header.capture
             },
             last: header.capture,
-            published: header.publish,
             sensor_m: scan.origin,
             range_min_m: scan.range_min_m,
             range_max_m: scan.range_max_m,
             lifetimes: Lifetimes {
-                deadline_s: topics::RANGE_SCAN.row.deadline_ms * 1e-3,
-                kept_s: SCAN_KEPT_S,
+                deadline_s,
+                kept_s: deadline_s.max(SCAN_KEPT_S),
             },
         }
     }

@@ -127,7 +127,7 @@ impl Service for GatewayService {
         })?;
         let scans = sources
             .names()
-            .map(|name| ports.output_of(topics::RANGE_SCAN, name))
+            .map(|name| ports.range_output(topics::RANGE_SCAN, name, 0.0))
             .collect::<Result<_, _>>()?;
         let flight = FlightFile::of(&ports.setup().instance.folder());
         Ok(Self {

@@ -101,7 +101,6 @@ impl LocalBus {
                 .ok_or_else(|| OpenError::Layout {
                     topic: name.to_owned(),
                     ours: type_name::<T>(),
-                    cause: "IncompatibleTypes".to_owned(),
                 });
         }
         let channel = Rc::new(Channel::<T> {

@@ -12,16 +12,18 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{FileDescriptorBased, NodeName, ServiceName, SignalHandlingMode, ipc};
+use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::publish_subscribe::{
+    PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
+};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use jink_shared_types::SampleHeader;
 use jink_shared_types::layout::Layout;
-use jink_shared_types::topics::{MAX_BORROWED, MAX_NODES, MAX_PUBLISHERS, Topic};
+use jink_shared_types::topics::{MAX_BORROWED, MAX_LOANED, MAX_NODES, MAX_PUBLISHERS, Topic};
 use std::fmt;
 use std::os::fd::BorrowedFd;
 use std::time::Duration;
 
-/// One being filled, one spare.
-const MAX_LOANED: usize = 2;
 /// Processes that may be woken by one topic: every one and its shadow by the control record.
 const MAX_LISTENERS: usize = 40;
 /// Opening may meet a service in the middle of its creation or destruction by somebody else: those answers pass.
@@ -139,20 +141,14 @@ impl Connection {
                 .enable_safe_overflow(true)
                 .open_or_create()
         })
-        .map_err(|error| {
-            let cause = format!("{error:?}");
-            if cause.contains("IncompatibleTypes") {
-                OpenError::Layout {
-                    topic: name.to_owned(),
-                    ours: jink_shared_types::layout::type_name::<T>(),
-                    cause,
-                }
-            } else {
-                OpenError::Transport {
-                    topic: name.to_owned(),
-                    cause,
-                }
-            }
+        .map_err(|error| match error {
+            PublishSubscribeOpenOrCreateError::PublishSubscribeOpenError(
+                PublishSubscribeOpenError::IncompatibleTypes,
+            ) => OpenError::Layout {
+                topic: name.to_owned(),
+                ours: jink_shared_types::layout::type_name::<T>(),
+            },
+            other => transport(name, &other),
         })
     }
 
@@ -247,11 +243,11 @@ fn transport(topic: &str, error: &impl fmt::Debug) -> OpenError {
 }
 
 /// Tries `open` again while the answer is one that passes by itself.
-fn retry<T, E: fmt::Debug>(mut open: impl FnMut() -> Result<T, E>) -> Result<T, E> {
+fn retry<T, E: Passing>(mut open: impl FnMut() -> Result<T, E>) -> Result<T, E> {
     let mut attempt = 0;
     loop {
         match open() {
-            Err(error) if attempt < OPEN_ATTEMPTS && passes_by_itself(&error) => {
+            Err(error) if attempt < OPEN_ATTEMPTS && error.passes_by_itself() => {
                 attempt += 1;
                 std::thread::sleep(OPEN_RETRY);
             }
@@ -260,15 +256,55 @@ fn retry<T, E: fmt::Debug>(mut open: impl FnMut() -> Result<T, E>) -> Result<T, 
     }
 }
 
-fn passes_by_itself<E: fmt::Debug>(error: &E) -> bool {
-    let text = format!("{error:?}");
-    [
-        "HangsInCreation",
-        "ServiceInCorruptedState",
-        "IsMarkedForDestruction",
-        "SystemInFlux",
-        "AlreadyExists",
-    ]
-    .iter()
-    .any(|passing| text.contains(passing))
+/// An answer to an attempt to open a topic.
+trait Passing {
+    /// Whether it is due to somebody who is creating or removing the topic at this moment.
+    fn passes_by_itself(&self) -> bool;
+}
+
+impl Passing for PublishSubscribeOpenOrCreateError {
+    fn passes_by_itself(&self) -> bool {
+        use PublishSubscribeCreateError as Create;
+        use PublishSubscribeOpenError as Open;
+        match self {
+            Self::PublishSubscribeOpenError(open) => matches!(
+                open,
+                Open::DoesNotExist
+                    | Open::HangsInCreation
+                    | Open::ServiceInCorruptedState
+                    | Open::IsMarkedForDestruction
+            ),
+            Self::PublishSubscribeCreateError(create) => matches!(
+                create,
+                Create::AlreadyExists
+                    | Create::IsBeingCreatedByAnotherInstance
+                    | Create::HangsInCreation
+                    | Create::ServiceInCorruptedState
+            ),
+            Self::SystemInFlux => true,
+        }
+    }
+}
+
+impl Passing for EventOpenOrCreateError {
+    fn passes_by_itself(&self) -> bool {
+        use EventCreateError as Create;
+        use EventOpenError as Open;
+        match self {
+            Self::EventOpenError(open) => matches!(
+                open,
+                Open::DoesNotExist
+                    | Open::HangsInCreation
+                    | Open::ServiceInCorruptedState
+                    | Open::IsMarkedForDestruction
+            ),
+            Self::EventCreateError(create) => matches!(
+                create,
+                Create::AlreadyExists
+                    | Create::IsBeingCreatedByAnotherInstance
+                    | Create::ServiceInCorruptedState
+            ),
+            Self::SystemInFlux => true,
+        }
+    }
 }

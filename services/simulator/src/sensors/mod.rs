@@ -125,9 +125,11 @@ impl SensorRig {
         self.sensors.get(sensor).map(|s| s.name.as_str())
     }
 
-    /// Names and outputs of all sensors, by index: what topics to open.
-    pub fn outputs(&self) -> impl Iterator<Item = (&str, Output)> {
-        self.sensors.iter().map(|s| (s.name.as_str(), s.output()))
+    /// Names, outputs and rates (Hz) of all sensors, by index: what topics to open.
+    pub fn outputs(&self) -> impl Iterator<Item = (&str, Output, f64)> {
+        self.sensors
+            .iter()
+            .map(|s| (s.name.as_str(), s.output(), 1e9 / s.period_ns as f64))
     }
 
     /// Longest frame (s): what a [`PoseTrack`] must cover.

@@ -78,6 +78,8 @@ pub struct SensorSpec {
     pub kind: SensorKind,
     /// Frames per second (Hz), 2 to 200.
     pub rate_hz: Option<f64>,
+    /// From the capture of a frame to its publication, at most (ms). The service's affair; nothing is rendered later for it.
+    pub delay_ms: Option<f64>,
     /// Added to the rig's seed: tells sensors of one rig apart beyond their names.
     #[serde(default)]
     pub seed: u64,
@@ -178,6 +180,7 @@ impl SensorSpec {
             name: name.to_owned(),
             kind,
             rate_hz: None,
+            delay_ms: None,
             seed: 0,
             forward_m: 0.0,
             right_m: 0.0,

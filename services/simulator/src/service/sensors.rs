@@ -82,10 +82,10 @@ impl Service for SensorService {
             ));
         }
         let mut sinks = Vec::new();
-        for (name, output) in rig.outputs() {
+        for (name, output, rate_hz) in rig.outputs() {
             sinks.push(match output {
-                Kind::Cloud => Sink::Cloud(ports.output_of(topics::RANGE_CLOUD, name)?),
-                Kind::Scan => Sink::Scan(ports.output_of(topics::RANGE_SCAN, name)?),
+                Kind::Cloud => Sink::Cloud(ports.range_output(topics::RANGE_CLOUD, name, rate_hz)?),
+                Kind::Scan => Sink::Scan(ports.range_output(topics::RANGE_SCAN, name, rate_hz)?),
             });
         }
         let external = ports

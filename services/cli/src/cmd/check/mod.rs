@@ -3,9 +3,11 @@
 //! | command | examines |
 //! |---|---|
 //! | `jink check link` | the link to the autopilot |
+//! | `jink check memory` | whether the topics have room in shared memory; also without a word behind `check` |
 //! | `jink check sensors` | the sensors of a jink that runs, and what the guard sees with them |
 
 mod link;
+mod memory;
 mod sensors;
 
 use super::{EXIT_NOT_RUNNING, Problem};
@@ -26,7 +28,7 @@ const EXIT_USAGE: u8 = 2;
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
     #[command(subcommand)]
-    action: Doing,
+    action: Option<Doing>,
 }
 
 #[derive(Clone, Debug, clap::Subcommand)]
@@ -47,6 +49,19 @@ instance (`jink up`), real or simulated: on the ground before the take-off, with
 Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying; 2 wrong usage or configuration; 3 not
 running.")]
     Sensors(sensors::Args),
+    /// Shared memory: what the topics of this configuration take, and what there is
+    #[command(after_help = "\
+Computed from the configuration; nothing has to run. It is what a plain `jink check` does.
+
+Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying; 2 wrong usage or configuration.")]
+    Memory(memory::Args),
+}
+
+impl Doing {
+    /// Where nothing is said.
+    fn usual() -> Self {
+        Self::Memory(memory::Args::default())
+    }
 }
 
 /// How an examination ended.
@@ -60,7 +75,9 @@ enum Outcome {
 
 /// Examines.
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
-    let (outcome, json) = match &args.action {
+    let usual = Doing::usual();
+    let (outcome, json) = match args.action.as_ref().unwrap_or(&usual) {
+        Doing::Memory(args) => (memory::run(instance, args)?, args.json),
         Doing::Link(args) => (link::run(instance, args)?, args.json),
         Doing::Sensors(args) => (sensors::run(instance, args)?, args.json),
     };
@@ -130,7 +147,8 @@ mod tests {
     }
 
     fn parse(line: &str) -> Result<Doing, clap::Error> {
-        Line::try_parse_from(line.split_whitespace()).map(|line| line.args.action)
+        let line = Line::try_parse_from(line.split_whitespace())?;
+        Ok(line.args.action.unwrap_or_else(Doing::usual))
     }
 
     #[test]
@@ -143,6 +161,7 @@ mod tests {
             panic!("another command");
         };
         assert_eq!((sensors.seconds, sensors.json), (5, true));
+        assert!(matches!(parse("check").unwrap(), Doing::Memory(_)));
         for refused in [
             "check link --seconds 0",
             "check link --seconds soon",

@@ -6,7 +6,7 @@ use crate::cmd::{Interrupt, Problem, running};
 use jink_cli::findings::Findings;
 use jink_cli::sensors_seen::{Seen, SensorTable, judge, subject};
 use jink_runtime::config::{self, Config, SensorOutput};
-use jink_runtime::{Input, Instance, Session};
+use jink_runtime::{Checks, Input, Instance, Session};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::SectorRing;
@@ -103,8 +103,17 @@ impl Topics {
         let mut sensors = Vec::new();
         for sensor in &config.sensors {
             sensors.push(match sensor.output {
-                SensorOutput::Scan => Source::Scan(session.input(topics::RANGE_SCAN, &sensor.name)?),
-                SensorOutput::Cloud => Source::Cloud(session.input(topics::RANGE_CLOUD, &sensor.name)?),
+                // What is wrong with a sensor is looked for here: everything is handed out.
+                SensorOutput::Scan => Source::Scan(
+                    session
+                        .input(topics::RANGE_SCAN, &sensor.name)?
+                        .with_checks(Checks::None),
+                ),
+                SensorOutput::Cloud => Source::Cloud(
+                    session
+                        .input(topics::RANGE_CLOUD, &sensor.name)?
+                        .with_checks(Checks::None),
+                ),
             });
         }
         Ok(Self {

@@ -157,11 +157,13 @@ fn frames_follow_each_other_without_gap_at_their_rate() {
     assert_eq!(rig.name(1), Some("ground"));
     assert_eq!(rig.longest_frame_s(), 0.1);
     assert_eq!(
-        rig.outputs().collect::<Vec<_>>(),
+        rig.outputs()
+            .map(|(name, output, rate_hz)| (name, output, rate_hz.round()))
+            .collect::<Vec<_>>(),
         [
-            ("lidar", Output::Cloud),
-            ("ground", Output::Scan),
-            ("camera", Output::Cloud)
+            ("lidar", Output::Cloud, 10.0),
+            ("ground", Output::Scan, 20.0),
+            ("camera", Output::Cloud, 30.0)
         ]
     );
     let all = frames(&mut rig, 10.0);
