@@ -160,27 +160,29 @@ impl Ball {
                     *wide |= narrow.rotate_left(shift) | narrow.rotate_right(shift);
                 }
             }
-            for (dy, dz) in offsets {
-                or_shifted(&scratch.rows, *dy, *dz, &mut out.rows);
+            // Slice by slice: one and those around it stay in the nearest cache.
+            for (z, slice) in scratch.rows.chunks_exact(SIZE_Y).enumerate() {
+                if slice.iter().all(|row| *row == 0) {
+                    continue;
+                }
+                for (dy, dz) in offsets {
+                    let start = index_of(0, z + dz);
+                    or_shifted(slice, *dy, &mut out.rows[start..start + SIZE_Y]);
+                }
             }
         }
     }
 }
 
-/// `out[y + dy, z + dz] |= rows[y, z]`, slice by slice so that the inner loop is straight.
-fn or_shifted(rows: &[u128], dy: usize, dz: usize, out: &mut [u128]) {
-    for z in 0..SIZE_Z {
-        let from = &rows[z * SIZE_Y..(z + 1) * SIZE_Y];
-        let start = index_of(0, z + dz);
-        let to = &mut out[start..start + SIZE_Y];
-        let (head, tail) = to.split_at_mut(dy);
-        let (low, high) = from.split_at(SIZE_Y - dy);
-        for (a, b) in tail.iter_mut().zip(low) {
-            *a |= b;
-        }
-        for (a, b) in head.iter_mut().zip(high) {
-            *a |= b;
-        }
+/// `out[y + dy] |= slice[y]`, in two parts so that the inner loops are straight.
+fn or_shifted(slice: &[u128], dy: usize, out: &mut [u128]) {
+    let (head, tail) = out.split_at_mut(dy);
+    let (low, high) = slice.split_at(SIZE_Y - dy);
+    for (a, b) in tail.iter_mut().zip(low) {
+        *a |= b;
+    }
+    for (a, b) in head.iter_mut().zip(high) {
+        *a |= b;
     }
 }
 
