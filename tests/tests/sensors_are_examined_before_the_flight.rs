@@ -1,5 +1,5 @@
 //! `jink check sensors` as a user runs it, on a jink that runs: rates, coverage and blind directions of sensors that leave a gap, a
-//! rangefinder that lies, and one that is unplugged.
+//! rangefinder that lies, and one that is unplugged. And `jink check memory`, beside what such a jink really takes.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use jink_tests::processes::{Answer, Handle, System, TempFolder, answer, free_udp_port, program, until};
@@ -205,6 +205,24 @@ fn a_rangefinder_that_repeats_itself_is_stuck_and_one_that_is_unplugged_is_silen
         json["mend_first"]["about"], "lies",
         "in the order of the configuration"
     );
+}
+
+#[test]
+fn the_memory_that_the_topics_take_is_what_was_foretold() {
+    let address = format!("link.address=udpin:127.0.0.1:{}", free_udp_port());
+    let quiet = ["--set", &address, "--set", "simulation.ground_station_port=0"];
+    let arguments: Vec<&str> = ["--world", "empty"].into_iter().chain(quiet).collect();
+    let jink = System::up("memory", &arguments);
+    until("good health", || jink.status()["health"] == "healthy");
+    let told = jink.jink(&["check", "memory", "--json"]);
+    assert_eq!(told.code, Some(0), "{told:?}");
+    let json: Value = serde_json::from_str(&told.stdout).unwrap();
+    let bytes = |name: &str| json[name].as_f64().unwrap();
+    let (needed, used) = (bytes("needed_bytes"), bytes("used_bytes"));
+    // Besides samples there are the lists of who reads what.
+    assert!((0.95..1.05).contains(&(used / needed)), "{used} of {needed}");
+    assert!(used < 100e6, "{used}");
+    assert_eq!(told.code, jink.jink(&["check"]).code);
 }
 
 #[test]
