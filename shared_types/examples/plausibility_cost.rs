@@ -9,6 +9,7 @@ use jink_shared_types::motion::{
     BezierPiece, CORRIDOR_POLYTOPES, HalfSpace, POLYTOPE_PLANES, Polytope, Route, RouteMode,
     TRAJECTORY_PIECES, Trajectory, TrajectoryMode,
 };
+use jink_shared_types::proposal::{PROPOSAL_WAYPOINTS, Proposal};
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, SCAN_BEAMS};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
@@ -85,6 +86,11 @@ fn main() {
     measure("SectorRing", &ring);
     measure("DesiredPath", &DesiredPath::default());
     measure("Route", &route());
+    let proposal = Proposal {
+        len: PROPOSAL_WAYPOINTS as u32,
+        ..Proposal::default()
+    };
+    measure("Proposal", &proposal);
     let piece = BezierPiece {
         duration_s: 1.0,
         ..BezierPiece::default()

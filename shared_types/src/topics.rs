@@ -13,6 +13,7 @@ use crate::link::{LinkStatus, StopRequest};
 use crate::map::LocalMap;
 use crate::motion::{ApprovedTrajectory, Route, Trajectory};
 use crate::prevention::{PilotDemand, PreventedDemand};
+use crate::proposal::{Proposal, ProposalAnswer};
 use crate::ranges::{PointCloud, RangeScan};
 use crate::ring::SectorRing;
 use crate::sample::SampleHeader;
@@ -253,6 +254,14 @@ topics! {
     ROUTE: Route = "plan/route",
         from ["planner"], to ["bezier_generator"],
         30.0 Hz, stale after 150.0 ms, buffer 4, logged true, wakes true;
+    /// A way that another program proposes. Nobody is woken by it: it is looked at with the next map, however many there are.
+    PROPOSAL: Proposal = "plan/proposal",
+        from ["proposer"], to ["planner"],
+        10.0 Hz, stale after 500.0 ms, buffer 2, logged true, wakes false;
+    /// What becomes of it.
+    PROPOSAL_ANSWER: ProposalAnswer = "plan/proposal_answer",
+        from ["planner"], to ["*"],
+        0.0 Hz, stale after 5000.0 ms, buffer 16, logged true, wakes false;
     /// Curves for the route.
     TRAJECTORY: Trajectory = "plan/trajectory",
         from ["bezier_generator"], to ["collision_guard"],
