@@ -170,6 +170,12 @@ events! {
     MODE_HELD = 62, Warning, "jink: {name}: unguarded, held", "Fly it by hand, choose it once more to mean it, or set OA_UNGUARDED.";
     /// The same, and it is let fly.
     MODE_UNGUARDED = 63, Warning, "jink: {name} flown unguarded", "Watch it; hold if something is in the way.";
+    /// Routes are made of what another program proposes, from now on or again.
+    PROPOSAL_FLOWN = 70, Info, "jink: flies a proposed way", "None.";
+    /// What another program proposes is not flown; the name tells why. The planner's own way is.
+    PROPOSAL_REFUSED = 71, Notice, "jink: proposed way refused: {name}", "Look at plan/proposal_answer: where and why.";
+    /// Nobody proposes anything any more, or the way is at its end: the planner's own way is flown.
+    PROPOSAL_ENDED = 72, Info, "jink: proposed way ended, own way", "None.";
     /// The profile was chosen by what the autopilot is.
     PROFILE_CHOSEN = 80, Info, "jink: profile {name} chosen", "None.";
     /// The autopilot does not take what the profile sends; the name is that of the right one.

@@ -20,7 +20,7 @@ crate::sample! {
     /// A way to the goal that another program proposes to the planner. It is published again and again while it stands.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct Proposal: 848 {
-        /// The producer's own count of its proposals: one that is repeated keeps its id, another way has another id.
+        /// The producer's own count of its proposals, from 1: one that is repeated keeps its id, another way has another id.
         pub id: u64,
         /// The goal that the way is for: the position of the desired path's waypoint (`points[1]`).
         pub goal: Point<LocalNed>,
@@ -111,7 +111,8 @@ crate::sample! {
         pub certified_m: f64,
         /// Highest speed of the route (m/s).
         pub speed_mps: f64,
-        /// Index of the waypoint that ends the leg on which it fails; as many as there are waypoints if no leg is to blame.
+        /// Index of the waypoint that ends the leg on which it fails; as many as there are waypoints: the leg to the goal, or no
+        /// leg is to blame.
         pub waypoint: u32,
         /// What became of it.
         pub verdict: Coded<ProposalVerdict>,

@@ -102,6 +102,7 @@ fn main() {
                     header: &header,
                 }),
                 approved: None,
+                proposal: Reading::Never,
             };
             let begin = Instant::now();
             planner.step(now, &inputs, &mut route);

@@ -7,6 +7,13 @@ use nalgebra::Vector3;
 
 /// Longest leg (m): each leg becomes one polynomial piece, and a long one cannot follow the speed profile.
 const LEG_MAX_M: f64 = 3.0;
+/// A way at a wished speed may be short, and still be flown through with a speed: two pieces cannot follow that, four can. No leg is
+/// made shorter than this for it (m).
+const LEGS_MIN: f64 = 4.0;
+const LEG_MIN_M: f64 = 0.7;
+/// A point of a proposed way that is nearer than this to the straight line between its neighbours is left out (m): each leg of
+/// a corridor has a polytope, and there are few of them.
+const STRAIGHT_M: f64 = 0.25;
 /// Shorter than this a leg is numerical dust (m).
 const DUST_M: f64 = 1e-3;
 
@@ -58,10 +65,72 @@ impl Guide {
             cut_to(&mut self.points, wanted_m);
         }
         self.pull_taut(space, gear);
-        self.split_long_legs();
+        self.split_long_legs(LEG_MAX_M);
         at_goal && self.vertices.len() <= CORRIDOR_POLYTOPES + 1 || {
             self.vertices.truncate(CORRIDOR_POLYTOPES + 1);
             false
+        }
+    }
+
+    /// Builds the guide along `way`, as [`Self::build`] does along cells, without taking shorter ways. Returns whether its end is
+    /// the end of `way`.
+    pub fn follow(
+        &mut self,
+        space: &Space,
+        gear: usize,
+        way: &[Vector3<f64>],
+        length_max_m: f64,
+        margin_m: f64,
+    ) -> bool {
+        let is_safe = self.safe_part(space, gear, way);
+        let whole_m = length_m(&self.points);
+        let at_end = is_safe && whole_m <= length_max_m;
+        if !at_end {
+            // Beyond a way that is longer than a guide it may not be safe either.
+            let safe_m = if is_safe { whole_m } else { whole_m - margin_m };
+            cut_to(&mut self.points, safe_m.min(length_max_m));
+        }
+        self.straighten(space, gear);
+        let leg_max_m = length_m(&self.vertices) / LEGS_MIN;
+        self.split_long_legs(leg_max_m.clamp(LEG_MIN_M, LEG_MAX_M));
+        let fits = self.vertices.len() <= CORRIDOR_POLYTOPES + 1;
+        self.vertices.truncate(CORRIDOR_POLYTOPES + 1);
+        at_end && fits
+    }
+
+    /// The part of `way` that is safe from its start on; `true` if all of it is.
+    fn safe_part(&mut self, space: &Space, gear: usize, way: &[Vector3<f64>]) -> bool {
+        self.points.clear();
+        self.points.extend(way.first());
+        for leg in way.windows(2) {
+            let end = space.first_cell(&leg[0], &leg[1], |space, cell| !space.is_safe(gear, cell));
+            if let Some(t) = end {
+                self.points.push(leg[0] + (leg[1] - leg[0]) * t);
+                return false;
+            }
+            self.points.push(leg[1]);
+        }
+        true
+    }
+
+    /// Leaves out the points that hardly bend the way.
+    fn straighten(&mut self, space: &Space, gear: usize) {
+        self.vertices.clear();
+        self.vertices.extend(self.points.first());
+        let mut anchor = 0;
+        while anchor + 1 < self.points.len() {
+            let mut far = anchor + 1;
+            for candidate in anchor + 2..self.points.len() {
+                let (a, b) = (self.points[anchor], self.points[candidate]);
+                let between = &self.points[anchor + 1..candidate];
+                let is_straight = between.iter().all(|point| is_beside(&a, &b, point));
+                if !is_straight || !space.segment_is_safe(gear, &a, &b) {
+                    break;
+                }
+                far = candidate;
+            }
+            self.vertices.push(self.points[far]);
+            anchor = far;
         }
     }
 
@@ -120,7 +189,7 @@ impl Guide {
         }
     }
 
-    fn split_long_legs(&mut self) {
+    fn split_long_legs(&mut self, leg_max_m: f64) {
         self.points.clear();
         self.points.extend_from_slice(&self.vertices);
         self.vertices.clear();
@@ -130,7 +199,7 @@ impl Guide {
                 if leg.norm() < DUST_M && index + 1 < self.points.len() {
                     continue;
                 }
-                let parts = (leg.norm() / LEG_MAX_M).ceil().max(1.0) as usize;
+                let parts = (leg.norm() / leg_max_m).ceil().max(1.0) as usize;
                 for part in 1..parts {
                     self.vertices.push(last + leg * (part as f64 / parts as f64));
                 }
@@ -138,6 +207,13 @@ impl Guide {
             self.vertices.push(*point);
         }
     }
+}
+
+/// Whether `point` lies beside the segment from `a` to `b`, and near.
+fn is_beside(a: &Vector3<f64>, b: &Vector3<f64>, point: &Vector3<f64>) -> bool {
+    let way = b - a;
+    let t = (point - a).dot(&way) / way.norm_squared().max(1e-12);
+    (0.0..=1.0).contains(&t) && (a + way * t - point).norm() < STRAIGHT_M
 }
 
 fn length_m(points: &[Vector3<f64>]) -> f64 {

@@ -4,6 +4,7 @@
 //! | in | out |
 //! |---|---|
 //! | local map, vehicle state, desired path, the trajectory being flown | [`Route`], events |
+//! | a way that another program proposes | its answer |
 //!
 //! In every cycle the planner looks at what is committed. If the newest map shows an obstacle in its tube (rule I3), it
 //! must be left: by a new plan, else by a certified stop, else by braking as hard as allowed. Otherwise a new plan is
@@ -16,13 +17,16 @@
 //! safe; there it rests, and after OA_BLOCKED_T without [`progress`] the gateway and the pilot are told why.
 //!
 //! A plan is: a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
-//! pieces of certified space around it ([`corridor`]); tried in the highest [gear](mod@gears) that is worth it.
+//! pieces of certified space around it ([`corridor`]); tried in the highest [gear](mod@gears) that is worth it. The guide may
+//! also be one that another program proposes ([`proposed_way`]).
 
 pub mod corridor;
 pub mod gears;
 pub mod guide;
 pub mod layer;
 pub mod progress;
+mod proposals;
+pub mod proposed_way;
 pub mod search;
 mod service;
 pub mod space;
@@ -35,6 +39,7 @@ use crate::corridor::CorridorBuilder;
 use crate::gears::{GEARS, creep, gears};
 use crate::guide::Guide;
 use crate::progress::{Obstruction, Progress};
+use crate::proposals::Proposals;
 use crate::search::{Found, PathEnd, Query, Search};
 use crate::space::{Room, Space};
 use crate::stopping::is_stop;
@@ -45,6 +50,7 @@ use jink_shared_types::motion::{
     ApprovedTrajectory, MotionLimits, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
 };
 use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::proposal::{Proposal, ProposalAnswer};
 use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, Reading, Stamped, Timestamp};
 
@@ -90,6 +96,8 @@ pub struct Inputs<'a> {
     pub desired: Reading<'a, DesiredPath>,
     /// What is being flown, however old: it outlives its producer.
     pub approved: Option<&'a ApprovedTrajectory>,
+    /// A way that another program proposes.
+    pub proposal: Reading<'a, Proposal>,
 }
 
 /// The planner.
@@ -130,6 +138,7 @@ pub struct Planner {
     retry: Timestamp,
     /// The last wish was for setpoints that the autopilot follows.
     sets_points: bool,
+    proposals: Proposals,
     events: Vec<EventSample>,
 }
 
@@ -183,6 +192,7 @@ impl Planner {
             left_m: None,
             retry: Timestamp::NEVER,
             sets_points: false,
+            proposals: Proposals::default(),
             events: Vec::with_capacity(8),
         }
     }
@@ -213,9 +223,24 @@ impl Planner {
         &self.events
     }
 
+    /// What became of the way that is proposed, if that is to be said after the last step.
+    pub fn proposal_answer(&self) -> Option<&ProposalAnswer> {
+        self.proposals.answer()
+    }
+
     /// One cycle at `now`; the answer is written into `route`.
     pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, route: &mut Route) {
         self.events.clear();
+        let committed = inputs.approved.map(|approved| &approved.trajectory);
+        self.proposals.take(now, &inputs.proposal, committed);
+        if !self.advance(now, inputs, route) {
+            self.proposals.not_planning();
+        }
+        self.proposals.conclude(now, self.left_m, &mut self.events);
+    }
+
+    /// The cycle without what is said about proposals. Returns whether plans to the goal are made.
+    fn advance(&mut self, now: Timestamp, inputs: &Inputs<'_>, route: &mut Route) -> bool {
         self.route_id += 1;
         *route = Route {
             id: self.route_id,
@@ -223,10 +248,10 @@ impl Planner {
         };
         let new_map = self.take_map(inputs);
         let Some(state) = inputs.state.fresh() else {
-            return; // I4: without a state nothing new; Keep.
+            return false; // I4: without a state nothing new; Keep.
         };
         if state.mode_pending.is_set() {
-            return; // The gateway has just been restarted: what is flown goes on.
+            return false; // The gateway has just been restarted: what is flown goes on.
         }
         let Some(desired) = self.wanted(&state, inputs) else {
             route.mode = Coded::new(RouteMode::Mirror);
@@ -234,10 +259,10 @@ impl Planner {
             self.search.forget();
             self.progress.forget();
             self.failing_since = None;
-            return;
+            return false;
         };
         let Some(desired) = desired else {
-            return; // The wish is late: keep what is committed.
+            return false; // The wish is late: keep what is committed.
         };
         let goal = self.clamped_goal(&desired, &state);
         let committed = inputs.approved.map(|approved| &approved.trajectory);
@@ -250,7 +275,7 @@ impl Planner {
             if must_leave {
                 self.leave(now, &departure, route);
             }
-            return; // I4: blind, the committed trajectory runs to its own stop.
+            return false; // I4: blind, the committed trajectory runs to its own stop.
         }
         if let Some(map) = inputs.map.fresh() {
             self.judge_sensors(map.live_sensors);
@@ -263,12 +288,15 @@ impl Planner {
             self.left_m = None;
             self.retry = now;
         }
+        let mut planning = true;
         if is_at(&departure.state, &goal) {
+            planning = false;
             let off_m = (desired.points[1].position.z_m - goal.z_m).abs();
             self.obstruction = (off_m > HEIGHT_OFF_M).then_some(Obstruction::Height);
             self.left_m = Some(off_m);
             self.report(now, true, &state, &goal);
         } else if !must_leave && self.stops_first(&departure, &desired, &goal) {
+            planning = false;
             if !committed.is_some_and(is_stop) {
                 self.stop_certified(&departure, route);
             }
@@ -277,6 +305,9 @@ impl Planner {
             || must_leave && !self.is_heeded(committed)
             || now >= self.retry && (new_map || self.failing_since.is_some())
         {
+            let asked_for = &desired.points[1].position;
+            let heights_m = self.down_range_m(&state);
+            self.proposals.admit(now, must_leave, asked_for, heights_m);
             let planned = self.plan(&departure, &desired, &goal, route);
             if !planned && departure.is_at_rest() {
                 self.retry = now.plus_seconds(RETRY_S);
@@ -292,6 +323,7 @@ impl Planner {
         self.judge_progress(now, &state, &goal, &desired.points[1].position);
         route.must_leave = Flag::from(must_leave);
         self.tell_blocked(blocked);
+        planning
     }
 
     /// Whether the last plan on this map is being flown: the near part of it may still lie too close to what is to be left.
@@ -429,6 +461,8 @@ impl Planner {
             || self.space.is_narrow() && speed_mps <= MotionLimits::allowed(self.creep.speed_mps);
         self.space.depart_from(cell_of(departure.state.position), creeps);
         if self.space.is_narrow() {
+            self.proposals.evade();
+            self.proposals.leave();
             return self.plan_way_out(departure, desired, route);
         }
         let straight_m = (goal.vector() - start).norm();
@@ -468,6 +502,13 @@ impl Planner {
         self.left_m = seen.map(|found| f64::from(found.cost_m));
         let falls_short = seen.is_none_or(|found| found.end == PathEnd::Nearest) || best.is_none();
         self.obstruction = falls_short.then(|| Obstruction::of(seen.as_ref()));
+        if self.plan_proposed(departure, desired, goal, route) {
+            return true;
+        }
+        if self.proposals.leave() && self.progress.is_blocked() {
+            // It is somewhere else now, and looks anew from there.
+            self.progress.forget();
+        }
         let Some((_, flown, found)) = best else {
             return false;
         };
@@ -672,6 +713,9 @@ impl Planner {
         } else {
             0.0
         };
+        if self.proposals.is_flown() {
+            self.progress.pause(now);
+        }
         if self.progress.step(now, goal, self.left_m, detour_mps) {
             let why = self.obstruction.unwrap_or(Obstruction::Unseen);
             self.blocked_by = Some(why);

@@ -5,6 +5,7 @@ use jink_runtime::{Cycle, Input, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, Route};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::proposal::{Proposal, ProposalAnswer};
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{SampleHeader, Stage, topics};
 use std::fmt;
@@ -20,6 +21,8 @@ pub struct PlannerService {
     state: Input<VehicleState>,
     desired: Input<DesiredPath>,
     approved: Input<ApprovedTrajectory>,
+    proposal: Input<Proposal>,
+    answer: Output<ProposalAnswer>,
     output: Output<Route>,
 }
 
@@ -41,6 +44,9 @@ impl Service for PlannerService {
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             desired: ports.input(topics::DESIRED_PATH)?,
             approved: ports.input(topics::APPROVED)?,
+            // Programs that were started again may count anew.
+            proposal: ports.input(topics::PROPOSAL)?.of_all_producers(),
+            answer: ports.output(topics::PROPOSAL_ANSWER)?,
             output: ports.output(topics::ROUTE)?,
         })
     }
@@ -57,11 +63,15 @@ impl Service for PlannerService {
             state: self.state.latest(now),
             desired: self.desired.latest(now),
             approved: self.approved.newest().map(|approved| approved.sample),
+            proposal: self.proposal.latest(now),
         };
         self.planner.step(now, &inputs, &mut self.route);
         let route = &self.route;
         self.output
             .write(header.derived(Stage::Planner, now), |slot| slot.clone_from(route));
+        if let Some(answer) = self.planner.proposal_answer() {
+            self.answer.send(SampleHeader::at(now), answer);
+        }
         for event in self.planner.events() {
             cycle.events.publish(now, event);
         }

@@ -259,6 +259,22 @@ impl Space {
         !self.ready[gear] || self.contains(cell) && self.hit[gear].test(cell)
     }
 
+    /// The same for who asks about the whole window: near its border a hit may be one of something at the opposite side, because
+    /// cells are addressed modulo the window's size.
+    pub fn is_hit_inside(&self, gear: usize, cell: Cell) -> bool {
+        let tube_m = self.radii_m[gear] - self.room.body_m;
+        let level_m = self.radii_m[gear].max(self.room.kept_m + tube_m);
+        let height_m = self.radii_m[gear].max(self.room.band_half_m);
+        let reach = [level_m, level_m, height_m].map(|reach_m| (reach_m / CELL_M).ceil() as i32 + 1);
+        let ends = [-1, 1].map(|side| std::array::from_fn(|axis| cell[axis] + side * reach[axis]));
+        self.is_hit(gear, cell) && ends.into_iter().all(|end| self.contains(end))
+    }
+
+    /// Whether `cell` itself is known to be occupied.
+    pub fn is_occupied(&self, cell: Cell) -> bool {
+        self.contains(cell) && self.occupied.test(cell)
+    }
+
     /// Whether `cell` is uncomfortably near to an obstacle.
     pub fn is_near(&self, cell: Cell) -> bool {
         self.contains(cell) && self.near.test(cell)
@@ -292,6 +308,24 @@ impl Space {
         }
     }
 
+    /// The share of the segment from `a` to `b` at which the first cell that `is_wanted` is entered; `None` if there is none.
+    pub fn first_cell(
+        &self,
+        a: &Vector3<f64>,
+        b: &Vector3<f64>,
+        is_wanted: impl Fn(&Self, Cell) -> bool,
+    ) -> Option<f64> {
+        let mut walk = CellWalk::new(a, b);
+        loop {
+            if is_wanted(self, walk.cell) {
+                return Some(walk.entered_t);
+            }
+            if !walk.advance() {
+                return None;
+            }
+        }
+    }
+
     /// Whether the straight way from `a` to `b` is safe in `gear`.
     pub fn segment_is_safe(&self, gear: usize, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
         self.segment_all(a, b, |space, cell| space.is_safe(gear, cell))
@@ -302,6 +336,8 @@ impl Space {
 #[derive(Debug)]
 struct CellWalk {
     cell: Cell,
+    /// Share of the segment at which the cell was entered.
+    entered_t: f64,
     step: [i32; 3],
     next_t: [f64; 3],
     delta_t: [f64; 3],
@@ -313,6 +349,7 @@ impl CellWalk {
         let way = b - a;
         let mut walk = Self {
             cell,
+            entered_t: 0.0,
             step: [0; 3],
             next_t: [f64::INFINITY; 3],
             delta_t: [f64::INFINITY; 3],
@@ -341,6 +378,7 @@ impl CellWalk {
         if self.next_t[axis] > 1.0 {
             return false;
         }
+        self.entered_t = self.next_t[axis].max(self.entered_t);
         self.cell[axis] += self.step[axis];
         self.next_t[axis] += self.delta_t[axis];
         true

@@ -69,7 +69,14 @@ impl Planner {
         route.must_leave = Flag::YES;
     }
 
-    fn write_stop(&self, departure: &Departure, limits: MotionLimits, stop: BezierPiece, route: &mut Route) {
+    fn write_stop(
+        &mut self,
+        departure: &Departure,
+        limits: MotionLimits,
+        stop: BezierPiece,
+        route: &mut Route,
+    ) {
+        self.proposals.leave();
         route.base_id = departure.base_id;
         route.splice = departure.splice;
         route.start = departure.state;

@@ -1,11 +1,14 @@
 //! The planner's promises at its border: what it answers to which inputs.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod common;
+
+use common::{HEIGHT_M, hovering, map, now, to};
 use jink_planner::{Inputs, Planner};
 use jink_shared_types::events;
 use jink_shared_types::frames::{Point, Velocity};
 use jink_shared_types::layout::Layout;
-use jink_shared_types::map::{LocalMap, center_of, set};
+use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{
     ApprovedTrajectory, BezierPiece, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
 };
@@ -13,62 +16,9 @@ use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::{
     COMMAND_LAND, COMMAND_LOITER, COMMAND_TAKEOFF, DesiredPath, NavMode, VehicleState,
 };
-use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped, Timestamp};
+use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped};
 use nalgebra::Vector3;
 use proptest::prelude::*;
-
-const NOW_S: f64 = 50.0;
-const HEIGHT_M: f64 = 2.5;
-
-fn now() -> Timestamp {
-    Timestamp::from_seconds(NOW_S)
-}
-
-/// Around the vehicle at the origin, 2.5 m up: known free except the ground, what `occupied` says, and what lies beyond
-/// `known_to_m` from the vehicle.
-fn map(known_to_m: f64, occupied: impl Fn(Vector3<f64>) -> bool) -> Box<LocalMap> {
-    let mut map = LocalMap::boxed();
-    map.min_cell = [-64, -64, -44];
-    for x in -64..64 {
-        for y in -64..64 {
-            for z in -44..20 {
-                let p = center_of([x, y, z]).vector();
-                if (p - Vector3::new(0.0, 0.0, -HEIGHT_M)).norm() < known_to_m {
-                    set(&mut map.known, [x, y, z]);
-                    if p.z > 0.0 || occupied(p) {
-                        set(&mut map.occupied, [x, y, z]);
-                    }
-                }
-            }
-        }
-    }
-    map.ranges_fresh = Flag::YES;
-    map
-}
-
-fn hovering() -> VehicleState {
-    VehicleState {
-        position: Point::new(0.0, 0.0, -HEIGHT_M),
-        mode: Coded::new(NavMode::Mission),
-        armed: Flag::YES,
-        position_valid: Flag::YES,
-        autopilot_alive: Flag::YES,
-        home_down_m: 0.0,
-        ..VehicleState::default()
-    }
-}
-
-fn to(north_m: f64, east_m: f64) -> DesiredPath {
-    let mut desired = DesiredPath {
-        mode: Coded::new(NavMode::Mission),
-        ..DesiredPath::default()
-    };
-    for point in &mut desired.points {
-        point.position = Point::new(north_m, east_m, -HEIGHT_M);
-        point.valid = Flag::YES;
-    }
-    desired
-}
 
 /// One step with everything fresh unless given as `None`.
 fn answer(
@@ -89,6 +39,7 @@ fn answer(
         state: fresh(state, &header),
         desired: fresh(Some(desired), &header),
         approved,
+        proposal: Reading::Never,
     };
     let mut route = Route::default();
     planner.step(now(), &inputs, &mut route);
@@ -347,6 +298,7 @@ fn with_a_silent_sensor_it_goes_on_slower_and_tells_once() {
                 header: &header,
             }),
             approved: None,
+            proposal: Reading::Never,
         };
         let mut route = Route::default();
         planner.step(now(), &inputs, &mut route);

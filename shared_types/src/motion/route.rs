@@ -4,7 +4,7 @@ use super::{BezierPiece, CORRIDOR_POLYTOPES, GUIDE_POINTS, MotionLimits, MotionS
 use crate::clock::Timestamp;
 use crate::coded::{Coded, Flag};
 use crate::frames::{LocalNed, Point};
-use crate::reserved::Reserved;
+use crate::reserved::{Added, Reserved};
 
 crate::wire_enum! {
     /// What the planner wants.
@@ -56,8 +56,10 @@ crate::sample! {
         pub corridor_len: u32,
         /// Explicit padding, zero.
         pub reserved: Reserved<4>,
+        /// The proposal that the guide follows; absent of the planner's own.
+        pub proposal_id: Added<u64>,
         /// Room for later fields, zero.
-        pub reserved_tail: Reserved<32>,
+        pub reserved_tail: Reserved<24>,
         /// The guide.
         pub guide: [Point<LocalNed>; GUIDE_POINTS],
         /// The corridor.
@@ -85,6 +87,7 @@ impl Default for Route {
             guide_len: 0,
             corridor_len: 0,
             reserved: Reserved::ZERO,
+            proposal_id: Added::default(),
             reserved_tail: Reserved::ZERO,
             guide: [Point::ZERO; GUIDE_POINTS],
             corridor: [Polytope::default(); CORRIDOR_POLYTOPES],
