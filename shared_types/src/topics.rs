@@ -244,11 +244,11 @@ topics! {
         50.0 Hz, stale after 100.0 ms, buffer 16, logged true, wakes true;
     /// What the autopilot wants to do.
     DESIRED_PATH: DesiredPath = "vehicle/desired_path",
-        from ["mavlink_gateway"], to ["planner"],
+        from ["mavlink_gateway"], to ["planner", "proposer"],
         5.0 Hz, stale after 500.0 ms, buffer 2, logged true, wakes false;
     /// What is occupied, free and unknown around the vehicle.
     LOCAL_MAP: LocalMap = "map/local",
-        from ["obstacle_fusion"], to ["planner"],
+        from ["obstacle_fusion"], to ["planner", "proposer"],
         10.0 Hz, stale after 250.0 ms, buffer 2, logged true, wakes true;
     /// The planner's answer.
     ROUTE: Route = "plan/route",

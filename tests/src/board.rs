@@ -4,6 +4,7 @@
 //! supervisor's host does with processes (start, signal, reap) is done with members here; every decision is that of
 //! [`Supervision`].
 
+use crate::proposer::ProposerService;
 use jink_bezier_generator::GeneratorService;
 use jink_collision_guard::GuardService;
 use jink_mavlink_gateway::GatewayService;
@@ -85,6 +86,7 @@ fn member(
         (Some("jink-obstacle-fusion"), _) => start::<FusionService>(bus, setup, config),
         (Some("jink-simulator"), Some("sensors")) => start::<SensorService>(bus, setup, config),
         (Some("jink-simulator"), Some("vehicle")) => start::<VehicleService>(bus, setup, config),
+        (Some("jink-proposer"), _) => start::<ProposerService>(bus, setup, config),
         _ => Err(StartError::Needs {
             what: program.display().to_string(),
             cause: "there is no such service in lock-step".to_owned(),

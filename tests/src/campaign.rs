@@ -131,6 +131,7 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         takes_missions: true,
         link_faults: None,
         plan,
+        proposer: None,
     })
 }
 

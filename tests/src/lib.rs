@@ -12,4 +12,5 @@ pub mod pairing;
 pub mod peers;
 pub mod pilot;
 pub mod processes;
+pub mod proposer;
 pub mod station;

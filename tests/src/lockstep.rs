@@ -13,6 +13,7 @@
 
 use crate::board::{Board, Rig};
 use crate::lossy::{LinkFaults, Lossy};
+use crate::proposer::{Plan, ProposerService};
 use jink_mavlink_gateway::{ProfileName, Representation};
 use jink_runtime::config::{CONFIG_FILE, Config};
 use jink_runtime::lockstep::{LocalBus, Member};
@@ -59,6 +60,15 @@ const PROCESSES: &str = include_str!("../../config/services.toml");
 /// The process with the vehicle, and the one with its sensors.
 const VEHICLE: &str = "simulator";
 const SENSORS: &str = "sensors";
+/// A planner that a user brings, and its row in the table.
+const PROPOSER: &str = "proposer";
+const PROPOSER_ROW: &str = r#"
+[[process]]
+name = "proposer"
+program = "jink-proposer"
+essential = false
+on_failure = "ignore"
+"#;
 /// Message ids of the sticks: RC_CHANNELS, MANUAL_CONTROL.
 const STICKS: [u32; 2] = [65, 69];
 /// Longest datagram.
@@ -87,6 +97,8 @@ pub struct FlightSetup {
     pub link_faults: Option<LinkFaults>,
     /// What the ground station flies.
     pub plan: FlightPlan,
+    /// How the planner that a user brings plans; `None` where there is none.
+    pub proposer: Option<Plan>,
 }
 
 /// What a flight cost in time.
@@ -191,6 +203,7 @@ fn message_id(frame: &[u8]) -> u32 {
 struct Flown {
     autopilot: FlyerConfig,
     world: World,
+    proposer: Plan,
 }
 
 /// Sets the processes of a flight up.
@@ -220,6 +233,9 @@ impl Rig for FlightRig {
         }
         if let Some(member) = process.downcast_mut::<Member<SensorService>>() {
             member.service_mut().move_world(flown.world.clone());
+        }
+        if let Some(member) = process.downcast_mut::<Member<ProposerService>>() {
+            member.service_mut().plan = flown.proposer;
         }
     }
 }
@@ -315,13 +331,15 @@ impl LockStep {
         let flown = Rc::new(RefCell::new(Flown {
             autopilot,
             world: setup.world,
+            proposer: setup.proposer.unwrap_or(Plan::Silent),
         }));
         let rig = FlightRig {
             wire,
             vehicle,
             flown: Rc::clone(&flown),
         };
-        let board = Board::new(&bus, &folder.0, PROCESSES, rig)?;
+        let users = setup.proposer.map_or("", |_| PROPOSER_ROW);
+        let board = Board::new(&bus, &folder.0, &format!("{PROCESSES}{users}"), rig)?;
         let faults = setup.link_faults.unwrap_or_default();
         let station = LocalSocket::bind(
             &folder.path("autopilot.station"),
@@ -422,6 +440,19 @@ impl LockStep {
         newest.map_or(&*self.nothing.route, |route| route.sample)
     }
 
+    /// The planner that a user brings, while it runs.
+    pub fn proposer(&self) -> Option<&ProposerService> {
+        self.board.service(PROPOSER)
+    }
+
+    /// It proposes nothing any more, nor does whoever is started in its place.
+    pub fn silence_proposer(&mut self) {
+        self.flown.borrow_mut().proposer = Plan::Silent;
+        if let Some(proposer) = self.board.service_mut::<ProposerService>(PROPOSER) {
+            proposer.plan = Plan::Silent;
+        }
+    }
+
     /// What of the pilot's wish was allowed last.
     pub fn prevented(&self) -> &PreventedDemand {
         let newest = self.spectator.prevented.newest();
@@ -516,6 +547,7 @@ impl LockStep {
             "collision_guard",
             "bezier_generator",
             "planner",
+            PROPOSER,
             "obstacle_fusion",
             SENSORS,
         ]);

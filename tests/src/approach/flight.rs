@@ -130,6 +130,7 @@ fn setup(cell: &Cell) -> Result<FlightSetup, String> {
             resume: false,
             mission_limit_s: f64::INFINITY,
         },
+        proposer: None,
     })
 }
 
