@@ -3,6 +3,9 @@
 //!
 //! A name that ends in `*` is a family: one topic per sensor or per process, e.g. `range/cloud/front`. A service
 //! cannot open a topic in whose row it does not stand.
+//!
+//! Programs of others stand in no row. A configuration may declare topics for them ([`USER_TOPICS`]), and let them publish
+//! those of [`OPEN_TO_OTHERS`] and read any.
 
 use crate::control::Control;
 use crate::events::EventSample;
@@ -44,6 +47,11 @@ pub const MAX_LOANED: usize = 2;
 
 /// What iceoryx2 writes before each sample (bytes).
 const CHUNK_HEADER_BYTES: usize = 64;
+
+/// Begins the names of topics that a configuration declares.
+pub const USER_TOPICS: &str = "user/";
+/// Rows whose topics a configuration may let programs of others publish: what is checked again by whoever reads it.
+pub const OPEN_TO_OTHERS: &[&str] = &[RANGE_SCAN.row.name, RANGE_CLOUD.row.name];
 
 /// One row of the table.
 #[derive(Clone, Copy, Debug)]
@@ -172,6 +180,14 @@ pub trait Visitor {
 }
 
 impl<T> Topic<T> {
+    /// The topic of a row that a configuration declares.
+    pub const fn of_row(row: TopicRow) -> Self {
+        Self {
+            row,
+            payload: PhantomData,
+        }
+    }
+
     /// The same topic with another payload, as a program of another version would have it: opening it is refused if the
     /// layouts differ. For tests of that.
     pub const fn with_payload<U>(self) -> Topic<U> {

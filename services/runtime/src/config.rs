@@ -2,11 +2,13 @@
 //!
 //! Unknown keys and values out of range are refused with file, line and the nearest valid name; nothing is guessed.
 
+mod foreign;
 mod link;
 mod overlay;
 
+pub use foreign::{Foreign, Grants, USER_PROCESSES, is_foreign};
 pub use link::{AUTOPILOT_LINK, AlsoLink, Link, LinkRow, Purpose, Signing};
-pub use overlay::{PROFILE_FOLDER, Resolved, sensors};
+pub use overlay::{PROFILE_FOLDER, Resolved, sensors, sensors_of_ours};
 
 use jink_shared_types::params::{ParamSet, nearest};
 use jink_shared_types::ranges::{SENSORS, deadline_us};
@@ -177,12 +179,27 @@ struct File {
     sensor: Vec<Spanned<SensorTable>>,
 }
 
+/// Begins the kinds of sensors whose drivers are not ours. Their tables say themselves what they publish.
+pub const USER_KINDS: &str = "user/";
+
+/// Whether the driver of sensors of this kind is not ours.
+pub fn is_user_kind(kind: &str) -> bool {
+    kind.strip_prefix(USER_KINDS).is_some_and(is_plain)
+}
+
+/// Whether a name consists of lower-case letters, digits and underscores.
+fn is_plain(name: &str) -> bool {
+    let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+    !name.is_empty() && name.chars().all(plain)
+}
+
 #[derive(Deserialize)]
 struct SensorTable {
     name: Spanned<String>,
     kind: Spanned<String>,
     rate_hz: Option<Spanned<f64>>,
     delay_ms: Option<Spanned<f64>>,
+    output: Option<Spanned<String>>,
     #[serde(flatten)]
     of_the_driver: BTreeMap<String, toml::Value>,
 }
@@ -234,8 +251,7 @@ impl Config {
         at: &impl Fn(usize, String) -> ConfigError,
     ) -> Result<(), ConfigError> {
         let name = table.name.get_ref();
-        let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
-        if name.is_empty() || name.len() > 20 || !name.chars().all(plain) {
+        if name.len() > 20 || !is_plain(name) {
             let message =
                 format!("sensor name {name:?}: use 1 to 20 lower-case letters, digits and underscores");
             return Err(at(table.name.span().start, message));
@@ -259,21 +275,46 @@ impl Config {
         };
         let rate_hz = within("rate_hz", &table.rate_hz, RATE_MAX_HZ)?;
         let delay_ms = within("delay_ms", &table.delay_ms, DELAY_MAX_MS)?;
-        let kind = table.kind.get_ref();
-        let Some((_, output)) = SENSOR_KINDS.iter().find(|(known, _)| known == kind) else {
-            let known = nearest(kind, SENSOR_KINDS.iter().map(|(known, _)| *known)).unwrap_or("");
-            let message = format!("unknown kind of sensor {kind:?}; did you mean {known:?}?");
-            return Err(at(table.kind.span().start, message));
-        };
         self.sensors.push(Sensor {
             name: name.clone(),
-            output: *output,
-            kind: kind.clone(),
+            output: table.output(at)?,
+            kind: table.kind.get_ref().clone(),
             has_device: table.of_the_driver.contains_key("device"),
             rate_hz: rate_hz.filter(|rate_hz| *rate_hz > 0.0),
             delay_s: delay_ms.map_or(DELAY_S, |ms| ms * 1e-3),
         });
         Ok(())
+    }
+}
+
+impl SensorTable {
+    /// What the sensor publishes: its kind says it, and of the kinds of others the table.
+    fn output(&self, at: &impl Fn(usize, String) -> ConfigError) -> Result<SensorOutput, ConfigError> {
+        let kind = self.kind.get_ref();
+        let of_kind = SENSOR_KINDS.iter().find(|(known, _)| known == kind);
+        match (of_kind, &self.output) {
+            (Some((_, output)), None) => Ok(*output),
+            (Some(_), Some(output)) => {
+                let message =
+                    format!("sensors of kind {kind:?} have no `output`: it is for kinds {USER_KINDS}...");
+                Err(at(output.span().start, message))
+            }
+            (None, output) if is_user_kind(kind) => match output.as_ref().map(|word| word.get_ref().as_str())
+            {
+                Some("cloud") => Ok(SensorOutput::Cloud),
+                Some("scan") => Ok(SensorOutput::Scan),
+                _ => {
+                    let place = output.as_ref().map_or(self.kind.span(), Spanned::span);
+                    let message = format!("a sensor of kind {kind:?} needs output = \"cloud\" or \"scan\"");
+                    Err(at(place.start, message))
+                }
+            },
+            (None, _) => {
+                let known = nearest(kind, SENSOR_KINDS.iter().map(|(known, _)| *known)).unwrap_or("");
+                let message = format!("unknown kind of sensor {kind:?}; did you mean {known:?}?");
+                Err(at(self.kind.span().start, message))
+            }
+        }
     }
 }
 
@@ -467,6 +508,26 @@ mod tests {
             .collect();
         assert_eq!(names, ["a"]);
         assert_eq!(of_sensor("{sensor}_driver", "a"), "a_driver");
+    }
+
+    #[test]
+    fn a_sensor_of_another_kind_says_what_it_publishes() {
+        let table = |keys: &str| format!("[[sensor]]\nname = \"tof\"\n{keys}\n");
+        let text = table("kind = \"user/tof\"\noutput = \"scan\"\nrate = 7");
+        let config = Config::parse(Path::new("jink.toml"), &text).unwrap();
+        assert_eq!(config.sensors[0].output, SensorOutput::Scan);
+        assert_eq!(
+            error_of(&table("kind = \"user/tof\"")),
+            "jink.toml:3: a sensor of kind \"user/tof\" needs output = \"cloud\" or \"scan\""
+        );
+        assert_eq!(
+            error_of(&table("kind = \"lidar_3d\"\noutput = \"cloud\"")),
+            "jink.toml:4: sensors of kind \"lidar_3d\" have no `output`: it is for kinds user/..."
+        );
+        assert_eq!(
+            error_of(&table("kind = \"lidar_3\"")),
+            "jink.toml:3: unknown kind of sensor \"lidar_3\"; did you mean \"lidar_3d\"?"
+        );
     }
 
     #[test]

@@ -151,6 +151,33 @@ impl Ports {
         Ok(self.input_of(topic, member)?.with_duty(&self.duty))
     }
 
+    /// A topic to publish that the configuration declares, for example `user/wind`.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn user_output<T: Layout>(&mut self, name: &str) -> Result<Output<T>, OpenError> {
+        let topic = self.session.declared(name)?;
+        self.output(topic)
+    }
+
+    /// A topic to look at in every cycle that the configuration declares.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn user_input<T: Layout>(&mut self, name: &str) -> Result<Input<T>, OpenError> {
+        let topic = self.session.declared(name)?;
+        self.input(topic)
+    }
+
+    /// A topic that the configuration declares and whose samples start a cycle: its row says `wakes = true`.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn user_trigger<T: Layout>(&mut self, name: &str) -> Result<Input<T>, OpenError> {
+        let topic = self.session.declared(name)?;
+        self.trigger(topic)
+    }
+
     /// For a service with a thing that only one instance can have: it declares itself which cycles it owns.
     pub fn claim(&self) -> Claim {
         let claim = Claim {

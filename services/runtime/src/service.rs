@@ -4,7 +4,7 @@
 //! descriptors the service watches, at most until the next moment the service or the heartbeat asked for. The control
 //! record wakes it, too: whoever has become the owner by it runs a cycle at once, and says so.
 
-use crate::config::Config;
+use crate::config::{Config, Foreign, is_foreign};
 use crate::events::EventSender;
 use crate::ports::{Ports, WAKEUPS};
 use crate::pretouch::Pretouch;
@@ -74,7 +74,8 @@ pub struct Cycle<'a> {
 
 /// A service: opened once, then run cycle by cycle.
 pub trait Service: Sized {
-    /// The program's name in the topic table.
+    /// The program's name in the topic table. A program of others stands in no row: its process is called `user_...` and has what
+    /// its row of the process table grants ([`Foreign`]).
     const PROGRAM: &'static str;
 
     /// Opens topics and devices.
@@ -138,7 +139,11 @@ fn start<S: Service>(setup: Setup) -> Result<Ended, StartError> {
     for refusal in realtime::apply(wish) {
         tracing::warn!("{refusal}");
     }
-    let session = Session::open(&setup.instance, S::PROGRAM)?;
+    let session = match is_foreign(&setup.process) {
+        // What its program calls itself says nothing about what it may use.
+        true => Session::open(&setup.instance, &setup.process)?.with(&Foreign::load(&setup.config)?),
+        false => Session::open(&setup.instance, S::PROGRAM)?,
+    };
     let mut running = Running::<S>::start(session, setup, config)?;
     tracing::debug!(pid = std::process::id(), "{} runs", running.ports.setup().process);
     let ended = serve(&mut running, &stop)?;

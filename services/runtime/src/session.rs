@@ -1,14 +1,18 @@
 //! One program's connection to its topics, and the only place that opens them.
 
 use crate::clock::Clock;
+use crate::config::{Foreign, Grants};
 use crate::input::Input;
 use crate::instance::Instance;
 use crate::janitor::Swept;
 use crate::output::Output;
 use crate::transport::local::LocalBus;
 use crate::transport::shared::Connection;
+pub use crate::transport::shared::RawInput;
 use crate::transport::{Publisher, Subscriber, Wakeup};
 use jink_shared_types::layout::Layout;
+use jink_shared_types::params::nearest;
+use jink_shared_types::shape::Shape;
 use jink_shared_types::topics::{Topic, TopicRow};
 use std::fmt;
 
@@ -23,6 +27,13 @@ pub enum OpenError {
         program: String,
         /// "publish", "read" or "wait for".
         what: &'static str,
+    },
+    /// The configuration declares no such topic, or declares it otherwise.
+    NotAsDeclared {
+        /// Topic asked for.
+        topic: String,
+        /// What is wrong.
+        cause: String,
     },
     /// Another build of the same topic is in use: the layouts differ.
     Layout {
@@ -55,9 +66,10 @@ impl fmt::Display for OpenError {
             Self::NotInTable { topic, program, what } => {
                 write!(
                     f,
-                    "{program} may not {what} {topic}: the topic's row does not allow it"
+                    "{program} may not {what} {topic}: neither the topic's row nor a row of the process table allows it"
                 )
             }
+            Self::NotAsDeclared { topic, cause } => write!(f, "{topic}: {cause}"),
             Self::Layout { topic, ours } => write!(
                 f,
                 "{topic}: somebody holds it with another layout than this build's {ours}; \
@@ -82,6 +94,10 @@ enum Transport {
 pub struct Session {
     transport: Transport,
     program: String,
+    /// What the configuration allows besides the topic table.
+    grants: Grants,
+    /// What the configuration opens to programs of others.
+    foreign: Foreign,
 }
 
 impl fmt::Debug for Session {
@@ -99,6 +115,8 @@ impl Session {
         Ok(Self {
             transport: Transport::Shared(Connection::open(instance, program)?),
             program: program.to_owned(),
+            grants: Grants::default(),
+            foreign: Foreign::default(),
         })
     }
 
@@ -107,6 +125,59 @@ impl Session {
         Self {
             transport: Transport::Local(bus.clone()),
             program: program.to_owned(),
+            grants: Grants::default(),
+            foreign: Foreign::default(),
+        }
+    }
+
+    /// The same with the topics that the configuration declares, and with what it grants to the process that the session is of.
+    pub fn with(mut self, foreign: &Foreign) -> Self {
+        self.grants = foreign.grants_of(&self.program);
+        self.foreign.clone_from(foreign);
+        self
+    }
+
+    /// The topic of this name that the configuration declares, with payload `T`.
+    ///
+    /// # Errors
+    /// [`OpenError::NotAsDeclared`] if there is none, or `T` is not what its row says.
+    pub fn declared<T: Layout>(&self, name: &str) -> Result<Topic<T>, OpenError> {
+        let refused = |cause: String| OpenError::NotAsDeclared {
+            topic: name.to_owned(),
+            cause,
+        };
+        let row = self.foreign.topics.iter().find(|row| row.name == name);
+        let Some(row) = row else {
+            let names = self.foreign.topics.iter().map(|row| row.name);
+            return Err(refused(match nearest(name, names) {
+                Some(near) => format!("no [[topic]] of services.toml has this name; did you mean {near}?"),
+                None => "services.toml has no [[topic]] at all".to_owned(),
+            }));
+        };
+        let (ours, size) = (payload_name::<T>(), size_of::<T>());
+        if (ours, size) != (row.payload, row.payload_bytes) {
+            return Err(refused(format!(
+                "services.toml says {} of {} bytes, the program has {ours} of {size}",
+                row.payload, row.payload_bytes
+            )));
+        }
+        Ok(Topic::of_row(*row))
+    }
+
+    /// Opens a topic for reading whose payload this program does not know: what it gets is bytes. `None` as long as nobody
+    /// else has opened it.
+    ///
+    /// # Errors
+    /// See [`OpenError`].
+    pub fn raw_input(&self, row: &TopicRow) -> Result<Option<RawInput>, OpenError> {
+        self.check(
+            row,
+            row.may_read(&self.program) || self.grants.may_read(row.name),
+            "read",
+        )?;
+        match &self.transport {
+            Transport::Shared(connection) => connection.raw_subscriber(row.name),
+            Transport::Local(_) => Ok(None),
         }
     }
 
@@ -128,8 +199,9 @@ impl Session {
         member: &str,
         generation: u32,
     ) -> Result<Output<T>, OpenError> {
-        self.check(&topic.row, topic.row.may_publish(&self.program), "publish")?;
         let name = topic.row.topic_name(member);
+        let allowed = topic.row.may_publish(&self.program) || self.grants.may_publish(&name);
+        self.check(&topic.row, allowed, "publish")?;
         let publisher = match &self.transport {
             Transport::Shared(connection) => {
                 Publisher::Shared(Box::new(connection.publisher(&topic, &name)?))
@@ -144,8 +216,9 @@ impl Session {
     /// # Errors
     /// See [`OpenError`].
     pub fn input<T: Layout>(&self, topic: Topic<T>, member: &str) -> Result<Input<T>, OpenError> {
-        self.check(&topic.row, topic.row.may_read(&self.program), "read")?;
         let name = topic.row.topic_name(member);
+        let allowed = topic.row.may_read(&self.program) || self.grants.may_read(&name);
+        self.check(&topic.row, allowed, "read")?;
         let subscriber = match &self.transport {
             Transport::Shared(connection) => Subscriber::Shared(connection.subscriber(&topic, &name)?),
             Transport::Local(bus) => Subscriber::Local(bus.subscriber(&topic, &name)?),
@@ -178,6 +251,7 @@ impl Session {
     /// See [`OpenError`].
     pub fn hold<T: Layout>(&self, topic: Topic<T>, member: &str) -> Result<HeldTopic, OpenError> {
         let name = topic.row.topic_name(member);
+        let topic = Topic::<T>::of_row(self.foreign.with_readers(topic.row, &name));
         Ok(HeldTopic {
             _held: match &self.transport {
                 Transport::Shared(connection) => Some(connection.hold(&topic, &name)?),
@@ -206,6 +280,14 @@ impl Session {
                 what,
             })
         }
+    }
+}
+
+/// The name of a payload without its hash.
+fn payload_name<T: Layout>() -> &'static str {
+    match T::SHAPE {
+        Shape::Struct(shape) => shape.name,
+        _ => "",
     }
 }
 

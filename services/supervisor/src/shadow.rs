@@ -9,6 +9,8 @@
 //! | probation | it has run the cycles asked for, within budget, with outputs a consumer can use, about as many as the owner | it ends, falls silent, or [`Trial`] says no |
 //! | switching | the moment written into the control record has passed | it ends: the owner keeps what it has |
 //! | watching | it has lived as owner for [`WATCH_S`] | it ends or hangs: the former owner takes back |
+//!
+//! A process whose row says `shadow = false` has no second instance: a swap ends it and starts the new program.
 
 use crate::process::Exit;
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
@@ -163,6 +165,8 @@ pub enum SwapNews {
     },
     /// The candidate owns.
     Switched,
+    /// The row says `shadow = false`: the old one is told to end, and the new one is started behind it.
+    Replaced,
     /// The swap is over and good.
     Done,
     /// The probation was passed and nothing was changed.
@@ -181,7 +185,7 @@ impl SwapNews {
     pub fn is_last(&self) -> bool {
         matches!(
             self,
-            Self::Done | Self::DryRunPassed { .. } | Self::Refused(_) | Self::RolledBack(_)
+            Self::Replaced | Self::Done | Self::DryRunPassed { .. } | Self::Refused(_) | Self::RolledBack(_)
         )
     }
 
@@ -203,6 +207,9 @@ impl fmt::Display for SwapNews {
                 f,
                 "the candidate owns; the former owner stands by for {WATCH_S} s"
             ),
+            Self::Replaced => f.write_str(
+                "its row says `shadow = false`: the old one ends, the new program is started; nobody takes back if it fails",
+            ),
             Self::Done => f.write_str("swapped"),
             Self::DryRunPassed { trial } => write!(f, "probation passed ({trial}); nothing was changed"),
             Self::Refused(refusal) => write!(f, "refused, the owner was never touched: {refusal}"),
@@ -218,6 +225,8 @@ pub enum Refusal {
     Busy,
     /// The process does not run.
     NotRunning,
+    /// A trial was asked for, and the process cannot have a second instance.
+    NoShadow,
     /// The candidate ended.
     Ended(Exit),
     /// The candidate did not reach its loop in time.
@@ -243,6 +252,9 @@ impl fmt::Display for Refusal {
         match self {
             Self::Busy => f.write_str("another swap of this process is under way"),
             Self::NotRunning => f.write_str("the process does not run"),
+            Self::NoShadow => {
+                f.write_str("its row says `shadow = false`: there is no trial beside the owner")
+            }
             Self::Ended(exit) => write!(f, "the candidate ended with {exit}"),
             Self::NeverUp => f.write_str("the candidate did not reach its loop within its start grace"),
             Self::Silent => f.write_str("the candidate fell silent"),

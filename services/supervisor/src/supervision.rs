@@ -245,7 +245,7 @@ impl Supervision {
                 process,
                 cycles,
                 dry_run,
-            } => self.swap_requested(process, cycles, dry_run, actions),
+            } => self.swap_requested(now, process, cycles, dry_run, actions),
             Observation::RestartRequested { process } => self.restart_requested(now, process, actions),
             Observation::EndRequested { process } => self.end_requested(now, process, actions),
         }
@@ -257,13 +257,7 @@ impl Supervision {
         };
         process.reason = ReplaceReason::Asked;
         match process.life {
-            Life::Running => {
-                process.life = Life::Ending {
-                    kill_at: Some(now.plus_seconds(PATIENCE_S)),
-                    for_good: false,
-                };
-                actions.push(Action::Terminate { process: index });
-            }
+            Life::Running => end_to_start_again(process, index, now, actions),
             Life::Resting { .. } | Life::Down | Life::Failed => process.life = Life::Resting { until: now },
             Life::Waiting | Life::Ending { .. } => {}
         }
@@ -310,7 +304,7 @@ impl Supervision {
         let Some(process) = self.processes.get_mut(index) else {
             return;
         };
-        if asked && process.reason == ReplaceReason::Asked {
+        if asked && matches!(process.reason, ReplaceReason::Asked | ReplaceReason::Swapped) {
             process.life = Life::Resting { until: now };
             return;
         }
@@ -603,6 +597,15 @@ fn terminate(process: &mut Process, index: usize, now: Timestamp, actions: &mut 
     process.life = Life::Ending {
         kill_at: Some(now.plus_seconds(PATIENCE_S)),
         for_good: true,
+    };
+    actions.push(Action::Terminate { process: index });
+}
+
+/// Asks a process to end, and starts it again at once when it has.
+fn end_to_start_again(process: &mut Process, index: usize, now: Timestamp, actions: &mut Vec<Action>) {
+    process.life = Life::Ending {
+        kill_at: Some(now.plus_seconds(PATIENCE_S)),
+        for_good: false,
     };
     actions.push(Action::Terminate { process: index });
 }

@@ -9,11 +9,13 @@
 //! | `arguments_external` | as `arguments` | the same where the autopilot is not the simulated one |
 //! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered) |
 //! | `per_sensor` | none | one process for each `[[sensor]]` of this kind that has a `device`; its name stands for `{sensor}` in `name` and `arguments` |
+//! | `publishes`, `reads` | none | topics that a process called `user_...` may use besides what is open to everybody ([`Foreign`]) |
 //! | `output` | `false` | it speaks to the autopilot: `on_failure = "stop_output"` stops it |
 //! | `essential` | `true` | the system cannot fly without it |
 //! | `cycle_budget_us` | `0` | longest cycle; 0 = none |
 //! | `end_to_end_ms` | `0` | oldest range data behind an output; older ones are told with the stage that ate the time; 0 = any |
 //! | `slow` | `{ event = 3, degrade = 5, replace = 9 }` | what so many cycles over budget within a second lead to; 0 = never |
+//! | `shadow` | `true` | the program can run as a second instance that publishes nothing (`--shadow`); without it a swap ends the old one first |
 //! | `hot_shadow` | `false` | a second instance runs beside it and takes over when it dies |
 //! | `heartbeat_timeout_ms` | `100` | silence that counts as a hang: two heartbeat periods, so that one late beat is none |
 //! | `start_grace_ms` | `3000` | time from start to the first beat of its loop: opening devices may take that long |
@@ -22,8 +24,8 @@
 //! | `core`, `priority`, `lock_memory` | none, `0`, `false` | CPU to stay on, SCHED_FIFO priority, pages kept in memory |
 //! | `log` | the supervisor's | `"error"`, `"warn"`, `"info"`, `"debug"`, `"trace"` |
 //!
-//! A `[defaults]` section may give any key but the first seven; a row wins over it. Whatever is not understood is
-//! refused with file, line and the nearest valid word.
+//! A `[defaults]` section may give any key but the first nine; a row wins over it. Whatever is not understood is
+//! refused with file, line and the nearest valid word. The same file declares topics of others, `[[topic]]` ([`Foreign`]).
 
 mod check;
 
@@ -31,9 +33,10 @@ use crate::policy::RestartRule;
 use crate::slowness::SlowRule;
 use jink_runtime::Instance;
 use jink_runtime::config::{
-    ConfigError, PROCESS_FILE, Sensor, line_of, of_sensor, parse_toml, plugged_in, read,
+    ConfigError, Foreign, Grants, PROCESS_FILE, Sensor, line_of, of_sensor, parse_toml, plugged_in, read,
 };
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
@@ -113,6 +116,8 @@ pub struct Rules {
     pub end_to_end_us: u32,
     /// What cycles over budget lead to.
     pub slow: SlowRule,
+    /// Its program can run as a second instance that publishes nothing.
+    pub has_shadow: bool,
     /// A second instance runs beside it and takes over when it dies.
     pub hot_shadow: bool,
     /// Silence that counts as a hang (s).
@@ -140,6 +145,8 @@ pub struct ProcessRow {
     pub when: When,
     /// Kind of the sensors that have such a process each.
     pub per_sensor: Option<String>,
+    /// Topics that it may use besides what is open to everybody.
+    pub grants: Grants,
     /// Core to stay on.
     pub core: Option<usize>,
     /// SCHED_FIFO priority, 0 = ordinary scheduling.
@@ -184,10 +191,12 @@ impl ProcessTable {
             message,
         };
         parsed.defaults.check_as_defaults(&at)?;
+        let foreign = Foreign::parse(file, text)?;
         let mut rows: Vec<ProcessRow> = Vec::new();
         for written in &parsed.process {
             let line = line_of(text, written.span().start);
-            let row = check::row(written, &parsed.defaults, line, &at)?;
+            let mut row = check::row(written, &parsed.defaults, line, &at)?;
+            row.grants = foreign.grants_as_written(&row.rules.name);
             if let Some(other) = rows.iter().find(|other| other.rules.name == row.rules.name) {
                 let message = format!(
                     "{:?} is already the process of line {}",
@@ -237,6 +246,7 @@ impl ProcessTable {
                 row.arguments = external;
             }
             check::joins(&row, &selected, &self.file)?;
+            check::publishes(&row, &selected, sensors, &self.file)?;
             selected.push(row);
         }
         check::output_is_there(&selected, &self.file)?;
@@ -305,6 +315,7 @@ impl ProcessRow {
         let of = |sensor: &Sensor| {
             let mut row = self.clone();
             row.rules.name = of_sensor(&row.rules.name, &sensor.name);
+            row.grants = row.grants.of_sensor(&sensor.name);
             for argument in &mut row.arguments {
                 *argument = of_sensor(argument, &sensor.name);
             }
@@ -320,6 +331,9 @@ impl ProcessRow {
 struct File {
     defaults: Written,
     process: Vec<Spanned<Written>>,
+    /// Read by [`Foreign`].
+    #[serde(rename = "topic")]
+    _topics: Vec<IgnoredAny>,
 }
 
 /// A row, or the defaults, as written.
@@ -332,12 +346,16 @@ struct Written {
     arguments_external: Option<Spanned<Vec<String>>>,
     when: Option<Spanned<String>>,
     per_sensor: Option<Spanned<String>>,
+    /// This and the next are read by [`Foreign`].
+    publishes: Option<Spanned<IgnoredAny>>,
+    reads: Option<Spanned<IgnoredAny>>,
     output: Option<Spanned<bool>>,
     essential: Option<bool>,
     cycle_budget_us: Option<Spanned<i64>>,
     end_to_end_ms: Option<Spanned<i64>>,
     slow: Option<Spanned<WrittenSlow>>,
-    hot_shadow: Option<bool>,
+    shadow: Option<bool>,
+    hot_shadow: Option<Spanned<bool>>,
     heartbeat_timeout_ms: Option<Spanned<i64>>,
     start_grace_ms: Option<Spanned<i64>>,
     restart: Option<Spanned<WrittenRestart>>,
@@ -387,6 +405,8 @@ impl Written {
             ),
             ("when", self.when.as_ref().map(Spanned::span)),
             ("per_sensor", self.per_sensor.as_ref().map(Spanned::span)),
+            ("publishes", self.publishes.as_ref().map(Spanned::span)),
+            ("reads", self.reads.as_ref().map(Spanned::span)),
             ("output", self.output.as_ref().map(Spanned::span)),
         ];
         for (key, span) in of_a_row {

@@ -1,12 +1,12 @@
 //! Overlays: the configuration file, then a profile, then the command line, each checked on its own so that an error
 //! names the file and line (or the argument) it comes from.
 
-use super::{CONFIG_FILE, Config, ConfigError, parse_toml, read};
+use super::{CONFIG_FILE, Config, ConfigError, is_user_kind, line_of, parse_toml, read, with_nearest};
 use jink_shared_types::params::nearest;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
-use toml::{Table, Value};
+use toml::{Spanned, Table, Value};
 
 /// Folder of the profiles inside a configuration folder.
 pub const PROFILE_FOLDER: &str = "profiles";
@@ -36,6 +36,41 @@ pub fn sensors<T: DeserializeOwned>(folder: &Path) -> Result<Vec<T>, ConfigError
         });
         in_origin.unwrap_or(error)
     })
+}
+
+/// Those of [`sensors`] whose kind is none of others, for a driver that knows every kind of ours. Beside a sensor of others an
+/// error names the line where the table begins.
+///
+/// # Errors
+/// As [`sensors`].
+pub fn sensors_of_ours<T: DeserializeOwned>(folder: &Path) -> Result<Vec<T>, ConfigError> {
+    #[derive(Deserialize)]
+    struct Kind {
+        kind: String,
+    }
+    let kinds: Vec<Kind> = sensors(folder)?;
+    if !kinds.iter().any(|table| is_user_kind(&table.kind)) {
+        return sensors(folder);
+    }
+    #[derive(Deserialize)]
+    struct Tables {
+        sensor: Vec<Spanned<Table>>,
+    }
+    let file = folder.join(CONFIG_FILE);
+    let text = read(&file)?;
+    let tables: Tables = parse_toml(&file, &text)?;
+    let tables = tables.sensor.into_iter().zip(kinds);
+    let ours = tables.filter(|(_, table)| !is_user_kind(&table.kind));
+    ours.map(|(table, _)| {
+        let line = line_of(&text, table.span().start);
+        let sensor = Value::Table(table.into_inner()).try_into();
+        sensor.map_err(|error: toml::de::Error| ConfigError {
+            file: file.clone(),
+            line,
+            message: with_nearest(error.message()),
+        })
+    })
+    .collect()
 }
 
 /// A configuration with every overlay applied.
@@ -243,6 +278,33 @@ mod tests {
         let resolved = Config::resolve(&folder.0, Some("fast"), &[]).unwrap();
         let names: Vec<&str> = resolved.config.sensors.iter().map(|s| s.name.as_str()).collect();
         assert_eq!(names, ["front"]);
+    }
+
+    #[test]
+    fn sensors_of_others_are_none_of_our_drivers_business() {
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(deny_unknown_fields)]
+        struct Strict {
+            name: String,
+            #[serde(rename = "kind")]
+            _kind: String,
+            #[serde(rename = "rate_hz")]
+            _rate_hz: Option<f64>,
+        }
+        let other = "[[sensor]]\nname = \"tof\"\nkind = \"user/tof\"\noutput = \"scan\"\nbus = 3\n";
+        let folder = Folder::new("others", &format!("{other}{BASE}"), "");
+        let ours: Vec<Strict> = super::sensors_of_ours(&folder.0).unwrap();
+        assert_eq!(
+            ours.iter().map(|sensor| sensor.name.as_str()).collect::<Vec<_>>(),
+            ["lidar"]
+        );
+        let wrong = BASE.replace("rate_hz", "rate_h");
+        std::fs::write(folder.0.join(CONFIG_FILE), format!("{other}{wrong}")).unwrap();
+        let error = super::sensors_of_ours::<Strict>(&folder.0).unwrap_err();
+        assert_eq!(
+            (error.line, error.message.as_str()),
+            (11, "unknown key `rate_h`; did you mean `rate_hz`?")
+        );
     }
 
     #[test]

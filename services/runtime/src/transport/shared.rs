@@ -12,11 +12,15 @@ use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::{FileDescriptorBased, NodeName, ServiceName, SignalHandlingMode, ipc};
+use iceoryx2::service::Service as _;
 use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
+use iceoryx2::service::marker::CustomPayloadMarker;
+use iceoryx2::service::messaging_pattern::MessagingPattern;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as MessagingPatternConfig;
 use jink_shared_types::SampleHeader;
 use jink_shared_types::layout::Layout;
 use jink_shared_types::topics::{MAX_BORROWED, MAX_LOANED, MAX_NODES, MAX_PUBLISHERS, Topic};
@@ -100,6 +104,38 @@ impl Connection {
         // Without this a publisher that is idle now would not be connected before its next sample.
         let _not_yet = subscriber.update_connections();
         Ok(Subscriber(subscriber))
+    }
+
+    /// Opens a topic as whoever created it has described it; `None` if there is none.
+    pub(crate) fn raw_subscriber(&self, name: &str) -> Result<Option<RawInput>, OpenError> {
+        let service = service_name(name)?;
+        let found = ipc::Service::details(&service, self.node.config(), MessagingPattern::PublishSubscribe)
+            .map_err(|error| transport(name, &error))?;
+        let Some(found) = found else {
+            return Ok(None);
+        };
+        let MessagingPatternConfig::PublishSubscribe(quality) = found.static_details.messaging_pattern()
+        else {
+            return Ok(None);
+        };
+        let payload = quality.message_type_details().payload;
+        let builder = self
+            .node
+            .service_builder(&service)
+            .publish_subscribe::<[CustomPayloadMarker]>()
+            .user_header::<SampleHeader>();
+        // SAFETY: the payload is only looked at as that many bytes.
+        let builder = unsafe { builder.__internal_set_payload_type_details(&payload) };
+        let factory = builder.open().map_err(|error| transport(name, &error))?;
+        let subscriber = factory
+            .subscriber_builder()
+            .create()
+            .map_err(|error| transport(name, &error))?;
+        Ok(Some(RawInput {
+            subscriber,
+            type_name: payload.type_name().to_string(),
+            size: payload.size(),
+        }))
     }
 
     pub(crate) fn wakeup(&self, name: &str) -> Result<Wakeup, OpenError> {
@@ -213,6 +249,42 @@ pub(crate) struct Subscriber<T: Layout>(
 impl<T: Layout> Subscriber<T> {
     pub(crate) fn receive(&mut self) -> Option<Sample<T>> {
         self.0.receive().ok().flatten()
+    }
+}
+
+/// A topic opened for reading by a program that does not know its payload.
+pub struct RawInput {
+    subscriber: iceoryx2::port::subscriber::Subscriber<ipc::Service, [CustomPayloadMarker], SampleHeader>,
+    type_name: String,
+    size: usize,
+}
+
+impl fmt::Debug for RawInput {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "RawInput({}, {} bytes)", self.type_name, self.size)
+    }
+}
+
+impl RawInput {
+    /// The type name of its payload, as the programs that use it have it.
+    pub fn type_name(&self) -> &str {
+        &self.type_name
+    }
+
+    /// Size of its payload (bytes).
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    /// Hands every unread sample to `visit`, oldest first.
+    pub fn each(&mut self, mut visit: impl FnMut(&SampleHeader, &[u8])) {
+        while let Ok(Some(sample)) = self.subscriber.receive() {
+            // SAFETY: the service was opened with this size of its payload, and the sample keeps the memory mapped. Whoever opens
+            // a service with another size is refused.
+            let bytes =
+                unsafe { std::slice::from_raw_parts(sample.payload().as_ptr().cast::<u8>(), self.size) };
+            visit(sample.user_header(), bytes);
+        }
     }
 }
 

@@ -42,7 +42,7 @@ pub fn build(name: &str, seed: u64, density_per_m2: Option<f64>) -> Result<World
 /// # Errors
 /// What is wrong, with file and line.
 pub fn sensors(ports: &Ports) -> Result<Vec<SensorSpec>, StartError> {
-    let mut specs: Vec<SensorSpec> = jink_runtime::config::sensors(&ports.setup().config)?;
+    let mut specs: Vec<SensorSpec> = jink_runtime::config::sensors_of_ours(&ports.setup().config)?;
     specs.retain(|spec| spec.kind.is_rendered());
     Ok(specs)
 }

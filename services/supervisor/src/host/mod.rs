@@ -24,7 +24,7 @@ mod system;
 use crate::args::Args;
 use children::{Children, Launch};
 use claim::Claim;
-use jink_runtime::config::{CONFIG_FILE, Config, PROCESS_FILE};
+use jink_runtime::config::{CONFIG_FILE, Config, Foreign, PROCESS_FILE};
 use jink_runtime::service::EXIT_CANNOT_START;
 use jink_runtime::{Instance, Session};
 use jink_shared_types::Timestamp;
@@ -85,7 +85,8 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     let stop_signal = signals()?;
 
     let names: Vec<&str> = rows.iter().map(|row| row.rules.name.as_str()).collect();
-    let session = Session::open(&args.instance, PROGRAM)?;
+    let foreign = Foreign::load(&args.instance.run_config())?;
+    let session = Session::open(&args.instance, PROGRAM)?.with(&foreign);
     let shared = Shared::open(session, &config, &names, count_start(&args.instance)?)?;
     let rules = rows.iter().map(|row| row.rules.clone());
     let now = jink_runtime::now();

@@ -1,7 +1,7 @@
 //! Second instances in the state machine: swaps, hot shadows, and who takes over when an owner dies. The rules are in
 //! [`crate::shadow`].
 
-use super::{Action, Exit, LOOK_S, Supervision, raise};
+use super::{Action, Exit, LOOK_S, Supervision, end_to_start_again, raise};
 use crate::process::{Life, Process};
 use crate::shadow::{
     Judgement, Kind, Refusal, SETTLE_S, SWITCH_LEAD_S, Shadow, Swap, SwapNews, WATCH_S, quiet_moment,
@@ -67,13 +67,15 @@ impl Supervision {
 
     pub(super) fn swap_requested(
         &mut self,
+        now: Timestamp,
         index: usize,
         cycles: u64,
         dry_run: bool,
         actions: &mut Vec<Action>,
     ) {
         let busy = self.is_swapping(index);
-        let (Some(process), Some(second)) = (self.processes.get(index), self.seconds.get_mut(index)) else {
+        let (Some(process), Some(second)) = (self.processes.get_mut(index), self.seconds.get_mut(index))
+        else {
             return;
         };
         let refusal = if self.stopping.is_some() {
@@ -82,11 +84,20 @@ impl Supervision {
             Some(Refusal::Busy)
         } else if process.life != Life::Running || !process.in_loop() {
             Some(Refusal::NotRunning)
+        } else if dry_run && !process.rules.has_shadow {
+            Some(Refusal::NoShadow)
         } else {
             None
         };
         if let Some(refusal) = refusal {
             tell(actions, index, SwapNews::Refused(refusal));
+            return;
+        }
+        if !process.rules.has_shadow {
+            process.reason = ReplaceReason::Swapped;
+            end_to_start_again(process, index, now, actions);
+            actions.push(Action::Commit { process: index });
+            tell(actions, index, SwapNews::Replaced);
             return;
         }
         second.wanted = Some(Swap {

@@ -20,6 +20,7 @@ fn rules(name: &str) -> Rules {
         cycle_budget_us: 0,
         end_to_end_us: 0,
         slow: SlowRule::default(),
+        has_shadow: true,
         hot_shadow: false,
         heartbeat_timeout_s: 0.1,
         start_grace_s: 1.0,
@@ -712,6 +713,36 @@ fn a_good_candidate_takes_over_at_a_moment_that_both_know_before_and_the_old_one
         "the owner was never touched: {:?}",
         world.signals
     );
+}
+
+#[test]
+fn without_a_shadow_a_swap_ends_the_old_one_and_starts_the_new_program_at_once() {
+    let alone = Rules {
+        has_shadow: false,
+        ..rules("gateway")
+    };
+    let mut world = World::running(vec![alone]);
+    let swap = |dry_run| Observation::SwapRequested {
+        process: 0,
+        cycles: 50,
+        dry_run,
+    };
+    world.observe(&[swap(true)]);
+    assert_eq!(world.news, [SwapNews::Refused(Refusal::NoShadow)]);
+    assert!(world.signals.is_empty() && world.commits == 0);
+    world.observe(&[swap(false)]);
+    assert_eq!(world.news.last(), Some(&SwapNews::Replaced));
+    for _ in 0..3 {
+        world.pass(0.01);
+    }
+    assert_eq!(world.signals, [Action::Terminate { process: 0 }]);
+    assert_eq!((world.commits, world.spawns.len()), (1, 2));
+    assert!(
+        matches!(world.children[0], Child::Alive(2, _)),
+        "{:?}",
+        world.children
+    );
+    assert_eq!(control(&world).active, 2);
 }
 
 #[test]

@@ -3,7 +3,7 @@
 use super::{At, OnFailure, ProcessRow, Rules, When, Written, WrittenRestart, WrittenSlow, choose};
 use crate::policy::RestartRule;
 use crate::slowness::SlowRule;
-use jink_runtime::config::{ConfigError, SENSOR_KINDS, of_sensor};
+use jink_runtime::config::{ConfigError, Grants, SENSOR_KINDS, Sensor, is_user_kind, of_sensor};
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
 use jink_shared_types::health::PROCESSES;
 use std::ops::RangeInclusive;
@@ -99,6 +99,39 @@ pub(super) fn joins(row: &ProcessRow, others: &[ProcessRow], file: &Path) -> Res
     Ok(())
 }
 
+/// What a row that is about to join `others` is granted to publish has a reader and no other producer among them.
+pub(super) fn publishes(
+    row: &ProcessRow,
+    others: &[ProcessRow],
+    sensors: &[Sensor],
+    file: &Path,
+) -> Result<(), ConfigError> {
+    let name = &row.rules.name;
+    let refused = |message: String| ConfigError {
+        file: file.to_owned(),
+        line: row.line,
+        message,
+    };
+    if let Some((topic, near)) = row.grants.without_sensor(sensors) {
+        let hint = match near.as_str() {
+            "" => String::new(),
+            near => format!("; did you mean {near}?"),
+        };
+        return Err(refused(format!(
+            "{name:?} publishes {topic}, and no [[sensor]] of jink.toml has this topic{hint}"
+        )));
+    }
+    for other in others {
+        if let Some(topic) = row.grants.published_by_both(&other.grants) {
+            return Err(refused(format!(
+                "{name:?} publishes {topic}, as does {:?} of line {}: a topic has one producer",
+                other.rules.name, other.line
+            )));
+        }
+    }
+    Ok(())
+}
+
 /// The row that starts at `line`, completed by `defaults`.
 pub(super) fn row(
     written: &Spanned<Written>,
@@ -140,6 +173,13 @@ pub(super) fn row(
     )?;
     let priority = integer("priority", [&written.priority, &defaults.priority], 0, 0..=98, at)?;
     let core = integer("core", [&written.core, &defaults.core], -1, 0..=1023, at)?;
+    let has_shadow = written.shadow.or(defaults.shadow).unwrap_or(true);
+    let hot = written.hot_shadow.as_ref().or(defaults.hot_shadow.as_ref());
+    let hot_shadow = hot.is_some_and(|hot| *hot.get_ref());
+    if hot_shadow && !has_shadow {
+        let message = format!("{name:?} has `shadow = false`: it cannot have a hot shadow");
+        return Err(at(hot.map_or(start, |hot| hot.span().start), message));
+    }
     let word = |of: fn(&Written) -> &Option<Spanned<String>>| of(written).as_ref().or(of(defaults).as_ref());
     Ok(ProcessRow {
         rules: Rules {
@@ -149,7 +189,8 @@ pub(super) fn row(
             cycle_budget_us: u32::try_from(budget_us).unwrap_or(0),
             end_to_end_us: u32::try_from(end_to_end_ms * 1000).unwrap_or(0),
             slow: slow(written, defaults, at)?,
-            hot_shadow: written.hot_shadow.or(defaults.hot_shadow).unwrap_or(false),
+            has_shadow,
+            hot_shadow,
             heartbeat_timeout_s: timeout_ms as f64 * 1e-3,
             start_grace_s: grace_ms as f64 * 1e-3,
             restart: restart(written, defaults, at)?,
@@ -166,6 +207,7 @@ pub(super) fn row(
             None => When::Always,
         },
         per_sensor: per_sensor(written, at)?,
+        grants: Grants::default(),
         core: usize::try_from(core).ok(),
         priority: u8::try_from(priority).unwrap_or(0),
         lock_memory: written.lock_memory.or(defaults.lock_memory).unwrap_or(false),
@@ -221,6 +263,9 @@ fn per_sensor(written: &Written, at: &At<'_>) -> Result<Option<String>, ConfigEr
     let Some(kind) = &written.per_sensor else {
         return Ok(None);
     };
+    if is_user_kind(kind.get_ref()) {
+        return Ok(Some(kind.get_ref().clone()));
+    }
     let kinds: Vec<(&'static str, &'static str)> =
         SENSOR_KINDS.iter().map(|(kind, _)| (*kind, *kind)).collect();
     choose("kind of sensor", kind, &kinds, at).map(|kind| Some(kind.to_owned()))

@@ -1,5 +1,5 @@
 use super::{Mode, OnFailure, ProcessRow, ProcessTable, When};
-use jink_runtime::config::{Config, Sensor};
+use jink_runtime::config::{Config, Grants, Sensor};
 use std::path::Path;
 
 fn parse(text: &str) -> ProcessTable {
@@ -333,4 +333,51 @@ fn a_sensor_whose_name_is_taken_too_long_or_one_too_many_is_refused() {
     let names: Vec<String> = (0..24).map(|n| format!("s{n}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     assert!(refused(PER_SENSOR, &names).contains("more than 24 processes"));
+}
+
+const FOREIGN: &str = "[[topic]]\nname = \"user/wind\"\npayload = \"Wind\"\nsize_bytes = 24\n\
+                       [[process]]\nname = \"user_wind\"\nprogram = \"/bin/sh\"\nshadow = false\n\
+                       reads = [\"map/local\"]\npublishes = [\"user/wind\"]\n";
+
+#[test]
+fn a_process_of_others_is_a_row_with_what_it_may_use() {
+    let rows = parse(FOREIGN).select(Mode::Real, Path::new("/"), &[]).unwrap();
+    assert!(rows[0].grants.may_publish("user/wind") && rows[0].grants.may_read("map/local"));
+    assert!(!rows[0].rules.has_shadow);
+    assert_eq!(parse(SHORT).rows[0].grants, Grants::default());
+    assert_eq!(
+        error_of(&format!("{SHORT}publishes = [\"user/wind\"]\n")),
+        "services.toml:4: \"planner\" has `publishes`: only processes called user_... are granted topics, the others stand in \
+         the topic table"
+    );
+    assert_eq!(
+        error_of(&format!("[defaults]\nreads = []\n{SHORT}")),
+        "services.toml:2: `reads` belongs into a [[process]] row, not into [defaults]"
+    );
+    assert_eq!(
+        error_of(&format!("{FOREIGN}hot_shadow = true\n")),
+        "services.toml:11: \"user_wind\" has `shadow = false`: it cannot have a hot shadow"
+    );
+}
+
+#[test]
+fn what_others_publish_has_one_producer_and_a_sensor_that_it_belongs_to() {
+    let refused = |text: &str| {
+        let selected = parse(text).select(Mode::Real, Path::new("/"), &sensors(&["front"]));
+        selected.unwrap_err().to_string()
+    };
+    let second = FOREIGN
+        .split_once("[[process]]")
+        .unwrap()
+        .1
+        .replace("user_wind", "user_gust");
+    assert_eq!(
+        refused(&format!("{FOREIGN}[[process]]{second}")),
+        "services.toml:11: \"user_gust\" publishes user/wind, as does \"user_wind\" of line 5: a topic has one producer"
+    );
+    assert_eq!(
+        refused(&FOREIGN.replace("\"user/wind\"]", "\"range/scan/frnt\"]")),
+        "services.toml:5: \"user_wind\" publishes range/scan/frnt, and no [[sensor]] of jink.toml has this topic; did you mean \
+         range/scan/front?"
+    );
 }
