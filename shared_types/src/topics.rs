@@ -50,8 +50,8 @@ const CHUNK_HEADER_BYTES: usize = 64;
 
 /// Begins the names of topics that a configuration declares.
 pub const USER_TOPICS: &str = "user/";
-/// Rows whose topics a configuration may let programs of others publish: what is checked again by whoever reads it.
-pub const OPEN_TO_OTHERS: &[&str] = &[RANGE_SCAN.row.name, RANGE_CLOUD.row.name];
+/// Rows whose topics a configuration may let programs of others publish: whoever reads them checks what they say.
+pub const OPEN_TO_OTHERS: &[&str] = &[PROPOSAL.row.name, RANGE_SCAN.row.name, RANGE_CLOUD.row.name];
 
 /// One row of the table.
 #[derive(Clone, Copy, Debug)]

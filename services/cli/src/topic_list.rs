@@ -45,7 +45,7 @@ pub struct Listed {
 
 impl Listed {
     /// The topics of one row; without `members` a family is one line.
-    pub fn of(row: &'static TopicRow, members: Option<&Members>) -> Vec<Self> {
+    pub fn of(row: &TopicRow, members: Option<&Members>) -> Vec<Self> {
         let one = |name: String| Self {
             name,
             payload: row.payload,
@@ -68,6 +68,7 @@ impl Listed {
 /// As a table.
 pub fn table(topics: &[Listed]) -> String {
     let names = |names: &[&str]| match names {
+        [] => "-".to_owned(),
         ["*"] => "every service".to_owned(),
         names => names.join(" "),
     };

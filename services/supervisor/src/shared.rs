@@ -136,6 +136,8 @@ fn hold_all(session: &Session, config: &Config, processes: &[&str]) -> Result<Ve
         session.hold(topics::DESIRED_PATH, "")?,
         session.hold(topics::LOCAL_MAP, "")?,
         session.hold(topics::ROUTE, "")?,
+        session.hold(topics::PROPOSAL, "")?,
+        session.hold(topics::PROPOSAL_ANSWER, "")?,
         session.hold(topics::TRAJECTORY, "")?,
         session.hold(topics::APPROVED, "")?,
         session.hold(topics::RING, "")?,

@@ -14,8 +14,8 @@ type Take = Box<dyn FnMut(&mut Vec<SampleHeader>)>;
 pub struct Meter {
     /// Its name.
     pub name: String,
-    /// Its row of the table.
-    pub row: &'static TopicRow,
+    /// Its row, of the table or of the configuration.
+    pub row: TopicRow,
     take: Take,
     headers: Vec<SampleHeader>,
 }
@@ -28,16 +28,29 @@ impl std::fmt::Debug for Meter {
 
 impl Meter {
     /// Listens to member `member` of `row` from now on.
-    pub fn open(session: &Session, row: &'static TopicRow, member: &str) -> Result<Self, Problem> {
+    pub fn open(session: &Session, row: &TopicRow, member: &str) -> Result<Self, Problem> {
         let name = row.topic_name(member);
         let take = topics::visit(row, Open { session, member })
             .ok_or_else(|| Problem::Other(format!("{name} is not in the topic table")))??;
         Ok(Self {
             name,
-            row,
+            row: *row,
             take,
             headers: Vec::new(),
         })
+    }
+
+    /// Listens to a topic that the configuration declares; `None` as long as nobody else uses it.
+    pub fn open_declared(session: &Session, row: &TopicRow) -> Result<Option<Self>, Problem> {
+        let Some(mut input) = session.raw_input(row)? else {
+            return Ok(None);
+        };
+        Ok(Some(Self {
+            name: row.name.to_owned(),
+            row: *row,
+            take: Box::new(move |headers| input.each(|header, _| headers.push(*header))),
+            headers: Vec::new(),
+        }))
     }
 
     /// Hands the header of every sample that has come to `visit`. Of several producers each has a queue of its own, so

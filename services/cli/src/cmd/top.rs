@@ -134,6 +134,10 @@ impl Live {
                 meters.push((Meter::open(watch.session(), row, member)?, Beat::default()));
             }
         }
+        for row in super::topic::declared(instance) {
+            let meter = Meter::open_declared(watch.session(), &row)?;
+            meters.extend(meter.map(|meter| (meter, Beat::default())));
+        }
         let events = watch.session().input(EVENT, "")?;
         Ok(Self {
             name: instance.to_string(),
@@ -167,7 +171,7 @@ impl Live {
             .iter_mut()
             .map(|(meter, beat)| Rate {
                 name: meter.name.clone(),
-                row: *meter.row,
+                row: meter.row,
                 beat: std::mem::take(beat),
             })
             .collect();

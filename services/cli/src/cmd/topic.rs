@@ -6,7 +6,7 @@ use super::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, running};
 use jink_cli::beat::Beat;
 use jink_cli::digest::{Digest, header_line};
 use jink_cli::topic_list::{Listed, Members};
-use jink_runtime::config::{Config, SensorOutput, process_names};
+use jink_runtime::config::{Config, Foreign, SensorOutput, process_names};
 use jink_runtime::{Checks, Instance, OpenError, Session};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::topics::{self, TABLE, Topic, TopicRow, Visitor};
@@ -70,12 +70,15 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             let Some(session) = open(instance)? else {
                 return Ok(ExitCode::from(EXIT_NOT_RUNNING));
             };
-            let (row, member) = find(instance, topic)?;
-            let beat = measure(Meter::open(&session, row, &member)?, *seconds)?;
+            let (row, meter) = match find(instance, topic)? {
+                Found::InTable(row, member) => (*row, Some(Meter::open(&session, row, &member)?)),
+                Found::Declared(row) => (row, Meter::open_declared(&session, &row)?),
+            };
+            let beat = measure(meter.ok_or_else(|| unused(topic))?, *seconds)?;
             if *json {
-                sayln!("{}", beat.json(topic, row));
+                sayln!("{}", beat.json(topic, &row));
             } else {
-                sayln!("{}", beat.line(topic, row));
+                sayln!("{}", beat.line(topic, &row));
             }
             Ok(came(beat.samples()))
         }
@@ -88,15 +91,23 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             let Some(session) = open(instance)? else {
                 return Ok(ExitCode::from(EXIT_NOT_RUNNING));
             };
-            let (row, member) = find(instance, topic)?;
-            let echo = Echo {
-                session: &session,
-                member: &member,
+            let patience = timeout.map(Duration::try_from_secs_f64).transpose();
+            let limits = Limits {
                 count: *count,
                 full: *full,
-                patience: timeout.map(Duration::try_from_secs_f64).transpose(),
+                patience: patience.map_err(|error| Problem::Other(format!("--timeout: {error}")))?,
             };
-            let shown = topics::visit(row, echo).ok_or_else(|| unknown(instance, topic))??;
+            let shown = match find(instance, topic)? {
+                Found::InTable(row, member) => {
+                    let echo = Echo {
+                        session: &session,
+                        member: &member,
+                        limits,
+                    };
+                    topics::visit(row, echo).ok_or_else(|| unknown(instance, topic))??
+                }
+                Found::Declared(row) => echo_bytes(&session, &row, limits)?,
+            };
             Ok(came(shown))
         }
     }
@@ -110,11 +121,15 @@ fn came(samples: u64) -> ExitCode {
 }
 
 fn list(instance: &Instance, json: bool) -> Result<ExitCode, Problem> {
-    let members = running::find(instance)?.map(|_| members(instance));
-    let listed: Vec<Listed> = TABLE
-        .iter()
-        .flat_map(|row| Listed::of(row, members.as_ref()))
-        .collect();
+    let is_running = running::find(instance)?.is_some();
+    let members = is_running.then(|| members(instance));
+    let declared = if is_running {
+        declared(instance)
+    } else {
+        Vec::new()
+    };
+    let rows = TABLE.iter().copied().chain(declared.iter().copied());
+    let listed: Vec<Listed> = rows.flat_map(|row| Listed::of(&row, members.as_ref())).collect();
     if json {
         let json = serde_json::to_string(&listed).map_err(|error| Problem::Other(error.to_string()))?;
         sayln!("{json}");
@@ -152,23 +167,46 @@ pub fn members(instance: &Instance) -> Members {
     }
 }
 
-/// The row and the member of a topic that exists in this instance.
-fn find(instance: &Instance, name: &str) -> Result<(&'static TopicRow, String), Problem> {
+/// The topics that a running instance's configuration declares.
+pub fn declared(instance: &Instance) -> Vec<TopicRow> {
+    // The supervisor has checked it.
+    Foreign::load(&instance.run_config()).map_or_else(|_| Vec::new(), |foreign| foreign.topics)
+}
+
+/// A topic that exists in an instance.
+enum Found {
+    /// Its row and, of a family, which member.
+    InTable(&'static TopicRow, String),
+    /// The configuration declares it: its payload is not known here.
+    Declared(TopicRow),
+}
+
+fn find(instance: &Instance, name: &str) -> Result<Found, Problem> {
+    if let Some(row) = declared(instance).into_iter().find(|row| row.name == name) {
+        return Ok(Found::Declared(row));
+    }
     let members = members(instance);
     TABLE
         .iter()
         .find_map(|row| {
             let member = row.member_of(name)?;
             let known = !row.is_family() || members.of(row).iter().any(|known| known == member);
-            known.then(|| (row, member.to_owned()))
+            known.then(|| Found::InTable(row, member.to_owned()))
         })
         .ok_or_else(|| unknown(instance, name))
+}
+
+/// A declared topic comes into being with its first user, who alone knows its payload.
+fn unused(name: &str) -> Problem {
+    Problem::Other(format!("{name} is declared, and no process has opened it yet"))
 }
 
 fn unknown(instance: &Instance, name: &str) -> Problem {
     let mut text = format!("jink {instance} has no topic {name}; `jink topic list` names them");
     let members = members(instance);
-    let all = TABLE.iter().flat_map(|row| Listed::of(row, Some(&members)));
+    let declared = declared(instance);
+    let rows = TABLE.iter().copied().chain(declared.iter().copied());
+    let all = rows.flat_map(|row| Listed::of(&row, Some(&members)));
     let last_part = name.rsplit('/').next().unwrap_or(name);
     let near: Vec<String> = all
         .map(|listed| listed.name)
@@ -195,50 +233,97 @@ fn measure(mut meter: Meter, seconds: f64) -> Result<Beat, Problem> {
     Ok(beat)
 }
 
+/// What ends an echo, and how much of a sample it shows.
+struct Limits {
+    count: Option<u64>,
+    full: bool,
+    patience: Option<Duration>,
+}
+
+impl Limits {
+    /// Prints what `look` finds until it is enough: `look` hands each text to its argument, which says whether another is wanted.
+    fn echo(&self, mut look: impl FnMut(&mut dyn FnMut(String) -> bool)) -> Result<u64, Problem> {
+        let interrupt = Interrupt::listen()?;
+        let (mut shown, mut last, mut broken) = (0, Instant::now(), false);
+        let enough = |shown: u64| self.count.is_some_and(|count| shown >= count);
+        while !enough(shown)
+            && !broken
+            && !interrupt.has_come()
+            && self.patience.is_none_or(|most| last.elapsed() < most)
+        {
+            look(&mut |text| {
+                if !enough(shown) && !broken {
+                    // Whoever read our output has seen enough.
+                    broken = writeln!(std::io::stdout(), "{text}---").is_err();
+                    shown += 1;
+                    last = Instant::now();
+                }
+                !enough(shown) && !broken
+            });
+            std::thread::sleep(LOOK);
+        }
+        Ok(shown)
+    }
+}
+
 struct Echo<'a> {
     session: &'a Session,
     member: &'a str,
-    count: Option<u64>,
-    full: bool,
-    patience: Result<Option<Duration>, std::time::TryFromFloatSecsError>,
+    limits: Limits,
 }
 
 impl Visitor for Echo<'_> {
     type Output = Result<u64, Problem>;
 
     fn visit<T: Layout + Debug + 'static>(self, topic: Topic<T>) -> Self::Output {
-        let patience = self
-            .patience
-            .map_err(|error| Problem::Other(format!("--timeout: {error}")))?;
-        let interrupt = Interrupt::listen()?;
-        let mut input = self
-            .session
-            .input(topic, self.member)
+        let input = self.session.input(topic, self.member);
+        let mut input = input
             .map_err(|error: OpenError| Problem::Memory(error))?
             .of_all_producers()
             .with_checks(Checks::None);
-        let (mut shown, mut last) = (0, Instant::now());
-        let mut broken = None;
-        let enough = |shown: u64| self.count.is_some_and(|count| shown >= count);
-        while !enough(shown) && !interrupt.has_come() && patience.is_none_or(|most| last.elapsed() < most) {
+        let (mut wanted, full) = (true, self.limits.full);
+        self.limits.echo(|show| {
             input.each(|stamped| {
-                if enough(shown) || broken.is_some() {
-                    return;
+                if wanted {
+                    let mut text = Digest::new(full);
+                    // Writing into a string cannot fail.
+                    let _infallible = writeln!(text, "{:#?}", stamped.sample);
+                    wanted = show(format!("{}\n{}", header_line(stamped.header), text.finish()));
                 }
-                let mut text = Digest::new(self.full);
-                // Writing into a string cannot fail.
-                let _infallible = writeln!(text, "{:#?}", stamped.sample);
-                let header = header_line(stamped.header);
-                broken = writeln!(std::io::stdout(), "{header}\n{}---", text.finish()).err();
-                shown += 1;
-                last = Instant::now();
             });
-            // Whoever read our output has seen enough.
-            if broken.is_some() {
-                break;
-            }
-            std::thread::sleep(LOOK);
-        }
-        Ok(shown)
+        })
     }
+}
+
+/// Bytes of a sample that are shown unless all are asked for.
+const BYTES_SHOWN: usize = 128;
+
+/// Shows samples whose payload only their own programs know.
+fn echo_bytes(session: &Session, row: &TopicRow, limits: Limits) -> Result<u64, Problem> {
+    let mut input = session.raw_input(row)?.ok_or_else(|| unused(row.name))?;
+    sayln!(
+        "{} bytes of {}, known to its own programs only",
+        input.size(),
+        input.type_name()
+    );
+    let most = if limits.full { usize::MAX } else { BYTES_SHOWN };
+    limits.echo(|show| {
+        input.each(|header, bytes| {
+            show(format!("{}\n{}", header_line(header), hex(bytes, most)));
+        });
+    })
+}
+
+/// Sixteen bytes a line, with the offset of the first.
+fn hex(bytes: &[u8], most: usize) -> String {
+    let mut text = String::new();
+    for (line, chunk) in bytes[..bytes.len().min(most)].chunks(16).enumerate() {
+        let numbers: Vec<String> = chunk.iter().map(|byte| format!("{byte:02x}")).collect();
+        // Writing into a string cannot fail.
+        let _infallible = writeln!(text, "{:6}  {}", 16 * line, numbers.join(" "));
+    }
+    if bytes.len() > most {
+        let _infallible = writeln!(text, "        ... {} more", bytes.len() - most);
+    }
+    text
 }
