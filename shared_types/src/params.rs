@@ -1,5 +1,7 @@
 //! The parameter table. What a user may tune stands here and nowhere else; everything else is a constant beside the
 //! code it belongs to. Names have at most 16 characters, as MAVLink parameters do.
+//!
+//! A configuration may declare further rows for programs of others, behind those of the table: [`ParamSet::declaring`].
 
 use std::fmt;
 
@@ -98,6 +100,9 @@ params! {
     GW_HORIZON = Float, 0.8, 0.3 .. 2.0, "s", Restart, "Duration of each Bezier curve sent to the autopilot";
 }
 
+/// Begins the names of parameters that a configuration declares.
+pub const USER_PARAMETERS: &str = "USR_";
+
 /// Why a parameter was refused.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ParamError {
@@ -140,32 +145,70 @@ impl fmt::Display for ParamError {
 }
 impl std::error::Error for ParamError {}
 
-/// The values in force, one per row of the table.
+/// The values in force, one per row of the table and one per row that the configuration declares behind it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParamSet {
     values: Vec<f64>,
+    declared: &'static [Param],
 }
 
 impl Default for ParamSet {
     fn default() -> Self {
-        Self {
-            values: TABLE.iter().map(|param| param.default).collect(),
-        }
+        Self::declaring(&[])
     }
 }
 
 impl ParamSet {
+    /// The defaults, with rows behind those of the table.
+    pub fn declaring(declared: &'static [Param]) -> Self {
+        let values = TABLE.iter().chain(declared).map(|param| param.default);
+        Self {
+            values: values.collect(),
+            declared,
+        }
+    }
+
+    /// The rows behind those of the table.
+    pub fn declared(&self) -> &'static [Param] {
+        self.declared
+    }
+
+    /// How many rows there are.
+    pub fn len(&self) -> usize {
+        self.values.len()
+    }
+
+    /// Whether there is none: never.
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+
+    /// A row by its number.
+    pub fn row(&self, number: usize) -> Option<&'static Param> {
+        match number.checked_sub(TABLE.len()) {
+            None => TABLE.get(number),
+            Some(behind) => self.declared.get(behind),
+        }
+    }
+
+    /// The number of the row with this name.
+    pub fn number_of(&self, name: &str) -> Option<usize> {
+        TABLE.iter().chain(self.declared).position(|row| row.name == name)
+    }
+
     /// The value of `param`.
     pub fn get(&self, param: &Param) -> f64 {
-        TABLE
-            .iter()
-            .position(|row| row.name == param.name)
-            .map_or(param.default, |index| self.values[index])
+        self.named(param.name).unwrap_or(param.default)
+    }
+
+    /// The value of the parameter called `name`; `None` if there is none.
+    pub fn named(&self, name: &str) -> Option<f64> {
+        self.values.get(self.number_of(name)?).copied()
     }
 
     /// Each row with its value.
     pub fn rows(&self) -> impl Iterator<Item = (&'static Param, f64)> + '_ {
-        TABLE.iter().zip(self.values.iter().copied())
+        TABLE.iter().chain(self.declared).zip(self.values.iter().copied())
     }
 
     /// Sets the parameter called `name`.
@@ -173,13 +216,14 @@ impl ParamSet {
     /// # Errors
     /// [`ParamError::Unknown`] with the nearest name; [`ParamError::OutOfRange`] with the range.
     pub fn set(&mut self, name: &str, value: f64) -> Result<(), ParamError> {
-        let Some(index) = TABLE.iter().position(|row| row.name == name) else {
+        let number = self.number_of(name);
+        let Some((index, row)) = number.and_then(|index| Some((index, self.row(index)?))) else {
+            let names = TABLE.iter().chain(self.declared).map(|row| row.name);
             return Err(ParamError::Unknown {
                 name: name.to_owned(),
-                nearest: nearest(name, TABLE.iter().map(|row| row.name)).unwrap_or(""),
+                nearest: nearest(name, names).unwrap_or(""),
             });
         };
-        let row = &TABLE[index];
         let whole = row.kind == ParamType::Float || value.fract() == 0.0;
         if !(row.min..=row.max).contains(&value) || !whole {
             return Err(ParamError::OutOfRange {

@@ -2,17 +2,17 @@
 //!
 //! | sample | says |
 //! |---|---|
-//! | [`ParameterValues`] | every value, in the order of [`params::TABLE`] |
+//! | [`ParameterValues`] | every value, in the order of [`params::TABLE`] and of the rows that the configuration declares behind it |
 //! | [`ParameterChange`] | one value that is asked for |
 //!
-//! Both name their rows by number, so both carry [`TABLE_HASH`]: a build with another table is not understood rather than
-//! misunderstood.
+//! Both name their rows by number, so both carry a number of the table ([`table_of`]): a build or a configuration with another
+//! one is not understood rather than misunderstood.
 
 use crate::hash;
 use crate::params::{self, Apply, ParamSet, TABLE};
 use crate::reserved::Reserved;
 
-/// Values that a sample has room for: four times today's table, in a sample that is still below a KiB.
+/// Values that a sample has room for: twice today's table, in a sample that is still below a KiB.
 pub const PARAMETERS_MAX: usize = 64;
 
 const _: () = assert!(TABLE.len() <= PARAMETERS_MAX);
@@ -30,11 +30,17 @@ pub const TABLE_HASH: u64 = {
     table
 };
 
+/// The same of the rows of `set`: [`TABLE_HASH`] with those behind the table folded in.
+pub fn table_of(set: &ParamSet) -> u64 {
+    let fold = |table, row: &params::Param| hash::text(hash::text(table, row.name), row.unit);
+    set.declared().iter().fold(TABLE_HASH, fold)
+}
+
 crate::sample! {
     /// The values in force. Those of rows that need a restart may be newer than what services work with.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct ParameterValues: 536 {
-        /// [`TABLE_HASH`] of the build that filled it.
+        /// [`table_of`] the set that it was filled from.
         pub table: u64,
         /// Identity of the last [`ParameterChange`] that was decided on; 0 = none yet.
         pub answered: u64,
@@ -64,12 +70,12 @@ impl ParameterValues {
     /// The values of `set`.
     pub fn of(set: &ParamSet) -> Self {
         let mut sample = Self {
-            table: TABLE_HASH,
-            len: TABLE.len() as u32,
+            table: table_of(set),
+            len: set.len() as u32,
             ..Self::default()
         };
-        for (slot, row) in sample.values.iter_mut().zip(TABLE) {
-            *slot = set.get(row);
+        for (slot, (_, value)) in sample.values.iter_mut().zip(set.rows()) {
+            *slot = value;
         }
         sample
     }
@@ -80,17 +86,21 @@ impl ParameterValues {
         used.is_some_and(|values| values.iter().all(|value| value.is_finite()))
     }
 
-    /// Row and value of each parameter; empty if it comes from a build with another table.
-    pub fn rows(&self) -> impl Iterator<Item = (&'static params::Param, f64)> + '_ {
-        let known = self.table == TABLE_HASH && self.len as usize == TABLE.len();
-        TABLE.iter().zip(self.values).filter(move |_| known)
+    /// Row and value of each parameter; empty if it comes from a table with other rows than `known`.
+    pub fn rows(&self, known: &ParamSet) -> impl Iterator<Item = (&'static params::Param, f64)> + use<'_> {
+        let is_known = self.table == table_of(known) && self.len as usize == known.len();
+        let rows = TABLE
+            .iter()
+            .chain(known.declared())
+            .zip(self.values.iter().copied());
+        rows.filter(move |_| is_known)
     }
 
     /// Takes the values of the rows that apply at once into `set`; what `set` would refuse stays as it was. Answers
     /// whether anything has changed.
     pub fn apply_live(&self, set: &mut ParamSet) -> bool {
         let mut changed = false;
-        for (row, value) in self.rows().filter(|(row, _)| row.apply == Apply::Live) {
+        for (row, value) in self.rows(set).filter(|(row, _)| row.apply == Apply::Live) {
             changed |= set.get(row) != value && set.set(row.name, value).is_ok();
         }
         changed
@@ -101,7 +111,7 @@ crate::sample! {
     /// A value that somebody on this board wants changed.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct ParameterChange: 32 {
-        /// [`TABLE_HASH`] of the build that asks.
+        /// [`table_of`] the set of whoever asks.
         pub table: u64,
         /// Identity of the request, never 0.
         pub id: u64,
@@ -121,16 +131,17 @@ impl ParameterChange {
         self.id != 0 && self.value.is_finite()
     }
 
-    /// The row that is meant; `None` if it comes from a build with another table.
-    pub fn row(&self) -> Option<&'static params::Param> {
-        TABLE.get(self.row as usize).filter(|_| self.table == TABLE_HASH)
+    /// The row that is meant; `None` if it comes from a table with other rows than `known`.
+    pub fn row(&self, known: &ParamSet) -> Option<&'static params::Param> {
+        let is_known = self.table == table_of(known);
+        known.row(self.row as usize).filter(|_| is_known)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::ParameterValues;
-    use crate::params::{Apply, OA_SPD_MAX, OA_VEH_RADIUS, ParamSet, TABLE};
+    use crate::params::{Apply, OA_SPD_MAX, OA_VEH_RADIUS, Param, ParamSet, TABLE};
     use proptest::prelude::*;
 
     #[test]
@@ -146,6 +157,26 @@ mod tests {
             (5.0, OA_VEH_RADIUS.default)
         );
         assert!(!sample.apply_live(&mut set), "nothing was new");
+    }
+
+    #[test]
+    fn values_of_declared_rows_are_taken_by_those_who_declare_the_same() {
+        static OWN: [Param; 1] = [Param {
+            name: "USR_A",
+            default: 1.0,
+            ..OA_SPD_MAX
+        }];
+        let mut told = ParamSet::declaring(&OWN);
+        told.set("USR_A", 2.0).unwrap();
+        told.set("OA_SPD_MAX", 5.0).unwrap();
+        let sample = ParameterValues::of(&told);
+        let mut same = ParamSet::declaring(&OWN);
+        assert!(sample.apply_live(&mut same));
+        assert_eq!((same.named("USR_A"), same.get(&OA_SPD_MAX)), (Some(2.0), 5.0));
+        assert!(
+            !sample.apply_live(&mut ParamSet::default()),
+            "it knows no such row"
+        );
     }
 
     #[test]

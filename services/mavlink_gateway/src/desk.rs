@@ -46,7 +46,7 @@ impl Desk {
     pub fn new(params: &ParamSet) -> Self {
         Self {
             parameters: Parameters::new(params),
-            files: FileServer::default(),
+            files: FileServer::of(params),
             board_id: 0,
             armed: None,
             board: None,

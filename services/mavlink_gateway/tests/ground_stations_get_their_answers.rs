@@ -311,7 +311,7 @@ fn a_changed_parameter_is_told_to_everybody_and_kept() {
     assert!(keep);
     assert!(
         published
-            .rows()
+            .rows(bench.gateway.params())
             .any(|(row, value)| row.name == "OA_SPD_MAX" && value == 4.5)
     );
     let row = TABLE.iter().position(|row| row.name == "OA_SPD_MAX").unwrap();

@@ -5,12 +5,13 @@
 mod foreign;
 mod link;
 mod overlay;
+mod parameters;
 
 pub use foreign::{Foreign, Grants, USER_PROCESSES, is_foreign};
 pub use link::{AUTOPILOT_LINK, AlsoLink, Link, LinkRow, Purpose, Signing};
 pub use overlay::{PROFILE_FOLDER, Resolved, sensors, sensors_of_ours};
 
-use jink_shared_types::params::{ParamSet, nearest};
+use jink_shared_types::params::{Param, ParamSet, nearest};
 use jink_shared_types::ranges::{SENSORS, deadline_us};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -177,6 +178,7 @@ struct File {
     link: Link,
     simulation: Simulation,
     sensor: Vec<Spanned<SensorTable>>,
+    parameter: Vec<Spanned<parameters::Written>>,
 }
 
 /// Begins the kinds of sensors whose drivers are not ours. Their tables say themselves what they publish.
@@ -220,6 +222,11 @@ impl Config {
     /// # Errors
     /// [`ConfigError`] naming file and line.
     pub fn parse(file: &Path, text: &str) -> Result<Self, ConfigError> {
+        Self::parse_over(file, text, &[])
+    }
+
+    /// The same of a text that lies over another one, which declares these parameters; a list of its own replaces them.
+    fn parse_over(file: &Path, text: &str, declared: &'static [Param]) -> Result<Self, ConfigError> {
         let parsed: File = parse_toml(file, text)?;
         let at = |offset: usize, message: String| ConfigError {
             file: file.to_owned(),
@@ -231,6 +238,10 @@ impl Config {
             param_store: (!parsed.param_store.is_empty()).then(|| PathBuf::from(&parsed.param_store)),
             link: parsed.link,
             simulation: parsed.simulation,
+            params: ParamSet::declaring(match parsed.parameter.as_slice() {
+                [] => declared,
+                written => parameters::rows(written, &at)?,
+            }),
             ..Self::default()
         };
         for (name, value) in &parsed.params {

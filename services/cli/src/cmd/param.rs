@@ -6,9 +6,10 @@
 use super::watch::{PROGRAM, Watch};
 use super::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Problem, running};
 use jink_cli::param_list::{Listed, table};
+use jink_runtime::config::Config;
 use jink_runtime::{Input, Instance, Session};
-use jink_shared_types::params::{Apply, ParamSet, TABLE};
-use jink_shared_types::tuning::{ParameterChange, ParameterValues, TABLE_HASH};
+use jink_shared_types::params::{Apply, ParamSet};
+use jink_shared_types::tuning::{ParameterChange, ParameterValues, table_of};
 use jink_shared_types::{Reserved, SampleHeader, topics};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -56,9 +57,13 @@ enum Doing {
 
 /// Does it.
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
+    // Which rows there are is a matter of the configuration that runs, if any does.
+    let known =
+        Config::load(&instance.run_config()).map_or_else(|_| ParamSet::default(), |config| config.params);
     if let Doing::Set { name, value } = &args.action {
         // Said before anything is asked for: a typing error needs no running system.
-        ParamSet::default()
+        known
+            .clone()
             .set(name, *value)
             .map_err(|error| Problem::Other(error.to_string()))?;
     }
@@ -70,7 +75,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let mut values = session.input(topics::PARAMETERS, "")?;
     match &args.action {
         Doing::List { json } => {
-            let rows = rows(&newest(&mut values)?);
+            let rows = rows(&newest(&mut values, &known)?, &known);
             if *json {
                 for row in &rows {
                     print_json(row)?;
@@ -81,10 +86,10 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             Ok(ExitCode::SUCCESS)
         }
         Doing::Get { name, json } => {
-            let rows = rows(&newest(&mut values)?);
+            let rows = rows(&newest(&mut values, &known)?, &known);
             let Some(row) = rows.iter().find(|row| row.name == name) else {
                 // The table's own words, with the nearest name.
-                let unknown = ParamSet::default().set(name, 0.0);
+                let unknown = known.clone().set(name, 0.0);
                 return Err(Problem::Other(
                     unknown.err().map_or_else(String::new, |e| e.to_string()),
                 ));
@@ -96,12 +101,15 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             }
             Ok(ExitCode::SUCCESS)
         }
-        Doing::Set { name, value } => set(&session, &mut values, name, *value),
+        Doing::Set { name, value } => set(&session, &mut values, &known, name, *value),
     }
 }
 
-fn rows(values: &ParameterValues) -> Vec<Listed> {
-    values.rows().map(|(row, value)| Listed::of(row, value)).collect()
+fn rows(values: &ParameterValues, known: &ParamSet) -> Vec<Listed> {
+    values
+        .rows(known)
+        .map(|(row, value)| Listed::of(row, value))
+        .collect()
 }
 
 fn print_json(row: &Listed) -> Result<(), Problem> {
@@ -115,11 +123,11 @@ fn no_answer() -> Problem {
 }
 
 /// The values as the gateway publishes them.
-fn newest(values: &mut Input<ParameterValues>) -> Result<ParameterValues, Problem> {
+fn newest(values: &mut Input<ParameterValues>, known: &ParamSet) -> Result<ParameterValues, Problem> {
     let end = Instant::now() + PATIENCE;
     while Instant::now() < end {
         if let Some(sample) = values.latest(jink_runtime::now()).fresh() {
-            return match sample.sample.rows().next() {
+            return match sample.sample.rows(known).next() {
                 Some(_) => Ok(*sample.sample),
                 None => Err(Problem::Other(
                     "the gateway has another parameter table: use binaries of one build".to_owned(),
@@ -135,15 +143,17 @@ fn newest(values: &mut Input<ParameterValues>) -> Result<ParameterValues, Proble
 fn set(
     session: &Session,
     values: &mut Input<ParameterValues>,
+    known: &ParamSet,
     name: &str,
     value: f64,
 ) -> Result<ExitCode, Problem> {
-    let Some((number, row)) = TABLE.iter().enumerate().find(|(_, row)| row.name == name) else {
+    let number = known.number_of(name);
+    let Some((number, row)) = number.and_then(|number| Some((number, known.row(number)?))) else {
         return Ok(ExitCode::from(EXIT_PROBLEM));
     };
     let mut requests = session.output(topics::PARAMETER_CHANGE, "", std::process::id())?;
     let change = ParameterChange {
-        table: TABLE_HASH,
+        table: table_of(known),
         // Never 0, and no other request's.
         id: jink_runtime::now().ns | 1,
         value,
@@ -159,7 +169,7 @@ fn set(
         }
         let answer = values.latest(jink_runtime::now()).fresh();
         if let Some(answer) = answer.filter(|answer| answer.sample.answered == change.id) {
-            let now = answer.sample.rows().find(|(one, _)| one.name == row.name);
+            let now = answer.sample.rows(known).find(|(one, _)| one.name == row.name);
             return Ok(match now {
                 Some((_, now)) if now == value => {
                     let when = match row.apply {

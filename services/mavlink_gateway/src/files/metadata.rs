@@ -1,4 +1,4 @@
-//! The files that say what our parameters mean, made once from the parameter table.
+//! The files that say what our parameters mean, made once from their rows.
 //!
 //! | file | format |
 //! |---|---|
@@ -6,7 +6,7 @@
 //! | `parameters.json` | parameter.schema.json: name, type, range, default, unit, help, whether a restart is needed |
 
 use super::crc::crc32;
-use jink_shared_types::params::{Apply, Param, ParamType, TABLE};
+use jink_shared_types::params::{Apply, Param, ParamSet, ParamType};
 use serde_json::{Map, Value, json};
 
 /// Name of the general file; its address in COMPONENT_METADATA is [`GENERAL_URI`].
@@ -32,9 +32,9 @@ pub fn general(parameters: &[u8]) -> Vec<u8> {
     text.to_string().into_bytes()
 }
 
-/// The parameters' file.
-pub fn parameters() -> Vec<u8> {
-    let rows: Vec<Value> = TABLE.iter().map(parameter).collect();
+/// The parameters' file, of these rows.
+pub fn parameters(params: &ParamSet) -> Vec<u8> {
+    let rows: Vec<Value> = params.rows().map(|(row, _)| parameter(row)).collect();
     json!({ "version": 1, "parameters": rows })
         .to_string()
         .into_bytes()
@@ -86,6 +86,7 @@ fn group(name: &str) -> &'static str {
         Some("OA") => "Avoidance",
         Some("GD") => "Collision guard",
         Some("GW") => "Gateway",
+        Some("USR") => "Own",
         _ => "Other",
     }
 }
@@ -93,7 +94,7 @@ fn group(name: &str) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::{GENERAL_URI, crc32, general, parameters};
-    use jink_shared_types::params::{Apply, TABLE};
+    use jink_shared_types::params::{Apply, ParamSet, TABLE};
     use serde_json::Value;
 
     /// The keys that parameter.schema.json allows for a parameter, with a check of each value's type.
@@ -120,7 +121,7 @@ mod tests {
 
     #[test]
     fn the_parameters_file_keeps_to_its_schema_and_names_every_row() {
-        let file: Value = serde_json::from_slice(&parameters()).unwrap();
+        let file: Value = serde_json::from_slice(&parameters(&ParamSet::default())).unwrap();
         assert_eq!(file["version"], 1);
         assert_eq!(file.as_object().unwrap().len(), 2);
         let entries = file["parameters"].as_array().unwrap();
@@ -149,7 +150,7 @@ mod tests {
 
     #[test]
     fn the_general_file_points_at_the_parameters_with_their_checksum() {
-        let parameters = parameters();
+        let parameters = parameters(&ParamSet::default());
         let file: Value = serde_json::from_slice(&general(&parameters)).unwrap();
         assert_eq!(file["version"], 1);
         let entry = &file["metadataTypes"][0];

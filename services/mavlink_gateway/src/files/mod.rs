@@ -22,6 +22,7 @@ pub use packet::Payload;
 
 use crate::ticker::Ticker;
 use jink_shared_types::Timestamp;
+use jink_shared_types::params::ParamSet;
 use packet::{ACK, DATA, Nak, Packet, op};
 
 /// Pieces of bursts per second (Hz). A full one is a frame of 266 bytes: a quarter of a line of 57,600 baud, which has
@@ -86,7 +87,14 @@ pub struct FileServer {
 
 impl Default for FileServer {
     fn default() -> Self {
-        let parameters = metadata::parameters();
+        Self::of(&ParamSet::default())
+    }
+}
+
+impl FileServer {
+    /// With the files that describe the rows of `params`.
+    pub fn of(params: &ParamSet) -> Self {
+        let parameters = metadata::parameters(params);
         Self {
             files: [
                 File {
@@ -105,9 +113,7 @@ impl Default for FileServer {
             pace: Ticker::new(PACE_HZ),
         }
     }
-}
 
-impl FileServer {
     /// The checksum of the general file.
     pub fn general_crc(&self) -> u32 {
         crc32(&self.files[0].bytes)

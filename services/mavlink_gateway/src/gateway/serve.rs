@@ -4,6 +4,7 @@ use super::Gateway;
 use crate::avoidance::{AVOIDANCE_RATE_HZ, COMPUTER_RATE_HZ};
 use crate::commands::{Circumstances, Command, Deed, Rhythm, Role, Topic};
 use crate::computer::BoardReading;
+use crate::files::FileServer;
 use crate::io::Outputs;
 use crate::message::{Body, CommandAck, Content, Destination, Outgoing, Received};
 use crate::parameters::Reply;
@@ -21,6 +22,7 @@ impl Gateway {
     #[must_use]
     pub fn with_params(mut self, params: &ParamSet) -> Self {
         self.desk.parameters.follow(params);
+        self.desk.files = FileServer::of(params);
         self
     }
 

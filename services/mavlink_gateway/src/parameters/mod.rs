@@ -1,4 +1,5 @@
-//! The parameter protocol of component 196: the table of [`jink_shared_types::params`] as every ground station knows it.
+//! The parameter protocol of component 196: the table of [`jink_shared_types::params`], and what the configuration declares
+//! behind it, as every ground station knows it.
 //!
 //! | asked | answered |
 //! |---|---|
@@ -19,7 +20,7 @@ pub use encoding::Encoding;
 use crate::ticker::Ticker;
 use encoding::{TooWide, wire_type};
 use jink_shared_types::Timestamp;
-use jink_shared_types::params::{Param, ParamError, ParamSet, ParamType, TABLE};
+use jink_shared_types::params::{Param, ParamError, ParamSet, ParamType};
 use jink_shared_types::tuning::{PARAMETERS_MAX, ParameterChange, ParameterValues};
 use mavlink::dialects::ardupilotmega::{
     MavParamError, MavParamType, PARAM_ERROR_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA,
@@ -95,14 +96,14 @@ impl Parameters {
 
     /// Somebody wants all of them.
     pub fn request_list(&mut self) {
-        self.untold = u64::MAX >> (u64::BITS as usize - TABLE.len());
+        self.untold = u64::MAX >> (u64::BITS as usize).saturating_sub(self.set.len());
     }
 
     /// Somebody wants one, from us or (`from_all`) from whoever has it.
     pub fn request_read(&self, from: (u8, u8), request: &PARAM_REQUEST_READ_DATA, from_all: bool) -> Reply {
         let row = match usize::try_from(request.param_index) {
-            Ok(index) => TABLE.get(index).map(|row| (index, row)),
-            Err(_) => find(&request.param_id),
+            Ok(index) => self.set.row(index).map(|row| (index, row)),
+            Err(_) => self.find(&request.param_id),
         };
         match row {
             Some((index, row)) => Reply {
@@ -123,7 +124,7 @@ impl Parameters {
     /// Somebody wants one changed.
     pub fn request_set(&mut self, from: (u8, u8), request: &PARAM_SET_DATA) -> Reply {
         let refused = |reason| Some(error(from, &request.param_id, -1, reason));
-        let Some((index, row)) = find(&request.param_id) else {
+        let Some((index, row)) = self.find(&request.param_id) else {
             return Reply {
                 error: refused(MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST),
                 value: None,
@@ -166,7 +167,7 @@ impl Parameters {
         self.answered = change.id;
         self.is_news = true;
         let index = change.row as usize;
-        if let Some(row) = change.row()
+        if let Some(row) = change.row(&self.set)
             && self.assign(row, change.value).is_ok()
         {
             self.untold |= 1 << index;
@@ -181,7 +182,7 @@ impl Parameters {
         self.pace.restart(now);
         let index = self.untold.trailing_zeros() as usize;
         self.untold &= self.untold - 1;
-        TABLE.get(index).map(|row| self.value(index, row))
+        self.set.row(index).map(|row| self.value(index, row))
     }
 
     /// All values for the board, if they are due, and whether they have changed by a request.
@@ -208,21 +209,21 @@ impl Parameters {
         }
     }
 
+    /// The row with this name, and its number.
+    fn find(&self, id: &CharArray<16>) -> Option<(usize, &'static Param)> {
+        let index = self.set.number_of(id.to_str().ok()?)?;
+        Some((index, self.set.row(index)?))
+    }
+
     fn value(&self, index: usize, row: &Param) -> PARAM_VALUE_DATA {
         PARAM_VALUE_DATA {
             param_value: self.encoding.put(row.kind, self.set.get(row)),
-            param_count: TABLE.len() as u16,
+            param_count: self.set.len() as u16,
             param_index: index as u16,
             param_id: name(row.name),
             param_type: wire_type(row.kind),
         }
     }
-}
-
-/// The row with this name, and its number.
-fn find(id: &CharArray<16>) -> Option<(usize, &'static Param)> {
-    let name = id.to_str().ok()?;
-    TABLE.iter().enumerate().find(|(_, row)| row.name == name)
 }
 
 /// A name of at most 16 bytes, filled up with zeros.
@@ -295,12 +296,40 @@ mod tests {
         assert!(is_news && values.changes == 1);
         assert!(
             values
-                .rows()
+                .rows(parameters.set())
                 .any(|(row, value)| row.name == "OA_SPD_MAX" && value == 4.5)
         );
         assert!(parameters.publish(at(0.2)).is_none());
         let (_, is_news) = parameters.publish(at(1.3)).unwrap();
         assert!(!is_news, "a repetition is no news");
+    }
+
+    #[test]
+    fn a_parameter_that_the_configuration_declares_is_listed_and_set_behind_the_table() {
+        use jink_shared_types::params::Param;
+        static OWN: [Param; 1] = [Param {
+            name: "USR_SONAR_MAX",
+            ..OA_SPD_MAX
+        }];
+        let mut parameters = Parameters::new(&ParamSet::declaring(&OWN));
+        parameters.request_list();
+        let told: Vec<_> = (0..).map_while(|n| parameters.next(at(f64::from(n)))).collect();
+        let last = told.last().unwrap();
+        assert_eq!(
+            (told.len(), usize::from(last.param_count)),
+            (TABLE.len() + 1, TABLE.len() + 1)
+        );
+        assert_eq!(last.param_id.to_str().unwrap(), "USR_SONAR_MAX");
+        let real = MavParamType::MAV_PARAM_TYPE_REAL32;
+        assert!(
+            parameters
+                .request_set(STATION, &set("USR_SONAR_MAX", 4.5, real))
+                .error
+                .is_none()
+        );
+        assert_eq!(parameters.set().named("USR_SONAR_MAX"), Some(4.5));
+        let outside = parameters.request_set(STATION, &set("USR_SONAR_MAX", 99.0, real));
+        assert!(outside.error.is_some());
     }
 
     #[test]

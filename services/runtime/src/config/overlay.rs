@@ -2,7 +2,7 @@
 //! names the file and line (or the argument) it comes from.
 
 use super::{CONFIG_FILE, Config, ConfigError, is_user_kind, line_of, parse_toml, read, with_nearest};
-use jink_shared_types::params::nearest;
+use jink_shared_types::params::{Param, nearest};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
@@ -95,11 +95,12 @@ impl Config {
     ) -> Result<Resolved, ConfigError> {
         let base = folder.join(CONFIG_FILE);
         let mut sources = vec![base.display().to_string()];
-        let mut merged = checked(&base, &read(&base)?)?;
+        let (mut merged, mut declared) = checked(&base, &read(&base)?, &[])?;
         let mut sensors_from = base.clone();
         if let Some(profile) = profile {
             let file = profile_file(folder, profile)?;
-            let over = checked(&file, &read(&file)?)?;
+            let over;
+            (over, declared) = checked(&file, &read(&file)?, declared)?;
             if over.contains_key("sensor") {
                 sensors_from.clone_from(&file);
             }
@@ -107,7 +108,7 @@ impl Config {
             sources.push(file.display().to_string());
         }
         for text in overrides {
-            lay_over(&mut merged, override_table(text)?);
+            lay_over(&mut merged, override_table(text, declared)?);
             sources.push(format!("--set {text}"));
         }
         let whole = PathBuf::from("merged configuration");
@@ -132,11 +133,17 @@ fn problem(file: &Path, message: String) -> ConfigError {
     }
 }
 
-/// The file as a table, after it has been found to be a valid configuration by itself.
-fn checked(file: &Path, text: &str) -> Result<Table, ConfigError> {
-    Config::parse(file, text)?;
-    text.parse()
-        .map_err(|error: toml::de::Error| problem(file, error.message().to_owned()))
+/// The file as a table, after it has been found to be a valid configuration by itself over one that declares these parameters;
+/// with those that are declared now.
+fn checked(
+    file: &Path,
+    text: &str,
+    declared: &'static [Param],
+) -> Result<(Table, &'static [Param]), ConfigError> {
+    let declared = Config::parse_over(file, text, declared)?.params.declared();
+    let table = text.parse();
+    let table = table.map_err(|error: toml::de::Error| problem(file, error.message().to_owned()))?;
+    Ok((table, declared))
 }
 
 fn profile_file(folder: &Path, profile: &str) -> Result<PathBuf, ConfigError> {
@@ -166,7 +173,7 @@ fn profile_file(folder: &Path, profile: &str) -> Result<PathBuf, ConfigError> {
 }
 
 /// One `section.key=value` as a table. A value that is no TOML is taken as text, so that an address needs no quotes.
-fn override_table(text: &str) -> Result<Table, ConfigError> {
+fn override_table(text: &str, declared: &'static [Param]) -> Result<Table, ConfigError> {
     let label = PathBuf::from(format!("--set {text}"));
     let refused = |message: &str| problem(&label, message.to_owned());
     let Some(((section, key), value)) = text
@@ -177,10 +184,10 @@ fn override_table(text: &str) -> Result<Table, ConfigError> {
             "write section.key=value, e.g. link.address=udpin:0.0.0.0:14540",
         ));
     };
-    if section == "sensor" {
-        return Err(refused(
-            "sensors are a list: change them in jink.toml or in a profile",
-        ));
+    if matches!(section, "sensor" | "parameter") {
+        return Err(refused(&format!(
+            "{section}s are a list: change them in jink.toml or in a profile"
+        )));
     }
     let value = value
         .parse::<Value>()
@@ -188,7 +195,7 @@ fn override_table(text: &str) -> Result<Table, ConfigError> {
     let inner = Table::from_iter([(key.to_owned(), value)]);
     let table = Table::from_iter([(section.to_owned(), Value::Table(inner))]);
     let alone = toml::to_string(&table).map_err(|error| refused(&error.to_string()))?;
-    match Config::parse(&label, &alone) {
+    match Config::parse_over(&label, &alone, declared) {
         Ok(_) => Ok(table),
         Err(error) => Err(ConfigError { line: 0, ..error }),
     }
@@ -265,6 +272,23 @@ mod tests {
         assert!(
             resolved.text.contains("rate_hz = 10"),
             "keys of the drivers are kept"
+        );
+    }
+
+    #[test]
+    fn parameters_that_the_file_declares_are_set_by_what_lies_over_it() {
+        let row = "[[parameter]]\nname = \"USR_A\"\ndefault = 1\nmin = 0\nmax = 5\ntext = \"a\"\n";
+        let folder = Folder::new("declared", &format!("{BASE}{row}"), "[params]\nUSR_A = 2\n");
+        let value = |profile: Option<&str>, overrides: &[&str]| {
+            let overrides: Vec<String> = overrides.iter().map(|&text| text.to_owned()).collect();
+            let resolved = Config::resolve(&folder.0, profile, &overrides).unwrap();
+            resolved.config.params.named("USR_A").unwrap()
+        };
+        assert_eq!((value(None, &[]), value(Some("fast"), &[])), (1.0, 2.0));
+        assert_eq!(value(Some("fast"), &["params.USR_A=3.5"]), 3.5);
+        assert_eq!(
+            folder.error(None, &["params.USR_A=6"]),
+            "--set params.USR_A=6: USR_A = 6 is outside 0 to 5"
         );
     }
 

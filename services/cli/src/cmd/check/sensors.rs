@@ -140,8 +140,9 @@ impl Topics {
         self.states
             .each(|state| seen.states += u64::from(state.sample.position_valid.is_set()));
         self.events.each(|event| seen.events.push(*event.sample));
+        let known = seen.params.clone();
         self.params.each(|values| {
-            for (row, value) in values.sample.rows() {
+            for (row, value) in values.sample.rows(&known) {
                 // Values of another build may lie outside; the ones at hand stay.
                 let _refused = seen.params.set(row.name, value);
             }
