@@ -31,6 +31,13 @@ pub struct Kit {
     pub installs: &'static [&'static str],
 }
 
+/// iceoryx2's own binding, of the version that jink is built with.
+pub const ICEORYX2: Kit = Kit {
+    folder: "python_iceoryx2",
+    proof: "import iceoryx2",
+    installs: &["iceoryx2==0.10.0"],
+};
+
 /// MAVLink in Python, as its makers publish it.
 pub const PYMAVLINK: Kit = Kit {
     folder: "python",

@@ -88,6 +88,11 @@ pub struct Handle {
 }
 
 impl Handle {
+    /// Its name.
+    pub fn instance(&self) -> &str {
+        &self.instance
+    }
+
     /// Where its programs write their logs.
     fn log_folder(&self) -> PathBuf {
         Instance::from_str(&self.instance).map_or_else(|_| PathBuf::new(), |instance| instance.log_folder())

@@ -15,7 +15,11 @@ pub struct Slice<'a> {
 
 impl<'a> Slice<'a> {
     pub fn of(map: &'a LocalMap, z_m: f64) -> Self {
-        let [x, y, middle] = cell_of(Point::new(f64::from(map.min_cell[0]) * CELL_M, f64::from(map.min_cell[1]) * CELL_M, z_m));
+        let [x, y, middle] = cell_of(Point::new(
+            f64::from(map.min_cell[0]) * CELL_M,
+            f64::from(map.min_cell[1]) * CELL_M,
+            z_m,
+        ));
         let mut standing = [0; SIZE_Y];
         for z in middle - HEIGHT..=middle + HEIGHT {
             for (row, cell) in (0..SIZE_Y as i32).map(|row| [x, y + row, z]).enumerate() {
@@ -25,7 +29,8 @@ impl<'a> Slice<'a> {
                 }
             }
         }
-        let wide = standing.map(|row| (0..=DISTANCE).fold(0, |all, n| all | row.rotate_left(n) | row.rotate_right(n)));
+        let wide = standing
+            .map(|row| (0..=DISTANCE).fold(0, |all, n| all | row.rotate_left(n) | row.rotate_right(n)));
         let rows = std::array::from_fn(|row| {
             let near = row.saturating_sub(DISTANCE as usize)..=(row + DISTANCE as usize).min(SIZE_Y - 1);
             wide[near].iter().fold(0, |all, row| all | row)
@@ -41,7 +46,8 @@ impl<'a> Slice<'a> {
             let steps = (leg.norm() / CELL_M).ceil().max(1.0) as u32;
             (0..=steps).all(|step| {
                 let place = start + leg * (f64::from(step) / f64::from(steps));
-                (place - here.vector()).dot(&to_goal) < 0.0 || self.is_free(Point::new(place.x, place.y, place.z))
+                (place - here.vector()).dot(&to_goal) < 0.0
+                    || self.is_free(Point::new(place.x, place.y, place.z))
             })
         })
     }
@@ -50,7 +56,10 @@ impl<'a> Slice<'a> {
     fn is_free(&self, place: Point<LocalNed>) -> bool {
         let cell = cell_of(place);
         let [_, y, _] = self.map.min_cell;
-        let row = usize::try_from(cell[1] - y).ok().and_then(|row| self.rows.get(row));
-        !self.map.contains([cell[0], cell[1], self.map.min_cell[2]]) || row.is_none_or(|row| row >> bit_of(cell) & 1 == 0)
+        let row = usize::try_from(cell[1] - y)
+            .ok()
+            .and_then(|row| self.rows.get(row));
+        !self.map.contains([cell[0], cell[1], self.map.min_cell[2]])
+            || row.is_none_or(|row| row >> bit_of(cell) & 1 == 0)
     }
 }
