@@ -232,7 +232,7 @@ impl Planner {
     pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, route: &mut Route) {
         self.events.clear();
         let committed = inputs.approved.map(|approved| &approved.trajectory);
-        self.proposals.take(now, &inputs.proposal, committed);
+        self.proposals.take(&inputs.proposal, committed);
         if !self.advance(now, inputs, route) {
             self.proposals.not_planning();
         }

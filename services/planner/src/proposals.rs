@@ -24,8 +24,6 @@ use jink_shared_types::{Added, Coded, Reading, Timestamp};
 /// A goal that is this near to the desired one is the same (m): positions travel in single precision, and a program may have
 /// computed its own from a latitude and a longitude.
 const SAME_GOAL_M: f64 = 0.5;
-/// What has been published later than this after now has a wrong clock (s).
-const FUTURE_S: f64 = 0.1;
 /// Being nearer by this is progress (m), as in [`crate::progress`].
 const PROGRESS_M: f64 = 0.5;
 /// A way that is longer than the one before by this is another one (m): a detour that has been found on the way.
@@ -140,12 +138,7 @@ impl Default for Proposals {
 
 impl Proposals {
     /// Begins a cycle with what is proposed, while `committed` is flown.
-    pub(super) fn take(
-        &mut self,
-        now: Timestamp,
-        proposal: &Reading<'_, Proposal>,
-        committed: Option<&Trajectory>,
-    ) {
+    pub(super) fn take(&mut self, proposal: &Reading<'_, Proposal>, committed: Option<&Trajectory>) {
         if committed.is_some_and(|committed| committed.route_id == self.pending_route) {
             self.pending_route = 0;
             self.not_flown = 0;
@@ -166,8 +159,7 @@ impl Proposals {
             self.proposed = newest.header.publish;
             self.current = *newest.sample;
         }
-        let has_clock = newest.header.publish <= now.plus_seconds(FUTURE_S);
-        self.is_plausible = has_clock && self.current.is_plausible();
+        self.is_plausible = self.current.is_plausible();
     }
 
     /// Judges what needs no map: whether a plan to `asked_for` may be made of the proposal now, within the heights of `down_range_m`.
@@ -491,20 +483,24 @@ impl Planner {
         speed_mps: f64,
         wished_mps: f64,
     ) -> Option<(usize, bool)> {
-        let is_slow_enough = |limits: &MotionLimits| speed_mps <= MotionLimits::allowed(limits.speed_mps);
+        // A vehicle that has just begun to fly in a higher gear accelerates too hard for a lower one.
+        let acceleration_mps2 = departure.state.acceleration.vector().norm();
+        let can_begin = |limits: &MotionLimits| {
+            speed_mps <= MotionLimits::allowed(limits.speed_mps)
+                && acceleration_mps2 <= MotionLimits::allowed(limits.acceleration_mps2)
+        };
         let fast_enough = (0..GEARS)
             .rev()
             .find(|gear| self.limits[*gear].speed_mps >= wished_mps);
         let wanted = fast_enough.unwrap_or(0).max(self.top_gear);
         let first = (self.top_gear..=wanted)
             .rev()
-            .find(|gear| is_slow_enough(&self.limits[*gear]))
+            .find(|gear| can_begin(&self.limits[*gear]))
             .unwrap_or(wanted);
         let mut best: Option<(f64, usize)> = None;
         for gear in first..GEARS {
             self.space.prepare(gear);
-            if !is_slow_enough(&self.limits[gear])
-                || !self.space.is_safe(gear, cell_of(departure.state.position))
+            if !can_begin(&self.limits[gear]) || !self.space.is_safe(gear, cell_of(departure.state.position))
             {
                 continue;
             }

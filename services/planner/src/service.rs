@@ -1,7 +1,7 @@
 //! The planner as a process: woken by maps, and 30 times a second at least.
 
 use crate::{Inputs, Planner};
-use jink_runtime::{Cycle, Input, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Checks, Cycle, Input, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, Route};
 use jink_shared_types::params::ParamSet;
@@ -44,8 +44,11 @@ impl Service for PlannerService {
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             desired: ports.input(topics::DESIRED_PATH)?,
             approved: ports.input(topics::APPROVED)?,
-            // Programs that were started again may count anew.
-            proposal: ports.input(topics::PROPOSAL)?.of_all_producers(),
+            // Programs that were started again may count anew, and who proposes nonsense is answered.
+            proposal: ports
+                .input(topics::PROPOSAL)?
+                .of_all_producers()
+                .with_checks(Checks::Stamps),
             answer: ports.output(topics::PROPOSAL_ANSWER)?,
             output: ports.output(topics::ROUTE)?,
         })
@@ -70,7 +73,7 @@ impl Service for PlannerService {
         self.output
             .write(header.derived(Stage::Planner, now), |slot| slot.clone_from(route));
         if let Some(answer) = self.planner.proposal_answer() {
-            self.answer.send(SampleHeader::at(now), answer);
+            self.answer.send(header.derived(Stage::Planner, now), answer);
         }
         for event in self.planner.events() {
             cycle.events.publish(now, event);

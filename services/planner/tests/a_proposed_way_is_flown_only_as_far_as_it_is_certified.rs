@@ -46,16 +46,7 @@ impl Bench {
 
     /// One cycle with a new map.
     fn step(&mut self, proposal: Option<&Proposal>) -> (Route, Option<ProposalAnswer>) {
-        self.step_at(proposal, self.now)
-    }
-
-    /// The same with a proposal published at another time.
-    fn step_at(
-        &mut self,
-        proposal: Option<&Proposal>,
-        published: Timestamp,
-    ) -> (Route, Option<ProposalAnswer>) {
-        let (header, proposed) = (SampleHeader::at(self.now), SampleHeader::at(published));
+        let header = SampleHeader::at(self.now);
         fn fresh<'a, T>(sample: &'a T, header: &'a SampleHeader) -> Reading<'a, T> {
             Reading::Fresh(Stamped { sample, header })
         }
@@ -64,7 +55,7 @@ impl Bench {
             state: fresh(&self.state, &header),
             desired: fresh(&self.desired, &header),
             approved: self.approved.as_ref(),
-            proposal: proposal.map_or(Reading::Never, |proposal| fresh(proposal, &proposed)),
+            proposal: proposal.map_or(Reading::Never, |proposal| fresh(proposal, &header)),
         };
         let mut route = Route::default();
         self.planner.step(self.now, &inputs, &mut route);
@@ -244,13 +235,6 @@ fn what_makes_no_sense_or_does_not_fit_is_refused_in_one_word() {
     elsewhere.goal = at(40.0, 0.0);
     let answer = bench.step(Some(&elsewhere)).1.unwrap();
     assert_eq!(answer.verdict.get(), ProposalVerdict::OtherGoal);
-    let in_a_minute = bench.now.plus_seconds(60.0);
-    let answer = bench.step_at(Some(&proposal(&desired, &aside())), in_a_minute).1;
-    assert_eq!(
-        answer.unwrap().verdict.get(),
-        ProposalVerdict::Implausible,
-        "its clock is wrong"
-    );
 }
 
 #[test]
