@@ -85,7 +85,7 @@ class Input:
         self._sample = None
 
     def fresh(self):
-        """Payload and header, or None."""
+        """Payload and header, or None. They stay as they are while they are held: let go of them before the next call."""
         while (sample := self._subscriber.receive()) is not None:
             self._sample = sample
         if self._sample is None:

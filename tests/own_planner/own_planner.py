@@ -108,7 +108,10 @@ def main():
                         waypoint.x_m, waypoint.y_m, waypoint.z_m = x, y, place.z_m
                 if way:
                     output.send(proposal, map_header.capture)
-        process.cycle(begin_s, jink.ServiceState.ACTIVE if all(inputs) else jink.ServiceState.STANDBY)
+        state_now = jink.ServiceState.ACTIVE if all(inputs) else jink.ServiceState.STANDBY
+        # A reader may hold two samples of a topic at once: these go before the next ones come.
+        inputs = local_map = map_header = state = desired = place = None
+        process.cycle(begin_s, state_now)
         time.sleep(PERIOD_S)
     process.stop()
 
