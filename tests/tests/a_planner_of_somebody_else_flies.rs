@@ -204,9 +204,8 @@ fn one_in_rust_is_killed_and_swapped_in_flight() {
         "own_planner",
         &row("jink-own-planner", "cycle_budget_us = 20000\n"),
     );
-    // Another binary for all that anybody knows.
-    let replacement = folder.path().join("jink-own-planner-2");
-    std::fs::copy(programs().join("jink-own-planner"), &replacement).unwrap();
+    // Another planner altogether.
+    let replacement = programs().join("jink-minimal-planner");
     fly(&folder, replacement.to_str().unwrap());
 }
 

@@ -330,9 +330,14 @@ fn a_sensor_whose_name_is_taken_too_long_or_one_too_many_is_refused() {
         "services.toml:4: \"range_a_name_of_fifteen\" cannot be the name of a process; rename the sensor (at most 20 \
          characters in all)"
     );
-    let names: Vec<String> = (0..24).map(|n| format!("s{n}")).collect();
+    // Two processes for each of as many sensors as a vehicle may have.
+    let twice = format!(
+        "{PER_SENSOR}[[process]]\nname = \"second_{{sensor}}\"\nprogram = \"/bin/sh\"\nper_sensor = \"rangefinder\"\n"
+    );
+    let names: Vec<String> = (0..14).map(|n| format!("s{n}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    assert!(refused(PER_SENSOR, &names).contains("more than 24 processes"));
+    let text = refused(&twice, &names);
+    assert!(text.contains("more than 24 processes"), "{text}");
 }
 
 const FOREIGN: &str = "[[topic]]\nname = \"user/wind\"\npayload = \"Wind\"\nsize_bytes = 24\n\
