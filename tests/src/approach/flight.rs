@@ -108,6 +108,8 @@ fn setup(cell: &Cell) -> Result<FlightSetup, String> {
     }
     let lidar = SensorSpec {
         range_max_m: Some(cell.variant.range_m()),
+        // A driver that is late says so: its scans are stale otherwise before they come.
+        delay_ms: (cell.delay_s > 0.0).then_some(cell.delay_s * 1e3),
         ..SensorSpec::new("lidar", SensorKind::Lidar2d)
     };
     Ok(FlightSetup {
