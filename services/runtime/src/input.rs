@@ -17,6 +17,8 @@ use std::rc::Rc;
 pub const FUTURE_S: f64 = 0.05;
 /// A refused sample degrades whoever needs the input for so long (s), and is written to the log once in this time.
 const REFUSAL_COUNTS_S: f64 = 1.0;
+/// Refused samples of one topic are reported to the pilot this often at most (s).
+const REPORT_PERIOD_S: f64 = 10.0;
 
 /// What the loop wants to know of an input without borrowing it.
 #[derive(Debug)]
@@ -59,10 +61,22 @@ impl InputHealth {
         self.reported_at.set(now);
         Some((refused, &self.producer))
     }
-}
 
-/// The pilot is told of refused samples of one topic this often at most (s).
-const REPORT_PERIOD_S: f64 = 10.0;
+    fn refuse(&self, topic: &str, header: &SampleHeader, refusal: Refusal, now: Timestamp) {
+        let refused = self.refused.get() + 1;
+        self.refused.set(refused);
+        let last = self.refused_at.get();
+        if !last.is_set() || now.seconds_since(last) >= REFUSAL_COUNTS_S || refused == 1 {
+            tracing::warn!(
+                "{topic}: sample {} of {} (start {}) refused, {refusal}; {refused} in all",
+                header.sequence & u64::from(u32::MAX),
+                self.producer,
+                header.generation,
+            );
+        }
+        self.refused_at.set(now);
+    }
+}
 
 /// What is looked at before a reader gets a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -265,22 +279,5 @@ impl<T: Layout> Input<T> {
             self.newest = Some(sample);
             return Some(());
         }
-    }
-}
-
-impl InputHealth {
-    fn refuse(&self, topic: &str, header: &SampleHeader, refusal: Refusal, now: Timestamp) {
-        let refused = self.refused.get() + 1;
-        self.refused.set(refused);
-        let last = self.refused_at.get();
-        if !last.is_set() || now.seconds_since(last) >= REFUSAL_COUNTS_S || refused == 1 {
-            tracing::warn!(
-                "{topic}: sample {} of {} (start {}) refused, {refusal}; {refused} in all",
-                header.sequence & u64::from(u32::MAX),
-                self.producer,
-                header.generation,
-            );
-        }
-        self.refused_at.set(now);
     }
 }
