@@ -7,34 +7,41 @@ use jink_shared_types::proposal::{Proposal, ProposalAnswer};
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Point, SampleHeader, topics};
 
-struct Minimal(
-    Input<LocalMap>,
-    Input<VehicleState>,
-    Input<DesiredPath>,
-    Input<ProposalAnswer>,
-    Output<Proposal>,
-    Proposal,
-    i32,
-);
+struct Minimal {
+    map: Input<LocalMap>,
+    state: Input<VehicleState>,
+    desired: Input<DesiredPath>,
+    answer: Input<ProposalAnswer>,
+    output: Output<Proposal>,
+    proposal: Proposal,
+    tries: i32,
+}
 
 impl Service for Minimal {
     const PROGRAM: &'static str = "minimal_planner";
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
-        let map = ports.trigger(topics::LOCAL_MAP)?.needed();
-        let (state, desired) = (
-            ports.input(topics::VEHICLE_STATE)?,
-            ports.input(topics::DESIRED_PATH)?,
-        );
-        let (answer, output) = (
-            ports.input(topics::PROPOSAL_ANSWER)?,
-            ports.output(topics::PROPOSAL)?,
-        );
-        Ok(Self(map, state, desired, answer, output, Proposal::default(), 0))
+        Ok(Self {
+            map: ports.trigger(topics::LOCAL_MAP)?.needed(),
+            state: ports.input(topics::VEHICLE_STATE)?,
+            desired: ports.input(topics::DESIRED_PATH)?,
+            answer: ports.input(topics::PROPOSAL_ANSWER)?,
+            output: ports.output(topics::PROPOSAL)?,
+            proposal: Proposal::default(),
+            tries: 0,
+        })
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
-        let Self(map, state, desired, answer, output, proposal, tries) = self;
+        let Self {
+            map,
+            state,
+            desired,
+            answer,
+            output,
+            proposal,
+            tries,
+        } = self;
         let map = map.latest(cycle.now).fresh();
         let state = state.latest(cycle.now).fresh();
         let desired = desired
@@ -50,7 +57,7 @@ impl Service for Minimal {
         let (here, goal) = (state.position, desired.points[1].position);
         if refused.is_some() || proposal.goal != goal {
             *tries = if proposal.goal == goal { *tries + 1 } else { 0 };
-            // 0, 1, -1, 2, -2, ... times 0.8 m, and anew after 4 m.
+            // 0, -1, 1, -2, 2, ... times 0.8 m, four cells of the map, and anew after 4 m.
             let aside_m = 0.8 * f64::from((*tries % 11 + 1) / 2 * (1 - *tries % 11 % 2 * 2));
             let (north_m, east_m) = (goal.x_m - here.x_m, goal.y_m - here.y_m);
             let far_m = north_m.hypot(east_m).max(0.1);
