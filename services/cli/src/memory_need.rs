@@ -54,7 +54,7 @@ mod tests {
     use jink_runtime::config::{Config, PROCESS_FILE, process_names};
     use std::path::Path;
 
-    /// Half of what a board with 1 GB lends to shared memory, and of that a fifth.
+    /// A fifth of what a board with 1 GB lends to shared memory, which is half of it (bytes).
     const MOST_BYTES: usize = 100_000_000;
 
     #[test]
