@@ -5,11 +5,13 @@
 //! that sliding moves no data (after ROG-Map, arXiv 2302.14819, section III). A plane has one bit per cell, x
 //! fastest: one row of 128 cells is one `u128`, and dilation by one cell along x is a rotation.
 //!
-//! Three states, never two: `occupied`, known free (`known` and not `occupied`), unknown. Unknown is not free.
+//! Three states, never two: `occupied`, known free (`known` and not `occupied`), unknown. Unknown is not free. A cell of which nothing
+//! was measured may still count as known because the user declares it ([`declared_as`]): those cells are `declared`, too.
 
 use crate::coded::Flag;
 use crate::frames::{LocalNed, Point};
 use crate::reserved::Reserved;
+use crate::view::FieldOfView;
 
 /// Edge of a cell (m). Half a vehicle radius resolves gaps of vehicle size; half of it again costs eight times the work.
 pub const CELL_M: f64 = 0.2;
@@ -78,9 +80,35 @@ pub fn clear(plane: &mut Plane, cell: Cell) {
     plane[row_of(cell)][(bit >> 6) as usize] &= !(1 << (bit & 63));
 }
 
+/// What a user can declare of space that no sensor measures. Every map names what it stands on, every plan what it uses of that.
+pub mod declared_as {
+    /// What is near the vehicle when it is armed, and above it while it takes off, is free (`OA_DCL_START`).
+    pub const START: u8 = 1;
+    /// What a planar sensor says of its plane holds for a band above and below it (`band_up_m`, `band_down_m` of the sensor).
+    pub const BAND: u8 = 2;
+    /// Nothing hangs from above between two heights (`OA_DCL_HANG_LO`, `OA_DCL_HANG_HI`).
+    pub const NO_OVERHANG: u8 = 4;
+    /// A ray without an answer met nothing (`no_return` of the sensor).
+    pub const NO_RETURN: u8 = 8;
+
+    /// Bit, and what it is called.
+    pub const NAMES: [(u8, &str); 4] = [
+        (START, "start bubble"),
+        (BAND, "planar band"),
+        (NO_OVERHANG, "no overhang"),
+        (NO_RETURN, "no return is clear"),
+    ];
+
+    /// The names of the bits in `declarations`, separated by commas; empty for none.
+    pub fn names(declarations: u8) -> String {
+        let names = NAMES.iter().filter(|(bit, _)| declarations & bit != 0);
+        names.map(|(_, name)| *name).collect::<Vec<_>>().join(", ")
+    }
+}
+
 crate::sample! {
     /// The window. Written in place: never copy one.
-    pub struct LocalMap: 262192 {
+    pub struct LocalMap: 393872 {
         /// Smallest global cell index inside the window, per axis.
         pub min_cell: Cell,
         /// How many sensors contributed within their deadline.
@@ -97,12 +125,18 @@ crate::sample! {
         pub known_cells: u32,
         /// Edge of a cell (m): [`CELL_M`] of the build that filled it.
         pub cell_m: f64,
+        /// Declarations of the user that are in force, bits of [`declared_as`].
+        pub declarations: u8,
         /// Room for later fields, zero.
-        pub reserved2: Reserved<8>,
+        pub reserved2: Reserved<7>,
+        /// What the sensors can see.
+        pub view: FieldOfView,
         /// Cells seen occupied.
         pub occupied: Plane,
-        /// Cells seen at all (free or occupied).
+        /// Cells seen at all (free or occupied), and cells that are declared.
         pub known: Plane,
+        /// Cells that are known only because the user declares it.
+        pub declared: Plane,
     }
     means { CELL_M: f64, SIZE_X: usize, SIZE_Y: usize, SIZE_Z: usize }
     plausible if Self::is_consistent

@@ -80,6 +80,9 @@ params! {
     OA_BLOCKED_T = Float, 30.0, 2.0 .. 600.0, "s", Restart, "Time without coming nearer, by the way that is left, after which a goal or mission item counts as out of reach";
     OA_UNGUARDED = Integer, 0.0, 0.0 .. 1.0, "", Live, "Motion of the autopilot that jink cannot guard (orbit, unknown item): 0 hold and tell, 1 let it fly and tell";
     OA_CARVE_RNG = Float, 12.0, 3.0 .. 12.0, "m", Restart, "Range up to which rays clear the map";
+    OA_DCL_START = Float, 0.0, 0.0 .. 5.0, "m", Restart, "Declaration: so near to the vehicle when it is armed, and around it while it takes off, everything is free; 0 none";
+    OA_DCL_HANG_LO = Float, 0.0, 0.0 .. 500.0, "m", Restart, "Declaration: nothing hangs from above from this height above home ...";
+    OA_DCL_HANG_HI = Float, 0.0, 0.0 .. 500.0, "m", Restart, "... to this one; no higher than the other: not declared";
     GD_MARGIN = Float, 0.10, 0.0 .. 2.0, "m", Live, "Distance the guard keeps besides the vehicle radius";
     GD_BAND = Float, 0.50, 0.1 .. 5.0, "m", Restart, "Half height of the band around the vehicle in which the guard counts obstacles";
     GD_ACC_BRAKE = Float, 2.0, 0.5 .. 15.0, "m/s2", Live, "Deceleration the guard counts on and brakes with";

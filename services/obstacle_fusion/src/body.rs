@@ -1,4 +1,4 @@
-//! The vehicle's own body: space that is free because the vehicle is in it.
+//! The vehicle's own body: space that is free because the vehicle is in it, and space around it that the user declares free.
 
 use crate::frame::Frame;
 use crate::window::Window;
@@ -20,6 +20,21 @@ pub(crate) fn mark_body(frame: &mut Frame, window: &Window, center_m: Vector3<f6
                 let mostly = (center_of(cell).vector() - center_m).norm() <= radius_m;
                 if whole || (mostly && !window.is_occupied(cell)) {
                     frame.mark_free(cell);
+                }
+            }
+        }
+    }
+}
+
+/// Declares the cells of the ball of `radius_m` around `center_m` (local) free of which nothing is known.
+pub(crate) fn declare_ball(window: &mut Window, center_m: Vector3<f64>, radius_m: f64) {
+    let corner = |offset_m: f64| cell_of(Point::from_vector(center_m.add_scalar(offset_m)));
+    let (low, high) = (corner(-radius_m), corner(radius_m));
+    for z in low[2]..=high[2] {
+        for y in low[1]..=high[1] {
+            for x in low[0]..=high[0] {
+                if (center_of([x, y, z]).vector() - center_m).norm() <= radius_m {
+                    window.declare_free([x, y, z]);
                 }
             }
         }

@@ -13,6 +13,9 @@
 //! ever leave out free cells; those stay what they were until a later frame.
 //!
 //! The end cell itself is looked through only if the ray is known to go on behind it.
+//!
+//! Where the user declares that a planar sensor stands for a band above and below its plane, what its rays say is spread over the
+//! band ([`Frame::spread`]), and kept apart: what was measured counts for more.
 
 use crate::cells::{BitPlane, SIZE, STRIDE, WORDS, number, offset_in, plane};
 use jink_shared_types::map::{CELL_M, Cell};
@@ -40,6 +43,10 @@ pub(crate) struct Frame {
     pub hit: Box<BitPlane>,
     /// Cells through which a ray passed; a cell may be in both.
     pub free: Box<BitPlane>,
+    /// The same two for the declared band of a planar sensor, without the cells that its rays themselves say something of.
+    pub band_hit: Box<BitPlane>,
+    pub band_free: Box<BitPlane>,
+    has_band: bool,
     /// Cells to which a ray has been carved already.
     ended: Box<BitPlane>,
 }
@@ -62,6 +69,9 @@ impl Frame {
             min_cell: [0; 3],
             hit: plane(),
             free: plane(),
+            band_hit: plane(),
+            band_free: plane(),
+            has_band: false,
             ended: plane(),
         }
     }
@@ -72,6 +82,35 @@ impl Frame {
         self.hit.fill(0);
         self.free.fill(0);
         self.ended.fill(0);
+        if std::mem::take(&mut self.has_band) {
+            self.band_hit.fill(0);
+            self.band_free.fill(0);
+        }
+    }
+
+    /// Spreads what the rays say `up` cells upwards and `down` cells downwards: what stands in the plane stands there, too, and
+    /// where the plane is free so is that.
+    pub fn spread(&mut self, up: usize, down: usize) {
+        self.has_band = up + down > 0;
+        let slice = STRIDE[2] as usize >> 6;
+        for (from, to) in [(&self.hit, &mut self.band_hit), (&self.free, &mut self.band_free)] {
+            for (z, rows) in from.chunks_exact(slice).enumerate() {
+                if rows.iter().all(|word| *word == 0) {
+                    continue;
+                }
+                // z counts downwards.
+                for other in z.saturating_sub(up)..=(z + down).min(SIZE[2] as usize - 1) {
+                    for (to, from) in to[other * slice..][..slice].iter_mut().zip(rows) {
+                        *to |= from;
+                    }
+                }
+            }
+        }
+        for index in 0..WORDS {
+            let measured = self.hit[index] | self.free[index];
+            self.band_hit[index] &= !measured;
+            self.band_free[index] &= !(measured | self.band_hit[index]);
+        }
     }
 
     /// Grid coordinates of `point_m` (local).

@@ -1,7 +1,8 @@
 //! Ranges to a sliding tri-state voxel map: what is occupied, what is known to be free, and what nobody has seen.
 //!
-//! Promise: a cell is free only if a ray was seen to pass through it, or the vehicle itself was in it, and no hit
-//! outweighs that. Unknown is not free; what cannot be placed, timed or believed opens no space.
+//! Promise: a cell is free only if a ray was seen to pass through it, or the vehicle itself was in it, or the user declares it, and
+//! no hit outweighs that. Unknown is not free; what cannot be placed, timed or believed opens no space. What stands on a
+//! declaration alone is marked ([`LocalMap::declared`]), and the first measurement takes its place.
 //!
 //! | in | out |
 //! |---|---|
@@ -31,6 +32,7 @@ mod rays;
 mod scan;
 mod sensors;
 mod service;
+mod view;
 mod window;
 
 pub use service::FusionService;
@@ -38,15 +40,18 @@ pub use service::FusionService;
 use frame::Frame;
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::layout::Layout;
-use jink_shared_types::map::{CELL_M, LocalMap, cell_of};
-use jink_shared_types::params::{OA_CARVE_RNG, OA_VEH_RADIUS, ParamSet};
-use jink_shared_types::ranges::{PointCloud, RangeScan};
+use jink_shared_types::map::{CELL_M, LocalMap, cell_of, declared_as};
+use jink_shared_types::params::{
+    OA_CARVE_RNG, OA_DCL_HANG_HI, OA_DCL_HANG_LO, OA_DCL_START, OA_VEH_RADIUS, ParamSet,
+};
+use jink_shared_types::ranges::{PointCloud, RangeScan, SENSORS};
 use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
-use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::vehicle::{NavMode, VehicleState};
 use jink_shared_types::{Flag, Reserved, SampleHeader, Timestamp};
 use poses::{Order, PoseHistory, SweepPoses};
 use rays::{Limits, Tracer};
 use sensors::Sensors;
+use view::View;
 use window::Window;
 
 /// What the map needs to know of the vehicle.
@@ -58,17 +63,35 @@ pub struct FusionConfig {
     pub carve_range_m: f64,
     /// How many range sensors there are. They are numbered from 0, whatever their kind.
     pub sensor_count: usize,
+    /// What the user declares of each sensor, by its number.
+    pub declared: [DeclaredOfSensor; SENSORS],
+    /// So near to the vehicle everything is free while it is not armed and while it takes off (m); zero: not declared.
+    pub start_bubble_m: f64,
+    /// Lowest and highest height above home between which nothing hangs from above (m); the second not above the first: not declared.
+    pub no_overhang_m: [f64; 2],
     /// [`LocalMap::epoch`] of the first map: a restarted process continues the count of its predecessor.
     pub first_epoch: u32,
 }
 
+/// What the user declares of a sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DeclaredOfSensor {
+    /// What it says of its plane holds so far above and below it (m).
+    pub band_m: [f64; 2],
+    /// A ray without an answer met nothing.
+    pub no_return_is_clear: bool,
+}
+
 impl FusionConfig {
-    /// `OA_VEH_RADIUS` and `OA_CARVE_RNG` from `params`, for `sensor_count` range topics; epochs count from 0.
+    /// The values of `params`, for `sensor_count` range topics of which nothing is declared; epochs count from 0.
     pub fn from_params(params: &ParamSet, sensor_count: usize) -> Self {
         Self {
             vehicle_radius_m: params.get(&OA_VEH_RADIUS),
             carve_range_m: params.get(&OA_CARVE_RNG),
             sensor_count,
+            declared: [DeclaredOfSensor::default(); SENSORS],
+            start_bubble_m: params.get(&OA_DCL_START),
+            no_overhang_m: [params.get(&OA_DCL_HANG_LO), params.get(&OA_DCL_HANG_HI)],
             first_epoch: 0,
         }
     }
@@ -97,7 +120,10 @@ pub struct Fusion {
     frame: Frame,
     window: Window,
     sensors: Sensors,
+    view: View,
     counters: Counters,
+    /// Down coordinate of home (m); NaN unknown.
+    home_down_m: f64,
     estimator_resets: Option<u32>,
     epoch: u32,
     /// Frames traced so far.
@@ -114,6 +140,8 @@ impl Fusion {
             frame: Frame::new(),
             window: Window::new(),
             sensors: Sensors::new(config.sensor_count),
+            view: View::new(),
+            home_down_m: f64::NAN,
             counters: Counters::default(),
             estimator_resets: None,
             epoch: config.first_epoch,
@@ -138,8 +166,16 @@ impl Fusion {
         if known_resets.is_some_and(|resets| resets != state.estimator_resets) {
             self.drop_map();
         }
+        self.home_down_m = state.home_down_m;
         if self.history.push(state, header.capture) {
             self.window.follow(cell_of(state.position));
+            if self.config.start_bubble_m > 0.0 && is_starting(state) {
+                body::declare_ball(
+                    &mut self.window,
+                    state.position.vector(),
+                    self.config.start_bubble_m,
+                );
+            }
         } else {
             self.counters.states_refused += 1;
         }
@@ -160,7 +196,10 @@ impl Fusion {
             self.counters.frames_refused += 1;
             return;
         };
-        if self.trace(limits, header.capture, |tracer| tracer.cloud(cloud)) {
+        let reach_m = limits.reach_m;
+        if self.trace(limits, header.capture, [0.0; 2], |tracer| tracer.cloud(cloud)) {
+            self.view
+                .cloud(sensor, cloud, header.capture, self.frames, reach_m);
             let deadline_ms = header.deadline_ms(RANGE_CLOUD.row.deadline_ms);
             self.sensors.contributed(sensor, false, deadline_ms);
         }
@@ -179,8 +218,15 @@ impl Fusion {
             self.counters.frames_refused += 1;
             return;
         };
-        if self.trace(limits, header.capture, |tracer| tracer.scan(scan, &body_q_sensor)) {
-            let single_beam = scan.beams <= 1;
+        let single_beam = scan.beams <= 1;
+        let declared = self.config.declared.get(sensor).filter(|_| !single_beam);
+        let band_m = declared.map_or([0.0; 2], |declared| declared.band_m);
+        let reach_m = limits.reach_m;
+        if self.trace(limits, header.capture, band_m, |tracer| {
+            tracer.scan(scan, &body_q_sensor);
+        }) {
+            self.view
+                .scan(sensor, scan, &body_q_sensor, header.capture, reach_m, band_m);
             let deadline_ms = header.deadline_ms(RANGE_SCAN.row.deadline_ms);
             self.sensors.contributed(sensor, single_beam, deadline_ms);
         }
@@ -190,9 +236,15 @@ impl Fusion {
         Limits::of(origin, min_m, max_m, &self.config)
     }
 
-    /// Collects the rays that `enter` enters, adds the body at the time of capture and counts the frame as evidence;
-    /// whether any ray said something.
-    fn trace(&mut self, limits: Limits, capture: Timestamp, enter: impl FnOnce(&mut Tracer)) -> bool {
+    /// Collects the rays that `enter` enters, spreads them over the band declared, adds the body at the time of capture and counts
+    /// the frame as evidence; whether any ray said something.
+    fn trace(
+        &mut self,
+        limits: Limits,
+        capture: Timestamp,
+        band_m: [f64; 2],
+        enter: impl FnOnce(&mut Tracer),
+    ) -> bool {
         self.frame.begin(self.window.min_cell());
         let mut tracer = Tracer {
             limits,
@@ -208,6 +260,11 @@ impl Fusion {
         enter(&mut tracer);
         self.frames = self.frames.wrapping_add(1);
         let informed = tracer.informed;
+        if band_m != [0.0; 2] {
+            // A cell counts if all of it lies in the band.
+            let [up, down] = band_m.map(|m| (m / CELL_M) as usize);
+            self.frame.spread(up, down);
+        }
         if let Some(pose) = self.history.at(capture) {
             let radius_m = self.config.vehicle_radius_m;
             body::mark_body(&mut self.frame, &self.window, pose.position_m, radius_m);
@@ -218,7 +275,7 @@ impl Fusion {
 
     /// Writes the whole map as it stands at `now`, every field of it.
     pub fn write(&self, now: Timestamp, out: &mut LocalMap) {
-        let (occupied_cells, known_cells) = self.window.write(&mut out.occupied, &mut out.known);
+        let (occupied_cells, known_cells) = self.window.write(out, self.no_overhang());
         out.min_cell = self.window.min_cell();
         out.live_sensors = self.sensors.live(now);
         out.ranges_fresh = Flag::from(self.sensors.fresh(now));
@@ -227,11 +284,53 @@ impl Fusion {
         out.occupied_cells = occupied_cells;
         out.known_cells = known_cells;
         out.cell_m = CELL_M;
+        out.declarations = self.declarations();
+        self.view.write(&mut out.view);
         out.reserved2 = Reserved::ZERO;
+    }
+
+    /// The layers of cells in which nothing hangs from above, if that is declared.
+    fn no_overhang(&self) -> Option<[i32; 2]> {
+        let [low_m, high_m] = self.config.no_overhang_m;
+        // False as long as home is not known.
+        let is_declared = high_m > low_m && self.home_down_m.is_finite();
+        let layer = |height_m: f64| (self.home_down_m - height_m) / CELL_M;
+        is_declared.then(|| [layer(high_m).ceil() as i32, layer(low_m).floor() as i32])
+    }
+
+    /// What is declared, bits of [`declared_as`].
+    fn declarations(&self) -> u8 {
+        let sensors = self.config.declared.iter().take(self.config.sensor_count);
+        let of_sensors = sensors.map(|declared| {
+            let band = if declared.band_m == [0.0; 2] {
+                0
+            } else {
+                declared_as::BAND
+            };
+            let no_return = if declared.no_return_is_clear {
+                declared_as::NO_RETURN
+            } else {
+                0
+            };
+            band | no_return
+        });
+        let mut bits = of_sensors.fold(0, |all, bits| all | bits);
+        if self.config.start_bubble_m > 0.0 {
+            bits |= declared_as::START;
+        }
+        if self.config.no_overhang_m[1] > self.config.no_overhang_m[0] {
+            bits |= declared_as::NO_OVERHANG;
+        }
+        bits
     }
 
     /// What was left out so far.
     pub fn counters(&self) -> Counters {
         self.counters
     }
+}
+
+/// Whether the vehicle stands on the ground or takes off: the time for which the start bubble is declared.
+fn is_starting(state: &VehicleState) -> bool {
+    !state.armed.is_set() || state.landed.is_set() || state.mode == NavMode::Takeoff
 }

@@ -1,8 +1,9 @@
 //! Obstacle fusion as a process: woken by every range sample, one map per sample of an area sensor.
 
-use crate::{Fusion, FusionConfig};
+use crate::{DeclaredOfSensor, Fusion, FusionConfig};
 use jink_runtime::{Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake};
 use jink_shared_types::map::LocalMap;
+use jink_shared_types::ranges::SENSORS;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, events, topics};
 use std::fmt;
@@ -44,7 +45,15 @@ impl Service for FusionService {
                 cause: "the configuration has no [[sensor]]".to_owned(),
             });
         }
+        let mut declared = [DeclaredOfSensor::default(); SENSORS];
+        for (declared, sensor) in declared.iter_mut().zip(&ports.config().sensors) {
+            *declared = DeclaredOfSensor {
+                band_m: sensor.band_m,
+                no_return_is_clear: sensor.no_return_is_clear,
+            };
+        }
         let config = FusionConfig {
+            declared,
             // A restart continues the count of maps thrown away, as far as its generation tells.
             first_epoch: ports.setup().generation << 16,
             ..FusionConfig::from_params(&ports.config().params, ranges.len())

@@ -11,7 +11,7 @@
 
 use crate::cells::{BitPlane, SIZE, bits, number, offset_in, plane};
 use crate::frame::Frame;
-use jink_shared_types::map::{Cell, Plane, SIZE_X, SIZE_Y, SIZE_Z};
+use jink_shared_types::map::{Cell, LocalMap, Plane, SIZE_X, SIZE_Y, SIZE_Z};
 
 /// Cells per window.
 const CELLS: usize = SIZE_X * SIZE_Y * SIZE_Z;
@@ -43,6 +43,8 @@ pub(crate) struct Window {
     evidence: Box<[i8; CELLS]>,
     occupied: Box<BitPlane>,
     known: Box<BitPlane>,
+    /// Cells of which only declarations of the user say something.
+    declared: Box<BitPlane>,
     /// Cells at [`FREE_FLOOR`], which further misses do not change: most of a settled map.
     settled: Box<BitPlane>,
 }
@@ -55,6 +57,7 @@ impl Window {
             evidence: zeroed_evidence(),
             occupied: plane(),
             known: plane(),
+            declared: plane(),
             settled: plane(),
         }
     }
@@ -69,6 +72,7 @@ impl Window {
         self.evidence.fill(0);
         self.occupied.fill(0);
         self.known.fill(0);
+        self.declared.fill(0);
         self.settled.fill(0);
     }
 
@@ -117,7 +121,12 @@ impl Window {
     /// Makes one cell, or `count` (a multiple of 64) cells from a word's start, unknown.
     fn clear_cells(&mut self, first: usize, count: usize) {
         self.evidence[first..first + count].fill(0);
-        for bits in [&mut self.occupied, &mut self.known, &mut self.settled] {
+        for bits in [
+            &mut self.occupied,
+            &mut self.known,
+            &mut self.declared,
+            &mut self.settled,
+        ] {
             if count == 1 {
                 bits[first >> 6] &= !(1 << (first & 63));
             } else {
@@ -134,15 +143,54 @@ impl Window {
                 let from = number([0, y, z]) >> 6;
                 let hit = row(&frame.hit, from);
                 let free = row(&frame.free, from) & !hit;
-                if hit | free == 0 {
+                let (band_hit, band_free) = (row(&frame.band_hit, from), row(&frame.band_free, from));
+                if hit | free | band_hit | band_free == 0 {
                     continue;
                 }
                 let into = [0, (y + first_y) & (SIZE[1] - 1), (z + first_z) & (SIZE[2] - 1)];
-                let (hit, free) = (hit.rotate_left(turn_x as u32), free.rotate_left(turn_x as u32));
+                let [hit, free, band_hit, band_free] =
+                    [hit, free, band_hit, band_free].map(|bits| bits.rotate_left(turn_x as u32));
                 let word = number(into) >> 6;
-                self.apply_word(word, hit as u64, free as u64);
-                self.apply_word(word + 1, (hit >> 64) as u64, (free >> 64) as u64);
+                for (word, shift) in [(word, 0), (word + 1, 64)] {
+                    let half = |bits: u128| (bits >> shift) as u64;
+                    self.apply_measured(word, half(hit), half(free));
+                    self.apply_declared(word, half(band_hit), half(band_free));
+                }
             }
+        }
+    }
+
+    /// What was measured: cells of which only declarations said something begin anew with it.
+    fn apply_measured(&mut self, word: usize, hit: u64, free: u64) {
+        let renewed = self.declared[word] & (hit | free);
+        if renewed != 0 {
+            for bit in bits(renewed) {
+                self.evidence[word << 6 | bit as usize] = 0;
+            }
+            self.declared[word] &= !renewed;
+            self.occupied[word] &= !renewed;
+            self.settled[word] &= !renewed;
+        }
+        self.apply_word(word, hit, free);
+    }
+
+    /// What is declared counts where nothing was measured.
+    fn apply_declared(&mut self, word: usize, hit: u64, free: u64) {
+        let open = !self.known[word] | self.declared[word];
+        let (hit, free) = (hit & open, free & open);
+        self.declared[word] |= hit | free;
+        self.apply_word(word, hit, free);
+    }
+
+    /// Declares `cell` free if nothing is known of it; nothing outside the window.
+    pub fn declare_free(&mut self, cell: Cell) {
+        if offset_in(self.min_cell, cell).is_none() {
+            return;
+        }
+        let number = number([0, 1, 2].map(|axis| cell[axis] & (SIZE[axis] - 1)));
+        let (word, bit) = (number >> 6, 1 << (number & 63));
+        if self.known[word] & bit == 0 {
+            self.apply_declared(word, 0, bit);
         }
     }
 
@@ -172,11 +220,36 @@ impl Window {
     }
 
     /// Copies the planes out; returns how many cells are occupied and how many known.
-    pub fn write(&self, occupied: &mut Plane, known: &mut Plane) -> (u32, u32) {
-        (
-            copy_plane(&self.occupied, occupied),
-            copy_plane(&self.known, known),
-        )
+    ///
+    /// Nothing hangs from above in the layers of cells `no_overhang` (smallest and largest global index, z counts downwards): where
+    /// a cell is free there, those above it up to the last layer are declared free, unless something was seen there.
+    pub fn write(&self, out: &mut LocalMap, no_overhang: Option<[i32; 2]>) -> (u32, u32) {
+        let occupied = copy_plane(&self.occupied, &mut out.occupied);
+        let known = copy_plane(&self.known, &mut out.known);
+        copy_plane(&self.declared, &mut out.declared);
+        let declared = no_overhang.map_or(0, |layers| self.declare_no_overhang(out, layers));
+        (occupied, known + declared)
+    }
+
+    fn declare_no_overhang(&self, out: &mut LocalMap, [top, bottom]: [i32; 2]) -> u32 {
+        let last = self.min_cell[2] + SIZE[2] - 1;
+        let layers = top.max(self.min_cell[2])..=bottom.min(last);
+        let mut declared = 0;
+        for y in 0..SIZE_Y {
+            let mut open = [0u64; 2];
+            for z in layers.clone().rev() {
+                let row = (z & (SIZE[2] - 1)) as usize * SIZE_Y + y;
+                for (half, open) in open.iter_mut().enumerate() {
+                    let (known, occupied) = (out.known[row][half], out.occupied[row][half]);
+                    let added = *open & !known;
+                    out.known[row][half] |= added;
+                    out.declared[row][half] |= added;
+                    declared += added.count_ones();
+                    *open = (*open | known) & !occupied;
+                }
+            }
+        }
+        declared
     }
 }
 
@@ -257,7 +330,7 @@ mod tests {
 
     fn assert_same(window: &Window, naive: &Naive, map: &mut LocalMap) {
         map.min_cell = window.min_cell();
-        let (occupied, known) = window.write(&mut map.occupied, &mut map.known);
+        let (occupied, known) = window.write(map, None);
         assert_eq!(map.min_cell, naive.min_cell);
         assert_eq!(known as usize, naive.evidence.len());
         let occupied_naive = naive.evidence.values().filter(|evidence| **evidence > 0).count();

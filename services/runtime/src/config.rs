@@ -6,6 +6,7 @@ mod foreign;
 mod link;
 mod overlay;
 mod parameters;
+pub mod sensor_sets;
 
 pub use foreign::{Foreign, Grants, USER_PROCESSES, is_foreign};
 pub use link::{AUTOPILOT_LINK, AlsoLink, Link, LinkRow, Purpose, Signing};
@@ -142,6 +143,10 @@ pub struct Sensor {
     pub rate_hz: Option<f64>,
     /// From the capture of a frame to its publication, at most (s).
     pub delay_s: f64,
+    /// Declaration of the user: what a planar sensor says of its plane holds so far above and below it (m); zero for none.
+    pub band_m: [f64; 2],
+    /// Declaration of the user: a ray without an answer met nothing.
+    pub no_return_is_clear: bool,
 }
 
 impl Sensor {
@@ -156,6 +161,8 @@ const DELAY_S: f64 = 0.05;
 
 /// Most frames per second that a sensor's table may say (Hz).
 const RATE_MAX_HZ: f64 = 2_000.0;
+/// Widest band that a planar sensor may stand for (m).
+const BAND_MAX_M: f64 = 5.0;
 /// Longest delay that it may say (ms): what is older is no basis for a motion.
 const DELAY_MAX_MS: f64 = 1_000.0;
 
@@ -201,6 +208,9 @@ struct SensorTable {
     kind: Spanned<String>,
     rate_hz: Option<Spanned<f64>>,
     delay_ms: Option<Spanned<f64>>,
+    band_up_m: Option<Spanned<f64>>,
+    band_down_m: Option<Spanned<f64>>,
+    no_return: Option<Spanned<String>>,
     output: Option<Spanned<String>>,
     #[serde(flatten)]
     of_the_driver: BTreeMap<String, toml::Value>,
@@ -286,9 +296,35 @@ impl Config {
         };
         let rate_hz = within("rate_hz", &table.rate_hz, RATE_MAX_HZ)?;
         let delay_ms = within("delay_ms", &table.delay_ms, DELAY_MAX_MS)?;
+        let output = table.output(at)?;
+        let band_m = [
+            within("band_up_m", &table.band_up_m, BAND_MAX_M)?.unwrap_or(0.0),
+            within("band_down_m", &table.band_down_m, BAND_MAX_M)?.unwrap_or(0.0),
+        ];
+        if let (Some(band), SensorOutput::Cloud) =
+            (table.band_up_m.as_ref().or(table.band_down_m.as_ref()), output)
+        {
+            let message =
+                format!("sensor {name:?}: a band is for sensors that see one plane, not for clouds");
+            return Err(at(band.span().start, message));
+        }
+        let no_return_is_clear = match table.no_return.as_ref() {
+            None => false,
+            Some(word) => match word.get_ref().as_str() {
+                "clear" => true,
+                "unknown" => false,
+                other => {
+                    let message =
+                        format!("sensor {name:?}: no_return is \"unknown\" or \"clear\", not {other:?}");
+                    return Err(at(word.span().start, message));
+                }
+            },
+        };
         self.sensors.push(Sensor {
             name: name.clone(),
-            output: table.output(at)?,
+            output,
+            band_m,
+            no_return_is_clear,
             kind: table.kind.get_ref().clone(),
             has_device: table.of_the_driver.contains_key("device"),
             rate_hz: rate_hz.filter(|rate_hz| *rate_hz > 0.0),

@@ -17,6 +17,8 @@ crate::wire_enum! {
         Stop = 2 "stop",
         /// Send the autopilot's own setpoint back.
         Mirror = 3 "mirror",
+        /// Turn to `goal_yaw_rad` where the vehicle rests, to see what is there.
+        Turn = 4 "turn",
     }
 }
 
@@ -54,8 +56,10 @@ crate::sample! {
         pub guide_len: u32,
         /// Polytopes in use; polytope `i` holds guide vertices `i` and `i + 1`.
         pub corridor_len: u32,
+        /// Declarations of the user that the corridor stands on, bits of [`crate::map::declared_as`].
+        pub declarations: u8,
         /// Explicit padding, zero.
-        pub reserved: Reserved<4>,
+        pub reserved: Reserved<3>,
         /// The proposal that the guide follows; absent of the planner's own.
         pub proposal_id: Added<u64>,
         /// Room for later fields, zero.
@@ -86,6 +90,7 @@ impl Default for Route {
             target_is_goal: Flag::NO,
             guide_len: 0,
             corridor_len: 0,
+            declarations: 0,
             reserved: Reserved::ZERO,
             proposal_id: Added::default(),
             reserved_tail: Reserved::ZERO,
@@ -106,6 +111,12 @@ impl Route {
             && self.guide().iter().all(|vertex| vertex.is_finite())
             && self.corridor().iter().all(Polytope::is_sound)
             && (self.mode != RouteMode::Plan || self.is_plan())
+            && (self.mode != RouteMode::Turn || self.is_turn())
+    }
+
+    /// Whether a turn can be asked for: from a state, to a heading, within limits.
+    fn is_turn(&self) -> bool {
+        self.start.is_finite() && self.goal_yaw_rad.is_finite() && self.limits.is_sound()
     }
 
     /// Whether a curve can be asked for: from a state, through a corridor, within limits.

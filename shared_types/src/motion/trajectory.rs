@@ -39,8 +39,10 @@ crate::sample! {
         pub mode: Coded<TrajectoryMode>,
         /// It ends at the goal.
         pub reaches_goal: Flag,
+        /// Declarations of the user that its certificate stands on, bits of [`crate::map::declared_as`].
+        pub declarations: u8,
         /// Explicit padding, zero.
-        pub reserved: Reserved<2>,
+        pub reserved: Reserved<1>,
         /// Pieces in use.
         pub len: u32,
         /// Room for later fields, zero.

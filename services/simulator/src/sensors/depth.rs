@@ -88,7 +88,7 @@ impl DepthCamera {
             let answer = if depth_m.is_nan() {
                 Answer::Unknown
             } else if depth_m.is_infinite() {
-                Answer::Clear
+                self.head.nothing()
             } else {
                 let seen_m = mixed_m(
                     &self.depths_m,

@@ -6,7 +6,8 @@
 
 use super::error::SensorError;
 use super::pose::Pose;
-use super::spec::SensorSpec;
+use super::products;
+use super::spec::{NoReturn, SensorSpec};
 use crate::random::Random;
 use crate::world::{Hit, Target, World};
 use jink_shared_types::frames::Mounting;
@@ -36,6 +37,8 @@ pub(super) struct Head {
     sigma_ratio: f64,
     sigma_per_m: f64,
     dropout: f64,
+    /// What a ray without an answer says.
+    nothing: Answer,
     pub random: Random,
 }
 
@@ -76,6 +79,10 @@ impl Head {
             sigma_ratio: spec.share("sigma_ratio", spec.sigma_ratio, defaults.sigma_ratio)?,
             sigma_per_m: spec.share("sigma_per_m", spec.sigma_per_m, defaults.sigma_per_m)?,
             dropout: spec.share("dropout", spec.dropout, defaults.dropout)?,
+            nothing: match (spec.no_return, products::product(spec)) {
+                (Some(NoReturn::Unknown), _) | (None, Some(_)) => Answer::Unknown,
+                (Some(NoReturn::Clear), _) | (None, None) => Answer::Clear,
+            },
             random: Random::new(rig_seed.wrapping_add(spec.seed), name_hash(&spec.name)),
         })
     }
@@ -144,6 +151,11 @@ impl Head {
     /// True with `probability`.
     pub fn happens(&mut self, probability: f64) -> bool {
         probability > 0.0 && self.random.unit() < probability
+    }
+
+    /// What a ray says that meets nothing within range.
+    pub fn nothing(&self) -> Answer {
+        self.nothing
     }
 
     /// Whether a ray gives no answer.

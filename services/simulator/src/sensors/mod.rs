@@ -38,7 +38,9 @@ mod depth;
 mod error;
 mod head;
 mod lidar;
+mod pattern;
 mod pose;
+mod products;
 mod scan;
 mod spec;
 
@@ -47,7 +49,7 @@ mod tests;
 
 pub use error::{RenderError, SensorError};
 pub use pose::{Pose, PoseCursor, PoseTrack};
-pub use spec::{SensorKind, SensorSpec};
+pub use spec::{NoReturn, SensorKind, SensorSpec};
 
 use crate::world::World;
 use depth::DepthCamera;
@@ -263,6 +265,7 @@ enum Model {
 
 impl Sensor {
     fn new(spec: &SensorSpec, rig_seed: u64) -> Result<Self, SensorError> {
+        let spec = &products::filled(spec);
         spec.check()?;
         let (default_hz, model) = match spec.kind {
             SensorKind::Lidar3d => (

@@ -1,7 +1,7 @@
 //! Sensors that fill a range scan: a rotating planar lidar, and a rangefinder with one wide beam.
 
 use super::error::SensorError;
-use super::head::{Beam, Head, HeadDefaults};
+use super::head::{Answer, Beam, Head, HeadDefaults};
 use super::pose::{Pose, PoseCursor};
 use super::spec::SensorSpec;
 use crate::world::World;
@@ -168,6 +168,7 @@ fn answer_m(head: &mut Head, range_m: Option<f64>) -> f32 {
     match range_m {
         _ if head.drops_out() => f32::NAN,
         Some(range_m) => head.measured_m(range_m) as f32,
-        None => f32::INFINITY,
+        None if head.nothing() == Answer::Clear => f32::INFINITY,
+        None => f32::NAN,
     }
 }

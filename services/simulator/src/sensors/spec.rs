@@ -119,8 +119,13 @@ pub struct SensorSpec {
     pub dropout: Option<f64>,
     /// Rays per frame (`lidar_3d`).
     pub rays: Option<u32>,
-    /// Beams per turn (`lidar_2d`).
+    /// Beams per turn (`lidar_2d`, and `lidar_3d` with `rings`).
     pub beams: Option<u32>,
+    /// Rings of a lidar that turns (`lidar_3d`): as many rays one above the other for each of its beams.
+    pub rings: Option<u32>,
+    /// What a ray without an answer says: unknown, or clear up to the longest range. Without it a sensor of no product
+    /// ([`super::products`]) is so good that it knows the difference.
+    pub no_return: Option<NoReturn>,
     /// Horizontal field of view (deg) (`lidar_3d`, `lidar_2d`, `depth_camera`).
     pub fov_horizontal_deg: Option<f64>,
     /// Vertical field of view (deg) (`depth_camera`).
@@ -140,27 +145,38 @@ pub struct SensorSpec {
     pub thin_miss: Option<f64>,
     /// How far a pixel at a depth edge may slide towards its neighbour's depth, 0 to 1 (`depth_camera`).
     pub edge_mixing: Option<f64>,
+    /// Which product it is ([`super::products`]); of models that are not rendered only their driver takes notice.
+    pub model: Option<String>,
+    /// How far a scanner that does not turn all around looks to the left (deg).
+    pub scan_low_deg: Option<f64>,
+    /// The same to the right.
+    pub scan_high_deg: Option<f64>,
+    /// Declaration of the user, which the map reads; here without effect.
+    pub band_up_m: Option<f64>,
+    /// As [`Self::band_up_m`].
+    pub band_down_m: Option<f64>,
     /// Of the real device, whose driver reads it; here without effect, so that one configuration serves both.
     #[serde(skip_serializing)]
-    pub model: Option<IgnoredAny>,
-    /// As [`Self::model`].
-    #[serde(skip_serializing)]
     pub device: Option<IgnoredAny>,
-    /// As [`Self::model`].
+    /// As [`Self::device`].
     #[serde(skip_serializing)]
     pub baud: Option<IgnoredAny>,
-    /// As [`Self::model`].
-    #[serde(skip_serializing)]
-    pub scan_low_deg: Option<IgnoredAny>,
-    /// As [`Self::model`].
-    #[serde(skip_serializing)]
-    pub scan_high_deg: Option<IgnoredAny>,
-    /// As [`Self::model`]: for what the gateway hears.
+    /// As [`Self::device`]: for what the gateway hears.
     #[serde(skip_serializing)]
     pub id: Option<IgnoredAny>,
     /// As [`Self::id`].
     #[serde(skip_serializing)]
     pub component: Option<IgnoredAny>,
+}
+
+/// What a ray without an answer says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NoReturn {
+    /// Nothing.
+    Unknown,
+    /// Nothing stands up to the longest range: the user answers for it.
+    Clear,
 }
 
 /// An orientation as written.
@@ -207,11 +223,15 @@ impl SensorSpec {
             edge_mixing: None,
             orientation: None,
             quaternion: None,
+            rings: None,
+            no_return: None,
             model: None,
-            device: None,
-            baud: None,
             scan_low_deg: None,
             scan_high_deg: None,
+            band_up_m: None,
+            band_down_m: None,
+            device: None,
+            baud: None,
             id: None,
             component: None,
         }
@@ -282,9 +302,10 @@ impl SensorSpec {
     /// Refuses options that mean nothing to the kind: they would be silently without effect.
     fn check_kind(&self) -> Result<(), SensorError> {
         use SensorKind::{DepthCamera, Lidar2d, Lidar3d, Rangefinder};
-        let table: [(&'static str, bool, &[SensorKind]); 11] = [
+        let table: [(&'static str, bool, &[SensorKind]); 12] = [
             ("rays", self.rays.is_some(), &[Lidar3d]),
-            ("beams", self.beams.is_some(), &[Lidar2d]),
+            ("beams", self.beams.is_some(), &[Lidar2d, Lidar3d]),
+            ("rings", self.rings.is_some(), &[Lidar3d]),
             (
                 "fov_horizontal_deg",
                 self.fov_horizontal_deg.is_some(),

@@ -1,0 +1,180 @@
+//! What a vehicle's sensors can see: directions in the body frame in which range sensors have given answers.
+//!
+//! It is learned from the answers themselves, whatever driver they come from, so that it is right for any sensor and any
+//! mounting, and shows what is covered.
+
+use crate::reserved::Reserved;
+use nalgebra::Vector3;
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+/// Directions around the vehicle: columns of 5 degrees, clockwise from forward.
+pub const COLUMNS: usize = 72;
+/// Directions from straight down to straight up: rows of 5 degrees.
+pub const ROWS: usize = 36;
+/// Width of a row and of a column (rad).
+pub const STEP_RAD: f64 = TAU / COLUMNS as f64;
+
+crate::sample! {
+    /// A field of view: one bit per direction, and how near and how far is seen.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct FieldOfView: 608 {
+        /// Row by row from straight down, bit `c` of the 128 for the column at `c` times 5 degrees to the right of forward.
+        pub seen: [[u64; 2]; ROWS],
+        /// What is nearer than this to a sensor is not seen (m): the largest shortest range of the sensors that see an area.
+        pub near_m: f32,
+        /// What is farther than this is not seen (m): the largest range up to which rays clear the map.
+        pub far_m: f32,
+        /// Declared: what a planar sensor says of its plane counts this far above it (m) ...
+        pub band_up_m: f32,
+        /// ... and this far below (m).
+        pub band_down_m: f32,
+        /// Range sensors that have given answers.
+        pub sensors: u32,
+        /// Room for later fields, zero.
+        pub reserved: Reserved<12>,
+    }
+}
+
+impl Default for FieldOfView {
+    fn default() -> Self {
+        Self {
+            seen: [[0; 2]; ROWS],
+            near_m: 0.0,
+            far_m: 0.0,
+            band_up_m: 0.0,
+            band_down_m: 0.0,
+            sensors: 0,
+            reserved: Reserved::ZERO,
+        }
+    }
+}
+
+/// Row and column of a direction (body, any length but zero).
+pub fn bin_of(direction: &Vector3<f64>) -> (usize, usize) {
+    let level = direction.xy().norm();
+    let up_rad = (-direction.z).atan2(level);
+    let right_rad = direction.y.atan2(direction.x).rem_euclid(TAU);
+    // A cast of a float stops at zero.
+    let row = ((up_rad + FRAC_PI_2) / STEP_RAD) as usize;
+    let column = (right_rad / STEP_RAD) as usize;
+    (row.min(ROWS - 1), column.min(COLUMNS - 1))
+}
+
+impl FieldOfView {
+    /// Notes that a sensor has seen something, or nothing, in this direction (body).
+    pub fn add(&mut self, direction: &Vector3<f64>) {
+        let (row, column) = bin_of(direction);
+        self.seen[row][column >> 6] |= 1 << (column & 63);
+    }
+
+    /// Notes all that another one sees.
+    pub fn join(&mut self, other: &Self) {
+        for (row, more) in self.seen.iter_mut().flatten().zip(other.seen.iter().flatten()) {
+            *row |= more;
+        }
+    }
+
+    /// Whether anything is seen at all.
+    pub fn is_empty(&self) -> bool {
+        self.seen.iter().flatten().all(|word| *word == 0)
+    }
+
+    /// Whether the direction in `row` and `column` is seen; columns count on beyond a turn.
+    pub fn is_seen(&self, row: usize, column: usize) -> bool {
+        let column = column % COLUMNS;
+        row < ROWS && self.seen[row][column >> 6] >> (column & 63) & 1 == 1
+    }
+
+    /// Whether something at `offset_m` (body, from the vehicle) is in view: in a direction in which a sensor looks, or in the band of a
+    /// planar one, and neither too near nor too far. What may stand between is not looked at.
+    pub fn covers(&self, offset_m: &Vector3<f64>) -> bool {
+        let range_m = offset_m.norm();
+        if range_m < f64::from(self.near_m) || range_m > f64::from(self.far_m) {
+            return false;
+        }
+        let (row, column) = bin_of(offset_m);
+        self.is_seen(row, column) || self.is_in_band(offset_m, column)
+    }
+
+    /// Whether it lies in the declared band of a planar sensor that looks into that column.
+    fn is_in_band(&self, offset_m: &Vector3<f64>, column: usize) -> bool {
+        let (up_m, down_m) = (f64::from(self.band_up_m), f64::from(self.band_down_m));
+        let is_beside = -offset_m.z <= up_m && offset_m.z <= down_m;
+        let horizon = ROWS / 2;
+        is_beside && (self.is_seen(horizon, column) || self.is_seen(horizon - 1, column))
+    }
+
+    /// Whether every direction around is seen at the height of the horizon.
+    pub fn is_all_around(&self) -> bool {
+        (0..COLUMNS).all(|column| self.is_level_seen(column))
+    }
+
+    /// Whether `column` is seen at the height of the horizon.
+    pub fn is_level_seen(&self, column: usize) -> bool {
+        self.is_seen(ROWS / 2, column) || self.is_seen(ROWS / 2 - 1, column)
+    }
+
+    /// Lowest and highest direction seen without a gap around the horizon in `column` (rad, up positive); `None` if the horizon is
+    /// not seen there.
+    pub fn height_rad(&self, column: usize) -> Option<[f64; 2]> {
+        let horizon = ROWS / 2;
+        let up = (horizon..ROWS)
+            .take_while(|row| self.is_seen(*row, column))
+            .count();
+        let down = (0..horizon)
+            .rev()
+            .take_while(|row| self.is_seen(*row, column))
+            .count();
+        (up + down > 0).then(|| [-(down as f64) * STEP_RAD, up as f64 * STEP_RAD])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{FieldOfView, STEP_RAD, bin_of};
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
+    fn toward(right_deg: f64, up_deg: f64) -> Vector3<f64> {
+        let (right, up) = (right_deg.to_radians(), up_deg.to_radians());
+        Vector3::new(up.cos() * right.cos(), up.cos() * right.sin(), -up.sin())
+    }
+
+    proptest! {
+        #[test]
+        fn a_direction_that_was_seen_is_in_view_at_any_range(
+            right in -180.0..180.0f64, up in -90.0..90.0f64, range in 0.5..10.0f64,
+        ) {
+            let mut view = FieldOfView { near_m: 0.3, far_m: 12.0, ..FieldOfView::default() };
+            prop_assert!(view.is_empty() && !view.covers(&(toward(right, up) * range)));
+            view.add(&(toward(right, up) * 3.0));
+            prop_assert!(view.covers(&(toward(right, up) * range)));
+            prop_assert!(!view.covers(&(toward(right, up) * 0.2)) && !view.covers(&(toward(right, up) * 13.0)));
+        }
+    }
+
+    #[test]
+    fn rows_count_from_below_and_columns_clockwise_from_forward() {
+        assert_eq!(bin_of(&toward(2.0, 2.0)), (18, 0));
+        assert_eq!(bin_of(&toward(-2.0, -2.0)), (17, 71));
+        assert_eq!(bin_of(&toward(92.0, -90.0)).0, 0);
+        assert_eq!(bin_of(&toward(92.0, 89.0)), (35, 18));
+    }
+
+    #[test]
+    fn a_band_is_seen_beside_the_plane_only() {
+        let mut view = FieldOfView {
+            near_m: 0.1,
+            far_m: 12.0,
+            band_up_m: 1.0,
+            band_down_m: 0.5,
+            ..FieldOfView::default()
+        };
+        view.add(&toward(1.0, 0.0));
+        assert!(view.covers(&Vector3::new(1.0, 0.0, -0.9)) && view.covers(&Vector3::new(1.0, 0.0, 0.4)));
+        assert!(!view.covers(&Vector3::new(1.0, 0.0, -1.1)) && !view.covers(&Vector3::new(1.0, 0.0, 0.6)));
+        assert!(!view.covers(&Vector3::new(-1.0, 0.0, 0.3)));
+        let [low, high] = view.height_rad(0).unwrap();
+        assert!((low, high) == (0.0, STEP_RAD) && view.height_rad(9).is_none());
+    }
+}
