@@ -2,15 +2,18 @@
 
 use crate::lockstep::{FlightSetup, LockStep};
 use jink_mavlink_gateway::{ProfileName, Representation};
-use jink_shared_types::events;
-use jink_shared_types::params::ParamSet;
+use jink_runtime::config::sensor_sets::{self, SensorSet};
+use jink_runtime::config::{Config, parse_toml};
+use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::map::declared_as;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::autopilot::AutopilotConfig;
 use jink_simulator::flyer::FlyerConfig;
 use jink_simulator::ground_station::{Ending, FlightPlan, Outcome};
-use jink_simulator::sensors::{SensorKind, SensorSpec};
+use jink_simulator::sensors::SensorSpec;
 use jink_simulator::world::{World, WorldKind, WorldSpec};
-use serde::Serialize;
+use serde::de::IgnoredAny;
+use serde::{Deserialize, Serialize};
 use std::time::Instant;
 
 /// What to fly.
@@ -24,6 +27,24 @@ pub struct Cell {
     pub speed_mps: f64,
     /// Longest mission (s).
     pub limit_s: f64,
+    /// What it sees with.
+    pub sensors: SensorSet,
+}
+
+impl Cell {
+    /// A world of that kind flown with sensors that see everything, at 3 m/s at most and for two minutes.
+    ///
+    /// # Errors
+    /// A text naming what cannot be built.
+    pub fn of(kind: WorldKind) -> Result<Self, String> {
+        Ok(Self {
+            kind,
+            density_per_m2: None,
+            speed_mps: 3.0,
+            limit_s: 120.0,
+            sensors: sensor_set(SPHERE)?,
+        })
+    }
 }
 
 /// How a flight ended.
@@ -45,6 +66,8 @@ pub enum FlightOutcome {
 /// One flight.
 #[derive(Clone, Debug, Serialize)]
 pub struct FlightReport {
+    /// Set of sensors.
+    pub sensor: String,
     /// World.
     pub world: String,
     /// Seed.
@@ -83,17 +106,50 @@ pub struct FlightReport {
     pub map_ms: [f64; 3],
     /// Simulated time over wall time.
     pub speed_up: f64,
+    /// What the user declares of space that no sensor measures, as the map names it.
+    pub declarations: Vec<String>,
+    /// Why the goal was not reached: the last that was said about it; empty if it was.
+    pub reason: String,
     /// Hash over the true positions every 20 ms.
     pub hash: String,
 }
 
-/// The sensors of a campaign flight: a 3-D lidar that sees all around, and nothing else.
-pub fn default_sensors() -> Vec<SensorSpec> {
-    let mut lidar = SensorSpec::new("lidar", SensorKind::Lidar3d);
-    lidar.elevation_min_deg = Some(-90.0);
-    lidar.elevation_max_deg = Some(90.0);
-    vec![lidar]
+/// The set of sensors called `name`, or in that file.
+///
+/// # Errors
+/// A text naming file and line.
+pub fn sensor_set(name: &str) -> Result<SensorSet, String> {
+    sensor_sets::named(name).map_err(|error| error.to_string())
 }
+
+/// The `[[sensor]]` tables of a set.
+///
+/// # Errors
+/// A text naming file and line.
+pub fn sensors_of(set: &SensorSet) -> Result<Vec<SensorSpec>, String> {
+    #[derive(Deserialize)]
+    struct Sensors {
+        #[serde(default)]
+        sensor: Vec<SensorSpec>,
+        #[serde(rename = "params")]
+        _params: Option<IgnoredAny>,
+    }
+    let sensors: Sensors = parse_toml(&set.file, &set.text).map_err(|error| error.to_string())?;
+    if sensors.sensor.is_empty() {
+        return Err(format!("{}: there is no [[sensor]] in it", set.file.display()));
+    }
+    Ok(sensors.sensor)
+}
+
+/// The sensors of most flights: a lidar that sees all around.
+pub fn default_sensors() -> Vec<SensorSpec> {
+    sensor_set(SPHERE)
+        .and_then(|set| sensors_of(&set))
+        .unwrap_or_default()
+}
+
+/// The set of sensors that sees everything.
+pub const SPHERE: &str = "sphere";
 
 /// The set-up of one flight of `cell`.
 ///
@@ -106,7 +162,8 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         density_per_m2: cell.density_per_m2,
     };
     let world = World::from_spec(&spec).map_err(|error| error.to_string())?;
-    let mut params = ParamSet::default();
+    let config = Config::parse(&cell.sensors.file, &cell.sensors.text).map_err(|error| error.to_string())?;
+    let mut params = config.params;
     params
         .set("OA_SPD_MAX", cell.speed_mps)
         .map_err(|error| error.to_string())?;
@@ -124,7 +181,7 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         world,
         seed,
         params,
-        sensors: default_sensors(),
+        sensors: sensors_of(&cell.sensors)?,
         autopilot: FlyerConfig::Px4(AutopilotConfig::default()),
         profile: ProfileName::Px4Trajectory,
         representation: Representation::default(),
@@ -140,14 +197,15 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
 /// # Errors
 /// A text naming what cannot be built.
 pub fn fly(cell: &Cell, seed: u64) -> Result<FlightReport, String> {
-    fly_as(setup(cell, seed)?, cell.speed_mps)
+    fly_as(setup(cell, seed)?, cell)
 }
 
-/// Flies one flight as it is set up, with no more than `speed_mps` allowed.
+/// Flies one flight of `cell` as it is set up.
 ///
 /// # Errors
 /// A text naming what cannot be built.
-pub fn fly_as(setup: FlightSetup, speed_mps: f64) -> Result<FlightReport, String> {
+pub fn fly_as(setup: FlightSetup, cell: &Cell) -> Result<FlightReport, String> {
+    let allowed_mps = cell.speed_mps;
     let seed = setup.seed;
     let world = setup.world.name().to_owned();
     let straight_m = setup
@@ -182,12 +240,25 @@ pub fn fly_as(setup: FlightSetup, speed_mps: f64) -> Result<FlightReport, String
     // The vehicle overshoots a reference a little; a tenth is what PX4 itself does.
     let outcome = match (truth.collisions, reached) {
         (1.., _) => FlightOutcome::CollisionStatic,
-        (0, _) if top_speed_mps > speed_mps * 1.1 => FlightOutcome::LimitViolation,
+        (0, _) if top_speed_mps > allowed_mps * 1.1 => FlightOutcome::LimitViolation,
         (0, true) => FlightOutcome::Goal,
         (0, false) if still_s > 10.0 => FlightOutcome::Stuck,
         (0, false) => FlightOutcome::Timeout,
     };
+    let declarations = declared_as::NAMES
+        .iter()
+        .filter(|(bit, _)| flight.map().declarations & bit != 0)
+        .map(|(_, name)| (*name).to_owned())
+        .collect();
+    let reason = if outcome == FlightOutcome::Goal {
+        String::new()
+    } else {
+        reason(&flight)
+    };
     Ok(FlightReport {
+        sensor: cell.sensors.name.clone(),
+        declarations,
+        reason,
         world,
         seed,
         outcome,
@@ -210,6 +281,25 @@ pub fn fly_as(setup: FlightSetup, speed_mps: f64) -> Result<FlightReport, String
         hash: hash.text(),
     })
 }
+
+/// The last thing that was said in a flight about why it does not go on.
+fn reason(flight: &LockStep) -> String {
+    let told = flight.events.iter().rev().map(|(_, event)| event);
+    let mut causes = told.filter(|event| CAUSES.iter().any(|cause| cause.id == event.id));
+    causes
+        .next()
+        .map_or_else(|| "nothing was said".to_owned(), EventSample::text)
+}
+
+/// What is said of a flight that does not go on.
+const CAUSES: [&events::Event; 6] = [
+    &events::GOAL_BLOCKED,
+    &events::NO_PATH,
+    &events::ITEM_BLOCKED,
+    &events::RANGES_LOST,
+    &events::CERTIFICATE_LOST,
+    &events::PROCESS_FAILED,
+];
 
 /// Median, 99th percentile and maximum; zeros without values.
 pub fn percentiles(values: &[f64]) -> [f64; 3] {

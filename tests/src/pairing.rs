@@ -73,12 +73,7 @@ impl Pairing {
     /// # Errors
     /// A text naming what cannot be built.
     pub fn forest(self, seed: u64) -> Result<FlightSetup, String> {
-        let cell = Cell {
-            kind: "forest".parse().map_err(|error| format!("{error}"))?,
-            density_per_m2: None,
-            speed_mps: 3.0,
-            limit_s: 120.0,
-        };
+        let cell = Cell::of("forest".parse().map_err(|error| format!("{error}"))?)?;
         self.fly(setup(&cell, seed)?)
     }
 

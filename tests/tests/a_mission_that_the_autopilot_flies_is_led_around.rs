@@ -5,14 +5,15 @@
 use jink_shared_types::events;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
-use jink_tests::campaign::{FlightOutcome, fly_as};
+use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::PX4_DEVIATION;
 
 #[test]
 fn through_a_forest() {
     for seed in [1, 2, 3, 4] {
-        let report = fly_as(PX4_DEVIATION.forest(seed).unwrap(), 3.0).unwrap();
+        let cell = Cell::of("forest".parse().unwrap()).unwrap();
+        let report = fly_as(PX4_DEVIATION.forest(seed).unwrap(), &cell).unwrap();
         println!("{report:?}");
         assert_eq!(report.outcome, FlightOutcome::Goal, "{report:?}");
         assert_eq!((report.collisions, report.hold_count), (0, 0), "{report:?}");

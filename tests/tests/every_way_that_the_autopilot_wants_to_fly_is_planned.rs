@@ -60,10 +60,8 @@ fn a_place_to_go_to() {
 #[test]
 fn the_last_metres_of_a_mission() {
     let cell = Cell {
-        kind: "gap".parse().unwrap(),
-        density_per_m2: None,
-        speed_mps: 3.0,
         limit_s: 60.0,
+        ..Cell::of("gap".parse().unwrap()).unwrap()
     };
     let goal = place(18.0, 0.0);
     let mut setup = PX4_TRAJECTORY.fly(setup(&cell, 1).unwrap()).unwrap();

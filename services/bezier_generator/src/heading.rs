@@ -81,6 +81,18 @@ impl Heading {
     }
 }
 
+/// The control points (rad) and the duration (s) of a turn on the spot from the heading of `start` to `wanted_rad`, by the shorter way
+/// and never faster than `rate_max_radps`.
+pub fn turn(start: &MotionState, wanted_rad: f64, rate_max_radps: f64) -> ([f64; QUINTIC], f64) {
+    /// A turn that takes no time would divide by it (s).
+    const SHORTEST_S: f64 = 0.3;
+    let turn_rad = wrap_pi(wanted_rad - start.yaw_rad);
+    let duration_s = (PEAK_OVER_MEAN * turn_rad.abs() / rate_max_radps).max(SHORTEST_S);
+    let end = along(start.yaw_rad + turn_rad, 0.0);
+    let points = quintic_between(&along(start.yaw_rad, 0.0), &end, duration_s);
+    (points.map(|point| point.x), duration_s)
+}
+
 fn along(yaw_rad: f64, rate_radps: f64) -> End {
     End {
         position: Vector3::new(yaw_rad, 0.0, 0.0),
@@ -119,6 +131,22 @@ mod tests {
             let allowed = MotionLimits::allowed(rate_max.max(rate.abs()));
             let hull = rates.map(|rate| Vector3::new(rate, 0.0, 0.0));
             prop_assert!(hull_keeps(&hull, HEADING_HALVINGS, &|rate: &Vector3<f64>| rate.x.abs() <= allowed));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_turn_on_the_spot_ends_where_it_should_and_is_never_too_fast(
+            yaw in -PI..PI, wanted in -10.0..10.0f64, rate_max in 0.1..2.0f64,
+        ) {
+            let start = MotionState { yaw_rad: yaw, ..MotionState::default() };
+            let (points, duration) = super::turn(&start, wanted, rate_max);
+            let rates: [f64; 5] = derivative_scalar(&points, duration);
+            for i in 0..=100 {
+                prop_assert!(evaluate_scalar(&rates, f64::from(i) / 100.0).abs() <= rate_max + 1e-9);
+            }
+            prop_assert!((points[5] - yaw).abs() <= PI + 1e-9, "the shorter way");
+            prop_assert!(((points[5] - wanted) / 2.0).sin().abs() < 1e-9);
         }
     }
 

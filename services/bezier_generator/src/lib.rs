@@ -127,6 +127,10 @@ impl Generator {
                 prefix(now, route, flown, out)?;
                 append_stop(route, out)?;
             }
+            RouteMode::Turn => {
+                prefix(now, route, flown, out)?;
+                append_turn(route, out)?;
+            }
         }
         self.next_id += 1;
         Ok(())
@@ -185,6 +189,7 @@ impl Generator {
             }
         }
         out.limits = route.limits;
+        out.declarations = route.declarations;
         out.mode = Coded::new(TrajectoryMode::Plan);
         out.reaches_goal = route.target_is_goal;
         if out.is_sound() {
@@ -257,6 +262,33 @@ fn append_stop(route: &Route, out: &mut Trajectory) -> Result<(), NoTrajectory> 
     }
     out.limits = route.limits.of_a_stop(route.start.velocity.vector().norm());
     out.mode = Coded::new(TrajectoryMode::Stop);
+    if out.is_sound() {
+        Ok(())
+    } else {
+        Err(NoTrajectory::BadRoute)
+    }
+}
+
+/// A turn where the vehicle rests. Only from rest: a reference that moves would jump.
+fn append_turn(route: &Route, out: &mut Trajectory) -> Result<(), NoTrajectory> {
+    let start = &route.start;
+    let allowed = MotionLimits::allowed;
+    let rests = start.velocity.vector().norm() <= allowed(0.0)
+        && start.acceleration.vector().norm() <= allowed(0.0)
+        && start.yaw_rate_radps.abs() <= allowed(0.0);
+    if !rests || !route.goal_yaw_rad.is_finite() || route.limits.yaw_rate_radps <= 0.0 {
+        return Err(NoTrajectory::BadRoute);
+    }
+    let (yaw_rad, duration_s) = heading::turn(start, route.goal_yaw_rad, route.limits.yaw_rate_radps);
+    if !out.push(BezierPiece::new(
+        &[start.position.vector(); QUINTIC],
+        yaw_rad,
+        duration_s,
+    )) {
+        return Err(NoTrajectory::TooManyPieces);
+    }
+    out.limits = route.limits;
+    out.mode = Coded::new(TrajectoryMode::Plan);
     if out.is_sound() {
         Ok(())
     } else {

@@ -49,6 +49,11 @@ impl Layer {
         self.rows[row_of(cell)] |= 1 << bit_of(cell);
     }
 
+    /// Unsets the bit of `cell`.
+    pub fn unset(&mut self, cell: Cell) {
+        self.rows[row_of(cell)] &= !(1 << bit_of(cell));
+    }
+
     /// Unsets all bits.
     pub fn clear(&mut self) {
         self.rows.fill(0);

@@ -82,6 +82,9 @@ const RETRY_S: f64 = 0.5;
 /// A vehicle at rest whose distance from the goal is at most this more than that of the best place it can come to stays where
 /// it is (m): what lies between is mostly the map's noise.
 const NEAR_ENOUGH_M: f64 = 0.5;
+/// A vehicle that is to rest, in a place that is narrow only because not all around it is known, stays where it is if the place to
+/// rest at is no farther than this (m): a take-off that ends below its height, a hold in a gust.
+const NEAR_REST_M: f64 = 1.0;
 /// A height that is this far from the one asked for is another one (m): PX4 accepts up to 0.8 m (NAV_MC_ALT_RAD).
 const HEIGHT_OFF_M: f64 = 0.7;
 
@@ -461,6 +464,13 @@ impl Planner {
             || self.space.is_narrow() && speed_mps <= MotionLimits::allowed(self.creep.speed_mps);
         self.space.depart_from(cell_of(departure.state.position), creeps);
         if self.space.is_narrow() {
+            if desired.is_to_rest()
+                && (goal.vector() - start).norm() < NEAR_REST_M
+                && !self.space.is_pressed()
+            {
+                // It may rest as well where it is: what is unknown around comes no nearer.
+                return true;
+            }
             self.proposals.evade();
             self.proposals.leave();
             return self.plan_way_out(departure, desired, route);

@@ -6,9 +6,10 @@
 //! | `hit` | ball around occupied; with collision prevention what is nearer than CP_DIST at the vehicle's height | search (unknown may be explored), re-check of what is already committed |
 //! | `near` | a wider ball around the hits of the highest gear | cost only: prefer room |
 //!
-//! A vehicle that rests where not even the slowest gear has room (a gust, a hard braking, something that came) plans with the room
-//! that it has, down to its radius, by the shortest way to where there is room: on it it comes no nearer to what is occupied, and it
-//! creeps, so that it strays less. The unknown is kept away from as ever.
+//! A vehicle that rests where not even the slowest gear has room (a gust, a hard braking, something that came, a take-off below a part
+//! of the sky that no sensor looks at) plans with the room that it has, down to its radius, by the shortest way to where there is
+//! room: on it it comes no nearer to what is occupied or unknown nearby, and it creeps, so that it strays less. All other unknown is
+//! kept away from as ever.
 //!
 //! A vehicle that is nearer to something than CP_DIST already plans without it, or it could never leave; the guard sees to it that it
 //! comes no nearer.
@@ -59,6 +60,15 @@ impl Room {
     }
 }
 
+/// A place that is too narrow for the slowest gear.
+#[derive(Debug)]
+struct Narrow {
+    /// The room that there is around the occupied.
+    ball: Ball,
+    /// Where the vehicle is.
+    from: Cell,
+}
+
 /// The inflated map.
 #[derive(Debug)]
 pub struct Space {
@@ -70,12 +80,14 @@ pub struct Space {
     /// The vehicle is nearer to something than it should keep: it plans as if it need not.
     is_leaving: bool,
     /// What the slowest gear takes in place of its own ball, while the vehicle is in a place too narrow for that.
-    narrow: Option<Ball>,
+    narrow: Option<Narrow>,
     comfort: Ball,
     not_free: Layer,
     occupied: Layer,
     scratch: Layer,
     unknown: Layer,
+    /// The unknown cells that are nearer to a narrow place than the slowest gear keeps.
+    near_unknown: Vec<Cell>,
     ready: [bool; GEARS],
     blocked: [Layer; GEARS],
     hit: [Layer; GEARS],
@@ -100,6 +112,7 @@ impl Space {
             occupied: Layer::default(),
             scratch: Layer::default(),
             unknown: Layer::default(),
+            near_unknown: Vec::with_capacity(1_024),
             ready: [false; GEARS],
             blocked: std::array::from_fn(|_| Layer::default()),
             hit: std::array::from_fn(|_| Layer::default()),
@@ -130,7 +143,10 @@ impl Space {
         if !self.is_safe(slowest, cell) {
             let room_m = self.room_m(cell, self.radii_m[slowest]);
             if room_m >= self.room.vehicle_m {
-                self.set_narrow(Some(Ball::new(room_m - ROUNDING_M)));
+                self.set_narrow(Some(Narrow {
+                    ball: Ball::new(room_m - ROUNDING_M),
+                    from: cell,
+                }));
                 self.prepare(slowest);
             }
         }
@@ -141,14 +157,27 @@ impl Space {
         self.narrow.is_some()
     }
 
+    /// Whether it is something occupied that takes the room.
+    pub fn is_pressed(&self) -> bool {
+        self.narrow.as_ref().is_some_and(|narrow| {
+            let radius_m = self.radii_m[GEARS - 1];
+            self.room_m(narrow.from, radius_m) < radius_m
+        })
+    }
+
     /// Whether the slowest gear has the room in `cell` that it should have.
     pub fn has_room(&self, cell: Cell) -> bool {
         let slowest = GEARS - 1;
         let radius_m = self.radii_m[slowest];
-        self.is_safe(slowest, cell) && self.room_m(cell, radius_m) >= radius_m
+        self.is_safe(slowest, cell) && around(cell, radius_m).all(|(there, _)| !self.is_not_free(there))
     }
 
-    fn set_narrow(&mut self, narrow: Option<Ball>) {
+    /// Whether `cell` is occupied or unknown; outside the window all is unknown.
+    fn is_not_free(&self, cell: Cell) -> bool {
+        !self.contains(cell) || self.not_free.test(cell)
+    }
+
+    fn set_narrow(&mut self, narrow: Option<Narrow>) {
         if narrow.is_some() || self.narrow.is_some() {
             self.narrow = narrow;
             self.ready[GEARS - 1] = false;
@@ -157,20 +186,8 @@ impl Space {
 
     /// Distance from `cell` to the nearest that is occupied, at most `most_m`; as balls count it.
     fn room_m(&self, cell: Cell, most_m: f64) -> f64 {
-        let reach = (most_m / CELL_M).ceil() as i32 + 1;
-        let mut least_m = most_m;
-        for dz in -reach..=reach {
-            for dy in -reach..=reach {
-                for dx in -reach..=reach {
-                    let there = [cell[0] + dx, cell[1] + dy, cell[2] + dz];
-                    if self.contains(there) && self.occupied.test(there) {
-                        let away = [dx, dy, dz].map(gap_m);
-                        least_m = least_m.min(Vector3::from(away).norm());
-                    }
-                }
-            }
-        }
-        least_m
+        let occupied = around(cell, most_m).filter(|(there, _)| self.is_occupied(*there));
+        occupied.fold(most_m, |least_m, (_, away_m)| least_m.min(away_m))
     }
 
     fn keep_distance_from(&mut self, cell: Cell) {
@@ -206,14 +223,8 @@ impl Space {
             return;
         }
         self.ready[gear] = true;
-        if gear == GEARS - 1
-            && let Some(narrow) = &self.narrow
-        {
-            self.unknown.copy(&self.not_free);
-            self.unknown.remove(&self.occupied);
-            self.balls[gear].dilate(&self.unknown, &mut self.scratch, &mut self.blocked[gear]);
-            narrow.dilate(&self.occupied, &mut self.scratch, &mut self.hit[gear]);
-            self.blocked[gear].add(&self.hit[gear]);
+        if gear == GEARS - 1 && self.narrow.is_some() {
+            self.prepare_narrow(gear);
             return;
         }
         let ball = &self.balls[gear];
@@ -228,6 +239,35 @@ impl Space {
             self.comfort
                 .dilate(&self.hit[0], &mut self.scratch, &mut self.near);
         }
+    }
+
+    /// The room that there is: what is unknown nearby may stay as near as it is.
+    fn prepare_narrow(&mut self, gear: usize) {
+        let Some(narrow) = &self.narrow else {
+            return;
+        };
+        let radius_m = self.radii_m[gear];
+        self.unknown.copy(&self.not_free);
+        self.unknown.remove(&self.occupied);
+        let mut near = std::mem::take(&mut self.near_unknown);
+        near.clear();
+        let cells = around(narrow.from, radius_m).map(|(cell, _)| cell);
+        near.extend(cells.filter(|cell| self.contains(*cell) && self.unknown.test(*cell)));
+        near.iter().for_each(|cell| self.unknown.unset(*cell));
+        self.balls[gear].dilate(&self.unknown, &mut self.scratch, &mut self.blocked[gear]);
+        narrow
+            .ball
+            .dilate(&self.occupied, &mut self.scratch, &mut self.hit[gear]);
+        self.blocked[gear].add(&self.hit[gear]);
+        for cell in &near {
+            let as_near_as_now = square_cells(*cell, narrow.from);
+            for (nearer, _) in around(*cell, radius_m) {
+                if square_cells(*cell, nearer) < as_near_as_now && self.contains(nearer) {
+                    self.blocked[gear].set(nearer);
+                }
+            }
+        }
+        self.near_unknown = near;
     }
 
     /// Whether a map has ever been loaded.
@@ -330,6 +370,24 @@ impl Space {
     pub fn segment_is_safe(&self, gear: usize, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
         self.segment_all(a, b, |space, cell| space.is_safe(gear, cell))
     }
+}
+
+/// The cells whose nearest points are nearer than `radius_m` to those of `cell`, with that distance (m).
+fn around(cell: Cell, radius_m: f64) -> impl Iterator<Item = (Cell, f64)> {
+    let reach = (radius_m / CELL_M).ceil() as i32 + 1;
+    let offsets = (-reach..=reach).flat_map(move |dz| {
+        (-reach..=reach).flat_map(move |dy| (-reach..=reach).map(move |dx| [dx, dy, dz]))
+    });
+    offsets.filter_map(move |offset: Cell| {
+        let away_m = Vector3::from(offset.map(gap_m)).norm();
+        let there = std::array::from_fn(|axis| cell[axis] + offset[axis]);
+        (away_m < radius_m).then_some((there, away_m))
+    })
+}
+
+/// Square of the distance between the centres of two cells (cells squared).
+fn square_cells(a: Cell, b: Cell) -> i32 {
+    (0..3).map(|axis| (a[axis] - b[axis]).pow(2)).sum()
 }
 
 /// Visits every cell a segment passes, in order (Amanatides and Woo 1987).

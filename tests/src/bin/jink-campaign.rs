@@ -2,7 +2,9 @@
 
 use clap::Parser;
 use jink_simulator::world::WorldKind;
-use jink_tests::campaign::{Cell, FlightOutcome, FlightReport, fly_as, percentiles, setup};
+use jink_tests::campaign::{
+    Cell, FlightOutcome, FlightReport, SPHERE, fly_as, percentiles, sensor_set, sensors_of, setup,
+};
 use jink_tests::pairing::Pairing;
 use jink_tests::station::StationColumn;
 use std::io::Write;
@@ -18,8 +20,12 @@ use std::time::Instant;
 #[command(version)]
 struct Arguments {
     /// World: forest, gap, corridor, utrap, empty
-    #[arg(long, default_value = "forest")]
+    #[arg(long, visible_alias = "world", default_value = "forest")]
     suite: String,
+    /// Sensors: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (the last two with a rangefinder down), several with
+    /// a plus between them, or FILE.toml with [[sensor]] tables, and declarations under [params]
+    #[arg(long, default_value = SPHERE)]
+    sensor: String,
     /// Trees per square metre (forest only; default 1/25)
     #[arg(long)]
     density: Option<f64>,
@@ -83,7 +89,15 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
+    let sensors = match sensor_set(&arguments.sensor).and_then(|set| sensors_of(&set).map(|_| set)) {
+        Ok(set) => set,
+        Err(error) => {
+            eprintln!("jink-campaign: {error}");
+            return ExitCode::from(2);
+        }
+    };
     let cell = Cell {
+        sensors,
         kind,
         density_per_m2: arguments.density,
         speed_mps: arguments.speed,
@@ -154,14 +168,19 @@ fn run(arguments: &Arguments, cell: &Cell) -> Result<Vec<FlightReport>, String> 
 fn fly(arguments: &Arguments, cell: &Cell, seed: u64) -> Result<FlightReport, String> {
     let mut setup = arguments.profile.fly(setup(cell, seed)?)?;
     arguments.station.plan(&mut setup.plan);
-    fly_as(setup, cell.speed_mps)
+    fly_as(setup, cell)
 }
 
 fn line(report: &FlightReport) -> String {
     format!(
-        "seed {:4} {:?}: {:.1} s, {:.2} m/s mean, {:.2} top, clearance {:.2} m, ratio {:.2}, brakes {}, changed {}, lost {}, hold {}, gap {:.0} ms, plan {:.1}/{:.1} ms, {:.1}x",
+        "seed {:4} {:?}: {}{:.1} s, {:.2} m/s mean, {:.2} top, clearance {:.2} m, ratio {:.2}, brakes {}, changed {}, lost {}, hold {}, gap {:.0} ms, plan {:.1}/{:.1} ms, {:.1}x",
         report.seed,
         report.outcome,
+        if report.reason.is_empty() {
+            String::new()
+        } else {
+            format!("\"{}\" ", report.reason)
+        },
         report.time_s,
         report.mean_speed_mps,
         report.top_speed_mps,
@@ -184,8 +203,8 @@ fn summary(arguments: &Arguments, reports: &[FlightReport], wall_s: f64) {
     let goals = count(FlightOutcome::Goal);
     let (low, high) = wilson(goals, n);
     println!(
-        "{} at {} m/s, {:?}, station {:?}, {n} flights",
-        arguments.suite, arguments.speed, arguments.profile.profile, arguments.station
+        "{} with {} at {} m/s, {:?}, station {:?}, {n} flights",
+        arguments.suite, arguments.sensor, arguments.speed, arguments.profile.profile, arguments.station
     );
     println!(
         "  goal             {goals} ({:.1} %, 95 % interval {:.1} to {:.1} %)",
