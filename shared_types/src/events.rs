@@ -190,6 +190,10 @@ events! {
     STOPPING_TO_END = 85, Warning, "jink: ending, stopping the vehicle", "Be ready to take over: nobody looks for obstacles soon.";
     /// Samples of a process, or on a topic, have stamps in the future or numbers that make no sense; nobody reads them.
     SAMPLE_REFUSED = 86, Warning, "jink: {0} samples of {name} refused", "Look at its log; swap or restart it.";
+    /// With what the sensors see no motion can be certified; the name tells what is missing.
+    SENSORS_UNFIT = 87, Warning, "jink: cannot plan: nobody sees {name}", "jink check sensors says what would help.";
+    /// The vehicle is armed, and what it may fly through stands in part on a declaration of the user; the name tells on which.
+    DECLARED = 88, Notice, "jink: declared: {name}", "Make sure that it holds where the vehicle flies.";
 }
 
 /// The event with identity `id`.

@@ -109,6 +109,17 @@ impl FieldOfView {
         (0..COLUMNS).all(|column| self.is_level_seen(column))
     }
 
+    /// How far to the left and to the right of forward it is seen without a gap at the height of the horizon (rad).
+    pub fn aside_rad(&self) -> [f64; 2] {
+        let right = (0..COLUMNS / 2)
+            .take_while(|column| self.is_level_seen(*column))
+            .count();
+        let left = (0..COLUMNS / 2)
+            .take_while(|column| self.is_level_seen(COLUMNS - 1 - column))
+            .count();
+        [left, right].map(|columns| columns as f64 * STEP_RAD)
+    }
+
     /// Whether `column` is seen at the height of the horizon.
     pub fn is_level_seen(&self, column: usize) -> bool {
         self.is_seen(ROWS / 2, column) || self.is_seen(ROWS / 2 - 1, column)
@@ -129,9 +140,116 @@ impl FieldOfView {
     }
 }
 
+/// What a vehicle needs to see to come away from the place where it has taken off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Needs {
+    /// Distance around the centre that has to be known to be free in the slowest motion (m).
+    pub room_m: f64,
+    /// Declared: so near to the place of the take-off everything is free (m); zero for none.
+    pub start_bubble_m: f64,
+    /// Declared: nothing hangs from above.
+    pub no_overhang: bool,
+    /// It stands on the ground, which hides what is below.
+    pub is_landed: bool,
+}
+
+/// What no sensor sees, and what would help.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Missing {
+    /// No sensor answers.
+    Everything,
+    /// No sensor looks around.
+    Ahead,
+    /// No sensor looks far enough up.
+    Above,
+    /// No sensor looks far enough down.
+    Below,
+    /// What is beside the vehicle while it climbs is not seen.
+    SidesAtStart,
+}
+
+impl Missing {
+    /// For the pilot, after "nobody sees".
+    pub fn word(self) -> &'static str {
+        match self {
+            Missing::Everything => "anything",
+            Missing::Ahead => "ahead",
+            Missing::Above => "above",
+            Missing::Below => "below",
+            Missing::SidesAtStart => "beside the start",
+        }
+    }
+
+    /// What would help.
+    pub fn remedy(self) -> &'static str {
+        match self {
+            Missing::Everything => "look at the sensors: jink status, jink check sensors",
+            Missing::Ahead => "add a sensor that looks to the horizon",
+            Missing::Above => {
+                "add a sensor that looks up; or declare band_up_m and band_down_m of a planar sensor (0.8 and more), or OA_DCL_HANG_LO \
+                 and OA_DCL_HANG_HI where nothing hangs from above"
+            }
+            Missing::Below => {
+                "add a sensor that looks down; or declare band_down_m of a planar sensor (0.8 and more)"
+            }
+            Missing::SidesAtStart => {
+                "add sensors that look to the sides; or declare OA_DCL_START, 1.0 and more, where the pilot sees to it that nothing \
+                 stands beside the take-off"
+            }
+        }
+    }
+}
+
+/// Width of a cell of the map (m), by which what has to be known grows.
+const CELL_M: f64 = crate::map::CELL_M;
+/// What is to be flown through must have been seen from this share of the sensors' range: nearer it may have been hidden.
+const FROM_AFAR: f64 = 0.8;
+
+impl FieldOfView {
+    /// What is missing for a vehicle that has been seeing so since it stood on the ground; `None` if nothing is.
+    ///
+    /// A place ahead is known once it has been seen from afar: as high above and as deep below as the vehicle needs room, from no
+    /// farther than [`FROM_AFAR`] of the range. And the vehicle must come away from where it hovers: what is unknown must be left
+    /// behind, so that half of all directions around have to be seen, or declared.
+    pub fn missing(&self, needs: &Needs) -> Option<Missing> {
+        if self.is_empty() {
+            return Some(Missing::Everything);
+        }
+        let level: Vec<usize> = (0..COLUMNS)
+            .filter(|column| self.is_level_seen(*column))
+            .collect();
+        if level.is_empty() {
+            return Some(Missing::Ahead);
+        }
+        // Cells count if all of them is known, whichever part of its cell the vehicle is in.
+        let room_m = (needs.room_m / CELL_M).ceil() * CELL_M + 0.5 * CELL_M;
+        let needed_rad = (room_m / (FROM_AFAR * f64::from(self.far_m))).atan();
+        let reaches = |rad: f64, band_m: f32| {
+            // The outermost row may be seen in part.
+            rad - 0.5 * STEP_RAD >= needed_rad || f64::from(band_m) >= room_m
+        };
+        let heights = || level.iter().filter_map(|column| self.height_rad(*column));
+        if !needs.no_overhang && !heights().any(|[_, up]| reaches(up, self.band_up_m)) {
+            return Some(Missing::Above);
+        }
+        if !needs.is_landed && !heights().any(|[down, _]| reaches(-down, self.band_down_m)) {
+            return Some(Missing::Below);
+        }
+        let widest = (0..COLUMNS)
+            .map(|first| {
+                (0..COLUMNS)
+                    .take_while(|column| self.is_level_seen(first + column))
+                    .count()
+            })
+            .max();
+        let is_beside = widest.unwrap_or(0) >= COLUMNS / 2 || needs.start_bubble_m >= room_m;
+        (!is_beside).then_some(Missing::SidesAtStart)
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{FieldOfView, STEP_RAD, bin_of};
+    use super::{FieldOfView, Missing, Needs, STEP_RAD, bin_of};
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
@@ -176,5 +294,63 @@ mod tests {
         assert!(!view.covers(&Vector3::new(-1.0, 0.0, 0.3)));
         let [low, high] = view.height_rad(0).unwrap();
         assert!((low, high) == (0.0, STEP_RAD) && view.height_rad(9).is_none());
+    }
+
+    const NEEDS: Needs = Needs {
+        room_m: 0.59,
+        start_bubble_m: 0.0,
+        no_overhang: false,
+        is_landed: false,
+    };
+
+    fn looking(aside_deg: f64, low_deg: f64, high_deg: f64) -> FieldOfView {
+        let mut view = FieldOfView {
+            near_m: 0.1,
+            far_m: 12.0,
+            ..FieldOfView::default()
+        };
+        for aside in -360..360 {
+            for up in -180..180 {
+                let (aside, up) = (f64::from(aside) * 0.5 + 0.25, f64::from(up) * 0.5 + 0.25);
+                if aside.abs() <= aside_deg && (low_deg..=high_deg).contains(&up) {
+                    view.add(&toward(aside, up));
+                }
+            }
+        }
+        view
+    }
+
+    #[test]
+    fn a_sensor_set_that_cannot_fly_is_said_with_what_it_lacks() {
+        let of = |aside, low, high| looking(aside, low, high).missing(&NEEDS);
+        assert_eq!(FieldOfView::default().missing(&NEEDS), Some(Missing::Everything));
+        for (low, high) in [(-7.0, 52.0), (-45.0, 45.0), (-22.5, 22.5), (-15.0, 15.0)] {
+            assert_eq!(of(180.0, low, high), None, "{low} to {high}");
+        }
+        assert_eq!(of(180.0, 0.0, 1.0), Some(Missing::Above), "one plane");
+        assert_eq!(of(180.0, 0.0, 50.0), Some(Missing::Below));
+        assert_eq!(of(180.0, -90.0, -60.0), Some(Missing::Ahead));
+        assert_eq!(of(43.5, -29.0, 29.0), Some(Missing::SidesAtStart), "one camera");
+        assert_eq!(of(118.0, -29.0, 29.0), None, "three of them");
+    }
+
+    #[test]
+    fn what_is_declared_need_not_be_seen() {
+        let camera = looking(43.5, -29.0, 29.0);
+        let started = Needs {
+            start_bubble_m: 1.0,
+            ..NEEDS
+        };
+        assert_eq!(camera.missing(&started), None);
+        let mut plane = looking(160.0, 0.0, 1.0);
+        let open_above = Needs {
+            no_overhang: true,
+            ..NEEDS
+        };
+        assert_eq!(plane.missing(&open_above), Some(Missing::Below));
+        (plane.band_up_m, plane.band_down_m) = (0.4, 0.4);
+        assert_eq!(plane.missing(&NEEDS), Some(Missing::Above), "too narrow a band");
+        (plane.band_up_m, plane.band_down_m) = (0.8, 0.8);
+        assert_eq!(plane.missing(&NEEDS), None);
     }
 }

@@ -61,6 +61,8 @@ pub enum FlightOutcome {
     Stuck,
     /// The time was over.
     Timeout,
+    /// It was said before the take-off that no motion can be certified with these sensors.
+    Refused,
 }
 
 /// One flight.
@@ -221,8 +223,10 @@ pub fn fly_as(setup: FlightSetup, cell: &Cell) -> Result<FlightReport, String> {
     let mut flight = LockStep::new(setup)?;
     let begin = Instant::now();
     let (mut hash, mut top_speed_mps, mut still_s, mut steps) = (Hash::new(), 0.0f64, 0.0, 0u64);
-    while flight.outcome().is_none() {
+    let mut is_refused = false;
+    while flight.outcome().is_none() && !is_refused {
         flight.step();
+        is_refused = flight.count(&events::SENSORS_UNFIT) > 0 && flight.truth().cruise_s == 0.0;
         steps += 1;
         let truth = flight.truth();
         let speed_mps = truth.velocity.vector().norm();
@@ -240,6 +244,7 @@ pub fn fly_as(setup: FlightSetup, cell: &Cell) -> Result<FlightReport, String> {
     // The vehicle overshoots a reference a little; a tenth is what PX4 itself does.
     let outcome = match (truth.collisions, reached) {
         (1.., _) => FlightOutcome::CollisionStatic,
+        _ if is_refused => FlightOutcome::Refused,
         (0, _) if top_speed_mps > allowed_mps * 1.1 => FlightOutcome::LimitViolation,
         (0, true) => FlightOutcome::Goal,
         (0, false) if still_s > 10.0 => FlightOutcome::Stuck,
@@ -292,7 +297,8 @@ fn reason(flight: &LockStep) -> String {
 }
 
 /// What is said of a flight that does not go on.
-const CAUSES: [&events::Event; 6] = [
+const CAUSES: [&events::Event; 7] = [
+    &events::SENSORS_UNFIT,
     &events::GOAL_BLOCKED,
     &events::NO_PATH,
     &events::ITEM_BLOCKED,

@@ -148,12 +148,24 @@ impl Guide {
         let mut last = *start;
         for (index, cell) in path.iter().enumerate().skip(1) {
             let at_end = index + 1 == path.len();
+            let center = center_of(*cell).vector();
             let next = match goal {
                 Some(goal) if at_end => *goal,
-                _ => center_of(*cell).vector(),
+                _ => center,
             };
             if !space.segment_is_safe(gear, &last, &next) {
-                return false;
+                // Steps from cell to cell are safe from centre to centre; start and goal lie anywhere in theirs.
+                let between = if index == 1 {
+                    center_of(path[0]).vector()
+                } else {
+                    center
+                };
+                let is_way = space.segment_is_safe(gear, &last, &between)
+                    && space.segment_is_safe(gear, &between, &next);
+                if !is_way {
+                    return false;
+                }
+                self.points.push(between);
             }
             self.points.push(next);
             last = next;

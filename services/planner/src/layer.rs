@@ -71,6 +71,13 @@ impl Layer {
         }
     }
 
+    /// Becomes the declared cells of `map`.
+    pub fn load_declared(&mut self, map: &LocalMap) {
+        for (index, out) in self.rows.iter_mut().enumerate() {
+            *out = row(&map.declared, index);
+        }
+    }
+
     /// Takes the cells of another away.
     pub fn remove(&mut self, other: &Self) {
         for (row, less) in self.rows.iter_mut().zip(&other.rows) {

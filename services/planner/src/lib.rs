@@ -21,9 +21,12 @@
 //! also be one that another program proposes ([`proposed_way`]).
 
 pub mod corridor;
+mod fitness;
 pub mod gears;
 pub mod guide;
 pub mod layer;
+mod looking;
+pub mod looks;
 pub mod progress;
 mod proposals;
 pub mod proposed_way;
@@ -36,8 +39,11 @@ pub mod stops;
 pub use service::PlannerService;
 
 use crate::corridor::CorridorBuilder;
+use crate::fitness::Fitness;
 use crate::gears::{GEARS, creep, gears};
 use crate::guide::Guide;
+use crate::looking::Before;
+use crate::looks::Looks;
 use crate::progress::{Obstruction, Progress};
 use crate::proposals::Proposals;
 use crate::search::{Found, PathEnd, Query, Search};
@@ -52,6 +58,7 @@ use jink_shared_types::motion::{
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::proposal::{Proposal, ProposalAnswer};
 use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
+use jink_shared_types::view::FieldOfView;
 use jink_shared_types::{Coded, Flag, Reading, Stamped, Timestamp};
 
 /// How far ahead a new plan departs from the committed one (s): planning, curves, guard and their hand-overs take some
@@ -139,6 +146,11 @@ pub struct Planner {
     /// Price of the way that was found last (m); `None` none was.
     left_m: Option<f64>,
     retry: Timestamp,
+    fitness: Fitness,
+    looks: Looks,
+    /// The last route that was a turn before a motion; 0 = none yet.
+    turn_id: u64,
+    view: FieldOfView,
     /// The last wish was for setpoints that the autopilot follows.
     sets_points: bool,
     proposals: Proposals,
@@ -168,13 +180,15 @@ impl Planner {
     /// A planner with the given parameters; `generation` keeps its route ids apart from those of earlier starts.
     pub fn new(params: &ParamSet, generation: u32) -> Self {
         let limits = gears(params);
+        let room = Room::from_params(params);
         Self {
+            fitness: Fitness::new(params, room.body_m + limits[GEARS - 1].tube_m),
             limits,
             creep: creep(params),
             goal_radius_m: params.get(&params::OA_GOAL_RAD),
             height_range_m: (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX)),
             yaw_along_path: params.get(&params::OA_YAW_MODE) == 1.0,
-            space: Space::new(&limits, Room::from_params(params)),
+            space: Space::new(&limits, room),
             search: Search::default(),
             best_path: Vec::with_capacity(4096),
             guide: Guide::default(),
@@ -194,6 +208,9 @@ impl Planner {
             blocked_by: None,
             left_m: None,
             retry: Timestamp::NEVER,
+            looks: Looks::default(),
+            turn_id: 0,
+            view: FieldOfView::default(),
             sets_points: false,
             proposals: Proposals::default(),
             events: Vec::with_capacity(8),
@@ -256,6 +273,7 @@ impl Planner {
         if state.mode_pending.is_set() {
             return false; // The gateway has just been restarted: what is flown goes on.
         }
+        self.watch_sensors(now, &state, inputs.map.fresh().map(|map| map.sample));
         let Some(desired) = self.wanted(&state, inputs) else {
             route.mode = Coded::new(RouteMode::Mirror);
             self.planned_goal = None;
@@ -290,6 +308,7 @@ impl Planner {
             self.obstruction = None;
             self.left_m = None;
             self.retry = now;
+            self.looks.forget();
         }
         let mut planning = true;
         if is_at(&departure.state, &goal) {
@@ -311,7 +330,7 @@ impl Planner {
             let asked_for = &desired.points[1].position;
             let heights_m = self.down_range_m(&state);
             self.proposals.admit(now, must_leave, asked_for, heights_m);
-            let planned = self.plan(&departure, &desired, &goal, route);
+            let planned = self.plan(&departure, &desired, &goal, committed, route);
             if !planned && departure.is_at_rest() {
                 self.retry = now.plus_seconds(RETRY_S);
             }
@@ -344,6 +363,7 @@ impl Planner {
         self.map_publish = map.header.publish;
         self.planned_id = 0;
         self.space.load(map.sample);
+        self.view = map.view;
         true
     }
 
@@ -456,6 +476,7 @@ impl Planner {
         departure: &Departure,
         desired: &DesiredPath,
         goal: &Point<LocalNed>,
+        committed: Option<&Trajectory>,
         route: &mut Route,
     ) -> bool {
         let start = departure.state.position.vector();
@@ -520,7 +541,7 @@ impl Planner {
             self.progress.forget();
         }
         let Some((_, flown, found)) = best else {
-            return false;
+            return self.look(departure, desired, goal, committed, route);
         };
         self.search.swap_path(&mut self.best_path);
         let target_is_goal = self.build_guide(flown, departure, goal, &found);
@@ -538,7 +559,19 @@ impl Planner {
             self.progress.forget();
         }
         self.search.prefer_path();
-        self.write_plan(flown, departure, desired, target_is_goal, route)
+        match self.before_motion(departure) {
+            Before::Go => self.write_plan(flown, departure, desired, target_is_goal, route),
+            Before::Turn(heading_rad) => {
+                self.turn_first(departure, heading_rad, committed, route);
+                true
+            }
+            Before::Stop => {
+                if !committed.is_some_and(is_stop) {
+                    self.stop_certified(departure, route);
+                }
+                true
+            }
+        }
     }
 
     /// Out of a place that is too narrow for every gear, to the nearest that is not; from there it is planned as ever.
@@ -657,6 +690,9 @@ impl Planner {
         if route.corridor_len == 0 {
             return false;
         }
+        route.declarations = self
+            .space
+            .declarations(gear, &self.guide.vertices()[..route.guide_len as usize]);
         route.base_id = departure.base_id;
         route.splice = departure.splice;
         route.start = departure.state;
@@ -671,7 +707,9 @@ impl Planner {
         route.target = route.guide[route.guide_len as usize - 1];
         let whole = route.corridor_len as usize + 1 == self.guide.vertices().len();
         route.target_is_goal = Flag::from(target_is_goal && whole);
-        route.goal_yaw_rad = if self.yaw_along_path {
+        // Sensors that do not look all around have to look ahead, whatever the mission asks.
+        let looks_ahead = self.yaw_along_path || !self.view.is_all_around() && !self.view.is_empty();
+        route.goal_yaw_rad = if looks_ahead {
             f64::NAN
         } else {
             f64::from(desired.points[1].yaw_rad)

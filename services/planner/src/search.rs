@@ -6,6 +6,7 @@
 
 use crate::gears::GEARS;
 use crate::layer::Layer;
+use crate::looks::Place;
 use crate::space::Space;
 use jink_shared_types::map::{CELL_M, Cell, SIZE_X, SIZE_Y, SIZE_Z};
 use std::cmp::Reverse;
@@ -38,6 +39,9 @@ const SAME_END_CELLS: f32 = 3.0;
 
 /// A way out of a narrow place is no longer than this (m): beyond, it would be a way through it.
 const WAY_OUT_MAX_M: f32 = 4.0;
+
+/// Places to look from lie this many cells apart.
+const PLACE_STEP: [i32; 3] = [3, 3, 2];
 
 const CELLS: usize = SIZE_X * SIZE_Y * SIZE_Z;
 
@@ -247,18 +251,57 @@ impl Search {
 
     /// The shortest way from `start`, where the slowest gear has no room, to a cell where it has; `false` if there is none near.
     pub fn way_out(&mut self, space: &Space, start: Cell) -> bool {
+        let out = self.spread(space, start, WAY_OUT_MAX_M, |cell, _| {
+            cell != start && space.has_room(cell)
+        });
+        if let Some(cell) = out {
+            self.finish(space, cell, PathEnd::Nearest, 0.0, 0.0);
+        }
+        out.is_some()
+    }
+
+    /// Puts into `places` what can be reached from `start` in the slowest gear by ways of `reach_m` at most, nearest first: every third
+    /// cell of each row and every second row, and `start` itself.
+    pub fn reach(&mut self, space: &Space, start: Cell, reach_m: f32, places: &mut Vec<Place>) {
+        places.clear();
+        self.spread(space, start, reach_m, |cell, way_m| {
+            let [x, y, z] =
+                std::array::from_fn(|axis| (cell[axis] - start[axis]).rem_euclid(PLACE_STEP[axis]));
+            if x + y + z == 0 && places.len() < places.capacity() {
+                places.push(Place { cell, way_m });
+            }
+            false
+        });
+    }
+
+    /// Makes the way to `cell`, one of the places of the last [`Search::reach`], the path.
+    pub fn way_to(&mut self, space: &Space, cell: Cell) {
+        self.path.clear();
+        self.finish(space, cell, PathEnd::Nearest, 0.0, 0.0);
+    }
+
+    /// Goes through the cells that can be reached from `start` in the slowest gear, nearest first, until `is_end` or until the way
+    /// is longer than `most_m`; returns where it ended.
+    fn spread(
+        &mut self,
+        space: &Space,
+        start: Cell,
+        most_m: f32,
+        mut is_end: impl FnMut(Cell, f32) -> bool,
+    ) -> Option<Cell> {
         let gear = GEARS - 1;
         if !space.is_safe(gear, start) {
-            return false;
+            return None;
         }
         self.begin(start, start);
         while let Some((cell, index)) = self.close_next(space) {
-            if cell != start && space.has_room(cell) {
-                self.finish(space, cell, PathEnd::Nearest, 0.0, 0.0);
-                return true;
+            let way_m = self.cost_m[index];
+            if is_end(cell, way_m) {
+                return Some(cell);
             }
-            if self.cost_m[index] > WAY_OUT_MAX_M {
-                break;
+            self.expansions += 1;
+            if way_m > most_m || self.expansions >= EXPANSIONS_MAX {
+                return None;
             }
             let free = free_neighbours(space, gear, cell);
             for number in 0..self.steps.len() {
@@ -268,7 +311,7 @@ impl Search {
                     continue;
                 }
                 let next_index = index_of(next);
-                let cost_m = self.cost_m[index] + step.length_m;
+                let cost_m = way_m + step.length_m;
                 let is_known = self.visit[next_index] == self.round && self.cost_m[next_index] <= cost_m;
                 if !is_known && self.visit[next_index] != self.round + 1 {
                     self.visit[next_index] = self.round;
@@ -278,7 +321,7 @@ impl Search {
                 }
             }
         }
-        false
+        None
     }
 
     /// Opens `start` alone, on the way to `goal`.

@@ -17,7 +17,7 @@
 use crate::gears::GEARS;
 use crate::layer::{Ball, Layer, gap_m};
 use jink_shared_types::frames::{LocalNed, Point};
-use jink_shared_types::map::{CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, cell_of};
+use jink_shared_types::map::{CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, cell_of, declared_as};
 use jink_shared_types::motion::MotionLimits;
 use jink_shared_types::params::{self, ParamSet};
 use nalgebra::Vector3;
@@ -92,6 +92,9 @@ pub struct Space {
     blocked: [Layer; GEARS],
     hit: [Layer; GEARS],
     near: Layer,
+    declared: Layer,
+    /// What the user declares, bits of [`declared_as`].
+    declarations: u8,
     loaded: bool,
 }
 
@@ -117,6 +120,8 @@ impl Space {
             blocked: std::array::from_fn(|_| Layer::default()),
             hit: std::array::from_fn(|_| Layer::default()),
             near: Layer::default(),
+            declared: Layer::default(),
+            declarations: 0,
             loaded: false,
         }
     }
@@ -215,6 +220,28 @@ impl Space {
         self.ready = [false; GEARS];
         self.not_free.load_unsafe(map);
         self.occupied.load_occupied(map);
+        self.declarations = map.declarations;
+        if map.declarations & !declared_as::NO_RETURN != 0 {
+            self.declared.load_declared(map);
+        }
+    }
+
+    /// The declarations of the user that a motion along `vertices` in `gear` stands on, bits of [`declared_as`]: those of space if any
+    /// cell within the gear's radius is known by them alone. That rays without an answer met nothing may have freed any cell.
+    pub fn declarations(&self, gear: usize, vertices: &[Vector3<f64>]) -> u8 {
+        let of_rays = self.declarations & declared_as::NO_RETURN;
+        let of_space = self.declarations & !declared_as::NO_RETURN;
+        let is_declared = |cell: Cell| self.contains(cell) && self.declared.test(cell);
+        let uses = |leg: &[Vector3<f64>]| {
+            !self.segment_all(&leg[0], &leg[1], |_, cell| {
+                !around(cell, self.radii_m[gear]).any(|(there, _)| is_declared(there))
+            })
+        };
+        if of_space != 0 && vertices.windows(2).any(uses) {
+            of_rays | of_space
+        } else {
+            of_rays
+        }
     }
 
     /// Inflates the map for `gear`, once per map. Before that nothing is safe in the gear and everything is a hit.
@@ -310,6 +337,16 @@ impl Space {
         self.is_hit(gear, cell) && ends.into_iter().all(|end| self.contains(end))
     }
 
+    /// Distance that a gear keeps from what is not known to be free (m).
+    pub fn radius_m(&self, gear: usize) -> f64 {
+        self.radii_m[gear]
+    }
+
+    /// Whether nothing is known of `cell`, which lies inside the window.
+    pub fn is_unknown(&self, cell: Cell) -> bool {
+        self.contains(cell) && self.not_free.test(cell) && !self.occupied.test(cell)
+    }
+
     /// Whether `cell` itself is known to be occupied.
     pub fn is_occupied(&self, cell: Cell) -> bool {
         self.contains(cell) && self.occupied.test(cell)
@@ -373,7 +410,7 @@ impl Space {
 }
 
 /// The cells whose nearest points are nearer than `radius_m` to those of `cell`, with that distance (m).
-fn around(cell: Cell, radius_m: f64) -> impl Iterator<Item = (Cell, f64)> {
+pub(crate) fn around(cell: Cell, radius_m: f64) -> impl Iterator<Item = (Cell, f64)> {
     let reach = (radius_m / CELL_M).ceil() as i32 + 1;
     let offsets = (-reach..=reach).flat_map(move |dz| {
         (-reach..=reach).flat_map(move |dy| (-reach..=reach).map(move |dx| [dx, dy, dz]))

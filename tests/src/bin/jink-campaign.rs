@@ -216,6 +216,7 @@ fn summary(arguments: &Arguments, reports: &[FlightReport], wall_s: f64) {
     println!("  limit violation  {}", count(FlightOutcome::LimitViolation));
     println!("  stuck            {}", count(FlightOutcome::Stuck));
     println!("  timeout          {}", count(FlightOutcome::Timeout));
+    println!("  refused          {}", count(FlightOutcome::Refused));
     let of = |value: fn(&FlightReport) -> f64| -> Vec<f64> { reports.iter().map(value).collect() };
     let row = |what: &str, values: Vec<f64>, unit: &str| {
         let smallest = values.iter().copied().fold(f64::INFINITY, f64::min);

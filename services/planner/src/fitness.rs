@@ -1,0 +1,80 @@
+//! Whether a vehicle with these sensors can be planned for at all: said while it stands on the ground, and with what the user declares when
+//! it is armed.
+
+use super::Planner;
+use crate::gears::GEARS;
+use jink_shared_types::Timestamp;
+use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::map::{LocalMap, declared_as};
+use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::view::{Missing, Needs};
+
+/// Time in which every sensor has looked everywhere (s).
+const LOOKED_S: f64 = 1.5;
+
+/// What is known of it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Fitness {
+    needs: Needs,
+    /// Since when something is seen.
+    since: Timestamp,
+    /// What was missing when it was judged last; the outer `None`: never yet.
+    judged: Option<Option<Missing>>,
+    was_armed: Option<bool>,
+}
+
+impl Fitness {
+    /// For a vehicle that needs `room_m` in the slowest gear.
+    pub fn new(params: &ParamSet, room_m: f64) -> Self {
+        let [low_m, high_m] = [params::OA_DCL_HANG_LO, params::OA_DCL_HANG_HI].map(|row| params.get(&row));
+        Self {
+            needs: Needs {
+                room_m,
+                start_bubble_m: params.get(&params::OA_DCL_START),
+                no_overhang: high_m > low_m,
+                is_landed: false,
+            },
+            since: Timestamp::NEVER,
+            judged: None,
+            was_armed: None,
+        }
+    }
+}
+
+impl Planner {
+    /// Looks at what is seen; tells what is missing once, and again when the vehicle is armed, with what is declared.
+    pub(super) fn watch_sensors(&mut self, now: Timestamp, state: &VehicleState, map: Option<&LocalMap>) {
+        let Some(map) = map.filter(|map| !map.view.is_empty()) else {
+            return;
+        };
+        if !self.fitness.since.is_set() {
+            self.fitness.since = now;
+        }
+        let is_armed = state.armed.is_set();
+        let was_armed = self.fitness.was_armed.replace(is_armed);
+        let is_arming = is_armed && was_armed == Some(false);
+        if is_arming {
+            let declared = declared_as::NAMES
+                .iter()
+                .filter(|(bit, _)| map.declarations & bit != 0);
+            self.events
+                .extend(declared.map(|(_, name)| EventSample::new(&events::DECLARED, name, [0.0; 2])));
+        }
+        let is_judged = self.fitness.judged.is_some();
+        if now.seconds_since(self.fitness.since) < LOOKED_S || is_judged && is_armed && !is_arming {
+            return;
+        }
+        let needs = Needs {
+            is_landed: state.landed.is_set(),
+            room_m: self.space.radius_m(GEARS - 1),
+            ..self.fitness.needs
+        };
+        let missing = map.view.missing(&needs);
+        let is_news = self.fitness.judged.replace(missing) != Some(missing) || is_arming;
+        if let (Some(missing), true) = (missing, is_news) {
+            self.events
+                .push(EventSample::new(&events::SENSORS_UNFIT, missing.word(), [0.0; 2]));
+        }
+    }
+}

@@ -1,0 +1,156 @@
+//! What is done where no plan is found because the way has not been seen: a look.
+
+use super::{Departure, GUIDE_MAX_M, Planner};
+use crate::gears::GEARS;
+use crate::looks::{DWELL_S, Look, REACH_M};
+use jink_shared_types::Coded;
+use jink_shared_types::frames::{LocalNed, Point, wrap_pi};
+use jink_shared_types::map::{cell_of, center_of};
+use jink_shared_types::motion::{Route, RouteMode, Trajectory};
+use jink_shared_types::vehicle::DesiredPath;
+
+/// A route that has not become a trajectory in this time (s) will not.
+const REFUSED_S: f64 = 0.5;
+/// A heading rate slower than this rests (rad/s).
+const RESTING_RADPS: f64 = 0.02;
+
+/// A motion that leads less far to any side (m) needs no turn before it: it stays where the vehicle has been.
+const ASIDE_M: f64 = 0.7;
+/// A way that leaves the view by less than this is gone while the heading follows (rad).
+const EDGE_RAD: f64 = 0.17;
+/// A way that leads farther aside than this (rad) is not begun in motion.
+const ABOUT_RAD: f64 = 1.05;
+
+/// What has to be done before a motion whose first direction is not in view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Before {
+    /// Nothing.
+    Go,
+    /// To turn to this heading (rad), or to end a turn.
+    Turn(f64),
+    /// To come to rest.
+    Stop,
+}
+
+impl Planner {
+    /// What is to be done before the motion along the guide: with sensors that do not look all around, the vehicle looks where it goes.
+    pub(super) fn before_motion(&self, departure: &Departure) -> Before {
+        if self.view.is_empty() || self.view.is_all_around() {
+            return Before::Go;
+        }
+        let start = departure.state.position.vector();
+        let away = |vertex: &nalgebra::Vector3<f64>| (vertex - start).xy().norm();
+        let vertices = self.guide.vertices();
+        let Some(toward) = vertices.iter().find(|vertex| away(vertex) >= ASIDE_M) else {
+            return Before::Go;
+        };
+        let way = toward - start;
+        let heading_rad = way.y.atan2(way.x);
+        let aside_rad = wrap_pi(heading_rad - departure.state.yaw_rad);
+        let [left_rad, right_rad] = self.view.aside_rad();
+        let seen_rad = if aside_rad < 0.0 { left_rad } else { right_rad };
+        if aside_rad.abs() <= seen_rad - EDGE_RAD {
+            Before::Go
+        } else if departure.is_at_rest() {
+            Before::Turn(heading_rad)
+        } else if aside_rad.abs() > seen_rad.max(ABOUT_RAD) {
+            Before::Stop
+        } else {
+            Before::Go
+        }
+    }
+
+    /// Turns to `heading_rad` where the vehicle rests, unless it is turning already: a turn is brought to its end.
+    pub(super) fn turn_first(
+        &mut self,
+        departure: &Departure,
+        heading_rad: f64,
+        committed: Option<&Trajectory>,
+        route: &mut Route,
+    ) {
+        let is_turning = committed.is_some_and(|committed| {
+            committed.route_id == self.turn_id && committed.end() > departure.splice
+        });
+        if !is_turning && departure.state.yaw_rate_radps.abs() <= RESTING_RADPS {
+            let look = Look {
+                cell: cell_of(departure.state.position),
+                yaw_rad: heading_rad,
+            };
+            self.write_turn(departure, &look, route);
+            self.turn_id = route.id;
+        }
+    }
+
+    /// Looks for what is missing on the way to `goal`, from where it can be seen; `false` if nothing can be done about it. While a look
+    /// is under way, and shortly after it, nothing else is done.
+    pub(super) fn look(
+        &mut self,
+        departure: &Departure,
+        desired: &DesiredPath,
+        goal: &Point<LocalNed>,
+        committed: Option<&Trajectory>,
+        route: &mut Route,
+    ) -> bool {
+        let time = departure.splice;
+        if let Some((route_id, since)) = self.looks.under_way() {
+            let flown = committed.filter(|committed| committed.route_id == route_id);
+            let until = match flown {
+                Some(flown) => flown.end().plus_seconds(DWELL_S),
+                None => since.plus_seconds(REFUSED_S),
+            };
+            if time < until {
+                return true;
+            }
+        }
+        if !departure.is_at_rest() || departure.state.yaw_rate_radps.abs() > RESTING_RADPS {
+            return false;
+        }
+        let gear = GEARS - 1;
+        self.space.prepare(gear);
+        if self.find(gear, departure, goal).is_none() {
+            return false;
+        }
+        if !self.looks.want(&self.space, self.search.path()) {
+            return false;
+        }
+        let start = cell_of(departure.state.position);
+        let yaw_rad = departure.state.yaw_rad;
+        self.search
+            .reach(&self.space, start, REACH_M, &mut self.looks.places);
+        let Some(look) = self.looks.best(&self.space, &self.view, start, yaw_rad, time) else {
+            return false;
+        };
+        self.looks.go(look, route.id, time);
+        if look.cell == start {
+            self.write_turn(departure, &look, route);
+            return true;
+        }
+        self.search.way_to(&self.space, look.cell);
+        self.guide.build(
+            &self.space,
+            gear,
+            &departure.state.position.vector(),
+            self.search.path(),
+            Some(&center_of(look.cell).vector()),
+            GUIDE_MAX_M,
+            self.limits[gear].overshoot_m,
+        );
+        if !self.write_plan(gear, departure, desired, false, route) {
+            return false;
+        }
+        if wrap_pi(look.yaw_rad - yaw_rad).abs() > 1e-9 {
+            route.goal_yaw_rad = look.yaw_rad;
+        }
+        true
+    }
+
+    fn write_turn(&self, departure: &Departure, look: &Look, route: &mut Route) {
+        route.base_id = departure.base_id;
+        route.splice = departure.splice;
+        route.start = departure.state;
+        route.limits = self.limits[GEARS - 1];
+        route.target = departure.state.position;
+        route.goal_yaw_rad = look.yaw_rad;
+        route.mode = Coded::new(RouteMode::Turn);
+    }
+}

@@ -1,0 +1,317 @@
+//! Looking before going: where the way leads through space that nobody has seen, the vehicle turns, or moves within what it knows, so that it sees
+//! it.
+//!
+//! | in | out |
+//! |---|---|
+//! | the way through unknown space, what the sensors see, the inflated map | a place that can be reached and a heading there, from which the most of what is missing comes into view |
+//!
+//! Every place is tried once in a while ([`FORGOTTEN_S`]): what does not come into view from there will not do so by looking again.
+
+use crate::gears::GEARS;
+use crate::space::{Space, around};
+use jink_shared_types::Timestamp;
+use jink_shared_types::frames::wrap_pi;
+use jink_shared_types::map::{Cell, center_of};
+use jink_shared_types::view::FieldOfView;
+use nalgebra::{Rotation3, Vector3};
+
+/// How far a place to look from may be (m, by the way that is flown): a detour of more is a way of its own.
+pub const REACH_M: f32 = 5.0;
+/// Cells of the way that are looked for, from the first that is not known on: three metres of it.
+const WAY_CELLS: usize = 15;
+/// Unknown cells that are looked for at most: more would not change which place is best.
+const WANTED: usize = 48;
+/// Places that are judged at most, nearest first.
+const PLACES: usize = 400;
+/// At least this share of what is looked for has to come into view for a look to be worth it.
+const WORTH: f64 = 0.1;
+/// A metre of way, and a radian of turning, is worth this share of what is looked for.
+const PER_METRE: f64 = 0.06;
+const PER_RADIAN: f64 = 0.04;
+/// A look from this near (m) to an earlier one in nearly the same direction (rad) shows nothing new.
+const SAME_PLACE_M: f64 = 0.5;
+const SAME_HEADING_RAD: f64 = 0.35;
+/// After this time a place may be looked from again (s): what hid the way may have moved, and noise has been settled.
+const FORGOTTEN_S: f64 = 20.0;
+/// After a look the vehicle waits for the frames of it (s).
+pub const DWELL_S: f64 = 0.7;
+/// Looks that are remembered.
+const REMEMBERED: usize = 32;
+
+/// A place to look from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Look {
+    /// The place.
+    pub cell: Cell,
+    /// The heading there (rad).
+    pub yaw_rad: f64,
+}
+
+/// A place that the vehicle can be at, and the way to it.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// The cell.
+    pub cell: Cell,
+    /// Length of the way to it (m).
+    pub way_m: f32,
+}
+
+/// What has been looked from and what is being looked at.
+#[derive(Debug)]
+pub struct Looks {
+    tried: Vec<(Look, Timestamp)>,
+    next: usize,
+    /// The route that leads to the last look, and since when.
+    under_way: Option<(u64, Timestamp)>,
+    wanted: Vec<Vector3<f64>>,
+    /// Places that can be reached, nearest first.
+    pub places: Vec<Place>,
+}
+
+impl Default for Looks {
+    fn default() -> Self {
+        Self {
+            tried: Vec::with_capacity(REMEMBERED),
+            next: 0,
+            under_way: None,
+            wanted: Vec::with_capacity(8_192),
+            places: Vec::with_capacity(8_192),
+        }
+    }
+}
+
+impl Looks {
+    /// Forgets what was looked at: there is a new goal, or the way goes on.
+    pub fn forget(&mut self) {
+        self.tried.clear();
+        self.next = 0;
+        self.under_way = None;
+    }
+
+    /// The route to a look, and when it departs.
+    pub fn under_way(&self) -> Option<(u64, Timestamp)> {
+        self.under_way
+    }
+
+    /// Notes that `look` is gone to by route `route_id` from `time` on.
+    pub fn go(&mut self, look: Look, route_id: u64, time: Timestamp) {
+        self.under_way = Some((route_id, time));
+        if self.tried.len() < REMEMBERED {
+            self.tried.push((look, time));
+        } else {
+            self.tried[self.next] = (look, time);
+            self.next = (self.next + 1) % REMEMBERED;
+        }
+    }
+
+    fn is_tried(&self, look: &Look, time: Timestamp) -> bool {
+        self.tried.iter().any(|(old, when)| {
+            let away_m = (center_of(old.cell).vector() - center_of(look.cell).vector()).norm();
+            time.seconds_since(*when).abs() < FORGOTTEN_S
+                && away_m < SAME_PLACE_M
+                && wrap_pi(old.yaw_rad - look.yaw_rad).abs() < SAME_HEADING_RAD
+        })
+    }
+
+    /// Collects what is missing on the way along `path`: the unknown cells that keep its first unsafe part from being safe in the lowest
+    /// gear. `false` if nothing is.
+    pub fn want(&mut self, space: &Space, path: &[Cell]) -> bool {
+        let gear = GEARS - 1;
+        self.wanted.clear();
+        let unsafe_part = path
+            .iter()
+            .skip_while(|cell| space.is_safe(gear, **cell))
+            .take(WAY_CELLS);
+        for cell in unsafe_part.step_by(2) {
+            let unknown = around(*cell, space.radius_m(gear)).map(|(cell, _)| cell);
+            let unknown = unknown.filter(|cell| space.is_unknown(*cell));
+            let room = self.wanted.capacity() - self.wanted.len();
+            self.wanted
+                .extend(unknown.map(|cell| center_of(cell).vector()).take(room));
+        }
+        let step = self.wanted.len().div_ceil(WANTED).max(1);
+        let mut index = 0;
+        self.wanted.retain(|_| {
+            index += 1;
+            (index - 1) % step == 0
+        });
+        !self.wanted.is_empty()
+    }
+
+    /// The best of [`Looks::places`] for a vehicle at `start` with heading `yaw_rad` that sees as `view` says; `None` if nothing
+    /// that is missing comes into view from any of them.
+    pub fn best(
+        &self,
+        space: &Space,
+        view: &FieldOfView,
+        start: Cell,
+        yaw_rad: f64,
+        time: Timestamp,
+    ) -> Option<Look> {
+        let is_all_around = view.is_all_around();
+        let middle = self.wanted.iter().sum::<Vector3<f64>>() / self.wanted.len().max(1) as f64;
+        let mut best: Option<(f64, Look)> = None;
+        for place in self.places.iter().take(PLACES) {
+            let from = center_of(place.cell).vector();
+            let toward = middle - from;
+            let look = Look {
+                cell: place.cell,
+                yaw_rad: if is_all_around || toward.xy().norm() < 0.5 {
+                    yaw_rad
+                } else {
+                    toward.y.atan2(toward.x)
+                },
+            };
+            let turn_rad = wrap_pi(look.yaw_rad - yaw_rad).abs();
+            let is_here = place.cell == start && turn_rad < SAME_HEADING_RAD;
+            if is_here || self.is_tried(&look, time) {
+                continue;
+            }
+            let price = PER_METRE * f64::from(place.way_m) + PER_RADIAN * turn_rad;
+            if best.is_some_and(|(worth, _)| 1.0 - price <= worth) {
+                continue;
+            }
+            let seen = self.share_seen(space, view, &look);
+            let worth = seen - price;
+            if seen >= WORTH && best.is_none_or(|(most, _)| worth > most) {
+                best = Some((worth, look));
+            }
+        }
+        best.map(|(_, look)| look)
+    }
+
+    /// Which share of what is missing comes into view from `look`.
+    fn share_seen(&self, space: &Space, view: &FieldOfView, look: &Look) -> f64 {
+        let from = center_of(look.cell).vector();
+        let body_r_local = Rotation3::from_axis_angle(&Vector3::z_axis(), -look.yaw_rad);
+        let seen = self.wanted.iter().filter(|cell| {
+            view.covers(&(body_r_local * (*cell - from)))
+                && space.segment_all(&from, cell, |space, cell| !space.is_occupied(cell))
+        });
+        seen.count() as f64 / self.wanted.len().max(1) as f64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Looks, Place};
+    use crate::space::tests::{known_map, space_of};
+    use jink_shared_types::Timestamp;
+    use jink_shared_types::map::{Cell, LocalMap, clear, set};
+    use jink_shared_types::view::FieldOfView;
+    use nalgebra::Vector3;
+
+    /// What a sensor sees that looks `aside_deg` to either side and from `low_deg` to `high_deg`.
+    fn view(aside_deg: i32, low_deg: i32, high_deg: i32) -> FieldOfView {
+        let mut view = FieldOfView {
+            near_m: 0.1,
+            far_m: 12.0,
+            ..FieldOfView::default()
+        };
+        for aside in -aside_deg..aside_deg {
+            for up in low_deg..high_deg {
+                let [aside, up] = [aside, up].map(|deg| (f64::from(deg) + 0.5).to_radians());
+                view.add(&Vector3::new(
+                    up.cos() * aside.cos(),
+                    up.cos() * aside.sin(),
+                    -up.sin(),
+                ));
+            }
+        }
+        view
+    }
+
+    fn unknown_where(map: &mut LocalMap, unknown: impl Fn(Cell) -> bool) {
+        for x in -64..64 {
+            for y in -64..64 {
+                for z in -32..32 {
+                    if unknown([x, y, z]) {
+                        clear(&mut map.known, [x, y, z]);
+                    }
+                }
+            }
+        }
+        set(&mut map.known, [0, 0, 0]);
+    }
+
+    fn looks_at(places: &[Cell]) -> Looks {
+        let mut looks = Looks::default();
+        looks.places.extend(places.iter().map(|cell| Place {
+            cell: *cell,
+            way_m: cell.iter().map(|axis| axis.abs() as f32 * 0.2).sum(),
+        }));
+        looks
+    }
+
+    #[test]
+    fn what_is_beside_a_forward_camera_is_turned_to() {
+        let mut map = known_map(|_| false);
+        unknown_where(&mut map, |cell| cell[1] > 8);
+        let space = space_of(&map);
+        let mut looks = looks_at(&[[0, 0, 0]]);
+        let path: Vec<Cell> = (0..30).map(|y| [0, y, 0]).collect();
+        assert!(looks.want(&space, &path));
+        let look = looks.best(
+            &space,
+            &view(43, -29, 29),
+            [0, 0, 0],
+            0.0,
+            Timestamp::from_seconds(1.0),
+        );
+        let look = look.unwrap();
+        assert!(
+            (look.yaw_rad - std::f64::consts::FRAC_PI_2).abs() < 0.1,
+            "{look:?}"
+        );
+        looks.go(look, 1, Timestamp::from_seconds(1.0));
+        let again = looks.best(
+            &space,
+            &view(43, -29, 29),
+            [0, 0, 0],
+            0.0,
+            Timestamp::from_seconds(5.0),
+        );
+        assert_eq!(again, None, "it was looked at already");
+    }
+
+    #[test]
+    fn what_is_below_a_lidar_that_looks_up_is_gone_down_for() {
+        let mut map = known_map(|_| false);
+        unknown_where(&mut map, |cell| cell[0] > 6 && cell[2] > 1);
+        let space = space_of(&map);
+        let mut looks = looks_at(&[[0, 0, 0], [0, 6, 0], [-6, 0, 0], [0, 0, 5], [0, 0, -5]]);
+        let path: Vec<Cell> = (0..30).map(|x| [x, 0, 0]).collect();
+        assert!(looks.want(&space, &path));
+        let look = looks.best(
+            &space,
+            &view(180, -5, 50),
+            [0, 0, 0],
+            0.3,
+            Timestamp::from_seconds(1.0),
+        );
+        let look = look.unwrap();
+        assert_eq!(look.cell, [0, 0, 5], "five cells down");
+        assert!(
+            (look.yaw_rad - 0.3).abs() < 1e-9,
+            "it sees all around: there is no need to turn"
+        );
+    }
+
+    #[test]
+    fn nothing_is_looked_for_behind_a_wall() {
+        let mut map = known_map(|p| (p.x - 2.0).abs() < 0.2);
+        unknown_where(&mut map, |cell| cell[0] > 12);
+        let space = space_of(&map);
+        let mut looks = looks_at(&[[0, 0, 0], [0, 0, 5], [-6, 0, 0]]);
+        let path: Vec<Cell> = (13..30).map(|x| [x, 0, 0]).collect();
+        assert!(looks.want(&space, &path));
+        let look = looks.best(
+            &space,
+            &view(180, -45, 45),
+            [0, 0, 0],
+            0.0,
+            Timestamp::from_seconds(1.0),
+        );
+        assert_eq!(look, None);
+    }
+}
