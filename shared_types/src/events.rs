@@ -194,6 +194,10 @@ events! {
     SENSORS_UNFIT = 87, Warning, "jink: cannot plan: nobody sees {name}", "jink check sensors says what would help.";
     /// The vehicle is armed, and what it may fly through stands in part on a declaration of the user; the name tells on which.
     DECLARED = 88, Notice, "jink: declared: {name}", "Make sure that it holds where the vehicle flies.";
+    /// A depth camera is unplugged, sends nothing, or sends the same image again and again.
+    DEPTH_CAMERA_LOST = 90, Warning, "jink: depth camera {name} lost", "Land soon; look at its plug and its power.";
+    /// It measures again.
+    DEPTH_CAMERA_BACK = 91, Notice, "jink: depth camera {name} back", "None.";
 }
 
 /// The event with identity `id`.

@@ -7,7 +7,7 @@ use super::ring::RingSeen;
 use super::sensor::{Rate, SensorSeen};
 use crate::findings::{Finding, Grade, of_events};
 use jink_shared_types::events::{
-    PREVENTION_BLIND, PREVENTION_HOLDS, RANGEFINDER_LOST, RANGES_LOST, SENSOR_LOST,
+    DEPTH_CAMERA_LOST, PREVENTION_BLIND, PREVENTION_HOLDS, RANGEFINDER_LOST, RANGES_LOST, SENSOR_LOST,
 };
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::ring::SECTORS;
@@ -54,6 +54,7 @@ pub fn judge(seen: &Seen) -> Vec<Finding> {
         RANGES_LOST.id,
         SENSOR_LOST.id,
         RANGEFINDER_LOST.id,
+        DEPTH_CAMERA_LOST.id,
         PREVENTION_BLIND.id,
         PREVENTION_HOLDS.id,
     ];

@@ -10,7 +10,7 @@ use super::pose::Pose;
 use super::spec::SensorSpec;
 use crate::world::World;
 use jink_shared_types::Timestamp;
-use jink_shared_types::ranges::{CLOUD_POINTS, PointCloud};
+use jink_shared_types::ranges::{CLOUD_POINTS, PointCloud, image_bin_px};
 use nalgebra::Vector3;
 
 pub(super) const DEFAULT_RATE_HZ: f64 = 15.0;
@@ -48,6 +48,7 @@ impl DepthCamera {
         )?;
         let width_px = spec.count("width_px", spec.width_px, 160, CLOUD_POINTS)?;
         let height_px = spec.count("height_px", spec.height_px, 120, CLOUD_POINTS)?;
+        let (width_px, height_px) = binned(spec, width_px, height_px)?;
         if width_px * height_px > CLOUD_POINTS {
             return Err(SensorError::TooManyPixels {
                 sensor: spec.name.clone(),
@@ -123,6 +124,21 @@ impl DepthCamera {
             };
         }
     }
+}
+
+/// The nearest number of pixels that an image may have in a row or column.
+fn of_u16(count_px: usize) -> u16 {
+    u16::try_from(count_px).unwrap_or(u16::MAX)
+}
+
+/// The image as its driver hands it on: a real camera's pixels in blocks, as many as `bin_px` says, or its driver takes without it.
+fn binned(spec: &SensorSpec, width_px: usize, height_px: usize) -> Result<(usize, usize), SensorError> {
+    let default_px = match spec.device {
+        Some(_) => image_bin_px(of_u16(width_px), of_u16(height_px)),
+        None => 1,
+    };
+    let bin_px = spec.count("bin_px", spec.bin_px, default_px.into(), width_px.min(height_px))?;
+    Ok((width_px / bin_px, height_px / bin_px))
 }
 
 /// The depth of `pixel`, drawn towards its right or lower neighbour if that lies on another surface: the pixel's

@@ -161,6 +161,44 @@ pub struct SensorSpec {
     /// As [`Self::device`].
     #[serde(skip_serializing)]
     pub baud: Option<IgnoredAny>,
+    /// Of a depth camera: edge of the square blocks of pixels of which one point each is made (px).
+    pub bin_px: Option<u32>,
+    /// As [`Self::device`].
+    #[serde(skip_serializing)]
+    pub border_px: Option<IgnoredAny>,
+    /// As [`Self::device`].
+    #[serde(skip_serializing)]
+    pub depth_scale_m: Option<IgnoredAny>,
+    /// As [`Self::device`].
+    #[serde(skip_serializing)]
+    pub flying_pixel_per_m: Option<IgnoredAny>,
+    /// As [`Self::device`]: intrinsics and distortion. The simulated camera has a field of view.
+    #[serde(skip_serializing)]
+    pub fx_px: Option<IgnoredAny>,
+    /// As [`Self::fx_px`].
+    #[serde(skip_serializing)]
+    pub fy_px: Option<IgnoredAny>,
+    /// As [`Self::fx_px`].
+    #[serde(skip_serializing)]
+    pub cx_px: Option<IgnoredAny>,
+    /// As [`Self::fx_px`].
+    #[serde(skip_serializing)]
+    pub cy_px: Option<IgnoredAny>,
+    /// As [`Self::fx_px`].
+    #[serde(skip_serializing)]
+    pub k1: Option<IgnoredAny>,
+    /// As [`Self::fx_px`].
+    #[serde(skip_serializing)]
+    pub k2: Option<IgnoredAny>,
+    /// As [`Self::fx_px`].
+    #[serde(skip_serializing)]
+    pub p1: Option<IgnoredAny>,
+    /// As [`Self::fx_px`].
+    #[serde(skip_serializing)]
+    pub p2: Option<IgnoredAny>,
+    /// As [`Self::fx_px`].
+    #[serde(skip_serializing)]
+    pub k3: Option<IgnoredAny>,
     /// As [`Self::device`]: for what the gateway hears.
     #[serde(skip_serializing)]
     pub id: Option<IgnoredAny>,
@@ -232,6 +270,19 @@ impl SensorSpec {
             band_down_m: None,
             device: None,
             baud: None,
+            bin_px: None,
+            border_px: None,
+            depth_scale_m: None,
+            flying_pixel_per_m: None,
+            fx_px: None,
+            fy_px: None,
+            cx_px: None,
+            cy_px: None,
+            k1: None,
+            k2: None,
+            p1: None,
+            p2: None,
+            k3: None,
             id: None,
             component: None,
         }
@@ -302,7 +353,7 @@ impl SensorSpec {
     /// Refuses options that mean nothing to the kind: they would be silently without effect.
     fn check_kind(&self) -> Result<(), SensorError> {
         use SensorKind::{DepthCamera, Lidar2d, Lidar3d, Rangefinder};
-        let table: [(&'static str, bool, &[SensorKind]); 12] = [
+        let table: [(&'static str, bool, &[SensorKind]); 13] = [
             ("rays", self.rays.is_some(), &[Lidar3d]),
             ("beams", self.beams.is_some(), &[Lidar2d, Lidar3d]),
             ("rings", self.rings.is_some(), &[Lidar3d]),
@@ -320,6 +371,7 @@ impl SensorSpec {
             ("elevation_max_deg", self.elevation_max_deg.is_some(), &[Lidar3d]),
             ("width_px", self.width_px.is_some(), &[DepthCamera]),
             ("height_px", self.height_px.is_some(), &[DepthCamera]),
+            ("bin_px", self.bin_px.is_some(), &[DepthCamera]),
             (
                 "beam_width_deg",
                 self.beam_width_deg.is_some(),

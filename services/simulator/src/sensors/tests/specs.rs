@@ -41,6 +41,29 @@ fn options_take_effect_whole_numbers_too() {
 }
 
 #[test]
+fn the_configuration_of_a_real_depth_camera_is_rendered_with_as_many_points_as_its_driver_makes() {
+    let real = |keys: serde_json::Value| {
+        let mut table = json!({
+            "name": "front", "kind": "depth_camera", "model": "realsense_d435", "device": "/dev/video0",
+            "width_px": 848, "height_px": 480, "depth_scale_m": 0.001, "border_px": 4, "flying_pixel_per_m": 0.02,
+            "fx_px": 425, "fy_px": 425, "cx_px": 423.5, "cy_px": 239.5, "k1": 0, "k2": 0, "p1": 0, "p2": 0, "k3": 0
+        });
+        table
+            .as_object_mut()
+            .unwrap()
+            .extend(keys.as_object().unwrap().clone());
+        let mut rig = rig(&parse(table).unwrap(), 1);
+        let due = frames(&mut rig, 0.1);
+        let mut cloud = PointCloud::boxed();
+        rig.render_cloud(&due[0], &forest(1), &hover(2.5), &mut cloud)
+            .unwrap();
+        cloud.points().len()
+    };
+    assert_eq!(real(json!({})), 169 * 96);
+    assert_eq!(real(json!({"bin_px": 8})), 106 * 60);
+}
+
+#[test]
 fn the_configuration_of_a_real_rangefinder_is_rendered_where_it_is_mounted() {
     let real = json!({
         "name": "front", "kind": "rangefinder", "model": "sf45b", "device": "/dev/ttyUSB0", "baud": 921600,
