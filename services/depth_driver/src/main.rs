@@ -1,0 +1,7 @@
+//! A depth camera as a process.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    jink_runtime::run::<jink_depth_driver::DepthCameraService>()
+}

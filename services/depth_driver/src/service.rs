@@ -1,0 +1,167 @@
+//! A depth camera as a process: woken by its device, at the latest when the device is to be opened again.
+
+use crate::camera::Camera;
+use crate::cloud_view::CloudView;
+use crate::config::{DepthCameraSpec, SensorTable};
+use crate::driver::Driver;
+use crate::v4l2::Wanted;
+use jink_runtime::service::WATCHED_FDS;
+use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
+use jink_shared_types::ranges::PointCloud;
+use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
+use std::fmt;
+use std::os::fd::BorrowedFd;
+
+/// Whether there is something to report is looked at this often at least.
+const LOOK_HZ: u32 = 10;
+/// The counters go to the log this often (s).
+const REPORT_S: f64 = 60.0;
+
+/// The service: see [`crate`].
+pub struct DepthCameraService {
+    driver: Driver,
+    clock: Clock,
+    camera: Camera,
+    clouds: Output<PointCloud>,
+    claim: Claim,
+    rehearsal_due: Timestamp,
+    report_due: Timestamp,
+}
+
+impl fmt::Debug for DepthCameraService {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("DepthCameraService")
+    }
+}
+
+impl Service for DepthCameraService {
+    const PROGRAM: &'static str = "depth_driver";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let name = sensor_name(&ports.setup().arguments)?;
+        let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;
+        let spec = DepthCameraSpec::find(&tables, &name).map_err(|mistake| StartError::Needs {
+            what: "the depth camera".to_owned(),
+            cause: mistake.to_string(),
+        })?;
+        tracing::info!(
+            "{name}: {} points an image, one for each {bin} x {bin} pixels",
+            spec.points(),
+            bin = spec.bin_px
+        );
+        let wanted = Wanted {
+            size_px: spec.size_px,
+            rate_hz: spec.rate_hz,
+        };
+        Ok(Self {
+            camera: Camera::new(&spec.device, wanted),
+            clouds: ports.range_output(topics::RANGE_CLOUD, &spec.name, spec.rate_hz)?,
+            claim: ports.claim(),
+            clock: ports.clock(),
+            driver: Driver::new(spec),
+            rehearsal_due: Timestamp::NEVER,
+            report_due: Timestamp::NEVER,
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        let now = cycle.now;
+        let look = now.next_beat(LOOK_HZ);
+        // A stream has one reader: whoever takes over opens it when it is its own.
+        let is_ours = self.claim.is_due(now);
+        self.claim.declare(is_ours);
+        if !is_ours {
+            self.camera.close();
+            self.rehearse(now);
+            let change = self.claim.changes_at().filter(|change| *change > now);
+            return Wake::at(change.map_or(self.rehearsal_due, |change| change.min(self.rehearsal_due)));
+        }
+        if self.camera.open_if_due(now) {
+            self.driver.connected();
+        }
+        self.read(now);
+        if let Some(news) = self.driver.news(now) {
+            cycle.events.publish(now, &news.event(&self.driver.spec().name));
+        }
+        self.report(now);
+        Wake::at(look.min(self.camera.due()))
+    }
+
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
+        let mut watched = [None; WATCHED_FDS];
+        watched[0] = self.camera.watched();
+        watched
+    }
+}
+
+impl DepthCameraService {
+    /// Reads what has arrived, and publishes what it comes to.
+    fn read(&mut self, now: Timestamp) {
+        let Self {
+            driver,
+            clock,
+            camera,
+            clouds,
+            ..
+        } = self;
+        let mut publish = |view: &CloudView<'_>| {
+            let header = SampleHeader {
+                capture: view.capture,
+                ..SampleHeader::default()
+            };
+            clouds.write(header.derived(Stage::Sensor, view.capture), |cloud| {
+                view.write(cloud);
+            });
+        };
+        camera.read(now, || clock.now(), |image| driver.image(image, &mut publish));
+    }
+
+    /// What a second instance can show without the device: that it runs, and can write clouds. None of them is published.
+    fn rehearse(&mut self, now: Timestamp) {
+        if now < self.rehearsal_due {
+            return;
+        }
+        let spec = self.driver.spec();
+        self.rehearsal_due = now.next_beat(spec.rate_hz as u32);
+        let view = CloudView {
+            spec,
+            capture: now,
+            depths: &[],
+        };
+        self.clouds
+            .write(SampleHeader::at(now), |cloud| view.write(cloud));
+    }
+
+    fn report(&mut self, now: Timestamp) {
+        if now < self.report_due {
+            return;
+        }
+        let counters = self.driver.counters(now);
+        if self.report_due.is_set() {
+            tracing::info!(
+                good = counters.good,
+                damaged = counters.damaged,
+                short = counters.short,
+                repeated = counters.repeated,
+                missed = counters.missed,
+                undated = counters.undated,
+                flying_pixels = counters.flying_pixels,
+                rate_hz = counters.rate_hz,
+                "{}",
+                self.driver.spec().name
+            );
+        }
+        self.report_due = now.plus_seconds(REPORT_S);
+    }
+}
+
+/// The name behind `--sensor`.
+fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
+    match arguments {
+        [option, name] if option == "--sensor" => Ok(name.clone()),
+        _ => Err(StartError::Needs {
+            what: "--sensor NAME".to_owned(),
+            cause: format!("the arguments are {arguments:?}"),
+        }),
+    }
+}
