@@ -197,7 +197,11 @@ impl ProcessTable {
             let line = line_of(text, written.span().start);
             let mut row = check::row(written, &parsed.defaults, line, &at)?;
             row.grants = foreign.grants_as_written(&row.rules.name);
-            if let Some(other) = rows.iter().find(|other| other.rules.name == row.rules.name) {
+            // Rows for two kinds of sensors may both be named by the sensor: no two sensors have one name.
+            let is_same = |other: &&ProcessRow| {
+                other.rules.name == row.rules.name && other.per_sensor == row.per_sensor
+            };
+            if let Some(other) = rows.iter().find(is_same) {
                 let message = format!(
                     "{:?} is already the process of line {}",
                     row.rules.name, other.line

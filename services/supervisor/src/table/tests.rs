@@ -290,6 +290,34 @@ fn a_row_per_sensor_is_there_for_each_that_is_plugged_in() {
 }
 
 #[test]
+fn rows_for_two_kinds_of_sensors_may_both_be_named_by_the_sensor() {
+    let other = "[[process]]\nname = \"{sensor}\"\nprogram = \"/bin/cat\"\nper_sensor = \"depth_camera\"\n";
+    let table = parse(&format!("{PER_SENSOR}{other}"));
+    let text = "[[sensor]]\nname = \"eye\"\nkind = \"depth_camera\"\ndevice = \"/dev/video0\"\n\
+                [[sensor]]\nname = \"front\"\nkind = \"rangefinder\"\ndevice = \"/dev/ttyS4\"\n";
+    let sensors = Config::parse(Path::new("jink.toml"), text).unwrap().sensors;
+    let rows = table.select(Mode::Real, Path::new("/"), &sensors).unwrap();
+    let started: Vec<(&str, &Path)> = rows
+        .iter()
+        .map(|row| (row.rules.name.as_str(), row.program.as_path()))
+        .collect();
+    let program = |name: &'static str| Path::new(name);
+    assert_eq!(
+        started,
+        [
+            ("planner", program("/bin/sh")),
+            ("front", program("/bin/sh")),
+            ("eye", program("/bin/cat"))
+        ]
+    );
+    let twice = format!("{PER_SENSOR}{other}{other}");
+    assert_eq!(
+        error_of(&twice),
+        "services.toml:14: \"{sensor}\" is already the process of line 10"
+    );
+}
+
+#[test]
 fn a_row_per_sensor_needs_a_place_for_its_name_and_a_known_kind() {
     let row = |name: &str, kind: &str| {
         error_of(&format!(
