@@ -50,6 +50,13 @@ class Process:
         builder = self._node.service_builder(name).publish_subscribe(jink.TOPICS[topic].payload)
         return builder.user_header(jink.USER_HEADER).open()
 
+    def notifier(self, topic, member=""):
+        """What wakes the readers of a topic; None if nothing does. The supervisor holds it, too."""
+        if not jink.TOPICS[topic].wakes:
+            return None
+        name = iox2.ServiceName.new(topic.replace("*", member))
+        return self._node.service_builder(name).event().open().notifier_builder().create()
+
     def cycle(self, begin_s, state):
         """A cycle that began at `begin_s` (time.monotonic()) has ended: says so when it is due."""
         cycle_us = int((time.monotonic() - begin_s) * 1e6)
@@ -97,29 +104,43 @@ class Input:
 
 
 class Output:
-    """A topic to publish."""
+    """A topic to publish. `deadline_us`: the age from its capture at which a sample is stale; 0 = the topic's own."""
 
-    def __init__(self, process, topic, member="", counts=True):
+    def __init__(self, process, topic, member="", counts=True, deadline_us=0):
         self._process = process if counts else None
         self._generation = process.setup.generation
         self._publisher = process.service(topic, member).publisher_builder().create()
+        self._notifier = process.notifier(topic, member)
+        self._deadline_us = deadline_us
         self._count = 0
 
     def send(self, payload, capture_ns=None):
         """Publishes a copy; `capture_ns`: when the newest measurement in it was taken."""
-        now_ns = time.monotonic_ns()
+        size = ctypes.sizeof(payload)
+        self.write(lambda address: ctypes.memmove(address, ctypes.byref(payload), size), capture_ns)
+
+    def write(self, fill, capture_ns=None, is_measurement=False):
+        """Has `fill` write the payload at an address in shared memory, which holds an older one, and publishes it. A measurement
+        begins the history of whatever is made of it."""
         loan = self._publisher.loan_uninit()
-        ctypes.memmove(loan.payload_ptr, ctypes.byref(payload), ctypes.sizeof(payload))
+        fill(loan.payload_ptr)
         sample = loan.assume_init()
         header = sample.user_header().contents
         ctypes.memset(ctypes.byref(header), 0, ctypes.sizeof(header))
+        now_ns = time.monotonic_ns()
         self._count += 1
         # It only ever grows, over restarts too.
         header.sequence = self._generation << 32 | self._count
         header.generation = self._generation
         header.capture = now_ns if capture_ns is None else capture_ns
         header.publish = now_ns
+        header.deadline_us = self._deadline_us
+        if is_measurement:
+            # The first stage is the sensor.
+            header.stages[0].begin, header.stages[0].end = header.capture, now_ns
         sample.send()
+        if self._notifier is not None:
+            self._notifier.notify()
         if self._process is not None:
             self._process.count_output()
 

@@ -38,6 +38,20 @@ pub const ICEORYX2: Kit = Kit {
     installs: &["iceoryx2==0.10.0"],
 };
 
+/// The same with numpy, for sensors.
+pub const CLOUDS: Kit = Kit {
+    folder: "python_clouds",
+    proof: "import iceoryx2, numpy",
+    installs: &["iceoryx2==0.10.0 numpy==2.4.6"],
+};
+
+/// The same with the SDK of Ouster's lidars.
+pub const OUSTER: Kit = Kit {
+    folder: "python_ouster",
+    proof: "import iceoryx2, numpy, ouster.sdk",
+    installs: &["iceoryx2==0.10.0 numpy==2.4.6 ouster-sdk==1.0.1"],
+};
+
 /// MAVLink in Python, as its makers publish it.
 pub const PYMAVLINK: Kit = Kit {
     folder: "python",
