@@ -18,7 +18,11 @@ const NAME: &str = "eye";
 
 /// A jink around a virtual vehicle in an empty world whose only sensor is that of `program`.
 fn with_sensor(role: &str, program: &Path, arguments: &[&str]) -> (System, TempFolder) {
-    let sensor = format!("[[sensor]]\nname = \"{NAME}\"\nkind = \"user/eye\"\noutput = \"cloud\"\n");
+    // The simulator needs a sensor to render: one that looks down.
+    let sensor = format!(
+        "[[sensor]]\nname = \"{NAME}\"\nkind = \"user/eye\"\noutput = \"cloud\"\n\
+         [[sensor]]\nname = \"ground\"\nkind = \"rangefinder\"\npitch_deg = -90\n"
+    );
     let folder = TempFolder::with_sensors(&format!("{role}_config"), &sensor);
     let table = std::fs::read_to_string(folder.path().join("services.toml")).unwrap();
     // The imports of an SDK take seconds on a busy machine.
