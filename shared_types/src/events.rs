@@ -142,6 +142,10 @@ events! {
     RANGEFINDER_BACK = 45, Notice, "jink: rangefinder {name} back", "None.";
     /// The vehicle has come no nearer to what it flies to for OA_BLOCKED_T; the name tells why, the number how far away it is.
     GOAL_BLOCKED = 46, Warning, "jink: goal {0} m off: {name}", "Choose another goal, or fly by hand.";
+    /// A lidar is unplugged, or sends nothing.
+    LIDAR_LOST = 47, Warning, "jink: lidar {name} lost", "Land soon; look at its cable and its power.";
+    /// It measures again.
+    LIDAR_BACK = 48, Notice, "jink: lidar {name} back", "None.";
     /// The current mission item is a motion that cannot be guarded, and is not begun; the name tells which.
     ITEM_HELD = 50, Warning, "jink: item {0} {name}: unguarded, held", "Choose another item, fly it by hand, or set OA_UNGUARDED.";
     /// The same, and OA_UNGUARDED lets the autopilot fly it.

@@ -55,6 +55,8 @@ enum Command {
     Param(cmd::param::Args),
     /// Examine the link to the autopilot before the flight
     Check(cmd::check::Args),
+    /// Look into recordings of lidars
+    Lidar(cmd::lidar::Args),
     /// Let another binary take the place of a service in flight
     Swap(cmd::ask::SwapArgs),
     /// Replace a service by a fresh instance of itself
@@ -83,6 +85,7 @@ fn main() -> ExitCode {
         Command::Schema(args) => cmd::schema::run(&args),
         Command::Param(args) => cmd::param::run(&cli.instance, &args),
         Command::Check(args) => cmd::check::run(&cli.instance, &args),
+        Command::Lidar(args) => cmd::lidar::run(&args),
         Command::Swap(args) => cmd::ask::swap(&cli.instance, &args),
         Command::Restart(args) => cmd::ask::restart(&cli.instance, &args),
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),

@@ -41,12 +41,12 @@ impl Decoder {
         Self::Ouster(Ouster::new(metadata))
     }
 
-    /// Most points of a scan, if every direction and every return counts; `None` where nobody can say.
-    pub fn points(&self) -> Option<usize> {
+    /// Directions of a scan and returns of each; `None` where nobody can say.
+    pub fn directions(&self) -> Option<(usize, u8)> {
         match self {
             Self::Ouster(ouster) => {
                 let metadata = ouster.metadata();
-                Some(metadata.rows * metadata.columns_sent())
+                Some((metadata.rows * metadata.columns_sent(), metadata.profile.returns))
             }
             Self::Velodyne(_) | Self::Livox1(_) | Self::Livox2(_) => None,
         }

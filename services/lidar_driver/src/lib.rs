@@ -1,11 +1,50 @@
-//! Lidars on the network and scanners on serial ports.
+//! Lidars on the network, and scanners on serial ports: packets in, point clouds and range scans out. One process per sensor; all of it
+//! but sockets, ports and files is pure.
 //!
+//! | in | out |
+//! |---|---|
+//! | datagrams with the time at which they arrived ([`Driver::datagram`]) | point clouds in the body frame ([`CloudAssembler::write`]) |
+//! | bytes of a serial line ([`ScannerDriver::bytes`]) | range scans ([`Turn::write`]), what is to be written to the scanner |
+//! | time | news for the pilot ([`News`]), messages that set a sensor up ([`livox::control`]) |
+//!
+//! | module | holds |
+//! |---|---|
+//! | [`config`] | the `[[sensor]]` table of one lidar, and every way in which it can be wrong |
+//! | [`models`] | the models: connection, range, rate |
+//! | [`decode`], [`decoder`] | packets to rays on the sensor's clock, and what can be wrong with them |
+//! | [`ouster`], [`velodyne`], [`livox`] | one format each |
+//! | [`clock_filter`] | the sensor's clock on the board's |
+//! | [`cloud`] | rays of one scan -> a point cloud |
+//! | [`driver`] | all of that together: the step of a network lidar |
+//! | [`scanner`] | the same of a serial scanner |
+//! | [`capture`] | datagrams out of recordings |
+//! | [`datagrams`], [`serial`], [`network`] | sockets, recordings and ports as the service runs them |
+//! | [`dump`] | the returns in a recording as a table |
+
 pub mod capture;
 pub mod clock_filter;
+pub mod cloud;
+pub mod config;
+pub mod counters;
+pub mod datagrams;
 pub mod decode;
 pub mod decoder;
+pub mod driver;
 pub mod dump;
 pub mod livox;
 pub mod models;
+pub mod network;
 pub mod ouster;
+pub mod scanner;
+pub mod serial;
+mod service;
 pub mod velodyne;
+
+pub use cloud::CloudAssembler;
+pub use config::{LidarSpec, Mistake};
+pub use counters::{Counters, News};
+pub use decoder::Decoder;
+pub use driver::Driver;
+pub use scanner::driver::ScannerDriver;
+pub use scanner::turn::Turn;
+pub use service::LidarService;

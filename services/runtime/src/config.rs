@@ -10,7 +10,7 @@ pub mod sensor_sets;
 
 pub use foreign::{Foreign, Grants, USER_PROCESSES, is_foreign};
 pub use link::{AUTOPILOT_LINK, AlsoLink, Link, LinkRow, Purpose, Signing};
-pub use overlay::{PROFILE_FOLDER, Resolved, sensors, sensors_of_ours};
+pub use overlay::{PROFILE_FOLDER, Resolved, sensor_place, sensors, sensors_of_ours};
 
 use jink_shared_types::params::{Param, ParamSet, nearest};
 use jink_shared_types::ranges::{SENSORS, deadline_us};

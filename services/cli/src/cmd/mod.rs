@@ -6,6 +6,7 @@ pub mod chaos;
 pub mod check;
 pub mod demo;
 pub mod down;
+pub mod lidar;
 pub mod meter;
 pub mod param;
 pub mod places;

@@ -5,8 +5,10 @@
 //! | [`sdk2`] | point data of the second protocol (Mid-360) |
 //! | [`sdk1`] | point data of the first protocol (Avia) |
 
+//! | [`control`] | what is sent to a sensor so that it sends points, and what it answers |
 //! | [`crc`] | the checksums of both |
 
+pub mod control;
 pub mod crc;
 pub mod sdk1;
 pub mod sdk2;

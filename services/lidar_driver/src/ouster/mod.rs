@@ -22,6 +22,7 @@
 pub mod crc64;
 pub mod http;
 mod metadata;
+pub mod request;
 
 use crate::decode::{Decode, Echo, Fault, Item, Ray, u16_at, u32_at, u64_at};
 use crc64::crc64;

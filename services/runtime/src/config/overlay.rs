@@ -5,6 +5,7 @@ use super::{CONFIG_FILE, Config, ConfigError, is_user_kind, line_of, parse_toml,
 use jink_shared_types::params::{Param, nearest};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use toml::{Spanned, Table, Value};
 
@@ -71,6 +72,29 @@ pub fn sensors_of_ours<T: DeserializeOwned>(folder: &Path) -> Result<Vec<T>, Con
         })
     })
     .collect()
+}
+
+/// File and line, as the user wrote them, of `key` in the table of the sensor called `sensor`; of the table's beginning, where it has
+/// no such key. For the errors of drivers, which know what a value may be.
+pub fn sensor_place(folder: &Path, sensor: &str, key: &str) -> Option<(PathBuf, usize)> {
+    #[derive(Deserialize)]
+    struct Tables {
+        sensor: Vec<Spanned<BTreeMap<Spanned<String>, Value>>>,
+    }
+    let merged = folder.join(CONFIG_FILE);
+    let text = read(&merged).ok()?;
+    let origin = text.lines().find_map(|line| line.strip_prefix(SENSORS_FROM));
+    let file = origin.map_or(merged, PathBuf::from);
+    let text = read(&file).ok()?;
+    let tables: Tables = toml::from_str(&text).ok()?;
+    let is_meant = |table: &&Spanned<BTreeMap<Spanned<String>, Value>>| {
+        let mut keys = table.get_ref().iter();
+        keys.any(|(key, value)| key.get_ref() == "name" && value.as_str() == Some(sensor))
+    };
+    let table = tables.sensor.iter().find(is_meant)?;
+    let written = table.get_ref().keys().find(|written| written.get_ref() == key);
+    let offset = written.map_or(table.span().start, |written| written.span().start);
+    Some((file, line_of(&text, offset)))
 }
 
 /// A configuration with every overlay applied.

@@ -199,6 +199,27 @@ pub struct SensorSpec {
     /// As [`Self::fx_px`].
     #[serde(skip_serializing)]
     pub k3: Option<IgnoredAny>,
+    /// As [`Self::device`].
+    #[serde(skip_serializing)]
+    pub metadata: Option<IgnoredAny>,
+    /// As [`Self::device`].
+    #[serde(skip_serializing)]
+    pub replay: Option<IgnoredAny>,
+    /// As [`Self::device`].
+    #[serde(skip_serializing)]
+    pub sensor_address: Option<IgnoredAny>,
+    /// As [`Self::device`].
+    #[serde(skip_serializing)]
+    pub host_address: Option<IgnoredAny>,
+    /// As [`Self::device`].
+    #[serde(skip_serializing)]
+    pub control_port: Option<IgnoredAny>,
+    /// As [`Self::device`].
+    #[serde(skip_serializing)]
+    pub returns: Option<IgnoredAny>,
+    /// As [`Self::device`].
+    #[serde(skip_serializing)]
+    pub blind_deg: Option<IgnoredAny>,
     /// As [`Self::device`]: for what the gateway hears.
     #[serde(skip_serializing)]
     pub id: Option<IgnoredAny>,
@@ -283,6 +304,13 @@ impl SensorSpec {
             p1: None,
             p2: None,
             k3: None,
+            metadata: None,
+            replay: None,
+            sensor_address: None,
+            host_address: None,
+            control_port: None,
+            returns: None,
+            blind_deg: None,
             id: None,
             component: None,
         }

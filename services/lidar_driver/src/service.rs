@@ -1,0 +1,281 @@
+//! A lidar as a process: woken by its socket or serial port, at the latest when something is due.
+
+use crate::cloud::CloudAssembler;
+use crate::config::{Device, LidarSpec, Mistake, SensorTable};
+use crate::counters::{Counters, News};
+use crate::models::{Connection, SerialProtocol};
+use crate::network::NetworkLidar;
+use crate::scanner::driver::ScannerDriver;
+use crate::scanner::turn::Turn;
+use crate::serial::{Port, Read};
+use jink_runtime::service::WATCHED_FDS;
+use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
+use jink_shared_types::ranges::{PointCloud, RangeScan};
+use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
+use std::fmt;
+use std::os::fd::BorrowedFd;
+
+/// Read at once: what the fastest scanner sends in a hundredth of a second.
+const READ_BYTES: usize = 1024;
+/// Reads per cycle at most: a port that never ends must not keep the heartbeat waiting.
+const READS: usize = 16;
+/// A look at the news is taken at least this often.
+const LOOK_HZ: u32 = 10;
+/// The counters go to the log this often (s).
+const REPORT_S: f64 = 60.0;
+
+/// A network lidar or a scanner, with its topic.
+#[allow(
+    clippy::large_enum_variant,
+    reason = "there is one in a process: a box would save nothing"
+)]
+enum Side {
+    Network {
+        lidar: NetworkLidar,
+        clouds: Output<PointCloud>,
+    },
+    Serial {
+        scanner: ScannerDriver,
+        port: Port,
+        scans: Output<RangeScan>,
+    },
+}
+
+/// The service: see [`crate`].
+pub struct LidarService {
+    name: String,
+    rate_hz: f64,
+    side: Side,
+    clock: Clock,
+    claim: Claim,
+    rehearsal_due: Timestamp,
+    report_due: Timestamp,
+}
+
+impl fmt::Debug for LidarService {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "LidarService({})", self.name)
+    }
+}
+
+impl Service for LidarService {
+    const PROGRAM: &'static str = "lidar_driver";
+
+    fn open(ports: &mut Ports) -> Result<Self, StartError> {
+        let name = sensor_name(&ports.setup().arguments)?;
+        let folder = ports.setup().config.clone();
+        let tables: Vec<SensorTable> = jink_runtime::config::sensors(&folder)?;
+        let needs = |cause: String| StartError::Needs {
+            what: "the lidar".to_owned(),
+            cause,
+        };
+        let spec = LidarSpec::find(&tables, &name).map_err(|mistake| needs(located(&folder, &mistake)))?;
+        let rate_hz = spec.rate_hz;
+        let side = match spec.model.connection {
+            Connection::Network(protocol) => Side::Network {
+                clouds: ports.range_output(topics::RANGE_CLOUD, &name, rate_hz)?,
+                lidar: NetworkLidar::new(spec, protocol)
+                    .map_err(|error| needs(format!("sensor {name:?}: metadata: {error}")))?,
+            },
+            Connection::Serial(protocol) => Side::Serial {
+                scans: ports.range_output(topics::RANGE_SCAN, &name, rate_hz)?,
+                port: port_of(&spec, protocol),
+                scanner: ScannerDriver::new(spec, protocol),
+            },
+        };
+        Ok(Self {
+            name,
+            rate_hz,
+            side,
+            claim: ports.claim(),
+            clock: ports.clock(),
+            rehearsal_due: Timestamp::NEVER,
+            report_due: Timestamp::NEVER,
+        })
+    }
+
+    fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
+        let now = cycle.now;
+        let look = now.next_beat(LOOK_HZ);
+        // A port has one reader: whoever takes over opens it when it is its own.
+        let is_ours = self.claim.is_due(now);
+        self.claim.declare(is_ours);
+        if !is_ours {
+            self.side.close();
+            self.rehearse(now);
+            let change = self.claim.changes_at().filter(|change| *change > now);
+            return Wake::at(change.map_or(self.rehearsal_due, |change| change.min(self.rehearsal_due)));
+        }
+        let due = self.side.run(&self.clock, now);
+        if let Some(news) = self.side.news(now) {
+            cycle.events.publish(now, &news.event(&self.name));
+        }
+        self.report(now);
+        Wake::at(look.min(due))
+    }
+
+    fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
+        let mut watched = [None; WATCHED_FDS];
+        match &self.side {
+            Side::Network { lidar, .. } => {
+                for (place, fd) in watched.iter_mut().zip(lidar.watched()) {
+                    *place = fd;
+                }
+            }
+            Side::Serial { port, .. } => watched[0] = port.watched(),
+        }
+        watched
+    }
+}
+
+impl LidarService {
+    /// What a second instance can show without the sensor: that it runs, and can write its samples. None of them is published.
+    fn rehearse(&mut self, now: Timestamp) {
+        if now < self.rehearsal_due {
+            return;
+        }
+        self.rehearsal_due = now.next_beat(self.rate_hz.round() as u32);
+        self.side.rehearse(now);
+    }
+
+    fn report(&mut self, now: Timestamp) {
+        if now < self.report_due {
+            return;
+        }
+        let counters = self.side.counters(now);
+        if self.report_due.is_set() {
+            tracing::info!(
+                published = counters.published,
+                good = counters.good,
+                lost = counters.lost,
+                foreign = counters.foreign,
+                damaged = counters.damaged,
+                doubled = counters.doubled,
+                late = counters.late,
+                other = counters.other,
+                overflow = counters.overflow,
+                rate_hz = counters.rate_hz,
+                "{}",
+                self.name
+            );
+        }
+        self.report_due = now.plus_seconds(REPORT_S);
+    }
+}
+
+impl Side {
+    /// Reads what has arrived, and publishes what it comes to. When it wants to run again.
+    fn run(&mut self, clock: &Clock, now: Timestamp) -> Timestamp {
+        match self {
+            Self::Network { lidar, clouds } => lidar.run(clock, now, &mut |cloud: &CloudAssembler| {
+                let header = cloud.header();
+                clouds.write(header.derived(Stage::Sensor, header.capture), |slot| {
+                    cloud.write(slot)
+                });
+            }),
+            Self::Serial { scanner, port, scans } => {
+                if port.open_if_due(now) {
+                    scanner.connected(now);
+                }
+                let mut publish = |turn: &Turn| {
+                    let header = SampleHeader {
+                        capture: turn.capture(),
+                        ..SampleHeader::default()
+                    };
+                    scans.write(header.derived(Stage::Sensor, turn.capture()), |scan| {
+                        turn.write(scan)
+                    });
+                };
+                let mut bytes = [0; READ_BYTES];
+                for _ in 0..READS {
+                    let Read::Bytes(count) = port.read(now, &mut bytes) else {
+                        break;
+                    };
+                    scanner.bytes(clock.now(), &bytes[..count], &mut publish);
+                    if count < READ_BYTES {
+                        break;
+                    }
+                }
+                while let Some(bytes) = scanner.next_write(now).filter(|_| port.is_open()) {
+                    port.write(now, bytes);
+                }
+                port.due().min(scanner.due())
+            }
+        }
+    }
+
+    fn close(&mut self) {
+        match self {
+            Self::Network { lidar, .. } => lidar.close(),
+            Self::Serial { port, .. } => port.close(),
+        }
+    }
+
+    fn news(&mut self, now: Timestamp) -> Option<News> {
+        match self {
+            Self::Network { lidar, .. } => lidar.news(now),
+            Self::Serial { scanner, .. } => scanner.news(now),
+        }
+    }
+
+    fn counters(&mut self, now: Timestamp) -> Counters {
+        match self {
+            Self::Network { lidar, .. } => lidar.counters(now),
+            Self::Serial { scanner, .. } => scanner.counters(now),
+        }
+    }
+
+    fn rehearse(&mut self, now: Timestamp) {
+        match self {
+            Self::Network { lidar, clouds } => {
+                let mut cloud = CloudAssembler::new(lidar.spec().cloud.clone(), None);
+                cloud.packet(now, now);
+                clouds.write(SampleHeader::at(now), |slot| cloud.write(slot));
+            }
+            Self::Serial { scanner, scans, .. } => {
+                let spec = scanner.spec();
+                let turn = Turn::new(&spec.cloud, spec.beams);
+                scans.write(SampleHeader::at(now), |scan| {
+                    turn.write(scan);
+                    scan.first_beam = now;
+                });
+            }
+        }
+    }
+}
+
+fn port_of(spec: &LidarSpec, protocol: SerialProtocol) -> Port {
+    let dtr_off = matches!(
+        protocol,
+        SerialProtocol::Rplidar {
+            motor_by_dtr: true,
+            ..
+        }
+    );
+    match &spec.device {
+        Device::Serial { path, baud } => Port::new(path, *baud, dtr_off),
+        // The table of a scanner has no other device.
+        Device::Udp(_) | Device::Pcap { .. } => Port::new("", spec.model.baud, dtr_off),
+    }
+}
+
+/// A mistake with the file and the line where it stands, as far as they can be found.
+fn located(folder: &std::path::Path, mistake: &Mistake) -> String {
+    let place = mistake.place();
+    let place = place.and_then(|(sensor, key)| jink_runtime::config::sensor_place(folder, sensor, key));
+    match place {
+        Some((file, line)) => format!("{}:{line}: {mistake}", file.display()),
+        None => mistake.to_string(),
+    }
+}
+
+/// The name behind `--sensor`.
+fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
+    match arguments {
+        [option, name] if option == "--sensor" => Ok(name.clone()),
+        _ => Err(StartError::Needs {
+            what: "--sensor NAME".to_owned(),
+            cause: format!("the arguments are {arguments:?}"),
+        }),
+    }
+}
