@@ -42,7 +42,7 @@ pub fn judge(seen: &Seen) -> Vec<Finding> {
             Grade::Blocker,
             "sensors",
             "no sensor is configured".to_owned(),
-            "add a [[sensor]] table to jink.toml (docs/rangefinders.md)",
+            "add a [[sensor]] table to jink.toml (docs/rangefinders.md, docs/lidars.md)",
         ));
     }
     for sensor in &seen.sensors {
@@ -105,7 +105,7 @@ fn of_sensor(sensor: &SensorSeen, seen: &Seen, findings: &mut Vec<Finding>) {
 fn silent(sensor: &SensorSeen, seconds: f64) -> Finding {
     let remedy = match sensor.table.kind.as_str() {
         "rangefinder" => {
-            "look at its plug, its power, its `device` and `baud`; its log says more (docs/rangefinders.md, faults)"
+            "look at its plug, its power, its `device` and `baud`; its log says more (docs/rangefinders.md, docs/lidars.md, faults)"
         }
         "autopilot_rangefinder" => {
             "the autopilot sends no DISTANCE_SENSOR of this `id`: set the sensor up there, or correct `id`"

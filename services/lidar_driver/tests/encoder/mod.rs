@@ -33,7 +33,8 @@ impl Random {
 
 /// The spec of a lidar called "top".
 pub fn spec(kind: &str, model: &str, device: &str, keys: &str) -> LidarSpec {
-    let text = format!("name = \"top\"\nkind = \"{kind}\"\nmodel = \"{model}\"\ndevice = \"{device}\"\n{keys}");
+    let text =
+        format!("name = \"top\"\nkind = \"{kind}\"\nmodel = \"{model}\"\ndevice = \"{device}\"\n{keys}");
     let table: SensorTable = text.parse::<toml::Table>().unwrap().into_iter().collect();
     LidarSpec::find(&[table], "top").unwrap()
 }
@@ -44,7 +45,11 @@ fn remainder(message: &[u8], width: u32, polynomial: u128, start: u128, reflecte
     let mut register = start & mask;
     for byte in message {
         for position in 0..8 {
-            let bit = if reflected { byte >> position & 1 } else { byte >> (7 - position) & 1 };
+            let bit = if reflected {
+                byte >> position & 1
+            } else {
+                byte >> (7 - position) & 1
+            };
             let carry = (register >> (width - 1) & 1 == 1) != (bit == 1);
             register = register << 1 & mask;
             if carry {
@@ -74,7 +79,10 @@ pub fn crc32(message: &[u8], start: u32) -> u32 {
 /// CRC-16 of CCITT.
 pub fn crc16(message: &[u8], start: u16, reflected: bool) -> u16 {
     if reflected {
-        reverse(remainder(message, 16, 0x1021, reverse(start.into(), 16), true), 16) as u16
+        reverse(
+            remainder(message, 16, 0x1021, reverse(start.into(), 16), true),
+            16,
+        ) as u16
     } else {
         remainder(message, 16, 0x1021, start.into(), false) as u16
     }
@@ -89,7 +97,14 @@ pub fn crc8(message: &[u8]) -> u8 {
 pub type Sight<'a> = &'a dyn Fn(usize, usize, usize) -> u16;
 
 /// A data packet of a VLP-16: azimuth (0.01 deg) of its first firing and between firings.
-pub fn vlp16(stamp_us: u32, azimuth_cdeg: f64, step_cdeg: f64, dual: bool, product: u8, ranges: Sight<'_>) -> Vec<u8> {
+pub fn vlp16(
+    stamp_us: u32,
+    azimuth_cdeg: f64,
+    step_cdeg: f64,
+    dual: bool,
+    product: u8,
+    ranges: Sight<'_>,
+) -> Vec<u8> {
     let mut packet = Vec::new();
     for block in 0..12usize {
         let firing = if dual { block / 2 * 2 } else { 2 * block };
@@ -97,7 +112,11 @@ pub fn vlp16(stamp_us: u32, azimuth_cdeg: f64, step_cdeg: f64, dual: bool, produ
         packet.extend([0xFF, 0xEE]);
         packet.extend((azimuth as u16).to_le_bytes());
         for channel in 0..32 {
-            let range = ranges(firing + channel / 16, channel % 16, if dual { block % 2 } else { 0 });
+            let range = ranges(
+                firing + channel / 16,
+                channel % 16,
+                if dual { block % 2 } else { 0 },
+            );
             packet.extend(range.to_le_bytes());
             packet.push(100);
         }
@@ -166,7 +185,9 @@ pub fn rplidar_sample(starts: bool, angle_deg: f64, range_mm: f64) -> Vec<u8> {
 }
 
 fn capsule(starts: bool, first_deg: f64, body: &[u8]) -> Vec<u8> {
-    let mut tail = ((first_deg * 64.0).round() as u16 | u16::from(starts) << 15).to_le_bytes().to_vec();
+    let mut tail = ((first_deg * 64.0).round() as u16 | u16::from(starts) << 15)
+        .to_le_bytes()
+        .to_vec();
     tail.extend(body);
     let sum = tail.iter().fold(0, |sum, byte| sum ^ byte);
     let mut bytes = vec![0xA0 | sum & 0xF, 0x50 | sum >> 4];
@@ -176,7 +197,12 @@ fn capsule(starts: bool, first_deg: f64, body: &[u8]) -> Vec<u8> {
 }
 
 /// A capsule of an RPLIDAR's answer to EXPRESS_SCAN: 32 ranges (mm), corrections in 1/8 deg.
-pub fn rplidar_capsule(starts: bool, first_deg: f64, ranges_mm: &[u16; 32], corrections: &[u8; 32]) -> Vec<u8> {
+pub fn rplidar_capsule(
+    starts: bool,
+    first_deg: f64,
+    ranges_mm: &[u16; 32],
+    corrections: &[u8; 32],
+) -> Vec<u8> {
     let mut body = Vec::new();
     for pair in 0..16 {
         for index in [2 * pair, 2 * pair + 1] {
@@ -195,7 +221,9 @@ pub fn rplidar_dense(starts: bool, first_deg: f64, ranges_mm: &[u16; 40]) -> Vec
 
 /// Metadata of an Ouster sensor with `rows` beams.
 pub fn ouster_metadata(rows: usize, columns: usize, profile: &str) -> String {
-    let altitude: Vec<f64> = (0..rows).map(|row| 20.0 - 40.0 * row as f64 / rows as f64).collect();
+    let altitude: Vec<f64> = (0..rows)
+        .map(|row| 20.0 - 40.0 * row as f64 / rows as f64)
+        .collect();
     let azimuth: Vec<f64> = (0..rows).map(|row| [4.2, 1.4, -1.4, -4.2][row % 4]).collect();
     format!(
         "{{\"prod_line\": \"OS-1-{rows}\", \"prod_sn\": \"992200001234\", \"lidar_mode\": \"{columns}x10\", \"beam_altitude_angles\": {altitude:?}, \
@@ -206,7 +234,13 @@ pub fn ouster_metadata(rows: usize, columns: usize, profile: &str) -> String {
 }
 
 /// A packet of profile RNG19_RFL8_SIG16_NIR16 that begins with column `first`.
-pub fn ouster_standard(frame: u16, first: usize, rows: usize, stamp_ns: u64, range_mm: &dyn Fn(usize, usize) -> u32) -> Vec<u8> {
+pub fn ouster_standard(
+    frame: u16,
+    first: usize,
+    rows: usize,
+    stamp_ns: u64,
+    range_mm: &dyn Fn(usize, usize) -> u32,
+) -> Vec<u8> {
     let mut packet = vec![1, 0];
     packet.extend(frame.to_le_bytes());
     packet.extend([1, 2, 3]);
