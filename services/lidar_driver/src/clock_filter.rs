@@ -46,7 +46,7 @@ impl ClockFilter {
         self.outliers = 0;
         let leak_ns = (LEAK_NSPS * arrived.seconds_since(since).max(0.0)) as i128;
         let offset_ns = seen_ns.min(least_ns + leak_ns);
-        self.least = Some((offset_ns, arrived));
+        self.least = Some((offset_ns, arrived.max(since)));
         self.offset_ns = offset_ns;
     }
 

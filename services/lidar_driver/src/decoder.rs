@@ -30,7 +30,7 @@ impl Decoder {
     pub fn of(protocol: NetworkProtocol, rate_hz: f64) -> Option<Self> {
         match protocol {
             NetworkProtocol::Ouster => None,
-            NetworkProtocol::Velodyne(elevations_deg) => Some(Self::Velodyne(Velodyne::new(elevations_deg))),
+            NetworkProtocol::Velodyne(lasers) => Some(Self::Velodyne(Velodyne::new(lasers))),
             NetworkProtocol::Livox2 => Some(Self::Livox2(Livox2::new(rate_hz))),
             NetworkProtocol::Livox1 => Some(Self::Livox1(Livox1::new(rate_hz))),
         }

@@ -302,8 +302,8 @@ pub fn metadata(path: &Path) -> Result<Metadata, DumpError> {
 /// The decoder of whatever sends packets like this one; `None` for Ouster's, which need metadata.
 fn guess(payload: &[u8]) -> Option<Decoder> {
     let candidates = [
-        NetworkProtocol::Velodyne(&velodyne::VLP16_DEG),
-        NetworkProtocol::Velodyne(&velodyne::HI_RES_DEG),
+        NetworkProtocol::Velodyne(&velodyne::VLP16_LASERS),
+        NetworkProtocol::Velodyne(&velodyne::HI_RES_LASERS),
         NetworkProtocol::Livox2,
         NetworkProtocol::Livox1,
     ];

@@ -35,7 +35,7 @@ pub enum NetworkProtocol {
     /// [`crate::ouster`].
     Ouster,
     /// [`crate::velodyne`], with these lasers.
-    Velodyne(&'static [f64; 16]),
+    Velodyne(&'static crate::velodyne::Lasers),
     /// [`crate::livox::sdk2`].
     Livox2,
     /// [`crate::livox::sdk1`].
@@ -139,13 +139,13 @@ pub const TABLE: &[Model] = &[
     network("ouster", NetworkProtocol::Ouster, 7502, [0.3, 240.0]),
     network(
         "vlp16",
-        NetworkProtocol::Velodyne(&crate::velodyne::VLP16_DEG),
+        NetworkProtocol::Velodyne(&crate::velodyne::VLP16_LASERS),
         2368,
         [0.5, 100.0],
     ),
     network(
         "vlp16_hires",
-        NetworkProtocol::Velodyne(&crate::velodyne::HI_RES_DEG),
+        NetworkProtocol::Velodyne(&crate::velodyne::HI_RES_LASERS),
         2368,
         [0.5, 100.0],
     ),

@@ -21,18 +21,47 @@
 
 use crate::decode::{Decode, Echo, Fault, Item, Ray, bytes_at, u16_at, u32_at};
 
-/// Elevation of the sixteen lasers of a VLP-16 (deg), in the order in which they fire.
-pub const VLP16_DEG: [f64; 16] = [
-    -15.0, 1.0, -13.0, 3.0, -11.0, 5.0, -9.0, 7.0, -7.0, 9.0, -5.0, 11.0, -3.0, 13.0, -1.0, 15.0,
+/// Elevation (deg) and vertical correction (mm) of the sixteen lasers, in the order in which they fire.
+pub type Lasers = [[f64; 2]; LASERS];
+
+/// Those of a VLP-16 and of a Puck LITE.
+pub const VLP16_LASERS: Lasers = [
+    [-15.0, 11.2],
+    [1.0, -0.7],
+    [-13.0, 9.7],
+    [3.0, -2.2],
+    [-11.0, 8.1],
+    [5.0, -3.7],
+    [-9.0, 6.6],
+    [7.0, -5.1],
+    [-7.0, 5.1],
+    [9.0, -6.6],
+    [-5.0, 3.7],
+    [11.0, -8.1],
+    [-3.0, 2.2],
+    [13.0, -9.7],
+    [-1.0, 0.7],
+    [15.0, -11.2],
 ];
-/// The same of a Puck Hi-Res.
-pub const HI_RES_DEG: [f64; 16] = [
-    -10.0, 0.667, -8.667, 2.0, -7.333, 3.333, -6.0, 4.667, -4.667, 6.0, -3.333, 7.333, -2.0, 8.667, -0.667,
-    10.0,
+/// Those of a Puck Hi-Res.
+pub const HI_RES_LASERS: Lasers = [
+    [-10.0, 7.4],
+    [0.667, -0.9],
+    [-8.667, 6.5],
+    [2.0, -1.8],
+    [-7.333, 5.5],
+    [3.333, -2.7],
+    [-6.0, 4.6],
+    [4.667, -3.7],
+    [-4.667, 3.7],
+    [6.0, -4.6],
+    [-3.333, 2.7],
+    [7.333, -5.5],
+    [-2.0, 1.8],
+    [8.667, -6.5],
+    [-0.667, 0.9],
+    [10.0, -7.4],
 ];
-/// Vertical correction of a laser (mm) for each degree of its elevation: beams cross 42.7 mm in front of the axis, which makes the
-/// tables of the manual (11.2 mm at -15 deg, 0.7 mm at -1 deg; Hi-Res 7.4 mm at -10 deg) to within 0.1 mm.
-const CORRECTION_MM_PER_DEG: f64 = -0.745;
 
 /// Of a data packet, and of a position packet.
 pub const PACKET_BYTES: usize = 1_206;
@@ -78,28 +107,15 @@ pub struct Velodyne {
 }
 
 impl Velodyne {
-    /// For lasers at these elevations (deg).
-    pub fn new(elevations_deg: &[f64; LASERS]) -> Self {
-        let lasers = elevations_deg.map(|elevation_deg| {
+    /// For a sensor with these lasers.
+    pub fn new(table: &Lasers) -> Self {
+        let lasers = table.map(|[elevation_deg, correction_mm]| {
             let (sin, cos) = elevation_deg.to_radians().sin_cos();
-            [
-                cos as f32,
-                sin as f32,
-                (CORRECTION_MM_PER_DEG * elevation_deg * 1e-3) as f32,
-            ]
+            [cos as f32, sin as f32, (correction_mm * 1e-3) as f32]
         });
-        let rank = |laser: usize| {
-            elevations_deg
-                .iter()
-                .filter(|other| **other < elevations_deg[laser])
-                .count() as u16
-        };
+        let rank = |laser: usize| table.iter().filter(|other| other[0] < table[laser][0]).count() as u16;
         Self {
-            product: if elevations_deg == &HI_RES_DEG {
-                HI_RES
-            } else {
-                VLP16
-            },
+            product: if table == &HI_RES_LASERS { HI_RES } else { VLP16 },
             lasers,
             rows: std::array::from_fn(rank),
             last: None,

@@ -50,7 +50,7 @@ fn lengths() -> Vec<usize> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(300))]
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn garbage_of_any_length_is_survived(seed in 1u64.., length in prop::sample::select(lengths()), marks in any::<[u8; 8]>()) {
@@ -148,7 +148,9 @@ fn of_a_stream_with_one_byte_in_a_hundred_damaged_checksums_let_nothing_wrong_th
         ("livox2", Some(NetworkProtocol::Livox2)),
         (
             "vlp16",
-            Some(NetworkProtocol::Velodyne(&jink_lidar_driver::velodyne::VLP16_DEG)),
+            Some(NetworkProtocol::Velodyne(
+                &jink_lidar_driver::velodyne::VLP16_LASERS,
+            )),
         ),
         ("livox1", Some(NetworkProtocol::Livox1)),
     ] {

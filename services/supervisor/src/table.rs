@@ -197,10 +197,12 @@ impl ProcessTable {
             let line = line_of(text, written.span().start);
             let mut row = check::row(written, &parsed.defaults, line, &at)?;
             row.grants = foreign.grants_as_written(&row.rules.name);
-            // Rows for two kinds of sensors may both be named by the sensor: no two sensors have one name.
-            let is_same = |other: &&ProcessRow| {
-                other.rules.name == row.rules.name && other.per_sensor == row.per_sensor
+            // Sensors have names of their own: rows for two kinds of them never make the same process.
+            let is_other_kind = |other: &ProcessRow| {
+                let kinds = other.per_sensor.as_ref().zip(row.per_sensor.as_ref());
+                kinds.is_some_and(|(other, kind)| other != kind)
             };
+            let is_same = |other: &&ProcessRow| other.rules.name == row.rules.name && !is_other_kind(other);
             if let Some(other) = rows.iter().find(is_same) {
                 let message = format!(
                     "{:?} is already the process of line {}",

@@ -22,11 +22,13 @@
 pub mod crc64;
 pub mod http;
 mod metadata;
+mod profile;
 pub mod request;
 
 use crate::decode::{Decode, Echo, Fault, Item, Ray, u16_at, u32_at, u64_at};
 use crc64::crc64;
-pub use metadata::{Header, Metadata, MetadataError, PROFILES, Profile};
+pub use metadata::{Metadata, MetadataError};
+pub use profile::{Header, PROFILES, Profile};
 
 /// Head and foot of a packet that is not LEGACY (bytes).
 const HEAD_BYTES: usize = 32;

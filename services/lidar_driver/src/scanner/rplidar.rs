@@ -18,7 +18,7 @@
 //! | the scanner reports a protection stop | RESET, then the same |
 //!
 //! **What can be detected.** Capsules carry an exclusive or of eight bits, single samples three bits; capsules that would turn by more
-//! than a twelfth of a turn are dropped, too.
+//! than a sixth of a turn, or half as much again as the one before, are dropped, too.
 
 use super::{Sample, Tally, Window};
 use crate::decode::u16_at;
@@ -73,6 +73,8 @@ pub struct Rplidar {
     mode: Mode,
     /// The capsule before, and when it ended.
     before: Option<([u8; CAPSULE_BYTES], Timestamp)>,
+    /// How far the capsule before turned (1/64 deg): one that turns much farther has lost its neighbour.
+    span_q6: Option<u32>,
     tally: Tally,
     protection_stop: bool,
 }
@@ -83,6 +85,7 @@ impl Default for Rplidar {
             window: Window::EMPTY,
             mode: Mode::Descriptor,
             before: None,
+            span_q6: None,
             tally: Tally::default(),
             protection_stop: false,
         }
@@ -214,7 +217,9 @@ impl Rplidar {
         let before = self.before.replace((*capsule, end)).filter(|_| !starts);
         if let Some((before, began)) = before.filter(|(_, began)| end.seconds_since(*began) <= CAPSULE_S) {
             let span_q6 = (start_q6(capsule) + TURN_Q6 - start_q6(&before)) % TURN_Q6;
-            if span_q6 > CAPSULE_Q6 {
+            let gap = self.span_q6.is_some_and(|usual_q6| 2 * span_q6 > 3 * usual_q6);
+            self.span_q6 = Some(span_q6).filter(|_| !gap);
+            if span_q6 > CAPSULE_Q6 || gap {
                 self.tally.damaged += 1;
             } else if dense {
                 dense_samples(&before, span_q6, [began, end], sink);
