@@ -111,6 +111,9 @@ pub trait Decode {
 
     /// Ends the scan that was begun, if there is one: nothing more has come for a while.
     fn finish(&mut self, sink: &mut dyn FnMut(Item));
+
+    /// The stream begins anew: what comes next is neither late nor doubled. [`Self::finish`] comes first.
+    fn restart(&mut self);
 }
 
 /// The `N` bytes at `at`; zeros beyond the end, which callers have excluded by the length.

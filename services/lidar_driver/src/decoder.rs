@@ -63,6 +63,15 @@ impl Decode for Decoder {
         }
     }
 
+    fn restart(&mut self) {
+        match self {
+            Self::Ouster(decoder) => decoder.restart(),
+            Self::Velodyne(decoder) => decoder.restart(),
+            Self::Livox2(decoder) => decoder.restart(),
+            Self::Livox1(decoder) => decoder.restart(),
+        }
+    }
+
     fn finish(&mut self, sink: &mut dyn FnMut(Item)) {
         match self {
             Self::Ouster(decoder) => decoder.finish(sink),

@@ -17,6 +17,8 @@ use std::net::IpAddr;
 /// A scan ends when nothing has come for this time (s): twenty times as long as between packets of any model, and short beside a
 /// turn, so that a sensor that sends a part of it only does not wait for the next one.
 const PAUSE_S: f64 = 0.03;
+/// Datagrams in a row that are late or doubled after which the stream has begun anew: three frames of a lidar.
+const BEHIND: u32 = 200;
 /// Silence (s) after which another sender may be the sensor.
 const SENDER_S: f64 = 1.0;
 
@@ -30,6 +32,8 @@ pub struct Driver {
     counters: Counters,
     silence: Silence,
     sender: Option<IpAddr>,
+    /// Datagrams in a row that were late or doubled.
+    behind: u32,
     /// When a datagram of the scan at hand came last.
     last: Timestamp,
     rate: Rate,
@@ -45,6 +49,7 @@ impl Driver {
             counters: Counters::default(),
             silence: Silence::default(),
             sender: spec.sensor_address,
+            behind: 0,
             last: Timestamp::NEVER,
             rate: Rate::default(),
             spec,
@@ -82,7 +87,9 @@ impl Driver {
         self.cloud.clear();
         if let Some(decoder) = &mut self.decoder {
             decoder.finish(&mut |_| {});
+            decoder.restart();
         }
+        self.behind = 0;
     }
 
     /// Takes a datagram that arrived at `arrived` from `source`, and hands every cloud that it completes to `publish`.
@@ -117,12 +124,23 @@ impl Driver {
         });
         match decoded {
             Ok(()) => {
+                self.behind = 0;
                 self.counters.good += 1;
                 self.sender = Some(source);
                 self.silence.received(arrived);
                 self.last = arrived;
             }
-            Err(fault) => self.counters.count(fault),
+            Err(fault) => {
+                self.counters.count(fault);
+                self.behind = match fault {
+                    Fault::Late | Fault::Doubled => self.behind + 1,
+                    _ => self.behind,
+                };
+                // A sensor that has started anew counts, and dates, from an earlier place.
+                if self.behind >= BEHIND {
+                    self.connected();
+                }
+            }
         }
     }
 

@@ -221,7 +221,7 @@ pub fn dump(request: &Request, progress: &mut dyn FnMut(f64, u64)) -> Result<Sum
         if let Some(decoder) = &mut decoder {
             table.datagram(decoder, &datagram);
         }
-        if datagrams % 256 == 0 {
+        if datagrams.is_multiple_of(256) {
             progress(share, table.summary.scans);
         }
     }

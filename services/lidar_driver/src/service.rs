@@ -170,7 +170,7 @@ impl Side {
             Self::Network { lidar, clouds } => lidar.run(clock, now, &mut |cloud: &CloudAssembler| {
                 let header = cloud.header();
                 clouds.write(header.derived(Stage::Sensor, header.capture), |slot| {
-                    cloud.write(slot)
+                    cloud.write(slot);
                 });
             }),
             Self::Serial { scanner, port, scans } => {
@@ -183,7 +183,7 @@ impl Side {
                         ..SampleHeader::default()
                     };
                     scans.write(header.derived(Stage::Sensor, turn.capture()), |scan| {
-                        turn.write(scan)
+                        turn.write(scan);
                     });
                 };
                 let mut bytes = [0; READ_BYTES];

@@ -262,6 +262,14 @@ impl Decode for Velodyne {
         Ok(())
     }
 
+    fn restart(&mut self) {
+        self.last = None;
+        self.azimuth = None;
+        self.column = 0;
+        self.open = false;
+        self.lost = 0;
+    }
+
     fn finish(&mut self, sink: &mut dyn FnMut(Item)) {
         if std::mem::take(&mut self.open) {
             self.column = 0;

@@ -298,3 +298,15 @@ fn a_narrow_window_is_published_when_its_last_column_has_come() {
     }
     assert_eq!(published.len(), 1);
 }
+
+#[test]
+fn a_sensor_or_a_recording_that_begins_anew_is_followed() {
+    let mut driver = ouster(ROWS, COLUMNS, "");
+    assert_eq!(flown(&mut driver, 3, &|_, _| 3_000).len(), 3);
+    // A recording that is played again says so.
+    driver.connected();
+    assert_eq!(flown(&mut driver, 3, &|_, _| 3_000).len(), 3);
+    // A sensor does not: its packets are late at first.
+    let again: usize = (0..10).map(|_| flown(&mut driver, 3, &|_, _| 3_000).len()).sum();
+    assert!(again >= 6, "{again}");
+}

@@ -80,7 +80,7 @@ impl Network {
         }
         let now = self.packets;
         let whole = self.fragments.process_sliced_packet(&packet, now, ());
-        if now % FRAGMENTS_KEPT == 0 {
+        if now.is_multiple_of(FRAGMENTS_KEPT) {
             self.fragments.retain(|begun| now - *begun < FRAGMENTS_KEPT);
         }
         match whole {

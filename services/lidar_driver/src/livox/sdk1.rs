@@ -189,6 +189,10 @@ impl Decode for Livox1 {
         Ok(())
     }
 
+    fn restart(&mut self) {
+        self.last_ns = None;
+    }
+
     fn finish(&mut self, sink: &mut dyn FnMut(Item)) {
         self.cutter.finish(sink);
     }

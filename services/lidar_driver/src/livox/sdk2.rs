@@ -161,6 +161,10 @@ impl Decode for Livox2 {
         Ok(())
     }
 
+    fn restart(&mut self) {
+        self.next = None;
+    }
+
     fn finish(&mut self, sink: &mut dyn FnMut(Item)) {
         self.cutter.finish(sink);
     }

@@ -202,10 +202,7 @@ impl Keys<'_> {
     /// The value of `key` in any of the places where a layout may have it.
     fn find(&self, key: &str) -> Option<&Value> {
         let in_section = |section: &&str| self.0.get(*section).and_then(|section| section.get(key));
-        let found = self
-            .0
-            .get(key)
-            .or_else(|| SECTIONS.iter().find_map(|section| in_section(section)));
+        let found = self.0.get(key).or_else(|| SECTIONS.iter().find_map(in_section));
         found
             .or_else(|| {
                 self.0

@@ -381,6 +381,11 @@ impl Decode for Ouster {
         Ok(())
     }
 
+    fn restart(&mut self) {
+        self.frame = None;
+        self.jumped_to = None;
+    }
+
     fn finish(&mut self, sink: &mut dyn FnMut(Item)) {
         let sent = self.metadata.columns_sent();
         let per_packet = self.metadata.columns_per_packet;
