@@ -19,7 +19,7 @@ fn recording(path: &Path, dual: bool, product: u8) {
         .map(|packet| {
             let ranges = |firing: usize, laser: usize, echo: usize| {
                 let number = (packet * 24 + firing) * 16 + laser;
-                if number % 11 == 0 {
+                if number.is_multiple_of(11) {
                     0
                 } else {
                     (500 + number * 13 % 40_000 + echo * 900) as u16
@@ -79,7 +79,7 @@ fn single_and_dual_returns_of_both_models_are_where_velodyne_decoder_puts_them()
         }
         assert!(theirs.len() > 20_000, "{name}: {}", theirs.len());
         let (mut worst_m, mut worst_deg) = (0.0f64, 0.0f64);
-        let mut begin = vec![0usize; 16];
+        let mut begin = [0usize; 16];
         for theirs in &theirs {
             let row = theirs.key[1] as usize;
             let candidates = &by_key[&theirs.key[1]];
