@@ -2,7 +2,7 @@
 //!
 //! A packet arrives some delay after its last measurement: at least the time on the wire, at times much more, because the network or
 //! the scheduler kept it. The smallest difference between arrival and stamp therefore is the best estimate of the offset of the two
-//! clocks; it grows by [`LEAK_NSPS`] so that a sensor whose clock runs slow is followed. This is the minimum filter of NTP
+//! clocks; it grows by 0.2 ms per second, so that a sensor whose clock runs slow is followed. This is the minimum filter of NTP
 //! (RFC 5905, section 10) for one direction only.
 //!
 //! Stamps that contradict the offset by more than half a second are outliers (a damaged stamp, a clock that was set). A few in a row

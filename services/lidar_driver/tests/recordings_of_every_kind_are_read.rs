@@ -28,7 +28,7 @@ fn payload(number: usize) -> Vec<u8> {
 const BEGIN_NS: u64 = 1_700_000_000_123_456_000;
 
 /// Five datagrams in fragments, a millisecond apart.
-fn frames(link_header: &dyn Fn(&[u8]) -> Vec<u8>) -> Vec<(u64, Vec<u8>)> {
+fn frames(link_header: Header<'_>) -> Vec<(u64, Vec<u8>)> {
     let packets = (0..5usize).flat_map(|number| {
         let time_ns = BEGIN_NS + number as u64 * 1_000_000;
         let fragments = ipv4(&payload(number), 7502, number as u16, 1_480);
@@ -58,6 +58,9 @@ fn both_byte_orders_both_time_units_and_the_newer_format_say_the_same() {
     }
 }
 
+/// Puts the header of a link before an IP packet.
+type Header<'a> = &'a dyn Fn(&[u8]) -> Vec<u8>;
+
 #[test]
 fn every_link_type_that_carries_ip_is_known() {
     let folder = Scratch::new("links");
@@ -66,7 +69,7 @@ fn every_link_type_that_carries_ip_is_known() {
         let head: &[u8] = &[8, 0, 0, 0, 0, 0, 0, 2, 0, 1, 0, 6, 1, 2, 3, 4, 5, 6, 0, 0];
         [head, ip].concat()
     };
-    let links: [(u32, &dyn Fn(&[u8]) -> Vec<u8>); 7] = [
+    let links: [(u32, Header<'_>); 7] = [
         (1, &|ip| ethernet(ip, 1)),
         (1, &|ip| ethernet(ip, 2)),
         (0, &|ip| [&[2, 0, 0, 0], ip].concat()),
