@@ -32,6 +32,14 @@ pub struct Cell {
 }
 
 impl Cell {
+    /// The forest, as [`Cell::of`] has it.
+    ///
+    /// # Errors
+    /// A text naming what cannot be built.
+    pub fn forest() -> Result<Self, String> {
+        Self::of("forest".parse().map_err(|error| format!("{error}"))?)
+    }
+
     /// A world of that kind flown with sensors that see everything, at 3 m/s at most and for two minutes.
     ///
     /// # Errors

@@ -73,7 +73,7 @@ impl Pairing {
     /// # Errors
     /// A text naming what cannot be built.
     pub fn forest(self, seed: u64) -> Result<FlightSetup, String> {
-        let cell = Cell::of("forest".parse().map_err(|error| format!("{error}"))?)?;
+        let cell = Cell::forest()?;
         self.fly(setup(&cell, seed)?)
     }
 

@@ -2,7 +2,7 @@
 //! and up to a fifth lost or 100 ms each way the goal is reached without a fall to Hold.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use jink_tests::campaign::{FlightOutcome, fly_as};
+use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
 use jink_tests::lossy::LinkFaults;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 use std::sync::Mutex;
@@ -84,7 +84,7 @@ fn through_a_forest_over_bad_links() {
                     // Who is told that jink holds does not let the mission go on blindly, again and again.
                     setup.plan.resume = *whose == PX4_TRAJECTORY;
                     setup.link_faults = Some(*faults);
-                    let report = fly_as(setup, 3.0).unwrap();
+                    let report = fly_as(setup, &Cell::forest().unwrap()).unwrap();
                     let line = format!(
                         "{:16} {name:24} {:?}, {} touched, largest gap {:4.0} ms, {} Holds, {:.1} m/s, nearest {:.2} m",
                         whose.profile.name(),

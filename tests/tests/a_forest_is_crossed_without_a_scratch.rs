@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use jink_simulator::world::WorldKind;
-use jink_tests::campaign::{Cell, FlightOutcome, fly};
+use jink_tests::campaign::{Cell, FlightOutcome, SPHERE, fly, sensor_set};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 fn forest() -> Cell {
@@ -12,6 +12,7 @@ fn forest() -> Cell {
         density_per_m2: None,
         speed_mps: 3.0,
         limit_s: 120.0,
+        sensors: sensor_set(SPHERE).unwrap(),
     }
 }
 

@@ -2,7 +2,7 @@
 //! next guard is there, and nothing is touched.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use jink_tests::campaign::{Cell, setup};
+use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
 use jink_tests::pilot::Tablet;
 use jink_tests::processes::{System, TempFolder, free_udp_port, until};
 use std::net::UdpSocket;
@@ -18,6 +18,7 @@ fn killed_again_and_again_at_full_stick_nothing_is_touched() {
         density_per_m2: None,
         speed_mps: 3.0,
         limit_s: 600.0,
+        sensors: sensor_set(SPHERE).unwrap(),
     };
     let mut plan = setup(&cell, 3).unwrap().plan;
     plan.resume = false;

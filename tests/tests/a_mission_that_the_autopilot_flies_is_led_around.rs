@@ -12,8 +12,7 @@ use jink_tests::pairing::PX4_DEVIATION;
 #[test]
 fn through_a_forest() {
     for seed in [1, 2, 3, 4] {
-        let cell = Cell::of("forest".parse().unwrap()).unwrap();
-        let report = fly_as(PX4_DEVIATION.forest(seed).unwrap(), &cell).unwrap();
+        let report = fly_as(PX4_DEVIATION.forest(seed).unwrap(), &Cell::forest().unwrap()).unwrap();
         println!("{report:?}");
         assert_eq!(report.outcome, FlightOutcome::Goal, "{report:?}");
         assert_eq!((report.collisions, report.hold_count), (0, 0), "{report:?}");

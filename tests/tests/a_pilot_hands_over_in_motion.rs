@@ -4,7 +4,7 @@
 
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Make, Outcome, Phase};
-use jink_tests::campaign::{Cell, setup};
+use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
 use jink_tests::lockstep::LockStep;
 use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavMessage};
 
@@ -36,6 +36,7 @@ fn and_the_plan_departs_from_it() {
             density_per_m2: None,
             speed_mps: 3.0,
             limit_s: 180.0,
+            sensors: sensor_set(SPHERE).unwrap(),
         };
         let mut flight = LockStep::new(setup(&cell, seed).unwrap()).unwrap();
         let (mut from_s, mut next_s) = (None, 0.0);

@@ -5,7 +5,7 @@
 use jink_shared_types::motion::MotionState;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
-use jink_tests::campaign::{Cell, setup};
+use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
 use jink_tests::lockstep::LockStep;
 
 /// Time between two restarts (s): longer than the time between two heartbeats, and no multiple of it.
@@ -21,6 +21,7 @@ fn in_the_middle_of_a_forest_again_and_again() {
             density_per_m2: None,
             speed_mps: 3.0,
             limit_s: 180.0,
+            sensors: sensor_set(SPHERE).unwrap(),
         };
         let setup = setup(&cell, seed).unwrap();
         let mut flight = LockStep::new(setup).unwrap();

@@ -6,7 +6,7 @@ use jink_shared_types::events::{self, Event};
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
 use jink_simulator::sensors::{SensorKind, SensorSpec};
-use jink_tests::campaign::{Cell, default_sensors, setup};
+use jink_tests::campaign::{Cell, SPHERE, default_sensors, sensor_set, setup};
 use jink_tests::lockstep::LockStep;
 use std::collections::BTreeSet;
 
@@ -16,6 +16,7 @@ fn flight(seed: u64) -> LockStep {
         density_per_m2: None,
         speed_mps: 3.0,
         limit_s: 240.0,
+        sensors: sensor_set(SPHERE).unwrap(),
     };
     let mut setup = setup(&cell, seed).unwrap();
     setup.sensors = default_sensors();

@@ -5,7 +5,7 @@
 use jink_shared_types::events;
 use jink_simulator::autopilot::Pace;
 use jink_simulator::flyer::FlyerConfig;
-use jink_tests::campaign::{FlightOutcome, fly_as};
+use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
 use jink_tests::lockstep::{FlightSetup, LockStep};
 use jink_tests::pairing::{PX4_CURRENT, PX4_TRAJECTORY};
 
@@ -23,7 +23,7 @@ fn a_clock_that_is_slower_by_a_hundredth_leads_to_the_goal() {
         ..Pace::default()
     };
     for whose in [PX4_CURRENT, PX4_TRAJECTORY] {
-        let report = fly_as(paced(whose.forest(1).unwrap(), pace), 3.0).unwrap();
+        let report = fly_as(paced(whose.forest(1).unwrap(), pace), &Cell::forest().unwrap()).unwrap();
         assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
         assert_eq!((report.collisions, report.hold_count), (0, 0), "{whose:?}");
     }

@@ -5,7 +5,7 @@ use jink_mavlink_gateway::Representation;
 use jink_simulator::autopilot::{AutopilotConfig, Firmware, Variant};
 use jink_simulator::flyer::FlyerConfig;
 use jink_simulator::ground_station::{Ending, Outcome};
-use jink_tests::campaign::{Cell, FlightOutcome, fly_as, setup};
+use jink_tests::campaign::{Cell, FlightOutcome, SPHERE, fly_as, sensor_set, setup};
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::PX4_TRAJECTORY;
 
@@ -15,6 +15,7 @@ fn forest() -> Cell {
         density_per_m2: None,
         speed_mps: 3.0,
         limit_s: 120.0,
+        sensors: sensor_set(SPHERE).unwrap(),
     }
 }
 
@@ -53,7 +54,7 @@ fn through_a_forest() {
                     firmware: Firmware::Trajectory(variant),
                     ..AutopilotConfig::default()
                 });
-                let report = fly_as(setup, cell.speed_mps).unwrap();
+                let report = fly_as(setup, &cell).unwrap();
                 let what = format!("{representation:?} on {variant:?}: {report:?}");
                 println!("{what}");
                 assert_eq!(report.outcome, FlightOutcome::Goal, "{what}");

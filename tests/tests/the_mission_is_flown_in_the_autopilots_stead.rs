@@ -5,7 +5,7 @@
 use jink_shared_types::events;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
-use jink_tests::campaign::{FlightOutcome, fly_as};
+use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
 use jink_tests::lockstep::{FlightSetup, LockStep};
 use jink_tests::pairing::{COPTER, FOLLOWERS, PX4_2021_OFFBOARD, PX4_CURRENT, Pairing};
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
@@ -43,7 +43,7 @@ fn lands_safely(flight: &mut LockStep, whose: Pairing) {
 fn through_a_forest() {
     for whose in FOLLOWERS {
         for seed in [1, 2, 3, 4] {
-            let report = fly_as(whose.forest(seed).unwrap(), 3.0).unwrap();
+            let report = fly_as(whose.forest(seed).unwrap(), &Cell::forest().unwrap()).unwrap();
             println!("{} {report:?}", whose.autopilot);
             assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
             assert_eq!(

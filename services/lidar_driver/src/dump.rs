@@ -230,7 +230,12 @@ pub fn dump(request: &Request, progress: &mut dyn FnMut(f64, u64)) -> Result<Sum
     }
     if table.summary.packets == 0 {
         return Err(
-            if decoder.is_none() && request.model.as_deref() == Some("ouster") {
+            if decoder.is_none()
+                && request
+                    .model
+                    .as_deref()
+                    .is_some_and(|model| model.starts_with("ouster"))
+            {
                 DumpError::NeedsMetadata {
                     pcap: request.pcap.clone(),
                 }

@@ -137,6 +137,10 @@ const fn motor(by_dtr: bool, pwm: Option<u16>) -> SerialProtocol {
 /// Every model.
 pub const TABLE: &[Model] = &[
     network("ouster", NetworkProtocol::Ouster, 7502, [0.3, 240.0]),
+    // The same protocol; a simulation tells them apart.
+    network("ouster_os0", NetworkProtocol::Ouster, 7502, [0.3, 100.0]),
+    network("ouster_os1", NetworkProtocol::Ouster, 7502, [0.3, 200.0]),
+    network("ouster_os2", NetworkProtocol::Ouster, 7502, [0.8, 240.0]),
     network(
         "vlp16",
         NetworkProtocol::Velodyne(&crate::velodyne::VLP16_LASERS),

@@ -43,9 +43,12 @@ const KEYS: &[&str] = &[
     "delay_ms",
     "scan_low_deg",
     "scan_high_deg",
+    // Declarations for the map.
+    "band_up_m",
+    "band_down_m",
 ];
 /// What the simulator's rangefinder has besides.
-const SIMULATED: &[&str] = &["seed", "sigma_ratio", "sigma_per_m", "dropout"];
+const SIMULATED: &[&str] = &["seed", "sigma_ratio", "sigma_per_m", "dropout", "beams"];
 
 /// Scans per second (Hz) unless told otherwise: those of the topic.
 const RATE_HZ: f64 = 20.0;

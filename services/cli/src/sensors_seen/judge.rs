@@ -7,7 +7,8 @@ use super::ring::RingSeen;
 use super::sensor::{Rate, SensorSeen};
 use crate::findings::{Finding, Grade, of_events};
 use jink_shared_types::events::{
-    DEPTH_CAMERA_LOST, LIDAR_LOST, PREVENTION_BLIND, PREVENTION_HOLDS, RANGEFINDER_LOST, RANGES_LOST, SENSOR_LOST,
+    DEPTH_CAMERA_LOST, LIDAR_LOST, PREVENTION_BLIND, PREVENTION_HOLDS, RANGEFINDER_LOST, RANGES_LOST,
+    SENSOR_LOST,
 };
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::ring::SECTORS;

@@ -42,6 +42,9 @@ const KEYS: &[&str] = &[
     "returns",
     "no_return",
     "blind_deg",
+    // Declarations for the map.
+    "band_up_m",
+    "band_down_m",
 ];
 /// What the simulator's lidars have besides.
 const SIMULATED: &[&str] = &[
@@ -49,6 +52,7 @@ const SIMULATED: &[&str] = &[
     "sigma_ratio",
     "dropout",
     "rays",
+    "rings",
     "fov_horizontal_deg",
     "elevation_min_deg",
     "elevation_max_deg",
@@ -201,7 +205,7 @@ impl Keys<'_> {
             Connection::Network(NetworkProtocol::Livox1 | NetworkProtocol::Livox2)
         );
         let replays = matches!(device, Device::Pcap { .. });
-        let rules: [(&'static str, bool, &'static str); 9] = [
+        let rules: [(&'static str, bool, &'static str); 11] = [
             ("replay", replays, "it is for device = \"pcap:...\""),
             ("metadata", ouster, "ouster has"),
             (
@@ -226,6 +230,8 @@ impl Keys<'_> {
                 "lidar_2d has",
             ),
             ("returns", network, "network lidars have"),
+            ("band_up_m", !network, "lidar_2d has"),
+            ("band_down_m", !network, "lidar_2d has"),
             ("no_return", network && !livox, "ouster and velodyne models have"),
         ];
         match rules

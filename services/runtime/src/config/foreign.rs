@@ -512,6 +512,8 @@ mod tests {
             has_device: false,
             rate_hz: None,
             delay_s: 0.0,
+            band_m: [0.0; 2],
+            no_return_is_clear: false,
         };
         let (missing, near) = grants.without_sensor(&[sensor]).unwrap();
         assert_eq!(

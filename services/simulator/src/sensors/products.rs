@@ -17,7 +17,7 @@
 //! leaves of an image. A real one says of a ray without an answer no more than that: it is [`super::head::Answer::Unknown`] unless the table
 //! declares `no_return = "clear"`.
 
-use super::spec::{SensorKind, SensorSpec};
+use super::spec::{NoReturn, SensorKind, SensorSpec};
 
 /// How a lidar's rays are spread over its field of view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -132,6 +132,8 @@ const PRODUCTS: [Product; 9] = [
             let low_deg = spec.scan_low_deg.unwrap_or(-160.0);
             let high_deg = spec.scan_high_deg.unwrap_or(160.0);
             spec.fov_horizontal_deg.get_or_insert(high_deg - low_deg);
+            // Its driver takes a lost signal for nothing in range, as both autopilots do.
+            spec.no_return.get_or_insert(NoReturn::Clear);
             spec.beams.get_or_insert(640);
             spec.rate_hz.get_or_insert(5.0);
             spec.range_min_m.get_or_insert(0.2);
