@@ -279,7 +279,7 @@ fn all_parameters_are_listed_for_whoever_asks_all_components() {
                 target_component: component,
             }),
         );
-        bench.idle_until(bench.now.plus_seconds(3.0));
+        bench.idle_until(bench.now.plus_seconds(4.0));
         let names: Vec<String> = values(&bench)
             .iter()
             .map(|value| value.param_id.to_str().unwrap().to_owned())

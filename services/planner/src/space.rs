@@ -554,7 +554,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn who_rests_in_a_narrow_place_has_the_room_there_is_and_none_of_the_unknown() {
+    fn who_rests_in_a_narrow_place_has_the_room_there_is_and_comes_no_nearer_to_the_unknown() {
         // Walls on both sides, the left one too near.
         let mut map = known_map(|p| p.y < -0.4 || (0.8..1.0).contains(&p.y));
         let here = cell_of(Point::new(0.1, 0.1, 0.1));
@@ -574,7 +574,10 @@ pub(crate) mod tests {
         }
         space.load(&map);
         space.depart_from(here, true);
-        assert!(!space.is_safe(2, here), "the unknown is no nearer either");
+        assert!(space.is_safe(2, here) && !space.has_room(here));
+        let along = |north_m: f64| cell_of(Point::new(north_m, 0.1, 0.1));
+        assert!(!space.is_safe(2, along(0.3)), "no nearer to the unknown either");
+        assert!(space.is_safe(2, along(-0.1)), "away from it");
     }
 
     #[test]

@@ -80,7 +80,7 @@ fn every_mistake_names_the_sensor_the_key_and_what_is_possible() {
     for (keys, said) in [
         (
             "device = \"udp:0.0.0.0:2368\"\n",
-            "sensor \"top\": `model` is missing; possible: ouster, vlp16, vlp16_hires, livox_mid360, livox_avia",
+            "sensor \"top\": `model` is missing; possible: ouster, ouster_os0, ouster_os1, ouster_os2, vlp16, vlp16_hires, livox_mid360, livox_avia",
         ),
         (
             "model = \"ld06\"\ndevice = \"/dev/ttyS4\"\n",

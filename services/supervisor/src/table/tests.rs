@@ -313,7 +313,7 @@ fn rows_for_two_kinds_of_sensors_may_both_be_named_by_the_sensor() {
     let twice = format!("{PER_SENSOR}{other}{other}");
     assert_eq!(
         error_of(&twice),
-        "services.toml:14: \"{sensor}\" is already the process of line 10"
+        "services.toml:15: \"{sensor}\" is already the process of line 10"
     );
 }
 
