@@ -209,7 +209,7 @@ impl FieldOfView {
     /// What is missing for a vehicle that has been seeing so since it stood on the ground; `None` if nothing is.
     ///
     /// A place ahead is known once it has been seen from afar: as high above and as deep below as the vehicle needs room, from no
-    /// farther than [`FROM_AFAR`] of the range. And the vehicle must come away from where it hovers: what is unknown must be left
+    /// farther than four fifths of the range. And the vehicle must come away from where it hovers: what is unknown must be left
     /// behind, so that half of all directions around have to be seen, or declared.
     pub fn missing(&self, needs: &Needs) -> Option<Missing> {
         if self.is_empty() {

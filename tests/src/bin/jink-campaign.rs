@@ -23,7 +23,7 @@ struct Arguments {
     #[arg(long, visible_alias = "world", default_value = "forest")]
     suite: String,
     /// Sensors: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (the last two with a rangefinder down), several with
-    /// a plus between them, or FILE.toml with [[sensor]] tables, and declarations under [params]
+    /// a plus between them, or FILE.toml with `sensor` tables, and declarations under `params`
     #[arg(long, default_value = SPHERE)]
     sensor: String,
     /// Trees per square metre (forest only; default 1/25)

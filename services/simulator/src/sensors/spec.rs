@@ -124,7 +124,7 @@ pub struct SensorSpec {
     /// Rings of a lidar that turns (`lidar_3d`): as many rays one above the other for each of its beams.
     pub rings: Option<u32>,
     /// What a ray without an answer says: unknown, or clear up to the longest range. Without it a sensor of no product
-    /// ([`super::products`]) is so good that it knows the difference.
+    /// (`products`) is so good that it knows the difference.
     pub no_return: Option<NoReturn>,
     /// Horizontal field of view (deg) (`lidar_3d`, `lidar_2d`, `depth_camera`).
     pub fov_horizontal_deg: Option<f64>,
@@ -145,7 +145,7 @@ pub struct SensorSpec {
     pub thin_miss: Option<f64>,
     /// How far a pixel at a depth edge may slide towards its neighbour's depth, 0 to 1 (`depth_camera`).
     pub edge_mixing: Option<f64>,
-    /// Which product it is ([`super::products`]); of models that are not rendered only their driver takes notice.
+    /// Which product it is (`products`); of models that are not rendered only their driver takes notice.
     pub model: Option<String>,
     /// How far a scanner that does not turn all around looks to the left (deg).
     pub scan_low_deg: Option<f64>,
