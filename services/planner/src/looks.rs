@@ -5,7 +5,7 @@
 //! |---|---|
 //! | the way through unknown space, what the sensors see, the inflated map | a place that can be reached and a heading there, from which the most of what is missing comes into view |
 //!
-//! Every place is tried once in a while ([`FORGOTTEN_S`]): what does not come into view from there will not do so by looking again.
+//! Every place is tried once in a while (20 s): what does not come into view from there will not do so by looking again.
 
 use crate::gears::GEARS;
 use crate::space::{Space, around};
