@@ -18,7 +18,8 @@
 //! | `rplidar_c1` | SLAMTEC RPLIDAR C1 | `lidar_2d` | serial, 460800 bit/s | 0.05 to 12 | 0.05 |
 //!
 //! Ranges are those of the data sheets for targets that answer well. A return from beyond `range_max_m` says that the ray is free up to
-//! there; where nothing answered nothing is known, unless the table of a network lidar says `no_return = "clear"`.
+//! there; where nothing answered nothing is known, unless the table says `no_return = "clear"`. A Livox does not
+//! even say where it got no answer, so that its table cannot.
 
 /// Where a model is connected, and what it speaks.
 #[derive(Clone, Copy, Debug, PartialEq)]

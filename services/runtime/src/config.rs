@@ -70,7 +70,7 @@ pub struct Config {
 pub struct Simulation {
     /// Which autopilot flies: px4, px4_current, ardupilot; auto = the one that `link.profile` is for.
     pub autopilot: String,
-    /// Kind of world: forest, gap, corridor, utrap, empty.
+    /// Kind of world: forest, gap, corridor, utrap, building, empty, or FILE.toml.
     pub world: String,
     /// Seed of everything random.
     pub seed: u64,
@@ -311,7 +311,14 @@ impl Config {
         let no_return_is_clear = match table.no_return.as_ref() {
             None => false,
             Some(word) => match word.get_ref().as_str() {
-                "clear" => true,
+                "clear" if table.says_where_nothing_answered() => true,
+                "clear" => {
+                    let message = format!(
+                        "sensor {name:?} does not say where it got no answer, or gets none from blank walls: no_return = \"clear\" \
+                         is not possible; declare what hangs nowhere (OA_DCL_HANG_LO, OA_DCL_HANG_HI) instead"
+                    );
+                    return Err(at(word.span().start, message));
+                }
                 "unknown" => false,
                 other => {
                     let message =
@@ -335,6 +342,12 @@ impl Config {
 }
 
 impl SensorTable {
+    /// Whether the direction of a ray without an answer is known, and whether that it has none is mostly due to the open air.
+    fn says_where_nothing_answered(&self) -> bool {
+        let model = self.of_the_driver.get("model").and_then(toml::Value::as_str);
+        self.kind.get_ref() != "depth_camera" && !model.is_some_and(|model| model.starts_with("livox"))
+    }
+
     /// What the sensor publishes: its kind says it, and of the kinds of others the table.
     fn output(&self, at: &impl Fn(usize, String) -> ConfigError) -> Result<SensorOutput, ConfigError> {
         let kind = self.kind.get_ref();
@@ -499,6 +512,43 @@ mod tests {
             sensor("delay_ms = 5000"),
             "jink.toml:4: sensor \"a\": delay_ms is a number from 0 to 1000"
         );
+    }
+
+    #[test]
+    fn declarations_of_a_sensor_are_for_those_that_can_make_them() {
+        let parse = |table: &str| {
+            let text = format!("[[sensor]]\nname = \"top\"\n{table}\n");
+            Config::parse(Path::new("jink.toml"), &text).map_err(|error| error.to_string())
+        };
+        let ouster = parse("kind = \"lidar_3d\"\nmodel = \"ouster_os1\"\nno_return = \"clear\"").unwrap();
+        assert!(ouster.sensors[0].no_return_is_clear);
+        let plane = parse("kind = \"lidar_2d\"\nband_up_m = 1.2\nno_return = \"unknown\"").unwrap();
+        assert_eq!(
+            (plane.sensors[0].band_m, plane.sensors[0].no_return_is_clear),
+            ([1.2, 0.0], false)
+        );
+        for (table, words) in [
+            (
+                "kind = \"lidar_3d\"\nmodel = \"livox_mid360\"\nno_return = \"clear\"",
+                "jink.toml:5: sensor \"top\" does not say where it got no answer",
+            ),
+            ("kind = \"depth_camera\"\nno_return = \"clear\"", "OA_DCL_HANG_LO"),
+            (
+                "kind = \"lidar_3d\"\nno_return = \"free\"",
+                "\"unknown\" or \"clear\", not \"free\"",
+            ),
+            (
+                "kind = \"lidar_3d\"\nband_up_m = 1.0",
+                "a band is for sensors that see one plane",
+            ),
+            (
+                "kind = \"lidar_2d\"\nband_down_m = 9.0",
+                "band_down_m is a number from 0 to",
+            ),
+        ] {
+            let error = parse(table).unwrap_err();
+            assert!(error.contains(words), "{error}");
+        }
     }
 
     #[test]

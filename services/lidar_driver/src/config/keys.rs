@@ -232,7 +232,7 @@ impl Keys<'_> {
             ("returns", network, "network lidars have"),
             ("band_up_m", !network, "lidar_2d has"),
             ("band_down_m", !network, "lidar_2d has"),
-            ("no_return", network && !livox, "ouster and velodyne models have"),
+            ("no_return", !livox, "all but livox models have"),
         ];
         match rules
             .into_iter()

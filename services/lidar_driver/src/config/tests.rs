@@ -108,7 +108,7 @@ fn every_mistake_names_the_sensor_the_key_and_what_is_possible() {
         ),
         (
             "model = \"livox_avia\"\ndevice = \"udp:0.0.0.0:60001\"\nno_return = \"clear\"\n",
-            "sensor \"top\": a livox_avia has no no_return; ouster and velodyne models have",
+            "sensor \"top\": a livox_avia has no no_return; all but livox models have",
         ),
         (
             "model = \"vlp16\"\ndevice = \"udp:0.0.0.0:2368\"\nrange_max_m = 120\n",

@@ -1,10 +1,10 @@
 //! The samples of one turn become one scan: beams at equal angles, clockwise from the scanner's front.
 //!
 //! Of what falls into a beam the nearest counts. A sample beyond `range_max_m` says that there is nothing up to there, an invalid one
-//! nothing at all; a beam is free only if every sample in it says so.
+//! nothing at all, or the same where the table declares `no_return = "clear"`; a beam is free only if every sample in it says so.
 
 use super::Sample;
-use crate::config::CloudSpec;
+use crate::config::{CloudSpec, NoReturn};
 use jink_shared_types::ranges::SCAN_BEAMS;
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
 use jink_shared_types::{Coded, Reserved, Timestamp};
@@ -84,9 +84,10 @@ impl Turn {
         let count = self.beams.len();
         let index = (sample.angle_deg / 360.0 * count as f32) as usize % count;
         let beam = &mut self.beams[index];
-        if sample.range_m > self.spec.range_max_m {
+        let answered = sample.range_m > 0.0;
+        if sample.range_m > self.spec.range_max_m || (!answered && self.spec.no_return == NoReturn::Clear) {
             beam.free = true;
-        } else if sample.range_m > 0.0 {
+        } else if answered {
             beam.nearest_m = beam.nearest_m.min(sample.range_m);
         } else {
             beam.unknown = true;
