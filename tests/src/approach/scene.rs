@@ -1,6 +1,6 @@
 //! What stands ahead of the vehicle: it starts at the origin and is pushed north.
 
-use jink_simulator::world::{Bounds, Cylinder, Obstacle, Scene as Solids, World, YawedBox};
+use jink_simulator::world::{Bounds, Cylinder, FLIGHT_HEIGHT_M, Obstacle, Scene as Solids, World, YawedBox};
 use serde::Serialize;
 
 /// Height of everything (m): nothing is flown over.
@@ -164,7 +164,9 @@ impl Scene {
     /// The world.
     pub fn world(self, ahead_m: f64, incidence_deg: f64, place: Place) -> World {
         World::new(Solids {
-            name: self.name(),
+            flight_height_m: FLIGHT_HEIGHT_M,
+            structures: Vec::new(),
+            name: self.name().to_owned(),
             seed: 0,
             goals: Vec::new(),
             bounds: Bounds {

@@ -6,7 +6,8 @@
 
 use super::error::SensorError;
 use super::head::{Answer, Head, HeadDefaults};
-use super::pose::Pose;
+use super::pose::PoseCursor;
+use super::products::product;
 use super::spec::SensorSpec;
 use crate::world::World;
 use jink_shared_types::Timestamp;
@@ -21,11 +22,20 @@ const GRAZING_COS: f64 = 0.26;
 /// Two neighbours whose depths differ by more than this share of the nearer one lie on different surfaces.
 const EDGE: f64 = 0.1;
 
+/// Time of exposure (ns): what the image turns by in it is smeared.
+const EXPOSURE_NS: u64 = 8_000_000;
+/// Turned by so much during the exposure no pixel finds its match any more: 16 pixels of a D435's image (rad).
+const UNMATCHED_RAD: f64 = 0.036;
+/// Nearer to the sun than this (cosine of 10 deg) every other pixel is lost in its glare.
+const GLARE_COS: f64 = 0.985;
+
 #[derive(Clone, Debug)]
 pub(super) struct DepthCamera {
     head: Head,
     width_px: usize,
     edge_mixing: f64,
+    /// Real ones are blurred by motion, and dazzled.
+    is_product: bool,
     /// Per pixel: unit direction in the body, and its share along the optical axis.
     directions: Vec<(Vector3<f64>, f64)>,
     /// True depth of each pixel (m): infinity for nothing in range, NaN for no match.
@@ -73,6 +83,7 @@ impl DepthCamera {
         Ok(Self {
             head,
             width_px,
+            is_product: product(spec).is_some(),
             edge_mixing: spec.share("edge_mixing", spec.edge_mixing, 0.5)?,
             directions,
             depths_m: vec![f64::NAN; width_px * height_px],
@@ -80,16 +91,22 @@ impl DepthCamera {
     }
 
     /// One image, taken at `time`.
-    pub fn render(&mut self, world: &World, pose: &Pose, time: Timestamp, cloud: &mut PointCloud) {
+    pub fn render(
+        &mut self,
+        world: &World,
+        poses: &mut PoseCursor<'_>,
+        time: Timestamp,
+        cloud: &mut PointCloud,
+    ) {
         self.head.begin_cloud(cloud);
         cloud.first_point = time;
-        self.measure(world, pose);
+        self.measure(world, poses, time);
         for (pixel, (direction, axial)) in self.directions.iter().enumerate() {
             let depth_m = self.depths_m[pixel];
             let answer = if depth_m.is_nan() {
                 Answer::Unknown
             } else if depth_m.is_infinite() {
-                self.head.nothing()
+                Answer::Clear
             } else {
                 let seen_m = mixed_m(
                     &self.depths_m,
@@ -106,21 +123,25 @@ impl DepthCamera {
     }
 
     /// Fills `depths_m` with what an ideal sensor with these blind spots would see.
-    fn measure(&mut self, world: &World, pose: &Pose) {
-        let view = self.head.view(pose);
+    fn measure(&mut self, world: &World, poses: &mut PoseCursor<'_>, time: Timestamp) {
+        let pose = poses.at(time);
+        let before = poses.at(Timestamp::from_ns(time.ns.saturating_sub(EXPOSURE_NS)));
+        let smeared_rad = pose.attitude.angle_to(&before.attitude);
+        let smeared = (smeared_rad / UNMATCHED_RAD).min(1.0);
+        let view = self.head.view(&pose);
         for ((direction, axial), depth_m) in self.directions.iter().zip(&mut self.depths_m) {
             let hit = self.head.cast(world, &view, direction);
-            let unmatched = match hit {
-                Some(hit) => {
-                    let grazing = 1.0 - hit.incidence_cos / GRAZING_COS;
-                    hit.range_m < self.head.range_min_m || self.head.happens(grazing)
-                }
-                None => false,
-            };
-            *depth_m = match hit {
-                _ if unmatched || self.head.drops_out() => f64::NAN,
-                Some(hit) => hit.range_m * axial,
-                None => f64::INFINITY,
+            let grazing = hit.map_or(0.0, |hit| 1.0 - hit.incidence_cos / GRAZING_COS);
+            let glare = self.head.sun_cos(world, &view, direction) > GLARE_COS;
+            let fails = self.head.is_too_near(hit.as_ref())
+                || self.head.happens(grazing)
+                || self.head.drops_out()
+                || self.is_product && (self.head.happens(smeared) || glare && self.head.happens(0.5));
+            *depth_m = match self.head.answer(world, hit.as_ref()) {
+                _ if fails => f64::NAN,
+                Answer::Hit(range_m) => range_m * axial,
+                Answer::Clear => f64::INFINITY,
+                Answer::Unknown => f64::NAN,
             };
         }
     }

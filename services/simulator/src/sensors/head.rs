@@ -7,13 +7,21 @@
 use super::error::SensorError;
 use super::pose::Pose;
 use super::products;
-use super::spec::{NoReturn, SensorSpec};
+use super::spec::{NoReturn, SensorKind, SensorSpec};
 use crate::random::Random;
 use crate::world::{Hit, Target, World};
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use jink_shared_types::{BodyFrd, LocalNed, Point, Reserved};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+/// Reflectivity for which data sheets give their longest ranges.
+const LIGHT_SURFACE: f64 = 0.8;
+/// Below this cosine of the angle of incidence (beyond 87 deg) pulses begin to be lost; at 90 deg all are.
+const GRAZING_COS: f64 = 0.05;
+/// Rays nearer to the sun than 2 deg see it, and one in twenty of them takes its light for an answer.
+const SUN_COS: f64 = 0.9994;
+const SUN_RETURNS: f64 = 0.05;
 
 /// What differs between the kinds when the spec says nothing.
 pub(super) struct HeadDefaults {
@@ -33,6 +41,10 @@ pub(super) struct Head {
     body_r_sensor: Matrix3<f64>,
     pub range_min_m: f64,
     pub range_max_m: f64,
+    /// How far light surfaces answer (m): the longest range or farther.
+    answers_m: f64,
+    /// It measures with light of its own that comes back: dark and grazing surfaces answer less far, the sun is light, too.
+    is_active: bool,
     sigma_m: f64,
     sigma_ratio: f64,
     sigma_per_m: f64,
@@ -65,6 +77,7 @@ impl Head {
         spec.ordered(["range_min_m", "range_max_m"], range_min_m, range_max_m)?;
         let offset = |option, given_m| spec.number(option, Some(given_m), 0.0, [-10.0, 10.0]);
         let body_q_sensor = spec.body_q_sensor()?;
+        let product = products::product(spec);
         Ok(Self {
             position: Vector3::new(
                 offset("forward_m", spec.forward_m)?,
@@ -75,11 +88,13 @@ impl Head {
             body_r_sensor: body_q_sensor.to_rotation_matrix().into_inner(),
             range_min_m,
             range_max_m,
+            answers_m: product.map_or(range_max_m, |product| product.answers_m.max(range_max_m)),
+            is_active: product.is_some_and(|product| product.kind != SensorKind::DepthCamera),
             sigma_m: spec.number("sigma_m", spec.sigma_m, defaults.sigma_m, [0.0, 10.0])?,
             sigma_ratio: spec.share("sigma_ratio", spec.sigma_ratio, defaults.sigma_ratio)?,
             sigma_per_m: spec.share("sigma_per_m", spec.sigma_per_m, defaults.sigma_per_m)?,
             dropout: spec.share("dropout", spec.dropout, defaults.dropout)?,
-            nothing: match (spec.no_return, products::product(spec)) {
+            nothing: match (spec.no_return, product) {
                 (Some(NoReturn::Unknown), _) | (None, Some(_)) => Answer::Unknown,
                 (Some(NoReturn::Clear), _) | (None, None) => Answer::Clear,
             },
@@ -111,9 +126,9 @@ impl Head {
         self.body_r_sensor * direction
     }
 
-    /// What stands first within range along the unit vector `direction` (body).
+    /// What answers first along the unit vector `direction` (body); may be farther than the longest range.
     pub fn cast(&self, world: &World, view: &View, direction: &Vector3<f64>) -> Option<Hit> {
-        world.cast(view.origin, &(view.local_r_body * direction), self.range_max_m)
+        world.cast(view.origin, &(view.local_r_body * direction), self.answers_m)
     }
 
     /// As [`Self::cast`] with a beam of finite width: it misses an object thinner than itself the more often the
@@ -133,7 +148,7 @@ impl Head {
         let covered = thickness_m / (beam.width_rad * hit.range_m);
         if covered < 1.0 && self.happens(beam.thin_miss * (1.0 - covered)) {
             let direction = view.local_r_body * direction;
-            return world.cast_ignoring(view.origin, &direction, self.range_max_m, Some(index));
+            return world.cast_ignoring(view.origin, &direction, self.answers_m, Some(index));
         }
         Some(hit)
     }
@@ -153,9 +168,39 @@ impl Head {
         probability > 0.0 && self.random.unit() < probability
     }
 
-    /// What a ray says that meets nothing within range.
-    pub fn nothing(&self) -> Answer {
-        self.nothing
+    /// Too near to be measured: that something is there is lost, so nothing may be called clear.
+    pub fn is_too_near(&self, hit: Option<&Hit>) -> bool {
+        hit.is_some_and(|hit| hit.range_m < self.range_min_m)
+    }
+
+    /// What a ray says of what it met, but for its noise: what is too dark, or looked at along its surface, answers as if nothing were
+    /// there.
+    pub fn answer(&mut self, world: &World, hit: Option<&Hit>) -> Answer {
+        match hit {
+            None => self.nothing,
+            Some(hit) if self.is_active && self.is_lost(world, hit) => self.nothing,
+            Some(hit) if hit.range_m > self.range_max_m => Answer::Clear,
+            Some(hit) => Answer::Hit(hit.range_m),
+        }
+    }
+
+    /// Whether too little light comes back: it grows with the reflectivity and falls with the square of the range, and beyond a grazing
+    /// angle it goes elsewhere.
+    fn is_lost(&mut self, world: &World, hit: &Hit) -> bool {
+        let reach_m = self.answers_m * (world.reflectivity(hit.what) / LIGHT_SURFACE).sqrt();
+        hit.range_m > reach_m || self.happens(1.0 - hit.incidence_cos / GRAZING_COS)
+    }
+
+    /// What the sun makes of a ray along `direction` (body) that met nothing: now and then a return from somewhere.
+    pub fn dazzled(&mut self, world: &World, view: &View, direction: &Vector3<f64>) -> Option<f64> {
+        let is_near = self.is_active && self.sun_cos(world, view, direction) > SUN_COS;
+        (is_near && self.happens(SUN_RETURNS))
+            .then(|| self.random.between(self.range_min_m, self.range_max_m))
+    }
+
+    /// The cosine of the angle between `direction` (body) and the sun.
+    pub fn sun_cos(&self, world: &World, view: &View, direction: &Vector3<f64>) -> f64 {
+        (view.local_r_body * direction).dot(&world.sun())
     }
 
     /// Whether a ray gives no answer.

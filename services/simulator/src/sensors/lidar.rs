@@ -100,12 +100,16 @@ impl Lidar3d {
             };
             let direction = self.directions.next();
             let direction = self.head.to_body(&direction);
-            let answer = match self.head.cast_beam(world, view, &direction, &self.beam) {
-                _ if self.head.drops_out() => Answer::Unknown,
-                None => self.head.nothing(),
-                // Too near to be measured: that something is there is lost, so nothing may be called clear.
-                Some(hit) if hit.range_m < self.head.range_min_m => Answer::Unknown,
-                Some(hit) => Answer::Hit(self.head.measured_m(hit.range_m)),
+            let hit = self.head.cast_beam(world, view, &direction, &self.beam);
+            let dazzled_m = match hit {
+                None => self.head.dazzled(world, view, &direction),
+                Some(_) => None,
+            };
+            let answer = match self.head.answer(world, hit.as_ref()) {
+                _ if dazzled_m.is_some() => dazzled_m.map_or(Answer::Unknown, Answer::Hit),
+                _ if self.head.drops_out() || self.head.is_too_near(hit.as_ref()) => Answer::Unknown,
+                Answer::Hit(range_m) => Answer::Hit(self.head.measured_m(range_m)),
+                other => other,
             };
             self.sweep.push(self.head.point(&direction, answer, tick as u16));
         }

@@ -196,7 +196,7 @@ impl SensorRig {
         let mut poses = track.cursor().ok_or(RenderError::NoPose)?;
         match &mut sensor.model {
             Model::Lidar3d(lidar) => lidar.render(world, &mut poses, frame.begin, frame.end, out),
-            Model::DepthCamera(camera) => camera.render(world, &poses.at(frame.end), frame.end, out),
+            Model::DepthCamera(camera) => camera.render(world, &mut poses, frame.end, out),
             Model::Lidar2d(_) | Model::Rangefinder(_) => {
                 return Err(RenderError::OtherOutput {
                     sensor: frame.sensor,

@@ -15,7 +15,9 @@
 //!
 //! Of an Ouster the model with fewer rows is rendered unless the table says more (`rings`, `beams`); of a depth camera what its driver
 //! leaves of an image. A real one says of a ray without an answer no more than that: it is [`super::head::Answer::Unknown`] unless the table
-//! declares `no_return = "clear"`.
+//! declares `no_return = "clear"`. What answers from beyond `range_max_m`, up to `answers_m`, says that nothing is nearer.
+//! Lidars lose dark and grazing surfaces and take the sun for an answer now and then; cameras lose what is smeared while they turn,
+//! grazing surfaces, and what is near the sun.
 
 use super::spec::{NoReturn, SensorKind, SensorSpec};
 
@@ -39,6 +41,8 @@ pub(super) struct Product {
     /// What it is rendered as.
     pub kind: SensorKind,
     pub pattern: Pattern,
+    /// How far a wall of light colour answers (m).
+    pub answers_m: f64,
     /// Puts what the table leaves open.
     fill: fn(&mut SensorSpec),
 }
@@ -48,6 +52,7 @@ const PRODUCTS: [Product; 9] = [
         model: "livox_mid360",
         kind: SensorKind::Lidar3d,
         pattern: Pattern::Swing,
+        answers_m: 70.0,
         fill: |spec| {
             spec.elevation_min_deg.get_or_insert(-7.0);
             spec.elevation_max_deg.get_or_insert(52.0);
@@ -58,6 +63,7 @@ const PRODUCTS: [Product; 9] = [
         model: "livox_avia",
         kind: SensorKind::Lidar3d,
         pattern: Pattern::Rosette,
+        answers_m: 320.0,
         fill: |spec| {
             spec.fov_horizontal_deg.get_or_insert(70.4);
             spec.elevation_min_deg.get_or_insert(-38.6);
@@ -71,6 +77,7 @@ const PRODUCTS: [Product; 9] = [
         model: "ouster_os0",
         kind: SensorKind::Lidar3d,
         pattern: Pattern::Rings,
+        answers_m: 75.0,
         fill: |spec| {
             spec.elevation_min_deg.get_or_insert(-45.0);
             spec.elevation_max_deg.get_or_insert(45.0);
@@ -84,6 +91,7 @@ const PRODUCTS: [Product; 9] = [
         model: "ouster_os1",
         kind: SensorKind::Lidar3d,
         pattern: Pattern::Rings,
+        answers_m: 170.0,
         fill: |spec| {
             spec.elevation_min_deg.get_or_insert(-22.5);
             spec.elevation_max_deg.get_or_insert(22.5);
@@ -98,6 +106,7 @@ const PRODUCTS: [Product; 9] = [
         model: "vlp16",
         kind: SensorKind::Lidar3d,
         pattern: Pattern::Rings,
+        answers_m: 100.0,
         fill: |spec| {
             spec.elevation_min_deg.get_or_insert(-15.0);
             spec.elevation_max_deg.get_or_insert(15.0);
@@ -113,6 +122,7 @@ const PRODUCTS: [Product; 9] = [
         model: "realsense_d435",
         kind: SensorKind::DepthCamera,
         pattern: Pattern::Even,
+        answers_m: 20.0,
         fill: |spec| {
             spec.fov_horizontal_deg.get_or_insert(87.0);
             spec.fov_vertical_deg.get_or_insert(58.0);
@@ -128,6 +138,7 @@ const PRODUCTS: [Product; 9] = [
         model: "sf45b",
         kind: SensorKind::Lidar2d,
         pattern: Pattern::Even,
+        answers_m: 50.0,
         fill: |spec| {
             let low_deg = spec.scan_low_deg.unwrap_or(-160.0);
             let high_deg = spec.scan_high_deg.unwrap_or(160.0);
@@ -145,6 +156,7 @@ const PRODUCTS: [Product; 9] = [
         model: "rplidar_s2",
         kind: SensorKind::Lidar2d,
         pattern: Pattern::Even,
+        answers_m: 30.0,
         fill: |spec| {
             spec.beams.get_or_insert(1_000);
             spec.range_min_m.get_or_insert(0.05);
@@ -156,6 +168,7 @@ const PRODUCTS: [Product; 9] = [
         model: "ld19",
         kind: SensorKind::Lidar2d,
         pattern: Pattern::Even,
+        answers_m: 12.0,
         fill: |spec| {
             spec.beams.get_or_insert(450);
             spec.range_min_m.get_or_insert(0.05);

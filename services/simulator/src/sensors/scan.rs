@@ -4,7 +4,7 @@ use super::error::SensorError;
 use super::head::{Answer, Beam, Head, HeadDefaults};
 use super::pose::{Pose, PoseCursor};
 use super::spec::SensorSpec;
-use crate::world::World;
+use crate::world::{Hit, World};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::{RangeScan, SCAN_BEAMS};
 use nalgebra::Vector3;
@@ -97,7 +97,7 @@ impl Lidar2d {
                 .head
                 .view(&poses.at(begin.plus_seconds(index as f64 * interval_s)));
             let hit = self.head.cast_beam(world, &view, direction, &self.beam);
-            *range_m = answer_m(&mut self.head, hit.map(|hit| hit.range_m));
+            *range_m = answer_m(&mut self.head, world, hit.as_ref());
         }
     }
 }
@@ -150,25 +150,26 @@ impl Rangefinder {
     pub fn render(&mut self, world: &World, pose: &Pose, time: Timestamp, scan: &mut RangeScan) {
         begin_scan(&self.head, 1, scan);
         let view = self.head.view(pose);
-        let nearest_m = self
+        let nearest = self
             .directions
             .iter()
             .filter_map(|direction| self.head.cast(world, &view, direction))
-            .map(|hit| hit.range_m)
-            .min_by(f64::total_cmp);
+            .min_by(|one, other| one.range_m.total_cmp(&other.range_m));
         scan.first_beam = time;
         scan.beam_width_rad = self.width_rad as f32;
-        scan.range_sigma_m = self.head.sigma_at_m(nearest_m.unwrap_or(self.head.range_max_m)) as f32;
-        scan.range_m[0] = answer_m(&mut self.head, nearest_m);
+        scan.range_sigma_m =
+            self.head
+                .sigma_at_m(nearest.map_or(self.head.range_max_m, |hit| hit.range_m)) as f32;
+        scan.range_m[0] = answer_m(&mut self.head, world, nearest.as_ref());
     }
 }
 
 /// A beam's entry in the scan (m): NaN for a drop-out, infinity for nothing within range.
-fn answer_m(head: &mut Head, range_m: Option<f64>) -> f32 {
-    match range_m {
+fn answer_m(head: &mut Head, world: &World, hit: Option<&Hit>) -> f32 {
+    match head.answer(world, hit) {
         _ if head.drops_out() => f32::NAN,
-        Some(range_m) => head.measured_m(range_m) as f32,
-        None if head.nothing() == Answer::Clear => f32::INFINITY,
-        None => f32::NAN,
+        Answer::Hit(range_m) => head.measured_m(range_m) as f32,
+        Answer::Clear => f32::INFINITY,
+        Answer::Unknown => f32::NAN,
     }
 }

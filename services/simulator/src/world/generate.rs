@@ -3,12 +3,14 @@
 //! The forest follows the one that A. Loquercio et al. ("Learning High-Speed Flight in the Wild", 2021) and Y. Ren
 //! et al. ("Bubble Planner", 2022) measure in: a homogeneous Poisson process on 60 m by 30 m, a new seed each run.
 
+use super::octomap::Octomap;
 use super::solids::{Cylinder, Obstacle, YawedBox};
 use super::spec::{MAX_DENSITY_PER_M2, WorldError, WorldKind};
-use super::{Bounds, FLIGHT_HEIGHT_M, Scene, World};
+use super::structure::{BUILDING, Placement, Structure};
+use super::{Bounds, FLIGHT_HEIGHT_M, Scene, World, file};
 use crate::random::Random;
 use jink_shared_types::{LocalNed, Point};
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Height of trees and walls (m): well above the flight height, so that going over them is no short cut.
 const TALL_M: f64 = 6.0;
@@ -42,6 +44,15 @@ const CORRIDOR_PITCH_M: f64 = 5.0;
 /// Deepest box (m); leaves 2.2 m.
 const CORRIDOR_BOX_DEPTH_M: [f64; 2] = [0.8, 1.8];
 
+/// Where along the corridor of the building a flight begins and ends (m), how far from its axis, and how high; below the lintels and
+/// lamps, above tables.
+const BUILDING_ENDS_M: [[f64; 2]; 2] = [[-5.0, -3.0], [24.0, 26.5]];
+const BUILDING_ASIDE_M: f64 = 0.3;
+const BUILDING_FLIGHT_HEIGHT_M: f64 = 1.3;
+const BUILDING_HEIGHT_M: f64 = 2.7;
+/// What of the file is floor, with the noise of its measurement (m): below the flat ground of the world.
+const BUILDING_FLOOR_M: f64 = 0.1;
+
 const TRAP_WIDTH_M: f64 = 8.0;
 const TRAP_DEPTH_M: f64 = 6.0;
 /// How far the trap's axis may lie beside the straight line (m): the line still ends inside it.
@@ -49,33 +60,74 @@ const TRAP_OFFSET_M: f64 = 2.0;
 
 /// Builds the world of `kind` and `seed`.
 pub(super) fn generate(kind: WorldKind, seed: u64) -> Result<World, WorldError> {
-    let mut random = Random::new(seed, purpose(kind));
-    let (goal_north_m, half_width_m, obstacles) = match kind {
+    let mut random = Random::new(seed, purpose(&kind));
+    let (goal_north_m, half_width_m, obstacles) = match &kind {
         WorldKind::Forest { density_per_m2 } => {
-            return forest(density_per_m2, seed, &mut random, MAX_DRAWS);
+            return forest(*density_per_m2, seed, &mut random, MAX_DRAWS);
         }
+        WorldKind::Building => return building(seed, &mut random),
+        WorldKind::File(file) => return file::read(file, seed),
         WorldKind::Gap => (30.0, 0.5 * GAP_WALL_LENGTH_M, gap(&mut random)),
         WorldKind::Corridor => (40.0, 5.0, corridor(&mut random)),
         WorldKind::UTrap => (30.0, 15.0, u_trap(&mut random)),
         WorldKind::Empty => (30.0, 15.0, Vec::new()),
     };
     Ok(World::new(Scene {
-        name: kind.name(),
+        name: kind.name().to_owned(),
         seed,
         goals: vec![at_flight_height(goal_north_m)],
         bounds: bounds(goal_north_m, half_width_m),
+        flight_height_m: FLIGHT_HEIGHT_M,
         obstacles,
+        structures: Vec::new(),
+    }))
+}
+
+/// Along the corridor, one way or the other, from and to places that the seed draws.
+fn building(seed: u64, random: &mut Random) -> Result<World, WorldError> {
+    let aside_m = |random: &mut Random| random.between(-BUILDING_ASIDE_M, BUILDING_ASIDE_M);
+    let [from, to] = BUILDING_ENDS_M;
+    let ends = [from, to].map(|[low_m, high_m]| [random.between(low_m, high_m), aside_m(random)]);
+    let is_back = random.unit() < 0.5;
+    let ([x, y], [to_x, to_y], yaw_rad) = match is_back {
+        false => (ends[0], ends[1], 0.0),
+        true => (ends[1], ends[0], PI),
+    };
+    let (sin, cos) = yaw_rad.sin_cos();
+    // x of the file points along the way, y to its left.
+    let local = |x: f64, y: f64| [x * cos + y * sin, x * sin - y * cos];
+    let [start_north_m, start_east_m] = local(x, y);
+    let [north_m, east_m] = local(to_x - x, to_y - y);
+    let place = Placement {
+        north_m: -start_north_m,
+        east_m: -start_east_m,
+        up_m: -BUILDING_FLOOR_M,
+        yaw_rad,
+    };
+    Ok(World::new(Scene {
+        name: WorldKind::Building.name().to_owned(),
+        seed,
+        goals: vec![Point::new(north_m, east_m, -BUILDING_FLIGHT_HEIGHT_M)],
+        bounds: Bounds {
+            up_max_m: BUILDING_HEIGHT_M,
+            ..bounds(north_m, 8.0)
+        },
+        flight_height_m: BUILDING_FLIGHT_HEIGHT_M,
+        obstacles: Vec::new(),
+        structures: vec![Structure::cells(Octomap::parse("building", BUILDING)?, place)],
     }))
 }
 
 /// Keeps the random streams of the kinds apart.
-fn purpose(kind: WorldKind) -> u64 {
+fn purpose(kind: &WorldKind) -> u64 {
     match kind {
         WorldKind::Forest { .. } => 1,
         WorldKind::Gap => 2,
         WorldKind::Corridor => 3,
         WorldKind::UTrap => 4,
         WorldKind::Empty => 5,
+        WorldKind::Building => 6,
+        WorldKind::File(_) => 7,
     }
 }
 
@@ -132,7 +184,9 @@ fn draw_forest(density_per_m2: f64, seed: u64, random: &mut Random) -> World {
         }
     }
     World::new(Scene {
-        name: "forest",
+        flight_height_m: FLIGHT_HEIGHT_M,
+        structures: Vec::new(),
+        name: "forest".to_owned(),
         seed,
         goals: vec![at_flight_height(FOREST_LENGTH_M)],
         bounds: bounds(FOREST_LENGTH_M, 0.5 * FOREST_WIDTH_M),

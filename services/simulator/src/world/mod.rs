@@ -7,13 +7,18 @@
 //! | a ray | the first surface it meets |
 //! | - | the world as JSON |
 //!
-//! All answers are exact (closed forms over cylinders, boxes, spheres and flat ground at down = 0), so that a
-//! collision is a fact and not an artefact of a mesh. Rays are sped up by a grid that is walked cell by cell.
+//! All answers are exact (closed forms over cylinders, boxes, spheres and flat ground at down = 0; cells and triangles of
+//! [structures](structure)), so that a collision is a fact. Rays are sped up by a grid that is walked cell by cell.
 
+mod cells;
+pub mod file;
 mod generate;
 mod grid;
+mod octomap;
 mod solids;
 mod spec;
+mod stl;
+mod structure;
 mod way;
 
 #[cfg(test)]
@@ -21,12 +26,17 @@ mod tests;
 
 pub use solids::{Contact, Cylinder, Obstacle, Sphere, YawedBox};
 pub use spec::{DEFAULT_DENSITY_PER_M2, MAX_DENSITY_PER_M2, WorldError, WorldKind, WorldSpec};
+pub use structure::{Placement, Structure};
 
+use crate::random::Random;
 use grid::Grid;
 use jink_shared_types::{LocalNed, Point};
 use nalgebra::Vector3;
 use serde::Serialize;
 use serde_json::{Value, json};
+
+/// Random stream of sun and colours; those of the kinds of world are smaller.
+const LIGHT_PURPOSE: u64 = 100;
 
 /// Suggested flight height above ground (m).
 pub const FLIGHT_HEIGHT_M: f64 = 2.5;
@@ -50,15 +60,19 @@ pub struct Bounds {
 #[derive(Clone, Debug)]
 pub struct Scene {
     /// Name, as in the JSON.
-    pub name: &'static str,
+    pub name: String,
     /// Seed it was made from.
     pub seed: u64,
     /// Suggested goals, in order of flight.
     pub goals: Vec<Point<LocalNed>>,
     /// Bounds.
     pub bounds: Bounds,
+    /// Suggested flight height above ground (m).
+    pub flight_height_m: f64,
     /// Obstacles.
     pub obstacles: Vec<Obstacle>,
+    /// What has no formula.
+    pub structures: Vec<Structure>,
 }
 
 /// What a ray met.
@@ -68,6 +82,8 @@ pub enum Target {
     Ground,
     /// An obstacle: index into [`World::obstacles`].
     Obstacle(usize),
+    /// A structure, by its number.
+    Structure(usize),
 }
 
 /// Where a ray ended.
@@ -88,12 +104,24 @@ pub struct World {
     grid: Grid,
     top_m: f64,
     discarded: u32,
+    sun: Vector3<f64>,
+    /// Reflectivity of each obstacle.
+    paint: Vec<f64>,
 }
 
 impl World {
     /// The world of a scene. The start is always the local origin, on the ground.
     pub fn new(scene: Scene) -> Self {
+        let mut light = Random::new(scene.seed, LIGHT_PURPOSE);
+        let azimuth_rad = light.between(0.0, std::f64::consts::TAU);
+        let (sin, cos) = light.between(15.0, 60.0_f64).to_radians().sin_cos();
+        let mut paint = || match light.unit() {
+            dark if dark < 0.1 => 0.05,
+            _ => light.between(0.15, 0.8),
+        };
         Self {
+            sun: Vector3::new(cos * azimuth_rad.cos(), cos * azimuth_rad.sin(), -sin),
+            paint: scene.obstacles.iter().map(|_| paint()).collect(),
             grid: Grid::new(&scene.obstacles),
             top_m: scene.obstacles.iter().fold(0.0, |top, o| o.top_m().max(top)),
             scene,
@@ -104,7 +132,7 @@ impl World {
     /// The world of `kind` and `seed`; the same two give the same world to the bit.
     ///
     /// # Errors
-    /// [`WorldError::DensityOutOfRange`], or [`WorldError::NoWayThrough`] for a forest too dense to be passable.
+    /// [`WorldError::DensityOutOfRange`], [`WorldError::NoWayThrough`] for a forest too dense to be passable, or [`WorldError::File`].
     pub fn generate(kind: WorldKind, seed: u64) -> Result<Self, WorldError> {
         generate::generate(kind, seed)
     }
@@ -118,8 +146,8 @@ impl World {
     }
 
     /// Name of its kind.
-    pub fn name(&self) -> &'static str {
-        self.scene.name
+    pub fn name(&self) -> &str {
+        &self.scene.name
     }
 
     /// The seed it was made from.
@@ -139,7 +167,7 @@ impl World {
 
     /// Suggested flight height above ground (m).
     pub fn flight_height_m(&self) -> f64 {
-        FLIGHT_HEIGHT_M
+        self.scene.flight_height_m
     }
 
     /// The box the flight belongs in.
@@ -147,9 +175,14 @@ impl World {
         &self.scene.bounds
     }
 
-    /// All obstacles; the ground is none of them.
+    /// All obstacles with a formula; the ground is none of them.
     pub fn obstacles(&self) -> &[Obstacle] {
         &self.scene.obstacles
+    }
+
+    /// What stands there and has no formula.
+    pub fn structures(&self) -> &[Structure] {
+        &self.scene.structures
     }
 
     /// Forests drawn before this one that had no way through.
@@ -161,15 +194,29 @@ impl World {
     /// obstacles. The ground does not count.
     pub fn clearance_to_obstacles_m(&self, point: Point<LocalNed>) -> f64 {
         let point = point.vector();
-        self.scene
-            .obstacles
-            .iter()
-            .fold(f64::INFINITY, |nearest, o| nearest.min(o.distance_m(&point)))
+        let solids = self.scene.obstacles.iter().map(|o| o.distance_m(&point));
+        let structures = self.scene.structures.iter().map(|s| s.distance_m(&point));
+        solids.chain(structures).fold(f64::INFINITY, f64::min)
     }
 
     /// Height of `point` above ground (m), negative below.
     pub fn height_above_ground_m(&self, point: Point<LocalNed>) -> f64 {
         -point.z_m
+    }
+
+    /// Direction of the sun (local NED, unit), which its seed draws: 15 to 60 degrees high.
+    pub fn sun(&self) -> Vector3<f64> {
+        self.sun
+    }
+
+    /// Share of the light that a surface throws back, as sensors count it: one solid in ten is as dark as tyres, the others lie between
+    /// earth and fresh paint.
+    pub fn reflectivity(&self, what: Target) -> f64 {
+        match what {
+            Target::Ground => 0.2,
+            Target::Structure(_) => 0.5,
+            Target::Obstacle(index) => self.paint.get(index).copied().unwrap_or(1.0),
+        }
     }
 
     /// A short way at flight height from the start through all goals, as corners, that keeps about `clearance_m`
@@ -209,6 +256,16 @@ impl World {
 
         let mut nearest = ground;
         let mut limit_m = ground.map_or(max_range_m, |hit| hit.range_m);
+        for (index, structure) in self.scene.structures.iter().enumerate() {
+            if let Some(contact) = structure.meets(&origin, direction, limit_m) {
+                limit_m = contact.range_m;
+                nearest = Some(Hit {
+                    range_m: contact.range_m,
+                    incidence_cos: contact.incidence_cos,
+                    what: Target::Structure(index),
+                });
+            }
+        }
         // Nothing stands above the highest top: that part of the ray needs no walking.
         let (from_m, to_m) = match (up > self.top_m, climb) {
             (true, 0.0..) => return nearest,
@@ -249,6 +306,11 @@ impl World {
                 Obstacle::Sphere(solid) => spheres.push(solid),
             }
         }
+        let outlines = self.scene.structures.iter();
+        let outlines: Vec<YawedBox> = outlines
+            .flat_map(|structure| structure.outline(self.scene.flight_height_m))
+            .collect();
+        boxes.extend(&outlines);
         json!({
             "world": self.scene.name,
             "seed": self.scene.seed,

@@ -10,7 +10,7 @@
 //! negative inside. Source of the formulas: C. Ericson, "Real-Time Collision Detection", sections 5.1 and 5.3.
 
 use nalgebra::Vector3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// A direction component below this is parallel to the plane in question; its crossing lies past any range.
 const PARALLEL: f64 = 1e-12;
@@ -31,7 +31,8 @@ const INSIDE: Contact = Contact {
 };
 
 /// An upright cylinder (a tree, a pillar). It goes on below the ground, so its foot is no surface.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
 pub struct Cylinder {
     /// Axis, north (m).
     pub north_m: f64,
@@ -191,7 +192,8 @@ impl YawedBox {
 }
 
 /// A sphere (a balloon, a ball in the air).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
 pub struct Sphere {
     /// Centre, north (m).
     pub north_m: f64,

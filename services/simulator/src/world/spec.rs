@@ -1,6 +1,7 @@
 //! Which world to build: its kind, its seed, and the errors of a wrong request.
 
 use std::fmt;
+use std::path::PathBuf;
 use std::str::FromStr;
 
 /// Trees per square metre of the default forest: the densest of the published Poisson forests (1/49, 1/36, 1/25).
@@ -11,7 +12,7 @@ pub const DEFAULT_DENSITY_PER_M2: f64 = 1.0 / 25.0;
 pub const MAX_DENSITY_PER_M2: f64 = 0.2;
 
 /// The kinds of world.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum WorldKind {
     /// Trees placed by a homogeneous Poisson process, 60 m by 30 m.
     Forest {
@@ -24,30 +25,37 @@ pub enum WorldKind {
     Corridor,
     /// A U-shaped wall, open towards the start, across the straight line to the goal.
     UTrap,
+    /// The corridor of a real building, 2.5 m wide and 2.7 m high, with what stands and hangs in it (worlds/README.md).
+    Building,
     /// Ground only.
     Empty,
+    /// A file of the user's own ([`super::file`]).
+    File(PathBuf),
 }
 
 impl WorldKind {
     /// The name on the command line and in JSON.
-    pub const fn name(self) -> &'static str {
+    pub fn name(&self) -> &str {
         match self {
+            Self::File(file) => file.to_str().unwrap_or("file"),
             Self::Forest { .. } => "forest",
             Self::Gap => "gap",
             Self::Corridor => "corridor",
             Self::UTrap => "utrap",
+            Self::Building => "building",
             Self::Empty => "empty",
         }
     }
 
-    /// Every kind with its default parameters.
-    pub const ALL: [Self; 5] = [
+    /// Every kind that has a name, with its default parameters.
+    pub const ALL: [Self; 6] = [
         Self::Forest {
             density_per_m2: DEFAULT_DENSITY_PER_M2,
         },
         Self::Gap,
         Self::Corridor,
         Self::UTrap,
+        Self::Building,
         Self::Empty,
     ];
 }
@@ -56,6 +64,9 @@ impl FromStr for WorldKind {
     type Err = WorldError;
 
     fn from_str(text: &str) -> Result<Self, WorldError> {
+        if text.ends_with(".toml") {
+            return Ok(Self::File(PathBuf::from(text)));
+        }
         Self::ALL
             .into_iter()
             .find(|kind| kind.name() == text)
@@ -66,7 +77,7 @@ impl FromStr for WorldKind {
 }
 
 /// A world as a user asks for it.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct WorldSpec {
     /// Kind.
     pub kind: WorldKind,
@@ -82,10 +93,12 @@ impl WorldSpec {
     /// # Errors
     /// [`WorldError::DensityWithoutTrees`] if a density is given for a world that has no trees.
     pub fn resolved_kind(&self) -> Result<WorldKind, WorldError> {
-        match (self.kind, self.density_per_m2) {
-            (kind, None) => Ok(kind),
+        match (&self.kind, self.density_per_m2) {
+            (kind, None) => Ok(kind.clone()),
             (WorldKind::Forest { .. }, Some(density_per_m2)) => Ok(WorldKind::Forest { density_per_m2 }),
-            (kind, Some(_)) => Err(WorldError::DensityWithoutTrees { kind: kind.name() }),
+            (kind, Some(_)) => Err(WorldError::DensityWithoutTrees {
+                kind: kind.name().to_owned(),
+            }),
         }
     }
 }
@@ -106,7 +119,14 @@ pub enum WorldError {
     /// A density for a world without trees.
     DensityWithoutTrees {
         /// Name of the kind.
-        kind: &'static str,
+        kind: String,
+    },
+    /// A file of a world, or of what stands in it, cannot be used.
+    File {
+        /// The file; empty where the message names it.
+        file: String,
+        /// Why.
+        message: String,
     },
     /// Every forest drawn was closed.
     NoWayThrough {
@@ -125,7 +145,7 @@ impl fmt::Display for WorldError {
                 for (index, kind) in WorldKind::ALL.into_iter().enumerate() {
                     write!(f, "{} {}", if index == 0 { "" } else { "," }, kind.name())?;
                 }
-                Ok(())
+                write!(f, ", or a file that ends in .toml")
             }
             Self::DensityOutOfRange { density_per_m2 } => write!(
                 f,
@@ -134,6 +154,8 @@ impl fmt::Display for WorldError {
             Self::DensityWithoutTrees { kind } => {
                 write!(f, "the world \"{kind}\" has no trees, so it takes no density")
             }
+            Self::File { file, message } if file.is_empty() => f.write_str(message),
+            Self::File { file, message } => write!(f, "{file}: {message}"),
             Self::NoWayThrough {
                 density_per_m2,
                 draws,

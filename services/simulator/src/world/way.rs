@@ -74,6 +74,14 @@ impl Floor {
                 }
             }
         }
+        if world.structures().is_empty() {
+            return floor;
+        }
+        for cell in 0..floor.blocked.len() {
+            let centre = floor.centre(cell / floor.columns, cell % floor.columns, height_m);
+            let mut structures = world.structures().iter();
+            floor.blocked[cell] |= structures.any(|structure| structure.distance_m(&centre) < clearance_m);
+        }
         floor
     }
 

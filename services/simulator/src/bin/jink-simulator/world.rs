@@ -10,7 +10,7 @@ use std::process::ExitCode;
 #[derive(Parser)]
 #[command(name = "jink-simulator world", bin_name = "jink-simulator world", version)]
 struct Arguments {
-    /// Kind of world: forest, gap, corridor, utrap, empty
+    /// Kind of world: forest, gap, corridor, utrap, building, empty, or FILE.toml
     #[arg(long, default_value = "forest")]
     world: String,
     /// Seed of the world
@@ -57,6 +57,13 @@ fn describe(world: &World, json: bool, out: &mut impl Write) -> std::io::Result<
     )?;
     for obstacle in world.obstacles() {
         writeln!(out, "  {obstacle:?}")?;
+    }
+    if !world.structures().is_empty() {
+        writeln!(
+            out,
+            "  {} structures (--json draws their outlines)",
+            world.structures().len()
+        )?;
     }
     for goal in world.goals() {
         writeln!(out, "  goal {:.1} m north, {:.1} m east", goal.x_m, goal.y_m)?;

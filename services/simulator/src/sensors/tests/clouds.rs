@@ -317,3 +317,100 @@ fn frame_times_are_printed() {
     );
     assert!(hit_count > 5_000);
 }
+
+/// What the rays of `spec` say of nothing in the world but a wall of this reflectivity's seed, `wall_m` ahead.
+fn kinds(spec: &SensorSpec, world: &World) -> [usize; 3] {
+    let mut counts = [0; 3];
+    for cloud in clouds(spec, 1, world, &hover(20.0), 0.3) {
+        for point in cloud.points() {
+            match point.kind.get() {
+                RayKind::Hit => counts[0] += 1,
+                RayKind::Clear => counts[1] += 1,
+                _ => counts[2] += 1,
+            }
+        }
+    }
+    counts
+}
+
+#[test]
+fn a_product_says_of_the_sky_nothing_and_of_what_is_beyond_its_range_that_nothing_is_nearer() {
+    let mut mid360 = lidar();
+    mid360.model = Some("livox_mid360".to_owned());
+    mid360.elevation_min_deg = Some(1.0);
+    let [hits, clear, unknown] = kinds(&mid360, &scene(Vec::new()));
+    assert!(
+        clear == 0 && unknown > 50_000 && hits * 1_000 < unknown,
+        "{hits} {clear} {unknown}"
+    );
+    mid360.no_return = Some(NoReturn::Clear);
+    let [hits, clear, unknown] = kinds(&mid360, &scene(Vec::new()));
+    assert!(
+        unknown == 0 && clear > 50_000 && hits * 1_000 < clear,
+        "{hits} {clear} {unknown}"
+    );
+    // The wall answers from 15 m, beyond the 10 m of the table.
+    let mut d435 = camera();
+    d435.model = Some("realsense_d435".to_owned());
+    d435.fov_horizontal_deg = Some(30.0);
+    d435.fov_vertical_deg = Some(30.0);
+    let [hits, clear, unknown] = kinds(&d435, &scene(vec![wall(15.0)]));
+    assert!(hits == 0 && clear > 40 * unknown, "{hits} {clear} {unknown}");
+    let [hits, clear, unknown] = kinds(&d435, &scene(vec![wall(25.0)]));
+    assert!(
+        hits == 0 && clear == 0 && unknown > 10_000,
+        "too far even for that: {hits} {clear} {unknown}"
+    );
+}
+
+#[test]
+fn dark_things_answer_from_near_only() {
+    let mut ld19 = SensorSpec::new("scan", SensorKind::Lidar3d);
+    ld19.model = Some("livox_mid360".to_owned());
+    ld19.fov_horizontal_deg = Some(10.0);
+    ld19.elevation_min_deg = Some(-2.0);
+    ld19.elevation_max_deg = Some(2.0);
+    let seen = |wall_m: f64, dark: bool| {
+        // Of many walls the seed paints some dark.
+        let is_dark = |world: &World| world.reflectivity(Target::Obstacle(0)) < 0.1;
+        let world = (0..200)
+            .map(|seed| seeded_scene(seed, vec![wall(wall_m)]))
+            .find(|world| is_dark(world) == dark)
+            .unwrap();
+        let [hits, _, unknown] = kinds(&ld19, &world);
+        hits > unknown
+    };
+    assert!(seen(10.0, true) && seen(10.0, false) && seen(25.0, false));
+    assert!(!seen(25.0, true), "70 m times the root of 0.05 / 0.8 is 17.5 m");
+}
+
+#[test]
+fn who_turns_quickly_gets_a_smeared_image() {
+    let mut d435 = camera();
+    d435.model = Some("realsense_d435".to_owned());
+    let world = scene(vec![wall(3.0)]);
+    let matched = |rate_rad_s: f64| {
+        let mut track = PoseTrack::new(2.0, 0.001);
+        for ms in 0..600_u32 {
+            let yaw_rad = (f64::from(ms) * 1e-3 - 0.3) * rate_rad_s;
+            let attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad);
+            let position = Point::new(0.0, 0.0, -1.5);
+            track.push(
+                Timestamp::from_ns(1_000_000_000 + u64::from(ms) * 1_000_000),
+                Pose { position, attitude },
+            );
+        }
+        let clouds = clouds(&d435, 1, &world, &track, 0.4);
+        let points = clouds.iter().flat_map(|cloud| cloud.points());
+        let [known, all] = points.fold([0, 0], |[known, all], point| {
+            [known + usize::from(point.kind != RayKind::Unknown), all + 1]
+        });
+        f64::from(known as u32) / f64::from(all as u32)
+    };
+    let (still, turning) = (matched(0.0), matched(2.0));
+    // 8 ms at 2 rad/s are 0.016 of the 0.036 rad at which nothing is matched.
+    assert!(
+        (1.0 - turning / still - 0.016 / 0.036).abs() < 0.05,
+        "{still} {turning}"
+    );
+}

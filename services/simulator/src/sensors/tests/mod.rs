@@ -6,20 +6,27 @@ mod scans;
 mod specs;
 
 use super::*;
-use crate::world::{Bounds, Cylinder, Obstacle, Scene, WorldKind, YawedBox};
+use crate::world::{Bounds, Cylinder, FLIGHT_HEIGHT_M, Obstacle, Scene, Target, WorldKind, YawedBox};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::ranges::{CloudPoint, RayKind};
 use jink_shared_types::{BodyFrd, LocalNed, Point};
 use nalgebra::{UnitQuaternion, Vector3};
 
 fn forest(seed: u64) -> World {
-    World::generate(WorldKind::ALL[0], seed).unwrap()
+    World::generate(WorldKind::ALL[0].clone(), seed).unwrap()
 }
 
 fn scene(obstacles: Vec<Obstacle>) -> World {
+    seeded_scene(0, obstacles)
+}
+
+/// The same; the seed paints the obstacles and hangs the sun.
+fn seeded_scene(seed: u64, obstacles: Vec<Obstacle>) -> World {
     World::new(Scene {
-        name: "test",
-        seed: 0,
+        flight_height_m: FLIGHT_HEIGHT_M,
+        structures: Vec::new(),
+        name: "test".to_owned(),
+        seed,
         goals: Vec::new(),
         bounds: Bounds {
             north_min_m: -50.0,
