@@ -153,36 +153,34 @@ pub struct Needs {
     pub is_landed: bool,
 }
 
-/// What no sensor sees, and what would help.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Missing {
-    /// No sensor answers.
-    Everything,
-    /// No sensor looks around.
-    Ahead,
-    /// No sensor looks far enough up.
-    Above,
-    /// No sensor looks far enough down.
-    Below,
-    /// What is beside the vehicle while it climbs is not seen.
-    SidesAtStart,
+crate::wire_enum! {
+    /// What no sensor sees.
+    pub enum Missing {
+        /// Nothing is missing, as far as is known.
+        Nothing = 0 "nothing",
+        /// No sensor answers.
+        Everything = 1 "anything",
+        /// No sensor looks around.
+        Ahead = 2 "ahead",
+        /// No sensor looks far enough up.
+        Above = 3 "above",
+        /// No sensor looks far enough down.
+        Below = 4 "below",
+        /// What is beside the vehicle while it climbs is not seen.
+        SidesAtStart = 5 "beside the start",
+    }
 }
 
 impl Missing {
-    /// For the pilot, after "nobody sees".
-    pub fn word(self) -> &'static str {
-        match self {
-            Missing::Everything => "anything",
-            Missing::Ahead => "ahead",
-            Missing::Above => "above",
-            Missing::Below => "below",
-            Missing::SidesAtStart => "beside the start",
-        }
+    /// For the pilot, as "nobody sees above".
+    pub fn text(self) -> String {
+        format!("nobody sees {self}")
     }
 
     /// What would help.
     pub fn remedy(self) -> &'static str {
         match self {
+            Missing::Nothing => "",
             Missing::Everything => "look at the sensors: jink status, jink check sensors",
             Missing::Ahead => "add a sensor that looks to the horizon",
             Missing::Above => {

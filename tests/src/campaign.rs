@@ -167,7 +167,7 @@ pub const SPHERE: &str = "sphere";
 /// A text naming what cannot be built.
 pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
     let spec = WorldSpec {
-        kind: cell.kind,
+        kind: cell.kind.clone(),
         seed,
         density_per_m2: cell.density_per_m2,
     };

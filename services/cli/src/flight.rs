@@ -53,6 +53,11 @@ pub enum Outcome {
     Collision,
     /// The time was over first.
     Timeout,
+    /// With what the sensors see no motion can be certified: said before anything moved.
+    Refused {
+        /// What is not seen, and what would help.
+        reason: String,
+    },
     /// Something else kept it from flying.
     Failed {
         /// What.
@@ -67,6 +72,7 @@ impl Outcome {
             Self::Goal => "goal",
             Self::Collision => "collision",
             Self::Timeout => "timeout",
+            Self::Refused { .. } => "refused",
             Self::Failed { .. } => "failed",
         }
     }
@@ -264,11 +270,12 @@ impl FlightLog {
         Summary {
             outcome: outcome.word(),
             reason: match outcome {
-                Outcome::Failed { reason } => Some(reason.clone()),
+                Outcome::Failed { reason } | Outcome::Refused { reason } => Some(reason.clone()),
                 _ => None,
             },
             world: world.to_owned(),
             seed,
+            declarations: Vec::new(),
             collisions: truth.collisions,
             min_clearance_m: Some(round(truth.min_clearance_m))
                 .filter(|m| m.is_finite() && self.truth.is_some()),
@@ -295,14 +302,16 @@ impl FlightLog {
 /// A flight in figures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// `goal`, `collision`, `timeout` or `failed`.
+    /// `goal`, `collision`, `timeout`, `refused` or `failed`.
     pub outcome: &'static str,
-    /// Why it failed; `None` otherwise.
+    /// Why it failed or was refused; `None` otherwise.
     pub reason: Option<String>,
     /// Kind of world.
     pub world: String,
     /// Seed of the world.
     pub seed: u64,
+    /// Declarations of the user that were in force.
+    pub declarations: Vec<&'static str>,
     /// Contacts with obstacles.
     pub collisions: u32,
     /// Smallest distance from the vehicle's hull to an obstacle (m); `None` without obstacles.
@@ -370,6 +379,7 @@ impl Summary {
                 self.outcome, self.world, self.seed
             ),
             format!("  {} collisions, {clearance}", self.collisions),
+            format!("  declared: {}", or_nothing(&self.declarations)),
             format!(
                 "  {:.1} m in {:.1} s, mean speed {:.2} m/s under way",
                 self.flown_m, self.flight_time_s, self.mean_speed_mps
@@ -407,6 +417,13 @@ impl Summary {
             let _infallible = writeln!(out, "  {}", fault.line());
         }
         out
+    }
+}
+
+fn or_nothing(names: &[&str]) -> String {
+    match names {
+        [] => "nothing".to_owned(),
+        names => names.join(", "),
     }
 }
 

@@ -9,6 +9,7 @@
 //! | [`findings`] | what an examination has found | verdict and table, or JSON |
 //! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
 //! | [`sensors_seen`] | scans, clouds, `guard/ring`, events | findings and figures |
+//! | [`known_space`] | what map and planner say of the sensors | a line or two, or JSON |
 //! | [`memory_need`] | topic table, configuration | shared memory that the topics take |
 //! | [`schema`] | topic table, shapes of samples | a table, a C header, a Python module, JSON |
 //! | [`param_list`] | parameter table, `parameters` | a table, or JSON |
@@ -26,6 +27,7 @@ pub mod drill;
 pub mod findings;
 pub mod flight;
 pub mod handover;
+pub mod known_space;
 pub mod memory_need;
 pub mod narrate;
 pub mod param_list;

@@ -6,6 +6,7 @@ mod profile;
 pub use links::{LinkFigures, Refused};
 pub use profile::unfit;
 
+use crate::known_space::KnownSpace;
 use jink_shared_types::health::{
     Health, Histogram, ProcessStatus, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
 };
@@ -30,6 +31,8 @@ pub struct Report {
     pub services: Vec<Service>,
     /// The link to the autopilot; `None` if the gateway has said nothing.
     pub link: Option<Link>,
+    /// What it flies through, and whether its sensors suffice; `None` if map or planner say nothing.
+    pub space: Option<KnownSpace>,
     /// How processes ended that ended.
     pub ends: Vec<PostMortem>,
 }
@@ -236,6 +239,7 @@ impl Report {
     ) -> Self {
         Self {
             ends,
+            space: None,
             instance: instance.to_owned(),
             health: status.health.get().to_string(),
             uptime_s: round(now.seconds_since(status.started)),
@@ -249,15 +253,29 @@ impl Report {
         }
     }
 
+    /// The same with what map and planner say.
+    pub fn with_space(mut self, space: Option<KnownSpace>) -> Self {
+        self.space = space;
+        self
+    }
+
+    /// Whether jink is not ready, however well its services are: the profile is not for the autopilot, or sensors do not suffice.
+    pub fn is_unfit(&self) -> bool {
+        let link = self.link.as_ref().is_some_and(|link| link.unfit.is_some());
+        link || self
+            .space
+            .as_ref()
+            .is_some_and(|space| space.cannot_plan.is_some())
+    }
+
     /// For people, at `unix_s` (seconds since 1970): one line per service, then the link, then who ended how.
     pub fn text(&self, unix_s: f64) -> String {
         let restarts: u32 = self.services.iter().map(|service| service.restarts).sum();
-        let unfit = self.link.as_ref().is_some_and(|link| link.unfit.is_some());
         let mut out = format!(
             "jink {}: {}{}, up {}, {} restart{}\n\n",
             self.instance,
             self.health,
-            if unfit { ", NOT READY" } else { "" },
+            if self.is_unfit() { ", NOT READY" } else { "" },
             duration(self.uptime_s),
             restarts,
             if restarts == 1 { "" } else { "s" }
@@ -268,6 +286,9 @@ impl Report {
             || "link: the gateway has said nothing yet\n".to_owned(),
             |link| link.line() + &LinkFigures::lines(&link.links),
         ));
+        if let Some(space) = &self.space {
+            out.push_str(&space.lines());
+        }
         if !self.ends.is_empty() {
             out.push('\n');
         }

@@ -54,7 +54,8 @@ impl View {
     ) {
         self.advance(capture);
         let points = cloud.points();
-        let step = points.len().div_ceil(RAYS).max(1);
+        // Odd: lidars list their rows in columns of a power of two, and every row is to be looked at in every frame.
+        let step = points.len().div_ceil(RAYS) | 1;
         let origin = cloud.origin.vector();
         let mut answered = false;
         for point in points.iter().skip(number as usize % step).step_by(step) {

@@ -40,6 +40,11 @@ impl Fitness {
             was_armed: None,
         }
     }
+
+    /// What no sensor sees, as it was judged last.
+    pub fn unseen(&self) -> Missing {
+        self.judged.flatten().unwrap_or(Missing::Nothing)
+    }
 }
 
 impl Planner {
@@ -73,8 +78,11 @@ impl Planner {
         let missing = map.view.missing(&needs);
         let is_news = self.fitness.judged.replace(missing) != Some(missing) || is_arming;
         if let (Some(missing), true) = (missing, is_news) {
-            self.events
-                .push(EventSample::new(&events::SENSORS_UNFIT, missing.word(), [0.0; 2]));
+            self.events.push(EventSample::new(
+                &events::SENSORS_UNFIT,
+                &missing.to_string(),
+                [0.0; 2],
+            ));
         }
     }
 }

@@ -256,6 +256,7 @@ impl Planner {
         if !self.advance(now, inputs, route) {
             self.proposals.not_planning();
         }
+        route.unseen = Coded::new(self.fitness.unseen());
         self.proposals.conclude(now, self.left_m, &mut self.events);
     }
 

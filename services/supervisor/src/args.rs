@@ -18,6 +18,9 @@ pub struct Args {
     /// Profile laid over jink.toml: profiles/PROFILE.toml
     #[arg(long)]
     pub profile: Option<String>,
+    /// Set of sensors instead of those of jink.toml: its name, several with a plus between them, or FILE.toml
+    #[arg(long)]
+    pub sensors: Option<String>,
     /// Value laid over the configuration, e.g. link.address=udpin:0.0.0.0:14540 (repeatable)
     #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
     pub overrides: Vec<String>,

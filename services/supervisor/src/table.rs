@@ -255,6 +255,9 @@ impl ProcessTable {
             check::publishes(&row, &selected, sensors, &self.file)?;
             selected.push(row);
         }
+        if mode == Mode::Real {
+            check::every_sensor_is_measured(&selected, sensors)?;
+        }
         check::output_is_there(&selected, &self.file)?;
         Ok(selected)
     }

@@ -27,7 +27,7 @@ fn every_profile_resolves_and_every_row_is_understood() {
         .collect();
     assert!(!profiles.is_empty());
     for profile in &profiles {
-        let resolved = Config::resolve(&config(), Some(profile), &[]).unwrap();
+        let resolved = Config::resolve(&config(), Some(profile), None, &[]).unwrap();
         assert!(!resolved.config.sensors.is_empty());
     }
     let table = ProcessTable::load(&config()).unwrap();

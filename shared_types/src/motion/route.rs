@@ -5,6 +5,7 @@ use crate::clock::Timestamp;
 use crate::coded::{Coded, Flag};
 use crate::frames::{LocalNed, Point};
 use crate::reserved::{Added, Reserved};
+use crate::view::Missing;
 
 crate::wire_enum! {
     /// What the planner wants.
@@ -58,8 +59,10 @@ crate::sample! {
         pub corridor_len: u32,
         /// Declarations of the user that the corridor stands on, bits of [`crate::map::declared_as`].
         pub declarations: u8,
+        /// What no sensor sees, so that no motion can be certified.
+        pub unseen: Coded<Missing>,
         /// Explicit padding, zero.
-        pub reserved: Reserved<3>,
+        pub reserved: Reserved<2>,
         /// The proposal that the guide follows; absent of the planner's own.
         pub proposal_id: Added<u64>,
         /// Room for later fields, zero.
@@ -91,6 +94,7 @@ impl Default for Route {
             guide_len: 0,
             corridor_len: 0,
             declarations: 0,
+            unseen: Coded::new(Missing::Nothing),
             reserved: Reserved::ZERO,
             proposal_id: Added::default(),
             reserved_tail: Reserved::ZERO,

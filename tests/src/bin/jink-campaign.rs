@@ -19,7 +19,7 @@ use std::time::Instant;
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
-    /// World: forest, gap, corridor, utrap, empty
+    /// World: forest, gap, corridor, utrap, building, empty, or FILE.toml
     #[arg(long, visible_alias = "world", default_value = "forest")]
     suite: String,
     /// Sensors: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (the last two with a rangefinder down), several with

@@ -48,6 +48,10 @@ pub struct Args {
     /// One JSON object with the figures as the last line
     #[arg(long)]
     json: bool,
+    /// Sensors instead of those of jink.toml: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (docs/sensors), several
+    /// with a plus between them, or FILE.toml with [[sensor]] tables and [params]
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    sensor: Option<String>,
     /// Configuration folder
     #[arg(long, value_name = "DIR")]
     config: Option<PathBuf>,
@@ -94,6 +98,7 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
         let flight = demo::Args::of_campaign(
             &args.world,
             world_seed,
+            args.sensor.clone(),
             args.config.clone(),
             args.overrides.clone(),
         );

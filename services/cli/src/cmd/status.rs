@@ -1,6 +1,6 @@
 //! `jink status`.
 
-use super::watch::Watch;
+use super::watch::{SpaceWatch, Watch};
 use super::{EXIT_NOT_RUNNING, Problem, running};
 use jink_cli::report::{PostMortem, Report, exit_code};
 use jink_runtime::Instance;
@@ -23,8 +23,10 @@ pub struct Args {
 const STATUS_PATIENCE: Duration = Duration::from_secs(2);
 /// The link's figures come five times a second, if a gateway runs.
 const LINK_PATIENCE: Duration = Duration::from_millis(500);
+/// Map and routes come ten times a second and more often, if fusion and planner run.
+const SPACE_PATIENCE: Duration = Duration::from_millis(300);
 const EXIT_SILENT: u8 = 1;
-/// Healthy, with a profile that is not for the autopilot.
+/// Healthy, with a profile that is not for the autopilot, or with sensors that do not suffice.
 const EXIT_NOT_READY: u8 = 1;
 const EXIT_FAILED: u8 = 2;
 
@@ -52,6 +54,8 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         return Ok(ExitCode::from(EXIT_SILENT));
     };
     wait(LINK_PATIENCE, || watch.link().map(|_| ()));
+    let mut space = SpaceWatch::open(watch.session())?;
+    let space = wait(SPACE_PATIENCE, || space.look());
     // Newer by the time spent waiting.
     let status = watch.status().unwrap_or(status);
     let ends = post_mortems(instance, &status);
@@ -61,7 +65,8 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         &status,
         watch.link(),
         ends,
-    );
+    )
+    .with_space(space);
     if args.json {
         let json = serde_json::to_string(&report).map_err(|error| Problem::Other(error.to_string()))?;
         sayln!("{json}");
@@ -72,7 +77,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             report.text(since_1970.map_or(0.0, |time| time.as_secs_f64()))
         );
     }
-    let is_unfit = report.link.as_ref().is_some_and(|link| link.unfit.is_some());
+    let is_unfit = report.is_unfit();
     let code = exit_code(status.health.get());
     Ok(ExitCode::from(if is_unfit {
         code.max(EXIT_NOT_READY)

@@ -25,6 +25,8 @@ pub struct StartOptions {
     pub config: PathBuf,
     /// Profile.
     pub profile: Option<String>,
+    /// Set of sensors.
+    pub sensors: Option<String>,
     /// `section.key=value` in the order in which they apply.
     pub overrides: Vec<String>,
     /// `real`, `virtual_world` or `simulated_vehicle`.
@@ -169,6 +171,9 @@ fn spawn(instance: &Instance, options: &StartOptions) -> Result<Child, Problem> 
     }
     if let Some(profile) = &options.profile {
         command.args(["--profile", profile]);
+    }
+    if let Some(sensors) = &options.sensors {
+        command.args(["--sensors", sensors]);
     }
     for text in &options.overrides {
         command.args(["--set", text]);

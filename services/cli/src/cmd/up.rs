@@ -25,7 +25,11 @@ pub struct Args {
     /// Where the autopilot is: udpin:ADDRESS:PORT, udpout:ADDRESS:PORT or serial:DEVICE:BAUD
     #[arg(long, value_name = "ADDRESS")]
     link: Option<String>,
-    /// Virtual world: forest, gap, corridor, utrap, empty
+    /// Sensors instead of those of jink.toml: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (docs/sensors), several
+    /// with a plus between them, or FILE.toml with [[sensor]] tables and [params]
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    sensor: Option<String>,
+    /// Virtual world: forest, gap, corridor, utrap, building, empty, or FILE.toml
     #[arg(long)]
     world: Option<String>,
     /// Seed of the world
@@ -132,6 +136,7 @@ fn options(args: &Args) -> Result<StartOptions, Problem> {
         programs,
         config: places::config_folder(args.config.as_deref())?,
         profile: args.profile.clone(),
+        sensors: args.sensor.clone(),
         overrides: link
             .into_iter()
             .chain(world)

@@ -1,9 +1,13 @@
 //! Looking at a running system through shared memory.
 
 use super::Problem;
-use jink_runtime::{Input, Instance, Session};
+use jink_cli::known_space::KnownSpace;
+use jink_runtime::{Input, Instance, OpenError, Session};
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
+use jink_shared_types::map::LocalMap;
+use jink_shared_types::motion::Route;
+use jink_shared_types::view::Missing;
 use jink_shared_types::{Reading, Stamped, topics};
 
 /// This command in the topic table: it may read everything.
@@ -52,5 +56,35 @@ impl Watch {
     pub fn link(&mut self) -> Option<Stamped<'_, LinkStatus>> {
         self.link.latest(jink_runtime::now());
         self.link.newest()
+    }
+}
+
+/// What map and planner say of the sensors.
+pub struct SpaceWatch {
+    map: Input<LocalMap>,
+    route: Input<Route>,
+}
+
+impl SpaceWatch {
+    /// Connects.
+    pub fn open(session: &Session) -> Result<Self, OpenError> {
+        Ok(Self {
+            map: session.input(topics::LOCAL_MAP, "")?,
+            route: session.input(topics::ROUTE, "")?,
+        })
+    }
+
+    /// What they say now; `None` while one of them says nothing.
+    pub fn look(&mut self) -> Option<KnownSpace> {
+        let now = jink_runtime::now();
+        let unseen = self.unseen()?;
+        let declarations = self.map.latest(now).fresh()?.sample.declarations;
+        Some(KnownSpace::new(declarations, unseen))
+    }
+
+    /// What the planner misses; `None` while it says nothing.
+    pub fn unseen(&mut self) -> Option<Missing> {
+        let route = self.route.latest(jink_runtime::now()).fresh()?;
+        Some(route.sample.unseen.get())
     }
 }

@@ -8,7 +8,7 @@ use std::process::{Command, ExitCode};
 /// Which world.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Args {
-    /// Kind of world: forest, gap, corridor, utrap, empty
+    /// Kind of world: forest, gap, corridor, utrap, building, empty, or FILE.toml
     #[arg(long, default_value = "forest")]
     world: String,
     /// Seed: the same one gives the same world

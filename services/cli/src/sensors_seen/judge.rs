@@ -51,6 +51,7 @@ pub fn judge(seen: &Seen) -> Vec<Finding> {
     }
     contradictions(&seen.sensors, &mut findings);
     of_ring(seen, &mut findings);
+    of_space(seen, &mut findings);
     let about = [
         RANGES_LOST.id,
         SENSOR_LOST.id,
@@ -62,6 +63,32 @@ pub fn judge(seen: &Seen) -> Vec<Finding> {
     ];
     findings.extend(of_events(&seen.events, &about));
     findings
+}
+
+/// What the planner makes of all of them.
+fn of_space(seen: &Seen, findings: &mut Vec<Finding>) {
+    let Some(space) = &seen.space else {
+        let is =
+            "map and planner say nothing: whether motion can be certified with these sensors is not known";
+        let remedy = "`jink status` tells whether fusion and planner run, and what they wait for";
+        findings.push(finding(Grade::Warning, "space", is.to_owned(), remedy));
+        return;
+    };
+    match &space.cannot_plan {
+        Some(reason) => findings.push(finding(Grade::Blocker, "space", reason.clone(), space.remedy)),
+        None => {
+            let is = "motion can be certified with what the sensors see".to_owned();
+            findings.push(finding(Grade::Good, "space", is, ""));
+        }
+    }
+    let (grade, remedy) = match space.declarations.is_empty() {
+        true => (Grade::Good, ""),
+        false => (
+            Grade::Warning,
+            "make sure that it holds where the vehicle flies (docs/known_space.md)",
+        ),
+    };
+    findings.push(finding(grade, "space", space.declared(), remedy));
 }
 
 /// Whom it is about, in a few words.

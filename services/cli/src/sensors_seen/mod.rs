@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `range/scan/*`, `range/cloud/*` of every configured sensor ([`SensorSeen`]) | whether it speaks, in time, and credibly |
 //! | `guard/ring` ([`RingSeen`]) | which directions nobody sees, and what that means with these parameters |
+//! | `map/local`, `plan/route` ([`KnownSpace`]) | what is declared, and which directions are missing |
 //! | `vehicle/state`, events | whether ranges can be placed, what the pilot was told |
 //!
 //! Coverage is counted as the guard counts it: in sectors of five degrees, each as a whole as soon as it is looked into.
@@ -22,6 +23,7 @@ pub use ring::{RingFigures, RingSeen};
 pub use sensor::{Rate, SensorFigures, SensorSeen, SensorTable};
 pub use timing::Timing;
 
+use crate::known_space::KnownSpace;
 use jink_shared_types::events::EventSample;
 use jink_shared_types::params::{self, ParamSet};
 use serde_json::{Map, Value, json};
@@ -38,6 +40,8 @@ pub struct Seen {
     pub ring: RingSeen,
     /// Vehicle states with a position that may be used.
     pub states: u64,
+    /// What map and planner said last of all sensors together.
+    pub space: Option<KnownSpace>,
     /// What the pilot was told.
     pub events: Vec<EventSample>,
     /// For how long (s).
@@ -53,6 +57,7 @@ impl Seen {
             sensors: sensors.into_iter().map(SensorSeen::new).collect(),
             ring: RingSeen::default(),
             states: 0,
+            space: None,
             events: Vec::new(),
             seconds: 0.0,
             params,
@@ -70,6 +75,7 @@ impl Seen {
         let mut figures = Map::new();
         figures.insert("sensors".to_owned(), json!(sensors));
         figures.insert("ring".to_owned(), json!(self.ring.figures()));
+        figures.insert("space".to_owned(), json!(self.space));
         figures
     }
 }

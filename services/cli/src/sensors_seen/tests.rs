@@ -1,10 +1,13 @@
 use super::{Seen, SensorTable, judge, subject};
 use crate::findings::{Finding, Grade};
+use crate::known_space::KnownSpace;
 use jink_shared_types::events::{AVOIDANCE_READY, EventSample, RANGEFINDER_LOST};
 use jink_shared_types::frames::Mounting;
+use jink_shared_types::map::declared_as;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, RayKind, ScanFrame};
 use jink_shared_types::ring::{SECTORS, SectorRing};
+use jink_shared_types::view::Missing;
 use jink_shared_types::{Coded, Point, SampleHeader, Timestamp};
 use nalgebra::UnitQuaternion;
 use proptest::prelude::*;
@@ -573,6 +576,34 @@ fn a_guard_that_is_silent_or_has_no_position_is_told_before_what_follows_from_it
     assert_only(&lost, Grade::Blocker, "the vehicle's position is not known");
     let none = Rig::new(&[], |_| false);
     assert_only(&none, Grade::Blocker, "no sensor is configured");
+}
+
+#[test]
+fn sensors_with_which_nothing_can_be_planned_keep_it_on_the_ground_and_declarations_are_warned_of() {
+    let space = |rig: &Rig| -> Vec<(Grade, String)> {
+        let found = rig.found().into_iter().filter(|finding| finding.about == "space");
+        found
+            .map(|finding| (finding.grade, format!("{} -> {}", finding.is, finding.remedy)))
+            .collect()
+    };
+    let mut rig = Rig::one("lidar_2d");
+    assert_eq!(space(&rig)[0].0, Grade::Warning, "map and planner say nothing");
+    rig.0.space = Some(KnownSpace::new(0, Missing::Above));
+    let found = space(&rig);
+    assert_eq!((found[0].0, found[1].0), (Grade::Blocker, Grade::Good));
+    assert!(
+        found[0]
+            .1
+            .starts_with("cannot plan: nobody sees above -> add a sensor that looks up"),
+        "{found:?}"
+    );
+    rig.0.space = Some(KnownSpace::new(declared_as::BAND, Missing::Nothing));
+    let found = space(&rig);
+    assert_eq!((found[0].0, found[1].0), (Grade::Good, Grade::Warning));
+    assert!(
+        found[1].1.contains("planar band -> make sure that it holds"),
+        "{found:?}"
+    );
 }
 
 #[test]

@@ -1,7 +1,9 @@
 //! Overlays: the configuration file, then a profile, then the command line, each checked on its own so that an error
 //! names the file and line (or the argument) it comes from.
 
-use super::{CONFIG_FILE, Config, ConfigError, is_user_kind, line_of, parse_toml, read, with_nearest};
+use super::{
+    CONFIG_FILE, Config, ConfigError, is_user_kind, line_of, parse_toml, read, sensor_sets, with_nearest,
+};
 use jink_shared_types::params::{Param, nearest};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -107,14 +109,16 @@ pub struct Resolved {
 }
 
 impl Config {
-    /// Reads `jink.toml` in `folder`, lays `profiles/<profile>.toml` over it, then the `section.key=value` of
-    /// `overrides` in their order. A list (the sensors) replaces the list below it, everything else key by key.
+    /// Reads `jink.toml` in `folder`, lays `profiles/<profile>.toml` over it, then the set of sensors ([`sensor_sets`]) that
+    /// `sensors` names, then the `section.key=value` of `overrides` in their order. A list (the sensors) replaces the list below it,
+    /// everything else key by key.
     ///
     /// # Errors
     /// [`ConfigError`] naming file and line, or the override.
     pub fn resolve(
         folder: &Path,
         profile: Option<&str>,
+        sensors: Option<&str>,
         overrides: &[String],
     ) -> Result<Resolved, ConfigError> {
         let base = folder.join(CONFIG_FILE);
@@ -130,6 +134,17 @@ impl Config {
             }
             lay_over(&mut merged, over);
             sources.push(file.display().to_string());
+        }
+        if let Some(name) = sensors {
+            let set = sensor_sets::named(name)?;
+            let over;
+            (over, declared) = checked(&set.file, &set.text, declared)?;
+            if !over.contains_key("sensor") {
+                return Err(problem(&set.file, "there is no [[sensor]] in it".to_owned()));
+            }
+            lay_over(&mut merged, over);
+            sources.push(set.file.display().to_string());
+            sensors_from = set.file;
         }
         for text in overrides {
             lay_over(&mut merged, override_table(text, declared)?);
@@ -256,7 +271,7 @@ mod tests {
 
         fn error(&self, profile: Option<&str>, overrides: &[&str]) -> String {
             let overrides: Vec<String> = overrides.iter().map(|&text| text.to_owned()).collect();
-            let error = Config::resolve(&self.0, profile, &overrides)
+            let error = Config::resolve(&self.0, profile, None, &overrides)
                 .unwrap_err()
                 .to_string();
             error.replace(&format!("{}/", self.0.display()), "")
@@ -277,7 +292,7 @@ mod tests {
         let folder = Folder::new("wins", BASE, "[params]\nOA_SPD_MAX = 6\nOA_GOAL_RAD = 1\n");
         let overrides =
             ["params.OA_SPD_MAX=4.5", "link.address=serial:/dev/ttyTHS1:921600"].map(str::to_owned);
-        let resolved = Config::resolve(&folder.0, Some("fast"), &overrides).unwrap();
+        let resolved = Config::resolve(&folder.0, Some("fast"), None, &overrides).unwrap();
         let again = Config::parse(&folder.0, &resolved.text).unwrap();
         for config in [&resolved.config, &again] {
             assert_eq!(
@@ -305,7 +320,7 @@ mod tests {
         let folder = Folder::new("declared", &format!("{BASE}{row}"), "[params]\nUSR_A = 2\n");
         let value = |profile: Option<&str>, overrides: &[&str]| {
             let overrides: Vec<String> = overrides.iter().map(|&text| text.to_owned()).collect();
-            let resolved = Config::resolve(&folder.0, profile, &overrides).unwrap();
+            let resolved = Config::resolve(&folder.0, profile, None, &overrides).unwrap();
             resolved.config.params.named("USR_A").unwrap()
         };
         assert_eq!((value(None, &[]), value(Some("fast"), &[])), (1.0, 2.0));
@@ -317,13 +332,54 @@ mod tests {
     }
 
     #[test]
+    fn a_set_of_sensors_lies_over_the_profile_and_below_the_command_line() {
+        let folder = Folder::new("sets", BASE, "[params]\nOA_DCL_START = 0.7\n");
+        let overrides = ["params.OA_DCL_HANG_HI=4".to_owned()];
+        let resolved = Config::resolve(&folder.0, Some("fast"), Some("mid360"), &overrides).unwrap();
+        let names: Vec<&str> = resolved
+            .config
+            .sensors
+            .iter()
+            .map(|sensor| sensor.name.as_str())
+            .collect();
+        assert_eq!(names, ["mid360"], "instead of those of the file");
+        assert_eq!(resolved.config.params.get(&params::OA_DCL_START), 1.5);
+        assert_eq!(resolved.config.params.get(&params::OA_DCL_HANG_HI), 4.0);
+        assert_eq!(resolved.config.params.get(&params::OA_SPD_MAX), 2.0);
+        assert!(resolved.text.contains("sensors/mid360.toml"), "{}", resolved.text);
+        let error = |name: &str| {
+            let resolved = Config::resolve(&folder.0, None, Some(name), &[]);
+            resolved.unwrap_err().to_string()
+        };
+        assert!(
+            error("mid70").contains("known are sphere, mid360"),
+            "{}",
+            error("mid70")
+        );
+        let own = folder.0.join("own.toml");
+        let own = own.to_str().unwrap();
+        std::fs::write(own, "[params]\nOA_SPD_MAX = 60\n").unwrap();
+        assert!(
+            error(own).contains("own.toml:2: OA_SPD_MAX = 60"),
+            "{}",
+            error(own)
+        );
+        std::fs::write(own, "[params]\nOA_SPD_MAX = 6\n").unwrap();
+        assert!(
+            error(own).contains("own.toml: there is no [[sensor]] in it"),
+            "{}",
+            error(own)
+        );
+    }
+
+    #[test]
     fn the_sensors_of_an_overlay_replace_the_list() {
         let folder = Folder::new(
             "list",
             BASE,
             "[[sensor]]\nname = \"front\"\nkind = \"depth_camera\"\n",
         );
-        let resolved = Config::resolve(&folder.0, Some("fast"), &[]).unwrap();
+        let resolved = Config::resolve(&folder.0, Some("fast"), None, &[]).unwrap();
         let names: Vec<&str> = resolved.config.sensors.iter().map(|s| s.name.as_str()).collect();
         assert_eq!(names, ["front"]);
     }

@@ -60,7 +60,12 @@ pub fn run(args: &Args) -> ExitCode {
 
 fn start(args: &Args) -> Result<ExitCode, Failure> {
     let programs = program_folder()?;
-    let resolved = Config::resolve(&args.config, args.profile.as_deref(), &args.overrides)?;
+    let resolved = Config::resolve(
+        &args.config,
+        args.profile.as_deref(),
+        args.sensors.as_deref(),
+        &args.overrides,
+    )?;
     let rows = ProcessTable::load(&args.config)?.select(args.mode, &programs, &resolved.config.sensors)?;
 
     let claim = Claim::take(&args.instance)?;

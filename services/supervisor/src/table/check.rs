@@ -3,9 +3,12 @@
 use super::{At, OnFailure, ProcessRow, Rules, When, Written, WrittenRestart, WrittenSlow, choose};
 use crate::policy::RestartRule;
 use crate::slowness::SlowRule;
-use jink_runtime::config::{ConfigError, Grants, SENSOR_KINDS, Sensor, is_user_kind, of_sensor};
+use jink_runtime::config::{
+    CONFIG_FILE, ConfigError, Grants, SENSOR_KINDS, Sensor, SensorOutput, is_user_kind, of_sensor,
+};
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
 use jink_shared_types::health::PROCESSES;
+use jink_shared_types::topics;
 use std::ops::RangeInclusive;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -17,6 +20,9 @@ const NAME_MAX: usize = 20;
 const RESERVED_NAME: &str = "supervisor";
 /// One late heartbeat must not be a hang.
 const HEARTBEAT_TIMEOUT_MIN_MS: i64 = (2.0 * HEARTBEAT_PERIOD_S * 1e3) as i64;
+
+/// Kinds of sensors whose ranges come over MAVLink.
+const OVER_MAVLINK: [&str; 2] = ["autopilot_rangefinder", "obstacle_row"];
 
 const DEFAULT_START_GRACE_MS: i64 = 3_000;
 
@@ -70,6 +76,40 @@ pub(super) fn output_is_there(rows: &[ProcessRow], file: &Path) -> Result<(), Co
         }),
         _ => Ok(()),
     }
+}
+
+/// Where sensors are real, each of `sensors` has somebody who measures: a driver of ours, a program of others, the autopilot.
+pub(super) fn every_sensor_is_measured(rows: &[ProcessRow], sensors: &[Sensor]) -> Result<(), ConfigError> {
+    let is_measured = |sensor: &&Sensor| {
+        let topic = match sensor.output {
+            SensorOutput::Cloud => topics::RANGE_CLOUD.row.name,
+            SensorOutput::Scan => topics::RANGE_SCAN.row.name,
+        };
+        let topic = topic.replace('*', &sensor.name);
+        let is_driver = |row: &ProcessRow| sensor.has_device && row.per_sensor.as_ref() == Some(&sensor.kind);
+        OVER_MAVLINK.contains(&sensor.kind.as_str())
+            || rows
+                .iter()
+                .any(|row| is_driver(row) || row.grants.may_publish(&topic))
+    };
+    let Some(sensor) = sensors.iter().find(|sensor| !is_measured(sensor)) else {
+        return Ok(());
+    };
+    let remedy = match is_user_kind(&sensor.kind) {
+        true => "the process table needs a row that publishes its topic (docs/bring_your_own_process.md)",
+        false => {
+            "give it the `device` and the `model` that it has (docs/lidars.md, docs/depth_cameras.md, docs/rangefinders.md), or remove \
+             its table; `--world forest` simulates it"
+        }
+    };
+    Err(ConfigError {
+        file: PathBuf::from(CONFIG_FILE),
+        line: 0,
+        message: format!(
+            "sensor {:?}: nobody measures with a {}: {remedy}",
+            sensor.name, sensor.kind
+        ),
+    })
 }
 
 /// A row that is about to join `others` has a name of its own and a place: what is there per sensor can have taken either.

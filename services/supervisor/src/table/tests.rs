@@ -256,16 +256,13 @@ fn each_mode_has_its_processes_and_arguments() {
     assert_eq!(started(Mode::VirtualWorld), ["a external", "s external"]);
 }
 
-/// A configuration with rangefinders that are plugged in, one that is not, and a lidar that is.
+/// A configuration with rangefinders that are plugged in, and one that the autopilot has.
 fn sensors(names: &[&str]) -> Vec<Sensor> {
     let plugged: String = names
         .iter()
         .map(|name| format!("[[sensor]]\nname = \"{name}\"\nkind = \"rangefinder\"\ndevice = \"/dev/x\"\n"))
         .collect();
-    let text = format!(
-        "{plugged}[[sensor]]\nname = \"ground\"\nkind = \"rangefinder\"\n\
-         [[sensor]]\nname = \"lidar\"\nkind = \"lidar_2d\"\ndevice = \"/dev/y\"\n"
-    );
+    let text = format!("{plugged}[[sensor]]\nname = \"ground\"\nkind = \"autopilot_rangefinder\"\n");
     Config::parse(Path::new("jink.toml"), &text).unwrap().sensors
 }
 
@@ -287,6 +284,53 @@ fn a_row_per_sensor_is_there_for_each_that_is_plugged_in() {
     );
     assert_eq!(started(Mode::Real, &[]), ["planner "]);
     assert_eq!(started(Mode::VirtualWorld, &["front"]), ["planner "]);
+}
+
+#[test]
+fn a_sensor_that_nobody_measures_with_is_refused_where_sensors_are_real() {
+    let own = "[[process]]\nname = \"sonar\"\nprogram = \"/bin/sh\"\npublishes = [\"range/scan/sonar\"]\n";
+    let (plain, with_own) = (parse(PER_SENSOR), parse(&format!("{PER_SENSOR}{own}")));
+    let select = |table: &ProcessTable, mode: Mode, sensor: &str| {
+        let text = format!("[[sensor]]\n{sensor}\n");
+        let sensors = Config::parse(Path::new("jink.toml"), &text).unwrap().sensors;
+        let rows = table.select(mode, Path::new("/"), &sensors);
+        rows.map(|rows| rows.len()).map_err(|error| error.to_string())
+    };
+    let lidar = "name = \"lidar\"\nkind = \"lidar_3d\"";
+    let unplugged = "name = \"front\"\nkind = \"rangefinder\"";
+    let sonar = "name = \"sonar\"\nkind = \"user/sonar\"\noutput = \"scan\"";
+    for (sensor, words) in [
+        (
+            lidar,
+            "sensor \"lidar\": nobody measures with a lidar_3d: give it the `device`",
+        ),
+        (unplugged, "sensor \"front\": nobody measures with a rangefinder"),
+        (
+            "name = \"top\"\nkind = \"lidar_2d\"\ndevice = \"/dev/y\"",
+            "a lidar_2d",
+        ),
+        (sonar, "the process table needs a row that publishes its topic"),
+    ] {
+        let error = select(&plain, Mode::Real, sensor).unwrap_err();
+        assert!(
+            error.starts_with("jink.toml: ") && error.contains(words),
+            "{error}"
+        );
+        assert_eq!(
+            select(&plain, Mode::VirtualWorld, sensor),
+            Ok(1),
+            "a simulation renders it"
+        );
+    }
+    assert_eq!(select(&with_own, Mode::Real, sonar), Ok(2));
+    assert_eq!(
+        select(&plain, Mode::Real, &format!("{unplugged}\ndevice = \"/dev/x\"")),
+        Ok(2)
+    );
+    for heard in ["autopilot_rangefinder", "obstacle_row"] {
+        let heard = format!("name = \"below\"\nkind = \"{heard}\"");
+        assert_eq!(select(&plain, Mode::Real, &heard), Ok(1));
+    }
 }
 
 #[test]

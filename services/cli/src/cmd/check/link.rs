@@ -75,7 +75,7 @@ fn configuration(args: &Args) -> Result<(String, Config), Problem> {
         .as_ref()
         .map(|address| format!("link.address={address}"));
     let overrides: Vec<String> = link.into_iter().chain(args.overrides.iter().cloned()).collect();
-    let resolved = Config::resolve(&folder, args.profile.as_deref(), &overrides);
+    let resolved = Config::resolve(&folder, args.profile.as_deref(), None, &overrides);
     resolved
         .map(|resolved| (resolved.text, resolved.config))
         .map_err(|error| Problem::Other(error.to_string()))

@@ -21,6 +21,10 @@ pub struct Args {
     /// Profile laid over jink.toml: profiles/PROFILE.toml
     #[arg(long)]
     profile: Option<String>,
+    /// Sensors instead of those of jink.toml: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (docs/sensors), several
+    /// with a plus between them, or FILE.toml with [[sensor]] tables and [params]
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    sensor: Option<String>,
     /// Configuration folder; without it ./config, /etc/jink or that of the checkout
     #[arg(long, value_name = "DIR")]
     config: Option<PathBuf>,
@@ -36,7 +40,12 @@ pub struct Args {
 pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
     let begin = Instant::now();
     let folder = places::config_folder(args.config.as_deref())?;
-    let config = match Config::resolve(&folder, args.profile.as_deref(), &args.overrides) {
+    let config = match Config::resolve(
+        &folder,
+        args.profile.as_deref(),
+        args.sensor.as_deref(),
+        &args.overrides,
+    ) {
         Ok(resolved) => resolved.config,
         Err(problem) => return Ok(Outcome::Refused(problem.to_string())),
     };

@@ -1,7 +1,7 @@
 //! `jink check sensors`: listens to every configured sensor and to the guard, and has it judged.
 
 use super::{Outcome, Progress};
-use crate::cmd::watch::{PROGRAM, Watch};
+use crate::cmd::watch::{PROGRAM, SpaceWatch, Watch};
 use crate::cmd::{Interrupt, Problem, running};
 use jink_cli::findings::Findings;
 use jink_cli::sensors_seen::{Seen, SensorTable, judge, subject};
@@ -44,6 +44,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
     let interrupt = Interrupt::listen()?;
     let session = Session::open(instance, PROGRAM)?;
     let mut topics = Topics::open(&session, &config)?;
+    let mut space = SpaceWatch::open(&session)?;
     // What had come before is not of this time; only the parameters still hold.
     let mut before = Seen::new(tables.clone(), config.params);
     topics.take(&mut before);
@@ -57,6 +58,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
             return Ok(Outcome::Interrupted);
         }
         topics.take(&mut seen);
+        seen.space = space.look().or(seen.space);
         if shown.elapsed() >= SHOW {
             shown = Instant::now();
             screen.show(&progress(&seen, begin.elapsed(), whole));

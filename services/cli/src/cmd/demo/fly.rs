@@ -7,9 +7,10 @@ use super::pilot::Pilot;
 use super::sensed::Sensed;
 use super::show::Show;
 use crate::cmd::supervisor::Supervisor;
-use crate::cmd::watch::Watch;
+use crate::cmd::watch::{SpaceWatch, Watch};
 use crate::cmd::{Interrupt, Problem};
 use jink_cli::flight::{FlightLog, Outcome, Summary};
+use jink_cli::known_space::KnownSpace;
 use jink_cli::narrate::Narrator;
 use jink_cli::report::round;
 use jink_runtime::Input;
@@ -29,6 +30,8 @@ const SITL_READY_PATIENCE: Duration = Duration::from_secs(150);
 const SIMULATOR: &str = "simulator";
 /// Longest wait for the landing once the last mission item has been reached.
 const LANDING_PATIENCE: Duration = Duration::from_secs(30);
+/// What the planner says of the sensors for so long, it stays with.
+const UNFIT_FOR: Duration = Duration::from_secs(1);
 
 /// A flight under way.
 pub struct Flight {
@@ -40,6 +43,11 @@ pub struct Flight {
     status: Option<SystemStatus>,
     done_since: Option<Instant>,
     memory: Memory,
+    space: SpaceWatch,
+    /// What it flies through, as it was said last.
+    known: KnownSpace,
+    /// Since when the planner says that it cannot plan with these sensors.
+    unfit_since: Option<Instant>,
     /// A real autopilot flies: if it ends, the flight has.
     is_sitl: bool,
     // Last: the ports above belong to its connection.
@@ -71,6 +79,9 @@ impl Flight {
             status: None,
             done_since: None,
             memory: Memory::default(),
+            space: SpaceWatch::open(session)?,
+            known: KnownSpace::default(),
+            unfit_since: None,
             is_sitl,
             watch,
         })
@@ -145,6 +156,7 @@ impl Flight {
         summary.machine_stall_max_ms = round(machine.stall_max_ms);
         summary.machine_stolen_ms = round(machine.stolen_ms);
         summary.memory = self.memory.uses();
+        summary.declarations = self.known.declarations;
         Flown {
             summary,
             outcome,
@@ -165,6 +177,11 @@ impl Flight {
             }
             self.memory.look(&status);
             self.status = Some(status);
+        }
+        if let Some(known) = self.space.look() {
+            let unfit = known.cannot_plan.is_some();
+            self.unfit_since = unfit.then(|| self.unfit_since.unwrap_or_else(Instant::now));
+            self.known = known;
         }
         // Not while taking off or landing: the map below is then the ground.
         if let (Some(sensed), Some(truth)) = (&mut self.sensed, self.log.truth())
@@ -212,6 +229,11 @@ impl Flight {
                 .last_error_of(SIMULATOR)
                 .unwrap_or_else(|| "the autopilot's simulation ended".to_owned());
             return Ok(Some(Outcome::Failed { reason }));
+        }
+        let has_moved = self.log.truth().is_some_and(|truth| truth.cruise_s > 0.0);
+        let is_unfit = self.unfit_since.is_some_and(|since| since.elapsed() > UNFIT_FOR);
+        if let (true, false, Some(reason)) = (is_unfit, has_moved, self.known.refusal()) {
+            return Ok(Some(Outcome::Refused { reason }));
         }
         let failed = self
             .status

@@ -36,7 +36,7 @@ pub struct Args {
     /// Build every program in release first
     #[arg(long)]
     build: bool,
-    /// Virtual world: forest, gap, corridor, utrap, empty
+    /// Virtual world: forest, gap, corridor, utrap, building, empty, or FILE.toml
     #[arg(long, default_value = "forest")]
     world: String,
     /// Seed of the world
@@ -45,6 +45,10 @@ pub struct Args {
     /// Trees per square metre
     #[arg(long)]
     density: Option<f64>,
+    /// Sensors instead of those of jink.toml: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (docs/sensors), several
+    /// with a plus between them, or FILE.toml with [[sensor]] tables and [params]
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    sensor: Option<String>,
     /// Highest speed (m/s)
     #[arg(long, value_name = "V")]
     speed: Option<f64>,
@@ -94,10 +98,17 @@ impl Args {
     }
 
     /// A flight of a campaign.
-    pub fn of_campaign(world: &str, seed: u64, config: Option<PathBuf>, overrides: Vec<String>) -> Self {
+    pub fn of_campaign(
+        world: &str,
+        seed: u64,
+        sensor: Option<String>,
+        config: Option<PathBuf>,
+        overrides: Vec<String>,
+    ) -> Self {
         Self {
             world: world.to_owned(),
             seed,
+            sensor,
             legs: 1,
             headless: true,
             config,
@@ -248,6 +259,7 @@ fn options(
         programs: programs.to_owned(),
         config: places::config_folder(args.config.as_deref())?,
         profile: None,
+        sensors: args.sensor.clone(),
         overrides,
         mode: "simulated_vehicle",
         // A flight that ended badly is looked into; after a good one the folder is removed below.
