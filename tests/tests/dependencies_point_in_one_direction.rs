@@ -43,7 +43,7 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
         let allowed: &[&str] = match name.as_str() {
             "jink-shared-types" => &[],
             "jink-runtime" => &["jink-shared-types"],
-            "jink-tests" | "jink-real-autopilots" => continue,
+            "jink-tests" | "jink-real-autopilots" | "jink-map-bench" => continue,
             _ => &["jink-shared-types", "jink-runtime"],
         };
         for dependency in dependencies.iter().filter(|dependency| ours(dependency)) {

@@ -69,6 +69,8 @@ enum Command {
     Demo(cmd::demo::Args),
     /// Fly missions with faults at random times
     Chaos(cmd::chaos::Args),
+    /// Measure parts of jink beside what others have
+    Bench(cmd::bench::Args),
 }
 
 fn main() -> ExitCode {
@@ -91,6 +93,7 @@ fn main() -> ExitCode {
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),
         Command::World(args) => cmd::world::run(&args),
         Command::Chaos(args) => cmd::chaos::run(&args),
+        Command::Bench(args) => cmd::bench::run(&args),
         Command::Demo(args) => cmd::demo::run(&cli.instance, &args),
     };
     outcome.unwrap_or_else(|problem| {

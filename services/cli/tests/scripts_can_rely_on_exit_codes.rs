@@ -62,7 +62,7 @@ fn a_parameter_that_is_not_or_may_not_be_is_refused_before_anybody_is_asked() {
 
 #[test]
 fn every_command_explains_itself() {
-    for command in ["up", "down", "status", "param", "world", "demo"] {
+    for command in ["up", "down", "status", "param", "world", "demo", "bench"] {
         let help = jink(&[command, "--help"]);
         assert!(help.status.success());
         assert!(words(&help.stdout).contains("Usage: jink"), "{command}");

@@ -27,8 +27,10 @@ mod body;
 mod cells;
 mod cloud;
 mod frame;
+mod move_window;
 mod poses;
 mod rays;
+mod rebase;
 mod scan;
 mod sensors;
 mod service;
@@ -48,8 +50,10 @@ use jink_shared_types::ranges::{PointCloud, RangeScan, SENSORS};
 use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
 use jink_shared_types::vehicle::{NavMode, VehicleState};
 use jink_shared_types::{Flag, Reserved, SampleHeader, Timestamp};
-use poses::{Order, PoseHistory, SweepPoses};
+use nalgebra::Vector3;
+use poses::{Order, PoseHistory, SweepPoses, estimate_of};
 use rays::{Limits, Tracer};
+use rebase::{Move, known_jump_m};
 use sensors::Sensors;
 use view::View;
 use window::Window;
@@ -151,7 +155,8 @@ impl Fusion {
 
     /// Takes the vehicle state valid at `header.capture`; the window follows the vehicle.
     ///
-    /// A changed reset count means that the local frame has moved under the map: map, poses and contributions are
+    /// A changed reset count means that the local frame has moved under the map. Where this state and the one before say by how much,
+    /// map and poses move along, and cells that then overlap two are free only if both were; else map, poses and contributions are
     /// dropped and the epoch counts up, whether or not the state itself can be used.
     pub fn vehicle(&mut self, state: &VehicleState, header: &SampleHeader) {
         match Order::judge(header.capture, self.history.newest()) {
@@ -163,8 +168,14 @@ impl Fusion {
             }
         }
         let known_resets = self.estimator_resets.replace(state.estimator_resets);
-        if known_resets.is_some_and(|resets| resets != state.estimator_resets) {
-            self.drop_map();
+        if let Some(resets) = known_resets.filter(|resets| *resets != state.estimator_resets) {
+            match self.jump_m(state, header.capture, resets) {
+                Some(jump_m) => {
+                    self.window.shift(&Move::by(&jump_m));
+                    self.history.shift(&jump_m);
+                }
+                None => self.drop_map(),
+            }
         }
         self.home_down_m = state.home_down_m;
         if self.history.push(state, header.capture) {
@@ -179,6 +190,20 @@ impl Fusion {
         } else {
             self.counters.states_refused += 1;
         }
+    }
+
+    /// By how much (m) one reset since `resets` has moved the local frame, if that is known.
+    fn jump_m(&self, state: &VehicleState, capture: Timestamp, resets: u32) -> Option<Vector3<f64>> {
+        if resets.wrapping_add(1) != state.estimator_resets {
+            return None;
+        }
+        let (before, at) = self.history.newest_estimate()?;
+        known_jump_m(&before, &estimate_of(state)?, capture.seconds_since(at))
+    }
+
+    /// How often the map was thrown away.
+    pub fn epoch(&self) -> u32 {
+        self.epoch
     }
 
     fn drop_map(&mut self) {

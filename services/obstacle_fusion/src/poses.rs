@@ -9,6 +9,7 @@
 //! attitude the great arc between both (Shoemake, "Animating rotation with quaternion curves", 1985). After the
 //! newest state the velocity and the body rates are carried on.
 
+use crate::rebase::Estimate;
 use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::VehicleState;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
@@ -154,10 +155,40 @@ impl PoseHistory {
         between(from, to, since_s)
     }
 
+    /// The newest state and its time; nothing if there is none.
+    pub fn newest_estimate(&self) -> Option<(Estimate, Timestamp)> {
+        (self.pushed > 0).then(|| {
+            let newest = self.back(0);
+            let estimate = Estimate {
+                position_m: newest.position_m,
+                velocity_mps: newest.velocity_mps,
+                local_q_body: newest.local_q_body,
+                rates_radps: newest.rates_radps,
+            };
+            (estimate, newest.at)
+        })
+    }
+
+    /// Moves every state by `jump_m` (local).
+    pub fn shift(&mut self, jump_m: &Vector3<f64>) {
+        self.ring.iter_mut().for_each(|state| state.position_m += jump_m);
+    }
+
     /// The state pushed `age` pushes before the newest.
     fn back(&self, age: usize) -> &StateSample {
         &self.ring[(self.pushed + STATES - 1 - age) % STATES]
     }
+}
+
+/// What `state` estimates; nothing if it cannot be one of a flying vehicle.
+pub(crate) fn estimate_of(state: &VehicleState) -> Option<Estimate> {
+    let local_q_body = state.attitude.rotation().filter(|_| is_plausible(state))?;
+    Some(Estimate {
+        position_m: state.position.vector(),
+        velocity_mps: state.velocity.vector(),
+        local_q_body,
+        rates_radps: state.rates.vector(),
+    })
 }
 
 fn is_plausible(state: &VehicleState) -> bool {

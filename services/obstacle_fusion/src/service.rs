@@ -23,7 +23,7 @@ pub struct FusionService {
     ranges: RangeInputs,
     state: Input<VehicleState>,
     output: Output<LocalMap>,
-    resets: Option<u32>,
+    epoch: u32,
     header: SampleHeader,
     sent: Timestamp,
 }
@@ -63,7 +63,7 @@ impl Service for FusionService {
             ranges,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             output: ports.output(topics::LOCAL_MAP)?,
-            resets: None,
+            epoch: config.first_epoch,
             header: SampleHeader::default(),
             sent: Timestamp::NEVER,
         })
@@ -75,16 +75,14 @@ impl Service for FusionService {
             fusion,
             ranges,
             state,
-            resets,
+            epoch,
             header,
             ..
         } = self;
         state.each(|state| {
             fusion.vehicle(state.sample, state.header);
-            if resets
-                .replace(state.estimator_resets)
-                .is_some_and(|old| old != state.estimator_resets)
-            {
+            // A map that has moved with the local frame is as good as before.
+            if std::mem::replace(epoch, fusion.epoch()) != fusion.epoch() {
                 cycle.events.raise(now, &events::ESTIMATOR_RESET, "", [0.0; 2]);
             }
         });

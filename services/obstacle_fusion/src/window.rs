@@ -39,14 +39,14 @@ const HYSTERESIS: i32 = 4;
 
 /// The window. See the module's text.
 pub(crate) struct Window {
-    min_cell: Cell,
-    evidence: Box<[i8; CELLS]>,
-    occupied: Box<BitPlane>,
-    known: Box<BitPlane>,
+    pub(crate) min_cell: Cell,
+    pub(crate) evidence: Box<[i8; CELLS]>,
+    pub(crate) occupied: Box<BitPlane>,
+    pub(crate) known: Box<BitPlane>,
     /// Cells of which only declarations of the user say something.
-    declared: Box<BitPlane>,
+    pub(crate) declared: Box<BitPlane>,
     /// Cells at [`FREE_FLOOR`], which further misses do not change: most of a settled map.
-    settled: Box<BitPlane>,
+    pub(crate) settled: Box<BitPlane>,
 }
 
 impl Window {
@@ -217,6 +217,39 @@ impl Window {
         if *evidence == FREE_FLOOR {
             self.settled[word] |= 1 << bit;
         }
+    }
+
+    /// Cell number `into` is now a part of its own and a part of cell number `from`, or of one outside: it is occupied if either is,
+    /// with the stronger evidence, and known only if both are.
+    pub(crate) fn take_over(&mut self, into: usize, from: Option<usize>) {
+        let is_set = |bits: &BitPlane, cell: usize| (bits[cell >> 6] >> (cell & 63)) & 1 == 1;
+        let of = |cell: usize| {
+            (
+                is_set(&self.known, cell),
+                is_set(&self.declared, cell),
+                self.evidence[cell],
+            )
+        };
+        let (known, declared, evidence) = of(into);
+        let (from_known, from_declared, from_evidence) = from.map_or((false, false, 0), of);
+        if !known && !from_known {
+            return;
+        }
+        let strongest = evidence.max(from_evidence);
+        let is_known = strongest > 0 || (known && from_known);
+        let evidence = if is_known { strongest } else { 0 };
+        let mut put = |bits: fn(&mut Self) -> &mut BitPlane, value: bool| {
+            let word = &mut bits(self)[into >> 6];
+            *word = (*word & !(1 << (into & 63))) | (u64::from(value) << (into & 63));
+        };
+        put(|window| &mut *window.known, is_known);
+        put(|window| &mut *window.occupied, evidence > 0);
+        put(
+            |window| &mut *window.declared,
+            is_known && (declared || from_declared),
+        );
+        put(|window| &mut *window.settled, is_known && evidence == FREE_FLOOR);
+        self.evidence[into] = evidence;
     }
 
     /// Copies the planes out; returns how many cells are occupied and how many known.

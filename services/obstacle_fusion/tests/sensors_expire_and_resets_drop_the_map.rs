@@ -189,3 +189,78 @@ fn the_first_epoch_is_the_callers() {
     };
     assert_eq!(written(&Fusion::new(config), at(0.0)).epoch, 7);
 }
+
+/// The map of a cloud at 0.5 s, and of a state 20 ms after the last one whose position has moved by `jump_m`.
+fn reset_by(jump_m: Vector3<f64>, yaw_rad: f64, at_s: f64) -> (Fusion, Box<LocalMap>, Box<LocalMap>) {
+    let mut fusion = fusion(1);
+    fusion.cloud(0, &cloud(), &header(0.5));
+    let before = written(&fusion, at(0.5));
+    let moved = Motion {
+        attitude: nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad),
+        ..Motion::still(resting().position_m + jump_m)
+    };
+    let state = VehicleState {
+        estimator_resets: 1,
+        ..moved.state()
+    };
+    fusion.vehicle(&state, &header(at_s));
+    let after = written(&fusion, at(0.6));
+    (fusion, before, after)
+}
+
+#[test]
+fn a_known_jump_moves_the_map_as_if_it_had_been_built_there() {
+    let jump_m = Vector3::new(3.0, -1.6, 0.4);
+    let (mut moved, before, after) = reset_by(jump_m, 0.0, 1.02);
+    assert_eq!((after.epoch, after.known_cells), (0, before.known_cells));
+    assert_eq!(after.occupied_cells, before.occupied_cells);
+    assert!(after.ranges_fresh.is_set(), "the sensors go on");
+    let jump_cells = [15, -8, 2];
+    for cell in world::cells(&before) {
+        let there = [0, 1, 2].map(|axis| cell[axis] + jump_cells[axis]);
+        assert_eq!(before.is_occupied(cell), after.is_occupied(there), "{cell:?}");
+        assert_eq!(before.is_free(cell), after.is_free(there), "{cell:?}");
+    }
+    // A cloud from before the reset still finds its poses, in the new frame.
+    let mut late = cloud();
+    late.first_point = at(0.9);
+    moved.cloud(0, &late, &header(0.9));
+    let map = written(&moved, at(1.02));
+    let added = map.known_cells.abs_diff(after.known_cells);
+    assert!(
+        moved.counters().rays_without_pose == 0 && added < after.known_cells / 5,
+        "{added}"
+    );
+}
+
+#[test]
+fn after_a_jump_by_parts_of_cells_nothing_is_free_that_was_not_and_no_obstacle_is_lost() {
+    let (_, before, after) = reset_by(Vector3::new(0.67, 0.33, 0.08), 0.0, 1.02);
+    assert_eq!(after.epoch, 0);
+    assert!(after.known_cells > before.known_cells / 20 && after.occupied_cells >= before.occupied_cells);
+    // 3 cells and 7 cm, 2 cells less 7 cm, 8 cm.
+    for cell in world::cells(&after) {
+        let old = |corner: usize| {
+            let reach = [1, -1, 1];
+            let cells = [3, 2, 0];
+            [0, 1, 2]
+                .map(|axis| cell[axis] - cells[axis] - if corner >> axis & 1 == 1 { reach[axis] } else { 0 })
+        };
+        if after.is_free(cell) {
+            assert!((0..8).all(|corner| before.is_free(old(corner))), "{cell:?}");
+        }
+        if (0..8).any(|corner| before.is_occupied(old(corner))) {
+            assert!(after.is_occupied(cell), "{cell:?}");
+        }
+    }
+}
+
+#[test]
+fn a_reset_with_a_turn_or_after_a_gap_drops_the_map() {
+    let jump_m = Vector3::new(3.0, 0.0, 0.0);
+    for (yaw_rad, at_s) in [(0.1, 1.02), (0.0, 1.2)] {
+        let (_, before, after) = reset_by(jump_m, yaw_rad, at_s);
+        assert!(before.known_cells > 0);
+        assert_eq!((after.known_cells, after.epoch), (0, 1), "{yaw_rad} {at_s}");
+    }
+}

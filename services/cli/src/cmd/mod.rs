@@ -2,6 +2,7 @@
 
 pub mod ask;
 pub mod autopilot;
+pub mod bench;
 pub mod chaos;
 pub mod check;
 pub mod demo;
