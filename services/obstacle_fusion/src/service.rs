@@ -23,6 +23,8 @@ pub struct FusionService {
     ranges: RangeInputs,
     state: Input<VehicleState>,
     output: Output<LocalMap>,
+    /// Names of the sensors, by number.
+    names: Vec<String>,
     resets: Option<u32>,
     header: SampleHeader,
     sent: Timestamp,
@@ -50,6 +52,7 @@ impl Service for FusionService {
             *declared = DeclaredOfSensor {
                 band_m: sensor.band_m,
                 no_return_is_clear: sensor.no_return_is_clear,
+                rate_hz: sensor.rate_hz.unwrap_or(0.0),
             };
         }
         let config = FusionConfig {
@@ -63,6 +66,12 @@ impl Service for FusionService {
             ranges,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             output: ports.output(topics::LOCAL_MAP)?,
+            names: ports
+                .config()
+                .sensors
+                .iter()
+                .map(|sensor| sensor.name.clone())
+                .collect(),
             resets: None,
             header: SampleHeader::default(),
             sent: Timestamp::NEVER,
@@ -110,6 +119,10 @@ impl Service for FusionService {
                 }
             }
         });
+        while let Some(finding) = self.fusion.next_finding() {
+            let name = self.names.get(finding.sensor).map_or("", String::as_str);
+            cycle.events.publish(now, &finding.event(name));
+        }
         if news || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
             self.sent = now;
             let fusion = &self.fusion;

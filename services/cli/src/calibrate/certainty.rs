@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 /// A direction with less information per pair than this (1 is all of it) is not observable, whatever the noise: a few edges of a plane, a
-/// few planes that are none.
-const INFORMATION_MIN: f64 = 6e-3;
+/// few planes that are none. Of rendered sensors with 0.0047 and more the worst was off by 0.15 deg and 14 mm, with 0.0038 one by 6 cm.
+const INFORMATION_MIN: f64 = 4e-3;
 /// What noise of the normals alone seems to say is this much less than what counts.
 const OVER_NOISE: f64 = 3.0;
 /// An axis takes part in a direction that is not observable if the direction has this much of it.
@@ -45,7 +45,9 @@ impl Axis {
     /// What the scene lacks where this axis is not observable.
     pub fn lacks(self) -> &'static str {
         match self {
-            Axis::Roll => "level ground, or walls ahead and behind, seen by both to the left and to the right",
+            Axis::Roll => {
+                "level ground, or walls ahead and behind, seen by both to the left and to the right"
+            }
             Axis::Pitch => "level ground, or walls to the sides, seen by both ahead and behind",
             Axis::Yaw => "a wall, seen by both: ground alone does not say it",
             Axis::Forward => "a wall ahead or behind: turn the vehicle, or stand before a corner",
@@ -125,7 +127,10 @@ impl Pair {
 
 /// How far the pairs are from `center` (m), root mean square: makes turns and shifts comparable.
 pub(super) fn lever_m(pairs: &[Pair], center: &Point3<f64>) -> f64 {
-    let sum: f64 = pairs.iter().map(|pair| (pair.place - center).norm_squared()).sum();
+    let sum: f64 = pairs
+        .iter()
+        .map(|pair| (pair.place - center).norm_squared())
+        .sum();
     (sum / pairs.len().max(1) as f64).sqrt().max(0.1)
 }
 

@@ -52,9 +52,8 @@ pub fn against_gravity(points: &Points, down: &Vector3<f64>) -> Result<Ground, C
         return Err(CalibrateError::NoGround);
     }
     let least = INCLINED_DEG.to_radians().cos();
-    let is_ground = |surface: &&Surface| {
-        surface.normal.dot(&up) > least && up.dot(&(origin - surface.center)) > 0.0
-    };
+    let is_ground =
+        |surface: &&Surface| surface.normal.dot(&up) > least && up.dot(&(origin - surface.center)) > 0.0;
     let candidates: Vec<Surface> = surfaces.all.iter().filter(is_ground).copied().collect();
     let step = candidates.len().div_ceil(PROPOSED).max(1);
     let proposed = candidates.iter().step_by(step).map(|surface| {
@@ -123,6 +122,10 @@ fn fitted<'a>(
         .sum::<Matrix3<f64>>()
         / weights;
     let ([across, narrow, _], [normal, ..]) = ordered(covariance);
-    let normal = if normal.dot(&toward) < 0.0 { -normal } else { normal };
+    let normal = if normal.dot(&toward) < 0.0 {
+        -normal
+    } else {
+        normal
+    };
     ((center, normal), [across.max(0.0), narrow])
 }

@@ -12,8 +12,8 @@
 //! surface registration", UNC TR04-004), from several starts up to [`REACH_DEG`] away.
 //!
 //! An estimate says how sure it is. The information matrix of the normal equations has a small eigenvalue where a motion of the sensor
-//! changes no residual: along a corridor, on bare ground. Such a direction is not observable; the configured value stays, and the
-//! estimate says in words what the scene lacks. Everywhere else it has a standard deviation per axis.
+//! changes no residual: along a corridor, on bare ground. Such a direction is not observable, and the estimate says in words what the
+//! scene lacks. Everywhere else it has a standard deviation per axis.
 //!
 //! Nothing here reads or writes a file, a topic or a clock.
 
@@ -138,4 +138,3 @@ pub fn against_sensor(
     }
     register::register(&target, &source, origin)
 }
-

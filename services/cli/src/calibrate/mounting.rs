@@ -54,7 +54,10 @@ impl MountingTable {
         };
         let orientation = match named {
             Some((None, written)) => {
-                return Err(format!("sensor {:?}: there is no orientation {written}", self.name));
+                return Err(format!(
+                    "sensor {:?}: there is no orientation {written}",
+                    self.name
+                ));
             }
             Some((found, _)) => found,
             None => None,
@@ -105,23 +108,27 @@ impl Mounting {
 
     /// Angle (deg) and distance (m) to another one.
     pub fn apart(&self, other: &Self) -> (f64, f64) {
-        let angle_rad = self.body_t_sensor.rotation.angle_to(&other.body_t_sensor.rotation);
+        let angle_rad = self
+            .body_t_sensor
+            .rotation
+            .angle_to(&other.body_t_sensor.rotation);
         (angle_rad.to_degrees(), (self.origin() - other.origin()).norm())
     }
 
     /// The keys of its table, a line each.
     pub fn keys(&self) -> String {
         let place = self.body_t_sensor.translation.vector;
-        let mut keys: Vec<(&str, String)> = [
-            ("forward_m", place.x),
-            ("right_m", place.y),
-            ("down_m", place.z),
-        ]
-        .map(|(key, value)| (key, number(value, 3)))
-        .to_vec();
+        let mut keys: Vec<(&str, String)> =
+            [("forward_m", place.x), ("right_m", place.y), ("down_m", place.z)]
+                .map(|(key, value)| (key, number(value, 3)))
+                .to_vec();
         let (roll_rad, pitch_rad, yaw_rad) = self.body_t_sensor.rotation.euler_angles();
         if pitch_rad.to_degrees().abs() <= TURNS_DEG {
-            let turns = [("yaw_deg", yaw_rad), ("pitch_deg", pitch_rad), ("roll_deg", roll_rad)];
+            let turns = [
+                ("yaw_deg", yaw_rad),
+                ("pitch_deg", pitch_rad),
+                ("roll_deg", roll_rad),
+            ];
             keys.extend(turns.map(|(key, turn_rad)| (key, number(turn_rad.to_degrees(), 2))));
         } else {
             let Quaternion { coords } = self.body_t_sensor.rotation.into_inner();
@@ -137,6 +144,13 @@ impl Mounting {
 /// With so many decimals, and no negative zero.
 fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
-    let is_zero = text.trim_start_matches('-').chars().all(|c| matches!(c, '0' | '.'));
-    if is_zero { text.trim_start_matches('-').to_owned() } else { text }
+    let is_zero = text
+        .trim_start_matches('-')
+        .chars()
+        .all(|c| matches!(c, '0' | '.'));
+    if is_zero {
+        text.trim_start_matches('-').to_owned()
+    } else {
+        text
+    }
 }

@@ -3,9 +3,7 @@
 use super::certainty::{self, Certainty, Pair};
 use super::surfaces::{Surface, Surfaces};
 use super::{CalibrateError, Correction, OVERLAP_MIN};
-use nalgebra::{
-    Isometry3, Matrix6, Point3, SymmetricEigen, Translation3, UnitQuaternion, Vector3, Vector6,
-};
+use nalgebra::{Isometry3, Matrix6, Point3, SymmetricEigen, Translation3, UnitQuaternion, Vector3, Vector6};
 
 /// Mountings up to this far from the configured one are found (deg, about any axis).
 pub const REACH_DEG: f64 = 20.0;
@@ -41,10 +39,13 @@ pub(super) fn register(
             (score(target, &coarse, &pose), pose)
         })
         .collect();
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let Some((_, start)) = found.first().copied() else {
+    let Some(configured) = found.first().copied() else {
         return Err(CalibrateError::NoOverlap { share: 0.0 });
     };
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    // Where others are hardly better, what comes of the configured mounting counts.
+    let is_as_good = found.first().is_none_or(|best| configured.0 > EQUAL * best.0);
+    let (_, start) = if is_as_good { configured } else { found[0] };
     let pose = iterate(target, &fine, start, &FINE);
     let best = score(target, &fine, &pose);
     let pairs = pairs(target, &fine, &pose, FINE[1].0, FINE[1].1);
@@ -82,7 +83,10 @@ fn rivals(
     }
     let apart = |other: &Isometry3<f64>| {
         let between = pose.inverse() * other;
-        (between.rotation.angle().to_degrees(), between.translation.vector.norm())
+        (
+            between.rotation.angle().to_degrees(),
+            between.translation.vector.norm(),
+        )
     };
     let is_other = |other: &Isometry3<f64>| {
         let (deg, m) = apart(other);

@@ -35,8 +35,8 @@ impl Still {
         };
         self.states += 1;
         self.down += local_q_body.inverse() * Vector3::z();
-        let is_still = state.velocity.vector().norm() <= SPEED_MAX_MPS
-            && state.rates.vector().norm() <= RATE_MAX_RADPS;
+        let is_still =
+            state.velocity.vector().norm() <= SPEED_MAX_MPS && state.rates.vector().norm() <= RATE_MAX_RADPS;
         self.moving += u64::from(!is_still);
     }
 
@@ -88,7 +88,11 @@ impl Collector {
         };
         sensor.points.add(cloud, own_m);
         let origin = cloud.origin.vector();
-        for point in cloud.points().iter().filter(|one| one.kind.get() != RayKind::Unknown) {
+        for point in cloud
+            .points()
+            .iter()
+            .filter(|one| one.kind.get() != RayKind::Unknown)
+        {
             let end = Vector3::new(point.forward_m, point.right_m, point.down_m).cast::<f64>();
             if (end - origin).iter().all(|part| part.is_finite()) {
                 sensor.view.add(&(end - origin));
@@ -157,7 +161,12 @@ pub fn calibrate(collected: &Collector, against: Option<&str>, height_m: Option<
             ),
             None => "no three-dimensional sensor (lidar_3d, depth_camera) is configured".to_owned(),
         };
-        out.say(Grade::Blocker, "mounting", is, "name one that there is with --against");
+        out.say(
+            Grade::Blocker,
+            "mounting",
+            is,
+            "name one that there is with --against",
+        );
         return out;
     };
     if collected.still.has_moved() {
@@ -196,13 +205,19 @@ fn one(
     let mut figures = Map::new();
     if let Some(down) = down {
         let ground = against_gravity(&sensor.points, &down);
-        figures.insert("gravity".to_owned(), gravity(out, name, &configured, &ground, height_m));
+        figures.insert(
+            "gravity".to_owned(),
+            gravity(out, name, &configured, &ground, height_m),
+        );
     }
     if !std::ptr::eq(sensor, reference) {
         let correction = against_sensor(&reference.points, &sensor.points, configured.origin());
         let whom = &reference.table.name;
         figures.insert("against".to_owned(), json!(whom));
-        figures.insert("relative".to_owned(), relative(out, name, whom, &configured, &correction));
+        figures.insert(
+            "relative".to_owned(),
+            relative(out, name, whom, &configured, &correction),
+        );
     }
     out.figures.insert(name.clone(), Value::Object(figures));
 }
@@ -219,7 +234,12 @@ fn gravity(
         Ok(ground) => ground,
         Err(error) => {
             let is = format!("against gravity: not sure: {error}");
-            out.say(Grade::Warning, name, is, "nothing, if it does not look at the ground");
+            out.say(
+                Grade::Warning,
+                name,
+                is,
+                "nothing, if it does not look at the ground",
+            );
             return json!({"sure": false, "why": error.to_string()});
         }
     };
@@ -249,7 +269,11 @@ fn gravity(
     };
     out.say(grade, name, is, remedy);
     if sure {
-        let known = if height_m.is_some() { "roll, pitch, height" } else { "roll, pitch" };
+        let known = if height_m.is_some() {
+            "roll, pitch, height"
+        } else {
+            "roll, pitch"
+        };
         row(out, name, &format!("against gravity: {known} only"), &mounting);
     }
     json!({

@@ -158,7 +158,11 @@ fn plane(points: &[Point3<f64>], weight: f64, origin: &Point3<f64>) -> Option<Su
     let toward = origin - center;
     Some(Surface {
         center,
-        normal: if normal.dot(&toward) < 0.0 { -normal } else { normal },
+        normal: if normal.dot(&toward) < 0.0 {
+            -normal
+        } else {
+            normal
+        },
         normal_variance: across / (count * middle),
         weight,
     })

@@ -46,6 +46,8 @@ Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying;
 Listens to what every configured sensor says and to what the guard makes of it, and changes nothing. It works on a running
 instance (`jink up`), real or simulated: on the ground before the take-off, with people and things at a distance.
 
+With --calibrate it says where three-dimensional sensors are mounted, how sure that is, and which rows of jink.toml follow.
+
 Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying; 2 wrong usage or configuration; 3 not
 running.")]
     Sensors(sensors::Args),
@@ -66,8 +68,8 @@ impl Doing {
 
 /// How an examination ended.
 enum Outcome {
-    /// With figures for scripts, which stand beside the findings.
-    Found(Findings, Map<String, Value>),
+    /// With figures for scripts, which stand beside the findings, and rows of a configuration to copy.
+    Found(Findings, Map<String, Value>, String),
     Refused(String),
     Interrupted,
     NotRunning,
@@ -82,7 +84,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         Doing::Sensors(args) => (sensors::run(instance, args)?, args.json),
     };
     let code = match outcome {
-        Outcome::Found(findings, figures) => {
+        Outcome::Found(findings, figures, rows) => {
             if json {
                 let mut object = findings.json();
                 if let Some(object) = object.as_object_mut() {
@@ -90,7 +92,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
                 }
                 sayln!("{object}");
             } else {
-                say!("{}", findings.text());
+                say!("{}{rows}", findings.text());
             }
             if findings.is_ready() {
                 EXIT_READY
