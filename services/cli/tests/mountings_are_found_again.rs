@@ -64,7 +64,8 @@ fn hall() -> World {
         wall(-4.0, 2.4, 20.0, 0.4),
         Obstacle::Box(YawedBox::new(2.2, -0.9, 0.8, 0.6, 0.5, 0.7)),
         Obstacle::Box(ceiling),
-        pole(2.6, 1.2),
+        Obstacle::Box(YawedBox::new(2.0, 0.5, 0.5, 0.5, -0.6, 1.2)),
+        pole(2.9, 1.4),
         pole(-3.0, -2.5),
     ])
 }
@@ -212,7 +213,7 @@ proptest! {
     #[test]
     fn a_sensor_that_looks_ahead_is_found_again_against_one_that_looks_around_in_a_hall(
         error in errors(), seed in 0..1000u64,
-        names in prop_oneof![Just(["os0", "d435"]), Just(["mid360", "d435"]), Just(["sphere", "avia"])],
+        names in prop_oneof![Just(["os0", "d435"]), Just(["sphere", "d435"]), Just(["sphere", "avia"])],
     ) {
         found_again(&hall(), names, error, seed);
     }
@@ -220,7 +221,7 @@ proptest! {
     #[test]
     fn outdoors_what_is_called_sure_is_right(
         error in errors(), seed in 0..20u64, in_yard in any::<bool>(),
-        names in prop_oneof![Just(["os0", "os1"]), Just(["os0", "mid360"]), Just(["os1", "d435"]), Just(["mid360", "vlp16"])],
+        names in prop_oneof![Just(["os0", "os1"]), Just(["os0", "mid360"]), Just(["mid360", "d435"]), Just(["mid360", "vlp16"])],
     ) {
         let world = if in_yard { yard() } else { World::generate(WorldKind::ALL[0], seed).unwrap() };
         if let Ok((correction, deg, m)) = found(&world, names, error, seed) {

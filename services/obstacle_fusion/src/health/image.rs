@@ -78,6 +78,10 @@ impl Image {
     /// What the rays say of something at `offset_m`.
     pub fn judge(&self, offset_m: &Vector3<f64>) -> Verdict {
         let (row, column, distance_m) = self.bin(offset_m);
+        // Beside what was looked at, a wall that goes on comes nearer.
+        if self.rays[row * COLUMNS + column] == 0 {
+            return Verdict::Unknown;
+        }
         let (mut near_m, mut far_m, mut rays) = (f32::INFINITY, 0.0f32, 0u32);
         for row in row.saturating_sub(1)..=(row + 1).min(ROWS - 1) {
             for turn in [COLUMNS - 1, 0, 1] {

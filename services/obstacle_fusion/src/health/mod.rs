@@ -73,6 +73,7 @@ impl SensorHealth {
             Some(Cause::Scale(factor)) => return (SensorFault::WrongScale, shown(factor)),
             Some(Cause::Mirrored) => return (SensorFault::Mirrored, [0.0; 2]),
             Some(Cause::Turned(angle_deg)) => return (SensorFault::WrongMounting, [angle_deg, 0.0]),
+            Some(Cause::Unexplained) => return (SensorFault::WrongMounting, [0.0; 2]),
             None => {}
         }
         match self.rate.wrong_hz() {

@@ -14,21 +14,24 @@ use std::f64::consts::PI;
 /// Rays kept of a frame: fewer leave holes in an image in which thin trunks stand.
 const RAYS: usize = 8_192;
 /// Of these, so many are looked for in the other frame.
-const ASKED: usize = 600;
+const ASKED: usize = 1_000;
 /// Poses kept of a frame.
 const SLICES: usize = 16;
-/// Frames are compared that are so far apart (m, rad): a shorter way shows less than noise, a longer one other surroundings ...
-const APART_M: f64 = 2.5;
-const APART_RAD: f64 = 25.0 * PI / 180.0;
+/// Frames are compared that are so far apart (m, rad), or, if that is less, this part of the mean distance of what the sensor sees: a
+/// shorter way shows less than noise, a longer one other surroundings ...
+const APART_M: [f64; 2] = [1.0, 4.0];
+const APART_RATIO: f64 = 0.5;
+const APART_RAD: f64 = 40.0 * PI / 180.0;
 /// ... and no further in time (s): in that time an estimate of the position drifts by some decimetres.
-const AGE_MAX_S: f64 = 4.0;
+const AGE_MAX_S: f64 = 5.0;
 /// What is nearer than this is the vehicle, what is farther is hit by few rays (m).
-const DISTANCE_M: [f64; 2] = [0.8, 10.0];
+const DISTANCE_M: [f64; 2] = [0.8, 12.0];
 /// A ray into the open counts as seen through up to here (m).
 const OPEN_M: f64 = 60.0;
 /// A comparison counts with so many answers.
-const ANSWERS_MIN: u32 = 60;
-/// Share of contradictions from which a cause is looked for. Clean flights stay below a third of it.
+const ANSWERS_MIN: u32 = 30;
+/// Share of contradictions from which a cause is looked for. Rendered flights without a fault had 0.09 at most, with a Mid-360 in a forest
+/// 0.17: for that no cause was found.
 const WRONG: f64 = 0.12;
 /// Share from which something is wrong although no known cause explains it.
 const VERY_WRONG: f64 = 0.3;
@@ -40,8 +43,12 @@ const ANSWERS: f64 = 0.4;
 const AGREE: u32 = 2;
 /// Without a known cause they must be so many.
 const AGREE_UNKNOWN: u32 = 3;
+/// Comparisons in a row without contradiction after which a sensor is credible again: many ways do not show a fault.
+const CREDIBLE: u32 = 20;
+/// A later cause must be so much better than one before: upside down is hardly told from mirrored where all stands upright.
+const BETTER: f64 = 1.1;
 /// Causes tried while one frame is worked on.
-const TRIED_AT_ONCE: usize = 2;
+const TRIED_AT_ONCE: usize = 5;
 /// A frame of which less than this share lies within the sensor's own range, of so many hits, has wrong units.
 const WITHIN: f64 = 0.1;
 const HITS_MIN: u32 = 200;
@@ -62,8 +69,10 @@ pub(super) enum Cause {
     Scale(f64),
     /// Left and right are exchanged.
     Mirrored,
-    /// It is turned by so much (deg); zero: nothing known explains them.
+    /// It is turned by so much (deg).
     Turned(f64),
+    /// Nothing that is known explains them.
+    Unexplained,
 }
 
 impl Cause {
@@ -73,6 +82,7 @@ impl Cause {
             Cause::Scale(_) => 0,
             Cause::Mirrored => 1,
             Cause::Turned(_) => 2,
+            Cause::Unexplained => 3,
         }
     }
 }
@@ -93,6 +103,8 @@ struct Snapshot {
     origin_m: Vector3<f64>,
     rays: Vec<Ray>,
     hits: u32,
+    /// Sum of their distances, each 20 m at most (m).
+    distances_m: f64,
     /// Hits within the sensor's own range.
     within: u32,
     is_planar: bool,
@@ -107,6 +119,7 @@ impl Snapshot {
             origin_m: Vector3::zeros(),
             rays: Vec::with_capacity(RAYS),
             hits: 0,
+            distances_m: 0.0,
             within: 0,
             is_planar: false,
         }
@@ -115,7 +128,7 @@ impl Snapshot {
     fn begin(&mut self, at: Timestamp, pose: Pose, origin_m: Vector3<f64>, is_planar: bool) {
         (self.at, self.pose, self.origin_m, self.is_planar) = (at, Some(pose), origin_m, is_planar);
         self.rays.clear();
-        (self.hits, self.within) = (0, 0);
+        (self.hits, self.within, self.distances_m) = (0, 0, 0.0);
     }
 
     /// Poses of a frame that took `duration_10us`.
@@ -133,6 +146,7 @@ impl Snapshot {
         }
         if is_hit {
             self.hits += 1;
+            self.distances_m += distance_m.min(20.0);
             let [least_m, most_m] = limits_m.map(f64::from);
             self.within += u32::from((0.9 * least_m..=1.01 * most_m).contains(&distance_m));
         }
@@ -141,6 +155,12 @@ impl Snapshot {
             slice: (share * SLICES as f64).clamp(0.0, (SLICES - 1) as f64) as u8,
             is_hit,
         });
+    }
+
+    /// How far away a frame must be that is compared with this one (m).
+    fn apart_m(&self) -> f64 {
+        let [least_m, most_m] = APART_M;
+        (APART_RATIO * self.distances_m / f64::from(self.hits.max(1))).clamp(least_m, most_m)
     }
 
     /// The sensor (local, m).
@@ -172,6 +192,11 @@ struct Answers {
 }
 
 impl Answers {
+    /// What speaks for a cause: agreement, and against it, more than that, contradictions.
+    fn score(self) -> f64 {
+        f64::from(self.all) - 4.0 * f64::from(self.contradict)
+    }
+
     fn share(self) -> f64 {
         f64::from(self.contradict) / f64::from(self.all.max(1))
     }
@@ -193,9 +218,10 @@ pub(super) struct Motion {
     image: Image,
     causes: Vec<(Cause, Matrix3<f64>)>,
     search: Option<Search>,
-    /// Comparisons that speak for each kind of cause, and the last cause of the kind.
-    evidence: [u32; 3],
-    last: [Option<Cause>; 3],
+    /// Comparisons that speak for each kind of cause.
+    evidence: [u32; 4],
+    /// Comparisons in a row without contradiction.
+    agreed: u32,
     found: Option<Cause>,
 }
 
@@ -207,8 +233,8 @@ impl Motion {
             image: Image::new(),
             causes: causes(),
             search: None,
-            evidence: [0; 3],
-            last: [None; 3],
+            evidence: [0; 4],
+            agreed: 0,
             found: None,
         }
     }
@@ -231,7 +257,7 @@ impl Motion {
         };
         let age_s = at.seconds_since(self.key.at);
         let way_m = (pose.position_m - key.position_m).norm();
-        !(0.0..=AGE_MAX_S).contains(&age_s) || way_m > APART_M || key.turned_rad(pose) > APART_RAD
+        !(0.0..=AGE_MAX_S).contains(&age_s) || way_m > self.key.apart_m() || key.turned_rad(pose) > APART_RAD
     }
 
     /// Takes a cloud.
@@ -322,7 +348,7 @@ impl Motion {
         };
         let age_s = self.now.at.seconds_since(self.key.at);
         let way_m = (now.position_m - key.position_m).norm();
-        (0.0..=AGE_MAX_S).contains(&age_s) && (way_m > APART_M || key.turned_rad(now) > APART_RAD)
+        (0.0..=AGE_MAX_S).contains(&age_s) && (way_m > self.key.apart_m() || key.turned_rad(now) > APART_RAD)
     }
 
     /// A part of a search that is under way.
@@ -337,7 +363,10 @@ impl Motion {
                 continue;
             }
             let answers = self.compare(&matrix);
-            let is_better = search.best.is_none_or(|(_, best)| answers.share() < best.share());
+            let is_better = search
+                .best
+                .is_none_or(|(_, best)| answers.score() > BETTER * best.score().max(0.0));
+
             if answers.all >= ANSWERS_MIN && is_better {
                 search.best = Some((cause, answers));
             }
@@ -357,22 +386,24 @@ impl Motion {
     fn count(&mut self, cause: Option<Cause>) {
         let Some(cause) = cause else {
             self.evidence = self.evidence.map(|count| count.saturating_sub(1));
-            if self.evidence == [0; 3] {
+            self.agreed += 1;
+            if self.agreed >= CREDIBLE {
                 self.found = None;
             }
             return;
         };
+        self.agreed = 0;
         let kind = cause.kind();
         self.evidence[kind] = (self.evidence[kind] + 1).min(AGREE_UNKNOWN + 1);
-        self.last[kind] = Some(cause);
-        let needed = if cause == Cause::Turned(0.0) {
+        let needed = if cause == Cause::Unexplained {
             AGREE_UNKNOWN
         } else {
             AGREE
         };
-        // The cause found first stays until it is contradicted: one fault is one text.
-        if self.evidence[kind] >= needed && self.found.is_none() {
-            self.found = self.last[kind];
+        // The cause found first stays until frames agree again, unless it was none: one fault is one text.
+        let is_open = matches!(self.found, None | Some(Cause::Unexplained));
+        if self.evidence[kind] >= needed && is_open {
+            self.found = Some(cause);
         }
     }
 
@@ -417,7 +448,7 @@ impl Search {
         let explained = self.best.filter(|(_, answers)| {
             let is_enough = f64::from(answers.all) >= ANSWERS * f64::from(self.before.all);
             if self.is_out_of_range {
-                answers.share() < LEAVES * WRONG
+                answers.share() < WRONG
             } else {
                 is_enough && answers.share() < LEAVES * self.before.share()
             }
@@ -425,7 +456,7 @@ impl Search {
         let is_very_wrong = self.before.all >= ANSWERS_MIN && self.before.share() > VERY_WRONG;
         match explained {
             Some((cause, _)) => Some(cause),
-            None => is_very_wrong.then_some(Cause::Turned(0.0)),
+            None => is_very_wrong.then_some(Cause::Unexplained),
         }
     }
 }

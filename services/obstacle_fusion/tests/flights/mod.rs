@@ -12,6 +12,7 @@ use jink_shared_types::{Flag, SampleHeader, Timestamp};
 use jink_simulator::sensors::{Output, Pose, PoseTrack, SensorRig, SensorSpec};
 use jink_simulator::world::World;
 use nalgebra::{UnitQuaternion, Vector3};
+use std::time::Instant;
 
 const STATE_S: f64 = 0.02;
 const SPEED_MPS: f64 = 2.5;
@@ -43,20 +44,6 @@ impl Way {
         }
     }
 
-    /// Back and forth along a square without turning the nose.
-    pub fn square() -> Self {
-        let corner = |x: f64, y: f64| Vector3::new(x, y, -2.0);
-        Self {
-            corners: vec![
-                corner(0.0, 0.0),
-                corner(5.0, 0.0),
-                corner(5.0, 4.0),
-                corner(0.0, 4.0),
-                corner(0.0, 0.0),
-            ],
-        }
-    }
-
     /// Where the vehicle is after `t_s`.
     pub fn pose(&self, t_s: f64) -> Pose {
         let mut rest_m = SPEED_MPS * t_s;
@@ -80,19 +67,13 @@ impl Way {
     }
 }
 
-/// What is changed in a sample before it is handed on.
-pub enum Change {
-    /// Clouds, and what is done to them.
-    Keep,
-    /// It is lost.
-    Drop,
-}
-
 /// What a flight has come to.
 pub struct Flown {
     /// Every change of a fault: number of the frame of the sensor, and what.
     pub findings: Vec<(u64, SensorFinding)>,
     pub frames: u64,
+    /// What each frame of the first sensor took (ms).
+    pub frame_ms: Vec<f64>,
     pub fusion: Fusion,
     pub now: Timestamp,
 }
@@ -130,6 +111,7 @@ pub fn fly(
     let (mut cloud, mut scan) = (PointCloud::boxed(), RangeScan::default());
     let mut findings = Vec::new();
     let mut frames = 0;
+    let mut frame_ms = Vec::new();
     let steps = (duration_s / 0.004) as u64;
     let mut now = Timestamp::NEVER;
     for step in 0..steps {
@@ -154,12 +136,16 @@ pub fn fly(
                 };
                 times = spoil(frames, sample, &mut header);
             }
+            let begin = Instant::now();
             for _ in 0..times {
                 match frame.output {
                     Output::Cloud => fusion.cloud(frame.sensor, &cloud, &header),
                     Output::Scan => fusion.scan(frame.sensor, &scan, &header),
                 }
                 header.capture = header.capture.plus_seconds(0.001);
+            }
+            if frame.sensor == 0 {
+                frame_ms.push(begin.elapsed().as_secs_f64() * 1e3);
             }
             while let Some(finding) = fusion.next_finding() {
                 findings.push((frames, finding));
@@ -169,6 +155,7 @@ pub fn fly(
     Flown {
         findings,
         frames,
+        frame_ms,
         fusion,
         now,
     }

@@ -9,6 +9,8 @@ use jink_cli::sensors_seen::{Seen, SensorTable, judge, subject};
 use jink_runtime::config::{self, Config, SensorOutput};
 use jink_runtime::{Checks, Input, Instance, Session};
 use jink_shared_types::events::EventSample;
+use jink_shared_types::faults::SensorFault;
+use jink_shared_types::map::LocalMap;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::topics;
@@ -140,6 +142,7 @@ struct Topics {
     states: Input<VehicleState>,
     params: Input<ParameterValues>,
     events: Input<EventSample>,
+    map: Input<LocalMap>,
 }
 
 impl Topics {
@@ -166,6 +169,7 @@ impl Topics {
             states: session.input(topics::VEHICLE_STATE, "")?,
             params: session.input(topics::PARAMETERS, "")?,
             events: session.input(topics::EVENT, "")?.of_all_producers(),
+            map: session.input(topics::LOCAL_MAP, "")?,
         })
     }
 
@@ -190,6 +194,11 @@ impl Topics {
             seen.states += u64::from(state.sample.position_valid.is_set());
             if let Some(collector) = &mut collector {
                 collector.still.take(state.sample);
+            }
+        });
+        self.map.each(|map| {
+            for (number, fault) in seen.faults.iter_mut().enumerate() {
+                *fault = map.sample.fault_of(number).unwrap_or(SensorFault::Unknown);
             }
         });
         self.events.each(|event| seen.events.push(*event.sample));
