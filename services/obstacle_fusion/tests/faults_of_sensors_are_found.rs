@@ -4,13 +4,21 @@
 mod flights;
 
 use flights::{Flown, Sample, Way, fly, set};
+use jink_lidar_driver::capture::Capture;
+use jink_lidar_driver::ouster::Metadata;
+use jink_lidar_driver::{CloudAssembler, Decoder, Driver, LidarSpec};
+use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_runtime::config::sensor_sets;
-use jink_shared_types::SampleHeader;
 use jink_shared_types::faults::SensorFault;
-use jink_shared_types::frames::Mounting;
+use jink_shared_types::frames::{Attitude, Mounting, Point};
+use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind};
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::{Flag, SampleHeader, Timestamp};
 use jink_simulator::world::{World, WorldKind};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use std::net::{IpAddr, Ipv4Addr};
+use std::path::{Path, PathBuf};
 
 fn world(name: &str) -> World {
     World::generate(name.parse::<WorldKind>().unwrap(), 1).unwrap()
@@ -224,5 +232,81 @@ fn too_many_and_too_few_frames_are_found_within_7_seconds_and_said_with_both_rat
                 if frame <= 80 && (rate_hz / expected_hz - 1.0).abs() < 0.1 && table_hz == 10.0),
             "{times:?}: {found:?}"
         );
+    }
+}
+
+/// A file of ../shared beside the checkout; says so where there is none.
+fn shared(path: &str) -> Option<PathBuf> {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let places = ["../../../shared", "../../../../shared"].map(|place| here.join(place).join(path));
+    let found = places.into_iter().find(|place| place.is_file());
+    if found.is_none() {
+        println!("NOT TESTED: there is no ../shared/{path}");
+    }
+    found
+}
+
+/// The scans of the real recording as its driver publishes them, each with its time.
+fn recorded() -> Option<Vec<(Timestamp, Box<PointCloud>)>> {
+    let (pcap, json) = (
+        shared("data/ouster_os1_128.pcap")?,
+        shared("data/ouster_os1_128.json")?,
+    );
+    let metadata = Metadata::parse(&std::fs::read_to_string(json).unwrap()).unwrap();
+    let table =
+        "name = \"top\"\nkind = \"lidar_3d\"\nmodel = \"ouster\"\ndevice = \"pcap:/x\"\nmetadata = \"/x\"\n";
+    let table = table.parse::<toml::Table>().unwrap().into_iter().collect();
+    let spec = LidarSpec::find(&[table], "top").unwrap();
+    let mut driver = Driver::new(spec, Some(Decoder::ouster(metadata)));
+    let mut capture = Capture::open(&pcap).unwrap();
+    let mut scans = Vec::new();
+    let mut publish = |assembler: &CloudAssembler| {
+        let mut cloud = PointCloud::boxed();
+        assembler.write(&mut cloud);
+        scans.push((assembler.capture(), cloud));
+    };
+    let mut last = Timestamp::NEVER;
+    while let Some(datagram) = capture.next_datagram().unwrap() {
+        last = Timestamp::from_ns(1_000_000_000 + datagram.time_ns % 1_000_000_000_000);
+        let sender = IpAddr::V4(Ipv4Addr::LOCALHOST);
+        driver.datagram(last, sender, datagram.payload, &mut publish);
+    }
+    driver.tick(last.plus_seconds(1.0), &mut publish);
+    Some(scans)
+}
+
+#[test]
+fn a_real_recording_shows_no_fault_again_and_again_and_as_one_scan_repeated_it_is_stuck() {
+    let Some(scans) = recorded() else {
+        return;
+    };
+    assert!(scans.len() >= 2, "{} scans", scans.len());
+    for (repeats_one, expected) in [(false, vec![]), (true, vec![SensorFault::Stuck])] {
+        let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));
+        let mut found = Vec::new();
+        for number in 0..40 {
+            let now = Timestamp::from_seconds(50.0 + 0.1 * number as f64);
+            let state = VehicleState {
+                position: Point::new(0.0, 0.0, -2.0),
+                attitude: Attitude::from_rotation(UnitQuaternion::identity()),
+                position_valid: Flag::YES,
+                ..VehicleState::default()
+            };
+            fusion.vehicle(&state, &SampleHeader::at(now));
+            let scan = if repeats_one { 0 } else { number % scans.len() };
+            let cloud = &scans[scan].1;
+            let mut shown = PointCloud::boxed();
+            shown.points[..cloud.len as usize].copy_from_slice(cloud.points());
+            shown.len = cloud.len;
+            shown.origin = cloud.origin;
+            (shown.range_min_m, shown.range_max_m) = (cloud.range_min_m, cloud.range_max_m);
+            shown.range_sigma_m = cloud.range_sigma_m;
+            shown.first_point = now.plus_seconds(-0.0999);
+            fusion.cloud(0, &shown, &SampleHeader::at(now));
+            while let Some(finding) = fusion.next_finding() {
+                found.push(finding.fault);
+            }
+        }
+        assert_eq!(found, expected);
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! | fault | what shows it | what follows |
 //! |---|---|---|
-//! | stuck | the same data to the last bit while the vehicle moves, or for a second; frames whose time stands still ([`repeat`]) | the frames are not entered, so the sensor expires |
+//! | stuck | the same data to the last bit while the vehicle moves, or for 2.5 s; frames whose time stands still ([`repeat`]) | the frames are not entered, so the sensor expires |
 //! | wrong scale, mirrored, wrong mounting | under motion, what the sensor has seen before stands in space that it now looks through, and does not once ranges are multiplied, left and right exchanged, or the sensor turned ([`motion`]) | a text |
 //! | wrong rate | frames a second against the sensor's table ([`rate`]) | a text |
 //!

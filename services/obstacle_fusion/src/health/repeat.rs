@@ -16,7 +16,7 @@ const MOVED_BEAM_M: f64 = 0.5;
 /// Repetitions after which a sensor is stuck while the vehicle moves ...
 const MOVING: u32 = 3;
 /// ... and while it stands: so many, over so long (s). Coarse steps and no noise may repeat a frame now and then.
-const STANDING: (u32, f64) = (10, 1.0);
+const STANDING: (u32, f64) = (25, 2.5);
 /// Frames whose time stands still after which a sensor is stuck.
 const SAME_TIME: u32 = 5;
 /// Frames that differ after which it is not any more.
