@@ -2,8 +2,13 @@
 //! say it, nobody pretends to know.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use jink_cli::calibrate::{Axis, CalibrateError, Correction, Points, against_gravity, against_sensor};
+use jink_cli::calibrate::{
+    Axis, CalibrateError, Collector, Correction, MountingTable, Points, against_gravity, against_sensor,
+    calibrate,
+};
+use jink_shared_types::frames::{Attitude, Velocity};
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
+use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Point, Timestamp};
 use jink_simulator::random::Random;
 use jink_simulator::sensors::{Output, Pose, PoseTrack, SensorKind, SensorRig, SensorSpec};
@@ -112,23 +117,37 @@ fn sensor(name: &str) -> SensorSpec {
     }
 }
 
-/// What the sensors see of `world` in a second in which the vehicle stands still, each moved by `error` (configured from true).
+/// What the sensors see of `world` in a second in which the vehicle stands still, each moved by its error (true to configured).
 fn seen(world: &World, pose: Pose, specs: &[(SensorSpec, Isometry3<f64>)], seed: u64) -> Vec<Points> {
+    let mut points = vec![Points::default(); specs.len()];
+    for (sensor, cloud) in clouds(world, pose, specs, seed) {
+        points[sensor].add(&cloud, 0.35);
+    }
+    points
+}
+
+/// The clouds themselves, each with the number of its sensor.
+fn clouds(
+    world: &World,
+    pose: Pose,
+    specs: &[(SensorSpec, Isometry3<f64>)],
+    seed: u64,
+) -> Vec<(usize, Box<PointCloud>)> {
     let only: Vec<SensorSpec> = specs.iter().map(|(spec, _)| spec.clone()).collect();
     let mut rig = SensorRig::new(&only, seed).unwrap();
     let mut track = PoseTrack::new(1.0, 0.5);
     track.push(Timestamp::from_ns(1), pose);
-    let mut points = vec![Points::default(); specs.len()];
-    let mut cloud = PointCloud::boxed();
+    let mut clouds = Vec::new();
     rig.next_due(Timestamp::from_ns(1));
     let now = Timestamp::from_seconds(1.2);
     while let Some(frame) = rig.next_due(now) {
         assert_eq!(frame.output, Output::Cloud);
+        let mut cloud = PointCloud::boxed();
         rig.render_cloud(&frame, world, &track, &mut cloud).unwrap();
         moved(&mut cloud, &specs[frame.sensor].1);
-        points[frame.sensor].add(&cloud, 0.35);
+        clouds.push((frame.sensor, cloud));
     }
-    points
+    clouds
 }
 
 /// As a wrong configuration would have placed the points.
@@ -309,6 +328,88 @@ fn sensors_that_look_into_opposite_directions_have_nothing_in_common() {
         ),
         "{error}"
     );
+}
+
+/// A state of a vehicle that moves at `speed_mps`.
+fn state(speed_mps: f64) -> VehicleState {
+    VehicleState {
+        velocity: Velocity::new(speed_mps, 0.0, 0.0),
+        attitude: Attitude::from_rotation(UnitQuaternion::identity()),
+        ..VehicleState::default()
+    }
+}
+
+/// A second of an OS0 and of a VLP-16 that is mounted 0.2 m higher and turned by 10 degrees against its table.
+fn collected(world: &World, speed_mps: f64) -> Collector {
+    let table = |name: &str| MountingTable {
+        name: name.to_owned(),
+        ..MountingTable::default()
+    };
+    let truly = SensorSpec {
+        down_m: -0.2,
+        yaw_deg: 10.0,
+        ..sensor("vlp16")
+    };
+    // Its table says that it looks ahead at the vehicle's centre.
+    let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, 10f64.to_radians());
+    let true_mounting = Isometry3::from_parts(Translation3::new(0.0, 0.0, -0.2), turn);
+    let mut collector = Collector::new([table("os0"), table("vlp16")]);
+    let specs = [
+        (sensor("os0"), Isometry3::identity()),
+        (truly, true_mounting.inverse()),
+    ];
+    for (sensor, cloud) in clouds(world, level(), &specs, 11) {
+        collector.cloud(&specs[sensor].0.name, &cloud, 0.35);
+    }
+    for _ in 0..50 {
+        collector.still.take(&state(speed_mps));
+    }
+    collector
+}
+
+#[test]
+fn what_is_sure_comes_with_keys_to_copy_and_what_is_not_says_what_is_missing() {
+    let calibrated = calibrate(&collected(&hall(), 0.0), None, None);
+    let mounting = &calibrated.figures["vlp16"]["relative"]["mounting"];
+    assert_eq!(
+        calibrated.figures["vlp16"]["against"], "os0",
+        "the one with the larger field of view"
+    );
+    assert!(
+        (mounting["down_m"].as_f64().unwrap() + 0.2).abs() < DISTANCE_MAX_M,
+        "{mounting}"
+    );
+    assert!(
+        (mounting["yaw_deg"].as_f64().unwrap() - 10.0).abs() < ANGLE_MAX_DEG,
+        "{mounting}"
+    );
+    let row = calibrated.rows.split("# vlp16, against os0\n").nth(1).unwrap();
+    let keys: Vec<&str> = row
+        .lines()
+        .take(6)
+        .filter_map(|line| line.split(" = ").next())
+        .collect();
+    assert_eq!(
+        keys,
+        [
+            "forward_m",
+            "right_m",
+            "down_m",
+            "yaw_deg",
+            "pitch_deg",
+            "roll_deg"
+        ]
+    );
+
+    let unsure = calibrate(&collected(&corridor(), 0.0), Some("os0"), None);
+    assert!(!unsure.rows.contains("against os0"), "{}", unsure.rows);
+    let remedy = |text: &str| unsure.findings.iter().any(|one| one.remedy.contains(text));
+    assert!(remedy("turn the vehicle"), "{:?}", unsure.findings);
+
+    let moving = calibrate(&collected(&hall(), 1.0), None, None);
+    assert!(moving.rows.is_empty() && moving.findings[0].is.contains("moved"));
+    let nobody = calibrate(&collected(&hall(), 0.0), Some("top"), None);
+    assert!(nobody.rows.is_empty() && nobody.findings[0].is.contains("os0, vlp16"));
 }
 
 #[test]

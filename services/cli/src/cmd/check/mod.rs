@@ -164,12 +164,24 @@ mod tests {
         };
         assert_eq!((sensors.seconds, sensors.json), (5, true));
         assert!(matches!(parse("check").unwrap(), Doing::Memory(_)));
+        let Doing::Sensors(sensors) =
+            parse("check sensors --calibrate --against top --height-m 0.4").unwrap()
+        else {
+            panic!("another command");
+        };
+        assert!(
+            sensors.calibrate && sensors.against.as_deref() == Some("top") && sensors.height_m == Some(0.4)
+        );
         for refused in [
             "check link --seconds 0",
             "check link --seconds soon",
             "check sensors --seconds 0",
             "check sensors --seconds 601",
             "check wind",
+            "check sensors --against top",
+            "check sensors --height-m 0.4",
+            "check sensors --calibrate --height-m 9",
+            "check sensors --calibrate --height-m high",
         ] {
             assert!(parse(refused).is_err(), "{refused}");
         }
