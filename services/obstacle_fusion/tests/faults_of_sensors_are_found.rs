@@ -80,7 +80,7 @@ fn a_mirrored_lidar_is_found_within_100_frames_of_a_flight_that_turns() {
         let flown = flown(name, |_, sample, _| {
             match sample {
                 Sample::Cloud(cloud) => {
-                    spoilt_cloud(cloud, &Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0)))
+                    spoilt_cloud(cloud, &Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0)));
                 }
                 Sample::Scan(scan) => {
                     scan.angle_first_rad = -scan.angle_first_rad;
