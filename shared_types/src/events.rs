@@ -202,6 +202,18 @@ events! {
     DEPTH_CAMERA_LOST = 90, Warning, "jink: depth camera {name} lost", "Land soon; look at its plug and its power.";
     /// It measures again.
     DEPTH_CAMERA_BACK = 91, Notice, "jink: depth camera {name} back", "None.";
+    /// A sensor repeats its data although the vehicle moves or time goes on, or its time stands still; nothing of it is used.
+    SENSOR_STUCK = 92, Critical, "jink: {name} repeats itself, not used", "Land; cut its power for a moment, or replace it.";
+    /// What a sensor says agrees with itself under motion only if ranges are multiplied; so many metres of it are so many in truth.
+    SENSOR_SCALE = 93, Critical, "jink: {name} says {0} for {1} m", "Land by hand; look at its model, its units and its driver.";
+    /// What a sensor says agrees with itself under motion only if left and right are exchanged.
+    SENSOR_MIRRORED = 94, Critical, "jink: {name} is mirrored", "Land by hand; look at its orientation and its driver.";
+    /// What a sensor says of things at rest does not agree with itself under motion; turned by the angle it would, 0: unknown.
+    SENSOR_MOUNTING = 95, Critical, "jink: {name} mounted otherwise, {0} deg", "Land by hand; jink check sensors --calibrate.";
+    /// A sensor sends more or fewer frames than its table says.
+    SENSOR_RATE = 96, Warning, "jink: {name} {0} Hz instead of {1}", "Look at its settings, its rate_hz, and at who else publishes for it.";
+    /// A sensor of which a fault was told is as it should be.
+    SENSOR_CREDIBLE = 97, Notice, "jink: {name} is credible again", "None.";
 }
 
 /// The event with identity `id`.

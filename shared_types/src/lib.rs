@@ -23,6 +23,7 @@ pub mod clock;
 pub mod coded;
 pub mod control;
 pub mod events;
+pub mod faults;
 pub mod frames;
 pub mod geo;
 pub mod hash;

@@ -9,8 +9,9 @@
 //! was measured may still count as known because the user declares it ([`declared_as`]): those cells are `declared`, too.
 
 use crate::coded::Flag;
+use crate::faults::{FaultBits, SensorFault, fault_of};
 use crate::frames::{LocalNed, Point};
-use crate::reserved::Reserved;
+use crate::reserved::{Added, Reserved};
 use crate::view::FieldOfView;
 
 /// Edge of a cell (m). Half a vehicle radius resolves gaps of vehicle size; half of it again costs eight times the work.
@@ -127,8 +128,10 @@ crate::sample! {
         pub cell_m: f64,
         /// Declarations of the user that are in force, bits of [`declared_as`].
         pub declarations: u8,
+        /// The gravest fault of each sensor.
+        pub faults: Added<FaultBits>,
         /// Room for later fields, zero.
-        pub reserved2: Reserved<7>,
+        pub reserved2: Reserved<1>,
         /// What the sensors can see.
         pub view: FieldOfView,
         /// Cells seen occupied.
@@ -178,6 +181,11 @@ impl LocalMap {
     /// Whether `cell` is known to be free; cells outside the window are not.
     pub fn is_free(&self, cell: Cell) -> bool {
         self.contains(cell) && test(&self.known, cell) && !test(&self.occupied, cell)
+    }
+
+    /// The fault of the sensor with this number, in the order of the configuration, if one is known.
+    pub fn fault_of(&self, sensor: usize) -> Option<SensorFault> {
+        fault_of(self.faults.get()?, sensor)
     }
 
     /// An all-unknown map on the heap, for tests and for simulations within one process.

@@ -6,6 +6,7 @@
 //! | [`report`] | `system/status`, `link/status` | one screen, or JSON |
 //! | [`top`] | the same, rates of topics, events | a screen that is drawn again and again |
 //! | [`topic_list`], [`beat`], [`digest`] | topic table, headers, samples | topics, their rates, what they say |
+//! | [`calibrate`] | clouds and attitude of a vehicle that stands | where its sensors are mounted, and how sure that is |
 //! | [`findings`] | what an examination has found | verdict and table, or JSON |
 //! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
 //! | [`sensors_seen`] | scans, clouds, `guard/ring`, events | findings and figures |
@@ -21,6 +22,7 @@
 //! | [`picture`] | world, course, sensed points | the flight from above as SVG |
 
 pub mod beat;
+pub mod calibrate;
 pub mod chaos;
 pub mod digest;
 pub mod drill;

@@ -15,6 +15,8 @@
 //! (`window`): one hit makes a cell occupied, one miss never makes an occupied cell free. The shape follows ROG-Map
 //! (Ren et al., arXiv 2302.14819): modular addressing, sliding by clearing, evidence per frame.
 //!
+//! Beside the map, each sensor is watched for faults that its frames show ([`SensorFinding`]): `health`.
+//!
 //! Moving obstacles: a cell that something has left is free again when rays have passed through it often enough, twelve
 //! frames at most. Until then it is a ghost: that costs room, not safety. The reverse is the limit of this map: free
 //! is what was free when it was last seen. A mover may since have entered; the map learns of it with the next ray that
@@ -27,6 +29,7 @@ mod body;
 mod cells;
 mod cloud;
 mod frame;
+mod health;
 mod move_window;
 mod poses;
 mod rays;
@@ -37,9 +40,11 @@ mod service;
 mod view;
 mod window;
 
+pub use health::SensorFinding;
 pub use service::FusionService;
 
 use frame::Frame;
+use health::Health;
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::map::{CELL_M, LocalMap, cell_of, declared_as};
@@ -49,7 +54,7 @@ use jink_shared_types::params::{
 use jink_shared_types::ranges::{PointCloud, RangeScan, SENSORS};
 use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
 use jink_shared_types::vehicle::{NavMode, VehicleState};
-use jink_shared_types::{Flag, Reserved, SampleHeader, Timestamp};
+use jink_shared_types::{Added, Flag, Reserved, SampleHeader, Timestamp};
 use nalgebra::Vector3;
 use poses::{Order, PoseHistory, SweepPoses, estimate_of};
 use rays::{Limits, Tracer};
@@ -84,6 +89,8 @@ pub struct DeclaredOfSensor {
     pub band_m: [f64; 2],
     /// A ray without an answer met nothing.
     pub no_return_is_clear: bool,
+    /// Frames per second that its table says (Hz); zero where it does not.
+    pub rate_hz: f64,
 }
 
 impl FusionConfig {
@@ -114,6 +121,8 @@ pub struct Counters {
     pub rays_malformed: u64,
     /// Hits inside the vehicle's radius.
     pub self_hits: u64,
+    /// Clouds and scans that say the same as the one before where that cannot be.
+    pub frames_repeated: u64,
 }
 
 /// The map and everything it is made from.
@@ -124,6 +133,9 @@ pub struct Fusion {
     frame: Frame,
     window: Window,
     sensors: Sensors,
+    health: Health,
+    /// Motors armed, as the newest state says.
+    armed: bool,
     view: View,
     counters: Counters,
     /// Down coordinate of home (m); NaN unknown.
@@ -144,6 +156,10 @@ impl Fusion {
             frame: Frame::new(),
             window: Window::new(),
             sensors: Sensors::new(config.sensor_count),
+            health: Health::new(
+                &config.declared.map(|declared| declared.rate_hz)[..config.sensor_count.min(SENSORS)],
+            ),
+            armed: false,
             view: View::new(),
             home_down_m: f64::NAN,
             counters: Counters::default(),
@@ -161,7 +177,10 @@ impl Fusion {
     pub fn vehicle(&mut self, state: &VehicleState, header: &SampleHeader) {
         match Order::judge(header.capture, self.history.newest()) {
             Order::Newer => {}
-            Order::ClockStep => self.history.clear(),
+            Order::ClockStep => {
+                self.history.clear();
+                self.health.forget_poses();
+            }
             Order::Late => {
                 self.counters.states_refused += 1;
                 return;
@@ -178,6 +197,7 @@ impl Fusion {
             }
         }
         self.home_down_m = state.home_down_m;
+        self.armed = state.armed.is_set();
         if self.history.push(state, header.capture) {
             self.window.follow(cell_of(state.position));
             if self.config.start_bubble_m > 0.0 && is_starting(state) {
@@ -210,6 +230,7 @@ impl Fusion {
         self.window.forget();
         self.history.clear();
         self.sensors.forget_contributions();
+        self.health.forget_poses();
         self.epoch = self.epoch.wrapping_add(1);
     }
 
@@ -217,10 +238,15 @@ impl Fusion {
     pub fn cloud(&mut self, sensor: usize, cloud: &PointCloud, header: &SampleHeader) {
         let plausible = cloud.is_plausible();
         let limits = self.limits(cloud.origin, cloud.range_min_m, cloud.range_max_m);
-        let Some(limits) = limits.filter(|_| plausible && self.sensors.accept(sensor, header.capture)) else {
+        let Some(limits) = limits.filter(|_| plausible && self.accept(sensor, header.capture)) else {
             self.counters.frames_refused += 1;
             return;
         };
+        let pose = self.history.at(header.capture);
+        if !self.health.accepts_cloud(sensor, cloud, header.capture, pose) {
+            self.counters.frames_repeated += 1;
+            return;
+        }
         let reach_m = limits.reach_m;
         if self.trace(limits, header.capture, [0.0; 2], |tracer| tracer.cloud(cloud)) {
             self.view
@@ -228,6 +254,8 @@ impl Fusion {
             let deadline_ms = header.deadline_ms(RANGE_CLOUD.row.deadline_ms);
             self.sensors.contributed(sensor, false, deadline_ms);
         }
+        let (sweep, history) = (&mut self.sweep, &self.history);
+        self.health.cloud(sensor, cloud, header.capture, sweep, history);
     }
 
     /// Enters the scan of sensor number `sensor`.
@@ -238,11 +266,15 @@ impl Fusion {
             .filter(|_| scan.is_plausible() && scan::is_mappable(scan));
         let limits = self.limits(scan.origin, scan.range_min_m, scan.range_max_m);
         let usable = limits.zip(mounting);
-        let Some((limits, body_q_sensor)) = usable.filter(|_| self.sensors.accept(sensor, header.capture))
-        else {
+        let Some((limits, body_q_sensor)) = usable.filter(|_| self.accept(sensor, header.capture)) else {
             self.counters.frames_refused += 1;
             return;
         };
+        let pose = self.history.at(header.capture);
+        if !self.health.accepts_scan(sensor, scan, header.capture, pose) {
+            self.counters.frames_repeated += 1;
+            return;
+        }
         let single_beam = scan.beams <= 1;
         let declared = self.config.declared.get(sensor).filter(|_| !single_beam);
         let band_m = declared.map_or([0.0; 2], |declared| declared.band_m);
@@ -255,6 +287,21 @@ impl Fusion {
             let deadline_ms = header.deadline_ms(RANGE_SCAN.row.deadline_ms);
             self.sensors.contributed(sensor, single_beam, deadline_ms);
         }
+        if !single_beam {
+            let (sweep, history) = (&mut self.sweep, &self.history);
+            self.health
+                .scan(sensor, scan, &body_q_sensor, header.capture, sweep, history);
+        }
+    }
+
+    /// Whether the frame captured at `capture` is newer than the sensor's last.
+    fn accept(&mut self, sensor: usize, capture: Timestamp) -> bool {
+        let newest = self.sensors.newest(sensor);
+        let is_newer = self.sensors.accept(sensor, capture);
+        if !is_newer {
+            self.health.late(sensor, capture, newest);
+        }
+        is_newer
     }
 
     fn limits(&self, origin: Point<BodyFrd>, min_m: f32, max_m: f32) -> Option<Limits> {
@@ -303,7 +350,10 @@ impl Fusion {
         let (occupied_cells, known_cells) = self.window.write(out, self.no_overhang());
         out.min_cell = self.window.min_cell();
         out.live_sensors = self.sensors.live(now);
-        out.ranges_fresh = Flag::from(self.sensors.fresh(now));
+        // What a sensor with a fault says is no ground to take off.
+        let is_held = !self.armed && self.health.is_any_wrong();
+        out.ranges_fresh = Flag::from(self.sensors.fresh(now) && !is_held);
+        out.faults = Added::new(self.health.bits());
         out.reserved = Reserved::ZERO;
         out.epoch = self.epoch;
         out.occupied_cells = occupied_cells;
@@ -347,6 +397,11 @@ impl Fusion {
             bits |= declared_as::NO_OVERHANG;
         }
         bits
+    }
+
+    /// The next change of what is wrong with a sensor that was not handed out before; ask until there is none.
+    pub fn next_finding(&mut self) -> Option<SensorFinding> {
+        self.health.next_change()
     }
 
     /// What was left out so far.

@@ -42,6 +42,12 @@ pub(crate) struct Pose {
 }
 
 impl Pose {
+    /// The angle between this attitude and that of `other` (rad).
+    pub fn turned_rad(&self, other: &Pose) -> f64 {
+        let cosine = 0.5 * (self.rotation.component_mul(&other.rotation).sum() - 1.0);
+        cosine.clamp(-1.0, 1.0).acos()
+    }
+
     /// The pose at `fraction` (0..1) of the way to `to`, component by component. Only for neighbours: between poses
     /// `a` radians apart the matrix is short of a rotation by `a^2 / 8`.
     fn blend(&self, to: &Pose, fraction: f64) -> Pose {

@@ -62,6 +62,13 @@ impl Sensors {
         }
     }
 
+    /// Capture of the newest frame taken of `sensor`.
+    pub fn newest(&self, sensor: usize) -> Timestamp {
+        self.sensors
+            .get(sensor)
+            .map_or(Timestamp::NEVER, |sensor| sensor.newest)
+    }
+
     /// Takes a frame of `sensor` captured at `capture`: `false` for a sensor that is not configured and for a frame
     /// that is not newer than the sensor's last, which would count its evidence twice.
     pub fn accept(&mut self, sensor: usize, capture: Timestamp) -> bool {

@@ -24,6 +24,8 @@ pub struct FusionService {
     state: Input<VehicleState>,
     output: Output<LocalMap>,
     epoch: u32,
+    /// Names of the sensors, by number.
+    names: Vec<String>,
     header: SampleHeader,
     sent: Timestamp,
 }
@@ -50,6 +52,7 @@ impl Service for FusionService {
             *declared = DeclaredOfSensor {
                 band_m: sensor.band_m,
                 no_return_is_clear: sensor.no_return_is_clear,
+                rate_hz: sensor.rate_hz.unwrap_or(0.0),
             };
         }
         let config = FusionConfig {
@@ -64,6 +67,12 @@ impl Service for FusionService {
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             output: ports.output(topics::LOCAL_MAP)?,
             epoch: config.first_epoch,
+            names: ports
+                .config()
+                .sensors
+                .iter()
+                .map(|sensor| sensor.name.clone())
+                .collect(),
             header: SampleHeader::default(),
             sent: Timestamp::NEVER,
         })
@@ -108,6 +117,10 @@ impl Service for FusionService {
                 }
             }
         });
+        while let Some(finding) = self.fusion.next_finding() {
+            let name = self.names.get(finding.sensor).map_or("", String::as_str);
+            cycle.events.publish(now, &finding.event(name));
+        }
         if news || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
             self.sent = now;
             let fusion = &self.fusion;

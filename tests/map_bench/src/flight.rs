@@ -46,7 +46,7 @@ pub fn at(t_s: f64) -> Timestamp {
 /// A sentence that says why there is none.
 pub fn forest(seed: u64) -> Result<(World, Motion), String> {
     let spec = WorldSpec {
-        kind: jink_simulator::world::WorldKind::ALL[0],
+        kind: jink_simulator::world::WorldKind::ALL[0].clone(),
         seed,
         density_per_m2: None,
     };

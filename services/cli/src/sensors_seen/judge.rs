@@ -8,8 +8,9 @@ use super::sensor::{Rate, SensorSeen};
 use crate::findings::{Finding, Grade, of_events};
 use jink_shared_types::events::{
     DEPTH_CAMERA_LOST, LIDAR_LOST, PREVENTION_BLIND, PREVENTION_HOLDS, RANGEFINDER_LOST, RANGES_LOST,
-    SENSOR_LOST,
+    SENSOR_LOST, SENSOR_MIRRORED, SENSOR_MOUNTING, SENSOR_RATE, SENSOR_SCALE, SENSOR_STUCK,
 };
+use jink_shared_types::faults::SensorFault;
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::ring::SECTORS;
 use jink_shared_types::topics;
@@ -50,6 +51,7 @@ pub fn judge(seen: &Seen) -> Vec<Finding> {
         of_sensor(sensor, seen, &mut findings);
     }
     contradictions(&seen.sensors, &mut findings);
+    faults(seen, &mut findings);
     of_ring(seen, &mut findings);
     of_space(seen, &mut findings);
     let about = [
@@ -60,6 +62,11 @@ pub fn judge(seen: &Seen) -> Vec<Finding> {
         LIDAR_LOST.id,
         PREVENTION_BLIND.id,
         PREVENTION_HOLDS.id,
+        SENSOR_STUCK.id,
+        SENSOR_SCALE.id,
+        SENSOR_MIRRORED.id,
+        SENSOR_MOUNTING.id,
+        SENSOR_RATE.id,
     ];
     findings.extend(of_events(&seen.events, &about));
     findings
@@ -89,6 +96,36 @@ fn of_space(seen: &Seen, findings: &mut Vec<Finding>) {
         ),
     };
     findings.push(finding(grade, "space", space.declared(), remedy));
+}
+
+/// What the process that makes the map has found out about the sensors.
+fn faults(seen: &Seen, findings: &mut Vec<Finding>) {
+    for (sensor, fault) in seen.sensors.iter().zip(seen.faults) {
+        let (is, remedy) = match fault {
+            SensorFault::Unknown => continue,
+            SensorFault::Stuck => (
+                "stuck: repeats its data, or its time stands still; the map does not use it",
+                "cut its power for a moment, or replace it",
+            ),
+            SensorFault::WrongScale => (
+                "wrong scale: under motion its ranges agree only when they are multiplied; event 93 said by what",
+                "look at its model, its units and its driver",
+            ),
+            SensorFault::Mirrored => (
+                "mirrored: under motion its data agree only with left and right exchanged",
+                "look at its orientation (upside down?) and its driver",
+            ),
+            SensorFault::WrongMounting => (
+                "wrong mounting: under motion what stands still does not agree with itself",
+                "jink check sensors --calibrate says where it is mounted",
+            ),
+            SensorFault::WrongRate => (
+                "wrong rate: more or fewer frames than rate_hz of its table says",
+                "look at its settings, its rate_hz, and at who else publishes for it",
+            ),
+        };
+        findings.push(finding(Grade::Blocker, &sensor.table.name, is.to_owned(), remedy));
+    }
 }
 
 /// Whom it is about, in a few words.

@@ -5,6 +5,7 @@
 //! | `range/scan/*`, `range/cloud/*` of every configured sensor ([`SensorSeen`]) | whether it speaks, in time, and credibly |
 //! | `guard/ring` ([`RingSeen`]) | which directions nobody sees, and what that means with these parameters |
 //! | `map/local`, `plan/route` ([`KnownSpace`]) | what is declared, and which directions are missing |
+//! | `map/local` | faults of sensors that showed in flight |
 //! | `vehicle/state`, events | whether ranges can be placed, what the pilot was told |
 //!
 //! Coverage is counted as the guard counts it: in sectors of five degrees, each as a whole as soon as it is looked into.
@@ -25,7 +26,9 @@ pub use timing::Timing;
 
 use crate::known_space::KnownSpace;
 use jink_shared_types::events::EventSample;
+use jink_shared_types::faults::SensorFault;
 use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::ranges::SENSORS;
 use serde_json::{Map, Value, json};
 
 /// How far beyond the vehicle's radius a range may still be the vehicle (m): landing gear, antennas, what hangs below.
@@ -44,6 +47,8 @@ pub struct Seen {
     pub space: Option<KnownSpace>,
     /// What the pilot was told.
     pub events: Vec<EventSample>,
+    /// What the newest map says of each sensor, in the order of the configuration.
+    pub faults: [SensorFault; SENSORS],
     /// For how long (s).
     pub seconds: f64,
     /// The parameters in force.
@@ -59,6 +64,7 @@ impl Seen {
             states: 0,
             space: None,
             events: Vec::new(),
+            faults: [SensorFault::Unknown; SENSORS],
             seconds: 0.0,
             params,
         }

@@ -343,7 +343,7 @@ mod tests {
             .map(|sensor| sensor.name.as_str())
             .collect();
         assert_eq!(names, ["mid360"], "instead of those of the file");
-        assert_eq!(resolved.config.params.get(&params::OA_DCL_START), 1.5);
+        assert_eq!(resolved.config.params.get(&params::OA_DCL_START), 0.9);
         assert_eq!(resolved.config.params.get(&params::OA_DCL_HANG_HI), 4.0);
         assert_eq!(resolved.config.params.get(&params::OA_SPD_MAX), 2.0);
         assert!(resolved.text.contains("sensors/mid360.toml"), "{}", resolved.text);

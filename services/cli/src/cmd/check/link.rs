@@ -134,7 +134,7 @@ fn converse(child: &mut Child, text: &str, interrupt: &Interrupt) -> Result<Outc
             Ok(Said::Refused { refused }) => return Ok(Outcome::Refused(refused)),
             Ok(Said::Done(findings)) => {
                 screen.clear();
-                return Ok(Outcome::Found(findings, Map::new()));
+                return Ok(Outcome::Found(findings, Map::new(), String::new()));
             }
             Err(error) => return Err(Problem::Other(format!("jink-mavlink-gateway: {error}: {line}"))),
         }
@@ -223,5 +223,5 @@ fn look_at_running(instance: &Instance, address: &str) -> Result<Outcome, Proble
         subject: "as the running gateway sees it; `jink down` first for versions and parameters".to_owned(),
         seconds,
     };
-    Ok(Outcome::Found(findings, Map::new()))
+    Ok(Outcome::Found(findings, Map::new(), String::new()))
 }

@@ -84,7 +84,11 @@ pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
         subject: format!("shared memory in {SHARED_MEMORY}"),
         seconds: begin.elapsed().as_secs_f64(),
     };
-    Ok(Outcome::Found(findings, figures(&needs, needed, available, used)))
+    Ok(Outcome::Found(
+        findings,
+        figures(&needs, needed, available, used),
+        String::new(),
+    ))
 }
 
 fn of_topic(need: &TopicNeed) -> Finding {

@@ -46,6 +46,8 @@ Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying;
 Listens to what every configured sensor says and to what the guard makes of it, and changes nothing. It works on a running
 instance (`jink up`), real or simulated: on the ground before the take-off, with people and things at a distance.
 
+With --calibrate it says where three-dimensional sensors are mounted, how sure that is, and which rows of jink.toml follow.
+
 Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying; 2 wrong usage or configuration; 3 not
 running.")]
     Sensors(sensors::Args),
@@ -66,8 +68,8 @@ impl Doing {
 
 /// How an examination ended.
 enum Outcome {
-    /// With figures for scripts, which stand beside the findings.
-    Found(Findings, Map<String, Value>),
+    /// With figures for scripts, which stand beside the findings, and rows of a configuration to copy.
+    Found(Findings, Map<String, Value>, String),
     Refused(String),
     Interrupted,
     NotRunning,
@@ -82,7 +84,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         Doing::Sensors(args) => (sensors::run(instance, args)?, args.json),
     };
     let code = match outcome {
-        Outcome::Found(findings, figures) => {
+        Outcome::Found(findings, figures, rows) => {
             if json {
                 let mut object = findings.json();
                 if let Some(object) = object.as_object_mut() {
@@ -90,7 +92,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
                 }
                 sayln!("{object}");
             } else {
-                say!("{}", findings.text());
+                say!("{}{rows}", findings.text());
             }
             if findings.is_ready() {
                 EXIT_READY
@@ -162,12 +164,24 @@ mod tests {
         };
         assert_eq!((sensors.seconds, sensors.json), (5, true));
         assert!(matches!(parse("check").unwrap(), Doing::Memory(_)));
+        let Doing::Sensors(sensors) =
+            parse("check sensors --calibrate --against top --height-m 0.4").unwrap()
+        else {
+            panic!("another command");
+        };
+        assert!(
+            sensors.calibrate && sensors.against.as_deref() == Some("top") && sensors.height_m == Some(0.4)
+        );
         for refused in [
             "check link --seconds 0",
             "check link --seconds soon",
             "check sensors --seconds 0",
             "check sensors --seconds 601",
             "check wind",
+            "check sensors --against top",
+            "check sensors --height-m 0.4",
+            "check sensors --calibrate --height-m 9",
+            "check sensors --calibrate --height-m high",
         ] {
             assert!(parse(refused).is_err(), "{refused}");
         }

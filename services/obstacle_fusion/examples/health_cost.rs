@@ -1,0 +1,50 @@
+//! What watching the sensors for faults costs: `cargo run --release -p jink-obstacle-fusion --example health_cost`.
+//!
+//! Flies each set of sensors through a rendered forest and prints percentiles of the time that the map takes for a frame; and the same of
+//! a mirrored sensor, with which a cause is searched most of the time.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+#[path = "../tests/flights/mod.rs"]
+mod flights;
+
+use flights::{Sample, Way, fly, set};
+use jink_simulator::world::{World, WorldKind};
+
+fn main() {
+    let world = World::generate("forest".parse::<WorldKind>().unwrap(), 1).unwrap();
+    let way = Way::through(&world);
+    println!("set        fault   p50 ms   p90 ms   p99 ms   max ms");
+    for name in ["mid360", "os0", "os1", "vlp16", "d435", "sf45", "rplidar"] {
+        for is_spoilt in [false, true] {
+            let flown = fly(&world, &set(name), &way, 16.0, |_, sample, _| {
+                if is_spoilt {
+                    match sample {
+                        Sample::Cloud(cloud) => {
+                            let origin = cloud.origin;
+                            let count = cloud.len as usize;
+                            for point in &mut cloud.points[..count] {
+                                point.right_m = 2.0 * origin.y_m as f32 - point.right_m;
+                            }
+                        }
+                        Sample::Scan(scan) => {
+                            scan.angle_first_rad = -scan.angle_first_rad;
+                            scan.angle_step_rad = -scan.angle_step_rad;
+                        }
+                    }
+                }
+                1
+            });
+            let mut ms = flown.frame_ms;
+            ms.sort_by(f64::total_cmp);
+            let at = |share: f64| ms[(share * (ms.len() - 1) as f64) as usize];
+            let fault = if is_spoilt { "mirror" } else { "none" };
+            println!(
+                "{name:10} {fault:6} {:8.2} {:8.2} {:8.2} {:8.2}",
+                at(0.5),
+                at(0.9),
+                at(0.99),
+                at(1.0)
+            );
+        }
+    }
+}

@@ -1,0 +1,226 @@
+//! Whether what a sensor says can be true, watched in flight.
+//!
+//! | fault | what shows it | what follows |
+//! |---|---|---|
+//! | stuck | the same data to the last bit while the vehicle moves, or for 2.5 s; frames whose time stands still ([`repeat`]) | the frames are not entered, so the sensor expires |
+//! | wrong scale, mirrored, wrong mounting | under motion, what the sensor has seen before stands in space that it now looks through, and does not once ranges are multiplied, left and right exchanged, or the sensor turned ([`motion`]) | a text |
+//! | wrong rate | frames a second against the sensor's table ([`rate`]) | a text |
+//!
+//! Before arming, ranges are not fresh while any sensor has a fault.
+//!
+//! What motion cannot show is not found: left and right exchanged while the vehicle only flies straight on, a factor while it
+//! only turns, an error of position of some decimetres. A frame is looked at only now and then, and then only a part of its rays; a search for the
+//! fault is spread over frames. Everything is allocated at the start.
+
+mod image;
+mod motion;
+mod rate;
+mod repeat;
+
+use crate::poses::{Pose, PoseHistory, SweepPoses};
+use jink_shared_types::Timestamp;
+use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::faults::{FaultBits, SensorFault, with_fault};
+use jink_shared_types::ranges::{PointCloud, RangeScan};
+use motion::{Cause, Motion};
+use nalgebra::UnitQuaternion;
+use rate::Rate;
+use repeat::{Print, Repeat};
+use std::f32::consts::PI;
+
+/// A fault with its numbers, as the event about it has them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SensorFinding {
+    /// Number of the sensor.
+    pub sensor: usize,
+    /// What is wrong, or [`SensorFault::Unknown`] where something was and is not any more.
+    pub fault: SensorFault,
+    /// Scale: metres said and metres true; mounting: an angle (deg); rate: frames per second as they come and as they should (Hz).
+    pub numbers: [f64; 2],
+}
+
+impl SensorFinding {
+    /// For the pilot, about the sensor called `name`.
+    pub fn event(&self, name: &str) -> EventSample {
+        let event = match self.fault {
+            SensorFault::Stuck => &events::SENSOR_STUCK,
+            SensorFault::WrongScale => &events::SENSOR_SCALE,
+            SensorFault::Mirrored => &events::SENSOR_MIRRORED,
+            SensorFault::WrongMounting => &events::SENSOR_MOUNTING,
+            SensorFault::WrongRate => &events::SENSOR_RATE,
+            SensorFault::Unknown => &events::SENSOR_CREDIBLE,
+        };
+        EventSample::new(event, name, self.numbers)
+    }
+}
+
+/// One sensor.
+struct SensorHealth {
+    repeat: Repeat,
+    rate: Rate,
+    motion: Motion,
+    /// The fault last reported.
+    reported: SensorFault,
+}
+
+impl SensorHealth {
+    /// The gravest fault now, and its numbers.
+    fn fault(&self) -> (SensorFault, [f64; 2]) {
+        if self.repeat.is_stuck() {
+            return (SensorFault::Stuck, [0.0; 2]);
+        }
+        match self.motion.cause() {
+            Some(Cause::Scale(factor)) => return (SensorFault::WrongScale, shown(factor)),
+            Some(Cause::Mirrored) => return (SensorFault::Mirrored, [0.0; 2]),
+            Some(Cause::Turned(angle_deg)) => return (SensorFault::WrongMounting, [angle_deg, 0.0]),
+            Some(Cause::Unexplained) => return (SensorFault::WrongMounting, [0.0; 2]),
+            None => {}
+        }
+        match self.rate.wrong_hz() {
+            Some(rates_hz) => (SensorFault::WrongRate, rates_hz),
+            None => (SensorFault::Unknown, [0.0; 2]),
+        }
+    }
+}
+
+/// A factor as metres said and metres true, neither below one.
+fn shown(factor: f64) -> [f64; 2] {
+    if factor < 1.0 {
+        [1.0, 1.0 / factor]
+    } else {
+        [factor, 1.0]
+    }
+}
+
+/// All sensors.
+pub(crate) struct Health {
+    sensors: Vec<SensorHealth>,
+}
+
+impl Health {
+    /// Of sensors with these rates (Hz); zero where the table does not say.
+    pub fn new(rates_hz: &[f64]) -> Self {
+        let sensors = rates_hz.iter().map(|rate_hz| SensorHealth {
+            repeat: Repeat::default(),
+            rate: Rate::new(*rate_hz),
+            motion: Motion::new(),
+            reported: SensorFault::Unknown,
+        });
+        Self {
+            sensors: sensors.collect(),
+        }
+    }
+
+    /// The vehicle's poses are those of another frame now.
+    pub fn forget_poses(&mut self) {
+        for sensor in &mut self.sensors {
+            sensor.motion.forget();
+            sensor.repeat.forget_pose();
+        }
+    }
+
+    /// A frame of `sensor` came that was captured at `capture`, no later than the one captured at `newest`.
+    pub fn late(&mut self, sensor: usize, capture: Timestamp, newest: Timestamp) {
+        if let Some(sensor) = self.sensors.get_mut(sensor).filter(|_| capture == newest) {
+            sensor.repeat.stands_still();
+        }
+    }
+
+    /// Takes note of a cloud; whether it may be entered.
+    pub fn accepts_cloud(
+        &mut self,
+        sensor: usize,
+        cloud: &PointCloud,
+        capture: Timestamp,
+        pose: Option<Pose>,
+    ) -> bool {
+        self.sensors.get_mut(sensor).is_some_and(|sensor| {
+            sensor.rate.take(capture, false);
+            sensor.repeat.accepts(Print::of_cloud(cloud), capture, pose)
+        })
+    }
+
+    /// Takes note of a scan; whether it may be entered.
+    pub fn accepts_scan(
+        &mut self,
+        sensor: usize,
+        scan: &RangeScan,
+        capture: Timestamp,
+        pose: Option<Pose>,
+    ) -> bool {
+        self.sensors.get_mut(sensor).is_some_and(|sensor| {
+            let turned_rad = scan.beams as f32 * scan.angle_step_rad.abs();
+            sensor.rate.take(capture, scan.beams > 1 && turned_rad < PI);
+            sensor.repeat.accepts(Print::of_scan(scan), capture, pose)
+        })
+    }
+
+    /// Compares a cloud with an earlier one, if the vehicle has moved enough.
+    pub fn cloud(
+        &mut self,
+        sensor: usize,
+        cloud: &PointCloud,
+        capture: Timestamp,
+        sweep: &mut SweepPoses,
+        history: &PoseHistory,
+    ) {
+        let pose = history.at(capture);
+        if let (Some(sensor), Some(pose)) = (self.sensors.get_mut(sensor), pose) {
+            sensor.motion.advance();
+            if sensor.motion.wants(&pose, capture) {
+                sensor.motion.cloud(cloud, (pose, capture), sweep, history);
+            }
+        }
+    }
+
+    /// The same of a scan of many beams whose mounting is `body_q_sensor`.
+    pub fn scan(
+        &mut self,
+        sensor: usize,
+        scan: &RangeScan,
+        body_q_sensor: &UnitQuaternion<f64>,
+        capture: Timestamp,
+        sweep: &mut SweepPoses,
+        history: &PoseHistory,
+    ) {
+        let pose = history.at(capture);
+        if let (Some(sensor), Some(pose)) = (self.sensors.get_mut(sensor), pose) {
+            sensor.motion.advance();
+            if sensor.motion.wants(&pose, capture) {
+                sensor
+                    .motion
+                    .scan(scan, body_q_sensor, (pose, capture), sweep, history);
+            }
+        }
+    }
+
+    /// Faults of all sensors.
+    pub fn bits(&self) -> FaultBits {
+        let sensors = self.sensors.iter().enumerate();
+        sensors.fold(FaultBits::default(), |bits, (number, sensor)| {
+            with_fault(bits, number, sensor.fault().0)
+        })
+    }
+
+    /// Whether any sensor has a fault.
+    pub fn is_any_wrong(&self) -> bool {
+        self.sensors
+            .iter()
+            .any(|sensor| sensor.fault().0 != SensorFault::Unknown)
+    }
+
+    /// The next change of a sensor's fault that was not yet reported.
+    pub fn next_change(&mut self) -> Option<SensorFinding> {
+        self.sensors.iter_mut().enumerate().find_map(|(number, sensor)| {
+            let (fault, numbers) = sensor.fault();
+            (fault != sensor.reported).then(|| {
+                sensor.reported = fault;
+                SensorFinding {
+                    sensor: number,
+                    fault,
+                    numbers,
+                }
+            })
+        })
+    }
+}
