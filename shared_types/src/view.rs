@@ -191,7 +191,7 @@ impl Missing {
                 "add a sensor that looks down; or declare band_down_m of a planar sensor (0.8 and more)"
             }
             Missing::SidesAtStart => {
-                "add sensors that look to the sides; or declare OA_DCL_START, 1.0 and more, where the pilot sees to it that nothing \
+                "add sensors that look to the sides; or declare OA_DCL_START, 0.8 and more, where the pilot sees to it that nothing \
                  stands beside the take-off"
             }
         }

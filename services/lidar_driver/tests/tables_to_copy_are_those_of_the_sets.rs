@@ -64,15 +64,8 @@ fn the_driver_takes_the_table_of_every_lidar_as_its_page_says() {
             if !kind.starts_with("lidar_") {
                 continue;
             }
-            let mut table: SensorTable = Value::Table(sensor.clone()).try_into().unwrap();
+            let table: SensorTable = Value::Table(sensor.clone()).try_into().unwrap();
             let sensor = sensor["name"].as_str().unwrap();
-            let page = std::fs::read_to_string(docs().join(format!("sensors/{name}.md"))).unwrap();
-            // Where a driver cannot know that a pulse had no answer, the page says that the line is to be left out.
-            if page.contains("leave the line `no_return` out") {
-                let refused = LidarSpec::find(&[table.clone()], sensor).unwrap_err();
-                assert!(refused.to_string().contains("no_return"), "{name}: {refused}");
-                table.remove("no_return");
-            }
             if let Err(mistake) = LidarSpec::find(&[table], sensor) {
                 panic!("{name}: {mistake}");
             }
