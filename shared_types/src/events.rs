@@ -209,7 +209,7 @@ events! {
     /// What a sensor says agrees with itself under motion only if left and right are exchanged.
     SENSOR_MIRRORED = 94, Critical, "jink: {name} is mirrored", "Land by hand; look at its orientation and its driver.";
     /// What a sensor says of things at rest does not agree with itself under motion; turned by the angle it would, 0: unknown.
-    SENSOR_MOUNTING = 95, Critical, "jink: {name} mounted otherwise, {0} deg", "Land by hand; jink check sensors --calibrate.";
+    SENSOR_MOUNTING = 95, Critical, "jink: {name} is turned by {0} deg", "Land by hand; jink check sensors --calibrate.";
     /// A sensor sends more or fewer frames than its table says.
     SENSOR_RATE = 96, Warning, "jink: {name} {0} Hz instead of {1}", "Look at its settings, its rate_hz, and at who else publishes for it.";
     /// A sensor of which a fault was told is as it should be.

@@ -112,8 +112,22 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
             "jink.toml",
             "",
             "",
-            &["--link", "serial:/dev/nothing:921600"],
+            &["--link", "serial:/dev/nothing:921600", "--world", "forest"],
             "/dev/nothing: no such device",
+        ),
+        (
+            "jink.toml",
+            "",
+            "",
+            &[],
+            "jink.toml: sensor \"lidar\": nobody measures with a lidar_3d",
+        ),
+        (
+            "jink.toml",
+            "",
+            "",
+            &["--sensor", "mid70"],
+            "there is no set of sensors \"mid70\"; known are sphere, mid360",
         ),
         (
             "jink.toml",
@@ -133,7 +147,7 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
             "jink.toml",
             "signing = \"off\"",
             "signing = \"require\"",
-            &["--link", "udpin:14540"],
+            &["--link", "udpin:14540", "--world", "forest"],
             "link.key_file: signatures are asked for, and no file holds the key",
         ),
     ] {
@@ -153,7 +167,10 @@ fn a_port_that_is_taken_is_named_with_a_way_to_find_out_by_whom() {
     let taken = UdpSocket::bind(("127.0.0.1", 0)).unwrap();
     let port = taken.local_addr().unwrap().port();
     let link = format!("udpin:127.0.0.1:{port}");
-    let refused = up(&TempFolder::with_config("taken"), &["--link", &link]);
+    let refused = up(
+        &TempFolder::with_config("taken"),
+        &["--link", &link, "--world", "forest"],
+    );
     assert_eq!(refused.code, Some(CANNOT_START), "{refused:?}");
     assert!(
         refused

@@ -61,6 +61,7 @@ impl Rig {
         let mut seen = Seen::new(tables, ParamSet::default());
         seen.seconds = SECONDS;
         seen.states = 250;
+        seen.space = Some(KnownSpace::new(0, Missing::Nothing));
         for header in Pace::of(15.0).headers() {
             let known = |sector: usize| if unknown(sector) { f32::NAN } else { 4.0 };
             let ring = SectorRing {
@@ -587,6 +588,7 @@ fn sensors_with_which_nothing_can_be_planned_keep_it_on_the_ground_and_declarati
             .collect()
     };
     let mut rig = Rig::one("lidar_2d");
+    rig.0.space = None;
     assert_eq!(space(&rig)[0].0, Grade::Warning, "map and planner say nothing");
     rig.0.space = Some(KnownSpace::new(0, Missing::Above));
     let found = space(&rig);

@@ -44,11 +44,11 @@ const CORRIDOR_PITCH_M: f64 = 5.0;
 /// Deepest box (m); leaves 2.2 m.
 const CORRIDOR_BOX_DEPTH_M: [f64; 2] = [0.8, 1.8];
 
-/// Where along the corridor of the building a flight begins and ends (m), how far from its axis, and how high; below the lintels and
-/// lamps, above tables.
-const BUILDING_ENDS_M: [[f64; 2]; 2] = [[-5.0, -3.0], [24.0, 26.5]];
-const BUILDING_ASIDE_M: f64 = 0.3;
-const BUILDING_FLIGHT_HEIGHT_M: f64 = 1.3;
+/// Where along the corridor of the building a flight begins and ends (m), on either side of a doorway of 0.8 m that is too narrow for the
+/// vehicle; how far from its axis, and how high: below the lamps, above the tables.
+const BUILDING_ENDS_M: [[[f64; 2]; 2]; 2] = [[[-5.2, -4.6], [8.0, 9.0]], [[13.0, 14.0], [24.6, 25.9]]];
+const BUILDING_ASIDE_M: f64 = 0.2;
+const BUILDING_FLIGHT_HEIGHT_M: f64 = 1.1;
 const BUILDING_HEIGHT_M: f64 = 2.7;
 /// What of the file is floor, with the noise of its measurement (m): below the flat ground of the world.
 const BUILDING_FLOOR_M: f64 = 0.1;
@@ -83,10 +83,10 @@ pub(super) fn generate(kind: WorldKind, seed: u64) -> Result<World, WorldError> 
     }))
 }
 
-/// Along the corridor, one way or the other, from and to places that the seed draws.
+/// Along one half of the corridor, one way or the other, from and to places that the seed draws.
 fn building(seed: u64, random: &mut Random) -> Result<World, WorldError> {
     let aside_m = |random: &mut Random| random.between(-BUILDING_ASIDE_M, BUILDING_ASIDE_M);
-    let [from, to] = BUILDING_ENDS_M;
+    let [from, to] = BUILDING_ENDS_M[usize::from(random.unit() < 0.5)];
     let ends = [from, to].map(|[low_m, high_m]| [random.between(low_m, high_m), aside_m(random)]);
     let is_back = random.unit() < 0.5;
     let ([x, y], [to_x, to_y], yaw_rad) = match is_back {

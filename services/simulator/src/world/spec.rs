@@ -25,7 +25,7 @@ pub enum WorldKind {
     Corridor,
     /// A U-shaped wall, open towards the start, across the straight line to the goal.
     UTrap,
-    /// The corridor of a real building, 2.5 m wide and 2.7 m high, with what stands and hangs in it (worlds/README.md).
+    /// The corridor of a real building, 2.5 m wide and high, with what stands and hangs in it (worlds/README.md).
     Building,
     /// Ground only.
     Empty,

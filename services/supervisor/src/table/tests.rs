@@ -288,7 +288,8 @@ fn a_row_per_sensor_is_there_for_each_that_is_plugged_in() {
 
 #[test]
 fn a_sensor_that_nobody_measures_with_is_refused_where_sensors_are_real() {
-    let own = "[[process]]\nname = \"sonar\"\nprogram = \"/bin/sh\"\npublishes = [\"range/scan/sonar\"]\n";
+    let own =
+        "[[process]]\nname = \"user_sonar\"\nprogram = \"/bin/sh\"\npublishes = [\"range/scan/sonar\"]\n";
     let (plain, with_own) = (parse(PER_SENSOR), parse(&format!("{PER_SENSOR}{own}")));
     let select = |table: &ProcessTable, mode: Mode, sensor: &str| {
         let text = format!("[[sensor]]\n{sensor}\n");
