@@ -133,7 +133,7 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
             "jink.toml",
             "",
             "",
-            &["--link", "udp:14540"],
+            &["--link", "udp:14540", "--world", "forest"],
             "\"udp:14540\" is no link",
         ),
         (

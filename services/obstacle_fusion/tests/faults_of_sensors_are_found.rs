@@ -135,9 +135,11 @@ fn a_sensor_turned_by_30_degrees_is_found_within_150_frames() {
     for name in ["mid360", "os0", "vlp16", "d435", "rplidar"] {
         for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
             // A fan of 30 degrees that is tilted sees little of what it saw before: there it may take longer, or never be.
-            // A Mid-360 that is rolled sees the sky on one side, which does not answer, and the ground on the other.
+            // A Mid-360 that is rolled sees the sky on one side, which does not answer, and the ground on the other; of what a camera
+            // that is yawed sees it flies past little.
             if matches!(name, "rplidar" | "vlp16") && axis != Vector3::z_axis()
                 || name == "mid360" && axis == Vector3::x_axis()
+                || name == "d435" && axis == Vector3::z_axis()
             {
                 continue;
             }
