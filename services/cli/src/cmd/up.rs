@@ -26,7 +26,7 @@ pub struct Args {
     #[arg(long, value_name = "ADDRESS")]
     link: Option<String>,
     /// Sensors instead of those of jink.toml: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (docs/sensors), several
-    /// with a plus between them, or FILE.toml with [[sensor]] tables and [params]
+    /// with a plus between them, or FILE.toml with tables of sensors and parameters
     #[arg(long, value_name = "NAME|FILE.toml")]
     sensor: Option<String>,
     /// Virtual world: forest, gap, corridor, utrap, building, empty, or FILE.toml

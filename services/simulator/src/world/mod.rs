@@ -8,7 +8,7 @@
 //! | - | the world as JSON |
 //!
 //! All answers are exact (closed forms over cylinders, boxes, spheres and flat ground at down = 0; cells and triangles of
-//! [structures](structure)), so that a collision is a fact. Rays are sped up by a grid that is walked cell by cell.
+//! structures), so that a collision is a fact. Rays are sped up by a grid that is walked cell by cell.
 
 mod cells;
 pub mod file;
