@@ -2,6 +2,7 @@
 
 use super::Problem;
 use jink_cli::known_space::KnownSpace;
+use jink_runtime::config::Foreign;
 use jink_runtime::{Input, Instance, OpenError, Session};
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
@@ -23,7 +24,11 @@ pub struct Watch {
 impl Watch {
     /// Connects. Only to be called once the supervisor has prepared the memory.
     pub fn open(instance: &Instance) -> Result<Self, Problem> {
-        let session = Session::open(instance, PROGRAM)?;
+        let mut session = Session::open(instance, PROGRAM)?;
+        // Whoever opens a topic first gives it its room: that of the process table, with the programs of others in it.
+        if let Ok(foreign) = Foreign::load(&instance.run_config()) {
+            session = session.with(&foreign);
+        }
         Ok(Self {
             status: session.input(topics::SYSTEM_STATUS, "")?,
             link: session.input(topics::LINK_STATUS, "")?,
