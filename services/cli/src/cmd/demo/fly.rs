@@ -43,7 +43,8 @@ pub struct Flight {
     status: Option<SystemStatus>,
     done_since: Option<Instant>,
     memory: Memory,
-    space: SpaceWatch,
+    /// Open once everything works: before, its topics may not be there yet, and whoever opens one first gives it its room.
+    space: Option<SpaceWatch>,
     /// What it flies through, as it was said last.
     known: KnownSpace,
     /// Since when the planner says that it cannot plan with these sensors.
@@ -79,7 +80,7 @@ impl Flight {
             status: None,
             done_since: None,
             memory: Memory::default(),
-            space: SpaceWatch::open(session)?,
+            space: None,
             known: KnownSpace::default(),
             unfit_since: None,
             is_sitl,
@@ -178,7 +179,11 @@ impl Flight {
             self.memory.look(&status);
             self.status = Some(status);
         }
-        if let Some(known) = self.space.look() {
+        let is_up = self.status.is_some_and(|status| status.health == Health::Healthy);
+        if self.space.is_none() && is_up {
+            self.space = SpaceWatch::open(self.watch.session()).ok();
+        }
+        if let Some(known) = self.space.as_mut().and_then(SpaceWatch::look) {
             let unfit = known.cannot_plan.is_some();
             self.unfit_since = unfit.then(|| self.unfit_since.unwrap_or_else(Instant::now));
             self.known = known;
