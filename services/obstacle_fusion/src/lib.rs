@@ -31,6 +31,7 @@ mod cloud;
 mod frame;
 mod health;
 mod move_window;
+mod overhang;
 mod poses;
 mod rays;
 mod rebase;
@@ -140,6 +141,7 @@ pub struct Fusion {
     counters: Counters,
     /// Down coordinate of home (m); NaN unknown.
     home_down_m: f64,
+    overhang: Overhang,
     estimator_resets: Option<u32>,
     epoch: u32,
     /// Frames traced so far.
@@ -162,6 +164,7 @@ impl Fusion {
             armed: false,
             view: View::new(),
             home_down_m: f64::NAN,
+            overhang: Overhang::NotSeen,
             counters: Counters::default(),
             estimator_resets: None,
             epoch: config.first_epoch,
@@ -346,7 +349,12 @@ impl Fusion {
     }
 
     /// Writes the whole map as it stands at `now`, every field of it.
-    pub fn write(&self, now: Timestamp, out: &mut LocalMap) {
+    pub fn write(&mut self, now: Timestamp, out: &mut LocalMap) {
+        if let Some(layers) = self.no_overhang()
+            && self.window.hangs(layers)
+        {
+            self.overhang = Overhang::Seen { is_told: false };
+        }
         let (occupied_cells, known_cells) = self.window.write(out, self.no_overhang());
         out.min_cell = self.window.min_cell();
         out.live_sensors = self.sensors.live(now);
@@ -368,7 +376,8 @@ impl Fusion {
     fn no_overhang(&self) -> Option<[i32; 2]> {
         let [low_m, high_m] = self.config.no_overhang_m;
         // False as long as home is not known.
-        let is_declared = high_m > low_m && self.home_down_m.is_finite();
+        let is_declared =
+            high_m > low_m && self.home_down_m.is_finite() && self.overhang == Overhang::NotSeen;
         let layer = |height_m: f64| (self.home_down_m - height_m) / CELL_M;
         is_declared.then(|| [layer(high_m).ceil() as i32, layer(low_m).floor() as i32])
     }
@@ -393,10 +402,21 @@ impl Fusion {
         if self.config.start_bubble_m > 0.0 {
             bits |= declared_as::START;
         }
-        if self.config.no_overhang_m[1] > self.config.no_overhang_m[0] {
+        let is_believed = self.overhang == Overhang::NotSeen;
+        if is_believed && self.config.no_overhang_m[1] > self.config.no_overhang_m[0] {
             bits |= declared_as::NO_OVERHANG;
         }
         bits
+    }
+
+    /// Whether something that hangs from above was seen although it is declared that nothing does, if that was not answered before. It
+    /// is not believed any more then, as long as this map is made.
+    pub fn take_overhang_seen(&mut self) -> bool {
+        let is_news = self.overhang == Overhang::Seen { is_told: false };
+        if is_news {
+            self.overhang = Overhang::Seen { is_told: true };
+        }
+        is_news
     }
 
     /// The next change of what is wrong with a sensor that was not handed out before; ask until there is none.
@@ -408,6 +428,16 @@ impl Fusion {
     pub fn counters(&self) -> Counters {
         self.counters
     }
+}
+
+/// What became of the declaration that nothing hangs from above.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Overhang {
+    NotSeen,
+    /// It is not so.
+    Seen {
+        is_told: bool,
+    },
 }
 
 /// Whether the vehicle stands on the ground or takes off: the time for which the start bubble is declared.

@@ -263,33 +263,12 @@ impl Window {
         let declared = no_overhang.map_or(0, |layers| self.declare_no_overhang(out, layers));
         (occupied, known + declared)
     }
-
-    fn declare_no_overhang(&self, out: &mut LocalMap, [top, bottom]: [i32; 2]) -> u32 {
-        let last = self.min_cell[2] + SIZE[2] - 1;
-        let layers = top.max(self.min_cell[2])..=bottom.min(last);
-        let mut declared = 0;
-        for y in 0..SIZE_Y {
-            let mut open = [0u64; 2];
-            for z in layers.clone().rev() {
-                let row = (z & (SIZE[2] - 1)) as usize * SIZE_Y + y;
-                for (half, open) in open.iter_mut().enumerate() {
-                    let (known, occupied) = (out.known[row][half], out.occupied[row][half]);
-                    let added = *open & !known;
-                    out.known[row][half] |= added;
-                    out.declared[row][half] |= added;
-                    declared += added.count_ones();
-                    *open = (*open | known) & !occupied;
-                }
-            }
-        }
-        declared
-    }
 }
 
 const _: () = assert!(FREE_FLOOR + HIT > 6 * MISS, "a hit cell must survive six misses");
 
 /// The row of 128 cells that starts at `word`.
-fn row(bits: &BitPlane, word: usize) -> u128 {
+pub(crate) fn row(bits: &BitPlane, word: usize) -> u128 {
     u128::from(bits[word]) | u128::from(bits[word + 1]) << 64
 }
 

@@ -27,12 +27,11 @@ pub(super) struct Fitness {
 impl Fitness {
     /// For a vehicle that needs `room_m` in the slowest gear.
     pub fn new(params: &ParamSet, room_m: f64) -> Self {
-        let [low_m, high_m] = [params::OA_DCL_HANG_LO, params::OA_DCL_HANG_HI].map(|row| params.get(&row));
         Self {
             needs: Needs {
                 room_m,
                 start_bubble_m: params.get(&params::OA_DCL_START),
-                no_overhang: high_m > low_m,
+                no_overhang: false,
                 is_landed: false,
             },
             since: Timestamp::NEVER,
@@ -71,6 +70,7 @@ impl Planner {
             return;
         }
         let needs = Needs {
+            no_overhang: map.declarations & declared_as::NO_OVERHANG != 0,
             is_landed: state.landed.is_set(),
             room_m: self.space.radius_m(GEARS - 1),
             ..self.fitness.needs
