@@ -141,7 +141,8 @@ pub struct Fusion {
     counters: Counters,
     /// Down coordinate of home (m); NaN unknown.
     home_down_m: f64,
-    overhang: Overhang,
+    /// Something hangs from above where it is declared that nothing does.
+    overhang_seen: bool,
     estimator_resets: Option<u32>,
     epoch: u32,
     /// Frames traced so far.
@@ -164,7 +165,7 @@ impl Fusion {
             armed: false,
             view: View::new(),
             home_down_m: f64::NAN,
-            overhang: Overhang::NotSeen,
+            overhang_seen: false,
             counters: Counters::default(),
             estimator_resets: None,
             epoch: config.first_epoch,
@@ -349,12 +350,7 @@ impl Fusion {
     }
 
     /// Writes the whole map as it stands at `now`, every field of it.
-    pub fn write(&mut self, now: Timestamp, out: &mut LocalMap) {
-        if let Some(layers) = self.no_overhang()
-            && self.window.hangs(layers)
-        {
-            self.overhang = Overhang::Seen { is_told: false };
-        }
+    pub fn write(&self, now: Timestamp, out: &mut LocalMap) {
         let (occupied_cells, known_cells) = self.window.write(out, self.no_overhang());
         out.min_cell = self.window.min_cell();
         out.live_sensors = self.sensors.live(now);
@@ -376,8 +372,7 @@ impl Fusion {
     fn no_overhang(&self) -> Option<[i32; 2]> {
         let [low_m, high_m] = self.config.no_overhang_m;
         // False as long as home is not known.
-        let is_declared =
-            high_m > low_m && self.home_down_m.is_finite() && self.overhang == Overhang::NotSeen;
+        let is_declared = high_m > low_m && self.home_down_m.is_finite() && !self.overhang_seen;
         let layer = |height_m: f64| (self.home_down_m - height_m) / CELL_M;
         is_declared.then(|| [layer(high_m).ceil() as i32, layer(low_m).floor() as i32])
     }
@@ -402,21 +397,18 @@ impl Fusion {
         if self.config.start_bubble_m > 0.0 {
             bits |= declared_as::START;
         }
-        let is_believed = self.overhang == Overhang::NotSeen;
-        if is_believed && self.config.no_overhang_m[1] > self.config.no_overhang_m[0] {
+        if !self.overhang_seen && self.config.no_overhang_m[1] > self.config.no_overhang_m[0] {
             bits |= declared_as::NO_OVERHANG;
         }
         bits
     }
 
-    /// Whether something that hangs from above was seen although it is declared that nothing does, if that was not answered before. It
-    /// is not believed any more then, as long as this map is made.
-    pub fn take_overhang_seen(&mut self) -> bool {
-        let is_news = self.overhang == Overhang::Seen { is_told: false };
-        if is_news {
-            self.overhang = Overhang::Seen { is_told: true };
-        }
-        is_news
+    /// Looks for something that hangs from above where it is declared that nothing does; whether it was found just now. The declaration
+    /// does not count any more then, for as long as this `Fusion` exists.
+    pub fn finds_overhang(&mut self) -> bool {
+        let is_found = self.no_overhang().is_some_and(|layers| self.window.hangs(layers));
+        self.overhang_seen |= is_found;
+        is_found
     }
 
     /// The next change of what is wrong with a sensor that was not handed out before; ask until there is none.
@@ -428,16 +420,6 @@ impl Fusion {
     pub fn counters(&self) -> Counters {
         self.counters
     }
-}
-
-/// What became of the declaration that nothing hangs from above.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Overhang {
-    NotSeen,
-    /// It is not so.
-    Seen {
-        is_told: bool,
-    },
 }
 
 /// Whether the vehicle stands on the ground or takes off: the time for which the start bubble is declared.

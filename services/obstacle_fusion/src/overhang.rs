@@ -85,7 +85,6 @@ fn row_number(z: i32, y: usize) -> usize {
 mod tests {
     use crate::frame::Frame;
     use crate::window::Window;
-    use jink_shared_types::layout::Layout;
     use jink_shared_types::map::{Cell, LocalMap};
     use nalgebra::Vector3;
 

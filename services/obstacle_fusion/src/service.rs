@@ -123,13 +123,13 @@ impl Service for FusionService {
         }
         if news || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
             self.sent = now;
-            let fusion = &mut self.fusion;
+            if self.fusion.finds_overhang() {
+                cycle.events.raise(now, &events::OVERHANG_SEEN, "", [0.0; 2]);
+            }
+            let fusion = &self.fusion;
             self.output.write(self.header.derived(Stage::Fusion, now), |map| {
                 fusion.write(now, map);
             });
-        }
-        if self.fusion.take_overhang_seen() {
-            cycle.events.raise(now, &events::OVERHANG_SEEN, "", [0.0; 2]);
         }
         Wake::at(
             self.sent

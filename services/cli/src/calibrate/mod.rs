@@ -29,7 +29,7 @@ pub use certainty::{Axis, Certainty};
 pub use ground::{Ground, against_gravity};
 pub use mounting::{Mounting, MountingTable};
 pub use points::Points;
-pub use register::REACH_DEG;
+pub use register::{REACH_DEG, REACH_M};
 pub use report::{Calibrated, Collector, Still, calibrate};
 pub use surfaces::Surfaces;
 
@@ -60,6 +60,13 @@ pub enum CalibrateError {
         /// Share of the planes of the sensor that lie on planes of the reference.
         share: f64,
     },
+    /// What fits best is farther from the configured mounting than a mounting is looked for.
+    OutOfReach {
+        /// How far it is turned (deg).
+        deg: f64,
+        /// How far it is moved (m).
+        m: f64,
+    },
     /// Two mountings fit equally well.
     Ambiguous {
         /// How far apart they are (deg).
@@ -89,6 +96,10 @@ impl fmt::Display for CalibrateError {
                 f,
                 "only {:.0} % of its surfaces are seen by both: turn the vehicle so that both see the same walls, or choose another reference (--against)",
                 100.0 * share
+            ),
+            Self::OutOfReach { deg, m } => write!(
+                f,
+                "what fits best is {deg:.1} deg and {m:.2} m from the configured mounting, and up to {REACH_DEG:.0} deg and {REACH_M:.1} m are looked for: stand where less repeats itself, or correct the table by hand first"
             ),
             Self::Ambiguous { apart_deg, apart_m } => write!(
                 f,

@@ -7,6 +7,10 @@ use nalgebra::{Isometry3, Matrix6, Point3, SymmetricEigen, Translation3, UnitQua
 
 /// Mountings up to this far from the configured one are found (deg, about any axis).
 pub const REACH_DEG: f64 = 20.0;
+/// ... and no farther than this (m): nobody measures a mounting half a metre wrong.
+pub const REACH_M: f64 = 0.5;
+/// What registration makes of a mounting within [`REACH_DEG`] is right up to this far (deg); beyond it the scene repeats itself.
+const BELIEVED_DEG: f64 = 25.0;
 /// Starts are this far apart about each axis (deg): each finds what is half as far away, and some more.
 const START_DEG: f64 = 13.0;
 /// Planes that the starts are compared with, at most.
@@ -48,6 +52,10 @@ pub(super) fn register(
     let (_, start) = if is_as_good { configured } else { found[0] };
     let pose = iterate(target, &fine, start, &FINE);
     let best = score(target, &fine, &pose);
+    let (deg, m) = (pose.rotation.angle().to_degrees(), (pose * origin - origin).norm());
+    if deg > BELIEVED_DEG || m > REACH_M {
+        return Err(CalibrateError::OutOfReach { deg, m });
+    }
     let pairs = pairs(target, &fine, &pose, FINE[1].0, FINE[1].1);
     let pairs: Vec<Pair> = pairs
         .into_iter()
