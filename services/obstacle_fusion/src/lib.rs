@@ -38,6 +38,7 @@ mod rebase;
 mod scan;
 mod sensors;
 mod service;
+mod start;
 mod view;
 mod window;
 
@@ -54,13 +55,14 @@ use jink_shared_types::params::{
 };
 use jink_shared_types::ranges::{PointCloud, RangeScan, SENSORS};
 use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
-use jink_shared_types::vehicle::{NavMode, VehicleState};
+use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Added, Flag, Reserved, SampleHeader, Timestamp};
 use nalgebra::Vector3;
 use poses::{Order, PoseHistory, SweepPoses, estimate_of};
 use rays::{Limits, Tracer};
 use rebase::{Move, known_jump_m};
 use sensors::Sensors;
+use start::Start;
 use view::View;
 use window::Window;
 
@@ -75,7 +77,7 @@ pub struct FusionConfig {
     pub sensor_count: usize,
     /// What the user declares of each sensor, by its number.
     pub declared: [DeclaredOfSensor; SENSORS],
-    /// So near to the vehicle everything is free while it is not armed and while it takes off (m); zero: not declared.
+    /// So near to the vehicle (m) everything is free on the ground and while it is above the place where it stood; zero: not declared.
     pub start_bubble_m: f64,
     /// Lowest and highest height above home between which nothing hangs from above (m); the second not above the first: not declared.
     pub no_overhang_m: [f64; 2],
@@ -143,6 +145,7 @@ pub struct Fusion {
     home_down_m: f64,
     /// Something hangs from above where it is declared that nothing does.
     overhang_seen: bool,
+    start: Start,
     estimator_resets: Option<u32>,
     epoch: u32,
     /// Frames traced so far.
@@ -166,6 +169,7 @@ impl Fusion {
             view: View::new(),
             home_down_m: f64::NAN,
             overhang_seen: false,
+            start: Start::default(),
             counters: Counters::default(),
             estimator_resets: None,
             epoch: config.first_epoch,
@@ -195,6 +199,7 @@ impl Fusion {
             match self.jump_m(state, header.capture, resets) {
                 Some(jump_m) => {
                     self.window.shift(&Move::by(&jump_m));
+                    self.start.shift(&jump_m);
                     self.history.shift(&jump_m);
                 }
                 None => self.drop_map(),
@@ -204,7 +209,7 @@ impl Fusion {
         self.armed = state.armed.is_set();
         if self.history.push(state, header.capture) {
             self.window.follow(cell_of(state.position));
-            if self.config.start_bubble_m > 0.0 && is_starting(state) {
+            if self.start.update(state) && self.config.start_bubble_m > 0.0 {
                 body::declare_ball(
                     &mut self.window,
                     state.position.vector(),
@@ -235,6 +240,7 @@ impl Fusion {
         self.history.clear();
         self.sensors.forget_contributions();
         self.health.forget_poses();
+        self.start = Start::default();
         self.epoch = self.epoch.wrapping_add(1);
     }
 
@@ -420,9 +426,4 @@ impl Fusion {
     pub fn counters(&self) -> Counters {
         self.counters
     }
-}
-
-/// Whether the vehicle stands on the ground or takes off: the time for which the start bubble is declared.
-fn is_starting(state: &VehicleState) -> bool {
-    !state.armed.is_set() || state.landed.is_set() || state.mode == NavMode::Takeoff
 }
