@@ -14,8 +14,8 @@ const REFUSED_S: f64 = 0.5;
 /// A heading rate slower than this rests (rad/s).
 const RESTING_RADPS: f64 = 0.02;
 
-/// A motion that leads less far to any side (m) needs no turn before it: it stays where the vehicle has been.
-const ASIDE_M: f64 = 0.7;
+/// A motion that leads less far to any side (m) needs no turn before it: the body has been in most of what it sweeps.
+const ASIDE_M: f64 = 0.3;
 /// A way that leaves the view by less than this is gone while the heading follows (rad).
 const EDGE_RAD: f64 = 0.17;
 /// A way that leads farther aside than this (rad) is not begun in motion.
@@ -120,8 +120,8 @@ impl Planner {
         let Some(look) = self.looks.best(&self.space, &self.view, start, yaw_rad, time) else {
             return false;
         };
-        self.looks.go(look, route.id, time);
         if look.cell == start {
+            self.looks.go(look, route.id, time);
             self.write_turn(departure, &look, route);
             return true;
         }
@@ -135,6 +135,16 @@ impl Planner {
             GUIDE_MAX_M,
             self.limits[gear].overshoot_m,
         );
+        if let Before::Turn(heading_rad) = self.before_motion(departure) {
+            self.looks.turn(route.id, time);
+            let toward = Look {
+                cell: start,
+                yaw_rad: heading_rad,
+            };
+            self.write_turn(departure, &toward, route);
+            return true;
+        }
+        self.looks.go(look, route.id, time);
         if !self.write_plan(gear, departure, desired, false, route) {
             return false;
         }

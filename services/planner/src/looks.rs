@@ -95,13 +95,18 @@ impl Looks {
 
     /// Notes that `look` is gone to by route `route_id` from `time` on.
     pub fn go(&mut self, look: Look, route_id: u64, time: Timestamp) {
-        self.under_way = Some((route_id, time));
+        self.turn(route_id, time);
         if self.tried.len() < REMEMBERED {
             self.tried.push((look, time));
         } else {
             self.tried[self.next] = (look, time);
             self.next = (self.next + 1) % REMEMBERED;
         }
+    }
+
+    /// Notes that the vehicle turns toward the way to a look by route `route_id` from `time` on.
+    pub fn turn(&mut self, route_id: u64, time: Timestamp) {
+        self.under_way = Some((route_id, time));
     }
 
     fn is_tried(&self, look: &Look, time: Timestamp) -> bool {
