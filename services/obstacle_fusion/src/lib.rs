@@ -209,7 +209,7 @@ impl Fusion {
         self.armed = state.armed.is_set();
         if self.history.push(state, header.capture) {
             self.window.follow(cell_of(state.position));
-            if self.start.update(state) && self.config.start_bubble_m > 0.0 {
+            if self.start.update(state, header.capture) && self.config.start_bubble_m > 0.0 {
                 body::declare_ball(
                     &mut self.window,
                     state.position.vector(),

@@ -1,29 +1,43 @@
 //! Where the start bubble is declared: around the vehicle on the ground, and while it climbs from there for the first time.
 //!
 //! The mode does not say it: PX4 takes off in a mode of its own or in a mission, ArduPilot in GUIDED or AUTO. The place does: as long as the
-//! vehicle is above the place where it stood, it takes off.
+//! vehicle is above the place where it stood and has not come to rest, it takes off. Without the rest it would lift its bubble with it for
+//! ever: into the ceiling, a step for each look from higher up.
 
+use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::VehicleState;
 use nalgebra::{Vector2, Vector3};
 
 /// Farther aside than this (m) from where it stood, the vehicle has left its start. Copters in wind drift less while they climb.
 const ASIDE_M: f64 = 0.5;
+/// Slower than this (m/s) for so long (s), a vehicle in flight is at rest: PX4 pauses for a second between its take-off and a mission.
+const REST_MPS: f64 = 0.1;
+const REST_S: f64 = 2.0;
 
 /// The start of a flight.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Start {
-    /// Where the vehicle stood (local, north and east, m); `None` once it has left that place, and if it never stood.
+    /// Where the vehicle stood (local, north and east, m); `None` once it has taken off, and if it never stood.
     stood: Option<Vector2<f64>>,
+    /// When it last stood or moved.
+    moved: Timestamp,
 }
 
 impl Start {
-    /// Whether the vehicle stands, or is still above the place where it stood.
-    pub fn update(&mut self, state: &VehicleState) -> bool {
+    /// Whether the vehicle stands or takes off at `capture`.
+    pub fn update(&mut self, state: &VehicleState, capture: Timestamp) -> bool {
         let here = state.position.vector().xy();
-        if !state.armed.is_set() || state.landed.is_set() {
+        let stands = !state.armed.is_set() || state.landed.is_set();
+        if stands {
             self.stood = Some(here);
         }
-        self.stood = self.stood.filter(|stood| (here - stood).norm() <= ASIDE_M);
+        if stands || state.velocity.vector().norm() > REST_MPS {
+            self.moved = capture;
+        }
+        let rested = capture.seconds_since(self.moved) >= REST_S;
+        self.stood = self
+            .stood
+            .filter(|stood| !rested && (here - stood).norm() <= ASIDE_M);
         self.stood.is_some()
     }
 
@@ -38,15 +52,28 @@ impl Start {
 #[cfg(test)]
 mod tests {
     use super::Start;
+    use jink_shared_types::frames::Velocity;
     use jink_shared_types::vehicle::VehicleState;
-    use jink_shared_types::{Flag, Point};
+    use jink_shared_types::{Flag, Point, Timestamp};
     use nalgebra::Vector3;
 
-    fn state(north_m: f64, down_m: f64, landed: bool) -> VehicleState {
+    fn at(t_s: f64) -> Timestamp {
+        Timestamp::from_seconds(t_s)
+    }
+
+    fn on_ground(north_m: f64) -> VehicleState {
+        VehicleState {
+            position: Point::new(north_m, 0.0, 0.0),
+            landed: Flag::from(true),
+            ..VehicleState::default()
+        }
+    }
+
+    fn in_flight(north_m: f64, down_m: f64, climb_mps: f64) -> VehicleState {
         VehicleState {
             position: Point::new(north_m, 0.0, down_m),
-            armed: Flag::from(!landed),
-            landed: Flag::from(landed),
+            velocity: Velocity::new(0.0, 0.0, -climb_mps),
+            armed: Flag::from(true),
             ..VehicleState::default()
         }
     }
@@ -54,24 +81,39 @@ mod tests {
     #[test]
     fn it_lasts_from_the_ground_until_the_vehicle_has_left_the_place_in_any_mode() {
         let mut start = Start::default();
-        assert!(start.update(&state(3.0, 0.0, true)));
-        assert!(start.update(&state(3.3, -1.0, false)));
-        assert!(start.update(&state(2.8, -2.5, false)));
-        assert!(!start.update(&state(3.6, -2.5, false)));
-        assert!(!start.update(&state(3.0, -2.5, false)), "back above it in the same flight");
-        assert!(start.update(&state(9.0, 0.0, true)), "the next flight");
+        assert!(start.update(&on_ground(3.0), at(1.0)));
+        assert!(start.update(&in_flight(3.3, -1.0, 1.0), at(2.0)));
+        assert!(start.update(&in_flight(2.8, -2.5, 1.0), at(3.0)));
+        assert!(!start.update(&in_flight(3.6, -2.5, 1.0), at(4.0)));
+        assert!(
+            !start.update(&in_flight(3.0, -2.5, 1.0), at(5.0)),
+            "back above it in the same flight"
+        );
+        assert!(start.update(&on_ground(9.0), at(6.0)), "the next flight");
+    }
+
+    #[test]
+    fn a_rest_in_flight_ends_it_and_a_pause_does_not() {
+        let mut start = Start::default();
+        assert!(start.update(&on_ground(0.0), at(50.0)));
+        assert!(start.update(&in_flight(0.0, -0.5, 0.5), at(51.0)));
+        assert!(start.update(&in_flight(0.0, -0.6, 0.0), at(52.0)));
+        assert!(start.update(&in_flight(0.0, -0.8, 0.5), at(52.5)));
+        assert!(start.update(&in_flight(0.0, -1.1, 0.05), at(54.0)));
+        assert!(!start.update(&in_flight(0.0, -1.1, 0.05), at(54.6)));
+        assert!(!start.update(&in_flight(0.0, -1.3, 0.5), at(55.0)));
     }
 
     #[test]
     fn a_vehicle_that_is_first_seen_in_flight_has_no_start() {
-        assert!(!Start::default().update(&state(0.0, -2.0, false)));
+        assert!(!Start::default().update(&in_flight(0.0, -2.0, 1.0), at(1.0)));
     }
 
     #[test]
     fn a_jump_of_the_frame_does_not_end_it() {
         let mut start = Start::default();
-        start.update(&state(0.0, 0.0, true));
+        start.update(&on_ground(0.0), at(1.0));
         start.shift(&Vector3::new(4.0, 0.0, 0.0));
-        assert!(start.update(&state(4.1, -1.0, false)));
+        assert!(start.update(&in_flight(4.1, -1.0, 1.0), at(2.0)));
     }
 }
