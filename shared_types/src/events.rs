@@ -212,7 +212,7 @@ events! {
     SENSOR_MOUNTING = 95, Critical, "jink: {name} is turned by {0} deg", "Land by hand; jink check sensors --calibrate.";
     /// A sensor sends more or fewer frames than its table says.
     SENSOR_RATE = 96, Warning, "jink: {name} {0} Hz instead of {1}", "Look at its settings, its rate_hz, and at who else publishes for it.";
-    /// A sensor of which a fault was told is as it should be.
+    /// A sensor of which a fault was reported is as it should be.
     SENSOR_CREDIBLE = 97, Notice, "jink: {name} is credible again", "None.";
     /// Something hangs from above where it is declared that nothing does; the declaration has ended.
     OVERHANG_SEEN = 98, Warning, "jink: overhang seen, undeclared from now on", "Set OA_DCL_HANG_HI to 0 where something hangs from above.";

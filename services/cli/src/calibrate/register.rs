@@ -52,7 +52,10 @@ pub(super) fn register(
     let (_, start) = if is_as_good { configured } else { found[0] };
     let pose = iterate(target, &fine, start, &FINE);
     let best = score(target, &fine, &pose);
-    let (deg, m) = (pose.rotation.angle().to_degrees(), (pose * origin - origin).norm());
+    let (deg, m) = (
+        pose.rotation.angle().to_degrees(),
+        (pose * origin - origin).norm(),
+    );
     if deg > BELIEVED_DEG || m > REACH_M {
         return Err(CalibrateError::OutOfReach { deg, m });
     }

@@ -45,7 +45,7 @@ impl Still {
         self.moving as f64 > MOVING_MAX * self.states as f64
     }
 
-    /// Gravity in the body frame; `None` if the autopilot has told no attitude.
+    /// Gravity in the body frame; `None` if the autopilot has sent no attitude.
     pub fn down(&self) -> Option<Vector3<f64>> {
         self.down.try_normalize(1e-9)
     }

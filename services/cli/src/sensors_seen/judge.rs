@@ -77,7 +77,7 @@ fn of_space(seen: &Seen, findings: &mut Vec<Finding>) {
     let Some(space) = &seen.space else {
         let is =
             "map and planner say nothing: whether motion can be certified with these sensors is not known";
-        let remedy = "`jink status` tells whether fusion and planner run, and what they wait for";
+        let remedy = "`jink status` shows whether fusion and planner run, and what they wait for";
         findings.push(finding(Grade::Warning, "space", is.to_owned(), remedy));
         return;
     };

@@ -45,7 +45,7 @@ const AGREE: u32 = 2;
 const AGREE_UNKNOWN: u32 = 3;
 /// Comparisons in a row without contradiction after which a sensor is credible again: many ways do not show a fault.
 const CREDIBLE: u32 = 20;
-/// A later cause must be so much better than one before: upside down is hardly told from mirrored where all stands upright.
+/// A later cause must be so much better than one before: upside down and mirrored look almost the same where all stands upright.
 const BETTER: f64 = 1.1;
 /// Causes tried while one frame is worked on.
 const TRIED_AT_ONCE: usize = 5;

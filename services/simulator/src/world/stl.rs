@@ -19,7 +19,7 @@ pub fn parse(name: &str, bytes: &[u8]) -> Result<Vec<Triangle>, WorldError> {
         file: name.to_owned(),
         message,
     };
-    // A binary file may begin with "solid", too; its length is what tells.
+    // A binary file may begin with "solid", too; its length decides.
     let triangles = match binary(bytes) {
         Some(triangles) => triangles,
         None if bytes.starts_with(b"solid") => text(bytes).map_err(wrong)?,
