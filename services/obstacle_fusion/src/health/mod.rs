@@ -164,12 +164,8 @@ impl Health {
         sweep: &mut SweepPoses,
         history: &PoseHistory,
     ) {
-        let pose = history.at(capture);
-        if let (Some(sensor), Some(pose)) = (self.sensors.get_mut(sensor), pose) {
-            sensor.motion.advance();
-            if sensor.motion.wants(&pose, capture) {
-                sensor.motion.cloud(cloud, (pose, capture), sweep, history);
-            }
+        if let Some((motion, pose)) = self.due(sensor, capture, history) {
+            motion.cloud(cloud, (pose, capture), sweep, history);
         }
     }
 
@@ -183,15 +179,22 @@ impl Health {
         sweep: &mut SweepPoses,
         history: &PoseHistory,
     ) {
-        let pose = history.at(capture);
-        if let (Some(sensor), Some(pose)) = (self.sensors.get_mut(sensor), pose) {
-            sensor.motion.advance();
-            if sensor.motion.wants(&pose, capture) {
-                sensor
-                    .motion
-                    .scan(scan, body_q_sensor, (pose, capture), sweep, history);
-            }
+        if let Some((motion, pose)) = self.due(sensor, capture, history) {
+            motion.scan(scan, body_q_sensor, (pose, capture), sweep, history);
         }
+    }
+
+    /// What judges the motion of a sensor, and the pose at `capture`, if a frame of then is to be compared.
+    fn due(
+        &mut self,
+        sensor: usize,
+        capture: Timestamp,
+        history: &PoseHistory,
+    ) -> Option<(&mut Motion, Pose)> {
+        let pose = history.at(capture)?;
+        let motion = &mut self.sensors.get_mut(sensor)?.motion;
+        motion.advance();
+        motion.wants(&pose, capture).then_some((motion, pose))
     }
 
     /// Faults of all sensors.
