@@ -5,7 +5,7 @@ use jink_shared_types::events::ITEM_BLOCKED;
 use jink_shared_types::frames::Point;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
-use jink_simulator::world::{FLIGHT_HEIGHT_M, Obstacle, Scene, World, YawedBox};
+use jink_simulator::world::{Obstacle, Scene, World, YawedBox};
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 
@@ -15,13 +15,10 @@ fn flight(whose: Pairing, policy: f64) -> LockStep {
     setup.plan.mission_limit_s = 240.0;
     let house = YawedBox::new(20.0, 1.0, 9.0, 8.0, 0.3, 12.0);
     setup.world = World::new(Scene {
-        flight_height_m: FLIGHT_HEIGHT_M,
-        structures: Vec::new(),
-        name: "house".to_owned(),
         seed: 1,
         goals: setup.world.goals().to_vec(),
         bounds: *setup.world.bounds(),
-        obstacles: vec![Obstacle::Box(house)],
+        ..Scene::of("house", vec![Obstacle::Box(house)])
     });
     let inside = Point::new(20.0, 1.0, -setup.world.flight_height_m());
     setup.plan.waypoints.insert(0, inside);

@@ -5,7 +5,7 @@
 use jink_shared_types::Point;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Action, Ending, InFlight, When};
-use jink_simulator::world::{FLIGHT_HEIGHT_M, Obstacle, Scene, World, YawedBox};
+use jink_simulator::world::{Obstacle, Scene, World, YawedBox};
 use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
@@ -52,13 +52,9 @@ fn walled_in(whose: Pairing, left_m: f64, right_m: f64) -> Left {
     let here = flight.truth().position;
     let wall = |east_m: f64| Obstacle::Box(YawedBox::new(here.x_m, here.y_m + east_m, WALL_M, 0.4, 0.0, 6.0));
     let walls = World::new(Scene {
-        flight_height_m: FLIGHT_HEIGHT_M,
-        structures: Vec::new(),
-        name: "walls".to_owned(),
         seed: 1,
-        goals: Vec::new(),
         bounds,
-        obstacles: vec![wall(-left_m - 0.2), wall(right_m + 0.2)],
+        ..Scene::of("walls", vec![wall(-left_m - 0.2), wall(right_m + 0.2)])
     });
     flight.move_world(walls.clone());
     let mut least_m = f64::INFINITY;

@@ -12,7 +12,7 @@ use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Point, Timestamp};
 use jink_simulator::random::Random;
 use jink_simulator::sensors::{Output, Pose, PoseTrack, SensorKind, SensorRig, SensorSpec};
-use jink_simulator::world::{Bounds, Cylinder, FLIGHT_HEIGHT_M, Obstacle, Scene, World, WorldKind, YawedBox};
+use jink_simulator::world::{Cylinder, Obstacle, Scene, World, WorldKind, YawedBox};
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 
@@ -22,21 +22,7 @@ const ANGLE_MAX_DEG: f64 = 0.5;
 const DISTANCE_MAX_M: f64 = 0.02;
 
 fn scene(obstacles: Vec<Obstacle>) -> World {
-    World::new(Scene {
-        flight_height_m: FLIGHT_HEIGHT_M,
-        structures: Vec::new(),
-        name: "test".to_owned(),
-        seed: 0,
-        goals: Vec::new(),
-        bounds: Bounds {
-            north_min_m: -50.0,
-            north_max_m: 50.0,
-            east_min_m: -50.0,
-            east_max_m: 50.0,
-            up_max_m: 50.0,
-        },
-        obstacles,
-    })
+    World::new(Scene::of("test", obstacles))
 }
 
 fn wall(north_m: f64, east_m: f64, length_m: f64, width_m: f64) -> Obstacle {

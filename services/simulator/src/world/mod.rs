@@ -75,6 +75,28 @@ pub struct Scene {
     pub structures: Vec<Structure>,
 }
 
+impl Scene {
+    /// Obstacles in the open, which reaches 50 m to all sides; no goal, seed 0.
+    pub fn of(name: &str, obstacles: Vec<Obstacle>) -> Self {
+        const REACH_M: f64 = 50.0;
+        Self {
+            name: name.to_owned(),
+            seed: 0,
+            goals: Vec::new(),
+            bounds: Bounds {
+                north_min_m: -REACH_M,
+                north_max_m: REACH_M,
+                east_min_m: -REACH_M,
+                east_max_m: REACH_M,
+                up_max_m: REACH_M,
+            },
+            flight_height_m: FLIGHT_HEIGHT_M,
+            obstacles,
+            structures: Vec::new(),
+        }
+    }
+}
+
 /// What a ray met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {

@@ -1,5 +1,5 @@
-//! Surfaces that have no formula: the cells of an OctoMap, the triangles of a mesh. Rays through cells are ours (parry3d's take
-//! twenty times as long, which is too long for a lidar), everything else is parry3d's.
+//! Surfaces that have no formula: the cells of an OctoMap, the triangles of a mesh. Rays through cells are ours (through
+//! parry3d's voxels a sweep of an OS0 took 123 ms in the median, longer than its period), everything else is parry3d's.
 //!
 //! Files have x, y, z with z up; where x points to the north y points to the west.
 

@@ -39,9 +39,6 @@ fn jumble(seed: u64) -> World {
 
 fn scene(obstacles: Vec<Obstacle>, seed: u64) -> World {
     World::new(Scene {
-        flight_height_m: FLIGHT_HEIGHT_M,
-        structures: Vec::new(),
-        name: "test".to_owned(),
         seed,
         goals: vec![Point::new(10.0, 0.0, -2.5)],
         bounds: Bounds {
@@ -51,7 +48,7 @@ fn scene(obstacles: Vec<Obstacle>, seed: u64) -> World {
             east_max_m: 20.0,
             up_max_m: 8.0,
         },
-        obstacles,
+        ..Scene::of("test", obstacles)
     })
 }
 

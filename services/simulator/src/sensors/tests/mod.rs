@@ -6,7 +6,7 @@ mod scans;
 mod specs;
 
 use super::*;
-use crate::world::{Bounds, Cylinder, FLIGHT_HEIGHT_M, Obstacle, Scene, Target, WorldKind, YawedBox};
+use crate::world::{Cylinder, Obstacle, Scene, Target, WorldKind, YawedBox};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::ranges::{CloudPoint, RayKind};
 use jink_shared_types::{BodyFrd, LocalNed, Point};
@@ -23,19 +23,8 @@ fn scene(obstacles: Vec<Obstacle>) -> World {
 /// The same; the seed paints the obstacles and hangs the sun.
 fn seeded_scene(seed: u64, obstacles: Vec<Obstacle>) -> World {
     World::new(Scene {
-        flight_height_m: FLIGHT_HEIGHT_M,
-        structures: Vec::new(),
-        name: "test".to_owned(),
         seed,
-        goals: Vec::new(),
-        bounds: Bounds {
-            north_min_m: -50.0,
-            north_max_m: 50.0,
-            east_min_m: -50.0,
-            east_max_m: 50.0,
-            up_max_m: 50.0,
-        },
-        obstacles,
+        ..Scene::of("test", obstacles)
     })
 }
 
