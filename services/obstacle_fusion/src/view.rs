@@ -13,6 +13,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 /// Rays of a frame that are looked at.
 const RAYS: usize = 1_024;
+/// The golden ratio less one: (sqrt(5) - 1) / 2.
+const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 /// A direction in which nothing was answered for this long is not seen any more (s); it is seen for twice as long at most. Long
 /// enough for a sensor of 2 Hz to look everywhere some times.
 const KEPT_S: f64 = 5.0;
@@ -56,9 +58,12 @@ impl View {
         let points = cloud.points();
         // Odd: lidars list their rows in columns of a power of two, and every row is to be looked at in every frame.
         let step = points.len().div_ceil(RAYS) | 1;
+        // Multiples of the golden ratio fill the step evenly from the first frames on: a frame after the other, and one step of a column
+        // after the other would look at the same rows of a column for seconds.
+        let first = (number as f64 * GOLDEN_RATIO).fract() * step as f64;
         let origin = cloud.origin.vector();
         let mut answered = false;
-        for point in points.iter().skip(number as usize % step).step_by(step) {
+        for point in points.iter().skip(first as usize).step_by(step) {
             if point.kind.get() != RayKind::Unknown {
                 let end = Vector3::new(point.forward_m, point.right_m, point.down_m).cast::<f64>();
                 self.now.add(&(end - origin));
@@ -121,5 +126,53 @@ impl View {
         out.far_m = self.far_m;
         [out.band_up_m, out.band_down_m] = self.band_m;
         out.sensors = self.sensors.count_ones();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::View;
+    use jink_shared_types::layout::Layout;
+    use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
+    use jink_shared_types::view::FieldOfView;
+    use jink_shared_types::{Coded, Timestamp};
+    use nalgebra::Vector3;
+
+    /// A turn of a lidar of 45 degrees up and down whose points come column by column, nothing in reach.
+    fn turn(rows: usize, columns: usize) -> Box<PointCloud> {
+        let mut cloud = PointCloud::boxed();
+        for column in 0..columns {
+            for row in 0..rows {
+                let right = (column as f64 + 0.5) / columns as f64 * std::f64::consts::TAU;
+                let up = ((row as f64 + 0.5) / rows as f64 - 0.5) * std::f64::consts::FRAC_PI_2;
+                let place = 10.0 * Vector3::new(up.cos() * right.cos(), up.cos() * right.sin(), -up.sin());
+                cloud.push(CloudPoint {
+                    forward_m: place.x as f32,
+                    right_m: place.y as f32,
+                    down_m: place.z as f32,
+                    kind: Coded::new(RayKind::Clear),
+                    ..CloudPoint::default()
+                });
+            }
+        }
+        cloud
+    }
+
+    #[test]
+    fn every_direction_that_a_lidar_measures_is_in_view_within_two_seconds() {
+        for (rows, columns) in [(128, 1024), (128, 512), (64, 1024), (64, 2048), (32, 1024), (16, 1800)] {
+            let cloud = turn(rows, columns);
+            let mut view = View::new();
+            let mut seen = FieldOfView::default();
+            for frame in 0..20 {
+                let capture = Timestamp::from_seconds(1.0 + 0.1 * f64::from(frame));
+                view.cloud(0, &cloud, capture, u64::from(frame), 12.0);
+            }
+            view.write(&mut seen);
+            assert!(seen.is_all_around(), "{rows} x {columns}");
+            let low = (0..72).filter_map(|column| seen.height_rad(column));
+            let full = low.filter(|[down, up]| *down < -0.75 && *up > 0.75).count();
+            assert!(full >= 71, "{rows} x {columns}: {full} of 72 columns in full");
+        }
     }
 }
