@@ -120,6 +120,7 @@ mod tests {
         let window = window(block([0, 2], [0, 0], [3, 4]), block([2, 2], [0, 0], [-5, -5]));
         let mut map = LocalMap::boxed();
         let (_, known) = window.write(&mut map, Some(LAYERS));
+        map.min_cell = window.min_cell();
         let is_free = |cell: Cell| map.is_free(cell);
         assert!(is_free([0, 0, -20]) && is_free([1, 0, 2]) && is_free([2, 0, -4]));
         assert!(!is_free([0, 0, -21]), "above the last layer");
