@@ -84,6 +84,8 @@ const NO_PATH_AFTER_S: f64 = 1.5;
 const MOVING_MPS: f64 = 0.5;
 /// Distance between two looks at the committed trajectory (s).
 const RECHECK_STEP_S: f64 = 0.03;
+/// How far above the goal and the vehicle a way may lead over what stands in between (m).
+const DETOUR_UP_M: f64 = 2.0;
 /// Where no way is known, it is looked for so often (s): every search that fails expands all it may.
 const RETRY_S: f64 = 0.5;
 /// A vehicle at rest whose distance from the goal is at most this more than that of the best place it can come to stays where
@@ -626,17 +628,25 @@ impl Planner {
     }
 
     fn find(&mut self, gear: usize, departure: &Departure, goal: &Point<LocalNed>) -> Option<Found> {
-        let (top, bottom) = (
-            goal.z_m.min(departure.state.position.z_m) - 2.0,
-            goal.z_m.max(departure.state.position.z_m),
-        );
         let query = Query {
             gear,
             start: cell_of(departure.state.position),
             goal: cell_of(*goal),
-            z_range: ((top / CELL_M).floor() as i32, (bottom / CELL_M).floor() as i32),
+            z_range: self.heights(departure, goal),
         };
         self.search.run(&self.space, &query)
+    }
+
+    /// Lowest and highest z of the cells that a way to `goal` may lead through: it may climb over what stands in between, but not
+    /// where a planar sensor's band is declared. A band is what stands at the height that was measured; what else there is at the
+    /// height of a detour, nobody has measured.
+    fn heights(&self, departure: &Departure, goal: &Point<LocalNed>) -> (i32, i32) {
+        let heights_m = [goal.z_m, departure.state.position.z_m];
+        let detour_m = if self.space.has_band() { 0.0 } else { DETOUR_UP_M };
+        let top_m = heights_m[0].min(heights_m[1]) - detour_m;
+        let bottom_m = heights_m[0].max(heights_m[1]);
+        let [top, bottom] = [top_m, bottom_m].map(|m| (m / CELL_M).floor() as i32);
+        (top, bottom)
     }
 
     fn build_guide(

@@ -115,8 +115,13 @@ impl Planner {
         }
         let start = cell_of(departure.state.position);
         let yaw_rad = departure.state.yaw_rad;
+        let z_range = if self.space.has_band() {
+            self.heights(departure, goal)
+        } else {
+            (i32::MIN, i32::MAX)
+        };
         self.search
-            .reach(&self.space, start, REACH_M, &mut self.looks.places);
+            .reach(&self.space, start, REACH_M, z_range, &mut self.looks.places);
         let Some(look) = self.looks.best(&self.space, &self.view, start, yaw_rad, time) else {
             return false;
         };

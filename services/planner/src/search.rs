@@ -251,7 +251,8 @@ impl Search {
 
     /// The shortest way from `start`, where the slowest gear has no room, to a cell where it has; `false` if there is none near.
     pub fn way_out(&mut self, space: &Space, start: Cell) -> bool {
-        let out = self.spread(space, start, WAY_OUT_MAX_M, |cell, _| {
+        let anywhere = (i32::MIN, i32::MAX);
+        let out = self.spread(space, start, WAY_OUT_MAX_M, anywhere, |cell, _| {
             cell != start && space.has_room(cell)
         });
         if let Some(cell) = out {
@@ -262,9 +263,16 @@ impl Search {
 
     /// Puts into `places` what can be reached from `start` in the slowest gear by ways of `reach_m` at most, nearest first: every third
     /// cell of each row and every second row, and `start` itself.
-    pub fn reach(&mut self, space: &Space, start: Cell, reach_m: f32, places: &mut Vec<Place>) {
+    pub fn reach(
+        &mut self,
+        space: &Space,
+        start: Cell,
+        reach_m: f32,
+        z_range: (i32, i32),
+        places: &mut Vec<Place>,
+    ) {
         places.clear();
-        self.spread(space, start, reach_m, |cell, way_m| {
+        self.spread(space, start, reach_m, z_range, |cell, way_m| {
             let [x, y, z] =
                 std::array::from_fn(|axis| (cell[axis] - start[axis]).rem_euclid(PLACE_STEP[axis]));
             if x + y + z == 0 && places.len() < places.capacity() {
@@ -287,6 +295,7 @@ impl Search {
         space: &Space,
         start: Cell,
         most_m: f32,
+        z_range: (i32, i32),
         mut is_end: impl FnMut(Cell, f32) -> bool,
     ) -> Option<Cell> {
         let gear = GEARS - 1;
@@ -307,7 +316,8 @@ impl Search {
             for number in 0..self.steps.len() {
                 let step = self.steps[number];
                 let next: Cell = std::array::from_fn(|axis| cell[axis] + step.by[axis]);
-                if free & step.needs != step.needs || !space.is_safe(gear, next) {
+                let is_within = (z_range.0..=z_range.1).contains(&next[2]);
+                if !is_within || free & step.needs != step.needs || !space.is_safe(gear, next) {
                     continue;
                 }
                 let next_index = index_of(next);

@@ -226,6 +226,11 @@ impl Space {
         }
     }
 
+    /// Whether a planar sensor's readings are declared to stand for a band above and below its plane.
+    pub fn has_band(&self) -> bool {
+        self.declarations & declared_as::BAND != 0
+    }
+
     /// The declarations of the user that a motion along `vertices` in `gear` stands on, bits of [`declared_as`]: those of space if any
     /// cell within the gear's radius is known by them alone. That rays without an answer met nothing may have freed any cell.
     pub fn declarations(&self, gear: usize, vertices: &[Vector3<f64>]) -> u8 {

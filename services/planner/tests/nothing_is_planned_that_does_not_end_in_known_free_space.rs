@@ -8,7 +8,7 @@ use jink_planner::{Inputs, Planner};
 use jink_shared_types::events;
 use jink_shared_types::frames::{Point, Velocity};
 use jink_shared_types::layout::Layout;
-use jink_shared_types::map::LocalMap;
+use jink_shared_types::map::{CELL_M, LocalMap, declared_as};
 use jink_shared_types::motion::{
     ApprovedTrajectory, BezierPiece, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
 };
@@ -412,6 +412,26 @@ fn who_flies_faster_than_a_new_limit_keeps_the_commitment_that_ends_at_rest() {
     );
     assert_eq!(route.mode.get(), RouteMode::Keep);
     assert!(!route.must_leave.is_set());
+}
+
+#[test]
+fn a_declared_band_is_flown_level_never_over_what_stands_in_the_way() {
+    let highest_m = |declarations: u8| {
+        let mut map = map(10.0, |p| (4.0..4.4).contains(&p.x) && p.z > -2.9);
+        map.declarations = declarations;
+        let route = answer(
+            &mut planner(),
+            Some(&map),
+            Some(&hovering()),
+            &to(8.0, 0.0),
+            None,
+        );
+        assert_eq!(route.mode.get(), RouteMode::Plan);
+        let heights_m = route.guide().iter().map(|vertex| -vertex.z_m);
+        heights_m.fold(0.0, f64::max)
+    };
+    assert!(highest_m(0) > HEIGHT_M + 0.8);
+    assert!(highest_m(declared_as::BAND) < HEIGHT_M + CELL_M);
 }
 
 #[test]
