@@ -30,6 +30,7 @@ mod cells;
 mod cloud;
 mod frame;
 mod health;
+mod lone;
 mod move_window;
 mod overhang;
 mod poses;
@@ -57,6 +58,7 @@ use jink_shared_types::ranges::{PointCloud, RangeScan, SENSORS};
 use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Added, Flag, Reserved, SampleHeader, Timestamp};
+use lone::{LoneHits, Looking};
 use nalgebra::Vector3;
 use poses::{Order, PoseHistory, SweepPoses, estimate_of};
 use rays::{Limits, Tracer};
@@ -94,6 +96,9 @@ pub struct DeclaredOfSensor {
     pub no_return_is_clear: bool,
     /// Frames per second that its table says (Hz); zero where it does not.
     pub rate_hz: f64,
+    /// What stands near the vehicle is hit in nearly every frame: so of lidars that look at an area, not of cameras, which lose blank
+    /// surfaces, nor of scans, which leave their plane when the vehicle tilts.
+    pub repeats_hits: bool,
 }
 
 impl FusionConfig {
@@ -140,6 +145,7 @@ pub struct Fusion {
     /// Motors armed, as the newest state says.
     armed: bool,
     view: View,
+    lone: LoneHits,
     counters: Counters,
     /// Down coordinate of home (m); NaN unknown.
     home_down_m: f64,
@@ -167,6 +173,7 @@ impl Fusion {
             ),
             armed: false,
             view: View::new(),
+            lone: LoneHits::new(config.sensor_count),
             home_down_m: f64::NAN,
             overhang_seen: false,
             start: Start::default(),
@@ -199,6 +206,7 @@ impl Fusion {
             match self.jump_m(state, header.capture, resets) {
                 Some(jump_m) => {
                     self.window.shift(&Move::by(&jump_m));
+                    self.lone.forget();
                     self.start.shift(&jump_m);
                     self.history.shift(&jump_m);
                 }
@@ -237,6 +245,7 @@ impl Fusion {
 
     fn drop_map(&mut self) {
         self.window.forget();
+        self.lone.forget();
         self.history.clear();
         self.sensors.forget_contributions();
         self.health.forget_poses();
@@ -258,7 +267,11 @@ impl Fusion {
             return;
         }
         let reach_m = limits.reach_m;
-        if self.trace(limits, header.capture, [0.0; 2], |tracer| tracer.cloud(cloud)) {
+        let repeats_hits = self.config.declared.get(sensor).is_some_and(|of| of.repeats_hits);
+        let again = repeats_hits.then_some(sensor);
+        if self.trace(limits, header.capture, [0.0; 2], again, |tracer| {
+            tracer.cloud(cloud);
+        }) {
             self.view
                 .cloud(sensor, cloud, header.capture, self.frames, reach_m);
             let deadline_ms = header.deadline_ms(RANGE_CLOUD.row.deadline_ms);
@@ -289,7 +302,7 @@ impl Fusion {
         let declared = self.config.declared.get(sensor).filter(|_| !single_beam);
         let band_m = declared.map_or([0.0; 2], |declared| declared.band_m);
         let reach_m = limits.reach_m;
-        if self.trace(limits, header.capture, band_m, |tracer| {
+        if self.trace(limits, header.capture, band_m, None, |tracer| {
             tracer.scan(scan, &body_q_sensor);
         }) {
             self.view
@@ -319,15 +332,17 @@ impl Fusion {
     }
 
     /// Collects the rays that `enter` enters, spreads them over the band declared, adds the body at the time of capture and counts
-    /// the frame as evidence; whether any ray said something.
+    /// the frame as evidence; whether any ray said something. Hits that sensor `again` does not hit again are withdrawn.
     fn trace(
         &mut self,
         limits: Limits,
         capture: Timestamp,
         band_m: [f64; 2],
+        again: Option<usize>,
         enter: impl FnOnce(&mut Tracer),
     ) -> bool {
         self.frame.begin(self.window.min_cell());
+        let (origin_m, near_m) = (limits.origin_body_m, limits.range_min_m);
         let mut tracer = Tracer {
             limits,
             frame: &mut self.frame,
@@ -350,6 +365,17 @@ impl Fusion {
         if let Some(pose) = self.history.at(capture) {
             let radius_m = self.config.vehicle_radius_m;
             body::mark_body(&mut self.frame, &self.window, pose.position_m, radius_m);
+            if let Some(sensor) = again {
+                let looking = Looking {
+                    sensor,
+                    origin_m,
+                    near_m,
+                    answered: self.view.ever(sensor),
+                    pose,
+                    capture,
+                };
+                self.lone.look(&looking, &self.frame, &mut self.window);
+            }
         }
         self.window.apply(&self.frame);
         informed

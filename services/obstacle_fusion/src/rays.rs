@@ -25,7 +25,8 @@ pub(crate) struct Limits {
     pub origin_body_m: Vector3<f64>,
     /// Rays are carved up to here (m): the carve range, or the sensor's longest range if that is shorter.
     pub reach_m: f64,
-    range_min_m: f64,
+    /// The sensor's shortest range (m).
+    pub range_min_m: f64,
     range_max_m: f64,
     vehicle_radius_m: f64,
 }

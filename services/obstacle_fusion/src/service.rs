@@ -53,6 +53,7 @@ impl Service for FusionService {
                 band_m: sensor.band_m,
                 no_return_is_clear: sensor.no_return_is_clear,
                 rate_hz: sensor.rate_hz.unwrap_or(0.0),
+                repeats_hits: sensor.kind == "lidar_3d",
             };
         }
         let config = FusionConfig {

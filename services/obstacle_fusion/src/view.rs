@@ -7,7 +7,7 @@
 //! A part of each frame's rays is looked at, another part in every frame, so that the cost does not depend on how many there are.
 
 use jink_shared_types::Timestamp;
-use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind};
+use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind, SENSORS};
 use jink_shared_types::view::FieldOfView;
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -24,6 +24,8 @@ pub(crate) struct View {
     /// Seen in this period and in the one before.
     now: FieldOfView,
     before: FieldOfView,
+    /// What each sensor that measures clouds has ever answered from.
+    ever: Box<[FieldOfView; SENSORS]>,
     began: Timestamp,
     near_m: f32,
     far_m: f32,
@@ -37,6 +39,7 @@ impl View {
         Self {
             now: FieldOfView::default(),
             before: FieldOfView::default(),
+            ever: jink_shared_types::sample::zeroed_box(),
             began: Timestamp::NEVER,
             near_m: 0.0,
             far_m: 0.0,
@@ -66,7 +69,11 @@ impl View {
         for point in points.iter().skip(first as usize).step_by(step) {
             if point.kind.get() != RayKind::Unknown {
                 let end = Vector3::new(point.forward_m, point.right_m, point.down_m).cast::<f64>();
-                self.now.add(&(end - origin));
+                let direction = end - origin;
+                self.now.add(&direction);
+                if let Some(ever) = self.ever.get_mut(sensor) {
+                    ever.add(&direction);
+                }
                 answered = true;
             }
         }
@@ -103,6 +110,11 @@ impl View {
         } else if answered {
             self.sensors |= 1 << (sensor & 63);
         }
+    }
+
+    /// The directions that `sensor`, which measures clouds, has ever answered from.
+    pub fn ever(&self, sensor: usize) -> &FieldOfView {
+        &self.ever[sensor.min(SENSORS - 1)]
     }
 
     fn note(&mut self, sensor: usize, near_m: f32, reach_m: f64) {

@@ -83,6 +83,13 @@ impl Window {
         offset_in(self.min_cell, cell).is_some() && (self.occupied[number >> 6] >> (number & 63)) & 1 == 1
     }
 
+    /// Makes `cell` unknown; nothing outside the window.
+    pub fn withdraw(&mut self, cell: Cell) {
+        if offset_in(self.min_cell, cell).is_some() {
+            self.clear_cells(number([0, 1, 2].map(|axis| cell[axis] & (SIZE[axis] - 1))), 1);
+        }
+    }
+
     /// Slides so that `vehicle` is in the middle of every axis on which it has strayed by more than [`HYSTERESIS`].
     pub fn follow(&mut self, vehicle: Cell) {
         for (axis, target) in centred_on(vehicle).into_iter().enumerate() {

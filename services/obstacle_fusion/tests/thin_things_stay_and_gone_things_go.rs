@@ -197,3 +197,121 @@ fn the_vehicles_own_parts_are_not_obstacles() {
         "a hit outside the radius wins over the body"
     );
 }
+
+/// Where nothing answers from behind it: 1.1 m ahead, half a metre up.
+const NEAR: Vector3<f64> = Vector3::new(1.1, 0.1, -0.5);
+
+fn near_cell() -> Cell {
+    cell_of(Point::<LocalNed>::from_vector(resting().position_m + NEAR))
+}
+
+impl Bench {
+    /// A lidar that hits what stands near in nearly every frame.
+    fn of_lidar() -> Self {
+        let mut config = FusionConfig::from_params(&ParamSet::default(), 1);
+        config.declared[0].repeats_hits = true;
+        Self {
+            fusion: Fusion::new(config),
+            ..Self::new()
+        }
+    }
+
+    /// A frame that hits the near cell, or not, and something ahead in any case.
+    fn near_hit(&mut self, hit: bool) -> &LocalMap {
+        self.frame(|cloud, _, _| {
+            cloud.len = 0;
+            for end in [Some(Vector3::new(8.1, 0.1, 0.0)), hit.then_some(NEAR)] {
+                if let Some(end) = end {
+                    let end = end.map(|m| m as f32);
+                    assert!(cloud.push(CloudPoint {
+                        forward_m: end.x,
+                        right_m: end.y,
+                        down_m: end.z,
+                        kind: RayKind::Hit.into(),
+                        ..CloudPoint::default()
+                    }));
+                }
+            }
+        })
+    }
+}
+
+#[test]
+fn a_lidars_hit_near_the_vehicle_that_does_not_come_again_is_withdrawn_and_not_free() {
+    let mut bench = Bench::of_lidar();
+    bench.near_hit(false);
+    assert!(bench.near_hit(true).is_occupied(near_cell()));
+    for _ in 0..18 {
+        assert!(bench.near_hit(false).is_occupied(near_cell()));
+    }
+    for _ in 0..3 {
+        bench.near_hit(false);
+    }
+    assert!(!bench.map.is_occupied(near_cell()) && !bench.map.is_free(near_cell()));
+    // A camera loses a blank surface; a scan leaves its plane.
+    let mut bench = Bench::new();
+    bench.near_hit(true);
+    for _ in 0..60 {
+        assert!(bench.near_hit(false).is_occupied(near_cell()));
+    }
+}
+
+#[test]
+fn a_hit_that_has_come_four_times_is_not_withdrawn() {
+    let mut bench = Bench::of_lidar();
+    for _ in 0..4 {
+        assert!(bench.near_hit(true).is_occupied(near_cell()));
+        for _ in 0..15 {
+            assert!(bench.near_hit(false).is_occupied(near_cell()));
+        }
+    }
+    for _ in 0..60 {
+        assert!(bench.near_hit(false).is_occupied(near_cell()));
+    }
+}
+
+#[test]
+fn a_hit_is_not_withdrawn_where_the_lidar_cannot_see_it() {
+    let from_above = Motion::still(resting().position_m + Vector3::new(0.9, 0.1, -1.0));
+    type Change = fn(&mut Bench, Motion, f64);
+    let changes: [(&str, Change); 3] = [
+        ("below its view", |bench, above, t_s| {
+            bench.fusion.vehicle(&above.state(), &header(t_s));
+        }),
+        ("nearer than its shortest range", |bench, _, _| {
+            bench.cloud.range_min_m = 1.2;
+        }),
+        ("behind something else", |bench, _, _| {
+            let half = NEAR * 0.6;
+            let half = half.map(|m| m as f32);
+            assert!(bench.cloud.push(CloudPoint {
+                forward_m: half.x,
+                right_m: half.y,
+                down_m: half.z,
+                kind: RayKind::Hit.into(),
+                ..CloudPoint::default()
+            }));
+        }),
+    ];
+    for (why, change) in changes {
+        let mut bench = Bench::of_lidar();
+        bench.near_hit(false);
+        bench.near_hit(true);
+        for frame in 0..60 {
+            let t_s = 0.3 + 0.1 * f64::from(frame);
+            bench.fusion.vehicle(&resting().state(), &header(t_s));
+            bench.cloud.len = 0;
+            let kind = RayKind::Hit.into();
+            assert!(bench.cloud.push(CloudPoint {
+                forward_m: 8.1,
+                kind,
+                ..CloudPoint::default()
+            }));
+            change(&mut bench, from_above, t_s + 0.001);
+            bench.cloud.first_point = at(t_s + 0.001);
+            bench.fusion.cloud(0, &bench.cloud, &header(t_s + 0.001));
+        }
+        bench.fusion.write(at(7.0), &mut bench.map);
+        assert!(bench.map.is_occupied(near_cell()), "{why}");
+    }
+}

@@ -1,0 +1,195 @@
+//! Lone hits near the vehicle: what a lidar has said once and does not say again.
+//!
+//! | in | out |
+//! |---|---|
+//! | the cells that a lidar's frame hit, from frame to frame | hits that are withdrawn: their cells are unknown again |
+//!
+//! A drop of rain, an insect, dust and the sun make a lidar answer from where nothing is. Where rays pass behind, the map forgets that
+//! within a second. Toward the open sky nothing answers, so that nothing passes, and one such point a hand's breadth beside the hovering
+//! vehicle would hold it there for ever. But what really stands so near is hit again: at [`NEAR_M`] a cell fills 4 degrees, in
+//! which every lidar that looks at an area measures many times in [`ALONE_S`]. Only time counts in which the cell lies where the sensor looks:
+//! between directions that it has answered from, if only by this hit. Filters that drop points without
+//! neighbours before they count (R. Rusu and S. Cousins, "3D is here: Point Cloud Library", 2011, statistical outlier removal; N. Charron
+//! et al., "De-noising of lidar point clouds corrupted by snowfall", 2018) drop wires with them: here a hit counts at once, and what
+//! is withdrawn is unknown, not free.
+
+use crate::cells::{SIZE, bits, number, offset_in};
+use crate::frame::Frame;
+use crate::poses::Pose;
+use crate::window::{Window, row};
+use jink_shared_types::Timestamp;
+use jink_shared_types::frames::Point;
+use jink_shared_types::map::{CELL_M, Cell, cell_of, center_of};
+use jink_shared_types::view::{COLUMNS, FieldOfView, ROWS, bin_of};
+use nalgebra::Vector3;
+
+/// Hits farther from the vehicle than this on any axis (m) are not looked after: sensors look less often at a cell there.
+const NEAR_M: f64 = 3.0;
+/// A hit that does not come again in this time (s), in view, is withdrawn.
+const ALONE_S: f64 = 2.0;
+/// What has been hit in so many frames, never [`ALONE_S`] apart, is there.
+const FRAMES: u8 = 4;
+/// Time between two frames that counts at most (s): a sensor that was silent has not looked.
+const FRAME_S: f64 = 0.25;
+/// Hits that are looked after at a time.
+const HITS: usize = 256;
+
+/// A cell that was hit now and then.
+#[derive(Clone, Copy, Debug)]
+struct Hit {
+    cell: Cell,
+    sensor: usize,
+    /// Time in view since then (s).
+    alone_s: f64,
+    frames: u8,
+}
+
+/// A lidar at the moment of a frame.
+pub(crate) struct Looking<'a> {
+    /// Its number.
+    pub sensor: usize,
+    /// Its position (body, m).
+    pub origin_m: Vector3<f64>,
+    /// What is nearer to it is not measured (m).
+    pub near_m: f64,
+    /// The directions that it has ever answered from.
+    pub answered: &'a FieldOfView,
+    /// Where the vehicle is.
+    pub pose: Pose,
+    /// The time of the frame.
+    pub capture: Timestamp,
+}
+
+impl Looking<'_> {
+    fn from_m(&self) -> Vector3<f64> {
+        self.pose.position_m + self.pose.rotation * self.origin_m
+    }
+
+    /// From the sensor to `cell` (body, m).
+    fn direction(&self, cell: Cell) -> Vector3<f64> {
+        self.pose.rotation.transpose() * (center_of(cell).vector() - self.from_m())
+    }
+
+    /// Whether what stands in `cell`, if anything does, would be hit by a lidar that looks to these directions.
+    fn sees(&self, cell: Cell, answered: &FieldOfView, window: &Window) -> bool {
+        let from = self.from_m();
+        let way = center_of(cell).vector() - from;
+        way.norm() > self.near_m + CELL_M
+            && is_between(answered, bin_of(&self.direction(cell)))
+            && is_open(window, &from, cell)
+    }
+}
+
+/// The hits that are looked after.
+#[derive(Debug)]
+pub(crate) struct LoneHits {
+    hits: Vec<Hit>,
+    /// The last frame of each sensor, and the directions that it has answered from.
+    sensors: Vec<(Timestamp, FieldOfView)>,
+}
+
+impl LoneHits {
+    /// For so many sensors.
+    pub fn new(sensors: usize) -> Self {
+        Self {
+            hits: Vec::with_capacity(HITS),
+            sensors: vec![(Timestamp::NEVER, FieldOfView::default()); sensors],
+        }
+    }
+
+    /// The map was thrown away or moved: cells have other numbers now.
+    pub fn forget(&mut self) {
+        self.hits.clear();
+    }
+
+    /// Looks at the hits of the `frame` of a lidar that is not applied to `window` yet; hits are withdrawn from that.
+    pub fn look(&mut self, looking: &Looking<'_>, frame: &Frame, window: &mut Window) {
+        let (sensor, capture) = (looking.sensor, looking.capture);
+        let Some((last, answered)) = self.sensors.get_mut(sensor) else {
+            return;
+        };
+        answered.join(looking.answered);
+        let before = std::mem::replace(last, capture);
+        let passed_s = if before.is_set() {
+            capture.seconds_since(before).clamp(0.0, FRAME_S)
+        } else {
+            0.0
+        };
+        let min_cell = window.min_cell();
+        self.hits.retain_mut(|hit| {
+            let Some(offset) = offset_in(min_cell, hit.cell) else {
+                return false;
+            };
+            let number = number(offset);
+            let is_hit = frame.hit[number >> 6] >> (number & 63) & 1 == 1;
+            if is_hit {
+                hit.frames += 1;
+                hit.alone_s = 0.0;
+                return hit.frames < FRAMES;
+            }
+            if !window.is_occupied(hit.cell) {
+                // Rays have passed through it.
+                return false;
+            }
+            if hit.sensor == sensor && looking.sees(hit.cell, answered, window) {
+                hit.alone_s += passed_s;
+            }
+            let is_alone = hit.alone_s >= ALONE_S;
+            if is_alone {
+                window.withdraw(hit.cell);
+            }
+            !is_alone
+        });
+        let before = self.hits.len();
+        add(&mut self.hits, looking, frame, window);
+        for hit in &self.hits[before..] {
+            answered.add(&looking.direction(hit.cell));
+        }
+    }
+}
+
+/// Adds the cells near the vehicle that were hit for the first time.
+fn add(to: &mut Vec<Hit>, looking: &Looking<'_>, frame: &Frame, window: &Window) {
+    let min_cell = window.min_cell();
+    let corner = |m: f64| cell_of(Point::from_vector(looking.pose.position_m.add_scalar(m)));
+    let (low, high) = (corner(-NEAR_M), corner(NEAR_M));
+    let within = |cell: i32, axis: usize| (cell - min_cell[axis]).clamp(0, SIZE[axis] - 1);
+    let [from_x, to_x] = [within(low[0], 0), within(high[0], 0)];
+    let near_x = (u128::MAX >> (127 - (to_x - from_x))) << from_x;
+    for z in within(low[2], 2)..=within(high[2], 2) {
+        for y in within(low[1], 1)..=within(high[1], 1) {
+            let hits = row(&frame.hit, number([0, y, z]) >> 6) & near_x;
+            for (word, first) in [(hits as u64, 0), ((hits >> 64) as u64, 64)] {
+                for bit in bits(word) {
+                    let cell = [min_cell[0] + first + bit as i32, min_cell[1] + y, min_cell[2] + z];
+                    if to.len() < HITS && !window.is_occupied(cell) {
+                        to.push(Hit {
+                            cell,
+                            sensor: looking.sensor,
+                            alone_s: 0.0,
+                            frames: 1,
+                        });
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Whether a direction lies between two, one above the other, that were answered from: no lidar leaves out a part of what is between.
+fn is_between(answered: &FieldOfView, (row, column): (usize, usize)) -> bool {
+    let is_seen =
+        |row| (column + COLUMNS - 1..=column + COLUMNS + 1).any(|beside| answered.is_seen(row, beside));
+    (0..=row).any(is_seen) && (row..ROWS).any(is_seen)
+}
+
+/// Whether nothing occupied is between `from` (local, m) and `cell`.
+fn is_open(window: &Window, from: &Vector3<f64>, cell: Cell) -> bool {
+    let way = center_of(cell).vector() - from;
+    let steps = (way.norm() / (0.5 * CELL_M)).ceil().max(1.0) as u32;
+    (0..steps).all(|step| {
+        let place = from + way * (f64::from(step) / f64::from(steps));
+        let between = cell_of(Point::from_vector(place));
+        between == cell || !window.is_occupied(between)
+    })
+}
