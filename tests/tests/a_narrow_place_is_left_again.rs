@@ -84,7 +84,7 @@ fn between_walls() {
     }
 }
 
-/// Nearer than its own radius, as the map counts it, nothing is certain any more: it stays where it is.
+/// Nearer than its own radius, as the map counts it, it only goes away from what is there: between walls it stays where it is.
 #[test]
 fn at_arms_length_it_rests() {
     let rests = walled_in(PX4_CURRENT, 0.45, 0.45);

@@ -7,9 +7,9 @@
 //! | `near` | a wider ball around the hits of the highest gear | cost only: prefer room |
 //!
 //! A vehicle that rests where not even the slowest gear has room (a gust, a hard braking, something that came, a take-off below a part
-//! of the sky that no sensor looks at) plans with the room that it has, down to its radius, by the shortest way to where there is
-//! room: on it it comes no nearer to what is occupied or unknown nearby, and it creeps, so that it strays less. All other unknown is
-//! kept away from as ever.
+//! of the sky that no sensor looks at) plans with the room that it has, by the shortest way to where there is room: on it it comes no
+//! nearer to what is occupied or unknown nearby, and it creeps, so that it strays less. All other unknown is kept away from as ever,
+//! and so is by its radius what is occupied, unless the vehicle is nearer to it than that already: a false hit, or a touch.
 //!
 //! A vehicle that is nearer to something than CP_DIST already plans without it, or it could never leave; the guard sees to it that it
 //! comes no nearer.
@@ -86,8 +86,10 @@ pub struct Space {
     occupied: Layer,
     scratch: Layer,
     unknown: Layer,
-    /// The unknown cells that are nearer to a narrow place than the slowest gear keeps.
-    near_unknown: Vec<Cell>,
+    /// The occupied cells that are not within the vehicle's radius of a narrow place.
+    others: Layer,
+    /// The cells that a narrow place is nearer to than it should be, and how far away from them (m) it comes no nearer.
+    too_near: Vec<(Cell, f64)>,
     ready: [bool; GEARS],
     blocked: [Layer; GEARS],
     hit: [Layer; GEARS],
@@ -115,7 +117,8 @@ impl Space {
             occupied: Layer::default(),
             scratch: Layer::default(),
             unknown: Layer::default(),
-            near_unknown: Vec::with_capacity(1_024),
+            others: Layer::default(),
+            too_near: Vec::with_capacity(1_024),
             ready: [false; GEARS],
             blocked: std::array::from_fn(|_| Layer::default()),
             hit: std::array::from_fn(|_| Layer::default()),
@@ -147,13 +150,11 @@ impl Space {
         self.prepare(slowest);
         if !self.is_safe(slowest, cell) {
             let room_m = self.room_m(cell, self.radii_m[slowest]);
-            if room_m >= self.room.vehicle_m {
-                self.set_narrow(Some(Narrow {
-                    ball: Ball::new(room_m - ROUNDING_M),
-                    from: cell,
-                }));
-                self.prepare(slowest);
-            }
+            self.set_narrow(Some(Narrow {
+                ball: Ball::new(room_m.max(self.room.vehicle_m) - ROUNDING_M),
+                from: cell,
+            }));
+            self.prepare(slowest);
         }
     }
 
@@ -273,33 +274,40 @@ impl Space {
         }
     }
 
-    /// The room that there is: what is unknown nearby may stay as near as it is.
+    /// The room that there is: what is unknown nearby, and what is occupied within the vehicle's radius, may stay as near as it is.
     fn prepare_narrow(&mut self, gear: usize) {
         let Some(narrow) = &self.narrow else {
             return;
         };
         let radius_m = self.radii_m[gear];
+        let mut near = std::mem::take(&mut self.too_near);
+        near.clear();
         self.unknown.copy(&self.not_free);
         self.unknown.remove(&self.occupied);
-        let mut near = std::mem::take(&mut self.near_unknown);
-        near.clear();
-        let cells = around(narrow.from, radius_m).map(|(cell, _)| cell);
-        near.extend(cells.filter(|cell| self.contains(*cell) && self.unknown.test(*cell)));
-        near.iter().for_each(|cell| self.unknown.unset(*cell));
+        self.others.copy(&self.occupied);
+        for (cell, away_m) in around(narrow.from, radius_m) {
+            if self.contains(cell) && self.unknown.test(cell) {
+                self.unknown.unset(cell);
+                near.push((cell, radius_m));
+            } else if self.is_occupied(cell) && away_m < self.room.vehicle_m {
+                self.others.unset(cell);
+                near.push((cell, self.room.vehicle_m));
+            }
+        }
         self.balls[gear].dilate(&self.unknown, &mut self.scratch, &mut self.blocked[gear]);
         narrow
             .ball
-            .dilate(&self.occupied, &mut self.scratch, &mut self.hit[gear]);
+            .dilate(&self.others, &mut self.scratch, &mut self.hit[gear]);
         self.blocked[gear].add(&self.hit[gear]);
-        for cell in &near {
+        for (cell, keep_m) in &near {
             let as_near_as_now = square_cells(*cell, narrow.from);
-            for (nearer, _) in around(*cell, radius_m) {
+            for (nearer, _) in around(*cell, *keep_m) {
                 if square_cells(*cell, nearer) < as_near_as_now && self.contains(nearer) {
                     self.blocked[gear].set(nearer);
                 }
             }
         }
-        self.near_unknown = near;
+        self.too_near = near;
     }
 
     /// Whether a map has ever been loaded.
@@ -583,6 +591,20 @@ pub(crate) mod tests {
         let along = |north_m: f64| cell_of(Point::new(north_m, 0.1, 0.1));
         assert!(!space.is_safe(2, along(0.3)), "no nearer to the unknown either");
         assert!(space.is_safe(2, along(-0.1)), "away from it");
+    }
+
+    #[test]
+    fn who_rests_nearer_to_something_than_its_radius_may_go_away_from_it_and_no_nearer() {
+        let at = |north_m: f64, east_m: f64| cell_of(Point::new(north_m, east_m, 0.1));
+        let (here, there) = (at(0.1, 0.1), at(0.1, 0.5));
+        // Something small beside it, and a wall before it.
+        let map = known_map(|p| cell_of(Point::from_vector(p)) == there || p.x > 1.0);
+        let mut space = space_of(&map);
+        space.depart_from(here, true);
+        assert!(space.is_narrow() && space.is_safe(2, here) && !space.has_room(here));
+        assert!(!space.is_safe(2, at(0.1, 0.3)) && !space.is_safe(2, there));
+        assert!(space.is_safe(2, at(0.1, -0.1)) && space.is_safe(2, at(-0.1, 0.1)));
+        assert!(space.is_safe(2, at(0.5, 0.1)) && !space.is_safe(2, at(0.9, 0.1)));
     }
 
     #[test]
