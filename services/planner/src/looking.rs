@@ -49,7 +49,8 @@ impl Planner {
         let aside_rad = wrap_pi(heading_rad - departure.state.yaw_rad);
         let [left_rad, right_rad] = self.view.aside_rad();
         let seen_rad = if aside_rad < 0.0 { left_rad } else { right_rad };
-        if aside_rad.abs() <= seen_rad - EDGE_RAD {
+        // Where nothing answers from ahead, in the open, the view is not known to reach aside at all.
+        if aside_rad.abs() <= (seen_rad - EDGE_RAD).max(EDGE_RAD) {
             Before::Go
         } else if departure.is_at_rest() {
             Before::Turn(heading_rad)
