@@ -9,6 +9,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Directions around the vehicle: columns of 5 degrees, clockwise from forward.
 pub const COLUMNS: usize = 72;
+/// A view that reaches higher than this shows where a climb leads (rad).
+const HIGH_RAD: f64 = 0.6;
 /// Directions from straight down to straight up: rows of 5 degrees.
 pub const ROWS: usize = 36;
 /// Width of a row and of a column (rad).
@@ -107,6 +109,15 @@ impl FieldOfView {
     /// Whether every direction around is seen at the height of the horizon.
     pub fn is_all_around(&self) -> bool {
         (0..COLUMNS).all(|column| self.is_level_seen(column))
+    }
+
+    /// Whether it is seen 35 degrees up and more in at least a quarter of the directions around.
+    pub fn is_high(&self) -> bool {
+        let is_high = |column: &usize| {
+            self.height_rad(*column)
+                .is_some_and(|[_, up_rad]| up_rad > HIGH_RAD)
+        };
+        (0..COLUMNS).filter(is_high).count() >= COLUMNS / 4
     }
 
     /// How far to the left and to the right of forward it is seen without a gap at the height of the horizon (rad).
@@ -275,6 +286,20 @@ mod tests {
         assert_eq!(bin_of(&toward(-2.0, -2.0)), (17, 71));
         assert_eq!(bin_of(&toward(92.0, -90.0)).0, 0);
         assert_eq!(bin_of(&toward(92.0, 89.0)), (35, 18));
+    }
+
+    #[test]
+    fn a_view_is_high_if_a_quarter_of_it_reaches_35_degrees_up() {
+        let is_high = |columns: i32, up_deg: i32| {
+            let mut view = FieldOfView::default();
+            for column in 0..columns {
+                (-2..up_deg / 5)
+                    .for_each(|row| view.add(&toward(f64::from(column * 5) + 2.0, f64::from(row * 5) + 2.0)));
+            }
+            view.is_high()
+        };
+        assert!(is_high(72, 50) && is_high(18, 40) && !is_high(17, 50));
+        assert!(!is_high(72, 30) && !is_high(72, 15));
     }
 
     #[test]

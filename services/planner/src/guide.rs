@@ -251,7 +251,7 @@ mod tests {
     use super::Guide;
     use crate::search::{Query, Search};
     use crate::space::tests::{known_map, space_of};
-    use jink_shared_types::map::center_of;
+    use jink_shared_types::map::{center_of, clear};
     use nalgebra::Vector3;
 
     #[test]
@@ -277,6 +277,7 @@ mod tests {
             start: [0, 0, 0],
             goal: [60, 0, 0],
             z_range: (-5, 5),
+            height_price: 0.5,
         };
         search.run(&space, &query).unwrap();
         let mut guide = Guide::default();
@@ -293,6 +294,44 @@ mod tests {
     }
 
     #[test]
+    fn a_way_along_the_edge_of_the_unknown_does_not_cut_its_corners() {
+        // The diagonal is safe, the cells to its one side are not.
+        let space_beside = |is_left: bool, aside: i32| {
+            let mut map = known_map(|_| false);
+            for x in -64..64 {
+                for y in -64..64 {
+                    let is_beyond = if is_left { y > x + aside } else { x > y + aside };
+                    for z in (-32..32).filter(|_| is_beyond) {
+                        clear(&mut map.known, [x, y, z]);
+                    }
+                }
+            }
+            space_of(&map)
+        };
+        for is_left in [false, true] {
+            let mut spaces = (0..40).map(|aside| space_beside(is_left, aside));
+            let space = spaces.find(|space| space.is_safe(1, [0, 0, 0]));
+            let space = space.unwrap();
+            assert_eq!(space.is_safe(1, [7, 8, 0]), !is_left);
+            let mut search = Search::default();
+            let query = Query {
+                gear: 1,
+                start: [0, 0, 0],
+                goal: [15, 15, 0],
+                z_range: (-5, 5),
+                height_price: 0.5,
+            };
+            search.run(&space, &query).unwrap();
+            let [start, goal] = [query.start, query.goal].map(|cell| center_of(cell).vector());
+            let mut guide = Guide::default();
+            assert!(
+                guide.build(&space, 1, &start, search.path(), Some(&goal), 20.0, 0.5),
+                "left: {is_left}"
+            );
+        }
+    }
+
+    #[test]
     fn a_near_goal_is_reached_exactly() {
         let space = space_of(&known_map(|_| false));
         let mut search = Search::default();
@@ -302,6 +341,7 @@ mod tests {
             start: [0, 0, 0],
             goal: [5, 2, 0],
             z_range: (-5, 5),
+            height_price: 0.5,
         };
         search.run(&space, &query).unwrap();
         let mut guide = Guide::default();

@@ -84,7 +84,10 @@ const NO_PATH_AFTER_S: f64 = 1.5;
 const MOVING_MPS: f64 = 0.5;
 /// Distance between two looks at the committed trajectory (s).
 const RECHECK_STEP_S: f64 = 0.03;
-/// How far above the goal and the vehicle a way may lead over what stands in between (m).
+/// Additional price of a metre of height, for sensors that do not see where a climb leads, and for those that do. To go round costs less
+/// energy than to go over; and what is above the view is seen only from farther away.
+const HEIGHT_PRICES: [f32; 2] = [2.0, 0.5];
+/// How far above the goal a way may lead over what stands in between (m).
 const DETOUR_UP_M: f64 = 2.0;
 /// Where no way is known, it is looked for so often (s): every search that fails expands all it may.
 const RETRY_S: f64 = 0.5;
@@ -633,6 +636,7 @@ impl Planner {
             start: cell_of(departure.state.position),
             goal: cell_of(*goal),
             z_range: self.heights(departure, goal),
+            height_price: HEIGHT_PRICES[usize::from(self.view.is_high())],
         };
         self.search.run(&self.space, &query)
     }
@@ -641,10 +645,11 @@ impl Planner {
     /// where a planar sensor's band is declared. A band is what stands at the height that was measured; what else there is at the
     /// height of a detour, nobody has measured.
     fn heights(&self, departure: &Departure, goal: &Point<LocalNed>) -> (i32, i32) {
-        let heights_m = [goal.z_m, departure.state.position.z_m];
+        let here_m = departure.state.position.z_m;
         let detour_m = if self.space.has_band() { 0.0 } else { DETOUR_UP_M };
-        let top_m = heights_m[0].min(heights_m[1]) - detour_m;
-        let bottom_m = heights_m[0].max(heights_m[1]);
+        // Not above the vehicle: on a detour it would climb on and on.
+        let top_m = (goal.z_m - detour_m).min(here_m);
+        let bottom_m = goal.z_m.max(here_m);
         let [top, bottom] = [top_m, bottom_m].map(|m| (m / CELL_M).floor() as i32);
         (top, bottom)
     }

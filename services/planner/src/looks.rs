@@ -123,12 +123,15 @@ impl Looks {
     pub fn want(&mut self, space: &Space, path: &[Cell]) -> bool {
         let gear = GEARS - 1;
         self.wanted.clear();
-        let unsafe_part = path
-            .iter()
-            .skip_while(|cell| space.is_safe(gear, **cell))
-            .take(WAY_CELLS);
-        for cell in unsafe_part.step_by(2) {
-            let unknown = around(*cell, space.radius_m(gear)).map(|(cell, _)| cell);
+        let is_safe = |step: &&[Cell]| touched(step[0], step[1]).all(|cell| space.is_safe(gear, cell));
+        let unsafe_part = path.windows(2).skip_while(is_safe).take(WAY_CELLS);
+        for step in unsafe_part.step_by(2) {
+            let is_unsafe = |cell: &Cell| !space.is_safe(gear, *cell);
+            let mut cells = std::iter::once(step[1]).chain(touched(step[0], step[1]));
+            let Some(cell) = cells.find(is_unsafe) else {
+                continue;
+            };
+            let unknown = around(cell, space.radius_m(gear)).map(|(cell, _)| cell);
             let unknown = unknown.filter(|cell| space.is_unknown(*cell));
             let room = self.wanted.capacity() - self.wanted.len();
             self.wanted
@@ -195,6 +198,12 @@ impl Looks {
         });
         seen.count() as f64 / self.wanted.len().max(1) as f64
     }
+}
+
+/// The cells that a step from `a` to its neighbour `b` touches.
+fn touched(a: Cell, b: Cell) -> impl Iterator<Item = Cell> {
+    let ends = move |axis: usize| a[axis].min(b[axis])..=a[axis].max(b[axis]);
+    ends(2).flat_map(move |z| ends(1).flat_map(move |y| ends(0).map(move |x| [x, y, z])))
 }
 
 #[cfg(test)]

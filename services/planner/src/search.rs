@@ -21,8 +21,6 @@ const BEYOND_FACTOR: f32 = 1.3;
 const NEAR_FACTOR: f32 = 1.6;
 /// Price of a metre along the previous guide: keeps the choice of side between two equal ways.
 const PREFERRED_FACTOR: f32 = 0.85;
-/// Additional price of a metre of height: going around costs less energy than going over.
-const HEIGHT_PRICE: f32 = 0.5;
 /// Weight of the straight distance that is left: above the cheapest price of a metre, so that the search is drawn to the
 /// goal instead of flooding everything known; a way is at most this over [`PREFERRED_FACTOR`] dearer than the best.
 /// (Weighted A*, Pohl 1970.) In forests 1.3 expands a tenth of the cells of 0.85 for ways 2 % longer.
@@ -168,6 +166,8 @@ pub struct Query {
     pub goal: Cell,
     /// Lowest and highest z index allowed (z points down).
     pub z_range: (i32, i32),
+    /// Additional price of a metre of height.
+    pub height_price: f32,
 }
 
 impl Search {
@@ -312,12 +312,12 @@ impl Search {
             if way_m > most_m || self.expansions >= EXPANSIONS_MAX {
                 return None;
             }
-            let free = free_neighbours(space, gear, cell);
+            let safe = neighbours_outside(space.blocked(gear), cell);
             for number in 0..self.steps.len() {
                 let step = self.steps[number];
                 let next: Cell = std::array::from_fn(|axis| cell[axis] + step.by[axis]);
                 let is_within = (z_range.0..=z_range.1).contains(&next[2]);
-                if !is_within || free & step.needs != step.needs || !space.is_safe(gear, next) {
+                if !is_within || safe & step.needs != step.needs || !space.is_safe(gear, next) {
                     continue;
                 }
                 let next_index = index_of(next);
@@ -374,7 +374,8 @@ impl Search {
     }
 
     fn expand(&mut self, space: &Space, query: &Query, goal: &Cell, cell: Cell, index: usize) {
-        let free = free_neighbours(space, query.gear, cell);
+        let free = neighbours_outside(space.hit(query.gear), cell);
+        let safe = neighbours_outside(space.blocked(query.gear), cell);
         let here_m = self.cost_m[index];
         for number in 0..self.steps.len() {
             let step = self.steps[number];
@@ -389,7 +390,7 @@ impl Search {
             if self.visit[next_index] == self.round + 1 {
                 continue;
             }
-            let cost_m = here_m + self.price_m(space, query.gear, next, &step);
+            let cost_m = here_m + self.price_m(space, query, next, &step, safe & step.needs == step.needs);
             if self.visit[next_index] != self.round || cost_m < self.cost_m[next_index] {
                 self.visit[next_index] = self.round;
                 self.cost_m[next_index] = cost_m;
@@ -399,17 +400,18 @@ impl Search {
         }
     }
 
-    fn price_m(&self, space: &Space, gear: usize, next: Cell, step: &Step) -> f32 {
+    /// Of a step to `next`; `is_safe` if it touches no cell that is not.
+    fn price_m(&self, space: &Space, query: &Query, next: Cell, step: &Step, is_safe: bool) -> f32 {
         let mut factor = 1.0;
         if space.is_near(next) {
             factor *= NEAR_FACTOR;
-        } else if !space.is_safe(gear, next) {
+        } else if !is_safe {
             factor *= UNKNOWN_FACTOR;
         }
         if self.preferred.test(next) {
             factor *= PREFERRED_FACTOR;
         }
-        step.length_m * factor + HEIGHT_PRICE * CELL_M as f32 * step.by[2].abs() as f32
+        step.length_m * factor + query.height_price * CELL_M as f32 * step.by[2].abs() as f32
     }
 
     fn finish(&mut self, space: &Space, end: Cell, kind: PathEnd, left_m: f32, factor: f32) -> Found {
@@ -517,15 +519,14 @@ fn on_shell(space: &Space, cell: Cell) -> bool {
     })
 }
 
-/// The 27 cells around `cell` that are clear of obstacles, as bits.
-fn free_neighbours(space: &Space, gear: usize, cell: Cell) -> u32 {
-    let hit = space.hit(gear);
+/// The 27 cells around `cell` that are not in `layer`, as bits.
+fn neighbours_outside(layer: &Layer, cell: Cell) -> u32 {
     let shift = jink_shared_types::map::bit_of(cell);
     let mut free = 0;
     let mut place = 0;
     for dz in -1..=1 {
         for dy in -1..=1 {
-            let row = hit.row_at([cell[0], cell[1] + dy, cell[2] + dz]);
+            let row = layer.row_at([cell[0], cell[1] + dy, cell[2] + dz]);
             // Bits x-1, x, x+1, turned to the bottom.
             let three = row.rotate_right(shift).rotate_left(1) as u32 & 0b111;
             free |= (!three & 0b111) << place;
@@ -547,6 +548,7 @@ mod tests {
             start: [0, 0, 0],
             goal,
             z_range: (-20, 20),
+            height_price: 0.5,
         }
     }
 

@@ -419,13 +419,7 @@ fn a_declared_band_is_flown_level_never_over_what_stands_in_the_way() {
     let highest_m = |declarations: u8| {
         let mut map = map(10.0, |p| (4.0..4.4).contains(&p.x) && p.z > -2.9);
         map.declarations = declarations;
-        let route = answer(
-            &mut planner(),
-            Some(&map),
-            Some(&hovering()),
-            &to(8.0, 0.0),
-            None,
-        );
+        let route = answer(&mut planner(), Some(&map), Some(&hovering()), &to(8.0, 0.0), None);
         assert_eq!(route.mode.get(), RouteMode::Plan);
         let heights_m = route.guide().iter().map(|vertex| -vertex.z_m);
         heights_m.fold(0.0, f64::max)
