@@ -61,18 +61,18 @@ pub(crate) struct Looking<'a> {
 }
 
 impl Looking<'_> {
-    fn from_m(&self) -> Vector3<f64> {
+    fn place_m(&self) -> Vector3<f64> {
         self.pose.position_m + self.pose.rotation * self.origin_m
     }
 
     /// From the sensor to `cell` (body, m).
     fn direction(&self, cell: Cell) -> Vector3<f64> {
-        self.pose.rotation.transpose() * (center_of(cell).vector() - self.from_m())
+        self.pose.rotation.transpose() * (center_of(cell).vector() - self.place_m())
     }
 
     /// Whether what stands in `cell`, if anything does, would be hit by a lidar that looks to these directions.
     fn sees(&self, cell: Cell, answered: &FieldOfView, window: &Window) -> bool {
-        let from = self.from_m();
+        let from = self.place_m();
         let way = center_of(cell).vector() - from;
         way.norm() > self.near_m + CELL_M
             && is_between(answered, bin_of(&self.direction(cell)))

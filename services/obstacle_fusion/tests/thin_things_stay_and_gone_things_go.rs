@@ -220,17 +220,16 @@ impl Bench {
     fn near_hit(&mut self, hit: bool) -> &LocalMap {
         self.frame(|cloud, _, _| {
             cloud.len = 0;
-            for end in [Some(Vector3::new(8.1, 0.1, 0.0)), hit.then_some(NEAR)] {
-                if let Some(end) = end {
-                    let end = end.map(|m| m as f32);
-                    assert!(cloud.push(CloudPoint {
-                        forward_m: end.x,
-                        right_m: end.y,
-                        down_m: end.z,
-                        kind: RayKind::Hit.into(),
-                        ..CloudPoint::default()
-                    }));
-                }
+            let ends = [Some(Vector3::new(8.1, 0.1, 0.0)), hit.then_some(NEAR)];
+            for end in ends.into_iter().flatten() {
+                let end = end.map(|m| m as f32);
+                assert!(cloud.push(CloudPoint {
+                    forward_m: end.x,
+                    right_m: end.y,
+                    down_m: end.z,
+                    kind: RayKind::Hit.into(),
+                    ..CloudPoint::default()
+                }));
             }
         })
     }
