@@ -2,7 +2,7 @@
 //!
 //! | in | out |
 //! |---|---|
-//! | the cells that a lidar's frame hit, from frame to frame | hits that are withdrawn: their cells are unknown again |
+//! | the cells that a lidar's frame hit, from frame to frame | hits that are withdrawn: their cells are what they were before |
 //!
 //! A drop of rain, an insect, dust and the sun make a lidar answer from where nothing is. Where rays pass behind, the map forgets that
 //! within a second. Toward the open sky nothing answers, so that nothing passes, and one such point a hand's breadth beside the hovering
@@ -10,8 +10,8 @@
 //! which every lidar that looks at an area measures many times in [`ALONE_S`]. Only time counts in which the cell lies where the sensor looks:
 //! between directions that it has answered from, if only by this hit. Filters that drop points without
 //! neighbours before they count (R. Rusu and S. Cousins, "3D is here: Point Cloud Library", 2011, statistical outlier removal; N. Charron
-//! et al., "De-noising of lidar point clouds corrupted by snowfall", 2018) drop wires with them: here a hit counts at once, and what
-//! is withdrawn is unknown, not free.
+//! et al., "De-noising of lidar point clouds corrupted by snowfall", 2018) drop wires with them: here a hit counts at once, and
+//! what was unknown before it is so again.
 
 use crate::cells::{SIZE, bits, number, offset_in};
 use crate::frame::Frame;
@@ -39,6 +39,8 @@ const HITS: usize = 256;
 struct Hit {
     cell: Cell,
     sensor: usize,
+    /// Whether the cell was known to be free before.
+    was_free: bool,
     /// Time in view since then (s).
     alone_s: f64,
     frames: u8,
@@ -136,7 +138,7 @@ impl LoneHits {
             }
             let is_alone = hit.alone_s >= ALONE_S;
             if is_alone {
-                window.withdraw(hit.cell);
+                window.withdraw(hit.cell, hit.was_free);
             }
             !is_alone
         });
@@ -166,6 +168,7 @@ fn add(to: &mut Vec<Hit>, looking: &Looking<'_>, frame: &Frame, window: &Window)
                         to.push(Hit {
                             cell,
                             sensor: looking.sensor,
+                            was_free: window.is_free(cell),
                             alone_s: 0.0,
                             frames: 1,
                         });

@@ -83,10 +83,22 @@ impl Window {
         offset_in(self.min_cell, cell).is_some() && (self.occupied[number >> 6] >> (number & 63)) & 1 == 1
     }
 
-    /// Makes `cell` unknown; nothing outside the window.
-    pub fn withdraw(&mut self, cell: Cell) {
+    /// Whether `cell` is known to be free by measurement; outside nothing is.
+    pub fn is_free(&self, cell: Cell) -> bool {
+        let number = number([0, 1, 2].map(|axis| cell[axis] & (SIZE[axis] - 1)));
+        let (word, bit) = (number >> 6, number & 63);
+        let measured = self.known[word] & !self.occupied[word] & !self.declared[word];
+        offset_in(self.min_cell, cell).is_some() && (measured >> bit) & 1 == 1
+    }
+
+    /// Makes `cell` unknown, or free if it `was_free`; nothing outside the window.
+    pub fn withdraw(&mut self, cell: Cell, was_free: bool) {
         if offset_in(self.min_cell, cell).is_some() {
-            self.clear_cells(number([0, 1, 2].map(|axis| cell[axis] & (SIZE[axis] - 1))), 1);
+            let number = number([0, 1, 2].map(|axis| cell[axis] & (SIZE[axis] - 1)));
+            self.clear_cells(number, 1);
+            if was_free {
+                self.apply_word(number >> 6, 0, 1 << (number & 63));
+            }
         }
     }
 

@@ -43,6 +43,10 @@ const SAID_ENOUGH: u32 = 3;
 const REACHED_M: [f64; 2] = [1.0, 0.5];
 /// Height missing to the take-off height at which the mission may start (m).
 const TAKEOFF_SLACK_M: f64 = 0.4;
+/// A vehicle that holds after this time (s), at this height (m) and more, goes on from there: it may not come higher where its sensors do
+/// not look up.
+const TAKEOFF_S: f64 = 12.0;
+const TAKEOFF_LEAST_M: f64 = 1.0;
 
 macro_rules! phases {
     ($( $(#[$meta:meta])* $name:ident = $text:literal, $limit_s:expr; )*) => {
@@ -399,7 +403,10 @@ impl GroundStation {
             .vehicle
             .local
             .map_or(0.0, |p| self.vehicle.ground_down_m - p.z_m);
-        if height_m >= self.plan.takeoff_height_m - TAKEOFF_SLACK_M {
+        let holds = self.progress.mode == NavMode::Hold
+            && height_m >= TAKEOFF_LEAST_M
+            && now_s - self.phase_since_s >= TAKEOFF_S;
+        if holds || height_m >= self.plan.takeoff_height_m - TAKEOFF_SLACK_M {
             self.enter(Phase::Mission, now_s);
         } else if self.vehicle.make.takes_off_with_the_mission() {
             if self.progress.mode != NavMode::Mission && height_m < 0.5 && self.may_ask(now_s) {
