@@ -489,7 +489,9 @@ impl Planner {
         let speed_mps = departure.state.velocity.vector().norm();
         let creeps = departure.is_at_rest()
             || self.space.is_narrow() && speed_mps <= MotionLimits::allowed(self.creep.speed_mps);
-        self.space.depart_from(cell_of(departure.state.position), creeps);
+        let has_plan = departure.base_id != 0;
+        self.space
+            .depart_from(cell_of(departure.state.position), creeps, has_plan);
         if self.space.is_narrow() {
             if desired.is_to_rest()
                 && (goal.vector() - start).norm() < NEAR_REST_M

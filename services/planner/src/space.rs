@@ -139,8 +139,9 @@ impl Space {
     }
 
     /// Notes from where it is planned next: whether there is room for the slowest gear, if the vehicle `creeps` or rests there, and
-    /// whether the distance to keep is kept.
-    pub fn depart_from(&mut self, cell: Cell, creeps: bool) {
+    /// whether the distance to keep is kept. Nearer to something than its radius, only a vehicle that `has_plan` is led away: one that
+    /// takes off is near to the ground, and the autopilot's.
+    pub fn depart_from(&mut self, cell: Cell, creeps: bool, has_plan: bool) {
         self.set_narrow(None);
         self.keep_distance_from(cell);
         if !creeps || !self.contains(cell) {
@@ -150,6 +151,9 @@ impl Space {
         self.prepare(slowest);
         if !self.is_safe(slowest, cell) {
             let room_m = self.room_m(cell, self.radii_m[slowest]);
+            if room_m < self.room.vehicle_m && !has_plan {
+                return;
+            }
             self.set_narrow(Some(Narrow {
                 ball: Ball::new(room_m.max(self.room.vehicle_m) - ROUNDING_M),
                 from: cell,
@@ -552,16 +556,16 @@ pub(crate) mod tests {
         let at = |distance_m: f64| cell_of(Point::new(4.7 - distance_m, 0.1, 0.1));
         assert!(!space.is_safe(2, at(2.0)) && space.is_hit(2, at(2.0)));
         assert!(space.is_safe(2, at(2.8)));
-        space.depart_from(at(3.0), false);
+        space.depart_from(at(3.0), false, true);
         space.prepare(2);
         assert!(!space.is_safe(2, at(2.0)));
-        space.depart_from(at(1.5), false);
+        space.depart_from(at(1.5), false, true);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.5)) && !space.is_safe(2, at(0.5)));
         // Without it nothing of that.
         params.set("CP_DIST", -1.0).unwrap();
         space.keep(&gears(&params), Room::from_params(&params));
-        space.depart_from(at(3.0), false);
+        space.depart_from(at(3.0), false, true);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.2)));
     }
@@ -573,9 +577,9 @@ pub(crate) mod tests {
         let here = cell_of(Point::new(0.1, 0.1, 0.1));
         let mut space = space_of(&map);
         assert!(!space.is_safe(2, here));
-        space.depart_from(here, false);
+        space.depart_from(here, false, true);
         assert!(!space.is_narrow(), "in motion it is left alone");
-        space.depart_from(here, true);
+        space.depart_from(here, true, true);
         assert!(space.is_narrow() && space.is_safe(2, here) && !space.has_room(here));
         let aside = |east_m: f64| cell_of(Point::new(0.1, east_m, 0.1));
         assert!(!space.is_safe(2, aside(-0.1)), "no nearer to what is near");
@@ -586,7 +590,7 @@ pub(crate) mod tests {
             }
         }
         space.load(&map);
-        space.depart_from(here, true);
+        space.depart_from(here, true, true);
         assert!(space.is_safe(2, here) && !space.has_room(here));
         let along = |north_m: f64| cell_of(Point::new(north_m, 0.1, 0.1));
         assert!(!space.is_safe(2, along(0.3)), "no nearer to the unknown either");
@@ -600,11 +604,13 @@ pub(crate) mod tests {
         // Something small beside it, and a wall before it.
         let map = known_map(|p| cell_of(Point::from_vector(p)) == there || p.x > 1.0);
         let mut space = space_of(&map);
-        space.depart_from(here, true);
+        space.depart_from(here, true, true);
         assert!(space.is_narrow() && space.is_safe(2, here) && !space.has_room(here));
         assert!(!space.is_safe(2, at(0.1, 0.3)) && !space.is_safe(2, there));
         assert!(space.is_safe(2, at(0.1, -0.1)) && space.is_safe(2, at(-0.1, 0.1)));
         assert!(space.is_safe(2, at(0.5, 0.1)) && !space.is_safe(2, at(0.9, 0.1)));
+        space.depart_from(here, true, false);
+        assert!(!space.is_narrow(), "on its take-off");
     }
 
     #[test]
