@@ -1,11 +1,15 @@
-//! Rays through a block of cells, as many as a lidar has: a bit per cell, walked cell by cell.
+//! Rays through a block of cells, as many as a lidar has: walked cell by cell near what is occupied, in leaps elsewhere.
 //!
-//! Source: J. Amanatides, A. Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987.
+//! Sources: J. Amanatides, A. Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987; leaps over empty space by
+//! the distance to what is occupied: D. Cohen, Z. Sheffer, "Proximity clouds", The Visual Computer 11 (1994).
 
 use super::solids::Contact;
 
 /// A direction component below this crosses no border within any range.
 const PARALLEL: f64 = 1e-12;
+
+/// Longest leap (cells): passes over the block that measure distances.
+const LEAP_MAX: u8 = 8;
 
 /// Which cells of a block are occupied.
 #[derive(Clone, Debug)]
@@ -14,7 +18,8 @@ pub(super) struct CellBlock {
     /// Lowest cell.
     low: [i32; 3],
     size: [usize; 3],
-    bits: Vec<u64>,
+    /// Of each cell how many steps, diagonal ones included, the nearest occupied cell is away, at most [`LEAP_MAX`].
+    steps: Vec<u8>,
 }
 
 impl CellBlock {
@@ -30,13 +35,34 @@ impl CellBlock {
             cell_m,
             low,
             size,
-            bits: vec![0; size.iter().product::<usize>().div_ceil(64)],
+            steps: vec![LEAP_MAX; size.iter().product()],
         };
         for cell in occupied {
             let index = block.index(std::array::from_fn(|axis| (cell[axis] - low[axis]) as usize));
-            block.bits[index / 64] |= 1 << (index % 64);
+            block.steps[index] = 0;
         }
+        block.measure();
         block
+    }
+
+    /// Spreads the distances from the occupied cells: what is within `n` steps is a cube, which grows along one axis after the other.
+    fn measure(&mut self) {
+        let [x, y, z] = self.size;
+        let mut within = self.steps.iter().map(|steps| *steps == 0).collect::<Vec<bool>>();
+        for distance in 1..LEAP_MAX {
+            for (stride, size) in [(1, x), (x, y), (x * y, z)] {
+                let before = within.clone();
+                for (index, is_within) in within.iter_mut().enumerate() {
+                    let along = index / stride % size;
+                    *is_within |=
+                        (along > 0 && before[index - stride]) || (along + 1 < size && before[index + stride]);
+                }
+            }
+            let cells = self.steps.iter_mut().zip(&within);
+            cells
+                .filter(|(steps, is_within)| **is_within && **steps == LEAP_MAX)
+                .for_each(|(steps, _)| *steps = distance);
+        }
     }
 
     fn index(&self, cell: [usize; 3]) -> usize {
@@ -80,32 +106,48 @@ impl CellBlock {
             }
         }
         loop {
-            let index = self.index(cell);
-            if self.bits[index / 64] >> (index % 64) & 1 == 1 {
+            let steps = self.steps[self.index(cell)];
+            if steps == 0 {
                 return Some(Contact {
                     range_m: enter_m,
                     incidence_cos: facing,
                 });
             }
-            let axis = match next_m {
-                [x, y, z] if x <= y && x <= z => 0,
-                [_, y, z] if y <= z => 1,
-                _ => 2,
-            };
-            enter_m = next_m[axis];
+            // The next border of the cube of empty cells around this one.
+            let leap = usize::from(steps) - 1;
+            let mut last = 0;
+            let mut border_m = f64::INFINITY;
+            for axis in 0..3 {
+                let at_m = next_m[axis] + leap as f64 * stride_m[axis];
+                if at_m < border_m {
+                    (last, border_m) = (axis, at_m);
+                }
+            }
+            enter_m = border_m;
             if enter_m > leave_m {
                 return None;
             }
-            facing = direction[axis].abs();
-            let moved = match direction[axis] > 0.0 {
-                true => cell[axis] + 1,
-                false => cell[axis].wrapping_sub(1),
-            };
-            if moved >= self.size[axis] {
-                return None;
+            facing = direction[last].abs();
+            for axis in 0..3 {
+                let crossed = match axis {
+                    _ if axis == last => leap + 1,
+                    _ if next_m[axis] < border_m => {
+                        (((border_m - next_m[axis]) / stride_m[axis]).ceil() as usize).min(leap)
+                    }
+                    _ => 0,
+                };
+                let moved = match direction[axis] > 0.0 {
+                    true => cell[axis] + crossed,
+                    false => cell[axis].wrapping_sub(crossed),
+                };
+                if moved >= self.size[axis] {
+                    return None;
+                }
+                cell[axis] = moved;
+                if crossed > 0 {
+                    next_m[axis] += crossed as f64 * stride_m[axis];
+                }
             }
-            cell[axis] = moved;
-            next_m[axis] += stride_m[axis];
         }
     }
 }
