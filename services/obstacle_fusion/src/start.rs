@@ -1,24 +1,27 @@
 //! Where the start bubble is declared: around the vehicle on the ground, and while it climbs from there for the first time.
 //!
 //! The mode does not say it: PX4 takes off in a mode of its own or in a mission, ArduPilot in GUIDED or AUTO. The place does: as long as the
-//! vehicle is above the place where it stood and has not come to rest, it takes off. Without the rest it would lift its bubble with it for
-//! ever: into the ceiling, a step for each look from higher up.
+//! vehicle is above the place where it stood and has not come to rest up there, it takes off. Without the rest it would lift its bubble with
+//! it for ever: into the ceiling, a step for each look from higher up.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::VehicleState;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
 /// Farther aside than this (m) from where it stood, the vehicle has left its start. Copters in wind drift less while they climb.
 const ASIDE_M: f64 = 0.5;
 /// Slower than this (m/s) for so long (s), a vehicle in flight is at rest: PX4 pauses for a second between its take-off and a mission.
 const REST_MPS: f64 = 0.1;
 const REST_S: f64 = 2.0;
+/// Lower than this (m) above the place where it stood, it has not taken off, whatever the autopilot says of the ground: motors spin up for
+/// some seconds after the land detector has let go.
+const TAKEN_OFF_M: f64 = 0.3;
 
 /// The start of a flight.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Start {
-    /// Where the vehicle stood (local, north and east, m); `None` once it has taken off, and if it never stood.
-    stood: Option<Vector2<f64>>,
+    /// Where the vehicle stood (local NED, m); `None` once it has taken off, and if it never stood.
+    stood: Option<Vector3<f64>>,
     /// When it last stood or moved.
     moved: Timestamp,
 }
@@ -26,25 +29,26 @@ pub(crate) struct Start {
 impl Start {
     /// Whether the vehicle stands or takes off at `capture`.
     pub fn update(&mut self, state: &VehicleState, capture: Timestamp) -> bool {
-        let here = state.position.vector().xy();
+        let here = state.position.vector();
         let stands = !state.armed.is_set() || state.landed.is_set();
         if stands {
             self.stood = Some(here);
         }
-        if stands || state.velocity.vector().norm() > REST_MPS {
+        let is_up = self.stood.is_some_and(|stood| stood.z - here.z > TAKEN_OFF_M);
+        if !is_up || state.velocity.vector().norm() > REST_MPS {
             self.moved = capture;
         }
         let rested = capture.seconds_since(self.moved) >= REST_S;
         self.stood = self
             .stood
-            .filter(|stood| !rested && (here - stood).norm() <= ASIDE_M);
+            .filter(|stood| !rested && (here - stood).xy().norm() <= ASIDE_M);
         self.stood.is_some()
     }
 
     /// The local frame was moved by `jump_m`.
     pub fn shift(&mut self, jump_m: &Vector3<f64>) {
         if let Some(stood) = &mut self.stood {
-            *stood += jump_m.xy();
+            *stood += jump_m;
         }
     }
 }
@@ -102,6 +106,16 @@ mod tests {
         assert!(start.update(&in_flight(0.0, -1.1, 0.05), at(54.0)));
         assert!(!start.update(&in_flight(0.0, -1.1, 0.05), at(54.6)));
         assert!(!start.update(&in_flight(0.0, -1.3, 0.5), at(55.0)));
+    }
+
+    #[test]
+    fn motors_that_spin_up_for_long_do_not_end_it() {
+        let mut start = Start::default();
+        assert!(start.update(&on_ground(0.0), at(1.0)));
+        for second in 2..8 {
+            assert!(start.update(&in_flight(0.0, -0.05, 0.0), at(f64::from(second))));
+        }
+        assert!(start.update(&in_flight(0.0, -1.1, 0.5), at(9.0)));
     }
 
     #[test]
