@@ -7,7 +7,7 @@
 //! | [`params`] | the parameter table: name, type, default, range, unit, help |
 //! | [`events`] | the event table: what pilots and logs are told |
 //! | [`mod@sample`] | the header every sample carries, and `Fresh / Stale / Never` |
-//! | [`vehicle`], [`ranges`], [`view`], [`map`], [`ring`], [`motion`], [`proposal`], [`prevention`], [`health`], [`link`], [`tuning`], [`truth`] | the payloads |
+//! | [`vehicle`], [`ranges`], [`view`], [`map`], [`far_map`], [`ring`], [`motion`], [`proposal`], [`prevention`], [`health`], [`link`], [`tuning`], [`truth`] | the payloads |
 //! | [`beams`] | range messages of other makers, as scans |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
 //! | [`orientation`] | how sensors are mounted, as configurations say it |
@@ -23,6 +23,7 @@ pub mod clock;
 pub mod coded;
 pub mod control;
 pub mod events;
+pub mod far_map;
 pub mod faults;
 pub mod frames;
 pub mod geo;

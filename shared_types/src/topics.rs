@@ -9,6 +9,7 @@
 
 use crate::control::Control;
 use crate::events::EventSample;
+use crate::far_map::FarMap;
 use crate::hash;
 use crate::health::{Heartbeat, SystemStatus};
 use crate::layout::Layout;
@@ -266,6 +267,10 @@ topics! {
     LOCAL_MAP: LocalMap = "map/local",
         from ["obstacle_fusion"], to ["planner", "proposer"],
         10.0 Hz, stale after 250.0 ms, buffer 2, logged true, wakes true;
+    /// What stands farther away, and what was seen before: coarse, for guidance.
+    FAR_MAP: FarMap = "map/far",
+        from ["obstacle_fusion"], to ["planner", "proposer"],
+        2.0 Hz, stale after 2000.0 ms, buffer 1, logged true, wakes false;
     /// The planner's answer.
     ROUTE: Route = "plan/route",
         from ["planner"], to ["bezier_generator"],

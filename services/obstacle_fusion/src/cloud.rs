@@ -2,7 +2,6 @@
 
 use crate::rays::Tracer;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
-use nalgebra::Vector3;
 
 impl Tracer<'_> {
     /// Enters every point of `cloud`.
@@ -18,22 +17,23 @@ impl Tracer<'_> {
         }
     }
 
+    #[inline]
     fn cloud_point(&mut self, point: &CloudPoint, is_hit: bool) {
-        let body_m = Vector3::new(point.forward_m, point.right_m, point.down_m).cast::<f64>();
-        let range_m = (body_m - self.limits.origin_body_m).norm();
-        if is_hit && self.limits.is_self(&body_m) {
+        let body_m = [point.forward_m, point.right_m, point.down_m];
+        if is_hit && self.limits.is_self(body_m) {
             self.counters.self_hits += 1;
             return;
         }
         if !self.turn_to(point.offset_10us) {
             return;
         }
+        let range_m = self.limits.range_m(body_m);
         let is_beyond = self.limits.is_beyond(range_m);
         let is_below = self.limits.is_below(range_m);
-        let is_malformed = is_beyond || (is_below && !is_hit);
+        let is_malformed = is_beyond | (is_below & !is_hit);
         self.counters.rays_malformed += u64::from(is_malformed);
         self.informed |= !is_malformed;
-        let clear_m = if is_beyond || is_below { 0.0 } else { range_m };
-        self.enter(&body_m, range_m, is_hit, clear_m);
+        let clear_m = if is_beyond | is_below { 0.0 } else { range_m };
+        self.enter(body_m, range_m, is_hit, clear_m);
     }
 }

@@ -18,6 +18,7 @@
 //! band ([`Frame::spread`]), and kept apart: what was measured counts for more.
 
 use crate::cells::{BitPlane, SIZE, STRIDE, WORDS, number, offset_in, plane};
+use crate::far::Far;
 use jink_shared_types::map::{CELL_M, Cell};
 use nalgebra::Vector3;
 
@@ -31,6 +32,11 @@ const PARAMETER_ONE: f64 = (1u64 << 40) as f64;
 
 /// Parameter of a crossing that never comes. Far above every other, and far from overflow when steps are added.
 const NEVER: i64 = 1 << 60;
+
+/// Rays that are worked together at most.
+const RAYS: usize = 64;
+/// Rays that one instruction works.
+const LANES: usize = 4;
 
 /// A ray's origin is at least this many cells away from the window's faces. The vehicle is in the middle of the
 /// window, so that only a nonsensical origin is not; one cell absorbs what rounding does to the last crossing.
@@ -53,13 +59,121 @@ pub(crate) struct Frame {
 
 /// Where rays start: a place well inside the window, in grid coordinates.
 #[derive(Clone, Copy)]
-pub(crate) struct Origin(Vector3<f64>);
+pub(crate) struct Origin {
+    point: Vector3<f64>,
+    single: [f32; 3],
+}
 
 impl Origin {
     /// `point` (grid) as the origin of rays; nothing if it is not well inside the window.
     pub fn at(point: Vector3<f64>) -> Option<Self> {
         let well_inside = |axis: usize| (BORDER..f64::from(SIZE[axis]) - BORDER).contains(&point[axis]);
-        (0..3).all(well_inside).then_some(Self(point))
+        let single = [0, 1, 2].map(|axis| point[axis] as f32);
+        (0..3).all(well_inside).then_some(Self { point, single })
+    }
+}
+
+/// Rays that start at one place, in grid coordinates: their ends, and how much of each is looked through. They are worked together,
+/// axis by axis, so that one instruction works four of them. In single precision a coordinate of the window is good to 1e-5 cells.
+pub(crate) struct Rays {
+    len: usize,
+    end: [[f32; RAYS]; 3],
+    share: [f32; RAYS],
+    is_hit: [bool; RAYS],
+}
+
+impl Rays {
+    pub fn new() -> Self {
+        Self {
+            len: 0,
+            end: [[0.0; RAYS]; 3],
+            share: [0.0; RAYS],
+            is_hit: [false; RAYS],
+        }
+    }
+
+    pub fn is_full(&self) -> bool {
+        self.len == RAYS
+    }
+
+    /// The ray that ends at `end`: there is an obstacle if `is_hit`, and nothing along the first `share` (0..1, zero says nothing) of
+    /// the way; a `share` below one says that the ray goes on behind it.
+    #[inline]
+    pub fn push(&mut self, end: [f32; 3], share: f32, is_hit: bool) {
+        let i = self.len & (RAYS - 1);
+        for (ends, end) in self.end.iter_mut().zip(end) {
+            ends[i] = end;
+        }
+        self.share[i] = share;
+        self.is_hit[i] = is_hit;
+        self.len = i + 1;
+    }
+
+    /// Tells `far` what the rays say beyond the fine window, whose smallest corner lies at `offset` (fine cells from that of `far`).
+    pub fn tell(&self, origin: Option<&Origin>, far: &mut Far, offset: [f32; 3]) {
+        for i in 0..self.len.min(RAYS) {
+            let along = |axis: usize| self.end[axis][i] + offset[axis];
+            let end = [along(0), along(1), along(2)];
+            if self.is_hit[i] & !self.ends_inside(i) {
+                far.hit(end);
+            }
+            let share = self.share[i];
+            if far.is_next()
+                && share > 0.0
+                && share < 1.0
+                && let Some(origin) = origin
+            {
+                let from = |axis: usize| {
+                    let from = origin.single[axis] + offset[axis];
+                    from + (end[axis] - from) * share
+                };
+                far.look([from(0), from(1), from(2)], end);
+            }
+        }
+    }
+
+    /// Leaves of the first `count` rays what lies inside the window and is looked through.
+    fn cut(&mut self, origin: &Origin, count: usize) {
+        let share = &mut self.share[..count];
+        for ((ends, from), size) in self.end.iter_mut().zip(origin.single).zip(SIZE) {
+            let size = size as f32;
+            for (end, share) in ends[..count].iter_mut().zip(share.iter_mut()) {
+                *end -= from;
+                let per_cell = 1.0 / *end;
+                // The origin lies inside: the ray leaves by the face that comes later, a ray along the faces never.
+                let (low, high) = (-from * per_cell, (size - from) * per_cell);
+                let leaves = if low > high { low } else { high };
+                *share = if leaves < *share { leaves } else { *share };
+            }
+        }
+        for (ends, from) in self.end.iter_mut().zip(origin.single) {
+            for (end, share) in ends[..count].iter_mut().zip(share.iter()) {
+                *end = from + *end * share;
+            }
+        }
+    }
+
+    /// The cells of the first `count` ends within the window, moved inside if they are not.
+    #[inline]
+    fn cells(&self, count: usize) -> [i32; RAYS] {
+        let mut numbers = [0i32; RAYS];
+        for ((ends, size), stride) in self.end.iter().zip(SIZE).zip(STRIDE) {
+            let (last, shift) = (size as f32 - 0.5, stride.trailing_zeros());
+            for (end, number) in ends[..count].iter().zip(&mut numbers) {
+                // Not a number becomes zero.
+                let end = if *end > 0.0 { *end } else { 0.0 };
+                let end = if end < last { end } else { last };
+                *number |= (end as i32) << shift;
+            }
+        }
+        numbers
+    }
+
+    /// Whether ray number `i` ends inside the window.
+    #[inline]
+    fn ends_inside(&self, i: usize) -> bool {
+        let inside = |axis: usize| (self.end[axis][i] >= 0.0) & (self.end[axis][i] < SIZE[axis] as f32);
+        inside(0) & inside(1) & inside(2)
     }
 }
 
@@ -125,66 +239,48 @@ impl Frame {
         }
     }
 
-    /// There is an obstacle at `point` (grid), if `is_hit`; nothing if that is outside the window.
-    #[inline]
-    pub fn mark_hit(&mut self, point: &Vector3<f64>, is_hit: bool) {
-        // The bit is written in any case: whether a ray hit anything is not for a branch to guess.
-        set(
-            &mut self.hit,
-            number(cell_inside(point)),
-            is_hit & is_inside(point),
-        );
-    }
-
-    /// Nothing is between `origin` and `end` (grid, finite), along the first `share` (0..1) of the way; a `share` below
-    /// one says that the ray goes on behind it. The part outside the window is left out.
-    #[inline]
-    pub fn carve(&mut self, origin: &Origin, end: &Vector3<f64>, share: f64) {
-        let ray = end - origin.0;
-        let mut share = share;
-        let mut end = origin.0 + ray * share;
-        if !is_inside(&end) {
-            share *= share_inside(origin, &(ray * share));
-            end = origin.0 + ray * share;
+    /// Enters `rays`, which are none afterwards: hits inside the window, and, if it is known where the rays start, what they look
+    /// through of it.
+    pub fn enter(&mut self, origin: Option<&Origin>, rays: &mut Rays) {
+        let count = std::mem::take(&mut rays.len).min(RAYS);
+        // Others that were worked before are worked again, unused: the loops have no remainder.
+        let padded = count.next_multiple_of(LANES).min(RAYS);
+        let numbers = rays.cells(padded);
+        for (i, number) in numbers.into_iter().enumerate().take(count) {
+            // The bit is written in any case: whether a ray hit anything is not for a branch to guess.
+            set(
+                &mut self.hit,
+                number as usize,
+                rays.is_hit[i] & rays.ends_inside(i),
+            );
         }
-        let cell = cell_inside(&end);
-        let end_number = number(cell);
-        set(&mut self.free, end_number, share < 1.0);
-        if !set(&mut self.ended, end_number, true) {
-            Path::back(origin, &end, cell).carve(&mut self.free, end_number);
-        }
-    }
-}
-
-/// Whether `point` (grid) lies inside the window.
-#[inline]
-fn is_inside(point: &Vector3<f64>) -> bool {
-    let inside = |axis: usize| (point[axis] >= 0.0) & (point[axis] < f64::from(SIZE[axis]));
-    inside(0) & inside(1) & inside(2)
-}
-
-/// How much (0..1) of `ray`, which leads from `origin` out of the window, lies inside; grid coordinates.
-fn share_inside(origin: &Origin, ray: &Vector3<f64>) -> f64 {
-    (0..3).fold(1.0, |share, axis| {
-        let face = if ray[axis] < 0.0 {
-            0.0
-        } else {
-            f64::from(SIZE[axis])
+        let Some(origin) = origin else {
+            return;
         };
-        let to_face = face - origin.0[axis];
-        if to_face.abs() < ray[axis].abs() {
-            share.min(to_face / ray[axis])
-        } else {
-            share
+        rays.cut(origin, padded);
+        let numbers = rays.cells(padded);
+        let (mut new, mut new_count) = ([0u8; RAYS], 0);
+        for (i, number) in numbers.into_iter().enumerate().take(count) {
+            let (number, share) = (number as usize, rays.share[i]);
+            // An end that is not a number says nothing.
+            let looks = (share > 0.0) & !rays.end.iter().fold(0.0, |sum, end| sum + end[i]).is_nan();
+            set(&mut self.free, number, looks & (share < 1.0));
+            let is_new = looks & !set(&mut self.ended, number, looks);
+            new[new_count & (RAYS - 1)] = i as u8;
+            new_count += usize::from(is_new);
         }
-    })
-}
-
-/// The cell of `point` (grid) within the window, moved inside if it is not.
-#[inline]
-fn cell_inside(point: &Vector3<f64>) -> [i32; 3] {
-    let cell = |axis: usize| (point[axis] as i32).clamp(0, SIZE[axis] - 1);
-    [cell(0), cell(1), cell(2)]
+        for i in &new[..new_count] {
+            let i = usize::from(*i);
+            let end = Vector3::from([0, 1, 2].map(|axis| f64::from(rays.end[axis][i])));
+            let number = numbers[i];
+            let cell = [
+                number & (SIZE[0] - 1),
+                (number / STRIDE[1] as i32) & (SIZE[1] - 1),
+                number / STRIDE[2] as i32,
+            ];
+            Path::back(&origin.point, &end, cell).carve(&mut self.free, number as usize);
+        }
+    }
 }
 
 /// Sets the bit of cell number `number` if `value`; whether it was set before.
@@ -210,7 +306,7 @@ struct Path {
 impl Path {
     /// From `end` in `cell` to `origin`, all in grid coordinates.
     #[inline]
-    fn back(origin: &Origin, end: &Vector3<f64>, cell: [i32; 3]) -> Self {
+    fn back(origin: &Vector3<f64>, end: &Vector3<f64>, cell: [i32; 3]) -> Self {
         let mut path = Self {
             steps: 0,
             next: [NEVER; 3],
@@ -218,9 +314,9 @@ impl Path {
             stride: [0; 3],
         };
         for axis in 0..3 {
-            let crossings = origin.0[axis] as i32 - cell[axis];
+            let crossings = origin[axis] as i32 - cell[axis];
             let face = f64::from(cell[axis] + i32::from(crossings > 0));
-            let parameter_per_cell = PARAMETER_ONE / (origin.0[axis] - end[axis]).abs();
+            let parameter_per_cell = PARAMETER_ONE / (origin[axis] - end[axis]).abs();
             let first = (face - end[axis]).abs() * parameter_per_cell;
             path.steps += crossings.unsigned_abs();
             path.stride[axis] = STRIDE[axis] * i64::from(crossings.signum());
@@ -263,10 +359,13 @@ impl Path {
 
 #[cfg(test)]
 mod tests {
-    use super::{Frame, Origin, cell_inside, set};
+    use super::{Frame, Origin, Rays, set};
     use crate::cells::{SIZE, number};
     use nalgebra::Vector3;
     use proptest::prelude::*;
+
+    /// What single precision does to a place in the window (cells): 0.02 mm.
+    const ROUNDING_CELLS: f64 = 1e-4;
 
     /// How long the segment from `a` to `b` is inside `cell` enlarged by `margin` on every side, all in cells.
     fn length_inside(a: &Vector3<f64>, b: &Vector3<f64>, cell: [i32; 3], margin: f64) -> f64 {
@@ -279,6 +378,16 @@ mod tests {
             leave = leave.min(first.max(second));
         }
         (leave - enter).max(0.0) * (b - a).norm()
+    }
+
+    fn cell_inside(point: &Vector3<f64>) -> [i32; 3] {
+        [0, 1, 2].map(|axis| (point[axis] as i32).clamp(0, SIZE[axis] - 1))
+    }
+
+    fn carve(frame: &mut Frame, origin: &Origin, end: &Vector3<f64>, share: f64) {
+        let mut rays = Rays::new();
+        rays.push([end.x as f32, end.y as f32, end.z as f32], share as f32, false);
+        frame.enter(Some(origin), &mut rays);
     }
 
     fn is_free(frame: &Frame, cell: [i32; 3]) -> bool {
@@ -299,7 +408,7 @@ mod tests {
         fn a_ray_frees_exactly_the_cells_it_crosses(from in near_middle(), to in anywhere(), share in 0.1..1.0f64) {
             let mut frame = Frame::new();
             let origin = Origin::at(from).unwrap();
-            frame.carve(&origin, &to, share);
+            carve(&mut frame, &origin, &to, share);
             let end = from + (to - from) * share;
             let low = from.inf(&end).map(|c| c.floor() as i32 - 1);
             let high = from.sup(&end).map(|c| c.floor() as i32 + 1);
@@ -310,9 +419,9 @@ mod tests {
                         let cell = [x, y, z];
                         if is_free(&frame, cell) {
                             crossed += 1;
-                            prop_assert!(length_inside(&from, &end, cell, 1e-6) > 0.0, "{cell:?} is beside the ray");
+                            prop_assert!(length_inside(&from, &end, cell, ROUNDING_CELLS) > 0.0, "{cell:?} is beside the ray");
                         } else {
-                            prop_assert!(length_inside(&from, &end, cell, -1e-6) == 0.0, "{cell:?} left out");
+                            prop_assert!(length_inside(&from, &end, cell, -ROUNDING_CELLS) == 0.0, "{cell:?} left out");
                         }
                     }
                 }
@@ -327,11 +436,11 @@ mod tests {
             prop_assume!(cell_inside(&from) != end);
             let origin = Origin::at(from).unwrap();
             let mut frame = Frame::new();
-            frame.carve(&origin, &to, 1.0);
+            carve(&mut frame, &origin, &to, 1.0);
             prop_assert!(!is_free(&frame, end));
             let far = from + (to - from) * 2.0;
             frame.begin([0; 3]);
-            frame.carve(&origin, &far, 0.5);
+            carve(&mut frame, &origin, &far, 0.5);
             prop_assert!(is_free(&frame, cell_inside(&(from + (far - from) * 0.5))));
         }
 
@@ -344,9 +453,9 @@ mod tests {
             let (mut together, mut alone) = (Frame::new(), Frame::new());
             let mut union = vec![0u64; alone.free.len()];
             for end in &ends {
-                together.carve(&origin, end, 0.9);
+                carve(&mut together, &origin, end, 0.9);
                 alone.begin([0; 3]);
-                alone.carve(&origin, end, 0.9);
+                carve(&mut alone, &origin, end, 0.9);
                 union.iter_mut().zip(alone.free.iter()).for_each(|(all, one)| *all |= one);
             }
             prop_assert!(together.free.iter().zip(&union).all(|(some, all)| some & !all == 0));
@@ -360,7 +469,7 @@ mod tests {
             let mut to = from;
             to[axis] += 10.0 * sign;
             let mut frame = Frame::new();
-            frame.carve(&Origin::at(from).unwrap(), &to, 1.0);
+            carve(&mut frame, &Origin::at(from).unwrap(), &to, 1.0);
             let freed: u32 = frame.free.iter().map(|word| word.count_ones()).sum();
             assert!((9..=10).contains(&freed), "{freed} along axis {axis}");
         }
@@ -377,14 +486,33 @@ mod tests {
     #[test]
     fn a_hit_outside_the_window_marks_nothing() {
         let mut frame = Frame::new();
-        for wild in [-0.1, 64.1, f64::NAN, 1e30, f64::INFINITY, f64::NEG_INFINITY] {
-            frame.mark_hit(&Vector3::new(5.0, 5.0, wild), true);
+        let mut rays = Rays::new();
+        for wild in [-0.1, 64.1, f32::NAN, 1e30, f32::INFINITY, f32::NEG_INFINITY] {
+            rays.push([5.0, 5.0, wild], 0.0, true);
         }
+        frame.enter(None, &mut rays);
         assert!(frame.hit.iter().all(|word| *word == 0));
-        frame.mark_hit(&Vector3::new(5.9, 6.0, 7.5), true);
+        rays.push([5.9, 6.0, 7.5], 0.0, true);
+        frame.enter(None, &mut rays);
         assert!(
             set(&mut frame.hit, number([5, 6, 7]), false),
             "the cell is the whole part"
         );
+    }
+
+    #[test]
+    fn wild_ends_free_nothing_but_what_lies_in_the_window() {
+        let origin = Origin::at(Vector3::new(64.5, 64.5, 32.5)).unwrap();
+        for wild in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30] {
+            let mut frame = Frame::new();
+            let mut rays = Rays::new();
+            rays.push([70.0, wild, 32.5], 1.0, true);
+            frame.enter(Some(&origin), &mut rays);
+            let freed: u32 = frame.free.iter().map(|word| word.count_ones()).sum();
+            assert!(
+                freed <= 70 && (wild.abs() < 1e31) == (freed > 0),
+                "{wild}: {freed}"
+            );
+        }
     }
 }

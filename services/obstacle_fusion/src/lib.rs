@@ -15,6 +15,8 @@
 //! (`window`): one hit makes a cell occupied, one miss never makes an occupied cell free. The shape follows ROG-Map
 //! (Ren et al., arXiv 2302.14819): modular addressing, sliding by clearing, evidence per frame.
 //!
+//! Around it lies a coarse one ([`FarMap`]) of what stands farther away and of what the window has left behind: `far`.
+//!
 //! Beside the map, each sensor is watched for faults that its frames show ([`SensorFinding`]): `health`.
 //!
 //! Moving obstacles: a cell that something has left is free again when rays have passed through it often enough, twelve
@@ -28,6 +30,7 @@
 mod body;
 mod cells;
 mod cloud;
+mod far;
 mod frame;
 mod health;
 mod lone;
@@ -46,8 +49,10 @@ mod window;
 pub use health::SensorFinding;
 pub use service::FusionService;
 
-use frame::Frame;
+use far::Far;
+use frame::{Frame, Rays};
 use health::Health;
+use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::map::{CELL_M, LocalMap, cell_of, declared_as};
@@ -140,6 +145,7 @@ pub struct Fusion {
     sweep: SweepPoses,
     frame: Frame,
     window: Window,
+    far: Far,
     sensors: Sensors,
     health: Health,
     /// Motors armed, as the newest state says.
@@ -167,6 +173,7 @@ impl Fusion {
             sweep: SweepPoses::new(),
             frame: Frame::new(),
             window: Window::new(),
+            far: Far::new(),
             sensors: Sensors::new(config.sensor_count),
             health: Health::new(
                 &config.declared.map(|declared| declared.rate_hz)[..config.sensor_count.min(SENSORS)],
@@ -205,6 +212,8 @@ impl Fusion {
         if let Some(resets) = known_resets.filter(|resets| *resets != state.estimator_resets) {
             match self.jump_m(state, header.capture, resets) {
                 Some(jump_m) => {
+                    self.far.remember(&self.window);
+                    self.far.shift(&jump_m);
                     self.window.shift(&Move::by(&jump_m));
                     self.lone.forget();
                     self.start.shift(&jump_m);
@@ -216,7 +225,12 @@ impl Fusion {
         self.home_down_m = state.home_down_m;
         self.armed = state.armed.is_set();
         if self.history.push(state, header.capture) {
-            self.window.follow(cell_of(state.position));
+            let cell = cell_of(state.position);
+            if self.window.is_left_by(cell) {
+                self.far.remember(&self.window);
+                self.window.follow(cell);
+            }
+            self.far.follow(cell);
             if self.start.update(state, header.capture) && self.config.start_bubble_m > 0.0 {
                 body::declare_ball(
                     &mut self.window,
@@ -245,6 +259,7 @@ impl Fusion {
 
     fn drop_map(&mut self) {
         self.window.forget();
+        self.far.forget();
         self.lone.forget();
         self.history.clear();
         self.sensors.forget_contributions();
@@ -269,7 +284,8 @@ impl Fusion {
         let reach_m = limits.reach_m;
         let repeats_hits = self.config.declared.get(sensor).is_some_and(|of| of.repeats_hits);
         let again = repeats_hits.then_some(sensor);
-        if self.trace(limits, header.capture, [0.0; 2], again, |tracer| {
+        let rays = cloud.points().len();
+        if self.trace(limits, header.capture, [0.0; 2], again, rays, |tracer| {
             tracer.cloud(cloud);
         }) {
             self.view
@@ -302,7 +318,8 @@ impl Fusion {
         let declared = self.config.declared.get(sensor).filter(|_| !single_beam);
         let band_m = declared.map_or([0.0; 2], |declared| declared.band_m);
         let reach_m = limits.reach_m;
-        if self.trace(limits, header.capture, band_m, None, |tracer| {
+        let rays = scan.ranges().len();
+        if self.trace(limits, header.capture, band_m, None, rays, |tracer| {
             tracer.scan(scan, &body_q_sensor);
         }) {
             self.view
@@ -331,7 +348,7 @@ impl Fusion {
         Limits::of(origin, min_m, max_m, &self.config)
     }
 
-    /// Collects the rays that `enter` enters, spreads them over the band declared, adds the body at the time of capture and counts
+    /// Collects the rays that `enter` enters, `rays` at most, spreads them over the band declared, adds the body at the time of capture and counts
     /// the frame as evidence; whether any ray said something. Hits that sensor `again` does not hit again are withdrawn.
     fn trace(
         &mut self,
@@ -339,24 +356,31 @@ impl Fusion {
         capture: Timestamp,
         band_m: [f64; 2],
         again: Option<usize>,
+        rays: usize,
         enter: impl FnOnce(&mut Tracer),
     ) -> bool {
         self.frame.begin(self.window.min_cell());
+        self.far.begin(rays);
         let (origin_m, near_m) = (limits.origin_body_m, limits.range_min_m);
         let mut tracer = Tracer {
             limits,
             frame: &mut self.frame,
+            far_offset: self.far.offset(self.window.min_cell()),
+            far: &mut self.far,
             counters: &mut self.counters,
             informed: false,
             number: self.frames,
             sweep: &mut self.sweep,
             history: &self.history,
-            offset_10us: None,
+            moment: None,
             place: None,
+            rays: Rays::new(),
         };
         enter(&mut tracer);
+        tracer.flush();
         self.frames = self.frames.wrapping_add(1);
         let informed = tracer.informed;
+        self.far.apply();
         if band_m != [0.0; 2] {
             // A cell counts if all of it lies in the band.
             let [up, down] = band_m.map(|m| (m / CELL_M) as usize);
@@ -398,6 +422,13 @@ impl Fusion {
         out.declarations = self.declarations();
         self.view.write(&mut out.view);
         out.reserved2 = Reserved::ZERO;
+    }
+
+    /// Writes the far map, every field of it.
+    pub fn write_far(&mut self, out: &mut FarMap) {
+        self.far.remember(&self.window);
+        self.far.write(out);
+        out.epoch = self.epoch;
     }
 
     /// The layers of cells in which nothing hangs from above, if that is declared.

@@ -83,10 +83,9 @@ fn row_number(z: i32, y: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use crate::frame::Frame;
+    use crate::frame::{Frame, Rays};
     use crate::window::Window;
     use jink_shared_types::map::{Cell, LocalMap};
-    use nalgebra::Vector3;
 
     /// A window around the origin in which `free` and `occupied` were measured.
     fn window(free: impl IntoIterator<Item = Cell>, occupied: impl IntoIterator<Item = Cell>) -> Window {
@@ -96,10 +95,11 @@ mod tests {
         for cell in free {
             frame.mark_free(cell);
         }
-        let half = Vector3::repeat(0.5);
+        let mut hits = Rays::new();
         for cell in occupied {
-            let grid = (Vector3::from(cell) - Vector3::from(window.min_cell())).cast::<f64>() + half;
-            frame.mark_hit(&grid, true);
+            let along = |axis: usize| (cell[axis] - window.min_cell()[axis]) as f32 + 0.5;
+            hits.push([along(0), along(1), along(2)], 0.0, true);
+            frame.enter(None, &mut hits);
         }
         for _ in 0..4 {
             window.apply(&frame);

@@ -9,15 +9,20 @@
 //! | nothing there | looked through up to the point, at most to the carve range |
 //! | nothing there, beyond the sensor's range or below its shortest | nothing (counted as malformed) |
 
-use crate::frame::{Frame, Origin};
+use crate::far::Far;
+use crate::frame::{Frame, Origin, Rays};
 use crate::poses::{Pose, PoseHistory, SweepPoses};
 use crate::{Counters, FusionConfig};
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::map::CELL_M;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 /// A range may exceed the sensor's longest by this factor: noise on a hit, rounding of a "nothing there" point.
-const RANGE_SLACK: f64 = 1.01;
+const RANGE_SLACK: f32 = 1.01;
+
+/// log2 of the units of 10 us that count as one moment: 80 us, off by 40 us at most. At 10 rad/s that moves a point 12 m away by 5 mm,
+/// and at 20 m/s every point by 0.8 mm.
+const MOMENT_SHIFT: u32 = 3;
 
 /// What is known of a sensor during one frame, checked once.
 pub(crate) struct Limits {
@@ -27,8 +32,11 @@ pub(crate) struct Limits {
     pub reach_m: f64,
     /// The sensor's shortest range (m).
     pub range_min_m: f64,
-    range_max_m: f64,
-    vehicle_radius_m: f64,
+    /// The same two in single precision, and the longest range with what it may be exceeded by.
+    origin: [f32; 3],
+    range_min: f32,
+    range_max: f32,
+    vehicle_radius_m: f32,
 }
 
 impl Limits {
@@ -40,34 +48,51 @@ impl Limits {
             origin_body_m,
             reach_m: config.carve_range_m.min(range_max_m),
             range_min_m,
-            range_max_m,
-            vehicle_radius_m: config.vehicle_radius_m,
+            origin: [0, 1, 2].map(|axis| origin_body_m[axis] as f32),
+            range_min: min_m,
+            range_max: max_m * RANGE_SLACK,
+            vehicle_radius_m: config.vehicle_radius_m as f32,
         })
+    }
+
+    /// Distance (m) of `body_m` from the sensor.
+    #[inline]
+    pub fn range_m(&self, body_m: [f32; 3]) -> f32 {
+        let ([x, y, z], [from_x, from_y, from_z]) = (body_m, self.origin);
+        norm_squared([x - from_x, y - from_y, z - from_z]).sqrt()
     }
 
     /// Whether `range_m` is more than the sensor can measure.
     #[inline]
-    pub fn is_beyond(&self, range_m: f64) -> bool {
-        range_m.is_nan() || range_m > self.range_max_m * RANGE_SLACK
+    pub fn is_beyond(&self, range_m: f32) -> bool {
+        range_m.is_nan() | (range_m > self.range_max)
     }
 
     /// Whether `range_m` is less than the sensor can measure.
     #[inline]
-    pub fn is_below(&self, range_m: f64) -> bool {
-        range_m < self.range_min_m
+    pub fn is_below(&self, range_m: f32) -> bool {
+        range_m < self.range_min
     }
 
     /// Whether a hit at `body_m` is a part of the vehicle.
     #[inline]
-    pub fn is_self(&self, body_m: &Vector3<f64>) -> bool {
-        body_m.norm_squared() < self.vehicle_radius_m * self.vehicle_radius_m
+    pub fn is_self(&self, body_m: [f32; 3]) -> bool {
+        norm_squared(body_m) < self.vehicle_radius_m * self.vehicle_radius_m
     }
+}
+
+#[inline]
+fn norm_squared([x, y, z]: [f32; 3]) -> f32 {
+    x * x + y * y + z * z
 }
 
 /// The bench on which one frame is worked.
 pub(crate) struct Tracer<'a> {
     pub limits: Limits,
     pub frame: &'a mut Frame,
+    pub far: &'a mut Far,
+    /// The fine window's smallest corner, in fine cells from the far map's.
+    pub far_offset: [f32; 3],
     pub counters: &'a mut Counters,
     /// Whether any ray has said something about the surroundings.
     pub informed: bool,
@@ -75,35 +100,41 @@ pub(crate) struct Tracer<'a> {
     pub history: &'a PoseHistory,
     /// Number of this frame.
     pub number: u64,
-    /// Rays of one firing share their moment, depth images have only one: the last asked for, and its answer.
-    pub offset_10us: Option<u16>,
+    /// Rays of one firing share their moment, depth images have only one: the last asked for, its answer, and its rays that are not
+    /// entered yet.
+    pub moment: Option<u16>,
     pub place: Option<Place>,
+    pub rays: Rays,
 }
 
 /// Where the sensor was when a ray was measured.
 pub(crate) struct Place {
-    /// Takes body coordinates (m) to grid coordinates (cells).
-    grid_r_body: Matrix3<f64>,
-    body: Vector3<f64>,
+    /// Takes body coordinates (m) to grid coordinates (cells): columns, and the body's origin.
+    grid_r_body: [[f32; 3]; 3],
+    body: [f32; 3],
     /// The sensor, as origin of rays; nothing if it is out of the window's middle.
     pub origin: Option<Origin>,
 }
 
 impl Place {
     fn new(pose: &Pose, limits: &Limits, frame: &Frame) -> Self {
-        let mut place = Self {
-            grid_r_body: pose.rotation / CELL_M,
-            body: frame.grid(&pose.position_m),
-            origin: None,
-        };
-        place.origin = Origin::at(place.grid(&limits.origin_body_m));
-        place
+        let rotation = pose.rotation * (1.0 / CELL_M);
+        let body = frame.grid(&pose.position_m);
+        Self {
+            grid_r_body: [0, 1, 2].map(|column| [0, 1, 2].map(|row| rotation[(row, column)] as f32)),
+            body: [0, 1, 2].map(|axis| body[axis] as f32),
+            origin: Origin::at(rotation * limits.origin_body_m + body),
+        }
     }
 
     /// Grid coordinates of the point with body coordinates `body_m`.
     #[inline]
-    pub fn grid(&self, body_m: &Vector3<f64>) -> Vector3<f64> {
-        self.grid_r_body * body_m + self.body
+    fn grid(&self, [forward_m, right_m, down_m]: [f32; 3]) -> [f32; 3] {
+        let [forward, right, down] = &self.grid_r_body;
+        let along = |axis: usize| {
+            (forward[axis] * forward_m + right[axis] * right_m) + (down[axis] * down_m + self.body[axis])
+        };
+        [along(0), along(1), along(2)]
     }
 }
 
@@ -122,9 +153,12 @@ impl Tracer<'_> {
     /// pose is not known.
     #[inline]
     pub fn turn_to(&mut self, offset_10us: u16) -> bool {
-        if self.offset_10us != Some(offset_10us) {
-            self.offset_10us = Some(offset_10us);
-            let pose = self.sweep.at(offset_10us, self.history);
+        let moment = offset_10us >> MOMENT_SHIFT;
+        if self.moment != Some(moment) {
+            self.flush();
+            self.moment = Some(moment);
+            let middle = moment << MOMENT_SHIFT | 1 << (MOMENT_SHIFT - 1);
+            let pose = self.sweep.at(middle, self.history);
             self.place = pose.map(|pose| Place::new(&pose, &self.limits, self.frame));
         }
         self.counters.rays_without_pose += u64::from(self.place.is_none());
@@ -134,17 +168,23 @@ impl Tracer<'_> {
     /// The ray, measured at the moment turned to, that ends at `body_m`, `range_m` away from the sensor: there is an
     /// obstacle if `is_hit`, and nothing before it along the first `clear_m`.
     #[inline]
-    pub fn enter(&mut self, body_m: &Vector3<f64>, range_m: f64, is_hit: bool, clear_m: f64) {
+    pub fn enter(&mut self, body_m: [f32; 3], range_m: f32, is_hit: bool, clear_m: f32) {
         let Some(place) = &self.place else {
             return;
         };
-        let end = place.grid(body_m);
-        self.frame.mark_hit(&end, is_hit);
-        if let Some(origin) = &place.origin
-            && clear_m > 0.0
-        {
-            let share = clear_m.min(self.limits.reach_m) / range_m;
-            self.frame.carve(origin, &end, share.min(1.0));
+        let clear_m = clear_m.min(self.limits.reach_m as f32);
+        let share = if clear_m < range_m { clear_m / range_m } else { 1.0 };
+        let share = if clear_m > 0.0 { share } else { 0.0 };
+        self.rays.push(place.grid(body_m), share, is_hit);
+        if self.rays.is_full() {
+            self.flush();
         }
+    }
+
+    /// Enters the rays that are collected into the frame.
+    pub fn flush(&mut self) {
+        let origin = self.place.as_ref().and_then(|place| place.origin.as_ref());
+        self.rays.tell(origin, self.far, self.far_offset);
+        self.frame.enter(origin, &mut self.rays);
     }
 }

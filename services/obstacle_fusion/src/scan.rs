@@ -50,7 +50,7 @@ impl Tracer<'_> {
         let beams = scan.ranges().len();
         let first_beam = self.first_ray(beams);
         for beam in (first_beam..beams).chain(0..first_beam) {
-            let range_m = f64::from(scan.range_m[beam]);
+            let range_m = scan.range_m[beam];
             if range_m.is_nan() {
                 continue;
             }
@@ -63,7 +63,7 @@ impl Tracer<'_> {
             let (sin, cos) = angle_rad.sin_cos();
             let sensor_r_beam = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
             let body_r_beam = body_r_sensor * sensor_r_beam;
-            if range_m == f64::INFINITY {
+            if range_m == f32::INFINITY {
                 self.beam_clear(offset_10us, &body_r_beam);
             } else {
                 self.beam_hit(offset_10us, &body_r_beam, range_m, half_rad);
@@ -78,37 +78,43 @@ impl Tracer<'_> {
         }
     }
 
-    fn beam_hit(&mut self, offset_10us: u16, body_r_beam: &BeamFrame, range_m: f64, half_rad: f64) {
-        let center_body_m = self.limits.origin_body_m + body_r_beam.column(0) * range_m;
-        if self.limits.is_self(&center_body_m) {
+    fn beam_hit(&mut self, offset_10us: u16, body_r_beam: &BeamFrame, range_m: f32, half_rad: f64) {
+        let center_body_m = self.limits.origin_body_m + body_r_beam.column(0) * f64::from(range_m);
+        let center_body_m = single(&center_body_m);
+        if self.limits.is_self(center_body_m) {
             self.counters.self_hits += 1;
             return;
         }
         if !self.turn_to(offset_10us) {
             return;
         }
-        self.enter(&center_body_m, range_m, true, 0.0);
+        self.enter(center_body_m, range_m, true, 0.0);
         if self.limits.is_beyond(range_m) {
             self.counters.rays_malformed += 1;
             return;
         }
         self.informed = true;
-        for_each_on_cap(range_m, half_rad, |on_cap| {
-            let body_m = self.limits.origin_body_m + body_r_beam * on_cap;
-            if !self.limits.is_self(&body_m) {
-                self.enter(&body_m, range_m, true, 0.0);
+        for_each_on_cap(f64::from(range_m), half_rad, |on_cap| {
+            let body_m = single(&(self.limits.origin_body_m + body_r_beam * on_cap));
+            if !self.limits.is_self(body_m) {
+                self.enter(body_m, range_m, true, 0.0);
             }
         });
         if !self.limits.is_below(range_m) {
-            self.clear_beam(body_r_beam, range_m * half_rad.cos());
+            self.clear_beam(body_r_beam, f64::from(range_m) * half_rad.cos());
         }
     }
 
     /// Nothing is along the first `clear_m` of the centre ray.
     fn clear_beam(&mut self, body_r_beam: &BeamFrame, clear_m: f64) {
         let end_body_m = self.limits.origin_body_m + body_r_beam.column(0) * clear_m;
-        self.enter(&end_body_m, clear_m, false, clear_m);
+        let clear_m = clear_m as f32;
+        self.enter(single(&end_body_m), clear_m, false, clear_m);
     }
+}
+
+fn single(point: &Vector3<f64>) -> [f32; 3] {
+    [point.x as f32, point.y as f32, point.z as f32]
 }
 
 /// Calls `mark` for points of the cap of radius `range_m` and half angle `half_rad` about the first axis, on rings

@@ -2,6 +2,7 @@
 
 use crate::{DeclaredOfSensor, Fusion, FusionConfig};
 use jink_runtime::{Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake};
+use jink_shared_types::far_map::FarMap;
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::ranges::SENSORS;
 use jink_shared_types::vehicle::VehicleState;
@@ -17,12 +18,17 @@ const IDLE_PERIOD_S: f64 = 0.2;
 /// older than it is, and the service as if it were not told.
 const STATE_PERIOD_S: f64 = 0.05;
 
+/// The far map goes out this often (s): 2.5 m of flight at 5 m/s.
+const FAR_PERIOD_S: f64 = 0.5;
+
 /// The service: see [`crate`].
 pub struct FusionService {
     fusion: Fusion,
     ranges: RangeInputs,
     state: Input<VehicleState>,
     output: Output<LocalMap>,
+    far: Output<FarMap>,
+    far_sent: Timestamp,
     epoch: u32,
     /// Names of the sensors, by number.
     names: Vec<String>,
@@ -67,6 +73,8 @@ impl Service for FusionService {
             ranges,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             output: ports.output(topics::LOCAL_MAP)?,
+            far: ports.output(topics::FAR_MAP)?,
+            far_sent: Timestamp::NEVER,
             epoch: config.first_epoch,
             names: ports
                 .config()
@@ -131,6 +139,13 @@ impl Service for FusionService {
             self.output.write(self.header.derived(Stage::Fusion, now), |map| {
                 fusion.write(now, map);
             });
+            if !self.far_sent.is_set() || now.seconds_since(self.far_sent) >= FAR_PERIOD_S {
+                self.far_sent = now;
+                let fusion = &mut self.fusion;
+                self.far.write(self.header.derived(Stage::Fusion, now), |map| {
+                    fusion.write_far(map)
+                });
+            }
         }
         Wake::at(
             self.sent

@@ -102,6 +102,14 @@ impl Window {
         }
     }
 
+    /// Whether the window slides to follow `vehicle`.
+    pub fn is_left_by(&self, vehicle: Cell) -> bool {
+        let targets = centred_on(vehicle).into_iter().zip(self.min_cell);
+        targets
+            .into_iter()
+            .any(|(target, min)| (target - min).abs() > HYSTERESIS)
+    }
+
     /// Slides so that `vehicle` is in the middle of every axis on which it has strayed by more than [`HYSTERESIS`].
     pub fn follow(&mut self, vehicle: Cell) {
         for (axis, target) in centred_on(vehicle).into_iter().enumerate() {

@@ -89,6 +89,7 @@ fn main() {
             let header = SampleHeader::at(now);
             let mut route = Route::default();
             let inputs = Inputs {
+                far: Reading::Never,
                 map: Reading::Fresh(Stamped {
                     sample: &map,
                     header: &header,

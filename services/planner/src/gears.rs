@@ -12,7 +12,11 @@ use jink_shared_types::motion::MotionLimits;
 use jink_shared_types::params::{self, ParamSet};
 
 /// Number of gears.
-pub const GEARS: usize = 3;
+pub const GEARS: usize = 4;
+/// The lowest gear. It is for where no other has a way, and takes twice the time of the one before it.
+pub const LAST_GEAR: usize = GEARS - 1;
+/// The lowest gear that ways are planned in before that. Where a vehicle rests without room for it, it first goes to where it has.
+pub const SLOW_GEAR: usize = GEARS - 2;
 
 /// Wobble on a straight (m): 0.02 to 0.03 m measured, doubled for wind and for other airframes.
 const TUBE_BASE_M: f64 = 0.06;
@@ -23,15 +27,21 @@ pub const OVERSHOOT_PER_DECELERATION: f64 = 0.47;
 
 /// Share of the highest speed, acceleration (m/s2) and jerk (m/s3) of each gear. The highest acceleration stays below
 /// half of PX4's MPC_ACC_HOR, the jerk below its MPC_JERK_AUTO: beyond, PX4 flies another path than the one certified. What a gear
-/// asks for decides how much room it takes: with these the lowest one fits through a gap of 1.3 m. With a tube of
-/// 0.51 m in the highest gear two gaps of 2 m out of twelve were not passed, with this one of 0.49 m all 36 that were tried.
-const TABLE: [(f64, f64, f64); GEARS] = [(1.0, 1.04, 2.5), (0.5, 0.6, 2.0), (0.25, 0.32, 1.5)];
+/// asks for decides how much room it takes: with these the third one fits through a gap of 1.3 m, and the lowest one takes 0.16 m
+/// less. With a tube of 0.51 m in the highest gear two gaps of 2 m out of twelve were not passed, with this one of 0.49 m all 36
+/// that were tried.
+const TABLE: [(f64, f64, f64); GEARS] = [
+    (1.0, 1.04, 2.5),
+    (0.5, 0.6, 2.0),
+    (0.25, 0.32, 1.5),
+    (0.13, 0.12, 1.0),
+];
 
-/// Speed (m/s), acceleration (m/s2) and jerk (m/s3) on the way out of a place that is too narrow for every gear: by the law above the
-/// vehicle strays by 0.10 m at that acceleration, half of what it does in the lowest gear.
+/// Speed (m/s), acceleration (m/s2) and jerk (m/s3) on the way out of a place that is too narrow for a gear: by the law above the
+/// vehicle strays by 0.10 m at that acceleration, half of what it does in [`SLOW_GEAR`].
 const CREEP: (f64, f64, f64) = (0.4, 0.1, 1.0);
 
-/// The limits on the way out of a place that is too narrow for every gear.
+/// The limits on the way out of a place that is too narrow for a gear.
 pub fn creep(params: &ParamSet) -> MotionLimits {
     let (speed_mps, acceleration_mps2, jerk_mps3) = CREEP;
     limits(params, speed_mps, acceleration_mps2, jerk_mps3)

@@ -21,6 +21,7 @@
 //! also be one that another program proposes ([`proposed_way`]).
 
 pub mod corridor;
+mod far;
 mod fitness;
 pub mod gears;
 pub mod guide;
@@ -40,7 +41,7 @@ pub use service::PlannerService;
 
 use crate::corridor::CorridorBuilder;
 use crate::fitness::Fitness;
-use crate::gears::{GEARS, creep, gears};
+use crate::gears::{GEARS, LAST_GEAR, SLOW_GEAR, creep, gears};
 use crate::guide::Guide;
 use crate::looking::Before;
 use crate::looks::Looks;
@@ -50,6 +51,7 @@ use crate::search::{Found, PathEnd, Query, Search};
 use crate::space::{Room, Space};
 use crate::stopping::is_stop;
 use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, cell_of, center_of};
 use jink_shared_types::motion::{
@@ -69,7 +71,8 @@ pub const SPLICE_LEAD_S: f64 = 0.10;
 const GUIDE_MAX_M: f64 = 11.0;
 /// Highest gear while a range sensor is silent: half the speed.
 const DEGRADED_GEAR: usize = 1;
-/// A plan that gains less than this is not worth committing (m).
+
+// A plan that gains less than this is not worth committing (m).
 const PROGRESS_MIN_M: f64 = 0.25;
 /// A way of a lower gear is begun in a higher one if that carries at least this far (m); shorter is not worth speeding up.
 const HIGHER_GEAR_MIN_M: f64 = 1.5;
@@ -105,6 +108,8 @@ const HEIGHT_OFF_M: f64 = 0.7;
 pub struct Inputs<'a> {
     /// The newest map.
     pub map: Reading<'a, LocalMap>,
+    /// What stands farther away, and what was seen before.
+    pub far: Reading<'a, FarMap>,
     /// The vehicle.
     pub state: Reading<'a, VehicleState>,
     /// What the autopilot wants.
@@ -187,7 +192,7 @@ impl Planner {
         let limits = gears(params);
         let room = Room::from_params(params);
         Self {
-            fitness: Fitness::new(params, room.body_m + limits[GEARS - 1].tube_m),
+            fitness: Fitness::new(params, room.body_m + limits[LAST_GEAR].tube_m),
             limits,
             creep: creep(params),
             goal_radius_m: params.get(&params::OA_GOAL_RAD),
@@ -336,6 +341,7 @@ impl Planner {
             let asked_for = &desired.points[1].position;
             let heights_m = self.down_range_m(&state);
             self.proposals.admit(now, must_leave, asked_for, heights_m);
+            self.look_far(inputs, &departure, &goal);
             let planned = self.plan(&departure, &desired, &goal, committed, route);
             if !planned && departure.is_at_rest() {
                 self.retry = now.plus_seconds(RETRY_S);
@@ -371,6 +377,20 @@ impl Planner {
         self.space.load(map.sample);
         self.view = map.view;
         true
+    }
+
+    /// Takes over what the far map says of the way to `goal`, if there is one that belongs to the map.
+    fn look_far(&mut self, inputs: &Inputs<'_>, departure: &Departure, goal: &Point<LocalNed>) {
+        let epoch = inputs.map.fresh().map(|map| map.sample.epoch);
+        match inputs.far.fresh().filter(|far| Some(far.sample.epoch) == epoch) {
+            Some(far) => {
+                let here = &departure.state.position;
+                self.search
+                    .far_mut()
+                    .make(far.sample, far.header.publish.ns, goal, here);
+            }
+            None => self.search.far_mut().forget(),
+        }
     }
 
     /// What one sensor alone has seen is old sooner where it does not look, so there is less time to stop in.
@@ -447,7 +467,7 @@ impl Planner {
         let gear = if now < end {
             self.gear_of(committed.limits.tube_m)
         } else {
-            GEARS - 1
+            LAST_GEAR
         };
         self.space.prepare(gear);
         let mut time = now;
@@ -470,7 +490,7 @@ impl Planner {
         self.limits
             .iter()
             .position(|limits| limits.tube_m <= tube_m + 1e-9)
-            .unwrap_or(GEARS - 1)
+            .unwrap_or(LAST_GEAR)
     }
 
     /// Finds the best way over the gears and writes a plan along it into `route`; `false` if there is none.
@@ -490,8 +510,8 @@ impl Planner {
         let creeps = departure.is_at_rest()
             || self.space.is_narrow() && speed_mps <= MotionLimits::allowed(self.creep.speed_mps);
         let has_plan = departure.base_id != 0;
-        self.space
-            .depart_from(cell_of(departure.state.position), creeps, has_plan);
+        let here = cell_of(departure.state.position);
+        self.space.depart_from(here, SLOW_GEAR, creeps, has_plan);
         if self.space.is_narrow() {
             if desired.is_to_rest()
                 && (goal.vector() - start).norm() < NEAR_REST_M
@@ -502,14 +522,27 @@ impl Planner {
             }
             self.proposals.evade();
             self.proposals.leave();
-            return self.plan_way_out(departure, desired, route);
+            if self.plan_way_out(departure, desired, route) {
+                return true;
+            }
+            let Some((flown, found)) = self.last_resort(departure, goal) else {
+                if self.look(LAST_GEAR, departure, desired, goal, committed, route) {
+                    return true;
+                }
+                self.space.depart_from(here, LAST_GEAR, creeps, has_plan);
+                return self.plan_way_out(departure, desired, route);
+            };
+            self.search.swap_path(&mut self.best_path);
+            let target_is_goal = self.build_guide(flown, departure, goal, &found);
+            return self.write_plan(flown, departure, desired, target_is_goal, route);
         }
-        let straight_m = (goal.vector() - start).norm();
+        let straight_m = (goal.vector() - start).norm()
+            + f64::from(self.search.detour_m(cell_of(departure.state.position)));
         let mut best: Option<(f64, usize, Found)> = None;
         let mut seen: Option<Found> = None;
         let mut next = Some(self.top_gear);
         while let Some(gear) = next {
-            next = (gear + 1 < GEARS).then_some(gear + 1);
+            next = (gear < SLOW_GEAR).then_some(gear + 1);
             self.space.prepare(gear);
             let Some(found) = self.find(gear, departure, goal) else {
                 continue;
@@ -533,13 +566,25 @@ impl Planner {
             if best.is_some() && direct {
                 break;
             }
-            // Where the lowest gear finds no way, none between does.
+            // Where the lowest gear of these finds no way, none between does.
             if is_short && gear == self.top_gear {
-                next = (gear + 1 < GEARS).then_some(GEARS - 1);
+                next = next.map(|_| SLOW_GEAR);
             }
         }
+        let crawls = committed.is_some_and(|committed| self.gear_of(committed.limits.tube_m) == LAST_GEAR);
+        let last = if best.is_none() && (departure.is_at_rest() || crawls) {
+            self.last_resort(departure, goal)
+        } else {
+            None
+        };
+        if let Some((_, found)) = last
+            && found.end != PathEnd::Nearest
+        {
+            seen = Some(found);
+        }
         self.left_m = seen.map(|found| f64::from(found.cost_m));
-        let falls_short = seen.is_none_or(|found| found.end == PathEnd::Nearest) || best.is_none();
+        let is_planned = best.is_some() || last.is_some();
+        let falls_short = seen.is_none_or(|found| found.end == PathEnd::Nearest) || !is_planned;
         self.obstruction = falls_short.then(|| Obstruction::of(seen.as_ref()));
         if self.plan_proposed(departure, desired, goal, route) {
             return true;
@@ -548,8 +593,11 @@ impl Planner {
             // It is somewhere else now, and looks anew from there.
             self.progress.forget();
         }
-        let Some((_, flown, found)) = best else {
-            return self.look(departure, desired, goal, committed, route);
+        if best.is_none() && self.look(SLOW_GEAR, departure, desired, goal, committed, route) {
+            return true;
+        }
+        let Some((flown, found)) = best.map(|(_, flown, found)| (flown, found)).or(last) else {
+            return self.look(LAST_GEAR, departure, desired, goal, committed, route);
         };
         self.search.swap_path(&mut self.best_path);
         let target_is_goal = self.build_guide(flown, departure, goal, &found);
@@ -582,13 +630,26 @@ impl Planner {
         }
     }
 
-    /// Out of a place that is too narrow for every gear, to the nearest that is not; from there it is planned as ever.
+    /// A way in the lowest gear, for where no other has one and no look shows one: in which gear it is begun, and the way.
+    fn last_resort(&mut self, departure: &Departure, goal: &Point<LocalNed>) -> Option<(usize, Found)> {
+        self.space.prepare(LAST_GEAR);
+        let found = self.find(LAST_GEAR, departure, goal)?;
+        if found.end == PathEnd::Nearest && is_near_enough(departure, goal, &found) {
+            return None;
+        }
+        let flown = self.flown_gear(LAST_GEAR, departure, goal, &found)?;
+        self.search.swap_path(&mut self.best_path);
+        Some((flown, found))
+    }
+
+    /// Out of a place that is too narrow for a gear, to the nearest that is not; from there it is planned as ever. `false` if there is
+    /// no such way, or the place is not too narrow.
     fn plan_way_out(&mut self, departure: &Departure, desired: &DesiredPath, route: &mut Route) -> bool {
-        let gear = GEARS - 1;
-        if !self
-            .search
-            .way_out(&self.space, cell_of(departure.state.position))
-        {
+        let Some(gear) = self.space.narrow_gear() else {
+            return false;
+        };
+        let here = cell_of(departure.state.position);
+        if !self.search.way_out(&self.space, gear, here) {
             return false;
         }
         let Some(end) = self.search.path().last().copied() else {
@@ -714,7 +775,7 @@ impl Planner {
         route.base_id = departure.base_id;
         route.splice = departure.splice;
         route.start = departure.state;
-        route.limits = if gear == GEARS - 1 && self.space.is_narrow() {
+        route.limits = if self.space.narrow_gear() == Some(gear) {
             self.creep
         } else {
             self.limits[gear]

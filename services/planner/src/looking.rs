@@ -82,10 +82,11 @@ impl Planner {
         }
     }
 
-    /// Looks for what is missing on the way to `goal`, from where it can be seen; `false` if nothing can be done about it. While a look
-    /// is under way, and shortly after it, nothing else is done.
+    /// Looks for what is missing on the way to `goal` in `gear`, from where it can be seen; `false` if nothing can be done about it. While
+    /// a look is under way, and shortly after it, nothing else is done.
     pub(super) fn look(
         &mut self,
+        gear: usize,
         departure: &Departure,
         desired: &DesiredPath,
         goal: &Point<LocalNed>,
@@ -106,12 +107,11 @@ impl Planner {
         if !departure.is_at_rest() || departure.state.yaw_rate_radps.abs() > RESTING_RADPS {
             return false;
         }
-        let gear = GEARS - 1;
         self.space.prepare(gear);
         if self.find(gear, departure, goal).is_none() {
             return false;
         }
-        if !self.looks.want(&self.space, self.search.path()) {
+        if !self.looks.want(&self.space, gear, self.search.path()) {
             return false;
         }
         let start = cell_of(departure.state.position);
@@ -122,7 +122,7 @@ impl Planner {
             (i32::MIN, i32::MAX)
         };
         self.search
-            .reach(&self.space, start, REACH_M, z_range, &mut self.looks.places);
+            .reach(&self.space, gear, start, REACH_M, z_range, &mut self.looks.places);
         let Some(look) = self.looks.best(&self.space, &self.view, start, yaw_rad, time) else {
             return false;
         };

@@ -7,7 +7,6 @@
 //!
 //! Every place is tried once in a while (20 s): what does not come into view from there will not do so by looking again.
 
-use crate::gears::GEARS;
 use crate::space::{Space, around};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
@@ -118,10 +117,9 @@ impl Looks {
         })
     }
 
-    /// Collects what is missing on the way along `path`: the unknown cells that keep its first unsafe part from being safe in the lowest
-    /// gear. `false` if nothing is.
-    pub fn want(&mut self, space: &Space, path: &[Cell]) -> bool {
-        let gear = GEARS - 1;
+    /// Collects what is missing on the way along `path`: the unknown cells that keep its first unsafe part from being safe in `gear`.
+    /// `false` if nothing is.
+    pub fn want(&mut self, space: &Space, gear: usize, path: &[Cell]) -> bool {
         self.wanted.clear();
         let is_safe = |step: &&[Cell]| touched(step[0], step[1]).all(|cell| space.is_safe(gear, cell));
         let unsafe_part = path.windows(2).skip_while(is_safe).take(WAY_CELLS);
@@ -209,6 +207,7 @@ fn touched(a: Cell, b: Cell) -> impl Iterator<Item = Cell> {
 #[cfg(test)]
 mod tests {
     use super::{Looks, Place};
+    use crate::gears::SLOW_GEAR;
     use crate::space::tests::{known_map, space_of};
     use jink_shared_types::Timestamp;
     use jink_shared_types::map::{Cell, LocalMap, clear, set};
@@ -264,7 +263,7 @@ mod tests {
         let space = space_of(&map);
         let mut looks = looks_at(&[[0, 0, 0]]);
         let path: Vec<Cell> = (0..30).map(|y| [0, y, 0]).collect();
-        assert!(looks.want(&space, &path));
+        assert!(looks.want(&space, SLOW_GEAR, &path));
         let look = looks.best(
             &space,
             &view(43, -29, 29),
@@ -295,7 +294,7 @@ mod tests {
         let space = space_of(&map);
         let mut looks = looks_at(&[[0, 0, 0], [0, 6, 0], [-6, 0, 0], [0, 0, 5], [0, 0, -5]]);
         let path: Vec<Cell> = (0..30).map(|x| [x, 0, 0]).collect();
-        assert!(looks.want(&space, &path));
+        assert!(looks.want(&space, SLOW_GEAR, &path));
         let look = looks.best(
             &space,
             &view(180, -5, 50),
@@ -318,7 +317,7 @@ mod tests {
         let space = space_of(&map);
         let mut looks = looks_at(&[[0, 0, 0], [0, 0, 5], [-6, 0, 0]]);
         let path: Vec<Cell> = (13..30).map(|x| [x, 0, 0]).collect();
-        assert!(looks.want(&space, &path));
+        assert!(looks.want(&space, SLOW_GEAR, &path));
         let look = looks.best(
             &space,
             &view(180, -45, 45),

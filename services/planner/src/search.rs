@@ -1,9 +1,10 @@
 //! A* over the inflated map: the guide to the goal, through unknown space where it must be, at a price.
 //!
 //! 26-connected on the map's own cells; a diagonal step needs every cell it touches. The search ends at the goal, at the
-//! window's border (where the straight way to the goal is the best guess of what is left), or, if neither can be
+//! window's border (where the straight way to the goal, and the detour that the far map knows of, are the best guess of what is left), or, if neither can be
 //! reached, at the cell it found nearest to the goal.
 
+use crate::far::Far;
 use crate::gears::GEARS;
 use crate::layer::Layer;
 use crate::looks::Place;
@@ -34,6 +35,9 @@ const OPEN_GOAL_CELLS: i32 = 20;
 /// Where a way ends that does not reach its goal stays the same as long as no other place is nearer to the goal by more than
 /// this (cells): the map's noise would move it from side to side of a trunk, and the vehicle after it.
 const SAME_END_CELLS: f32 = 3.0;
+
+/// The far map is asked about a goal in the window if no way was found and the detour that it knows is longer than this (m).
+const DEAD_END_M: f32 = 2.0;
 
 /// A way out of a narrow place is no longer than this (m): beyond, it would be a way through it.
 const WAY_OUT_MAX_M: f32 = 4.0;
@@ -90,6 +94,8 @@ pub struct Search {
     /// For each gear the last goal that was not reached, and where the way ended instead.
     ends: [Option<(Cell, Cell)>; GEARS],
     expansions: usize,
+    /// What is known of the way beyond the window.
+    far: Far,
 }
 
 impl Default for Search {
@@ -105,6 +111,7 @@ impl Default for Search {
             preferred: Layer::default(),
             ends: [None; GEARS],
             expansions: 0,
+            far: Far::default(),
         }
     }
 }
@@ -199,44 +206,73 @@ impl Search {
         }
     }
 
+    /// What is known of the way beyond the window.
+    pub fn far_mut(&mut self) -> &mut Far {
+        &mut self.far
+    }
+
+    /// How much longer than the straight line the way from `cell` is by the far map (m).
+    pub fn detour_m(&self, cell: Cell) -> f32 {
+        self.far.detour_m(cell)
+    }
+
     /// Searches; `None` if the start itself is too near to an obstacle or outside the window.
     pub fn run(&mut self, space: &Space, query: &Query) -> Option<Found> {
         if !space.contains(query.start) || space.is_hit(query.gear, query.start) {
             return None;
         }
+        let is_beyond = !space.contains(query.goal);
+        let found = self.run_guided(space, query, is_beyond);
+        // Within the window the fine map knows best, unless all that it knows is a dead end.
+        let is_dead_end = !is_beyond && found.end == PathEnd::Nearest && !found.goal_is_occupied;
+        if is_dead_end && self.far.detour_m(query.start) > DEAD_END_M {
+            return Some(self.run_guided(space, query, true));
+        }
+        Some(found)
+    }
+
+    /// Searches from a start at which a vehicle can be; where `by_far`, the far map says what the way beyond the window takes.
+    fn run_guided(&mut self, space: &Space, query: &Query, by_far: bool) -> Found {
         let before = self.ends[query.gear]
             .filter(|(goal, _)| *goal == query.goal)
             .map(|(_, end)| end);
         let goal = open_goal(space, query, before);
         let is_occupied = goal != query.goal;
-        self.begin(query.start, goal);
-        let mut nearest = (heuristic_m(query.start, goal), query.start);
+        self.begin(query.start);
+        let mut nearest = (f32::INFINITY, query.start);
         while let Some((cell, index)) = self.close_next(space) {
-            let left_m = heuristic_m(cell, goal);
+            let left_m = self.left_m(cell, goal, by_far);
             if left_m < nearest.0 {
                 nearest = (left_m, cell);
             }
             if cell == goal && is_occupied {
-                return Some(self.finish_short(space, query, cell, true));
+                return self.finish_short(space, query, cell, true);
             }
             if cell == goal {
                 self.ends[query.gear] = None;
-                return Some(self.finish(space, cell, PathEnd::Goal, 0.0, 0.0));
+                return self.finish(space, cell, PathEnd::Goal, 0.0, 0.0);
             }
             if on_shell(space, cell) && cell != query.start {
-                return Some(self.finish(space, cell, PathEnd::Window, left_m, BEYOND_FACTOR));
+                return self.finish(space, cell, PathEnd::Window, left_m, BEYOND_FACTOR);
             }
             self.expansions += 1;
             if self.expansions >= EXPANSIONS_MAX {
                 break;
             }
-            self.expand(space, query, &goal, cell, index);
+            self.expand(space, query, &goal, by_far, cell, index);
         }
         let end = before
             .filter(|cell| space.contains(*cell) && self.visit[index_of(*cell)] == self.round + 1)
-            .filter(|cell| heuristic_m(*cell, goal) <= nearest.0 + SAME_END_CELLS * CELL_M as f32)
+            .filter(|cell| self.left_m(*cell, goal, by_far) <= nearest.0 + SAME_END_CELLS * CELL_M as f32)
             .unwrap_or(nearest.1);
-        Some(self.finish_short(space, query, end, is_occupied))
+        self.finish_short(space, query, end, is_occupied)
+    }
+
+    /// What is left from `cell` to `goal` (m): the straight line, and, where `by_far`, what the far map knows to stand in its way.
+    #[inline]
+    fn left_m(&self, cell: Cell, goal: Cell, by_far: bool) -> f32 {
+        let detour_m = if by_far { self.far.detour_m(cell) } else { 0.0 };
+        heuristic_m(cell, goal) + detour_m
     }
 
     /// A way that ends short of its goal, and will end there again.
@@ -249,11 +285,11 @@ impl Search {
         }
     }
 
-    /// The shortest way from `start`, where the slowest gear has no room, to a cell where it has; `false` if there is none near.
-    pub fn way_out(&mut self, space: &Space, start: Cell) -> bool {
+    /// The shortest way from `start`, where `gear` has no room, to a cell where it has; `false` if there is none near.
+    pub fn way_out(&mut self, space: &Space, gear: usize, start: Cell) -> bool {
         let anywhere = (i32::MIN, i32::MAX);
-        let out = self.spread(space, start, WAY_OUT_MAX_M, anywhere, |cell, _| {
-            cell != start && space.has_room(cell)
+        let out = self.spread(space, gear, start, WAY_OUT_MAX_M, anywhere, |cell, _| {
+            cell != start && space.has_room(gear, cell)
         });
         if let Some(cell) = out {
             self.finish(space, cell, PathEnd::Nearest, 0.0, 0.0);
@@ -261,18 +297,19 @@ impl Search {
         out.is_some()
     }
 
-    /// Puts into `places` what can be reached from `start` in the slowest gear by ways of `reach_m` at most, nearest first: every third
+    /// Puts into `places` what can be reached from `start` in `gear` by ways of `reach_m` at most, nearest first: every third
     /// cell of each row and every second row, and `start` itself.
     pub fn reach(
         &mut self,
         space: &Space,
+        gear: usize,
         start: Cell,
         reach_m: f32,
         z_range: (i32, i32),
         places: &mut Vec<Place>,
     ) {
         places.clear();
-        self.spread(space, start, reach_m, z_range, |cell, way_m| {
+        self.spread(space, gear, start, reach_m, z_range, |cell, way_m| {
             let [x, y, z] =
                 std::array::from_fn(|axis| (cell[axis] - start[axis]).rem_euclid(PLACE_STEP[axis]));
             if x + y + z == 0 && places.len() < places.capacity() {
@@ -288,21 +325,21 @@ impl Search {
         self.finish(space, cell, PathEnd::Nearest, 0.0, 0.0);
     }
 
-    /// Goes through the cells that can be reached from `start` in the slowest gear, nearest first, until `is_end` or until the way
+    /// Goes through the cells that can be reached from `start` in `gear`, nearest first, until `is_end` or until the way
     /// is longer than `most_m`; returns where it ended.
     fn spread(
         &mut self,
         space: &Space,
+        gear: usize,
         start: Cell,
         most_m: f32,
         z_range: (i32, i32),
         mut is_end: impl FnMut(Cell, f32) -> bool,
     ) -> Option<Cell> {
-        let gear = GEARS - 1;
         if !space.is_safe(gear, start) {
             return None;
         }
-        self.begin(start, start);
+        self.begin(start);
         while let Some((cell, index)) = self.close_next(space) {
             let way_m = self.cost_m[index];
             if is_end(cell, way_m) {
@@ -327,15 +364,15 @@ impl Search {
                     self.visit[next_index] = self.round;
                     self.cost_m[next_index] = cost_m;
                     self.came_by[next_index] = number as u8;
-                    self.push(cost_m, next, next);
+                    self.push(cost_m, next);
                 }
             }
         }
         None
     }
 
-    /// Opens `start` alone, on the way to `goal`.
-    fn begin(&mut self, start: Cell, goal: Cell) {
+    /// Opens `start` alone.
+    fn begin(&mut self, start: Cell) {
         // Two marks per round: open and closed. On overflow the memory is wiped once in 2^31 rounds.
         self.round = match self.round.checked_add(2) {
             Some(round) if round < u32::MAX - 1 => round,
@@ -351,7 +388,7 @@ impl Search {
         self.cost_m[first] = 0.0;
         self.came_by[first] = u8::MAX;
         self.visit[first] = self.round;
-        self.push(0.0, start, goal);
+        self.push(0.0, start);
     }
 
     /// Closes the most promising open cell, and returns it with its index.
@@ -366,14 +403,14 @@ impl Search {
         }
     }
 
-    fn push(&mut self, cost_m: f32, cell: Cell, goal: Cell) {
-        let estimate = cost_m + HEURISTIC_WEIGHT * heuristic_m(cell, goal);
+    /// Opens `cell`; a way through it has `estimate_m` at least, by what is known.
+    fn push(&mut self, estimate_m: f32, cell: Cell) {
         // Positive floats order like their bits; the index breaks ties the same way every time.
-        let key = u64::from(estimate.to_bits()) << 32 | index_of(cell) as u64;
+        let key = u64::from(estimate_m.to_bits()) << 32 | index_of(cell) as u64;
         self.open.push(Reverse(key));
     }
 
-    fn expand(&mut self, space: &Space, query: &Query, goal: &Cell, cell: Cell, index: usize) {
+    fn expand(&mut self, space: &Space, query: &Query, goal: &Cell, by_far: bool, cell: Cell, index: usize) {
         let free = neighbours_outside(space.hit(query.gear), cell);
         let safe = neighbours_outside(space.blocked(query.gear), cell);
         let here_m = self.cost_m[index];
@@ -395,7 +432,8 @@ impl Search {
                 self.visit[next_index] = self.round;
                 self.cost_m[next_index] = cost_m;
                 self.came_by[next_index] = number as u8;
-                self.push(cost_m, next, *goal);
+                let left_m = self.left_m(next, *goal, by_far);
+                self.push(cost_m + HEURISTIC_WEIGHT * left_m, next);
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::{Inputs, Planner};
 use jink_runtime::{Checks, Cycle, Input, Output, Ports, Service, StartError, Wake};
+use jink_shared_types::far_map::FarMap;
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, Route};
 use jink_shared_types::params::ParamSet;
@@ -18,6 +19,7 @@ pub struct PlannerService {
     planner: Planner,
     route: Route,
     map: Input<LocalMap>,
+    far: Input<FarMap>,
     state: Input<VehicleState>,
     desired: Input<DesiredPath>,
     approved: Input<ApprovedTrajectory>,
@@ -41,6 +43,7 @@ impl Service for PlannerService {
                 .with_sensors(ports.config().sensors.len() as u16),
             route: Route::default(),
             map: ports.trigger(topics::LOCAL_MAP)?.needed(),
+            far: ports.input(topics::FAR_MAP)?,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             desired: ports.input(topics::DESIRED_PATH)?,
             approved: ports.input(topics::APPROVED)?,
@@ -63,6 +66,7 @@ impl Service for PlannerService {
         let header = map.fresh().map_or_else(SampleHeader::default, |map| *map.header);
         let inputs = Inputs {
             map,
+            far: self.far.latest(now),
             state: self.state.latest(now),
             desired: self.desired.latest(now),
             approved: self.approved.newest().map(|approved| approved.sample),

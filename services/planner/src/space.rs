@@ -6,9 +6,9 @@
 //! | `hit` | ball around occupied; with collision prevention what is nearer than CP_DIST at the vehicle's height | search (unknown may be explored), re-check of what is already committed |
 //! | `near` | a wider ball around the hits of the highest gear | cost only: prefer room |
 //!
-//! A vehicle that rests where not even the slowest gear has room (a gust, a hard braking, something that came, a take-off below a part
-//! of the sky that no sensor looks at) plans with the room that it has, by the shortest way to where there is room: on it it comes no
-//! nearer to what is occupied or unknown nearby, and it creeps, so that it strays less. All other unknown is kept away from as ever,
+//! A vehicle that rests where not even [`crate::gears::SLOW_GEAR`] has room (a gust, a hard braking, something that came, a take-off
+//! below a part of the sky that no sensor looks at) plans with the room that it has, by the shortest way to where there is room: on it it comes
+//! no nearer to what is occupied or unknown nearby, and it creeps, so that it strays less. All other unknown is kept away from as ever,
 //! and so is by its radius what is occupied, unless the vehicle is nearer to it than that already: a false hit, or a touch.
 //!
 //! A vehicle that is nearer to something than CP_DIST already plans without it, or it could never leave; the guard sees to it that it
@@ -60,9 +60,11 @@ impl Room {
     }
 }
 
-/// A place that is too narrow for the slowest gear.
+/// A place that is too narrow for a gear.
 #[derive(Debug)]
 struct Narrow {
+    /// The gear.
+    gear: usize,
     /// The room that there is around the occupied.
     ball: Ball,
     /// Where the vehicle is.
@@ -79,7 +81,7 @@ pub struct Space {
     kept: [Option<Ball>; GEARS],
     /// The vehicle is nearer to something than it should keep: it plans as if it need not.
     is_leaving: bool,
-    /// What the slowest gear takes in place of its own ball, while the vehicle is in a place too narrow for that.
+    /// What a gear takes in place of its own ball, while the vehicle is in a place too narrow for that.
     narrow: Option<Narrow>,
     comfort: Ball,
     not_free: Layer,
@@ -138,48 +140,52 @@ impl Space {
         }
     }
 
-    /// Notes from where it is planned next: whether there is room for the slowest gear, if the vehicle `creeps` or rests there, and
+    /// Notes from where it is planned next: whether there is room for `gear`, if the vehicle `creeps` or rests there, and
     /// whether the distance to keep is kept. Nearer to something than its radius, only a vehicle that `has_plan` is led away: one that
     /// takes off is near to the ground, and the autopilot's.
-    pub fn depart_from(&mut self, cell: Cell, creeps: bool, has_plan: bool) {
+    pub fn depart_from(&mut self, cell: Cell, gear: usize, creeps: bool, has_plan: bool) {
         self.set_narrow(None);
         self.keep_distance_from(cell);
         if !creeps || !self.contains(cell) {
             return;
         }
-        let slowest = GEARS - 1;
-        self.prepare(slowest);
-        if !self.is_safe(slowest, cell) {
-            let room_m = self.room_m(cell, self.radii_m[slowest]);
+        self.prepare(gear);
+        if !self.is_safe(gear, cell) {
+            let room_m = self.room_m(cell, self.radii_m[gear]);
             if room_m < self.room.vehicle_m && !has_plan {
                 return;
             }
             self.set_narrow(Some(Narrow {
+                gear,
                 ball: Ball::new(room_m.max(self.room.vehicle_m) - ROUNDING_M),
                 from: cell,
             }));
-            self.prepare(slowest);
+            self.prepare(gear);
         }
     }
 
-    /// Whether the slowest gear takes less room than it should, to get out of a place too narrow for it.
+    /// Whether a gear takes less room than it should, to get out of a place too narrow for it.
     pub fn is_narrow(&self) -> bool {
         self.narrow.is_some()
+    }
+
+    /// The gear that takes less room than it should.
+    pub fn narrow_gear(&self) -> Option<usize> {
+        self.narrow.as_ref().map(|narrow| narrow.gear)
     }
 
     /// Whether it is something occupied that takes the room.
     pub fn is_pressed(&self) -> bool {
         self.narrow.as_ref().is_some_and(|narrow| {
-            let radius_m = self.radii_m[GEARS - 1];
+            let radius_m = self.radii_m[narrow.gear];
             self.room_m(narrow.from, radius_m) < radius_m
         })
     }
 
-    /// Whether the slowest gear has the room in `cell` that it should have.
-    pub fn has_room(&self, cell: Cell) -> bool {
-        let slowest = GEARS - 1;
-        let radius_m = self.radii_m[slowest];
-        self.is_safe(slowest, cell) && around(cell, radius_m).all(|(there, _)| !self.is_not_free(there))
+    /// Whether `gear` has the room in `cell` that it should have.
+    pub fn has_room(&self, gear: usize, cell: Cell) -> bool {
+        let radius_m = self.radii_m[gear];
+        self.is_safe(gear, cell) && around(cell, radius_m).all(|(there, _)| !self.is_not_free(there))
     }
 
     /// Whether `cell` is occupied or unknown; outside the window all is unknown.
@@ -188,10 +194,12 @@ impl Space {
     }
 
     fn set_narrow(&mut self, narrow: Option<Narrow>) {
-        if narrow.is_some() || self.narrow.is_some() {
-            self.narrow = narrow;
-            self.ready[GEARS - 1] = false;
+        for gear in [self.narrow_gear(), narrow.as_ref().map(|narrow| narrow.gear)] {
+            if let Some(gear) = gear {
+                self.ready[gear] = false;
+            }
         }
+        self.narrow = narrow;
     }
 
     /// Distance from `cell` to the nearest that is occupied, at most `most_m`; as balls count it.
@@ -260,7 +268,7 @@ impl Space {
             return;
         }
         self.ready[gear] = true;
-        if gear == GEARS - 1 && self.narrow.is_some() {
+        if self.narrow_gear() == Some(gear) {
             self.prepare_narrow(gear);
             return;
         }
@@ -500,7 +508,7 @@ impl CellWalk {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::gears::gears;
+    use crate::gears::{SLOW_GEAR, gears};
     use jink_shared_types::map::{center_of, set};
     use proptest::prelude::*;
 
@@ -556,16 +564,16 @@ pub(crate) mod tests {
         let at = |distance_m: f64| cell_of(Point::new(4.7 - distance_m, 0.1, 0.1));
         assert!(!space.is_safe(2, at(2.0)) && space.is_hit(2, at(2.0)));
         assert!(space.is_safe(2, at(2.8)));
-        space.depart_from(at(3.0), false, true);
+        space.depart_from(at(3.0), SLOW_GEAR, false, true);
         space.prepare(2);
         assert!(!space.is_safe(2, at(2.0)));
-        space.depart_from(at(1.5), false, true);
+        space.depart_from(at(1.5), SLOW_GEAR, false, true);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.5)) && !space.is_safe(2, at(0.5)));
         // Without it nothing of that.
         params.set("CP_DIST", -1.0).unwrap();
         space.keep(&gears(&params), Room::from_params(&params));
-        space.depart_from(at(3.0), false, true);
+        space.depart_from(at(3.0), SLOW_GEAR, false, true);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.2)));
     }
@@ -576,11 +584,11 @@ pub(crate) mod tests {
         let mut map = known_map(|p| p.y < -0.4 || (0.8..1.0).contains(&p.y));
         let here = cell_of(Point::new(0.1, 0.1, 0.1));
         let mut space = space_of(&map);
-        assert!(!space.is_safe(2, here));
-        space.depart_from(here, false, true);
+        assert!(!space.is_safe(SLOW_GEAR, here));
+        space.depart_from(here, SLOW_GEAR, false, true);
         assert!(!space.is_narrow(), "in motion it is left alone");
-        space.depart_from(here, true, true);
-        assert!(space.is_narrow() && space.is_safe(2, here) && !space.has_room(here));
+        space.depart_from(here, SLOW_GEAR, true, true);
+        assert!(space.is_narrow() && space.is_safe(SLOW_GEAR, here) && !space.has_room(SLOW_GEAR, here));
         let aside = |east_m: f64| cell_of(Point::new(0.1, east_m, 0.1));
         assert!(!space.is_safe(2, aside(-0.1)), "no nearer to what is near");
         for row in 0..map.known.len() {
@@ -590,8 +598,8 @@ pub(crate) mod tests {
             }
         }
         space.load(&map);
-        space.depart_from(here, true, true);
-        assert!(space.is_safe(2, here) && !space.has_room(here));
+        space.depart_from(here, SLOW_GEAR, true, true);
+        assert!(space.is_safe(SLOW_GEAR, here) && !space.has_room(SLOW_GEAR, here));
         let along = |north_m: f64| cell_of(Point::new(north_m, 0.1, 0.1));
         assert!(!space.is_safe(2, along(0.3)), "no nearer to the unknown either");
         assert!(space.is_safe(2, along(-0.1)), "away from it");
@@ -604,12 +612,12 @@ pub(crate) mod tests {
         // Something small beside it, and a wall before it.
         let map = known_map(|p| cell_of(Point::from_vector(p)) == there || p.x > 1.0);
         let mut space = space_of(&map);
-        space.depart_from(here, true, true);
-        assert!(space.is_narrow() && space.is_safe(2, here) && !space.has_room(here));
+        space.depart_from(here, SLOW_GEAR, true, true);
+        assert!(space.is_narrow() && space.is_safe(SLOW_GEAR, here) && !space.has_room(SLOW_GEAR, here));
         assert!(!space.is_safe(2, at(0.1, 0.3)) && !space.is_safe(2, there));
         assert!(space.is_safe(2, at(0.1, -0.1)) && space.is_safe(2, at(-0.1, 0.1)));
         assert!(space.is_safe(2, at(0.5, 0.1)) && !space.is_safe(2, at(0.9, 0.1)));
-        space.depart_from(here, true, false);
+        space.depart_from(here, SLOW_GEAR, true, false);
         assert!(!space.is_narrow(), "on its take-off");
     }
 

@@ -51,6 +51,7 @@ impl Bench {
             Reading::Fresh(Stamped { sample, header })
         }
         let inputs = Inputs {
+            far: Reading::Never,
             map: fresh(&*self.map, &header),
             state: fresh(&self.state, &header),
             desired: fresh(&self.desired, &header),

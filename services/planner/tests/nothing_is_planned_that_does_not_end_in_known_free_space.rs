@@ -35,6 +35,7 @@ fn answer(
         })
     }
     let inputs = Inputs {
+        far: Reading::Never,
         map: fresh(map, &header),
         state: fresh(state, &header),
         desired: fresh(Some(desired), &header),
@@ -285,6 +286,7 @@ fn with_a_silent_sensor_it_goes_on_slower_and_tells_once() {
         let header = SampleHeader::at(now().plus_seconds(publish_s));
         let (state, desired) = (hovering(), to(4.0, 1.0));
         let inputs = Inputs {
+            far: Reading::Never,
             map: Reading::Fresh(Stamped {
                 sample: map,
                 header: &header,
