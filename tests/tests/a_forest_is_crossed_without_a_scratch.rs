@@ -48,6 +48,18 @@ fn the_same_seed_gives_the_same_flight_to_the_bit() {
     assert_ne!(once.hash, other.hash);
 }
 
+/// A VLP-16 sees the trap from afar. Without the far map these flights led 1.3 to 1.5 times as far as the straight line.
+#[test]
+fn a_trap_that_is_seen_from_afar_is_gone_round_and_not_into() {
+    let mut cell = Cell::of("utrap".parse().unwrap()).unwrap();
+    cell.sensors = sensor_set("vlp16").unwrap();
+    for seed in [11, 14] {
+        let report = fly(&cell, seed).unwrap();
+        assert_eq!(report.outcome, FlightOutcome::Goal, "{report:?}");
+        assert!(report.path_ratio < 1.15, "{report:?}");
+    }
+}
+
 #[test]
 fn a_gap_a_corridor_and_a_trap_are_passed() {
     // The later gaps were not passed once the highest gear needed more room than they have.

@@ -201,7 +201,7 @@ fn a_way_into_the_unknown_is_flown_as_far_as_is_known() {
     assert!((4.0..6.0).contains(&answer.place.y_m), "{answer:?}");
     assert!(route.target.y_m < answer.place.y_m, "it stops short of it");
     assert!(route.target.y_m > 2.0);
-    let (_, answer) = verdict(|| map(1.2, |_| false), to(60.0, 0.0), &aside());
+    let (_, answer) = verdict(|| map(1.1, |_| false), to(60.0, 0.0), &aside());
     assert_eq!(answer.verdict.get(), ProposalVerdict::Unknown);
 }
 
