@@ -237,8 +237,8 @@ impl Far {
     /// Gives every cell the coordinates that it has after the local frame has moved by `jump_m`, to whole cells.
     pub fn shift(&mut self, jump_m: &Vector3<f64>) {
         let cells = [0, 1, 2].map(|axis| (jump_m[axis] / FAR_CELL_M).round() as i32);
-        for axis in 0..3 {
-            self.min_cell[axis] = self.min_cell[axis].wrapping_add(cells[axis]);
+        for (least, by) in self.min_cell.iter_mut().zip(cells) {
+            *least = least.wrapping_add(by);
         }
         let [x, y, z] = [0, 1, 2].map(|axis| cells[axis].rem_euclid(SIZES[axis]) as usize);
         for row in self.evidence.chunks_exact_mut(FAR_X) {

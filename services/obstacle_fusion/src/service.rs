@@ -143,7 +143,7 @@ impl Service for FusionService {
                 self.far_sent = now;
                 let fusion = &mut self.fusion;
                 self.far.write(self.header.derived(Stage::Fusion, now), |map| {
-                    fusion.write_far(map)
+                    fusion.write_far(map);
                 });
             }
         }

@@ -194,10 +194,9 @@ impl Space {
     }
 
     fn set_narrow(&mut self, narrow: Option<Narrow>) {
-        for gear in [self.narrow_gear(), narrow.as_ref().map(|narrow| narrow.gear)] {
-            if let Some(gear) = gear {
-                self.ready[gear] = false;
-            }
+        let gears = [self.narrow.as_ref(), narrow.as_ref()];
+        for narrow in gears.into_iter().flatten() {
+            self.ready[narrow.gear] = false;
         }
         self.narrow = narrow;
     }
