@@ -131,7 +131,7 @@ mod tests {
         let config = Config::parse(&set.file, &set.text).unwrap();
         let sensors: Vec<&str> = config.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
         assert_eq!(sensors, ["os1", "front"]);
-        assert_eq!(config.params.get(&params::OA_DCL_START), 1.0);
+        assert_eq!(config.params.get(&params::OA_DCL_START), 0.9);
         let twice = named("sf45+rplidar").unwrap();
         let config = Config::parse(&twice.file, &twice.text).unwrap();
         assert_eq!(config.sensors.len(), 3, "one rangefinder is enough");
