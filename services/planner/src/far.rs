@@ -23,8 +23,8 @@ const DIAGONAL: u32 = 1414;
 const OCCUPIED_FACTOR: u32 = 100;
 /// The same for a cell beside one, where fewer than two cells side by side are free: too narrow for most vehicles.
 const NARROW_FACTOR: u32 = 10;
-/// So much of a detour (2 m) is none: the way round a trunk is the fine search's. Where every trunk 40 m ahead counted, a camera was led
-/// aside at its start, into what it had not seen.
+/// So much of a detour (2 m) is none for sensors that do not look all around: the way round a trunk is the fine search's. Where every
+/// trunk 40 m ahead counted, a camera was led aside at its start, into what it had not seen. Scanners pass gaps better when all counts.
 const FINE_DETOUR: u32 = 5 * STRAIGHT;
 const CELLS: usize = FAR_X * FAR_Y;
 const NOT_REACHED: u32 = u32::MAX;
@@ -61,8 +61,15 @@ impl Far {
     }
 
     /// Makes the detours to `goal` at heights from `goal` to `here`, by `map`, which has the number `map_number`; nothing if that is
-    /// done.
-    pub fn make(&mut self, map: &FarMap, map_number: u64, goal: &Point<LocalNed>, here: &Point<LocalNed>) {
+    /// done. With sensors that do not see all around, short detours count for nothing.
+    pub fn make(
+        &mut self,
+        map: &FarMap,
+        map_number: u64,
+        goal: &Point<LocalNed>,
+        here: &Point<LocalNed>,
+        sees_all_around: bool,
+    ) {
         let cell = |m: f64| (m / FAR_CELL_M).floor() as i32;
         let goal_cell = [cell(goal.x_m), cell(goal.y_m)];
         let (top_m, bottom_m) = (goal.z_m.min(here.z_m), goal.z_m.max(here.z_m));
@@ -75,7 +82,7 @@ impl Far {
         self.min_cell = map.min_cell;
         self.price(map, layers);
         self.spread(goal_cell);
-        self.compare(goal_cell);
+        self.compare(goal_cell, if sees_all_around { 0 } else { FINE_DETOUR });
     }
 
     /// The detour (m) of a way from `cell` (of the fine map) to the goal; zero where nothing is known of one.
@@ -152,12 +159,12 @@ impl Far {
         short * DIAGONAL + (long - short) * STRAIGHT
     }
 
-    fn compare(&mut self, goal: [i32; 2]) {
+    fn compare(&mut self, goal: [i32; 2], none: u32) {
         for at in 0..CELLS {
             // What stands in the cell itself the fine map knows better.
             let beside = neighbours(at).map(|(to, length)| self.left[to].saturating_add(length));
             let left = beside.fold(self.left[at], u32::min);
-            let detour = left.saturating_sub(self.open_price(at, goal) + FINE_DETOUR);
+            let detour = left.saturating_sub(self.open_price(at, goal) + none);
             self.detour_m[at] = detour as f32 * (FAR_CELL_M as f32 / STRAIGHT as f32);
         }
     }
@@ -214,7 +221,7 @@ mod tests {
     fn far(map: &FarMap, goal: [f64; 2]) -> Far {
         let mut far = Far::default();
         let at = |[x, y]: [f64; 2]| Point::new(x, y, -2.5);
-        far.make(map, 1, &at(goal), &at([0.0; 2]));
+        far.make(map, 1, &at(goal), &at([0.0; 2]), true);
         far
     }
 
@@ -256,7 +263,13 @@ mod tests {
     fn what_stands_at_another_height_is_not_in_the_way() {
         let map = map(|x, _| (19.8..20.6).contains(&x));
         let mut far = Far::default();
-        far.make(&map, 1, &Point::new(40.0, 0.0, -5.5), &Point::new(0.0, 0.0, -5.0));
+        far.make(
+            &map,
+            1,
+            &Point::new(40.0, 0.0, -5.5),
+            &Point::new(0.0, 0.0, -5.0),
+            true,
+        );
         assert_eq!(detour_m(&far, 18.0, 0.0), 0.0);
     }
 

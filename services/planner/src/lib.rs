@@ -385,9 +385,10 @@ impl Planner {
         match inputs.far.fresh().filter(|far| Some(far.sample.epoch) == epoch) {
             Some(far) => {
                 let here = &departure.state.position;
+                let sees_all_around = self.view.is_all_around();
                 self.search
                     .far_mut()
-                    .make(far.sample, far.header.publish.ns, goal, here);
+                    .make(far.sample, far.header.publish.ns, goal, here, sees_all_around);
             }
             None => self.search.far_mut().forget(),
         }
