@@ -109,8 +109,9 @@ impl Rays {
         self.len = i + 1;
     }
 
-    /// Tells `far` what the rays say beyond the fine window, whose smallest corner lies at `offset` (fine cells from that of `far`).
-    pub fn tell(&self, origin: Option<&Origin>, far: &mut Far, offset: [f32; 3]) {
+    /// Reports to `far` what the rays say beyond the fine window, whose smallest corner lies at `offset` (fine cells from that of
+    /// `far`).
+    pub fn report(&self, origin: Option<&Origin>, far: &mut Far, offset: [f32; 3]) {
         for i in 0..self.len.min(RAYS) {
             let along = |axis: usize| self.end[axis][i] + offset[axis];
             let end = [along(0), along(1), along(2)];

@@ -348,8 +348,8 @@ impl Fusion {
         Limits::of(origin, min_m, max_m, &self.config)
     }
 
-    /// Collects the rays that `enter` enters, `rays` at most, spreads them over the band declared, adds the body at the time of capture and counts
-    /// the frame as evidence; whether any ray said something. Hits that sensor `again` does not hit again are withdrawn.
+    /// Collects the rays that `enter` enters, `rays` at most, spreads them over the band declared, adds the body at the time of capture
+    /// and counts the frame as evidence; whether any ray said something. Hits that sensor `again` does not hit again are withdrawn.
     fn trace(
         &mut self,
         limits: Limits,

@@ -184,7 +184,7 @@ impl Tracer<'_> {
     /// Enters the rays that are collected into the frame.
     pub fn flush(&mut self) {
         let origin = self.place.as_ref().and_then(|place| place.origin.as_ref());
-        self.rays.tell(origin, self.far, self.far_offset);
+        self.rays.report(origin, self.far, self.far_offset);
         self.frame.enter(origin, &mut self.rays);
     }
 }

@@ -6,8 +6,8 @@
 //!
 //! The way left from every cell, by Dijkstra's algorithm over the map's cells at the height of flight, from the goal outwards.
 //! Nothing is forbidden: what is occupied is dear, so that a map that is wrong leaves some way. What is not known is taken to be
-//! open. The detour, not the way itself, is what the fine search gets to know: where nothing is in the way it is zero, and the search is what
-//! it would be without.
+//! open. The detour, not the way itself, is what the fine search gets to know: where nothing is in the way it is zero, and the search
+//! is what it would be without.
 
 use jink_shared_types::far_map::{FAR_CELL_M, FAR_X, FAR_Y, FAR_Z, FarMap, test};
 use jink_shared_types::frames::{LocalNed, Point};
@@ -159,12 +159,13 @@ impl Far {
         short * DIAGONAL + (long - short) * STRAIGHT
     }
 
-    fn compare(&mut self, goal: [i32; 2], none: u32) {
+    /// The detours, of which the price `ignored` counts for nothing.
+    fn compare(&mut self, goal: [i32; 2], ignored: u32) {
         for at in 0..CELLS {
             // What stands in the cell itself the fine map knows better.
             let beside = neighbours(at).map(|(to, length)| self.left[to].saturating_add(length));
             let left = beside.fold(self.left[at], u32::min);
-            let detour = left.saturating_sub(self.open_price(at, goal) + none);
+            let detour = left.saturating_sub(self.open_price(at, goal) + ignored);
             self.detour_m[at] = detour as f32 * (FAR_CELL_M as f32 / STRAIGHT as f32);
         }
     }

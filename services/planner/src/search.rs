@@ -1,8 +1,8 @@
 //! A* over the inflated map: the guide to the goal, through unknown space where it must be, at a price.
 //!
 //! 26-connected on the map's own cells; a diagonal step needs every cell it touches. The search ends at the goal, at the
-//! window's border (where the straight way to the goal, and the detour that the far map knows of, are the best guess of what is left), or, if neither can be
-//! reached, at the cell it found nearest to the goal.
+//! window's border (where the straight way to the goal, and the detour that the far map knows of, are the best guess of what is
+//! left), or, if neither can be reached, at the cell it found nearest to the goal.
 
 use crate::far::Far;
 use crate::gears::GEARS;

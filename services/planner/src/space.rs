@@ -7,8 +7,8 @@
 //! | `near` | a wider ball around the hits of the highest gear | cost only: prefer room |
 //!
 //! A vehicle that rests where not even [`crate::gears::SLOW_GEAR`] has room (a gust, a hard braking, something that came, a take-off
-//! below a part of the sky that no sensor looks at) plans with the room that it has, by the shortest way to where there is room: on it it comes
-//! no nearer to what is occupied or unknown nearby, and it creeps, so that it strays less. All other unknown is kept away from as ever,
+//! below a part of the sky that no sensor looks at) plans with the room that it has, by the shortest way to where there is room: on it
+//! it comes no nearer to what is occupied or unknown nearby, and it creeps, so that it strays less. All other unknown is kept away from as ever,
 //! and so is by its radius what is occupied, unless the vehicle is nearer to it than that already: a false hit, or a touch.
 //!
 //! A vehicle that is nearer to something than CP_DIST already plans without it, or it could never leave; the guard sees to it that it
