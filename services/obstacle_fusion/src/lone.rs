@@ -25,9 +25,11 @@ use nalgebra::Vector3;
 
 /// Hits farther from the vehicle than this on any axis (m) are not looked after: sensors look less often at a cell there.
 const NEAR_M: f64 = 3.0;
-/// A hit that does not come again in this time (s), in view, is withdrawn.
+/// A hit at [`NEAR_M`] that does not come again in this time (s), in view, is withdrawn.
 const ALONE_S: f64 = 2.0;
-/// What has been hit in so many frames, never [`ALONE_S`] apart, is there.
+/// Nearer ones sooner, in proportion to the distance (the rays that meet a cell become more with its square), but not in less (s).
+const ALONE_MIN_S: f64 = 0.3;
+/// What has been hit in so many frames, never so long apart, is there.
 const FRAMES: u8 = 4;
 /// Time between two frames that counts at most (s): a sensor that was silent has not looked.
 const FRAME_S: f64 = 0.25;
@@ -136,7 +138,8 @@ impl LoneHits {
             if hit.sensor == sensor && looking.sees(hit.cell, answered, window) {
                 hit.alone_s += passed_s;
             }
-            let is_alone = hit.alone_s >= ALONE_S;
+            let away_m = looking.direction(hit.cell).norm();
+            let is_alone = hit.alone_s >= (ALONE_S * away_m / NEAR_M).clamp(ALONE_MIN_S, ALONE_S);
             if is_alone {
                 window.withdraw(hit.cell, hit.was_free);
             }
