@@ -7,7 +7,7 @@
 //! an ellipsoid). The segment stays inside by construction: both are convex, so the plane separates them.
 
 use crate::space::Space;
-use jink_shared_types::map::{CELL_M, Cell, SIZE_X, center_of};
+use jink_shared_types::map::SIZE_X;
 use jink_shared_types::motion::{HalfSpace, POLYTOPE_PLANES, Polytope};
 use nalgebra::Vector3;
 
@@ -56,7 +56,7 @@ impl CorridorBuilder {
             low.z = low.z.max(down_range_m.0.min(a.z.min(b.z)));
             high.z = high.z.min(down_range_m.1.max(a.z.max(b.z)));
             self.collect(space, gear, &low, &high, a, b);
-            match self.cut(a, b, &low, &high) {
+            match self.cut(space.cell_m(gear), a, b, &low, &high) {
                 Cut::Done(polytope) => return Some(*polytope),
                 Cut::TouchesSegment => return None,
                 Cut::TooManyPlanes => reach *= 0.5,
@@ -76,12 +76,13 @@ impl CorridorBuilder {
         b: &Vector3<f64>,
     ) {
         self.cells.clear();
-        let first: Cell = std::array::from_fn(|axis| (low[axis] / CELL_M).floor() as i32 - 1);
-        let last: Cell = std::array::from_fn(|axis| (high[axis] / CELL_M).floor() as i32 + 1);
+        let first = space.cell_of(gear, low).map(|cell| cell - 1);
+        let last = space.cell_of(gear, high).map(|cell| cell + 1);
+        let min_x = space.min_cell(gear)[0];
         let unsafe_row = |y: i32, z: i32| {
             let cell = [first[0], y, z];
             // Rows outside the window are unknown as a whole.
-            if space.contains([space.min_cell()[0], y, z]) {
+            if space.holds(gear, [min_x, y, z]) {
                 space.blocked(gear).row_at(cell)
             } else {
                 u128::MAX
@@ -98,10 +99,10 @@ impl CorridorBuilder {
                     & unsafe_row(y, z + 1);
                 let border = row & !inner;
                 for x in first[0]..=last[0] {
-                    let inside = (x - space.min_cell()[0]) as usize & !(SIZE_X - 1) == 0;
+                    let inside = (x - min_x) as usize & !(SIZE_X - 1) == 0;
                     let bit = x as usize & (SIZE_X - 1);
                     if inside && border >> bit & 1 == 1 {
-                        let center = center_of([x, y, z]).vector();
+                        let center = space.center_of(gear, [x, y, z]);
                         let distance_m2 = (center - nearest_on_segment(a, b, &center)).norm_squared();
                         self.cells.push((distance_m2, center));
                     }
@@ -110,7 +111,15 @@ impl CorridorBuilder {
         }
     }
 
-    fn cut(&mut self, a: &Vector3<f64>, b: &Vector3<f64>, low: &Vector3<f64>, high: &Vector3<f64>) -> Cut {
+    /// Cuts off the cells, whose edge is `cell_m`, from the box.
+    fn cut(
+        &mut self,
+        cell_m: f64,
+        a: &Vector3<f64>,
+        b: &Vector3<f64>,
+        low: &Vector3<f64>,
+        high: &Vector3<f64>,
+    ) -> Cut {
         let mut polytope = Box::new(box_of(low, high));
         while let Some(nearest) = self
             .cells
@@ -118,7 +127,7 @@ impl CorridorBuilder {
             .copied()
             .reduce(|best, cell| if cell.0 < best.0 { cell } else { best })
         {
-            let Some(plane) = separate(a, b, &nearest.1) else {
+            let Some(plane) = separate(cell_m, a, b, &nearest.1) else {
                 return Cut::TouchesSegment;
             };
             if polytope.len as usize >= POLYTOPE_PLANES {
@@ -126,7 +135,7 @@ impl CorridorBuilder {
             }
             polytope.push(plane);
             let normal = Vector3::from(plane.normal);
-            let half_width_m = 0.5 * CELL_M * normal.iter().map(|n| n.abs()).sum::<f64>();
+            let half_width_m = 0.5 * cell_m * normal.iter().map(|n| n.abs()).sum::<f64>();
             self.cells
                 .retain(|(_, center)| normal.dot(center) - half_width_m < plane.offset_m - 1e-9);
         }
@@ -168,13 +177,13 @@ fn nearest_on_segment(a: &Vector3<f64>, b: &Vector3<f64>, point: &Vector3<f64>) 
     a + way * ((point - a).dot(&way) / length2).clamp(0.0, 1.0)
 }
 
-/// The half-space that holds the segment and leaves out the cell around `center`, through the cell's point nearest to
+/// The half-space that holds the segment and leaves out the cell of edge `cell_m` around `center`, through the cell's point nearest to
 /// the segment. `None` if they touch.
 ///
 /// The nearest pair is found by alternating projections onto the two convex sets (von Neumann; Cheney and Goldstein
 /// 1959), which converges for a box and a segment in a few rounds.
-fn separate(a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f64>) -> Option<HalfSpace> {
-    let half = Vector3::repeat(0.5 * CELL_M);
+fn separate(cell_m: f64, a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f64>) -> Option<HalfSpace> {
+    let half = Vector3::repeat(0.5 * cell_m);
     let (low, high) = (center - half, center + half);
     let mut on_segment = nearest_on_segment(a, b, center);
     let mut on_cell = *center;
@@ -190,11 +199,11 @@ fn separate(a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f64>) -> Option
     let between = on_cell - on_segment;
     let gap_m = between.norm();
     if gap_m < TOUCHING_M {
-        return separate_touching(a, b, center);
+        return separate_touching(cell_m, a, b, center);
     }
     let normal = between / gap_m;
     // Alternating projections stop a hair before the nearest pair: the plane is moved until it clears the whole cell.
-    let half_width_m = 0.5 * CELL_M * normal.iter().map(|n| n.abs()).sum::<f64>();
+    let half_width_m = 0.5 * cell_m * normal.iter().map(|n| n.abs()).sum::<f64>();
     let cell_side_m = normal.dot(center) - half_width_m;
     let segment_side_m = normal.dot(a).max(normal.dot(b));
     let inset_m = INSET_M.min(0.5 * (cell_side_m - segment_side_m));
@@ -204,32 +213,41 @@ fn separate(a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f64>) -> Option
     })
 }
 
-/// The same for a segment that runs along the cell's face, as one does that starts on the border between two cells: the
-/// face's own plane.
-fn separate_touching(a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f64>) -> Option<HalfSpace> {
-    for axis in 0..3 {
-        for sign in [1.0, -1.0] {
-            let mut normal = Vector3::zeros();
-            normal[axis] = sign;
-            let offset_m = normal.dot(center) - 0.5 * CELL_M;
-            let segment_side_m = normal.dot(a).max(normal.dot(b));
-            if segment_side_m <= offset_m + TOUCHING_M {
-                return Some(HalfSpace {
-                    normal: normal.into(),
-                    offset_m: offset_m.max(segment_side_m),
-                });
-            }
-        }
-    }
-    None
+/// The same for a segment that touches the cell without entering it: it runs along a face, as one does that starts on the border
+/// between two cells, or past an edge or a corner, as the diagonals between centres do. The plane is that of a face, or one through the
+/// segment that faces the cell.
+fn separate_touching(
+    cell_m: f64,
+    a: &Vector3<f64>,
+    b: &Vector3<f64>,
+    center: &Vector3<f64>,
+) -> Option<HalfSpace> {
+    let way = b - a;
+    let along = way / way.norm().max(TOUCHING_M);
+    let signs = || [-1.0, 0.0, 1.0].into_iter();
+    let directions =
+        signs().flat_map(|x| signs().flat_map(move |y| signs().map(move |z| Vector3::new(x, y, z))));
+    let faces = directions
+        .clone()
+        .filter(|direction| direction.norm_squared() == 1.0);
+    let beside =
+        directions.filter_map(|direction| (direction - along * direction.dot(&along)).try_normalize(0.1));
+    faces.chain(beside).find_map(|normal| {
+        let half_width_m = 0.5 * cell_m * normal.iter().map(|n| n.abs()).sum::<f64>();
+        let offset_m = normal.dot(center) - half_width_m;
+        let segment_side_m = normal.dot(a).max(normal.dot(b));
+        (segment_side_m <= offset_m + TOUCHING_M).then(|| HalfSpace {
+            normal: normal.into(),
+            offset_m: offset_m.max(segment_side_m),
+        })
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::CorridorBuilder;
     use crate::space::tests::{known_map, space_of};
-    use jink_shared_types::frames::Point;
-    use jink_shared_types::map::cell_of;
+    use jink_shared_types::map::center_of;
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
@@ -254,7 +272,7 @@ mod tests {
             for (x, y, z) in samples {
                 let point = Vector3::new(x, y, z);
                 if polytope.depth_m(&point) >= 0.0 {
-                    prop_assert!(space.is_safe(1, cell_of(Point::from_vector(point))), "{point}");
+                    prop_assert!(space.is_safe_at(1, &point), "{point}");
                 }
             }
         }
@@ -270,6 +288,25 @@ mod tests {
                 .is_none()
         );
     }
+
+    #[test]
+    fn a_diagonal_past_the_corner_of_an_unsafe_cell_has_a_polytope() {
+        // One side of the diagonal is unsafe up to the corners.
+        let space = space_of(&known_map(|p| p.x - p.y > 1.5));
+        let unsafe_from = (-20..20).find(|x| !space.is_safe(1, [*x, 0, 0])).unwrap();
+        let first = center_of([unsafe_from - 1, 0, 0]).vector();
+        for steps in 1..8 {
+            let last = first + Vector3::new(1.0, 1.0, 0.0) * (f64::from(steps) * 0.2);
+            for (a, b) in [(first, last), (last, first)] {
+                let polytope = CorridorBuilder::default().polytope(&space, 1, &a, &b, HEIGHTS);
+                let polytope = polytope.unwrap();
+                assert!(polytope.depth_m(&a) > -1e-5 && polytope.depth_m(&b) > -1e-5);
+                let unsafe_side = center_of([unsafe_from + 1, 1, 0]).vector();
+                assert!(polytope.depth_m(&unsafe_side) < 0.0);
+            }
+        }
+    }
+
     #[test]
     fn a_segment_on_the_border_of_an_unsafe_cell_still_has_a_polytope() {
         let space = space_of(&known_map(|p| (p.y - 1.3).abs() < 0.1));

@@ -2,7 +2,7 @@
 //! it is armed.
 
 use super::Planner;
-use crate::gears::GEARS;
+use crate::gears::CRAWL_GEAR;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::map::{LocalMap, declared_as};
@@ -72,7 +72,7 @@ impl Planner {
         let needs = Needs {
             no_overhang: map.declarations & declared_as::NO_OVERHANG != 0,
             is_landed: state.landed.is_set(),
-            room_m: self.space.radius_m(GEARS - 1),
+            room_m: self.space.radius_m(CRAWL_GEAR),
             ..self.fitness.needs
         };
         let missing = map.view.missing(&needs);

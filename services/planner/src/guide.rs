@@ -1,7 +1,7 @@
 //! From a chain of cells to a short guide of straight legs, all of it known to be safe.
 
+use crate::search::Path;
 use crate::space::Space;
-use jink_shared_types::map::{Cell, center_of};
 use jink_shared_types::motion::CORRIDOR_POLYTOPES;
 use nalgebra::Vector3;
 
@@ -44,7 +44,7 @@ impl Guide {
         length_m(&self.vertices)
     }
 
-    /// Builds the guide from `start` along `path` (cells, the first one holds `start`) as far as it is safe in `gear`,
+    /// Builds the guide from `start` along `path` (the first cell holds `start`) as far as it is safe in `gear`,
     /// at most `length_max_m`, and `margin_m` short of where safety ends. `goal` replaces the last cell's centre if
     /// the path ends in its cell. Returns whether the goal itself is the end.
     pub fn build(
@@ -52,7 +52,7 @@ impl Guide {
         space: &Space,
         gear: usize,
         start: &Vector3<f64>,
-        path: &[Cell],
+        path: &Path,
         goal: Option<&Vector3<f64>>,
         length_max_m: f64,
         margin_m: f64,
@@ -103,7 +103,7 @@ impl Guide {
         self.points.clear();
         self.points.extend(way.first());
         for leg in way.windows(2) {
-            let end = space.first_cell(&leg[0], &leg[1], |space, cell| !space.is_safe(gear, cell));
+            let end = space.first_in(gear, &leg[0], &leg[1], |space, cell| !space.is_safe(gear, cell));
             if let Some(t) = end {
                 self.points.push(leg[0] + (leg[1] - leg[0]) * t);
                 return false;
@@ -140,15 +140,15 @@ impl Guide {
         space: &Space,
         gear: usize,
         start: &Vector3<f64>,
-        path: &[Cell],
+        path: &Path,
         goal: Option<&Vector3<f64>>,
     ) -> bool {
         self.points.clear();
         self.points.push(*start);
         let mut last = *start;
-        for (index, cell) in path.iter().enumerate().skip(1) {
-            let at_end = index + 1 == path.len();
-            let center = center_of(*cell).vector();
+        for (index, cell) in path.cells.iter().enumerate().skip(1) {
+            let at_end = index + 1 == path.cells.len();
+            let center = space.center_of(path.gear, *cell);
             let next = match goal {
                 Some(goal) if at_end => *goal,
                 _ => center,
@@ -156,7 +156,7 @@ impl Guide {
             if !space.segment_is_safe(gear, &last, &next) {
                 // Steps from cell to cell are safe from centre to centre; start and goal lie anywhere in theirs.
                 let between = if index == 1 {
-                    center_of(path[0]).vector()
+                    space.center_of(path.gear, path.cells[0])
                 } else {
                     center
                 };
@@ -170,7 +170,7 @@ impl Guide {
             self.points.push(next);
             last = next;
         }
-        if let (Some(goal), 1) = (goal, path.len()) {
+        if let (Some(goal), 1) = (goal, path.cells.len()) {
             if !space.segment_is_safe(gear, &last, goal) {
                 return false;
             }

@@ -5,7 +5,8 @@
 //! unknown (see [`Layer::load_unsafe`]).
 //!
 //! Dilation is exact on the safe side: a cell is set if *any* point in it is nearer than the radius to *any* point of
-//! a set cell, so that a vehicle anywhere in an unset cell has the radius to itself.
+//! a set cell, so that a vehicle anywhere in an unset cell has the radius to itself. What that loses to the size of cells is half as
+//! much in a layer of half cells, which covers the middle of the window ([`Layer::load_halves`]).
 
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, Plane, ROWS, SIZE_X, SIZE_Y, SIZE_Z, bit_of, row_of};
 
@@ -93,27 +94,69 @@ impl Layer {
     /// Becomes everything that is not known to be free: occupied, unknown, and the window's outermost shell, beyond
     /// which nothing is known.
     pub fn load_unsafe(&mut self, map: &LocalMap) {
-        let first_x = bit_of(map.min_cell);
+        for (index, out) in self.rows.iter_mut().enumerate() {
+            *out = row(&map.occupied, index) | !row(&map.known, index);
+        }
+        self.close_shell(map.min_cell);
+    }
+
+    /// Sets the outermost cells of the window that begins at `min_cell`.
+    pub fn close_shell(&mut self, min_cell: Cell) {
+        let first_x = bit_of(min_cell);
         let last_x = (first_x + SIZE_X as u32 - 1) % SIZE_X as u32;
         let shell_x = 1u128 << first_x | 1u128 << last_x;
-        let first_y = map.min_cell[1] as usize & (SIZE_Y - 1);
+        let first_y = min_cell[1] as usize & (SIZE_Y - 1);
         let last_y = (first_y + SIZE_Y - 1) & (SIZE_Y - 1);
-        let first_z = map.min_cell[2] as usize & (SIZE_Z - 1);
+        let first_z = min_cell[2] as usize & (SIZE_Z - 1);
         let last_z = (first_z + SIZE_Z - 1) & (SIZE_Z - 1);
         for (index, out) in self.rows.iter_mut().enumerate() {
             let (y, z) = (index % SIZE_Y, index / SIZE_Y);
             *out = if y == first_y || y == last_y || z == first_z || z == last_z {
                 u128::MAX
             } else {
-                row(&map.occupied, index) | !row(&map.known, index) | shell_x
+                *out | shell_x
             };
+        }
+    }
+
+    /// Becomes the half cells of another layer's cells, from half cell `min_half` (even, at the first of a cell) on.
+    pub fn load_halves(&mut self, cells: &Self, min_half: Cell) {
+        for z in (min_half[2]..).take(SIZE_Z) {
+            for y in (min_half[1]..).take(SIZE_Y) {
+                let from = cells.rows[row_of([0, y >> 1, z >> 1])];
+                let first = bit_of([min_half[0] >> 1, 0, 0]);
+                let wide = twice_each(from.rotate_right(first) as u64);
+                self.rows[row_of([0, y, z])] = wide.rotate_left(bit_of([min_half[0], 0, 0]));
+            }
         }
     }
 }
 
+/// Every bit twice, in the same order.
+fn twice_each(bits: u64) -> u128 {
+    // Moves the halves of ever smaller groups apart (H. Warren, "Hacker's Delight", 7-2, shuffling bits).
+    let mut wide = u128::from(bits);
+    for (shift, mask) in [
+        (32, 0x0000_0000_ffff_ffff_0000_0000_ffff_ffff_u128),
+        (16, 0x0000_ffff_0000_ffff_0000_ffff_0000_ffff),
+        (8, 0x00ff_00ff_00ff_00ff_00ff_00ff_00ff_00ff),
+        (4, 0x0f0f_0f0f_0f0f_0f0f_0f0f_0f0f_0f0f_0f0f),
+        (2, 0x3333_3333_3333_3333_3333_3333_3333_3333),
+        (1, 0x5555_5555_5555_5555_5555_5555_5555_5555),
+    ] {
+        wide = (wide | wide << shift) & mask;
+    }
+    wide | wide << 1
+}
+
 /// Distance along an axis between two cells that are `offset` apart (m): of their nearest points.
 pub fn gap_m(offset: i32) -> f64 {
-    f64::from((offset.abs() - 1).max(0)) * CELL_M
+    gap_cells(offset) * CELL_M
+}
+
+/// The same in cells.
+fn gap_cells(offset: i32) -> f64 {
+    f64::from((offset.abs() - 1).max(0))
 }
 
 /// A ball, or a ball and a cylinder, as the widths of its rows, for bit-parallel dilation.
@@ -126,22 +169,28 @@ pub struct Ball {
 impl Ball {
     /// The ball of `radius_m`; every cell counts whose nearest point is nearer than that.
     pub fn new(radius_m: f64) -> Self {
-        Self::within(radius_m, |level_m2, height_m| {
+        Self::of_cells(radius_m, CELL_M)
+    }
+
+    /// The same for a layer with cells of `cell_m`.
+    pub fn of_cells(radius_m: f64, cell_m: f64) -> Self {
+        Self::within(radius_m, cell_m, |level_m2, height_m| {
             level_m2 + height_m * height_m < radius_m * radius_m
         })
     }
 
     /// The same within an upright cylinder of `cylinder_m` and `half_height_m` around it.
     pub fn in_cylinder(radius_m: f64, cylinder_m: f64, half_height_m: f64) -> Self {
-        Self::within(radius_m.max(cylinder_m), |level_m2, height_m| {
+        Self::within(radius_m.max(cylinder_m), CELL_M, |level_m2, height_m| {
             level_m2 + height_m * height_m < radius_m * radius_m
                 || level_m2 < cylinder_m * cylinder_m && height_m < half_height_m
         })
     }
 
     /// A body no larger than `reach_m` that holds what is `is_inside(level distance squared, height)`.
-    fn within(reach_m: f64, is_inside: impl Fn(f64, f64) -> bool) -> Self {
-        let reach = (reach_m / CELL_M).ceil() as i32 + 1;
+    fn within(reach_m: f64, cell_m: f64, is_inside: impl Fn(f64, f64) -> bool) -> Self {
+        let gap_m = |offset: i32| gap_cells(offset) * cell_m;
+        let reach = (reach_m / cell_m).ceil() as i32 + 1;
         let mut offsets = Vec::new();
         for dz in -reach..=reach {
             for dy in -reach..=reach {
@@ -204,9 +253,9 @@ mod tests {
     use jink_shared_types::map::{CELL_M, Cell, LocalMap, set};
     use proptest::prelude::*;
 
-    fn nearest_m(a: Cell, b: Cell) -> f64 {
+    fn nearest_m(a: Cell, b: Cell, cell_m: f64) -> f64 {
         (0..3)
-            .map(|axis| (f64::from((a[axis] - b[axis]).abs() - 1).max(0.0) * CELL_M).powi(2))
+            .map(|axis| (f64::from((a[axis] - b[axis]).abs() - 1).max(0.0) * cell_m).powi(2))
             .sum::<f64>()
             .sqrt()
     }
@@ -217,18 +266,46 @@ mod tests {
         fn dilation_sets_exactly_the_cells_within_the_radius(
             cells in proptest::collection::vec((-50..50i32, -50..50i32, -20..20i32), 1..6),
             radius in 0.1..1.1f64,
+            cell_m in prop_oneof![Just(CELL_M), Just(0.5 * CELL_M)],
         ) {
             let mut source = Layer::default();
             for (x, y, z) in &cells {
                 source.set([*x, *y, *z]);
             }
             let (mut scratch, mut out) = (Layer::default(), Layer::default());
-            Ball::new(radius).dilate(&source, &mut scratch, &mut out);
+            Ball::of_cells(radius, cell_m).dilate(&source, &mut scratch, &mut out);
             for x in -60..60 {
                 for y in -60..60 {
                     for z in -28..28 {
-                        let near = cells.iter().any(|(cx, cy, cz)| nearest_m([x, y, z], [*cx, *cy, *cz]) < radius);
+                        let away_m = |(cx, cy, cz): &(i32, i32, i32)| nearest_m([x, y, z], [*cx, *cy, *cz], cell_m);
+                        let near = cells.iter().any(|cell| away_m(cell) < radius);
                         prop_assert_eq!(out.test([x, y, z]), near, "{} {} {}", x, y, z);
+                    }
+                }
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        #[test]
+        fn half_cells_are_what_their_cells_are(
+            min in (-500..500i32, -500..500i32, -500..500i32),
+            set_cells in proptest::collection::vec((0..64i32, 0..64i32, 0..32i32), 1..40),
+        ) {
+            let min = [min.0, min.1, min.2];
+            let mut cells = Layer::default();
+            for (x, y, z) in &set_cells {
+                cells.set([min[0] + x, min[1] + y, min[2] + z]);
+            }
+            let mut halves = Layer::default();
+            let min_half = min.map(|cell| 2 * cell);
+            halves.load_halves(&cells, min_half);
+            for x in (min_half[0]..).take(128) {
+                for y in (min_half[1]..).take(128) {
+                    for z in (min_half[2]..).take(64) {
+                        let cell = [x, y, z].map(|half| half >> 1);
+                        prop_assert_eq!(halves.test([x, y, z]), cells.test(cell));
                     }
                 }
             }
@@ -244,8 +321,8 @@ mod tests {
         for x in -15..=15 {
             for y in -15..=15 {
                 for z in -15..=15 {
-                    let level_m = nearest_m([x, y, 0], [0; 3]);
-                    let height_m = nearest_m([0, 0, z], [0; 3]);
+                    let level_m = nearest_m([x, y, 0], [0; 3], CELL_M);
+                    let height_m = nearest_m([0, 0, z], [0; 3], CELL_M);
                     let inside = level_m < 2.0 && height_m < 0.5 || level_m.hypot(height_m) < 0.5;
                     assert_eq!(out.test([x, y, z]), inside, "{x} {y} {z}");
                 }

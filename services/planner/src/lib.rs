@@ -41,19 +41,19 @@ pub use service::PlannerService;
 
 use crate::corridor::CorridorBuilder;
 use crate::fitness::Fitness;
-use crate::gears::{GEARS, LAST_GEAR, SLOW_GEAR, creep, gears};
+use crate::gears::{CRAWL_GEAR, GEARS, LAST_GEAR, SLOW_GEAR, creep, gears};
 use crate::guide::Guide;
 use crate::looking::Before;
 use crate::looks::Looks;
 use crate::progress::{Obstruction, Progress};
 use crate::proposals::Proposals;
-use crate::search::{Found, PathEnd, Query, Search};
+use crate::search::{Found, Path, PathEnd, Query, Search};
 use crate::space::{Room, Space};
 use crate::stopping::is_stop;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{LocalNed, Point};
-use jink_shared_types::map::{CELL_M, Cell, LocalMap, cell_of, center_of};
+use jink_shared_types::map::{LocalMap, cell_of};
 use jink_shared_types::motion::{
     ApprovedTrajectory, MotionLimits, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
 };
@@ -62,6 +62,7 @@ use jink_shared_types::proposal::{Proposal, ProposalAnswer};
 use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
 use jink_shared_types::view::FieldOfView;
 use jink_shared_types::{Coded, Flag, Reading, Stamped, Timestamp};
+use nalgebra::Vector3;
 
 /// How far ahead a new plan departs from the committed one (s): planning, curves, guard and their hand-overs take some
 /// 10 ms; 100 ms leave room for a restart of any of them in between.
@@ -80,6 +81,12 @@ const HIGHER_GEAR_MIN_M: f64 = 1.5;
 const DETOUR_WORTH_A_GEAR: f32 = 1.25;
 /// Time that slowing down for one gear is expected to cost (s): some metres at half the speed.
 const GEAR_PRICE_S: f64 = 2.0;
+/// Time that a way in a lower gear must save to slow down for it, rather than take another one at once (s).
+const SLOWING_S: f64 = 2.0;
+/// Looks for a way in a higher gear, in the time that they are remembered, before one in the lowest gears is taken.
+const LOOKS_BEFORE_CRAWLING: usize = 2;
+/// A way that ends nowhere near the goal is a last resort: it counts as if it took so much longer (s).
+const DEAD_END_S: f64 = 1e3;
 /// How long planning must fail while the vehicle stands before the pilot is told (s).
 const NO_PATH_AFTER_S: f64 = 1.5;
 /// A vehicle that nobody has planned for and that is faster than this is in motion (m/s): slower, its way to rest stays
@@ -131,7 +138,9 @@ pub struct Planner {
     yaw_along_path: bool,
     space: Space,
     search: Search,
-    best_path: Vec<Cell>,
+    best_path: Path,
+    /// The same in the lowest gears.
+    last_path: Path,
     guide: Guide,
     corridor: CorridorBuilder,
     /// Range sensors that should contribute to the map; 0 = not known.
@@ -158,6 +167,8 @@ pub struct Planner {
     retry: Timestamp,
     fitness: Fitness,
     looks: Looks,
+    /// The gear of the way that was planned last.
+    way_gear: usize,
     /// The last route that was a turn before a motion; 0 = none yet.
     turn_id: u64,
     view: FieldOfView,
@@ -173,6 +184,18 @@ struct Departure {
     base_id: u64,
     splice: Timestamp,
     state: MotionState,
+}
+
+/// A way that can be begun.
+#[derive(Clone, Copy, Debug)]
+struct Choice {
+    /// Time that it is expected to take (s).
+    time_s: f64,
+    /// The gear that it was found for.
+    way: usize,
+    /// The one that it is begun in.
+    flown: usize,
+    found: Found,
 }
 
 impl Departure {
@@ -192,7 +215,7 @@ impl Planner {
         let limits = gears(params);
         let room = Room::from_params(params);
         Self {
-            fitness: Fitness::new(params, room.body_m + limits[LAST_GEAR].tube_m),
+            fitness: Fitness::new(params, room.body_m + limits[CRAWL_GEAR].tube_m),
             limits,
             creep: creep(params),
             goal_radius_m: params.get(&params::OA_GOAL_RAD),
@@ -200,7 +223,8 @@ impl Planner {
             yaw_along_path: params.get(&params::OA_YAW_MODE) == 1.0,
             space: Space::new(&limits, room),
             search: Search::default(),
-            best_path: Vec::with_capacity(4096),
+            best_path: Path::default(),
+            last_path: Path::default(),
             guide: Guide::default(),
             corridor: CorridorBuilder::default(),
             sensors: 0,
@@ -219,6 +243,7 @@ impl Planner {
             left_m: None,
             retry: Timestamp::NEVER,
             looks: Looks::default(),
+            way_gear: 0,
             turn_id: 0,
             view: FieldOfView::default(),
             sets_points: false,
@@ -342,7 +367,7 @@ impl Planner {
             let heights_m = self.down_range_m(&state);
             self.proposals.admit(now, must_leave, asked_for, heights_m);
             self.look_far(inputs, &departure, &goal);
-            let planned = self.plan(&departure, &desired, &goal, committed, route);
+            let planned = self.plan(&departure, &desired, &goal, committed, must_leave, route);
             if !planned && departure.is_at_rest() {
                 self.retry = now.plus_seconds(RETRY_S);
             }
@@ -470,13 +495,12 @@ impl Planner {
         } else {
             LAST_GEAR
         };
-        self.space.prepare(gear);
         let mut time = now;
         loop {
             let Some(state) = committed.at(time) else {
                 return false;
             };
-            if self.space.is_hit(gear, cell_of(state.position)) {
+            if self.is_hit(gear, &state.position.vector()) {
                 return true;
             }
             if time >= end {
@@ -484,6 +508,14 @@ impl Planner {
             }
             time = time.plus_seconds(RECHECK_STEP_S).min(end);
         }
+    }
+
+    /// Whether an obstacle is known too near to `place` for `gear`. Half cells are looked at only where whole ones do not do.
+    fn is_hit(&mut self, gear: usize, place: &Vector3<f64>) -> bool {
+        (gear.min(CRAWL_GEAR)..=gear).all(|gear| {
+            self.space.prepare(gear);
+            self.space.is_hit_at(gear, place)
+        })
     }
 
     /// The widest gear whose tube is not wider than `tube_m`.
@@ -497,13 +529,15 @@ impl Planner {
     /// Finds the best way over the gears and writes a plan along it into `route`; `false` if there is none.
     ///
     /// A way may need a low gear somewhere (a gap) and still be flown in a higher one up to there: for each gear's way the
-    /// guide is cut where the flown gear stops being safe, and the lower gear takes over when the vehicle is slow enough.
+    /// guide is cut where the flown gear stops being safe, and the lower gear takes over when the vehicle is slow enough. Where it is
+    /// not yet, it becomes so first, rather than leave for a way that is much dearer.
     fn plan(
         &mut self,
         departure: &Departure,
         desired: &DesiredPath,
         goal: &Point<LocalNed>,
         committed: Option<&Trajectory>,
+        must_leave: bool,
         route: &mut Route,
     ) -> bool {
         let start = departure.state.position.vector();
@@ -511,8 +545,7 @@ impl Planner {
         let creeps = departure.is_at_rest()
             || self.space.is_narrow() && speed_mps <= MotionLimits::allowed(self.creep.speed_mps);
         let has_plan = departure.base_id != 0;
-        let here = cell_of(departure.state.position);
-        self.space.depart_from(here, SLOW_GEAR, creeps, has_plan);
+        self.space.depart_from(&start, SLOW_GEAR, creeps, has_plan);
         if self.space.is_narrow() {
             if desired.is_to_rest()
                 && (goal.vector() - start).norm() < NEAR_REST_M
@@ -526,20 +559,22 @@ impl Planner {
             if self.plan_way_out(departure, desired, route) {
                 return true;
             }
-            let Some((flown, found)) = self.last_resort(departure, goal) else {
-                if self.look(LAST_GEAR, departure, desired, goal, committed, route) {
+            let Some(Choice { flown, found, .. }) = self.last_resort(departure, goal) else {
+                if self.look_crawling(departure, desired, goal, committed, route) {
                     return true;
                 }
-                self.space.depart_from(here, LAST_GEAR, creeps, has_plan);
+                self.space.depart_from(&start, LAST_GEAR, creeps, has_plan);
                 return self.plan_way_out(departure, desired, route);
             };
-            self.search.swap_path(&mut self.best_path);
+            self.search.swap_path(&mut self.last_path);
             let target_is_goal = self.build_guide(flown, departure, goal, &found);
             return self.write_plan(flown, departure, desired, target_is_goal, route);
         }
         let straight_m = (goal.vector() - start).norm()
             + f64::from(self.search.detour_m(cell_of(departure.state.position)));
-        let mut best: Option<(f64, usize, Found)> = None;
+        let mut best: Option<Choice> = None;
+        // In seconds, and its gear.
+        let mut too_fast_for: Option<(f64, usize)> = None;
         let mut seen: Option<Found> = None;
         let mut next = Some(self.top_gear);
         while let Some(gear) = next {
@@ -552,16 +587,21 @@ impl Planner {
             if seen.is_none_or(|before| before.end == PathEnd::Nearest) {
                 seen = Some(found);
             }
-            // A way that ends nowhere near the goal is a last resort.
-            let dead_end_s = if is_short { 1e3 } else { 0.0 };
-            let time_s =
-                f64::from(found.cost_m) / self.limits[0].speed_mps + GEAR_PRICE_S * gear as f64 + dead_end_s;
-            if best.is_none_or(|(best_s, _, _)| time_s < best_s)
+            let time_s = self.time_s(gear, &found);
+            if best.is_none_or(|best| time_s < best.time_s)
                 && !(is_short && is_near_enough(departure, goal, &found))
-                && let Some(flown) = self.flown_gear(gear, departure, goal, &found)
             {
-                best = Some((time_s, flown, found));
-                self.search.swap_path(&mut self.best_path);
+                if let Some(flown) = self.flown_gear(gear, departure, goal, &found) {
+                    best = Some(Choice {
+                        time_s,
+                        way: gear,
+                        flown,
+                        found,
+                    });
+                    self.search.swap_path(&mut self.best_path);
+                } else if !self.can_begin(gear, departure) && self.space.is_safe_at(gear, &start) {
+                    too_fast_for = Some((time_s, gear));
+                }
             }
             let direct = !is_short && found.cost_m <= DETOUR_WORTH_A_GEAR * straight_m as f32;
             if best.is_some() && direct {
@@ -572,16 +612,25 @@ impl Planner {
                 next = next.map(|_| SLOW_GEAR);
             }
         }
-        let crawls = committed.is_some_and(|committed| self.gear_of(committed.limits.tube_m) == LAST_GEAR);
-        let last = if best.is_none() && (departure.is_at_rest() || crawls) {
-            self.last_resort(departure, goal)
-        } else {
-            None
-        };
-        if let Some((_, found)) = last
-            && found.end != PathEnd::Nearest
+        let crawls = committed.is_some_and(|committed| self.gear_of(committed.limits.tube_m) >= CRAWL_GEAR);
+        let is_detour =
+            |best: Choice| f64::from(best.found.cost_m) > f64::from(DETOUR_WORTH_A_GEAR) * straight_m;
+        let mut last = None;
+        if best.is_none_or(is_detour) && (departure.is_at_rest() || crawls) {
+            last = self.last_resort(departure, goal);
+        }
+        let seen_s = seen.map_or(DEAD_END_S, |seen| self.time_s(self.top_gear, &seen));
+        if let (Some(other), Some(crawling)) = (best, last) {
+            if crawling.time_s + SLOWING_S < other.time_s {
+                best = None;
+            } else {
+                last = None;
+            }
+        }
+        if let Some(last) = last
+            && last.found.end != PathEnd::Nearest
         {
-            seen = Some(found);
+            seen = Some(last.found);
         }
         self.left_m = seen.map(|found| f64::from(found.cost_m));
         let is_planned = best.is_some() || last.is_some();
@@ -594,13 +643,24 @@ impl Planner {
             // It is somewhere else now, and looks anew from there.
             self.progress.forget();
         }
-        if best.is_none() && self.look(SLOW_GEAR, departure, desired, goal, committed, route) {
+        let looks_max = match last {
+            // What a look could show is a longer way.
+            Some(last) if last.time_s + SLOWING_S < seen_s => 0,
+            Some(_) => LOOKS_BEFORE_CRAWLING,
+            None => usize::MAX,
+        };
+        if best.is_none() && self.look(SLOW_GEAR, looks_max, departure, desired, goal, committed, route) {
             return true;
         }
-        let Some((flown, found)) = best.map(|(_, flown, found)| (flown, found)).or(last) else {
-            return self.look(LAST_GEAR, departure, desired, goal, committed, route);
+        let Some(chosen) = best.or(last) else {
+            return self.look_crawling(departure, desired, goal, committed, route);
         };
-        self.search.swap_path(&mut self.best_path);
+        let Choice { flown, found, .. } = chosen;
+        if best.is_none() {
+            self.search.swap_path(&mut self.last_path);
+        } else {
+            self.search.swap_path(&mut self.best_path);
+        }
         let target_is_goal = self.build_guide(flown, departure, goal, &found);
         if self.progress.is_blocked() && !target_is_goal && !departure.is_unplanned_motion() {
             // Once the goal counts as out of reach, only a way that is known to its end is worth leaving for, or one where
@@ -615,7 +675,20 @@ impl Planner {
             }
             self.progress.forget();
         }
-        self.search.prefer_path();
+        self.search.prefer_path(&self.space);
+        if let Some((slow_s, way)) = too_fast_for
+            && chosen.time_s < DEAD_END_S
+            && slow_s + SLOWING_S < chosen.time_s
+            && !must_leave
+            && !departure.is_unplanned_motion()
+        {
+            // What is committed along the same way ends where that becomes narrow.
+            if self.way_gear != way && !committed.is_some_and(is_stop) {
+                self.stop_certified(departure, route);
+            }
+            return true;
+        }
+        self.way_gear = chosen.way;
         match self.before_motion(departure) {
             Before::Go => self.write_plan(flown, departure, desired, target_is_goal, route),
             Before::Turn(heading_rad) => {
@@ -631,16 +704,42 @@ impl Planner {
         }
     }
 
-    /// A way in the lowest gear, for where no other has one and no look shows one: in which gear it is begun, and the way.
-    fn last_resort(&mut self, departure: &Departure, goal: &Point<LocalNed>) -> Option<(usize, Found)> {
-        self.space.prepare(LAST_GEAR);
-        let found = self.find(LAST_GEAR, departure, goal)?;
-        if found.end == PathEnd::Nearest && is_near_enough(departure, goal, &found) {
-            return None;
+    /// A way in the lowest gears, for where no other has one, or none that is not much longer.
+    fn last_resort(&mut self, departure: &Departure, goal: &Point<LocalNed>) -> Option<Choice> {
+        let mut best: Option<Choice> = None;
+        for gear in CRAWL_GEAR..=LAST_GEAR {
+            self.space.prepare(gear);
+            let Some(found) = self.find(gear, departure, goal) else {
+                continue;
+            };
+            let is_short = found.end == PathEnd::Nearest;
+            if is_short && (best.is_some() || is_near_enough(departure, goal, &found)) {
+                continue;
+            }
+            if let Some(flown) = self.flown_gear(gear, departure, goal, &found) {
+                best = Some(Choice {
+                    time_s: self.time_s(gear, &found),
+                    way: gear,
+                    flown,
+                    found,
+                });
+                self.search.swap_path(&mut self.last_path);
+            }
+            if best.is_some() && !is_short {
+                break;
+            }
         }
-        let flown = self.flown_gear(LAST_GEAR, departure, goal, &found)?;
-        self.search.swap_path(&mut self.best_path);
-        Some((flown, found))
+        best
+    }
+
+    /// Time that the way found for `gear` is expected to take (s).
+    fn time_s(&self, gear: usize, found: &Found) -> f64 {
+        let dead_end_s = if found.end == PathEnd::Nearest {
+            DEAD_END_S
+        } else {
+            0.0
+        };
+        f64::from(found.cost_m) / self.limits[0].speed_mps + GEAR_PRICE_S * gear as f64 + dead_end_s
     }
 
     /// Out of a place that is too narrow for a gear, to the nearest that is not; from there it is planned as ever. `false` if there is
@@ -649,20 +748,20 @@ impl Planner {
         let Some(gear) = self.space.narrow_gear() else {
             return false;
         };
-        let here = cell_of(departure.state.position);
+        let start = departure.state.position.vector();
+        let here = self.space.cell_of(gear, &start);
         if !self.search.way_out(&self.space, gear, here) {
             return false;
         }
-        let Some(end) = self.search.path().last().copied() else {
+        let Some(end) = self.search.path().cells.last().copied() else {
             return false;
         };
-        let start = departure.state.position.vector();
         self.guide.build(
             &self.space,
             gear,
             &start,
             self.search.path(),
-            Some(&center_of(end).vector()),
+            Some(&self.space.center_of(gear, end)),
             GUIDE_MAX_M,
             self.creep.overshoot_m,
         );
@@ -677,10 +776,11 @@ impl Planner {
         goal: &Point<LocalNed>,
         found: &Found,
     ) -> Option<usize> {
-        let speed_mps = departure.state.velocity.vector().norm();
         (self.top_gear..=gear).find(|flown| {
-            if speed_mps > MotionLimits::allowed(self.limits[*flown].speed_mps)
-                || !self.space.is_safe(*flown, cell_of(departure.state.position))
+            // The room that there is is for the way out of a narrow place.
+            if self.space.narrow_gear() == Some(*flown)
+                || !self.can_begin(*flown, departure)
+                || !self.space.is_safe_at(*flown, &departure.state.position.vector())
             {
                 return false;
             }
@@ -694,12 +794,18 @@ impl Planner {
         })
     }
 
+    /// Whether the vehicle is slow enough for `gear`.
+    fn can_begin(&self, gear: usize, departure: &Departure) -> bool {
+        let speed_mps = departure.state.velocity.vector().norm();
+        speed_mps <= MotionLimits::allowed(self.limits[gear].speed_mps)
+    }
+
     fn find(&mut self, gear: usize, departure: &Departure, goal: &Point<LocalNed>) -> Option<Found> {
         let query = Query {
             gear,
-            start: cell_of(departure.state.position),
-            goal: cell_of(*goal),
-            z_range: self.heights(departure, goal),
+            start: self.space.cell_of(gear, &departure.state.position.vector()),
+            goal: self.space.cell_of(gear, &goal.vector()),
+            z_range: self.heights(gear, departure, goal),
             height_price: HEIGHT_PRICES[usize::from(self.view.is_high())],
         };
         self.search.run(&self.space, &query)
@@ -708,13 +814,14 @@ impl Planner {
     /// Lowest and highest z of the cells that a way to `goal` may lead through: it may climb over what stands in between, but not
     /// where a planar sensor's band is declared. A band is what stands at the height that was measured; what else there is at the
     /// height of a detour, nobody has measured.
-    fn heights(&self, departure: &Departure, goal: &Point<LocalNed>) -> (i32, i32) {
+    fn heights(&self, gear: usize, departure: &Departure, goal: &Point<LocalNed>) -> (i32, i32) {
         let here_m = departure.state.position.z_m;
         let detour_m = if self.space.has_band() { 0.0 } else { DETOUR_UP_M };
         // Not above the vehicle: on a detour it would climb on and on.
         let top_m = (goal.z_m - detour_m).min(here_m);
         let bottom_m = goal.z_m.max(here_m);
-        let [top, bottom] = [top_m, bottom_m].map(|m| (m / CELL_M).floor() as i32);
+        let level = |down_m| self.space.cell_of(gear, &Vector3::new(0.0, 0.0, down_m))[2];
+        let [top, bottom] = [top_m, bottom_m].map(level);
         (top, bottom)
     }
 

@@ -1,11 +1,11 @@
 //! What is done where no plan is found because the way has not been seen: a look.
 
 use super::{Departure, GUIDE_MAX_M, Planner};
-use crate::gears::GEARS;
+use crate::gears::{CRAWL_GEAR, LAST_GEAR};
 use crate::looks::{DWELL_S, Look, REACH_M};
 use jink_shared_types::Coded;
 use jink_shared_types::frames::{LocalNed, Point, wrap_pi};
-use jink_shared_types::map::{cell_of, center_of};
+use jink_shared_types::map::cell_of;
 use jink_shared_types::motion::{Route, RouteMode, Trajectory};
 use jink_shared_types::vehicle::DesiredPath;
 
@@ -83,10 +83,11 @@ impl Planner {
     }
 
     /// Looks for what is missing on the way to `goal` in `gear`, from where it can be seen; `false` if nothing can be done about it. While
-    /// a look is under way, and shortly after it, nothing else is done.
+    /// a look is under way, and shortly after it, nothing else is done. No more than `looks_max` looks are remembered when one begins.
     pub(super) fn look(
         &mut self,
         gear: usize,
+        looks_max: usize,
         departure: &Departure,
         desired: &DesiredPath,
         goal: &Point<LocalNed>,
@@ -107,23 +108,29 @@ impl Planner {
         if !departure.is_at_rest() || departure.state.yaw_rate_radps.abs() > RESTING_RADPS {
             return false;
         }
+        if self.looks.remembered(time) >= looks_max {
+            return false;
+        }
         self.space.prepare(gear);
         if self.find(gear, departure, goal).is_none() {
             return false;
         }
-        if !self.looks.want(&self.space, gear, self.search.path()) {
+        if !self.looks.want(&self.space, self.search.path()) {
             return false;
         }
-        let start = cell_of(departure.state.position);
+        let start = self.space.cell_of(gear, &departure.state.position.vector());
         let yaw_rad = departure.state.yaw_rad;
         let z_range = if self.space.has_band() {
-            self.heights(departure, goal)
+            self.heights(gear, departure, goal)
         } else {
             (i32::MIN, i32::MAX)
         };
         self.search
             .reach(&self.space, gear, start, REACH_M, z_range, &mut self.looks.places);
-        let Some(look) = self.looks.best(&self.space, &self.view, start, yaw_rad, time) else {
+        let Some(look) = self
+            .looks
+            .best(&self.space, gear, &self.view, start, yaw_rad, time)
+        else {
             return false;
         };
         if look.cell == start {
@@ -137,7 +144,7 @@ impl Planner {
             gear,
             &departure.state.position.vector(),
             self.search.path(),
-            Some(&center_of(look.cell).vector()),
+            Some(&self.space.center_of(gear, look.cell)),
             GUIDE_MAX_M,
             self.limits[gear].overshoot_m,
         );
@@ -160,11 +167,24 @@ impl Planner {
         true
     }
 
+    /// The same in the lowest gears.
+    pub(super) fn look_crawling(
+        &mut self,
+        departure: &Departure,
+        desired: &DesiredPath,
+        goal: &Point<LocalNed>,
+        committed: Option<&Trajectory>,
+        route: &mut Route,
+    ) -> bool {
+        (CRAWL_GEAR..=LAST_GEAR)
+            .any(|gear| self.look(gear, usize::MAX, departure, desired, goal, committed, route))
+    }
+
     fn write_turn(&self, departure: &Departure, look: &Look, route: &mut Route) {
         route.base_id = departure.base_id;
         route.splice = departure.splice;
         route.start = departure.state;
-        route.limits = self.limits[GEARS - 1];
+        route.limits = self.limits[LAST_GEAR];
         route.target = departure.state.position;
         route.goal_yaw_rad = look.yaw_rad;
         route.mode = Coded::new(RouteMode::Turn);

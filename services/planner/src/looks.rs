@@ -7,7 +7,8 @@
 //!
 //! Every place is tried once in a while (20 s): what does not come into view from there will not do so by looking again.
 
-use crate::space::{Space, around};
+use crate::search::Path;
+use crate::space::Space;
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::map::{Cell, center_of};
@@ -108,6 +109,12 @@ impl Looks {
         self.under_way = Some((route_id, time));
     }
 
+    /// How many places were looked from not long before `time`.
+    pub fn remembered(&self, time: Timestamp) -> usize {
+        let is_recent = |when: &Timestamp| time.seconds_since(*when).abs() < FORGOTTEN_S;
+        self.tried.iter().filter(|(_, when)| is_recent(when)).count()
+    }
+
     fn is_tried(&self, look: &Look, time: Timestamp) -> bool {
         self.tried.iter().any(|(old, when)| {
             let away_m = (center_of(old.cell).vector() - center_of(look.cell).vector()).norm();
@@ -117,20 +124,20 @@ impl Looks {
         })
     }
 
-    /// Collects what is missing on the way along `path`: the unknown cells that keep its first unsafe part from being safe in `gear`.
-    /// `false` if nothing is.
-    pub fn want(&mut self, space: &Space, gear: usize, path: &[Cell]) -> bool {
+    /// Collects what is missing on the way along `path`: the unknown cells that keep its first unsafe part from being safe in its
+    /// gear. `false` if nothing is.
+    pub fn want(&mut self, space: &Space, path: &Path) -> bool {
+        let gear = path.gear;
         self.wanted.clear();
         let is_safe = |step: &&[Cell]| touched(step[0], step[1]).all(|cell| space.is_safe(gear, cell));
-        let unsafe_part = path.windows(2).skip_while(is_safe).take(WAY_CELLS);
+        let unsafe_part = path.cells.windows(2).skip_while(is_safe).take(WAY_CELLS);
         for step in unsafe_part.step_by(2) {
             let is_unsafe = |cell: &Cell| !space.is_safe(gear, *cell);
             let mut cells = std::iter::once(step[1]).chain(touched(step[0], step[1]));
             let Some(cell) = cells.find(is_unsafe) else {
                 continue;
             };
-            let unknown = around(cell, space.radius_m(gear)).map(|(cell, _)| cell);
-            let unknown = unknown.filter(|cell| space.is_unknown(*cell));
+            let unknown = space.around(gear, cell).filter(|cell| space.is_unknown(*cell));
             let room = self.wanted.capacity() - self.wanted.len();
             self.wanted
                 .extend(unknown.map(|cell| center_of(cell).vector()).take(room));
@@ -144,11 +151,12 @@ impl Looks {
         !self.wanted.is_empty()
     }
 
-    /// The best of [`Looks::places`] for a vehicle at `start` with heading `yaw_rad` that sees as `view` says; `None` if nothing
+    /// The best of [`Looks::places`], which are cells of `gear`, for a vehicle at `start` with heading `yaw_rad` that sees as `view` says; `None` if nothing
     /// that is missing comes into view from any of them.
     pub fn best(
         &self,
         space: &Space,
+        gear: usize,
         view: &FieldOfView,
         start: Cell,
         yaw_rad: f64,
@@ -158,7 +166,7 @@ impl Looks {
         let middle = self.wanted.iter().sum::<Vector3<f64>>() / self.wanted.len().max(1) as f64;
         let mut best: Option<(f64, Look)> = None;
         for place in self.places.iter().take(PLACES) {
-            let from = center_of(place.cell).vector();
+            let from = space.center_of(gear, place.cell);
             let toward = middle - from;
             let look = Look {
                 cell: place.cell,
@@ -177,7 +185,7 @@ impl Looks {
             if best.is_some_and(|(worth, _)| 1.0 - price <= worth) {
                 continue;
             }
-            let seen = self.share_seen(space, view, &look);
+            let seen = self.share_seen(space, view, &from, look.yaw_rad);
             let worth = seen - price;
             if seen >= WORTH && best.is_none_or(|(most, _)| worth > most) {
                 best = Some((worth, look));
@@ -186,13 +194,12 @@ impl Looks {
         best.map(|(_, look)| look)
     }
 
-    /// Which share of what is missing comes into view from `look`.
-    fn share_seen(&self, space: &Space, view: &FieldOfView, look: &Look) -> f64 {
-        let from = center_of(look.cell).vector();
-        let body_r_local = Rotation3::from_axis_angle(&Vector3::z_axis(), -look.yaw_rad);
+    /// Which share of what is missing comes into view from `from` with heading `yaw_rad`.
+    fn share_seen(&self, space: &Space, view: &FieldOfView, from: &Vector3<f64>, yaw_rad: f64) -> f64 {
+        let body_r_local = Rotation3::from_axis_angle(&Vector3::z_axis(), -yaw_rad);
         let seen = self.wanted.iter().filter(|cell| {
             view.covers(&(body_r_local * (*cell - from)))
-                && space.segment_all(&from, cell, |space, cell| !space.is_occupied(cell))
+                && space.first_cell(from, cell, Space::is_occupied).is_none()
         });
         seen.count() as f64 / self.wanted.len().max(1) as f64
     }
@@ -208,6 +215,7 @@ fn touched(a: Cell, b: Cell) -> impl Iterator<Item = Cell> {
 mod tests {
     use super::{Looks, Place};
     use crate::gears::SLOW_GEAR;
+    use crate::search::Path;
     use crate::space::tests::{known_map, space_of};
     use jink_shared_types::Timestamp;
     use jink_shared_types::map::{Cell, LocalMap, clear, set};
@@ -262,10 +270,17 @@ mod tests {
         unknown_where(&mut map, |cell| cell[1] > 8);
         let space = space_of(&map);
         let mut looks = looks_at(&[[0, 0, 0]]);
-        let path: Vec<Cell> = (0..30).map(|y| [0, y, 0]).collect();
-        assert!(looks.want(&space, SLOW_GEAR, &path));
+        let cells: Vec<Cell> = (0..30).map(|y| [0, y, 0]).collect();
+        assert!(looks.want(
+            &space,
+            &Path {
+                gear: SLOW_GEAR,
+                cells
+            }
+        ));
         let look = looks.best(
             &space,
+            SLOW_GEAR,
             &view(43, -29, 29),
             [0, 0, 0],
             0.0,
@@ -279,6 +294,7 @@ mod tests {
         looks.go(look, 1, Timestamp::from_seconds(1.0));
         let again = looks.best(
             &space,
+            SLOW_GEAR,
             &view(43, -29, 29),
             [0, 0, 0],
             0.0,
@@ -293,10 +309,17 @@ mod tests {
         unknown_where(&mut map, |cell| cell[0] > 6 && cell[2] > 1);
         let space = space_of(&map);
         let mut looks = looks_at(&[[0, 0, 0], [0, 6, 0], [-6, 0, 0], [0, 0, 5], [0, 0, -5]]);
-        let path: Vec<Cell> = (0..30).map(|x| [x, 0, 0]).collect();
-        assert!(looks.want(&space, SLOW_GEAR, &path));
+        let cells: Vec<Cell> = (0..30).map(|x| [x, 0, 0]).collect();
+        assert!(looks.want(
+            &space,
+            &Path {
+                gear: SLOW_GEAR,
+                cells
+            }
+        ));
         let look = looks.best(
             &space,
+            SLOW_GEAR,
             &view(180, -5, 50),
             [0, 0, 0],
             0.3,
@@ -316,10 +339,17 @@ mod tests {
         unknown_where(&mut map, |cell| cell[0] > 12);
         let space = space_of(&map);
         let mut looks = looks_at(&[[0, 0, 0], [0, 0, 5], [-6, 0, 0]]);
-        let path: Vec<Cell> = (13..30).map(|x| [x, 0, 0]).collect();
-        assert!(looks.want(&space, SLOW_GEAR, &path));
+        let cells: Vec<Cell> = (13..30).map(|x| [x, 0, 0]).collect();
+        assert!(looks.want(
+            &space,
+            &Path {
+                gear: SLOW_GEAR,
+                cells
+            }
+        ));
         let look = looks.best(
             &space,
+            SLOW_GEAR,
             &view(180, -45, 45),
             [0, 0, 0],
             0.0,

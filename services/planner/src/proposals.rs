@@ -8,14 +8,13 @@
 //! own search's measure; else the own search has the vehicle to itself for [`PAUSE_S`], and twice as long each next time. So the
 //! time in which nobody disturbs it grows until it is long enough, whatever is proposed.
 
-use crate::gears::GEARS;
+use crate::gears::CRAWL_GEAR;
 use crate::proposed_way::{Failure, ProposedWay};
 use crate::space::Space;
 use crate::{Departure, GUIDE_MAX_M, HIGHER_GEAR_MIN_M, PROGRESS_MIN_M, Planner};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::layout::Layout;
-use jink_shared_types::map::cell_of;
 use jink_shared_types::motion::{MotionLimits, Route, Trajectory, stopping_distance_m};
 use jink_shared_types::proposal::{Proposal, ProposalAnswer, ProposalVerdict};
 use jink_shared_types::vehicle::DesiredPath;
@@ -438,7 +437,7 @@ impl Planner {
             self.proposals.judge(ProposalVerdict::Infeasible, None);
             return false;
         }
-        self.space.prepare(GEARS - 1);
+        self.space.prepare(CRAWL_GEAR);
         if let Err(failure) = self.proposals.lay(&self.space, departure, goal) {
             self.proposals.judge(failure.verdict, Some(failure));
             return false;
@@ -489,7 +488,7 @@ impl Planner {
             speed_mps <= MotionLimits::allowed(limits.speed_mps)
                 && acceleration_mps2 <= MotionLimits::allowed(limits.acceleration_mps2)
         };
-        let fast_enough = (0..GEARS)
+        let fast_enough = (0..=CRAWL_GEAR)
             .rev()
             .find(|gear| self.limits[*gear].speed_mps >= wished_mps);
         let wanted = fast_enough.unwrap_or(0).max(self.top_gear);
@@ -498,9 +497,10 @@ impl Planner {
             .find(|gear| can_begin(&self.limits[*gear]))
             .unwrap_or(wanted);
         let mut best: Option<(f64, usize)> = None;
-        for gear in first..GEARS {
+        for gear in first..=CRAWL_GEAR {
             self.space.prepare(gear);
-            if !can_begin(&self.limits[gear]) || !self.space.is_safe(gear, cell_of(departure.state.position))
+            if !can_begin(&self.limits[gear])
+                || !self.space.is_safe_at(gear, &departure.state.position.vector())
             {
                 continue;
             }

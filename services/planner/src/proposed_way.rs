@@ -1,7 +1,7 @@
 //! The part of a proposed way that the next plan may follow: from the departure to the way, along it as far as one route
 //! reaches, and what of it is not certified.
 
-use crate::gears::GEARS;
+use crate::gears::CRAWL_GEAR;
 use crate::space::Space;
 use jink_shared_types::proposal::{PROPOSAL_WAYPOINTS, Proposal, ProposalVerdict};
 use nalgebra::Vector3;
@@ -132,7 +132,7 @@ impl ProposedWay {
         let from_m = [1.0, 0.5, 0.0]
             .map(|share| nearest.along_m + share * ahead_m)
             .into_iter()
-            .find(|from_m| space.segment_is_safe(GEARS - 1, start, &point_at(proposal, *from_m).0))
+            .find(|from_m| space.segment_is_safe(CRAWL_GEAR, start, &point_at(proposal, *from_m).0))
             .unwrap_or(nearest.along_m);
         self.follow(proposal, from_m);
         self.end_at(proposal, goal);
@@ -208,11 +208,12 @@ impl ProposedWay {
 
     /// Where it comes too near to a known obstacle for the slowest gear, which must be prepared.
     pub fn obstacle(&self, space: &Space) -> Option<Failure> {
-        let slowest = GEARS - 1;
+        let slowest = CRAWL_GEAR;
         let mut after_m = 0.0;
         for (index, leg) in self.points.windows(2).enumerate() {
             let way = leg[1] - leg[0];
-            let hit = space.first_cell(&leg[0], &leg[1], |space, cell| space.is_hit_inside(slowest, cell));
+            let is_hit = |space: &Space, cell| space.is_hit_inside(slowest, cell);
+            let hit = space.first_in(slowest, &leg[0], &leg[1], is_hit);
             if let Some(t) = hit {
                 let narrow = self.failure(ProposalVerdict::TooNarrow, index + 1, t, after_m);
                 return Some(
@@ -242,7 +243,9 @@ impl ProposedWay {
                     after_m,
                 });
             }
-            let is_left = space.first_cell(&from, &to, |space, cell| !space.is_hit(GEARS - 1, cell));
+            let is_left = space.first_in(CRAWL_GEAR, &from, &to, |space, cell| {
+                !space.is_hit(CRAWL_GEAR, cell)
+            });
             if share < 1.0 || is_left.is_some() {
                 return None;
             }
@@ -256,7 +259,8 @@ impl ProposedWay {
     pub fn unknown(&self, space: &Space) -> Option<Failure> {
         let mut after_m = 0.0;
         for (index, leg) in self.points.windows(2).enumerate() {
-            let end = space.first_cell(&leg[0], &leg[1], |space, cell| !space.is_safe(GEARS - 1, cell));
+            let is_unsafe = |space: &Space, cell| !space.is_safe(CRAWL_GEAR, cell);
+            let end = space.first_in(CRAWL_GEAR, &leg[0], &leg[1], is_unsafe);
             if let Some(t) = end {
                 return Some(self.failure(ProposalVerdict::Unknown, index + 1, t, after_m));
             }

@@ -1,6 +1,6 @@
 //! A* over the inflated map: the guide to the goal, through unknown space where it must be, at a price.
 //!
-//! 26-connected on the map's own cells; a diagonal step needs every cell it touches. The search ends at the goal, at the
+//! 26-connected on the cells of the gear; a diagonal step needs every cell it touches. The search ends at the goal, at the
 //! window's border (where the straight way to the goal, and the detour that the far map knows of, are the best guess of what is
 //! left), or, if neither can be reached, at the cell it found nearest to the goal.
 
@@ -42,7 +42,7 @@ const DEAD_END_M: f32 = 2.0;
 /// A way out of a narrow place is no longer than this (m): beyond, it would be a way through it.
 const WAY_OUT_MAX_M: f32 = 4.0;
 
-/// Places to look from lie this many cells apart.
+/// Places to look from lie this many of the map's cells apart.
 const PLACE_STEP: [i32; 3] = [3, 3, 2];
 
 const CELLS: usize = SIZE_X * SIZE_Y * SIZE_Z;
@@ -56,6 +56,24 @@ pub enum PathEnd {
     Window,
     /// At the reachable cell nearest to the goal.
     Nearest,
+}
+
+/// A way from cell to cell.
+#[derive(Clone, Debug)]
+pub struct Path {
+    /// The gear whose cells they are.
+    pub gear: usize,
+    /// The cells, the start first.
+    pub cells: Vec<Cell>,
+}
+
+impl Default for Path {
+    fn default() -> Self {
+        Self {
+            gear: 0,
+            cells: Vec::with_capacity(4096),
+        }
+    }
 }
 
 /// What was found.
@@ -75,7 +93,8 @@ pub struct Found {
 #[derive(Clone, Copy, Debug)]
 struct Step {
     by: Cell,
-    length_m: f32,
+    /// In cells.
+    length: f64,
     /// Bits of the 27-neighbourhood (`(dz + 1) * 9 + (dy + 1) * 3 + dx + 1`) that must be free.
     needs: u32,
 }
@@ -89,7 +108,10 @@ pub struct Search {
     visit: Vec<u32>,
     round: u32,
     open: BinaryHeap<Reverse<u64>>,
-    path: Vec<Cell>,
+    path: Path,
+    /// Edge of the cells that are searched (m).
+    cell_m: f64,
+    /// Of the map's cells.
     preferred: Layer,
     /// For each gear the last goal that was not reached, and where the way ended instead.
     ends: [Option<(Cell, Cell)>; GEARS],
@@ -107,7 +129,8 @@ impl Default for Search {
             visit: vec![0; CELLS],
             round: 0,
             open: BinaryHeap::with_capacity(8 * EXPANSIONS_MAX),
-            path: Vec::with_capacity(4096),
+            path: Path::default(),
+            cell_m: CELL_M,
             preferred: Layer::default(),
             ends: [None; GEARS],
             expansions: 0,
@@ -136,7 +159,7 @@ fn steps() -> Vec<Step> {
                 let cells = f64::from(dx * dx + dy * dy + dz * dz).sqrt();
                 steps.push(Step {
                     by: [dx, dy, dz],
-                    length_m: (cells * CELL_M) as f32,
+                    length: cells,
                     needs: needs & !bit(0, 0, 0),
                 });
             }
@@ -165,7 +188,7 @@ fn cell_at(index: usize, min_cell: Cell) -> Cell {
 /// What to search for.
 #[derive(Clone, Copy, Debug)]
 pub struct Query {
-    /// Gear whose radius counts.
+    /// Gear whose radius counts, and whose cells the others are.
     pub gear: usize,
     /// Where the way begins.
     pub start: Cell,
@@ -178,13 +201,13 @@ pub struct Query {
 }
 
 impl Search {
-    /// The cells of the last path found, start first.
-    pub fn path(&self) -> &[Cell] {
+    /// The last path found.
+    pub fn path(&self) -> &Path {
         &self.path
     }
 
     /// Exchanges the path with `other`: keeps a good one while others are searched for.
-    pub fn swap_path(&mut self, other: &mut Vec<Cell>) {
+    pub fn swap_path(&mut self, other: &mut Path) {
         std::mem::swap(&mut self.path, other);
     }
 
@@ -195,9 +218,10 @@ impl Search {
     }
 
     /// Makes the last path found, one cell to each side, the preferred way of the next searches.
-    pub fn prefer_path(&mut self) {
+    pub fn prefer_path(&mut self, space: &Space) {
         self.preferred.clear();
-        for cell in &self.path {
+        for cell in &self.path.cells {
+            let cell = space.map_cell(self.path.gear, *cell);
             for dx in -1..=1 {
                 for dy in -1..=1 {
                     self.preferred.set([cell[0] + dx, cell[1] + dy, cell[2]]);
@@ -218,14 +242,15 @@ impl Search {
 
     /// Searches; `None` if the start itself is too near to an obstacle or outside the window.
     pub fn run(&mut self, space: &Space, query: &Query) -> Option<Found> {
-        if !space.contains(query.start) || space.is_hit(query.gear, query.start) {
+        let gear = query.gear;
+        if !space.holds(gear, query.start) || space.is_hit(gear, query.start) {
             return None;
         }
-        let is_beyond = !space.contains(query.goal);
+        let is_beyond = !space.holds(gear, query.goal);
         let found = self.run_guided(space, query, is_beyond);
         // Within the window the fine map knows best, unless all that it knows is a dead end.
         let is_dead_end = !is_beyond && found.end == PathEnd::Nearest && !found.goal_is_occupied;
-        if is_dead_end && self.far.detour_m(query.start) > DEAD_END_M {
+        if is_dead_end && self.far.detour_m(space.map_cell(gear, query.start)) > DEAD_END_M {
             return Some(self.run_guided(space, query, true));
         }
         Some(found)
@@ -238,10 +263,10 @@ impl Search {
             .map(|(_, end)| end);
         let goal = open_goal(space, query, before);
         let is_occupied = goal != query.goal;
-        self.begin(query.start);
+        self.begin(space, query.gear, query.start);
         let mut nearest = (f32::INFINITY, query.start);
         while let Some((cell, index)) = self.close_next(space) {
-            let left_m = self.left_m(cell, goal, by_far);
+            let left_m = self.left_m(space, cell, goal, by_far);
             if left_m < nearest.0 {
                 nearest = (left_m, cell);
             }
@@ -252,7 +277,7 @@ impl Search {
                 self.ends[query.gear] = None;
                 return self.finish(space, cell, PathEnd::Goal, 0.0, 0.0);
             }
-            if on_shell(space, cell) && cell != query.start {
+            if on_shell(space, query.gear, cell) && cell != query.start {
                 return self.finish(space, cell, PathEnd::Window, left_m, BEYOND_FACTOR);
             }
             self.expansions += 1;
@@ -262,23 +287,38 @@ impl Search {
             self.expand(space, query, &goal, by_far, cell, index);
         }
         let end = before
-            .filter(|cell| space.contains(*cell) && self.visit[index_of(*cell)] == self.round + 1)
-            .filter(|cell| self.left_m(*cell, goal, by_far) <= nearest.0 + SAME_END_CELLS * CELL_M as f32)
+            .filter(|cell| space.holds(query.gear, *cell) && self.visit[index_of(*cell)] == self.round + 1)
+            .filter(|cell| {
+                self.left_m(space, *cell, goal, by_far) <= nearest.0 + SAME_END_CELLS * self.cell_m as f32
+            })
             .unwrap_or(nearest.1);
         self.finish_short(space, query, end, is_occupied)
     }
 
     /// What is left from `cell` to `goal` (m): the straight line, and, where `by_far`, what the far map knows to stand in its way.
     #[inline]
-    fn left_m(&self, cell: Cell, goal: Cell, by_far: bool) -> f32 {
-        let detour_m = if by_far { self.far.detour_m(cell) } else { 0.0 };
-        heuristic_m(cell, goal) + detour_m
+    fn left_m(&self, space: &Space, cell: Cell, goal: Cell, by_far: bool) -> f32 {
+        let detour_m = if by_far {
+            self.far.detour_m(space.map_cell(self.path.gear, cell))
+        } else {
+            0.0
+        };
+        self.straight_m(cell, goal) + detour_m
+    }
+
+    /// Straight distance between the centres of two cells (m).
+    #[inline]
+    fn straight_m(&self, a: Cell, b: Cell) -> f32 {
+        let square: f64 = (0..3)
+            .map(|axis| (f64::from(a[axis]) - f64::from(b[axis])).powi(2))
+            .sum();
+        (square.sqrt() * self.cell_m) as f32
     }
 
     /// A way that ends short of its goal, and will end there again.
     fn finish_short(&mut self, space: &Space, query: &Query, end: Cell, goal_is_occupied: bool) -> Found {
         self.ends[query.gear] = Some((query.goal, end));
-        let left_m = heuristic_m(end, query.goal);
+        let left_m = self.straight_m(end, query.goal);
         Found {
             goal_is_occupied,
             ..self.finish(space, end, PathEnd::Nearest, left_m, 1.0)
@@ -309,9 +349,9 @@ impl Search {
         places: &mut Vec<Place>,
     ) {
         places.clear();
+        let step = PLACE_STEP.map(|cells| cells * space.per_cell(gear));
         self.spread(space, gear, start, reach_m, z_range, |cell, way_m| {
-            let [x, y, z] =
-                std::array::from_fn(|axis| (cell[axis] - start[axis]).rem_euclid(PLACE_STEP[axis]));
+            let [x, y, z] = std::array::from_fn(|axis| (cell[axis] - start[axis]).rem_euclid(step[axis]));
             if x + y + z == 0 && places.len() < places.capacity() {
                 places.push(Place { cell, way_m });
             }
@@ -321,7 +361,7 @@ impl Search {
 
     /// Makes the way to `cell`, one of the places of the last [`Search::reach`], the path.
     pub fn way_to(&mut self, space: &Space, cell: Cell) {
-        self.path.clear();
+        self.path.cells.clear();
         self.finish(space, cell, PathEnd::Nearest, 0.0, 0.0);
     }
 
@@ -339,7 +379,7 @@ impl Search {
         if !space.is_safe(gear, start) {
             return None;
         }
-        self.begin(start);
+        self.begin(space, gear, start);
         while let Some((cell, index)) = self.close_next(space) {
             let way_m = self.cost_m[index];
             if is_end(cell, way_m) {
@@ -358,7 +398,7 @@ impl Search {
                     continue;
                 }
                 let next_index = index_of(next);
-                let cost_m = way_m + step.length_m;
+                let cost_m = way_m + (step.length * self.cell_m) as f32;
                 let is_known = self.visit[next_index] == self.round && self.cost_m[next_index] <= cost_m;
                 if !is_known && self.visit[next_index] != self.round + 1 {
                     self.visit[next_index] = self.round;
@@ -371,8 +411,8 @@ impl Search {
         None
     }
 
-    /// Opens `start` alone.
-    fn begin(&mut self, start: Cell) {
+    /// Opens `start` alone, a cell of `gear`.
+    fn begin(&mut self, space: &Space, gear: usize, start: Cell) {
         // Two marks per round: open and closed. On overflow the memory is wiped once in 2^31 rounds.
         self.round = match self.round.checked_add(2) {
             Some(round) if round < u32::MAX - 1 => round,
@@ -382,7 +422,9 @@ impl Search {
             }
         };
         self.open.clear();
-        self.path.clear();
+        self.path.gear = gear;
+        self.cell_m = space.cell_m(gear);
+        self.path.cells.clear();
         self.expansions = 0;
         let first = index_of(start);
         self.cost_m[first] = 0.0;
@@ -398,7 +440,7 @@ impl Search {
             let index = (key & u64::from(u32::MAX)) as usize;
             if self.visit[index] != self.round + 1 {
                 self.visit[index] = self.round + 1;
-                return Some((cell_at(index, space.min_cell()), index));
+                return Some((cell_at(index, space.min_cell(self.path.gear)), index));
             }
         }
     }
@@ -420,7 +462,7 @@ impl Search {
                 continue;
             }
             let next: Cell = std::array::from_fn(|axis| cell[axis] + step.by[axis]);
-            if next[2] < query.z_range.0 || next[2] > query.z_range.1 || !space.contains(next) {
+            if next[2] < query.z_range.0 || next[2] > query.z_range.1 || !space.holds(query.gear, next) {
                 continue;
             }
             let next_index = index_of(next);
@@ -432,7 +474,7 @@ impl Search {
                 self.visit[next_index] = self.round;
                 self.cost_m[next_index] = cost_m;
                 self.came_by[next_index] = number as u8;
-                let left_m = self.left_m(next, *goal, by_far);
+                let left_m = self.left_m(space, next, *goal, by_far);
                 self.push(cost_m + HEURISTIC_WEIGHT * left_m, next);
             }
         }
@@ -441,31 +483,33 @@ impl Search {
     /// Of a step to `next`; `is_safe` if it touches no cell that is not.
     fn price_m(&self, space: &Space, query: &Query, next: Cell, step: &Step, is_safe: bool) -> f32 {
         let mut factor = 1.0;
-        if space.is_near(next) {
+        let map_cell = space.map_cell(query.gear, next);
+        if space.is_near(map_cell) {
             factor *= NEAR_FACTOR;
         } else if !is_safe {
             factor *= UNKNOWN_FACTOR;
         }
-        if self.preferred.test(next) {
+        if self.preferred.test(map_cell) {
             factor *= PREFERRED_FACTOR;
         }
-        step.length_m * factor + query.height_price * CELL_M as f32 * step.by[2].abs() as f32
+        (step.length * self.cell_m) as f32 * factor
+            + query.height_price * self.cell_m as f32 * step.by[2].abs() as f32
     }
 
     fn finish(&mut self, space: &Space, end: Cell, kind: PathEnd, left_m: f32, factor: f32) -> Found {
         let cost_m = self.cost_m[index_of(end)] + factor * left_m;
         let mut cell = end;
         loop {
-            self.path.push(cell);
+            self.path.cells.push(cell);
             let Some(step) = self.steps.get(self.came_by[index_of(cell)] as usize) else {
                 break;
             };
             cell = std::array::from_fn(|axis| cell[axis] - step.by[axis]);
-            if !space.contains(cell) {
+            if !space.holds(self.path.gear, cell) {
                 break;
             }
         }
-        self.path.reverse();
+        self.path.cells.reverse();
         Found {
             end: kind,
             cost_m,
@@ -481,10 +525,10 @@ fn open_goal(space: &Space, query: &Query, before: Option<Cell>) -> Cell {
     let goal = query.goal;
     let is_open = |cell: Cell| {
         (query.z_range.0..=query.z_range.1).contains(&cell[2])
-            && space.contains(cell)
+            && space.holds(query.gear, cell)
             && !space.is_hit(query.gear, cell)
     };
-    if !space.contains(goal) || is_open(goal) {
+    if !space.holds(query.gear, goal) || is_open(goal) {
         return goal;
     }
     let mut nearest = i32::MAX;
@@ -539,17 +583,9 @@ fn square_cells(a: Cell, b: Cell) -> i32 {
     (0..3).map(|axis| (a[axis] - b[axis]).pow(2)).sum()
 }
 
-/// Straight distance between the centres of two cells (m).
-fn heuristic_m(a: Cell, b: Cell) -> f32 {
-    let square: f64 = (0..3)
-        .map(|axis| (f64::from(a[axis]) - f64::from(b[axis])).powi(2))
-        .sum();
-    (square.sqrt() * CELL_M) as f32
-}
-
-/// Whether `cell` lies in the outermost two cells of the window.
-fn on_shell(space: &Space, cell: Cell) -> bool {
-    let min = space.min_cell();
+/// Whether `cell` lies in the outermost two cells of what the layers of `gear` hold.
+fn on_shell(space: &Space, gear: usize, cell: Cell) -> bool {
+    let min = space.min_cell(gear);
     let size = [SIZE_X as i32, SIZE_Y as i32, SIZE_Z as i32];
     (0..3).any(|axis| {
         let offset = cell[axis] - min[axis];
@@ -606,8 +642,14 @@ mod tests {
         let mut search = Search::default();
         let found = search.run(&space, &query(0, [40, 0, 0])).unwrap();
         assert_eq!(found.end, PathEnd::Goal);
-        assert_eq!(search.path().len(), 41);
-        assert!(search.path().iter().all(|cell| cell[1] == 0 && cell[2] == 0));
+        assert_eq!(search.path().cells.len(), 41);
+        assert!(
+            search
+                .path()
+                .cells
+                .iter()
+                .all(|cell| cell[1] == 0 && cell[2] == 0)
+        );
     }
 
     #[test]
@@ -617,7 +659,7 @@ mod tests {
         let mut search = Search::default();
         let found = search.run(&space, &query(0, [50, 3, 0])).unwrap();
         assert_eq!(found.end, PathEnd::Goal);
-        for pair in search.path().windows(2) {
+        for pair in search.path().cells.windows(2) {
             for x in [pair[0][0], pair[1][0]] {
                 for y in [pair[0][1], pair[1][1]] {
                     for z in [pair[0][2], pair[1][2]] {
@@ -634,7 +676,7 @@ mod tests {
         let mut search = Search::default();
         let found = search.run(&space, &query(0, [400, 0, 0])).unwrap();
         assert_eq!(found.end, PathEnd::Window);
-        assert!(search.path().last().unwrap()[0] >= 60);
+        assert!(search.path().cells.last().unwrap()[0] >= 60);
     }
 
     #[test]
@@ -644,7 +686,7 @@ mod tests {
         let mut search = Search::default();
         let found = search.run(&space, &query(2, [45, 0, 0])).unwrap();
         assert_eq!(found.end, PathEnd::Nearest);
-        let end = search.path().last().unwrap();
+        let end = search.path().cells.last().unwrap();
         assert!((20..28).contains(&end[0]), "{end:?}");
     }
 
@@ -656,7 +698,7 @@ mod tests {
             let found = search.run(&space, &query(gear, [40, 0, 0])).unwrap();
             assert_eq!(found.end, PathEnd::Nearest);
             // In a straight line up to the trunk: an estimate that is too low by flooding would not be.
-            let end = search.path().last().unwrap();
+            let end = search.path().cells.last().unwrap();
             let reach = (0..40).filter(|x| space.is_hit(gear, [*x, 0, 0])).count() as i32;
             let off = f64::from((end[0] - 40).pow(2) + (end[1]).pow(2) + end[2].pow(2)).sqrt();
             assert!(off <= f64::from(reach) + 2.0, "{end:?}, {reach}");
@@ -674,7 +716,7 @@ mod tests {
             let space = space_of(&known_map(|p| (p.x - x).hypot(p.y - y) < 0.5));
             let found = search.run(&space, &query(1, [40, 0, 0])).unwrap();
             assert!(found.goal_is_occupied);
-            let end = *search.path().last().unwrap();
+            let end = *search.path().cells.last().unwrap();
             assert_eq!(end, *first.get_or_insert(end));
         }
     }

@@ -6,6 +6,10 @@
 //! | `hit` | ball around occupied; with collision prevention what is nearer than CP_DIST at the vehicle's height | search (unknown may be explored), re-check of what is already committed |
 //! | `near` | a wider ball around the hits of the highest gear | cost only: prefer room |
 //!
+//! The lowest gear, which is for narrow places, has layers of half cells, of the middle of the window: half a metre to both sides of
+//! the vehicle's centre takes six of the map's cells there, and seven on the map's own. The cells of that gear are half cells, those of
+//! all others the map's.
+//!
 //! A vehicle that rests where not even [`crate::gears::SLOW_GEAR`] has room (a gust, a hard braking, something that came, a take-off
 //! below a part of the sky that no sensor looks at) plans with the room that it has, by the shortest way to where there is room: on it
 //! it comes no nearer to what is occupied or unknown nearby, and it creeps, so that it strays less. All other unknown is kept away from as ever,
@@ -14,10 +18,12 @@
 //! A vehicle that is nearer to something than CP_DIST already plans without it, or it could never leave; the guard sees to it that it
 //! comes no nearer.
 
-use crate::gears::GEARS;
+use crate::gears::{GEARS, LAST_GEAR};
 use crate::layer::{Ball, Layer, gap_m};
 use jink_shared_types::frames::{LocalNed, Point};
-use jink_shared_types::map::{CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, cell_of, declared_as};
+use jink_shared_types::map::{
+    CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, cell_of, center_of, declared_as,
+};
 use jink_shared_types::motion::MotionLimits;
 use jink_shared_types::params::{self, ParamSet};
 use nalgebra::Vector3;
@@ -87,6 +93,7 @@ pub struct Space {
     not_free: Layer,
     occupied: Layer,
     scratch: Layer,
+    halves: Layer,
     unknown: Layer,
     /// The occupied cells that are not within the vehicle's radius of a narrow place.
     others: Layer,
@@ -110,7 +117,7 @@ impl Space {
             min_cell: [0; 3],
             room,
             radii_m,
-            balls: radii_m.map(Ball::new),
+            balls: std::array::from_fn(|gear| Ball::of_cells(radii_m[gear], cell_m(gear))),
             kept: std::array::from_fn(|gear| room.kept(gears[gear].tube_m)),
             is_leaving: false,
             narrow: None,
@@ -118,6 +125,7 @@ impl Space {
             not_free: Layer::default(),
             occupied: Layer::default(),
             scratch: Layer::default(),
+            halves: Layer::default(),
             unknown: Layer::default(),
             others: Layer::default(),
             too_near: Vec::with_capacity(1_024),
@@ -143,14 +151,15 @@ impl Space {
     /// Notes from where it is planned next: whether there is room for `gear`, if the vehicle `creeps` or rests there, and
     /// whether the distance to keep is kept. Nearer to something than its radius, only a vehicle that `has_plan` is led away: one that
     /// takes off is near to the ground, and the autopilot's.
-    pub fn depart_from(&mut self, cell: Cell, gear: usize, creeps: bool, has_plan: bool) {
+    pub fn depart_from(&mut self, place: &Vector3<f64>, gear: usize, creeps: bool, has_plan: bool) {
+        let cell = map_cell(place);
         self.set_narrow(None);
-        self.keep_distance_from(cell);
+        self.keep_distance_from(place);
         if !creeps || !self.contains(cell) {
             return;
         }
         self.prepare(gear);
-        if !self.is_safe(gear, cell) {
+        if !self.is_safe_at(gear, place) {
             let room_m = self.room_m(cell, self.radii_m[gear]);
             if room_m < self.room.vehicle_m && !has_plan {
                 return;
@@ -207,14 +216,14 @@ impl Space {
         occupied.fold(most_m, |least_m, (_, away_m)| least_m.min(away_m))
     }
 
-    fn keep_distance_from(&mut self, cell: Cell) {
-        let slowest = GEARS - 1;
+    fn keep_distance_from(&mut self, place: &Vector3<f64>) {
+        let slowest = LAST_GEAR;
         if self.kept[slowest].is_none() {
             return;
         }
         self.leave(false);
         self.prepare(slowest);
-        let is_too_near = self.is_hit(slowest, cell);
+        let is_too_near = self.is_hit_at(slowest, place);
         self.leave(is_too_near);
     }
 
@@ -250,9 +259,8 @@ impl Space {
         let of_space = self.declarations & !declared_as::NO_RETURN;
         let is_declared = |cell: Cell| self.contains(cell) && self.declared.test(cell);
         let uses = |leg: &[Vector3<f64>]| {
-            !self.segment_all(&leg[0], &leg[1], |_, cell| {
-                !around(cell, self.radii_m[gear]).any(|(there, _)| is_declared(there))
-            })
+            let is_near_declared = |_: &Self, cell: Cell| self.around(gear, cell).any(is_declared);
+            self.first_in(gear, &leg[0], &leg[1], is_near_declared).is_some()
         };
         if of_space != 0 && vertices.windows(2).any(uses) {
             of_rays | of_space
@@ -271,6 +279,10 @@ impl Space {
             self.prepare_narrow(gear);
             return;
         }
+        if per_cell(gear) > 1 {
+            self.prepare_halves(gear);
+            return;
+        }
         let ball = &self.balls[gear];
         ball.dilate(&self.not_free, &mut self.scratch, &mut self.blocked[gear]);
         let kept = self.kept[gear].as_ref().filter(|_| !self.is_leaving);
@@ -282,6 +294,26 @@ impl Space {
         if gear == 0 {
             self.comfort
                 .dilate(&self.hit[0], &mut self.scratch, &mut self.near);
+        }
+    }
+
+    /// The layers of half cells. What collision prevention keeps away from is looked for on the map's cells: that is metres.
+    fn prepare_halves(&mut self, gear: usize) {
+        let min_half = self.min_half();
+        let ball = &self.balls[gear];
+        self.halves.load_halves(&self.not_free, min_half);
+        self.halves.close_shell(min_half);
+        ball.dilate(&self.halves, &mut self.scratch, &mut self.blocked[gear]);
+        match self.kept[gear].as_ref().filter(|_| !self.is_leaving) {
+            Some(kept) => {
+                kept.dilate(&self.occupied, &mut self.scratch, &mut self.halves);
+                self.hit[gear].load_halves(&self.halves, min_half);
+                self.blocked[gear].add(&self.hit[gear]);
+            }
+            None => {
+                self.halves.load_halves(&self.occupied, min_half);
+                ball.dilate(&self.halves, &mut self.scratch, &mut self.hit[gear]);
+            }
         }
     }
 
@@ -305,7 +337,7 @@ impl Space {
                 near.push((cell, self.room.vehicle_m));
             }
         }
-        self.balls[gear].dilate(&self.unknown, &mut self.scratch, &mut self.blocked[gear]);
+        Ball::new(radius_m).dilate(&self.unknown, &mut self.scratch, &mut self.blocked[gear]);
         narrow
             .ball
             .dilate(&self.others, &mut self.scratch, &mut self.hit[gear]);
@@ -326,28 +358,83 @@ impl Space {
         self.loaded
     }
 
-    /// Smallest cell of the window.
-    pub fn min_cell(&self) -> Cell {
-        self.min_cell
+    /// Whether the map's cell `cell` lies inside the window.
+    pub fn contains(&self, cell: Cell) -> bool {
+        is_within(self.min_cell, cell)
     }
 
-    /// Whether `cell` lies inside the window.
-    pub fn contains(&self, cell: Cell) -> bool {
-        let inside = |axis: usize, size: usize| {
-            let offset = cell[axis].wrapping_sub(self.min_cell[axis]);
-            (0..size as i32).contains(&offset)
-        };
-        inside(0, SIZE_X) && inside(1, SIZE_Y) && inside(2, SIZE_Z)
+    /// How many cells of `gear` an edge of the map's has. A place that is too narrow for it is judged on the map's.
+    pub fn per_cell(&self, gear: usize) -> i32 {
+        if self.narrow_gear() == Some(gear) {
+            1
+        } else {
+            per_cell(gear)
+        }
+    }
+
+    /// Edge of a cell of `gear` (m).
+    pub fn cell_m(&self, gear: usize) -> f64 {
+        CELL_M / f64::from(self.per_cell(gear))
+    }
+
+    /// The cell of `gear` that `place` (local, m) lies in.
+    pub fn cell_of(&self, gear: usize, place: &Vector3<f64>) -> Cell {
+        map_cell(&(place * f64::from(self.per_cell(gear))))
+    }
+
+    /// The centre of a cell of `gear` (local, m).
+    pub fn center_of(&self, gear: usize, cell: Cell) -> Vector3<f64> {
+        center_of(cell).vector() / f64::from(self.per_cell(gear))
+    }
+
+    /// The map's cell that a cell of `gear` lies in.
+    pub fn map_cell(&self, gear: usize, cell: Cell) -> Cell {
+        cell.map(|index| index.div_euclid(self.per_cell(gear)))
+    }
+
+    /// The map's cells that are nearer than the radius of `gear` to the one that its cell `cell` lies in.
+    pub fn around(&self, gear: usize, cell: Cell) -> impl Iterator<Item = Cell> {
+        around(self.map_cell(gear, cell), self.radii_m[gear]).map(|(there, _)| there)
+    }
+
+    /// Smallest cell of `gear` that its layers hold.
+    pub fn min_cell(&self, gear: usize) -> Cell {
+        if self.per_cell(gear) == 1 {
+            self.min_cell
+        } else {
+            self.min_half()
+        }
+    }
+
+    /// Half cells are held of the middle of the window, where the vehicle is.
+    fn min_half(&self) -> Cell {
+        let size = [SIZE_X, SIZE_Y, SIZE_Z].map(|size| size as i32);
+        std::array::from_fn(|axis| 2 * self.min_cell[axis] + size[axis] / 2)
+    }
+
+    /// Whether the layers of `gear` hold its cell `cell`.
+    pub fn holds(&self, gear: usize, cell: Cell) -> bool {
+        is_within(self.min_cell(gear), cell)
+    }
+
+    /// Whether the vehicle's centre may be at `place` (local, m) in `gear`, and anywhere else in the same cell.
+    pub fn is_safe_at(&self, gear: usize, place: &Vector3<f64>) -> bool {
+        self.is_safe(gear, self.cell_of(gear, place))
+    }
+
+    /// Whether an obstacle is known within the gear's radius of the cell of `place` (local, m).
+    pub fn is_hit_at(&self, gear: usize, place: &Vector3<f64>) -> bool {
+        self.is_hit(gear, self.cell_of(gear, place))
     }
 
     /// Whether the vehicle's centre may be anywhere in `cell` in `gear`: everything around it is known free.
     pub fn is_safe(&self, gear: usize, cell: Cell) -> bool {
-        self.ready[gear] && self.contains(cell) && !self.blocked[gear].test(cell)
+        self.ready[gear] && self.holds(gear, cell) && !self.blocked[gear].test(cell)
     }
 
     /// Whether an obstacle is known within the gear's radius of `cell`; outside the window none is known.
     pub fn is_hit(&self, gear: usize, cell: Cell) -> bool {
-        !self.ready[gear] || self.contains(cell) && self.hit[gear].test(cell)
+        !self.ready[gear] || self.holds(gear, cell) && self.hit[gear].test(cell)
     }
 
     /// The same for who asks about the whole window: near its border a hit may be one of something at the opposite side, because
@@ -356,9 +443,10 @@ impl Space {
         let tube_m = self.radii_m[gear] - self.room.body_m;
         let level_m = self.radii_m[gear].max(self.room.kept_m + tube_m);
         let height_m = self.radii_m[gear].max(self.room.band_half_m);
-        let reach = [level_m, level_m, height_m].map(|reach_m| (reach_m / CELL_M).ceil() as i32 + 1);
+        let cell_m = self.cell_m(gear);
+        let reach = [level_m, level_m, height_m].map(|reach_m| (reach_m / cell_m).ceil() as i32 + 1);
         let ends = [-1, 1].map(|side| std::array::from_fn(|axis| cell[axis] + side * reach[axis]));
-        self.is_hit(gear, cell) && ends.into_iter().all(|end| self.contains(end))
+        self.is_hit(gear, cell) && ends.into_iter().all(|end| self.holds(gear, end))
     }
 
     /// Distance that a gear keeps from what is not known to be free (m).
@@ -376,7 +464,7 @@ impl Space {
         self.contains(cell) && self.occupied.test(cell)
     }
 
-    /// Whether `cell` is uncomfortably near to an obstacle.
+    /// Whether `cell` of the map is uncomfortably near to an obstacle.
     pub fn is_near(&self, cell: Cell) -> bool {
         self.contains(cell) && self.near.test(cell)
     }
@@ -391,25 +479,19 @@ impl Space {
         &self.hit[gear]
     }
 
-    /// Whether every cell that the segment from `a` to `b` touches satisfies `wanted`.
-    pub fn segment_all(
+    /// The share of the segment from `a` to `b` at which the first cell of `gear` that `is_wanted` is entered; `None` if there is none.
+    pub fn first_in(
         &self,
+        gear: usize,
         a: &Vector3<f64>,
         b: &Vector3<f64>,
-        mut wanted: impl FnMut(&Self, Cell) -> bool,
-    ) -> bool {
-        let mut walk = CellWalk::new(a, b);
-        loop {
-            if !wanted(self, walk.cell) {
-                return false;
-            }
-            if !walk.advance() {
-                return true;
-            }
-        }
+        is_wanted: impl Fn(&Self, Cell) -> bool,
+    ) -> Option<f64> {
+        let scale = f64::from(self.per_cell(gear));
+        self.first_cell(&(a * scale), &(b * scale), is_wanted)
     }
 
-    /// The share of the segment from `a` to `b` at which the first cell that `is_wanted` is entered; `None` if there is none.
+    /// The same for the cells of the map.
     pub fn first_cell(
         &self,
         a: &Vector3<f64>,
@@ -429,12 +511,37 @@ impl Space {
 
     /// Whether the straight way from `a` to `b` is safe in `gear`.
     pub fn segment_is_safe(&self, gear: usize, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
-        self.segment_all(a, b, |space, cell| space.is_safe(gear, cell))
+        let is_unsafe = |space: &Self, cell: Cell| !space.is_safe(gear, cell);
+        self.first_in(gear, a, b, is_unsafe).is_none()
     }
 }
 
+/// How many cells of `gear` an edge of the map's has.
+fn per_cell(gear: usize) -> i32 {
+    if gear == LAST_GEAR { 2 } else { 1 }
+}
+
+/// Edge of a cell of `gear` (m).
+fn cell_m(gear: usize) -> f64 {
+    CELL_M / f64::from(per_cell(gear))
+}
+
+/// Whether `cell` is one of a layer that begins at `min_cell`.
+fn is_within(min_cell: Cell, cell: Cell) -> bool {
+    let inside = |axis: usize, size: usize| {
+        let offset = cell[axis].wrapping_sub(min_cell[axis]);
+        (0..size as i32).contains(&offset)
+    };
+    inside(0, SIZE_X) && inside(1, SIZE_Y) && inside(2, SIZE_Z)
+}
+
+/// The map's cell of `place` (local, m).
+fn map_cell(place: &Vector3<f64>) -> Cell {
+    cell_of(Point::<LocalNed>::from_vector(*place))
+}
+
 /// The cells whose nearest points are nearer than `radius_m` to those of `cell`, with that distance (m).
-pub(crate) fn around(cell: Cell, radius_m: f64) -> impl Iterator<Item = (Cell, f64)> {
+fn around(cell: Cell, radius_m: f64) -> impl Iterator<Item = (Cell, f64)> {
     let reach = (radius_m / CELL_M).ceil() as i32 + 1;
     let offsets = (-reach..=reach).flat_map(move |dz| {
         (-reach..=reach).flat_map(move |dy| (-reach..=reach).map(move |dx| [dx, dy, dz]))
@@ -464,7 +571,7 @@ struct CellWalk {
 
 impl CellWalk {
     fn new(a: &Vector3<f64>, b: &Vector3<f64>) -> Self {
-        let cell = cell_of(Point::<LocalNed>::from_vector(*a));
+        let cell = map_cell(a);
         let way = b - a;
         let mut walk = Self {
             cell,
@@ -563,16 +670,16 @@ pub(crate) mod tests {
         let at = |distance_m: f64| cell_of(Point::new(4.7 - distance_m, 0.1, 0.1));
         assert!(!space.is_safe(2, at(2.0)) && space.is_hit(2, at(2.0)));
         assert!(space.is_safe(2, at(2.8)));
-        space.depart_from(at(3.0), SLOW_GEAR, false, true);
+        space.depart_from(&center_of(at(3.0)).vector(), SLOW_GEAR, false, true);
         space.prepare(2);
         assert!(!space.is_safe(2, at(2.0)));
-        space.depart_from(at(1.5), SLOW_GEAR, false, true);
+        space.depart_from(&center_of(at(1.5)).vector(), SLOW_GEAR, false, true);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.5)) && !space.is_safe(2, at(0.5)));
         // Without it nothing of that.
         params.set("CP_DIST", -1.0).unwrap();
         space.keep(&gears(&params), Room::from_params(&params));
-        space.depart_from(at(3.0), SLOW_GEAR, false, true);
+        space.depart_from(&center_of(at(3.0)).vector(), SLOW_GEAR, false, true);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.2)));
     }
@@ -584,9 +691,9 @@ pub(crate) mod tests {
         let here = cell_of(Point::new(0.1, 0.1, 0.1));
         let mut space = space_of(&map);
         assert!(!space.is_safe(SLOW_GEAR, here));
-        space.depart_from(here, SLOW_GEAR, false, true);
+        space.depart_from(&center_of(here).vector(), SLOW_GEAR, false, true);
         assert!(!space.is_narrow(), "in motion it is left alone");
-        space.depart_from(here, SLOW_GEAR, true, true);
+        space.depart_from(&center_of(here).vector(), SLOW_GEAR, true, true);
         assert!(space.is_narrow() && space.is_safe(SLOW_GEAR, here) && !space.has_room(SLOW_GEAR, here));
         let aside = |east_m: f64| cell_of(Point::new(0.1, east_m, 0.1));
         assert!(!space.is_safe(2, aside(-0.1)), "no nearer to what is near");
@@ -597,7 +704,7 @@ pub(crate) mod tests {
             }
         }
         space.load(&map);
-        space.depart_from(here, SLOW_GEAR, true, true);
+        space.depart_from(&center_of(here).vector(), SLOW_GEAR, true, true);
         assert!(space.is_safe(SLOW_GEAR, here) && !space.has_room(SLOW_GEAR, here));
         let along = |north_m: f64| cell_of(Point::new(north_m, 0.1, 0.1));
         assert!(!space.is_safe(2, along(0.3)), "no nearer to the unknown either");
@@ -611,12 +718,12 @@ pub(crate) mod tests {
         // Something small beside it, and a wall before it.
         let map = known_map(|p| cell_of(Point::from_vector(p)) == there || p.x > 1.0);
         let mut space = space_of(&map);
-        space.depart_from(here, SLOW_GEAR, true, true);
+        space.depart_from(&center_of(here).vector(), SLOW_GEAR, true, true);
         assert!(space.is_narrow() && space.is_safe(SLOW_GEAR, here) && !space.has_room(SLOW_GEAR, here));
         assert!(!space.is_safe(2, at(0.1, 0.3)) && !space.is_safe(2, there));
         assert!(space.is_safe(2, at(0.1, -0.1)) && space.is_safe(2, at(-0.1, 0.1)));
         assert!(space.is_safe(2, at(0.5, 0.1)) && !space.is_safe(2, at(0.9, 0.1)));
-        space.depart_from(here, SLOW_GEAR, true, false);
+        space.depart_from(&center_of(here).vector(), SLOW_GEAR, true, false);
         assert!(!space.is_narrow(), "on its take-off");
     }
 

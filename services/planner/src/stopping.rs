@@ -2,7 +2,7 @@
 //! stands on the way (rule I3).
 
 use super::{Departure, MOVING_MPS, Planner};
-use crate::gears::GEARS;
+use crate::gears::{GEARS, LAST_GEAR};
 use crate::stops;
 use jink_shared_types::events;
 use jink_shared_types::frames::{LocalNed, Point};
@@ -60,7 +60,7 @@ impl Planner {
                 }
                 self.lost_told = now;
                 (
-                    self.limits[GEARS - 1],
+                    self.limits[LAST_GEAR],
                     stops::stop(&departure.state, stops::HARDEST_MPS2, 0.0),
                 )
             }

@@ -6,9 +6,9 @@ mod common;
 use common::{HEIGHT_M, hovering, map, now, to};
 use jink_planner::{Inputs, Planner};
 use jink_shared_types::events;
-use jink_shared_types::frames::{Point, Velocity};
+use jink_shared_types::frames::{LocalNed, Point, Velocity};
 use jink_shared_types::layout::Layout;
-use jink_shared_types::map::{CELL_M, LocalMap, declared_as};
+use jink_shared_types::map::{CELL_M, LocalMap, cell_of, declared_as};
 use jink_shared_types::motion::{
     ApprovedTrajectory, BezierPiece, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
 };
@@ -440,6 +440,52 @@ fn heights_that_contradict_each_other_do_not_stop_the_planner() {
     planner.retune(&params);
     let route = answer(&mut planner, Some(&map), Some(&hovering()), &to(4.0, 0.0), None);
     assert_eq!(route.goal.z_m, -2.0);
+}
+
+/// Between two walls, so long that there is no way back out of them near.
+fn between_walls(first: i32, cells: i32) -> Box<LocalMap> {
+    map(9.0, |p| {
+        let [_, y, _] = cell_of(Point::<LocalNed>::from_vector(p));
+        p.x.abs() < 7.0 && !(first..first + cells).contains(&y)
+    })
+}
+
+#[test]
+fn six_cells_between_two_walls_are_enough_and_five_are_not() {
+    // In every cell of a corridor the vehicle keeps its radius and the tube from every cell that is occupied, to the millimetre.
+    for (first, east_m) in [(-3, 0.0), (-3, 0.05), (-3, -0.08), (4, 1.4), (-9, -1.25)] {
+        let map = between_walls(first, 6);
+        let state = VehicleState {
+            position: Point::new(0.0, east_m, -HEIGHT_M),
+            ..hovering()
+        };
+        let route = answer(&mut planner(), Some(&map), Some(&state), &to(12.0, east_m), None);
+        assert_eq!(route.mode.get(), RouteMode::Plan, "from {east_m}");
+        assert!(route.target.x_m > 3.0, "{:?}", route.target);
+        let radius_m = 0.3 + 0.1 + route.limits.tube_m;
+        let (left_m, right_m) = (0.2 * f64::from(first), 0.2 * f64::from(first + 6));
+        for step in 0..10_000 {
+            let [x, y, z] = [0.37, 0.71, 0.13].map(|stride| (f64::from(step) * stride).fract());
+            let p = Vector3::new(7.0 * x, left_m + 1.2 * y, -HEIGHT_M - 1.0 + 2.0 * z);
+            if route
+                .corridor()
+                .iter()
+                .any(|polytope| polytope.depth_m(&p) >= 0.0)
+            {
+                assert!(
+                    p.y - left_m > radius_m - 1e-6 && right_m - p.y > radius_m - 1e-6,
+                    "{p}"
+                );
+            }
+        }
+    }
+    let map = between_walls(-3, 5);
+    let state = VehicleState {
+        position: Point::new(0.0, -0.1, -HEIGHT_M),
+        ..hovering()
+    };
+    let route = answer(&mut planner(), Some(&map), Some(&state), &to(12.0, -0.1), None);
+    assert_ne!(route.mode.get(), RouteMode::Plan);
 }
 
 #[test]
