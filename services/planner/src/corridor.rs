@@ -178,7 +178,7 @@ fn nearest_on_segment(a: &Vector3<f64>, b: &Vector3<f64>, point: &Vector3<f64>) 
 }
 
 /// The half-space that holds the segment and leaves out the cell of edge `cell_m` around `center`, through the cell's point nearest to
-/// the segment. `None` if they touch.
+/// the segment. `None` if the segment enters the cell.
 ///
 /// The nearest pair is found by alternating projections onto the two convex sets (von Neumann; Cheney and Goldstein
 /// 1959), which converges for a box and a segment in a few rounds.

@@ -530,7 +530,7 @@ impl Planner {
     ///
     /// A way may need a low gear somewhere (a gap) and still be flown in a higher one up to there: for each gear's way the
     /// guide is cut where the flown gear stops being safe, and the lower gear takes over when the vehicle is slow enough. Where it is
-    /// not yet, it becomes so first, rather than leave for a way that is much dearer.
+    /// not yet, it becomes so first, rather than leave for a way that takes much longer.
     fn plan(
         &mut self,
         departure: &Departure,
@@ -573,7 +573,7 @@ impl Planner {
         let straight_m = (goal.vector() - start).norm()
             + f64::from(self.search.detour_m(cell_of(departure.state.position)));
         let mut best: Option<Choice> = None;
-        // In seconds, and its gear.
+        // The time that a way would take (s) that the vehicle is too fast for, and the gear of it.
         let mut too_fast_for: Option<(f64, usize)> = None;
         let mut seen: Option<Found> = None;
         let mut next = Some(self.top_gear);

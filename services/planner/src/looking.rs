@@ -83,7 +83,8 @@ impl Planner {
     }
 
     /// Looks for what is missing on the way to `goal` in `gear`, from where it can be seen; `false` if nothing can be done about it. While
-    /// a look is under way, and shortly after it, nothing else is done. No more than `looks_max` looks are remembered when one begins.
+    /// a look is under way, and shortly after it, nothing else is done. A look begins only while fewer
+    /// than `looks_max` are remembered.
     pub(super) fn look(
         &mut self,
         gear: usize,

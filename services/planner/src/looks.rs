@@ -17,7 +17,7 @@ use nalgebra::{Rotation3, Vector3};
 
 /// How far a place to look from may be (m, by the way that is flown): a detour of more is a way of its own.
 pub const REACH_M: f32 = 5.0;
-/// Cells of the way that are looked for, from the first that is not known on: three metres of it.
+/// Cells of the way that are looked for, from the first that is not known on: three metres of it, half of that on half cells.
 const WAY_CELLS: usize = 15;
 /// Unknown cells that are looked for at most: more would not change which place is best.
 const WANTED: usize = 48;
@@ -151,8 +151,8 @@ impl Looks {
         !self.wanted.is_empty()
     }
 
-    /// The best of [`Looks::places`], which are cells of `gear`, for a vehicle at `start` with heading `yaw_rad` that sees as `view` says; `None` if nothing
-    /// that is missing comes into view from any of them.
+    /// The best of [`Looks::places`], which are cells of `gear`, for a vehicle at `start` with heading `yaw_rad` that sees as `view`
+    /// says; `None` if nothing that is missing comes into view from any of them.
     pub fn best(
         &self,
         space: &Space,
@@ -255,6 +255,13 @@ mod tests {
         set(&mut map.known, [0, 0, 0]);
     }
 
+    fn way_of(cells: Vec<Cell>) -> Path {
+        Path {
+            gear: SLOW_GEAR,
+            cells,
+        }
+    }
+
     fn looks_at(places: &[Cell]) -> Looks {
         let mut looks = Looks::default();
         looks.places.extend(places.iter().map(|cell| Place {
@@ -271,13 +278,7 @@ mod tests {
         let space = space_of(&map);
         let mut looks = looks_at(&[[0, 0, 0]]);
         let cells: Vec<Cell> = (0..30).map(|y| [0, y, 0]).collect();
-        assert!(looks.want(
-            &space,
-            &Path {
-                gear: SLOW_GEAR,
-                cells
-            }
-        ));
+        assert!(looks.want(&space, &way_of(cells)));
         let look = looks.best(
             &space,
             SLOW_GEAR,
@@ -310,13 +311,7 @@ mod tests {
         let space = space_of(&map);
         let mut looks = looks_at(&[[0, 0, 0], [0, 6, 0], [-6, 0, 0], [0, 0, 5], [0, 0, -5]]);
         let cells: Vec<Cell> = (0..30).map(|x| [x, 0, 0]).collect();
-        assert!(looks.want(
-            &space,
-            &Path {
-                gear: SLOW_GEAR,
-                cells
-            }
-        ));
+        assert!(looks.want(&space, &way_of(cells)));
         let look = looks.best(
             &space,
             SLOW_GEAR,
@@ -340,13 +335,7 @@ mod tests {
         let space = space_of(&map);
         let mut looks = looks_at(&[[0, 0, 0], [0, 0, 5], [-6, 0, 0]]);
         let cells: Vec<Cell> = (13..30).map(|x| [x, 0, 0]).collect();
-        assert!(looks.want(
-            &space,
-            &Path {
-                gear: SLOW_GEAR,
-                cells
-            }
-        ));
+        assert!(looks.want(&space, &way_of(cells)));
         let look = looks.best(
             &space,
             SLOW_GEAR,

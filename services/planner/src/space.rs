@@ -152,7 +152,7 @@ impl Space {
     /// whether the distance to keep is kept. Nearer to something than its radius, only a vehicle that `has_plan` is led away: one that
     /// takes off is near to the ground, and the autopilot's.
     pub fn depart_from(&mut self, place: &Vector3<f64>, gear: usize, creeps: bool, has_plan: bool) {
-        let cell = map_cell(place);
+        let cell = cell_holding(place);
         self.set_narrow(None);
         self.keep_distance_from(place);
         if !creeps || !self.contains(cell) {
@@ -337,6 +337,7 @@ impl Space {
                 near.push((cell, self.room.vehicle_m));
             }
         }
+        // Not the gear's own ball, which may be one of half cells.
         Ball::new(radius_m).dilate(&self.unknown, &mut self.scratch, &mut self.blocked[gear]);
         narrow
             .ball
@@ -379,7 +380,7 @@ impl Space {
 
     /// The cell of `gear` that `place` (local, m) lies in.
     pub fn cell_of(&self, gear: usize, place: &Vector3<f64>) -> Cell {
-        map_cell(&(place * f64::from(self.per_cell(gear))))
+        cell_holding(&(place * f64::from(self.per_cell(gear))))
     }
 
     /// The centre of a cell of `gear` (local, m).
@@ -536,7 +537,7 @@ fn is_within(min_cell: Cell, cell: Cell) -> bool {
 }
 
 /// The map's cell of `place` (local, m).
-fn map_cell(place: &Vector3<f64>) -> Cell {
+fn cell_holding(place: &Vector3<f64>) -> Cell {
     cell_of(Point::<LocalNed>::from_vector(*place))
 }
 
@@ -571,7 +572,7 @@ struct CellWalk {
 
 impl CellWalk {
     fn new(a: &Vector3<f64>, b: &Vector3<f64>) -> Self {
-        let cell = map_cell(a);
+        let cell = cell_holding(a);
         let way = b - a;
         let mut walk = Self {
             cell,
