@@ -137,7 +137,7 @@ impl CorridorBuilder {
             let normal = Vector3::from(plane.normal);
             let half_width_m = 0.5 * cell_m * normal.iter().map(|n| n.abs()).sum::<f64>();
             self.cells
-                .retain(|(_, center)| normal.dot(center) - half_width_m < plane.offset_m - 1e-9);
+                .retain(|(_, center)| normal.dot(center) - half_width_m < plane.offset_m - 2.0 * TOUCHING_M);
         }
         Cut::Done(polytope)
     }
@@ -236,9 +236,10 @@ fn separate_touching(
         let half_width_m = 0.5 * cell_m * normal.iter().map(|n| n.abs()).sum::<f64>();
         let offset_m = normal.dot(center) - half_width_m;
         let segment_side_m = normal.dot(a).max(normal.dot(b));
-        (segment_side_m <= offset_m + TOUCHING_M).then(|| HalfSpace {
+        // The segment lies inside, by as little as it may touch the cell.
+        (segment_side_m < offset_m + TOUCHING_M).then(|| HalfSpace {
             normal: normal.into(),
-            offset_m: offset_m.max(segment_side_m),
+            offset_m: offset_m + TOUCHING_M,
         })
     })
 }
@@ -300,7 +301,7 @@ mod tests {
             for (a, b) in [(first, last), (last, first)] {
                 let polytope = CorridorBuilder::default().polytope(&space, 1, &a, &b, HEIGHTS);
                 let polytope = polytope.unwrap();
-                assert!(polytope.depth_m(&a) > -1e-5 && polytope.depth_m(&b) > -1e-5);
+                assert!(polytope.depth_m(&a) > 0.0 && polytope.depth_m(&b) > 0.0);
                 let unsafe_side = center_of([unsafe_from + 1, 1, 0]).vector();
                 assert!(polytope.depth_m(&unsafe_side) < 0.0);
             }
@@ -316,7 +317,7 @@ mod tests {
         let polytope = CorridorBuilder::default()
             .polytope(&space, 1, &a, &b, HEIGHTS)
             .unwrap();
-        assert!(polytope.depth_m(&a) > -1e-5);
+        assert!(polytope.depth_m(&a) > 0.0);
         assert!(polytope.depth_m(&Vector3::new(1.0, border_m + 0.01, 0.1)) < 0.0);
     }
 }
