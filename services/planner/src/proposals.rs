@@ -11,7 +11,8 @@
 use crate::gears::CRAWL_GEAR;
 use crate::proposed_way::{Failure, ProposedWay};
 use crate::space::Space;
-use crate::{Departure, GUIDE_MAX_M, HIGHER_GEAR_MIN_M, PROGRESS_MIN_M, Planner};
+use crate::ways::HIGHER_GEAR_MIN_M;
+use crate::{Departure, GUIDE_MAX_M, PROGRESS_MIN_M, Planner};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::layout::Layout;
