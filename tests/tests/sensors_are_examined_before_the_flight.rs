@@ -223,6 +223,16 @@ fn the_memory_that_the_topics_take_is_what_was_foretold() {
     assert!((0.95..1.05).contains(&(used / needed)), "{used} of {needed}");
     assert!(used < 100e6, "{used}");
     assert_eq!(told.code, jink.jink(&["check"]).code);
+
+    // Nor does any process wait for the kernel to make room for descriptors when somebody joins its topics.
+    for service in jink.status()["services"].as_array().unwrap() {
+        let status = std::fs::read_to_string(format!("/proc/{}/status", service["pid"])).unwrap();
+        let room = status
+            .lines()
+            .find_map(|line| line.strip_prefix("FDSize:"))
+            .unwrap();
+        assert!(room.trim().parse::<u32>().unwrap() >= 512, "{service}: {room}");
+    }
 }
 
 #[test]

@@ -74,6 +74,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    jink_runtime::descriptors::reserve();
     let cli = Cli::parse();
     // Also keeps the transport's own messages to what is wrong.
     jink_runtime::logging::init("jink", tracing::Level::ERROR);

@@ -51,10 +51,12 @@
 //! | [`janitor`] | what the dead left behind |
 //! | [`request`] | what can be asked of a running supervisor |
 //! | [`realtime`] | memory locking, scheduling, clock |
+//! | [`descriptors`] | room for open files, made before there are threads |
 //! | [`logging`] | `tracing` for people and for journals |
 
 pub mod clock;
 pub mod config;
+pub mod descriptors;
 mod duty;
 pub mod events;
 pub mod heartbeat;

@@ -99,6 +99,7 @@ pub trait Service: Sized {
 
 /// Runs service `S` until SIGTERM or SIGINT: the whole `main` of a service.
 pub fn run<S: Service>() -> ExitCode {
+    crate::descriptors::reserve();
     let name = format!("jink-{}", S::PROGRAM.replace('_', "-"));
     let setup = match Setup::try_parse_as(&name) {
         Ok(setup) => setup,

@@ -17,6 +17,7 @@ use std::process::ExitCode;
 
 fn main() -> ExitCode {
     let args = Args::parse();
+    jink_runtime::descriptors::reserve();
     jink_runtime::logging::init("supervisor", args.log);
     if args.fingerprint {
         println!("{:016x}", jink_shared_types::topics::FINGERPRINT);

@@ -11,7 +11,7 @@ use crate::cmd::watch::{SpaceWatch, Watch};
 use crate::cmd::{Interrupt, Problem};
 use jink_cli::flight::{FlightLog, Outcome, Summary};
 use jink_cli::known_space::KnownSpace;
-use jink_cli::narrate::Narrator;
+use jink_cli::narrate::{Narrator, health_line};
 use jink_cli::report::round;
 use jink_runtime::Input;
 use jink_shared_types::health::{Health, SystemStatus};
@@ -22,8 +22,9 @@ use std::time::{Duration, Instant};
 
 /// Period of the ground truth: each sample is seen.
 const LOOK: Duration = Duration::from_millis(20);
-/// Longest time until every service is active (s).
-const READY_PATIENCE: Duration = Duration::from_secs(60);
+/// Longest time until every service is active (s). It takes two; a kernel was seen to leave a runnable thread of its own, on
+/// which sockets or descriptors waited, for a minute.
+const READY_PATIENCE: Duration = Duration::from_secs(120);
 /// The same with a real autopilot, which has to find its position first (s).
 const SITL_READY_PATIENCE: Duration = Duration::from_secs(150);
 /// The process of vehicle and autopilot.
@@ -112,7 +113,11 @@ impl Flight {
                 READY_PATIENCE
             };
             if begin.elapsed() > patience {
-                let reason = format!("not every service was active within {} s", patience.as_secs());
+                let state = self.status.as_ref().map_or("no status".to_owned(), health_line);
+                let reason = format!(
+                    "not every service was active within {} s; {state}",
+                    patience.as_secs()
+                );
                 return Ok(Some(Outcome::Failed { reason }));
             }
             std::thread::sleep(LOOK);

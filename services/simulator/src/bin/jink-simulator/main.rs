@@ -51,6 +51,7 @@ impl Service for Vehicle {
 }
 
 fn main() -> ExitCode {
+    jink_runtime::descriptors::reserve();
     let arguments: Vec<String> = std::env::args().collect();
     match arguments.get(1).map(String::as_str) {
         Some("world") => return world::run(),
