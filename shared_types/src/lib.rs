@@ -10,6 +10,7 @@
 //! | [`vehicle`], [`ranges`], [`view`], [`map`], [`far_map`], [`ring`], [`motion`], [`proposal`], [`prevention`], [`health`], [`link`], [`tuning`], [`truth`] | the payloads |
 //! | [`beams`] | range messages of other makers, as scans |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
+//! | [`suggestion`] | the name that a mistyped one stands for |
 //! | [`orientation`] | how sensors are mounted, as configurations say it |
 //! | [`frames`], [`clock`], [`coded`] | units and frames, time, enums on the wire |
 //! | [`layout`], [`shape`], [`reserved`], [`hash`] | what a sample is made of, its layout hash, room for later fields |
@@ -42,6 +43,7 @@ pub mod reserved;
 pub mod ring;
 pub mod sample;
 pub mod shape;
+pub mod suggestion;
 pub mod topics;
 pub mod truth;
 pub mod tuning;

@@ -3,6 +3,7 @@
 //!
 //! A configuration may declare further rows for programs of others, behind those of the table: [`ParamSet::declaring`].
 
+use crate::suggestion::{DidYouMean, nearest};
 use std::fmt;
 
 /// Type of a parameter.
@@ -113,8 +114,8 @@ pub enum ParamError {
     Unknown {
         /// What was asked for.
         name: String,
-        /// The most similar name that exists.
-        nearest: &'static str,
+        /// The one that was probably meant.
+        nearest: Option<&'static str>,
     },
     /// The value lies outside the row's range, or is no number, or no integer where one is needed.
     OutOfRange {
@@ -133,7 +134,7 @@ impl fmt::Display for ParamError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             ParamError::Unknown { name, nearest } => {
-                write!(f, "unknown parameter {name}; did you mean {nearest}?")
+                write!(f, "unknown parameter {name}{}", DidYouMean(*nearest))
             }
             ParamError::OutOfRange {
                 name,
@@ -224,7 +225,7 @@ impl ParamSet {
             let names = TABLE.iter().chain(self.declared).map(|row| row.name);
             return Err(ParamError::Unknown {
                 name: name.to_owned(),
-                nearest: nearest(name, names).unwrap_or(""),
+                nearest: nearest(name, names),
             });
         };
         let whole = row.kind == ParamType::Float || value.fract() == 0.0;
@@ -239,27 +240,6 @@ impl ParamSet {
         self.values[index] = value;
         Ok(())
     }
-}
-
-/// The candidate most similar to `name` (Levenshtein distance, case ignored), for error messages.
-pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let name = name.to_ascii_lowercase();
-    candidates.min_by_key(|candidate| levenshtein(&name, &candidate.to_ascii_lowercase()))
-}
-
-fn levenshtein(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let substituted = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = substituted.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
 }
 
 #[cfg(test)]
@@ -320,7 +300,7 @@ mod tests {
         let error = set.set("OA_SPEED_MAX", 3.0).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "unknown parameter OA_SPEED_MAX; did you mean OA_SPD_MAX?"
+            "unknown parameter OA_SPEED_MAX; did you mean `OA_SPD_MAX`?"
         );
     }
 

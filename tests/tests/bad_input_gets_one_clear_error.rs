@@ -92,7 +92,7 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
             "\nGW_RATE",
             "\nGW_RAT",
             &["--profile", "px4_trajectory"],
-            "px4_trajectory.toml:LINE: unknown parameter GW_RAT; did you mean GW_RATE?",
+            "px4_trajectory.toml:LINE: unknown parameter GW_RAT; did you mean `GW_RATE`?",
         ),
         (
             "jink.toml",
@@ -106,7 +106,7 @@ fn what_is_wrong_in_a_file_or_an_argument_is_named_with_its_place() {
             "",
             "",
             &["--profile", "px5_trajectory"],
-            "there is no profile \"px5_trajectory\"; did you mean \"px4_trajectory\"?",
+            "there is no profile \"px5_trajectory\"; did you mean `px4_trajectory`?",
         ),
         (
             "jink.toml",
@@ -194,7 +194,7 @@ fn commands_for_nobody_and_for_unknown_processes_say_so_at_once() {
     assert_eq!(demo.code, Some(1), "{demo:?}");
     assert!(
         demo.stderr
-            .contains("there is no process \"planer\"; did you mean \"planner\"?"),
+            .contains("there is no process \"planer\"; did you mean `planner`?"),
         "{demo:?}"
     );
     assert!(demo.stdout.is_empty(), "something was started: {demo:?}");

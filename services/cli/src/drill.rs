@@ -1,6 +1,6 @@
 //! Fault drills of a flight: what is done to which process when, as written on the command line or drawn by lot.
 
-use jink_shared_types::params::nearest;
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use serde::Serialize;
 use std::fmt;
 use std::str::FromStr;
@@ -119,10 +119,11 @@ impl Drill {
         let Some(kill) = kills.iter().find(|kill| !names.contains(&kill.process)) else {
             return Ok(());
         };
-        let near = nearest(&kill.process, names.iter().map(String::as_str)).unwrap_or("");
+        let near = nearest(&kill.process, names.iter().map(String::as_str));
         Err(format!(
-            "--kill: there is no process {:?}; did you mean {near:?}? There are {}",
+            "--kill: there is no process {:?}{}; there are {}",
             kill.process,
+            DidYouMean(near),
             names.join(", ")
         ))
     }
@@ -176,7 +177,7 @@ mod tests {
         let check = |text: &str| Drill::check(&[text.parse().unwrap()], &names);
         assert_eq!(check("sensor@1s"), Ok(()));
         let error = check("planer@1s").unwrap_err();
-        let said = "there is no process \"planer\"; did you mean \"planner\"? There are planner, sensors";
+        let said = "there is no process \"planer\"; did you mean `planner`?; there are planner, sensors";
         assert!(error.ends_with(said), "{error}");
     }
 

@@ -11,10 +11,11 @@ pub use json::json;
 pub use python::module;
 pub use table::table;
 
+use jink_shared_types::SampleHeader;
 use jink_shared_types::layout::{Layout, type_name};
 use jink_shared_types::shape::{EnumShape, FieldShape, QuantityShape, Shape, StructShape};
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_shared_types::topics::{self, TABLE, Topic, TopicRow, Visitor};
-use jink_shared_types::{SampleHeader, params};
 use std::fmt;
 
 /// A sample that has a type name of its own for iceoryx2.
@@ -69,7 +70,7 @@ pub struct UnknownType {
     /// What was asked for.
     pub name: String,
     /// What was perhaps meant.
-    pub nearest: &'static str,
+    pub nearest: Option<&'static str>,
 }
 
 impl fmt::Display for UnknownType {
@@ -77,7 +78,8 @@ impl fmt::Display for UnknownType {
         let Self { name, nearest } = self;
         write!(
             f,
-            "no topic has the payload {name}, did you mean {nearest}? `jink schema` shows all"
+            "no topic has the payload {name}{}; `jink schema` shows all",
+            DidYouMean(*nearest)
         )
     }
 }
@@ -102,7 +104,7 @@ impl Schema {
             if !TABLE.iter().any(|row| row.payload == name) {
                 return Err(UnknownType {
                     name: name.clone(),
-                    nearest: params::nearest(name, TABLE.iter().map(|row| row.payload)).unwrap_or(""),
+                    nearest: nearest(name, TABLE.iter().map(|row| row.payload)),
                 });
             }
         }
@@ -273,6 +275,6 @@ mod tests {
     #[test]
     fn a_type_that_is_not_is_told_with_the_nearest() {
         let unknown = Schema::of(&["VehicleStat".to_owned()]).unwrap_err();
-        assert_eq!(unknown.nearest, "VehicleState");
+        assert_eq!(unknown.nearest, Some("VehicleState"));
     }
 }

@@ -9,8 +9,8 @@ use crate::mistake::Mistake;
 use crate::models::{self, DISPARITY_MAX_PX, DISPARITY_SIGMA_PX, Model};
 use crate::projection::{Distortion, Intrinsics, Projection};
 use jink_shared_types::frames::Mounting;
-use jink_shared_types::params::nearest;
 use jink_shared_types::ranges::{CLOUD_POINTS, image_bin_px};
+use jink_shared_types::suggestion::nearest;
 use jink_shared_types::{BodyFrd, Point};
 use toml::Value;
 
@@ -191,7 +191,7 @@ fn check_names(keys: &Keys<'_>) -> Result<(), Mistake> {
         Some(key) => Err(Mistake::UnknownKey {
             sensor: keys.sensor.to_owned(),
             key: key.clone(),
-            nearest: nearest(key, KEYS.iter().copied()).unwrap_or_default(),
+            nearest: nearest(key, KEYS.iter().copied()),
         }),
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::config::KIND;
 use jink_shared_types::orientation::Contradiction;
+use jink_shared_types::suggestion::DidYouMean;
 use std::fmt;
 
 /// What is wrong with a table, or that it is not there.
@@ -27,8 +28,8 @@ pub enum Mistake {
         sensor: String,
         /// The key.
         key: String,
-        /// The most similar one there is.
-        nearest: &'static str,
+        /// The one that was probably meant.
+        nearest: Option<&'static str>,
     },
     /// A key that must be given.
     Missing {
@@ -91,7 +92,8 @@ impl fmt::Display for Mistake {
             }
             Self::UnknownKey { sensor, key, nearest } => write!(
                 f,
-                "sensor {sensor:?}: a {KIND} has no key `{key}`; did you mean `{nearest}`?"
+                "sensor {sensor:?}: a {KIND} has no key `{key}`{}",
+                DidYouMean(*nearest)
             ),
             Self::Missing {
                 sensor,

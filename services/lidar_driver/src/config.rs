@@ -9,6 +9,7 @@ mod keys;
 use crate::models::{self, Connection, Model, NetworkProtocol};
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::orientation::Contradiction;
+use jink_shared_types::suggestion::DidYouMean;
 use jink_shared_types::{BodyFrd, Point};
 use keys::Keys;
 use std::collections::BTreeMap;
@@ -172,8 +173,8 @@ pub enum Mistake {
         sensor: String,
         /// The key.
         key: String,
-        /// The most similar one there is.
-        nearest: &'static str,
+        /// The one that was probably meant.
+        nearest: Option<&'static str>,
     },
     /// A key that must be given.
     Missing {
@@ -250,7 +251,8 @@ impl fmt::Display for Mistake {
             }
             Self::UnknownKey { sensor, key, nearest } => write!(
                 f,
-                "sensor {sensor:?}: a lidar has no key `{key}`; did you mean `{nearest}`?"
+                "sensor {sensor:?}: a lidar has no key `{key}`{}",
+                DidYouMean(*nearest)
             ),
             Self::Missing {
                 sensor,

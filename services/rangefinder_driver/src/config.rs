@@ -8,7 +8,7 @@ use crate::devices::{self, Model, Reach};
 use crate::dialogue::ScanSetup;
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::orientation::{self, Contradiction, Orientation};
-use jink_shared_types::params::nearest;
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_shared_types::{BodyFrd, Point};
 use std::collections::BTreeMap;
 use std::fmt;
@@ -107,8 +107,8 @@ pub enum Mistake {
         sensor: String,
         /// The key.
         key: String,
-        /// The most similar one there is.
-        nearest: &'static str,
+        /// The one that was probably meant.
+        nearest: Option<&'static str>,
     },
     /// A key that must be given.
     Missing {
@@ -168,7 +168,8 @@ impl fmt::Display for Mistake {
             }
             Self::UnknownKey { sensor, key, nearest } => write!(
                 f,
-                "sensor {sensor:?}: a {KIND} has no key `{key}`; did you mean `{nearest}`?"
+                "sensor {sensor:?}: a {KIND} has no key `{key}`{}",
+                DidYouMean(*nearest)
             ),
             Self::Missing {
                 sensor,
@@ -282,7 +283,7 @@ impl Keys<'_> {
             Some(key) => Err(Mistake::UnknownKey {
                 sensor: self.sensor.to_owned(),
                 key: key.clone(),
-                nearest: nearest(key, KEYS.iter().copied()).unwrap_or_default(),
+                nearest: nearest(key, KEYS.iter().copied()),
             }),
         }
     }

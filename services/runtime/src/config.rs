@@ -12,8 +12,9 @@ pub use foreign::{Foreign, Grants, USER_PROCESSES, is_foreign};
 pub use link::{AUTOPILOT_LINK, AlsoLink, Link, LinkRow, Purpose, Signing};
 pub use overlay::{PROFILE_FOLDER, Resolved, sensor_place, sensors, sensors_of_ours};
 
-use jink_shared_types::params::{Param, ParamSet, nearest};
+use jink_shared_types::params::{Param, ParamSet};
 use jink_shared_types::ranges::{SENSORS, deadline_us};
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -370,8 +371,8 @@ impl SensorTable {
                 }
             },
             (None, _) => {
-                let known = nearest(kind, SENSOR_KINDS.iter().map(|(known, _)| *known)).unwrap_or("");
-                let message = format!("unknown kind of sensor {kind:?}; did you mean {known:?}?");
+                let known = nearest(kind, SENSOR_KINDS.iter().map(|(known, _)| *known));
+                let message = format!("unknown kind of sensor {kind:?}{}", DidYouMean(known));
                 Err(at(self.kind.span().start, message))
             }
         }
@@ -463,10 +464,8 @@ fn with_nearest(message: &str) -> String {
     let Some((unknown, known)) = quoted.split_first() else {
         return message.to_owned();
     };
-    match nearest(unknown, known.iter().copied()) {
-        Some(near) => format!("unknown {kind} `{unknown}`; did you mean `{near}`?"),
-        None => format!("unknown {kind} `{unknown}`"),
-    }
+    let near = nearest(unknown, known.iter().copied());
+    format!("unknown {kind} `{unknown}`{}", DidYouMean(near))
 }
 
 #[cfg(test)]
@@ -580,7 +579,7 @@ mod tests {
         );
         assert_eq!(
             error_of("[params]\n\nOA_SPEED_MAX = 3.0\n"),
-            "jink.toml:3: unknown parameter OA_SPEED_MAX; did you mean OA_SPD_MAX?"
+            "jink.toml:3: unknown parameter OA_SPEED_MAX; did you mean `OA_SPD_MAX`?"
         );
     }
 
@@ -623,7 +622,7 @@ mod tests {
         );
         assert_eq!(
             error_of(&table("kind = \"lidar_3\"")),
-            "jink.toml:3: unknown kind of sensor \"lidar_3\"; did you mean \"lidar_3d\"?"
+            "jink.toml:3: unknown kind of sensor \"lidar_3\"; did you mean `lidar_3d`?"
         );
     }
 
@@ -650,7 +649,7 @@ mod tests {
         let odd = "[[sensor]]\nname = \"a\"\nkind = \"lidar3d\"\n";
         assert_eq!(
             error_of(odd),
-            "jink.toml:3: unknown kind of sensor \"lidar3d\"; did you mean \"lidar_3d\"?"
+            "jink.toml:3: unknown kind of sensor \"lidar3d\"; did you mean `lidar_3d`?"
         );
     }
 }

@@ -11,8 +11,8 @@ use crate::transport::shared::Connection;
 pub use crate::transport::shared::RawInput;
 use crate::transport::{Publisher, Subscriber, Wakeup};
 use jink_shared_types::layout::Layout;
-use jink_shared_types::params::nearest;
 use jink_shared_types::shape::Shape;
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_shared_types::topics::{Topic, TopicRow};
 use std::fmt;
 
@@ -149,9 +149,12 @@ impl Session {
         let row = self.foreign.topics.iter().find(|row| row.name == name);
         let Some(row) = row else {
             let names = self.foreign.topics.iter().map(|row| row.name);
-            return Err(refused(match nearest(name, names) {
-                Some(near) => format!("no [[topic]] of services.toml has this name; did you mean {near}?"),
-                None => "services.toml has no [[topic]] at all".to_owned(),
+            return Err(refused(match self.foreign.topics.is_empty() {
+                true => "services.toml has no [[topic]] at all".to_owned(),
+                false => format!(
+                    "no [[topic]] of services.toml has this name{}",
+                    DidYouMean(nearest(name, names))
+                ),
             }));
         };
         let (ours, size) = (payload_name::<T>(), size_of::<T>());

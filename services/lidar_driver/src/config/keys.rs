@@ -7,8 +7,8 @@ use crate::models::{self, Connection, Model, NetworkProtocol};
 use jink_shared_types::Point;
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::orientation::{self, Orientation};
-use jink_shared_types::params::nearest;
 use jink_shared_types::ranges::SCAN_BEAMS;
+use jink_shared_types::suggestion::nearest;
 use std::net::IpAddr;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -131,7 +131,7 @@ impl Keys<'_> {
             Some(key) => Err(Mistake::UnknownKey {
                 sensor: self.sensor.to_owned(),
                 key: key.clone(),
-                nearest: nearest(key, KEYS.iter().copied()).unwrap_or_default(),
+                nearest: nearest(key, KEYS.iter().copied()),
             }),
         }
     }

@@ -30,7 +30,7 @@
 use super::{
     ConfigError, PROCESS_FILE, SENSOR_PLACE, Sensor, SensorOutput, line_of, of_sensor, parse_toml, read,
 };
-use jink_shared_types::params::nearest;
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_shared_types::topics::{OPEN_TO_OTHERS, RANGE_CLOUD, RANGE_SCAN, TABLE, TopicRow, USER_TOPICS};
 use serde::Deserialize;
 use std::ops::RangeInclusive;
@@ -271,8 +271,8 @@ impl Foreign {
         if in_table || declared.clone().any(|name| name == topic) {
             return Ok(());
         }
-        let near = nearest(topic, TABLE.iter().map(|row| row.name).chain(declared)).unwrap_or("");
-        Err(format!("there is no topic {topic:?}; did you mean {near:?}?"))
+        let near = nearest(topic, TABLE.iter().map(|row| row.name).chain(declared));
+        Err(format!("there is no topic {topic:?}{}", DidYouMean(near)))
     }
 
     fn check_publishes(&self, topic: &str) -> Result<(), String> {
@@ -324,7 +324,7 @@ impl Grants {
 
     /// A range topic among those to be published that belongs to no sensor, so that nobody would read it; with the nearest
     /// one that does.
-    pub fn without_sensor(&self, sensors: &[Sensor]) -> Option<(&str, String)> {
+    pub fn without_sensor(&self, sensors: &[Sensor]) -> Option<(&str, Option<String>)> {
         let topic_of = |sensor: &Sensor| match sensor.output {
             SensorOutput::Cloud => RANGE_CLOUD.row.topic_name(&sensor.name),
             SensorOutput::Scan => RANGE_SCAN.row.topic_name(&sensor.name),
@@ -336,8 +336,8 @@ impl Grants {
         };
         let mut missing = self.publishes.iter().filter(is_range);
         let missing = missing.find(|topic| !known.contains(topic))?;
-        let near = nearest(missing, known.iter().map(String::as_str)).unwrap_or("");
-        Some((missing, near.to_owned()))
+        let near = nearest(missing, known.iter().map(String::as_str));
+        Some((missing, near.map(str::to_owned)))
     }
 }
 
@@ -450,12 +450,12 @@ mod tests {
         );
         assert_eq!(
             row("reads = [\n\"map/local\",\n\"map/locl\"]"),
-            "services.toml:5: \"user_a\": there is no topic \"map/locl\"; did you mean \"map/local\"?"
+            "services.toml:5: \"user_a\": there is no topic \"map/locl\"; did you mean `map/local`?"
         );
         let other_name = format!("{TOPIC}[[process]]\nname = \"user_a\"\npublishes = [\"user/wnd\"]\n");
         assert_eq!(
             error_of(&other_name),
-            "services.toml:7: \"user_a\": there is no topic \"user/wnd\"; did you mean \"user/wind\"?"
+            "services.toml:7: \"user_a\": there is no topic \"user/wnd\"; did you mean `user/wind`?"
         );
     }
 
@@ -517,8 +517,8 @@ mod tests {
         };
         let (missing, near) = grants.without_sensor(&[sensor]).unwrap();
         assert_eq!(
-            (missing, near.as_str()),
-            ("range/cloud/frnt", "range/cloud/front")
+            (missing, near.as_deref()),
+            ("range/cloud/frnt", Some("range/cloud/front"))
         );
     }
 }

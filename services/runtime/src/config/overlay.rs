@@ -4,7 +4,8 @@
 use super::{
     CONFIG_FILE, Config, ConfigError, is_user_kind, line_of, parse_toml, read, sensor_sets, with_nearest,
 };
-use jink_shared_types::params::{Param, nearest};
+use jink_shared_types::params::Param;
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::collections::BTreeMap;
@@ -204,9 +205,13 @@ fn profile_file(folder: &Path, profile: &str) -> Result<PathBuf, ConfigError> {
         })
         .collect();
     known.sort();
-    let hint = match nearest(profile, known.iter().map(String::as_str)) {
-        Some(near) => format!("; did you mean {near:?}?"),
-        None => format!("; {} holds none", profiles.display()),
+    let hint = match (
+        nearest(profile, known.iter().map(String::as_str)),
+        known.is_empty(),
+    ) {
+        (_, true) => format!("; {} holds none", profiles.display()),
+        (None, false) => format!("; there are {}", known.join(", ")),
+        (near, false) => DidYouMean(near).to_string(),
     };
     Err(problem(&file, format!("there is no profile {profile:?}{hint}")))
 }
@@ -420,7 +425,7 @@ mod tests {
         );
         assert_eq!(
             folder.error(Some("fats"), &[]),
-            "profiles/fats.toml: there is no profile \"fats\"; did you mean \"fast\"?"
+            "profiles/fats.toml: there is no profile \"fats\"; did you mean `fast`?"
         );
         assert_eq!(
             folder.error(None, &["link.adress=x"]),

@@ -200,7 +200,7 @@ mod tests {
         );
         assert_eq!(
             error_of(&format!("[params]\nUSR_WND_MAX = 3\n{ROW}")),
-            "jink.toml:2: unknown parameter USR_WND_MAX; did you mean USR_WIND_MAX?"
+            "jink.toml:2: unknown parameter USR_WND_MAX; did you mean `USR_WIND_MAX`?"
         );
         let many: String = (0..64)
             .map(|n| ROW.replace("WIND_MAX", &format!("P{n}")))

@@ -8,6 +8,7 @@ use jink_runtime::config::{
 };
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
 use jink_shared_types::health::PROCESSES;
+use jink_shared_types::suggestion::DidYouMean;
 use jink_shared_types::topics;
 use std::ops::RangeInclusive;
 use std::os::unix::fs::PermissionsExt;
@@ -153,12 +154,9 @@ pub(super) fn publishes(
         message,
     };
     if let Some((topic, near)) = row.grants.without_sensor(sensors) {
-        let hint = match near.as_str() {
-            "" => String::new(),
-            near => format!("; did you mean {near}?"),
-        };
         return Err(refused(format!(
-            "{name:?} publishes {topic}, and no [[sensor]] of jink.toml has this topic{hint}"
+            "{name:?} publishes {topic}, and no [[sensor]] of jink.toml has this topic{}",
+            DidYouMean(near.as_deref())
         )));
     }
     for other in others {

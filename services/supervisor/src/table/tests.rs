@@ -456,6 +456,6 @@ fn what_others_publish_has_one_producer_and_a_sensor_that_it_belongs_to() {
     assert_eq!(
         refused(&FOREIGN.replace("\"user/wind\"]", "\"range/scan/frnt\"]")),
         "services.toml:5: \"user_wind\" publishes range/scan/frnt, and no [[sensor]] of jink.toml has this topic; did you mean \
-         range/scan/front?"
+         `range/scan/front`?"
     );
 }
