@@ -72,6 +72,8 @@ crate::wire_enum! {
         Dead = 6 "dead",
         /// Dead and given up (said by the supervisor).
         Failed = 7 "failed",
+        /// Ended on request, until it is restarted (said by the supervisor).
+        Stopped = 8 "stopped",
     }
 }
 

@@ -7,7 +7,7 @@
 //! | stopping | a stop was asked for |
 //! | failed | an essential process has been given up (and its row does not say that this may be ignored) |
 //! | healthy | every essential process is active |
-//! | degraded | one is dead, starting again, or says that it is degraded; or any lack after the system was healthy once |
+//! | degraded | one is dead, stopped on request, starting again, or says that it is degraded; or any lack after the system was healthy once |
 //! | starting | otherwise: processes are being started, or stand by for inputs that have never come |
 //!
 //! A process that stands by works, but the chain does not: before the first flight that is a system still starting
@@ -41,7 +41,7 @@ pub fn judge<'a>(processes: impl Iterator<Item = View<'a>> + Clone, was_healthy:
     let essential = || processes.clone().filter(|process| process.essential);
     let given_up = |process: &View<'_>| process.state == ServiceState::Failed && !process.failure_ignored;
     let lacking = |process: &View<'_>| match process.state {
-        ServiceState::Dead | ServiceState::Failed | ServiceState::Degraded => true,
+        ServiceState::Dead | ServiceState::Failed | ServiceState::Stopped | ServiceState::Degraded => true,
         ServiceState::Starting => process.restarted,
         _ => false,
     };
@@ -137,7 +137,7 @@ mod tests {
 
     #[test]
     fn a_dead_restarting_or_blind_essential_process_degrades() {
-        for state in [ServiceState::Dead, ServiceState::Degraded] {
+        for state in [ServiceState::Dead, ServiceState::Stopped, ServiceState::Degraded] {
             assert_eq!(health_with(view(state), false), Health::Degraded);
         }
         let starting = view(ServiceState::Starting);

@@ -40,7 +40,7 @@ impl fmt::Display for Exit {
         match self {
             Self::Code(code) => write!(f, "exit code {code}"),
             Self::Signal(signal) => write!(f, "signal {signal}"),
-            Self::NotSpawned => f.write_str("not started"),
+            Self::NotSpawned => f.write_str("an error before it ran: the kernel cannot execute it"),
             Self::Unknown => f.write_str("an exit status that is not known"),
         }
     }
@@ -84,6 +84,12 @@ pub struct Adopted {
     pub restarts: u32,
     /// Its process id.
     pub pid: u32,
+    /// When it was started.
+    pub started: Timestamp,
+    /// How the instance before it ended, as in [`ProcessStatus::last_exit`].
+    pub last_exit: u32,
+    /// Why that one was replaced.
+    pub reason: ReplaceReason,
 }
 
 /// One process.
@@ -104,6 +110,8 @@ pub(crate) struct Process {
     pub(crate) late_told: Timestamp,
     late_before: u64,
     pub(crate) started: Timestamp,
+    /// Since when this supervisor has listened to it.
+    watched_since: Timestamp,
     /// Since when it has been missing, until it works again.
     pub(crate) missing_since: Option<Timestamp>,
     /// What it left in shared memory has not been removed.
@@ -139,6 +147,7 @@ impl Process {
             late_told: Timestamp::NEVER,
             late_before: 0,
             started: Timestamp::NEVER,
+            watched_since: Timestamp::NEVER,
             missing_since: None,
             left_behind: false,
             was_up: false,
@@ -162,6 +171,7 @@ impl Process {
         self.slowness = Slowness::default();
         self.life = Life::Running;
         self.started = now;
+        self.watched_since = now;
         self.excused_until = Timestamp::NEVER;
         self.pid = 0;
     }
@@ -180,7 +190,10 @@ impl Process {
         self.pid = found.pid;
         self.restarts = found.restarts;
         self.life = Life::Running;
-        self.started = now;
+        self.started = found.started;
+        self.last_exit = found.last_exit;
+        self.reason = found.reason;
+        self.watched_since = now;
         self.was_up = true;
     }
 
@@ -231,7 +244,15 @@ impl Process {
             epoch: self.epoch,
             restarts: self.restarts,
             pid: self.pid,
+            started: self.started,
+            last_exit: self.last_exit,
+            reason: self.reason,
         })
+    }
+
+    /// Whether it runs, and this supervisor has not heard of it yet.
+    pub(crate) fn is_awaited(&self) -> bool {
+        self.life == Life::Running && !self.is_heard()
     }
 
     /// It has died.
@@ -304,7 +325,7 @@ impl Process {
         if self.is_heard() && self.heartbeat.state != ServiceState::Starting {
             self.heartbeat_time
         } else {
-            self.started
+            self.watched_since
         }
     }
 
@@ -339,7 +360,8 @@ impl Process {
             Life::Ending { .. } if stopping => ServiceState::Stopping,
             Life::Ending { .. } | Life::Resting { .. } => ServiceState::Dead,
             Life::Down if stopping => ServiceState::Dead,
-            Life::Down | Life::Failed => ServiceState::Failed,
+            Life::Down => ServiceState::Stopped,
+            Life::Failed => ServiceState::Failed,
         }
     }
 

@@ -251,7 +251,7 @@ impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Busy => f.write_str("another swap of this process is under way"),
-            Self::NotRunning => f.write_str("the process does not run"),
+            Self::NotRunning => f.write_str("the process does not run; `jink restart` starts it"),
             Self::NoShadow => {
                 f.write_str("its row says `shadow = false`: there is no trial beside the owner")
             }

@@ -13,6 +13,8 @@ use jink_shared_types::health::{Heartbeat, Name, SystemStatus};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use std::fmt;
 
+/// How soon it is looked again whether adopted processes have been heard (s).
+const SETTLING_LOOK_S: f64 = 0.01;
 /// The supervisor in the topic table, and in its events.
 pub const PROGRAM: &str = "supervisor";
 
@@ -92,7 +94,9 @@ impl Shared {
             self.control.send(SampleHeader::at(now), &self.control_sample);
             self.control_due = now.plus_seconds(STATUS_PERIOD_S);
         }
-        if changed || now >= self.status_due {
+        if supervision.is_settling(now) {
+            self.status_due = now.plus_seconds(SETTLING_LOOK_S);
+        } else if changed || now >= self.status_due {
             supervision.write_status(&mut self.status_sample);
             self.status.send(SampleHeader::at(now), &self.status_sample);
             self.status_due = now.plus_seconds(STATUS_PERIOD_S);

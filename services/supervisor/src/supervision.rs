@@ -52,6 +52,8 @@ const EXCUSE_S: f64 = 0.005;
 const LATE_MIN: u64 = 3;
 /// Between two words about late outputs of one process (s).
 const LATE_TOLD_AGAIN_S: f64 = 5.0;
+/// How long an adopted process is waited for before the status says that it is missing (s): three heartbeats.
+const SETTLING_S: f64 = 0.15;
 /// A wake-up this much later than planned says that the whole machine stood still, not that a process hangs (s).
 const STALL_S: f64 = 0.02;
 
@@ -70,6 +72,8 @@ pub struct Supervision {
     health: Health,
     was_healthy: bool,
     announcer: Announcer,
+    /// When processes of an earlier supervisor were adopted.
+    adopted_at: Option<Timestamp>,
     expected: Timestamp,
     judge_from: Timestamp,
     shown: Vec<(ServiceState, u32, u32, u32, SwapPhase)>,
@@ -93,6 +97,7 @@ impl Supervision {
             health: Health::Starting,
             was_healthy: false,
             announcer: Announcer::default(),
+            adopted_at: None,
             expected: now,
             judge_from: now,
         }
@@ -102,7 +107,17 @@ impl Supervision {
     pub fn adopt(&mut self, index: usize, found: &Adopted, now: Timestamp) {
         if let Some(process) = self.processes.get_mut(index) {
             process.adopt(found, now);
+            self.adopted_at = Some(now);
         }
+    }
+
+    /// Whether the status should wait: of adopted processes some have not been heard for the first time. Readers have the status of
+    /// the supervisor before meanwhile, and that is not stale yet.
+    pub fn is_settling(&self, now: Timestamp) -> bool {
+        let is_new = self
+            .adopted_at
+            .is_some_and(|at| now.seconds_since(at) < SETTLING_S);
+        is_new && self.stopping.is_none() && self.processes.iter().any(Process::is_awaited)
     }
 
     /// What whoever comes after this supervisor must know of process `index`, if it runs.
@@ -251,6 +266,12 @@ impl Supervision {
         }
     }
 
+    /// Whether process `index` is down for good: stopped on request, or given up.
+    pub fn is_down(&self, index: usize) -> bool {
+        let process = self.processes.get(index);
+        process.is_some_and(|process| matches!(process.life, Life::Down | Life::Failed))
+    }
+
     fn restart_requested(&mut self, now: Timestamp, index: usize, actions: &mut Vec<Action>) {
         let Some(process) = self.processes.get_mut(index).filter(|_| self.stopping.is_none()) else {
             return;
@@ -269,6 +290,7 @@ impl Supervision {
         }
         self.end_second_of(index, Refusal::Stopping, actions);
         let process = &mut self.processes[index];
+        process.reason = ReplaceReason::Asked;
         match process.life {
             Life::Running => terminate(process, index, now, actions),
             Life::Ending { kill_at, .. } => {

@@ -39,7 +39,7 @@ pub(super) fn open_links(ports: &Ports) -> Result<Links, StartError> {
     } else {
         Links::open(setups, &doors, |first| open(first, setup.generation))
     };
-    let mut links = opened.map_err(needs(format!("link.address = {:?}", settings.address)))?;
+    let mut links = opened.map_err(needs("link.address".to_owned()))?;
     let state = match settings.state.as_str() {
         "" => setup.instance.folder(),
         folder => PathBuf::from(folder),

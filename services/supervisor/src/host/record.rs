@@ -40,33 +40,42 @@ pub struct Living {
 
 /// [`Adopted`] as the numbers it consists of.
 mod adoptable {
+    use jink_shared_types::Timestamp;
+    use jink_shared_types::coded::Wire;
+    use jink_shared_types::health::ReplaceReason;
     use jink_supervisor::supervision::Adopted;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     pub fn serialize<S: Serializer>(found: &Option<Adopted>, to: S) -> Result<S::Ok, S::Error> {
         let numbers = found.as_ref().map(|found| {
-            [
+            let counts = [
                 found.generation,
                 found.last_generation,
                 found.epoch,
                 found.restarts,
                 found.pid,
-            ]
+                found.last_exit,
+            ];
+            (counts, found.reason.code(), found.started.ns)
         });
         numbers.serialize(to)
     }
 
     pub fn deserialize<'a, D: Deserializer<'a>>(from: D) -> Result<Option<Adopted>, D::Error> {
-        let numbers = Option::<[u32; 5]>::deserialize(from)?;
-        Ok(
-            numbers.map(|[generation, last_generation, epoch, restarts, pid]| Adopted {
+        let numbers = Option::<([u32; 6], u8, u64)>::deserialize(from)?;
+        Ok(numbers.map(|(counts, reason, started_ns)| {
+            let [generation, last_generation, epoch, restarts, pid, last_exit] = counts;
+            Adopted {
                 generation,
                 last_generation,
                 epoch,
                 restarts,
                 pid,
-            }),
-        )
+                last_exit,
+                reason: ReplaceReason::from_code(reason).unwrap_or(ReplaceReason::UNKNOWN),
+                started: Timestamp::from_ns(started_ns),
+            }
+        }))
     }
 }
 

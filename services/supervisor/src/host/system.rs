@@ -10,12 +10,13 @@ use jink_runtime::request::{Answer, Request};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, PROCESSES};
-use jink_shared_types::params::nearest;
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_shared_types::topics::FINGERPRINT;
 use jink_supervisor::shadow::{PROBATION_CYCLES, Refusal, SwapNews};
-use jink_supervisor::shared::Shared;
+use jink_supervisor::shared::{PROGRAM, Shared};
 use jink_supervisor::supervision::{Action, End, Exit, Observation, Supervision};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::Access;
 use rustix::process::Signal;
 use std::io::Read;
 use std::os::fd::AsFd;
@@ -194,6 +195,8 @@ impl System {
             && let Some(last) = self.children.last_shadow_lines(process).last()
         {
             text += &format!(": {last}");
+        } else if let SwapNews::Refused(Refusal::Ended(Exit::Code(0))) = news {
+            text += " and without a word: is it this service's program?";
         }
         tracing::info!(process, "swap: {text}");
         let (last, good) = (news.is_last(), news.is_good());
@@ -265,10 +268,17 @@ impl System {
             }
         };
         let Some(process) = self.children.find(name) else {
-            let near = nearest(name, self.children.names()).unwrap_or("");
-            return Some(refusal(format!(
-                "there is no process {name:?}; did you mean {near:?}?"
-            )));
+            let names: Vec<_> = self.children.names().collect();
+            return Some(refusal(match name.as_str() {
+                PROGRAM => "the supervisor is replaced by `jink swap supervisor BINARY`, and `jink down` ends it with \
+                            all processes"
+                    .to_owned(),
+                _ => format!(
+                    "there is no process {name:?}{}; there are {}",
+                    DidYouMean(nearest(name, names.iter().copied())),
+                    names.join(", ")
+                ),
+            }));
         };
         match request {
             Request::Swap {
@@ -277,10 +287,18 @@ impl System {
                 dry_run,
                 ..
             } => {
-                if let Some(program) = program
-                    && !program.is_file()
-                {
-                    return Some(refusal(format!("{} is no file", program.display())));
+                match program {
+                    Some(program) if !program.is_file() => {
+                        return Some(refusal(format!("{} is no file", program.display())));
+                    }
+                    Some(program) if rustix::fs::access(program, Access::EXEC_OK).is_err() => {
+                        return Some(refusal(format!("{} is not executable", program.display())));
+                    }
+                    None if self.supervision.is_down(process) && !dry_run => {
+                        self.observations.push(Observation::RestartRequested { process });
+                        return Some(done(format!("{name} is started")));
+                    }
+                    _ => {}
                 }
                 // Neither its program nor its answers may meet those of a swap that is under way.
                 let just_asked = self.observations.iter().any(
