@@ -32,6 +32,12 @@ pub unsafe trait Layout: ZeroCopySend + std::fmt::Debug + 'static {
     }
 }
 
+/// The memory of a sample, as other languages and tools read it.
+pub fn bytes_of<T: Layout>(sample: &T) -> &[u8] {
+    // SAFETY: a `Layout` has no padding, so that each of its bytes is initialised; the borrow keeps it alive.
+    unsafe { std::slice::from_raw_parts(std::ptr::from_ref(sample).cast::<u8>(), size_of::<T>()) }
+}
+
 // SAFETY: an array of such elements adds neither padding nor invalid patterns.
 unsafe impl<T: Layout, const N: usize> Layout for [T; N] {
     const SHAPE: Shape = Shape::Array {

@@ -57,6 +57,13 @@ macro_rules! numbers {
                     $( Self::$name => stringify!($type), )*
                 }
             }
+
+            /// Bytes in memory.
+            pub const fn size(self) -> usize {
+                match self {
+                    $( Self::$name => size_of::<$type>(), )*
+                }
+            }
         }
 
         $(
@@ -193,6 +200,21 @@ impl Shape {
     /// Whether it is room that is reserved, or a field in such room: neither is part of the hash.
     pub const fn is_later(&self) -> bool {
         matches!(self, Self::Reserved(_) | Self::Added(_))
+    }
+
+    /// Bytes in memory.
+    pub const fn size(&self) -> usize {
+        match self {
+            Self::Number(number) => number.size(),
+            Self::Flag | Self::Enum(_) => 1,
+            Self::Timestamp => 8,
+            Self::Quantity(_) => 24,
+            Self::Rotation { .. } => 32,
+            Self::Array { of, len } => of.size() * *len,
+            Self::Struct(shape) => shape.size,
+            Self::Reserved(bytes) => *bytes,
+            Self::Added(shape) => shape.size(),
+        }
     }
 
     /// The layout hash. Two builds that have it in common read the same thing into the same bytes.

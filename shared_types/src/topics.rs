@@ -67,7 +67,7 @@ pub struct TopicRow {
     pub producers: &'static [&'static str],
     /// Programs that may read it; `*` = every one. The command line tool may read every topic.
     pub consumers: &'static [&'static str],
-    /// Nominal rate (Hz); 0 = on change.
+    /// Rate that is kept at least while there is something to say (Hz); 0 = on change.
     pub rate_hz: f64,
     /// Age at which a sample counts as stale (ms).
     pub deadline_ms: f64,
@@ -247,12 +247,12 @@ macro_rules! topics {
 topics! {
     /// Planar scans and single beams, one topic per sensor.
     RANGE_SCAN: RangeScan = "range/scan/*",
-        from ["simulator", "rangefinder_driver", "lidar_driver", "replay_driver", "mavlink_gateway"],
+        from ["simulator", "rangefinder_driver", "lidar_driver", "mavlink_gateway"],
         to ["obstacle_fusion", "collision_guard"],
         20.0 Hz, stale after 250.0 ms, buffer 4, logged true, wakes true;
     /// 3-D lidar sweeps and depth images as points, one topic per sensor. Deadline: two and a half periods of 10 Hz.
     RANGE_CLOUD: PointCloud = "range/cloud/*",
-        from ["simulator", "lidar_driver", "depth_driver", "replay_driver"],
+        from ["simulator", "lidar_driver", "depth_driver"],
         to ["obstacle_fusion", "collision_guard"],
         10.0 Hz, stale after 250.0 ms, buffer 2, logged true, wakes true;
     /// The vehicle as the autopilot estimates it.

@@ -151,7 +151,11 @@ fn where_nothing_is_wrong_each_profile_is_ready() {
             told.stdout.lines().next().unwrap(),
             format!("READY: {whom}; 0 warnings")
         );
-        assert_eq!(told.stderr, "", "progress is for terminals only");
+        let waits = "listening for an autopilot (15 s at most)\n";
+        assert_eq!(
+            told.stderr, waits,
+            "what is waited for, once; progress is for terminals"
+        );
     }
 }
 
@@ -373,7 +377,7 @@ fn wrong_usage_and_a_wrong_configuration_are_no_examination() {
         (
             &[],
             &["--profile", "px4_trajectry"],
-            "did you mean \"px4_trajectory\"?",
+            "did you mean `px4_trajectory`?",
         ),
     ] {
         let told = check(port, settings, further);

@@ -98,8 +98,6 @@ fn heavy_crates_stay_behind_one_door() {
 
 #[test]
 fn every_program_in_the_topic_table_is_a_folder_of_services() {
-    // Drivers that are named in the table before they exist: they publish ranges and nothing else.
-    let to_come = ["replay_driver"];
     // A planner that users bring.
     let of_users = ["proposer"];
     let folders: BTreeSet<String> = packages()
@@ -113,9 +111,8 @@ fn every_program_in_the_topic_table_is_a_folder_of_services() {
             .chain(row.consumers)
             .filter(|program| **program != "*")
         {
-            let range_driver = to_come.contains(program) && row.name.starts_with("range/");
             assert!(
-                folders.contains(*program) || range_driver || of_users.contains(program),
+                folders.contains(*program) || of_users.contains(program),
                 "{}: {program}",
                 row.name
             );

@@ -74,7 +74,7 @@ impl Beat {
     /// For people.
     pub fn line(&self, name: &str, row: &TopicRow) -> String {
         let declared = match row.rate_hz {
-            rate if rate > 0.0 => format!("declared {rate} Hz"),
+            rate if rate > 0.0 => format!("declared at least {rate} Hz"),
             _ => "declared on change".to_owned(),
         };
         let Some(rate_hz) = self.rate_hz() else {
@@ -172,7 +172,7 @@ mod tests {
         let line = beat.line("map/local", &LOCAL_MAP.row);
         assert_eq!(
             line,
-            "map/local: 6.7 Hz (declared 10 Hz), 3 samples 100.0 to 200.0 ms apart, 2 lost, producer replaced once, \
+            "map/local: 6.7 Hz (declared at least 10 Hz), 3 samples 100.0 to 200.0 ms apart, 2 lost, producer replaced once, \
              age at publication 4.0 / 4.0 ms p50/p99"
         );
         let json = beat.json("map/local", &LOCAL_MAP.row);

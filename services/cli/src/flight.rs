@@ -2,7 +2,7 @@
 
 use crate::drill::Fault;
 use crate::handover::SeamFigures;
-use crate::report::{StageLatency, round};
+use crate::report::{StageLatency, latency_ms, latency_text, round};
 use jink_shared_types::STAGE_ROOM;
 use jink_shared_types::health::Histogram;
 use jink_shared_types::link::LinkStatus;
@@ -14,6 +14,8 @@ use std::fmt::Write;
 
 /// Distance between two kept points of the course (m): finer than anything in a picture of it.
 const SPACING_M: f64 = 0.1;
+/// Time between two kept points of a vehicle that does not move (s).
+const SPACING_S: f64 = 0.5;
 
 /// A point of the course.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -26,11 +28,18 @@ pub struct CoursePoint {
     pub up_m: f64,
     /// Speed (m/s).
     pub speed_mps: f64,
+    /// Since the mission began (s); negative before.
+    pub time_s: f64,
+    /// From the vehicle's hull to the nearest obstacle (m); infinity = there is none.
+    pub clearance_m: f64,
 }
 
 impl CoursePoint {
+    /// Where and when the vehicle is; the time is the simulation's.
     fn of(truth: &SimTruth) -> Self {
         Self {
+            time_s: truth.time_s,
+            clearance_m: truth.clearance_m,
             north_m: truth.position.x_m,
             east_m: truth.position.y_m,
             up_m: -truth.position.z_m,
@@ -40,7 +49,8 @@ impl CoursePoint {
 
     fn is_apart(&self, other: &Self) -> bool {
         let (north, east) = (self.north_m - other.north_m, self.east_m - other.east_m);
-        (north * north + east * east + (self.up_m - other.up_m).powi(2)).sqrt() >= SPACING_M
+        let moved_m = (north * north + east * east + (self.up_m - other.up_m).powi(2)).sqrt();
+        moved_m >= SPACING_M || self.time_s - other.time_s >= SPACING_S
     }
 }
 
@@ -165,7 +175,7 @@ impl FlightLog {
         }
         self.see_stream(truth);
         let point = CoursePoint::of(truth);
-        if self.course.last().is_none_or(|last| point.is_apart(last)) {
+        if self.armed_s.is_some() && self.course.last().is_none_or(|last| point.is_apart(last)) {
             self.course.push(point);
         }
         self.truth = Some(*truth);
@@ -204,9 +214,14 @@ impl FlightLog {
         self.truth.as_ref()
     }
 
-    /// The course flown.
-    pub fn course(&self) -> &[CoursePoint] {
-        &self.course
+    /// The course flown, from arming on.
+    pub fn course(&self) -> Vec<CoursePoint> {
+        let began_s = self.mission_began_s.or(self.armed_s).unwrap_or(0.0);
+        let since_then = |point: &CoursePoint| CoursePoint {
+            time_s: point.time_s - began_s,
+            ..*point
+        };
+        self.course.iter().map(since_then).collect()
     }
 
     /// Time since the mission began (s); `None` = not yet.
@@ -265,6 +280,7 @@ impl FlightLog {
                 sum.merge(stage);
             }
         }
+        let [p50_ms, p99_ms, max_ms] = latency_ms(&latency);
         let truth = self.truth.unwrap_or_default();
         let speed_mps = (truth.cruise_s > 0.0).then(|| truth.cruise_m / truth.cruise_s);
         Summary {
@@ -285,9 +301,9 @@ impl FlightLog {
             setpoint_max_gap_ms: round(truth.setpoint_gap_max_s * 1e3),
             setpoints: truth.setpoints,
             fcu_hold_count: truth.hold_count,
-            latency_p50_ms: round(latency.quantile_us(0.5) * 1e-3),
-            latency_p99_ms: round(latency.quantile_us(0.99) * 1e-3),
-            latency_max_ms: round(f64::from(latency.max_us) * 1e-3),
+            latency_p50_ms: p50_ms,
+            latency_p99_ms: p99_ms,
+            latency_max_ms: max_ms,
             latency_stages: StageLatency::of(&stages),
             restarts,
             faults,
@@ -328,12 +344,12 @@ pub struct Summary {
     pub setpoints: u64,
     /// How often the autopilot fell back to Hold because its companion failed it.
     pub fcu_hold_count: u32,
-    /// Capture of the newest range behind a setpoint to its bytes handed to the kernel, median (ms).
-    pub latency_p50_ms: f64,
+    /// Capture of the newest range behind a setpoint to its bytes handed to the kernel, median (ms); `None` without one.
+    pub latency_p50_ms: Option<f64>,
     /// 99th percentile (ms).
-    pub latency_p99_ms: f64,
+    pub latency_p99_ms: Option<f64>,
     /// Longest (ms).
-    pub latency_max_ms: f64,
+    pub latency_max_ms: Option<f64>,
     /// What each stage adds to it.
     pub latency_stages: Vec<StageLatency>,
     /// Restarts of processes.
@@ -389,8 +405,8 @@ impl Summary {
                 self.setpoints, self.setpoint_max_gap_ms, self.fcu_hold_count
             ),
             format!(
-                "  capture to wire {:.1} / {:.1} / {:.1} ms p50/p99/max",
-                self.latency_p50_ms, self.latency_p99_ms, self.latency_max_ms
+                "  capture to wire {}",
+                latency_text([self.latency_p50_ms, self.latency_p99_ms, self.latency_max_ms])
             ),
             format!(
                 "    of that p50/p99: {}",
@@ -487,10 +503,10 @@ mod tests {
         second.capture_to_wire.record_us(30_000);
         log.see_link(2, &second);
         let summary = log.summary(&Outcome::Goal, "forest", 7, 1, Vec::new());
-        assert_eq!(summary.latency_max_ms, 30.0);
+        assert_eq!(summary.latency_max_ms, Some(30.0));
         assert!(
-            (8.0..=9.0).contains(&summary.latency_p50_ms),
-            "{}",
+            summary.latency_p50_ms.is_some_and(|ms| (8.0..=9.0).contains(&ms)),
+            "{:?}",
             summary.latency_p50_ms
         );
     }
@@ -516,6 +532,10 @@ mod tests {
             seams: Vec::new(),
             reason: None,
         };
+        let mut link = LinkStatus::default();
+        log.see_link(1, &link);
+        link.capture_to_wire.record_us(9_000);
+        log.see_link(1, &link);
         let summary = log.summary(&Outcome::Goal, "forest", 7, 1, vec![kill]);
         let json = serde_json::to_value(&summary).unwrap();
         assert_eq!(json["outcome"], "goal");
@@ -546,6 +566,8 @@ mod tests {
         let reason = "no simulator".to_owned();
         let summary = FlightLog::default().summary(&Outcome::Failed { reason }, "gap", 1, 0, Vec::new());
         assert_eq!(summary.min_clearance_m, None);
+        assert_eq!(summary.latency_max_ms, None);
+        assert!(summary.text().contains("  capture to wire -\n"));
         assert!(
             summary
                 .text()

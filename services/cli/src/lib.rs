@@ -5,7 +5,7 @@
 //! |---|---|---|
 //! | [`report`] | `system/status`, `link/status` | one screen, or JSON |
 //! | [`top`] | the same, rates of topics, events | a screen that is drawn again and again |
-//! | [`topic_list`], [`beat`], [`digest`] | topic table, headers, samples | topics, their rates, what they say |
+//! | [`topic_list`], [`beat`], [`digest`], [`sample_json`] | topic table, headers, samples | topics, their rates, what they say |
 //! | [`calibrate`] | clouds and attitude of a vehicle that stands | where its sensors are mounted, and how sure that is |
 //! | [`findings`] | what an examination has found | verdict and table, or JSON |
 //! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
@@ -37,6 +37,7 @@ pub mod picture;
 pub mod report;
 pub mod ring_view;
 pub mod running_link;
+pub mod sample_json;
 pub mod schema;
 pub mod sensors_seen;
 pub mod sitl;

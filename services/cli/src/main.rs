@@ -53,7 +53,7 @@ enum Command {
     Schema(cmd::schema::Args),
     /// Show parameters, and change them while jink runs
     Param(cmd::param::Args),
-    /// Examine the link to the autopilot before the flight
+    /// Examine before the flight: the link to the autopilot, the sensors, shared memory
     Check(cmd::check::Args),
     /// Look into recordings of lidars
     Lidar(cmd::lidar::Args),
@@ -69,6 +69,12 @@ enum Command {
     Demo(cmd::demo::Args),
     /// Fly missions with faults at random times
     Chaos(cmd::chaos::Args),
+    /// Fly many missions in virtual worlds, faster than real time, and count
+    Campaign(cmd::beside::Args),
+    /// Drive a simulated pilot at walls, and plot how near he comes
+    Approach(cmd::beside::Args),
+    /// List the jinks of this host, and remove what ended ones have left
+    Instances(cmd::instances::Args),
     /// Measure parts of jink beside what others have
     Bench(cmd::bench::Args),
 }
@@ -94,6 +100,9 @@ fn main() -> ExitCode {
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),
         Command::World(args) => cmd::world::run(&args),
         Command::Chaos(args) => cmd::chaos::run(&args),
+        Command::Campaign(args) => cmd::beside::run("jink-campaign", &args),
+        Command::Approach(args) => cmd::beside::run("jink-approach", &args),
+        Command::Instances(args) => cmd::instances::run(&args),
         Command::Bench(args) => cmd::bench::run(&args),
         Command::Demo(args) => cmd::demo::run(&cli.instance, &args),
     };

@@ -32,7 +32,10 @@ impl Narrator {
         let health = (status.health.get(), is_standing_by(status));
         if self.health != Some(health) {
             self.health = Some(health);
-            lines.push(health_line(status));
+            // That processes are being started is told process by process.
+            if health != (Health::Starting, false) {
+                lines.push(health_line(status));
+            }
         }
         lines
     }
@@ -102,7 +105,7 @@ pub fn health_line(status: &SystemStatus) -> String {
     match status.health.get() {
         Health::Healthy => "ready".to_owned(),
         Health::Starting if is_standing_by(status) => format!(
-            "standing by: {} wait for inputs that have not come yet",
+            "waiting for first inputs: {}",
             named(&|state| state == ServiceState::Standby)
         ),
         Health::Starting => "starting".to_owned(),
@@ -137,7 +140,7 @@ mod tests {
     fn every_piece_of_news_is_told_once() {
         let mut narrator = Narrator::default();
         let mut now = status(Health::Starting, &[("planner", ServiceState::Starting)]);
-        assert_eq!(narrator.news(&now), ["planner started, process id 7", "starting"]);
+        assert_eq!(narrator.news(&now), ["planner started, process id 7"]);
         assert!(narrator.news(&now).is_empty());
         now = status(Health::Healthy, &[("planner", ServiceState::Active)]);
         assert_eq!(narrator.news(&now), ["ready"]);
@@ -178,10 +181,7 @@ mod tests {
         let waiting = status(Health::Starting, &states);
         assert!(is_standing_by(&waiting));
         let news = Narrator::default().news(&waiting);
-        assert_eq!(
-            news.last().unwrap(),
-            "standing by: planner wait for inputs that have not come yet"
-        );
+        assert_eq!(news.last().unwrap(), "waiting for first inputs: planner");
         let starting = status(Health::Starting, &[("gateway", ServiceState::Starting)]);
         assert!(!is_standing_by(&starting));
     }

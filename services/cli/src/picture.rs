@@ -1,5 +1,7 @@
-//! A flight from above as SVG: north to the right, east downwards, as a map that was turned by a quarter.
+//! A flight as SVG: from above, north to the right and east downwards, as a map that was turned by a quarter; below it height,
+//! clearance and speed over time. Only what SVG 1.1 has is used, so that every program that draws SVG draws the same.
 
+mod chart;
 mod world;
 
 pub use world::{Bounds, Cylinder, Place, Sphere, World, YawedBox};
@@ -11,10 +13,16 @@ use std::fmt::Write;
 const SCALE: f64 = 16.0;
 /// Room around the world (m).
 const MARGIN_M: f64 = 3.0;
+/// Least width of the picture (pixels): legend and chart need it.
+const WIDTH_MIN: f64 = 760.0;
+/// Room above the world for the title (pixels).
+const HEADER: f64 = 30.0;
 /// Room below the world for legend and scale bar (pixels).
 const FOOTER: f64 = 64.0;
 /// Height of a line of text (pixels).
 const LINE: f64 = 18.0;
+/// Marks of time are at least this far apart (m).
+const MARKS_APART_M: f64 = 4.0;
 /// Edge of a sensed cell (m).
 const CELL_M: f64 = jink_shared_types::map::CELL_M;
 
@@ -36,14 +44,18 @@ pub struct Scene<'a> {
 /// The picture.
 pub fn svg(scene: &Scene<'_>) -> String {
     let frame = Frame::around(scene.world);
+    let is_flown = scene.course.len() > 1;
+    let chart_height = if is_flown { chart::HEIGHT } else { 0.0 };
+    let below = frame.top + frame.height;
+    let list_top = below + FOOTER + chart_height;
     let mut out = String::with_capacity(1 << 16);
     put(
         &mut out,
         format_args!(
             "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {w:.0} {h:.0}\" width=\"{w:.0}\" height=\"{h:.0}\" \
              font-family=\"sans-serif\" font-size=\"13\">",
-            w = frame.width,
-            h = frame.height + FOOTER + LINE * scene.faults.len() as f64
+            w = frame.picture_width,
+            h = list_top + LINE * scene.faults.len() as f64 + 10.0
         ),
     );
     out.push_str("<rect width=\"100%\" height=\"100%\" fill=\"#fcfcfa\"/>\n");
@@ -56,9 +68,19 @@ pub fn svg(scene: &Scene<'_>) -> String {
         .map(|point| point.speed_mps)
         .fold(0.0, f64::max);
     course(&mut out, &frame, scene.course, fastest_mps);
+    time_marks(&mut out, &frame, scene.course);
     ends(&mut out, &frame, scene.world);
-    faults(&mut out, &frame, scene.faults);
+    faults(&mut out, &frame, scene.faults, list_top);
     legend(&mut out, &frame, fastest_mps);
+    if is_flown {
+        chart::draw(
+            &mut out,
+            below + FOOTER,
+            frame.picture_width,
+            scene.course,
+            scene.faults,
+        );
+    }
     put(
         &mut out,
         format_args!(
@@ -74,8 +96,13 @@ pub fn svg(scene: &Scene<'_>) -> String {
 struct Frame {
     north_min_m: f64,
     east_min_m: f64,
+    /// Left and upper border of the world.
+    left: f64,
+    top: f64,
+    /// Of the world.
     width: f64,
     height: f64,
+    picture_width: f64,
 }
 
 impl Frame {
@@ -83,18 +110,23 @@ impl Frame {
         let bounds = &world.bounds;
         let north_min_m = bounds.north_min_m - MARGIN_M;
         let east_min_m = bounds.east_min_m - MARGIN_M;
+        let width = (bounds.north_max_m + MARGIN_M - north_min_m) * SCALE;
+        let picture_width = width.max(WIDTH_MIN);
         Self {
             north_min_m,
             east_min_m,
-            width: (bounds.north_max_m + MARGIN_M - north_min_m) * SCALE,
+            left: (picture_width - width) / 2.0,
+            top: HEADER,
+            width,
             height: (bounds.east_max_m + MARGIN_M - east_min_m) * SCALE,
+            picture_width,
         }
     }
 
     fn at(&self, north_m: f64, east_m: f64) -> (f64, f64) {
         (
-            (north_m - self.north_min_m) * SCALE,
-            (east_m - self.east_min_m) * SCALE,
+            self.left + (north_m - self.north_min_m) * SCALE,
+            self.top + (east_m - self.east_min_m) * SCALE,
         )
     }
 }
@@ -120,16 +152,23 @@ fn grid(out: &mut String, frame: &Frame) {
             format_args!("<path d=\"M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}\" stroke=\"#e4e4de\"/>"),
         );
     };
+    let (right, bottom) = (frame.left + frame.width, frame.top + frame.height);
     let mut north_m = (frame.north_min_m / STEP).ceil() * STEP;
-    while (north_m - frame.north_min_m) * SCALE < frame.width {
+    loop {
         let (x, _) = frame.at(north_m, 0.0);
-        line(out, x, 0.0, x, frame.height);
+        if x >= right {
+            break;
+        }
+        line(out, x, frame.top, x, bottom);
         north_m += STEP;
     }
     let mut east_m = (frame.east_min_m / STEP).ceil() * STEP;
-    while (east_m - frame.east_min_m) * SCALE < frame.height {
+    loop {
         let (_, y) = frame.at(0.0, east_m);
-        line(out, 0.0, y, frame.width, y);
+        if y >= bottom {
+            break;
+        }
+        line(out, frame.left, y, right, y);
         east_m += STEP;
     }
 }
@@ -191,14 +230,61 @@ fn course(out: &mut String, frame: &Frame, course: &[CoursePoint], fastest_mps: 
     out.push_str("</g>\n");
 }
 
-/// From blue (standing) over green and yellow to red (the fastest).
+/// Dark blue (standing), green, yellow (the fastest): matplotlib's viridis, which is read in grey and by eyes without red or green, too.
+const SPEED_COLOURS: [[f64; 3]; 6] = [
+    [68.0, 1.0, 84.0],
+    [65.0, 68.0, 135.0],
+    [42.0, 120.0, 142.0],
+    [34.0, 168.0, 132.0],
+    [122.0, 209.0, 81.0],
+    [253.0, 231.0, 37.0],
+];
+
 fn speed_colour(speed_mps: f64, fastest_mps: f64) -> String {
     let share = if fastest_mps > 0.0 {
         (speed_mps / fastest_mps).clamp(0.0, 1.0)
     } else {
         0.0
     };
-    format!("hsl({:.0},80%,45%)", 240.0 * (1.0 - share))
+    let at = share * (SPEED_COLOURS.len() - 1) as f64;
+    let before = (at as usize).min(SPEED_COLOURS.len() - 2);
+    let [red, green, blue] = std::array::from_fn(|part| {
+        let [from, to] = [SPEED_COLOURS[before][part], SPEED_COLOURS[before + 1][part]];
+        (from + (to - from) * (at - before as f64)).round() as u8
+    });
+    format!("#{red:02x}{green:02x}{blue:02x}")
+}
+
+/// A dot with the time and the height every so many seconds; fewer where the vehicle is slow, so that they can be read.
+fn time_marks(out: &mut String, frame: &Frame, course: &[CoursePoint]) {
+    let (Some(first), Some(last)) = (course.first(), course.last()) else {
+        return;
+    };
+    let step_s = chart::time_step_s(last.time_s - first.time_s);
+    let mut due_s = (first.time_s / step_s).ceil().max(0.0) * step_s;
+    let mut marked: Option<&CoursePoint> = None;
+    for point in course {
+        let is_near = |other: &CoursePoint| {
+            (point.north_m - other.north_m).hypot(point.east_m - other.east_m) < MARKS_APART_M
+        };
+        if point.time_s < due_s || marked.is_some_and(is_near) {
+            continue;
+        }
+        marked = Some(point);
+        let (x, y) = frame.at(point.north_m, point.east_m);
+        put(
+            out,
+            format_args!(
+                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\" fill=\"#fff\" stroke=\"#222\"/>\
+                 <text x=\"{:.1}\" y=\"{:.1}\" font-size=\"10\">{:.0} s, {:.1} m up</text>",
+                x + 5.0,
+                y + 13.0,
+                point.time_s,
+                point.up_m
+            ),
+        );
+        due_s = ((point.time_s / step_s).floor() + 1.0) * step_s;
+    }
 }
 
 fn ends(out: &mut String, frame: &Frame, world: &World) {
@@ -230,7 +316,7 @@ fn ends(out: &mut String, frame: &Frame, world: &World) {
 }
 
 /// A numbered cross where a fault was made; what became of it is listed below the picture.
-fn faults(out: &mut String, frame: &Frame, faults: &[FaultRecord]) {
+fn faults(out: &mut String, frame: &Frame, faults: &[FaultRecord], list_top: f64) {
     for (index, fault) in faults.iter().enumerate() {
         let number = index + 1;
         let (x, y) = frame.at(fault.north_m, fault.east_m);
@@ -249,7 +335,7 @@ fn faults(out: &mut String, frame: &Frame, faults: &[FaultRecord]) {
             out,
             format_args!(
                 "<text x=\"12\" y=\"{:.1}\"><tspan font-weight=\"bold\">{number}</tspan> {}</text>",
-                frame.height + FOOTER + LINE * index as f64 + 10.0,
+                list_top + LINE * index as f64 + 10.0,
                 escaped(&fault.line()),
             ),
         );
@@ -257,7 +343,7 @@ fn faults(out: &mut String, frame: &Frame, faults: &[FaultRecord]) {
 }
 
 fn legend(out: &mut String, frame: &Frame, fastest_mps: f64) {
-    let y = frame.height + 30.0;
+    let y = frame.top + frame.height + 24.0;
     let bar = 10.0 * SCALE;
     put(
         out,
@@ -283,10 +369,11 @@ fn legend(out: &mut String, frame: &Frame, fastest_mps: f64) {
     put(
         out,
         format_args!(
-            "<text x=\"{left:.1}\" y=\"{below:.1}\">speed 0 to {fastest_mps:.1} m/s</text>\
+            "<text x=\"{left:.1}\" y=\"{below:.1}\">speed 0 to {fastest_mps:.1} m/s (middle: {:.1})</text>\
              <circle cx=\"{:.1}\" cy=\"{y:.1}\" r=\"6\" fill=\"#6b705c\" stroke=\"#3f4238\"/><text x=\"{:.1}\" y=\"{text:.1}\">obstacle</text>\
              <rect x=\"{:.1}\" y=\"{:.1}\" width=\"10\" height=\"10\" fill=\"#f2a65a\"/><text x=\"{:.1}\" y=\"{text:.1}\">sensed occupied</text>\
              <path d=\"M{:.1} {y:.1}h30m-8 -5l8 5l-8 5\" stroke=\"#333\" stroke-width=\"2\" fill=\"none\"/><text x=\"{:.1}\" y=\"{text:.1}\">north</text>",
+            fastest_mps / 2.0,
             right + 6.0,
             right + 18.0,
             right + 92.0,
@@ -322,6 +409,8 @@ mod tests {
             east_m: 0.0,
             up_m: 2.5,
             speed_mps,
+            time_s: north_m / 2.0,
+            clearance_m: 1.2,
         }
     }
 
@@ -352,23 +441,28 @@ mod tests {
             title: "forest <7>",
         });
         // 3 m of margin beyond the bounds, 16 pixels per metre: the tree's centre and radius.
-        assert!(picture.contains("<circle cx=\"288.0\" cy=\"224.0\" r=\"8.0\"/>"));
+        assert!(picture.contains("<circle cx=\"288.0\" cy=\"254.0\" r=\"8.0\"/>"));
         assert!(
-            picture.contains("rotate(28.65 448.0 176.0)"),
+            picture.contains("rotate(28.65 448.0 206.0)"),
             "a box turns clockwise from north"
         );
-        let speeds = ["hsl(120,80%,45%)", "hsl(0,80%,45%)"];
+        let speeds = ["#269089", "#fde725"];
         assert!(speeds.iter().all(|colour| picture.contains(colour)));
         for text in [
             "start",
             "goal",
             "kill of planner at 3.0 s: back after 58 ms, largest gap 52 ms",
             "10 m",
-            "speed 0 to 3.0 m/s",
+            "speed 0 to 3.0 m/s (middle: 1.5)",
+            "height above the start (m)",
+            "clearance (m, where below 4)",
+            ">5 s, 2.5 m up<",
             "forest &lt;7&gt;",
         ] {
             assert!(picture.contains(text), "{text}");
         }
+        // What a newer standard has is drawn black by many programs.
+        assert!(!picture.contains("hsl(") && !picture.contains("rgba("));
         assert_eq!(picture.matches("<g ").count(), picture.matches("</g>").count());
         assert!(picture.trim_end().ends_with("</svg>"));
     }

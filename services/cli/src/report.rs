@@ -181,12 +181,12 @@ pub struct Link {
     pub setpoints: u64,
     /// Largest time between two of them (ms).
     pub setpoint_gap_max_ms: f64,
-    /// Capture of the newest range behind a setpoint to its bytes handed to the kernel, median (ms).
-    pub capture_to_wire_p50_ms: f64,
+    /// Capture of the newest range behind a setpoint to its bytes handed to the kernel, median (ms); `None` before the first.
+    pub capture_to_wire_p50_ms: Option<f64>,
     /// 99th percentile (ms).
-    pub capture_to_wire_p99_ms: f64,
+    pub capture_to_wire_p99_ms: Option<f64>,
     /// Longest (ms).
-    pub capture_to_wire_max_ms: f64,
+    pub capture_to_wire_max_ms: Option<f64>,
     /// What each stage adds to it.
     pub stages: Vec<StageLatency>,
     /// Each link by itself, the autopilot's first.
@@ -306,6 +306,13 @@ impl Report {
             .chain(self.services.iter().map(Service::cells))
             .collect()
     }
+
+    /// The same in the columns that matter most, for a screen of 80.
+    pub fn narrow_table(&self) -> Vec<[String; NARROW_COLUMNS]> {
+        std::iter::once(NARROW_HEADER.map(str::to_owned))
+            .chain(self.services.iter().map(Service::narrow_cells))
+            .collect()
+    }
 }
 
 /// Exit code of `jink status`: 0 healthy, 1 degraded, starting or stopping, 2 failed.
@@ -341,6 +348,12 @@ const HEADER: [&str; COLUMNS] = [
     "misses",
     "inputs",
     "cpu %",
+];
+
+/// Columns of the table of services on a narrow screen.
+pub const NARROW_COLUMNS: usize = 8;
+const NARROW_HEADER: [&str; NARROW_COLUMNS] = [
+    "service", "state", "pid", "restarts", "p99 ms", "misses", "inputs", "cpu %",
 ];
 
 impl Service {
@@ -380,6 +393,12 @@ impl Service {
             inputs_needed: beat.inputs_needed.count_ones(),
             inputs_fresh: (beat.inputs_fresh & beat.inputs_needed).count_ones(),
         }
+    }
+
+    fn narrow_cells(&self) -> [String; NARROW_COLUMNS] {
+        let [name, state, pid, _, restarts, _, _, _, _, misses, inputs, cpu] = self.cells();
+        let p99_ms = format!("{:.1}", f64::from(self.cycle_p99_us) * 1e-3);
+        [name, state, pid, restarts, p99_ms, misses, inputs, cpu]
     }
 
     fn cells(&self) -> [String; COLUMNS] {
@@ -429,7 +448,7 @@ fn gateway_uptime_s(now: Timestamp, status: &SystemStatus) -> Option<f64> {
 
 impl Link {
     fn new(now: Timestamp, link: Stamped<'_, LinkStatus>, uptime_s: Option<f64>) -> Self {
-        let latency = &link.sample.capture_to_wire;
+        let [p50_ms, p99_ms, max_ms] = latency_ms(&link.sample.capture_to_wire);
         let us = |us: f64| round(us * 1e-3);
         Self {
             age_ms: round(now.seconds_since(link.header.publish) * 1e3),
@@ -447,9 +466,9 @@ impl Link {
             ignored: link.sample.ignored,
             setpoints: link.sample.setpoints,
             setpoint_gap_max_ms: us(f64::from(link.sample.setpoint_gap_max_us)),
-            capture_to_wire_p50_ms: us(latency.quantile_us(0.5)),
-            capture_to_wire_p99_ms: us(latency.quantile_us(0.99)),
-            capture_to_wire_max_ms: us(f64::from(latency.max_us)),
+            capture_to_wire_p50_ms: p50_ms,
+            capture_to_wire_p99_ms: p99_ms,
+            capture_to_wire_max_ms: max_ms,
             stages: StageLatency::of(&link.sample.stages),
             links: LinkFigures::of(link.sample, uptime_s),
         }
@@ -488,15 +507,37 @@ impl Link {
         };
         format!(
             "link: autopilot {} heard, {clock}, avoidance {}\n{profile}{assist}      {} setpoints, largest gap {:.0} ms; capture to \
-             wire {:.1} / {:.1} / {:.1} ms p50/p99/max\n{stages}",
+             wire {}\n{stages}",
             self.system_id,
             self.avoidance,
             self.setpoints,
             self.setpoint_gap_max_ms,
-            self.capture_to_wire_p50_ms,
-            self.capture_to_wire_p99_ms,
-            self.capture_to_wire_max_ms
+            latency_text([
+                self.capture_to_wire_p50_ms,
+                self.capture_to_wire_p99_ms,
+                self.capture_to_wire_max_ms
+            ])
         )
+    }
+}
+
+/// Median, 99th percentile and longest of what `latency` has counted (ms); nothing before the first.
+pub fn latency_ms(latency: &Histogram) -> [Option<f64>; 3] {
+    let figures_us = [
+        latency.quantile_us(0.5),
+        latency.quantile_us(0.99),
+        f64::from(latency.max_us),
+    ];
+    figures_us.map(|us| (latency.count > 0).then(|| round(us * 1e-3)))
+}
+
+/// Those three for people; a dash where nothing was measured.
+pub fn latency_text(figures_ms: [Option<f64>; 3]) -> String {
+    match figures_ms {
+        [Some(p50_ms), Some(p99_ms), Some(max_ms)] => {
+            format!("{p50_ms:.1} / {p99_ms:.1} / {max_ms:.1} ms p50/p99/max")
+        }
+        _ => "-".to_owned(),
     }
 }
 

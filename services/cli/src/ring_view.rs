@@ -7,6 +7,7 @@
 //! | blank | not known, or behind an obstacle |
 //! | `^` | the vehicle; its nose points up |
 
+use crate::report::round;
 use jink_shared_types::Timestamp;
 use jink_shared_types::ring::{SECTORS, SectorRing, sector_bearing_rad, sector_of};
 use serde::Serialize;
@@ -63,10 +64,10 @@ impl RingView {
             });
         let known = sectors.iter().filter(|sector| sector.state != "unknown").count();
         Self {
-            age_s: now.seconds_since(published).max(0.0),
+            age_s: round(now.seconds_since(published).max(0.0)),
             nearest_m: nearest.and_then(|sector| sector.distance_m),
             nearest_deg: nearest.map(|sector| sector.bearing_deg),
-            known_deg: known as f64 * 360.0 / SECTORS as f64,
+            known_deg: round(known as f64 * 360.0 / SECTORS as f64),
             sectors,
         }
     }
@@ -147,10 +148,10 @@ fn view(ring: &SectorRing, sector: usize, now: Timestamp) -> SectorView {
         ("free", Some(f64::from(reach_m)))
     };
     SectorView {
-        bearing_deg: sector_bearing_rad(sector).to_degrees(),
+        bearing_deg: round(sector_bearing_rad(sector).to_degrees()),
         state,
-        distance_m: known_m,
-        age_s: known_m.map(|_| now.seconds_since(ring.seen[sector]).max(0.0)),
+        distance_m: known_m.map(round),
+        age_s: known_m.map(|_| round(now.seconds_since(ring.seen[sector]).max(0.0))),
     }
 }
 

@@ -7,13 +7,15 @@ use ratatui::Frame;
 use ratatui::buffer::Buffer;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
-use ratatui::text::{Line, Span, Text};
+use ratatui::text::{Line, Span};
 use ratatui::widgets::{Cell, Paragraph, Row, Table, Widget};
 
 /// A rate below this share of the declared one is marked.
 const SLOW_SHARE: f64 = 0.8;
 /// News that are kept.
 const NEWS: usize = 8;
+/// From this width on the services are shown in all columns.
+const WIDE: u16 = 140;
 
 /// The rate of one topic.
 #[derive(Clone, Debug)]
@@ -35,6 +37,53 @@ pub struct Screen {
     pub rates: Vec<Rate>,
     /// News, newest last.
     pub news: Vec<String>,
+    /// How many topics are scrolled away above the first that is shown.
+    pub scrolled: usize,
+}
+
+/// Where things are on a screen. What does not fit gives way in this order: all news but the last, topics (they can be
+/// scrolled), the lines of the link.
+struct Areas {
+    head: Rect,
+    services: Rect,
+    link: Rect,
+    rates: Rect,
+    news: Rect,
+    foot: Rect,
+}
+
+impl Areas {
+    fn of(screen: &Screen, area: Rect) -> Self {
+        let lines = |count: usize| u16::try_from(count).unwrap_or(u16::MAX);
+        let services = lines(screen.report.services.len() + 1);
+        let link = lines(screen.hops(area.width).len());
+        let rates = lines(screen.rates.len() + 1);
+        let news = lines(screen.news.len()).max(1);
+        let spared = area.height.saturating_sub(2 + services + link);
+        let news = news.min(spared.saturating_sub(rates).max(1));
+        let [head, services, link, rates, news, foot] = Layout::vertical([
+            Constraint::Length(1),
+            Constraint::Length(services),
+            Constraint::Length(link.min(area.height.saturating_sub(services + 6))),
+            Constraint::Length(rates.min(spared.saturating_sub(news))),
+            Constraint::Min(0),
+            Constraint::Length(1),
+        ])
+        .areas(area);
+        Self {
+            head,
+            services,
+            link,
+            rates,
+            news,
+            foot,
+        }
+    }
+
+    /// Topics that fit below their heading.
+    fn topics(&self) -> usize {
+        usize::from(self.rates.height.saturating_sub(1))
+    }
 }
 
 impl Screen {
@@ -46,14 +95,29 @@ impl Screen {
         self.news.push(line);
     }
 
+    /// Scrolls the topics by so many lines, as far as there are any.
+    pub fn scroll(&mut self, lines: isize) {
+        self.scrolled = self
+            .scrolled
+            .saturating_add_signed(lines)
+            .min(self.rates.len().saturating_sub(1));
+    }
+
     /// Draws it into a terminal.
-    pub fn draw(&self, frame: &mut Frame<'_>) {
+    pub fn draw(&mut self, frame: &mut Frame<'_>) {
+        let fit = Areas::of(self, frame.area()).topics();
+        // The last page is a full one.
+        self.scrolled = self.scrolled.min(self.rates.len().saturating_sub(fit));
         self.render(frame.area(), frame.buffer_mut());
     }
 
     /// As lines of text, `width` columns wide, for where there is no terminal.
     pub fn text(&self, width: u16) -> String {
-        let mut buffer = Buffer::empty(Rect::new(0, 0, width, self.height()));
+        self.text_of(width, self.height(width))
+    }
+
+    fn text_of(&self, width: u16, height: u16) -> String {
+        let mut buffer = Buffer::empty(Rect::new(0, 0, width, height));
         self.render(buffer.area, &mut buffer);
         let lines = (0..buffer.area.height).map(|y| {
             let cells = (0..width).map(|x| buffer[(x, y)].symbol());
@@ -64,27 +128,28 @@ impl Screen {
         text
     }
 
-    fn height(&self) -> u16 {
-        let lines = 8 + self.report.services.len() + self.rates.len() + self.hops().height() + NEWS;
+    fn height(&self, width: u16) -> u16 {
+        let lines = 4 + self.report.services.len() + self.rates.len() + self.hops(width).len() + NEWS;
         u16::try_from(lines).unwrap_or(u16::MAX)
     }
 
     fn render(&self, area: Rect, buffer: &mut Buffer) {
-        let hops = self.hops();
-        let [head, services, link, rates, news] = Layout::vertical([
-            Constraint::Length(2),
-            Constraint::Length(self.report.services.len() as u16 + 2),
-            Constraint::Length(hops.height() as u16 + 1),
-            Constraint::Length(self.rates.len() as u16 + 2),
-            Constraint::Min(0),
-        ])
-        .areas(area);
-        self.head().render(head, buffer);
-        self.services().render(services, buffer);
-        Paragraph::new(hops).render(link, buffer);
-        self.rates().render(rates, buffer);
-        let lines: Vec<Line<'_>> = self.news.iter().map(|line| Line::from(line.as_str())).collect();
-        Paragraph::new(lines).render(news, buffer);
+        let areas = Areas::of(self, area);
+        self.head().render(areas.head, buffer);
+        match areas.services.width >= WIDE {
+            true => services(&self.report, self.report.table()).render(areas.services, buffer),
+            false => services(&self.report, self.report.narrow_table()).render(areas.services, buffer),
+        }
+        let hops: Vec<Line<'_>> = self.hops(area.width).into_iter().map(Line::from).collect();
+        Paragraph::new(hops).render(areas.link, buffer);
+        self.rates().render(areas.rates, buffer);
+        let newest = self.news.len().saturating_sub(usize::from(areas.news.height));
+        let lines: Vec<Line<'_>> = self.news[newest..]
+            .iter()
+            .map(|line| Line::from(line.as_str()))
+            .collect();
+        Paragraph::new(lines).render(areas.news, buffer);
+        self.foot(areas.topics()).render(areas.foot, buffer);
     }
 
     fn head(&self) -> Line<'_> {
@@ -98,73 +163,99 @@ impl Screen {
             Span::raw(format!("jink {}: ", self.report.instance)),
             Span::styled(self.report.health.clone(), Style::new().fg(color).bold()),
             Span::raw(format!(
-                ", up {:.0} s, restarts {restarts}, supervisor {}   (q ends this)",
+                ", up {:.0} s, restarts {restarts}, supervisor {}",
                 self.report.uptime_s, self.report.supervisor_pid
             )),
         ])
     }
 
-    fn services(&self) -> Table<'_> {
-        let mut rows = self.report.table();
-        let header = rows.remove(0);
-        let widths: Vec<Constraint> = (0..header.len())
-            .map(|column| {
-                let widest = rows
-                    .iter()
-                    .map(|row| row[column].len())
-                    .chain([header[column].len()]);
-                Constraint::Length(widest.max().unwrap_or(0) as u16)
-            })
-            .collect();
-        let body = rows
-            .into_iter()
-            .zip(&self.report.services)
-            .map(|(cells, service)| {
-                let style = match service.state.as_str() {
-                    "active" => Style::new(),
-                    "degraded" | "starting" | "standby" => Style::new().fg(Color::Yellow),
-                    _ => Style::new().fg(Color::Red),
-                };
-                Row::new(cells.map(Cell::from)).style(style)
-            });
-        Table::new(body.collect::<Vec<_>>(), widths)
-            .column_spacing(2)
-            .header(heading(header.map(Cell::from)))
+    fn foot(&self, fit: usize) -> Line<'_> {
+        let (first, all) = (self.scrolled + 1, self.rates.len());
+        let text = match all > fit {
+            true => format!(
+                "q ends this   up, down, PgUp, PgDn: topics {first} to {} of {all}",
+                (self.scrolled + fit).min(all)
+            ),
+            false => "q ends this".to_owned(),
+        };
+        Line::styled(text, Style::new().add_modifier(Modifier::DIM))
     }
 
-    /// The way of a range to the wire, hop by hop.
-    fn hops(&self) -> Text<'_> {
-        match &self.report.link {
-            Some(link) => Text::from(link.line()),
-            None => Text::from("link: the gateway has said nothing yet"),
-        }
+    /// The way of a range to the wire, hop by hop, in lines of `width`.
+    fn hops(&self, width: u16) -> Vec<String> {
+        let text = match &self.report.link {
+            Some(link) => link.line(),
+            None => "link: the gateway has said nothing yet".to_owned(),
+        };
+        text.lines()
+            .flat_map(|line| wrapped(line, usize::from(width)))
+            .collect()
     }
-}
 
-impl Screen {
     fn rates(&self) -> Table<'_> {
         let width = self.rates.iter().map(|rate| rate.name.len()).max().unwrap_or(0);
         let widths = [
             Constraint::Length(width.max(5) as u16),
+            Constraint::Length(7),
             Constraint::Length(8),
-            Constraint::Length(8),
-            Constraint::Length(13),
-            Constraint::Length(6),
-            Constraint::Length(16),
+            Constraint::Length(12),
+            Constraint::Length(5),
+            Constraint::Length(14),
         ];
         let header = [
             "topic",
             "Hz",
-            "declared",
+            "least Hz",
             "apart ms max",
             "lost",
             "age ms p50/p99",
         ];
-        let body = self.rates.iter().map(Rate::line);
+        let body = self.rates.iter().skip(self.scrolled).map(Rate::line);
         Table::new(body.collect::<Vec<_>>(), widths)
             .column_spacing(2)
             .header(heading(header.map(Cell::from)))
     }
+}
+
+/// `line` in pieces of at most `width` characters, cut at spaces where there are any; all but the first are set in as the line is.
+fn wrapped(line: &str, width: usize) -> Vec<String> {
+    let indent: String = line.chars().take_while(|letter| *letter == ' ').collect();
+    let mut lines = vec![String::new()];
+    for word in line.split_inclusive(' ') {
+        let last = lines.last().map_or(0, |last| last.chars().count());
+        if last + word.trim_end().chars().count() > width && last > indent.len() {
+            lines.push(format!("{indent}      "));
+        }
+        if let Some(last) = lines.last_mut() {
+            last.push_str(word);
+        }
+    }
+    lines
+}
+
+/// The table of services with the columns of `rows`, of which the first is the header.
+fn services<const N: usize>(report: &Report, mut rows: Vec<[String; N]>) -> Table<'static> {
+    let header = rows.remove(0);
+    let widths: Vec<Constraint> = (0..N)
+        .map(|column| {
+            let widest = rows
+                .iter()
+                .map(|row| row[column].len())
+                .chain([header[column].len()]);
+            Constraint::Length(widest.max().unwrap_or(0) as u16)
+        })
+        .collect();
+    let body = rows.into_iter().zip(&report.services).map(|(cells, service)| {
+        let style = match service.state.as_str() {
+            "active" => Style::new(),
+            "degraded" | "starting" | "standby" => Style::new().fg(Color::Yellow),
+            _ => Style::new().fg(Color::Red),
+        };
+        Row::new(cells.map(Cell::from)).style(style)
+    });
+    Table::new(body.collect::<Vec<_>>(), widths)
+        .column_spacing(2)
+        .header(heading(header.map(Cell::from)))
 }
 
 impl Rate {
@@ -199,10 +290,11 @@ fn heading<const N: usize>(cells: [Cell<'_>; N]) -> Row<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Rate, Screen};
+    use super::{Rate, Screen, wrapped};
     use crate::beat::Beat;
     use crate::report::Report;
-    use jink_shared_types::health::SystemStatus;
+    use jink_shared_types::coded::{Coded, Flag};
+    use jink_shared_types::health::{Name, ServiceState, SystemStatus};
     use jink_shared_types::topics::LOCAL_MAP;
     use jink_shared_types::{SampleHeader, Timestamp};
 
@@ -225,6 +317,7 @@ mod tests {
                 beat,
             }],
             news: Vec::new(),
+            scrolled: 0,
         };
         for n in 0..20 {
             screen.tell(format!("news {n}"));
@@ -240,5 +333,72 @@ mod tests {
             assert!(text.contains(part), "{part:?} is not in\n{text}");
         }
         assert!(!text.contains("news 11\n"), "{text}");
+    }
+
+    /// Eight services with long names and process ids, thirty topics, news.
+    fn crowded() -> Screen {
+        let mut status = SystemStatus {
+            len: 8,
+            ..SystemStatus::default()
+        };
+        for (n, process) in status.processes.iter_mut().take(8).enumerate() {
+            process.heartbeat.name = Name::new(&format!("mavlink_gateway_{n}"));
+            process.pid = 1_234_560 + n as u32;
+            process.state = Coded::new(ServiceState::Degraded);
+            process.essential = Flag::YES;
+        }
+        let rates = (0..30).map(|n| Rate {
+            name: format!("range/scan/number_{n}"),
+            row: LOCAL_MAP.row,
+            beat: Beat::default(),
+        });
+        Screen {
+            report: Report::new("default", Timestamp::from_seconds(5.0), &status, None, Vec::new()),
+            rates: rates.collect(),
+            news: vec!["planner: restarted".to_owned()],
+            scrolled: 0,
+        }
+    }
+
+    #[test]
+    fn eighty_columns_and_twenty_four_lines_show_every_service_whole() {
+        let mut screen = crowded();
+        let text = screen.text_of(80, 24);
+        for n in 0..8 {
+            let row = format!("mavlink_gateway_{n}  degraded !  {}", 1_234_560 + n);
+            assert!(text.contains(&row), "{row:?} is not in\n{text}");
+        }
+        for part in [
+            "cpu %",
+            "range/scan/number_0",
+            "planner: restarted",
+            "of 30",
+            "link: ",
+        ] {
+            assert!(text.contains(part), "{part:?} is not in\n{text}");
+        }
+        assert!(text.lines().count() <= 24 && text.lines().all(|line| line.chars().count() <= 80));
+        assert!(!text.contains("number_29"));
+        screen.scroll(isize::MAX);
+        assert!(
+            screen.text_of(80, 24).contains("number_29"),
+            "{}",
+            screen.text_of(80, 24)
+        );
+        screen.scroll(isize::MIN);
+        assert_eq!(screen.text_of(80, 24), text);
+    }
+
+    #[test]
+    fn long_lines_are_continued_and_nothing_of_them_is_lost() {
+        let line = "      3 setpoints, largest gap 51 ms; capture to wire 12.0 / 13.0 / 14.0 ms p50/p99/max";
+        let lines = wrapped(line, 40);
+        assert!(
+            lines.len() > 1 && lines.iter().all(|line| line.trim_end().len() <= 40),
+            "{lines:?}"
+        );
+        let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+        assert_eq!(words(&lines.concat()), words(line));
+        assert_eq!(wrapped("short", 40), ["short"]);
     }
 }

@@ -33,7 +33,7 @@ pub struct Listed {
     pub name: String,
     /// Payload type.
     pub payload: &'static str,
-    /// Declared rate (Hz); 0 = on change.
+    /// Rate that is kept at least (Hz); 0 = on change.
     pub rate_hz: f64,
     /// Age at which a sample counts as stale (ms).
     pub stale_after_ms: f64,
@@ -72,7 +72,7 @@ pub fn table(topics: &[Listed]) -> String {
         ["*"] => "every service".to_owned(),
         names => names.join(" "),
     };
-    let header = ["topic", "payload", "Hz", "stale ms", "from", "to"].map(str::to_owned);
+    let header = ["topic", "payload", "least Hz", "stale ms", "from", "to"].map(str::to_owned);
     let rows: Vec<[String; 6]> = std::iter::once(header)
         .chain(topics.iter().map(|topic| {
             let rate = match topic.rate_hz {

@@ -51,10 +51,23 @@ fn what_cannot_be_done_is_said_in_one_line() {
 }
 
 #[test]
+fn what_would_measure_nothing_is_wrong_usage() {
+    assert_eq!(jink(&["chaos", "--flights", "0"]).status.code(), Some(2));
+    let demo = jink(&["demo", "--svg", "/nowhere/flight.svg"]);
+    assert_eq!(demo.status.code(), Some(1));
+    assert!(
+        words(&demo.stderr).starts_with("jink: --svg /nowhere/flight.svg: "),
+        "{demo:?}"
+    );
+    let similar_to_nothing = jink(&["param", "set", "NOPE", "3"]);
+    assert!(!words(&similar_to_nothing.stderr).contains("did you mean"));
+}
+
+#[test]
 fn a_parameter_that_is_not_or_may_not_be_is_refused_before_anybody_is_asked() {
     let unknown = jink(&["param", "set", "OA_SPEED_MAX", "3"]);
     assert_eq!(unknown.status.code(), Some(1));
-    assert!(words(&unknown.stderr).contains("did you mean OA_SPD_MAX?"));
+    assert!(words(&unknown.stderr).contains("did you mean `OA_SPD_MAX`?"));
     let too_fast = jink(&["param", "set", "OA_SPD_MAX", "99"]);
     assert_eq!(too_fast.status.code(), Some(1));
     assert!(words(&too_fast.stderr).contains("outside 0.3 to 20"));
@@ -62,7 +75,16 @@ fn a_parameter_that_is_not_or_may_not_be_is_refused_before_anybody_is_asked() {
 
 #[test]
 fn every_command_explains_itself() {
-    for command in ["up", "down", "status", "param", "world", "demo", "bench"] {
+    for command in [
+        "up",
+        "down",
+        "status",
+        "param",
+        "world",
+        "demo",
+        "bench",
+        "instances",
+    ] {
         let help = jink(&[command, "--help"]);
         assert!(help.status.success());
         assert!(words(&help.stdout).contains("Usage: jink"), "{command}");

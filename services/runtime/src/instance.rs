@@ -60,10 +60,36 @@ impl fmt::Display for Instance {
     }
 }
 
+/// Where the folders of all instances are.
+const ROOT: &str = "/dev/shm";
+/// Begins the name of each.
+const FOLDER_PREFIX: &str = "jink_";
+
 impl Instance {
     /// The instance's own folder on tmpfs.
     pub fn folder(&self) -> PathBuf {
-        PathBuf::from(format!("/dev/shm/jink_{}", self.name))
+        PathBuf::from(format!("{ROOT}/{FOLDER_PREFIX}{}", self.name))
+    }
+
+    /// Every instance that has a folder, running or ended, in alphabetical order.
+    ///
+    /// # Errors
+    /// What the system says about the folder of folders.
+    pub fn all() -> std::io::Result<Vec<Self>> {
+        let mut all: Vec<Self> = std::fs::read_dir(ROOT)?
+            .flatten()
+            .filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_dir()))
+            .filter_map(|entry| {
+                entry
+                    .file_name()
+                    .to_str()?
+                    .strip_prefix(FOLDER_PREFIX)?
+                    .parse()
+                    .ok()
+            })
+            .collect();
+        all.sort_by(|one: &Self, other| one.name.cmp(&other.name));
+        Ok(all)
     }
 
     /// Where iceoryx2 keeps its files.

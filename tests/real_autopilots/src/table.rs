@@ -132,11 +132,14 @@ pub fn draw(verdict: &Verdict, record: &Record, file: &Path) -> Result<(), Strin
     };
     let world = World::from_spec(&spec).map_err(|error| error.to_string())?;
     let drawn: Drawn = serde_json::from_value(world.json()).map_err(|error| error.to_string())?;
+    let begin_s = record.truth.first().map_or(0.0, |truth| truth.at_s);
     let course: Vec<CoursePoint> = record
         .truth
         .iter()
         .step_by(5)
         .map(|truth| CoursePoint {
+            time_s: truth.at_s - begin_s,
+            clearance_m: truth.clearance_m,
             north_m: truth.place.x_m,
             east_m: truth.place.y_m,
             up_m: -truth.place.z_m,

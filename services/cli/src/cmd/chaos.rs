@@ -25,7 +25,7 @@ lot: kill (SIGKILL), stop (SIGSTOP, a hang), slow (stopped for most of every 100
 Exit codes: 0 every goal was reached, nothing was touched, the autopilot never fell to Hold; 1 otherwise.")]
 pub struct Args {
     /// Number of flights
-    #[arg(long, default_value_t = 10, value_name = "N")]
+    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     flights: u64,
     /// Only flight I of the campaign (the first is 1), to look at it again
     #[arg(long, default_value_t = 0, value_name = "I", hide_default_value = true)]

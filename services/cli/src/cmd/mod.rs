@@ -3,10 +3,12 @@
 pub mod ask;
 pub mod autopilot;
 pub mod bench;
+pub mod beside;
 pub mod chaos;
 pub mod check;
 pub mod demo;
 pub mod down;
+pub mod instances;
 pub mod lidar;
 pub mod meter;
 pub mod param;

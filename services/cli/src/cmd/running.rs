@@ -7,6 +7,7 @@ use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::fs::{File, TryLockError};
 use std::io::Read;
 use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::fs::MetadataExt;
 use std::time::Duration;
 
 /// The supervisor of a running instance.
@@ -17,13 +18,38 @@ pub struct RunningSupervisor {
     handle: OwnedFd,
 }
 
+/// Process id of the supervisor of `instance`, whoever's it is; `None` if there is none.
+pub fn holder(instance: &Instance) -> Option<u32> {
+    let mut file = File::open(instance.lock_file()).ok()?;
+    if !matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)) {
+        return None;
+    }
+    let mut text = String::new();
+    file.read_to_string(&mut text).ok()?;
+    text.trim().parse().ok()
+}
+
 /// The supervisor of `instance`, if there is one.
+///
+/// # Errors
+/// The instance is another user's: its memory and its processes are out of reach.
 pub fn find(instance: &Instance) -> Result<Option<RunningSupervisor>, Problem> {
     let path = instance.lock_file();
     let mut file = match File::open(&path) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         other => other.map_err(Problem::io(path.display().to_string()))?,
     };
+    let owner = file
+        .metadata()
+        .map_err(Problem::io(path.display().to_string()))?
+        .uid();
+    let us = rustix::process::geteuid();
+    if !us.is_root() && us.as_raw() != owner {
+        return Err(Problem::Other(format!(
+            "instance {instance} belongs to the user with id {owner}, and this is {}: try `sudo`, or be that user",
+            us.as_raw()
+        )));
+    }
     match file.try_lock_shared() {
         Ok(()) => return Ok(None),
         Err(TryLockError::Error(error)) => return Err(Problem::io(path.display().to_string())(error)),

@@ -10,7 +10,7 @@ use jink_runtime::{Input, Instance};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::topics::{EVENT, HEALTH, TABLE};
 use ratatui::Terminal;
-use ratatui::backend::TermionBackend;
+use ratatui::backend::{Backend, TermionBackend};
 use ratatui::termion::event::Key;
 use ratatui::termion::input::TermRead;
 use ratatui::termion::raw::IntoRawMode;
@@ -27,6 +27,8 @@ const LOOK: Timespec = Timespec {
 };
 /// Rates are counted over this time, and the screen is drawn this often.
 const WINDOW: Duration = Duration::from_secs(1);
+/// Topics that a page key scrolls.
+const PAGE: isize = 8;
 /// Columns where there is no terminal to ask.
 const WIDTH: u16 = 160;
 /// A supervisor that is silent for so long does not work.
@@ -35,7 +37,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// How to look.
 #[derive(Clone, Debug, clap::Args)]
 #[command(
-    after_help = "Keys: q ends it.\n\nExit codes: 0 shown; 1 the supervisor gives no status; 3 not running."
+    after_help = "Keys: up, down, PgUp, PgDn, Home and End scroll the topics; q ends it.\n\nExit codes: 0 shown; 1 the supervisor gives no status; 3 not running."
 )]
 pub struct Args {
     /// Show one screen as plain text and end
@@ -84,20 +86,26 @@ fn show(live: &mut Live, interrupt: &Interrupt) -> Result<ExitCode, Problem> {
         if turned.elapsed() >= WINDOW {
             turned = Instant::now();
             live.turn();
-            if let Some(screen) = &live.screen {
-                terminal
-                    .draw(|frame| screen.draw(frame))
-                    .map_err(io("terminal"))?;
-            }
+            live.draw(&mut terminal).map_err(io("terminal"))?;
         }
         let mut fds = [PollFd::new(&stdin, PollFlags::IN)];
         // Interrupted by a signal: the loop looks at it.
         let pressed = poll(&mut fds, Some(&LOOK)).unwrap_or(0) > 0;
         if pressed {
-            match stdin.lock().keys().next() {
+            let lines = match stdin.lock().keys().next() {
                 Some(Ok(Key::Char('q') | Key::Ctrl('c') | Key::Esc)) | None => break,
-                _ => {}
+                Some(Ok(Key::Up | Key::Char('k'))) => -1,
+                Some(Ok(Key::Down | Key::Char('j'))) => 1,
+                Some(Ok(Key::PageUp)) => -PAGE,
+                Some(Ok(Key::PageDown | Key::Char(' '))) => PAGE,
+                Some(Ok(Key::Home)) => isize::MIN,
+                Some(Ok(Key::End)) => isize::MAX,
+                _ => continue,
+            };
+            if let Some(screen) = &mut live.screen {
+                screen.scroll(lines);
             }
+            live.draw(&mut terminal).map_err(io("terminal"))?;
         }
     }
     terminal.show_cursor().map_err(io("terminal"))?;
@@ -161,6 +169,13 @@ impl Live {
         });
     }
 
+    fn draw<B: Backend>(&mut self, terminal: &mut Terminal<B>) -> Result<(), B::Error> {
+        if let Some(screen) = &mut self.screen {
+            terminal.draw(|frame| screen.draw(frame))?;
+        }
+        Ok(())
+    }
+
     /// A window is over: what was counted in it is what is shown.
     fn turn(&mut self) {
         let Some(status) = self.watch.status() else { return };
@@ -175,8 +190,17 @@ impl Live {
                 beat: std::mem::take(beat),
             })
             .collect();
-        let news = self.screen.take().map(|screen| screen.news).unwrap_or_default();
-        let mut screen = Screen { report, rates, news };
+        let (news, scrolled) = self
+            .screen
+            .take()
+            .map(|screen| (screen.news, screen.scrolled))
+            .unwrap_or_default();
+        let mut screen = Screen {
+            report,
+            rates,
+            news,
+            scrolled,
+        };
         self.news.drain(..).for_each(|line| screen.tell(line));
         self.screen = Some(screen);
     }

@@ -5,6 +5,7 @@ use super::watch::{PROGRAM, Watch};
 use super::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, running};
 use jink_cli::beat::Beat;
 use jink_cli::digest::{Digest, header_line};
+use jink_cli::sample_json;
 use jink_cli::topic_list::{Listed, Members};
 use jink_runtime::config::{Config, Foreign, SensorOutput, process_names};
 use jink_runtime::{Checks, Instance, OpenError, Session};
@@ -56,6 +57,9 @@ enum Doing {
         /// Show long lists in full
         #[arg(long)]
         full: bool,
+        /// One JSON object a sample, on one line
+        #[arg(long, conflicts_with = "full")]
+        json: bool,
         /// End when nothing has come for so long (s)
         #[arg(long, value_name = "S")]
         timeout: Option<f64>,
@@ -86,6 +90,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             topic,
             count,
             full,
+            json,
             timeout,
         } => {
             let Some(session) = open(instance)? else {
@@ -95,12 +100,14 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             let limits = Limits {
                 count: *count,
                 full: *full,
+                json: *json,
                 patience: patience.map_err(|error| Problem::Other(format!("--timeout: {error}")))?,
             };
             let shown = match find(instance, topic)? {
                 Found::InTable(row, member) => {
                     let echo = Echo {
                         session: &session,
+                        name: topic,
                         member: &member,
                         limits,
                     };
@@ -237,6 +244,7 @@ fn measure(mut meter: Meter, seconds: f64) -> Result<Beat, Problem> {
 struct Limits {
     count: Option<u64>,
     full: bool,
+    json: bool,
     patience: Option<Duration>,
 }
 
@@ -254,7 +262,11 @@ impl Limits {
             look(&mut |text| {
                 if !enough(shown) && !broken {
                     // Whoever read our output has seen enough.
-                    broken = writeln!(std::io::stdout(), "{text}---").is_err();
+                    broken = match self.json {
+                        true => writeln!(std::io::stdout(), "{text}"),
+                        false => writeln!(std::io::stdout(), "{text}---"),
+                    }
+                    .is_err();
                     shown += 1;
                     last = Instant::now();
                 }
@@ -268,6 +280,7 @@ impl Limits {
 
 struct Echo<'a> {
     session: &'a Session,
+    name: &'a str,
     member: &'a str,
     limits: Limits,
 }
@@ -281,10 +294,12 @@ impl Visitor for Echo<'_> {
             .map_err(|error: OpenError| Problem::Memory(error))?
             .of_all_producers()
             .with_checks(Checks::None);
-        let (mut wanted, full) = (true, self.limits.full);
+        let (mut wanted, full, json, name) = (true, self.limits.full, self.limits.json, self.name);
         self.limits.echo(|show| {
             input.each(|stamped| {
-                if wanted {
+                if wanted && json {
+                    wanted = show(sample_json::sample(name, stamped.header, stamped.sample).to_string());
+                } else if wanted {
                     let mut text = Digest::new(full);
                     // Writing into a string cannot fail.
                     let _infallible = writeln!(text, "{:#?}", stamped.sample);
@@ -301,15 +316,20 @@ const BYTES_SHOWN: usize = 128;
 /// Shows samples whose payload only their own programs know.
 fn echo_bytes(session: &Session, row: &TopicRow, limits: Limits) -> Result<u64, Problem> {
     let mut input = session.raw_input(row)?.ok_or_else(|| unused(row.name))?;
-    sayln!(
-        "{} bytes of {}, known to its own programs only",
-        input.size(),
-        input.type_name()
-    );
+    if !limits.json {
+        sayln!(
+            "{} bytes of {}, known to its own programs only",
+            input.size(),
+            input.type_name()
+        );
+    }
     let most = if limits.full { usize::MAX } else { BYTES_SHOWN };
     limits.echo(|show| {
         input.each(|header, bytes| {
-            show(format!("{}\n{}", header_line(header), hex(bytes, most)));
+            show(match limits.json {
+                true => sample_json::unknown(row.name, header, bytes).to_string(),
+                false => format!("{}\n{}", header_line(header), hex(bytes, most)),
+            });
         });
     })
 }

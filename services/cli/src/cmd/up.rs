@@ -4,8 +4,11 @@ use super::supervisor::{StartOptions, Supervisor, exit_code, world_overrides};
 use super::{Interrupt, Problem, autopilot, demo, places};
 use jink_cli::narrate::{Narrator, health_line, is_standing_by};
 use jink_runtime::Instance;
+use jink_runtime::config::Config;
 use jink_shared_types::health::{Health, SystemStatus};
-use std::path::PathBuf;
+use std::io::ErrorKind;
+use std::net::{SocketAddr, UdpSocket};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
@@ -44,7 +47,7 @@ pub struct Args {
     /// Value laid over the configuration, e.g. params.OA_SPD_MAX=4 (repeatable)
     #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
     overrides: Vec<String>,
-    /// Return as soon as the system is ready or stands by
+    /// Return as soon as the system is ready, or waits for something that may come later
     #[arg(long)]
     detach: bool,
     #[command(flatten)]
@@ -57,6 +60,8 @@ const LOOK: Duration = Duration::from_millis(20);
 const READY_PATIENCE: Duration = Duration::from_secs(30);
 /// Standing by for this long means waiting for somebody else (the autopilot), not passing through.
 const STANDBY_FOR: Duration = Duration::from_secs(1);
+/// The same of a simulated vehicle, which has all that is waited for within seconds.
+const STANDBY_IN_A_WORLD_FOR: Duration = Duration::from_secs(5);
 
 /// Starts the instance and watches it until Ctrl-C, or until it is started.
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
@@ -77,9 +82,20 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             }
             let since = is_standing_by(&status).then(|| *standing_by_since.get_or_insert(Instant::now()));
             standing_by_since = since;
-            let settled = since.is_some_and(|since| since.elapsed() > STANDBY_FOR);
-            if args.detach && (status.health == Health::Healthy || settled) {
-                sayln!("jink {instance} runs; `jink status` shows it, `jink down` stops it");
+            let patience = if args.world.is_some() {
+                STANDBY_IN_A_WORLD_FOR
+            } else {
+                STANDBY_FOR
+            };
+            let settled = since.is_some_and(|since| since.elapsed() > patience);
+            let is_ready = status.health == Health::Healthy;
+            if args.detach && (is_ready || settled) {
+                let how = if is_ready {
+                    "is ready"
+                } else {
+                    "is up and goes on waiting (for an autopilot to be switched on, a sensor to be plugged in?)"
+                };
+                sayln!("jink {instance} {how}; `jink status` shows it, `jink down` stops it");
                 return Ok(ExitCode::SUCCESS);
             }
             if args.detach && begin.elapsed() > READY_PATIENCE {
@@ -126,15 +142,21 @@ fn options(args: &Args) -> Result<StartOptions, Problem> {
     // The usual port belongs to the autopilot's end of the link: the simulator passes on what comes there.
     let of_sitl = build.is_some().then(demo::free_ports).transpose()?;
     let of_sitl = of_sitl.map(|[gateway, _]| format!("udpin:127.0.0.1:{gateway}"));
+    let config = places::config_folder(args.config.as_deref())?;
+    let other_port = match (&args.link, &of_sitl, &args.world) {
+        (None, None, Some(_)) => other_port(&config, args)?,
+        _ => None,
+    };
     let link = args
         .link
         .as_ref()
         .or(of_sitl.as_ref())
+        .or(other_port.as_ref())
         .map(|address| format!("link.address={address}"));
     let world = world_overrides(args.world.as_deref(), args.seed, args.density);
     Ok(StartOptions {
         programs,
-        config: places::config_folder(args.config.as_deref())?,
+        config,
         profile: args.profile.clone(),
         sensors: args.sensor.clone(),
         overrides: link
@@ -150,6 +172,35 @@ fn options(args: &Args) -> Result<StartOptions, Problem> {
         },
         keep_logs: false,
     })
+}
+
+/// Where a simulated autopilot and its gateway meet instead, if another program (a second simulated vehicle) has the UDP port that
+/// the configuration names.
+fn other_port(config: &Path, args: &Args) -> Result<Option<String>, Problem> {
+    let resolved = Config::resolve(
+        config,
+        args.profile.as_deref(),
+        args.sensor.as_deref(),
+        &args.overrides,
+    );
+    // What is wrong with it is said by the supervisor.
+    let Ok(resolved) = resolved else { return Ok(None) };
+    let is_named = args.overrides.iter().any(|text| text.starts_with("link.address"));
+    let address = resolved.config.link.address.strip_prefix("udpin:");
+    let address = address.and_then(|address| address.parse::<SocketAddr>().ok());
+    let taken = address.filter(|address| {
+        let bound = UdpSocket::bind(address);
+        bound.is_err_and(|error| error.kind() == ErrorKind::AddrInUse)
+    });
+    let Some(taken) = taken.filter(|_| !is_named) else {
+        return Ok(None);
+    };
+    let [port, _] = demo::free_ports()?;
+    sayln!(
+        "port {} is taken: this vehicle's autopilot speaks on port {port}",
+        taken.port()
+    );
+    Ok(Some(format!("udpin:127.0.0.1:{port}")))
 }
 
 /// Waits for the end, asks for it if need be, and says why if it was not asked for.

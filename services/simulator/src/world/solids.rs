@@ -11,6 +11,7 @@
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// A direction component below this is parallel to the plane in question; its crossing lies past any range.
 const PARALLEL: f64 = 1e-12;
@@ -242,6 +243,39 @@ pub enum Obstacle {
     Box(YawedBox),
     /// A ball in the air.
     Sphere(Sphere),
+}
+
+/// What it is, where, how large, in metres to the centimetre.
+impl fmt::Display for Obstacle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let place = |north_m: f64, east_m: f64| format!("{north_m:7.2} m north {east_m:7.2} m east");
+        match self {
+            Self::Cylinder(tree) => write!(
+                f,
+                "cylinder {}, radius {:.2} m, up to {:.2} m",
+                place(tree.north_m, tree.east_m),
+                tree.radius_m,
+                tree.top_m
+            ),
+            Self::Box(wall) => write!(
+                f,
+                "box      {}, {:.2} x {:.2} m turned by {:.1} deg, from {:.2} to {:.2} m",
+                place(wall.north_m, wall.east_m),
+                wall.length_m,
+                wall.width_m,
+                wall.yaw_rad.to_degrees(),
+                wall.bottom_m,
+                wall.top_m
+            ),
+            Self::Sphere(ball) => write!(
+                f,
+                "sphere   {}, radius {:.2} m, centre {:.2} m up",
+                place(ball.north_m, ball.east_m),
+                ball.radius_m,
+                ball.up_m
+            ),
+        }
+    }
 }
 
 impl Obstacle {

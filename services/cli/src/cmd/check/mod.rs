@@ -113,10 +113,11 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     Ok(ExitCode::from(code))
 }
 
-/// One line that is written over itself, on a terminal only.
+/// One line that is written over itself on a terminal; elsewhere the first one, so that nobody waits without knowing for what.
 #[derive(Default)]
 struct Progress {
     width: usize,
+    has_begun: bool,
 }
 
 impl Progress {
@@ -126,7 +127,10 @@ impl Progress {
             let width = self.width.max(text.chars().count());
             let _nobody_looks = write!(screen, "\r{text:width$}");
             self.width = width;
+        } else if !self.has_begun {
+            let _nobody_looks = writeln!(screen, "{text}");
         }
+        self.has_begun = true;
     }
 
     fn clear(&mut self) {

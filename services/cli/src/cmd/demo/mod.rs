@@ -10,7 +10,7 @@ pub mod show;
 
 use super::supervisor::{StartOptions, Supervisor, world_overrides};
 use super::watch::Watch;
-use super::{DEFAULT_INSTANCE, EXIT_PROBLEM, Interrupt, Problem, autopilot, places, world};
+use super::{DEFAULT_INSTANCE, EXIT_PROBLEM, Interrupt, Problem, autopilot, instances, places, world};
 use drills::{Drills, SUPERVISOR};
 use fly::{Flight, Flown};
 use jink_cli::drill::Drill;
@@ -80,6 +80,8 @@ pub struct Args {
     autopilot: autopilot::Args,
 }
 
+/// Logs are kept of so many flights that ended badly, the newest ones.
+const DEMONSTRATIONS_KEPT: usize = 10;
 /// Longest time for one leg unless told otherwise (s).
 const LEG_LIMIT_S: f64 = 180.0;
 /// What a real autopilot takes besides until it has found its position and lets itself be armed (s).
@@ -125,6 +127,11 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     } else {
         places::program_folder()?
     };
+    if let Some(file) = &args.svg {
+        // A flight later it would be too late to say so. What was drawn there stays until there is a new picture.
+        let opened = std::fs::File::options().create(true).append(true).open(file);
+        opened.map_err(Problem::io(format!("--svg {}", file.display())))?;
+    }
     let world = args
         .svg
         .as_ref()
@@ -134,6 +141,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     names.push(SUPERVISOR.to_owned());
     Drill::check(&args.kills, &names).map_err(Problem::Other)?;
     let interrupt = Interrupt::listen()?;
+    instances::remove_old_demonstrations(DEMONSTRATIONS_KEPT);
     let instance = if instance.to_string() == DEFAULT_INSTANCE {
         own_instance("")?
     } else {
@@ -295,9 +303,15 @@ fn with_system(
 
 fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Problem> {
     say!("{}", flown.summary.text());
-    if let (Some(world), Some(file)) = (world, &args.svg) {
-        draw(world, flown, file)?;
-        sayln!("picture: {}", file.display());
+    match (world, &args.svg) {
+        (Some(_), Some(_)) if flown.log.course().is_empty() => {
+            sayln!("no picture: the vehicle was never armed");
+        }
+        (Some(world), Some(file)) => {
+            draw(world, flown, file)?;
+            sayln!("picture: {}", file.display());
+        }
+        _ => {}
     }
     Ok(())
 }
@@ -305,7 +319,7 @@ fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Pro
 fn draw(world: &World, flown: &Flown, file: &Path) -> Result<(), Problem> {
     let picture = svg(&Scene {
         world,
-        course: flown.log.course(),
+        course: &flown.log.course(),
         sensed: &flown.sensed,
         faults: &flown.summary.faults,
         title: &title(&flown.summary),

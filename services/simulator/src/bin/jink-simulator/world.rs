@@ -56,7 +56,7 @@ fn describe(world: &World, json: bool, out: &mut impl Write) -> std::io::Result<
         world.obstacles().len()
     )?;
     for obstacle in world.obstacles() {
-        writeln!(out, "  {obstacle:?}")?;
+        writeln!(out, "  {obstacle}")?;
     }
     if !world.structures().is_empty() {
         writeln!(
