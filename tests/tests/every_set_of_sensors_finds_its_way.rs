@@ -37,3 +37,11 @@ fn the_corridor_of_a_building_is_flown_through() {
 fn a_slow_way_is_taken_where_looks_show_no_faster_one() {
     reaches_its_goal("mid360", "corridor", 1);
 }
+
+/// It turned to one side and to the other for ever: half a turn takes longer than a look is remembered, and a turn toward the way to
+/// a look did not count as one.
+#[test]
+fn turning_to_and_fro_is_looking_and_ends() {
+    reaches_its_goal("d435", "forest", 39);
+    reaches_its_goal("mid360", "corridor", 39);
+}

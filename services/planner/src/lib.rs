@@ -81,7 +81,7 @@ const PROGRESS_MIN_M: f64 = 0.25;
 const DETOUR_WORTH_A_GEAR: f32 = 1.25;
 /// Time that a way in a lower gear must save to slow down for it, rather than take another one at once (s).
 const SLOWING_S: f64 = 2.0;
-/// Looks for a way in a higher gear, in the time that they are remembered, before one in the lowest gears is taken.
+/// Looks for a way in a higher gear, and turns toward the ways to them, in a minute, before a way in the lowest gears is taken.
 const LOOKS_BEFORE_CRAWLING: usize = 2;
 /// How long planning must fail while the vehicle stands before the pilot is told (s).
 const NO_PATH_AFTER_S: f64 = 1.5;

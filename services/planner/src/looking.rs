@@ -84,7 +84,7 @@ impl Planner {
 
     /// Looks for what is missing on the way to `goal` in `gear`, from where it can be seen; `false` if nothing can be done about it. While
     /// a look is under way, and shortly after it, nothing else is done. A look begins only while fewer
-    /// than `looks_max` are remembered.
+    /// than `looks_max` have begun in the last minute.
     pub(super) fn look(
         &mut self,
         gear: usize,
@@ -109,7 +109,7 @@ impl Planner {
         if !departure.is_at_rest() || departure.state.yaw_rate_radps.abs() > RESTING_RADPS {
             return false;
         }
-        if self.looks.remembered(time) >= looks_max {
+        if self.looks.begun(time) >= looks_max {
             return false;
         }
         self.space.prepare(gear);

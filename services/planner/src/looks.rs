@@ -14,6 +14,7 @@ use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::map::{Cell, center_of};
 use jink_shared_types::view::FieldOfView;
 use nalgebra::{Rotation3, Vector3};
+use std::collections::VecDeque;
 
 /// How far a place to look from may be (m, by the way that is flown): a detour of more is a way of its own.
 pub const REACH_M: f32 = 5.0;
@@ -33,6 +34,8 @@ const SAME_PLACE_M: f64 = 0.5;
 const SAME_HEADING_RAD: f64 = 0.35;
 /// After this time a place may be looked from again (s): what hid the way may have moved, and noise has been settled.
 const FORGOTTEN_S: f64 = 20.0;
+/// Looks are counted over this time (s): two that turn half around take longer than each is remembered.
+const COUNTED_S: f64 = 60.0;
 /// After a look the vehicle waits for the frames of it (s).
 pub const DWELL_S: f64 = 0.7;
 /// Looks that are remembered.
@@ -63,6 +66,8 @@ pub struct Looks {
     next: usize,
     /// The route that leads to the last look, and since when.
     under_way: Option<(u64, Timestamp)>,
+    /// When the last looks, and the turns toward the ways to them, began.
+    begun: VecDeque<Timestamp>,
     wanted: Vec<Vector3<f64>>,
     /// Places that can be reached, nearest first.
     pub places: Vec<Place>,
@@ -74,6 +79,7 @@ impl Default for Looks {
             tried: Vec::with_capacity(REMEMBERED),
             next: 0,
             under_way: None,
+            begun: VecDeque::with_capacity(REMEMBERED),
             wanted: Vec::with_capacity(8_192),
             places: Vec::with_capacity(8_192),
         }
@@ -107,12 +113,16 @@ impl Looks {
     /// Notes that the vehicle turns toward the way to a look by route `route_id` from `time` on.
     pub fn turn(&mut self, route_id: u64, time: Timestamp) {
         self.under_way = Some((route_id, time));
+        if self.begun.len() == REMEMBERED {
+            self.begun.pop_front();
+        }
+        self.begun.push_back(time);
     }
 
-    /// How many places were looked from not long before `time`.
-    pub fn remembered(&self, time: Timestamp) -> usize {
-        let is_recent = |when: &Timestamp| time.seconds_since(*when).abs() < FORGOTTEN_S;
-        self.tried.iter().filter(|(_, when)| is_recent(when)).count()
+    /// How many looks, and turns toward the ways to them, began in the last minute before `time`.
+    pub fn begun(&self, time: Timestamp) -> usize {
+        let is_recent = |when: &&Timestamp| time.seconds_since(**when).abs() < COUNTED_S;
+        self.begun.iter().filter(is_recent).count()
     }
 
     fn is_tried(&self, look: &Look, time: Timestamp) -> bool {
@@ -213,7 +223,7 @@ fn touched(a: Cell, b: Cell) -> impl Iterator<Item = Cell> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Looks, Place};
+    use super::{Look, Looks, Place, REMEMBERED};
     use crate::gears::SLOW_GEAR;
     use crate::search::Path;
     use crate::space::tests::{known_map, space_of};
@@ -240,6 +250,26 @@ mod tests {
             }
         }
         view
+    }
+
+    #[test]
+    fn turns_toward_a_look_count_as_looks_for_a_minute() {
+        let at = |s: f64| Timestamp::from_seconds(100.0 + s);
+        let mut looks = Looks::default();
+        looks.turn(1, at(0.0));
+        let look = Look {
+            cell: [0, 0, 0],
+            yaw_rad: 1.0,
+        };
+        looks.go(look, 2, at(10.0));
+        assert_eq!(looks.begun(at(11.0)), 2);
+        // Longer than a place that was looked from is remembered.
+        assert_eq!(looks.begun(at(45.0)), 2);
+        assert_eq!(looks.begun(at(65.0)), 1);
+        for n in 0..100 {
+            looks.turn(n, at(100.0));
+        }
+        assert_eq!(looks.begun(at(100.0)), REMEMBERED);
     }
 
     fn unknown_where(map: &mut LocalMap, unknown: impl Fn(Cell) -> bool) {
