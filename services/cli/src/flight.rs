@@ -389,6 +389,10 @@ impl Summary {
         let clearance = self.min_clearance_m.map_or("no obstacles".to_owned(), |m| {
             format!("smallest clearance {m:.2} m")
         });
+        let stages = match self.latency_stages.as_slice() {
+            [] => String::new(),
+            stages => format!("\n    of that p50/p99: {}", StageLatency::line(stages)),
+        };
         let lines = [
             format!(
                 "{} (world {}, seed {}){reason}",
@@ -405,12 +409,8 @@ impl Summary {
                 self.setpoints, self.setpoint_max_gap_ms, self.fcu_hold_count
             ),
             format!(
-                "  capture to wire {}",
+                "  capture to wire {}{stages}",
                 latency_text([self.latency_p50_ms, self.latency_p99_ms, self.latency_max_ms])
-            ),
-            format!(
-                "    of that p50/p99: {}",
-                StageLatency::line(&self.latency_stages)
             ),
             format!("  {} restarts", self.restarts),
             format!(
@@ -567,7 +567,7 @@ mod tests {
         let summary = FlightLog::default().summary(&Outcome::Failed { reason }, "gap", 1, 0, Vec::new());
         assert_eq!(summary.min_clearance_m, None);
         assert_eq!(summary.latency_max_ms, None);
-        assert!(summary.text().contains("  capture to wire -\n"));
+        assert!(summary.text().contains("  capture to wire -\n") && !summary.text().contains("of that"));
         assert!(
             summary
                 .text()
