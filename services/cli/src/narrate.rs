@@ -32,7 +32,7 @@ impl Narrator {
         let health = (status.health.get(), is_standing_by(status));
         if self.health != Some(health) {
             self.health = Some(health);
-            // That processes are being started is told process by process.
+            // Each process that starts has a line of its own.
             if health != (Health::Starting, false) {
                 lines.push(health_line(status));
             }

@@ -41,7 +41,7 @@ pub struct Screen {
     pub scrolled: usize,
 }
 
-/// Where things are on a screen. What does not fit gives way in this order: all news but the last, topics (they can be
+/// Where things are on a screen. What does not fit is left out in this order: all events but the last, topics (they can be
 /// scrolled), the lines of the link.
 struct Areas {
     head: Rect,

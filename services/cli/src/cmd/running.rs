@@ -18,15 +18,22 @@ pub struct RunningSupervisor {
     handle: OwnedFd,
 }
 
-/// Process id of the supervisor of `instance`, whoever's it is; `None` if there is none.
+/// Process id of the supervisor of `instance`, whichever user's it is; `None` if there is none.
 pub fn holder(instance: &Instance) -> Option<u32> {
     let mut file = File::open(instance.lock_file()).ok()?;
-    if !matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)) {
-        return None;
+    held_by(&mut file).ok().flatten()
+}
+
+/// Process id of whoever holds the lock on `file`; `None` if nobody does, and for the instant between taking the lock and writing.
+fn held_by(file: &mut File) -> std::io::Result<Option<u32>> {
+    match file.try_lock_shared() {
+        Ok(()) => return Ok(None),
+        Err(TryLockError::Error(error)) => return Err(error),
+        Err(TryLockError::WouldBlock) => {}
     }
     let mut text = String::new();
-    file.read_to_string(&mut text).ok()?;
-    text.trim().parse().ok()
+    file.read_to_string(&mut text)?;
+    Ok(text.trim().parse().ok())
 }
 
 /// The supervisor of `instance`, if there is one.
@@ -50,16 +57,9 @@ pub fn find(instance: &Instance) -> Result<Option<RunningSupervisor>, Problem> {
             us.as_raw()
         )));
     }
-    match file.try_lock_shared() {
-        Ok(()) => return Ok(None),
-        Err(TryLockError::Error(error)) => return Err(Problem::io(path.display().to_string())(error)),
-        Err(TryLockError::WouldBlock) => {}
-    }
-    let mut text = String::new();
-    file.read_to_string(&mut text)
-        .map_err(Problem::io(path.display().to_string()))?;
-    // Empty for the instant between taking the lock and writing; gone if it ended meanwhile.
-    let pid = text.trim().parse::<i32>().ok().and_then(Pid::from_raw);
+    let held_by = held_by(&mut file).map_err(Problem::io(path.display().to_string()))?;
+    // It may have ended meanwhile.
+    let pid = held_by.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?));
     let Some(handle) = pid.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok()) else {
         return Ok(None);
     };

@@ -12,7 +12,7 @@ const TOP: f64 = 34.0;
 const BOTTOM: f64 = 36.0;
 /// Lines across, and so many steps between them on both axes.
 const STEPS: u32 = 4;
-/// Two hues that are told apart without colour vision, and grey.
+/// Two hues of the Okabe-Ito palette, distinct with any colour vision, and grey.
 const HEIGHT_COLOUR: &str = "#0072b2";
 const CLEARANCE_COLOUR: &str = "#d55e00";
 const SPEED_COLOUR: &str = "#777777";
