@@ -10,6 +10,7 @@ use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::str::FromStr;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -228,7 +229,9 @@ impl TempFolder {
     /// # Panics
     /// If it cannot be made.
     pub fn new(role: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("jink_{role}_{}", std::process::id()));
+        static MADE: AtomicU32 = AtomicU32::new(0);
+        let number = MADE.fetch_add(1, Ordering::Relaxed);
+        let path = std::env::temp_dir().join(format!("jink_{role}_{}_{number}", std::process::id()));
         std::fs::create_dir_all(&path).expect("a temporary folder");
         Self { path }
     }

@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p jink-collision-guard --example guard_cost`
 
-#[path = "../tests/common/mod.rs"]
+#[path = "../tests/it/common/mod.rs"]
 mod common;
 
 use common::{Lidar, Random, World, fly, guard, on, ring, step, straight, time};

@@ -8,7 +8,7 @@
     reason = "a measurement that cannot be made has no result"
 )]
 
-#[path = "../tests/encoder/mod.rs"]
+#[path = "../tests/it/encoder/mod.rs"]
 mod encoder;
 
 use encoder::{Random, ouster_metadata, ouster_standard, spec};

@@ -4,7 +4,7 @@
 //! a mirrored sensor, with which a cause is searched most of the time.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-#[path = "../tests/flights/mod.rs"]
+#[path = "../tests/it/flights/mod.rs"]
 mod flights;
 
 use flights::{Sample, Way, fly, set};

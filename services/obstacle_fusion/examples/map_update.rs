@@ -6,7 +6,7 @@
 //! cost microseconds). Every cloud is entered into several maps that have seen the same flight: percentiles over all of
 //! them are wall times as they come; percentiles over the fastest of each cloud show the work itself where other
 //! programs take the processor away.
-#[path = "../tests/world/mod.rs"]
+#[path = "../tests/it/world/mod.rs"]
 mod world;
 
 use jink_obstacle_fusion::{Fusion, FusionConfig};

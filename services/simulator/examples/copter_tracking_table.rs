@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p jink-simulator --example copter_tracking_table`
 
-#[path = "../tests/support/mod.rs"]
+#[path = "../tests/it/support/mod.rs"]
 mod support;
 
 use support::copter_tracking as tracking;

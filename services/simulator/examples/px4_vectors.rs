@@ -3,7 +3,7 @@
 //! `cargo run --release -p jink-simulator --example px4_vectors -- DIR`; without DIR the committed sample. Ends with 1
 //! on a mismatch, or if there is nothing to compare.
 
-#[path = "../tests/collision_vectors/mod.rs"]
+#[path = "../tests/it/collision_vectors/mod.rs"]
 mod collision_vectors;
 
 use std::path::PathBuf;

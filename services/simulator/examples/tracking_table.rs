@@ -2,7 +2,7 @@
 //!
 //! `cargo run -p jink-simulator --example tracking_table`
 
-#[path = "../tests/support/mod.rs"]
+#[path = "../tests/it/support/mod.rs"]
 mod support;
 
 use support::{tracking, tracking_current, travel};

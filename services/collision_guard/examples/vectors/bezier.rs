@@ -1,7 +1,7 @@
 //! Curves against PX4's evaluation of the ones it was sent.
 
-use crate::report::Verdict;
-use crate::schema::{Node, Unreadable};
+use super::report::Verdict;
+use super::schema::{Node, Unreadable};
 use jink_shared_types::bezier::{derivative, derivative_scalar, evaluate, evaluate_scalar};
 use jink_shared_types::frames::wrap_pi;
 use nalgebra::Vector3;

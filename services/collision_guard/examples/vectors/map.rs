@@ -3,10 +3,10 @@
 //! The ring must say what the messages say, worked out without it (`oracle.rs`). Where PX4 says something else, there must be a reason:
 //! one of a list, that the messages themselves bear out.
 
-use crate::oracle::{Heard, Word, fused};
-use crate::replay::{Answer, Message};
-use crate::report::Verdict;
-use crate::schema::{BINS, Fragile, Node, Unreadable};
+use super::oracle::{Heard, Word, fused};
+use super::replay::{Answer, Message};
+use super::report::Verdict;
+use super::schema::{BINS, Fragile, Node, Unreadable};
 use jink_shared_types::ring::SectorRing;
 
 /// What PX4 calls unknown (cm).

@@ -5,9 +5,9 @@
 //! | rangefinder | its opening angle, edges included, has an angle in common with the bin: PX4's rule |
 //! | row | the element and the bin overlap by more than an edge, around the circle |
 
-use crate::map::Row;
-use crate::replay::{Message, Taken};
-use crate::schema::BINS;
+use super::map::Row;
+use super::replay::{Message, Taken};
+use super::schema::BINS;
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::ScanFrame;
 use nalgebra::{UnitQuaternion, Vector3};

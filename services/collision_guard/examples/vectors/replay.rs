@@ -1,6 +1,6 @@
 //! A scenario, flown by our own ring and prevention.
 
-use crate::schema::{BINS, Node, Unreadable};
+use super::schema::{BINS, Node, Unreadable};
 use jink_collision_guard::prevention::{Demand, Outcome, Prevention, PreventionConfig};
 use jink_collision_guard::ring::{Pose, Ring};
 use jink_shared_types::beams::{BeamReading, DistanceRow};

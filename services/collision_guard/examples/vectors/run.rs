@@ -1,10 +1,10 @@
 //! Every scenario of a directory.
 
-use crate::oracle::Heard;
-use crate::replay::Replay;
-use crate::report::{Report, Verdict};
-use crate::schema::{Node, Unreadable, fragile};
-use crate::{bezier, map, setpoint, units};
+use super::oracle::Heard;
+use super::replay::Replay;
+use super::report::{Report, Verdict};
+use super::schema::{Node, Unreadable, fragile};
+use super::{bezier, map, setpoint, units};
 use serde_json::Value;
 use std::fmt;
 use std::path::{Path, PathBuf};

@@ -8,11 +8,11 @@
 //!   since, as PX4 counts it, too; and the setpoint is the one that guidance makes of it on the map at hand, which is PX4's own
 //!   where both maps are the same.
 
-use crate::map::said;
-use crate::oracle::Word;
-use crate::replay::Answer;
-use crate::report::Verdict;
-use crate::schema::{BINS, Fragile, Node, Unreadable};
+use super::map::said;
+use super::oracle::Word;
+use super::replay::Answer;
+use super::report::Verdict;
+use super::schema::{BINS, Fragile, Node, Unreadable};
 use jink_collision_guard::prevention::PreventionConfig;
 use nalgebra::Vector2;
 

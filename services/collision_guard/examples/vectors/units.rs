@@ -1,8 +1,8 @@
 //! Single laws against PX4's: scale, speed, guidance. The rule by which PX4 lets a source into a bin is not ours: sources have bins of
 //! their own.
 
-use crate::report::Verdict;
-use crate::schema::{BINS, Node, Unreadable};
+use super::report::Verdict;
+use super::schema::{BINS, Node, Unreadable};
 use jink_collision_guard::prevention::{Around, PreventionConfig, guide, scale, speed_limit};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::Attitude;

@@ -1,0 +1,109 @@
+//! The laws of [`harness`] under bytes of a seeded generator: the same stories at every run, some seconds of them.
+//!
+//! `JINK_FUZZ_SECONDS` tells further stories for so many seconds per book of laws. Targets that look for new stories by themselves
+//! are in `fuzz/`.
+
+use crate::harness;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::time::{Duration, Instant};
+
+/// Bytes of the longest story.
+const LONGEST: usize = 6000;
+
+/// A generator of 64 bits (xorshift64*): small, seeded, and good enough to choose bytes.
+struct Generator(u64);
+
+impl Generator {
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
+    }
+
+    /// Short stories are as likely as long ones.
+    fn story(&mut self, longest: usize) -> Vec<u8> {
+        let len = (longest >> (self.next() % 8)).max(1);
+        let len = 1 + self.next() as usize % len;
+        let mut story: Vec<u8> = (0..len.div_ceil(8))
+            .flat_map(|_| self.next().to_le_bytes())
+            .collect();
+        story.truncate(len);
+        story
+    }
+
+    /// A story like `before`, with some bytes changed, left out or told twice.
+    fn variation(&mut self, before: &[u8]) -> Vec<u8> {
+        let mut story = before.to_vec();
+        for _ in 0..=self.next() % 8 {
+            let at = self.next() as usize % story.len();
+            match self.next() % 4 {
+                0 => story[at] = self.next() as u8,
+                1 => story[at] ^= 1 << (self.next() % 8),
+                2 if story.len() > 1 => drop(story.remove(at)),
+                _ => {
+                    let again = story[at..story.len().min(at + 16)].to_vec();
+                    story.splice(at..at, again);
+                }
+            }
+        }
+        story
+    }
+}
+
+/// Tells `stories` stories, or as many as there is time for, and names the one that breaks a law.
+fn tell(book: &str, stories: u64, longest: usize, laws: fn(&[u8])) {
+    let began = Instant::now();
+    let told = std::env::var("JINK_FUZZ_SECONDS").ok();
+    let patience = told.map(|seconds| Duration::from_secs_f64(seconds.parse().expect("a number of seconds")));
+    let mut generator = Generator(0x006a_696e_6b00_0001);
+    let (mut count, mut bytes) = (0, 0);
+    let mut story = Vec::new();
+    while count < stories || patience.is_some_and(|patience| began.elapsed() < patience) {
+        story = match count % 2 {
+            0 => generator.story(longest),
+            _ => generator.variation(&story),
+        };
+        if let Err(cause) = catch_unwind(AssertUnwindSafe(|| laws(&story))) {
+            let hex: String = story.iter().map(|byte| format!("{byte:02x}")).collect();
+            eprintln!(
+                "{book}: story {count} of {} bytes breaks a law: {hex}",
+                story.len()
+            );
+            resume_unwind(cause);
+        }
+        count += 1;
+        bytes += story.len();
+    }
+    let seconds = began.elapsed().as_secs_f64();
+    println!(
+        "{book}: {count} executions of {bytes} bytes in {seconds:.1} s, {:.0} per second",
+        count as f64 / seconds
+    );
+}
+
+#[test]
+fn every_intact_frame_comes_out_however_the_bytes_are_cut() {
+    tell("decoder", 30_000, LONGEST, harness::decoder::laws);
+}
+
+#[test]
+fn what_is_sent_may_be_flown_and_it_never_falls_silent() {
+    tell("flight", 8000, LONGEST, harness::flight::laws);
+}
+
+#[test]
+fn what_comes_in_goes_where_the_rules_say_and_nowhere_else() {
+    tell("network", 8000, 2000, harness::network::laws);
+}
+
+#[test]
+fn whatever_is_asked_is_answered_once_and_changes_nothing_it_should_not() {
+    tell("desk", 3000, 2000, harness::desk::laws);
+}
+
+#[test]
+fn damaged_batons_keys_and_stamps_are_refused_or_made_the_best_of() {
+    tell("storage", 100_000, 600, harness::storage::laws);
+    tell("files", 500, 2000, harness::storage::laws_of_files);
+}

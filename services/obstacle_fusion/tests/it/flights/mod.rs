@@ -1,0 +1,182 @@
+//! Rendered flights with every set of sensors, and the faults that they are flown with.
+#![allow(dead_code, reason = "each test uses a part of it")]
+
+use jink_obstacle_fusion::{Fusion, FusionConfig, SensorFinding};
+use jink_runtime::config::{Config, sensor_sets};
+use jink_shared_types::frames::{Attitude, Point, Velocity};
+use jink_shared_types::map::LocalMap;
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::ranges::{PointCloud, RangeScan};
+use jink_shared_types::vehicle::VehicleState;
+use jink_shared_types::{Flag, SampleHeader, Timestamp};
+use jink_simulator::sensors::{Output, Pose, PoseTrack, SensorRig, SensorSpec};
+use jink_simulator::world::World;
+use nalgebra::{UnitQuaternion, Vector3};
+use std::time::Instant;
+
+const STATE_S: f64 = 0.02;
+const SPEED_MPS: f64 = 2.5;
+const START_S: f64 = 10.0;
+
+/// The sensors of the set called `name`, and their names with the rates that their tables say.
+pub fn set(name: &str) -> Vec<SensorSpec> {
+    #[derive(serde::Deserialize)]
+    struct Tables {
+        sensor: Vec<SensorSpec>,
+        #[serde(rename = "params")]
+        _params: Option<toml::Table>,
+    }
+    let set = sensor_sets::named(name).unwrap();
+    Config::parse(&set.file, &set.text).unwrap();
+    toml::from_str::<Tables>(&set.text).unwrap().sensor
+}
+
+/// A way with turns: along the world's own, if it has one, with the nose along it, rolling and pitching.
+pub struct Way {
+    corners: Vec<Vector3<f64>>,
+}
+
+impl Way {
+    pub fn through(world: &World) -> Self {
+        let corners = world.way(0.8).unwrap();
+        Self {
+            corners: corners.iter().map(|corner| corner.vector()).collect(),
+        }
+    }
+
+    /// Where the vehicle is after `t_s`.
+    pub fn pose(&self, t_s: f64) -> Pose {
+        let mut rest_m = SPEED_MPS * t_s;
+        let mut place = self.corners[self.corners.len() - 1];
+        for pair in self.corners.windows(2) {
+            let leg = pair[1] - pair[0];
+            if rest_m < leg.norm() {
+                place = pair[0] + leg * (rest_m / leg.norm());
+                break;
+            }
+            rest_m -= leg.norm();
+        }
+        // It looks to both sides of its way, and sways.
+        let yaw_rad = 0.9 * (0.5 * t_s).sin();
+        let attitude =
+            UnitQuaternion::from_euler_angles(0.12 * (1.3 * t_s).sin(), 0.1 * (0.9 * t_s).cos(), yaw_rad);
+        Pose {
+            position: Point::from_vector(place + Vector3::new(0.0, 0.0, 0.3 * (0.7 * t_s).sin())),
+            attitude,
+        }
+    }
+}
+
+/// What a flight has come to.
+pub struct Flown {
+    /// Every change of a fault: number of the frame of the sensor, and what.
+    pub findings: Vec<(u64, SensorFinding)>,
+    pub frames: u64,
+    /// What each frame of the first sensor took (ms).
+    pub frame_ms: Vec<f64>,
+    pub fusion: Fusion,
+    pub now: Timestamp,
+}
+
+impl Flown {
+    pub fn map(&self) -> Box<LocalMap> {
+        let mut map = LocalMap::boxed();
+        self.fusion.write(self.now, &mut map);
+        map
+    }
+}
+
+/// A sample that may be spoilt: the number of the frame, the sample, its header.
+pub enum Sample<'a> {
+    Cloud(&'a mut PointCloud),
+    Scan(&'a mut RangeScan),
+}
+
+/// Flies `specs` through `world` along `way` for `duration_s`; `spoil` gets the number of each frame of the first sensor, and says
+/// how often it is handed on.
+pub fn fly(
+    world: &World,
+    specs: &[SensorSpec],
+    way: &Way,
+    duration_s: f64,
+    mut spoil: impl FnMut(u64, Sample<'_>, &mut SampleHeader) -> u32,
+) -> Flown {
+    let mut config = FusionConfig::from_params(&ParamSet::default(), specs.len());
+    for (declared, spec) in config.declared.iter_mut().zip(specs) {
+        declared.rate_hz = spec.rate_hz.unwrap_or(0.0);
+    }
+    let mut fusion = Fusion::new(config);
+    let mut rig = SensorRig::new(specs, 3).unwrap();
+    let mut track = PoseTrack::new(rig.longest_frame_s() + 0.1, 0.004);
+    let (mut cloud, mut scan) = (PointCloud::boxed(), RangeScan::default());
+    let mut findings = Vec::new();
+    let mut frames = 0;
+    let mut frame_ms = Vec::new();
+    let steps = (duration_s / 0.004) as u64;
+    let mut now = Timestamp::NEVER;
+    for step in 0..steps {
+        let t_s = step as f64 * 0.004;
+        now = Timestamp::from_seconds(START_S + t_s);
+        track.push(now, way.pose(t_s));
+        if step % (STATE_S / 0.004) as u64 == 0 {
+            fusion.vehicle(&state(way, t_s), &SampleHeader::at(now));
+        }
+        while let Some(frame) = rig.next_due(now) {
+            let mut header = SampleHeader::at(frame.end);
+            match frame.output {
+                Output::Cloud => rig.render_cloud(&frame, world, &track, &mut cloud).unwrap(),
+                Output::Scan => rig.render_scan(&frame, world, &track, &mut scan).unwrap(),
+            }
+            let mut times = 1;
+            if frame.sensor == 0 {
+                frames += 1;
+                let sample = match frame.output {
+                    Output::Cloud => Sample::Cloud(&mut cloud),
+                    Output::Scan => Sample::Scan(&mut scan),
+                };
+                times = spoil(frames, sample, &mut header);
+            }
+            let begin = Instant::now();
+            for _ in 0..times {
+                match frame.output {
+                    Output::Cloud => fusion.cloud(frame.sensor, &cloud, &header),
+                    Output::Scan => fusion.scan(frame.sensor, &scan, &header),
+                }
+                header.capture = header.capture.plus_seconds(0.001);
+            }
+            if frame.sensor == 0 {
+                frame_ms.push(begin.elapsed().as_secs_f64() * 1e3);
+            }
+            while let Some(finding) = fusion.next_finding() {
+                findings.push((frames, finding));
+            }
+        }
+    }
+    Flown {
+        findings,
+        frames,
+        frame_ms,
+        fusion,
+        now,
+    }
+}
+
+/// What an estimator says of the vehicle: off by a slow drift of 0.3 m, and by a degree.
+fn state(way: &Way, t_s: f64) -> VehicleState {
+    let estimate = |t_s: f64| {
+        let pose = way.pose(t_s);
+        let drift = Vector3::new((0.6 * t_s).sin(), (0.5 * t_s).cos(), 0.3 * (0.4 * t_s).sin()) * 0.3;
+        (pose.position.vector() + drift, pose.attitude)
+    };
+    let (position, attitude) = estimate(t_s);
+    let (next, _) = estimate(t_s + 0.001);
+    let off = UnitQuaternion::from_euler_angles(0.017 * (0.3 * t_s).sin(), 0.01, 0.017);
+    VehicleState {
+        position: Point::from_vector(position),
+        velocity: Velocity::from_vector((next - position) / 0.001),
+        attitude: Attitude::from_rotation(attitude * off),
+        position_valid: Flag::YES,
+        armed: Flag::YES,
+        ..VehicleState::default()
+    }
+}

@@ -1,0 +1,44 @@
+//! Autopilots in simulation: their clock runs slower than the board's, and stands still for a moment at arming. Nothing of it is
+//! felt in flight.
+
+use jink_shared_types::events;
+use jink_simulator::autopilot::Pace;
+use jink_simulator::flyer::FlyerConfig;
+use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
+use jink_tests::lockstep::{FlightSetup, LockStep};
+use jink_tests::pairing::{PX4_CURRENT, PX4_TRAJECTORY};
+
+fn paced(mut setup: FlightSetup, pace: Pace) -> FlightSetup {
+    if let FlyerConfig::Px4(config) = &mut setup.autopilot {
+        config.pace = pace;
+    }
+    setup
+}
+
+#[test]
+fn a_clock_that_is_slower_by_a_hundredth_leads_to_the_goal() {
+    let pace = Pace {
+        rate: 0.988,
+        ..Pace::default()
+    };
+    for whose in [PX4_CURRENT, PX4_TRAJECTORY] {
+        let report = fly_as(paced(whose.forest(1).unwrap(), pace), &Cell::forest().unwrap()).unwrap();
+        assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
+        assert_eq!((report.collisions, report.hold_count), (0, 0), "{whose:?}");
+    }
+}
+
+/// A vehicle on the ground that says nothing for a moment is no reason to tell anybody.
+#[test]
+fn a_moment_of_silence_at_arming_is_not_told() {
+    let pace = Pace {
+        arming_stall_s: 0.16,
+        ..Pace::default()
+    };
+    let mut flight = LockStep::new(paced(PX4_TRAJECTORY.forest(1).unwrap(), pace)).unwrap();
+    assert!(flight.run_until(60.0, |f| f.truth().armed.is_set()));
+    let told = flight.count(&events::AVOIDANCE_DEGRADED);
+    flight.run(3.0);
+    assert_eq!(flight.count(&events::AVOIDANCE_DEGRADED), told);
+    assert!(flight.autopilot().is_armed());
+}

@@ -1,0 +1,25 @@
+//! Flights of the whole chain in one process: as fast as the machine computes.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod a_bad_link_slows_and_never_crashes;
+mod a_blocked_mission_item_is_helped_by_policy;
+mod a_distance_to_keep_is_kept_by_every_motion;
+mod a_forest_is_crossed_without_a_scratch;
+mod a_mission_changed_in_flight_is_flown_as_changed;
+mod a_mission_that_the_autopilot_flies_is_led_around;
+mod a_narrow_place_is_left_again;
+mod a_pilot_hands_over_in_motion;
+mod a_pilot_is_kept_from_obstacles;
+mod a_pilot_without_ranges_is_stopped_and_held;
+mod a_proposed_way_is_flown_when_it_is_certified;
+mod a_restarted_gateway_leaves_the_plan_alone;
+mod a_sensor_that_dies_in_flight_slows_and_never_crashes;
+mod an_approach_ends_at_the_distance_kept;
+mod an_assisted_pilot_is_kept_from_obstacles;
+mod an_autopilot_whose_time_stands_still_is_followed;
+mod both_representations_fly_on_both_firmwares;
+mod every_set_of_sensors_finds_its_way;
+mod every_way_that_the_autopilot_wants_to_fly_is_planned;
+mod nothing_that_nobody_asked_for_is_flown;
+mod services_are_killed_stopped_swapped_and_tuned_in_lockstep;
+mod the_mission_is_flown_in_the_autopilots_stead;

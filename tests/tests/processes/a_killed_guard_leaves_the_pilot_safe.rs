@@ -1,0 +1,92 @@
+//! A pilot steers through jink, between trees, and the guard that keeps him from them is killed: the gateway stops the vehicle until the
+//! next guard is there, and nothing is touched.
+
+use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
+use jink_tests::pilot::Tablet;
+use jink_tests::processes::{System, TempFolder, free_udp_port, until};
+use std::net::UdpSocket;
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+const KILLS: u32 = 5;
+
+#[test]
+fn killed_again_and_again_at_full_stick_nothing_is_touched() {
+    let cell = Cell {
+        kind: "forest".parse().unwrap(),
+        density_per_m2: None,
+        speed_mps: 3.0,
+        limit_s: 600.0,
+        sensors: sensor_set(SPHERE).unwrap(),
+    };
+    let mut plan = setup(&cell, 3).unwrap().plan;
+    plan.resume = false;
+    let tablet_socket = UdpSocket::bind(("127.0.0.1", 0)).unwrap();
+    let tablet_port = tablet_socket.local_addr().unwrap().port();
+    let sets = [
+        format!("link.address=udpin:127.0.0.1:{}", free_udp_port()),
+        format!("simulation.ground_station_port={tablet_port}"),
+        "simulation.autopilot=px4_current".to_owned(),
+        "link.profile=px4_deviation".to_owned(),
+        "params.CP_DIST=1.5".to_owned(),
+        "params.MPC_VEL_MANUAL=5".to_owned(),
+    ];
+    let folder = TempFolder::with_config("stick");
+    let mut arguments = vec!["--config", folder.text(), "--world", "forest", "--seed", "3"];
+    for set in &sets {
+        arguments.extend(["--set", set]);
+    }
+    let system = System::up("stick", &arguments);
+    let tablet = Tablet::begin(tablet_socket, ("EAV_EN", 1), plan);
+    system.until_it_flies();
+    tablet.steer([1000, 0]);
+    until("the pilot's mode", || system.truth().contains("mode: Position"));
+    for kill in 0..KILLS {
+        // To all sides, among the trees.
+        let turn = 1.3 * f64::from(kill);
+        tablet.steer([(1000.0 * turn.cos()) as i16, (1000.0 * turn.sin()) as i16]);
+        let before_m = system.flown_m();
+        let begin = Instant::now();
+        // Under way, or in front of something.
+        until("motion", || {
+            system.flown_m() - before_m > 1.0 || begin.elapsed() > Duration::from_secs(6)
+        });
+        let guard = system.service("collision_guard");
+        let pid = guard["pid"].as_u64().unwrap();
+        let restarts = guard["restarts"].as_u64().unwrap();
+        let killed = Command::new("kill")
+            .args(["-9", &pid.to_string()])
+            .status()
+            .unwrap();
+        assert!(killed.success());
+        until("a new guard", || {
+            let guard = system.service("collision_guard");
+            guard["state"] == "active" && guard["restarts"].as_u64() > Some(restarts)
+        });
+    }
+    std::thread::sleep(Duration::from_secs(3));
+    let number = |field: &str| system.truth_number(field).unwrap();
+    println!(
+        "{KILLS} kills: {} collisions, nearest {:.2} m of the hull, {:.1} m flown, in Hold {} times",
+        number("collisions"),
+        number("min_clearance_m"),
+        number("flown_m"),
+        number("hold_count")
+    );
+    assert_eq!(number("collisions"), 0.0);
+    assert!(
+        system.truth().contains("mode: Position"),
+        "the pilot's mode stays his"
+    );
+    // It saw obstacles: the stick alone would have led into them.
+    let told = system.jink(&[
+        "topic",
+        "echo",
+        "guard/prevented",
+        "--count",
+        "1",
+        "--timeout",
+        "2",
+    ]);
+    assert!(told.stdout.contains("nearest_m"), "{told:?}");
+}

@@ -1,0 +1,421 @@
+//! `jink check link` as a user runs it, against emulated autopilots over UDP: each fault is told by its own sentence and exit
+//! code, and where there is none, jink is ready.
+
+use jink_mavlink_gateway::signing::Key;
+use jink_simulator::ardupilot::{ArduCopter, ArduCopterConfig};
+use jink_simulator::autopilot::{Autopilot, AutopilotConfig};
+use jink_simulator::flyer::Flyer;
+use jink_tests::on_udp::{Faults, OnUdp};
+use jink_tests::processes::{Answer, System, TempFolder, answer, free_udp_port, program};
+use mavlink::dialects::ardupilotmega::{
+    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
+};
+use serde_json::Value;
+
+/// Numbers of the messages that get lost here.
+const TIMESYNC: u32 = 111;
+const LOCAL_POSITION_NED: u32 = 32;
+const ATTITUDE_QUATERNION: u32 = 31;
+
+const READY: i32 = 0;
+const BLOCKED: i32 = 1;
+const WRONG_USAGE: i32 = 2;
+
+type Pilot = Option<Box<dyn Flyer + Send>>;
+
+/// PX4 with the trajectory interface.
+fn px4(system_id: u8, parameters: &[(&str, f64)]) -> Pilot {
+    let config = AutopilotConfig {
+        system_id,
+        parameters: owned(parameters),
+        ..AutopilotConfig::default()
+    };
+    Some(Box::new(Autopilot::new(config).unwrap()))
+}
+
+/// PX4 without it.
+fn current_px4(parameters: &[(&str, f64)]) -> Pilot {
+    let config = AutopilotConfig {
+        parameters: owned(parameters),
+        ..AutopilotConfig::current(0.1)
+    };
+    Some(Box::new(Autopilot::new(config).unwrap()))
+}
+
+fn arducopter(parameters: &[(&str, f64)]) -> Pilot {
+    let config = ArduCopterConfig {
+        parameters: owned(parameters),
+        ..ArduCopterConfig::default()
+    };
+    Some(Box::new(ArduCopter::new(config).unwrap()))
+}
+
+fn owned(parameters: &[(&str, f64)]) -> Vec<(String, f64)> {
+    parameters
+        .iter()
+        .map(|(name, value)| ((*name).to_owned(), *value))
+        .collect()
+}
+
+fn heartbeat(mavtype: MavType, autopilot: MavAutopilot) -> MavMessage {
+    MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+        custom_mode: 0,
+        mavtype,
+        autopilot,
+        base_mode: MavModeFlag::empty(),
+        system_status: MavState::MAV_STATE_ACTIVE,
+        mavlink_version: 3,
+    })
+}
+
+/// `jink check link` on a link to `port`, with further `settings`.
+fn check(port: u16, settings: &[&str], further: &[&str]) -> Answer {
+    // No instance of this name runs.
+    let instance = format!("t_check_{}_{port}", std::process::id());
+    let mut command = program("jink", &["--instance", &instance, "check", "link"]);
+    command.args(["--link", &format!("udpin:127.0.0.1:{port}")]);
+    // A profile is examined as it is named; which one "auto" chooses has tests of its own.
+    if !settings
+        .iter()
+        .any(|setting| setting.starts_with("link.profile="))
+    {
+        command.args(["--set", "link.profile=px4_trajectory"]);
+    }
+    for setting in settings {
+        command.args(["--set", setting]);
+    }
+    answer(command.args(further))
+}
+
+/// What is told beside `pilot`, with `faults` and `settings`: in words, and the exit code.
+fn told(pilot: Pilot, faults: Faults, settings: &[&str]) -> Answer {
+    let port = free_udp_port();
+    let _speaks = OnUdp::begin(port, pilot, faults);
+    let told = check(port, settings, &[]);
+    println!("{}exit code {:?}\n", told.stdout, told.code);
+    told
+}
+
+/// Asserts that `sentence` is told with `grade`, and the exit code that follows from it.
+fn assert_told(told: &Answer, grade: &str, sentence: &str) {
+    let line = told
+        .stdout
+        .lines()
+        .find(|line| line.starts_with(grade) && line.contains(sentence));
+    assert!(line.is_some(), "no {grade} {sentence:?} in {told:?}");
+    match grade {
+        "BLOCKER" => {
+            assert_eq!(told.code, Some(BLOCKED));
+            assert!(told.stdout.starts_with("NOT READY: "), "{told:?}");
+            let first = told.stdout.lines().nth(1).unwrap();
+            assert!(
+                first.starts_with("Mend first: ") && first.contains(sentence),
+                "{first}"
+            );
+        }
+        _ => {
+            assert_eq!(told.code, Some(READY), "{told:?}");
+            assert!(told.stdout.starts_with("READY: "), "{told:?}");
+        }
+    }
+}
+
+#[test]
+fn where_nothing_is_wrong_each_profile_is_ready() {
+    for (pilot, profile, whom) in [
+        (
+            px4(1, &[]),
+            "px4_trajectory",
+            "PX4 1.13.0 (development), quadrotor, system 1",
+        ),
+        (
+            current_px4(&[("COM_OBL_RC_ACT", 5.0)]),
+            "px4_offboard",
+            "PX4 1.17.0 (development), quadrotor, system 1",
+        ),
+        (
+            current_px4(&[("EAV_EN", 1.0)]),
+            "px4_deviation",
+            "PX4 1.17.0 (development), quadrotor, system 1",
+        ),
+        (
+            arducopter(&[("GUID_TIMEOUT", 0.5), ("PRX1_TYPE", 2.0), ("PRX_FILT", 0.0)]),
+            "ardupilot_guided",
+            "ArduPilot 4.7.0 (development), quadrotor, system 1",
+        ),
+    ] {
+        let told = told(pilot, Faults::default(), &[&format!("link.profile={profile}")]);
+        assert_eq!(told.code, Some(READY), "{told:?}");
+        assert_eq!(
+            told.stdout.lines().next().unwrap(),
+            format!("READY: {whom}; 0 warnings")
+        );
+        let waits = "listening for an autopilot (15 s at most)\n";
+        assert_eq!(
+            told.stderr, waits,
+            "what is waited for, once; progress is for terminals"
+        );
+    }
+}
+
+#[test]
+fn a_line_that_brings_nothing_or_something_else_is_told_from_one_that_brings_mavlink() {
+    let port = free_udp_port();
+    let silent = check(port, &[], &["--seconds", "2"]);
+    println!("{}", silent.stdout);
+    assert_told(
+        &silent,
+        "BLOCKER",
+        &format!("nothing arrives on udpin:127.0.0.1:{port}"),
+    );
+
+    let port = free_udp_port();
+    let _noise = OnUdp::noise(port);
+    let noise = check(port, &[], &["--seconds", "2"]);
+    println!("{}", noise.stdout);
+    assert_told(&noise, "BLOCKER", "but no MAVLink message among them");
+
+    let old = Faults {
+        version_1: true,
+        ..Faults::default()
+    };
+    assert_told(
+        &told(px4(1, &[]), old, &[]),
+        "BLOCKER",
+        "the autopilot speaks MAVLink 1 only",
+    );
+
+    let deaf = Faults {
+        is_deaf: true,
+        ..Faults::default()
+    };
+    assert_told(
+        &told(px4(1, &[]), deaf, &[]),
+        "BLOCKER",
+        "the autopilot is heard, but answers nothing",
+    );
+}
+
+#[test]
+fn whoever_is_not_the_one_autopilot_that_is_meant_is_named() {
+    let with = |system_id, component_id, message| Faults {
+        others: vec![(system_id, component_id, message)],
+        ..Faults::default()
+    };
+    let station = heartbeat(MavType::MAV_TYPE_GCS, MavAutopilot::MAV_AUTOPILOT_INVALID);
+    let alone = told(None, with(255, 190, station), &[]);
+    assert_told(
+        &alone,
+        "BLOCKER",
+        "no autopilot's heartbeat: only a ground station (255/190)",
+    );
+
+    let stranger = told(px4(3, &[]), Faults::default(), &["link.system_id=7"]);
+    assert_told(
+        &stranger,
+        "BLOCKER",
+        "link.system_id = 7, and the autopilot that is heard has system id 3",
+    );
+
+    let rival = heartbeat(MavType::MAV_TYPE_QUADROTOR, MavAutopilot::MAV_AUTOPILOT_PX4);
+    let two = told(px4(1, &[]), with(9, 1, rival), &[]);
+    assert_told(
+        &two,
+        "BLOCKER",
+        "are heard, and link.system_id = 0 does not say which one is meant",
+    );
+
+    let companion = heartbeat(
+        MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+        MavAutopilot::MAV_AUTOPILOT_INVALID,
+    );
+    let other = told(px4(1, &[]), with(1, 196, companion), &[]);
+    assert_told(
+        &other,
+        "BLOCKER",
+        "somebody else speaks as obstacle avoidance (1/196)",
+    );
+}
+
+#[test]
+fn a_profile_that_does_not_fit_make_or_version_is_told_with_the_one_that_does() {
+    let make = told(arducopter(&[]), Faults::default(), &[]);
+    assert_told(
+        &make,
+        "BLOCKER",
+        "the autopilot is ArduPilot, and link.profile = \"px4_trajectory\" is for PX4",
+    );
+    assert!(
+        make.stdout
+            .contains("-> set link.profile to auto, or to ardupilot_guided")
+    );
+
+    let version = told(current_px4(&[]), Faults::default(), &[]);
+    assert_told(
+        &version,
+        "BLOCKER",
+        "PX4 1.17.0 (development) has no trajectory interface any more",
+    );
+    assert!(version.stdout.contains("-> set link.profile to \"px4_offboard\""));
+}
+
+#[test]
+fn parameters_that_keep_jink_from_flying_or_make_its_loss_dangerous_are_told() {
+    let off = told(px4(1, &[("COM_OBS_AVOID", 0.0)]), Faults::default(), &[]);
+    assert_told(
+        &off,
+        "BLOCKER",
+        "COM_OBS_AVOID = 0: PX4 flies its missions without asking jink",
+    );
+
+    let guided = ["link.profile=ardupilot_guided"];
+    let long = told(arducopter(&[]), Faults::default(), &guided);
+    assert_told(&long, "warning", "GUID_TIMEOUT = 3.0 s is too long");
+    let short = told(arducopter(&[("GUID_TIMEOUT", 0.05)]), Faults::default(), &guided);
+    assert_told(&short, "BLOCKER", "GUID_TIMEOUT = 0.05 s is too short");
+
+    let motors = told(
+        current_px4(&[("COM_OBL_RC_ACT", 7.0)]),
+        Faults::default(),
+        &["link.profile=px4_offboard"],
+    );
+    assert_told(
+        &motors,
+        "BLOCKER",
+        "COM_OBL_RC_ACT = 7: if the board dies, PX4 stops the motors in the air",
+    );
+}
+
+#[test]
+fn streams_and_times_that_do_not_come_are_told_one_by_one() {
+    let lost = |id| Faults {
+        lost: vec![id],
+        ..Faults::default()
+    };
+    let blind = told(px4(1, &[]), lost(LOCAL_POSITION_NED), &[]);
+    assert_told(
+        &blind,
+        "BLOCKER",
+        "LOCAL_POSITION_NED does not come, and not when asked for",
+    );
+
+    let slow = Faults {
+        thinned: Some((ATTITUDE_QUATERNION, 10)),
+        ..Faults::default()
+    };
+    let slow = told(px4(1, &[]), slow, &[]);
+    assert_told(
+        &slow,
+        "BLOCKER",
+        "times a second, and 50 are needed; it tells how it is turned",
+    );
+
+    let timeless = told(px4(1, &[]), lost(TIMESYNC), &[]);
+    assert_told(&timeless, "warning", "the autopilot does not answer TIMESYNC");
+}
+
+#[test]
+fn signatures_that_are_missing_or_of_another_key_are_told() {
+    let folder = TempFolder::new("check_signing");
+    let ours = b"passphrase:correct horse battery staple\n";
+    let file = folder.write("our.key", std::str::from_utf8(ours).unwrap());
+    let permissions = std::os::unix::fs::PermissionsExt::from_mode(0o600);
+    std::fs::set_permissions(&file, permissions).unwrap();
+    let key_file = format!("link.key_file={}", file.display());
+    let require = ["link.signing=require", key_file.as_str()];
+
+    let unsigned = told(px4(1, &[]), Faults::default(), &require);
+    assert_told(&unsigned, "BLOCKER", "and what arrives is not signed");
+
+    let signing = |content: &[u8]| Faults {
+        key: Key::of_bytes(content),
+        ..Faults::default()
+    };
+    let other = told(px4(1, &[]), signing(b"passphrase:another\n"), &require);
+    assert_told(
+        &other,
+        "BLOCKER",
+        "messages are signed with another key than link.key_file holds",
+    );
+
+    let right = told(px4(1, &[]), signing(ours), &require);
+    assert_told(&right, "good", "the autopilot's signatures fit the key");
+}
+
+#[test]
+fn scripts_get_the_same_as_json() {
+    let port = free_udp_port();
+    let _speaks = OnUdp::begin(port, px4(1, &[("COM_OBS_AVOID", 0.0)]), Faults::default());
+    let told = check(port, &[], &["--json"]);
+    let json: Value = serde_json::from_str(&told.stdout).unwrap();
+    assert_eq!((told.code, &json["ready"]), (Some(BLOCKED), &Value::Bool(false)));
+    assert_eq!(json["mend_first"]["about"], "COM_OBS_AVOID");
+    assert!(json["findings"].as_array().unwrap().len() > 8, "{json}");
+}
+
+#[test]
+fn wrong_usage_and_a_wrong_configuration_are_no_examination() {
+    let port = free_udp_port();
+    for (settings, further, said) in [
+        (
+            &["link.profile=px5"][..],
+            &[][..],
+            "unknown profile px5; there are: auto px4_trajectory px4_offboard px4_deviation ardupilot_guided",
+        ),
+        (
+            &["link.addres=udpin:1"],
+            &[],
+            "unknown key `addres`; did you mean `address`?",
+        ),
+        (
+            &["link.signing=require"],
+            &[],
+            "signatures are asked for, and no file holds the key",
+        ),
+        (&[], &["--seconds", "0"], "--seconds"),
+        (
+            &[],
+            &["--profile", "px4_trajectry"],
+            "did you mean `px4_trajectory`?",
+        ),
+    ] {
+        let told = check(port, settings, further);
+        assert_eq!(
+            (told.code, told.stdout.as_str()),
+            (Some(WRONG_USAGE), ""),
+            "{told:?}"
+        );
+        assert!(told.stderr.contains(said), "{told:?}");
+    }
+}
+
+#[test]
+fn a_port_that_somebody_else_holds_is_a_blocker_with_his_trace() {
+    let holder = std::net::UdpSocket::bind(("127.0.0.1", 0)).unwrap();
+    let port = holder.local_addr().unwrap().port();
+    let told = check(port, &[], &[]);
+    assert_told(
+        &told,
+        "BLOCKER",
+        &format!("port {port} is taken by another program"),
+    );
+}
+
+#[test]
+fn while_jink_runs_its_gateways_own_figures_are_shown() {
+    let port = free_udp_port();
+    let address = format!("link.address=udpin:127.0.0.1:{port}");
+    let station = "simulation.ground_station_port=0";
+    let system = System::up(
+        "running",
+        &["--world", "empty", "--set", &address, "--set", station],
+    );
+    // Whether or not the address is named again.
+    for further in [&["--set", address.as_str()][..], &[]] {
+        let told = system.jink(&[&["check", "link"], further].concat());
+        println!("{}exit code {:?}\n", told.stdout, told.code);
+        let held = format!("runs and holds udpin:127.0.0.1:{port}: this is what its gateway sees");
+        assert_told(&told, "good", &held);
+        assert_told(&told, "good", "system 1 is heard");
+    }
+}

@@ -1,0 +1,76 @@
+//! Services end in flight and do not come back by themselves: the vehicle comes to rest in space that was known to be
+//! free, the autopilot is told the truth, and the flight goes on when they are back.
+
+use jink_tests::processes::{Flight, System, free_udp_port, program, until};
+use std::process::Stdio;
+
+#[test]
+fn planner_fusion_and_guard_one_after_the_other() {
+    let [link, station] = [free_udp_port(), free_udp_port()];
+    let jink = System::up(
+        "gone",
+        &[
+            "--world",
+            "forest",
+            "--seed",
+            "8",
+            "--set",
+            &format!("link.address=udpin:127.0.0.1:{link}"),
+            "--set",
+            &format!("simulation.ground_station_port={station}"),
+        ],
+    );
+    let port = station.to_string();
+    let mut mission = program(
+        "jink-simulator",
+        &["fly", "--port", &port, "--world", "forest", "--seed", "8"],
+    );
+    let mission = mission.stdout(Stdio::piped()).spawn().unwrap();
+    jink.until_it_flies();
+    for service in ["planner", "obstacle_fusion", "collision_guard"] {
+        let start_m = jink.flown_m();
+        until("some way", || jink.flown_m() > start_m + 4.0);
+        let stop = jink.jink(&["stop", service]);
+        assert_eq!(stop.code, Some(0), "{service}: {stop:?}");
+        jink.until_it_rests();
+        let status = jink.status();
+        let said = status["link"]["avoidance"].as_str().unwrap_or_default();
+        assert!(!said.is_empty() && said != "active", "{service}: {status}");
+        assert_ne!(status["health"], "healthy", "{service}: {status}");
+        let restart = jink.jink(&["restart", "--hard", service]);
+        assert_eq!(restart.code, Some(0), "{service}: {restart:?}");
+        until("good health", || jink.status()["link"]["avoidance"] == "active");
+    }
+    let flown = mission.wait_with_output().unwrap();
+    assert_eq!(flown.status.code(), Some(0), "{flown:?}");
+    let truth = jink.truth();
+    assert_eq!(jink.truth_number("collisions"), Some(0.0), "{truth}");
+    assert_eq!(
+        jink.truth_number("hold_count"),
+        Some(0.0),
+        "{truth} {}",
+        jink.status()
+    );
+}
+
+#[test]
+fn how_a_killed_service_ended_is_kept_and_shown() {
+    let flight = Flight::begin(&["--seed", "9", "--kill", "planner@3s"]);
+    flight.until_it_flies();
+    until("the restart", || flight.service("planner")["restarts"] == 1);
+    let mut end = serde_json::Value::Null;
+    until("its end on record", || {
+        end = flight.status()["ends"][0].clone();
+        end.is_object()
+    });
+    assert_eq!(end["process"], "planner", "{end}");
+    assert!(end["exit"].as_str().unwrap().contains('9'), "{end}");
+    assert!(end["cycles"].as_u64().unwrap() > 0, "{end}");
+    assert!(
+        end["last_lines"].is_array() && end["lived_s"].as_f64().unwrap() > 0.0,
+        "{end}"
+    );
+    let text = flight.jink(&["status"]).stdout;
+    assert!(text.contains("planner (start 1, process id"), "{text}");
+    assert_eq!(flight.end()["outcome"], "goal");
+}

@@ -1,0 +1,46 @@
+//! Flights of the real processes in which services are swapped and killed and the supervisor is killed: the goal is
+//! reached, nothing is touched, the autopilot never falls back to Hold.
+
+use jink_tests::processes::{answer, demo, program};
+use serde_json::Value;
+
+#[test]
+fn the_supervisor_is_killed_in_flight_and_goes_on_with_the_processes_it_finds() {
+    let flight = demo(&["--seed", "5", "--kill", "supervisor@4s", "--kill", "planner@8s"]);
+    assert_eq!(flight.figures["outcome"], "goal", "{}", flight.text);
+    assert_eq!(flight.figures["collisions"], 0, "{}", flight.text);
+    assert_eq!(flight.figures["fcu_hold_count"], 0, "{}", flight.text);
+    let faults = flight.figures["faults"].as_array().unwrap();
+    assert_eq!(faults.len(), 2, "{}", flight.text);
+    assert!(
+        faults.iter().all(|fault| fault["survived"] == true),
+        "{}",
+        flight.text
+    );
+}
+
+#[test]
+fn a_short_campaign_of_faults_drawn_by_lot_ends_at_the_goal() {
+    let campaign = answer(&mut program(
+        "jink",
+        &[
+            "chaos",
+            "--flights",
+            "1",
+            "--seed",
+            "11",
+            "--faults",
+            "kill,stop,swap,garbage",
+            "--json",
+            "--services",
+            "planner,bezier_generator,collision_guard,obstacle_fusion,sensors",
+        ],
+    ));
+    let last = campaign.stdout.lines().last().unwrap_or_default();
+    let figures: Value = serde_json::from_str(last).unwrap_or_else(|_| panic!("{campaign:?}"));
+    assert_eq!(campaign.code, Some(0), "{campaign:?}");
+    assert_eq!(figures["collisions"], 0, "{campaign:?}");
+    assert_eq!(figures["fcu_hold_count"], 0, "{campaign:?}");
+    assert_eq!(figures["not_back"], 0, "{campaign:?}");
+    assert!(figures["faults"].as_u64().unwrap() >= 4, "{campaign:?}");
+}

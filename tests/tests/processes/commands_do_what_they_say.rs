@@ -1,0 +1,332 @@
+//! The `jink` command on a jink that runs: what one command says that another one does, it does.
+
+use jink_tests::processes::{Answer, System, TempFolder, answer, free_udp_port, program, until};
+use serde_json::Value;
+use std::net::UdpSocket;
+use std::os::unix::process::CommandExt;
+use std::process::Stdio;
+
+const NOBODY: u32 = 65_534;
+
+/// A vehicle in an empty world, on a port of its own.
+fn simulated(role: &str, further: &[&str]) -> System {
+    let address = format!("link.address=udpin:127.0.0.1:{}", free_udp_port());
+    let arguments = [
+        "--world",
+        "empty",
+        "--set",
+        &address,
+        "--set",
+        "simulation.ground_station_port=0",
+    ];
+    System::up(role, &[&arguments[..], further].concat())
+}
+
+fn json(told: &Answer) -> Value {
+    serde_json::from_str(&told.stdout).unwrap_or_else(|error| panic!("{error}: {told:?}"))
+}
+
+#[test]
+fn a_stopped_service_is_no_failure_and_a_restart_starts_it() {
+    let jink = simulated("stop", &[]);
+    let first = jink.service("planner")["pid"].clone();
+    let stopped = jink.jink(&["stop", "planner"]);
+    assert_eq!(stopped.code, Some(0), "{stopped:?}");
+    assert!(
+        stopped.stdout.contains("`jink restart planner` starts it again"),
+        "{stopped:?}"
+    );
+    until("a stopped planner", || {
+        jink.service("planner")["state"] == "stopped"
+    });
+    let planner = jink.service("planner");
+    assert_eq!(planner["reason"], "asked", "{planner}");
+    // On the user's own wish nobody calls for the end of the flight.
+    let status = jink.status();
+    assert_eq!(status["health"], "degraded", "{status:#}");
+    until("a word about it", || {
+        jink.status()["link"]["avoidance"] == "critical"
+    });
+
+    let swapped = jink.jink(&["swap", "planner", "/bin/true"]);
+    assert_eq!(swapped.code, Some(1), "{swapped:?}");
+    assert!(swapped.stderr.contains("`jink restart` starts it"), "{swapped:?}");
+    let started = jink.jink(&["restart", "planner"]);
+    assert_eq!(started.code, Some(0), "{started:?}");
+    assert!(started.stdout.contains("planner is started"), "{started:?}");
+    until("good health", || jink.status()["health"] == "healthy");
+    assert_ne!(jink.service("planner")["pid"], first);
+
+    for (binary, said) in [
+        ("/etc/passwd", "is not executable"),
+        ("/bin/true", "is it this service's program?"),
+    ] {
+        let refused = jink.jink(&["swap", "planner", binary]);
+        assert_eq!(refused.code, Some(1), "{refused:?}");
+        assert!(refused.stderr.contains(said), "{binary}: {refused:?}");
+    }
+    for (name, said) in [
+        (
+            "nosuch",
+            "there is no process \"nosuch\"; there are simulator, mavlink_gateway",
+        ),
+        ("planer", "did you mean `planner`?"),
+        ("supervisor", "`jink swap supervisor BINARY`"),
+    ] {
+        let refused = jink.jink(&["stop", name]);
+        assert_eq!(refused.code, Some(1), "{refused:?}");
+        assert!(refused.stderr.contains(said), "{name}: {refused:?}");
+        assert!(
+            name == "planer" || !refused.stderr.contains("did you mean"),
+            "{refused:?}"
+        );
+    }
+}
+
+#[test]
+fn topics_and_the_ring_are_read_by_machines() {
+    let jink = simulated("topics", &[]);
+    for (topic, field) in [
+        ("vehicle/state", "position"),
+        ("plan/route", "corridor"),
+        ("range/cloud/lidar", "points"),
+        ("system/status", "processes"),
+    ] {
+        let told = jink.jink(&[
+            "topic",
+            "echo",
+            topic,
+            "--json",
+            "--count",
+            "2",
+            "--timeout",
+            "20",
+        ]);
+        assert_eq!(told.code, Some(0), "{topic}: {told:?}");
+        let samples: Vec<Value> = told
+            .stdout
+            .lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect();
+        assert_eq!(samples.len(), 2, "{topic}");
+        let [before, after] = [&samples[0], &samples[1]];
+        assert_eq!(before["topic"], topic);
+        assert!(
+            !before["sample"][field].is_null(),
+            "{topic}: {}",
+            before["sample"]
+        );
+        let published = |sample: &Value| sample["header"]["publish"].as_f64().unwrap();
+        assert!(published(before) < published(after), "{topic}");
+        assert!(!told.stdout.contains("reserved"), "{topic}");
+    }
+    let ring = json(&jink.jink(&["ring", "--json"]));
+    let bearings = ring["sectors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|sector| &sector["bearing_deg"]);
+    assert!(
+        bearings
+            .enumerate()
+            .all(|(n, bearing)| *bearing == 5.0 * n as f64),
+        "{ring}"
+    );
+    // Nothing has been measured yet, and nothing is what is shown.
+    assert_eq!(jink.status()["link"]["capture_to_wire_p50_ms"], Value::Null);
+    assert!(jink.jink(&["status"]).stdout.contains("capture to wire -\n"));
+}
+
+#[test]
+fn another_supervisor_goes_on_and_nobody_notices() {
+    let jink = simulated("super", &[]);
+    until("an active companion", || {
+        jink.status()["link"]["avoidance"] == "active"
+    });
+    // What the status says of a killed service survives, too.
+    let killed = jink.service("planner")["pid"].as_u64().unwrap();
+    rustix::process::kill_process(
+        rustix::process::Pid::from_raw(i32::try_from(killed).unwrap()).unwrap(),
+        rustix::process::Signal::KILL,
+    )
+    .unwrap();
+    until("a planner that is back", || {
+        let planner = jink.service("planner");
+        planner["restarts"] == 1 && planner["state"] == "active"
+    });
+    until("an active companion", || {
+        jink.status()["link"]["avoidance"] == "active"
+    });
+    let before = jink.service("planner");
+    let watch = jink.command(&["topic", "echo", "link/status", "--json", "--timeout", "6"]);
+    let watching = std::thread::spawn(move || {
+        let mut watch = watch;
+        answer(&mut watch)
+    });
+    let supervisor = jink_tests::processes::programs().join("jink-supervisor");
+    let swapped = jink.jink(&["swap", "supervisor", supervisor.to_str().unwrap()]);
+    assert_eq!(swapped.code, Some(0), "{swapped:?}");
+    until("the next supervisor", || jink.status()["health"] == "healthy");
+    let after = jink.service("planner");
+    for same in ["pid", "restarts", "last_exit", "reason"] {
+        assert_eq!(after[same], before[same], "{same}");
+    }
+    assert!(
+        after["uptime_s"].as_f64() >= before["uptime_s"].as_f64(),
+        "{before} {after}"
+    );
+    std::thread::sleep(std::time::Duration::from_secs(2));
+    let down = jink.jink(&["down", "--now"]);
+    assert_eq!(down.code, Some(0), "{down:?}");
+    let seen = watching.join().unwrap();
+    // The last ones are of the end.
+    let states: Vec<Value> = seen
+        .stdout
+        .lines()
+        .filter_map(|line| serde_json::from_str(line).ok())
+        .collect();
+    let avoidance: Vec<&str> = states
+        .iter()
+        .filter_map(|one| one["sample"]["avoidance"].as_str())
+        .collect();
+    let active = avoidance.iter().take_while(|state| **state == "active").count();
+    assert!(active >= 10, "{avoidance:?}");
+    assert!(avoidance[active..].len() < 5, "{avoidance:?}");
+}
+
+#[test]
+fn a_second_vehicle_finds_a_port_of_its_own() {
+    // As the configuration names it, and taken.
+    let taken = UdpSocket::bind(("127.0.0.1", 0)).unwrap();
+    let port = taken.local_addr().unwrap().port();
+    let folder = TempFolder::with_config("second");
+    let file = folder.path().join("jink.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    assert!(text.contains("udpin:127.0.0.1:14540"));
+    std::fs::write(
+        &file,
+        text.replace("udpin:127.0.0.1:14540", &format!("udpin:127.0.0.1:{port}")),
+    )
+    .unwrap();
+    let instance = format!("t_second_{}", std::process::id());
+    let told = answer(&mut program(
+        "jink",
+        &[
+            "--instance",
+            &instance,
+            "up",
+            "--detach",
+            "--world",
+            "empty",
+            "--config",
+            folder.text(),
+            "--set",
+            "simulation.ground_station_port=0",
+        ],
+    ));
+    let down = answer(&mut program("jink", &["--instance", &instance, "down", "--now"]));
+    assert_eq!((told.code, down.code), (Some(0), Some(0)), "{told:?} {down:?}");
+    assert!(
+        told.stdout.contains(&format!(
+            "port {port} is taken: this vehicle's autopilot speaks on port"
+        )),
+        "{told:?}"
+    );
+    assert!(told.stdout.contains("is ready;"), "{told:?}");
+    // A good start says nothing that reads like a failure.
+    assert!(
+        !told.stdout.contains("starting\n") && !told.stdout.contains("have not come"),
+        "{told:?}"
+    );
+}
+
+#[test]
+fn instances_are_listed_and_what_ended_ones_left_is_removed() {
+    let jink = simulated("listed", &[]);
+    let name = jink.instance().to_owned();
+    let left = format!("t_left_{}", std::process::id());
+    let folder = format!("/dev/shm/jink_{left}/log");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(format!("{folder}/planner.log"), "a log\n").unwrap();
+    let all = json(&jink.jink(&["instances", "--json"]));
+    let of = |all: &Value, name: &str| {
+        let all = all.as_array().unwrap();
+        all.iter()
+            .find(|one| one["name"] == name)
+            .cloned()
+            .unwrap_or(Value::Null)
+    };
+    assert_eq!(of(&all, &name)["state"], "running", "{all:#}");
+    assert_eq!(of(&all, &name)["supervisor"], jink.status()["supervisor_pid"]);
+    assert_eq!(of(&all, &left)["state"], "ended");
+    // Not `--remove`: what other tests have left is theirs to look at.
+    std::fs::remove_dir_all(format!("/dev/shm/jink_{left}")).unwrap();
+    assert_eq!(
+        of(&json(&jink.jink(&["instances", "--json"])), &left),
+        Value::Null
+    );
+}
+
+#[test]
+fn another_user_is_told_at_once_whose_it_is() {
+    if !rustix::process::geteuid().is_root() {
+        eprintln!("NOT TESTED: only root can become another user");
+        return;
+    }
+    let jink = simulated("user", &[]);
+    for arguments in [
+        &["status"][..],
+        &["down"],
+        &["param", "set", "OA_SPD_MAX", "2"],
+        &["top", "--once"],
+    ] {
+        let mut command = jink.command(arguments);
+        command.uid(NOBODY).gid(NOBODY);
+        let Ok(told) = command.output() else {
+            eprintln!("NOT TESTED: another user may not run the programs of this folder");
+            return;
+        };
+        let said = String::from_utf8_lossy(&told.stderr).into_owned();
+        assert_eq!(told.status.code(), Some(1), "{arguments:?}: {said}");
+        assert!(
+            said.contains("belongs to the user with id 0"),
+            "{arguments:?}: {said}"
+        );
+    }
+    assert_eq!(jink.status()["health"], "healthy");
+}
+
+#[test]
+fn a_world_is_described_for_people_and_its_reader_may_leave() {
+    let table = answer(&mut program(
+        "jink",
+        &["world", "--world", "forest", "--seed", "7"],
+    ))
+    .stdout;
+    assert!(
+        table.contains(" m north ") && table.contains("cylinder"),
+        "{table}"
+    );
+    assert!(!table.contains("Cylinder(") && !table.contains("_m:"), "{table}");
+    let mut child = program("jink", &["world", "--json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!((output.status.code(), said.as_str()), (Some(0), ""));
+}
+
+#[test]
+fn campaigns_and_approaches_are_commands_of_jink() {
+    for command in ["campaign", "approach"] {
+        let help = answer(&mut program("jink", &[command, "--help"]));
+        assert_eq!(help.code, Some(0), "{help:?}");
+        assert!(
+            help.stdout.contains(&format!("Usage: jink-{command}")),
+            "{help:?}"
+        );
+    }
+}

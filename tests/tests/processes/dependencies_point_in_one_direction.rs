@@ -1,0 +1,120 @@
+//! `shared_types <- services/runtime <- services/*`: checked over `cargo metadata`, so that the folder list stays a
+//! layering and the heavy crates stay behind one door each.
+
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use std::process::Command;
+
+/// Normal and build dependencies by name of every workspace package, with its folder relative to the workspace.
+fn packages() -> BTreeMap<String, (String, BTreeSet<String>)> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--format-version", "1", "--no-deps", "--offline"])
+        .current_dir(root)
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let packages = metadata["packages"].as_array().unwrap().iter().map(|package| {
+        let manifest = Path::new(package["manifest_path"].as_str().unwrap());
+        let folder = manifest.parent().unwrap().strip_prefix(root).unwrap();
+        let dependencies = package["dependencies"].as_array().unwrap().iter();
+        let normal = dependencies
+            .filter(|dependency| dependency["kind"].as_str() != Some("dev"))
+            .map(|dependency| dependency["name"].as_str().unwrap().to_owned())
+            .collect();
+        let name = package["name"].as_str().unwrap().to_owned();
+        (name, (folder.to_str().unwrap().to_owned(), normal))
+    });
+    packages.collect()
+}
+
+#[test]
+fn services_depend_on_the_runtime_and_the_contract_only() {
+    let packages = packages();
+    let ours = |name: &String| packages.contains_key(name);
+    for (name, (_, dependencies)) in &packages {
+        let allowed: &[&str] = match name.as_str() {
+            "jink-shared-types" => &[],
+            "jink-runtime" => &["jink-shared-types"],
+            "jink-tests" | "jink-real-autopilots" | "jink-map-bench" => continue,
+            _ => &["jink-shared-types", "jink-runtime"],
+        };
+        for dependency in dependencies.iter().filter(|dependency| ours(dependency)) {
+            assert!(
+                allowed.contains(&dependency.as_str()),
+                "{name} must not depend on {dependency}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_package_is_named_after_its_folder() {
+    for (name, (folder, _)) in packages() {
+        let last = folder.rsplit('/').next().unwrap().replace('_', "-");
+        assert_eq!(name, format!("jink-{last}"));
+    }
+}
+
+#[test]
+fn heavy_crates_stay_behind_one_door() {
+    let doors: [(&str, &[&str]); 4] = [
+        (
+            "mavlink",
+            &[
+                "jink-mavlink-gateway",
+                "jink-simulator",
+                "jink-tests",
+                "jink-real-autopilots",
+            ],
+        ),
+        ("iceoryx2", &["jink-runtime"]),
+        ("clarabel", &["jink-bezier-generator"]),
+        ("iceoryx2-bb-elementary-traits", &["jink-shared-types"]),
+    ];
+    let packages = packages();
+    for (heavy, allowed) in doors {
+        let users: Vec<_> = packages
+            .iter()
+            .filter(|(_, (_, dependencies))| dependencies.contains(heavy))
+            .map(|(name, _)| name.as_str())
+            .collect();
+        assert!(
+            !users.is_empty(),
+            "nobody uses {heavy} any more: update this list"
+        );
+        for user in users {
+            assert!(allowed.contains(&user), "{user} must not depend on {heavy}");
+        }
+    }
+}
+
+#[test]
+fn every_program_in_the_topic_table_is_a_folder_of_services() {
+    // A planner that users bring.
+    let of_users = ["proposer"];
+    let folders: BTreeSet<String> = packages()
+        .values()
+        .map(|(folder, _)| folder.trim_start_matches("services/").to_owned())
+        .collect();
+    for row in jink_shared_types::topics::TABLE {
+        for program in row
+            .producers
+            .iter()
+            .chain(row.consumers)
+            .filter(|program| **program != "*")
+        {
+            assert!(
+                folders.contains(*program) || of_users.contains(program),
+                "{}: {program}",
+                row.name
+            );
+        }
+    }
+}

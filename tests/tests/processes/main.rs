@@ -1,0 +1,29 @@
+//! The real programs, run as a user runs them: most of their time is waiting.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod a_bad_candidate_never_gets_to_fly;
+mod a_killed_guard_leaves_the_pilot_safe;
+mod a_killed_service_is_not_felt;
+mod a_link_is_examined_before_the_flight;
+mod a_planner_of_somebody_else_flies;
+mod a_real_depth_camera_is_read_from_its_device;
+mod a_real_lidar_is_read_from_its_socket;
+mod a_real_rangefinder_is_read_from_its_serial_port;
+mod a_second_instance_takes_over_without_a_start;
+mod a_sensor_of_somebody_else_is_a_row;
+mod a_serial_line_of_57600_carries_a_flight;
+mod a_service_that_is_gone_is_made_up_for;
+mod a_swap_and_a_dead_supervisor_are_not_felt;
+mod a_swapped_gateway_leaves_no_gap_on_any_link;
+mod bad_input_gets_one_clear_error;
+mod clouds_of_other_programs_reach_the_map;
+mod commands_do_what_they_say;
+mod dependencies_point_in_one_direction;
+mod mavproxy_reads_and_sets_our_parameters;
+mod mavsdk_flies_and_tunes_through_the_gateway;
+mod pymavlink_finds_no_fault_on_the_link;
+mod pymavlink_gets_an_answer_to_every_question;
+mod pymavlink_trusts_our_signatures_and_we_trust_its;
+mod sensors_are_examined_before_the_flight;
+mod signatures_are_asked_for_link_by_link;
+mod the_documentation_names_what_exists;
