@@ -541,7 +541,7 @@ fn of_ring(seen: &Seen, findings: &mut Vec<Finding>) {
         ));
         return;
     }
-    blind(ring, &seen.params, findings);
+    blind(seen, findings);
 }
 
 fn ring_pace(ring: &RingSeen, rate_hz: f64) -> Finding {
@@ -573,8 +573,10 @@ fn ring_pace(ring: &RingSeen, rate_hz: f64) -> Finding {
 ///
 /// Ahead it is more than a restriction. Where collision prevention is on and motion without data is not allowed, a pilot's forward
 /// stick does nothing; where it is off, what is planned is flown nose first (OA_YAW_MODE = 1), and a guard that sees nothing
-/// there passes nothing.
-fn blind(ring: &RingSeen, params: &ParamSet, findings: &mut Vec<Finding>) {
+/// there passes nothing. A sensor that looks there and gets no answer is no such fault: nothing may stand within its range, and in
+/// the air the ground answers.
+fn blind(seen: &Seen, findings: &mut Vec<Finding>) {
+    let (ring, params) = (&seen.ring, &seen.params);
     let blind = ring.blind();
     let prevents = params.get(&params::CP_DIST) > 0.0;
     let goes_unseen = params.get(&params::CP_GO_NO_DATA) > 0.5;
@@ -590,15 +592,20 @@ fn blind(ring: &RingSeen, params: &ParamSet, findings: &mut Vec<Finding>) {
         let is_ahead = blind.holds_ahead(AHEAD_DEG);
         let flies_nose_first = params.get(&params::OA_YAW_MODE) > 0.5;
         let nothing_flies = is_ahead && if prevents { !goes_unseen } else { flies_nose_first };
-        let grade = if nothing_flies {
+        let grade = if nothing_flies && !seen.looks_ahead {
             Grade::Blocker
         } else {
             Grade::Warning
         };
-        let remedy = if is_ahead {
-            "let a sensor look ahead: mend the one that does, or correct where it is mounted (orientation, yaw_deg)"
-        } else {
-            "none if it is meant so; otherwise another sensor, or another mounting"
+        let remedy = match (is_ahead, seen.looks_ahead) {
+            (true, false) => {
+                "let a sensor look ahead: mend the one that does, or correct where it is mounted (orientation, yaw_deg)"
+            }
+            (true, true) => {
+                "a sensor looks ahead, and nothing answers: as it is where nothing stands within its range; hold something in front of \
+                 it and look again"
+            }
+            (false, _) => "none if it is meant so; otherwise another sensor, or another mounting",
         };
         let known_deg = 360.0 - blind.width_deg();
         findings.push(finding(

@@ -524,6 +524,10 @@ fn what_nobody_sees_is_told_and_weighs_as_much_as_it_hinders() {
     for (unknown, params, grade, words) in cases {
         assert_only(&seen(unknown, params), grade, words);
     }
+    // In the open nothing answers a camera that stands on the ground.
+    let mut open = seen(ahead, &[]);
+    open.0.looks_ahead = true;
+    assert_only(&open, Grade::Warning, "blind: 332.5 to 22.5 deg (forward)");
     let everything = seen(|_| true, &[]);
     assert_only(&everything, Grade::Blocker, "blind: all around; 0 deg known");
 }
