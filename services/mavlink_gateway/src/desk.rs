@@ -13,8 +13,9 @@
 use crate::commands::Rhythm;
 use crate::computer::{self, BoardReading};
 use crate::files::FileServer;
-use crate::parameters::{Encoding, Parameters};
-use crate::ticker::Ticker;
+use crate::parameters::Parameters;
+use jink_mavlink_link::encoding::Encoding;
+use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::Timestamp;
 use jink_shared_types::params::ParamSet;
 use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavMessage, MavModeFlag};

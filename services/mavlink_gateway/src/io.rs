@@ -1,9 +1,9 @@
 //! What goes into a step of the gateway and what comes out.
 
-use crate::links::LinksReport;
-use crate::message::{Outgoing, Received};
 use crate::note::Note;
 use crate::ranges::{Arrived, SCANS};
+use jink_mavlink_link::links::LinksReport;
+use jink_mavlink_link::message::{Outgoing, Received};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;

@@ -4,13 +4,13 @@ mod kept;
 mod opening;
 
 use crate::board::Board;
-use crate::link::Progress;
-use crate::links::Links;
 use crate::ranges::{RangeSources, SensorTable};
 use crate::{
     Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileChoice, Receipt,
     Received, Representation,
 };
+use jink_mavlink_link::link::Progress;
+use jink_mavlink_link::links::Links;
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{
     Claim, Clock, Cycle, Input, Latency, Output, Ports, Service, StartError, StoreWriter, Wake,

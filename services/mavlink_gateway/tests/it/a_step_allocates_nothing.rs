@@ -4,19 +4,19 @@
 use crate::support::{MODE_MISSION, MODE_POSITION, Sample, at, flight, heartbeat, wish};
 use allocation_counter::measure;
 use jink_mavlink_gateway::assist::record::AssistRecord;
-use jink_mavlink_gateway::budget::Class;
 use jink_mavlink_gateway::executive::FlightGoal;
 use jink_mavlink_gateway::executive::items::Jumps;
 use jink_mavlink_gateway::executive::record::{LandedState, Record};
-use jink_mavlink_gateway::frame::Splitter;
-use jink_mavlink_gateway::link::Link;
-use jink_mavlink_gateway::links::{LinkSetup, Links};
-use jink_mavlink_gateway::router::Us;
-use jink_mavlink_gateway::signing::Key;
 use jink_mavlink_gateway::{
     Body, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outgoing, Outputs, ProfileName,
     Receipt, Received,
 };
+use jink_mavlink_link::budget::Class;
+use jink_mavlink_link::frame::Splitter;
+use jink_mavlink_link::link::Link;
+use jink_mavlink_link::links::{LinkSetup, Links};
+use jink_mavlink_link::router::Us;
+use jink_mavlink_link::signing::Key;
 use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::motion::{ApprovedTrajectory, Verdict};
 use jink_shared_types::params::ParamSet;

@@ -11,12 +11,12 @@
 
 use super::dice::Dice;
 use super::messages;
-use jink_mavlink_gateway::frame::Splitter;
-use jink_mavlink_gateway::signing::stamps::Stamps;
 use jink_mavlink_gateway::{
     Baton, Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, Content, Encoder,
     Gateway, GatewayConfig, Inputs, OUTBOX, Outputs, ProfileName, Receipt, Received, Remedy, Representation,
 };
+use jink_mavlink_link::frame::Splitter;
+use jink_mavlink_link::signing::stamps::Stamps;
 use jink_shared_types::bezier::{self, End};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, SystemStatus};

@@ -3,10 +3,10 @@
 #![allow(dead_code)] // Every test file uses its own part of the bench.
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
 
-use jink_mavlink_gateway::frame::Splitter;
 use jink_mavlink_gateway::{
     COMPONENT_AUTOPILOT, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Received,
 };
+use jink_mavlink_link::frame::Splitter;
 use jink_shared_types::bezier::{self, End};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::{Health, SystemStatus};
