@@ -71,6 +71,7 @@ fn main() {
             ring: fresh(&ring, &header),
             system: Reading::Never,
             events: &[],
+            parameters: None,
         };
         gateway.step(now, &inputs, &mut outputs);
         let stepped = Instant::now();

@@ -11,7 +11,7 @@
 //! | `event` | STATUSTEXT |
 //! | TIMESYNC | answers; the autopilot's clock mapped to the board's |
 //! | where a pilot chooses assisted flight: his sticks, `guard/prevented` | `pilot/demand`, SET_POSITION_TARGET_LOCAL_NED ([`assist`]) |
-//! | commands, PARAM_*, FILE_TRANSFER_PROTOCOL | answers; `parameters` |
+//! | commands, PARAM_*, FILE_TRANSFER_PROTOCOL, `parameters` | answers; `parameters/change` |
 //! | the board | ONBOARD_COMPUTER_STATUS of component 191 |
 //!
 //! [`Gateway::step`] is pure; the links and their rules, frames and messages are those of [`jink_mavlink_link`]:
@@ -32,6 +32,7 @@
 //!     ring: Reading::Never,
 //!     system: Reading::Never,
 //!     events: &[],
+//!     parameters: None,
 //! };
 //! gateway.step(now, &inputs, &mut outputs);
 //! for message in outputs.messages() {

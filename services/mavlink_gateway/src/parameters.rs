@@ -5,9 +5,10 @@
 //! |---|---|
 //! | PARAM_REQUEST_LIST, also to all components | every PARAM_VALUE, [`PACE_HZ`] of them a second; another request starts again |
 //! | PARAM_REQUEST_READ by name or number, also to all components | PARAM_VALUE at once |
-//! | PARAM_SET, to us only | PARAM_VALUE with the value in force, to everybody |
+//! | PARAM_SET, to us only | the parameter server is asked ([`ParameterChange`]); with its answer PARAM_VALUE with the value in force, to everybody |
+//! | the same, and the server does not answer | after [`PATIENCE_S`] PARAM_VALUE with the value that stays |
 //! | the same, refused | PARAM_ERROR with the reason to whoever asked, and PARAM_VALUE with the value that stays |
-//! | a change from this board ([`ParameterChange`]) | the same PARAM_VALUE, so that ground stations follow |
+//! | a value has changed for another reason ([`ParameterValues`]) | PARAM_VALUE, so that ground stations follow |
 //!
 //! A refusal is said twice because ground stations that do not know PARAM_ERROR (it is from 2025) only compare the value
 //! that comes back with the one they have sent. What all components are asked about and we do not know is for others to
@@ -15,9 +16,9 @@
 
 use jink_mavlink_link::encoding::{Encoding, TooWide, wire_type};
 use jink_mavlink_link::ticker::Ticker;
-use jink_shared_types::Timestamp;
-use jink_shared_types::params::{Param, ParamError, ParamSet, ParamType};
-use jink_shared_types::tuning::{PARAMETERS_MAX, ParameterChange, ParameterValues};
+use jink_shared_types::params::{Param, ParamSet, ParamType};
+use jink_shared_types::tuning::{PARAMETERS_MAX, ParameterChange, ParameterValues, table_of};
+use jink_shared_types::{Reserved, Timestamp};
 use mavlink::dialects::ardupilotmega::{
     MavParamError, MavParamType, PARAM_ERROR_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA,
 };
@@ -26,8 +27,11 @@ use mavlink::types::CharArray;
 /// Values per second that nobody waits for one by one (Hz). A frame has 37 bytes: 6 % of a line of 57,600 baud, which has
 /// setpoints to carry, and the whole table within two seconds.
 pub const PACE_HZ: f64 = 10.0;
-/// How often all values are published on the board (Hz), as the topic table says.
-const PUBLISH_RATE_HZ: u32 = 1;
+/// The parameter server answers within milliseconds, and a restart of it takes a few tens; ground stations ask again after a
+/// second or so (QGroundControl 1 s, pymavlink's 3 s).
+pub const PATIENCE_S: f64 = 0.5;
+/// Changes that wait for their answers: a ground station sets one after the other, scripts a few at once.
+const WAITING: usize = 16;
 
 /// What is to be sent in answer to one message.
 #[derive(Clone, Debug, Default)]
@@ -46,11 +50,10 @@ pub struct Parameters {
     /// One bit per row that somebody is to be told without having asked for it alone.
     untold: u64,
     pace: Ticker,
-    changes: u32,
-    answered: u64,
-    /// Somebody on the board has to know at once.
-    is_news: bool,
-    publish_due: Timestamp,
+    /// What ground stations want changed, oldest first. The first is with the parameter server, if `asked` says so.
+    wanted: Vec<ParameterChange>,
+    /// Until when the first is waited for.
+    asked: Option<Timestamp>,
 }
 
 const _: () = assert!(PARAMETERS_MAX <= u64::BITS as usize);
@@ -63,10 +66,8 @@ impl Parameters {
             encoding: Encoding::default(),
             untold: 0,
             pace: Ticker::new(PACE_HZ),
-            changes: 0,
-            answered: 0,
-            is_news: false,
-            publish_due: Timestamp::NEVER,
+            wanted: Vec::with_capacity(WAITING),
+            asked: None,
         }
     }
 
@@ -85,9 +86,52 @@ impl Parameters {
         self.encoding = encoding;
     }
 
-    /// Takes the values that another gateway has in force.
-    pub fn follow(&mut self, set: &ParamSet) {
+    /// These values are in force from the start.
+    pub fn begin_with(&mut self, set: &ParamSet) {
         self.set.clone_from(set);
+    }
+
+    /// Takes the values that the parameter server has in force; the answer to who has asked for the change that it answers.
+    pub fn take_values(&mut self, values: &ParameterValues) -> Option<PARAM_VALUE_DATA> {
+        for (index, (row, value)) in values.rows(&self.set).enumerate() {
+            if self.set.get(row) != value && self.set.set(row.name, value).is_ok() {
+                self.untold |= 1 << index;
+            }
+        }
+        let is_answer = self.asked.is_some()
+            && self
+                .wanted
+                .first()
+                .is_some_and(|first| first.id == values.answered);
+        is_answer.then(|| self.answer())?
+    }
+
+    /// The value in force of the row that was to be changed first; it is no longer waited for.
+    fn answer(&mut self) -> Option<PARAM_VALUE_DATA> {
+        self.asked = None;
+        if self.wanted.is_empty() {
+            return None;
+        }
+        let index = self.wanted.remove(0).row as usize;
+        self.untold &= !(1 << index);
+        self.set.row(index).map(|row| self.value(index, row))
+    }
+
+    /// The next change for the parameter server.
+    pub fn ask(&mut self, now: Timestamp) -> Option<ParameterChange> {
+        if self.asked.is_some() {
+            return None;
+        }
+        let first = *self.wanted.first()?;
+        self.asked = Some(now.plus_seconds(PATIENCE_S));
+        Some(first)
+    }
+
+    /// The value that stays, if the parameter server has not answered in time.
+    pub fn give_up(&mut self, now: Timestamp) -> Option<PARAM_VALUE_DATA> {
+        self.asked
+            .filter(|until| now >= *until)
+            .and_then(|_| self.answer())
     }
 
     /// Somebody wants all of them.
@@ -117,8 +161,8 @@ impl Parameters {
         }
     }
 
-    /// Somebody wants one changed.
-    pub fn request_set(&mut self, from: (u8, u8), request: &PARAM_SET_DATA) -> Reply {
+    /// Somebody wants one changed. If that can be, the answer comes with the parameter server's.
+    pub fn request_set(&mut self, now: Timestamp, from: (u8, u8), request: &PARAM_SET_DATA) -> Reply {
         let refused = |reason| Some(error(from, &request.param_id, -1, reason));
         let Some((index, row)) = self.find(&request.param_id) else {
             return Reply {
@@ -126,14 +170,44 @@ impl Parameters {
                 value: None,
             };
         };
-        let reason = self.change(row, request).err();
+        let reason = match self.wish(row, request) {
+            Ok(value) if self.want(now, index, value) => return Reply::default(),
+            // The station sees that it is not changed, and asks again.
+            Ok(_) => None,
+            Err(reason) => Some(reason),
+        };
         Reply {
             error: reason.and_then(refused),
             value: Some(self.value(index, row)),
         }
     }
 
-    fn change(&mut self, row: &Param, request: &PARAM_SET_DATA) -> Result<(), MavParamError> {
+    /// Remembers what the parameter server is to be asked; `false` if too much waits already.
+    fn want(&mut self, now: Timestamp, index: usize, value: f64) -> bool {
+        // The first may be with the server: it stays as it was asked.
+        let behind = usize::from(self.asked.is_some()).min(self.wanted.len());
+        let row = index as u32;
+        if let Some(waiting) = self.wanted[behind..].iter_mut().find(|one| one.row == row) {
+            waiting.value = value;
+            return true;
+        }
+        if self.wanted.len() == WAITING {
+            return false;
+        }
+        let newest = self.wanted.last().map_or(0, |last| last.id);
+        self.wanted.push(ParameterChange {
+            table: table_of(&self.set),
+            // Never 0, and no other request's: nobody asks at the same nanosecond of the same clock.
+            id: now.ns.max(newest + 1).max(1),
+            value,
+            row,
+            reserved: Reserved::ZERO,
+        });
+        true
+    }
+
+    /// The value that a request means, if the row takes it.
+    fn wish(&self, row: &Param, request: &PARAM_SET_DATA) -> Result<f64, MavParamError> {
         let kind = request.param_type;
         let value = match self.encoding.take(kind, request.param_value) {
             Err(TooWide) => return Err(MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED),
@@ -144,29 +218,10 @@ impl Parameters {
             }
             Ok(value) => value,
         };
-        self.assign(row, value)
-            .map_err(|_| MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE)
-    }
-
-    fn assign(&mut self, row: &Param, value: f64) -> Result<(), ParamError> {
-        let before = self.set.get(row);
-        self.set.set(row.name, value)?;
-        if self.set.get(row) != before {
-            self.changes = self.changes.wrapping_add(1);
-            self.is_news = true;
-        }
-        Ok(())
-    }
-
-    /// Somebody on this board wants one changed. What is refused is answered with the value that stays.
-    pub fn take_change(&mut self, change: &ParameterChange) {
-        self.answered = change.id;
-        self.is_news = true;
-        let index = change.row as usize;
-        if let Some(row) = change.row(&self.set)
-            && self.assign(row, change.value).is_ok()
-        {
-            self.untold |= 1 << index;
+        let mut tried = self.set.clone();
+        match tried.set(row.name, value) {
+            Ok(()) => Ok(value),
+            Err(_) => Err(MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE),
         }
     }
 
@@ -181,28 +236,12 @@ impl Parameters {
         self.set.row(index).map(|row| self.value(index, row))
     }
 
-    /// All values for the board, if they are due, and whether they have changed by a request.
-    pub fn publish(&mut self, now: Timestamp) -> Option<(ParameterValues, bool)> {
-        let is_news = std::mem::take(&mut self.is_news);
-        if !is_news && now < self.publish_due {
-            return None;
-        }
-        self.publish_due = now.next_beat(PUBLISH_RATE_HZ);
-        let values = ParameterValues {
-            changes: self.changes,
-            answered: self.answered,
-            ..ParameterValues::of(&self.set)
-        };
-        Some((values, is_news))
-    }
-
-    /// When something is due next.
-    pub fn next_wake(&self) -> Timestamp {
-        if self.untold == 0 {
-            self.publish_due
-        } else {
-            self.publish_due.min(self.pace.due())
-        }
+    /// When something is due next, if it is.
+    pub fn next_wake(&self) -> Option<Timestamp> {
+        let pace = (self.untold != 0).then(|| self.pace.due());
+        // What was answered makes room for the next, at once.
+        let ask = (self.asked.is_none() && !self.wanted.is_empty()).then_some(Timestamp::NEVER);
+        [pace, self.asked, ask].into_iter().flatten().min()
     }
 
     /// The row with this name, and its number.
@@ -248,10 +287,10 @@ fn error(
 
 #[cfg(test)]
 mod tests {
-    use super::{Parameters, name};
+    use super::{PATIENCE_S, Parameters, WAITING, name};
     use jink_shared_types::Timestamp;
-    use jink_shared_types::params::{OA_SPD_MAX, OA_YAW_MODE, ParamSet, TABLE};
-    use jink_shared_types::tuning::{ParameterChange, TABLE_HASH};
+    use jink_shared_types::params::{OA_SPD_MAX, OA_YAW_MODE, ParamSet, ParamType, TABLE};
+    use jink_shared_types::tuning::{ParameterChange, ParameterValues};
     use mavlink::dialects::ardupilotmega::{
         MavParamError, MavParamType, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
     };
@@ -278,26 +317,71 @@ mod tests {
         }
     }
 
+    /// What the parameter server answers to `change`.
+    fn answered(parameters: &Parameters, change: &ParameterChange) -> ParameterValues {
+        let mut set = parameters.set().clone();
+        if let Some(row) = change.row(&set) {
+            let _refused = set.set(row.name, change.value);
+        }
+        ParameterValues {
+            answered: change.id,
+            ..ParameterValues::of(&set)
+        }
+    }
+
     #[test]
-    fn a_change_is_answered_with_the_new_value_and_published_once() {
+    fn a_change_is_asked_for_once_and_answered_with_what_the_server_has_in_force() {
         let mut parameters = parameters();
-        assert!(matches!(parameters.publish(at(0.0)), Some((_, false))));
-        let reply = parameters.request_set(
-            STATION,
-            &set("OA_SPD_MAX", 4.5, MavParamType::MAV_PARAM_TYPE_REAL32),
-        );
-        assert!(reply.error.is_none());
-        assert_eq!(reply.value.unwrap().param_value, 4.5);
-        let (values, is_news) = parameters.publish(at(0.1)).unwrap();
-        assert!(is_news && values.changes == 1);
-        assert!(
-            values
-                .rows(parameters.set())
-                .any(|(row, value)| row.name == "OA_SPD_MAX" && value == 4.5)
-        );
-        assert!(parameters.publish(at(0.2)).is_none());
-        let (_, is_news) = parameters.publish(at(1.3)).unwrap();
-        assert!(!is_news, "a repetition is no news");
+        let request = set("OA_SPD_MAX", 4.5, MavParamType::MAV_PARAM_TYPE_REAL32);
+        let reply = parameters.request_set(at(0.0), STATION, &request);
+        assert!(reply.error.is_none() && reply.value.is_none());
+        let change = parameters.ask(at(0.0)).unwrap();
+        assert!(parameters.ask(at(0.1)).is_none());
+        assert_eq!(parameters.set().get(&OA_SPD_MAX), OA_SPD_MAX.default);
+        let told = parameters.take_values(&answered(&parameters, &change)).unwrap();
+        assert_eq!(told.param_value, 4.5);
+        assert_eq!(parameters.set().get(&OA_SPD_MAX), 4.5);
+        // Told once, and the repetition of the values is no news.
+        assert!(parameters.take_values(&answered(&parameters, &change)).is_none());
+        assert!(parameters.next(at(1.0)).is_none() && parameters.next_wake().is_none());
+    }
+
+    #[test]
+    fn a_server_that_does_not_answer_is_given_up_and_the_next_is_asked_for() {
+        let mut parameters = parameters();
+        let real = MavParamType::MAV_PARAM_TYPE_REAL32;
+        for (name, value) in [("OA_SPD_MAX", 4.5), ("OA_ALT_MAX", 40.0), ("OA_ALT_MAX", 50.0)] {
+            assert!(
+                parameters
+                    .request_set(at(0.0), STATION, &set(name, value, real))
+                    .error
+                    .is_none()
+            );
+        }
+        let first = parameters.ask(at(0.0)).unwrap();
+        assert!(parameters.give_up(at(0.9 * PATIENCE_S)).is_none());
+        let stays = parameters.give_up(at(PATIENCE_S)).unwrap();
+        assert_eq!(f64::from(stays.param_value), OA_SPD_MAX.default);
+        let second = parameters.ask(at(PATIENCE_S)).unwrap();
+        assert_eq!(second.value, 50.0, "the newest wish for a row counts");
+        assert!(second.id > first.id);
+        // An answer that comes too late is no answer to the second; its value counts all the same.
+        assert!(parameters.take_values(&answered(&parameters, &first)).is_none());
+        assert_eq!(parameters.set().get(&OA_SPD_MAX), 4.5);
+        assert_eq!(parameters.next(at(1.0)).unwrap().param_value, 4.5);
+    }
+
+    #[test]
+    fn a_flood_of_changes_waits_in_a_queue_that_has_an_end() {
+        let mut parameters = parameters();
+        let rows: Vec<_> = TABLE.iter().filter(|row| row.kind == ParamType::Float).collect();
+        let mut waits = 0;
+        for row in &rows {
+            let request = set(row.name, row.max as f32, MavParamType::MAV_PARAM_TYPE_REAL32);
+            let reply = parameters.request_set(at(0.0), STATION, &request);
+            waits += usize::from(reply.value.is_none() && reply.error.is_none());
+        }
+        assert_eq!(waits, WAITING.min(rows.len()));
     }
 
     #[test]
@@ -319,12 +403,14 @@ mod tests {
         let real = MavParamType::MAV_PARAM_TYPE_REAL32;
         assert!(
             parameters
-                .request_set(STATION, &set("USR_SONAR_MAX", 4.5, real))
+                .request_set(at(0.0), STATION, &set("USR_SONAR_MAX", 4.5, real))
                 .error
                 .is_none()
         );
+        let change = parameters.ask(at(0.0)).unwrap();
+        parameters.take_values(&answered(&parameters, &change)).unwrap();
         assert_eq!(parameters.set().named("USR_SONAR_MAX"), Some(4.5));
-        let outside = parameters.request_set(STATION, &set("USR_SONAR_MAX", 99.0, real));
+        let outside = parameters.request_set(at(0.0), STATION, &set("USR_SONAR_MAX", 99.0, real));
         assert!(outside.error.is_some());
     }
 
@@ -364,7 +450,7 @@ mod tests {
                 false,
             ),
         ] {
-            let reply = parameters.request_set(STATION, &request);
+            let reply = parameters.request_set(at(0.0), STATION, &request);
             let error = reply.error.unwrap();
             assert_eq!(error.error, reason);
             assert_eq!((error.target_system, error.target_component), STATION);
@@ -382,9 +468,11 @@ mod tests {
             (1.0, MavParamType::MAV_PARAM_TYPE_REAL32),
             (f32::from_bits(0), MavParamType::MAV_PARAM_TYPE_UINT8),
         ] {
-            let reply = parameters.request_set(STATION, &set("OA_YAW_MODE", raw, kind));
+            let reply = parameters.request_set(at(0.0), STATION, &set("OA_YAW_MODE", raw, kind));
             assert!(reply.error.is_none());
-            let bits = reply.value.unwrap().param_value.to_bits();
+            let change = parameters.ask(at(0.0)).unwrap();
+            let told = parameters.take_values(&answered(&parameters, &change)).unwrap();
+            let bits = told.param_value.to_bits();
             assert_eq!(f64::from(bits), parameters.set().get(&OA_YAW_MODE));
         }
     }
@@ -438,28 +526,20 @@ mod tests {
     }
 
     #[test]
-    fn a_change_from_the_board_is_told_to_ground_stations_and_answered() {
+    fn a_change_from_the_board_is_told_to_ground_stations() {
         let mut parameters = parameters();
-        let change = |id, row: usize, value| ParameterChange {
-            table: TABLE_HASH,
-            id,
-            value,
-            row: row as u32,
-            reserved: jink_shared_types::Reserved::ZERO,
-        };
+        let mut values = ParameterValues::of(parameters.set());
         let row = TABLE.iter().position(|row| row.name == "OA_SPD_MAX").unwrap();
-        parameters.take_change(&change(7, row, 5.0));
+        values.values[row] = 5.0;
+        assert!(parameters.take_values(&values).is_none());
         assert_eq!(parameters.next(at(0.0)).unwrap().param_value, 5.0);
-        assert_eq!(parameters.publish(at(0.0)).unwrap().0.answered, 7);
-        for (id, row, value) in [(8, row, 99.0), (9, 99, 1.0), (10, usize::MAX, 1.0)] {
-            parameters.take_change(&change(id, row, value));
-            assert_eq!(parameters.publish(at(0.0)).unwrap().0.answered, id);
+        // What this table would not take, and what another table says, stays outside.
+        for (table, value) in [(values.table, 99.0), (values.table, f64::NAN), (1, 2.0)] {
+            values.table = table;
+            values.values[row] = value;
+            assert!(parameters.take_values(&values).is_none());
+            assert_eq!(parameters.set().get(&OA_SPD_MAX), 5.0);
         }
-        parameters.take_change(&ParameterChange {
-            table: 1,
-            ..change(11, row, 2.0)
-        });
-        assert_eq!(parameters.set().get(&OA_SPD_MAX), 5.0);
     }
 
     proptest! {
@@ -483,8 +563,13 @@ mod tests {
                     param_type: kinds[usize::from(kind) - 1],
                     ..PARAM_SET_DATA::default()
                 };
-                let reply = parameters.request_set(STATION, &request);
-                prop_assert!(reply.error.is_some() || reply.value.is_some());
+                let reply = parameters.request_set(at(0.0), STATION, &request);
+                if reply.error.is_none() && reply.value.is_none() {
+                    let change = parameters.ask(at(0.0)).unwrap();
+                    let row = change.row(parameters.set()).unwrap();
+                    prop_assert!((row.min..=row.max).contains(&change.value));
+                    prop_assert!(parameters.take_values(&answered(&parameters, &change)).is_some());
+                }
                 let read = PARAM_REQUEST_READ_DATA { param_index: index, param_id, ..PARAM_REQUEST_READ_DATA::default() };
                 let reply = parameters.request_read(STATION, &read, false);
                 prop_assert!(reply.error.is_some() != reply.value.is_some());

@@ -196,6 +196,9 @@ impl Gateway {
     /// latest at [`Self::next_wake`].
     pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
         outputs.clear();
+        if let Some(values) = inputs.parameters {
+            self.take_parameters(now, values, outputs);
+        }
         for received in inputs.messages {
             self.take(now, received, outputs);
         }

@@ -111,6 +111,7 @@ fn from_bytes_to_bytes_without_the_allocator() {
             ring: Sample::reading(&ring, now, 200.0),
             system: jink_shared_types::Reading::Never,
             events: &[],
+            parameters: None,
         };
         gateway.step(now, &inputs, &mut outputs);
         let mut sent = 0;
@@ -216,6 +217,7 @@ fn an_assisted_flight_asks_the_allocator_for_nothing() {
                 ring: jink_shared_types::Reading::Never,
                 system: jink_shared_types::Reading::Never,
                 events: &[],
+                parameters: None,
             };
             gateway.step(now, &inputs, &mut outputs);
             for message in outputs.messages() {
