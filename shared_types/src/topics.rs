@@ -325,12 +325,12 @@ topics! {
         5.0 Hz, stale after 600.0 ms, buffer 2, logged true, wakes false;
     /// The values of all parameters; services take the live ones at once.
     PARAMETERS: ParameterValues = "parameters",
-        from ["mavlink_gateway"], to ["*"],
-        1.0 Hz, stale after 2500.0 ms, buffer 2, logged true, wakes false;
-    /// A value that the command line wants changed; the answer is in `parameters`.
+        from ["parameter_server"], to ["*"],
+        1.0 Hz, stale after 2500.0 ms, buffer 2, logged true, wakes true;
+    /// A value that the command line or a ground station wants changed; the answer is in `parameters`.
     PARAMETER_CHANGE: ParameterChange = "parameters/change",
-        from ["cli"], to ["mavlink_gateway"],
-        0.0 Hz, stale after 5000.0 ms, buffer 4, logged true, wakes false;
+        from ["cli", "mavlink_gateway"], to ["parameter_server"],
+        0.0 Hz, stale after 5000.0 ms, buffer 4, logged true, wakes true;
     /// Somebody is about to end jink in flight: the vehicle is to be brought to rest and left to the autopilot.
     STOP_REQUEST: StopRequest = "vehicle/stop_request",
         from ["cli"], to ["mavlink_gateway"],

@@ -6,7 +6,7 @@
 
 use crate::lockstep::{FlightSetup, LockStep};
 use crate::pairing::Pairing;
-use jink_mavlink_gateway::COMPONENT_AVOIDANCE;
+use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_shared_types::link::AssistState;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Make, Phase};

@@ -9,6 +9,7 @@ use jink_bezier_generator::GeneratorService;
 use jink_collision_guard::GuardService;
 use jink_mavlink_gateway::GatewayService;
 use jink_obstacle_fusion::FusionService;
+use jink_parameter_server::ParameterService;
 use jink_planner::PlannerService;
 use jink_runtime::config::{Config, PROCESS_FILE};
 use jink_runtime::lockstep::{LocalBus, Looked, Member};
@@ -80,6 +81,7 @@ fn member(
     let role = setup.arguments.first().map(String::as_str);
     match (program.to_str(), role) {
         (Some("jink-mavlink-gateway"), _) => start::<GatewayService>(bus, setup, config),
+        (Some("jink-parameter-server"), _) => start::<ParameterService>(bus, setup, config),
         (Some("jink-collision-guard"), _) => start::<GuardService>(bus, setup, config),
         (Some("jink-bezier-generator"), _) => start::<GeneratorService>(bus, setup, config),
         (Some("jink-planner"), _) => start::<PlannerService>(bus, setup, config),

@@ -1,7 +1,7 @@
 //! Flights by the hundred: one line per flight, one table at the end.
 
 use crate::lockstep::{FlightSetup, LockStep};
-use jink_mavlink_gateway::{ProfileName, Representation};
+use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_runtime::config::sensor_sets::{self, SensorSet};
 use jink_runtime::config::{Config, parse_toml};
 use jink_shared_types::events::{self, EventSample};

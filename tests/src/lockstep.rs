@@ -14,7 +14,7 @@
 use crate::board::{Board, Rig};
 use crate::lossy::{LinkFaults, Lossy};
 use crate::proposer::{Plan, ProposerService};
-use jink_mavlink_gateway::{ProfileName, Representation};
+use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_runtime::config::{CONFIG_FILE, Config};
 use jink_runtime::lockstep::{LocalBus, Member};
 use jink_runtime::{Clock, Input, Instance, OpenError, Output, Session};

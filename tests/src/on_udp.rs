@@ -6,9 +6,10 @@
 // A harness for tests: without its thread and port there is nothing to test.
 #![allow(clippy::expect_used)]
 
-use jink_mavlink_gateway::frame::Splitter;
-use jink_mavlink_gateway::signing::{Key, SIGNED_FRAME_MAX, sign, stamps};
-use jink_mavlink_gateway::{Body, Content, Encoder};
+use jink_mavlink_link::encoder::Encoder;
+use jink_mavlink_link::frame::Splitter;
+use jink_mavlink_link::message::{Body, Content};
+use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign, stamps};
 use jink_simulator::autopilot::{Link, Packet};
 use jink_simulator::flyer::Flyer;
 use jink_simulator::vehicle::STEP_US;

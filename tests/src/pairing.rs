@@ -2,7 +2,7 @@
 
 use crate::campaign::{Cell, setup};
 use crate::lockstep::{FlightSetup, LockStep};
-use jink_mavlink_gateway::ProfileName;
+use jink_mavlink_link::profile_name::ProfileName;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::flyer::FlyerConfig;
 use jink_simulator::ground_station::Make;

@@ -308,7 +308,7 @@ fn end(child: &mut Child) {
     let _not_ours = child.wait();
 }
 
-/// The simulated autopilot and the gateway, and nothing that flies.
+/// The simulated autopilot, the gateway and the parameters, and nothing that flies.
 pub const GATEWAY_ONLY: &str = r#"
 [[process]]
 name = "simulator"
@@ -321,6 +321,13 @@ heartbeat_timeout_ms = 500
 name = "mavlink_gateway"
 program = "jink-mavlink-gateway"
 output = true
+
+[[process]]
+name = "parameter_server"
+program = "jink-parameter-server"
+essential = false
+on_failure = "ignore"
+shadow = false
 "#;
 
 /// The process table of a host with nothing but an autopilot and its vehicle.

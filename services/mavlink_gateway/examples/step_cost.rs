@@ -1,10 +1,10 @@
 //! What one cycle of the gateway costs, from received bytes to bytes ready to be sent: percentiles over a simulated
 //! flight of ten minutes in a mission. `cargo run --release -p jink-mavlink-gateway --example step_cost`
 
-use jink_mavlink_gateway::frame::Splitter;
 use jink_mavlink_gateway::{
     Body, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Receipt, Received,
 };
+use jink_mavlink_link::frame::Splitter;
 use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::health::Histogram;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, TrajectoryMode, Verdict};
@@ -71,6 +71,7 @@ fn main() {
             ring: fresh(&ring, &header),
             system: Reading::Never,
             events: &[],
+            parameters: None,
         };
         gateway.step(now, &inputs, &mut outputs);
         let stepped = Instant::now();

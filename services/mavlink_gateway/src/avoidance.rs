@@ -11,7 +11,7 @@
 //! PX4 lets the vehicle arm only while it hears ACTIVE. It is said here and nowhere else, from what is known in this
 //! very step. What follows ACTIVE is said when it has lasted for [`DEBOUNCE_S`]; meanwhile nothing is said at all.
 
-use crate::ticker::Ticker;
+use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::health::{Health, ProcessStatus, ServiceState, SystemStatus};
 use jink_shared_types::link::AvoidanceState;
 use jink_shared_types::ring::SectorRing;

@@ -1,12 +1,12 @@
 //! What one gateway tells the next when it passes the link on: where its numbering and its beat are.
 
-use crate::encoder::{COMPONENTS, Encoder};
 use crate::gateway::Gateway;
-use crate::signing::stamps::Stamps;
+use jink_mavlink_link::encoder::{
+    COMPONENTS, Encoder, SEQUENCES_BYTES, sequences_of_bytes, sequences_to_bytes,
+};
+use jink_mavlink_link::signing::stamps::Stamps;
 use jink_shared_types::Timestamp;
 
-/// Bytes of the numbering.
-const SEQUENCES_BYTES: usize = 2 * COMPONENTS;
 /// Bytes of a baton.
 const BYTES: usize = 8 + 16 + SEQUENCES_BYTES;
 
@@ -58,25 +58,6 @@ impl Baton {
             sequences: sequences_of_bytes(rest)?,
         })
     }
-}
-
-/// The numbering of one link as bytes: what passes with every link but the first.
-pub(crate) fn sequences_to_bytes(sequences: [(u8, u8); COMPONENTS]) -> [u8; SEQUENCES_BYTES] {
-    let mut bytes = [0; SEQUENCES_BYTES];
-    for (pair, (component, sequence)) in bytes.chunks_exact_mut(2).zip(sequences) {
-        pair.copy_from_slice(&[component, sequence]);
-    }
-    bytes
-}
-
-/// From those bytes.
-pub(crate) fn sequences_of_bytes(bytes: &[u8]) -> Option<[(u8, u8); COMPONENTS]> {
-    let bytes: &[u8; SEQUENCES_BYTES] = bytes.try_into().ok()?;
-    let mut sequences = [(0, 0); COMPONENTS];
-    for (pair, to) in bytes.chunks_exact(2).zip(&mut sequences) {
-        *to = (pair[0], pair[1]);
-    }
-    Some(sequences)
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@
 
 #![allow(deprecated)] // PROTOCOL_VERSION and GET_MESSAGE_INTERVAL are going, ground stations that ask for them are not.
 
-use crate::message::Content;
+use jink_mavlink_link::message::Content;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, COMPONENT_METADATA_DATA, HEARTBEAT_DATA, MESSAGE_INTERVAL_DATA, MavCmd,

@@ -1,9 +1,10 @@
 //! What the gateway is told at its start.
 
 use crate::blockage::Remedy;
-use crate::message::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
-use crate::profile::{Profile, ProfileName, Representation};
-use crate::router::LinkSet;
+use crate::profile::{self, Profile};
+use jink_mavlink_link::message::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
+use jink_mavlink_link::profile_name::{ProfileName, Representation};
+use jink_mavlink_link::router::LinkSet;
 use jink_shared_types::params::{GW_HORIZON, GW_RATE, ParamSet};
 
 /// A curve lasts at least this many periods of the stream: one lost setpoint and one late one must not let it expire.
@@ -77,7 +78,8 @@ impl GatewayConfig {
 
     /// The profile itself.
     pub(crate) fn build_profile(&self) -> Box<dyn Profile> {
-        self.profile.build(
+        profile::build(
+            self.profile,
             self.representation,
             self.longest_curve_s(),
             self.shortest_curve_s(),

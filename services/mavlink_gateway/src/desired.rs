@@ -14,8 +14,8 @@
 //! | take-off to a place elsewhere | at its height | a target |
 
 use crate::profile::curve::MAX_YAW_RAD;
-use crate::px4_mode;
 use crate::vehicle::{MAX_COORDINATE_M, MAX_SPEED_MPS, Present};
+use jink_mavlink_link::px4_mode;
 use jink_shared_types::vehicle::{
     COMMAND_LAND, COMMAND_NONE, COMMAND_TAKEOFF, DesiredPath, DesiredPoint, NavMode,
 };

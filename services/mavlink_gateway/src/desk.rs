@@ -2,7 +2,7 @@
 //!
 //! | kept | for |
 //! |---|---|
-//! | [`Parameters`] | PARAM_*, and the topic `parameters` |
+//! | [`Parameters`] | PARAM_*; the values themselves are the parameter server's |
 //! | [`FileServer`] | FILE_TRANSFER_PROTOCOL |
 //! | [`BoardReading`] | ONBOARD_COMPUTER_STATUS |
 //! | what the autopilot is and whether it is armed | the encoding of parameters, restarts |
@@ -13,8 +13,9 @@
 use crate::commands::Rhythm;
 use crate::computer::{self, BoardReading};
 use crate::files::FileServer;
-use crate::parameters::{Encoding, Parameters};
-use crate::ticker::Ticker;
+use crate::parameters::Parameters;
+use jink_mavlink_link::encoding::Encoding;
+use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::Timestamp;
 use jink_shared_types::params::ParamSet;
 use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavMessage, MavModeFlag};
@@ -113,11 +114,18 @@ impl Desk {
 
     /// When something is due next.
     pub fn next_wake(&self) -> Timestamp {
-        let mut wake = self.parameters.next_wake();
+        let mut wake = Timestamp::from_ns(u64::MAX);
         if let (Some(_), Some(computer)) = (&self.board, &self.computer) {
             wake = wake.min(computer.due());
         }
-        for due in [self.files.next_wake(), self.restart_at].into_iter().flatten() {
+        for due in [
+            self.parameters.next_wake(),
+            self.files.next_wake(),
+            self.restart_at,
+        ]
+        .into_iter()
+        .flatten()
+        {
             wake = wake.min(due);
         }
         wake

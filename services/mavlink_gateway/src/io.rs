@@ -1,16 +1,16 @@
 //! What goes into a step of the gateway and what comes out.
 
-use crate::links::LinksReport;
-use crate::message::{Outgoing, Received};
 use crate::note::Note;
 use crate::ranges::{Arrived, SCANS};
+use jink_mavlink_link::links::LinksReport;
+use jink_mavlink_link::message::{Outgoing, Received};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ring::SectorRing;
-use jink_shared_types::tuning::ParameterValues;
+use jink_shared_types::tuning::{ParameterChange, ParameterValues};
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Reading, SampleHeader, Timestamp};
 
@@ -41,6 +41,8 @@ pub struct Inputs<'a> {
     pub system: Reading<'a, SystemStatus>,
     /// News for the pilot since the last step.
     pub events: &'a [EventSample],
+    /// The values that the parameter server has in force, if it has published since the last step.
+    pub parameters: Option<&'a ParameterValues>,
 }
 
 /// Outputs of a step; made once and used again.
@@ -60,8 +62,8 @@ pub struct Outputs {
     pub pilot_demand: Option<(PilotDemand, Timestamp)>,
     /// The counters, when they are due for publication.
     pub link_status: Option<LinkStatus>,
-    /// All parameters, when they are due for publication, and whether they have just been changed and are to be kept.
-    pub parameters: Option<(ParameterValues, bool)>,
+    /// What the parameter server is asked, as a ground station wants it.
+    pub parameter_change: Option<ParameterChange>,
     /// Somebody wants the gateway started anew, and may have it.
     pub restart: bool,
 }
@@ -78,7 +80,7 @@ impl Default for Outputs {
             desired_path: None,
             pilot_demand: None,
             link_status: None,
-            parameters: None,
+            parameter_change: None,
             restart: false,
         }
     }
@@ -115,7 +117,7 @@ impl Outputs {
         self.desired_path = None;
         self.pilot_demand = None;
         self.link_status = None;
-        self.parameters = None;
+        self.parameter_change = None;
         self.restart = false;
     }
 

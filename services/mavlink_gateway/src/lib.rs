@@ -11,11 +11,10 @@
 //! | `event` | STATUSTEXT |
 //! | TIMESYNC | answers; the autopilot's clock mapped to the board's |
 //! | where a pilot chooses assisted flight: his sticks, `guard/prevented` | `pilot/demand`, SET_POSITION_TARGET_LOCAL_NED ([`assist`]) |
-//! | commands, PARAM_*, FILE_TRANSFER_PROTOCOL | answers; `parameters` |
+//! | commands, PARAM_*, FILE_TRANSFER_PROTOCOL, `parameters` | answers; `parameters/change` |
 //! | the board | ONBOARD_COMPUTER_STATUS of component 191 |
 //!
-//! [`Gateway::step`] is pure; [`links::Links`] are all links with their rules, a [`link::Link`] moves the bytes of one, [`frame::Splitter`] and [`Encoder`] turn them into
-//! messages and back:
+//! [`Gateway::step`] is pure; the links and their rules, frames and messages are those of [`jink_mavlink_link`]:
 //!
 //! ```
 //! use jink_mavlink_gateway::{Encoder, Gateway, GatewayConfig, Inputs, Outputs};
@@ -33,6 +32,7 @@
 //!     ring: Reading::Never,
 //!     system: Reading::Never,
 //!     events: &[],
+//!     parameters: None,
 //! };
 //! gateway.step(now, &inputs, &mut outputs);
 //! for message in outputs.messages() {
@@ -53,40 +53,24 @@ mod avoidance;
 mod baton;
 mod blockage;
 pub mod board;
-pub mod budget;
-pub mod check;
-mod clock_map;
 mod commands;
 pub mod computer;
 mod config;
 mod desired;
 mod desk;
-mod encoder;
 pub mod executive;
 mod files;
-mod fit;
-pub mod frame;
 mod gateway;
 mod io;
-mod latch;
-pub mod link;
-pub mod links;
-pub mod make;
-mod message;
 mod note;
 mod obstacles;
 mod parameters;
 pub mod profile;
-pub mod px4_mode;
+
 mod radio_share;
 pub mod ranges;
-pub mod router;
 mod service;
-pub mod signing;
-mod streams;
 mod texts;
-mod ticker;
-pub mod tlog;
 mod vehicle;
 mod version;
 mod wire;
@@ -94,14 +78,14 @@ mod wire;
 pub use baton::Baton;
 pub use blockage::Remedy;
 pub use config::GatewayConfig;
-pub use encoder::Encoder;
 pub use gateway::Gateway;
 pub use io::{Inputs, OUTBOX, Outputs};
-pub use message::{
+pub use jink_mavlink_link::encoder::Encoder;
+pub use jink_mavlink_link::message::{
     Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, CommandAck, Content,
     Destination, Outgoing, Receipt, Received,
 };
+pub use jink_mavlink_link::profile_name::{ProfileChoice, ProfileName, Representation};
 pub use note::Note;
-pub use profile::{ProfileChoice, ProfileName, Representation};
 pub use service::GatewayService;
 pub use vehicle::Present;

@@ -21,7 +21,7 @@
 //! To it the sectors are told from the border of that eighth on (`angle_offset`), so that each eighth is told in one piece. It reads
 //! OBSTACLE_DISTANCE as fixed to the body whatever its `frame` says; so it is, here.
 
-use crate::make::Make;
+use jink_mavlink_link::make::Make;
 use jink_shared_types::ring::{SECTORS, SectorRing};
 use jink_shared_types::{Reading, Timestamp};
 use mavlink::dialects::ardupilotmega::{MavDistanceSensor, MavFrame, MavMessage, OBSTACLE_DISTANCE_DATA};
@@ -132,7 +132,7 @@ fn centimetres(metres: f32) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::{UNKNOWN_CM, message};
-    use crate::make::Make;
+    use jink_mavlink_link::make::Make;
     use jink_shared_types::ring::{SECTORS, SectorRing};
     use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
     use mavlink::dialects::ardupilotmega::{MavFrame, MavMessage, OBSTACLE_DISTANCE_DATA};

@@ -13,7 +13,7 @@
 //!
 //! which is below 1.5 kB/s together. A curve lasts 0.8 s, and PX4 gives up after 0.5 s without any.
 
-use crate::ticker::Ticker;
+use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavType};
 

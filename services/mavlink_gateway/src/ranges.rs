@@ -8,7 +8,7 @@
 //! What is made of each reading is in [`jink_shared_types::beams`]. Ranges are dated to their arrival: DISTANCE_SENSOR has the autopilot's
 //! boot time, but the measurement is as old as the sensor behind it, which nobody tells; CP_DELAY and GD_DELAY allow for it.
 
-use crate::message::COMPONENT_AVOIDANCE;
+use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_shared_types::beams::{BeamReading, BeamRefused, DistanceRow};
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
 use jink_shared_types::{BodyFrd, Point, Timestamp};

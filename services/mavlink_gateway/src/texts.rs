@@ -9,7 +9,7 @@
 //! An autopilot that passes lines on to a ground station may lose many (PX4 up to 40 %). What a pilot waits for or has to act upon
 //! ([`STANDING`]) is therefore said again after [`AGAIN_S`], unless something of the same subject has happened since.
 
-use crate::ticker::Ticker;
+use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{
     AUTOPILOT_FOUND, AUTOPILOT_LOST, AUTOPILOT_UNFIT, AVOIDANCE_DEGRADED, AVOIDANCE_READY, Event,

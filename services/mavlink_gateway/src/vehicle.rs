@@ -11,7 +11,7 @@
 //! its place in the world.
 
 use crate::executive::record::{LandedState, Record};
-use crate::make::Make;
+use jink_mavlink_link::make::Make;
 use jink_shared_types::frames::{AngularRate, Attitude, unit_quaternion};
 use jink_shared_types::vehicle::{NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, LocalNed, Point, Timestamp, Velocity};
@@ -21,8 +21,7 @@ use mavlink::dialects::ardupilotmega::{
 };
 use nalgebra::Vector3;
 
-/// The autopilot counts as alive for this long after its last message (s): one lost heartbeat at 1 Hz is forgiven.
-pub const ALIVE_S: f64 = 1.5;
+use jink_mavlink_link::latch::ALIVE_S;
 /// Coordinates beyond this (m) are no position: single precision resolves only decimetres there.
 pub const MAX_COORDINATE_M: f64 = 1e6;
 /// Speeds beyond this (m/s) are no measurement of a multicopter.
@@ -191,7 +190,7 @@ impl VehicleTracker {
         self.custom_mode
     }
 
-    /// Mode of the last heartbeat, and whether it has a name here (see [`crate::px4_mode::infer`]).
+    /// Mode of the last heartbeat, and whether it has a name here (see [`jink_mavlink_link::px4_mode::infer`]).
     pub fn heartbeat_mode(&self) -> (NavMode, bool) {
         self.heartbeat_mode
     }

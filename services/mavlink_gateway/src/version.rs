@@ -4,7 +4,7 @@
 
 use crate::commands::Role;
 use crate::files::GENERAL_URI;
-use crate::parameters::Encoding;
+use jink_mavlink_link::encoding::Encoding;
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, COMPONENT_METADATA_DATA, MavMessage, MavProtocolCapability, PROTOCOL_VERSION_DATA,

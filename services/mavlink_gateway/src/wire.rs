@@ -1,6 +1,6 @@
 //! What has happened on the wire: counters, the largest gap between setpoints, latencies.
 
-use crate::message::Receipt;
+use jink_mavlink_link::message::Receipt;
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::{SampleHeader, Stage, Timestamp};
 
@@ -75,7 +75,7 @@ fn microseconds(now: Timestamp, then: Timestamp) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::Wire;
-    use crate::message::Receipt;
+    use jink_mavlink_link::message::Receipt;
     use jink_shared_types::{STAGES, SampleHeader, Stage, StageTime, Timestamp};
 
     fn at(ms: u64) -> Timestamp {

@@ -3,7 +3,7 @@
 
 use crate::record::{ModeRequest, Shared};
 use crate::wire::{Reader, Seen, Wire, frames, mode_of, note};
-use jink_mavlink_gateway::frame::Splitter;
+use jink_mavlink_link::frame::Splitter;
 use jink_simulator::ground_station::Make;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{

@@ -166,6 +166,8 @@ pub fn programs() -> Result<PathBuf, String> {
         "jink-simulator",
         "-p",
         "jink-mavlink-gateway",
+        "-p",
+        "jink-parameter-server",
     ]);
     build.args([
         "-p",

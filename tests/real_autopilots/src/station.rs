@@ -4,8 +4,8 @@
 use crate::mission::{Anchor, Item, Place};
 use crate::record::{ModeRequest, Share, Shared};
 use crate::wire::{Reader, Wire, frames, note};
-use jink_mavlink_gateway::COMPONENT_AVOIDANCE;
-use jink_mavlink_gateway::frame::Splitter;
+use jink_mavlink_link::frame::Splitter;
+use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Make, heartbeat};
 use mavlink::dialects::ardupilotmega::{

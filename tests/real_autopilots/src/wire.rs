@@ -1,9 +1,10 @@
 //! Datagrams and the frames in them.
 
 use crate::record::{Mode, Record};
-use jink_mavlink_gateway::frame::Splitter;
+use jink_mavlink_link::frame::Splitter;
 
-use jink_mavlink_gateway::{Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, Content, Encoder};
+use jink_mavlink_link::encoder::Encoder;
+use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, Content};
 use jink_shared_types::frames::Point;
 use jink_shared_types::geo::GlobalPoint;
 use jink_shared_types::vehicle::NavMode;

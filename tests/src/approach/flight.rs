@@ -4,7 +4,7 @@ use super::measure::Measure;
 use super::scene::Place;
 use super::{Approach, CP_DIST_M, Cell, Moment, Variant, Who};
 use crate::lockstep::{FlightSetup, LockStep, ScanDelay};
-use jink_mavlink_gateway::{ProfileName, Representation};
+use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::flyer::FlyerConfig;

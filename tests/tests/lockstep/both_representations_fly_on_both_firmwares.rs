@@ -1,6 +1,6 @@
 //! The trajectory interface in all four combinations: curves or waypoints, on PX4 before and after its time-out fixes.
 
-use jink_mavlink_gateway::Representation;
+use jink_mavlink_link::profile_name::Representation;
 use jink_simulator::autopilot::{AutopilotConfig, Firmware, Variant};
 use jink_simulator::flyer::FlyerConfig;
 use jink_simulator::ground_station::{Ending, Outcome};

@@ -1,7 +1,7 @@
 //! `jink check link` as a user runs it, against emulated autopilots over UDP: each fault is told by its own sentence and exit
 //! code, and where there is none, jink is ready.
 
-use jink_mavlink_gateway::signing::Key;
+use jink_mavlink_link::signing::Key;
 use jink_simulator::ardupilot::{ArduCopter, ArduCopterConfig};
 use jink_simulator::autopilot::{Autopilot, AutopilotConfig};
 use jink_simulator::flyer::Flyer;

@@ -54,6 +54,52 @@ fn planner_fusion_and_guard_one_after_the_other() {
 }
 
 #[test]
+fn parameters_are_read_tuned_and_kept_whoever_is_dead() {
+    let jink = System::up(
+        "tuned",
+        &[
+            "--world",
+            "forest",
+            "--set",
+            &format!("link.address=udpin:127.0.0.1:{}", free_udp_port()),
+            "--set",
+            &format!("simulation.ground_station_port={}", free_udp_port()),
+        ],
+    );
+    let value = || {
+        let told = jink.jink(&["param", "get", "OA_SPD_MAX"]);
+        told.stdout.trim().parse::<f64>().ok()
+    };
+    let set = |text: &str| jink.jink(&["param", "set", "OA_SPD_MAX", text]);
+    let stop = jink.jink(&["stop", "mavlink_gateway"]);
+    assert_eq!(stop.code, Some(0), "{stop:?}");
+    until("the gateway's end", || {
+        jink.service("mavlink_gateway")["state"] == "stopped"
+    });
+    let tuned = set("2.5");
+    assert_eq!(tuned.code, Some(0), "{tuned:?}");
+    assert_eq!(value(), Some(2.5));
+    let refused = set("99");
+    assert_eq!(refused.code, Some(1), "{refused:?}");
+    let restart = jink.jink(&["restart", "mavlink_gateway"]);
+    assert_eq!(restart.code, Some(0), "{restart:?}");
+    assert_eq!(value(), Some(2.5));
+
+    // Its owner dies: a new one has what was changed.
+    let pid = jink.service("parameter_server")["pid"].as_i64().unwrap();
+    let pid = rustix::process::Pid::from_raw(i32::try_from(pid).unwrap()).unwrap();
+    rustix::process::kill_process(pid, rustix::process::Signal::KILL).unwrap();
+    until("another owner", || {
+        let server = jink.service("parameter_server");
+        server["restarts"] == 1 && server["state"] == "active"
+    });
+    until("the values", || value() == Some(2.5));
+    assert_eq!(set("3.5").code, Some(0));
+    assert_eq!(value(), Some(3.5));
+    until("good health", || jink.status()["health"] == "healthy");
+}
+
+#[test]
 fn how_a_killed_service_ended_is_kept_and_shown() {
     let flight = Flight::begin(&["--seed", "9", "--kill", "planner@3s"]);
     flight.until_it_flies();

@@ -1,9 +1,10 @@
 //! Signatures in both directions against pymavlink: what is signed with the key is taken, once; what was changed, signed
 //! with another key, played back, or not signed at all is not.
 
-use jink_mavlink_gateway::frame::Splitter;
-use jink_mavlink_gateway::signing::{Key, Refusal, SIGNED_FRAME_MAX, Verifier, sign};
-use jink_mavlink_gateway::{Body, Encoder};
+use jink_mavlink_link::encoder::Encoder;
+use jink_mavlink_link::frame::Splitter;
+use jink_mavlink_link::message::Body;
+use jink_mavlink_link::signing::{Key, Refusal, SIGNED_FRAME_MAX, Verifier, sign};
 use jink_runtime::config::Signing;
 use jink_tests::processes::{python_with_pymavlink, workspace};
 use mavlink::dialects::ardupilotmega::{ATTITUDE_DATA, MavMessage};

@@ -1,7 +1,7 @@
 //! Documents that promise a test name one that is there, links lead somewhere, and every parameter that is examined is explained.
 
-use jink_mavlink_gateway::ProfileName;
-use jink_mavlink_gateway::check::examined_parameters;
+use jink_link_check::examined_parameters;
+use jink_mavlink_link::profile_name::ProfileName;
 use jink_tests::processes::workspace;
 use std::path::{Path, PathBuf};
 

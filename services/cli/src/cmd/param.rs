@@ -1,7 +1,7 @@
 //! `jink param`: the parameters in force, and changing them while jink runs.
 //!
-//! A change is asked of the gateway, which owns the parameters: it decides, tells ground stations, keeps the value and
-//! publishes it to every service. This command waits for its answer.
+//! A change is asked of the parameter server, which owns them: it decides, keeps the value and publishes it to every service; the
+//! gateway tells ground stations. This command waits for its answer.
 
 use super::watch::{PROGRAM, Watch};
 use super::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Problem, running};
@@ -14,7 +14,7 @@ use jink_shared_types::{Reserved, SampleHeader, topics};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-/// The values come once a second, and the gateway may just be restarting.
+/// The values come once a second, and the parameter server may just be restarting.
 const PATIENCE: Duration = Duration::from_secs(4);
 /// How often an answer is looked for.
 const LOOK: Duration = Duration::from_millis(5);
@@ -119,10 +119,10 @@ fn print_json(row: &Listed) -> Result<(), Problem> {
 }
 
 fn no_answer() -> Problem {
-    Problem::Other("the gateway gives no answer: does it run? `jink status` shows it".to_owned())
+    Problem::Other("the parameter server gives no answer: does it run? `jink status` shows it".to_owned())
 }
 
-/// The values as the gateway publishes them.
+/// The values as the parameter server publishes them.
 fn newest(values: &mut Input<ParameterValues>, known: &ParamSet) -> Result<ParameterValues, Problem> {
     let end = Instant::now() + PATIENCE;
     while Instant::now() < end {
@@ -130,7 +130,7 @@ fn newest(values: &mut Input<ParameterValues>, known: &ParamSet) -> Result<Param
             return match sample.sample.rows(known).next() {
                 Some(_) => Ok(*sample.sample),
                 None => Err(Problem::Other(
-                    "the gateway has another parameter table: use binaries of one build".to_owned(),
+                    "the parameter server has another parameter table: use binaries of one build".to_owned(),
                 )),
             };
         }
@@ -180,7 +180,7 @@ fn set(
                     ExitCode::SUCCESS
                 }
                 _ => {
-                    eprintln!("jink: the gateway refuses {name} = {value}");
+                    eprintln!("jink: the parameter server refuses {name} = {value}");
                     ExitCode::from(EXIT_PROBLEM)
                 }
             });

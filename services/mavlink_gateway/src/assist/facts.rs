@@ -6,17 +6,12 @@
 //! | ArduPilot | `RCMAP_*`; `RCn_MIN`, `_TRIM`, `_MAX`, `_REVERSED` of the four channels | what RC_CHANNELS means |
 
 use super::sticks::{CHANNELS, RcAxis, RcCalibration};
-use crate::make::Make;
-use crate::parameters::Encoding;
+use jink_mavlink_link::encoding::Encoding;
+use jink_mavlink_link::fit::{OVERRIDE_BITS, OVERRIDE_IN_OFFBOARD, OVERRIDE_SPEED};
+use jink_mavlink_link::make::Make;
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, PARAM_REQUEST_READ_DATA, PARAM_VALUE_DATA};
 
-/// Stick speed with which a pilot takes over from OFFBOARD; negative: never.
-pub const OVERRIDE_SPEED: &str = "MAN_OVERRIDE_SPD";
-/// The same in older versions: bit 1 is OFFBOARD.
-pub const OVERRIDE_BITS: &str = "COM_RC_OVERRIDE";
-/// OFFBOARD in [`OVERRIDE_BITS`].
-pub const OVERRIDE_IN_OFFBOARD: i64 = 1 << 1;
 /// What PX4 is asked.
 const PX4: [&str; 2] = [OVERRIDE_SPEED, OVERRIDE_BITS];
 /// The channels of the sticks, in the order of [`RcCalibration`].
@@ -191,7 +186,7 @@ impl AutopilotFacts {
 #[cfg(test)]
 mod tests {
     use super::AutopilotFacts;
-    use crate::make::Make;
+    use jink_mavlink_link::make::Make;
     use jink_shared_types::Timestamp;
     use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, MavParamType, PARAM_VALUE_DATA};
 

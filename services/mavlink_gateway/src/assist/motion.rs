@@ -11,10 +11,10 @@
 //! The heading is a rate while the yaw stick is deflected, and the angle that it came to afterwards. Heights are held between
 //! [`HeightLimits`]; descents become slower towards the lower one, because landing is the pilot's.
 
-use crate::make::Make;
-use crate::message::COMPONENT_AUTOPILOT;
 use crate::profile::position_target::NO_PLACE_NOR_HEADING;
 use crate::vehicle::Present;
+use jink_mavlink_link::make::Make;
+use jink_mavlink_link::message::COMPONENT_AUTOPILOT;
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
 use mavlink::dialects::ardupilotmega::{
@@ -236,8 +236,8 @@ fn finite(number: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::{AssistedMotion, HeightLimits, MotionDemand};
-    use crate::make::Make;
     use crate::vehicle::Present;
+    use jink_mavlink_link::make::Make;
     use jink_shared_types::Timestamp;
     use mavlink::dialects::ardupilotmega::{MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
     use nalgebra::{Vector2, Vector3};

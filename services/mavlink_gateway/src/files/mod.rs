@@ -20,7 +20,7 @@ pub use crc::crc32;
 pub use metadata::GENERAL_URI;
 pub use packet::Payload;
 
-use crate::ticker::Ticker;
+use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::Timestamp;
 use jink_shared_types::params::ParamSet;
 use packet::{ACK, DATA, Nak, Packet, op};

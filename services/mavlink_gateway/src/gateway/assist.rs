@@ -12,8 +12,8 @@ use crate::avoidance::ranges_flow;
 use crate::executive::Demand;
 use crate::executive::record::LandedState;
 use crate::io::{Inputs, Outputs};
-use crate::make::Make;
-use crate::message::{Body, COMPONENT_AUTOPILOT, Outgoing, Receipt};
+use jink_mavlink_link::make::Make;
+use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Outgoing, Receipt};
 use jink_shared_types::Timestamp;
 use jink_shared_types::link::AssistState;
 use jink_shared_types::params::{

@@ -9,7 +9,7 @@
 use super::Gateway;
 use crate::executive::Demand;
 use crate::io::Outputs;
-use crate::ticker::Ticker;
+use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::STOPPING_TO_END;
 use jink_shared_types::vehicle::NavMode;

@@ -1,19 +1,21 @@
 //! What the gateway makes of each message it receives.
 
+use super::Gateway;
 use super::assist::AssistedFlight;
 use super::mission::MissionFlight;
 use super::steering::Steering;
-use super::{Gateway, nanoseconds};
-use crate::clock_map::ClockMap;
 use crate::desired::{self, VerticalMotions};
 use crate::executive::Part;
 use crate::io::Outputs;
-use crate::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Received};
 use crate::note::Note;
 use crate::vehicle::AttitudeNews;
+use jink_mavlink_link::clock_map::ClockMap;
+use jink_mavlink_link::clock_map::nanoseconds;
+use jink_mavlink_link::latch::{is_autopilot, speaks_as_autopilot};
+use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Received};
 use jink_shared_types::Timestamp;
 use mavlink::Message;
-use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType, TIMESYNC_DATA};
+use mavlink::dialects::ardupilotmega::{MavMessage, TIMESYNC_DATA};
 
 impl Gateway {
     /// Takes in one message.
@@ -205,25 +207,4 @@ impl Gateway {
         self.profile.reset();
         self.wire.interrupted();
     }
-}
-
-/// Whether a message comes from an autopilot and nobody else.
-#[allow(deprecated)]
-pub(crate) fn speaks_as_autopilot(message: &MavMessage) -> bool {
-    match message {
-        MavMessage::HEARTBEAT(heartbeat) => is_autopilot(heartbeat),
-        MavMessage::LOCAL_POSITION_NED(_)
-        | MavMessage::ATTITUDE_QUATERNION(_)
-        | MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(_) => true,
-        _ => false,
-    }
-}
-
-/// Whether a heartbeat is that of an autopilot.
-pub(crate) fn is_autopilot(heartbeat: &HEARTBEAT_DATA) -> bool {
-    heartbeat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID
-        && !matches!(
-            heartbeat.mavtype,
-            MavType::MAV_TYPE_GCS | MavType::MAV_TYPE_ONBOARD_CONTROLLER
-        )
 }

@@ -10,33 +10,31 @@ mod steering;
 mod unguarded_mode;
 mod watch;
 
-pub(crate) use intake::{is_autopilot, speaks_as_autopilot};
-
 use crate::avoidance::{self, Heartbeats, Input};
 use crate::blockage::Blockage;
-use crate::budget::Class;
-use crate::clock_map::{ClockMap, SEARCHING_HZ};
 use crate::config::GatewayConfig;
 use crate::desired::VerticalMotions;
 use crate::desk::Desk;
 use crate::executive::Part;
 use crate::executive::record::LandedState;
 use crate::io::{Inputs, Outputs};
-use crate::latch::Latch;
-use crate::message::{Body, COMPONENT_AUTOPILOT, Destination, Outgoing, Receipt};
 use crate::obstacles;
 use crate::profile::pilot::is_for_flying;
 use crate::profile::{Profile, Situation};
 use crate::radio_share::{REPEATED_HZ, RadioShare};
 use crate::ranges::RangeSources;
-use crate::router::Us;
-use crate::streams::Streams;
 use crate::texts::Texts;
-use crate::ticker::Ticker;
 use crate::vehicle::VehicleTracker;
 use crate::wire::Wire;
 use assist::AssistedFlight;
 use controlled_stop::ControlledStop;
+use jink_mavlink_link::budget::Class;
+use jink_mavlink_link::clock_map::{ClockMap, SEARCHING_HZ, nanoseconds};
+use jink_mavlink_link::latch::Latch;
+use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Destination, Outgoing, Receipt};
+use jink_mavlink_link::router::Us;
+use jink_mavlink_link::streams::Streams;
+use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::events::{
     AUTOPILOT_FOUND, AUTOPILOT_LOST, Event, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN,
 };
@@ -198,6 +196,9 @@ impl Gateway {
     /// latest at [`Self::next_wake`].
     pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
         outputs.clear();
+        if let Some(values) = inputs.parameters {
+            self.take_parameters(now, values, outputs);
+        }
         for received in inputs.messages {
             self.take(now, received, outputs);
         }
@@ -622,9 +623,4 @@ impl Gateway {
         status.timesync_samples = self.clock.samples();
         status
     }
-}
-
-/// Nanoseconds as TIMESYNC carries them.
-pub(crate) fn nanoseconds(time: Timestamp) -> i64 {
-    i64::try_from(time.ns).unwrap_or(i64::MAX)
 }

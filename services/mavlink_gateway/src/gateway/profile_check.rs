@@ -11,11 +11,11 @@ use super::Gateway;
 use super::mission::MissionFlight;
 use crate::avoidance::Input;
 use crate::executive::Part;
-use crate::fit::{DEVIATION_SWITCH, Fit, MatchingProfile, TRAJECTORY_SWITCH};
 use crate::io::Outputs;
-use crate::message::{Body, COMPONENT_AUTOPILOT};
-use crate::profile::ProfileName;
-use crate::ticker::Ticker;
+use jink_mavlink_link::fit::{DEVIATION_SWITCH, Fit, MatchingProfile, TRAJECTORY_SWITCH};
+use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT};
+use jink_mavlink_link::profile_name::ProfileName;
+use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{
     AUTOPILOT_UNFIT, Event, EventSample, INTERFACE_OFF, PROFILE_CHOSEN, PROFILE_UNFIT, PROFILE_UNPROVEN,

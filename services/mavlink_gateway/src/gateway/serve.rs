@@ -6,13 +6,13 @@ use crate::commands::{Circumstances, Command, Deed, Rhythm, Role, Topic};
 use crate::computer::BoardReading;
 use crate::files::FileServer;
 use crate::io::Outputs;
-use crate::message::{Body, CommandAck, Content, Destination, Outgoing, Received};
 use crate::parameters::Reply;
 use crate::version;
+use jink_mavlink_link::message::{Body, CommandAck, Content, Destination, Outgoing, Received};
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::{EventSample, RESTART_REFUSED};
+use jink_shared_types::events::RESTART_REFUSED;
 use jink_shared_types::params::ParamSet;
-use jink_shared_types::tuning::ParameterChange;
+use jink_shared_types::tuning::ParameterValues;
 use mavlink::dialects::ardupilotmega::{
     FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage, MavResult,
 };
@@ -21,7 +21,7 @@ impl Gateway {
     /// With these values in force instead of the defaults.
     #[must_use]
     pub fn with_params(mut self, params: &ParamSet) -> Self {
-        self.desk.parameters.follow(params);
+        self.desk.parameters.begin_with(params);
         self.desk.files = FileServer::of(params);
         self
     }
@@ -38,14 +38,22 @@ impl Gateway {
         self.desk.parameters.set()
     }
 
-    /// Takes the parameters that another gateway has in force, which speaks on the same link.
-    pub fn follow_params(&mut self, params: &ParamSet) {
-        self.desk.parameters.follow(params);
-    }
-
-    /// Somebody on this board wants a parameter changed; the answer is in the next step's outputs.
-    pub fn change_param(&mut self, change: &ParameterChange) {
-        self.desk.parameters.take_change(change);
+    /// Takes the values that the parameter server has in force, and answers who has asked for a change.
+    pub(super) fn take_parameters(
+        &mut self,
+        now: Timestamp,
+        values: &ParameterValues,
+        outputs: &mut Outputs,
+    ) {
+        let answer = self.desk.parameters.take_values(values);
+        self.reply(
+            now,
+            Reply {
+                error: None,
+                value: answer,
+            },
+            outputs,
+        );
     }
 
     /// A new reading of the board.
@@ -92,7 +100,7 @@ impl Gateway {
             MavMessage::PARAM_SET(request) => {
                 let us = self.names_us(now, request.target_system, request.target_component);
                 if us == Some(Named::Alone) {
-                    let reply = self.desk.parameters.request_set(from, request);
+                    let reply = self.desk.parameters.request_set(now, from, request);
                     self.reply(now, reply, outputs);
                 }
                 us.is_some()
@@ -115,10 +123,12 @@ impl Gateway {
 
     /// What is due of the answers that come in many pieces, and what the board is told.
     pub(super) fn serve_due(&mut self, now: Timestamp, outputs: &mut Outputs) {
-        if let Some(value) = self.desk.parameters.next(now) {
+        let unanswered = self.desk.parameters.give_up(now);
+        for value in [unanswered, self.desk.parameters.next(now)].into_iter().flatten() {
             let message = MavMessage::PARAM_VALUE(value);
             outputs.send(self.outgoing(now, Body::Message(message)));
         }
+        outputs.parameter_change = self.desk.parameters.ask(now);
         if let Some((to, payload)) = self.desk.files.next(now) {
             outputs.send(self.outgoing(now, file_transfer(to, payload)));
         }
@@ -130,7 +140,6 @@ impl Gateway {
                 ..self.outgoing(now, Body::Message(status))
             });
         }
-        outputs.parameters = self.desk.parameters.publish(now);
         outputs.restart = self.desk.restart_due(now);
     }
 
@@ -268,13 +277,6 @@ impl Gateway {
             (Topic::Computer, _) => self.desk.computer_period_s(),
             (Topic::Version | Topic::Protocol | Topic::Metadata, _) => Some(0.0),
         }
-    }
-
-    /// Tells everybody that changed parameters could not be kept.
-    pub fn notice_lost_store(&mut self, now: Timestamp) -> EventSample {
-        let sample = EventSample::new(&jink_shared_types::events::PARAMETERS_NOT_KEPT, "", [0.0; 2]);
-        self.texts.push(now, &sample);
-        sample
     }
 }
 

@@ -11,7 +11,7 @@ use super::Gateway;
 use crate::executive::notice::MEANT_S;
 use crate::executive::{Demand, PilotText, REPEAT_S, TRIES};
 use crate::io::Outputs;
-use crate::profile::ProfileName;
+use jink_mavlink_link::profile_name::ProfileName;
 use jink_shared_types::Timestamp;
 use jink_shared_types::coded::Wire;
 use jink_shared_types::events::{MODE_HELD, MODE_UNGUARDED};

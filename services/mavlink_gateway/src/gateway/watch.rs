@@ -11,7 +11,7 @@ use super::mission::MissionFlight;
 use crate::blockage::Remedy;
 use crate::executive::Demand;
 use crate::io::Outputs;
-use crate::make::Make;
+use jink_mavlink_link::make::Make;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{Event, EventSample, ITEM_BLOCKED, SETPOINTS_FOLLOWED, SETPOINTS_IGNORED};
 use jink_shared_types::vehicle::NavMode;

@@ -24,7 +24,7 @@
 use super::lead::Lead;
 use super::pilot::{Nearness, Pilot, Source};
 use super::{Profile, Setpoint, Situation};
-use crate::message::COMPONENT_AUTOPILOT;
+use jink_mavlink_link::message::COMPONENT_AUTOPILOT;
 use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::{

@@ -4,24 +4,21 @@ mod kept;
 mod opening;
 
 use crate::board::Board;
-use crate::link::Progress;
-use crate::links::Links;
 use crate::ranges::{RangeSources, SensorTable};
 use crate::{
     Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileChoice, Receipt,
     Received, Representation,
 };
+use jink_mavlink_link::link::Progress;
+use jink_mavlink_link::links::Links;
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{
-    Claim, Clock, Cycle, Input, Latency, Output, Ports, Service, StartError, StoreWriter, Wake,
-};
+use jink_runtime::{Claim, Clock, Cycle, Input, Latency, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::hash;
 use jink_shared_types::health::Name;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::{LinkStatus, StopRequest};
 use jink_shared_types::motion::ApprovedTrajectory;
-use jink_shared_types::params::ParamSet;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::SectorRing;
@@ -68,10 +65,11 @@ pub struct GatewayService {
     status: Output<LinkStatus>,
     /// Nothing that is needed to fly: without it the board stays unknown.
     board: Option<Board>,
-    parameters: Output<ParameterValues>,
-    changes: Input<ParameterChange>,
+    parameters: Input<ParameterValues>,
+    /// Sequence number of the parameters taken last.
+    parameters_taken: Option<u64>,
+    changes: Output<ParameterChange>,
     stop_requests: Input<StopRequest>,
-    store: StoreWriter,
     latency: Latency,
     claim: Claim,
     /// What the next gateway is to know of this flight.
@@ -155,11 +153,11 @@ impl Service for GatewayService {
             board: (!ports.clock().is_virtual())
                 .then(|| Board::watch().ok())
                 .flatten(),
-            parameters: ports.output(topics::PARAMETERS)?,
+            parameters: ports.trigger(topics::PARAMETERS)?,
+            parameters_taken: None,
+            changes: ports.output(topics::PARAMETER_CHANGE)?,
             // Each command that asks is a producer of its own.
-            changes: ports.input(topics::PARAMETER_CHANGE)?.of_all_producers(),
             stop_requests: ports.input(topics::STOP_REQUEST)?.of_all_producers(),
-            store: ports.param_store().clone().writer(),
             latency: ports.latency(),
             claim: ports.claim(),
             flight,
@@ -192,8 +190,11 @@ impl Service for GatewayService {
                 self.news.push(*event.sample);
             }
         });
-        self.changes
-            .each(|change| self.gateway.change_param(change.sample));
+        let parameters = self.parameters.latest(now).fresh();
+        let parameters = parameters.filter(|values| self.parameters_taken != Some(values.header.sequence));
+        if let Some(values) = &parameters {
+            self.parameters_taken = Some(values.header.sequence);
+        }
         self.stop_requests.each(|_| self.gateway.request_stop());
         if let Some(reading) = self.board.as_ref().and_then(Board::news) {
             self.gateway.notice_board(reading);
@@ -206,6 +207,7 @@ impl Service for GatewayService {
             ring: self.ring.latest(now),
             system: self.system.latest(now),
             events: &self.news,
+            parameters: parameters.map(|values| values.sample),
         };
         self.gateway.step(now, &inputs, &mut self.outputs);
         if speaks {
@@ -223,12 +225,9 @@ impl Service for GatewayService {
         for event in self.outputs.events() {
             cycle.events.publish(now, event);
         }
-        if speaks {
-            self.keep_params(cycle);
-            if self.outputs.restart {
-                tracing::info!("started anew, as asked for over the link");
-                return Wake::restart();
-            }
+        if speaks && self.outputs.restart {
+            tracing::info!("started anew, as asked for over the link");
+            return Wake::restart();
         }
         if self.take_over(now) || progress == Progress::More {
             return Wake::at(now);
@@ -242,13 +241,6 @@ impl Service for GatewayService {
             wake = wake.min(now.plus_seconds(ORPHAN_LOOKS_S));
         }
         Wake::at(wake)
-    }
-
-    /// An instance that only listens does as the one that speaks; that one knows best itself.
-    fn retune(&mut self, params: &ParamSet) {
-        if !self.links.holds() {
-            self.gateway.follow_params(params);
-        }
     }
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
@@ -287,22 +279,6 @@ impl GatewayService {
             tracing::info!("the link is taken over from an instance that has died");
         }
         left_alone
-    }
-
-    /// Has changed parameters written; a disk that does not take them is told to the pilot.
-    fn keep_params(&mut self, cycle: &mut Cycle<'_>) {
-        let changed = matches!(self.outputs.parameters, Some((_, true)));
-        let written = if changed {
-            self.store.save(self.gateway.params())
-        } else {
-            Ok(())
-        };
-        if let Some(cause) = written.err().or_else(|| self.store.failure()) {
-            tracing::warn!("parameters are not kept: {cause}");
-            cycle
-                .events
-                .publish(cycle.now, &self.gateway.notice_lost_store(cycle.now));
-        }
     }
 
     fn receive(&mut self, now: Timestamp) -> Progress {
@@ -355,8 +331,8 @@ impl GatewayService {
         if let Some((demand, capture)) = &self.outputs.pilot_demand {
             self.pilot.send(captured(*capture), demand);
         }
-        if let Some((values, _)) = &self.outputs.parameters {
-            self.parameters.send(SampleHeader::at(self.clock.now()), values);
+        if let Some(change) = &self.outputs.parameter_change {
+            self.changes.send(SampleHeader::at(self.clock.now()), change);
         }
         if let Some(status) = &self.outputs.link_status {
             self.status.send(SampleHeader::at(self.clock.now()), status);

@@ -1,9 +1,9 @@
 //! Opening the links of the configuration.
 
 use super::needs;
-use crate::link::{Link, LinkError};
-use crate::links::{LinkSetup, Links};
-use crate::tlog::Tlog;
+use jink_mavlink_link::link::{Link, LinkError};
+use jink_mavlink_link::links::{LinkSetup, Links};
+use jink_mavlink_link::tlog::Tlog;
 use jink_runtime::{Ports, StartError};
 use std::path::{Path, PathBuf};
 use std::time::Duration;

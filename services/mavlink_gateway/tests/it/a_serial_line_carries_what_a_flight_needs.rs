@@ -2,8 +2,8 @@
 //! always, obstacle maps at least five times a second where that fits, and an event where it does not.
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on.
 
-use jink_mavlink_gateway::budget::{Budget, Change, Class};
 use jink_mavlink_gateway::{Body, Encoder};
+use jink_mavlink_link::budget::{Budget, Change, Class};
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::*;
 

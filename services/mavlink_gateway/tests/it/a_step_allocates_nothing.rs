@@ -4,19 +4,19 @@
 use crate::support::{MODE_MISSION, MODE_POSITION, Sample, at, flight, heartbeat, wish};
 use allocation_counter::measure;
 use jink_mavlink_gateway::assist::record::AssistRecord;
-use jink_mavlink_gateway::budget::Class;
 use jink_mavlink_gateway::executive::FlightGoal;
 use jink_mavlink_gateway::executive::items::Jumps;
 use jink_mavlink_gateway::executive::record::{LandedState, Record};
-use jink_mavlink_gateway::frame::Splitter;
-use jink_mavlink_gateway::link::Link;
-use jink_mavlink_gateway::links::{LinkSetup, Links};
-use jink_mavlink_gateway::router::Us;
-use jink_mavlink_gateway::signing::Key;
 use jink_mavlink_gateway::{
     Body, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outgoing, Outputs, ProfileName,
     Receipt, Received,
 };
+use jink_mavlink_link::budget::Class;
+use jink_mavlink_link::frame::Splitter;
+use jink_mavlink_link::link::Link;
+use jink_mavlink_link::links::{LinkSetup, Links};
+use jink_mavlink_link::router::Us;
+use jink_mavlink_link::signing::Key;
 use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::motion::{ApprovedTrajectory, Verdict};
 use jink_shared_types::params::ParamSet;
@@ -111,6 +111,7 @@ fn from_bytes_to_bytes_without_the_allocator() {
             ring: Sample::reading(&ring, now, 200.0),
             system: jink_shared_types::Reading::Never,
             events: &[],
+            parameters: None,
         };
         gateway.step(now, &inputs, &mut outputs);
         let mut sent = 0;
@@ -216,6 +217,7 @@ fn an_assisted_flight_asks_the_allocator_for_nothing() {
                 ring: jink_shared_types::Reading::Never,
                 system: jink_shared_types::Reading::Never,
                 events: &[],
+                parameters: None,
             };
             gateway.step(now, &inputs, &mut outputs);
             for message in outputs.messages() {

@@ -4,7 +4,8 @@
 use crate::support::*;
 use jink_mavlink_gateway::computer::BoardReading;
 use jink_mavlink_gateway::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
-use jink_shared_types::params::{OA_SPD_MAX, OA_YAW_MODE, TABLE};
+use jink_parameter_server::ParameterServer;
+use jink_shared_types::params::{OA_ALT_MAX, OA_SPD_MAX, OA_YAW_MODE, Param, TABLE};
 use jink_shared_types::tuning::{ParameterChange, TABLE_HASH};
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::types::CharArray;
@@ -160,6 +161,7 @@ fn the_version_announces_what_is_true_of_each_component() {
             &mut bench,
             set("OA_YAW_MODE", 0.0, MavParamType::MAV_PARAM_TYPE_INT32),
         );
+        bench.step();
         let capabilities = sent(&bench, |message| match message {
             MavMessage::AUTOPILOT_VERSION(version) => Some(version.capabilities),
             _ => None,
@@ -298,29 +300,30 @@ fn all_parameters_are_listed_for_whoever_asks_all_components() {
 }
 
 #[test]
-fn a_changed_parameter_is_told_to_everybody_and_kept() {
+fn a_changed_parameter_is_told_to_everybody() {
     let mut bench = acquainted(false);
     ask(
         &mut bench,
         set("OA_SPD_MAX", 4.5, MavParamType::MAV_PARAM_TYPE_REAL32),
     );
-    let (published, keep) = bench.outputs.parameters.unwrap();
-    assert!(keep);
     assert!(
-        published
-            .rows(bench.gateway.params())
-            .any(|(row, value)| row.name == "OA_SPD_MAX" && value == 4.5)
+        values(&bench).is_empty(),
+        "nothing is in force before its owner says so"
     );
+    bench.step();
+    assert_eq!(values(&bench).len(), 1);
+    // Somebody on the board changes it as well.
     let row = TABLE.iter().position(|row| row.name == "OA_SPD_MAX").unwrap();
-    bench.gateway.change_param(&ParameterChange {
+    let server = bench.server.as_mut().unwrap();
+    assert!(server.take(&ParameterChange {
         table: TABLE_HASH,
         id: 3,
         value: 5.5,
         row: row as u32,
         reserved: jink_shared_types::Reserved::ZERO,
-    });
+    }));
+    bench.parameters = Some(server.publish(bench.now));
     bench.step();
-    assert_eq!(bench.outputs.parameters.unwrap().0.answered, 3);
     let told: Vec<f32> = values(&bench).iter().map(|value| value.param_value).collect();
     assert_eq!(told, [4.5, 5.5]);
     assert_eq!(bench.gateway.params().get(&OA_SPD_MAX), 5.5);
@@ -337,6 +340,31 @@ fn a_changed_parameter_is_told_to_everybody_and_kept() {
     let expected = (MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE, STATION);
     assert_eq!(errors, [(COMPONENT_AVOIDANCE, expected)]);
     assert_eq!(values(&bench)[0].param_value, 5.5);
+}
+
+#[test]
+fn without_the_parameters_owner_a_station_gets_the_value_that_stays() {
+    let mut bench = acquainted(false);
+    bench.server = None;
+    let float = MavParamType::MAV_PARAM_TYPE_REAL32;
+    for (name, value) in [("OA_SPD_MAX", 4.5), ("OA_ALT_MAX", 40.0), ("OA_SPD_MAX", 5.0)] {
+        ask(&mut bench, set(name, value, float));
+    }
+    bench.fly(1.5, |_, _| {});
+    let told: Vec<_> = values(&bench);
+    let stays = |row: &Param| {
+        let named = told.iter().filter(|one| one.param_id.to_str() == Ok(row.name));
+        named.map(|one| f64::from(one.param_value)).collect::<Vec<_>>()
+    };
+    // The first was with the owner when he died; the third came behind it.
+    assert_eq!(stays(&OA_SPD_MAX), [OA_SPD_MAX.default; 2]);
+    assert_eq!(stays(&OA_ALT_MAX), [OA_ALT_MAX.default]);
+    // It is back, and has what is asked from now on.
+    bench.server = Some(ParameterServer::new(bench.gateway.params()));
+    bench.sent.clear();
+    ask(&mut bench, set("OA_SPD_MAX", 4.5, float));
+    bench.step();
+    assert_eq!(values(&bench)[0].param_value, 4.5);
 }
 
 /// One request of the file transfer, and the answers that come within the given time.

@@ -5,6 +5,7 @@ use jink_mavlink_gateway::{GatewayConfig, ProfileName};
 use jink_shared_types::Timestamp;
 use jink_shared_types::motion::Verdict;
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::tuning::ParameterValues;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -141,7 +142,7 @@ fn the_lead_is_learned_with_the_position_gain_that_is_set_on_the_autopilot() {
         let mut params = ParamSet::default();
         params.set("MPC_XY_P", gain_per_s).unwrap();
         let mut bench = bench(profile);
-        bench.gateway.follow_params(&params);
+        bench.parameters = Some(ParameterValues::of(&params));
         bench.fly(1.0, |bench, t| {
             tell(bench, profile, t, MODE_OFFBOARD, HERE, Vector3::zeros());
             bench.approve(Verdict::Passed, mirror());

@@ -2,10 +2,10 @@
 
 use crate::support::*;
 use jink_mavlink_gateway::computer::BoardReading;
-use jink_mavlink_gateway::router::LinkSet;
 use jink_mavlink_gateway::{
     COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, Destination, GatewayConfig, Receipt,
 };
+use jink_mavlink_link::router::LinkSet;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::Health;
 use jink_shared_types::link::AvoidanceState;

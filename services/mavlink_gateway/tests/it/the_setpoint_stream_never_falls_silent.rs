@@ -3,8 +3,8 @@
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
 
 use crate::support::*;
-use jink_mavlink_gateway::signing::stamps::Stamps;
 use jink_mavlink_gateway::{Baton, Encoder};
+use jink_mavlink_link::signing::stamps::Stamps;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::Health;
 use jink_shared_types::motion::{ApprovedTrajectory, Trajectory, Verdict};

@@ -2,7 +2,7 @@
 
 use super::{Process, Running, Source, Start, clearance, truth_wire};
 use crate::wire::{Reader, frames, note};
-use jink_mavlink_gateway::frame::Splitter;
+use jink_mavlink_link::frame::Splitter;
 use jink_shared_types::geo::GlobalPoint;
 use jink_simulator::ground_station::Make;
 use mavlink::MessageData;

@@ -2,7 +2,7 @@
 
 use super::{Process, Running, Source, Start, clearance, truth_wire};
 use crate::wire::{Reader, frames};
-use jink_mavlink_gateway::frame::Splitter;
+use jink_mavlink_link::frame::Splitter;
 use jink_shared_types::geo::GlobalPoint;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{HIL_STATE_QUATERNION_DATA, MavMessage};

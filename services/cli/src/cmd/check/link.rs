@@ -93,20 +93,18 @@ fn holder(instance: &Instance, config: &Config, args: &Args) -> Result<Option<St
     Ok(held.ok().filter(|held| !is_named || *held == config.link.address))
 }
 
-/// Has the gateway's program examine, and shows what it does meanwhile.
+/// Has the examining program look, and shows what it does meanwhile.
 fn examine(text: &str, config: &Config, args: &Args) -> Result<Outcome, Problem> {
-    let program = places::program(&places::program_folder()?, "jink-mavlink-gateway")?;
+    let program = places::program(&places::program_folder()?, "jink-link-check")?;
     let interrupt = Interrupt::listen()?;
     let stamps = Stamps::of(config);
     let mut command = Command::new(program);
-    command
-        .arg("check")
-        .args(["--seconds", &args.seconds.to_string(), "--stamps"]);
+    command.args(["--seconds", &args.seconds.to_string(), "--stamps"]);
     command
         .arg(&stamps.path)
         .stdin(Stdio::piped())
         .stdout(Stdio::piped());
-    let mut child = command.spawn().map_err(Problem::io("jink-mavlink-gateway"))?;
+    let mut child = command.spawn().map_err(Problem::io("jink-link-check"))?;
     let outcome = converse(&mut child, text, &interrupt);
     // Ended by itself, or no longer wanted.
     let _gone_already = child.kill();
@@ -118,7 +116,7 @@ fn converse(child: &mut Child, text: &str, interrupt: &Interrupt) -> Result<Outc
     if let Some(mut input) = child.stdin.take() {
         input
             .write_all(text.as_bytes())
-            .map_err(Problem::io("jink-mavlink-gateway"))?;
+            .map_err(Problem::io("jink-link-check"))?;
     }
     let mut screen = Progress::default();
     for line in child
@@ -128,7 +126,7 @@ fn converse(child: &mut Child, text: &str, interrupt: &Interrupt) -> Result<Outc
         .into_iter()
         .flat_map(BufRead::lines)
     {
-        let line = line.map_err(Problem::io("jink-mavlink-gateway"))?;
+        let line = line.map_err(Problem::io("jink-link-check"))?;
         match serde_json::from_str(&line) {
             Ok(Said::Progress { progress }) => screen.show(&progress),
             Ok(Said::Refused { refused }) => return Ok(Outcome::Refused(refused)),
@@ -136,7 +134,7 @@ fn converse(child: &mut Child, text: &str, interrupt: &Interrupt) -> Result<Outc
                 screen.clear();
                 return Ok(Outcome::Found(findings, Map::new(), String::new()));
             }
-            Err(error) => return Err(Problem::Other(format!("jink-mavlink-gateway: {error}: {line}"))),
+            Err(error) => return Err(Problem::Other(format!("jink-link-check: {error}: {line}"))),
         }
         if interrupt.has_come() {
             return Ok(Outcome::Interrupted);
@@ -145,7 +143,7 @@ fn converse(child: &mut Child, text: &str, interrupt: &Interrupt) -> Result<Outc
     match interrupt.has_come() {
         true => Ok(Outcome::Interrupted),
         false => Err(Problem::Other(
-            "jink-mavlink-gateway ended without a verdict".to_owned(),
+            "jink-link-check ended without a verdict".to_owned(),
         )),
     }
 }

@@ -2,8 +2,8 @@
 
 use super::dice::Dice;
 use super::messages;
-use jink_mavlink_gateway::frame::{SPLITTER_BYTES, Splitter};
 use jink_mavlink_gateway::{Body, Content, Encoder};
+use jink_mavlink_link::frame::{SPLITTER_BYTES, Splitter};
 
 /// The longest frame with the longest header and a signature.
 const FRAME_MAX: usize = 1 + 12 + 255 + 2 + 13;
@@ -91,7 +91,7 @@ fn take_all(splitter: &mut Splitter, stream: &[u8], found: &mut Vec<Found>, in_f
 }
 
 /// What a frame says can be said again in the same words.
-fn understand(frame: &jink_mavlink_gateway::frame::Frame<'_>) {
+fn understand(frame: &jink_mavlink_link::frame::Frame<'_>) {
     assert!(
         frame
             .signature()

@@ -6,7 +6,10 @@ use jink_mavlink_gateway::{
     Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, Content, Gateway, GatewayConfig, Inputs, Outputs,
     Received,
 };
+use jink_parameter_server::ParameterServer;
+use jink_shared_types::layout::Layout;
 use jink_shared_types::params;
+use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::{Reading, Timestamp};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
@@ -24,6 +27,9 @@ struct Desk {
     outputs: Outputs,
     now: Timestamp,
     said: Vec<MavMessage>,
+    server: ParameterServer,
+    server_lives: bool,
+    parameters: Option<ParameterValues>,
 }
 
 /// Runs the laws of the desk.
@@ -39,7 +45,10 @@ pub fn laws(data: &[u8]) {
         match dice.below(4) {
             0 => desk.asks_for_parameters(client, messages::parameter(&mut dice, target)),
             1 | 2 => desk.asks_for_files(client, target, messages::files(&mut dice, target)),
-            _ => desk.wait(f64::from(dice.byte()) * 0.02),
+            _ => {
+                desk.server_lives = !dice.once_in(4);
+                desk.wait(f64::from(dice.byte()) * 0.02);
+            }
         }
     }
     desk.comes_to_rest();
@@ -53,6 +62,9 @@ impl Desk {
             outputs: Outputs::default(),
             now: Timestamp::from_seconds(1000.0),
             said: Vec::new(),
+            server: ParameterServer::new(&params::ParamSet::default()),
+            server_lives: true,
+            parameters: None,
         };
         let autopilot = if copter {
             MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -89,8 +101,18 @@ impl Desk {
             ring: Reading::Never,
             system: Reading::Never,
             events: &[],
+            parameters: self.parameters.as_ref(),
         };
         self.gateway.step(self.now, &inputs, &mut self.outputs);
+        self.parameters = None;
+        if let Some(change) = &self.outputs.parameter_change {
+            assert!(change.is_plausible(), "{change:?}");
+            // Dead at times.
+            if self.server_lives {
+                self.server.take(change);
+                self.parameters = Some(self.server.publish(self.now));
+            }
+        }
         self.said.clear();
         self.said.extend(
             self.outputs
@@ -127,8 +149,8 @@ impl Desk {
         for error in errors {
             assert_eq!((error.target_system, error.target_component), client);
         }
-        // One answer, and one piece of a list.
-        assert!(self.said.iter().filter_map(value).count() <= 2);
+        // One answer, that to an earlier change, and one piece of a list.
+        assert!(self.said.iter().filter_map(value).count() <= 3);
     }
 
     fn asks_for_files(&mut self, client: (u8, u8), target: (u8, u8), message: MavMessage) {

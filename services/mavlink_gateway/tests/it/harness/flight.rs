@@ -11,12 +11,12 @@
 
 use super::dice::Dice;
 use super::messages;
-use jink_mavlink_gateway::frame::Splitter;
-use jink_mavlink_gateway::signing::stamps::Stamps;
 use jink_mavlink_gateway::{
     Baton, Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, Content, Encoder,
     Gateway, GatewayConfig, Inputs, OUTBOX, Outputs, ProfileName, Receipt, Received, Remedy, Representation,
 };
+use jink_mavlink_link::frame::Splitter;
+use jink_mavlink_link::signing::stamps::Stamps;
 use jink_shared_types::bezier::{self, End};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, SystemStatus};
@@ -25,8 +25,8 @@ use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, Tra
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::prevention::{PreventedDemand, PreventionState};
 use jink_shared_types::ring::SectorRing;
-use jink_shared_types::tuning::{self, ParameterChange};
-use jink_shared_types::{Coded, Reading, Reserved, SampleHeader, Stamped, Timestamp, Velocity};
+use jink_shared_types::tuning::ParameterValues;
+use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp, Velocity};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
@@ -66,6 +66,7 @@ struct Story {
     prevented: Sample<PreventedDemand>,
     system: Sample<SystemStatus>,
     events: Vec<EventSample>,
+    parameters: Option<ParameterValues>,
     steps: usize,
     last_setpoint: Option<Timestamp>,
     /// Since when it has been known whose autopilot it is.
@@ -119,6 +120,7 @@ impl Story {
             prevented: None,
             system: None,
             events: Vec::new(),
+            parameters: None,
             steps: 0,
             last_setpoint: None,
             known_since: None,
@@ -403,17 +405,17 @@ impl Story {
 
     fn the_board_does_something(&mut self, dice: &mut Dice<'_>) {
         match dice.below(4) {
-            0 => self.gateway.change_param(&ParameterChange {
-                table: if dice.once_in(4) {
-                    dice.u64()
-                } else {
-                    tuning::TABLE_HASH
-                },
-                id: dice.u64(),
-                value: f64::from(dice.number()),
-                row: u32::from(dice.byte()),
-                reserved: Reserved::ZERO,
-            }),
+            0 => {
+                let mut values = ParameterValues::of(self.gateway.params());
+                values.answered = dice.u64();
+                if dice.once_in(4) {
+                    values.table = dice.u64();
+                }
+                if let Some(value) = values.values.get_mut(usize::from(dice.byte())) {
+                    *value = f64::from(dice.number());
+                }
+                self.parameters = Some(values);
+            }
             1 => self.gateway.listen_only(dice.once_in(2)),
             2 => self.gateway.go_on_at_once(self.now),
             _ => {
@@ -484,8 +486,10 @@ impl Story {
             ring: reading(&self.ring, self.now, 200.0),
             system: reading(&self.system, self.now, 300.0),
             events: &self.events,
+            parameters: self.parameters.as_ref(),
         };
         self.gateway.step(self.now, &inputs, &mut self.outputs);
+        self.parameters = None;
         self.pending.clear();
         self.events.clear();
         assert!(self.outputs.messages().len() <= OUTBOX);
@@ -546,8 +550,8 @@ impl Story {
         if let Some(status) = &self.outputs.link_status {
             assert!(status.is_plausible(), "{status:?}");
         }
-        if let Some((values, _)) = &self.outputs.parameters {
-            assert!(values.is_plausible(), "{values:?}");
+        if let Some(change) = &self.outputs.parameter_change {
+            assert!(change.is_plausible(), "{change:?}");
         }
         for arrived in self.outputs.scans() {
             assert!(arrived.scan.is_plausible(), "{:?}", arrived.scan);

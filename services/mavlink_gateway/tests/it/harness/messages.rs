@@ -1,8 +1,8 @@
 //! Messages as an autopilot, a ground station or a madman would send them.
 
 use super::dice::Dice;
-use jink_mavlink_gateway::frame::Splitter;
 use jink_mavlink_gateway::{COMPONENT_AUTOPILOT, Content, ProfileName};
+use jink_mavlink_link::frame::Splitter;
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::types::CharArray;
 use mavlink::{Message, calculate_crc};

@@ -5,12 +5,12 @@
 
 use super::dice::Dice;
 use super::messages;
-use jink_mavlink_gateway::frame::Splitter;
-use jink_mavlink_gateway::link::{Link, Progress};
-use jink_mavlink_gateway::links::{LinkSetup, Links};
-use jink_mavlink_gateway::router::{Sender, Target, Us};
-use jink_mavlink_gateway::signing::{Key, SIGNED_FRAME_MAX, sign};
 use jink_mavlink_gateway::{Body, Content, Destination, Outgoing, Receipt, Received};
+use jink_mavlink_link::frame::Splitter;
+use jink_mavlink_link::link::{Link, Progress};
+use jink_mavlink_link::links::{LinkSetup, Links};
+use jink_mavlink_link::router::{Sender, Target, Us};
+use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign};
 use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::Timestamp;
 use mavlink::MessageData;

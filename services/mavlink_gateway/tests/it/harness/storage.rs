@@ -1,10 +1,10 @@
 //! What lies in files and what one gateway tells the next: damaged, it is refused or made the best of, and never a crash.
 
 use super::dice::Dice;
-use jink_mavlink_gateway::signing::Key;
-use jink_mavlink_gateway::signing::stamps::{StampKeeper, Stamps, wall};
-use jink_mavlink_gateway::tlog::Tlog;
 use jink_mavlink_gateway::{Baton, Encoder, Gateway, GatewayConfig};
+use jink_mavlink_link::signing::Key;
+use jink_mavlink_link::signing::stamps::{StampKeeper, Stamps, wall};
+use jink_mavlink_link::tlog::Tlog;
 use jink_shared_types::Timestamp;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};

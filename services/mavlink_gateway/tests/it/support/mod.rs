@@ -3,17 +3,20 @@
 #![allow(dead_code)] // Every test file uses its own part of the bench.
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
 
-use jink_mavlink_gateway::frame::Splitter;
 use jink_mavlink_gateway::{
     COMPONENT_AUTOPILOT, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Received,
 };
+use jink_mavlink_link::frame::Splitter;
+use jink_parameter_server::ParameterServer;
 use jink_shared_types::bezier::{self, End};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, TrajectoryMode, Verdict};
+use jink_shared_types::params::ParamSet;
 use jink_shared_types::prevention::PreventedDemand;
 use jink_shared_types::ring::SectorRing;
+use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp};
 use mavlink::MessageData;
@@ -76,6 +79,10 @@ pub struct Bench {
     pub boot_ms_at_zero: u32,
     /// The link on which what is heard comes in.
     pub link: u8,
+    /// The owner of the parameters; `None` = it is dead.
+    pub server: Option<ParameterServer>,
+    /// What it has published since the last step.
+    pub parameters: Option<ParameterValues>,
     pending: Vec<Received>,
     autopilot: Encoder,
     ours: Encoder,
@@ -116,6 +123,8 @@ impl Bench {
             status: None,
             boot_ms_at_zero: 60_000,
             link: 0,
+            server: Some(ParameterServer::new(&ParamSet::default())),
+            parameters: None,
             pending: Vec::new(),
             autopilot: Encoder::new(),
             ours: Encoder::new(),
@@ -191,8 +200,14 @@ impl Bench {
             ring: Sample::reading(&self.ring, self.now, 200.0),
             system: Sample::reading(&self.system, self.now, 300.0),
             events: &self.events,
+            parameters: self.parameters.as_ref(),
         };
         self.gateway.step(self.now, &inputs, &mut self.outputs);
+        self.parameters = None;
+        if let (Some(change), Some(server)) = (&self.outputs.parameter_change, &mut self.server) {
+            server.take(change);
+            self.parameters = Some(server.publish(self.now));
+        }
         self.pending.clear();
         self.events.clear();
         for outgoing in self.outputs.messages() {

@@ -1,0 +1,379 @@
+//! The examination of a link before the flight: what keeps jink from flying, in words a person can act on.
+//!
+//! | in | out |
+//! |---|---|
+//! | messages ([`Examination::take`]), what each link counts ([`Examination::notice`]), time | questions to the autopilot ([`Examination::step`]) |
+//! | the plan: profile, system id, links, highest speed | [`Finding`]s, each what is, how it bears on flying, what to do |
+//!
+//! Pure, and harmless: no setpoint, no mode, no arming, no parameter is ever sent. Its heartbeat is that of an on-board
+//! computer (component 191), and goes out only until an autopilot is heard, because on some links nobody speaks before he is
+//! spoken to. No autopilot takes that for an obstacle avoidance.
+//!
+//! Findings stand in the order of causes: the link, the protocol, who is there, whether it is the right one, what it is asked and
+//! tells, its parameters, others who interfere. What follows from an earlier one is not told again, so the first blocker is the one to
+//! mend first. Every threshold is in `limits` with its reason.
+
+mod ear;
+mod finding;
+mod heard;
+mod interview;
+mod judge;
+mod limits;
+#[cfg(test)]
+mod tests;
+mod tool;
+
+pub use ear::{Counts, Ear};
+pub use finding::{Finding, Grade};
+pub use interview::parameters as examined_parameters;
+pub use tool::run;
+
+use heard::Heard;
+use interview::{ASKER, Interview};
+use jink_mavlink_link::fit::{Fit, MatchingProfile};
+use jink_mavlink_link::latch::ALIVE_S;
+use jink_mavlink_link::latch::Latch;
+use jink_mavlink_link::latch::{is_autopilot, speaks_as_autopilot};
+use jink_mavlink_link::links::{LinkSetup, SetupError};
+use jink_mavlink_link::make::Make;
+use jink_mavlink_link::message::{
+    Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Receipt, Received,
+};
+use jink_mavlink_link::profile_name::{ProfileChoice, ProfileName, UnknownName};
+use jink_mavlink_link::ticker::Ticker;
+use jink_runtime::config::{Config, Purpose};
+use jink_shared_types::Timestamp;
+use jink_shared_types::link::ProfileFit;
+use jink_shared_types::params::{CP_DIST, MPC_ACC_HOR, MPC_JERK_MAX, OA_ASSIST_CH, OA_SPD_MAX};
+use limits::LISTEN_S;
+use mavlink::dialects::ardupilotmega::{
+    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
+};
+use std::fmt;
+
+/// What jink is configured for.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// How setpoints will be spoken.
+    pub profile: ProfileChoice,
+    /// The vehicle's system id; `None` = that of the only autopilot heard.
+    pub system_id: Option<u8>,
+    /// The highest speed of a planned motion (m/s).
+    pub speed_max_mps: f64,
+    /// What collision prevention counts on, if a switch of the remote control chooses assisted flight.
+    pub assist: Option<Braking>,
+    /// The links, the autopilot's first.
+    pub links: Vec<LinkSetup>,
+}
+
+/// How collision prevention expects the vehicle to brake.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Braking {
+    /// Deceleration (m/s2): MPC_ACC_HOR.
+    pub acceleration_mps2: f64,
+    /// How fast that builds up (m/s3): MPC_JERK_MAX.
+    pub jerk_mps3: f64,
+}
+
+/// Why a configuration is no plan.
+#[derive(Debug)]
+pub enum PlanError {
+    /// A link is described wrongly.
+    Link(SetupError),
+    /// There is no such profile.
+    Profile(UnknownName),
+}
+
+impl fmt::Display for PlanError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Link(source) => write!(f, "{source}"),
+            Self::Profile(source) => write!(f, "link.profile: {source}"),
+        }
+    }
+}
+
+impl std::error::Error for PlanError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Link(source) => Some(source),
+            Self::Profile(source) => Some(source),
+        }
+    }
+}
+
+impl Plan {
+    /// What `config` says.
+    ///
+    /// # Errors
+    /// [`PlanError`].
+    pub fn of(config: &Config) -> Result<Self, PlanError> {
+        let rows = config.link.rows();
+        let links: Result<Vec<_>, _> = rows.iter().map(LinkSetup::of).collect();
+        Ok(Self {
+            profile: config.link.profile.parse().map_err(PlanError::Profile)?,
+            system_id: (config.link.system_id != 0).then_some(config.link.system_id),
+            speed_max_mps: config.params.get(&OA_SPD_MAX),
+            assist: (config.params.get(&OA_ASSIST_CH) > 0.0 && config.params.get(&CP_DIST) > 0.0).then(
+                || Braking {
+                    acceleration_mps2: config.params.get(&MPC_ACC_HOR),
+                    jerk_mps3: config.params.get(&MPC_JERK_MAX),
+                },
+            ),
+            links: links.map_err(PlanError::Link)?,
+        })
+    }
+
+    /// Whether an autopilot is looked for on link `index`.
+    fn looks_on(&self, index: u8) -> bool {
+        let link = self.links.get(usize::from(index));
+        link.is_some_and(|link| link.purpose == Purpose::Autopilot)
+    }
+}
+
+/// What is known of one link.
+#[derive(Clone, Debug, Default)]
+struct Line {
+    counts: Counts,
+    /// Why it could not be opened.
+    failure: Option<String>,
+}
+
+/// The examination.
+#[derive(Debug)]
+pub struct Examination {
+    plan: Plan,
+    patience_s: f64,
+    begin: Timestamp,
+    lines: Vec<Line>,
+    heard: Heard,
+    latch: Latch,
+    interview: Option<Interview>,
+    /// The profile that is examined; where jink chooses it, `None` until that is known.
+    profile: Option<ProfileName>,
+    fit: Fit,
+    greeting: Ticker,
+}
+
+impl Examination {
+    /// Of what `plan` says, for `patience_s` at most.
+    pub fn new(plan: Plan, patience_s: f64) -> Self {
+        Self {
+            lines: vec![Line::default(); plan.links.len()],
+            latch: Latch::new(plan.system_id),
+            profile: match plan.profile {
+                ProfileChoice::Auto => None,
+                ProfileChoice::Fixed(profile) => Some(profile),
+            },
+            fit: Fit::default(),
+            plan,
+            patience_s,
+            begin: Timestamp::NEVER,
+            heard: Heard::default(),
+            interview: None,
+            greeting: Ticker::new(1.0),
+        }
+    }
+
+    /// Link `index` could not be opened.
+    pub fn fail(&mut self, index: usize, cause: String) {
+        if let Some(line) = self.lines.get_mut(index) {
+            line.failure = Some(cause);
+        }
+    }
+
+    /// What link `index` has counted so far.
+    pub fn notice(&mut self, index: usize, counts: Counts) {
+        if let Some(line) = self.lines.get_mut(index) {
+            line.counts = counts;
+        }
+    }
+
+    /// Takes one message.
+    pub fn take(&mut self, received: &Received) {
+        self.heard.take(received);
+        let Content::Message(message) = &received.content else {
+            return;
+        };
+        let Ok(system_id) = u8::try_from(received.header.system_id) else {
+            return;
+        };
+        if received.header.component_id != COMPONENT_AUTOPILOT || !self.plan.looks_on(received.link) {
+            return;
+        }
+        let time = received.time;
+        if speaks_as_autopilot(message) {
+            self.latch.hear(system_id, time);
+        }
+        if self.latch.system_id(time) != Some(system_id) || !self.latch.is_heard_on(received.link, time) {
+            return;
+        }
+        if let MavMessage::HEARTBEAT(heartbeat) = message
+            && is_autopilot(heartbeat)
+            && self.interview.is_none()
+        {
+            self.interview = Some(Interview::new(system_id, heartbeat.clone(), time, self.profile));
+        }
+        self.choose(time, message);
+        if let Some(interview) = &mut self.interview
+            && interview.system_id() == system_id
+        {
+            interview.take(time, message);
+        }
+    }
+
+    /// Where that is left to jink, the autopilot's answers choose the profile; then it is examined for that one.
+    fn choose(&mut self, time: Timestamp, message: &MavMessage) {
+        self.fit.take(message);
+        let Some(interview) = self.interview.as_ref().filter(|_| self.profile.is_none()) else {
+            return;
+        };
+        if let MatchingProfile::Profile(profile) = self.fit.matching_profile() {
+            self.profile = Some(profile);
+            self.interview = Some(Interview::new(
+                interview.system_id(),
+                interview.heartbeat.clone(),
+                time,
+                Some(profile),
+            ));
+        }
+    }
+
+    /// Appends what is to be said now.
+    pub fn step(&mut self, now: Timestamp, out: &mut Vec<Outgoing>) {
+        if !self.begin.is_set() {
+            self.begin = now;
+        }
+        let nobody = self.autopilots().is_empty();
+        if nobody && self.greeting.take(now) {
+            for index in (0..self.plan.links.len()).filter_map(|index| u8::try_from(index).ok()) {
+                if self.plan.looks_on(index) {
+                    out.push(outgoing(self.latch.greeting_id(), index, greeting()));
+                }
+            }
+        }
+        if self.latch.system_id(now).is_none() {
+            return;
+        }
+        let link = self.latch.link();
+        if let Some(interview) = &mut self.interview {
+            let mut messages = Vec::new();
+            let system_id = interview.system_id();
+            match self.profile {
+                Some(_) => interview.speak(now, &mut messages),
+                None => messages.extend(self.fit.question(
+                    now,
+                    ProfileFit::Unknown,
+                    (system_id, COMPONENT_AUTOPILOT),
+                )),
+            }
+            out.extend(
+                messages
+                    .into_iter()
+                    .map(|message| outgoing(system_id, link, message)),
+            );
+        }
+    }
+
+    /// Whether nothing more is to be learned, or patience is at its end.
+    pub fn is_done(&self, now: Timestamp) -> bool {
+        let looked_for = self.plan.links.iter().zip(&self.lines);
+        let all_failed = looked_for
+            .filter(|(link, _)| link.purpose == Purpose::Autopilot)
+            .all(|(_, line)| line.failure.is_some());
+        let settled = self.interview.as_ref().is_some_and(|interview| {
+            let alive = now.seconds_since(interview.last) <= ALIVE_S;
+            alive && interview.age_s(now) >= LISTEN_S && interview.is_settled()
+        });
+        let passed_s = if self.begin.is_set() {
+            now.seconds_since(self.begin)
+        } else {
+            0.0
+        };
+        // Autopilots, and it is not said which: time tells nothing more.
+        let undecided =
+            !self.autopilots().is_empty() && self.latch.system_id(now).is_none() && passed_s >= LISTEN_S;
+        all_failed || settled || undecided || passed_s >= self.patience_s
+    }
+
+    /// What is going on, for whoever waits.
+    pub fn progress(&self, now: Timestamp) -> String {
+        let left_s = (self.patience_s - now.seconds_since(self.begin)).max(0.0);
+        let doing = match &self.interview {
+            None if self.autopilots().is_empty() => "listening for an autopilot".to_owned(),
+            None => "listening".to_owned(),
+            Some(interview) => {
+                let (done, all) = interview.progress();
+                format!(
+                    "{}: {done} of {all} questions answered, streams are watched",
+                    self.subject()
+                )
+            }
+        };
+        format!("{doing} ({left_s:.0} s at most)")
+    }
+
+    /// Whom this is about, in a person's words: `PX4 1.15.2, quadrotor, system 1`.
+    pub fn subject(&self) -> String {
+        let Some(interview) = &self.interview else {
+            return "no autopilot".to_owned();
+        };
+        let version = interview
+            .version
+            .map_or(String::new(), |version| format!(" {version}"));
+        format!(
+            "{}{version}, {}, system {}",
+            make_name(interview.make()),
+            kind_name(interview.heartbeat.mavtype),
+            interview.system_id()
+        )
+    }
+
+    /// What was found.
+    pub fn findings(&self, now: Timestamp) -> Vec<Finding> {
+        judge::judge(self, now)
+    }
+
+    /// Systems of the autopilots heard where one is looked for.
+    fn autopilots(&self) -> Vec<u32> {
+        let heard = self.heard.autopilots(|link| self.plan.looks_on(link));
+        heard.map(|sender| sender.system_id).collect()
+    }
+}
+
+/// Where nobody speaks before he is spoken to, this is what is said.
+fn greeting() -> MavMessage {
+    MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+        custom_mode: 0,
+        mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
+        autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
+        base_mode: MavModeFlag::empty(),
+        system_status: MavState::MAV_STATE_STANDBY,
+        mavlink_version: 3,
+    })
+}
+
+fn outgoing(system_id: u8, link: u8, message: MavMessage) -> Outgoing {
+    Outgoing {
+        system_id,
+        component_id: ASKER,
+        body: Body::Message(message),
+        to: Destination::Link(link),
+        receipt: Receipt::Plain,
+    }
+}
+
+fn make_name(make: Option<Make>) -> &'static str {
+    match make {
+        Some(Make::Px4) => "PX4",
+        Some(Make::ArduPilot) => "ArduPilot",
+        None => "an unknown autopilot",
+    }
+}
+
+/// What MAVLink calls the vehicle, in small letters.
+fn kind_name(kind: MavType) -> String {
+    let name = format!("{kind:?}");
+    let short = name.strip_prefix("MAV_TYPE_").unwrap_or(&name);
+    short.to_lowercase().replace('_', " ")
+}

@@ -1,0 +1,310 @@
+//! Whether the autopilot on the link takes what the profile sends, and which profile is for it.
+//!
+//! | autopilot | parameters | profile for it |
+//! |---|---|---|
+//! | ArduPilot | are not looked at | `ardupilot_guided` |
+//! | PX4 | `COM_OBS_AVOID` is not 0 | `px4_trajectory` |
+//! | PX4 | else `EAV_EN` is not 0 | `px4_deviation` |
+//! | PX4 | else, where it can be flown in OFFBOARD (1.13 and its development, and later) | `px4_offboard` |
+//!
+//! A profile that is configured is held against the same facts; what is found is a [`ProfileFit`]. Nothing is taken for
+//! granted: until the facts are known the profile is not proven, no setpoint leaves and component 196 is not ACTIVE. A parameter
+//! counts as absent when the autopilot says so, or when it leaves the question open several times while it answers a
+//! question about a parameter that every PX4 has. Desired paths prove `px4_trajectory` by themselves.
+//!
+//! What was chosen stays for the whole run. If the facts change, the profile does not fit any more, which is told; it fits
+//! again when they change back.
+
+use crate::encoding::Encoding;
+use crate::make::Make;
+use crate::profile_name::ProfileName;
+use crate::version::{Version, is_too_old};
+use jink_shared_types::Timestamp;
+use jink_shared_types::link::ProfileFit;
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::{
+    AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, MavAutopilot, MavCmd, MavMessage, PARAM_REQUEST_READ_DATA,
+};
+
+/// PX4 up to 1.15 asks a companion for trajectories if this is not 0.
+pub const TRAJECTORY_SWITCH: &str = "COM_OBS_AVOID";
+/// A PX4 with external avoidance takes velocities in its missions if this is not 0.
+pub const DEVIATION_SWITCH: &str = "EAV_EN";
+/// Stick speed with which a pilot takes over from OFFBOARD; negative: never.
+pub const OVERRIDE_SPEED: &str = "MAN_OVERRIDE_SPD";
+/// The same in older versions: bit 1 is OFFBOARD.
+pub const OVERRIDE_BITS: &str = "COM_RC_OVERRIDE";
+/// OFFBOARD in [`OVERRIDE_BITS`].
+pub const OVERRIDE_IN_OFFBOARD: i64 = 1 << 1;
+/// PX4's own collision prevention is on while this is above 0.
+const PREVENTION: &str = "CP_DIST";
+/// Every PX4 has this one: if it is answered and others are not, those do not exist.
+const PROBE: &str = "MAV_SYS_ID";
+/// The questions of a round, in this order.
+const QUESTIONS: [Question; 5] = [
+    Question::Version,
+    Question::Parameter(0),
+    Question::Parameter(1),
+    Question::Parameter(2),
+    Question::Parameter(3),
+];
+/// The parameters asked for.
+const NAMES: [&str; 4] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH, PREVENTION, PROBE];
+/// Pause between two questions (s): five of them and their answers in 0.25 s are a third of a line of 57600 bit/s.
+const PAUSE_S: f64 = 0.05;
+/// Pause between two rounds while the facts are not known (s): longer than the way there and back on a slow line.
+const ROUND_S: f64 = 0.4;
+/// The same when they are, and do not fit (s): whoever mends them on the ground does not wait long.
+const MENDED_S: f64 = 2.0;
+/// A question left open in so many rounds in which another was answered asks for what does not exist.
+const ROUNDS_TO_DENY: u8 = 3;
+
+/// What an autopilot tells of one parameter.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+enum Fact {
+    /// Not answered yet.
+    #[default]
+    Open,
+    /// It has no such parameter.
+    Absent,
+    /// Its value.
+    Value(f64),
+}
+
+impl Fact {
+    fn is_on(self) -> bool {
+        matches!(self, Self::Value(value) if value != 0.0)
+    }
+
+    fn is_known(self) -> bool {
+        self != Self::Open
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Question {
+    Parameter(usize),
+    Version,
+}
+
+/// Which profile is for the autopilot, as far as its answers say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum MatchingProfile {
+    /// Not known yet.
+    Open,
+    /// This one.
+    Profile(ProfileName),
+    /// None: neither PX4 nor ArduPilot, or too old.
+    None,
+}
+
+/// What decides whether a profile fits, put together from the autopilot's answers.
+#[derive(Clone, Debug, Default)]
+pub struct Fit {
+    make: Option<Option<Make>>,
+    autopilot: Option<MavAutopilot>,
+    facts: [Fact; NAMES.len()],
+    /// Rounds in which a question stayed open while the witness was answered.
+    denied: [u8; NAMES.len()],
+    version: Option<Version>,
+    wants_trajectories: bool,
+    next: usize,
+    due: Timestamp,
+    probe_answered: bool,
+}
+
+impl Fit {
+    /// Takes a message of the autopilot.
+    #[allow(deprecated)] // TRAJECTORY_REPRESENTATION_WAYPOINTS is gone from PX4 1.16 on: that is what it tells.
+    pub fn take(&mut self, message: &MavMessage) {
+        match message {
+            MavMessage::HEARTBEAT(heartbeat) => {
+                let make = Make::of(heartbeat.autopilot);
+                if self.make.is_some_and(|before| before != make) {
+                    *self = Self::default();
+                }
+                self.make = Some(make);
+                self.autopilot = Some(heartbeat.autopilot);
+            }
+            MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(_) => self.wants_trajectories = true,
+            MavMessage::AUTOPILOT_VERSION(version) => {
+                self.version = Version::of(version.flight_sw_version);
+            }
+            MavMessage::PARAM_VALUE(told) => {
+                let encoding = self.autopilot.map(Encoding::of);
+                let value =
+                    encoding.and_then(|encoding| encoding.take(told.param_type, told.param_value).ok());
+                if let (Some(index), Some(value)) = (index_of(told.param_id.to_str().ok()), value) {
+                    self.probe_answered |= NAMES[index] == PROBE;
+                    self.wants_trajectories &= NAMES[index] != TRAJECTORY_SWITCH || value != 0.0;
+                    self.facts[index] = Fact::Value(value);
+                }
+            }
+            MavMessage::PARAM_ERROR(error) => {
+                if let Some(index) = index_of(error.param_id.to_str().ok()) {
+                    self.facts[index] = Fact::Absent;
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// The autopilot has started anew, perhaps with another firmware.
+    pub fn restart(&mut self) {
+        *self = Self {
+            make: self.make,
+            autopilot: self.autopilot,
+            ..Self::default()
+        };
+    }
+
+    /// The next question to the autopilot `target`, if one is due; `fits` is what is known of the profile so far.
+    pub fn question(&mut self, now: Timestamp, fits: ProfileFit, target: (u8, u8)) -> Option<MavMessage> {
+        if !self.asks(fits) || now < self.due {
+            return None;
+        }
+        while let Some(question) = QUESTIONS.get(self.next) {
+            self.next += 1;
+            if self.is_worth_asking(*question, fits) {
+                self.due = now.plus_seconds(PAUSE_S);
+                return Some(say(*question, target));
+            }
+        }
+        self.end_round();
+        let is_mended = !matches!(fits, ProfileFit::Unknown | ProfileFit::Fits);
+        self.due = now.plus_seconds(if is_mended { MENDED_S } else { ROUND_S });
+        None
+    }
+
+    /// When [`Self::question`] has something to say next; `None` = never.
+    pub fn next_wake(&self, fits: ProfileFit) -> Option<Timestamp> {
+        self.asks(fits).then_some(self.due)
+    }
+
+    fn asks(&self, fits: ProfileFit) -> bool {
+        let is_known = fits == ProfileFit::Fits && self.fact(PREVENTION).is_known();
+        self.make == Some(Some(Make::Px4)) && !is_known
+    }
+
+    fn is_worth_asking(&self, question: Question, fits: ProfileFit) -> bool {
+        match question {
+            // What was told may have been mended.
+            Question::Parameter(index) => {
+                let may_be_mended = !matches!(fits, ProfileFit::Unknown | ProfileFit::Fits);
+                may_be_mended || NAMES[index] == PROBE || !self.facts[index].is_known()
+            }
+            Question::Version => self.version.is_none(),
+        }
+    }
+
+    /// What was asked and not answered beside an answer about the witness is denied.
+    fn end_round(&mut self) {
+        self.next = 0;
+        if !std::mem::take(&mut self.probe_answered) {
+            return;
+        }
+        for (fact, denied) in self.facts.iter_mut().zip(&mut self.denied) {
+            if *fact == Fact::Open {
+                *denied = denied.saturating_add(1);
+                if *denied >= ROUNDS_TO_DENY {
+                    *fact = Fact::Absent;
+                }
+            }
+        }
+    }
+
+    fn fact(&self, name: &str) -> Fact {
+        index_of(Some(name)).map_or(Fact::Open, |index| self.facts[index])
+    }
+
+    /// What its heartbeat says that it is; `None` before one was heard.
+    pub fn autopilot(&self) -> Option<MavAutopilot> {
+        self.autopilot
+    }
+
+    /// Whether the autopilot is a PX4 whose own collision prevention is on.
+    pub fn prevents_collisions(&self) -> bool {
+        matches!(self.fact(PREVENTION), Fact::Value(distance_m) if distance_m > 0.0)
+    }
+
+    /// The profile that is for this autopilot.
+    pub fn matching_profile(&self) -> MatchingProfile {
+        match self.make {
+            None => MatchingProfile::Open,
+            Some(None) => MatchingProfile::None,
+            Some(Some(Make::ArduPilot)) => MatchingProfile::Profile(ProfileName::ArdupilotGuided),
+            Some(Some(Make::Px4)) => self.matching_px4_profile(),
+        }
+    }
+
+    fn matching_px4_profile(&self) -> MatchingProfile {
+        let [asks, leads] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH].map(|name| self.fact(name));
+        if self.wants_trajectories || asks.is_on() {
+            MatchingProfile::Profile(ProfileName::Px4Trajectory)
+        } else if !asks.is_known() {
+            MatchingProfile::Open
+        } else if leads.is_on() {
+            MatchingProfile::Profile(ProfileName::Px4Deviation)
+        } else if !leads.is_known() {
+            MatchingProfile::Open
+        } else if self.is_too_old(ProfileName::Px4Offboard) {
+            MatchingProfile::None
+        } else {
+            MatchingProfile::Profile(ProfileName::Px4Offboard)
+        }
+    }
+
+    fn is_too_old(&self, profile: ProfileName) -> bool {
+        self.version.is_some_and(|version| is_too_old(version, profile))
+    }
+
+    /// Whether `profile` fits.
+    pub fn of(&self, profile: ProfileName) -> ProfileFit {
+        let Some(make) = self.make else {
+            return ProfileFit::Unknown;
+        };
+        if make != Some(profile.make()) {
+            return ProfileFit::OtherAutopilot;
+        }
+        let [asks, leads] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH].map(|name| self.fact(name));
+        let by_switch = |fact: Fact| match fact {
+            Fact::Open => ProfileFit::Unknown,
+            Fact::Absent => ProfileFit::NoInterface,
+            Fact::Value(0.0) => ProfileFit::SwitchedOff,
+            Fact::Value(_) => ProfileFit::Fits,
+        };
+        match profile {
+            ProfileName::Px4Trajectory if self.wants_trajectories => ProfileFit::Fits,
+            ProfileName::Px4Trajectory => by_switch(asks),
+            ProfileName::Px4Deviation => by_switch(leads),
+            // With trajectories asked for, PX4 falls to Hold where it is to be taken over.
+            ProfileName::Px4Offboard if self.wants_trajectories || asks.is_on() => ProfileFit::OtherInterface,
+            ProfileName::Px4Offboard if self.is_too_old(profile) => ProfileFit::TooOld,
+            ProfileName::Px4Offboard if asks.is_known() => ProfileFit::Fits,
+            ProfileName::Px4Offboard => ProfileFit::Unknown,
+            ProfileName::ArdupilotGuided => ProfileFit::Fits,
+        }
+    }
+}
+
+fn index_of(name: Option<&str>) -> Option<usize> {
+    NAMES.iter().position(|known| Some(*known) == name)
+}
+
+fn say(question: Question, (target_system, target_component): (u8, u8)) -> MavMessage {
+    match question {
+        Question::Parameter(index) => MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
+            param_index: -1,
+            target_system,
+            target_component,
+            param_id: NAMES[index].into(),
+        }),
+        Question::Version => MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+            command: MavCmd::MAV_CMD_REQUEST_MESSAGE,
+            param1: AUTOPILOT_VERSION_DATA::ID as f32,
+            target_system,
+            target_component,
+            ..COMMAND_LONG_DATA::default()
+        }),
+    }
+}

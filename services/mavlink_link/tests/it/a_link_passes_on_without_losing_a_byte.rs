@@ -1,0 +1,304 @@
+//! Two processes share one link; whenever it passes from one to the other, every message of the autopilot is handled by
+//! exactly one of them, and every message to the autopilot arrives once and in order.
+
+use jink_mavlink_link::encoder::Encoder;
+use jink_mavlink_link::link::{Link, Progress, Sent};
+use jink_mavlink_link::message::{Body, Content, Received};
+use jink_shared_types::Timestamp;
+use mavlink::dialects::ardupilotmega::{ATTITUDE_QUATERNION_DATA, MavMessage};
+use proptest::prelude::*;
+use rustix::pty::OpenptFlags;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream, UdpSocket};
+use std::os::fd::OwnedFd;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+/// Patience with the kernel; nothing here takes anywhere near as long.
+const WATCHDOG: Duration = Duration::from_secs(20);
+
+fn frame(component: u8, n: u32) -> Vec<u8> {
+    let message = MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
+        time_boot_ms: n,
+        ..ATTITUDE_QUATERNION_DATA::default()
+    });
+    Encoder::new()
+        .encode(1, component, &Body::Message(message))
+        .to_vec()
+}
+
+fn number(received: &Received) -> u32 {
+    match &received.content {
+        Content::Message(MavMessage::ATTITUDE_QUATERNION(data)) => data.time_boot_ms,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// A place of its own for each handover.
+fn door() -> PathBuf {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    std::env::temp_dir().join(format!("jink-handover-{}-{count}", std::process::id()))
+}
+
+/// The autopilot's end of a link.
+enum Autopilot {
+    Udp(UdpSocket, u16),
+    Serial(OwnedFd),
+    Tcp(TcpStream),
+}
+
+impl Autopilot {
+    /// An end of each kind, and the link to it.
+    fn open(kind: usize) -> (Self, Link) {
+        match kind {
+            0 => {
+                let free = UdpSocket::bind("127.0.0.1:0").unwrap();
+                let port = free.local_addr().unwrap().port();
+                drop(free);
+                let link = Link::open(format!("udpin:127.0.0.1:{port}").parse().unwrap()).unwrap();
+                let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+                socket.set_nonblocking(true).unwrap();
+                (Self::Udp(socket, port), link)
+            }
+            1 => {
+                let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
+                let control = rustix::pty::openpt(flags).unwrap();
+                rustix::io::ioctl_fionbio(&control, true).unwrap();
+                rustix::pty::grantpt(&control).unwrap();
+                rustix::pty::unlockpt(&control).unwrap();
+                let path = rustix::pty::ptsname(&control, Vec::new())
+                    .unwrap()
+                    .into_string()
+                    .unwrap();
+                let link = Link::open(format!("serial:{path}:921600").parse().unwrap()).unwrap();
+                (Self::Serial(control), link)
+            }
+            _ => {
+                let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+                let port = listener.local_addr().unwrap().port();
+                let link = Link::open(format!("tcpout:127.0.0.1:{port}").parse().unwrap()).unwrap();
+                let (stream, _) = listener.accept().unwrap();
+                stream.set_nonblocking(true).unwrap();
+                (Self::Tcp(stream), link)
+            }
+        }
+    }
+
+    /// Whether bytes may be cut anywhere.
+    fn is_stream(&self) -> bool {
+        !matches!(self, Self::Udp(..))
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        match self {
+            Self::Udp(socket, port) => {
+                socket.send_to(bytes, ("127.0.0.1", *port)).unwrap();
+            }
+            Self::Serial(fd) => assert_eq!(rustix::io::write(&*fd, bytes).unwrap(), bytes.len()),
+            Self::Tcp(stream) => stream.write_all(bytes).unwrap(),
+        }
+    }
+
+    fn read(&mut self, into: &mut Vec<u8>) {
+        let mut bytes = [0; 4096];
+        loop {
+            let length = match self {
+                Self::Udp(socket, _) => socket.recv(&mut bytes).ok(),
+                Self::Serial(fd) => rustix::io::read(&*fd, &mut bytes).ok(),
+                Self::Tcp(stream) => stream.read(&mut bytes).ok(),
+            };
+            match length {
+                Some(length) if length > 0 => into.extend_from_slice(&bytes[..length]),
+                _ => return,
+            }
+        }
+    }
+}
+
+/// One process with its end of the shared link.
+struct Process {
+    link: Link,
+    messages: Vec<Received>,
+    /// Heard while holding the link, and in all.
+    handled: Vec<u32>,
+    heard: Vec<u32>,
+}
+
+impl Process {
+    fn new(link: Link) -> Self {
+        Self {
+            link,
+            messages: Vec::with_capacity(8),
+            handled: Vec::new(),
+            heard: Vec::new(),
+        }
+    }
+
+    fn poll(&mut self) {
+        loop {
+            let holds = self.link.holds();
+            self.messages.clear();
+            let progress = self.link.receive(clock, &mut self.messages).unwrap();
+            self.heard.extend(self.messages.iter().map(number));
+            if holds {
+                self.handled.extend(self.messages.iter().map(number));
+            }
+            let _nothing_to_say = self.link.take_baton();
+            if progress == Progress::Drained {
+                return;
+            }
+        }
+    }
+}
+
+fn clock() -> Timestamp {
+    jink_runtime::now()
+}
+
+/// What happens next.
+#[derive(Clone, Copy, Debug)]
+enum Event {
+    /// The autopilot sends a message; of a stream only this many bytes of it are written now.
+    Arrives(usize),
+    /// One of the two processes looks.
+    Looks(bool),
+    /// The holder sends a message.
+    Sends,
+    /// The link passes on.
+    Passes,
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    prop_oneof![
+        4 => (0..60usize).prop_map(Event::Arrives),
+        3 => any::<bool>().prop_map(Event::Looks),
+        2 => Just(Event::Sends),
+        1 => Just(Event::Passes),
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn whenever_it_passes_on_each_message_is_handled_once(
+        kind in 0..3usize,
+        events in proptest::collection::vec(event(), 1..80),
+    ) {
+        let door = door();
+        let (mut autopilot, mut link) = Autopilot::open(kind);
+        link.share(&door).unwrap();
+        let guest = Link::join("udpin:1".parse().unwrap(), &door).unwrap();
+        let mut processes = [Process::new(link), Process::new(guest)];
+        // The autopilot is known before anything else happens: it has spoken.
+        autopilot.write(&frame(1, 0));
+        let started = Instant::now();
+        while processes[0].heard.is_empty() {
+            processes[0].poll();
+            prop_assert!(started.elapsed() < WATCHDOG);
+        }
+        let (mut sent, mut answered, mut received) = (1u32, 0u32, Vec::new());
+        let mut waiting = Vec::new();
+        for event in events {
+            let holder = usize::from(!processes[0].link.holds());
+            match event {
+                Event::Arrives(cut) => {
+                    waiting.extend(frame(1, sent));
+                    sent += 1;
+                    let now = if autopilot.is_stream() { waiting.len().min(cut) } else { waiting.len() };
+                    autopilot.write(&waiting.drain(..now).collect::<Vec<_>>());
+                }
+                Event::Looks(which) => processes[usize::from(which)].poll(),
+                Event::Sends => {
+                    let bytes = frame(196, answered);
+                    prop_assert_eq!(processes[holder].link.send(clock(), &bytes).unwrap(), Sent::Yes);
+                    let mute = processes[1 - holder].link.send(clock(), &bytes).unwrap();
+                    prop_assert_eq!(mute, Sent::NoPeer);
+                    answered += 1;
+                }
+                Event::Passes => {
+                    // The holder lets a guest in when it looks.
+                    processes[holder].poll();
+                    prop_assert!(processes[holder].link.release(&[7]));
+                    processes[1 - holder].poll();
+                    prop_assert!(processes[1 - holder].link.holds() && !processes[holder].link.holds());
+                }
+            }
+            autopilot.read(&mut received);
+        }
+        if !waiting.is_empty() {
+            autopilot.write(&waiting);
+        }
+        let all = (0..sent).collect::<Vec<_>>();
+        let answers = (0..answered).flat_map(|n| frame(196, n)).collect::<Vec<_>>();
+        while processes.iter().any(|one| one.heard.len() < all.len()) || received.len() < answers.len() {
+            processes.iter_mut().for_each(Process::poll);
+            autopilot.read(&mut received);
+            prop_assert!(started.elapsed() < WATCHDOG, "{:?} of {}", processes.each_ref().map(|one| &one.heard), sent);
+        }
+        for process in &processes {
+            prop_assert_eq!(&process.heard, &all);
+        }
+        let mut handled = processes.iter().flat_map(|one| one.handled.clone()).collect::<Vec<_>>();
+        handled.sort_unstable();
+        prop_assert_eq!(handled, all);
+        prop_assert_eq!(received, answers);
+    }
+}
+
+#[test]
+fn who_hears_goes_on_when_the_holder_dies_and_the_next_one_can_join_it() {
+    let door = door();
+    let (mut autopilot, mut link) = Autopilot::open(0);
+    link.share(&door).unwrap();
+    let mut guest = Process::new(Link::join("udpin:1".parse().unwrap(), &door).unwrap());
+    autopilot.write(&frame(1, 0));
+    let mut holder = Process::new(link);
+    until("both hear", || {
+        holder.poll();
+        guest.poll();
+        guest.heard == [0]
+    });
+    drop(holder);
+    autopilot.write(&frame(1, 1));
+    until("the guest is alone", || {
+        guest.poll();
+        guest.link.is_orphaned()
+    });
+    assert_eq!(guest.heard, [0]);
+    guest.link.take();
+    until("what came meanwhile", || {
+        guest.poll();
+        guest.handled == [1]
+    });
+    assert_eq!(guest.link.send(clock(), &frame(196, 5)).unwrap(), Sent::Yes);
+    let mut answer = Vec::new();
+    until("the answer", || {
+        autopilot.read(&mut answer);
+        !answer.is_empty()
+    });
+    assert_eq!(answer, frame(196, 5));
+    let mut next = Process::new(Link::join("udpin:1".parse().unwrap(), &door).unwrap());
+    autopilot.write(&frame(1, 2));
+    until("the next one hears", || {
+        guest.poll();
+        next.poll();
+        next.heard == [2]
+    });
+}
+
+#[test]
+fn nobody_can_join_where_no_link_is_shared() {
+    let error = Link::join("udpin:1".parse().unwrap(), &door()).unwrap_err();
+    assert!(error.to_string().contains("no handover of the link"), "{error}");
+}
+
+fn until(what: &str, mut done: impl FnMut() -> bool) {
+    let started = Instant::now();
+    while !done() {
+        assert!(started.elapsed() < WATCHDOG, "{what} never happened");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}

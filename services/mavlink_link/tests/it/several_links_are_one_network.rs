@@ -1,0 +1,583 @@
+//! Several links at once, over real sockets and pseudo-terminals: whatever is for somebody else is passed on unchanged, what
+//! is for us is heard, what is ours reaches whom it is for, and a link that is lost or strange costs the others nothing.
+
+use jink_mavlink_link::encoder::Encoder;
+use jink_mavlink_link::link::{Link, Progress};
+use jink_mavlink_link::links::{LinkSetup, Links};
+use jink_mavlink_link::message::{Body, Content, Destination, Outgoing, Receipt, Received};
+use jink_mavlink_link::router::Us;
+use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign};
+use jink_mavlink_link::tlog::Tlog;
+use jink_runtime::config::{Purpose, Signing};
+use mavlink::dialects::ardupilotmega::*;
+use mavlink::{MAVLinkV1MessageRaw, MavHeader, Message, calculate_crc};
+use proptest::prelude::*;
+use rustix::pty::OpenptFlags;
+use std::net::UdpSocket;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+/// Patience with the kernel; nothing here takes anywhere near as long.
+const WATCHDOG: Duration = Duration::from_secs(20);
+
+const US: Us = Us {
+    system_id: Some(1),
+    components: [196, 191],
+};
+
+fn bytes(system_id: u8, component_id: u8, message: MavMessage) -> Vec<u8> {
+    Encoder::new()
+        .encode(system_id, component_id, &Body::Message(message))
+        .to_vec()
+}
+
+fn attitude(n: u32) -> MavMessage {
+    MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
+        time_boot_ms: n,
+        ..ATTITUDE_QUATERNION_DATA::default()
+    })
+}
+
+fn command(target_system: u8, target_component: u8) -> MavMessage {
+    MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+        target_system,
+        target_component,
+        ..COMMAND_LONG_DATA::default()
+    })
+}
+
+fn free_udp_port() -> u16 {
+    UdpSocket::bind("127.0.0.1:0")
+        .unwrap()
+        .local_addr()
+        .unwrap()
+        .port()
+}
+
+fn own_path(what: &str) -> PathBuf {
+    static COUNT: AtomicU32 = AtomicU32::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    std::env::temp_dir().join(format!("jink-{what}-{}-{count}", std::process::id()))
+}
+
+fn setup(name: &str, endpoint: &str, purpose: Purpose) -> LinkSetup {
+    LinkSetup {
+        name: name.to_owned(),
+        endpoint: endpoint.parse().unwrap(),
+        purpose,
+        signing: Signing::Off,
+        key: None,
+        link_id: 0,
+        peers: Vec::new(),
+        rate_bps: None,
+    }
+}
+
+/// The other end of a link over UDP.
+struct Peer {
+    socket: UdpSocket,
+    port: u16,
+}
+
+impl Peer {
+    fn new(port: u16) -> Self {
+        let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
+        socket.set_nonblocking(true).unwrap();
+        Self { socket, port }
+    }
+
+    fn say(&self, bytes: &[u8]) {
+        self.socket.send_to(bytes, ("127.0.0.1", self.port)).unwrap();
+    }
+
+    fn hear(&self) -> Vec<Vec<u8>> {
+        let mut heard = Vec::new();
+        let mut datagram = [0; 2000];
+        while let Ok(len) = self.socket.recv(&mut datagram) {
+            heard.push(datagram[..len].to_vec());
+        }
+        heard
+    }
+}
+
+/// Links over UDP with somebody at the other end of each.
+struct Bench {
+    links: Links,
+    doors: Vec<PathBuf>,
+    peers: Vec<Peer>,
+    received: Vec<Received>,
+}
+
+impl Bench {
+    fn new(change: impl FnOnce(&mut Vec<LinkSetup>)) -> Self {
+        let ports: Vec<_> = (0..3).map(|_| free_udp_port()).collect();
+        let names = [
+            ("autopilot", Purpose::Autopilot),
+            ("ground", Purpose::GroundStation),
+            ("camera", Purpose::GroundStation),
+        ];
+        let mut setups: Vec<_> = names
+            .iter()
+            .zip(&ports)
+            .map(|((name, purpose), port)| setup(name, &format!("udpin:{port}"), *purpose))
+            .collect();
+        change(&mut setups);
+        let doors: Vec<_> = setups.iter().map(|_| own_path("door")).collect();
+        Self {
+            links: Links::open(setups, &doors, |first| Link::open(first.endpoint.clone())).unwrap(),
+            doors,
+            peers: ports.into_iter().map(Peer::new).collect(),
+            received: Vec::with_capacity(64),
+        }
+    }
+
+    /// Everybody has spoken once: the autopilot 1/1, a station 255/190, a camera 1/100.
+    fn acquainted(change: impl FnOnce(&mut Vec<LinkSetup>)) -> Self {
+        let mut bench = Self::new(change);
+        // The extra links open at the first reception.
+        bench.poll();
+        for (peer, (system, component)) in [(1, 1), (255, 190), (1, 100)].into_iter().enumerate() {
+            bench.peers[peer].say(&bytes(system, component, attitude(0)));
+            bench.until("an introduction", |bench| bench.received.len() == 1);
+        }
+        bench.until("the last introduction is passed on", |bench| {
+            !bench.peers[0].hear().is_empty()
+        });
+        bench.peers.iter().for_each(|peer| drop(peer.hear()));
+        bench
+    }
+
+    fn poll(&mut self) {
+        self.received.clear();
+        while self.links.receive(jink_runtime::now, US, &mut self.received) == Progress::More {}
+    }
+
+    fn until(&mut self, what: &str, mut done: impl FnMut(&mut Self) -> bool) {
+        let started = Instant::now();
+        loop {
+            self.poll();
+            if done(self) {
+                return;
+            }
+            assert!(started.elapsed() < WATCHDOG, "{what} never happened");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+
+    /// `frame` comes from peer `from`, and after it something for all: answers who heard it, and whether we did.
+    fn passes(&mut self, from: usize, frame: &[u8]) -> (Vec<usize>, bool) {
+        let sender = [(1, 1), (255, 190), (1, 100)][from];
+        let end = bytes(sender.0, sender.1, attitude(99));
+        self.peers[from].say(frame);
+        self.peers[from].say(&end);
+        let (mut heard, mut ours) = (vec![Vec::new(); 3], 0);
+        self.until("the message behind it", |bench| {
+            ours += bench.received.len();
+            for (all, peer) in heard.iter_mut().zip(&bench.peers) {
+                all.extend(peer.hear());
+            }
+            (0..3)
+                .filter(|peer| *peer != from)
+                .all(|peer| heard[peer].contains(&end))
+        });
+        assert!(heard[from].is_empty(), "sent back: {heard:?}");
+        let who = (0..3).filter(|peer| heard[*peer].iter().any(|one| one == frame));
+        (who.collect(), ours == 2)
+    }
+
+    fn outgoing(to: Destination, message: MavMessage) -> Outgoing {
+        Outgoing {
+            system_id: 1,
+            component_id: 196,
+            body: Body::Message(message),
+            to,
+            receipt: Receipt::Plain,
+        }
+    }
+
+    fn send(&mut self, to: Destination, message: MavMessage) -> Vec<usize> {
+        let sent = self.links.send(jink_runtime::now(), &Self::outgoing(to, message));
+        (0..3).filter(|link| sent.contains(*link as u8)).collect()
+    }
+}
+
+/// A message type that the dialect does not know, with a checksum nobody here can verify.
+fn foreign(payload: &[u8]) -> Vec<u8> {
+    let id = 60_000u32;
+    assert!(MavMessage::default_message_from_id(id).is_none());
+    let mut frame = vec![0xfd, payload.len() as u8, 0, 0, 7, 255, 190];
+    frame.extend_from_slice(&id.to_le_bytes()[..3]);
+    frame.extend_from_slice(payload);
+    let crc = calculate_crc(&frame[1..], 77);
+    frame.extend_from_slice(&crc.to_le_bytes());
+    frame
+}
+
+#[test]
+fn what_is_for_others_is_passed_on_unchanged_and_what_is_for_us_is_heard() {
+    let mut bench = Bench::acquainted(|_| {});
+    let mut v1 = MAVLinkV1MessageRaw::new();
+    let station = MavHeader {
+        system_id: 255,
+        component_id: 190,
+        sequence: 5,
+    };
+    v1.serialize_message(station, &command(1, 1));
+    let v1 = v1.raw_bytes().to_vec();
+    assert_eq!(v1[0], 0xfe);
+    let key = Key::of_bytes(&[3; 32]).unwrap();
+    let mut signed = [0; SIGNED_FRAME_MAX];
+    let signed = sign(&bytes(255, 190, command(1, 1)), &key, 9, 1234, &mut signed)
+        .unwrap()
+        .to_vec();
+    let secret = MavMessage::SETUP_SIGNING(SETUP_SIGNING_DATA {
+        target_system: 1,
+        target_component: 1,
+        ..SETUP_SIGNING_DATA::default()
+    });
+    let station = |message| bytes(255, 190, message);
+    for (what, from, frame, to, ours) in [
+        ("for all", 0, bytes(1, 1, attitude(5)), vec![1, 2], true),
+        ("for all", 1, station(attitude(6)), vec![0, 2], true),
+        ("the autopilot's", 1, station(command(1, 1)), vec![0], false),
+        ("the camera's", 1, station(command(1, 100)), vec![2], false),
+        ("our system's", 1, station(command(1, 0)), vec![0, 2], true),
+        ("the station's", 0, bytes(1, 1, command(255, 190)), vec![1], false),
+        ("ours", 1, station(command(1, 196)), vec![], true),
+        ("nobody's", 1, station(command(88, 1)), vec![], false),
+        ("an old frame", 1, v1, vec![0], false),
+        ("a signed frame", 1, signed, vec![0], false),
+        ("a key", 1, station(secret), vec![], false),
+        ("a foreign frame", 1, foreign(&[1, 2, 0xfd, 4]), vec![0, 2], false),
+        ("our own, come back", 1, bytes(1, 196, attitude(7)), vec![], false),
+    ] {
+        let (heard, heard_by_us) = bench.passes(from, &frame);
+        assert_eq!((heard, heard_by_us), (to, ours), "{what}");
+    }
+    let report = bench.links.report();
+    assert_eq!(report.garbage_bytes(), 0);
+    assert!(report.links[0].forwarded >= 8, "{report:?}");
+}
+
+#[test]
+fn what_is_ours_reaches_whom_it_is_for() {
+    let mut bench = Bench::acquainted(|_| {});
+    assert_eq!(bench.send(Destination::Everyone, attitude(1)), [0, 1, 2]);
+    assert_eq!(bench.send(Destination::Link(0), attitude(2)), [0]);
+    assert_eq!(bench.send(Destination::Everyone, command(255, 190)), [1]);
+    assert_eq!(bench.send(Destination::Everyone, command(1, 100)), [2]);
+    assert!(bench.send(Destination::Everyone, command(88, 1)).is_empty());
+    // Each link counts for itself: nobody sees a gap in the numbers.
+    let numbers = bench.peers.iter().map(|peer| {
+        let heard = peer.hear();
+        heard.iter().map(|frame| frame[4]).collect::<Vec<_>>()
+    });
+    assert_eq!(numbers.collect::<Vec<_>>(), [vec![0, 1], vec![0, 1], vec![0, 1]]);
+}
+
+#[test]
+fn the_telemetry_log_holds_what_is_heard_and_said_on_every_link_once_and_no_key() {
+    let mut bench = Bench::acquainted(|_| {});
+    let folder = own_path("tlog");
+    let log = Tlog::begin(&folder, 1).unwrap();
+    let path = log.path().to_owned();
+    bench.links.record(log);
+    let (autopilots, stations) = (bytes(1, 1, attitude(5)), bytes(255, 190, command(1, 1)));
+    let _both_are_passed_on = (bench.passes(0, &autopilots), bench.passes(1, &stations));
+    let secret_key = *b"a key that somebody has set here";
+    let setup = MavMessage::SETUP_SIGNING(SETUP_SIGNING_DATA {
+        target_system: 1,
+        target_component: 1,
+        secret_key,
+        ..SETUP_SIGNING_DATA::default()
+    });
+    let _is_passed_on_to_nobody = bench.passes(1, &bytes(255, 190, setup));
+    bench.send(Destination::Link(0), attitude(6));
+    bench.send(Destination::Link(2), attitude(7));
+    drop(bench);
+    let written = std::fs::read(&path).unwrap();
+    std::fs::remove_dir_all(&folder).unwrap();
+    for frame in [
+        autopilots,
+        stations,
+        bytes(1, 196, attitude(6)),
+        bytes(1, 196, attitude(7)),
+    ] {
+        let count = written
+            .windows(frame.len())
+            .filter(|window| *window == frame)
+            .count();
+        assert_eq!(count, 1, "{frame:?}");
+    }
+    assert!(
+        !written
+            .windows(secret_key.len())
+            .any(|window| window == secret_key)
+    );
+}
+
+#[test]
+fn a_lost_link_costs_the_others_nothing_and_comes_back_by_itself() {
+    let device = own_path("tty");
+    let mut bench = Bench::new(|setups| {
+        let endpoint = format!("serial:{}:57600", device.display());
+        setups[2].endpoint = endpoint.parse().unwrap();
+    });
+    // It is not plugged in, and everything else works.
+    bench.peers[0].say(&bytes(1, 1, attitude(1)));
+    bench.until("the autopilot's message", |bench| bench.received.len() == 1);
+    bench.peers[1].say(&bytes(255, 190, command(1, 1)));
+    bench.until("the station's message at the autopilot", |bench| {
+        !bench.peers[0].hear().is_empty()
+    });
+    assert_eq!(bench.send(Destination::Everyone, attitude(1)), [0, 1]);
+    assert!(bench.links.next_wake().is_some());
+
+    let plug_in = || {
+        let control = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
+        rustix::pty::grantpt(&control).unwrap();
+        rustix::pty::unlockpt(&control).unwrap();
+        let path = rustix::pty::ptsname(&control, Vec::new())
+            .unwrap()
+            .into_string()
+            .unwrap();
+        let _first = std::fs::remove_file(&device);
+        std::os::unix::fs::symlink(path, &device).unwrap();
+        control
+    };
+    let control = plug_in();
+    bench.until("the port is found", |bench| {
+        bench.send(Destination::Everyone, attitude(2)) == [0, 1, 2]
+    });
+    rustix::io::write(&control, &bytes(1, 100, attitude(3))).unwrap();
+    bench.until("the camera's message", |bench| {
+        bench.received.iter().any(|received| received.link == 2)
+    });
+    drop(control);
+    bench.until("the loss", |bench| {
+        bench.send(Destination::Everyone, attitude(3)) == [0, 1]
+    });
+    let control = plug_in();
+    bench.until("the port again", |bench| {
+        bench.links.report().links[2].reopened == 1
+    });
+    drop(control);
+    std::fs::remove_file(&device).unwrap();
+}
+
+#[test]
+fn only_peers_are_heard_where_peers_are_named() {
+    let mut bench = Bench::new(|setups| setups[1].peers = vec!["127.0.0.2".parse().unwrap()]);
+    bench.poll();
+    let port = bench.peers[1].port;
+    let friend = UdpSocket::bind("127.0.0.2:0").unwrap();
+    bench.peers[1].say(&bytes(255, 190, attitude(1)));
+    friend
+        .send_to(&bytes(255, 190, attitude(2)), ("127.0.0.1", port))
+        .unwrap();
+    let mut heard = Vec::new();
+    bench.until("the peer's message", |bench| {
+        heard.extend(
+            bench
+                .received
+                .iter()
+                .filter_map(|received| match &received.content {
+                    Content::Message(MavMessage::ATTITUDE_QUATERNION(data)) => Some(data.time_boot_ms),
+                    _ => None,
+                }),
+        );
+        heard == [2]
+    });
+    assert_eq!(bench.links.report().links[1].strangers, 1);
+    // Nothing is sent to who is no peer.
+    bench.send(Destination::Link(1), attitude(3));
+    assert!(bench.peers[1].hear().is_empty());
+}
+
+#[test]
+fn where_signatures_are_required_only_who_has_the_key_is_heard() {
+    let (right, wrong) = ([5; 32], [6; 32]);
+    let key = |bytes: &[u8; 32]| Key::of_bytes(bytes).unwrap();
+    let stamps = own_path("stamps");
+    let mut bench = Bench::new(|setups| {
+        setups[1].signing = Signing::Require;
+        setups[1].key = Some(key(&right));
+        setups[1].link_id = 4;
+    });
+    bench.links.sign_with_stamps_at(&stamps).unwrap();
+    bench.poll();
+    let now = jink_mavlink_link::signing::stamps::wall();
+    let mut into = [0; SIGNED_FRAME_MAX];
+    let frame = bytes(255, 190, attitude(1));
+    bench.peers[1].say(&frame);
+    bench.peers[1].say(sign(&frame, &key(&wrong), 0, now, &mut into).unwrap());
+    let good = sign(&frame, &key(&right), 0, now, &mut into).unwrap().to_vec();
+    bench.peers[1].say(&good);
+    bench.peers[1].say(&good);
+    let mut heard = 0;
+    bench.until("all four", |bench| {
+        heard += bench.received.len();
+        bench.links.report().links[1].replayed == 1
+    });
+    let traffic = bench.links.report().links[1];
+    assert_eq!(
+        (heard, traffic.unsigned_refused, traffic.signature_refused),
+        (1, 1, 1),
+        "{traffic:?}"
+    );
+    // We sign there, and nowhere else; the stamps grow.
+    bench.peers[0].say(&bytes(1, 1, attitude(1)));
+    bench.until("the autopilot", |bench| !bench.received.is_empty());
+    for n in 0..3 {
+        assert_eq!(bench.send(Destination::Everyone, attitude(n)), [0, 1]);
+    }
+    let is_signed = |frame: &Vec<u8>| frame[2] == 1;
+    assert!(bench.peers[0].hear().iter().all(|frame| !is_signed(frame)));
+    let signed = bench.peers[1].hear();
+    let ours: Vec<_> = signed.iter().filter(|frame| frame[6] == 196).collect();
+    assert!(ours.len() == 3 && ours.iter().all(|frame| is_signed(frame)));
+    let stamp = |frame: &[u8]| {
+        let tail = &frame[frame.len() - 13..];
+        assert_eq!(tail[0], 4, "the link's number");
+        tail[1..7]
+            .iter()
+            .rev()
+            .fold(0u64, |sum, byte| sum << 8 | u64::from(*byte))
+    };
+    assert!(ours.windows(2).all(|pair| stamp(pair[0]) < stamp(pair[1])));
+    std::fs::remove_file(&stamps).unwrap();
+}
+
+#[test]
+fn a_slow_link_is_given_what_it_carries_and_says_so() {
+    let mut bench = Bench::new(|setups| setups[0].rate_bps = Some(1000.0));
+    bench.peers[0].say(&bytes(1, 1, attitude(1)));
+    bench.until("the autopilot", |bench| !bench.received.is_empty());
+    let curve = || {
+        #[allow(deprecated)]
+        let message = MavMessage::TRAJECTORY_REPRESENTATION_BEZIER(TRAJECTORY_REPRESENTATION_BEZIER_DATA {
+            valid_points: 5,
+            ..TRAJECTORY_REPRESENTATION_BEZIER_DATA::default()
+        });
+        Bench::outgoing(Destination::Link(0), message)
+    };
+    let mut events = Vec::new();
+    let start = jink_runtime::now();
+    // Ten seconds of a clock that runs as fast as the test, the parts of it that the links see.
+    for tick in 0..200 {
+        let now = start.plus_seconds(f64::from(tick) * 0.05);
+        bench.links.send(now, &curve());
+        bench.received.clear();
+        let _all = bench.links.receive(|| now, US, &mut bench.received);
+        events.extend(bench.links.news().map(|event| event.text()));
+    }
+    // 2420 B/s, one curve more or less in the two seconds that were judged.
+    let [event] = &events[..] else {
+        panic!("{events:?}")
+    };
+    assert!(
+        event.starts_with("jink: link autopilot slow, 1000 of 24"),
+        "{event}"
+    );
+    let traffic = bench.links.report().links[0];
+    let (sent, dropped) = (traffic.sent_bytes[1], traffic.dropped[1]);
+    assert!((10_000..=10_000 + 1500).contains(&sent), "{sent} bytes");
+    assert_eq!(sent / 121 + dropped, 200);
+}
+
+#[test]
+fn all_links_pass_on_together_and_their_numbers_go_on() {
+    let mut bench = Bench::acquainted(|_| {});
+    let setups = ["autopilot", "ground", "camera"].map(|name| {
+        // A guest has no use for addresses: it is given the open links.
+        setup(name, "udpin:1", Purpose::GroundStation)
+    });
+    let mut guest = Links::join(setups.to_vec(), &bench.doors).unwrap();
+    let mut heard = Vec::with_capacity(64);
+    bench.send(Destination::Everyone, attitude(1));
+    assert!(!guest.holds());
+    bench.peers[0].say(&bytes(1, 1, attitude(2)));
+    bench.until("both hear", |_| {
+        let _all = guest.receive(jink_runtime::now, US, &mut heard);
+        heard.len() == 1
+    });
+    bench.until("the camera hears it", |bench| bench.peers[2].hear().len() >= 2);
+    bench.peers.iter().for_each(|peer| drop(peer.hear()));
+    assert!(bench.links.release(b"a baton") && !bench.links.holds());
+    let started = Instant::now();
+    while !guest.holds() {
+        assert!(started.elapsed() < WATCHDOG);
+        let _all = guest.receive(jink_runtime::now, US, &mut heard);
+    }
+    assert_eq!(guest.take_baton().unwrap(), b"a baton");
+    let _all = guest.receive(jink_runtime::now, US, &mut heard);
+    let message = Bench::outgoing(Destination::Everyone, attitude(3));
+    let sent = guest.send(jink_runtime::now(), &message);
+    assert!((0..3).all(|link| sent.contains(link)));
+    // On the first link the baton's owner carries the numbers on; on the others they carry themselves on.
+    for peer in &bench.peers[1..] {
+        assert_eq!(peer.hear().last().unwrap()[4], 1);
+    }
+    // What is passed on is passed on by the new holder, once.
+    bench.peers[0].say(&bytes(1, 1, attitude(4)));
+    let mut count = 0;
+    bench.until("it is passed on", |bench| {
+        let _all = guest.receive(jink_runtime::now, US, &mut heard);
+        count += bench.peers[1].hear().len();
+        count > 0
+    });
+    std::thread::sleep(Duration::from_millis(20));
+    bench.poll();
+    assert!(count == 1 && bench.peers[1].hear().is_empty());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::with_cases(64) })]
+
+    #[test]
+    fn foreign_frames_pass_a_stream_in_any_pieces_and_garbage_does_not(
+        frames in proptest::collection::vec(prop_oneof![
+            2 => (0..100u32).prop_map(|n| (true, bytes(255, 190, attitude(n)))),
+            2 => proptest::collection::vec(0..0xfdu8, 0..60)
+                .prop_map(|payload| (true, foreign(&payload)))
+                .prop_filter("no start byte inside", |(_, frame)| frame[1..].iter().all(|byte| ![0xfd, 0xfe].contains(byte))),
+            1 => proptest::collection::vec(any::<u8>().prop_filter("no start byte", |byte| *byte < 0xfd), 1..50)
+                .prop_map(|garbage| (false, garbage)),
+        ], 1..30),
+        pieces in proptest::collection::vec(1..200usize, 1..10),
+    ) {
+        let mut splitter = jink_mavlink_link::frame::Splitter::new();
+        splitter.with_unknown();
+        let mut stream: Vec<u8> = frames.iter().flat_map(|(_, bytes)| bytes.clone()).collect();
+        let close = bytes(255, 190, attitude(1000));
+        stream.extend_from_slice(&close);
+        let (mut rest, mut pieces, mut out) = (&stream[..], pieces.iter().cycle(), Vec::new());
+        while !rest.is_empty() {
+            let (piece, behind) = rest.split_at((*pieces.next().unwrap()).min(rest.len()));
+            rest = behind;
+            prop_assert_eq!(splitter.push(piece), piece.len());
+            while let Some(frame) = splitter.next_frame() {
+                out.push(frame.bytes.to_vec());
+            }
+        }
+        // Every frame of ours comes out; a foreign one between two frames as well; nothing else.
+        let mut wanted = Vec::new();
+        let mut border = false;
+        for (i, (is_frame, bytes)) in frames.iter().enumerate() {
+            let is_foreign = *is_frame && bytes[7..10] == 60_000u32.to_le_bytes()[..3];
+            let ends_well = frames[i + 1..]
+                .iter()
+                .take_while(|(is_frame, bytes)| *is_frame && bytes[7..10] == 60_000u32.to_le_bytes()[..3])
+                .count();
+            let proved = frames.get(i + 1 + ends_well).is_none_or(|(is_frame, _)| *is_frame) || ends_well >= 3;
+            let passes = *is_frame && (!is_foreign || border && proved);
+            if passes {
+                wanted.push(bytes.clone());
+            }
+            border = passes;
+        }
+        wanted.push(close);
+        prop_assert_eq!(out, wanted);
+    }
+}
