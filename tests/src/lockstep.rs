@@ -550,6 +550,7 @@ impl LockStep {
             PROPOSER,
             "obstacle_fusion",
             SENSORS,
+            "parameter_server",
         ]);
         self.radio.up(now_s);
         self.board.run([VEHICLE]);

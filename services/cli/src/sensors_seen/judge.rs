@@ -578,6 +578,12 @@ fn ring_pace(ring: &RingSeen, rate_hz: f64) -> Finding {
 fn blind(seen: &Seen, findings: &mut Vec<Finding>) {
     let (ring, params) = (&seen.ring, &seen.params);
     let blind = ring.blind();
+    let speaks = |sensor: &&SensorSeen| sensor.timing.samples() > 0;
+    let looks_ahead = seen
+        .sensors
+        .iter()
+        .filter(speaks)
+        .any(|sensor| sensor.table.looks_ahead());
     let prevents = params.get(&params::CP_DIST) > 0.0;
     let goes_unseen = params.get(&params::CP_GO_NO_DATA) > 0.5;
     let consequence = match (prevents, goes_unseen) {
@@ -592,12 +598,12 @@ fn blind(seen: &Seen, findings: &mut Vec<Finding>) {
         let is_ahead = blind.holds_ahead(AHEAD_DEG);
         let flies_nose_first = params.get(&params::OA_YAW_MODE) > 0.5;
         let nothing_flies = is_ahead && if prevents { !goes_unseen } else { flies_nose_first };
-        let grade = if nothing_flies && !seen.looks_ahead {
+        let grade = if nothing_flies && !looks_ahead {
             Grade::Blocker
         } else {
             Grade::Warning
         };
-        let remedy = match (is_ahead, seen.looks_ahead) {
+        let remedy = match (is_ahead, looks_ahead) {
             (true, false) => {
                 "let a sensor look ahead: mend the one that does, or correct where it is mounted (orientation, yaw_deg)"
             }

@@ -21,7 +21,7 @@ pub use circle::{Interval, Sectors};
 pub use frame::Sort;
 pub use judge::{judge, subject};
 pub use ring::{RingFigures, RingSeen};
-pub use sensor::{Rate, SensorFigures, SensorSeen, SensorTable};
+pub use sensor::{OrientationKey, Rate, SensorFigures, SensorSeen, SensorTable};
 pub use timing::Timing;
 
 use crate::known_space::KnownSpace;
@@ -45,8 +45,6 @@ pub struct Seen {
     pub states: u64,
     /// What map and planner said last of all sensors together.
     pub space: Option<KnownSpace>,
-    /// A sensor looks straight ahead, whether or not anything answers there.
-    pub looks_ahead: bool,
     /// What the pilot was told.
     pub events: Vec<EventSample>,
     /// What the newest map says of each sensor, in the order of the configuration.
@@ -65,7 +63,6 @@ impl Seen {
             ring: RingSeen::default(),
             states: 0,
             space: None,
-            looks_ahead: false,
             events: Vec::new(),
             faults: [SensorFault::Unknown; SENSORS],
             seconds: 0.0,

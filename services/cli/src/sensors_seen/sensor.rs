@@ -4,6 +4,7 @@ use super::circle::{Interval, Sectors};
 use super::frame::{Frame, Sort};
 use super::timing::{Timing, quantile};
 use crate::report::round;
+use jink_shared_types::orientation;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::SECTORS;
 use jink_shared_types::{SampleHeader, Timestamp, topics};
@@ -23,6 +24,20 @@ pub struct SensorTable {
     pub model: Option<String>,
     /// Samples a second, if they are set.
     pub rate_hz: Option<f64>,
+    /// Where it looks: PX4's name or code.
+    pub orientation: Option<OrientationKey>,
+    /// Where it looks, as a turn to the right (deg).
+    pub yaw_deg: Option<f64>,
+}
+
+/// An orientation in a table.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged)]
+pub enum OrientationKey {
+    /// PX4's code.
+    Code(u8),
+    /// The name of a code.
+    Named(String),
 }
 
 /// How often a sensor is to speak.
@@ -35,6 +50,28 @@ pub enum Rate {
 }
 
 impl SensorTable {
+    /// Whether straight ahead lies within its field of view, as its table says that it is mounted. A single beam has none to speak of.
+    pub fn looks_ahead(&self) -> bool {
+        // Half of the narrowest field of view of its kind (deg): 87 of a RealSense D435, 70 of a Livox Avia, 320 of an SF45.
+        let half_deg = match (self.kind.as_str(), self.model.as_deref()) {
+            ("depth_camera", _) => 40.0,
+            ("lidar_3d", Some("livox_avia")) => 35.0,
+            ("lidar_2d", Some("sf45b")) => 160.0,
+            ("lidar_3d" | "lidar_2d", _) => 180.0,
+            _ => return false,
+        };
+        let code = match &self.orientation {
+            Some(OrientationKey::Code(code)) => Some(*code),
+            Some(OrientationKey::Named(name)) => orientation::by_name(name).map(|known| known.code),
+            None => None,
+        };
+        let [yaw_deg, pitch_deg, _] =
+            code.and_then(orientation::turns_deg)
+                .unwrap_or([self.yaw_deg.unwrap_or(0.0), 0.0, 0.0]);
+        let aside_deg = (yaw_deg + 180.0).rem_euclid(360.0) - 180.0;
+        pitch_deg == 0.0 && aside_deg.abs() < half_deg
+    }
+
     /// What is to be expected: the table's own rate, or that of its kind.
     pub fn rate(&self) -> Rate {
         // It says as many parts of its sweep as it turns past.

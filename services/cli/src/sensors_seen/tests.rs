@@ -1,4 +1,4 @@
-use super::{Seen, SensorTable, judge, subject};
+use super::{OrientationKey, Seen, SensorTable, judge, subject};
 use crate::findings::{Finding, Grade};
 use crate::known_space::KnownSpace;
 use jink_shared_types::events::{AVOIDANCE_READY, EventSample, RANGEFINDER_LOST};
@@ -526,8 +526,21 @@ fn what_nobody_sees_is_told_and_weighs_as_much_as_it_hinders() {
     }
     // In the open nothing answers a camera that stands on the ground.
     let mut open = seen(ahead, &[]);
-    open.0.looks_ahead = true;
-    assert_only(&open, Grade::Warning, "blind: 332.5 to 22.5 deg (forward)");
+    open.0.sensors[0].table.kind = "depth_camera".to_owned();
+    assert!(open.0.sensors[0].table.looks_ahead());
+    let found = open.found();
+    let blind = found.iter().find(|finding| finding.about == "blind").unwrap();
+    assert!(
+        blind.grade == Grade::Warning && blind.remedy.contains("nothing stands within its range"),
+        "{blind:?}"
+    );
+    // One that looks elsewhere, or nowhere, does not help.
+    for (yaw_deg, orientation) in [(90.0, None), (0.0, Some("back")), (0.0, Some("up"))] {
+        let table = &mut open.0.sensors[0].table;
+        table.yaw_deg = Some(yaw_deg);
+        table.orientation = orientation.map(|name| OrientationKey::Named(name.to_owned()));
+        assert!(!table.looks_ahead(), "{yaw_deg} {orientation:?}");
+    }
     let everything = seen(|_| true, &[]);
     assert_only(&everything, Grade::Blocker, "blind: all around; 0 deg known");
 }

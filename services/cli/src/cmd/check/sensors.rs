@@ -16,7 +16,6 @@ use jink_shared_types::ring::SectorRing;
 use jink_shared_types::topics;
 use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::VehicleState;
-use jink_shared_types::view::COLUMNS;
 use serde_json::{Map, Value};
 use std::time::{Duration, Instant};
 
@@ -200,8 +199,6 @@ impl Topics {
             }
         });
         self.map.each(|map| {
-            let view = &map.sample.view;
-            seen.looks_ahead = view.is_level_seen(0) && view.is_level_seen(COLUMNS - 1);
             for (number, fault) in seen.faults.iter_mut().enumerate() {
                 *fault = map.sample.fault_of(number).unwrap_or(SensorFault::Unknown);
             }
