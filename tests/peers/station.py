@@ -272,7 +272,13 @@ class Station:
             "param_type": order["type"],
             "param_value": struct.unpack("<f", bits)[0],
         }
-        return self.send({**order, "kind": "PARAM_SET", "fields": fields})
+        line = self.lines[order["line"]]
+        line.forget()
+        line.send(message_of("PARAM_SET", fields))
+        # The owner of the parameters is another process: what is asked behind it may be answered before it.
+        is_answer = lambda m: m.get_type() in ("PARAM_VALUE", "PARAM_ERROR") and m.get_srcComponent() == AVOIDANCE
+        line.until(lambda heard: any(map(is_answer, heard)), "an answer to PARAM_SET")
+        return {"heard": [facts(message) for message in line.settle("no")]}
 
     def wait(self, order):
         line = self.lines[order["line"]]
