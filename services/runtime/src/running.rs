@@ -229,8 +229,8 @@ mod tests {
     fn a_live_value_reaches_a_running_service_once_and_a_restart_value_does_not() {
         let isolated = Isolated(format!("rt_tuning_{}", std::process::id()).parse().unwrap());
         std::fs::create_dir_all(isolated.0.folder()).unwrap();
-        let gateway = Session::open(&isolated.0, "mavlink_gateway").unwrap();
-        let mut output = gateway.output(topics::PARAMETERS, "", 1).unwrap();
+        let owner = Session::open(&isolated.0, "parameter_server").unwrap();
+        let mut output = owner.output(topics::PARAMETERS, "", 1).unwrap();
         let planner = Session::open(&isolated.0, "planner").unwrap();
         let mut started_with = ParamSet::default();
         started_with.set("OA_GOAL_RAD", 0.7).unwrap();
