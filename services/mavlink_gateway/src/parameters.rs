@@ -27,8 +27,7 @@ use mavlink::types::CharArray;
 /// Values per second that nobody waits for one by one (Hz). A frame has 37 bytes: 6 % of a line of 57,600 baud, which has
 /// setpoints to carry, and the whole table within two seconds.
 pub const PACE_HZ: f64 = 10.0;
-/// The parameter server answers within milliseconds, and a restart of it takes a few tens; ground stations ask again after a
-/// second or so (QGroundControl 1 s, pymavlink's 3 s).
+/// How long the parameter server is waited for (s): it answers within milliseconds, and is back within some tens after a kill.
 pub const PATIENCE_S: f64 = 0.5;
 /// Changes that wait for their answers: a ground station sets one after the other, scripts a few at once.
 const WAITING: usize = 16;

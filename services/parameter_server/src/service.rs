@@ -17,7 +17,7 @@ pub struct ParameterService {
     asked: Vec<ParameterChange>,
 }
 
-/// Changes taken in one cycle; more stay in the queue.
+/// Changes taken in one cycle: more than the buffers of several who ask at once hold. Others are lost, and are asked for again.
 const CHANGES_MAX: usize = 16;
 
 impl fmt::Debug for ParameterService {
