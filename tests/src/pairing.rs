@@ -52,20 +52,29 @@ pub const COPTER: Pairing = Pairing {
     make: Make::ArduCopter,
     parameter: None,
 };
+/// Short names, as the commands have them.
+const NAMES: [(&str, Pairing); 5] = [
+    ("px4_trajectory", PX4_TRAJECTORY),
+    ("px4_offboard", PX4_CURRENT),
+    ("px4_2021_offboard", PX4_2021_OFFBOARD),
+    ("px4_deviation", PX4_DEVIATION),
+    ("ardupilot_guided", COPTER),
+];
 /// Those that only follow setpoints.
 pub const FOLLOWERS: [Pairing; 3] = [PX4_CURRENT, PX4_2021_OFFBOARD, COPTER];
 
 impl Pairing {
-    /// By a short name; `None` for one that means nothing.
+    /// By its short name; `None` for one that means nothing.
     pub fn named(name: &str) -> Option<Self> {
-        match name {
-            "px4_trajectory" => Some(PX4_TRAJECTORY),
-            "px4_offboard" => Some(PX4_CURRENT),
-            "px4_2021_offboard" => Some(PX4_2021_OFFBOARD),
-            "px4_deviation" => Some(PX4_DEVIATION),
-            "ardupilot_guided" => Some(COPTER),
-            _ => None,
-        }
+        let mut all = NAMES.into_iter();
+        all.find(|(short, _)| *short == name).map(|(_, pairing)| pairing)
+    }
+
+    /// Its short name; of the autopilot if it has none.
+    pub fn name(self) -> &'static str {
+        let mut all = NAMES.into_iter();
+        all.find(|(_, pairing)| *pairing == self)
+            .map_or(self.autopilot, |(short, _)| short)
     }
 
     /// A flight through the forest of `seed` at 3 m/s.

@@ -9,15 +9,15 @@
 // A harness for tests: without its programs there is nothing to test.
 #![allow(clippy::expect_used, clippy::panic)]
 
+use crate::ports::free_udp_ports;
 use crate::processes::{System, TempFolder, answer, programs, workspace};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::{BufRead, BufReader, Lines, Read, Write};
-use std::net::UdpSocket;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Packages that some tests need, with what shows that they are there.
@@ -348,11 +348,7 @@ pub struct Network {
     pub ports: Vec<u16>,
     /// Its configuration; goes after the system that reads it.
     pub folder: TempFolder,
-    _alone: MutexGuard<'static, ()>,
 }
-
-/// Several systems at once would be a test of the machine.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 impl Network {
     /// Comes up with a link for each of `links`: its name, and further lines of its table. `services` is the process table;
@@ -361,7 +357,6 @@ impl Network {
     /// # Panics
     /// If it does not come up: the text says why.
     pub fn up(role: &str, services: Option<&str>, links: &[(&str, &str)], sets: &[&str]) -> Self {
-        let alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = TempFolder::with_config(role);
         if let Some(services) = services {
             folder.write("services.toml", services);
@@ -390,7 +385,6 @@ impl Network {
             system,
             ports,
             folder,
-            _alone: alone,
         }
     }
 
@@ -406,18 +400,6 @@ impl Network {
             .map(|line| serde_json::from_str(line).expect("a parameter in JSON"))
             .collect()
     }
-}
-
-/// UDP ports on loopback that are free now, no two the same.
-///
-/// # Panics
-/// If there are not as many.
-pub fn free_udp_ports(count: usize) -> Vec<u16> {
-    let sockets: Vec<_> = (0..count)
-        .map(|_| UdpSocket::bind(("127.0.0.1", 0)).expect("a UDP port"))
-        .collect();
-    let port = |socket: &UdpSocket| socket.local_addr().expect("its address").port();
-    sockets.iter().map(port).collect()
 }
 
 impl Deref for Network {

@@ -3,15 +3,15 @@
 #![allow(clippy::expect_used)]
 
 use crate::peers;
+use crate::permit::{self, Permit};
 use jink_runtime::Instance;
 use serde_json::Value;
-use std::net::UdpSocket;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::str::FromStr;
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The folder of the workspace.
@@ -172,10 +172,12 @@ impl Handle {
 #[derive(Debug)]
 pub struct System {
     handle: Handle,
+    _permit: Permit,
 }
 
 impl System {
-    /// `jink up --detach` with further `arguments`, in an instance named after `role` and this process.
+    /// `jink up --detach` with further `arguments`, in an instance named after `role` and this process; waits until there is
+    /// room for it.
     ///
     /// # Panics
     /// If it does not come up: the text says why.
@@ -184,6 +186,7 @@ impl System {
         let instance = format!("t_{role}_{}", std::process::id());
         let system = Self {
             handle: Handle { instance },
+            _permit: permit::share(),
         };
         let mut command = system.command(&["up", "--detach"]);
         let up = answer(command.args(arguments));
@@ -206,15 +209,6 @@ impl Drop for System {
             eprintln!("{}: {down:?}", self.handle.instance);
         }
     }
-}
-
-/// A UDP port on loopback that is free now.
-///
-/// # Panics
-/// If there is none.
-pub fn free_udp_port() -> u16 {
-    let socket = UdpSocket::bind(("127.0.0.1", 0)).expect("a UDP port");
-    socket.local_addr().expect("its address").port()
 }
 
 /// A folder that is removed with this.
@@ -317,8 +311,9 @@ pub struct Demo {
     pub code: Option<i32>,
 }
 
-/// Flies `jink demo --headless --json` with further `arguments`.
+/// Flies `jink demo --headless --json` with further `arguments`, as soon as there is room for it.
 pub fn demo(arguments: &[&str]) -> Demo {
+    let _permit = permit::share();
     let mut all = vec!["demo", "--headless", "--json"];
     all.extend(arguments);
     let Answer { stdout, stderr, code } = answer(&mut program("jink", &all));
@@ -338,27 +333,24 @@ const WATCHDOG: Duration = Duration::from_secs(180);
 pub struct Flight {
     demo: Option<Child>,
     handle: Handle,
-    _alone: MutexGuard<'static, ()>,
+    _permit: Permit,
 }
 
-/// Two flights at once would be a test of the machine.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
 impl Flight {
-    /// `jink demo --headless --json` with further `arguments`.
+    /// `jink demo --headless --json` with further `arguments`, as soon as there is room for it.
     ///
     /// # Panics
     /// If it cannot be started.
     pub fn begin(arguments: &[&str]) -> Self {
         let mut command = program("jink", &["demo", "--headless", "--json"]);
-        let alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+        let permit = permit::share();
         let demo = command.args(arguments).stdout(Stdio::piped()).spawn();
         let demo = demo.expect("jink demo can be started");
         let instance = format!("demo_{}", demo.id());
         Self {
             demo: Some(demo),
             handle: Handle { instance },
-            _alone: alone,
+            _permit: permit,
         }
     }
 

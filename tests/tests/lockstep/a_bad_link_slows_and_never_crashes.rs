@@ -2,12 +2,11 @@
 //! and up to a fifth lost or 100 ms each way the goal is reached without a fall to Hold.
 
 use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
+use jink_tests::flights::Flights;
 use jink_tests::lossy::LinkFaults;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
-use std::sync::Mutex;
 
-#[test]
-fn through_a_forest_over_bad_links() {
+pub fn forest_flights() -> Flights {
     let none = LinkFaults::default();
     let loss = |loss| LinkFaults { loss, ..none };
     let delay = |delay_s| LinkFaults { delay_s, ..none };
@@ -65,44 +64,53 @@ fn through_a_forest_over_bad_links() {
         "200 ms late",
         "all: 5 %, 0 to 50 ms",
     ];
-    let flights: Vec<(Pairing, _)> = [PX4_TRAJECTORY, PX4_CURRENT, COPTER]
-        .into_iter()
-        .flat_map(|whose| rows.iter().map(move |row| (whose, row)))
-        .filter(|(whose, (name, ..))| *whose == PX4_TRAJECTORY || worst.contains(name))
-        .collect();
-    let next = Mutex::new(flights.iter());
-    let lines = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..2 {
-            scope.spawn(|| {
-                loop {
-                    let Some((whose, (name, faults, must_arrive))) = next.lock().unwrap().next() else {
-                        return;
-                    };
-                    let mut setup = whose.forest(3).unwrap();
-                    // Who is told that jink holds does not let the mission go on blindly, again and again.
-                    setup.plan.resume = *whose == PX4_TRAJECTORY;
-                    setup.link_faults = Some(*faults);
-                    let report = fly_as(setup, &Cell::forest().unwrap()).unwrap();
-                    let line = format!(
-                        "{:16} {name:24} {:?}, {} touched, largest gap {:4.0} ms, {} Holds, {:.1} m/s, nearest {:.2} m",
-                        whose.profile.name(),
-                        report.outcome,
-                        report.collisions,
-                        report.setpoint_gap_ms,
-                        report.hold_count,
-                        report.mean_speed_mps,
-                        report.min_clearance_m,
-                    );
-                    lines.lock().unwrap().push(line.clone());
-                    assert_eq!(report.collisions, 0, "{line}");
-                    if *must_arrive {
-                        assert_eq!(report.outcome, FlightOutcome::Goal, "{line}");
-                        assert_eq!(report.hold_count, 0, "{line}");
-                    }
-                }
-            });
+    // Every test run flies one of each kind, and what is late at its latest.
+    let in_every_run = [
+        (PX4_TRAJECTORY, "all: 5 %, 0 to 50 ms"),
+        (PX4_TRAJECTORY, "200 ms late"),
+        (PX4_CURRENT, "20 % lost"),
+        (COPTER, "100 ms late"),
+    ];
+    let mut flights = Flights::new();
+    for whose in [PX4_TRAJECTORY, PX4_CURRENT, COPTER] {
+        for (name, faults, must_arrive) in rows {
+            if whose == PX4_TRAJECTORY || worst.contains(&name) {
+                flights.add(
+                    &format!("{} {name}", whose.name()),
+                    in_every_run.contains(&(whose, name)),
+                    move || fly(whose, name, faults, must_arrive),
+                );
+            }
         }
-    });
-    println!("{}", lines.lock().unwrap().join("\n"));
+    }
+    flights
+}
+
+fn fly(whose: Pairing, name: &str, faults: LinkFaults, must_arrive: bool) {
+    let mut setup = whose.forest(3).unwrap();
+    // Who is told that jink holds does not let the mission go on blindly, again and again.
+    setup.plan.resume = whose == PX4_TRAJECTORY;
+    setup.link_faults = Some(faults);
+    let report = fly_as(setup, &Cell::forest().unwrap()).unwrap();
+    let line = format!(
+        "{:16} {name:24} {:?}, {} touched, largest gap {:4.0} ms, {} Holds, {:.1} m/s, nearest {:.2} m",
+        whose.profile.name(),
+        report.outcome,
+        report.collisions,
+        report.setpoint_gap_ms,
+        report.hold_count,
+        report.mean_speed_mps,
+        report.min_clearance_m,
+    );
+    println!("{line}");
+    assert_eq!(report.collisions, 0, "{line}");
+    if must_arrive {
+        assert_eq!(report.outcome, FlightOutcome::Goal, "{line}");
+        assert_eq!(report.hold_count, 0, "{line}");
+    }
+}
+
+#[test]
+fn through_a_forest_over_bad_links() {
+    forest_flights().fly_some();
 }

@@ -5,6 +5,7 @@ use jink_shared_types::frames::Point;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
 use jink_simulator::world::{Obstacle, Scene, World, YawedBox};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 
@@ -41,26 +42,43 @@ fn skipped_where_the_autopilot_flies_the_mission() {
     skips(PX4_TRAJECTORY);
 }
 
+pub fn skip_flights() -> Flights {
+    let mut flights = Flights::new();
+    for whose in [PX4_CURRENT, COPTER] {
+        flights.add(&format!("{}", whose.name()), whose == COPTER, move || {
+            skips(whose);
+        });
+    }
+    flights
+}
+
 #[test]
 fn skipped_where_jink_flies_it() {
-    skips(PX4_CURRENT);
-    skips(COPTER);
+    skip_flights().fly_some();
+}
+
+pub fn stop_flights() -> Flights {
+    let mut flights = Flights::new();
+    for whose in [PX4_CURRENT, COPTER] {
+        flights.add(&format!("{}", whose.name()), whose == PX4_CURRENT, move || {
+            let mut flight = flight(whose, 2.0);
+            while flight.count(&ITEM_BLOCKED) == 0 {
+                flight.step();
+                assert!(flight.truth().time_s < 120.0, "{whose:?}: nobody has noticed");
+            }
+            for _ in 0..500 {
+                flight.step();
+            }
+            assert_eq!(flight.truth().mode.get(), NavMode::Hold, "{whose:?}");
+            assert_eq!(flight.truth().collisions, 0, "{whose:?}");
+        });
+    }
+    flights
 }
 
 #[test]
 fn stopped_and_the_autopilot_holds() {
-    for whose in [PX4_CURRENT, COPTER] {
-        let mut flight = flight(whose, 2.0);
-        while flight.count(&ITEM_BLOCKED) == 0 {
-            flight.step();
-            assert!(flight.truth().time_s < 120.0, "{whose:?}: nobody has noticed");
-        }
-        for _ in 0..500 {
-            flight.step();
-        }
-        assert_eq!(flight.truth().mode.get(), NavMode::Hold, "{whose:?}");
-        assert_eq!(flight.truth().collisions, 0, "{whose:?}");
-    }
+    stop_flights().fly_some();
 }
 
 #[test]

@@ -5,6 +5,7 @@ use jink_shared_types::Point;
 use jink_shared_types::frames::LocalNed;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Action, InFlight, Make, Outcome, When};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{
     COPTER, FOLLOWERS, PX4_2021_OFFBOARD, PX4_CURRENT, PX4_DEVIATION, PX4_TRAJECTORY, Pairing,
@@ -47,28 +48,44 @@ fn lands_at(flight: &mut LockStep, whose: Pairing, x_m: f64, y_m: f64) {
     assert!(away_m < 2.5, "{whose:?} {away_m} m from there: {truth:?}");
 }
 
+pub fn same_length_flights() -> Flights {
+    let mut flights = Flights::new();
+    for whose in ALL {
+        flights.add(&format!("{}", whose.name()), whose == PX4_CURRENT, move || {
+            let other = Action::Upload {
+                waypoints: vec![place(20.0, 12.0)],
+                tail: Vec::new(),
+            };
+            let mut flight = flight(whose, vec![place(60.0, 0.0)], other);
+            lands_at(&mut flight, whose, 20.0, 12.0);
+        });
+    }
+    flights
+}
+
 #[test]
 fn another_mission_of_the_same_length() {
+    same_length_flights().fly_some();
+}
+
+pub fn other_length_flights() -> Flights {
+    let mut flights = Flights::new();
     for whose in ALL {
-        let other = Action::Upload {
-            waypoints: vec![place(20.0, 12.0)],
-            tail: Vec::new(),
-        };
-        let mut flight = flight(whose, vec![place(60.0, 0.0)], other);
-        lands_at(&mut flight, whose, 20.0, 12.0);
+        flights.add(&format!("{}", whose.name()), whose == COPTER, move || {
+            let other = Action::Upload {
+                waypoints: vec![place(20.0, 12.0), place(8.0, 16.0)],
+                tail: Vec::new(),
+            };
+            let mut flight = flight(whose, vec![place(60.0, 0.0)], other);
+            lands_at(&mut flight, whose, 8.0, 16.0);
+        });
     }
+    flights
 }
 
 #[test]
 fn another_mission_of_another_length() {
-    for whose in ALL {
-        let other = Action::Upload {
-            waypoints: vec![place(20.0, 12.0), place(8.0, 16.0)],
-            tail: Vec::new(),
-        };
-        let mut flight = flight(whose, vec![place(60.0, 0.0)], other);
-        lands_at(&mut flight, whose, 8.0, 16.0);
-    }
+    other_length_flights().fly_some();
 }
 
 /// Without a mission there is nothing to fly: the place is held.
@@ -96,26 +113,38 @@ fn no_mission_any_more() {
 }
 
 /// The item that is left out lies aside: it is not flown past.
-#[test]
-fn another_item_by_message() {
+pub fn item_flights() -> Flights {
+    let mut flights = Flights::new();
     let aside = place(22.0, 10.0);
     for whose in ALL {
-        // Home and the take-off come before the waypoints.
-        let before = if whose.make == Make::ArduCopter { 2 } else { 0 };
-        let mut flight = flight(
-            whose,
-            vec![place(16.0, 0.0), aside, place(30.0, -4.0)],
-            Action::SetCurrent { item: before + 2 },
+        flights.add(
+            &format!("{}", whose.name()),
+            whose == COPTER || whose == PX4_TRAJECTORY,
+            move || {
+                // Home and the take-off come before the waypoints.
+                let before = if whose.make == Make::ArduCopter { 2 } else { 0 };
+                let mut flight = flight(
+                    whose,
+                    vec![place(16.0, 0.0), aside, place(30.0, -4.0)],
+                    Action::SetCurrent { item: before + 2 },
+                );
+                let mut nearest_m = f64::INFINITY;
+                while flight.outcome().is_none() {
+                    flight.step();
+                    let away = flight.truth().position.vector() - aside.vector();
+                    nearest_m = nearest_m.min(away.norm());
+                }
+                assert!(nearest_m > 6.0, "{whose:?} {nearest_m}");
+                lands_at(&mut flight, whose, 30.0, -4.0);
+            },
         );
-        let mut nearest_m = f64::INFINITY;
-        while flight.outcome().is_none() {
-            flight.step();
-            let away = flight.truth().position.vector() - aside.vector();
-            nearest_m = nearest_m.min(away.norm());
-        }
-        assert!(nearest_m > 6.0, "{whose:?} {nearest_m}");
-        lands_at(&mut flight, whose, 30.0, -4.0);
     }
+    flights
+}
+
+#[test]
+fn another_item_by_message() {
+    item_flights().fly_some();
 }
 
 /// Current PX4 takes the command and does not show the item; only those who show it can be followed.
@@ -144,21 +173,33 @@ fn another_item_by_command() {
 }
 
 /// Whoever lets the autopilot fly its mission while jink flies it gets it flown by jink, as from any other mode.
+pub fn chosen_flights() -> Flights {
+    let mut flights = Flights::new();
+    for whose in FOLLOWERS {
+        flights.add(
+            &format!("{}", whose.name()),
+            whose == PX4_2021_OFFBOARD,
+            move || {
+                let mut flight = LockStep::new(whose.forest(1).unwrap()).unwrap();
+                assert!(flight.run_until(60.0, |f| f.truth().position.x_m > ACTS_AT_M));
+                assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
+                whose.command_mode(&mut flight, NavMode::Mission);
+                assert!(
+                    flight.run_until(1.0, |f| f.truth().mode.get() == NavMode::Mission),
+                    "{whose:?}"
+                );
+                assert!(
+                    flight.run_until(5.0, |f| f.truth().mode.get() == NavMode::Offboard),
+                    "{whose:?}"
+                );
+                lands_at(&mut flight, whose, 60.0, 0.0);
+            },
+        );
+    }
+    flights
+}
+
 #[test]
 fn the_mission_chosen_while_it_is_flown() {
-    for whose in FOLLOWERS {
-        let mut flight = LockStep::new(whose.forest(1).unwrap()).unwrap();
-        assert!(flight.run_until(60.0, |f| f.truth().position.x_m > ACTS_AT_M));
-        assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
-        whose.command_mode(&mut flight, NavMode::Mission);
-        assert!(
-            flight.run_until(1.0, |f| f.truth().mode.get() == NavMode::Mission),
-            "{whose:?}"
-        );
-        assert!(
-            flight.run_until(5.0, |f| f.truth().mode.get() == NavMode::Offboard),
-            "{whose:?}"
-        );
-        lands_at(&mut flight, whose, 60.0, 0.0);
-    }
+    chosen_flights().fly_some();
 }

@@ -5,18 +5,27 @@ use jink_shared_types::events;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
 use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::PX4_DEVIATION;
 
+pub fn forest_flights() -> Flights {
+    let mut flights = Flights::new();
+    for seed in [1, 2, 3, 4] {
+        flights.add(&format!("seed {seed}"), seed == 1, move || {
+            let report = fly_as(PX4_DEVIATION.forest(seed).unwrap(), &Cell::forest().unwrap()).unwrap();
+            println!("{report:?}");
+            assert_eq!(report.outcome, FlightOutcome::Goal, "{report:?}");
+            assert_eq!((report.collisions, report.hold_count), (0, 0), "{report:?}");
+            assert!(report.setpoint_gap_ms < 100.0, "{report:?}");
+        });
+    }
+    flights
+}
+
 #[test]
 fn through_a_forest() {
-    for seed in [1, 2, 3, 4] {
-        let report = fly_as(PX4_DEVIATION.forest(seed).unwrap(), &Cell::forest().unwrap()).unwrap();
-        println!("{report:?}");
-        assert_eq!(report.outcome, FlightOutcome::Goal, "{report:?}");
-        assert_eq!((report.collisions, report.hold_count), (0, 0), "{report:?}");
-        assert!(report.setpoint_gap_ms < 100.0, "{report:?}");
-    }
+    forest_flights().fly_some();
 }
 
 /// The mode is the autopilot's own all the time, and nothing is sent but in its mission.

@@ -6,6 +6,7 @@ use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Action, Ending, InFlight, When};
 use jink_simulator::world::{Obstacle, Scene, World, YawedBox};
 use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 
@@ -71,16 +72,28 @@ fn walled_in(whose: Pairing, left_m: f64, right_m: f64) -> Left {
 }
 
 /// At 0.6 m it depends on where the cells of the map, 0.2 m wide, lie to the wall whether there is room for a certainty.
-#[test]
-fn between_walls() {
+pub fn wall_flights() -> Flights {
+    let mut flights = Flights::new();
     for whose in [PX4_TRAJECTORY, PX4_CURRENT, COPTER] {
         for (left_m, right_m) in [(0.7, 1.3), (0.65, 1.35), (0.75, 0.75)] {
-            let left = walled_in(whose, left_m, right_m);
-            let what = format!("{whose:?} {left_m} {right_m}: {left:?}");
-            assert!(left.way_m > 5.0, "{what}");
-            assert!(left.least_m > f64::min(left_m, right_m) - STRAY_M, "{what}");
+            flights.add(
+                &format!("{} {left_m} {right_m}", whose.name()),
+                (whose, left_m) == (PX4_TRAJECTORY, 0.75) || (whose, left_m) == (COPTER, 0.65),
+                move || {
+                    let left = walled_in(whose, left_m, right_m);
+                    let what = format!("{whose:?} {left_m} {right_m}: {left:?}");
+                    assert!(left.way_m > 5.0, "{what}");
+                    assert!(left.least_m > f64::min(left_m, right_m) - STRAY_M, "{what}");
+                },
+            );
         }
     }
+    flights
+}
+
+#[test]
+fn between_walls() {
+    wall_flights().fly_some();
 }
 
 /// Nearer than its own radius, as the map counts it, it only goes away from what is there: between walls it stays where it is.

@@ -4,6 +4,7 @@
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Make, Outcome, Phase};
 use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavMessage};
 
@@ -26,59 +27,67 @@ fn back(stick: i16) -> MavMessage {
     })
 }
 
+pub fn forest_flights() -> Flights {
+    let mut flights = Flights::new();
+    for (seed, stick, is_plannable) in [(1, 200, true), (2, 300, true), (3, 600, false)] {
+        flights.add(&format!("seed {seed}"), seed > 1, move || {
+            // Faster than any plan it is stopped; the autopilot brakes too hard by itself by then to be met exactly.
+            let cell = Cell {
+                kind: "forest".parse().unwrap(),
+                density_per_m2: None,
+                speed_mps: 3.0,
+                limit_s: 180.0,
+                sensors: sensor_set(SPHERE).unwrap(),
+            };
+            let mut flight = LockStep::new(setup(&cell, seed).unwrap()).unwrap();
+            let (mut from_s, mut next_s) = (None, 0.0);
+            let mut entry = None;
+            while flight.outcome().is_none() {
+                flight.step();
+                let time_s = flight.truth().time_s;
+                if flight.station().progress().phase != Phase::Mission {
+                    continue;
+                }
+                let hand_over_s = *from_s.get_or_insert(time_s) + BY_HAND_S;
+                if time_s < hand_over_s {
+                    if time_s >= next_s {
+                        next_s = time_s + STICKS_PERIOD_S;
+                        if flight.truth().mode.get() != NavMode::Position {
+                            flight.send(Make::Px4.mode_command(NavMode::Position, 1).unwrap());
+                        }
+                        flight.send(back(stick));
+                    }
+                    continue;
+                }
+                if flight.truth().mode.get() != NavMode::Mission {
+                    flight.send(Make::Px4.mode_command(NavMode::Mission, 1).unwrap());
+                }
+                if entry.is_none()
+                    && let Some(reference) = flight.reference()
+                {
+                    let truth = flight.truth();
+                    let speed_mps = truth.velocity.vector().norm();
+                    let leap_mps = (reference.velocity.vector() - truth.velocity.vector()).norm();
+                    let leap_m = (reference.position.vector() - truth.position.vector()).norm();
+                    entry = Some((speed_mps, leap_mps, leap_m));
+                }
+            }
+            let (speed_mps, leap_mps, leap_m) = entry.unwrap();
+            println!("seed {seed}: handed over at {speed_mps:.2} m/s, leap {leap_mps:.2} m/s, {leap_m:.2} m");
+            assert!(speed_mps > 0.5, "seed {seed}: {speed_mps} m/s is no motion");
+            assert_eq!(speed_mps < 3.0, is_plannable, "seed {seed}: {speed_mps} m/s");
+            assert!(
+                !is_plannable || leap_mps < LEAP_MPS && leap_m < LEAP_M,
+                "seed {seed}: {leap_mps} m/s, {leap_m} m"
+            );
+            assert_eq!(flight.truth().collisions, 0, "seed {seed}");
+            assert_eq!(flight.outcome(), Some(&Outcome::Done), "seed {seed}");
+        });
+    }
+    flights
+}
+
 #[test]
 fn and_the_plan_departs_from_it() {
-    // Faster than any plan it is stopped; the autopilot brakes too hard by itself by then to be met exactly.
-    for (seed, stick, is_plannable) in [(1, 200, true), (2, 300, true), (3, 600, false)] {
-        let cell = Cell {
-            kind: "forest".parse().unwrap(),
-            density_per_m2: None,
-            speed_mps: 3.0,
-            limit_s: 180.0,
-            sensors: sensor_set(SPHERE).unwrap(),
-        };
-        let mut flight = LockStep::new(setup(&cell, seed).unwrap()).unwrap();
-        let (mut from_s, mut next_s) = (None, 0.0);
-        let mut entry = None;
-        while flight.outcome().is_none() {
-            flight.step();
-            let time_s = flight.truth().time_s;
-            if flight.station().progress().phase != Phase::Mission {
-                continue;
-            }
-            let hand_over_s = *from_s.get_or_insert(time_s) + BY_HAND_S;
-            if time_s < hand_over_s {
-                if time_s >= next_s {
-                    next_s = time_s + STICKS_PERIOD_S;
-                    if flight.truth().mode.get() != NavMode::Position {
-                        flight.send(Make::Px4.mode_command(NavMode::Position, 1).unwrap());
-                    }
-                    flight.send(back(stick));
-                }
-                continue;
-            }
-            if flight.truth().mode.get() != NavMode::Mission {
-                flight.send(Make::Px4.mode_command(NavMode::Mission, 1).unwrap());
-            }
-            if entry.is_none()
-                && let Some(reference) = flight.reference()
-            {
-                let truth = flight.truth();
-                let speed_mps = truth.velocity.vector().norm();
-                let leap_mps = (reference.velocity.vector() - truth.velocity.vector()).norm();
-                let leap_m = (reference.position.vector() - truth.position.vector()).norm();
-                entry = Some((speed_mps, leap_mps, leap_m));
-            }
-        }
-        let (speed_mps, leap_mps, leap_m) = entry.unwrap();
-        println!("seed {seed}: handed over at {speed_mps:.2} m/s, leap {leap_mps:.2} m/s, {leap_m:.2} m");
-        assert!(speed_mps > 0.5, "seed {seed}: {speed_mps} m/s is no motion");
-        assert_eq!(speed_mps < 3.0, is_plannable, "seed {seed}: {speed_mps} m/s");
-        assert!(
-            !is_plannable || leap_mps < LEAP_MPS && leap_m < LEAP_M,
-            "seed {seed}: {leap_mps} m/s, {leap_m} m"
-        );
-        assert_eq!(flight.truth().collisions, 0, "seed {seed}");
-        assert_eq!(flight.outcome(), Some(&Outcome::Done), "seed {seed}");
-    }
+    forest_flights().fly_some();
 }

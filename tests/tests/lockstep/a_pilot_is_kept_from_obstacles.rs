@@ -2,6 +2,7 @@
 //! does, the vehicle keeps its distance.
 
 use jink_shared_types::events;
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::PX4_DEVIATION;
 use jink_tests::pilot::by_hand;
@@ -20,26 +21,34 @@ fn forest(seed: u64, distance_m: f64) -> LockStep {
     LockStep::new(setup).unwrap()
 }
 
+pub fn forest_flights() -> Flights {
+    let mut flights = Flights::new();
+    for seed in [1, 2, 3, 4] {
+        flights.add(&format!("seed {seed}"), seed == 1, move || {
+            let mut flight = forest(seed, CP_DIST_M);
+            // Ahead, then to all sides.
+            let nearest_m = by_hand(&mut flight, 40.0, |_, t| {
+                let turn = (t / 5.0).floor() * 0.9;
+                [(1000.0 * f64::cos(turn)) as i16, (1000.0 * f64::sin(turn)) as i16]
+            });
+            let truth = flight.truth();
+            let way_m = truth.position.x_m.hypot(truth.position.y_m);
+            println!(
+                "seed {seed}: nearest {nearest_m:.2} m, {way_m:.1} m away, {} times told",
+                flight.count(&events::PREVENTION_ACTS)
+            );
+            assert_eq!(truth.collisions, 0, "seed {seed}");
+            // Told is the distance of the centre, and clearance counts from the hull.
+            assert!(nearest_m > CP_DIST_M - 0.3 - LOST_M, "seed {seed}: {nearest_m} m");
+            assert!(flight.count(&events::PREVENTION_ACTS) > 0, "seed {seed}");
+        });
+    }
+    flights
+}
+
 #[test]
 fn pushed_into_a_forest_at_full_stick_it_touches_nothing() {
-    for seed in [1, 2, 3, 4] {
-        let mut flight = forest(seed, CP_DIST_M);
-        // Ahead, then to all sides.
-        let nearest_m = by_hand(&mut flight, 40.0, |_, t| {
-            let turn = (t / 5.0).floor() * 0.9;
-            [(1000.0 * f64::cos(turn)) as i16, (1000.0 * f64::sin(turn)) as i16]
-        });
-        let truth = flight.truth();
-        let way_m = truth.position.x_m.hypot(truth.position.y_m);
-        println!(
-            "seed {seed}: nearest {nearest_m:.2} m, {way_m:.1} m away, {} times told",
-            flight.count(&events::PREVENTION_ACTS)
-        );
-        assert_eq!(truth.collisions, 0, "seed {seed}");
-        // Told is the distance of the centre, and clearance counts from the hull.
-        assert!(nearest_m > CP_DIST_M - 0.3 - LOST_M, "seed {seed}: {nearest_m} m");
-        assert!(flight.count(&events::PREVENTION_ACTS) > 0, "seed {seed}");
-    }
+    forest_flights().fly_some();
 }
 
 #[test]

@@ -6,6 +6,7 @@ use jink_shared_types::motion::RouteMode;
 use jink_shared_types::proposal::ProposalVerdict;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 use jink_tests::proposer::Plan;
@@ -115,18 +116,26 @@ fn around(speed_mps: f64) -> Option<Plan> {
     })
 }
 
+pub fn detour_flights() -> Flights {
+    let mut flights = Flights::new();
+    for pairing in [PX4_TRAJECTORY, PX4_CURRENT, COPTER] {
+        flights.add(&format!("{}", pairing.name()), pairing == COPTER, move || {
+            let own = fly(pairing, 3, None, |_, _| {});
+            assert!(own.east_max_m < 10.0);
+            assert_eq!(own.proposed, 0);
+            let flown = fly(pairing, 3, around(0.0), |_, _| {});
+            assert!(flown.east_max_m > OUTSIDE_EAST_M - 2.5, "{}", flown.east_max_m);
+            assert!(flown.share() > 0.8, "{}", flown.share());
+            assert!(flown.flight.count(&events::PROPOSAL_FLOWN) >= 1);
+            assert!(flown.count(ProposalVerdict::Accepted) + flown.count(ProposalVerdict::Shortened) >= 1);
+        });
+    }
+    flights
+}
+
 #[test]
 fn a_detour_around_the_forest_is_flown_as_proposed() {
-    for pairing in [PX4_TRAJECTORY, PX4_CURRENT, COPTER] {
-        let own = fly(pairing, 3, None, |_, _| {});
-        assert!(own.east_max_m < 10.0);
-        assert_eq!(own.proposed, 0);
-        let flown = fly(pairing, 3, around(0.0), |_, _| {});
-        assert!(flown.east_max_m > OUTSIDE_EAST_M - 2.5, "{}", flown.east_max_m);
-        assert!(flown.share() > 0.8, "{}", flown.share());
-        assert!(flown.flight.count(&events::PROPOSAL_FLOWN) >= 1);
-        assert!(flown.count(ProposalVerdict::Accepted) + flown.count(ProposalVerdict::Shortened) >= 1);
-    }
+    detour_flights().fly_some();
 }
 
 #[test]
@@ -140,14 +149,22 @@ fn a_speed_wished_is_not_exceeded() {
     );
 }
 
+pub fn tree_flights() -> Flights {
+    let mut flights = Flights::new();
+    for seed in [3, 5, 7, 9] {
+        flights.add(&format!("seed {seed}"), seed == 3, move || {
+            let flown = fly(PX4_TRAJECTORY, seed, Some(Plan::Straight), |_, _| {});
+            let refused = flown.count(ProposalVerdict::Occupied) + flown.count(ProposalVerdict::TooNarrow);
+            assert!(refused >= 1, "{:?}", flown.verdicts);
+            assert!(flown.share() < 1.0);
+        });
+    }
+    flights
+}
+
 #[test]
 fn ways_through_trees_are_refused_and_the_goal_is_reached() {
-    for seed in [3, 5, 7, 9] {
-        let flown = fly(PX4_TRAJECTORY, seed, Some(Plan::Straight), |_, _| {});
-        let refused = flown.count(ProposalVerdict::Occupied) + flown.count(ProposalVerdict::TooNarrow);
-        assert!(refused >= 1, "{:?}", flown.verdicts);
-        assert!(flown.share() < 1.0);
-    }
+    tree_flights().fly_some();
 }
 
 #[test]

@@ -6,6 +6,7 @@ use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
 use jink_simulator::sensors::{SensorKind, SensorSpec};
 use jink_tests::campaign::{Cell, SPHERE, default_sensors, sensor_set, setup};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use std::collections::BTreeSet;
 
@@ -46,55 +47,79 @@ fn told(flight: &LockStep, event: &Event) -> usize {
     flight.count(event)
 }
 
+pub fn one_of_two_flights() -> Flights {
+    let mut flights = Flights::new();
+    for seed in 1..=4 {
+        flights.add(&format!("seed {seed}"), seed == 1, move || {
+            let mut flight = flight(seed);
+            reach_the_mission(&mut flight);
+            assert_eq!(told(&flight, &events::SENSOR_LOST), 0);
+            flight.silent_sensors = BTreeSet::from([1]);
+            // The committed trajectory is flown on, and was made for the higher speed.
+            fly(&mut flight, 5.0);
+            assert_eq!(told(&flight, &events::SENSOR_LOST), 1, "seed {seed}");
+            let slow_mps = fly(&mut flight, 6.0);
+            assert!(
+                slow_mps < 1.75,
+                "seed {seed}: {slow_mps} m/s with one sensor of two"
+            );
+            flight.silent_sensors.clear();
+            fly(&mut flight, f64::INFINITY);
+            assert_eq!(told(&flight, &events::SENSOR_BACK), 1, "seed {seed}");
+            assert_eq!(flight.outcome(), Some(&Outcome::Done), "seed {seed}");
+            assert_eq!(flight.truth().hold_count, 0, "seed {seed}");
+        });
+    }
+    flights
+}
+
 #[test]
 fn of_two_sensors_one_dies_and_comes_back() {
+    one_of_two_flights().fly_some();
+}
+
+pub fn all_around_flights() -> Flights {
+    let mut flights = Flights::new();
     for seed in 1..=4 {
-        let mut flight = flight(seed);
-        reach_the_mission(&mut flight);
-        assert_eq!(told(&flight, &events::SENSOR_LOST), 0);
-        flight.silent_sensors = BTreeSet::from([1]);
-        // The committed trajectory is flown on, and was made for the higher speed.
-        fly(&mut flight, 5.0);
-        assert_eq!(told(&flight, &events::SENSOR_LOST), 1, "seed {seed}");
-        let slow_mps = fly(&mut flight, 6.0);
-        assert!(
-            slow_mps < 1.75,
-            "seed {seed}: {slow_mps} m/s with one sensor of two"
-        );
-        flight.silent_sensors.clear();
-        fly(&mut flight, f64::INFINITY);
-        assert_eq!(told(&flight, &events::SENSOR_BACK), 1, "seed {seed}");
-        assert_eq!(flight.outcome(), Some(&Outcome::Done), "seed {seed}");
-        assert_eq!(flight.truth().hold_count, 0, "seed {seed}");
+        flights.add(&format!("seed {seed}"), seed == 2, move || {
+            let mut flight = flight(seed);
+            reach_the_mission(&mut flight);
+            flight.silent_sensors = BTreeSet::from([0]);
+            fly(&mut flight, 30.0);
+            flight.silent_sensors.clear();
+            fly(&mut flight, f64::INFINITY);
+            assert_eq!(flight.outcome(), Some(&Outcome::Done), "seed {seed}");
+            assert_eq!(flight.truth().hold_count, 0, "seed {seed}");
+        });
     }
+    flights
 }
 
 #[test]
 fn without_the_sensor_that_sees_all_around_nothing_is_touched() {
+    all_around_flights().fly_some();
+}
+
+pub fn without_any_flights() -> Flights {
+    let mut flights = Flights::new();
     for seed in 1..=4 {
-        let mut flight = flight(seed);
-        reach_the_mission(&mut flight);
-        flight.silent_sensors = BTreeSet::from([0]);
-        fly(&mut flight, 30.0);
-        flight.silent_sensors.clear();
-        fly(&mut flight, f64::INFINITY);
-        assert_eq!(flight.outcome(), Some(&Outcome::Done), "seed {seed}");
-        assert_eq!(flight.truth().hold_count, 0, "seed {seed}");
+        flights.add(&format!("seed {seed}"), seed == 3, move || {
+            let mut flight = flight(seed);
+            reach_the_mission(&mut flight);
+            flight.silent_sensors = BTreeSet::from([0, 1]);
+            fly(&mut flight, 8.0);
+            let rest_mps = fly(&mut flight, 5.0);
+            assert!(rest_mps < 0.3, "seed {seed}: {rest_mps} m/s without any sensor");
+            flight.silent_sensors.clear();
+            fly(&mut flight, f64::INFINITY);
+            assert_eq!(flight.outcome(), Some(&Outcome::Done), "seed {seed}");
+            assert_eq!(flight.truth().hold_count, 0, "seed {seed}");
+        });
     }
+    flights
 }
 
 #[test]
 fn without_any_sensor_the_vehicle_comes_to_rest_and_goes_on_when_one_is_back() {
-    for seed in 1..=4 {
-        let mut flight = flight(seed);
-        reach_the_mission(&mut flight);
-        flight.silent_sensors = BTreeSet::from([0, 1]);
-        fly(&mut flight, 8.0);
-        let rest_mps = fly(&mut flight, 5.0);
-        assert!(rest_mps < 0.3, "seed {seed}: {rest_mps} m/s without any sensor");
-        flight.silent_sensors.clear();
-        fly(&mut flight, f64::INFINITY);
-        assert_eq!(flight.outcome(), Some(&Outcome::Done), "seed {seed}");
-        assert_eq!(flight.truth().hold_count, 0, "seed {seed}");
-    }
+    without_any_flights().fly_some();
 }

@@ -3,6 +3,7 @@
 //! `jink-approach` flies many more and prints the table in docs/collision_prevention.md; these are some of each kind.
 
 use jink_tests::approach::{Approach, Cell, Ending, Moment, Scene, Who, fly};
+use jink_tests::flights::Flights;
 
 /// How much of CP_DIST may be lost on the way (m): nothing is planned to be. A sector does not say where in its 5 degrees a hit is (2.5
 /// degrees aside, a wall at CP_DIST is 0.002 m nearer than it looks, a post 0.09 m), the lidar has 0.01 m of noise (one sigma) and the vehicle follows
@@ -49,75 +50,127 @@ fn without_prevention_every_scene_is_a_collision() {
     }
 }
 
+pub fn speed_flights() -> Flights {
+    let mut flights = Flights::new();
+    for (speed_mps, delay_s) in [(1.0, 0.0), (4.0, 0.3), (6.0, 0.1), (8.0, 0.5), (10.0, 0.2)] {
+        flights.add(
+            &format!("{speed_mps} mps {delay_s} s"),
+            [4.0, 8.0].contains(&speed_mps),
+            move || {
+                let cell = Cell {
+                    delay_s,
+                    ..Cell::new(Scene::Wall, speed_mps, Who::Jink)
+                };
+                let approach = approach(cell);
+                rests(&approach);
+                // It did fly, and as fast as the lidar lets it.
+                assert!(approach.reached_mps > 0.65 * speed_mps);
+            },
+        );
+    }
+    flights
+}
+
 #[test]
 fn it_comes_to_rest_before_a_wall_at_any_speed_and_with_late_sensors() {
-    for (speed_mps, delay_s) in [(1.0, 0.0), (4.0, 0.3), (6.0, 0.1), (8.0, 0.5), (10.0, 0.2)] {
-        let cell = Cell {
-            delay_s,
-            ..Cell::new(Scene::Wall, speed_mps, Who::Jink)
-        };
-        let approach = approach(cell);
-        rests(&approach);
-        // It did fly, and as fast as the lidar lets it.
-        assert!(approach.reached_mps > 0.65 * speed_mps);
+    speed_flights().fly_some();
+}
+
+pub fn heading_flights() -> Flights {
+    let mut flights = Flights::new();
+    for heading_deg in [45.0, 180.0, -90.0] {
+        flights.add(&format!("{heading_deg} deg"), heading_deg == 45.0, move || {
+            let cell = Cell {
+                heading_deg,
+                delay_s: 0.1,
+                ..Cell::new(Scene::Wall, 6.0, Who::Jink)
+            };
+            rests(&approach(cell));
+        });
     }
+    flights
 }
 
 #[test]
 fn it_comes_to_rest_wherever_its_nose_points() {
-    for heading_deg in [45.0, 180.0, -90.0] {
-        let cell = Cell {
-            heading_deg,
-            delay_s: 0.1,
-            ..Cell::new(Scene::Wall, 6.0, Who::Jink)
-        };
-        rests(&approach(cell));
+    heading_flights().fly_some();
+}
+
+pub fn corner_flights() -> Flights {
+    let mut flights = Flights::new();
+    for scene in [Scene::Corner, Scene::NarrowGap, Scene::Corridor] {
+        flights.add(&format!("{scene:?}"), scene == Scene::NarrowGap, move || {
+            let cell = Cell {
+                delay_s: 0.2,
+                incidence_deg: if scene == Scene::Corridor { 1.0 } else { 0.0 },
+                ..Cell::new(scene, 4.0, Who::Jink)
+            };
+            rests(&approach(cell));
+        });
     }
+    flights
 }
 
 #[test]
 fn it_comes_to_rest_in_a_corner_before_a_gap_too_narrow_and_at_a_corridors_end() {
-    for scene in [Scene::Corner, Scene::NarrowGap, Scene::Corridor] {
-        let cell = Cell {
-            delay_s: 0.2,
-            incidence_deg: if scene == Scene::Corridor { 1.0 } else { 0.0 },
-            ..Cell::new(scene, 4.0, Who::Jink)
-        };
-        rests(&approach(cell));
+    corner_flights().fly_some();
+}
+
+pub fn slide_flights() -> Flights {
+    let mut flights = Flights::new();
+    for incidence_deg in [20.0, 45.0, 70.0] {
+        flights.add(
+            &format!("{incidence_deg} deg"),
+            incidence_deg == 45.0,
+            move || {
+                let cell = Cell {
+                    incidence_deg,
+                    delay_s: 0.1,
+                    ..Cell::new(Scene::Wall, 4.0, Who::Jink)
+                };
+                let (approach, moments) = flown(cell);
+                keeps(&approach);
+                let end = moments.last().unwrap();
+                let (sin, cos) = incidence_deg.to_radians().sin_cos();
+                let along_mps = cos * end.velocity_mps[1].abs() + sin * end.velocity_mps[0];
+                assert!(
+                    along_mps > 0.5 * 4.0 * sin,
+                    "{incidence_deg} deg: {along_mps} m/s"
+                );
+            },
+        );
     }
+    flights
 }
 
 #[test]
 fn along_a_wall_it_slides() {
-    for incidence_deg in [20.0, 45.0, 70.0] {
-        let cell = Cell {
-            incidence_deg,
-            delay_s: 0.1,
-            ..Cell::new(Scene::Wall, 4.0, Who::Jink)
-        };
-        let (approach, moments) = flown(cell);
-        keeps(&approach);
-        let end = moments.last().unwrap();
-        let (sin, cos) = incidence_deg.to_radians().sin_cos();
-        let along_mps = cos * end.velocity_mps[1].abs() + sin * end.velocity_mps[0];
-        assert!(
-            along_mps > 0.5 * 4.0 * sin,
-            "{incidence_deg} deg: {along_mps} m/s"
+    slide_flights().fly_some();
+}
+
+pub fn passage_flights() -> Flights {
+    let mut flights = Flights::new();
+    let passages = [(Scene::WideGap, 0.0), (Scene::WideGap, 30.0), (Scene::Post, 30.0)];
+    for (scene, guide_deg) in passages {
+        flights.add(
+            &format!("{scene:?} {guide_deg} deg"),
+            (scene, guide_deg) != (Scene::WideGap, 0.0),
+            move || {
+                let cell = Cell {
+                    guide_deg,
+                    delay_s: 0.1,
+                    ..Cell::new(scene, 6.0, Who::Jink)
+                };
+                let approach = approach(cell);
+                keeps(&approach);
+                assert_eq!(approach.ending, Ending::Passed, "{scene:?}");
+            },
         );
     }
+    flights
 }
 
 #[test]
 fn what_can_be_passed_is_passed() {
-    let passages = [(Scene::WideGap, 0.0), (Scene::WideGap, 30.0), (Scene::Post, 30.0)];
-    for (scene, guide_deg) in passages {
-        let cell = Cell {
-            guide_deg,
-            delay_s: 0.1,
-            ..Cell::new(scene, 6.0, Who::Jink)
-        };
-        let approach = approach(cell);
-        keeps(&approach);
-        assert_eq!(approach.ending, Ending::Passed, "{scene:?}");
-    }
+    passage_flights().fly_some();
 }

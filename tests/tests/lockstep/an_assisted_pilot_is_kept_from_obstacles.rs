@@ -6,6 +6,7 @@ use jink_shared_types::link::AssistState;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Make;
 use jink_tests::assisted::{AssistedPilot, CENTRED};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, Pairing};
 use nalgebra::Vector3;
@@ -46,10 +47,11 @@ fn told(flight: &LockStep) -> String {
     texts.next().map_or_else(String::new, |(_, sample)| sample.text())
 }
 
-#[test]
-fn pushed_into_forests_at_full_stick_it_touches_nothing() {
+pub fn forest_flights() -> Flights {
+    let mut flights = Flights::new();
     for pairing in BOTH {
         for seed in [1, 2, 3, 4, 5, 6] {
+            flights.add(&format!("{} seed {seed}", pairing.name()), seed == 1, move || {
             let (mut flight, mut pilot) = assisted(pairing, seed);
             let mut fastest_mps: f64 = 0.0;
             // Ahead, then to all sides.
@@ -73,8 +75,15 @@ fn pushed_into_forests_at_full_stick_it_touches_nothing() {
             assert!(flight.count(&events::PREVENTION_ACTS) > 0, "{pairing:?} {seed}");
             assert!(fastest_mps > 2.0, "it is flown: {fastest_mps} m/s");
             assert_eq!(flight.count(&events::SETPOINTS_IGNORED), 0);
+});
         }
     }
+    flights
+}
+
+#[test]
+fn pushed_into_forests_at_full_stick_it_touches_nothing() {
+    forest_flights().fly_some();
 }
 
 #[test]

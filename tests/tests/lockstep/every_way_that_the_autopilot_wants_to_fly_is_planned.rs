@@ -6,6 +6,7 @@ use jink_shared_types::frames::LocalNed;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Action, Ending, InFlight, Outcome, PlanItem, When};
 use jink_tests::campaign::{Cell, setup};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::{FlightSetup, LockStep};
 use jink_tests::pairing::{
     FOLLOWERS, PX4_2021_OFFBOARD, PX4_CURRENT, PX4_DEVIATION, PX4_TRAJECTORY, Pairing,
@@ -32,27 +33,35 @@ fn forest(whose: Pairing, seed: u64, actions: Vec<(When, Action)>) -> FlightSetu
 }
 
 /// The station sends it through the forest, and jink leads it around what stands there.
-#[test]
-fn a_place_to_go_to() {
+pub fn go_to_flights() -> Flights {
+    let mut flights = Flights::new();
     let to = place(40.0, 4.0);
     let whose = PX4_TRAJECTORY;
     for seed in [1, 2] {
-        let mut flight =
-            LockStep::new(forest(whose, seed, vec![(When::North(3.0), Action::GoTo(to))])).unwrap();
-        assert!(flight.run_until(60.0, |f| f.truth().position.x_m > 3.0));
-        let mut fastest = 0.0f64;
-        let arrived = (0..15_000).any(|_| {
-            flight.step();
-            fastest = fastest.max(flight.truth().velocity.vector().xy().norm());
-            away_m(&flight, to) < 1.0
+        flights.add(&format!("seed {seed}"), seed == 1, move || {
+            let mut flight =
+                LockStep::new(forest(whose, seed, vec![(When::North(3.0), Action::GoTo(to))])).unwrap();
+            assert!(flight.run_until(60.0, |f| f.truth().position.x_m > 3.0));
+            let mut fastest = 0.0f64;
+            let arrived = (0..15_000).any(|_| {
+                flight.step();
+                fastest = fastest.max(flight.truth().velocity.vector().xy().norm());
+                away_m(&flight, to) < 1.0
+            });
+            let truth = flight.truth();
+            assert!(arrived, "{whose:?} {seed} {truth:?}");
+            assert_eq!(truth.collisions, 0, "{whose:?} {seed} {truth:?}");
+            assert!(fastest < FASTEST_MPS, "{whose:?} {seed} {fastest}");
+            flight.run(8.0);
+            assert!(away_m(&flight, to) < 1.0, "{whose:?} {seed} {:?}", flight.truth());
         });
-        let truth = flight.truth();
-        assert!(arrived, "{whose:?} {seed} {truth:?}");
-        assert_eq!(truth.collisions, 0, "{whose:?} {seed} {truth:?}");
-        assert!(fastest < FASTEST_MPS, "{whose:?} {seed} {fastest}");
-        flight.run(8.0);
-        assert!(away_m(&flight, to) < 1.0, "{whose:?} {seed} {:?}", flight.truth());
     }
+    flights
+}
+
+#[test]
+fn a_place_to_go_to() {
+    go_to_flights().fly_some();
 }
 
 /// The goal lies behind the wall, and the mission counts as finished before it.
@@ -105,55 +114,75 @@ fn hold_at_speed() {
 }
 
 /// An ordinary plan ends with a landing at another place than its last waypoint.
-#[test]
-fn a_landing_elsewhere() {
+pub fn landing_flights() -> Flights {
+    let mut flights = Flights::new();
     let down = Point::new(40.0, 2.0, 0.0);
     for whose in [PX4_TRAJECTORY, PX4_DEVIATION].into_iter().chain(FOLLOWERS) {
-        let mut setup = whose.forest(3).unwrap();
-        setup.plan.waypoints = vec![place(4.0, 0.0)];
-        setup.plan.tail = vec![PlanItem::landing(down)];
-        setup.plan.ending = Ending::Mission;
-        let mut flight = LockStep::new(setup).unwrap();
-        let mut fastest = 0.0f64;
-        while flight.outcome().is_none() {
-            flight.step();
-            fastest = fastest.max(flight.truth().velocity.vector().xy().norm());
-        }
-        let truth = flight.truth();
-        assert_eq!(truth.collisions, 0, "{whose:?} {truth:?}");
-        assert_eq!(flight.outcome(), Some(&Outcome::Done), "{whose:?} {truth:?}");
-        assert!(away_m(&flight, down) < 2.5, "{whose:?} {truth:?}");
-        // In its own mission mode an autopilot flies as fast as it likes until it is taken over.
-        assert!(fastest < FASTEST_MPS + 1.0, "{whose:?} {fastest}");
+        flights.add(
+            &format!("{}", whose.name()),
+            whose == PX4_TRAJECTORY || whose == PX4_CURRENT,
+            move || {
+                let mut setup = whose.forest(3).unwrap();
+                setup.plan.waypoints = vec![place(4.0, 0.0)];
+                setup.plan.tail = vec![PlanItem::landing(down)];
+                setup.plan.ending = Ending::Mission;
+                let mut flight = LockStep::new(setup).unwrap();
+                let mut fastest = 0.0f64;
+                while flight.outcome().is_none() {
+                    flight.step();
+                    fastest = fastest.max(flight.truth().velocity.vector().xy().norm());
+                }
+                let truth = flight.truth();
+                assert_eq!(truth.collisions, 0, "{whose:?} {truth:?}");
+                assert_eq!(flight.outcome(), Some(&Outcome::Done), "{whose:?} {truth:?}");
+                assert!(away_m(&flight, down) < 2.5, "{whose:?} {truth:?}");
+                // In its own mission mode an autopilot flies as fast as it likes until it is taken over.
+                assert!(fastest < FASTEST_MPS + 1.0, "{whose:?} {fastest}");
+            },
+        );
     }
+    flights
+}
+
+#[test]
+fn a_landing_elsewhere() {
+    landing_flights().fly_some();
 }
 
 /// Nobody looks for obstacles on a circle that PX4 flies by itself: it holds instead, after a stop out of 4 m/s around whatever stands
 /// in its way. Chosen once more it is flown.
-#[test]
-fn a_circle() {
+pub fn circle_flights() -> Flights {
+    let mut flights = Flights::new();
     let centre = place(22.0, 0.0);
     for whose in [PX4_TRAJECTORY, PX4_CURRENT, PX4_2021_OFFBOARD] {
-        let orbit = |when| (when, Action::Orbit(centre));
-        let actions = vec![orbit(When::North(8.0)), orbit(When::After(9.0))];
-        let mut flight = LockStep::new(forest(whose, 1, actions)).unwrap();
-        let is = |mode| move |f: &LockStep| f.truth().mode.get() == mode;
-        assert!(flight.run_until(60.0, is(NavMode::Orbit)), "{whose:?}");
-        assert!(
-            flight.run_until(2.0, is(NavMode::Hold)),
-            "{whose:?} {:?}",
-            flight.truth()
-        );
-        let held = flight.truth().position;
-        flight.run(5.0);
-        let truth = flight.truth();
-        assert_eq!(truth.mode.get(), NavMode::Hold, "{whose:?} {truth:?}");
-        assert!(away_m(&flight, held) < 12.0, "{whose:?} {truth:?}");
-        assert_eq!(truth.collisions, 0, "{whose:?} {truth:?}");
-        assert!(flight.run_until(6.0, is(NavMode::Orbit)), "{whose:?}");
-        flight.run(3.0);
-        assert_eq!(flight.truth().mode.get(), NavMode::Orbit, "{whose:?}");
+        flights.add(&format!("{}", whose.name()), whose == PX4_CURRENT, move || {
+            let orbit = |when| (when, Action::Orbit(centre));
+            let actions = vec![orbit(When::North(8.0)), orbit(When::After(9.0))];
+            let mut flight = LockStep::new(forest(whose, 1, actions)).unwrap();
+            let is = |mode| move |f: &LockStep| f.truth().mode.get() == mode;
+            assert!(flight.run_until(60.0, is(NavMode::Orbit)), "{whose:?}");
+            assert!(
+                flight.run_until(2.0, is(NavMode::Hold)),
+                "{whose:?} {:?}",
+                flight.truth()
+            );
+            let held = flight.truth().position;
+            flight.run(5.0);
+            let truth = flight.truth();
+            assert_eq!(truth.mode.get(), NavMode::Hold, "{whose:?} {truth:?}");
+            assert!(away_m(&flight, held) < 12.0, "{whose:?} {truth:?}");
+            assert_eq!(truth.collisions, 0, "{whose:?} {truth:?}");
+            assert!(flight.run_until(6.0, is(NavMode::Orbit)), "{whose:?}");
+            flight.run(3.0);
+            assert_eq!(flight.truth().mode.get(), NavMode::Orbit, "{whose:?}");
+        });
     }
+    flights
+}
+
+#[test]
+fn a_circle() {
+    circle_flights().fly_some();
 }
 
 /// Up, home, and down: home is behind trees.

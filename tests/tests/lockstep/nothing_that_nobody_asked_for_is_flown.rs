@@ -4,6 +4,7 @@
 use jink_shared_types::events;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::{Outcome, Phase};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::COPTER;
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
@@ -58,34 +59,66 @@ fn stays(flight: &mut LockStep, seconds: f64) {
     }
 }
 
+pub fn hold_flights() -> Flights {
+    let mut flights = Flights::new();
+    for with_mission in [false, true] {
+        flights.add(&format!("with mission {with_mission}"), with_mission, move || {
+            let mut flight = taking_off(12.0, with_mission);
+            climbs(&mut flight);
+            flight.run(2.0);
+            stays(&mut flight, 20.0);
+        });
+    }
+    flights
+}
+
 #[test]
 fn after_a_take_off_in_guided_the_place_is_held_with_a_mission_on_board_and_without() {
-    for with_mission in [false, true] {
-        let mut flight = taking_off(12.0, with_mission);
-        climbs(&mut flight);
-        flight.run(2.0);
-        stays(&mut flight, 20.0);
-    }
+    hold_flights().fly_some();
 }
 
 /// The autopilot has just told its position, and whether it stands or flies is not known yet.
+pub fn early_flights() -> Flights {
+    let mut flights = Flights::new();
+    for after_s in [5.2, 5.6, 6.0, 6.5, 7.5] {
+        flights.add(
+            &format!("after {after_s} s"),
+            [5.2, 6.5].contains(&after_s),
+            move || {
+                climbs(&mut taking_off(after_s, false));
+            },
+        );
+    }
+    flights
+}
+
 #[test]
 fn a_take_off_soon_after_the_start_is_not_broken_off() {
-    for after_s in [5.2, 5.6, 6.0, 6.5, 7.5] {
-        climbs(&mut taking_off(after_s, false));
+    early_flights().fly_some();
+}
+
+pub fn restart_flights() -> Flights {
+    let mut flights = Flights::new();
+    for restarted_s in [0.0, 1.0, 2.0, 3.0, 5.0] {
+        flights.add(
+            &format!("restarted at {restarted_s} s"),
+            [0.0, 2.0].contains(&restarted_s),
+            move || {
+                let mut flight = taking_off(12.0, false);
+                flight.run(restarted_s);
+                flight.board().kill("mavlink_gateway");
+                climbs(&mut flight);
+                flight.run(2.0);
+                stays(&mut flight, 5.0);
+            },
+        );
     }
+    flights
 }
 
 #[test]
 fn a_gateway_that_is_restarted_on_the_ground_or_in_the_climb_does_not_break_it_off() {
-    for restarted_s in [0.0, 1.0, 2.0, 3.0, 5.0] {
-        let mut flight = taking_off(12.0, false);
-        flight.run(restarted_s);
-        flight.board().kill("mavlink_gateway");
-        climbs(&mut flight);
-        flight.run(2.0);
-        stays(&mut flight, 5.0);
-    }
+    restart_flights().fly_some();
 }
 
 /// In GUIDED on the ground ArduCopter tells a target that nobody has sent, and nothing is wrong with it.

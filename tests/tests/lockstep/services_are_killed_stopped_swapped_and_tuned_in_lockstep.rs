@@ -6,6 +6,7 @@ use jink_shared_types::health::Health;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
 use jink_supervisor::shadow::SwapNews;
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 
@@ -52,9 +53,10 @@ fn fly(
     (flight, track)
 }
 
-#[test]
-fn each_service_is_killed_on_the_way_and_comes_back() {
+pub fn kill_flights() -> Flights {
+    let mut flights = Flights::new();
     for (number, service) in SERVICES.into_iter().enumerate() {
+        flights.add(&format!("{service}"), ["collision_guard", "planner"].contains(&service), move || {
         let pairing = [PX4_TRAJECTORY, PX4_CURRENT, COPTER][number % 3];
         let (flight, _) = fly(pairing, 3, |flight, _| {
             assert_eq!(
@@ -76,7 +78,14 @@ fn each_service_is_killed_on_the_way_and_comes_back() {
         // PX4 gives its companion up after half a second.
         assert!(flight.truth().setpoint_gap_max_s < 0.4, "{service}");
         assert_eq!(flight.truth().hold_count, 0, "{service}");
+});
     }
+    flights
+}
+
+#[test]
+fn each_service_is_killed_on_the_way_and_comes_back() {
+    kill_flights().fly_some();
 }
 
 #[test]
@@ -99,26 +108,38 @@ fn a_service_that_hangs_is_seen_and_replaced() {
     assert_eq!(flight.count(&events::PROCESS_RESTARTED), 1);
 }
 
+pub fn swap_flights() -> Flights {
+    let mut flights = Flights::new();
+    for service in SERVICES {
+        flights.add(
+            &format!("{service}"),
+            ["mavlink_gateway", "bezier_generator"].contains(&service),
+            move || {
+                let (mut flight, _) = fly(PX4_TRAJECTORY, 9, |flight, times| {
+                    if times == 0 || times == 2 {
+                        flight.board().swap(service);
+                    }
+                });
+                let news: Vec<_> = flight.board().swap_news.iter().map(|(_, news)| *news).collect();
+                let done = news.iter().filter(|news| **news == SwapNews::Done).count();
+                println!(
+                    "{service}: {done} swaps, largest gap between setpoints {:.0} ms",
+                    flight.truth().setpoint_gap_max_s * 1e3
+                );
+                assert_eq!(done, 2, "{service}: {news:?}");
+                assert_eq!(flight.count(&events::PROCESS_SWAPPED), 2, "{service}");
+                assert_eq!(flight.count(&events::PROCESS_RESTARTED), 0, "{service}");
+                // No more than without.
+                assert!(flight.truth().setpoint_gap_max_s < 0.1, "{service}");
+            },
+        );
+    }
+    flights
+}
+
 #[test]
 fn every_service_is_replaced_in_flight_by_a_second_instance() {
-    for service in SERVICES {
-        let (mut flight, _) = fly(PX4_TRAJECTORY, 9, |flight, times| {
-            if times == 0 || times == 2 {
-                flight.board().swap(service);
-            }
-        });
-        let news: Vec<_> = flight.board().swap_news.iter().map(|(_, news)| *news).collect();
-        let done = news.iter().filter(|news| **news == SwapNews::Done).count();
-        println!(
-            "{service}: {done} swaps, largest gap between setpoints {:.0} ms",
-            flight.truth().setpoint_gap_max_s * 1e3
-        );
-        assert_eq!(done, 2, "{service}: {news:?}");
-        assert_eq!(flight.count(&events::PROCESS_SWAPPED), 2, "{service}");
-        assert_eq!(flight.count(&events::PROCESS_RESTARTED), 0, "{service}");
-        // No more than without.
-        assert!(flight.truth().setpoint_gap_max_s < 0.1, "{service}");
-    }
+    swap_flights().fly_some();
 }
 
 #[test]

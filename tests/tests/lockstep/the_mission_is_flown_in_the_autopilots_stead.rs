@@ -5,6 +5,7 @@ use jink_shared_types::events;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::ground_station::Outcome;
 use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::{FlightSetup, LockStep};
 use jink_tests::pairing::{COPTER, FOLLOWERS, PX4_2021_OFFBOARD, PX4_CURRENT, Pairing};
 use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
@@ -38,54 +39,78 @@ fn lands_safely(flight: &mut LockStep, whose: Pairing) {
     assert_eq!(flight.count(&events::SETPOINTS_IGNORED), 0, "{whose:?}");
 }
 
-#[test]
-fn through_a_forest() {
+pub fn forest_flights() -> Flights {
+    let mut flights = Flights::new();
     for whose in FOLLOWERS {
         for seed in [1, 2, 3, 4] {
-            let report = fly_as(whose.forest(seed).unwrap(), &Cell::forest().unwrap()).unwrap();
-            println!("{} {report:?}", whose.autopilot);
-            assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
-            assert_eq!(
-                (report.collisions, report.hold_count),
-                (0, 0),
-                "{whose:?} {report:?}"
-            );
-            assert!(report.setpoint_gap_ms <= 100.0, "{whose:?} {report:?}");
+            flights.add(&format!("{} seed {seed}", whose.name()), seed == 1, move || {
+                let report = fly_as(whose.forest(seed).unwrap(), &Cell::forest().unwrap()).unwrap();
+                println!("{} {report:?}", whose.autopilot);
+                assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
+                assert_eq!(
+                    (report.collisions, report.hold_count),
+                    (0, 0),
+                    "{whose:?} {report:?}"
+                );
+                assert!(report.setpoint_gap_ms <= 100.0, "{whose:?} {report:?}");
+            });
         }
     }
+    flights
+}
+
+#[test]
+fn through_a_forest() {
+    forest_flights().fly_some();
 }
 
 /// It knows neither mission nor mode at first, and what is committed is flown on meanwhile.
+pub fn restart_flights() -> Flights {
+    let mut flights = Flights::new();
+    for whose in FOLLOWERS {
+        flights.add(&format!("{}", whose.name()), whose == COPTER, move || {
+            let mut flight = under_way(whose.forest(1).unwrap());
+            for _ in 0..3 {
+                flight.board().kill("mavlink_gateway");
+                fly_for(&mut flight, 3.0);
+                assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
+            }
+            lands_safely(&mut flight, whose);
+        });
+    }
+    flights
+}
+
 #[test]
 fn a_gateway_that_is_restarted_in_flight_goes_on_at_the_current_item() {
+    restart_flights().fly_some();
+}
+
+pub fn takeover_flights() -> Flights {
+    let mut flights = Flights::new();
     for whose in FOLLOWERS {
-        let mut flight = under_way(whose.forest(1).unwrap());
-        for _ in 0..3 {
-            flight.board().kill("mavlink_gateway");
-            fly_for(&mut flight, 3.0);
+        flights.add(&format!("{}", whose.name()), whose == PX4_CURRENT, move || {
+            let mut setup = whose.forest(1).unwrap();
+            setup.plan.resume = false;
+            let mut flight = under_way(setup);
+            whose.command_mode(&mut flight, NavMode::Hold);
+            fly_for(&mut flight, 2.0);
+            for _ in 0..2500 {
+                assert_eq!(flight.truth().mode.get(), NavMode::Hold, "{whose:?}");
+                flight.step();
+            }
+            whose.command_mode(&mut flight, NavMode::Mission);
+            fly_for(&mut flight, 4.0);
             assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
-        }
-        lands_safely(&mut flight, whose);
+            lands_safely(&mut flight, whose);
+        });
     }
+    flights
 }
 
 #[test]
 fn a_pilot_who_takes_over_is_left_alone_until_he_lets_the_mission_be_flown_again() {
-    for whose in FOLLOWERS {
-        let mut setup = whose.forest(1).unwrap();
-        setup.plan.resume = false;
-        let mut flight = under_way(setup);
-        whose.command_mode(&mut flight, NavMode::Hold);
-        fly_for(&mut flight, 2.0);
-        for _ in 0..2500 {
-            assert_eq!(flight.truth().mode.get(), NavMode::Hold, "{whose:?}");
-            flight.step();
-        }
-        whose.command_mode(&mut flight, NavMode::Mission);
-        fly_for(&mut flight, 4.0);
-        assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
-        lands_safely(&mut flight, whose);
-    }
+    takeover_flights().fly_some();
 }
 
 /// Somebody chooses the mode himself, hovering: where missions are not taken over it is flown from its current item on, and else

@@ -3,7 +3,8 @@
 
 use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
 use jink_tests::pilot::Tablet;
-use jink_tests::processes::{System, TempFolder, free_udp_port, until};
+use jink_tests::ports::free_udp_port;
+use jink_tests::processes::{System, TempFolder, until};
 use std::net::UdpSocket;
 use std::process::Command;
 use std::time::{Duration, Instant};

@@ -6,7 +6,8 @@ use jink_simulator::ardupilot::{ArduCopter, ArduCopterConfig};
 use jink_simulator::autopilot::{Autopilot, AutopilotConfig};
 use jink_simulator::flyer::Flyer;
 use jink_tests::on_udp::{Faults, OnUdp};
-use jink_tests::processes::{Answer, System, TempFolder, answer, free_udp_port, program};
+use jink_tests::ports::free_udp_port;
+use jink_tests::processes::{Answer, System, TempFolder, answer, program};
 use mavlink::dialects::ardupilotmega::{
     HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
 };

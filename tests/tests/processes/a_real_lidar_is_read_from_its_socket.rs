@@ -2,7 +2,8 @@
 //! reported and survived, and a mistake in its table is one line.
 
 use jink_runtime::Instance;
-use jink_tests::processes::{System, TempFolder, answer, free_udp_port, program, until};
+use jink_tests::ports::free_udp_port;
+use jink_tests::processes::{System, TempFolder, answer, program, until};
 use std::net::UdpSocket;
 use std::path::PathBuf;
 use std::sync::Arc;

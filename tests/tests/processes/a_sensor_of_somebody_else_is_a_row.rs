@@ -1,7 +1,8 @@
 //! A sensor that is no part of jink, with a topic and a parameter of its own, needs rows in the configuration and nothing
 //! else: the commands know all three, and the value reaches its program.
 
-use jink_tests::processes::{System, TempFolder, answer, free_udp_port, program, until};
+use jink_tests::ports::free_udp_port;
+use jink_tests::processes::{System, TempFolder, answer, program, until};
 use serde_json::Value;
 
 const PARAMETER: &str = "[[parameter]]\nname = \"USR_SONAR_MAX\"\ndefault = 6\nmin = 1\nmax = 20\nunit = \"m\"\n\

@@ -1,7 +1,8 @@
 //! A jink at a serial port of 57600 bit/s, the line as slow as that, pymavlink at its other end: a mission is flown, and
 //! heartbeats, trajectories and obstacle maps arrive at the rates that docs/links.md promises.
 
-use jink_tests::peers::{AUTOPILOT_ONLY, PYMAVLINK, Terminal, free_udp_ports, python_or_say};
+use jink_tests::peers::{AUTOPILOT_ONLY, PYMAVLINK, Terminal, python_or_say};
+use jink_tests::ports::free_udp_ports;
 use jink_tests::processes::{System, TempFolder, answer, program, until, workspace};
 use serde_json::Value;
 use std::process::Command;

@@ -2,7 +2,8 @@
 //! and nothing left behind.
 
 use jink_runtime::Instance;
-use jink_tests::processes::{Answer, System, TempFolder, answer, free_udp_port, program};
+use jink_tests::ports::free_udp_port;
+use jink_tests::processes::{Answer, System, TempFolder, answer, program};
 use std::net::UdpSocket;
 use std::sync::atomic::{AtomicU32, Ordering};
 

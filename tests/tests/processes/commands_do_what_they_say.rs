@@ -1,6 +1,8 @@
 //! The `jink` command on a jink that runs: what one command says that another one does, it does.
 
-use jink_tests::processes::{Answer, System, TempFolder, answer, free_udp_port, program, until};
+use jink_tests::permit;
+use jink_tests::ports::free_udp_port;
+use jink_tests::processes::{Answer, System, TempFolder, answer, program, until};
 use serde_json::Value;
 use std::net::UdpSocket;
 use std::os::unix::process::CommandExt;
@@ -196,6 +198,7 @@ fn another_supervisor_goes_on_and_nobody_notices() {
 
 #[test]
 fn a_second_vehicle_finds_a_port_of_its_own() {
+    let _permit = permit::share();
     // As the configuration names it, and taken.
     let taken = UdpSocket::bind(("127.0.0.1", 0)).unwrap();
     let port = taken.local_addr().unwrap().port();

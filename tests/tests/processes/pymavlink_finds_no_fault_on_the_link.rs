@@ -2,12 +2,10 @@
 //! judges it, and is the ground station that flies the mission. Distances come from the world's own description.
 
 use jink_tests::peers::AUTOPILOT_ONLY;
-use jink_tests::processes::{
-    System, TempFolder, answer, free_udp_port, program, python_with_pymavlink, workspace,
-};
+use jink_tests::ports::free_udp_port;
+use jink_tests::processes::{System, TempFolder, answer, program, python_with_pymavlink, workspace};
 use serde_json::Value;
 use std::process::Command;
-use std::sync::{Mutex, PoisonError};
 
 #[test]
 fn an_external_autopilot_is_flown_through_a_virtual_world_and_pymavlink_finds_no_fault() {
@@ -65,13 +63,9 @@ fn rate_hz(figures: &Value, kind: &str) -> f64 {
     figures["rates_hz"][kind].as_f64().unwrap_or(0.0)
 }
 
-/// Two flights at once would be a test of the machine.
-static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
 /// Flies the mission over `waypoints` with setpoints of one kind and everything written to the folder `tlog`; what the listener
 /// has found, and everything as text. `None` without pymavlink.
 fn listen(output: &str, waypoints: &[&str], tlog: Option<&str>) -> Option<(Value, String)> {
-    let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let python = match python_with_pymavlink() {
         Ok(python) => python,
         Err(missing) => {

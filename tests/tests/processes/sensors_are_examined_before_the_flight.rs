@@ -1,7 +1,8 @@
 //! `jink check sensors` as a user runs it, on a jink that runs: rates, coverage and blind directions of sensors that leave a gap, a
 //! rangefinder that lies, and one that is unplugged. And `jink check memory`, beside what such a jink really takes.
 
-use jink_tests::processes::{Answer, Handle, System, TempFolder, answer, free_udp_port, program, until};
+use jink_tests::ports::free_udp_port;
+use jink_tests::processes::{Answer, Handle, System, TempFolder, answer, program, until};
 use rustix::pty::OpenptFlags;
 use serde_json::Value;
 use std::os::fd::OwnedFd;

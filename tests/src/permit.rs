@@ -1,0 +1,143 @@
+//! What tests of real processes may use of the machine: several run at once, and those that judge time on a machine with nothing
+//! else to do run alone.
+//!
+//! A system that flies waits most of its time, so a few of them side by side do not disturb each other: three demonstrations at once
+//! on two cores keep the gaps between setpoints at 52 to 56 ms. More of them would be a test of the machine.
+// A harness for tests: the locks hold counters that no panic leaves half written.
+
+use std::cell::RefCell;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+
+/// Leave to run real processes, until the last copy of it is dropped.
+#[derive(Clone, Debug)]
+pub struct Permit {
+    _held: Arc<Held>,
+}
+
+/// What one test holds.
+#[derive(Debug)]
+struct Held {
+    is_alone: bool,
+}
+
+/// Who runs at the moment.
+#[derive(Debug)]
+struct Running {
+    sharing: usize,
+    is_anybody_alone: bool,
+}
+
+static RUNNING: Mutex<Running> = Mutex::new(Running {
+    sharing: 0,
+    is_anybody_alone: false,
+});
+static CHANGED: Condvar = Condvar::new();
+
+thread_local! {
+    /// What the test of this thread holds, so that its second system needs no second permit: two tests that hold one each and want
+    /// another would wait for ever.
+    static MINE: RefCell<Weak<Held>> = const { RefCell::new(Weak::new()) };
+}
+
+/// Waits until there is room for one more test with real processes; returns at once if the calling thread holds a permit.
+pub fn share() -> Permit {
+    let mine = MINE.with_borrow(Weak::upgrade);
+    let held = mine.unwrap_or_else(|| {
+        let most = sharing_at_most();
+        let may_run = |running: &Running| !running.is_anybody_alone && running.sharing < most;
+        wait_until(may_run).sharing += 1;
+        hold(false)
+    });
+    Permit { _held: held }
+}
+
+/// Waits until no other test runs real processes; none begins before this is dropped. Nobody is kept waiting for it: who shares goes
+/// first, so the machine is not idle while the last of several ends.
+///
+/// # Panics
+/// If the calling thread shares already: it would wait for itself.
+pub fn alone() -> Permit {
+    let mine = MINE.with_borrow(Weak::upgrade);
+    let held = mine.unwrap_or_else(|| {
+        let may_run = |running: &Running| !running.is_anybody_alone && running.sharing == 0;
+        wait_until(may_run).is_anybody_alone = true;
+        hold(true)
+    });
+    assert!(
+        held.is_alone,
+        "a test that shares the machine cannot have it alone, too"
+    );
+    Permit { _held: held }
+}
+
+/// One more than there are cores: while one waits for its take-off, the others compute.
+fn sharing_at_most() -> usize {
+    1 + std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+fn running() -> MutexGuard<'static, Running> {
+    RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn wait_until(may_run: impl Fn(&Running) -> bool) -> MutexGuard<'static, Running> {
+    CHANGED
+        .wait_while(running(), |now| !may_run(now))
+        .unwrap_or_else(PoisonError::into_inner)
+}
+
+fn hold(is_alone: bool) -> Arc<Held> {
+    let held = Arc::new(Held { is_alone });
+    MINE.set(Arc::downgrade(&held));
+    held
+}
+
+impl Drop for Held {
+    fn drop(&mut self) {
+        let mut running = running();
+        match self.is_alone {
+            true => running.is_anybody_alone = false,
+            false => running.sharing -= 1,
+        }
+        CHANGED.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{alone, running, share, sharing_at_most};
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// In one test, since all permits of a process are of one machine.
+    #[test]
+    fn some_share_and_one_is_alone() {
+        let (sharing, lonely) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        std::thread::scope(|scope| {
+            for thread in 0..12 {
+                let (sharing, lonely) = (&sharing, &lonely);
+                scope.spawn(move || {
+                    for turn in 0..50 {
+                        if (thread + turn) % 6 == 0 {
+                            let _permit = alone();
+                            let _second = share();
+                            assert_eq!(lonely.fetch_add(1, Ordering::SeqCst), 0);
+                            assert_eq!(sharing.load(Ordering::SeqCst), 0);
+                            std::thread::yield_now();
+                            lonely.fetch_sub(1, Ordering::SeqCst);
+                        } else {
+                            let permit = share();
+                            let second = share();
+                            drop(permit);
+                            assert!(sharing.fetch_add(1, Ordering::SeqCst) < sharing_at_most());
+                            assert_eq!(lonely.load(Ordering::SeqCst), 0);
+                            std::thread::yield_now();
+                            sharing.fetch_sub(1, Ordering::SeqCst);
+                            drop(second);
+                        }
+                    }
+                });
+            }
+        });
+        let last = running();
+        assert_eq!((last.sharing, last.is_anybody_alone), (0, false));
+    }
+}
