@@ -9,11 +9,11 @@
 
 use jink_collision_guard::prevention::{Demand, Prevention, PreventionConfig};
 use jink_collision_guard::ring::{Pose, Ring};
+use jink_emulated_px4::collision_prevention::{CollisionPrevention, ObstacleDistance, Settings};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::{SECTORS, SectorRing};
 use jink_shared_types::{SampleHeader, Timestamp};
-use jink_simulator::autopilot::collision_prevention::{CollisionPrevention, ObstacleDistance, Settings};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use std::hint::black_box;
 use std::time::Instant;

@@ -1,17 +1,17 @@
 //! Flights by the hundred: one line per flight, one table at the end.
 
 use crate::lockstep::{FlightSetup, LockStep};
+use jink_emulated_ground_station::{Ending, FlightPlan, Outcome};
+use jink_emulated_px4::AutopilotConfig;
 use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_runtime::config::sensor_sets::{self, SensorSet};
 use jink_runtime::config::{Config, parse_toml};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::map::declared_as;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::autopilot::AutopilotConfig;
+use jink_simulated_world::sensors::SensorSpec;
+use jink_simulated_world::world::{World, WorldKind, WorldSpec};
 use jink_simulator::flyer::FlyerConfig;
-use jink_simulator::ground_station::{Ending, FlightPlan, Outcome};
-use jink_simulator::sensors::SensorSpec;
-use jink_simulator::world::{World, WorldKind, WorldSpec};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;

@@ -6,13 +6,13 @@
 // A harness for tests: without its thread and port there is nothing to test.
 #![allow(clippy::expect_used)]
 
+use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::{Link, Packet};
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::message::{Body, Content};
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign, stamps};
-use jink_simulator::autopilot::{Link, Packet};
-use jink_simulator::flyer::Flyer;
-use jink_simulator::vehicle::STEP_US;
+use jink_simulated_world::vehicle::STEP_US;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use mavlink::{MAVLinkV1MessageRaw, MavHeader, Message};
 use std::net::UdpSocket;

@@ -2,10 +2,10 @@
 
 use crate::campaign::{Cell, setup};
 use crate::lockstep::{FlightSetup, LockStep};
+use jink_emulated_ground_station::Make;
 use jink_mavlink_link::profile_name::ProfileName;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulator::flyer::FlyerConfig;
-use jink_simulator::ground_station::Make;
 
 /// An autopilot and the profile it is flown with.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -8,7 +8,7 @@
 mod flights;
 
 use flights::{Sample, Way, fly, set};
-use jink_simulator::world::{World, WorldKind};
+use jink_simulated_world::world::{World, WorldKind};
 
 fn main() {
     let world = World::generate("forest".parse::<WorldKind>().unwrap(), 1).unwrap();

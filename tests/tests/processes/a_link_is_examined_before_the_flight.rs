@@ -1,10 +1,10 @@
 //! `jink check link` as a user runs it, against emulated autopilots over UDP: each fault is told by its own sentence and exit
 //! code, and where there is none, jink is ready.
 
+use jink_emulated_arducopter::{ArduCopter, ArduCopterConfig};
+use jink_emulated_autopilot::Flyer;
+use jink_emulated_px4::{Autopilot, AutopilotConfig};
 use jink_mavlink_link::signing::Key;
-use jink_simulator::ardupilot::{ArduCopter, ArduCopterConfig};
-use jink_simulator::autopilot::{Autopilot, AutopilotConfig};
-use jink_simulator::flyer::Flyer;
 use jink_tests::on_udp::{Faults, OnUdp};
 use jink_tests::processes::{Answer, System, TempFolder, answer, free_udp_port, program};
 use mavlink::dialects::ardupilotmega::{

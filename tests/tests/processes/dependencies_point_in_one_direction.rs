@@ -46,6 +46,24 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
             "jink-mavlink-gateway" | "jink-link-check" => {
                 &["jink-shared-types", "jink-runtime", "jink-mavlink-link"]
             }
+            // The libraries of the simulation: neither emulated autopilot knows the other.
+            "jink-simulated-world" => &["jink-shared-types", "jink-runtime"],
+            "jink-emulated-autopilot" => &["jink-shared-types", "jink-simulated-world"],
+            "jink-emulated-px4" | "jink-emulated-arducopter" => &[
+                "jink-shared-types",
+                "jink-simulated-world",
+                "jink-emulated-autopilot",
+            ],
+            "jink-emulated-ground-station" => &["jink-shared-types", "jink-emulated-autopilot"],
+            "jink-simulator" => &[
+                "jink-shared-types",
+                "jink-runtime",
+                "jink-simulated-world",
+                "jink-emulated-autopilot",
+                "jink-emulated-px4",
+                "jink-emulated-arducopter",
+                "jink-emulated-ground-station",
+            ],
             "jink-tests" | "jink-real-autopilots" | "jink-map-bench" => continue,
             _ => &["jink-shared-types", "jink-runtime"],
         };
@@ -75,6 +93,10 @@ fn heavy_crates_stay_behind_one_door() {
                 "jink-mavlink-link",
                 "jink-mavlink-gateway",
                 "jink-link-check",
+                "jink-emulated-autopilot",
+                "jink-emulated-px4",
+                "jink-emulated-arducopter",
+                "jink-emulated-ground-station",
                 "jink-simulator",
                 "jink-tests",
                 "jink-real-autopilots",

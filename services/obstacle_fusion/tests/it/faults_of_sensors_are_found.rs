@@ -12,7 +12,7 @@ use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Flag, SampleHeader, Timestamp};
-use jink_simulator::world::{World, WorldKind};
+use jink_simulated_world::world::{World, WorldKind};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::{Path, PathBuf};

@@ -16,8 +16,8 @@ use super::launch::{HOME_HEIGHT_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG};
 use super::options::SitlOptions;
 use super::quadrotor::{Quadrotor, QuadrotorConfig};
 use super::run::{Stage, StartError};
-use crate::vehicle::{GRAVITY_MPS2, STEP_S, STEP_US, VehicleTruth};
 use jink_shared_types::geo::{GlobalPoint, Projection};
+use jink_simulated_world::vehicle::{GRAVITY_MPS2, STEP_S, STEP_US, VehicleTruth};
 use mavlink::dialects::ardupilotmega::{
     HIL_ACTUATOR_CONTROLS_DATA, HIL_GPS_DATA, HIL_SENSOR_DATA, HIL_STATE_QUATERNION_DATA,
     HilActuatorControlsFlags, HilSensorUpdatedFlags, MavMessage,
@@ -352,8 +352,8 @@ mod tests {
     use super::{HEADER, commands, gps, messages, sensor};
     use crate::sitl::instruments::{Fix, Instruments, Pressure, Reading};
     use crate::sitl::quadrotor::{Quadrotor, QuadrotorConfig};
-    use crate::vehicle::{GRAVITY_MPS2, STEP_S};
     use jink_shared_types::geo::GlobalPoint;
+    use jink_simulated_world::vehicle::{GRAVITY_MPS2, STEP_S};
     use mavlink::dialects::ardupilotmega::{HilActuatorControlsFlags, MavMessage};
     use nalgebra::Vector3;
 

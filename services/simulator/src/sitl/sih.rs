@@ -6,10 +6,10 @@
 use super::CONNECT_PATIENCE;
 use super::launch::{HOME_HEIGHT_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG};
 use super::run::{Stage, StartError};
-use crate::vehicle::VehicleTruth;
 use jink_shared_types::frames::{AngularRate, Attitude};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::{Acceleration, Point, Timestamp, Velocity};
+use jink_simulated_world::vehicle::VehicleTruth;
 use mavlink::MavlinkReader;
 use mavlink::dialects::ardupilotmega::{HIL_STATE_QUATERNION_DATA, MavMessage};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

@@ -9,8 +9,8 @@ use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Flag, SampleHeader, Timestamp};
-use jink_simulator::sensors::{Output, Pose, PoseTrack, SensorRig, SensorSpec};
-use jink_simulator::world::World;
+use jink_simulated_world::sensors::{Output, Pose, PoseTrack, SensorRig, SensorSpec};
+use jink_simulated_world::world::World;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::time::Instant;
 
