@@ -1,6 +1,6 @@
 //! Two guards and rings that get the same inputs answer the same, to the bit.
 
-use crate::common::{Lidar, Random, World, fly, guard, on, ring, step, straight, time};
+use crate::common::{Lidar, World, fly, guard, on, random, ring, step, straight, time};
 use jink_shared_types::ring::SectorRing;
 
 /// FNV-1a over the bits of everything a flight answers.
@@ -11,7 +11,7 @@ fn fingerprint(seed: u64) -> u64 {
         sigma_m: 0.03,
         ..Lidar::default()
     };
-    let mut random = Random(seed);
+    let mut random = random(seed);
     let (mut guard, mut ring) = (guard(), ring());
     let mut flown = first;
     let mut hash = 0xcbf2_9ce4_8422_2325_u64;
