@@ -3,7 +3,7 @@
 use crate::ScanView;
 use crate::config::{RangefinderSpec, SensorTable};
 use crate::driver::Driver;
-use crate::port::{Port, Read};
+use jink_runtime::serial::{Port, Read};
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::RangeScan;

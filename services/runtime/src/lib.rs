@@ -50,6 +50,7 @@
 //! | [`ranges`] | the range topics of all configured sensors |
 //! | [`janitor`] | what the dead left behind |
 //! | [`request`] | what can be asked of a running supervisor |
+//! | [`serial`] | serial ports, of devices and of links |
 //! | [`realtime`] | memory locking, scheduling, clock |
 //! | [`descriptors`] | room for open files, made before there are threads |
 //! | [`logging`] | `tracing` for people and for journals |
@@ -73,6 +74,7 @@ pub mod ranges;
 pub mod realtime;
 pub mod request;
 mod running;
+pub mod serial;
 pub mod service;
 pub mod session;
 pub mod setup;

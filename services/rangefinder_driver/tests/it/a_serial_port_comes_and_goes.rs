@@ -3,7 +3,7 @@
 use crate::encoder::device::Device;
 use crate::encoder::{benewake, spec};
 use jink_rangefinder_driver::Driver;
-use jink_rangefinder_driver::port::{Port, Read};
+use jink_runtime::serial::{Port, Read};
 use jink_shared_types::Timestamp;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::SplitMix64;
