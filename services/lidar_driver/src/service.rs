@@ -64,7 +64,7 @@ impl Service for LidarService {
     const PROGRAM: &'static str = "lidar_driver";
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
-        let name = sensor_name(&ports.setup().arguments)?;
+        let name = ports.setup().sensor_name()?;
         let folder = ports.setup().config.clone();
         let tables: Vec<SensorTable> = jink_runtime::config::sensors(&folder)?;
         let needs = |cause: String| StartError::Needs {
@@ -288,16 +288,5 @@ fn located(folder: &std::path::Path, mistake: &Mistake) -> String {
     match place {
         Some((file, line)) => format!("{}:{line}: {mistake}", file.display()),
         None => mistake.to_string(),
-    }
-}
-
-/// The name behind `--sensor`.
-fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
-    match arguments {
-        [option, name] if option == "--sensor" => Ok(name.clone()),
-        _ => Err(StartError::Needs {
-            what: "--sensor NAME".to_owned(),
-            cause: format!("the arguments are {arguments:?}"),
-        }),
     }
 }
