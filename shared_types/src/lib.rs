@@ -10,6 +10,7 @@
 //! | [`vehicle`], [`ranges`], [`view`], [`map`], [`far_map`], [`ring`], [`motion`], [`proposal`], [`prevention`], [`health`], [`link`], [`tuning`], [`truth`] | the payloads |
 //! | [`beams`] | range messages of other makers, as scans |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
+//! | [`pose_history`] | where the vehicle was at a moment between two of its states |
 //! | [`suggestion`] | the name that a mistyped one stands for |
 //! | [`orientation`] | how sensors are mounted, as configurations say it |
 //! | [`frames`], [`clock`], [`coded`] | units and frames, time, enums on the wire |
@@ -36,6 +37,7 @@ pub mod map;
 pub mod motion;
 pub mod orientation;
 pub mod params;
+pub mod pose_history;
 pub mod prevention;
 pub mod proposal;
 pub mod ranges;

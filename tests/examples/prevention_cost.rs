@@ -8,9 +8,10 @@
 //! with the making of the ring from a planar scan's layer.
 
 use jink_collision_guard::prevention::{Demand, Prevention, PreventionConfig};
-use jink_collision_guard::ring::{Pose, Ring};
+use jink_collision_guard::ring::Ring;
 use jink_emulated_px4::collision_prevention::{CollisionPrevention, ObstacleDistance, Settings};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::{SECTORS, SectorRing};
 use jink_shared_types::{SampleHeader, Timestamp};
@@ -173,8 +174,8 @@ impl Ours {
             prevention: Prevention::new(PreventionConfig::from_params(&params)),
             ring: Ring::from_params(&params),
             pose: Pose {
-                position: Vector3::zeros(),
-                attitude: UnitQuaternion::identity(),
+                position_m: Vector3::zeros(),
+                local_q_body: UnitQuaternion::identity(),
             },
             scan,
             sectors: SectorRing::default(),

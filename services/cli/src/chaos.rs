@@ -4,6 +4,8 @@ use crate::drill::{Drill, Fault, Since};
 use crate::flight::FaultRecord;
 use crate::handover::SeamFigures;
 use crate::report::round;
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -15,26 +17,23 @@ pub const APART_S: f64 = 3.5;
 /// A process is left alone for this long after a fault (s), where there are others: a swap takes some seconds.
 const SPARED_S: f64 = 10.0;
 
-/// Numbers by lot, the same for the same seed (splitmix64: Steele, Lea, Flood 2014).
+/// Numbers by lot, the same for the same seed.
 #[derive(Clone, Debug)]
 pub struct Lot {
-    state: u64,
+    generator: SplitMix64,
 }
 
 impl Lot {
     /// The lot of flight `flight` in the campaign `seed`.
     pub fn new(seed: u64, flight: u64) -> Self {
+        let seed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ flight.wrapping_mul(0xd1b5_4a32_d192_ed03);
         Self {
-            state: seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ flight.wrapping_mul(0xd1b5_4a32_d192_ed03),
+            generator: SplitMix64::seed_from_u64(seed),
         }
     }
 
     fn bits(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.generator.next_u64()
     }
 
     /// One of `items`.

@@ -5,7 +5,7 @@
 #[path = "../tests/it/common/mod.rs"]
 mod common;
 
-use common::{Lidar, Random, World, fly, guard, on, ring, step, straight, time};
+use common::{Lidar, World, fly, guard, on, random, ring, step, straight, time};
 use jink_shared_types::motion::Verdict;
 use std::time::Instant;
 
@@ -50,7 +50,7 @@ fn costs(world: &World, sensors: usize, replan: bool) -> Vec<f64> {
         fly(&mut ring, &place, t - 0.2, t);
         for sensor in 0..sensors {
             let seed = u64::from(i) * 8 + sensor as u64;
-            let (cloud, header) = lidar.sweep(world, &place, t, &mut Random(seed));
+            let (cloud, header) = lidar.sweep(world, &place, t, &mut random(seed));
             let taken = ring.cloud(sensor, &cloud, &header);
             assert!(taken.is_ok(), "{taken:?}");
         }

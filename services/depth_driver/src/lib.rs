@@ -6,7 +6,7 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`config`], [`keys`], [`mistake`] | the `[[sensor]]` table of one depth camera, and every way in which it can be wrong |
+//! | [`config`], [`mistake`] | the `[[sensor]]` table of one depth camera, and every way in which it can be wrong |
 //! | [`models`] | the models: field of view, baseline, range |
 //! | [`projection`] | where pixels look |
 //! | [`flying`] | which pixels hang in the air between two surfaces |
@@ -19,7 +19,6 @@ pub mod cloud_view;
 pub mod config;
 pub mod driver;
 pub mod flying;
-pub mod keys;
 pub mod mistake;
 pub mod models;
 pub mod projection;

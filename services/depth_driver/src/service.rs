@@ -38,7 +38,7 @@ impl Service for DepthCameraService {
     const PROGRAM: &'static str = "depth_driver";
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
-        let name = sensor_name(&ports.setup().arguments)?;
+        let name = ports.setup().sensor_name()?;
         let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;
         let spec = DepthCameraSpec::find(&tables, &name).map_err(|mistake| StartError::Needs {
             what: "the depth camera".to_owned(),
@@ -152,16 +152,5 @@ impl DepthCameraService {
             );
         }
         self.report_due = now.plus_seconds(REPORT_S);
-    }
-}
-
-/// The name behind `--sensor`.
-fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
-    match arguments {
-        [option, name] if option == "--sensor" => Ok(name.clone()),
-        _ => Err(StartError::Needs {
-            what: "--sensor NAME".to_owned(),
-            cause: format!("the arguments are {arguments:?}"),
-        }),
     }
 }

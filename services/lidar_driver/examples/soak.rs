@@ -11,11 +11,13 @@
 #[path = "../tests/it/encoder/mod.rs"]
 mod encoder;
 
-use encoder::{Random, ouster_metadata, ouster_standard, spec};
+use encoder::{ouster_metadata, ouster_standard, spec};
 use jink_lidar_driver::ouster::Metadata;
 use jink_lidar_driver::{CloudAssembler, Decoder, Driver};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::PointCloud;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Instant;
 
@@ -44,7 +46,7 @@ fn main() {
         })
         .collect();
     let sensor = IpAddr::V4(Ipv4Addr::LOCALHOST);
-    let mut random = Random(17);
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(17);
     let mut cloud = PointCloud::boxed();
     let (mut points, mut times_us, mut sent) = (0u64, Vec::with_capacity(frames * PACKETS), [0u64; 5]);
     for frame in 0..frames {
@@ -53,19 +55,19 @@ fn main() {
             let now = Timestamp::from_ns(1_000_000_000 + index as u64 * 1_562_500);
             let mut bytes = made[index % made.len()].clone();
             let mut times = 1;
-            match random.below(1_000) {
+            match random.random_range(0..1_000) {
                 0..5 => {
                     sent[0] += 1;
                     continue;
                 }
                 5..10 => (sent[1], times) = (sent[1] + 1, 2),
                 10..20 => {
-                    let at = random.below(bytes.len() as u64) as usize;
-                    bytes[at] ^= 1 << random.below(8);
+                    let at = random.random_range(0..bytes.len());
+                    bytes[at] ^= 1 << random.random_range(0..8);
                     sent[2] += 1;
                 }
                 20..25 => {
-                    bytes.truncate(random.below(bytes.len() as u64) as usize);
+                    bytes.truncate(random.random_range(0..bytes.len()));
                     sent[3] += 1;
                 }
                 25..30 => {

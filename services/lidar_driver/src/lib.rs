@@ -18,7 +18,7 @@
 //! | [`driver`] | all of that together: the step of a network lidar |
 //! | [`scanner`] | the same of a serial scanner |
 //! | [`capture`] | datagrams out of recordings |
-//! | [`datagrams`], [`serial`], [`network`] | sockets, recordings and ports as the service runs them |
+//! | [`datagrams`], [`network`] | sockets and recordings as the service runs them |
 //! | [`dump`] | the returns in a recording as a table |
 
 pub mod capture;
@@ -36,7 +36,6 @@ pub mod models;
 pub mod network;
 pub mod ouster;
 pub mod scanner;
-pub mod serial;
 mod service;
 pub mod velodyne;
 

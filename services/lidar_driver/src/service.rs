@@ -7,7 +7,7 @@ use crate::models::{Connection, SerialProtocol};
 use crate::network::NetworkLidar;
 use crate::scanner::driver::ScannerDriver;
 use crate::scanner::turn::Turn;
-use crate::serial::{Port, Read};
+use jink_runtime::serial::{Port, Read};
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
@@ -37,6 +37,8 @@ enum Side {
     Serial {
         scanner: ScannerDriver,
         port: Port,
+        /// The motor of the scanner turns while DTR is off.
+        dtr_off: bool,
         scans: Output<RangeScan>,
     },
 }
@@ -62,7 +64,7 @@ impl Service for LidarService {
     const PROGRAM: &'static str = "lidar_driver";
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
-        let name = sensor_name(&ports.setup().arguments)?;
+        let name = ports.setup().sensor_name()?;
         let folder = ports.setup().config.clone();
         let tables: Vec<SensorTable> = jink_runtime::config::sensors(&folder)?;
         let needs = |cause: String| StartError::Needs {
@@ -79,7 +81,14 @@ impl Service for LidarService {
             },
             Connection::Serial(protocol) => Side::Serial {
                 scans: ports.range_output(topics::RANGE_SCAN, &name, rate_hz)?,
-                port: port_of(&spec, protocol),
+                port: port_of(&spec),
+                dtr_off: matches!(
+                    protocol,
+                    SerialProtocol::Rplidar {
+                        motor_by_dtr: true,
+                        ..
+                    }
+                ),
                 scanner: ScannerDriver::new(spec, protocol),
             },
         };
@@ -173,8 +182,16 @@ impl Side {
                     cloud.write(slot);
                 });
             }),
-            Self::Serial { scanner, port, scans } => {
+            Self::Serial {
+                scanner,
+                port,
+                dtr_off,
+                scans,
+            } => {
                 if port.open_if_due(now) {
+                    if *dtr_off {
+                        switch_dtr_off(port, &scanner.spec().name);
+                    }
                     scanner.connected(now);
                 }
                 let mut publish = |turn: &Turn| {
@@ -244,18 +261,23 @@ impl Side {
     }
 }
 
-fn port_of(spec: &LidarSpec, protocol: SerialProtocol) -> Port {
-    let dtr_off = matches!(
-        protocol,
-        SerialProtocol::Rplidar {
-            motor_by_dtr: true,
-            ..
-        }
-    );
+fn port_of(spec: &LidarSpec) -> Port {
     match &spec.device {
-        Device::Serial { path, baud } => Port::new(path, *baud, dtr_off),
+        Device::Serial { path, baud } => Port::new(path, *baud),
         // The table of a scanner has no other device.
-        Device::Udp(_) | Device::Pcap { .. } => Port::new("", spec.model.baud, dtr_off),
+        Device::Udp(_) | Device::Pcap { .. } => Port::new("", spec.model.baud),
+    }
+}
+
+fn switch_dtr_off(port: &Port, name: &str) {
+    let Some(fd) = port.watched() else {
+        return;
+    };
+    let switched = fd
+        .try_clone_to_owned()
+        .and_then(|fd| serial2::SerialPort::from(fd).set_dtr(false));
+    if let Err(error) = switched {
+        tracing::debug!("{name}: DTR cannot be set: {error}");
     }
 }
 
@@ -266,16 +288,5 @@ fn located(folder: &std::path::Path, mistake: &Mistake) -> String {
     match place {
         Some((file, line)) => format!("{}:{line}: {mistake}", file.display()),
         None => mistake.to_string(),
-    }
-}
-
-/// The name behind `--sensor`.
-fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
-    match arguments {
-        [option, name] if option == "--sensor" => Ok(name.clone()),
-        _ => Err(StartError::Needs {
-            what: "--sensor NAME".to_owned(),
-            cause: format!("the arguments are {arguments:?}"),
-        }),
     }
 }

@@ -52,6 +52,7 @@ pub use service::FusionService;
 use far::Far;
 use frame::{Frame, Rays};
 use health::Health;
+use jink_shared_types::clock::Order;
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::layout::Layout;
@@ -59,13 +60,14 @@ use jink_shared_types::map::{CELL_M, LocalMap, cell_of, declared_as};
 use jink_shared_types::params::{
     OA_CARVE_RNG, OA_DCL_HANG_HI, OA_DCL_HANG_LO, OA_DCL_START, OA_VEH_RADIUS, ParamSet,
 };
+use jink_shared_types::pose_history::{Estimate, PoseHistory};
 use jink_shared_types::ranges::{PointCloud, RangeScan, SENSORS};
 use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Added, Flag, Reserved, SampleHeader, Timestamp};
 use lone::{LoneHits, Looking};
 use nalgebra::Vector3;
-use poses::{Order, PoseHistory, SweepPoses, estimate_of};
+use poses::{Pose, SweepPoses};
 use rays::{Limits, Tracer};
 use rebase::{Move, known_jump_m};
 use sensors::Sensors;
@@ -169,7 +171,7 @@ impl Fusion {
     pub fn new(config: FusionConfig) -> Self {
         Self {
             config,
-            history: PoseHistory::new(),
+            history: PoseHistory::new(poses::REACH),
             sweep: SweepPoses::new(),
             frame: Frame::new(),
             window: Window::new(),
@@ -224,7 +226,8 @@ impl Fusion {
         }
         self.home_down_m = state.home_down_m;
         self.armed = state.armed.is_set();
-        if self.history.push(state, header.capture) {
+        let estimate = Estimate::of(state);
+        if estimate.is_some_and(|estimate| self.history.push(estimate, header.capture)) {
             let cell = cell_of(state.position);
             if self.window.is_left_by(cell) {
                 self.far.remember(&self.window);
@@ -248,8 +251,8 @@ impl Fusion {
         if resets.wrapping_add(1) != state.estimator_resets {
             return None;
         }
-        let (before, at) = self.history.newest_estimate()?;
-        known_jump_m(&before, &estimate_of(state)?, capture.seconds_since(at))
+        let (at, before) = self.history.newest_estimate()?;
+        known_jump_m(&before, &Estimate::of(state)?, capture.seconds_since(at))
     }
 
     /// How often the map was thrown away.
@@ -276,7 +279,7 @@ impl Fusion {
             self.counters.frames_refused += 1;
             return;
         };
-        let pose = self.history.at(header.capture);
+        let pose = self.history.at(header.capture).map(Pose::from);
         if !self.health.accepts_cloud(sensor, cloud, header.capture, pose) {
             self.counters.frames_repeated += 1;
             return;
@@ -309,7 +312,7 @@ impl Fusion {
             self.counters.frames_refused += 1;
             return;
         };
-        let pose = self.history.at(header.capture);
+        let pose = self.history.at(header.capture).map(Pose::from);
         if !self.health.accepts_scan(sensor, scan, header.capture, pose) {
             self.counters.frames_repeated += 1;
             return;
@@ -386,7 +389,7 @@ impl Fusion {
             let [up, down] = band_m.map(|m| (m / CELL_M) as usize);
             self.frame.spread(up, down);
         }
-        if let Some(pose) = self.history.at(capture) {
+        if let Some(pose) = self.history.at(capture).map(Pose::from) {
             let radius_m = self.config.vehicle_radius_m;
             body::mark_body(&mut self.frame, &self.window, pose.position_m, radius_m);
             if let Some(sensor) = again {

@@ -11,10 +11,11 @@
 
 use crate::far::Far;
 use crate::frame::{Frame, Origin, Rays};
-use crate::poses::{Pose, PoseHistory, SweepPoses};
+use crate::poses::{Pose, SweepPoses};
 use crate::{Counters, FusionConfig};
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::map::CELL_M;
+use jink_shared_types::pose_history::PoseHistory;
 use nalgebra::Vector3;
 
 /// A range may exceed the sensor's longest by this factor: noise on a hit, rounding of a "nothing there" point.

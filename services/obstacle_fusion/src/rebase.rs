@@ -11,6 +11,7 @@
 
 use crate::poses::MAX_GAP_S;
 use jink_shared_types::map::CELL_M;
+use jink_shared_types::pose_history::Estimate;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// A counted reset that moves the position by less is one of something else (m): the gateway counts jumps from 0.3 m on.
@@ -22,18 +23,6 @@ const ACCELERATION_MPS2: f64 = 20.0;
 const VELOCITY_NOISE_MPS: f64 = 0.2;
 /// What is left of a jump beyond whole cells counts from here on (m): less is within the noise of every range sensor.
 const LEFT_OVER_M: f64 = 0.01;
-
-/// A moment of the estimate.
-pub(crate) struct Estimate {
-    /// Position in the local frame (m).
-    pub position_m: Vector3<f64>,
-    /// Velocity in the local frame (m/s).
-    pub velocity_mps: Vector3<f64>,
-    /// `local_q_body`.
-    pub local_q_body: UnitQuaternion<f64>,
-    /// Body rates (rad/s).
-    pub rates_radps: Vector3<f64>,
-}
 
 /// By how much (m) the local coordinates of everything changed between `before` and `after`, `step_s` later; nothing if that is not
 /// known.

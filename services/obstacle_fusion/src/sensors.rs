@@ -11,8 +11,8 @@
 //! of them are live. Beside a lidar, a lone altimeter must not vouch for the directions that the silent lidar
 //! watched; on a vehicle equipped with single beams only, each of them watches a direction of its own.
 
-use crate::poses::Order;
 use jink_shared_types::Timestamp;
+use jink_shared_types::clock::Order;
 
 /// A frame may be captured this much after the `now` of the cycle that takes it (ms): a cycle reads the clock first and
 /// its inputs later, and must not call a sensor dead for being quick.

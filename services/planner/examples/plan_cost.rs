@@ -12,21 +12,19 @@ use jink_shared_types::motion::{Route, RouteMode};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped, Timestamp};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 use std::hint::black_box;
 use std::time::Instant;
 
 const FORESTS: u64 = 60;
 const REPEATS: u64 = 5;
 
-/// A forest from a hash of its seed: positions only need to be scattered, not random.
+/// The forest of this seed.
 fn forest(seed: u64) -> Box<LocalMap> {
-    let scatter = |i: u64, k: u64| {
-        let mut z = (seed * 1000 + i * 10 + k).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        ((z ^ (z >> 27)) >> 11) as f64 / (1u64 << 53) as f64 * 26.0 - 13.0
-    };
+    let mut random = SplitMix64::seed_from_u64(seed);
     let trees: Vec<(f64, f64)> = (0..27)
-        .map(|i| (scatter(i, 0), scatter(i, 1)))
+        .map(|_| (random.random_range(-13.0..13.0), random.random_range(-13.0..13.0)))
         .filter(|(x, y)| x.hypot(*y) > 2.0)
         .collect();
     let mut map = LocalMap::boxed();

@@ -14,7 +14,6 @@
 //! | [`beam`] | answers of a device that looks one way -> scans of one beam |
 //! | [`sweep`] | answers of a scanning device -> partial sweeps |
 //! | [`driver`] | all of it together: the step |
-//! | [`port`] | the serial port |
 
 pub mod beam;
 pub mod config;
@@ -23,7 +22,6 @@ pub mod decode;
 pub mod devices;
 pub mod dialogue;
 pub mod driver;
-pub mod port;
 pub mod scan_view;
 mod service;
 pub mod sweep;

@@ -3,7 +3,7 @@
 use crate::ScanView;
 use crate::config::{RangefinderSpec, SensorTable};
 use crate::driver::Driver;
-use crate::port::{Port, Read};
+use jink_runtime::serial::{Port, Read};
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::RangeScan;
@@ -44,7 +44,7 @@ impl Service for RangefinderService {
     const PROGRAM: &'static str = "rangefinder_driver";
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
-        let name = sensor_name(&ports.setup().arguments)?;
+        let name = ports.setup().sensor_name()?;
         let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;
         let spec = RangefinderSpec::find(&tables, &name).map_err(|mistake| StartError::Needs {
             what: "the rangefinder".to_owned(),
@@ -163,16 +163,5 @@ impl RangefinderService {
             );
         }
         self.report_due = now.plus_seconds(REPORT_S);
-    }
-}
-
-/// The name behind `--sensor`.
-fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
-    match arguments {
-        [option, name] if option == "--sensor" => Ok(name.clone()),
-        _ => Err(StartError::Needs {
-            what: "--sensor NAME".to_owned(),
-            cause: format!("the arguments are {arguments:?}"),
-        }),
     }
 }

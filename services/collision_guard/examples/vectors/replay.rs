@@ -2,9 +2,10 @@
 
 use super::schema::{BINS, Node, Unreadable};
 use jink_collision_guard::prevention::{Demand, Outcome, Prevention, PreventionConfig};
-use jink_collision_guard::ring::{Pose, Ring};
+use jink_collision_guard::ring::Ring;
 use jink_shared_types::beams::{BeamReading, DistanceRow};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::{SampleHeader, Timestamp};
@@ -124,8 +125,8 @@ impl Replay {
             Vec::new()
         };
         let pose = Pose {
-            position: Vector3::zeros(),
-            attitude: self.attitude,
+            position_m: Vector3::zeros(),
+            local_q_body: self.attitude,
         };
         let mut ring = SectorRing::default();
         self.ring.ring_from(now, &pose, &mut ring);
@@ -165,8 +166,8 @@ impl Replay {
 
     fn take(&mut self, now: Timestamp) -> Vec<Taken> {
         let pose = Pose {
-            position: Vector3::zeros(),
-            attitude: self.attitude,
+            position_m: Vector3::zeros(),
+            local_q_body: self.attitude,
         };
         std::mem::take(&mut self.pending)
             .into_iter()

@@ -15,10 +15,10 @@
 //! within the vehicle's radius tell nothing.
 
 use super::bearing::{SLOTS, SLOTS_PER_SECTOR};
-use super::poses::Pose;
 use super::sweep::BEYOND_ANY_SENSOR_M2;
 use super::view::{Hit, View};
 use jink_shared_types::Timestamp;
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ranges::{RangeScan, RayKind, STEEPEST_RAD, ScanFrame};
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, sector_of};
 use nalgebra::{Rotation2, Vector2, Vector3};
@@ -88,7 +88,7 @@ pub fn collect(scan: &RangeScan, span: &Span<'_>, view: &mut View) {
         paint(
             view,
             &Arc {
-                centre_m: level * (axis.sensor_m.xy() + pose.position.xy() - to.position.xy()),
+                centre_m: level * (axis.sensor_m.xy() + pose.position_m.xy() - to.position_m.xy()),
                 from_rad: bearing_rad - 0.5 * width_rad,
                 width_rad,
                 distance_m: (range_m * axis.share).max(LEAST_M),
@@ -153,9 +153,9 @@ fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
     if !looks_around {
         return None;
     }
-    let along = pose.attitude * in_body;
+    let along = pose.local_q_body * in_body;
     let share = along.xy().norm();
-    let sensor_m = pose.attitude * scan.origin.vector();
+    let sensor_m = pose.local_q_body * scan.origin.vector();
     if scan.beams > 1 {
         return Some(Axis {
             sensor_m,
@@ -169,7 +169,7 @@ fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
         sensor_m,
         along,
         bearing_rad: pose.yaw_rad() + in_body.y.atan2(in_body.x),
-        share: share.min((pose.attitude * in_plane).xy().norm()),
+        share: share.min((pose.local_q_body * in_plane).xy().norm()),
     })
 }
 

@@ -1,9 +1,9 @@
 //! One sensor's part of the ring: what it saw last, in parts if it does not see all at once, and how old that may get.
 
 use super::bearing::sector_toward;
-use super::poses::Pose;
 use super::view::{Hit, View, ViewSector};
 use jink_shared_types::Timestamp;
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ring::{SECTORS, sector_bearing_rad};
 
 /// A sample stamped this far in the future (s) is broken, not fresh: clocks of one board agree to less.

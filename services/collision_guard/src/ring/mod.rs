@@ -33,12 +33,13 @@ mod sweep;
 mod view;
 
 pub use outlook::{Outlook, Sight};
-pub use poses::{Pose, PoseRefused};
+pub use poses::PoseRefused;
 
 pub(crate) use bearing::SLOTS;
 
 use beam::Span;
 use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::{SECTORS, SectorRing, sector_bearing_rad, sector_of};
 use jink_shared_types::topics;
@@ -243,8 +244,8 @@ impl Ring {
     /// The ring as it looks at `now` from `pose`, whatever the vehicle's states say.
     pub fn ring_from(&self, now: Timestamp, pose: &Pose, out: &mut SectorRing) {
         *out = self.empty();
-        out.position = Point::from_vector(pose.position);
-        out.attitude = jink_shared_types::frames::Attitude::from_rotation(pose.attitude);
+        out.position = Point::from_vector(pose.position_m);
+        out.attitude = jink_shared_types::frames::Attitude::from_rotation(pose.local_q_body);
         let mut range_min_m = f32::INFINITY;
         for layer in &self.layers {
             for view in layer.views(now) {
@@ -326,7 +327,7 @@ impl Ring {
     }
 
     fn add_free_ways(&self, view: &View, pose: &Pose, out: &mut SectorRing) {
-        let place_m = [pose.position.x, pose.position.y];
+        let place_m = [pose.position_m.x, pose.position_m.y];
         let trodden_m = self.hull.radius_m as f32;
         let yaw_rad = pose.yaw_rad();
         for sector in 0..SECTORS {
@@ -362,7 +363,7 @@ fn note(out: &mut SectorRing, sector: usize, distance_m: f32, seen: Timestamp) {
 fn add_hits(view: &View, pose: &Pose, out: &mut SectorRing) {
     let yaw_rad = pose.yaw_rad();
     for (place_m, seen) in view.places() {
-        let (north, east) = (place_m[0] - pose.position.x, place_m[1] - pose.position.y);
+        let (north, east) = (place_m[0] - pose.position_m.x, place_m[1] - pose.position_m.y);
         let sector = sector_of(east.atan2(north) - yaw_rad);
         note(out, sector, north.hypot(east) as f32, seen);
     }

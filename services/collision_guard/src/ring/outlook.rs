@@ -46,7 +46,7 @@ impl<'a> Outlook<'a> {
         Self {
             ring,
             now,
-            place_m: pose.map_or([0.0; 2], |pose| [pose.position.x, pose.position.y]),
+            place_m: pose.map_or([0.0; 2], |pose| [pose.position_m.x, pose.position_m.y]),
             yaw_rad: pose.map_or(0.0, |pose| pose.yaw_rad()),
             lost,
         }

@@ -18,9 +18,9 @@
 //! two comparisons per ray, is scalar.
 
 use super::bearing::{BINS, SECTOR_BINS, bearing_sectors, bin_of, sector_bin, sector_of_bin, slot_of_bin};
-use super::poses::Pose;
 use super::view::{Hit, View};
 use jink_shared_types::Timestamp;
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ranges::RayKind;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -68,9 +68,9 @@ impl Sweep {
         hull: Hull,
     ) -> Self {
         let level_q_local = Rotation3::from_axis_angle(&Vector3::z_axis(), -last.1.yaw_rad());
-        let turn = |pose: &Pose| (level_q_local * pose.attitude.to_rotation_matrix()).into_inner();
+        let turn = |pose: &Pose| (level_q_local * pose.local_q_body.to_rotation_matrix()).into_inner();
         let (turn_first, turn_last) = (turn(first.1), turn(last.1));
-        let shift = level_q_local * (first.1.position - last.1.position);
+        let shift = level_q_local * (first.1.position_m - last.1.position_m);
         let sensor_first = turn_first * sensor_m + shift;
         let sensor_last = turn_last * sensor_m;
         let in_band = sensor_first.z.abs().max(sensor_last.z.abs()) < hull.band_half_m;
@@ -339,8 +339,8 @@ impl Block {
 #[cfg(test)]
 mod tests {
     use super::{Hull, Sweep};
-    use crate::ring::poses::Pose;
     use jink_shared_types::Timestamp;
+    use jink_shared_types::pose_history::Pose;
     use nalgebra::{UnitQuaternion, Vector3};
     use proptest::prelude::*;
 
@@ -353,8 +353,8 @@ mod tests {
             -0.5..0.5f64,
         )
             .prop_map(|(roll, pitch, yaw, x, z)| Pose {
-                position: Vector3::new(x, 0.0, z),
-                attitude: UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+                position_m: Vector3::new(x, 0.0, z),
+                local_q_body: UnitQuaternion::from_euler_angles(roll, pitch, yaw),
             })
     }
 

@@ -1,8 +1,8 @@
 //! What one sensor saw at one moment: per sector how far it is free, per slot of a sector the nearest hit, fixed in local NED.
 
 use super::bearing::{SLOTS, sector_toward};
-use super::poses::Pose;
 use jink_shared_types::Timestamp;
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS};
 
 /// The nearest hit of one slot of a [`View`].
@@ -88,8 +88,8 @@ impl View {
 
     /// Forgets everything and takes its place at `pose`.
     pub fn reset(&mut self, pose: &Pose) {
-        self.origin_m = [pose.position.x, pose.position.y];
-        self.down_m = pose.position.z;
+        self.origin_m = [pose.position_m.x, pose.position_m.y];
+        self.down_m = pose.position_m.z;
         self.heading_rad = pose.yaw_rad();
         let (sin, cos) = self.heading_rad.sin_cos();
         self.turn = [cos as f32, sin as f32];
@@ -267,15 +267,15 @@ impl Borders {
 #[cfg(test)]
 mod tests {
     use super::{Borders, FreeWay, View, ViewSector};
-    use crate::ring::poses::Pose;
+    use jink_shared_types::pose_history::Pose;
     use nalgebra::{UnitQuaternion, Vector3};
     use proptest::prelude::*;
 
     fn view(ranges: &[f32], heading_rad: f64) -> View {
         let mut view = View::unknown();
         view.reset(&Pose {
-            position: Vector3::new(100.0, -50.0, -3.0),
-            attitude: UnitQuaternion::from_euler_angles(0.0, 0.0, heading_rad),
+            position_m: Vector3::new(100.0, -50.0, -3.0),
+            local_q_body: UnitQuaternion::from_euler_angles(0.0, 0.0, heading_rad),
         });
         for (sector, range) in view.sectors.iter_mut().zip(ranges) {
             *sector = ViewSector {

@@ -1,7 +1,7 @@
 //! A way planned with 0.4 m more clearance than the guard demands is flown at 3 m/s without a brake, though parts of it
 //! are hidden behind the cylinders it winds around.
 
-use crate::common::{DOWN_M, Lidar, Random, World, fly, guard, limits, on, ring, step, time};
+use crate::common::{DOWN_M, Lidar, World, fly, guard, limits, on, random, ring, step, time};
 use jink_shared_types::Coded;
 use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::motion::{BezierPiece, Trajectory, TrajectoryMode, Verdict};
@@ -67,7 +67,7 @@ fn slalom(spacing_m: f64, gates: usize) -> (World, Trajectory) {
 /// Flies the slalom; a new trajectory with the same way every `replan_s`, if given. Returns the steps taken.
 fn fly_through(spacing_m: f64, lidar: &Lidar, seed: u64, replan_s: Option<f64>) -> u32 {
     let (world, mut way) = slalom(spacing_m, 14);
-    let mut random = Random(seed);
+    let mut random = random(seed);
     let mut guard = guard();
     let mut ring = ring();
     let mut steps = 0;

@@ -1,6 +1,6 @@
 //! The hot path allocates nothing: not for states, clouds, scans, rings, refusals, brakes.
 
-use crate::common::{Lidar, Random, World, beam, fly, guard, on, ring, straight, time};
+use crate::common::{Lidar, World, beam, fly, guard, on, random, ring, straight, time};
 use allocation_counter::measure;
 use jink_collision_guard::guard::GuardInputs;
 use jink_collision_guard::prevention::{PreventionConfig, Watch};
@@ -31,7 +31,7 @@ fn a_flight_with_everything_in_it_allocates_nothing() {
         let t = 10.0 + 0.05 * f64::from(i);
         let place = move |t: f64| on(&flown, t);
         // Made outside the count: worlds and clouds are the test's own.
-        let (cloud, header) = Lidar::default().sweep(&world, &place, t, &mut Random(u64::from(i)));
+        let (cloud, header) = Lidar::default().sweep(&world, &place, t, &mut random(u64::from(i)));
         let single = beam(6.0, 0.4, 1.0);
         let state = place(t).state();
         let state_header = SampleHeader::at(time(t));

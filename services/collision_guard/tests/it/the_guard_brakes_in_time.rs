@@ -2,7 +2,7 @@
 
 use crate::common;
 use crate::common::{
-    Lidar, Place, Random, World, end, fly, guard, hovering_guard, look, looking, on, step, straight, time,
+    Lidar, Place, World, end, fly, guard, hovering_guard, look, looking, on, random, step, straight, time,
     trajectory,
 };
 use jink_collision_guard::News;
@@ -54,7 +54,7 @@ fn follow(
                 ..Lidar::default()
             };
             let at = NOW_S + 0.1 * f64::from(sweep);
-            let (cloud, header) = lidar.sweep(&world(at), &place, at, &mut Random(sweep as u64));
+            let (cloud, header) = lidar.sweep(&world(at), &place, at, &mut random(sweep as u64));
             ring.cloud(0, &cloud, &header).unwrap();
         }
         let (out, news) = step(guard, t, None, ring, place(t));

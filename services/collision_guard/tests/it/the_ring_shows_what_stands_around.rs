@@ -1,7 +1,7 @@
 //! Sectors are level, turn with the vehicle, and hold the smallest distance; obstacles stay where they are.
 
 use crate::common;
-use crate::common::{Lidar, Place, Random, World, beam, fly, points, ring, time, view};
+use crate::common::{Lidar, Place, World, beam, fly, points, random, ring, time, view};
 use jink_shared_types::SampleHeader;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::RayKind::{Clear, Hit, Unknown};
@@ -146,7 +146,7 @@ fn rays_of_a_long_sweep_are_placed_where_the_vehicle_was_then() {
     };
     let mut ring = ring();
     fly(&mut ring, &place, NOW_S - 0.3, NOW_S + 0.1);
-    let (cloud, header) = Lidar::default().sweep(&world, &place, NOW_S, &mut Random(1));
+    let (cloud, header) = Lidar::default().sweep(&world, &place, NOW_S, &mut random(1));
     ring.cloud(0, &cloud, &header).unwrap();
     let outlook = ring.outlook(time(NOW_S + 0.1));
     let mut found = 0;
@@ -245,7 +245,7 @@ fn every_sector_of_a_full_turn_is_known_nearly_as_far_as_the_sensor_reaches() {
         ..Lidar::default()
     };
     let mut ring = at_rest(Place::at(0.0, 0.0));
-    let (cloud, header) = lidar.sweep(&World::default(), &|_| Place::at(0.0, 0.0), NOW_S, &mut Random(1));
+    let (cloud, header) = lidar.sweep(&World::default(), &|_| Place::at(0.0, 0.0), NOW_S, &mut random(1));
     ring.cloud(0, &cloud, &header).unwrap();
     let seen = view(&ring, NOW_S);
     for sector in 0..SECTORS {

@@ -2,7 +2,7 @@
 //! approved while it was well.
 
 use crate::common::{
-    Lidar, Place, Random, World, end, fly, guard, hovering_guard, on, ring, step, straight, time, trajectory,
+    Lidar, Place, World, end, fly, guard, hovering_guard, on, random, ring, step, straight, time, trajectory,
 };
 use jink_shared_types::motion::{GuardReason, Verdict, stopping_distance_m};
 
@@ -17,7 +17,7 @@ fn a_way_beyond_what_the_sensor_sees_is_braked_as_unseen() {
     let first = straight(7, NOW_S, 3.0, 2.0, 20.0);
     let mut ring = ring();
     fly(&mut ring, &|_| Place::at(0.0, 0.0), NOW_S - 0.2, NOW_S);
-    let (cloud, header) = lidar.sweep(&World::default(), &|_| Place::at(0.0, 0.0), NOW_S, &mut Random(1));
+    let (cloud, header) = lidar.sweep(&World::default(), &|_| Place::at(0.0, 0.0), NOW_S, &mut random(1));
     ring.cloud(0, &cloud, &header).unwrap();
     let mut guard = guard();
     let (out, _) = step(&mut guard, NOW_S, Some(&first), &ring, Place::at(0.0, 0.0));
@@ -28,7 +28,7 @@ fn a_way_beyond_what_the_sensor_sees_is_braked_as_unseen() {
         let t = NOW_S + 0.05 * f64::from(i);
         let place = |t: f64| on(&first, t);
         fly(&mut ring, &place, t - 0.04, t);
-        let (cloud, header) = lidar.sweep(&World::default(), &place, t, &mut Random(1));
+        let (cloud, header) = lidar.sweep(&World::default(), &place, t, &mut random(1));
         ring.cloud(0, &cloud, &header).unwrap();
         let (out, news) = step(&mut guard, t, None, &ring, place(t));
         if out.verdict == Verdict::Braked {
@@ -55,7 +55,7 @@ fn a_start_into_a_sector_without_data_is_refused() {
     let place = Place::at(0.0, 0.0);
     let mut ring = ring();
     fly(&mut ring, &|_| place, NOW_S - 0.2, NOW_S);
-    let (cloud, header) = lidar.sweep(&World::default(), &|_| place, NOW_S, &mut Random(1));
+    let (cloud, header) = lidar.sweep(&World::default(), &|_| place, NOW_S, &mut random(1));
     ring.cloud(0, &cloud, &header).unwrap();
     let rest = end([0.0, 0.0], [0.0, 0.0]);
     for (to, verdict, reason) in [
@@ -93,7 +93,7 @@ fn what_a_camera_has_seen_counts_for_a_while_after_it_has_turned_away() {
         let mut ring = ring();
         let mut show = |place: Place, t: f64| {
             fly(&mut ring, &|_| place, t - 0.2, t);
-            let (cloud, header) = lidar.sweep(&world, &|_| place, t, &mut Random(1));
+            let (cloud, header) = lidar.sweep(&world, &|_| place, t, &mut random(1));
             ring.cloud(0, &cloud, &header).unwrap();
         };
         show(north, NOW_S);
@@ -125,10 +125,10 @@ fn a_dead_sensor_does_not_brake_what_was_approved_but_blocks_what_is_new() {
         let backward = |t: f64| place(t).turned(0.0, 0.0, std::f64::consts::PI);
         fly(&mut ring, &place, t - 0.2, t);
         if i < 20 {
-            let (cloud, header) = half.sweep(&World::default(), &place, t, &mut Random(1));
+            let (cloud, header) = half.sweep(&World::default(), &place, t, &mut random(1));
             ring.cloud(0, &cloud, &header).unwrap();
         }
-        let (mut cloud, header) = half.sweep(&World::default(), &backward, t, &mut Random(1));
+        let (mut cloud, header) = half.sweep(&World::default(), &backward, t, &mut random(1));
         for point in &mut cloud.points {
             (point.forward_m, point.right_m) = (-point.forward_m, -point.right_m);
         }

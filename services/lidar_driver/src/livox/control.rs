@@ -13,7 +13,7 @@
 //!
 //! Sources: the communication protocols of the Mid-360 (chapters "Control Command", "CMD Details") and of the first SDK (V1.3.0).
 
-use super::crc::{SDK1_CRC16_START, SDK1_CRC32_START, ccitt_false, crc32, mcrf4xx};
+use super::crc::{SDK1_CRC16, SDK1_CRC32, SDK2_CRC16, SDK2_CRC32};
 use crate::decode::{bytes_at, u16_at, u32_at};
 use jink_shared_types::Timestamp;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
@@ -258,9 +258,13 @@ impl Control {
         bytes[4..8].copy_from_slice(&u32::from(self.numbered()).to_le_bytes());
         bytes[8..10].copy_from_slice(&command.to_le_bytes());
         bytes[10] = COMMAND;
-        let crc = ccitt_false(&bytes[..18]);
+        let crc = SDK2_CRC16.checksum(&bytes[..18]);
         bytes[18..20].copy_from_slice(&crc.to_le_bytes());
-        let crc = if data.is_empty() { 0 } else { crc32(data, 0) };
+        let crc = if data.is_empty() {
+            0
+        } else {
+            SDK2_CRC32.checksum(data)
+        };
         bytes[20..24].copy_from_slice(&crc.to_le_bytes());
         bytes[SDK2_HEAD..length].copy_from_slice(data);
         Message { bytes, length, to }
@@ -271,12 +275,12 @@ impl Control {
         let sound = bytes.len() >= SDK2_HEAD
             && bytes[0] == START
             && length == bytes.len()
-            && u16_at(bytes, 18) == ccitt_false(&bytes[..18]);
+            && u16_at(bytes, 18) == SDK2_CRC16.checksum(&bytes[..18]);
         if !sound || bytes[10] != ACKNOWLEDGEMENT {
             return None;
         }
         let data = &bytes[SDK2_HEAD..];
-        if !data.is_empty() && u32_at(bytes, 20) != crc32(data, 0) {
+        if !data.is_empty() && u32_at(bytes, 20) != SDK2_CRC32.checksum(data) {
             return None;
         }
         match u16_at(bytes, 8) {
@@ -305,11 +309,11 @@ impl Control {
         bytes[2..4].copy_from_slice(&(length as u16).to_le_bytes());
         bytes[4] = COMMAND;
         bytes[5..7].copy_from_slice(&self.numbered().to_le_bytes());
-        let crc = mcrf4xx(&bytes[..7], SDK1_CRC16_START);
+        let crc = SDK1_CRC16.checksum(&bytes[..7]);
         bytes[7..9].copy_from_slice(&crc.to_le_bytes());
         bytes[10] = command;
         bytes[SDK1_HEAD..SDK1_HEAD + data.len()].copy_from_slice(data);
-        let crc = crc32(&bytes[..length - SDK1_FOOT], SDK1_CRC32_START);
+        let crc = SDK1_CRC32.checksum(&bytes[..length - SDK1_FOOT]);
         bytes[length - SDK1_FOOT..length].copy_from_slice(&crc.to_le_bytes());
         Message { bytes, length, to }
     }
@@ -319,8 +323,8 @@ impl Control {
         let sound = bytes.len() >= SDK1_HEAD + SDK1_FOOT
             && bytes[0] == START
             && length == bytes.len()
-            && u16_at(bytes, 7) == mcrf4xx(&bytes[..7], SDK1_CRC16_START)
-            && u32_at(bytes, length - SDK1_FOOT) == crc32(&bytes[..length - SDK1_FOOT], SDK1_CRC32_START);
+            && u16_at(bytes, 7) == SDK1_CRC16.checksum(&bytes[..7])
+            && u32_at(bytes, length - SDK1_FOOT) == SDK1_CRC32.checksum(&bytes[..length - SDK1_FOOT]);
         // Only the general set of commands is spoken here.
         if !sound || bytes[9] != 0 {
             return None;

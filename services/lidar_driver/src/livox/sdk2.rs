@@ -17,7 +17,7 @@
 //!
 //! **What can be detected.** Any damage behind the head where the firmware fills in the CRC; a packet whose CRC is zero is believed.
 
-use super::crc::crc32;
+use super::crc::SDK2_CRC32;
 use super::{Cutter, polar, spherical};
 use crate::decode::{Decode, Echo, Fault, Item, Ray, i16_at, i32_at, u16_at, u32_at, u64_at};
 
@@ -78,7 +78,7 @@ impl Livox2 {
         }
         let said = u32_at(bytes, CRC_AT);
         if said != 0 {
-            if said == crc32(&bytes[STAMP_AT..], 0) {
+            if said == SDK2_CRC32.checksum(&bytes[STAMP_AT..]) {
                 self.agreed = self.agreed.saturating_add(1);
             } else if self.agreed >= AGREEING {
                 return Err(Fault::Damaged);

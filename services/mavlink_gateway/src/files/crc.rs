@@ -4,27 +4,21 @@
 //! inverted at the end: PX4's build computes it so for its metadata, ground stations compare with that. zlib's own value
 //! would be another one.
 
-const TABLE: [u32; 256] = {
-    let mut table = [0; 256];
-    let mut i = 0;
-    while i < 256 {
-        let mut value = i as u32;
-        let mut bit = 0;
-        while bit < 8 {
-            value = (value >> 1) ^ if value & 1 == 1 { 0xedb8_8320 } else { 0 };
-            bit += 1;
-        }
-        table[i] = value;
-        i += 1;
-    }
-    table
+use crc::{Algorithm, CRC_32_ISO_HDLC, Crc};
+
+static MAVLINK: Crc<u32> = Crc::<u32>::new(&OF_FILES);
+
+const OF_FILES: Algorithm<u32> = Algorithm {
+    init: 0,
+    xorout: 0,
+    check: 0x2dfd_2d88,
+    residue: 0,
+    ..CRC_32_ISO_HDLC
 };
 
 /// The checksum of `bytes`.
 pub fn crc32(bytes: &[u8]) -> u32 {
-    bytes.iter().fold(0, |crc, byte| {
-        TABLE[((crc ^ u32::from(*byte)) & 0xff) as usize] ^ (crc >> 8)
-    })
+    MAVLINK.checksum(bytes)
 }
 
 #[cfg(test)]

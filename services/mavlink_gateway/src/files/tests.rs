@@ -4,6 +4,8 @@ use super::packet::{ACK, DATA, NAK, Nak, PAYLOAD, Packet, Payload, op};
 use super::{FileServer, PACE_HZ, SESSION_S, SESSIONS, crc32};
 use jink_shared_types::Timestamp;
 use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 use std::collections::BTreeMap;
 
 const STATION: (u8, u8) = (255, 190);
@@ -230,18 +232,13 @@ fn bursts_of_several_clients_share_one_pace() {
 
 /// A line that loses a fifth, doubles some and delays others.
 struct Line {
-    seed: u64,
+    random: SplitMix64,
     under_way: Vec<(f64, Payload)>,
 }
 
 impl Line {
-    /// SplitMix64.
     fn throw(&mut self) -> f64 {
-        self.seed = self.seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.seed;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        self.random.random()
     }
 
     fn send(&mut self, s: f64, payload: Payload) {
@@ -384,7 +381,7 @@ proptest! {
         let mut server = FileServer::default();
         for file in 0..server.files.len() {
             let expected = server.files[file].bytes.clone();
-            let line = |seed| Line { seed, under_way: Vec::new() };
+            let line = |seed| Line { random: SplitMix64::seed_from_u64(seed), under_way: Vec::new() };
             let (mut there, mut back) = (line(seed), line(!seed));
             let mut client = Client::new([&b"/general.json"[..], b"parameters.json"][file]);
             let mut s = 100.0 * file as f64;

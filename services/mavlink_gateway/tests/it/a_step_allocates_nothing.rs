@@ -28,6 +28,8 @@ use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{Message, calculate_crc};
 use nalgebra::Vector3;
+use rand::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 use std::net::UdpSocket;
 
 /// One second of an autopilot's messages as bytes, per 10 ms.
@@ -272,13 +274,8 @@ fn links() -> (Links, Vec<UdpSocket>) {
 
 /// Frames of every type with any payload, and garbage between them.
 fn anything() -> Vec<u8> {
-    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut next = move || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        state.to_le_bytes()
-    };
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
+    let mut next = move || random.next_u64().to_le_bytes();
     let mut stream = Vec::new();
     for id in MavMessage::all_ids().iter().chain(&[60_000, 0x00fd_fdfd]) {
         for _ in 0..4 {

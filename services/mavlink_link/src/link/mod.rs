@@ -17,7 +17,6 @@ mod backlog;
 mod endpoint;
 mod error;
 mod handover;
-mod serial;
 mod transport;
 
 pub use endpoint::{ACCEPTED_FORMS, Endpoint, EndpointError};

@@ -3,8 +3,9 @@
 use super::backlog::Backlog;
 use super::endpoint::{Endpoint, UNIX_ANSWER};
 use super::error::LinkError;
-use super::serial;
+use jink_runtime::serial;
 use rustix::net::{AddressFamily, SocketFlags, SocketType};
+use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -41,7 +42,7 @@ pub(super) enum Transport {
         client: Option<(TcpStream, Backlog)>,
     },
     TcpOut(TcpStream, Backlog),
-    Serial(OwnedFd, Backlog),
+    Serial(File, Backlog),
     Unix(UnixDatagram),
 }
 
@@ -126,7 +127,8 @@ impl Transport {
                 Ok(Transport::TcpOut(stream, Backlog::default()))
             }
             Endpoint::Serial { path, baud } => {
-                serial::open(path, *baud).map(|fd| Transport::Serial(fd, Backlog::default()))
+                let fd = serial::open(path, *baud).map_err(LinkError::Serial)?;
+                Ok(Transport::Serial(fd.into(), Backlog::default()))
             }
             Endpoint::Unix { path } => {
                 connect_unix(path)
@@ -194,7 +196,7 @@ impl Transport {
                     .map(|client| (TcpStream::from(client), Backlog::default())),
             },
             Kind::TcpOut => Transport::TcpOut(TcpStream::from(fd), Backlog::default()),
-            Kind::Serial => Transport::Serial(fd, Backlog::default()),
+            Kind::Serial => Transport::Serial(fd.into(), Backlog::default()),
             Kind::Unix => Transport::Unix(UnixDatagram::from(fd)),
         })
     }
@@ -263,10 +265,9 @@ impl Transport {
                 backlog.flush(stream)?;
                 stream_read(stream, chunk)
             }
-            Transport::Serial(fd, backlog) => {
-                let mut port = serial::Port(&*fd);
-                backlog.flush(&mut port)?;
-                stream_read(&mut port, chunk)
+            Transport::Serial(port, backlog) => {
+                backlog.flush(port)?;
+                stream_read(port, chunk)
             }
             Transport::Unix(socket) => match socket.recv(chunk) {
                 Ok(len) => Ok(Chunk::Datagram(len)),
@@ -293,7 +294,7 @@ impl Transport {
                 None => Ok(Sent::NoPeer),
             },
             Transport::TcpOut(stream, backlog) => backlog.write(stream, frame),
-            Transport::Serial(fd, backlog) => backlog.write(&mut serial::Port(&*fd), frame),
+            Transport::Serial(port, backlog) => backlog.write(port, frame),
             // Its other side is one socket: if that is gone, another one has to be looked for.
             Transport::Unix(socket) => match socket.send(frame) {
                 Ok(_) => Ok(Sent::Yes),

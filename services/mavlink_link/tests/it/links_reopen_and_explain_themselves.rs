@@ -3,6 +3,7 @@
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::link::{Endpoint, Link, LinkError, Progress, Sent};
 use jink_mavlink_link::message::{Body, Content, Received};
+use jink_runtime::serial::SerialError;
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{ATTITUDE_QUATERNION_DATA, HEARTBEAT_DATA, MavMessage};
 use rustix::pty::OpenptFlags;
@@ -167,10 +168,13 @@ fn a_taken_port_is_named_with_a_hint() {
 fn a_missing_device_is_named() {
     let endpoint: Endpoint = "serial:/dev/tty-not-here:57600".parse().unwrap();
     let error = Link::open(endpoint).unwrap_err();
-    assert!(matches!(error, LinkError::NoDevice { .. }));
+    assert!(matches!(error, LinkError::Serial(SerialError::NoDevice { .. })));
     assert!(error.to_string().contains("/dev/tty-not-here"));
     let error = Link::open("serial:/dev/null:57600".parse().unwrap()).unwrap_err();
-    assert!(matches!(error, LinkError::NotSerial { .. }), "{error}");
+    assert!(
+        matches!(error, LinkError::Serial(SerialError::NotSerial { .. })),
+        "{error}"
+    );
     let error = Link::open("udpout:no-such-host.invalid:14580".parse().unwrap()).unwrap_err();
     assert!(matches!(error, LinkError::Resolve { .. }), "{error}");
 }
@@ -281,7 +285,10 @@ fn a_serial_port_that_is_unplugged_and_plugged_in_again_goes_on() {
     assert_eq!(bench.link.send(bench.now, &frame(196, 1)).unwrap(), Sent::NoPeer);
     assert!(bench.link.next_wake().is_some());
     bench.until("an attempt", |bench, _| bench.errors.len() > 1);
-    assert!(matches!(bench.errors[1], LinkError::NoDevice { .. }));
+    assert!(matches!(
+        bench.errors[1],
+        LinkError::Serial(SerialError::NoDevice { .. })
+    ));
     let control = plug_in();
     bench.until("the port again", |bench, _| bench.link.fd().is_some());
     rustix::io::write(&control, &frame(1, 2)).unwrap();

@@ -17,10 +17,11 @@ mod motion;
 mod rate;
 mod repeat;
 
-use crate::poses::{Pose, PoseHistory, SweepPoses};
+use crate::poses::{Pose, SweepPoses};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::faults::{FaultBits, SensorFault, with_fault};
+use jink_shared_types::pose_history::PoseHistory;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use motion::{Cause, Motion};
 use nalgebra::UnitQuaternion;
@@ -191,7 +192,7 @@ impl Health {
         capture: Timestamp,
         history: &PoseHistory,
     ) -> Option<(&mut Motion, Pose)> {
-        let pose = history.at(capture)?;
+        let pose = history.at(capture).map(Pose::from)?;
         let motion = &mut self.sensors.get_mut(sensor)?.motion;
         motion.advance();
         motion.wants(&pose, capture).then_some((motion, pose))

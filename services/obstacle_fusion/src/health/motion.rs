@@ -5,8 +5,9 @@
 //! them, and the cause that takes most of the contradictions away is the one.
 
 use super::image::{Image, Verdict};
-use crate::poses::{Pose, PoseHistory, SweepPoses};
+use crate::poses::{Pose, SweepPoses};
 use jink_shared_types::Timestamp;
+use jink_shared_types::pose_history::PoseHistory;
 use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use std::f64::consts::PI;

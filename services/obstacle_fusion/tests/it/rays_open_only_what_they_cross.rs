@@ -2,29 +2,31 @@
 //! sight, and what stands behind an obstacle stays unknown.
 
 use crate::world;
-use crate::world::{Lidar, Motion, Random, Shape, at, cells, distance_m, header, known};
+use crate::world::{Lidar, Motion, Shape, at, cells, distance_m, header, known};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, center_of};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use nalgebra::Vector3;
 use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 /// A cell with a point on a surface has its centre within half a diagonal of it; f32 coordinates add micrometres.
 const HALF_DIAGONAL_M: f64 = 0.5 * CELL_M * 1.732_050_9 + 1e-5;
 
 /// Some obstacles, none within 1.5 m of the north axis, where the vehicle is.
 fn random_world(seed: u64) -> Vec<Shape> {
-    let mut random = Random(seed);
+    let mut random = SplitMix64::seed_from_u64(seed);
     let mut world = Vec::new();
     while world.len() < 7 {
         let center_m = Vector3::new(
-            random.between(-9.0, 9.0),
-            random.between(-9.0, 9.0),
-            random.between(-6.0, 2.0),
+            random.random_range(-9.0..9.0),
+            random.random_range(-9.0..9.0),
+            random.random_range(-6.0..2.0),
         );
-        let size_m = random.between(0.05, 1.5);
-        let shape = match random.bits() % 3 {
+        let size_m = random.random_range(0.05..1.5);
+        let shape = match random.random_range(0..3) {
             0 => Shape::Post {
                 north_m: center_m.x,
                 east_m: center_m.y,
@@ -36,7 +38,7 @@ fn random_world(seed: u64) -> Vec<Shape> {
             },
             _ => Shape::Block {
                 center_m,
-                half_m: Vector3::new(size_m, random.between(0.05, 1.5), size_m),
+                half_m: Vector3::new(size_m, random.random_range(0.05..1.5), size_m),
             },
         };
         let clear_m = (-15..=15).map(|i| shape.distance_m(&Vector3::new(f64::from(i) * 0.3, 0.0, -2.0)));
@@ -45,7 +47,7 @@ fn random_world(seed: u64) -> Vec<Shape> {
         }
     }
     world.push(Shape::Ground {
-        down_m: random.between(0.0, 3.0),
+        down_m: random.random_range(0.0..3.0),
     });
     world
 }
@@ -90,9 +92,9 @@ proptest! {
     #[test]
     fn occupied_is_at_a_surface_and_free_is_outside(seed in any::<u64>()) {
         let world = random_world(seed);
-        let mut random = Random(!seed);
+        let mut random = SplitMix64::seed_from_u64(!seed);
         let stands: Vec<_> = (0..4)
-            .map(|_| Vector3::new(random.between(-4.0, 4.0), random.between(-0.3, 0.3), random.between(-2.2, -1.8)))
+            .map(|_| Vector3::new(random.random_range(-4.0..4.0), random.random_range(-0.3..0.3), random.random_range(-2.2..-1.8)))
             .collect();
         let map = map_from(&world, &stands, 8_000);
         prop_assert!(map.occupied_cells > 200 && map.known_cells > 20_000);

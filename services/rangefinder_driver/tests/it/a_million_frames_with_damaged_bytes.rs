@@ -1,15 +1,17 @@
 //! A long bad day: of a million frames per device one byte in a hundred is damaged, and some are lost or come twice. How many
 //! frames are read, how many readings are wrong, and what is left of those in the scans.
 
-use crate::encoder::{Random, benewake, cm8jl65, model, sf45, spec, text};
+use crate::encoder::{benewake, cm8jl65, model, sf45, spec, text};
 use jink_rangefinder_driver::{Answer, Decoder, Driver, Item};
 use jink_shared_types::Timestamp;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 const FRAMES: u64 = 1_000_000;
 /// One byte in this many is another one than was sent ...
-const DAMAGED: u64 = 100;
+const DAMAGED: u32 = 100;
 /// ... one in this many is missing, and one in this many is there twice.
-const LOST: u64 = 10_000;
+const LOST: u32 = 10_000;
 
 /// The distance of frame `index` (cm): to and fro between 0.5 and 5.5 m, 1 cm per frame, 1 m/s at 100 Hz.
 fn distance_cm(index: u64) -> i16 {
@@ -28,19 +30,19 @@ fn frame(name: &str, index: u64) -> Vec<u8> {
 }
 
 /// What comes out of the line for `sent`; whether it is what was sent.
-fn over_a_bad_line(sent: &[u8], random: &mut Random, out: &mut Vec<u8>) -> bool {
+fn over_a_bad_line(sent: &[u8], random: &mut SplitMix64, out: &mut Vec<u8>) -> bool {
     out.clear();
     for byte in sent {
-        if random.once_in(LOST) {
+        if random.random_ratio(1, LOST) {
             continue;
         }
-        let damage = if random.once_in(DAMAGED) {
-            1 + random.below(255) as u8
+        let damage = if random.random_ratio(1, DAMAGED) {
+            random.random_range(1..=255)
         } else {
             0
         };
         out.push(byte ^ damage);
-        if random.once_in(LOST) {
+        if random.random_ratio(1, LOST) {
             out.push(byte ^ damage);
         }
     }
@@ -57,7 +59,7 @@ struct Day {
 
 /// A device that is decoded frame by frame.
 fn decode_all(name: &str, seed: u64) -> Day {
-    let mut random = Random(seed);
+    let mut random = SplitMix64::seed_from_u64(seed);
     let mut decoder = Decoder::new(model(name).protocol);
     let mut wire = Vec::new();
     let mut day = Day {
@@ -104,7 +106,7 @@ struct Published {
 
 /// A device that says something new every 10 ms, or every 25 ms what it has said before every other time.
 fn publish_all(name: &str, seed: u64, frame_ms: u64, said: u64) -> Published {
-    let mut random = Random(seed);
+    let mut random = SplitMix64::seed_from_u64(seed);
     let mut driver = Driver::new(spec(name, "/dev/x", ""));
     let tolerance_m = (20.0 * 0.05 + 4.0 * driver.spec().sigma_m) as f32;
     let (mut wire, mut published) = (Vec::new(), Published::default());

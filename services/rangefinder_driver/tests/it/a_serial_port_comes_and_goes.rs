@@ -1,10 +1,12 @@
 //! A pseudo-terminal in the port's place: read, unplugged, plugged in again under the same name.
 
 use crate::encoder::device::Device;
-use crate::encoder::{Random, benewake, spec};
+use crate::encoder::{benewake, spec};
 use jink_rangefinder_driver::Driver;
-use jink_rangefinder_driver::port::{Port, Read};
+use jink_runtime::serial::{Port, Read};
 use jink_shared_types::Timestamp;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::fs::{Mode, OFlags};
@@ -227,17 +229,17 @@ fn frames_damaged_cut_and_mixed_up_on_a_line_come_out_as_what_was_sent_or_not_at
     let mut port = Port::new(&driver.spec().device.clone(), driver.spec().baud);
     assert!(port.open_if_due(clock.step()));
     driver.connected(clock.step());
-    let mut random = Random(3);
+    let mut random = SplitMix64::seed_from_u64(3);
     let (mut scans, mut unknown) = (0, 0);
     for index in 0..2_000 {
         let mut frame = benewake(300, 500, 20.0);
-        match random.below(10) {
-            0 => frame[random.below(9) as usize] ^= 1 + random.below(255) as u8,
-            1 => frame.truncate(random.below(9) as usize),
+        match random.random_range(0..10) {
+            0 => frame[random.random_range(0..9)] ^= random.random_range(1..=255),
+            1 => frame.truncate(random.random_range(0..9)),
             2 => {
                 // The beginning of another program's frame between the bytes of this one.
-                let at = random.below(9) as usize;
-                frame.splice(at..at, [0x59, 0x59, random.next() as u8]);
+                let at = random.random_range(0..9);
+                frame.splice(at..at, [0x59, 0x59, random.random()]);
             }
             _ => {}
         }

@@ -13,6 +13,8 @@ use jink_shared_types::health::{ProcessStatus, ServiceState, SystemStatus};
 use jink_shared_types::topics::TABLE;
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::{Coded, Timestamp, params};
+use rand_xoshiro::Xoshiro256PlusPlus;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::net::UdpSocket;
 use std::os::fd::OwnedFd;
@@ -385,16 +387,10 @@ fn send_garbage(port: u16) -> bool {
         return false;
     };
     let [datagrams, bytes] = GARBAGE;
-    let mut random = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
     let mut datagram = vec![0u8; bytes];
     for _ in 0..datagrams {
-        for byte in &mut datagram {
-            // xorshift64 (Marsaglia 2003).
-            random ^= random << 13;
-            random ^= random >> 7;
-            random ^= random << 17;
-            *byte = random as u8;
-        }
+        random.fill_bytes(&mut datagram);
         // What the kernel drops was garbage, too.
         let _dropped = socket.send_to(&datagram, ("127.0.0.1", port));
     }

@@ -1,6 +1,7 @@
 //! What the machine itself did during the flight: a gap in the setpoints on a host that stood still says nothing about
 //! the flight code.
 
+use jink_runtime::procfs::CpuTimes;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -9,8 +10,6 @@ use std::time::{Duration, Instant};
 
 /// A thread that wants to run this often and does nothing else.
 const PERIOD: Duration = Duration::from_millis(2);
-/// One tick of /proc/stat (ms).
-const TICK_MS: f64 = 10.0;
 
 /// Watches the machine until it is asked.
 #[derive(Debug)]
@@ -79,12 +78,6 @@ fn watch_processor(processor: usize, stop: &AtomicBool) -> Duration {
     longest
 }
 
-/// The ninth field of the first line of /proc/stat (proc(5): `cpu user nice system idle iowait irq softirq steal`).
 fn stolen_ms() -> f64 {
-    let stat = std::fs::read_to_string("/proc/stat").unwrap_or_default();
-    let ticks = stat
-        .split_whitespace()
-        .nth(8)
-        .and_then(|ticks| ticks.parse().ok());
-    ticks.unwrap_or(0.0) * TICK_MS
+    CpuTimes::now().map_or(0.0, |times| times.all.stolen_ms())
 }

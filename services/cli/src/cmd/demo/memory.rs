@@ -2,6 +2,7 @@
 
 use super::drills::SUPERVISOR;
 use jink_cli::flight::MemoryUse;
+use jink_runtime::procfs::resident_kib;
 use jink_shared_types::health::SystemStatus;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -69,23 +70,5 @@ impl Memory {
             })
         };
         self.processes.into_values().filter_map(warm).collect()
-    }
-}
-
-/// Resident memory of a process, shared memory it has touched included (KiB); `None` if it has gone.
-fn resident_kib(pid: u32) -> Option<u64> {
-    let status = std::fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
-    line.split_whitespace().nth(1)?.parse().ok()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::resident_kib;
-
-    #[test]
-    fn this_process_takes_memory_and_one_that_is_not_there_takes_none() {
-        assert!(resident_kib(std::process::id()).unwrap() > 100);
-        assert_eq!(resident_kib(u32::MAX), None);
     }
 }

@@ -19,6 +19,8 @@ use jink_shared_types::sample::Stamped;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Flag, Point, Reading, Reserved, SampleHeader, Timestamp, Velocity};
 use nalgebra::{UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 /// Height at which everything flies, as down coordinate (m).
 pub const DOWN_M: f64 = -2.0;
@@ -27,23 +29,14 @@ pub fn time(seconds: f64) -> Timestamp {
     Timestamp::from_seconds(seconds)
 }
 
-/// SplitMix64 (Steele, Lea, Flood 2014).
-#[derive(Clone)]
-pub struct Random(pub u64);
+/// The random numbers of `seed`.
+pub fn random(seed: u64) -> SplitMix64 {
+    SplitMix64::seed_from_u64(seed)
+}
 
-impl Random {
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) as f64 / 2.0_f64.powi(64)
-    }
-
-    /// Normal with standard deviation one, nearly: the sum of twelve uniform numbers.
-    pub fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
-    }
+/// Normal with standard deviation one, nearly: the sum of twelve uniform numbers.
+fn normal(random: &mut SplitMix64) -> f64 {
+    (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
 /// Where the vehicle is.
@@ -152,7 +145,7 @@ impl Lidar {
         world: &World,
         place: &dyn Fn(f64) -> Place,
         end_s: f64,
-        random: &mut Random,
+        random: &mut SplitMix64,
     ) -> (Box<PointCloud>, SampleHeader) {
         let mut cloud = PointCloud::boxed();
         cloud.first_point = time(end_s - self.sweep_s);
@@ -179,7 +172,7 @@ impl Lidar {
                 let (range, kind) = if range > self.range_max_m {
                     (self.range_max_m, RayKind::Clear)
                 } else {
-                    (range + self.sigma_m * random.normal(), RayKind::Hit)
+                    (range + self.sigma_m * normal(random), RayKind::Hit)
                 };
                 let end = along * range;
                 assert!(cloud.push(CloudPoint {
@@ -260,7 +253,7 @@ pub fn looking(world: &World, place: Place, at_s: f64) -> Ring {
 /// `ring` sees `world` from rest at `place` at `at_s`.
 pub fn look(ring: &mut Ring, world: &World, place: Place, at_s: f64) {
     fly(ring, &|_| place, at_s - 0.2, at_s);
-    let (cloud, header) = Lidar::default().sweep(world, &|_| place, at_s, &mut Random(1));
+    let (cloud, header) = Lidar::default().sweep(world, &|_| place, at_s, &mut random(1));
     ring.cloud(0, &cloud, &header).unwrap();
 }
 

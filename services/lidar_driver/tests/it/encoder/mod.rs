@@ -10,27 +10,6 @@
 use jink_lidar_driver::LidarSpec;
 use jink_lidar_driver::config::SensorTable;
 
-/// A small generator (xorshift) that is the same everywhere.
-pub struct Random(pub u64);
-
-impl Random {
-    /// The next number.
-    pub fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0
-    }
-    /// A number below `count`.
-    pub fn below(&mut self, count: u64) -> u64 {
-        self.next() % count
-    }
-    /// Once in so many times.
-    pub fn once_in(&mut self, count: u64) -> bool {
-        self.below(count) == 0
-    }
-}
-
 /// The spec of a lidar called "top".
 pub fn spec(kind: &str, model: &str, device: &str, keys: &str) -> LidarSpec {
     let text =

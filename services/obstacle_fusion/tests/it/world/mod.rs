@@ -10,6 +10,8 @@ use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Flag, Reserved, SampleHeader, Timestamp};
 use nalgebra::{UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 /// One obstacle, local NED.
 #[derive(Clone, Copy, Debug)]
@@ -251,34 +253,15 @@ pub fn known(map: &LocalMap) -> impl Iterator<Item = Cell> + '_ {
         .filter(|cell| test(&map.known, *cell))
 }
 
-/// SplitMix64 (Steele, Lea, Flood 2014): the small generator behind every random scene.
-pub struct Random(pub u64);
-
-impl Random {
-    /// The next 64 random bits.
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// A number from `low` to `high`.
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
-
 /// Posts on a square of `edge_m` around the origin, one per 25 m2, none within 1.5 m of the north axis, on level ground
 /// at down 0.
 pub fn forest(edge_m: f64, seed: u64) -> Vec<Shape> {
-    let mut random = Random(seed);
+    let mut random = SplitMix64::seed_from_u64(seed);
     let mut world = vec![Shape::Ground { down_m: 0.0 }];
     for _ in 0..(edge_m * edge_m / 25.0) as usize {
-        let north_m = random.between(-0.5 * edge_m, 0.5 * edge_m);
-        let east_m = random.between(-0.5 * edge_m, 0.5 * edge_m);
-        let radius_m = random.between(0.1, 0.4);
+        let north_m = random.random_range(-0.5 * edge_m..0.5 * edge_m);
+        let east_m = random.random_range(-0.5 * edge_m..0.5 * edge_m);
+        let radius_m = random.random_range(0.1..0.4);
         if east_m.abs() > 1.5 + radius_m {
             world.push(Shape::Post {
                 north_m,

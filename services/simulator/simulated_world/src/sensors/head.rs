@@ -11,6 +11,7 @@ use super::spec::{NoReturn, SensorKind, SensorSpec};
 use crate::random::Random;
 use crate::world::{Hit, Target, World};
 use jink_shared_types::frames::Mounting;
+use jink_shared_types::hash;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use jink_shared_types::{BodyFrd, LocalNed, Point, Reserved};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
@@ -255,9 +256,7 @@ impl Beam {
     }
 }
 
-/// FNV-1a: a sensor's noise depends on its name, so that adding another sensor changes nothing for it.
+/// A sensor's noise depends on its name, so that adding another sensor changes nothing for it.
 fn name_hash(name: &str) -> u64 {
-    name.bytes().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    })
+    hash::bytes(hash::START, name.as_bytes())
 }

@@ -1,4 +1,4 @@
-//! The serial port: opened raw, lost, and opened again with growing pauses.
+//! Serial ports: opened raw ([`open`]); and one of a device, which is lost and opened again with growing pauses ([`Port`]).
 
 use jink_shared_types::Timestamp;
 use rustix::fs::{Mode, OFlags};
@@ -7,12 +7,12 @@ use rustix::termios::{ControlModes, OptionalActions, QueueSelector, SpecialCodeI
 use std::fmt;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
-/// First pause before the port is tried again (s), and the longest one; each is twice the one before.
+/// First pause before a port is tried again (s), and the longest one; each is twice the one before.
 const PAUSE_S: [f64; 2] = [0.1, 2.0];
 
 /// Why a port is not open.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum PortError {
+pub enum SerialError {
     /// The device file does not exist.
     NoDevice {
         /// Its path.
@@ -46,7 +46,19 @@ pub enum PortError {
     },
 }
 
-impl fmt::Display for PortError {
+impl SerialError {
+    fn opening(path: &str, baud: u32, source: Errno) -> Self {
+        let path = path.to_owned();
+        match source {
+            Errno::NOENT | Errno::NXIO | Errno::NODEV => Self::NoDevice { path },
+            Errno::ACCESS | Errno::PERM => Self::Permission { path },
+            Errno::BUSY => Self::Busy { path },
+            _ => Self::NotSerial { path, baud, source },
+        }
+    }
+}
+
+impl fmt::Display for SerialError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoDevice { path } => {
@@ -72,7 +84,42 @@ impl fmt::Display for PortError {
         }
     }
 }
-impl std::error::Error for PortError {}
+impl std::error::Error for SerialError {}
+
+/// Opens `path` raw at `baud` bit/s: eight bits, no parity, one stop bit, no flow control, modem lines ignored. Reads and writes do not
+/// wait; a read of zero bytes means that the port is gone.
+///
+/// # Errors
+/// If there is no such device, it may not be opened, or is no serial port that takes this speed.
+pub fn open(path: &str, baud: u32) -> Result<OwnedFd, SerialError> {
+    open_raw(path, baud).map_err(|error| SerialError::opening(path, baud, error))
+}
+
+/// As [`open`], for ourselves alone. What has been waiting in it is old, and dropped.
+fn open_alone(path: &str, baud: u32) -> Result<OwnedFd, SerialError> {
+    let alone = || {
+        let fd = open_raw(path, baud)?;
+        rustix::termios::ioctl_tiocexcl(&fd)?;
+        rustix::termios::tcflush(&fd, QueueSelector::IFlush)?;
+        Ok(fd)
+    };
+    alone().map_err(|error| SerialError::opening(path, baud, error))
+}
+
+fn open_raw(path: &str, baud: u32) -> Result<OwnedFd, Errno> {
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
+    let fd = rustix::fs::open(path, flags, Mode::empty())?;
+    let mut settings = rustix::termios::tcgetattr(&fd)?;
+    settings.make_raw();
+    settings.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
+    settings.control_modes -= ControlModes::CRTSCTS | ControlModes::CSTOPB | ControlModes::PARENB;
+    // At least one byte per read: only then does a read of zero bytes mean "unplugged" and not "nothing now".
+    settings.special_codes[SpecialCodeIndex::VMIN] = 1;
+    settings.special_codes[SpecialCodeIndex::VTIME] = 0;
+    settings.set_speed(baud)?;
+    rustix::termios::tcsetattr(&fd, OptionalActions::Now, &settings)?;
+    Ok(fd)
+}
 
 /// What a read came to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,7 +132,7 @@ pub enum Read {
     Lost,
 }
 
-/// A serial port that comes and goes.
+/// The serial port of a device, ours alone, which comes and goes.
 #[derive(Debug)]
 pub struct Port {
     path: String,
@@ -94,7 +141,7 @@ pub struct Port {
     retry_at: Timestamp,
     pause_s: f64,
     /// What was said last: each cause once.
-    said: Option<PortError>,
+    said: Option<SerialError>,
 }
 
 impl Port {
@@ -133,7 +180,7 @@ impl Port {
         if self.fd.is_some() || now < self.retry_at {
             return false;
         }
-        match open(&self.path, self.baud) {
+        match open_alone(&self.path, self.baud) {
             Ok(fd) => {
                 tracing::info!("{} is open at {} bit/s", self.path, self.baud);
                 self.fd = Some(fd);
@@ -188,10 +235,10 @@ impl Port {
     fn lose(&mut self, now: Timestamp, source: Option<Errno>) {
         self.fd = None;
         let path = self.path.clone();
-        self.wait(now, PortError::Lost { path, source });
+        self.wait(now, SerialError::Lost { path, source });
     }
 
-    fn wait(&mut self, now: Timestamp, error: PortError) {
+    fn wait(&mut self, now: Timestamp, error: SerialError) {
         self.retry_at = now.plus_seconds(self.pause_s);
         self.pause_s = (2.0 * self.pause_s).min(PAUSE_S[1]);
         if self.said.as_ref() != Some(&error) {
@@ -199,36 +246,4 @@ impl Port {
             self.said = Some(error);
         }
     }
-}
-
-/// Opens `path` raw at `baud` bit/s: eight bits, no parity, one stop bit, no flow control, modem lines ignored; for
-/// ourselves alone. What has been waiting in it is old, and dropped.
-fn open(path: &str, baud: u32) -> Result<OwnedFd, PortError> {
-    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    let fd = rustix::fs::open(path, flags, Mode::empty()).map_err(|error| explain(path, baud, error))?;
-    make_raw(&fd, baud).map_err(|error| explain(path, baud, error))?;
-    Ok(fd)
-}
-
-fn explain(path: &str, baud: u32, source: Errno) -> PortError {
-    let path = path.to_owned();
-    match source {
-        Errno::NOENT | Errno::NXIO | Errno::NODEV => PortError::NoDevice { path },
-        Errno::ACCESS | Errno::PERM => PortError::Permission { path },
-        Errno::BUSY => PortError::Busy { path },
-        _ => PortError::NotSerial { path, baud, source },
-    }
-}
-
-fn make_raw(fd: &impl AsFd, baud: u32) -> Result<(), Errno> {
-    let mut settings = rustix::termios::tcgetattr(fd)?;
-    settings.make_raw();
-    settings.control_modes |= ControlModes::CLOCAL | ControlModes::CREAD;
-    settings.control_modes -= ControlModes::CRTSCTS | ControlModes::CSTOPB | ControlModes::PARENB;
-    settings.special_codes[SpecialCodeIndex::VMIN] = 1;
-    settings.special_codes[SpecialCodeIndex::VTIME] = 0;
-    settings.set_speed(baud)?;
-    rustix::termios::tcsetattr(fd, OptionalActions::Now, &settings)?;
-    rustix::termios::ioctl_tiocexcl(fd)?;
-    rustix::termios::tcflush(fd, QueueSelector::IFlush)
 }
