@@ -10,6 +10,7 @@
 //! | [`vehicle`], [`ranges`], [`view`], [`map`], [`far_map`], [`ring`], [`motion`], [`proposal`], [`prevention`], [`health`], [`link`], [`tuning`], [`truth`] | the payloads |
 //! | [`beams`] | range messages of other makers, as scans |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
+//! | [`mod@quantile`] | quantiles of measurements |
 //! | [`suggestion`] | the name that a mistyped one stands for |
 //! | [`orientation`] | how sensors are mounted, as configurations say it |
 //! | [`frames`], [`clock`], [`coded`] | units and frames, time, enums on the wire |
@@ -38,6 +39,7 @@ pub mod orientation;
 pub mod params;
 pub mod prevention;
 pub mod proposal;
+pub mod quantile;
 pub mod ranges;
 pub mod reserved;
 pub mod ring;

@@ -4,6 +4,7 @@ use crate::drill::{Drill, Fault, Since};
 use crate::flight::FaultRecord;
 use crate::handover::SeamFigures;
 use crate::report::round;
+use jink_shared_types::quantile::quantile;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -193,10 +194,10 @@ impl Campaign {
             setpoint_max_gap_ms: largest(&mut flights.iter().map(|flight| flight.gap_ms)),
             quiet_max_gap_ms: largest(&mut flights.iter().filter_map(quiet_gap_ms)),
             fcu_hold_count: flights.iter().map(|flight| flight.holds).sum(),
-            detection_ms_p50: quantile(&detections, 0.5),
-            detection_ms_p99: quantile(&detections, 0.99),
-            recovery_ms_p50: quantile(&recoveries, 0.5),
-            recovery_ms_p99: quantile(&recoveries, 0.99),
+            detection_ms_p50: at(&detections, 0.5),
+            detection_ms_p99: at(&detections, 0.99),
+            recovery_ms_p50: at(&recoveries, 0.5),
+            recovery_ms_p99: at(&recoveries, 0.99),
             machine_stall_max_ms: largest(&mut flights.iter().map(|flight| flight.stall_ms)),
             matrix: matrix(faults()),
             seams: seams(faults()),
@@ -319,8 +320,8 @@ fn matrix<'a>(faults: impl Iterator<Item = &'a FaultRecord>) -> Vec<Cell> {
             collisions: records.iter().map(|record| record.collisions).sum(),
             holds: records.iter().map(|record| record.holds).sum(),
             gap_max_ms: records.iter().map(|record| record.gap_ms).fold(0.0, f64::max),
-            recovery_ms_p50: quantile(&recoveries, 0.5),
-            recovery_ms_max: quantile(&recoveries, 1.0),
+            recovery_ms_p50: at(&recoveries, 0.5),
+            recovery_ms_max: at(&recoveries, 1.0),
         }
     };
     cells.into_iter().map(cell).collect()
@@ -343,20 +344,17 @@ fn seams<'a>(faults: impl Iterator<Item = &'a FaultRecord>) -> Vec<SeamRow> {
             missing: seams.iter().map(|seam| seam.missing).sum(),
             doubled: seams.iter().map(|seam| seam.doubled).sum(),
             reordered: seams.iter().map(|seam| seam.reordered).sum(),
-            gap_periods_p50: quantile(&gaps, 0.5).unwrap_or(0.0),
-            gap_periods_p95: quantile(&gaps, 0.95).unwrap_or(0.0),
-            gap_periods_max: quantile(&gaps, 1.0).unwrap_or(0.0),
+            gap_periods_p50: at(&gaps, 0.5).unwrap_or(0.0),
+            gap_periods_p95: at(&gaps, 0.95).unwrap_or(0.0),
+            gap_periods_max: at(&gaps, 1.0).unwrap_or(0.0),
         }
     };
     rows.into_iter().map(row).collect()
 }
 
-/// The value at `quantile` (0..1); `None` without values.
-fn quantile(values: &[f64], quantile: f64) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let index = (sorted.len().saturating_sub(1) as f64 * quantile).round() as usize;
-    sorted.get(index).copied().map(round)
+/// The value at `share` as it is shown; `None` without values.
+fn at(values: &[f64], share: f64) -> Option<f64> {
+    quantile(values, share).map(round)
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 
 use crate::report::round;
 use jink_shared_types::SampleHeader;
+use jink_shared_types::quantile::quantile;
 use jink_shared_types::topics::TopicRow;
 use serde::Serialize;
 
@@ -90,9 +91,7 @@ impl Seam {
             .windows(2)
             .map(|pair| pair[1].capture.seconds_since(pair[0].capture))
             .collect();
-        let mut sorted = steps.clone();
-        sorted.sort_by(f64::total_cmp);
-        let usual_s = sorted.get(sorted.len() / 2).copied().unwrap_or(0.0);
+        let usual_s = quantile(&steps, 0.5).unwrap_or(0.0);
         let one_each = usual_s > ONE_EACH_SHARE * period_s;
         // What was made of no measurement has no place among them.
         let changes = || {
