@@ -1,6 +1,6 @@
 //! The rate of a topic as its samples tell it.
 
-use crate::report::round;
+use jink_control::figures::round;
 use jink_shared_types::quantile::quantile;
 use jink_shared_types::topics::TopicRow;
 use jink_shared_types::{SampleHeader, Timestamp};

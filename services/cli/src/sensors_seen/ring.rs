@@ -2,7 +2,7 @@
 
 use super::circle::{Interval, Sectors};
 use super::timing::Timing;
-use crate::report::round;
+use jink_control::figures::round;
 use jink_shared_types::SampleHeader;
 use jink_shared_types::quantile::quantile;
 use jink_shared_types::ring::{SECTORS, SectorRing};

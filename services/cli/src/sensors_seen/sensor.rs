@@ -3,7 +3,7 @@
 use super::circle::{Interval, Sectors};
 use super::frame::{Frame, Sort};
 use super::timing::Timing;
-use crate::report::round;
+use jink_control::figures::round;
 use jink_shared_types::orientation;
 use jink_shared_types::quantile::quantile;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
