@@ -12,6 +12,7 @@ use jink_collision_guard::ring::Ring;
 use jink_emulated_px4::collision_prevention::{CollisionPrevention, ObstacleDistance, Settings};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::pose_history::Pose;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::{SECTORS, SectorRing};
 use jink_shared_types::{SampleHeader, Timestamp};
@@ -66,25 +67,22 @@ fn main() {
             us[2].push(timed(|| ours.velocity_tick(run, stick)));
             us[3].push(timed(|| ours.tick_with_ring(run, stick)));
         }
-        let p50 = us.each_ref().map(|us| percentile(us, 0.5));
-        for (what, us) in [
+        let figures = us
+            .each_ref()
+            .map(|us| quantiles(us, [0.0, 0.5, 0.99, 1.0]).unwrap_or_default());
+        for (what, [min, p50, p99, max]) in [
             "PX4's",
             "ours, on the ring",
             "ours, a velocity",
             "ours, and the ring's making",
         ]
         .iter()
-        .zip(&us)
+        .zip(figures)
         {
-            println!(
-                "{name:<16} {what:<26} {:>9.2} {:>9.2} {:>9.2} {:>9.2}",
-                percentile(us, 0.0),
-                percentile(us, 0.5),
-                percentile(us, 0.99),
-                percentile(us, 1.0)
-            );
+            println!("{name:<16} {what:<26} {min:>9.2} {p50:>9.2} {p99:>9.2} {max:>9.2}");
         }
-        println!("{name:<16} {:<26} {:>19.2}", "ours / PX4's, p50", p50[1] / p50[0]);
+        let [theirs, ours, ..] = figures.map(|[_, p50, ..]| p50);
+        println!("{name:<16} {:<26} {:>19.2}", "ours / PX4's, p50", ours / theirs);
     }
 }
 
@@ -92,12 +90,6 @@ fn timed(run: impl FnOnce() -> f64) -> f64 {
     let begin = Instant::now();
     black_box(run());
     begin.elapsed().as_secs_f64() * 1e6
-}
-
-fn percentile(us: &[f64], share: f64) -> f64 {
-    let mut sorted = us.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[((sorted.len() - 1) as f64 * share) as usize]
 }
 
 /// PX4's loop.

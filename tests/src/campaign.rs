@@ -8,6 +8,7 @@ use jink_runtime::config::sensor_sets::{self, SensorSet};
 use jink_runtime::config::{Config, parse_toml};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::map::declared_as;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::sensors::SensorSpec;
 use jink_simulated_world::world::{World, WorldKind, WorldSpec};
@@ -317,13 +318,7 @@ const CAUSES: [&events::Event; 7] = [
 
 /// Median, 99th percentile and maximum; zeros without values.
 pub fn percentiles(values: &[f64]) -> [f64; 3] {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let at = |q: f64| {
-        let index = (sorted.len().saturating_sub(1) as f64 * q).round() as usize;
-        sorted.get(index).copied().unwrap_or(0.0)
-    };
-    [at(0.5), at(0.99), at(1.0)]
+    quantiles(values, [0.5, 0.99, 1.0]).unwrap_or_default()
 }
 
 /// FNV-1a over numbers.

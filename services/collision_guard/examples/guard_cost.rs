@@ -7,6 +7,7 @@ mod common;
 
 use common::{Lidar, World, fly, guard, on, random, ring, step, straight, time};
 use jink_shared_types::motion::Verdict;
+use jink_shared_types::quantile::quantiles;
 use std::time::Instant;
 
 fn main() {
@@ -21,16 +22,11 @@ fn main() {
     );
     for sensors in [1, 4] {
         for (replan, name) in [(false, "watching"), (true, "judging a new trajectory")] {
-            let mut us = costs(&world, sensors, replan);
-            us.sort_by(f64::total_cmp);
-            let n = us.len();
+            let us = costs(&world, sensors, replan);
+            let [min, p50, p99, max] = quantiles(&us, [0.0, 0.5, 0.99, 1.0]).unwrap_or_default();
             println!(
-                "{:<44} {:>9.1} {:>9.1} {:>9.1} {:>9.1}",
-                format!("{name}, {sensors} sensors"),
-                us[0],
-                us[n / 2],
-                us[n * 99 / 100],
-                us[n - 1]
+                "{:<44} {min:>9.1} {p50:>9.1} {p99:>9.1} {max:>9.1}",
+                format!("{name}, {sensors} sensors")
             );
         }
     }

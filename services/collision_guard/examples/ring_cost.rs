@@ -8,6 +8,7 @@
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::frames::{AngularRate, Attitude};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, RayKind};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::VehicleState;
@@ -81,20 +82,15 @@ fn turn(beams: u32, width_rad: f64) -> RangeScan {
 }
 
 fn report(what: &str, mut run: impl FnMut() -> bool) {
-    let mut us: Vec<f64> = (0..RUNS)
+    let us: Vec<f64> = (0..RUNS)
         .map(|_| {
             let begin = Instant::now();
             assert!(black_box(run()), "{what} did nothing");
             begin.elapsed().as_secs_f64() * 1e6
         })
         .collect();
-    us.sort_by(f64::total_cmp);
-    let (p50, p99) = (us[RUNS / 2], us[RUNS * 99 / 100]);
-    println!(
-        "{what:<44} {:>9.1} {p50:>9.1} {p99:>9.1} {:>9.1}",
-        us[0],
-        us[RUNS - 1]
-    );
+    let [min, p50, p99, max] = quantiles(&us, [0.0, 0.5, 0.99, 1.0]).unwrap_or_default();
+    println!("{what:<44} {min:>9.1} {p50:>9.1} {p99:>9.1} {max:>9.1}");
 }
 
 fn first() -> Timestamp {

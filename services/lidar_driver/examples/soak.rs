@@ -15,6 +15,7 @@ use encoder::{ouster_metadata, ouster_standard, spec};
 use jink_lidar_driver::ouster::Metadata;
 use jink_lidar_driver::{CloudAssembler, Decoder, Driver};
 use jink_shared_types::Timestamp;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::PointCloud;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::Xoshiro256PlusPlus;
@@ -86,8 +87,7 @@ fn main() {
             }
         }
     }
-    times_us.sort_by(f64::total_cmp);
-    let at = |share: f64| times_us[((times_us.len() - 1) as f64 * share) as usize];
+    let [p50, p99, p999, max] = quantiles(&times_us, [0.5, 0.99, 0.999, 1.0]).unwrap_or_default();
     let [lost, doubled, flipped, cut, repeated] = sent;
     println!(
         "{frames} frames: {lost} packets left out, {doubled} sent twice, {flipped} with a flipped bit, {cut} cut, {repeated} replaced by the one before"
@@ -95,11 +95,7 @@ fn main() {
     println!("{:?}", driver.counters(Timestamp::from_seconds(1e6)));
     println!("{points} points");
     println!(
-        "us per packet of {} bytes: p50 {:.1}, p99 {:.1}, p99.9 {:.1}, max {:.1} (a cloud is written in one of 64)",
-        made[0].len(),
-        at(0.5),
-        at(0.99),
-        at(0.999),
-        at(1.0)
+        "us per packet of {} bytes: p50 {p50:.1}, p99 {p99:.1}, p99.9 {p999:.1}, max {max:.1} (a cloud is written in one of 64)",
+        made[0].len()
     );
 }

@@ -8,6 +8,7 @@
 mod flights;
 
 use flights::{Sample, Way, fly, set};
+use jink_shared_types::quantile::quantiles;
 use jink_simulated_world::world::{World, WorldKind};
 
 fn main() {
@@ -34,17 +35,9 @@ fn main() {
                 }
                 1
             });
-            let mut ms = flown.frame_ms;
-            ms.sort_by(f64::total_cmp);
-            let at = |share: f64| ms[(share * (ms.len() - 1) as f64) as usize];
+            let [p50, p90, p99, max] = quantiles(&flown.frame_ms, [0.5, 0.9, 0.99, 1.0]).unwrap_or_default();
             let fault = if is_spoilt { "mirror" } else { "none" };
-            println!(
-                "{name:10} {fault:6} {:8.2} {:8.2} {:8.2} {:8.2}",
-                at(0.5),
-                at(0.9),
-                at(0.99),
-                at(1.0)
-            );
+            println!("{name:10} {fault:6} {p50:8.2} {p90:8.2} {p99:8.2} {max:8.2}");
         }
     }
 }

@@ -10,6 +10,7 @@ use jink_shared_types::frames::Point;
 use jink_shared_types::map::{LocalMap, center_of, set};
 use jink_shared_types::motion::{Route, RouteMode};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped, Timestamp};
 use rand::{RngExt, SeedableRng};
@@ -46,15 +47,9 @@ fn forest(seed: u64) -> Box<LocalMap> {
     map
 }
 
-fn print(what: &str, mut times_ms: Vec<f64>) {
-    times_ms.sort_by(f64::total_cmp);
-    let at = |q: f64| times_ms[((times_ms.len() - 1) as f64 * q) as usize];
-    println!(
-        "{what:<28} p50 {:6.2}  p99 {:6.2}  max {:6.2} ms",
-        at(0.5),
-        at(0.99),
-        at(1.0)
-    );
+fn print(what: &str, times_ms: &[f64]) {
+    let [p50, p99, max] = quantiles(times_ms, [0.5, 0.99, 1.0]).unwrap_or_default();
+    println!("{what:<28} p50 {p50:6.2}  p99 {p99:6.2}  max {max:6.2} ms");
 }
 
 fn main() {
@@ -110,6 +105,6 @@ fn main() {
         }
     }
     println!("{planned} of {} cycles found a plan", FORESTS * REPEATS);
-    print("inflate for one gear", inflate);
-    print("whole cycle with new map", cycle);
+    print("inflate for one gear", &inflate);
+    print("whole cycle with new map", &cycle);
 }

@@ -64,6 +64,8 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
                 "jink-emulated-arducopter",
                 "jink-emulated-ground-station",
             ],
+            // What both operate instances with; simulations are never part of the command that an aircraft carries.
+            "jink-cli" | "jink-lab" => &["jink-shared-types", "jink-runtime", "jink-control"],
             "jink-tests" | "jink-real-autopilots" | "jink-map-bench" => continue,
             _ => &["jink-shared-types", "jink-runtime"],
         };
