@@ -5,7 +5,7 @@
 //! make it smaller for OA_BLOCKED_T is out of reach of the goal. A detour that is found on the way makes it greater at once; the
 //! time for flying it is given in addition.
 
-use crate::search::{Found, PathEnd};
+use crate::search::{PathEnd, SearchResult};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::{LocalNed, Point};
 
@@ -31,16 +31,16 @@ pub enum Obstruction {
 
 impl Obstruction {
     /// Of a way that does not end at the goal.
-    pub fn of(found: Option<&Found>) -> Self {
+    pub fn of(found: Option<&SearchResult>) -> Self {
         match found {
             Some(found) if found.goal_is_occupied => Obstruction::Occupied,
-            Some(found) if found.end == PathEnd::Nearest => Obstruction::Enclosed,
+            Some(found) if found.end == PathEnd::NearestPoint => Obstruction::Enclosed,
             _ => Obstruction::Unseen,
         }
     }
 
     /// For the pilot.
-    pub fn word(self) -> &'static str {
+    pub fn text(self) -> &'static str {
         match self {
             Obstruction::Occupied => "obstacle there",
             Obstruction::Enclosed => "no way round",
@@ -53,34 +53,34 @@ impl Obstruction {
 /// Watches the way to one goal.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
-    patience_s: f64,
+    timeout_s: f64,
     goal: Option<Point<LocalNed>>,
     /// The least that was ever left (m), and when that was.
-    least_m: f64,
+    min_m: f64,
     since: Timestamp,
     /// The most that was left after that (m).
-    most_m: f64,
+    max_m: f64,
     is_blocked: bool,
     due: Timestamp,
 }
 
 impl Progress {
-    /// A goal is out of reach after `patience_s` without progress.
-    pub fn new(patience_s: f64) -> Self {
+    /// A goal is out of reach after `timeout_s` without progress.
+    pub fn new(timeout_s: f64) -> Self {
         Self {
-            patience_s,
+            timeout_s,
             goal: None,
-            least_m: f64::INFINITY,
+            min_m: f64::INFINITY,
             since: Timestamp::NEVER,
-            most_m: 0.0,
+            max_m: 0.0,
             is_blocked: false,
             due: Timestamp::NEVER,
         }
     }
 
     /// Nothing is flown to, or it was reached.
-    pub fn forget(&mut self) {
-        *self = Self::new(self.patience_s);
+    pub fn reset(&mut self) {
+        *self = Self::new(self.timeout_s);
     }
 
     /// Whether the goal has been out of reach, and is still.
@@ -88,13 +88,13 @@ impl Progress {
         self.is_blocked
     }
 
-    /// `left_m` of the way to `goal` is left at `now`, with a detour being flown at `speed_mps` (none: 0); `None`: not known.
+    /// `remaining_m` of the way to `goal` is left at `now`, with a detour being flown at `speed_mps` (none: 0); `None`: not known.
     /// Returns whether the goal counts as out of reach from now on, and again after the same time each.
     pub fn step(
         &mut self,
         now: Timestamp,
         goal: &Point<LocalNed>,
-        left_m: Option<f64>,
+        remaining_m: Option<f64>,
         speed_mps: f64,
     ) -> bool {
         let is_same = self
@@ -104,25 +104,25 @@ impl Progress {
             *self = Self {
                 goal: Some(*goal),
                 since: now,
-                ..Self::new(self.patience_s)
+                ..Self::new(self.timeout_s)
             };
         }
-        if let Some(left_m) = left_m {
-            if left_m < self.least_m - PROGRESS_M {
-                self.least_m = left_m;
-                self.most_m = left_m;
+        if let Some(remaining_m) = remaining_m {
+            if remaining_m < self.min_m - PROGRESS_M {
+                self.min_m = remaining_m;
+                self.max_m = remaining_m;
                 self.since = now;
                 self.is_blocked = false;
             }
-            self.most_m = self.most_m.max(left_m);
+            self.max_m = self.max_m.max(remaining_m);
         }
-        let detour_s = if speed_mps > 0.0 && self.least_m.is_finite() {
-            ((self.most_m - self.least_m) / speed_mps).min(DETOUR_MAX_S)
+        let detour_s = if speed_mps > 0.0 && self.min_m.is_finite() {
+            ((self.max_m - self.min_m) / speed_mps).min(DETOUR_MAX_S)
         } else {
             0.0
         };
-        let waits_since = if self.is_blocked { self.due } else { self.since };
-        if now.seconds_since(waits_since) < self.patience_s + detour_s {
+        let counted_since = if self.is_blocked { self.due } else { self.since };
+        if now.seconds_since(counted_since) < self.timeout_s + detour_s {
             return false;
         }
         self.is_blocked = true;
@@ -144,13 +144,20 @@ mod tests {
     use jink_shared_types::Timestamp;
     use jink_shared_types::frames::Point;
 
-    /// When it was out of reach within 100 s of a way that is `left_m` long after each time.
-    fn blocked(detour_mps: f64, left_m: impl Fn(f64) -> Option<f64>) -> Vec<f64> {
+    /// When it was out of reach within 100 s of a way that is `remaining_m` long after each time.
+    fn blocked(detour_mps: f64, remaining_m: impl Fn(f64) -> Option<f64>) -> Vec<f64> {
         let mut progress = Progress::new(10.0);
         let goal = Point::new(1.0, 2.0, 3.0);
         let seconds = (0..1000).map(|i| f64::from(i) * 0.1);
         seconds
-            .filter(|s| progress.step(Timestamp::from_seconds(50.0 + s), &goal, left_m(*s), detour_mps))
+            .filter(|s| {
+                progress.step(
+                    Timestamp::from_seconds(50.0 + s),
+                    &goal,
+                    remaining_m(*s),
+                    detour_mps,
+                )
+            })
             .collect()
     }
 
@@ -160,10 +167,11 @@ mod tests {
     }
 
     #[test]
-    fn standing_wobbling_and_circling_are_told_after_the_patience_and_again() {
-        let ways: [fn(f64) -> Option<f64>; 3] = [|_| Some(3.0), |s| Some(3.0 + 0.4 * s.sin()), |_| None];
-        for left_m in ways {
-            let due = blocked(0.0, left_m);
+    fn standing_wobbling_and_circling_are_reported_after_the_timeout_and_again() {
+        let path_choice: [fn(f64) -> Option<f64>; 3] =
+            [|_| Some(3.0), |s| Some(3.0 + 0.4 * s.sin()), |_| None];
+        for remaining_m in path_choice {
+            let due = blocked(0.0, remaining_m);
             assert!(due[0] < 13.0 && due.len() >= 8, "{due:?}");
         }
         let circling = blocked(1.5, |s| Some(4.0 + 2.0 * s.sin()));
@@ -172,8 +180,8 @@ mod tests {
 
     #[test]
     fn a_detour_is_given_the_time_it_takes_and_no_more() {
-        let left_m = |s: f64| Some(if s < 5.0 { 10.0 - s } else { 45.0 - 1.5 * (s - 5.0) }.max(4.0));
-        let due = blocked(1.5, left_m);
+        let remaining_m = |s: f64| Some(if s < 5.0 { 10.0 - s } else { 45.0 - 1.5 * (s - 5.0) }.max(4.0));
+        let due = blocked(1.5, remaining_m);
         assert!(due[0] > 35.0, "{due:?}");
     }
 

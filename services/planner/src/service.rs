@@ -86,6 +86,6 @@ impl Service for PlannerService {
     }
 
     fn retune(&mut self, params: &ParamSet) {
-        self.planner.retune(params);
+        self.planner.on_params_changed(params);
     }
 }

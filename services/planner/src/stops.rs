@@ -4,8 +4,8 @@
 //! falls as `v (1 - 3 u^2 + 2 u^3)`: the deceleration peaks at `1.5 v / T` half way and the jerk at `6 v / T^2` at
 //! both ends, which gives the shortest duration for given limits.
 
-use crate::gears::OVERSHOOT_PER_DECELERATION;
-use crate::space::Space;
+use crate::configuration_space::ConfigurationSpace;
+use crate::speed_tiers::OVERSHOOT_PER_DECELERATION;
 use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::motion::{BezierPiece, MotionState, STOP_JERK_MPS3};
 use nalgebra::{Rotation3, Vector3};
@@ -68,11 +68,11 @@ fn yaw_state(yaw_rad: f64, rate_radps: f64) -> End {
 }
 
 /// The first stop of the family, gentle and straight first, all of whose cells are safe in `gear`.
-pub fn certified(space: &Space, gear: usize, start: &MotionState) -> Option<BezierPiece> {
+pub fn certified(space: &ConfigurationSpace, tier: usize, start: &MotionState) -> Option<BezierPiece> {
     for deceleration_mps2 in DECELERATIONS_MPS2 {
         for turn_deg in TURNS_DEG {
             let piece = stop(start, deceleration_mps2, turn_deg.to_radians());
-            if is_safe(space, gear, &piece) {
+            if is_safe(space, tier, &piece) {
                 return Some(piece);
             }
         }
@@ -81,23 +81,23 @@ pub fn certified(space: &Space, gear: usize, start: &MotionState) -> Option<Bezi
 }
 
 /// The same for who wants to rest soon: straight and harder, where the overshoot of that is safe as well.
-pub fn brisk(space: &Space, gear: usize, start: &MotionState) -> Option<BezierPiece> {
+pub fn brisk(space: &ConfigurationSpace, tier: usize, start: &MotionState) -> Option<BezierPiece> {
     let piece = stop(start, BRISK_MPS2, 0.0);
     let end = piece.at(piece.duration_s).position.vector();
     let ahead = start.velocity.vector().normalize() * (OVERSHOOT_PER_DECELERATION * BRISK_MPS2);
-    let fits = is_safe(space, gear, &piece) && space.segment_is_safe(gear, &end, &(end + ahead));
-    fits.then_some(piece).or_else(|| certified(space, gear, start))
+    let fits = is_safe(space, tier, &piece) && space.segment_is_safe(tier, &end, &(end + ahead));
+    fits.then_some(piece).or_else(|| certified(space, tier, start))
 }
 
 /// Whether every cell that `piece` passes is safe in `gear`.
-fn is_safe(space: &Space, gear: usize, piece: &BezierPiece) -> bool {
+fn is_safe(space: &ConfigurationSpace, tier: usize, piece: &BezierPiece) -> bool {
     let mut last = piece.at(0.0).position.vector();
     (1..=SAMPLES).all(|i| {
         let next = piece
             .at(piece.duration_s * i as f64 / SAMPLES as f64)
             .position
             .vector();
-        let safe = space.segment_is_safe(gear, &last, &next);
+        let safe = space.segment_is_safe(tier, &last, &next);
         last = next;
         safe
     })
@@ -106,8 +106,8 @@ fn is_safe(space: &Space, gear: usize, piece: &BezierPiece) -> bool {
 #[cfg(test)]
 mod tests {
     use super::{HARDEST_MPS2, brisk, certified, stop};
-    use crate::gears::gears;
-    use crate::space::tests::{known_map, space_of};
+    use crate::configuration_space::tests::{known_map, space_of};
+    use crate::speed_tiers::speed_tiers;
     use jink_shared_types::bezier::{derivative, evaluate};
     use jink_shared_types::frames::{Acceleration, Point, Velocity};
     use jink_shared_types::motion::{MotionLimits, MotionState};
@@ -133,7 +133,7 @@ mod tests {
                 acceleration: Acceleration::new(a[0], a[1], a[2]),
                 ..MotionState::default()
             };
-            let limits = gears(&ParamSet::default())[0].of_a_stop(Vector3::from(v).norm());
+            let limits = speed_tiers(&ParamSet::default())[0].of_a_stop(Vector3::from(v).norm());
             let piece = stop(&start, deceleration, turn_deg.to_radians());
             let velocity: [_; 5] = derivative(&piece.points(), piece.duration_s);
             let acceleration: [_; 4] = derivative(&velocity, piece.duration_s);
@@ -183,14 +183,14 @@ mod tests {
     }
 
     #[test]
-    fn a_brisk_stop_needs_room_for_its_overshoot_else_the_gentle_family_is_tried() {
-        let way_m = |wall_m: f64| {
+    fn a_brisk_stop_needs_clearance_for_its_overshoot_else_the_gentle_family_is_tried() {
+        let path_m = |wall_m: f64| {
             let space = space_of(&known_map(|p| p.x > wall_m));
             brisk(&space, 1, &moving(3.0)).map(|piece| piece.at(piece.duration_s).position)
         };
-        let open = way_m(11.0).unwrap();
+        let open = path_m(11.0).unwrap();
         assert!(open.x_m < 4.0 && open.y_m == 0.0, "{open:?}");
-        let near = way_m(5.0).unwrap();
+        let near = path_m(5.0).unwrap();
         assert!(near != open, "{near:?}");
     }
 

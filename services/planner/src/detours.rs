@@ -31,7 +31,7 @@ const NOT_REACHED: u32 = u32::MAX;
 
 /// The detours to one goal.
 #[derive(Debug)]
-pub struct Far {
+pub struct DetourMap {
     min_cell: Cell,
     detour_m: Vec<f32>,
     left: Vec<u32>,
@@ -41,7 +41,7 @@ pub struct Far {
     made_for: Option<(u64, [i32; 2], [i32; 2])>,
 }
 
-impl Default for Far {
+impl Default for DetourMap {
     fn default() -> Self {
         Self {
             min_cell: [0; 3],
@@ -54,9 +54,9 @@ impl Default for Far {
     }
 }
 
-impl Far {
+impl DetourMap {
     /// There is no far map: no detour is known.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         self.made_for = None;
     }
 
@@ -80,8 +80,8 @@ impl Far {
         }
         self.made_for = made_for;
         self.min_cell = map.min_cell;
-        self.price(map, layers);
-        self.spread(goal_cell);
+        self.cost(map, layers);
+        self.expand_dijkstra(goal_cell);
         self.compare(goal_cell, if sees_all_around { 0 } else { FINE_DETOUR });
     }
 
@@ -98,7 +98,7 @@ impl Far {
         }
     }
 
-    fn price(&mut self, map: &FarMap, layers: [i32; 2]) {
+    fn cost(&mut self, map: &FarMap, layers: [i32; 2]) {
         let [low, high] = layers.map(|z| z.clamp(map.min_cell[2], map.min_cell[2] + FAR_Z as i32 - 1));
         for (y, row) in self.factor.chunks_exact_mut(FAR_X).enumerate() {
             for (x, factor) in row.iter_mut().enumerate() {
@@ -111,8 +111,12 @@ impl Far {
         for y in 0..FAR_Y - 1 {
             for x in 0..FAR_X - 1 {
                 let at = y * FAR_X + x;
-                let others = [at + 1, at + FAR_X, at + FAR_X + 1];
-                if self.factor[at] == 1 && others.iter().any(|at| self.factor[*at] == OCCUPIED_FACTOR) {
+                let other_occupied = [at + 1, at + FAR_X, at + FAR_X + 1];
+                if self.factor[at] == 1
+                    && other_occupied
+                        .iter()
+                        .any(|at| self.factor[*at] == OCCUPIED_FACTOR)
+                {
                     self.factor[at] = NARROW_FACTOR;
                 }
             }
@@ -120,7 +124,7 @@ impl Far {
     }
 
     /// The price of the way left from every cell.
-    fn spread(&mut self, goal: [i32; 2]) {
+    fn expand_dijkstra(&mut self, goal: [i32; 2]) {
         self.left.fill(NOT_REACHED);
         self.open.clear();
         let [x, y] = [goal[0] - self.min_cell[0], goal[1] - self.min_cell[1]];
@@ -129,30 +133,30 @@ impl Far {
         } else {
             // From the border on nothing is known.
             for at in (0..CELLS).filter(|at| on_border(*at)) {
-                self.reach(at, self.open_price(at, goal));
+                self.reach(at, self.open_cost(at, goal));
             }
         }
         while let Some(Reverse(key)) = self.open.pop() {
-            let (price, at) = ((key >> 32) as u32, key as u32 as usize);
-            if price > self.left[at] {
+            let (cost, at) = ((key >> 32) as u32, key as u32 as usize);
+            if cost > self.left[at] {
                 continue;
             }
             for (to, length) in neighbours(at) {
-                self.reach(to, price.saturating_add(length * self.factor[to]));
+                self.reach(to, cost.saturating_add(length * self.factor[to]));
             }
         }
     }
 
     #[inline]
-    fn reach(&mut self, at: usize, price: u32) {
-        if price < self.left[at] {
-            self.left[at] = price;
-            self.open.push(Reverse(u64::from(price) << 32 | at as u64));
+    fn reach(&mut self, at: usize, cost: u32) {
+        if cost < self.left[at] {
+            self.left[at] = cost;
+            self.open.push(Reverse(u64::from(cost) << 32 | at as u64));
         }
     }
 
     /// The price of the way from a cell to `goal` if nothing were in the way, in steps to eight sides.
-    fn open_price(&self, at: usize, goal: [i32; 2]) -> u32 {
+    fn open_cost(&self, at: usize, goal: [i32; 2]) -> u32 {
         let along = |axis: usize, offset: usize| goal[axis].abs_diff(self.min_cell[axis] + offset as i32);
         let (x, y) = (along(0, at % FAR_X), along(1, at / FAR_X));
         let (short, long) = (x.min(y).min(1 << 20), x.max(y).min(1 << 20));
@@ -165,7 +169,7 @@ impl Far {
             // What stands in the cell itself the fine map knows better.
             let beside = neighbours(at).map(|(to, length)| self.left[to].saturating_add(length));
             let left = beside.fold(self.left[at], u32::min);
-            let detour = left.saturating_sub(self.open_price(at, goal) + ignored);
+            let detour = left.saturating_sub(self.open_cost(at, goal) + ignored);
             self.detour_m[at] = detour as f32 * (FAR_CELL_M as f32 / STRAIGHT as f32);
         }
     }
@@ -199,7 +203,7 @@ fn neighbours(at: usize) -> impl Iterator<Item = (usize, u32)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{CELLS, Far};
+    use super::{CELLS, DetourMap};
     use jink_shared_types::far_map::{FAR_CELL_M, FAR_X, FarMap, set};
     use jink_shared_types::frames::Point;
     use jink_shared_types::map::cell_of;
@@ -219,14 +223,14 @@ mod tests {
         map
     }
 
-    fn far(map: &FarMap, goal: [f64; 2]) -> Far {
-        let mut far = Far::default();
+    fn far(map: &FarMap, goal: [f64; 2]) -> DetourMap {
+        let mut far = DetourMap::default();
         let at = |[x, y]: [f64; 2]| Point::new(x, y, -2.5);
         far.make(map, 1, &at(goal), &at([0.0; 2]), true);
         far
     }
 
-    fn detour_m(far: &Far, x_m: f64, y_m: f64) -> f32 {
+    fn detour_m(far: &DetourMap, x_m: f64, y_m: f64) -> f32 {
         far.detour_m(cell_of(Point::new(x_m, y_m, -2.5)))
     }
 
@@ -263,7 +267,7 @@ mod tests {
     #[test]
     fn what_stands_at_another_height_is_not_in_the_way() {
         let map = map(|x, _| (19.8..20.6).contains(&x));
-        let mut far = Far::default();
+        let mut far = DetourMap::default();
         far.make(
             &map,
             1,
@@ -278,7 +282,7 @@ mod tests {
     fn without_a_map_there_is_no_detour() {
         let mut far = far(&map(|x, _| (19.8..20.6).contains(&x)), [40.0, 0.0]);
         assert!(detour_m(&far, 18.0, 0.0) > 10.0);
-        far.forget();
+        far.reset();
         assert_eq!(detour_m(&far, 18.0, 0.0), 0.0);
     }
 

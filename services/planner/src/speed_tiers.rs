@@ -12,14 +12,14 @@ use jink_shared_types::motion::MotionLimits;
 use jink_shared_types::params::{self, ParamSet};
 
 /// Number of gears.
-pub const GEARS: usize = 5;
+pub const TIERS: usize = 5;
 /// The lowest gear: for the narrowest places, planned on half cells, and no farther than those reach.
-pub const LAST_GEAR: usize = GEARS - 1;
+pub const LAST_TIER: usize = TIERS - 1;
 /// The first of the two lowest gears. They are for where no other has a way, or only a much longer one, and take twice the time of the
 /// gear before them.
-pub const CRAWL_GEAR: usize = GEARS - 2;
+pub const CRAWL_TIER: usize = TIERS - 2;
 /// The lowest gear that ways are planned in before that. Where a vehicle rests without room for it, it first goes to where it has.
-pub const SLOW_GEAR: usize = GEARS - 3;
+pub const SLOW_TIER: usize = TIERS - 3;
 
 /// Wobble on a straight (m): 0.02 to 0.03 m measured, doubled for wind and for other airframes.
 const TUBE_BASE_M: f64 = 0.06;
@@ -33,7 +33,7 @@ pub const OVERSHOOT_PER_DECELERATION: f64 = 0.47;
 /// asks for decides how much room it takes: with these the third one fits through a gap of 1.3 m, and the last ones take 0.16 and
 /// 0.18 m less: half a metre to each side is five half cells. With a tube of 0.51 m in the highest gear two gaps of 2 m out of twelve
 /// were not passed, with this one of 0.49 m all 36 that were tried.
-const TABLE: [(f64, f64, f64); GEARS] = [
+const TABLE: [(f64, f64, f64); TIERS] = [
     (1.0, 1.04, 2.5),
     (0.5, 0.6, 2.0),
     (0.25, 0.32, 1.5),
@@ -42,7 +42,7 @@ const TABLE: [(f64, f64, f64); GEARS] = [
 ];
 
 /// Speed (m/s), acceleration (m/s2) and jerk (m/s3) on the way out of a place that is too narrow for a gear: by the law above the
-/// vehicle strays by 0.10 m at that acceleration, half of what it does in [`SLOW_GEAR`].
+/// vehicle strays by 0.10 m at that acceleration, half of what it does in [`SLOW_TIER`].
 const CREEP: (f64, f64, f64) = (0.4, 0.1, 1.0);
 
 /// The limits on the way out of a place that is too narrow for a gear.
@@ -52,7 +52,7 @@ pub fn creep(params: &ParamSet) -> MotionLimits {
 }
 
 /// The limits of every gear, fastest first.
-pub fn gears(params: &ParamSet) -> [MotionLimits; GEARS] {
+pub fn speed_tiers(params: &ParamSet) -> [MotionLimits; TIERS] {
     let speed_max_mps = params.get(&params::OA_SPD_MAX);
     TABLE.map(|(share, acceleration_mps2, jerk_mps3)| {
         limits(params, share * speed_max_mps, acceleration_mps2, jerk_mps3)
@@ -75,12 +75,12 @@ fn limits(params: &ParamSet, speed_mps: f64, acceleration_mps2: f64, jerk_mps3: 
 
 #[cfg(test)]
 mod tests {
-    use super::gears;
+    use super::speed_tiers;
     use jink_shared_types::params::ParamSet;
 
     #[test]
     fn no_tube_is_smaller_than_what_was_measured() {
-        for limits in gears(&ParamSet::default()) {
+        for limits in speed_tiers(&ParamSet::default()) {
             // Acceleration asked for (m/s2) and corner cut (m), real PX4, trajectory interface.
             for (acceleration_mps2, cut_m) in [(1.2, 0.50), (1.8, 0.60), (0.0, 0.03)] {
                 let scaled_m = cut_m * (limits.acceleration_mps2 / acceleration_mps2).min(1.0);
@@ -93,9 +93,9 @@ mod tests {
     }
 
     #[test]
-    fn a_slower_gear_needs_less_room() {
-        let gears = gears(&ParamSet::default());
-        for pair in gears.windows(2) {
+    fn a_slower_tier_needs_less_clearance() {
+        let speed_tiers = speed_tiers(&ParamSet::default());
+        for pair in speed_tiers.windows(2) {
             assert!(pair[1].speed_mps <= pair[0].speed_mps);
             assert!(pair[1].tube_m < pair[0].tube_m);
             assert!(pair[1].overshoot_m < pair[0].overshoot_m);

@@ -1,21 +1,21 @@
 //! Ways to the goal: which gear one is found for, which it can be begun in, and how long it is expected to take.
 
 use super::{Departure, PROGRESS_MIN_M, Planner};
-use crate::gears::{CRAWL_GEAR, LAST_GEAR};
-use crate::search::{Found, PathEnd, Query};
+use crate::search::{PathEnd, SearchQuery, SearchResult};
+use crate::speed_tiers::{CRAWL_TIER, LAST_TIER};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::motion::MotionLimits;
 use nalgebra::Vector3;
 
 /// A way of a lower gear is begun in a higher one if that carries at least this far (m); shorter is not worth speeding up.
-pub(super) const HIGHER_GEAR_MIN_M: f64 = 1.5;
+pub(super) const HIGHER_TIER_MIN_M: f64 = 1.5;
 /// Time that slowing down for one gear is expected to cost (s): some metres at half the speed.
-const GEAR_PRICE_S: f64 = 2.0;
+const TIER_COST_S: f64 = 2.0;
 /// A way that ends nowhere near the goal is a last resort: it counts as if it took so much longer (s).
 pub(super) const DEAD_END_S: f64 = 1e3;
 /// Additional price of a metre of height, for sensors that do not see where a climb leads, and for those that do. To go round costs less
 /// energy than to go over; and what is above the view is seen only from farther away.
-const HEIGHT_PRICES: [f32; 2] = [2.0, 0.5];
+const HEIGHT_COSTS: [f32; 2] = [2.0, 0.5];
 /// How far above the goal a way may lead over what stands in between (m).
 const DETOUR_UP_M: f64 = 2.0;
 /// A vehicle at rest whose distance from the goal is at most this more than that of the best place it can come to stays where
@@ -24,7 +24,7 @@ const NEAR_ENOUGH_M: f64 = 0.5;
 
 /// A way that can be begun.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Choice {
+pub(super) struct PathChoice {
     /// Time that it is expected to take (s).
     pub time_s: f64,
     /// The gear that it was found for.
@@ -32,30 +32,34 @@ pub(super) struct Choice {
     /// The one that it is begun in.
     pub flown: usize,
     /// The way.
-    pub found: Found,
+    pub found: SearchResult,
 }
 
 impl Planner {
     /// A way in the lowest gears, for where no other has one, or none that is not much longer.
-    pub(super) fn last_resort(&mut self, departure: &Departure, goal: &Point<LocalNed>) -> Option<Choice> {
-        let mut best: Option<Choice> = None;
-        for gear in CRAWL_GEAR..=LAST_GEAR {
-            self.space.prepare(gear);
-            let Some(found) = self.find(gear, departure, goal) else {
+    pub(super) fn choose_crawling(
+        &mut self,
+        departure: &Departure,
+        goal: &Point<LocalNed>,
+    ) -> Option<PathChoice> {
+        let mut best: Option<PathChoice> = None;
+        for tier in CRAWL_TIER..=LAST_TIER {
+            self.space.prepare(tier);
+            let Some(found) = self.find(tier, departure, goal) else {
                 continue;
             };
-            let is_short = found.end == PathEnd::Nearest;
+            let is_short = found.end == PathEnd::NearestPoint;
             if is_short && (best.is_some() || is_near_enough(departure, goal, &found)) {
                 continue;
             }
-            if let Some(flown) = self.flown_gear(gear, departure, goal, &found) {
-                best = Some(Choice {
-                    time_s: self.time_s(gear, &found),
-                    way: gear,
+            if let Some(flown) = self.flown_tier(tier, departure, goal, &found) {
+                best = Some(PathChoice {
+                    time_s: self.time_s(tier, &found),
+                    way: tier,
                     flown,
                     found,
                 });
-                self.search.swap_path(&mut self.last_path);
+                self.search.swap_path(&mut self.crawl_path);
             }
             if best.is_some() && !is_short {
                 break;
@@ -65,34 +69,34 @@ impl Planner {
     }
 
     /// Time that the way found for `gear` is expected to take (s).
-    pub(super) fn time_s(&self, gear: usize, found: &Found) -> f64 {
-        let dead_end_s = if found.end == PathEnd::Nearest {
+    pub(super) fn time_s(&self, tier: usize, found: &SearchResult) -> f64 {
+        let dead_end_s = if found.end == PathEnd::NearestPoint {
             DEAD_END_S
         } else {
             0.0
         };
-        f64::from(found.cost_m) / self.limits[0].speed_mps + GEAR_PRICE_S * gear as f64 + dead_end_s
+        f64::from(found.cost_m) / self.limits[0].speed_mps + TIER_COST_S * tier as f64 + dead_end_s
     }
 
     /// The highest gear in which the way found for `gear` can be begun from this departure; `None` if in none.
-    pub(super) fn flown_gear(
+    pub(super) fn flown_tier(
         &mut self,
-        gear: usize,
+        tier: usize,
         departure: &Departure,
         goal: &Point<LocalNed>,
-        found: &Found,
+        found: &SearchResult,
     ) -> Option<usize> {
-        (self.top_gear..=gear).find(|flown| {
+        (self.top_tier..=tier).find(|flown| {
             // The room that there is is for the way out of a narrow place.
-            if self.space.narrow_gear() == Some(*flown)
+            if self.space.narrow_tier() == Some(*flown)
                 || !self.can_begin(*flown, departure)
                 || !self.space.is_safe_at(*flown, &departure.state.position.vector())
             {
                 return false;
             }
             let at_goal = self.build_guide(*flown, departure, goal, found);
-            let worth_m = if *flown < gear {
-                HIGHER_GEAR_MIN_M
+            let worth_m = if *flown < tier {
+                HIGHER_TIER_MIN_M
             } else {
                 PROGRESS_MIN_M
             };
@@ -101,23 +105,23 @@ impl Planner {
     }
 
     /// Whether the vehicle is slow enough for `gear`.
-    pub(super) fn can_begin(&self, gear: usize, departure: &Departure) -> bool {
+    pub(super) fn can_begin(&self, tier: usize, departure: &Departure) -> bool {
         let speed_mps = departure.state.velocity.vector().norm();
-        speed_mps <= MotionLimits::allowed(self.limits[gear].speed_mps)
+        speed_mps <= MotionLimits::allowed(self.limits[tier].speed_mps)
     }
 
     pub(super) fn find(
         &mut self,
-        gear: usize,
+        tier: usize,
         departure: &Departure,
         goal: &Point<LocalNed>,
-    ) -> Option<Found> {
-        let query = Query {
-            gear,
-            start: self.space.cell_of(gear, &departure.state.position.vector()),
-            goal: self.space.cell_of(gear, &goal.vector()),
-            z_range: self.heights(gear, departure, goal),
-            height_price: HEIGHT_PRICES[usize::from(self.view.is_high())],
+    ) -> Option<SearchResult> {
+        let query = SearchQuery {
+            tier,
+            start: self.space.cell_of(tier, &departure.state.position.vector()),
+            goal: self.space.cell_of(tier, &goal.vector()),
+            z_range: self.heights(tier, departure, goal),
+            height_cost: HEIGHT_COSTS[usize::from(self.view.is_high())],
         };
         self.search.run(&self.space, &query)
     }
@@ -125,20 +129,20 @@ impl Planner {
     /// Lowest and highest z of the cells that a way to `goal` may lead through: it may climb over what stands in between, but not
     /// where a planar sensor's band is declared. A band is what stands at the height that was measured; what else there is at the
     /// height of a detour, nobody has measured.
-    pub(super) fn heights(&self, gear: usize, departure: &Departure, goal: &Point<LocalNed>) -> (i32, i32) {
+    pub(super) fn heights(&self, tier: usize, departure: &Departure, goal: &Point<LocalNed>) -> (i32, i32) {
         let here_m = departure.state.position.z_m;
         let detour_m = if self.space.has_band() { 0.0 } else { DETOUR_UP_M };
         // Not above the vehicle: on a detour it would climb on and on.
         let top_m = (goal.z_m - detour_m).min(here_m);
         let bottom_m = goal.z_m.max(here_m);
-        let level = |down_m| self.space.cell_of(gear, &Vector3::new(0.0, 0.0, down_m))[2];
+        let level = |down_m| self.space.cell_of(tier, &Vector3::new(0.0, 0.0, down_m))[2];
         let [top, bottom] = [top_m, bottom_m].map(level);
         (top, bottom)
     }
 }
 
 /// Whether the way found leads nowhere from where the vehicle rests already.
-pub(super) fn is_near_enough(departure: &Departure, goal: &Point<LocalNed>, found: &Found) -> bool {
+pub(super) fn is_near_enough(departure: &Departure, goal: &Point<LocalNed>, found: &SearchResult) -> bool {
     let away_m = (departure.state.position.vector() - goal.vector()).norm();
-    departure.is_at_rest() && away_m <= f64::from(found.left_m) + NEAR_ENOUGH_M
+    departure.is_at_rest() && away_m <= f64::from(found.remaining_m) + NEAR_ENOUGH_M
 }

@@ -2,21 +2,21 @@
 //!
 //! A layer holds one `u128` per row of cells. Addressing is modular like the map's, so that shifting along an axis is a
 //! rotation; what wraps over the window's seam is harmless because the outermost shell of cells always counts as
-//! unknown (see [`Layer::load_unsafe`]).
+//! unknown (see [`BitLayer::load_unsafe`]).
 //!
 //! Dilation is exact on the safe side: a cell is set if *any* point in it is nearer than the radius to *any* point of
 //! a set cell, so that a vehicle anywhere in an unset cell has the radius to itself. What that loses to the size of cells is half as
-//! much in a layer of half cells, which covers the middle of the window ([`Layer::load_halves`]).
+//! much in a layer of half cells, which covers the middle of the window ([`BitLayer::load_halves`]).
 
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, Plane, ROWS, SIZE_X, SIZE_Y, SIZE_Z, bit_of, row_of};
 
 /// One bit per cell of the window.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Layer {
+pub struct BitLayer {
     rows: Vec<u128>,
 }
 
-impl Default for Layer {
+impl Default for BitLayer {
     fn default() -> Self {
         Self { rows: vec![0; ROWS] }
     }
@@ -32,7 +32,7 @@ fn index_of(y: usize, z: usize) -> usize {
     (z & (SIZE_Z - 1)) * SIZE_Y + (y & (SIZE_Y - 1))
 }
 
-impl Layer {
+impl BitLayer {
     /// Adds the cells of another.
     pub fn add(&mut self, other: &Self) {
         for (row, more) in self.rows.iter_mut().zip(&other.rows) {
@@ -161,12 +161,12 @@ fn gap_cells(offset: i32) -> f64 {
 
 /// A ball, or a ball and a cylinder, as the widths of its rows, for bit-parallel dilation.
 #[derive(Clone, Debug)]
-pub struct Ball {
+pub struct StructuringElement {
     /// Per half width (index): the row offsets `(dy, dz)` at which the ball is that wide.
     offsets: Vec<Vec<(usize, usize)>>,
 }
 
-impl Ball {
+impl StructuringElement {
     /// The ball of `radius_m`; every cell counts whose nearest point is nearer than that.
     pub fn new(radius_m: f64) -> Self {
         Self::of_cells(radius_m, CELL_M)
@@ -211,7 +211,7 @@ impl Ball {
     }
 
     /// Writes into `out` all cells that the ball around a cell of `source` reaches; `scratch` is overwritten.
-    pub fn dilate(&self, source: &Layer, scratch: &mut Layer, out: &mut Layer) {
+    pub fn dilate(&self, source: &BitLayer, scratch: &mut BitLayer, out: &mut BitLayer) {
         scratch.rows.copy_from_slice(&source.rows);
         out.rows.fill(0);
         for (width, offsets) in self.offsets.iter().enumerate() {
@@ -249,7 +249,7 @@ fn or_shifted(slice: &[u128], dy: usize, out: &mut [u128]) {
 
 #[cfg(test)]
 mod tests {
-    use super::{Ball, Layer};
+    use super::{BitLayer, StructuringElement};
     use jink_shared_types::map::{CELL_M, Cell, LocalMap, set};
     use proptest::prelude::*;
 
@@ -268,12 +268,12 @@ mod tests {
             radius in 0.1..1.1f64,
             cell_m in prop_oneof![Just(CELL_M), Just(0.5 * CELL_M)],
         ) {
-            let mut source = Layer::default();
+            let mut source = BitLayer::default();
             for (x, y, z) in &cells {
                 source.set([*x, *y, *z]);
             }
-            let (mut scratch, mut out) = (Layer::default(), Layer::default());
-            Ball::of_cells(radius, cell_m).dilate(&source, &mut scratch, &mut out);
+            let (mut scratch, mut out) = (BitLayer::default(), BitLayer::default());
+            StructuringElement::of_cells(radius, cell_m).dilate(&source, &mut scratch, &mut out);
             for x in -60..60 {
                 for y in -60..60 {
                     for z in -28..28 {
@@ -294,11 +294,11 @@ mod tests {
             set_cells in proptest::collection::vec((0..64i32, 0..64i32, 0..32i32), 1..40),
         ) {
             let min = [min.0, min.1, min.2];
-            let mut cells = Layer::default();
+            let mut cells = BitLayer::default();
             for (x, y, z) in &set_cells {
                 cells.set([min[0] + x, min[1] + y, min[2] + z]);
             }
-            let mut halves = Layer::default();
+            let mut halves = BitLayer::default();
             let min_half = min.map(|cell| 2 * cell);
             halves.load_halves(&cells, min_half);
             for x in (min_half[0]..).take(128) {
@@ -314,10 +314,10 @@ mod tests {
 
     #[test]
     fn a_cylinder_reaches_farther_to_the_sides_and_no_higher() {
-        let mut source = Layer::default();
+        let mut source = BitLayer::default();
         source.set([0, 0, 0]);
-        let (mut scratch, mut out) = (Layer::default(), Layer::default());
-        Ball::in_cylinder(0.5, 2.0, 0.5).dilate(&source, &mut scratch, &mut out);
+        let (mut scratch, mut out) = (BitLayer::default(), BitLayer::default());
+        StructuringElement::in_cylinder(0.5, 2.0, 0.5).dilate(&source, &mut scratch, &mut out);
         for x in -15..=15 {
             for y in -15..=15 {
                 for z in -15..=15 {
@@ -338,11 +338,11 @@ mod tests {
             set(&mut map.known, [x, 0, 0]);
         }
         set(&mut map.occupied, [5, 0, 0]);
-        let mut layer = Layer::default();
-        layer.load_unsafe(&map);
-        assert!(!layer.test([4, 0, 0]), "known and free");
-        assert!(layer.test([5, 0, 0]), "occupied");
-        assert!(layer.test([4, 1, 0]), "unknown");
-        assert!(layer.test([-64, 0, 0]) && layer.test([63, 0, 0]), "shell");
+        let mut bit_layer = BitLayer::default();
+        bit_layer.load_unsafe(&map);
+        assert!(!bit_layer.test([4, 0, 0]), "known and free");
+        assert!(bit_layer.test([5, 0, 0]), "occupied");
+        assert!(bit_layer.test([4, 1, 0]), "unknown");
+        assert!(bit_layer.test([-64, 0, 0]) && bit_layer.test([63, 0, 0]), "shell");
     }
 }

@@ -10,7 +10,7 @@
 //! the vehicle's centre takes six of the map's cells there, and seven on the map's own. The cells of that gear are half cells, those of
 //! all others the map's.
 //!
-//! A vehicle that rests where not even [`crate::gears::SLOW_GEAR`] has room (a gust, a hard braking, something that came, a take-off
+//! A vehicle that rests where not even [`crate::speed_tiers::SLOW_TIER`] has room (a gust, a hard braking, something that came, a take-off
 //! below a part of the sky that no sensor looks at) plans with the room that it has, by the shortest way to where there is room: on it
 //! it comes no nearer to what is occupied or unknown nearby, and it creeps, so that it strays less. All other unknown is kept away from as ever,
 //! and so is by its radius what is occupied, unless the vehicle is nearer to it than that already: a false hit, or a touch.
@@ -18,8 +18,8 @@
 //! A vehicle that is nearer to something than CP_DIST already plans without it, or it could never leave; the guard sees to it that it
 //! comes no nearer.
 
-use crate::gears::{GEARS, LAST_GEAR};
-use crate::layer::{Ball, Layer, gap_m};
+use crate::bit_layer::{BitLayer, StructuringElement, gap_m};
+use crate::speed_tiers::{LAST_TIER, TIERS};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::map::{
     CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, cell_of, center_of, declared_as,
@@ -33,143 +33,151 @@ const COMFORT_M: f64 = 0.4;
 /// A ball that is just as large as the room there is must not hold what that was measured to, for rounding (m).
 const ROUNDING_M: f64 = 1e-6;
 /// More of CP_DIST is left to the guard (m): the map reaches 12.8 m.
-const KEPT_MOST_M: f64 = 5.0;
+const STANDOFF_MAX_M: f64 = 5.0;
 
 /// How much room the vehicle takes.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Room {
+pub struct Clearance {
     /// Radius of the vehicle (m).
     pub vehicle_m: f64,
     /// The same and the error of the map (m).
-    pub body_m: f64,
+    pub footprint_m: f64,
     /// Level distance of its centre from obstacles at its height (m); zero and below: no more than the body needs.
-    pub kept_m: f64,
+    pub standoff_m: f64,
     /// What is higher above or deeper below is not at its height (m).
     pub band_half_m: f64,
 }
 
-impl Room {
+impl Clearance {
     /// Of the vehicle that `params` describe.
     pub fn from_params(params: &ParamSet) -> Self {
         Self {
             vehicle_m: params.get(&params::OA_VEH_RADIUS),
-            body_m: params.get(&params::OA_VEH_RADIUS) + params.get(&params::OA_MAP_ERR),
-            kept_m: params.get(&params::CP_DIST).min(KEPT_MOST_M),
+            footprint_m: params.get(&params::OA_VEH_RADIUS) + params.get(&params::OA_MAP_ERR),
+            standoff_m: params.get(&params::CP_DIST).min(STANDOFF_MAX_M),
             band_half_m: params.get(&params::GD_BAND),
         }
     }
 
     /// What has to be free of obstacles around a reference that is followed within `tube_m`; `None` if it is no more than the body.
-    fn kept(&self, tube_m: f64) -> Option<Ball> {
-        (self.kept_m > self.body_m)
-            .then(|| Ball::in_cylinder(self.body_m + tube_m, self.kept_m + tube_m, self.band_half_m))
+    fn standoff_element(&self, tube_m: f64) -> Option<StructuringElement> {
+        (self.standoff_m > self.footprint_m).then(|| {
+            StructuringElement::in_cylinder(
+                self.footprint_m + tube_m,
+                self.standoff_m + tube_m,
+                self.band_half_m,
+            )
+        })
     }
 }
 
 /// A place that is too narrow for a gear.
 #[derive(Debug)]
-struct Narrow {
+struct NarrowPlace {
     /// The gear.
-    gear: usize,
+    tier: usize,
     /// The room that there is around the occupied.
-    ball: Ball,
+    element: StructuringElement,
     /// Where the vehicle is.
     from: Cell,
 }
 
 /// The inflated map.
 #[derive(Debug)]
-pub struct Space {
+pub struct ConfigurationSpace {
     min_cell: Cell,
-    room: Room,
-    radii_m: [f64; GEARS],
-    balls: [Ball; GEARS],
-    kept: [Option<Ball>; GEARS],
+    clearance: Clearance,
+    radii_m: [f64; TIERS],
+    elements: [StructuringElement; TIERS],
+    standoff_elements: [Option<StructuringElement>; TIERS],
     /// The vehicle is nearer to something than it should keep: it plans as if it need not.
-    is_leaving: bool,
+    is_inside_standoff: bool,
     /// What a gear takes in place of its own ball, while the vehicle is in a place too narrow for that.
-    narrow: Option<Narrow>,
-    comfort: Ball,
-    not_free: Layer,
-    occupied: Layer,
-    scratch: Layer,
-    halves: Layer,
-    unknown: Layer,
+    narrow: Option<NarrowPlace>,
+    comfort: StructuringElement,
+    not_free: BitLayer,
+    occupied: BitLayer,
+    scratch: BitLayer,
+    halves: BitLayer,
+    unknown: BitLayer,
     /// The occupied cells that are not within the vehicle's radius of a narrow place.
-    others: Layer,
+    other_occupied: BitLayer,
     /// The cells that a narrow place is nearer to than it should be, and how far away from them (m) it comes no nearer.
     too_near: Vec<(Cell, f64)>,
-    ready: [bool; GEARS],
-    blocked: [Layer; GEARS],
-    hit: [Layer; GEARS],
-    near: Layer,
-    declared: Layer,
+    ready: [bool; TIERS],
+    blocked: [BitLayer; TIERS],
+    hit: [BitLayer; TIERS],
+    near: BitLayer,
+    declared: BitLayer,
     /// What the user declares, bits of [`declared_as`].
     declarations: u8,
     loaded: bool,
 }
 
-impl Space {
+impl ConfigurationSpace {
     /// For a vehicle that takes so much room.
-    pub fn new(gears: &[MotionLimits; GEARS], room: Room) -> Self {
-        let radii_m = std::array::from_fn(|gear: usize| room.body_m + gears[gear].tube_m);
+    pub fn new(speed_tiers: &[MotionLimits; TIERS], clearance: Clearance) -> Self {
+        let radii_m = std::array::from_fn(|tier: usize| clearance.footprint_m + speed_tiers[tier].tube_m);
         Self {
             min_cell: [0; 3],
-            room,
+            clearance,
             radii_m,
-            balls: std::array::from_fn(|gear| Ball::of_cells(radii_m[gear], cell_m(gear))),
-            kept: std::array::from_fn(|gear| room.kept(gears[gear].tube_m)),
-            is_leaving: false,
+            elements: std::array::from_fn(|tier| StructuringElement::of_cells(radii_m[tier], cell_m(tier))),
+            standoff_elements: std::array::from_fn(|tier| {
+                clearance.standoff_element(speed_tiers[tier].tube_m)
+            }),
+            is_inside_standoff: false,
             narrow: None,
-            comfort: Ball::new(COMFORT_M),
-            not_free: Layer::default(),
-            occupied: Layer::default(),
-            scratch: Layer::default(),
-            halves: Layer::default(),
-            unknown: Layer::default(),
-            others: Layer::default(),
+            comfort: StructuringElement::new(COMFORT_M),
+            not_free: BitLayer::default(),
+            occupied: BitLayer::default(),
+            scratch: BitLayer::default(),
+            halves: BitLayer::default(),
+            unknown: BitLayer::default(),
+            other_occupied: BitLayer::default(),
             too_near: Vec::with_capacity(1_024),
-            ready: [false; GEARS],
-            blocked: std::array::from_fn(|_| Layer::default()),
-            hit: std::array::from_fn(|_| Layer::default()),
-            near: Layer::default(),
-            declared: Layer::default(),
+            ready: [false; TIERS],
+            blocked: std::array::from_fn(|_| BitLayer::default()),
+            hit: std::array::from_fn(|_| BitLayer::default()),
+            near: BitLayer::default(),
+            declared: BitLayer::default(),
             declarations: 0,
             loaded: false,
         }
     }
 
     /// Keeps another distance from now on; the body stays what it was.
-    pub fn keep(&mut self, gears: &[MotionLimits; GEARS], room: Room) {
-        if room.kept_m != self.room.kept_m {
-            self.room.kept_m = room.kept_m;
-            self.kept = std::array::from_fn(|gear| self.room.kept(gears[gear].tube_m));
-            self.ready = [false; GEARS];
+    pub fn set_standoff(&mut self, speed_tiers: &[MotionLimits; TIERS], clearance: Clearance) {
+        if clearance.standoff_m != self.clearance.standoff_m {
+            self.clearance.standoff_m = clearance.standoff_m;
+            self.standoff_elements =
+                std::array::from_fn(|tier| self.clearance.standoff_element(speed_tiers[tier].tube_m));
+            self.ready = [false; TIERS];
         }
     }
 
     /// Notes from where it is planned next: whether there is room for `gear`, if the vehicle `creeps` or rests there, and
     /// whether the distance to keep is kept. Nearer to something than its radius, only a vehicle that `has_plan` is led away: one that
     /// takes off is near to the ground, and the autopilot's.
-    pub fn depart_from(&mut self, place: &Vector3<f64>, gear: usize, creeps: bool, has_plan: bool) {
+    pub fn set_departure(&mut self, place: &Vector3<f64>, tier: usize, is_creeping: bool, has_plan: bool) {
         let cell = cell_holding(place);
         self.set_narrow(None);
-        self.keep_distance_from(place);
-        if !creeps || !self.contains(cell) {
+        self.update_standoff_at(place);
+        if !is_creeping || !self.contains(cell) {
             return;
         }
-        self.prepare(gear);
-        if !self.is_safe_at(gear, place) {
-            let room_m = self.room_m(cell, self.radii_m[gear]);
-            if room_m < self.room.vehicle_m && !has_plan {
+        self.prepare(tier);
+        if !self.is_safe_at(tier, place) {
+            let clearance_m = self.clearance_m(cell, self.radii_m[tier]);
+            if clearance_m < self.clearance.vehicle_m && !has_plan {
                 return;
             }
-            self.set_narrow(Some(Narrow {
-                gear,
-                ball: Ball::new(room_m.max(self.room.vehicle_m) - ROUNDING_M),
+            self.set_narrow(Some(NarrowPlace {
+                tier,
+                element: StructuringElement::new(clearance_m.max(self.clearance.vehicle_m) - ROUNDING_M),
                 from: cell,
             }));
-            self.prepare(gear);
+            self.prepare(tier);
         }
     }
 
@@ -179,22 +187,22 @@ impl Space {
     }
 
     /// The gear that takes less room than it should.
-    pub fn narrow_gear(&self) -> Option<usize> {
-        self.narrow.as_ref().map(|narrow| narrow.gear)
+    pub fn narrow_tier(&self) -> Option<usize> {
+        self.narrow.as_ref().map(|narrow| narrow.tier)
     }
 
     /// Whether it is something occupied that takes the room.
-    pub fn is_pressed(&self) -> bool {
+    pub fn is_narrowed_by_obstacle(&self) -> bool {
         self.narrow.as_ref().is_some_and(|narrow| {
-            let radius_m = self.radii_m[narrow.gear];
-            self.room_m(narrow.from, radius_m) < radius_m
+            let radius_m = self.radii_m[narrow.tier];
+            self.clearance_m(narrow.from, radius_m) < radius_m
         })
     }
 
     /// Whether `gear` has the room in `cell` that it should have.
-    pub fn has_room(&self, gear: usize, cell: Cell) -> bool {
-        let radius_m = self.radii_m[gear];
-        self.is_safe(gear, cell) && around(cell, radius_m).all(|(there, _)| !self.is_not_free(there))
+    pub fn has_clearance(&self, tier: usize, cell: Cell) -> bool {
+        let radius_m = self.radii_m[tier];
+        self.is_safe(tier, cell) && cells_within(cell, radius_m).all(|(there, _)| !self.is_not_free(there))
     }
 
     /// Whether `cell` is occupied or unknown; outside the window all is unknown.
@@ -202,35 +210,35 @@ impl Space {
         !self.contains(cell) || self.not_free.test(cell)
     }
 
-    fn set_narrow(&mut self, narrow: Option<Narrow>) {
-        let gears = [self.narrow.as_ref(), narrow.as_ref()];
-        for narrow in gears.into_iter().flatten() {
-            self.ready[narrow.gear] = false;
+    fn set_narrow(&mut self, narrow: Option<NarrowPlace>) {
+        let speed_tiers = [self.narrow.as_ref(), narrow.as_ref()];
+        for narrow in speed_tiers.into_iter().flatten() {
+            self.ready[narrow.tier] = false;
         }
         self.narrow = narrow;
     }
 
-    /// Distance from `cell` to the nearest that is occupied, at most `most_m`; as balls count it.
-    fn room_m(&self, cell: Cell, most_m: f64) -> f64 {
-        let occupied = around(cell, most_m).filter(|(there, _)| self.is_occupied(*there));
-        occupied.fold(most_m, |least_m, (_, away_m)| least_m.min(away_m))
+    /// Distance from `cell` to the nearest that is occupied, at most `max_m`; as balls count it.
+    fn clearance_m(&self, cell: Cell, max_m: f64) -> f64 {
+        let occupied = cells_within(cell, max_m).filter(|(there, _)| self.is_occupied(*there));
+        occupied.fold(max_m, |min_m, (_, away_m)| min_m.min(away_m))
     }
 
-    fn keep_distance_from(&mut self, place: &Vector3<f64>) {
-        let slowest = LAST_GEAR;
-        if self.kept[slowest].is_none() {
+    fn update_standoff_at(&mut self, place: &Vector3<f64>) {
+        let slowest = LAST_TIER;
+        if self.standoff_elements[slowest].is_none() {
             return;
         }
-        self.leave(false);
+        self.set_inside_standoff(false);
         self.prepare(slowest);
         let is_too_near = self.is_hit_at(slowest, place);
-        self.leave(is_too_near);
+        self.set_inside_standoff(is_too_near);
     }
 
-    fn leave(&mut self, is_leaving: bool) {
-        if is_leaving != self.is_leaving {
-            self.is_leaving = is_leaving;
-            self.ready = [false; GEARS];
+    fn set_inside_standoff(&mut self, is_inside_standoff: bool) {
+        if is_inside_standoff != self.is_inside_standoff {
+            self.is_inside_standoff = is_inside_standoff;
+            self.ready = [false; TIERS];
         }
     }
 
@@ -238,7 +246,7 @@ impl Space {
     pub fn load(&mut self, map: &LocalMap) {
         self.min_cell = map.min_cell;
         self.loaded = true;
-        self.ready = [false; GEARS];
+        self.ready = [false; TIERS];
         self.not_free.load_unsafe(map);
         self.occupied.load_occupied(map);
         self.declarations = map.declarations;
@@ -254,13 +262,13 @@ impl Space {
 
     /// The declarations of the user that a motion along `vertices` in `gear` stands on, bits of [`declared_as`]: those of space if any
     /// cell within the gear's radius is known by them alone. That rays without an answer met nothing may have freed any cell.
-    pub fn declarations(&self, gear: usize, vertices: &[Vector3<f64>]) -> u8 {
+    pub fn declarations(&self, tier: usize, vertices: &[Vector3<f64>]) -> u8 {
         let of_rays = self.declarations & declared_as::NO_RETURN;
         let of_space = self.declarations & !declared_as::NO_RETURN;
         let is_declared = |cell: Cell| self.contains(cell) && self.declared.test(cell);
         let uses = |leg: &[Vector3<f64>]| {
-            let is_near_declared = |_: &Self, cell: Cell| self.around(gear, cell).any(is_declared);
-            self.first_in(gear, &leg[0], &leg[1], is_near_declared).is_some()
+            let is_near_declared = |_: &Self, cell: Cell| self.cells_within(tier, cell).any(is_declared);
+            self.first_in(tier, &leg[0], &leg[1], is_near_declared).is_some()
         };
         if of_space != 0 && vertices.windows(2).any(uses) {
             of_rays | of_space
@@ -269,85 +277,90 @@ impl Space {
         }
     }
 
-    /// Inflates the map for `gear`, once per map. Before that nothing is safe in the gear and everything is a hit.
-    pub fn prepare(&mut self, gear: usize) {
-        if self.ready[gear] || !self.loaded {
+    /// Inflates the map for `gear`, once per map. HeadingCheck that nothing is safe in the gear and everything is a hit.
+    pub fn prepare(&mut self, tier: usize) {
+        if self.ready[tier] || !self.loaded {
             return;
         }
-        self.ready[gear] = true;
-        if self.narrow_gear() == Some(gear) {
-            self.prepare_narrow(gear);
+        self.ready[tier] = true;
+        if self.narrow_tier() == Some(tier) {
+            self.prepare_narrow(tier);
             return;
         }
-        if per_cell(gear) > 1 {
-            self.prepare_halves(gear);
+        if per_cell(tier) > 1 {
+            self.prepare_halves(tier);
             return;
         }
-        let ball = &self.balls[gear];
-        ball.dilate(&self.not_free, &mut self.scratch, &mut self.blocked[gear]);
-        let kept = self.kept[gear].as_ref().filter(|_| !self.is_leaving);
-        let body = kept.unwrap_or(ball);
-        body.dilate(&self.occupied, &mut self.scratch, &mut self.hit[gear]);
-        if kept.is_some() {
-            self.blocked[gear].add(&self.hit[gear]);
+        let element = &self.elements[tier];
+        element.dilate(&self.not_free, &mut self.scratch, &mut self.blocked[tier]);
+        let standoff_elements = self.standoff_elements[tier]
+            .as_ref()
+            .filter(|_| !self.is_inside_standoff);
+        let body = standoff_elements.unwrap_or(element);
+        body.dilate(&self.occupied, &mut self.scratch, &mut self.hit[tier]);
+        if standoff_elements.is_some() {
+            self.blocked[tier].add(&self.hit[tier]);
         }
-        if gear == 0 {
+        if tier == 0 {
             self.comfort
                 .dilate(&self.hit[0], &mut self.scratch, &mut self.near);
         }
     }
 
     /// The layers of half cells. What collision prevention keeps away from is looked for on the map's cells: that is metres.
-    fn prepare_halves(&mut self, gear: usize) {
+    fn prepare_halves(&mut self, tier: usize) {
         let min_half = self.min_half();
-        let ball = &self.balls[gear];
+        let element = &self.elements[tier];
         self.halves.load_halves(&self.not_free, min_half);
         self.halves.close_shell(min_half);
-        ball.dilate(&self.halves, &mut self.scratch, &mut self.blocked[gear]);
-        match self.kept[gear].as_ref().filter(|_| !self.is_leaving) {
-            Some(kept) => {
-                kept.dilate(&self.occupied, &mut self.scratch, &mut self.halves);
-                self.hit[gear].load_halves(&self.halves, min_half);
-                self.blocked[gear].add(&self.hit[gear]);
+        element.dilate(&self.halves, &mut self.scratch, &mut self.blocked[tier]);
+        match self.standoff_elements[tier]
+            .as_ref()
+            .filter(|_| !self.is_inside_standoff)
+        {
+            Some(standoff_elements) => {
+                standoff_elements.dilate(&self.occupied, &mut self.scratch, &mut self.halves);
+                self.hit[tier].load_halves(&self.halves, min_half);
+                self.blocked[tier].add(&self.hit[tier]);
             }
             None => {
                 self.halves.load_halves(&self.occupied, min_half);
-                ball.dilate(&self.halves, &mut self.scratch, &mut self.hit[gear]);
+                element.dilate(&self.halves, &mut self.scratch, &mut self.hit[tier]);
             }
         }
     }
 
     /// The room that there is: what is unknown nearby, and what is occupied within the vehicle's radius, may stay as near as it is.
-    fn prepare_narrow(&mut self, gear: usize) {
+    fn prepare_narrow(&mut self, tier: usize) {
         let Some(narrow) = &self.narrow else {
             return;
         };
-        let radius_m = self.radii_m[gear];
+        let radius_m = self.radii_m[tier];
         let mut near = std::mem::take(&mut self.too_near);
         near.clear();
         self.unknown.copy(&self.not_free);
         self.unknown.remove(&self.occupied);
-        self.others.copy(&self.occupied);
-        for (cell, away_m) in around(narrow.from, radius_m) {
+        self.other_occupied.copy(&self.occupied);
+        for (cell, away_m) in cells_within(narrow.from, radius_m) {
             if self.contains(cell) && self.unknown.test(cell) {
                 self.unknown.unset(cell);
                 near.push((cell, radius_m));
-            } else if self.is_occupied(cell) && away_m < self.room.vehicle_m {
-                self.others.unset(cell);
-                near.push((cell, self.room.vehicle_m));
+            } else if self.is_occupied(cell) && away_m < self.clearance.vehicle_m {
+                self.other_occupied.unset(cell);
+                near.push((cell, self.clearance.vehicle_m));
             }
         }
         // Not the gear's own ball, which may be one of half cells.
-        Ball::new(radius_m).dilate(&self.unknown, &mut self.scratch, &mut self.blocked[gear]);
+        StructuringElement::new(radius_m).dilate(&self.unknown, &mut self.scratch, &mut self.blocked[tier]);
         narrow
-            .ball
-            .dilate(&self.others, &mut self.scratch, &mut self.hit[gear]);
-        self.blocked[gear].add(&self.hit[gear]);
-        for (cell, keep_m) in &near {
-            let as_near_as_now = square_cells(*cell, narrow.from);
-            for (nearer, _) in around(*cell, *keep_m) {
-                if square_cells(*cell, nearer) < as_near_as_now && self.contains(nearer) {
-                    self.blocked[gear].set(nearer);
+            .element
+            .dilate(&self.other_occupied, &mut self.scratch, &mut self.hit[tier]);
+        self.blocked[tier].add(&self.hit[tier]);
+        for (cell, min_distance_m) in &near {
+            let present_squared = distance_squared_cells(*cell, narrow.from);
+            for (nearer, _) in cells_within(*cell, *min_distance_m) {
+                if distance_squared_cells(*cell, nearer) < present_squared && self.contains(nearer) {
+                    self.blocked[tier].set(nearer);
                 }
             }
         }
@@ -365,42 +378,42 @@ impl Space {
     }
 
     /// How many cells of `gear` an edge of the map's has. A place that is too narrow for it is judged on the map's.
-    pub fn per_cell(&self, gear: usize) -> i32 {
-        if self.narrow_gear() == Some(gear) {
+    pub fn per_cell(&self, tier: usize) -> i32 {
+        if self.narrow_tier() == Some(tier) {
             1
         } else {
-            per_cell(gear)
+            per_cell(tier)
         }
     }
 
     /// Edge of a cell of `gear` (m).
-    pub fn cell_m(&self, gear: usize) -> f64 {
-        CELL_M / f64::from(self.per_cell(gear))
+    pub fn cell_m(&self, tier: usize) -> f64 {
+        CELL_M / f64::from(self.per_cell(tier))
     }
 
     /// The cell of `gear` that `place` (local, m) lies in.
-    pub fn cell_of(&self, gear: usize, place: &Vector3<f64>) -> Cell {
-        cell_holding(&(place * f64::from(self.per_cell(gear))))
+    pub fn cell_of(&self, tier: usize, place: &Vector3<f64>) -> Cell {
+        cell_holding(&(place * f64::from(self.per_cell(tier))))
     }
 
     /// The centre of a cell of `gear` (local, m).
-    pub fn center_of(&self, gear: usize, cell: Cell) -> Vector3<f64> {
-        center_of(cell).vector() / f64::from(self.per_cell(gear))
+    pub fn center_of(&self, tier: usize, cell: Cell) -> Vector3<f64> {
+        center_of(cell).vector() / f64::from(self.per_cell(tier))
     }
 
     /// The map's cell that a cell of `gear` lies in.
-    pub fn map_cell(&self, gear: usize, cell: Cell) -> Cell {
-        cell.map(|index| index.div_euclid(self.per_cell(gear)))
+    pub fn map_cell(&self, tier: usize, cell: Cell) -> Cell {
+        cell.map(|index| index.div_euclid(self.per_cell(tier)))
     }
 
     /// The map's cells that are nearer than the radius of `gear` to the one that its cell `cell` lies in.
-    pub fn around(&self, gear: usize, cell: Cell) -> impl Iterator<Item = Cell> {
-        around(self.map_cell(gear, cell), self.radii_m[gear]).map(|(there, _)| there)
+    pub fn cells_within(&self, tier: usize, cell: Cell) -> impl Iterator<Item = Cell> {
+        cells_within(self.map_cell(tier, cell), self.radii_m[tier]).map(|(there, _)| there)
     }
 
     /// Smallest cell of `gear` that its layers hold.
-    pub fn min_cell(&self, gear: usize) -> Cell {
-        if self.per_cell(gear) == 1 {
+    pub fn min_cell(&self, tier: usize) -> Cell {
+        if self.per_cell(tier) == 1 {
             self.min_cell
         } else {
             self.min_half()
@@ -414,45 +427,45 @@ impl Space {
     }
 
     /// Whether the layers of `gear` hold its cell `cell`.
-    pub fn holds(&self, gear: usize, cell: Cell) -> bool {
-        is_within(self.min_cell(gear), cell)
+    pub fn holds(&self, tier: usize, cell: Cell) -> bool {
+        is_within(self.min_cell(tier), cell)
     }
 
     /// Whether the vehicle's centre may be at `place` (local, m) in `gear`, and anywhere else in the same cell.
-    pub fn is_safe_at(&self, gear: usize, place: &Vector3<f64>) -> bool {
-        self.is_safe(gear, self.cell_of(gear, place))
+    pub fn is_safe_at(&self, tier: usize, place: &Vector3<f64>) -> bool {
+        self.is_safe(tier, self.cell_of(tier, place))
     }
 
     /// Whether an obstacle is known within the gear's radius of the cell of `place` (local, m).
-    pub fn is_hit_at(&self, gear: usize, place: &Vector3<f64>) -> bool {
-        self.is_hit(gear, self.cell_of(gear, place))
+    pub fn is_hit_at(&self, tier: usize, place: &Vector3<f64>) -> bool {
+        self.is_hit(tier, self.cell_of(tier, place))
     }
 
     /// Whether the vehicle's centre may be anywhere in `cell` in `gear`: everything around it is known free.
-    pub fn is_safe(&self, gear: usize, cell: Cell) -> bool {
-        self.ready[gear] && self.holds(gear, cell) && !self.blocked[gear].test(cell)
+    pub fn is_safe(&self, tier: usize, cell: Cell) -> bool {
+        self.ready[tier] && self.holds(tier, cell) && !self.blocked[tier].test(cell)
     }
 
     /// Whether an obstacle is known within the gear's radius of `cell`; outside the window none is known.
-    pub fn is_hit(&self, gear: usize, cell: Cell) -> bool {
-        !self.ready[gear] || self.holds(gear, cell) && self.hit[gear].test(cell)
+    pub fn is_hit(&self, tier: usize, cell: Cell) -> bool {
+        !self.ready[tier] || self.holds(tier, cell) && self.hit[tier].test(cell)
     }
 
     /// The same for who asks about the whole window: near its border a hit may be one of something at the opposite side, because
     /// cells are addressed modulo the window's size.
-    pub fn is_hit_inside(&self, gear: usize, cell: Cell) -> bool {
-        let tube_m = self.radii_m[gear] - self.room.body_m;
-        let level_m = self.radii_m[gear].max(self.room.kept_m + tube_m);
-        let height_m = self.radii_m[gear].max(self.room.band_half_m);
-        let cell_m = self.cell_m(gear);
+    pub fn is_hit_inside(&self, tier: usize, cell: Cell) -> bool {
+        let tube_m = self.radii_m[tier] - self.clearance.footprint_m;
+        let level_m = self.radii_m[tier].max(self.clearance.standoff_m + tube_m);
+        let height_m = self.radii_m[tier].max(self.clearance.band_half_m);
+        let cell_m = self.cell_m(tier);
         let reach = [level_m, level_m, height_m].map(|reach_m| (reach_m / cell_m).ceil() as i32 + 1);
         let ends = [-1, 1].map(|side| std::array::from_fn(|axis| cell[axis] + side * reach[axis]));
-        self.is_hit(gear, cell) && ends.into_iter().all(|end| self.holds(gear, end))
+        self.is_hit(tier, cell) && ends.into_iter().all(|end| self.holds(tier, end))
     }
 
     /// Distance that a gear keeps from what is not known to be free (m).
-    pub fn radius_m(&self, gear: usize) -> f64 {
-        self.radii_m[gear]
+    pub fn radius_m(&self, tier: usize) -> f64 {
+        self.radii_m[tier]
     }
 
     /// Whether nothing is known of `cell`, which lies inside the window.
@@ -471,24 +484,24 @@ impl Space {
     }
 
     /// The layer of a gear that holds everything unsafe.
-    pub fn blocked(&self, gear: usize) -> &Layer {
-        &self.blocked[gear]
+    pub fn blocked(&self, tier: usize) -> &BitLayer {
+        &self.blocked[tier]
     }
 
     /// The layer of a gear that holds everything too near to a known obstacle.
-    pub fn hit(&self, gear: usize) -> &Layer {
-        &self.hit[gear]
+    pub fn hit(&self, tier: usize) -> &BitLayer {
+        &self.hit[tier]
     }
 
     /// The share of the segment from `a` to `b` at which the first cell of `gear` that `is_wanted` is entered; `None` if there is none.
     pub fn first_in(
         &self,
-        gear: usize,
+        tier: usize,
         a: &Vector3<f64>,
         b: &Vector3<f64>,
         is_wanted: impl Fn(&Self, Cell) -> bool,
     ) -> Option<f64> {
-        let scale = f64::from(self.per_cell(gear));
+        let scale = f64::from(self.per_cell(tier));
         self.first_cell(&(a * scale), &(b * scale), is_wanted)
     }
 
@@ -511,20 +524,20 @@ impl Space {
     }
 
     /// Whether the straight way from `a` to `b` is safe in `gear`.
-    pub fn segment_is_safe(&self, gear: usize, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
-        let is_unsafe = |space: &Self, cell: Cell| !space.is_safe(gear, cell);
-        self.first_in(gear, a, b, is_unsafe).is_none()
+    pub fn segment_is_safe(&self, tier: usize, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
+        let is_unsafe = |space: &Self, cell: Cell| !space.is_safe(tier, cell);
+        self.first_in(tier, a, b, is_unsafe).is_none()
     }
 }
 
 /// How many cells of `gear` an edge of the map's has.
-fn per_cell(gear: usize) -> i32 {
-    if gear == LAST_GEAR { 2 } else { 1 }
+fn per_cell(tier: usize) -> i32 {
+    if tier == LAST_TIER { 2 } else { 1 }
 }
 
 /// Edge of a cell of `gear` (m).
-fn cell_m(gear: usize) -> f64 {
-    CELL_M / f64::from(per_cell(gear))
+fn cell_m(tier: usize) -> f64 {
+    CELL_M / f64::from(per_cell(tier))
 }
 
 /// Whether `cell` is one of a layer that begins at `min_cell`.
@@ -542,7 +555,7 @@ fn cell_holding(place: &Vector3<f64>) -> Cell {
 }
 
 /// The cells whose nearest points are nearer than `radius_m` to those of `cell`, with that distance (m).
-fn around(cell: Cell, radius_m: f64) -> impl Iterator<Item = (Cell, f64)> {
+fn cells_within(cell: Cell, radius_m: f64) -> impl Iterator<Item = (Cell, f64)> {
     let reach = (radius_m / CELL_M).ceil() as i32 + 1;
     let offsets = (-reach..=reach).flat_map(move |dz| {
         (-reach..=reach).flat_map(move |dy| (-reach..=reach).map(move |dx| [dx, dy, dz]))
@@ -555,7 +568,7 @@ fn around(cell: Cell, radius_m: f64) -> impl Iterator<Item = (Cell, f64)> {
 }
 
 /// Square of the distance between the centres of two cells (cells squared).
-fn square_cells(a: Cell, b: Cell) -> i32 {
+fn distance_squared_cells(a: Cell, b: Cell) -> i32 {
     (0..3).map(|axis| (a[axis] - b[axis]).pow(2)).sum()
 }
 
@@ -615,7 +628,7 @@ impl CellWalk {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::gears::{SLOW_GEAR, gears};
+    use crate::speed_tiers::{SLOW_TIER, speed_tiers};
     use jink_shared_types::map::{center_of, set};
     use proptest::prelude::*;
 
@@ -637,25 +650,25 @@ pub(crate) mod tests {
         map
     }
 
-    pub(crate) fn space_of(map: &LocalMap) -> Space {
+    pub(crate) fn space_of(map: &LocalMap) -> ConfigurationSpace {
         space_with(&ParamSet::default(), map)
     }
 
-    fn space_with(params: &ParamSet, map: &LocalMap) -> Space {
-        let mut space = Space::new(&gears(params), Room::from_params(params));
+    fn space_with(params: &ParamSet, map: &LocalMap) -> ConfigurationSpace {
+        let mut space = ConfigurationSpace::new(&speed_tiers(params), Clearance::from_params(params));
         space.load(map);
-        (0..GEARS).for_each(|gear| space.prepare(gear));
+        (0..TIERS).for_each(|tier| space.prepare(tier));
         space
     }
 
     #[test]
-    fn a_post_blocks_its_surroundings_and_less_of_them_in_a_lower_gear() {
+    fn a_post_blocks_its_surroundings_and_less_of_them_in_a_lower_tier() {
         let map = known_map(|p| (p.x - 5.0).hypot(p.y) < 0.3);
         let space = space_of(&map);
-        let radius = |gear: usize| {
+        let radius = |tier: usize| {
             (0..200)
                 .map(|i| f64::from(i) * 0.02)
-                .find(|d| space.is_safe(gear, cell_of(Point::new(5.0 - d, 0.1, 0.1))))
+                .find(|d| space.is_safe(tier, cell_of(Point::new(5.0 - d, 0.1, 0.1))))
                 .unwrap()
         };
         assert!(radius(2) < radius(1) && radius(1) < radius(0));
@@ -671,31 +684,31 @@ pub(crate) mod tests {
         let at = |distance_m: f64| cell_of(Point::new(4.7 - distance_m, 0.1, 0.1));
         assert!(!space.is_safe(2, at(2.0)) && space.is_hit(2, at(2.0)));
         assert!(space.is_safe(2, at(2.8)));
-        space.depart_from(&center_of(at(3.0)).vector(), SLOW_GEAR, false, true);
+        space.set_departure(&center_of(at(3.0)).vector(), SLOW_TIER, false, true);
         space.prepare(2);
         assert!(!space.is_safe(2, at(2.0)));
-        space.depart_from(&center_of(at(1.5)).vector(), SLOW_GEAR, false, true);
+        space.set_departure(&center_of(at(1.5)).vector(), SLOW_TIER, false, true);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.5)) && !space.is_safe(2, at(0.5)));
         // Without it nothing of that.
         params.set("CP_DIST", -1.0).unwrap();
-        space.keep(&gears(&params), Room::from_params(&params));
-        space.depart_from(&center_of(at(3.0)).vector(), SLOW_GEAR, false, true);
+        space.set_standoff(&speed_tiers(&params), Clearance::from_params(&params));
+        space.set_departure(&center_of(at(3.0)).vector(), SLOW_TIER, false, true);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.2)));
     }
 
     #[test]
-    fn who_rests_in_a_narrow_place_has_the_room_there_is_and_comes_no_nearer_to_the_unknown() {
+    fn who_rests_in_a_narrow_place_has_the_clearance_there_is_and_comes_no_nearer_to_the_unknown() {
         // Walls on both sides, the left one too near.
         let mut map = known_map(|p| p.y < -0.4 || (0.8..1.0).contains(&p.y));
         let here = cell_of(Point::new(0.1, 0.1, 0.1));
         let mut space = space_of(&map);
-        assert!(!space.is_safe(SLOW_GEAR, here));
-        space.depart_from(&center_of(here).vector(), SLOW_GEAR, false, true);
+        assert!(!space.is_safe(SLOW_TIER, here));
+        space.set_departure(&center_of(here).vector(), SLOW_TIER, false, true);
         assert!(!space.is_narrow(), "in motion it is left alone");
-        space.depart_from(&center_of(here).vector(), SLOW_GEAR, true, true);
-        assert!(space.is_narrow() && space.is_safe(SLOW_GEAR, here) && !space.has_room(SLOW_GEAR, here));
+        space.set_departure(&center_of(here).vector(), SLOW_TIER, true, true);
+        assert!(space.is_narrow() && space.is_safe(SLOW_TIER, here) && !space.has_clearance(SLOW_TIER, here));
         let aside = |east_m: f64| cell_of(Point::new(0.1, east_m, 0.1));
         assert!(!space.is_safe(2, aside(-0.1)), "no nearer to what is near");
         for row in 0..map.known.len() {
@@ -705,8 +718,8 @@ pub(crate) mod tests {
             }
         }
         space.load(&map);
-        space.depart_from(&center_of(here).vector(), SLOW_GEAR, true, true);
-        assert!(space.is_safe(SLOW_GEAR, here) && !space.has_room(SLOW_GEAR, here));
+        space.set_departure(&center_of(here).vector(), SLOW_TIER, true, true);
+        assert!(space.is_safe(SLOW_TIER, here) && !space.has_clearance(SLOW_TIER, here));
         let along = |north_m: f64| cell_of(Point::new(north_m, 0.1, 0.1));
         assert!(!space.is_safe(2, along(0.3)), "no nearer to the unknown either");
         assert!(space.is_safe(2, along(-0.1)), "away from it");
@@ -719,12 +732,12 @@ pub(crate) mod tests {
         // Something small beside it, and a wall before it.
         let map = known_map(|p| cell_of(Point::from_vector(p)) == there || p.x > 1.0);
         let mut space = space_of(&map);
-        space.depart_from(&center_of(here).vector(), SLOW_GEAR, true, true);
-        assert!(space.is_narrow() && space.is_safe(SLOW_GEAR, here) && !space.has_room(SLOW_GEAR, here));
+        space.set_departure(&center_of(here).vector(), SLOW_TIER, true, true);
+        assert!(space.is_narrow() && space.is_safe(SLOW_TIER, here) && !space.has_clearance(SLOW_TIER, here));
         assert!(!space.is_safe(2, at(0.1, 0.3)) && !space.is_safe(2, there));
         assert!(space.is_safe(2, at(0.1, -0.1)) && space.is_safe(2, at(-0.1, 0.1)));
         assert!(space.is_safe(2, at(0.5, 0.1)) && !space.is_safe(2, at(0.9, 0.1)));
-        space.depart_from(&center_of(here).vector(), SLOW_GEAR, true, false);
+        space.set_departure(&center_of(here).vector(), SLOW_TIER, true, false);
         assert!(!space.is_narrow(), "on its take-off");
     }
 

@@ -7,8 +7,8 @@
 //!
 //! Every place is tried once in a while (20 s): what does not come into view from there will not do so by looking again.
 
+use crate::configuration_space::ConfigurationSpace;
 use crate::search::Path;
-use crate::space::Space;
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::map::{Cell, center_of};
@@ -19,31 +19,31 @@ use std::collections::VecDeque;
 /// How far a place to look from may be (m, by the way that is flown): a detour of more is a way of its own.
 pub const REACH_M: f32 = 5.0;
 /// Cells of the way that are looked for, from the first that is not known on: three metres of it, half of that on half cells.
-const WAY_CELLS: usize = 15;
+const PATH_CELLS: usize = 15;
 /// Unknown cells that are looked for at most: more would not change which place is best.
-const WANTED: usize = 48;
+const MISSING_MAX: usize = 48;
 /// Places that are judged at most, nearest first.
-const PLACES: usize = 400;
+const CANDIDATES_MAX: usize = 400;
 /// At least this share of what is looked for has to come into view for a look to be worth it.
-const WORTH: f64 = 0.1;
+const GAIN_MIN: f64 = 0.1;
 /// A metre of way, and a radian of turning, is worth this share of what is looked for.
-const PER_METRE: f64 = 0.06;
-const PER_RADIAN: f64 = 0.04;
+const COST_PER_METRE: f64 = 0.06;
+const COST_PER_RADIAN: f64 = 0.04;
 /// A look from this near (m) to an earlier one in nearly the same direction (rad) shows nothing new.
 const SAME_PLACE_M: f64 = 0.5;
 const SAME_HEADING_RAD: f64 = 0.35;
 /// After this time a place may be looked from again (s): what hid the way may have moved, and noise has been settled.
-const FORGOTTEN_S: f64 = 20.0;
-/// Looks are counted over this time (s): two that turn half around take longer than each is remembered.
+const RETRY_AFTER_S: f64 = 20.0;
+/// Viewpoints are counted over this time (s): two that turn half around take longer than each is remembered.
 const COUNTED_S: f64 = 60.0;
 /// After a look the vehicle waits for the frames of it (s).
 pub const DWELL_S: f64 = 0.7;
-/// Looks that are remembered.
-const REMEMBERED: usize = 32;
+/// Viewpoints that are remembered.
+const HISTORY: usize = 32;
 
 /// A place to look from.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Look {
+pub struct Viewpoint {
     /// The place.
     pub cell: Cell,
     /// The heading there (rad).
@@ -52,133 +52,135 @@ pub struct Look {
 
 /// A place that the vehicle can be at, and the way to it.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct ReachableCell {
     /// The cell.
     pub cell: Cell,
     /// Length of the way to it (m).
-    pub way_m: f32,
+    pub path_m: f32,
 }
 
 /// What has been looked from and what is being looked at.
 #[derive(Debug)]
-pub struct Looks {
-    tried: Vec<(Look, Timestamp)>,
+pub struct Viewpoints {
+    tried: Vec<(Viewpoint, Timestamp)>,
     next: usize,
     /// The route that leads to the last look, and since when.
-    under_way: Option<(u64, Timestamp)>,
+    in_progress: Option<(u64, Timestamp)>,
     /// When the last looks, and the turns toward the ways to them, began.
-    begun: VecDeque<Timestamp>,
-    wanted: Vec<Vector3<f64>>,
+    started_recently: VecDeque<Timestamp>,
+    missing: Vec<Vector3<f64>>,
     /// Places that can be reached, nearest first.
-    pub places: Vec<Place>,
+    pub places: Vec<ReachableCell>,
 }
 
-impl Default for Looks {
+impl Default for Viewpoints {
     fn default() -> Self {
         Self {
-            tried: Vec::with_capacity(REMEMBERED),
+            tried: Vec::with_capacity(HISTORY),
             next: 0,
-            under_way: None,
-            begun: VecDeque::with_capacity(REMEMBERED),
-            wanted: Vec::with_capacity(8_192),
+            in_progress: None,
+            started_recently: VecDeque::with_capacity(HISTORY),
+            missing: Vec::with_capacity(8_192),
             places: Vec::with_capacity(8_192),
         }
     }
 }
 
-impl Looks {
+impl Viewpoints {
     /// Forgets what was looked at: there is a new goal, or the way goes on.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         self.tried.clear();
         self.next = 0;
-        self.under_way = None;
+        self.in_progress = None;
     }
 
     /// The route to a look, and when it departs.
-    pub fn under_way(&self) -> Option<(u64, Timestamp)> {
-        self.under_way
+    pub fn in_progress(&self) -> Option<(u64, Timestamp)> {
+        self.in_progress
     }
 
     /// Notes that `look` is gone to by route `route_id` from `time` on.
-    pub fn go(&mut self, look: Look, route_id: u64, time: Timestamp) {
-        self.turn(route_id, time);
-        if self.tried.len() < REMEMBERED {
-            self.tried.push((look, time));
+    pub fn record(&mut self, viewpoint: Viewpoint, route_id: u64, time: Timestamp) {
+        self.record_turn(route_id, time);
+        if self.tried.len() < HISTORY {
+            self.tried.push((viewpoint, time));
         } else {
-            self.tried[self.next] = (look, time);
-            self.next = (self.next + 1) % REMEMBERED;
+            self.tried[self.next] = (viewpoint, time);
+            self.next = (self.next + 1) % HISTORY;
         }
     }
 
     /// Notes that the vehicle turns toward the way to a look by route `route_id` from `time` on.
-    pub fn turn(&mut self, route_id: u64, time: Timestamp) {
-        self.under_way = Some((route_id, time));
-        if self.begun.len() == REMEMBERED {
-            self.begun.pop_front();
+    pub fn record_turn(&mut self, route_id: u64, time: Timestamp) {
+        self.in_progress = Some((route_id, time));
+        if self.started_recently.len() == HISTORY {
+            self.started_recently.pop_front();
         }
-        self.begun.push_back(time);
+        self.started_recently.push_back(time);
     }
 
     /// How many looks, and turns toward the ways to them, began in the last minute before `time`.
-    pub fn begun(&self, time: Timestamp) -> usize {
+    pub fn started_recently(&self, time: Timestamp) -> usize {
         let is_recent = |when: &&Timestamp| time.seconds_since(**when).abs() < COUNTED_S;
-        self.begun.iter().filter(is_recent).count()
+        self.started_recently.iter().filter(is_recent).count()
     }
 
-    fn is_tried(&self, look: &Look, time: Timestamp) -> bool {
+    fn was_tried(&self, viewpoint: &Viewpoint, time: Timestamp) -> bool {
         self.tried.iter().any(|(old, when)| {
-            let away_m = (center_of(old.cell).vector() - center_of(look.cell).vector()).norm();
-            time.seconds_since(*when).abs() < FORGOTTEN_S
+            let away_m = (center_of(old.cell).vector() - center_of(viewpoint.cell).vector()).norm();
+            time.seconds_since(*when).abs() < RETRY_AFTER_S
                 && away_m < SAME_PLACE_M
-                && wrap_pi(old.yaw_rad - look.yaw_rad).abs() < SAME_HEADING_RAD
+                && wrap_pi(old.yaw_rad - viewpoint.yaw_rad).abs() < SAME_HEADING_RAD
         })
     }
 
     /// Collects what is missing on the way along `path`: the unknown cells that keep its first unsafe part from being safe in its
     /// gear. `false` if nothing is.
-    pub fn want(&mut self, space: &Space, path: &Path) -> bool {
-        let gear = path.gear;
-        self.wanted.clear();
-        let is_safe = |step: &&[Cell]| touched(step[0], step[1]).all(|cell| space.is_safe(gear, cell));
-        let unsafe_part = path.cells.windows(2).skip_while(is_safe).take(WAY_CELLS);
+    pub fn collect_missing(&mut self, space: &ConfigurationSpace, path: &Path) -> bool {
+        let tier = path.tier;
+        self.missing.clear();
+        let is_safe = |step: &&[Cell]| touched(step[0], step[1]).all(|cell| space.is_safe(tier, cell));
+        let unsafe_part = path.cells.windows(2).skip_while(is_safe).take(PATH_CELLS);
         for step in unsafe_part.step_by(2) {
-            let is_unsafe = |cell: &Cell| !space.is_safe(gear, *cell);
+            let is_unsafe = |cell: &Cell| !space.is_safe(tier, *cell);
             let mut cells = std::iter::once(step[1]).chain(touched(step[0], step[1]));
             let Some(cell) = cells.find(is_unsafe) else {
                 continue;
             };
-            let unknown = space.around(gear, cell).filter(|cell| space.is_unknown(*cell));
-            let room = self.wanted.capacity() - self.wanted.len();
-            self.wanted
-                .extend(unknown.map(|cell| center_of(cell).vector()).take(room));
+            let unknown = space
+                .cells_within(tier, cell)
+                .filter(|cell| space.is_unknown(*cell));
+            let clearance = self.missing.capacity() - self.missing.len();
+            self.missing
+                .extend(unknown.map(|cell| center_of(cell).vector()).take(clearance));
         }
-        let step = self.wanted.len().div_ceil(WANTED).max(1);
+        let step = self.missing.len().div_ceil(MISSING_MAX).max(1);
         let mut index = 0;
-        self.wanted.retain(|_| {
+        self.missing.retain(|_| {
             index += 1;
             (index - 1) % step == 0
         });
-        !self.wanted.is_empty()
+        !self.missing.is_empty()
     }
 
-    /// The best of [`Looks::places`], which are cells of `gear`, for a vehicle at `start` with heading `yaw_rad` that sees as `view`
+    /// The best of [`Viewpoints::places`], which are cells of `gear`, for a vehicle at `start` with heading `yaw_rad` that sees as `view`
     /// says; `None` if nothing that is missing comes into view from any of them.
     pub fn best(
         &self,
-        space: &Space,
-        gear: usize,
+        space: &ConfigurationSpace,
+        tier: usize,
         view: &FieldOfView,
         start: Cell,
         yaw_rad: f64,
         time: Timestamp,
-    ) -> Option<Look> {
+    ) -> Option<Viewpoint> {
         let is_all_around = view.is_all_around();
-        let middle = self.wanted.iter().sum::<Vector3<f64>>() / self.wanted.len().max(1) as f64;
-        let mut best: Option<(f64, Look)> = None;
-        for place in self.places.iter().take(PLACES) {
-            let from = space.center_of(gear, place.cell);
+        let middle = self.missing.iter().sum::<Vector3<f64>>() / self.missing.len().max(1) as f64;
+        let mut best: Option<(f64, Viewpoint)> = None;
+        for place in self.places.iter().take(CANDIDATES_MAX) {
+            let from = space.center_of(tier, place.cell);
             let toward = middle - from;
-            let look = Look {
+            let viewpoint = Viewpoint {
                 cell: place.cell,
                 yaw_rad: if is_all_around || toward.xy().norm() < 0.5 {
                     yaw_rad
@@ -186,32 +188,40 @@ impl Looks {
                     toward.y.atan2(toward.x)
                 },
             };
-            let turn_rad = wrap_pi(look.yaw_rad - yaw_rad).abs();
+            let turn_rad = wrap_pi(viewpoint.yaw_rad - yaw_rad).abs();
             let is_here = place.cell == start && turn_rad < SAME_HEADING_RAD;
-            if is_here || self.is_tried(&look, time) {
+            if is_here || self.was_tried(&viewpoint, time) {
                 continue;
             }
-            let price = PER_METRE * f64::from(place.way_m) + PER_RADIAN * turn_rad;
-            if best.is_some_and(|(worth, _)| 1.0 - price <= worth) {
+            let cost = COST_PER_METRE * f64::from(place.path_m) + COST_PER_RADIAN * turn_rad;
+            if best.is_some_and(|(gain, _)| 1.0 - cost <= gain) {
                 continue;
             }
-            let seen = self.share_seen(space, view, &from, look.yaw_rad);
-            let worth = seen - price;
-            if seen >= WORTH && best.is_none_or(|(most, _)| worth > most) {
-                best = Some((worth, look));
+            let seen = self.share_seen(space, view, &from, viewpoint.yaw_rad);
+            let gain = seen - cost;
+            if seen >= GAIN_MIN && best.is_none_or(|(max, _)| gain > max) {
+                best = Some((gain, viewpoint));
             }
         }
-        best.map(|(_, look)| look)
+        best.map(|(_, viewpoint)| viewpoint)
     }
 
     /// Which share of what is missing comes into view from `from` with heading `yaw_rad`.
-    fn share_seen(&self, space: &Space, view: &FieldOfView, from: &Vector3<f64>, yaw_rad: f64) -> f64 {
+    fn share_seen(
+        &self,
+        space: &ConfigurationSpace,
+        view: &FieldOfView,
+        from: &Vector3<f64>,
+        yaw_rad: f64,
+    ) -> f64 {
         let body_r_local = Rotation3::from_axis_angle(&Vector3::z_axis(), -yaw_rad);
-        let seen = self.wanted.iter().filter(|cell| {
+        let seen = self.missing.iter().filter(|cell| {
             view.covers(&(body_r_local * (*cell - from)))
-                && space.first_cell(from, cell, Space::is_occupied).is_none()
+                && space
+                    .first_cell(from, cell, ConfigurationSpace::is_occupied)
+                    .is_none()
         });
-        seen.count() as f64 / self.wanted.len().max(1) as f64
+        seen.count() as f64 / self.missing.len().max(1) as f64
     }
 }
 
@@ -223,10 +233,10 @@ fn touched(a: Cell, b: Cell) -> impl Iterator<Item = Cell> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Look, Looks, Place, REMEMBERED};
-    use crate::gears::SLOW_GEAR;
+    use super::{HISTORY, ReachableCell, Viewpoint, Viewpoints};
+    use crate::configuration_space::tests::{known_map, space_of};
     use crate::search::Path;
-    use crate::space::tests::{known_map, space_of};
+    use crate::speed_tiers::SLOW_TIER;
     use jink_shared_types::Timestamp;
     use jink_shared_types::map::{Cell, LocalMap, clear, set};
     use jink_shared_types::view::FieldOfView;
@@ -253,23 +263,23 @@ mod tests {
     }
 
     #[test]
-    fn turns_toward_a_look_count_as_looks_for_a_minute() {
+    fn turns_toward_a_viewpoint_count_as_viewpoints_for_a_minute() {
         let at = |s: f64| Timestamp::from_seconds(100.0 + s);
-        let mut looks = Looks::default();
-        looks.turn(1, at(0.0));
-        let look = Look {
+        let mut viewpoints = Viewpoints::default();
+        viewpoints.record_turn(1, at(0.0));
+        let viewpoint = Viewpoint {
             cell: [0, 0, 0],
             yaw_rad: 1.0,
         };
-        looks.go(look, 2, at(10.0));
-        assert_eq!(looks.begun(at(11.0)), 2);
+        viewpoints.record(viewpoint, 2, at(10.0));
+        assert_eq!(viewpoints.started_recently(at(11.0)), 2);
         // Longer than a place that was looked from is remembered.
-        assert_eq!(looks.begun(at(45.0)), 2);
-        assert_eq!(looks.begun(at(65.0)), 1);
+        assert_eq!(viewpoints.started_recently(at(45.0)), 2);
+        assert_eq!(viewpoints.started_recently(at(65.0)), 1);
         for n in 0..100 {
-            looks.turn(n, at(100.0));
+            viewpoints.record_turn(n, at(100.0));
         }
-        assert_eq!(looks.begun(at(100.0)), REMEMBERED);
+        assert_eq!(viewpoints.started_recently(at(100.0)), HISTORY);
     }
 
     fn unknown_where(map: &mut LocalMap, unknown: impl Fn(Cell) -> bool) {
@@ -285,20 +295,20 @@ mod tests {
         set(&mut map.known, [0, 0, 0]);
     }
 
-    fn way_of(cells: Vec<Cell>) -> Path {
+    fn path_of(cells: Vec<Cell>) -> Path {
         Path {
-            gear: SLOW_GEAR,
+            tier: SLOW_TIER,
             cells,
         }
     }
 
-    fn looks_at(places: &[Cell]) -> Looks {
-        let mut looks = Looks::default();
-        looks.places.extend(places.iter().map(|cell| Place {
+    fn viewpoints_at(places: &[Cell]) -> Viewpoints {
+        let mut viewpoints = Viewpoints::default();
+        viewpoints.places.extend(places.iter().map(|cell| ReachableCell {
             cell: *cell,
-            way_m: cell.iter().map(|axis| axis.abs() as f32 * 0.2).sum(),
+            path_m: cell.iter().map(|axis| axis.abs() as f32 * 0.2).sum(),
         }));
-        looks
+        viewpoints
     }
 
     #[test]
@@ -306,26 +316,26 @@ mod tests {
         let mut map = known_map(|_| false);
         unknown_where(&mut map, |cell| cell[1] > 8);
         let space = space_of(&map);
-        let mut looks = looks_at(&[[0, 0, 0]]);
+        let mut viewpoints = viewpoints_at(&[[0, 0, 0]]);
         let cells: Vec<Cell> = (0..30).map(|y| [0, y, 0]).collect();
-        assert!(looks.want(&space, &way_of(cells)));
-        let look = looks.best(
+        assert!(viewpoints.collect_missing(&space, &path_of(cells)));
+        let viewpoint = viewpoints.best(
             &space,
-            SLOW_GEAR,
+            SLOW_TIER,
             &view(43, -29, 29),
             [0, 0, 0],
             0.0,
             Timestamp::from_seconds(1.0),
         );
-        let look = look.unwrap();
+        let viewpoint = viewpoint.unwrap();
         assert!(
-            (look.yaw_rad - std::f64::consts::FRAC_PI_2).abs() < 0.1,
-            "{look:?}"
+            (viewpoint.yaw_rad - std::f64::consts::FRAC_PI_2).abs() < 0.1,
+            "{viewpoint:?}"
         );
-        looks.go(look, 1, Timestamp::from_seconds(1.0));
-        let again = looks.best(
+        viewpoints.record(viewpoint, 1, Timestamp::from_seconds(1.0));
+        let again = viewpoints.best(
             &space,
-            SLOW_GEAR,
+            SLOW_TIER,
             &view(43, -29, 29),
             [0, 0, 0],
             0.0,
@@ -339,21 +349,21 @@ mod tests {
         let mut map = known_map(|_| false);
         unknown_where(&mut map, |cell| cell[0] > 6 && cell[2] > 1);
         let space = space_of(&map);
-        let mut looks = looks_at(&[[0, 0, 0], [0, 6, 0], [-6, 0, 0], [0, 0, 5], [0, 0, -5]]);
+        let mut viewpoints = viewpoints_at(&[[0, 0, 0], [0, 6, 0], [-6, 0, 0], [0, 0, 5], [0, 0, -5]]);
         let cells: Vec<Cell> = (0..30).map(|x| [x, 0, 0]).collect();
-        assert!(looks.want(&space, &way_of(cells)));
-        let look = looks.best(
+        assert!(viewpoints.collect_missing(&space, &path_of(cells)));
+        let viewpoint = viewpoints.best(
             &space,
-            SLOW_GEAR,
+            SLOW_TIER,
             &view(180, -5, 50),
             [0, 0, 0],
             0.3,
             Timestamp::from_seconds(1.0),
         );
-        let look = look.unwrap();
-        assert_eq!(look.cell, [0, 0, 5], "five cells down");
+        let viewpoint = viewpoint.unwrap();
+        assert_eq!(viewpoint.cell, [0, 0, 5], "five cells down");
         assert!(
-            (look.yaw_rad - 0.3).abs() < 1e-9,
+            (viewpoint.yaw_rad - 0.3).abs() < 1e-9,
             "it sees all around: there is no need to turn"
         );
     }
@@ -363,17 +373,17 @@ mod tests {
         let mut map = known_map(|p| (p.x - 2.0).abs() < 0.2);
         unknown_where(&mut map, |cell| cell[0] > 12);
         let space = space_of(&map);
-        let mut looks = looks_at(&[[0, 0, 0], [0, 0, 5], [-6, 0, 0]]);
+        let mut viewpoints = viewpoints_at(&[[0, 0, 0], [0, 0, 5], [-6, 0, 0]]);
         let cells: Vec<Cell> = (13..30).map(|x| [x, 0, 0]).collect();
-        assert!(looks.want(&space, &way_of(cells)));
-        let look = looks.best(
+        assert!(viewpoints.collect_missing(&space, &path_of(cells)));
+        let viewpoint = viewpoints.best(
             &space,
-            SLOW_GEAR,
+            SLOW_TIER,
             &view(180, -45, 45),
             [0, 0, 0],
             0.0,
             Timestamp::from_seconds(1.0),
         );
-        assert_eq!(look, None);
+        assert_eq!(viewpoint, None);
     }
 }
