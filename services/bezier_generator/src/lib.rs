@@ -120,7 +120,7 @@ impl Generator {
                         prefix(now, route, flown, out)?;
                         append_stop(route, out)?;
                     }
-                    answer => answer?,
+                    result => result?,
                 }
             }
             RouteMode::Stop => {
@@ -158,7 +158,7 @@ impl Generator {
             ) {
                 Ok(()) => match self.append_curves(route, &specs[..count], out) {
                     Err(NoTrajectory::NotCertified) => failure = NoTrajectory::NotCertified,
-                    answer => return answer,
+                    result => return result,
                 },
                 Err(cause) => failure = NoTrajectory::Infeasible(cause),
             }
@@ -174,7 +174,7 @@ impl Generator {
         out: &mut Trajectory,
     ) -> Result<(), NoTrajectory> {
         let prefix = out.len;
-        let bounds = Bounds::new(&route.limits, route.start.yaw_rate_radps);
+        let bounds = CertificateBounds::new(&route.limits, route.start.yaw_rate_radps);
         let mut heading =
             heading::Heading::new(&route.start, route.goal_yaw_rad, route.limits.yaw_rate_radps);
         for (points, spec) in self.curves.iter().zip(specs) {
@@ -335,7 +335,7 @@ fn specify<'a>(route: &'a Route, stretch: f64, specs: &mut [PieceSpec<'a>; PIECE
 }
 
 /// The largest values that a certified piece may reach.
-struct Bounds {
+struct CertificateBounds {
     speed_mps: f64,
     climb_mps: f64,
     descent_mps: f64,
@@ -344,7 +344,7 @@ struct Bounds {
     yaw_rate_radps: f64,
 }
 
-impl Bounds {
+impl CertificateBounds {
     /// A heading that turns too fast at the start (`yaw_rate_radps`), as the guard's brake leaves it, can only run out; it may
     /// not be exceeded. Of the other limits such a start is infeasible.
     fn new(limits: &MotionLimits, yaw_rate_radps: f64) -> Self {
@@ -389,7 +389,7 @@ mod motions;
 #[cfg(test)]
 mod tests {
     use super::motions::{extremes, hop, limits_of};
-    use super::{Bounds, Generator, NoTrajectory};
+    use super::{CertificateBounds, Generator, NoTrajectory};
     use jink_shared_types::bezier::{End, quintic_between};
     use jink_shared_types::frames::{Acceleration, Point, Velocity};
     use jink_shared_types::motion::{
@@ -469,7 +469,7 @@ mod tests {
     fn are_certified(pieces: &[BezierPiece], limits: &MotionLimits) -> bool {
         // No planes: all of space.
         let everywhere = Polytope::default();
-        let bounds = Bounds::new(limits, 0.0);
+        let bounds = CertificateBounds::new(limits, 0.0);
         pieces.iter().all(|piece| bounds.certify(piece, &everywhere))
     }
 
@@ -615,8 +615,8 @@ mod tests {
                 let last = *vertices.last().unwrap();
                 vertices.push(last + Vector3::new(direction.cos(), direction.sin(), slope) * length);
             }
-            let way = (vertices[1] - vertices[0]).normalize();
-            let mut route = route(&vertices, way * speed, side);
+            let direction = (vertices[1] - vertices[0]).normalize();
+            let mut route = route(&vertices, direction * speed, side);
             (route.start.yaw_rad, route.start.yaw_rate_radps) = (yaw, yaw_rate);
             let mut out = Trajectory::default();
             if Generator::new(1).step(now(), &route, None, &mut out).is_ok() {

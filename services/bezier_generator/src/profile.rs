@@ -57,8 +57,8 @@ fn turning_speed_mps(before: &Vector3<f64>, after: &Vector3<f64>, a: f64) -> f64
     if turn_rad < TURN_FREE_RAD {
         return f64::INFINITY;
     }
-    let room_m = 0.5 * (before.norm() + after.norm());
-    (a * room_m / turn_rad).sqrt()
+    let available_m = 0.5 * (before.norm() + after.norm());
+    (a * available_m / turn_rad).sqrt()
 }
 
 /// Time for `length_m` from speed `from` to speed `to`, not faster than `top`, with acceleration `a` at most.

@@ -14,10 +14,10 @@
 //! the same answers to the bit.
 
 pub mod guard;
-mod news;
 pub mod prevention;
 pub mod ring;
 mod service;
+mod step_events;
 
-pub use news::News;
 pub use service::GuardService;
+pub use step_events::StepEvents;

@@ -30,27 +30,29 @@
 mod body;
 mod cells;
 mod cloud;
-mod far;
-mod frame;
+mod contributions;
+mod far_window;
+mod field_of_view;
+mod frame_bits;
 mod health;
-mod lone;
-mod move_window;
 mod overhang;
 mod poses;
 mod rays;
 mod rebase;
 mod scan;
-mod sensors;
 mod service;
-mod start;
-mod view;
+mod shift_window;
+mod start_bubble;
+mod transient_hits;
 mod window;
 
 pub use health::SensorFinding;
 pub use service::FusionService;
 
-use far::Far;
-use frame::{Frame, Rays};
+use contributions::Contributions;
+use far_window::FarWindow;
+use field_of_view::FieldOfViewEstimator;
+use frame_bits::{FrameBits, RayBatch};
 use health::Health;
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{BodyFrd, Point};
@@ -63,15 +65,13 @@ use jink_shared_types::ranges::{PointCloud, RangeScan, SENSORS};
 use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Added, Flag, Reserved, SampleHeader, Timestamp};
-use lone::{LoneHits, Looking};
 use nalgebra::Vector3;
 use poses::{Order, PoseHistory, SweepPoses, estimate_of};
-use rays::{Limits, Tracer};
-use rebase::{Move, known_jump_m};
-use sensors::Sensors;
-use start::Start;
-use view::View;
-use window::Window;
+use rays::{RayTracer, SensorLimits};
+use rebase::{FrameShift, known_jump_m};
+use start_bubble::StartBubble;
+use transient_hits::{LidarView, TransientHits};
+use window::MapWindow;
 
 /// What the map needs to know of the vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -86,7 +86,7 @@ pub struct FusionConfig {
     pub declared: [DeclaredOfSensor; SENSORS],
     /// So near to the vehicle (m) everything is free on the ground and while it is above the place where it stood; zero: not declared.
     pub start_bubble_m: f64,
-    /// Lowest and highest height above home between which nothing hangs from above (m); the second not above the first: not declared.
+    /// Lowest and highest height above home between which nothing has_ceiling from above (m); the second not above the first: not declared.
     pub no_overhang_m: [f64; 2],
     /// [`LocalMap::epoch`] of the first map: a restarted process continues the count of its predecessor.
     pub first_epoch: u32,
@@ -128,9 +128,9 @@ pub struct Counters {
     pub states_refused: u64,
     /// Clouds and scans of unknown sensors, out of order, or with an impossible description.
     pub frames_refused: u64,
-    /// Rays measured at a moment for which no pose is known.
+    /// RayBatch measured at a moment for which no pose is known.
     pub rays_without_pose: u64,
-    /// Rays whose numbers make no sense for their sensor.
+    /// RayBatch whose numbers make no sense for their sensor.
     pub rays_malformed: u64,
     /// Hits inside the vehicle's radius.
     pub self_hits: u64,
@@ -143,21 +143,21 @@ pub struct Fusion {
     config: FusionConfig,
     history: PoseHistory,
     sweep: SweepPoses,
-    frame: Frame,
-    window: Window,
-    far: Far,
-    sensors: Sensors,
+    frame: FrameBits,
+    window: MapWindow,
+    far: FarWindow,
+    sensors: Contributions,
     health: Health,
     /// Motors armed, as the newest state says.
     armed: bool,
-    view: View,
-    lone: LoneHits,
+    view: FieldOfViewEstimator,
+    transient_hits: TransientHits,
     counters: Counters,
     /// Down coordinate of home (m); NaN unknown.
     home_down_m: f64,
-    /// Something hangs from above where it is declared that nothing does.
+    /// Something has_ceiling from above where it is declared that nothing does.
     overhang_seen: bool,
-    start: Start,
+    start: StartBubble,
     estimator_resets: Option<u32>,
     epoch: u32,
     /// Frames traced so far.
@@ -171,19 +171,19 @@ impl Fusion {
             config,
             history: PoseHistory::new(),
             sweep: SweepPoses::new(),
-            frame: Frame::new(),
-            window: Window::new(),
-            far: Far::new(),
-            sensors: Sensors::new(config.sensor_count),
+            frame: FrameBits::new(),
+            window: MapWindow::new(),
+            far: FarWindow::new(),
+            sensors: Contributions::new(config.sensor_count),
             health: Health::new(
                 &config.declared.map(|declared| declared.rate_hz)[..config.sensor_count.min(SENSORS)],
             ),
             armed: false,
-            view: View::new(),
-            lone: LoneHits::new(config.sensor_count),
+            view: FieldOfViewEstimator::new(),
+            transient_hits: TransientHits::new(config.sensor_count),
             home_down_m: f64::NAN,
             overhang_seen: false,
-            start: Start::default(),
+            start: StartBubble::default(),
             counters: Counters::default(),
             estimator_resets: None,
             epoch: config.first_epoch,
@@ -212,10 +212,10 @@ impl Fusion {
         if let Some(resets) = known_resets.filter(|resets| *resets != state.estimator_resets) {
             match self.jump_m(state, header.capture, resets) {
                 Some(jump_m) => {
-                    self.far.remember(&self.window);
+                    self.far.absorb(&self.window);
                     self.far.shift(&jump_m);
-                    self.window.shift(&Move::by(&jump_m));
-                    self.lone.forget();
+                    self.window.shift(&FrameShift::by(&jump_m));
+                    self.transient_hits.clear();
                     self.start.shift(&jump_m);
                     self.history.shift(&jump_m);
                 }
@@ -226,13 +226,13 @@ impl Fusion {
         self.armed = state.armed.is_set();
         if self.history.push(state, header.capture) {
             let cell = cell_of(state.position);
-            if self.window.is_left_by(cell) {
-                self.far.remember(&self.window);
+            if self.window.must_follow(cell) {
+                self.far.absorb(&self.window);
                 self.window.follow(cell);
             }
             self.far.follow(cell);
             if self.start.update(state, header.capture) && self.config.start_bubble_m > 0.0 {
-                body::declare_ball(
+                body::declare_sphere(
                     &mut self.window,
                     state.position.vector(),
                     self.config.start_bubble_m,
@@ -258,13 +258,13 @@ impl Fusion {
     }
 
     fn drop_map(&mut self) {
-        self.window.forget();
-        self.far.forget();
-        self.lone.forget();
+        self.window.clear();
+        self.far.clear();
+        self.transient_hits.clear();
         self.history.clear();
         self.sensors.forget_contributions();
         self.health.forget_poses();
-        self.start = Start::default();
+        self.start = StartBubble::default();
         self.epoch = self.epoch.wrapping_add(1);
     }
 
@@ -283,11 +283,18 @@ impl Fusion {
         }
         let reach_m = limits.reach_m;
         let repeats_hits = self.config.declared.get(sensor).is_some_and(|of| of.repeats_hits);
-        let again = repeats_hits.then_some(sensor);
+        let confirming_sensor = repeats_hits.then_some(sensor);
         let rays = cloud.points().len();
-        if self.trace(limits, header.capture, [0.0; 2], again, rays, |tracer| {
-            tracer.cloud(cloud);
-        }) {
+        if self.trace(
+            limits,
+            header.capture,
+            [0.0; 2],
+            confirming_sensor,
+            rays,
+            |tracer| {
+                tracer.cloud(cloud);
+            },
+        ) {
             self.view
                 .cloud(sensor, cloud, header.capture, self.frames, reach_m);
             let deadline_ms = header.deadline_ms(RANGE_CLOUD.row.deadline_ms);
@@ -344,42 +351,42 @@ impl Fusion {
         is_newer
     }
 
-    fn limits(&self, origin: Point<BodyFrd>, min_m: f32, max_m: f32) -> Option<Limits> {
-        Limits::of(origin, min_m, max_m, &self.config)
+    fn limits(&self, origin: Point<BodyFrd>, min_m: f32, max_m: f32) -> Option<SensorLimits> {
+        SensorLimits::of(origin, min_m, max_m, &self.config)
     }
 
     /// Collects the rays that `enter` enters, `rays` at most, spreads them over the band declared, adds the body at the time of capture
     /// and counts the frame as evidence; whether any ray said something. Hits that sensor `again` does not hit again are withdrawn.
     fn trace(
         &mut self,
-        limits: Limits,
+        limits: SensorLimits,
         capture: Timestamp,
         band_m: [f64; 2],
-        again: Option<usize>,
+        confirming_sensor: Option<usize>,
         rays: usize,
-        enter: impl FnOnce(&mut Tracer),
+        enter: impl FnOnce(&mut RayTracer),
     ) -> bool {
         self.frame.begin(self.window.min_cell());
         self.far.begin(rays);
         let (origin_m, near_m) = (limits.origin_body_m, limits.range_min_m);
-        let mut tracer = Tracer {
+        let mut tracer = RayTracer {
             limits,
             frame: &mut self.frame,
             far_offset: self.far.offset(self.window.min_cell()),
             far: &mut self.far,
             counters: &mut self.counters,
-            informed: false,
+            has_information: false,
             number: self.frames,
             sweep: &mut self.sweep,
             history: &self.history,
-            moment: None,
+            time_slot: None,
             place: None,
-            rays: Rays::new(),
+            rays: RayBatch::new(),
         };
         enter(&mut tracer);
         tracer.flush();
         self.frames = self.frames.wrapping_add(1);
-        let informed = tracer.informed;
+        let has_information = tracer.has_information;
         self.far.apply();
         if band_m != [0.0; 2] {
             // A cell counts if all of it lies in the band.
@@ -389,8 +396,8 @@ impl Fusion {
         if let Some(pose) = self.history.at(capture) {
             let radius_m = self.config.vehicle_radius_m;
             body::mark_body(&mut self.frame, &self.window, pose.position_m, radius_m);
-            if let Some(sensor) = again {
-                let looking = Looking {
+            if let Some(sensor) = confirming_sensor {
+                let looking = LidarView {
                     sensor,
                     origin_m,
                     near_m,
@@ -398,11 +405,11 @@ impl Fusion {
                     pose,
                     capture,
                 };
-                self.lone.look(&looking, &self.frame, &mut self.window);
+                self.transient_hits.look(&looking, &self.frame, &mut self.window);
             }
         }
         self.window.apply(&self.frame);
-        informed
+        has_information
     }
 
     /// Writes the whole map as it stands at `now`, every field of it.
@@ -426,12 +433,12 @@ impl Fusion {
 
     /// Writes the far map, every field of it.
     pub fn write_far(&mut self, out: &mut FarMap) {
-        self.far.remember(&self.window);
+        self.far.absorb(&self.window);
         self.far.write(out);
         out.epoch = self.epoch;
     }
 
-    /// The layers of cells in which nothing hangs from above, if that is declared.
+    /// The layers of cells in which nothing has_ceiling from above, if that is declared.
     fn no_overhang(&self) -> Option<[i32; 2]> {
         let [low_m, high_m] = self.config.no_overhang_m;
         // False as long as home is not known.
@@ -466,10 +473,12 @@ impl Fusion {
         bits
     }
 
-    /// Looks for something that hangs from above where it is declared that nothing does; whether it was found just now. The declaration
+    /// Looks for something that has_ceiling from above where it is declared that nothing does; whether it was found just now. The declaration
     /// does not count any more then, for as long as this `Fusion` exists.
     pub fn finds_overhang(&mut self) -> bool {
-        let is_found = self.no_overhang().is_some_and(|layers| self.window.hangs(layers));
+        let is_found = self
+            .no_overhang()
+            .is_some_and(|layers| self.window.has_ceiling(layers));
         self.overhang_seen |= is_found;
         is_found
     }

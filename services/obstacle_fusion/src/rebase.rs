@@ -54,12 +54,12 @@ pub(crate) fn known_jump_m(before: &Estimate, after: &Estimate, step_s: f64) -> 
 
 /// A jump in whole cells, and on which side (-1, 1) each cell reaches into its neighbour after that (0: it does not).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Move {
+pub(crate) struct FrameShift {
     pub cells: [i32; 3],
     pub into: [i32; 3],
 }
 
-impl Move {
+impl FrameShift {
     /// Of everything by `jump_m`.
     pub fn by(jump_m: &Vector3<f64>) -> Self {
         let cells = [0, 1, 2].map(|axis: usize| (jump_m[axis] / CELL_M).round() as i32);
@@ -77,7 +77,7 @@ impl Move {
 
 #[cfg(test)]
 mod tests {
-    use super::{Estimate, Move, known_jump_m};
+    use super::{Estimate, FrameShift, known_jump_m};
     use nalgebra::{UnitQuaternion, Vector3};
 
     fn estimate(position_m: Vector3<f64>, yaw_rad: f64) -> Estimate {
@@ -126,17 +126,17 @@ mod tests {
 
     #[test]
     fn a_jump_is_whole_cells_and_the_side_to_which_the_rest_reaches() {
-        let by = |x: f64, y: f64, z: f64| Move::by(&Vector3::new(x, y, z));
+        let by = |x: f64, y: f64, z: f64| FrameShift::by(&Vector3::new(x, y, z));
         assert_eq!(
             by(0.4, -0.6, 0.005),
-            Move {
+            FrameShift {
                 cells: [2, -3, 0],
                 into: [0, 0, 0]
             }
         );
         assert_eq!(
             by(0.45, -0.65, 0.35),
-            Move {
+            FrameShift {
                 cells: [2, -3, 2],
                 into: [1, -1, -1]
             }

@@ -6,7 +6,7 @@
 //! through the cap's rim, `r cos a` (the hit range less the cap's sag): what answered may stand anywhere on the cap.
 //! For the beam of a lidar the cap is one cell and the sag nothing, and all this comes down to a cloud's ray.
 
-use crate::rays::Tracer;
+use crate::rays::RayTracer;
 use jink_shared_types::map::CELL_M;
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
@@ -41,7 +41,7 @@ fn half_angle_rad(scan: &RangeScan) -> f64 {
     0.5 * f64::from(scan.beam_width_rad)
 }
 
-impl Tracer<'_> {
+impl RayTracer<'_> {
     /// Enters every beam of `scan`, whose description is plausible and whose mounting is `body_q_sensor`.
     pub fn scan(&mut self, scan: &RangeScan, body_q_sensor: &UnitQuaternion<f64>) {
         self.sweep.begin(scan.first_beam);
@@ -72,8 +72,8 @@ impl Tracer<'_> {
     }
 
     fn beam_clear(&mut self, offset_10us: u16, body_r_beam: &BeamFrame) {
-        if self.turn_to(offset_10us) {
-            self.informed = true;
+        if self.set_time(offset_10us) {
+            self.has_information = true;
             self.clear_beam(body_r_beam, self.limits.reach_m);
         }
     }
@@ -85,7 +85,7 @@ impl Tracer<'_> {
             self.counters.self_hits += 1;
             return;
         }
-        if !self.turn_to(offset_10us) {
+        if !self.set_time(offset_10us) {
             return;
         }
         self.enter(center_body_m, range_m, true, 0.0);
@@ -93,7 +93,7 @@ impl Tracer<'_> {
             self.counters.rays_malformed += 1;
             return;
         }
-        self.informed = true;
+        self.has_information = true;
         for_each_on_cap(f64::from(range_m), half_rad, |on_cap| {
             let body_m = single(&(self.limits.origin_body_m + body_r_beam * on_cap));
             if !self.limits.is_self(body_m) {

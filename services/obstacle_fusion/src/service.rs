@@ -104,7 +104,7 @@ impl Service for FusionService {
                 cycle.events.raise(now, &events::ESTIMATOR_RESET, "", [0.0; 2]);
             }
         });
-        let mut news = false;
+        let mut has_new_data = false;
         // The map is as young as the newest frame in it, whichever sensor was read last.
         let mut newest = |frame: &SampleHeader| {
             if frame.capture > header.capture {
@@ -115,14 +115,14 @@ impl Service for FusionService {
             RangeSample::Cloud(cloud) => {
                 fusion.cloud(number, cloud.sample, cloud.header);
                 newest(cloud.header);
-                news = true;
+                has_new_data = true;
             }
             RangeSample::Scan(scan) => {
                 fusion.scan(number, scan.sample, scan.header);
                 // A single beam refines the map; a scan of many is news of its own.
                 if scan.beams > 1 {
                     newest(scan.header);
-                    news = true;
+                    has_new_data = true;
                 }
             }
         });
@@ -130,7 +130,7 @@ impl Service for FusionService {
             let name = self.names.get(finding.sensor).map_or("", String::as_str);
             cycle.events.publish(now, &finding.event(name));
         }
-        if news || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
+        if has_new_data || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
             self.sent = now;
             if self.fusion.finds_overhang() {
                 cycle.events.raise(now, &events::OVERHANG_SEEN, "", [0.0; 2]);

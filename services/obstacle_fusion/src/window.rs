@@ -10,7 +10,7 @@
 //! sparse one. Cells are addressed by their global index modulo the size; the window slides by clearing what enters.
 
 use crate::cells::{BitPlane, SIZE, bits, number, offset_in, plane};
-use crate::frame::Frame;
+use crate::frame_bits::FrameBits;
 use jink_shared_types::map::{Cell, LocalMap, Plane, SIZE_X, SIZE_Y, SIZE_Z};
 
 /// Cells per window.
@@ -38,7 +38,7 @@ const OCCUPIED_CEILING: i8 = 12;
 const HYSTERESIS: i32 = 4;
 
 /// The window. See the module's text.
-pub(crate) struct Window {
+pub(crate) struct MapWindow {
     pub(crate) min_cell: Cell,
     pub(crate) evidence: Box<[i8; CELLS]>,
     pub(crate) occupied: Box<BitPlane>,
@@ -49,7 +49,7 @@ pub(crate) struct Window {
     pub(crate) settled: Box<BitPlane>,
 }
 
-impl Window {
+impl MapWindow {
     /// An all-unknown window around the local origin.
     pub fn new() -> Self {
         Self {
@@ -68,7 +68,7 @@ impl Window {
     }
 
     /// Makes every cell unknown.
-    pub fn forget(&mut self) {
+    pub fn clear(&mut self) {
         self.evidence.fill(0);
         self.occupied.fill(0);
         self.known.fill(0);
@@ -103,7 +103,7 @@ impl Window {
     }
 
     /// Whether the window slides to follow `vehicle`.
-    pub fn is_left_by(&self, vehicle: Cell) -> bool {
+    pub fn must_follow(&self, vehicle: Cell) -> bool {
         let targets = centred_on(vehicle).into_iter().zip(self.min_cell);
         targets
             .into_iter()
@@ -163,7 +163,7 @@ impl Window {
     }
 
     /// Adds the evidence of one frame, made for this window's position: a hit cell is never counted free.
-    pub fn apply(&mut self, frame: &Frame) {
+    pub fn apply(&mut self, frame: &FrameBits) {
         let [turn_x, first_y, first_z] = [0, 1, 2].map(|axis| self.min_cell[axis] & (SIZE[axis] - 1));
         for z in 0..SIZE[2] {
             for y in 0..SIZE[1] {
@@ -248,7 +248,7 @@ impl Window {
 
     /// Cell number `into` is now a part of its own and a part of cell number `from`, or of one outside: it is occupied if either is,
     /// with the stronger evidence, and known only if both are.
-    pub(crate) fn take_over(&mut self, into: usize, from: Option<usize>) {
+    pub(crate) fn merge_cell(&mut self, into: usize, from: Option<usize>) {
         let is_set = |bits: &BitPlane, cell: usize| (bits[cell >> 6] >> (cell & 63)) & 1 == 1;
         let of = |cell: usize| {
             (
@@ -281,7 +281,7 @@ impl Window {
 
     /// Copies the planes out; returns how many cells are occupied and how many known.
     ///
-    /// Nothing hangs from above in the layers of cells `no_overhang` (smallest and largest global index, z counts downwards): where
+    /// Nothing has_ceiling from above in the layers of cells `no_overhang` (smallest and largest global index, z counts downwards): where
     /// a cell is free there, those above it up to the last layer are declared free, unless something was seen there.
     pub fn write(&self, out: &mut LocalMap, no_overhang: Option<[i32; 2]>) -> (u32, u32) {
         let occupied = copy_plane(&self.occupied, &mut out.occupied);
@@ -318,9 +318,9 @@ fn zeroed_evidence() -> Box<[i8; CELLS]> {
 
 #[cfg(test)]
 mod tests {
-    use super::{FREE_FLOOR, HIT, HYSTERESIS, MISS, OCCUPIED_CEILING, Window};
+    use super::{FREE_FLOOR, HIT, HYSTERESIS, MISS, MapWindow, OCCUPIED_CEILING};
     use crate::cells::{SIZE, number, offset_in};
-    use crate::frame::Frame;
+    use crate::frame_bits::FrameBits;
     use jink_shared_types::map::{Cell, LocalMap};
     use proptest::prelude::*;
     use std::collections::BTreeMap;
@@ -356,7 +356,7 @@ mod tests {
         }
     }
 
-    fn set_all(frame: &mut Frame, min_cell: Cell, hits: &[Cell], frees: &[Cell]) {
+    fn set_all(frame: &mut FrameBits, min_cell: Cell, hits: &[Cell], frees: &[Cell]) {
         frame.begin(min_cell);
         for cell in hits {
             let number = number(offset_in(min_cell, *cell).unwrap());
@@ -367,7 +367,7 @@ mod tests {
         }
     }
 
-    fn assert_same(window: &Window, naive: &Naive, map: &mut LocalMap) {
+    fn assert_same(window: &MapWindow, naive: &Naive, map: &mut LocalMap) {
         map.min_cell = window.min_cell();
         let (occupied, known) = window.write(map, None);
         assert_eq!(map.min_cell, naive.min_cell);
@@ -395,8 +395,8 @@ mod tests {
 
         #[test]
         fn sliding_keeps_what_stays_and_forgets_what_enters(scenes in prop::collection::vec(scene(), 1..25)) {
-            let mut window = Window::new();
-            let mut frame = Frame::new();
+            let mut window = MapWindow::new();
+            let mut frame = FrameBits::new();
             let mut naive = Naive { min_cell: window.min_cell(), evidence: BTreeMap::new() };
             let mut map = LocalMap::boxed();
             let mut vehicle = [0, 0, 0];
@@ -428,8 +428,8 @@ mod tests {
     fn one_hit_outlives_six_misses_whatever_was_before() {
         let cell = [3, 4, 5];
         for (free_frames_before, outlived) in [(0, 7), (1, 6), (50, 6)] {
-            let mut window = Window::new();
-            let mut frame = Frame::new();
+            let mut window = MapWindow::new();
+            let mut frame = FrameBits::new();
             let mut apply = |hits: &[Cell], frees: &[Cell]| {
                 set_all(&mut frame, window.min_cell(), hits, frees);
                 window.apply(&frame);
@@ -438,7 +438,7 @@ mod tests {
             for _ in 0..free_frames_before {
                 assert!(!apply(&[], &[cell]));
             }
-            // Rays that pass through the cell in the same frame do not count.
+            // RayBatch that pass through the cell in the same frame do not count.
             assert!(apply(&[cell], &[cell]));
             for _ in 0..outlived {
                 assert!(apply(&[], &[cell]));
@@ -450,8 +450,8 @@ mod tests {
     #[test]
     fn what_is_gone_is_forgotten_after_as_many_frames_as_the_ceiling_says() {
         let cell = [3, 4, 5];
-        let mut window = Window::new();
-        let mut frame = Frame::new();
+        let mut window = MapWindow::new();
+        let mut frame = FrameBits::new();
         set_all(&mut frame, window.min_cell(), &[cell], &[]);
         (0..100).for_each(|_| window.apply(&frame));
         set_all(&mut frame, window.min_cell(), &[], &[cell]);
@@ -464,7 +464,7 @@ mod tests {
 
     #[test]
     fn a_hovering_vehicle_does_not_move_the_window() {
-        let mut window = Window::new();
+        let mut window = MapWindow::new();
         let before = window.min_cell();
         for step in -HYSTERESIS..=HYSTERESIS {
             window.follow([step, -step, step]);

@@ -1,7 +1,7 @@
 //! A scenario, flown by our own ring and prevention.
 
 use super::schema::{BINS, Node, Unreadable};
-use jink_collision_guard::prevention::{Demand, Outcome, Prevention, PreventionConfig};
+use jink_collision_guard::prevention::{HorizontalSetpoint, Prevention, PreventionConfig, PreventionOutput};
 use jink_collision_guard::ring::{Pose, Ring};
 use jink_shared_types::beams::{BeamReading, DistanceRow};
 use jink_shared_types::params::ParamSet;
@@ -46,7 +46,7 @@ pub enum Message {
 
 /// A message that was taken in, as it was placed.
 #[derive(Clone, Debug)]
-pub struct Taken {
+pub struct AcceptedMessage {
     /// Its layer.
     pub layer: usize,
     /// It, as a scan; `None` if it was refused.
@@ -72,13 +72,13 @@ pub struct Replay {
 
 /// What came of a step.
 #[derive(Debug)]
-pub struct Answer {
+pub struct ReplayedStep {
     /// When.
     pub now: Timestamp,
     /// The ring.
     pub ring: SectorRing,
     /// The setpoint.
-    pub outcome: Outcome,
+    pub outcome: PreventionOutput,
     /// The setpoint that came.
     pub asked: Vector2<f64>,
     /// The velocity that came.
@@ -86,7 +86,7 @@ pub struct Answer {
     /// Heading (rad).
     pub yaw_rad: f64,
     /// What was taken in.
-    pub taken: Vec<Taken>,
+    pub accepted: Vec<AcceptedMessage>,
 }
 
 impl Replay {
@@ -104,7 +104,7 @@ impl Replay {
     }
 
     /// One step.
-    pub fn step(&mut self, step: &Node<'_>) -> Result<Answer, Unreadable> {
+    pub fn step(&mut self, step: &Node<'_>) -> Result<ReplayedStep, Unreadable> {
         if let Some(params) = step.find("params") {
             self.config = read_config(Some(self.config), &params)?;
             self.prevention.configure(self.config);
@@ -118,7 +118,7 @@ impl Replay {
             }
         }
         self.note_messages(step)?;
-        let taken = if self.config.is_active() {
+        let accepted = if self.config.is_active() {
             self.take(now)
         } else {
             Vec::new()
@@ -133,15 +133,15 @@ impl Replay {
         let velocity = Vector2::from(step.get("velocity")?.numbers::<2>()?);
         let outcome = self
             .prevention
-            .step(now, &ring, Demand::Acceleration(asked), velocity);
-        Ok(Answer {
+            .step(now, &ring, HorizontalSetpoint::Acceleration(asked), velocity);
+        Ok(ReplayedStep {
             now,
             ring,
             outcome,
             asked,
             velocity,
             yaw_rad: pose.yaw_rad(),
-            taken,
+            accepted,
         })
     }
 
@@ -163,7 +163,7 @@ impl Replay {
         Ok(())
     }
 
-    fn take(&mut self, now: Timestamp) -> Vec<Taken> {
+    fn take(&mut self, now: Timestamp) -> Vec<AcceptedMessage> {
         let pose = Pose {
             position: Vector3::zeros(),
             attitude: self.attitude,
@@ -177,10 +177,10 @@ impl Replay {
                 let is_current = at <= now && now.seconds_since(at) < KEPT_S;
                 let written = is_current && written(&message, &mut scan);
                 let header = SampleHeader::at(at);
-                let taken = written && self.ring.scan_from(layer, &scan, &header, &pose).is_ok();
-                Taken {
+                let accepted = written && self.ring.scan_from(layer, &scan, &header, &pose).is_ok();
+                AcceptedMessage {
                     layer,
-                    scan: taken.then_some(scan),
+                    scan: accepted.then_some(scan),
                     message,
                     at,
                     attitude: self.attitude,

@@ -21,12 +21,12 @@ const SAME_ACCELERATION_MPS2: f64 = 0.1;
 /// How often a curve is halved before its hull counts as its extent.
 const HALVINGS: u32 = 2;
 /// Pieces cut shorter than this (s) are numerical dust.
-const DUST_S: f64 = 1e-4;
+const NEGLIGIBLE_S: f64 = 1e-4;
 /// Limits beyond these are damage, not wishes: what the parameter table allows, and a jerk beyond any multicopter's.
-const SANE_SPEED_MPS: f64 = 25.0;
-const SANE_ACCELERATION_MPS2: f64 = 20.0;
-const SANE_JERK_MPS3: f64 = 500.0;
-const SANE_YAW_RATE_RADPS: f64 = 20.0;
+const PLAUSIBLE_SPEED_MPS: f64 = 25.0;
+const PLAUSIBLE_ACCELERATION_MPS2: f64 = 20.0;
+const PLAUSIBLE_JERK_MPS3: f64 = 500.0;
+const PLAUSIBLE_YAW_RATE_RADPS: f64 = 20.0;
 
 /// Whether `candidate` is a trajectory at all that keeps what it promises: sound, continuous from piece to piece, at rest at
 /// its end, and after its departure within its own limits.
@@ -35,7 +35,7 @@ const SANE_YAW_RATE_RADPS: f64 = 20.0;
 /// [`GuardReason::Unsound`] or, for a jump between pieces, [`GuardReason::Discontinuous`].
 pub fn examine(candidate: &Trajectory) -> Result<(), GuardReason> {
     // Identity zero means "none": a successor could not say that it departs from it.
-    if !candidate.is_sound() || candidate.id == 0 || !are_sane(&candidate.limits) {
+    if !candidate.is_sound() || candidate.id == 0 || !are_plausible(&candidate.limits) {
         return Err(GuardReason::Unsound);
     }
     let pieces = candidate.pieces();
@@ -91,14 +91,14 @@ fn are_same(a: &MotionState, b: &MotionState) -> bool {
         && (a.acceleration.vector() - b.acceleration.vector()).norm() <= SAME_ACCELERATION_MPS2
 }
 
-fn are_sane(limits: &MotionLimits) -> bool {
+fn are_plausible(limits: &MotionLimits) -> bool {
     let positive = |value: f64, most: f64| value > 0.0 && value <= most;
-    positive(limits.speed_mps, SANE_SPEED_MPS)
-        && positive(limits.climb_mps, SANE_SPEED_MPS)
-        && positive(limits.descent_mps, SANE_SPEED_MPS)
-        && positive(limits.acceleration_mps2, SANE_ACCELERATION_MPS2)
-        && positive(limits.jerk_mps3, SANE_JERK_MPS3)
-        && (0.0..=SANE_YAW_RATE_RADPS).contains(&limits.yaw_rate_radps)
+    positive(limits.speed_mps, PLAUSIBLE_SPEED_MPS)
+        && positive(limits.climb_mps, PLAUSIBLE_SPEED_MPS)
+        && positive(limits.descent_mps, PLAUSIBLE_SPEED_MPS)
+        && positive(limits.acceleration_mps2, PLAUSIBLE_ACCELERATION_MPS2)
+        && positive(limits.jerk_mps3, PLAUSIBLE_JERK_MPS3)
+        && (0.0..=PLAUSIBLE_YAW_RATE_RADPS).contains(&limits.yaw_rate_radps)
 }
 
 /// Only what comes after the departure is judged: the prefix was judged when it was approved, perhaps under other limits. For
@@ -109,15 +109,15 @@ fn keeps_its_limits(candidate: &Trajectory) -> bool {
     let Some(start) = candidate.at(candidate.start.plus_seconds(skip_s)) else {
         return false;
     };
-    let bounds = Bounds::new(&candidate.limits, &start);
+    let bounds = AdmissionBounds::new(&candidate.limits, &start);
     let mut piece_start_s = 0.0;
     for piece in candidate.pieces() {
         let cut_s = skip_s - piece_start_s;
         piece_start_s += piece.duration_s;
-        if cut_s > piece.duration_s - DUST_S {
+        if cut_s > piece.duration_s - NEGLIGIBLE_S {
             continue;
         }
-        let after = if cut_s > DUST_S {
+        let after = if cut_s > NEGLIGIBLE_S {
             piece.split(cut_s).1
         } else {
             *piece
@@ -129,7 +129,7 @@ fn keeps_its_limits(candidate: &Trajectory) -> bool {
     true
 }
 
-struct Bounds {
+struct AdmissionBounds {
     speed_mps: f64,
     climb_mps: f64,
     descent_mps: f64,
@@ -138,7 +138,7 @@ struct Bounds {
     yaw_rate_radps: f64,
 }
 
-impl Bounds {
+impl AdmissionBounds {
     fn new(limits: &MotionLimits, start: &MotionState) -> Self {
         let bound = |limit: f64, inherited: f64| MotionLimits::allowed(limit.max(inherited));
         Self {

@@ -24,7 +24,7 @@ const BISECTIONS: u32 = 30;
 
 /// How hard the brake may be.
 #[derive(Clone, Copy, Debug)]
-pub struct Hardness {
+pub struct BrakeLimits {
     /// Deceleration (m/s2).
     pub deceleration_mps2: f64,
     /// Jerk (m/s3).
@@ -32,7 +32,7 @@ pub struct Hardness {
 }
 
 /// Makes `out` the brake of `active`: what that does until `now` plus [`LEAD_S`], then to rest.
-pub fn brake(active: &Trajectory, now: Timestamp, hardness: Hardness, id: u64, out: &mut Trajectory) {
+pub fn brake(active: &Trajectory, now: Timestamp, brake_limits: BrakeLimits, id: u64, out: &mut Trajectory) {
     let mut begin = now.plus_seconds(LEAD_S);
     let room = jink_shared_types::motion::TRAJECTORY_PIECES - PHASES;
     let fits = out.take_prefix(active, now, begin) && out.pieces().len() <= room;
@@ -49,11 +49,13 @@ pub fn brake(active: &Trajectory, now: Timestamp, hardness: Hardness, id: u64, o
             (state, state.yaw_rad)
         }
     };
-    let hardness = Hardness {
-        deceleration_mps2: hardness.deceleration_mps2.max(present_deceleration_mps2(&start)),
-        ..hardness
+    let brake_limits = BrakeLimits {
+        deceleration_mps2: brake_limits
+            .deceleration_mps2
+            .max(present_deceleration_mps2(&start)),
+        ..brake_limits
     };
-    let legs = Legs::new(&start, hardness);
+    let legs = BrakePhases::new(&start, brake_limits);
     legs.append(&start, yaw_rad, out);
     out.id = id;
     out.base_id = active.id;
@@ -63,7 +65,7 @@ pub fn brake(active: &Trajectory, now: Timestamp, hardness: Hardness, id: u64, o
     out.limits.acceleration_mps2 = active
         .limits
         .acceleration_mps2
-        .max(hardness.deceleration_mps2)
+        .max(brake_limits.deceleration_mps2)
         .max(start.acceleration.vector().norm());
     out.mode = Coded::new(TrajectoryMode::Brake);
     out.reaches_goal = Flag::NO;
@@ -84,24 +86,24 @@ fn present_deceleration_mps2(state: &MotionState) -> f64 {
 const PHASES: usize = 3;
 
 /// The legs of a brake: where each ends, and how long it takes.
-struct Legs {
+struct BrakePhases {
     ends: [End; PHASES],
     durations_s: [f64; PHASES],
     len: usize,
 }
 
-impl Legs {
-    fn new(start: &MotionState, hardness: Hardness) -> Self {
-        Self::three_phases(&start.end(), hardness)
-            .unwrap_or_else(|| Self::one_quintic(&start.end(), hardness))
+impl BrakePhases {
+    fn new(start: &MotionState, brake_limits: BrakeLimits) -> Self {
+        Self::three_phases(&start.end(), brake_limits)
+            .unwrap_or_else(|| Self::one_quintic(&start.end(), brake_limits))
     }
 
     /// `None` if the speed is too small for the phases to have a direction.
-    fn three_phases(start: &End, hardness: Hardness) -> Option<Self> {
-        let Hardness {
+    fn three_phases(start: &End, brake_limits: BrakeLimits) -> Option<Self> {
+        let BrakeLimits {
             deceleration_mps2,
             jerk_mps3,
-        } = hardness;
+        } = brake_limits;
         let mut lead_in = LeadIn::to(start, deceleration_mps2, jerk_mps3)?;
         if lead_in.spare_mps < 0.0 {
             let (mut low, mut high) = (0.0, deceleration_mps2);
@@ -137,17 +139,17 @@ impl Legs {
             }
         }
         legs.end_at_rest();
-        legs.keep(start, hardness).then_some(legs)
+        legs.keep(start, brake_limits).then_some(legs)
     }
 
     /// One quintic, for speeds too small for phases: as long as it takes to stay within the limits.
-    fn one_quintic(start: &End, hardness: Hardness) -> Self {
+    fn one_quintic(start: &End, brake_limits: BrakeLimits) -> Self {
         /// Doubled at most this often; from the shortest that is an hour, more than any state within the limits takes.
         const LENGTHENINGS: u32 = 60;
         let mut duration_s = 0.1;
         let mut legs = Self::quintic_of(start, duration_s);
         for _ in 0..LENGTHENINGS {
-            if legs.keep(start, hardness) {
+            if legs.keep(start, brake_limits) {
                 break;
             }
             duration_s *= 1.2;
@@ -197,9 +199,9 @@ impl Legs {
     }
 
     /// Whether no leg brakes harder than allowed, or than it starts with.
-    fn keep(&self, start: &End, hardness: Hardness) -> bool {
-        let most_mps2 = MotionLimits::allowed(hardness.deceleration_mps2.max(start.acceleration.norm()));
-        let most_mps3 = MotionLimits::allowed(hardness.jerk_mps3);
+    fn keep(&self, start: &End, brake_limits: BrakeLimits) -> bool {
+        let most_mps2 = MotionLimits::allowed(brake_limits.deceleration_mps2.max(start.acceleration.norm()));
+        let most_mps3 = MotionLimits::allowed(brake_limits.jerk_mps3);
         let mut from = *start;
         self.len > 0
             && self.legs().all(|(end, duration_s)| {

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | a new trajectory, if one has come | the trajectory that may leave, on every call |
 //! | vehicle state, with its age | verdict, reason, free way, stopping distance |
-//! | the [`Ring`] | [`News`] for the pilot, once per change |
+//! | the [`Ring`] | [`StepEvents`] for the pilot, once per change |
 //!
 //! # What is let through
 //! A new trajectory passes if it is sound and within its own limits (`admission.rs`); departs from what is flown and joins it
@@ -35,11 +35,11 @@ mod admission;
 mod brake;
 mod lookahead;
 
-use crate::news::News;
 use crate::prevention::PreventionConfig;
 use crate::ring::Ring;
+use crate::step_events::StepEvents;
 use admission::departure;
-use brake::Hardness;
+use brake::BrakeLimits;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::motion::{
     ApprovedTrajectory, GuardReason, MotionState, Trajectory, TrajectoryMode, Verdict,
@@ -47,7 +47,7 @@ use jink_shared_types::motion::{
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Reading, Timestamp};
-use lookahead::{Demand, Lookahead, Prospect};
+use lookahead::{Lookahead, LookaheadDemand, LookaheadResult};
 
 /// How far from the measured position a motion may start that continues none (m): an estimator's jump, a gust.
 const START_ERROR_M: f64 = 1.0;
@@ -60,7 +60,7 @@ const START_ERROR_MPS: f64 = 1.5;
 /// approved, because who stands has no stopping distance, and braked when it has gained some speed: half a second later.
 const HORIZON_S: f64 = 1.0;
 /// A brake is made only if it comes to rest within this share of the way that the flown trajectory takes anyway.
-const WORTH_BRAKING: f64 = 0.98;
+const BRAKE_MAX_SHARE: f64 = 0.98;
 /// Bit that marks identities made by the guard.
 const GUARD_MADE: u64 = 1 << 63;
 
@@ -76,7 +76,7 @@ pub struct GuardConfig {
     /// Reaction time counted on (s).
     pub delay_s: f64,
     /// Distance between the vehicle's centre and any obstacle (m), where that is more than radius and margin.
-    pub kept_m: f64,
+    pub standoff_m: f64,
 }
 
 impl GuardConfig {
@@ -87,7 +87,7 @@ impl GuardConfig {
             margin_m: params.get(&params::GD_MARGIN),
             brake_mps2: params.get(&params::GD_ACC_BRAKE),
             delay_s: params.get(&params::GD_DELAY),
-            kept_m: 0.0,
+            standoff_m: 0.0,
         };
         let prevention = PreventionConfig::from_params(params);
         if !prevention.is_active() {
@@ -96,7 +96,7 @@ impl GuardConfig {
         Self {
             brake_mps2: own.brake_mps2.min(prevention.acceleration_mps2),
             delay_s: own.delay_s.max(prevention.delay_s),
-            kept_m: prevention.distance_m,
+            standoff_m: prevention.distance_m,
             ..own
         }
     }
@@ -170,35 +170,40 @@ impl Guard {
     /// Verdict and reason are those of the last decision, and stay until the next one: a refusal is told until something passes or
     /// a brake is made. Whether what leaves is a brake, its mode says. Without fresh ranges the free way is infinite: nothing is
     /// known that ends it.
-    pub fn step(&mut self, now: Timestamp, inputs: &GuardInputs<'_>, out: &mut ApprovedTrajectory) -> News {
-        let mut news = News::default();
+    pub fn step(
+        &mut self,
+        now: Timestamp,
+        inputs: &GuardInputs<'_>,
+        out: &mut ApprovedTrajectory,
+    ) -> StepEvents {
+        let mut step_events = StepEvents::default();
         let has_ranges = inputs.ring.is_fresh(now);
-        self.tell_ranges(has_ranges, &mut news);
+        self.report_ranges(has_ranges, &mut step_events);
 
-        let mut prospect = None;
+        let mut lookahead = None;
         if let Some(candidate) = inputs.trajectory.filter(|candidate| self.is_new(candidate)) {
             match self.judge(now, candidate, inputs, has_ranges) {
                 Ok(seen) => {
-                    self.take(candidate, &mut news);
-                    prospect = seen;
+                    self.take(candidate, &mut step_events);
+                    lookahead = seen;
                 }
                 Err(reason) => self.refuse(reason),
             }
         }
-        if self.flown == Flown::Active && has_ranges && prospect.is_none() {
+        if self.flown == Flown::Active && has_ranges && lookahead.is_none() {
             let seen = self.look(now, None, inputs.ring);
             if seen.is_blocked() {
-                self.brake(now, &seen, &mut news);
+                self.brake(now, &seen, &mut step_events);
             }
-            prospect = Some(seen);
+            lookahead = Some(seen);
         }
 
         out.trajectory = self.active;
-        out.free_way_m = prospect.map_or(f64::INFINITY, |seen| seen.free_way_m);
-        out.stopping_m = prospect.map_or(0.0, |seen| seen.stopping_m);
+        out.free_way_m = lookahead.map_or(f64::INFINITY, |seen| seen.free_distance_m);
+        out.stopping_m = lookahead.map_or(0.0, |seen| seen.stopping_m);
         out.verdict = Coded::new(self.verdict);
         out.reason = Coded::new(self.reason);
-        news
+        step_events
     }
 
     fn is_new(&self, candidate: &Trajectory) -> bool {
@@ -212,7 +217,7 @@ impl Guard {
         candidate: &Trajectory,
         inputs: &GuardInputs<'_>,
         has_ranges: bool,
-    ) -> Result<Option<Prospect>, GuardReason> {
+    ) -> Result<Option<LookaheadResult>, GuardReason> {
         let mode = candidate.mode.get();
         if mode == TrajectoryMode::Mirror {
             // A mirror carries no pieces; with pieces it is a damaged trajectory whose mode byte has become unreadable.
@@ -280,24 +285,23 @@ impl Guard {
     }
 
     /// What is ahead of `candidate`, or of what is flown.
-    fn look(&mut self, now: Timestamp, candidate: Option<&Trajectory>, ring: &Ring) -> Prospect {
+    fn look(&mut self, now: Timestamp, candidate: Option<&Trajectory>, ring: &Ring) -> LookaheadResult {
         let clearance_m = self.config.vehicle_radius_m + self.config.margin_m;
-        let demand = Demand {
+        let demand = LookaheadDemand {
             clearance_m,
-            kept_m: clearance_m.max(self.config.kept_m),
+            standoff_m: clearance_m.max(self.config.standoff_m),
             delay_s: self.config.delay_s,
             brake_mps2: self.config.brake_mps2,
             horizon_s: if candidate.is_some() { HORIZON_S } else { 0.0 },
             loss_counts: candidate.is_some(),
         };
         let trajectory = candidate.unwrap_or(&self.active);
-        self.lookahead
-            .follow(now, trajectory, &ring.outlook(now), &demand)
+        self.lookahead.follow(now, trajectory, &ring.query(now), &demand)
     }
 
-    fn take(&mut self, candidate: &Trajectory, news: &mut News) {
+    fn take(&mut self, candidate: &Trajectory, step_events: &mut StepEvents) {
         if self.is_braking {
-            news.add(EventSample::new(&events::GUARD_RELEASED, "", [0.0; 2]));
+            step_events.add(EventSample::new(&events::GUARD_RELEASED, "", [0.0; 2]));
         }
         self.is_braking = false;
         self.active = *candidate;
@@ -320,17 +324,18 @@ impl Guard {
     }
 
     /// Replaces the active trajectory by its brake, if that is of any use.
-    fn brake(&mut self, now: Timestamp, seen: &Prospect, news: &mut News) {
+    fn brake(&mut self, now: Timestamp, seen: &LookaheadResult, step_events: &mut StepEvents) {
         if self.is_braking {
             return;
         }
         let id = GUARD_MADE | (u64::from(self.generation) << 32) | u64::from(self.brakes);
-        let hardness = Hardness {
+        let brake_limits = BrakeLimits {
             deceleration_mps2: self.config.brake_mps2,
             jerk_mps3: self.active.limits.jerk_mps3,
         };
-        brake::brake(&self.active, now, hardness, id, &mut self.draft);
-        if way_left_m(&self.draft, now) > WORTH_BRAKING * way_left_m(&self.active, now) {
+        brake::brake(&self.active, now, brake_limits, id, &mut self.draft);
+        if remaining_distance_m(&self.draft, now) > BRAKE_MAX_SHARE * remaining_distance_m(&self.active, now)
+        {
             return;
         }
         self.brakes = self.brakes.wrapping_add(1);
@@ -343,18 +348,18 @@ impl Guard {
         } else {
             "unseen"
         };
-        news.add(EventSample::new(
+        step_events.add(EventSample::new(
             &events::GUARD_BRAKED,
             what,
-            [seen.free_way_m, 0.0],
+            [seen.free_distance_m, 0.0],
         ));
     }
 
-    fn tell_ranges(&mut self, has_ranges: bool, news: &mut News) {
+    fn report_ranges(&mut self, has_ranges: bool, step_events: &mut StepEvents) {
         match (self.had_ranges, has_ranges) {
             (None, false) => return,
-            (Some(true), false) => news.add(EventSample::new(&events::RANGES_LOST, "", [0.0; 2])),
-            (Some(false), true) => news.add(EventSample::new(&events::RANGES_BACK, "", [0.0; 2])),
+            (Some(true), false) => step_events.add(EventSample::new(&events::RANGES_LOST, "", [0.0; 2])),
+            (Some(false), true) => step_events.add(EventSample::new(&events::RANGES_BACK, "", [0.0; 2])),
             (None | Some(true), true) | (Some(false), false) => {}
         }
         self.had_ranges = Some(has_ranges);
@@ -377,7 +382,7 @@ fn is_near(reference: &MotionState, state: &VehicleState) -> bool {
 }
 
 /// Way that `trajectory` takes from `now` to rest (m).
-fn way_left_m(trajectory: &Trajectory, now: Timestamp) -> f64 {
+fn remaining_distance_m(trajectory: &Trajectory, now: Timestamp) -> f64 {
     /// Enough for a comparison: chords of a quintic piece miss less than one percent of its way.
     const CHORDS: u32 = 16;
     let mut skip_s = now.seconds_since(trajectory.start).max(0.0);

@@ -14,9 +14,9 @@
 //! A disc of the kept distance that moves straight on meets a point or a face in a place with a normal. The way it may go on in this
 //! direction is what counts against the speed *along the normal*; what it passes beside does not count at all.
 //!
-//! What is small and stands alone may be a person who takes another step: it is told apart, for whoever is more careful with it.
+//! What is small and stands alone may be a person who takes another step: it is reported apart, for whoever is more careful with it.
 
-use super::around::{Around, Sight};
+use super::sector_states::{SectorState, SectorStates};
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS};
 use nalgebra::{Rotation2, Vector2};
 
@@ -54,14 +54,14 @@ pub struct Outline {
     hits: [Hit; POINTS],
     len: usize,
     /// The nearest hits of what is small and stands alone.
-    lone: [Vector2<f64>; SECTORS],
-    lone_len: usize,
+    isolated: [Vector2<f64>; SECTORS],
+    isolated_len: usize,
     keep_m: f64,
 }
 
 impl Outline {
     /// What `around` says, to be kept `keep_m` away from.
-    pub fn of(around: &Around, keep_m: f64) -> Self {
+    pub fn of(sectors: &SectorStates, keep_m: f64) -> Self {
         let nothing = Hit {
             place: Vector2::zeros(),
             is_joined: false,
@@ -70,14 +70,18 @@ impl Outline {
         let mut outline = Self {
             hits: [nothing; POINTS],
             len: 0,
-            lone: [Vector2::zeros(); SECTORS],
-            lone_len: 0,
+            isolated: [Vector2::zeros(); SECTORS],
+            isolated_len: 0,
             keep_m,
         };
-        for (sector, toward, reach_m) in around.known() {
-            let ends_at = |sector: usize| around.sights[sector % SECTORS].reach_m().unwrap_or(f64::INFINITY);
+        for (sector, toward, reach_m) in sectors.known() {
+            let ends_at = |sector: usize| {
+                sectors.states[sector % SECTORS]
+                    .reach_m()
+                    .unwrap_or(f64::INFINITY)
+            };
             let (left_m, right_m) = (ends_at(sector + SECTORS - 1), ends_at(sector + 1));
-            let is_solid = matches!(around.sights[sector], Sight::Hit { .. });
+            let is_solid = matches!(sectors.states[sector], SectorState::Hit { .. });
             let mut push = |aside: f64, is_joined: bool| {
                 let place = Rotation2::new(0.5 * aside * SECTOR_WIDTH_RAD) * toward * reach_m;
                 outline.push(Hit {
@@ -96,19 +100,19 @@ impl Outline {
             }
         }
         outline.join();
-        outline.find_lone(around);
+        outline.find_isolated(sectors);
         outline
     }
 
     /// The nearest hits (m) of all that is small and stands alone.
-    pub fn lone(&self) -> &[Vector2<f64>] {
-        &self.lone[..self.lone_len]
+    pub fn isolated(&self) -> &[Vector2<f64>] {
+        &self.isolated[..self.isolated_len]
     }
 
-    fn find_lone(&mut self, around: &Around) {
-        let place = |sector: usize| match around.sights[sector % SECTORS] {
-            Sight::Hit { distance_m, .. } => Some(around.directions[sector % SECTORS] * distance_m),
-            Sight::Clear { .. } | Sight::Unknown => None,
+    fn find_isolated(&mut self, sectors: &SectorStates) {
+        let place = |sector: usize| match sectors.states[sector % SECTORS] {
+            SectorState::Hit { distance_m, .. } => Some(sectors.directions[sector % SECTORS] * distance_m),
+            SectorState::Clear { .. } | SectorState::Unknown => None,
         };
         let keep_m = self.keep_m;
         let goes_on = |sector: usize| match (place(sector), place(sector + 1)) {
@@ -126,8 +130,8 @@ impl Outline {
                 }
             }
             if (end - begin).norm() <= SMALL_M {
-                self.lone[self.lone_len] = nearest;
-                self.lone_len += 1;
+                self.isolated[self.isolated_len] = nearest;
+                self.isolated_len += 1;
             }
         }
     }

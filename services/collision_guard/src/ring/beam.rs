@@ -16,8 +16,8 @@
 
 use super::bearing::{SLOTS, SLOTS_PER_SECTOR};
 use super::poses::Pose;
+use super::sensor_view::{SensorView, SlotHit};
 use super::sweep::BEYOND_ANY_SENSOR_M2;
-use super::view::{Hit, View};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::{RangeScan, RayKind, STEEPEST_RAD, ScanFrame};
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, sector_of};
@@ -31,17 +31,17 @@ const LEAST_M: f64 = 2e-3;
 
 /// When and from where a scan was taken.
 #[derive(Clone, Copy, Debug)]
-pub struct Span<'a> {
+pub struct ScanSpan<'a> {
     /// Its first beam.
     pub first: (Timestamp, &'a Pose),
     /// Its last one: the view's place.
     pub last: (Timestamp, &'a Pose),
     /// Within this a scan sees the vehicle (m).
-    pub hull_m: f64,
+    pub vehicle_radius_m: f64,
 }
 
 /// An arc around a place, in the level frame of the view.
-struct Arc {
+struct RangeArc {
     /// Its centre (m): forward, right.
     centre_m: Vector2<f64>,
     /// From here clockwise ... (rad)
@@ -56,7 +56,7 @@ struct Arc {
 }
 
 /// Writes all beams of `scan` into `view`.
-pub fn collect(scan: &RangeScan, span: &Span<'_>, view: &mut View) {
+pub fn collect(scan: &RangeScan, span: &ScanSpan<'_>, view: &mut SensorView) {
     let (first, from) = span.first;
     let (last, to) = span.last;
     let duration_s = last.seconds_since(first);
@@ -65,7 +65,7 @@ pub fn collect(scan: &RangeScan, span: &Span<'_>, view: &mut View) {
     let width_rad = if width_rad > 0.0 { width_rad } else { 0.0 };
     let level = Rotation2::new(-to.yaw_rad());
     for (beam, range_m) in scan.ranges().iter().enumerate() {
-        let (range_m, kind) = meaning(*range_m, scan.range_max_m);
+        let (range_m, kind) = interpret(*range_m, scan.range_max_m);
         if kind == RayKind::Unknown {
             continue;
         }
@@ -80,14 +80,14 @@ pub fn collect(scan: &RangeScan, span: &Span<'_>, view: &mut View) {
         let Some(axis) = axis(scan, &pose, toward_rad) else {
             continue;
         };
-        let is_self = scan.beams > 1 && kind == RayKind::Hit && axis.end_m(range_m) < span.hull_m;
+        let is_self = scan.beams > 1 && kind == RayKind::Hit && axis.end_m(range_m) < span.vehicle_radius_m;
         if is_self && scan.frame.get() == ScanFrame::Body {
             continue;
         }
         let bearing_rad = axis.bearing_rad - to.yaw_rad();
-        paint(
+        write_arc(
             view,
-            &Arc {
+            &RangeArc {
                 centre_m: level * (axis.sensor_m.xy() + pose.position.xy() - to.position.xy()),
                 from_rad: bearing_rad - 0.5 * width_rad,
                 width_rad,
@@ -101,7 +101,7 @@ pub fn collect(scan: &RangeScan, span: &Span<'_>, view: &mut View) {
 }
 
 /// What a range says, and how far that is (m).
-fn meaning(range_m: f32, range_max_m: f32) -> (f64, RayKind) {
+fn interpret(range_m: f32, range_max_m: f32) -> (f64, RayKind) {
     if range_m.is_nan() || range_m < 0.0 {
         (0.0, RayKind::Unknown)
     } else if range_m > range_max_m {
@@ -112,7 +112,7 @@ fn meaning(range_m: f32, range_max_m: f32) -> (f64, RayKind) {
 }
 
 /// Where a beam points.
-struct Axis {
+struct BeamAxis {
     /// The sensor from the vehicle's centre, along local NED (m).
     sensor_m: Vector3<f64>,
     /// The beam, along local NED.
@@ -123,15 +123,15 @@ struct Axis {
     share: f64,
 }
 
-impl Axis {
+impl BeamAxis {
     /// Distance of the beam's end from the vehicle's centre (m).
     fn end_m(&self, range_m: f64) -> f64 {
         (self.sensor_m + self.along * range_m).norm()
     }
 }
 
-fn axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
-    let level = |bearing_rad: f64| Axis {
+fn axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<BeamAxis> {
+    let level = |bearing_rad: f64| BeamAxis {
         sensor_m: Vector3::zeros(),
         along: Vector3::new(bearing_rad.cos(), bearing_rad.sin(), 0.0),
         bearing_rad,
@@ -144,7 +144,7 @@ fn axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
     }
 }
 
-fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
+fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<BeamAxis> {
     let (sin, cos) = toward_rad.sin_cos();
     let in_body = scan.mounting.rotation()? * Vector3::new(cos, sin, 0.0);
     let flat = in_body.xy().norm();
@@ -157,7 +157,7 @@ fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
     let share = along.xy().norm();
     let sensor_m = pose.attitude * scan.origin.vector();
     if scan.beams > 1 {
-        return Some(Axis {
+        return Some(BeamAxis {
             sensor_m,
             along,
             bearing_rad: along.y.atan2(along.x),
@@ -165,7 +165,7 @@ fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
         });
     }
     let in_plane = Vector3::new(in_body.x / flat, in_body.y / flat, 0.0);
-    Some(Axis {
+    Some(BeamAxis {
         sensor_m,
         along,
         bearing_rad: pose.yaw_rad() + in_body.y.atan2(in_body.x),
@@ -174,7 +174,7 @@ fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
 }
 
 /// Writes `arc` into `view`: one place in every slot that it touches.
-fn paint(view: &mut View, arc: &Arc) {
+fn write_arc(view: &mut SensorView, arc: &RangeArc) {
     let slots = |bearing_rad: f64| bearing_rad / SECTOR_WIDTH_RAD * SLOTS_PER_SECTOR as f64;
     let (from, to) = (slots(arc.from_rad), slots(arc.from_rad + arc.width_rad));
     let first = from.floor();
@@ -189,7 +189,7 @@ fn paint(view: &mut View, arc: &Arc) {
     }
 }
 
-fn mark(view: &mut View, arc: &Arc, place_m: Vector2<f64>) {
+fn mark(view: &mut SensorView, arc: &RangeArc, place_m: Vector2<f64>) {
     let bearing_rad = place_m.y.atan2(place_m.x);
     let distance_m2 = place_m.norm_squared() as f32;
     // False for NaN, too: broken coordinates say nothing.
@@ -213,7 +213,7 @@ fn mark(view: &mut View, arc: &Arc, place_m: Vector2<f64>) {
     let hit = &mut view.hits[slot_of(bearing_rad)];
     let [forward_m, right_m] = hit.level_m;
     if distance_m2 < forward_m * forward_m + right_m * right_m {
-        *hit = Hit {
+        *hit = SlotHit {
             level_m: [place_m.x as f32, place_m.y as f32],
             seen: arc.seen,
         };

@@ -4,7 +4,7 @@
 //! free, in contrast, is the maximum over its rays: leaving rays out can only make it smaller. A large cloud has a
 //! thousand rays per sector, of which some [`KNOWLEDGE_RAYS`]` / 72` tell the same.
 
-use super::sweep::{Collector, NearBand, Sweep};
+use super::sweep::{NearBand, SectorCollector, SweepTransform};
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 
 /// About as many rays of a cloud are asked how far it is free: some sixty per sector. With a quarter of them a lidar of 64
@@ -36,7 +36,7 @@ const SPREAD: [u32; CHUNK] = {
 };
 
 /// Adds what matters of `cloud` to `collector`.
-pub fn collect(cloud: &PointCloud, sweep: &Sweep, collector: &mut Collector) {
+pub fn collect(cloud: &PointCloud, sweep: &SweepTransform, collector: &mut SectorCollector) {
     let per_offset = if sweep.duration_s() > 0.0 {
         (1.0 / (OFFSETS_PER_S * sweep.duration_s())) as f32
     } else {
@@ -45,7 +45,7 @@ pub fn collect(cloud: &PointCloud, sweep: &Sweep, collector: &mut Collector) {
     let points = cloud.points();
     let share_asked = KNOWLEDGE_RAYS as f64 / points.len().max(1) as f64;
     let asked_below = (share_asked * f64::from(u32::MAX)) as u32;
-    let mut filter = Filter {
+    let mut filter = PointFilter {
         near_band: sweep.near_band(cloud.range_max_m),
         per_offset,
         asked_below,
@@ -61,15 +61,15 @@ pub fn collect(cloud: &PointCloud, sweep: &Sweep, collector: &mut Collector) {
 }
 
 /// Finds the points that matter. Loops over plain arrays without branches: see [`super::sweep`].
-struct Filter {
+struct PointFilter {
     near_band: NearBand,
     per_offset: f32,
     asked_below: u32,
     phase: u32,
 }
 
-impl Filter {
-    fn pass(&mut self, chunk: &[CloudPoint; CHUNK], sweep: &Sweep, collector: &mut Collector) {
+impl PointFilter {
+    fn pass(&mut self, chunk: &[CloudPoint; CHUNK], sweep: &SweepTransform, collector: &mut SectorCollector) {
         let mut wanted = [0u8; CHUNK];
         for i in 0..CHUNK {
             let point = &chunk[i];
@@ -95,7 +95,7 @@ impl Filter {
     }
 
     #[inline(always)]
-    fn push(&self, point: &CloudPoint, why: u8, sweep: &Sweep, collector: &mut Collector) {
+    fn push(&self, point: &CloudPoint, why: u8, sweep: &SweepTransform, collector: &mut SectorCollector) {
         let kind = point.kind.get();
         if why & ASKED != 0 || kind == RayKind::Hit {
             let end_m = [point.forward_m, point.right_m, point.down_m];

@@ -1,7 +1,7 @@
 //! The laws of planar scans: what a 2-D lidar says of a direction is in the sectors of that direction, in no other, however the
 //! vehicle is turned, tilted and moving, and as long as it counts.
 
-use crate::common::{Place, fly, ring, time, view};
+use crate::common::{VehiclePose, fly, ring, time, view};
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::SampleHeader;
 use jink_shared_types::frames::{Attitude, Mounting, wrap_pi};
@@ -41,7 +41,7 @@ fn turn(range_m: f32) -> RangeScan {
 
 fn at_rest(yaw_rad: f64) -> Ring {
     let mut ring = ring();
-    let place = Place::at(0.0, 0.0).turned(0.0, 0.0, yaw_rad);
+    let place = VehiclePose::at(0.0, 0.0).turned(0.0, 0.0, yaw_rad);
     fly(&mut ring, &|_| place, NOW_S - 0.2, NOW_S + 1.0);
     ring
 }
@@ -74,10 +74,10 @@ proptest! {
         let place = |t: f64| {
             let passed_s = t - NOW_S;
             let turned = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad + turn_radps * passed_s);
-            Place {
+            VehiclePose {
                 velocity: Vector3::new(north, east, 0.0) * speed_mps,
                 attitude: lean * turned,
-                ..Place::at(north * speed_mps * passed_s, east * speed_mps * passed_s)
+                ..VehiclePose::at(north * speed_mps * passed_s, east * speed_mps * passed_s)
             }
         };
         let mut ring = ring();
@@ -193,7 +193,7 @@ proptest! {
         let (east, north) = course_rad.sin_cos();
         let place = |t: f64| {
             let moved_m = if t > NOW_S + 0.01 { moved_m } else { 0.0 };
-            Place::at(north * moved_m, east * moved_m).turned(0.0, 0.0, yaw_rad)
+            VehiclePose::at(north * moved_m, east * moved_m).turned(0.0, 0.0, yaw_rad)
         };
         let mut ring = ring();
         fly(&mut ring, &place, NOW_S - 0.2, NOW_S + 0.1);

@@ -98,7 +98,7 @@ fn fly_through(spacing_m: f64, lidar: &Lidar, seed: u64, replan_s: Option<f64>) 
             next_plan_s = t + replan_s.unwrap_or(0.0);
         }
         let here = place(t);
-        let (out, news) = step(&mut guard, t, candidate.as_ref(), &ring, here);
+        let (out, step_events) = step(&mut guard, t, candidate.as_ref(), &ring, here);
         assert_eq!(
             out.verdict.get(),
             Verdict::Passed,
@@ -109,7 +109,7 @@ fn fly_through(spacing_m: f64, lidar: &Lidar, seed: u64, replan_s: Option<f64>) 
             out.free_way_m,
             out.stopping_m
         );
-        assert!(news.events().is_empty());
+        assert!(step_events.events().is_empty());
         way = out.trajectory;
         steps += 1;
     }

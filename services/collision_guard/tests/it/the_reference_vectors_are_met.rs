@@ -23,7 +23,7 @@ mod units;
 
 use std::path::{Path, PathBuf};
 
-fn judged(directory: &Path) -> report::Report {
+fn judged(directory: &Path) -> report::VectorReport {
     let report = run::run(directory).unwrap();
     println!("{}\n{report}", directory.display());
     assert_eq!(report.failing(), 0, "\n{report}");

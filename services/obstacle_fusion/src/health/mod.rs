@@ -2,9 +2,9 @@
 //!
 //! | fault | what shows it | what follows |
 //! |---|---|---|
-//! | stuck | the same data to the last bit while the vehicle moves, or for 2.5 s; frames whose time stands still ([`repeat`]) | the frames are not entered, so the sensor expires |
-//! | wrong scale, mirrored, wrong mounting | under motion, what the sensor has seen before stands in space that it now looks through, and does not once ranges are multiplied, left and right exchanged, or the sensor turned ([`motion`]) | a text |
-//! | wrong rate | frames a second against the sensor's table ([`rate`]) | a text |
+//! | stuck | the same data to the last bit while the vehicle moves, or for 2.5 s; frames whose time stands still ([`repeat_check`]) | the frames are not entered, so the sensor expires |
+//! | wrong scale, mirrored, wrong mounting | under motion, what the sensor has seen before stands in space that it now looks through, and does not once ranges are multiplied, left and right exchanged, or the sensor turned ([`motion_check`]) | a text |
+//! | wrong rate | frames a second against the sensor's table ([`rate_check`]) | a text |
 //!
 //! Before arming, ranges are not fresh while any sensor has a fault.
 //!
@@ -12,20 +12,20 @@
 //! only turns, an error of position of some decimetres. A frame is looked at only now and then, and then only a part of its rays; a search for the
 //! fault is spread over frames. Everything is allocated at the start.
 
-mod image;
-mod motion;
-mod rate;
-mod repeat;
+mod motion_check;
+mod range_image;
+mod rate_check;
+mod repeat_check;
 
 use crate::poses::{Pose, PoseHistory, SweepPoses};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::faults::{FaultBits, SensorFault, with_fault};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
-use motion::{Cause, Motion};
+use motion_check::{FaultCause, MotionCheck};
 use nalgebra::UnitQuaternion;
-use rate::Rate;
-use repeat::{Print, Repeat};
+use rate_check::RateCheck;
+use repeat_check::{FrameFingerprint, RepeatCheck};
 use std::f32::consts::PI;
 
 /// A fault with its numbers, as the event about it has them.
@@ -56,9 +56,9 @@ impl SensorFinding {
 
 /// One sensor.
 struct SensorHealth {
-    repeat: Repeat,
-    rate: Rate,
-    motion: Motion,
+    repeat: RepeatCheck,
+    rate: RateCheck,
+    motion: MotionCheck,
     /// The fault last reported.
     reported: SensorFault,
 }
@@ -70,10 +70,10 @@ impl SensorHealth {
             return (SensorFault::Stuck, [0.0; 2]);
         }
         match self.motion.cause() {
-            Some(Cause::Scale(factor)) => return (SensorFault::WrongScale, shown(factor)),
-            Some(Cause::Mirrored) => return (SensorFault::Mirrored, [0.0; 2]),
-            Some(Cause::Turned(angle_deg)) => return (SensorFault::WrongMounting, [angle_deg, 0.0]),
-            Some(Cause::Unexplained) => return (SensorFault::WrongMounting, [0.0; 2]),
+            Some(FaultCause::Scale(factor)) => return (SensorFault::WrongScale, shown(factor)),
+            Some(FaultCause::Mirrored) => return (SensorFault::Mirrored, [0.0; 2]),
+            Some(FaultCause::Turned(angle_deg)) => return (SensorFault::WrongMounting, [angle_deg, 0.0]),
+            Some(FaultCause::Unexplained) => return (SensorFault::WrongMounting, [0.0; 2]),
             None => {}
         }
         match self.rate.wrong_hz() {
@@ -101,9 +101,9 @@ impl Health {
     /// Of sensors with these rates (Hz); zero where the table does not say.
     pub fn new(rates_hz: &[f64]) -> Self {
         let sensors = rates_hz.iter().map(|rate_hz| SensorHealth {
-            repeat: Repeat::default(),
-            rate: Rate::new(*rate_hz),
-            motion: Motion::new(),
+            repeat: RepeatCheck::default(),
+            rate: RateCheck::new(*rate_hz),
+            motion: MotionCheck::new(),
             reported: SensorFault::Unknown,
         });
         Self {
@@ -114,7 +114,7 @@ impl Health {
     /// The vehicle's poses are those of another frame now.
     pub fn forget_poses(&mut self) {
         for sensor in &mut self.sensors {
-            sensor.motion.forget();
+            sensor.motion.clear();
             sensor.repeat.forget_pose();
         }
     }
@@ -122,7 +122,7 @@ impl Health {
     /// A frame of `sensor` came that was captured at `capture`, no later than the one captured at `newest`.
     pub fn late(&mut self, sensor: usize, capture: Timestamp, newest: Timestamp) {
         if let Some(sensor) = self.sensors.get_mut(sensor).filter(|_| capture == newest) {
-            sensor.repeat.stands_still();
+            sensor.repeat.count_same_time();
         }
     }
 
@@ -136,7 +136,9 @@ impl Health {
     ) -> bool {
         self.sensors.get_mut(sensor).is_some_and(|sensor| {
             sensor.rate.take(capture, false);
-            sensor.repeat.accepts(Print::of_cloud(cloud), capture, pose)
+            sensor
+                .repeat
+                .accepts(FrameFingerprint::of_cloud(cloud), capture, pose)
         })
     }
 
@@ -151,7 +153,9 @@ impl Health {
         self.sensors.get_mut(sensor).is_some_and(|sensor| {
             let turned_rad = scan.beams as f32 * scan.angle_step_rad.abs();
             sensor.rate.take(capture, scan.beams > 1 && turned_rad < PI);
-            sensor.repeat.accepts(Print::of_scan(scan), capture, pose)
+            sensor
+                .repeat
+                .accepts(FrameFingerprint::of_scan(scan), capture, pose)
         })
     }
 
@@ -190,7 +194,7 @@ impl Health {
         sensor: usize,
         capture: Timestamp,
         history: &PoseHistory,
-    ) -> Option<(&mut Motion, Pose)> {
+    ) -> Option<(&mut MotionCheck, Pose)> {
         let pose = history.at(capture)?;
         let motion = &mut self.sensors.get_mut(sensor)?.motion;
         motion.advance();

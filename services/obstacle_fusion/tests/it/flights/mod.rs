@@ -32,11 +32,11 @@ pub fn set(name: &str) -> Vec<SensorSpec> {
 }
 
 /// A way with turns: along the world's own, if it has one, with the nose along it, rolling and pitching.
-pub struct Way {
+pub struct FlightPath {
     corners: Vec<Vector3<f64>>,
 }
 
-impl Way {
+impl FlightPath {
     pub fn through(world: &World) -> Self {
         let corners = world.way(0.8).unwrap();
         Self {
@@ -87,7 +87,7 @@ impl Flown {
 }
 
 /// A sample that may be spoilt: the number of the frame, the sample, its header.
-pub enum Sample<'a> {
+pub enum SensorSample<'a> {
     Cloud(&'a mut PointCloud),
     Scan(&'a mut RangeScan),
 }
@@ -97,9 +97,9 @@ pub enum Sample<'a> {
 pub fn fly(
     world: &World,
     specs: &[SensorSpec],
-    way: &Way,
+    path: &FlightPath,
     duration_s: f64,
-    mut spoil: impl FnMut(u64, Sample<'_>, &mut SampleHeader) -> u32,
+    mut corrupt: impl FnMut(u64, SensorSample<'_>, &mut SampleHeader) -> u32,
 ) -> Flown {
     let mut config = FusionConfig::from_params(&ParamSet::default(), specs.len());
     for (declared, spec) in config.declared.iter_mut().zip(specs) {
@@ -117,9 +117,9 @@ pub fn fly(
     for step in 0..steps {
         let t_s = step as f64 * 0.004;
         now = Timestamp::from_seconds(START_S + t_s);
-        track.push(now, way.pose(t_s));
+        track.push(now, path.pose(t_s));
         if step % (STATE_S / 0.004) as u64 == 0 {
-            fusion.vehicle(&state(way, t_s), &SampleHeader::at(now));
+            fusion.vehicle(&state(path, t_s), &SampleHeader::at(now));
         }
         while let Some(frame) = rig.next_due(now) {
             let mut header = SampleHeader::at(frame.end);
@@ -131,10 +131,10 @@ pub fn fly(
             if frame.sensor == 0 {
                 frames += 1;
                 let sample = match frame.output {
-                    Output::Cloud => Sample::Cloud(&mut cloud),
-                    Output::Scan => Sample::Scan(&mut scan),
+                    Output::Cloud => SensorSample::Cloud(&mut cloud),
+                    Output::Scan => SensorSample::Scan(&mut scan),
                 };
-                times = spoil(frames, sample, &mut header);
+                times = corrupt(frames, sample, &mut header);
             }
             let begin = Instant::now();
             for _ in 0..times {
@@ -162,9 +162,9 @@ pub fn fly(
 }
 
 /// What an estimator says of the vehicle: off by a slow drift of 0.3 m, and by a degree.
-fn state(way: &Way, t_s: f64) -> VehicleState {
+fn state(path: &FlightPath, t_s: f64) -> VehicleState {
     let estimate = |t_s: f64| {
-        let pose = way.pose(t_s);
+        let pose = path.pose(t_s);
         let drift = Vector3::new((0.6 * t_s).sin(), (0.5 * t_s).cos(), 0.3 * (0.4 * t_s).sin()) * 0.3;
         (pose.position.vector() + drift, pose.attitude)
     };

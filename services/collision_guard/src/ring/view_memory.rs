@@ -5,10 +5,10 @@
 //! counts as seen if one of them saw it free, with no hit of that view nearer than the clearance asked for.
 //!
 //! This is the one assumption the guard makes about time: what has been seen to be free stays free while it is hidden, for
-//! at most [`KEPT_S`]. Whatever moves in there meanwhile is met as an obstacle as soon as it is in sight. Obstacles are
+//! at most [`VIEW_LIFETIME_S`]. Whatever moves in there meanwhile is met as an obstacle as soon as it is in sight. Obstacles are
 //! never remembered: those in sight count, at once and without filter.
 
-use super::view::View;
+use super::sensor_view::SensorView;
 use crate::ring::SENSORS;
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
@@ -17,7 +17,7 @@ use jink_shared_types::frames::wrap_pi;
 const VIEWS: usize = 128;
 /// How long a view is believed (s): at 3 m/s the way of a few trees or round a building's corner. Longer would trust a world
 /// that had time to change; shorter would stop the vehicle behind every second tree.
-const KEPT_S: f64 = 10.0;
+const VIEW_LIFETIME_S: f64 = 10.0;
 /// A view is kept when the vehicle has moved this far since the sensor's last kept one (m) ...
 const EVERY_M: f64 = 0.5;
 /// ... or has turned this far (rad) (two sectors), for sensors that do not look all around ...
@@ -26,21 +26,21 @@ const EVERY_RAD: f64 = 0.17;
 const EVERY_S: f64 = 2.0;
 
 #[derive(Clone, Debug)]
-struct Kept {
-    view: View,
+struct StoredView {
+    view: SensorView,
     time: Timestamp,
 }
 
 /// The views kept.
 #[derive(Clone, Debug)]
-pub struct Memory {
-    kept: Vec<Kept>,
+pub struct ViewMemory {
+    kept: Vec<StoredView>,
     next: usize,
     /// Per sensor: its last kept view.
     last: [Option<usize>; SENSORS],
 }
 
-impl Memory {
+impl ViewMemory {
     /// Empty, with all its memory.
     pub fn new() -> Self {
         Self {
@@ -58,7 +58,7 @@ impl Memory {
     }
 
     /// Keeps the view that `sensor` had at `time`, if it differs enough from its last kept one.
-    pub fn offer(&mut self, sensor: usize, view: &View, time: Timestamp) {
+    pub fn store_if_new(&mut self, sensor: usize, view: &SensorView, time: Timestamp) {
         let Some(last) = self.last.get_mut(sensor) else {
             return;
         };
@@ -85,7 +85,7 @@ impl Memory {
                 *other.1 = None;
             }
         }
-        let entry = Kept {
+        let entry = StoredView {
             view: view.clone(),
             time,
         };
@@ -95,7 +95,7 @@ impl Memory {
         }
     }
 
-    /// Whether a view of the last [`KEPT_S`] seconds, taken within `band_half_m` of the height `down_m`, saw the place (north,
+    /// Whether a view of the last [`VIEW_LIFETIME_S`] seconds, taken within `band_half_m` of the height `down_m`, saw the place (north,
     /// east) free with `clearance_m` around it.
     pub fn admits(
         &self,
@@ -106,7 +106,7 @@ impl Memory {
         band_half_m: f64,
     ) -> bool {
         self.kept.iter().any(|kept| {
-            now.seconds_since(kept.time).abs() <= KEPT_S
+            now.seconds_since(kept.time).abs() <= VIEW_LIFETIME_S
                 && (kept.view.down_m - down_m).abs() <= band_half_m
                 && kept.view.admits(place_m)
                 && !kept.view.has_hit_within(place_m, clearance_m as f32)

@@ -5,16 +5,16 @@
 //! all of them are. Nothing is allocated.
 
 use crate::cells::{BitPlane, SIZE, STRIDE};
-use crate::rebase::Move;
-use crate::window::Window;
+use crate::rebase::FrameShift;
+use crate::window::MapWindow;
 
 /// Words of a row and of a layer.
 const ROW_WORDS: usize = STRIDE[1] as usize / 64;
 const LAYER_WORDS: usize = STRIDE[2] as usize / 64;
 
-impl Window {
+impl MapWindow {
     /// Gives every cell the coordinates that it has after `by`.
-    pub fn shift(&mut self, by: &Move) {
+    pub fn shift(&mut self, by: &FrameShift) {
         let [x, y, z] = [0, 1, 2].map(|axis| by.cells[axis].rem_euclid(SIZE[axis]) as usize);
         for axis in 0..3 {
             self.min_cell[axis] = self.min_cell[axis].wrapping_add(by.cells[axis]);
@@ -63,7 +63,7 @@ impl Window {
                     };
                     let from = along - into;
                     let from = (0..SIZE[axis]).contains(&from).then(|| number(from));
-                    self.take_over(number(along), from);
+                    self.merge_cell(number(along), from);
                 }
             }
         }
@@ -85,13 +85,13 @@ fn turn(plane: &mut BitPlane, [x, y, z]: [usize; 3]) {
 #[cfg(test)]
 mod tests {
     use crate::cells::{SIZE, number, offset_in};
-    use crate::frame::Frame;
-    use crate::rebase::Move;
-    use crate::window::Window;
+    use crate::frame_bits::FrameBits;
+    use crate::rebase::FrameShift;
+    use crate::window::MapWindow;
     use jink_shared_types::map::{Cell, LocalMap};
     use proptest::prelude::*;
 
-    fn written(window: &Window) -> Box<LocalMap> {
+    fn written(window: &MapWindow) -> Box<LocalMap> {
         let mut map = LocalMap::boxed();
         map.min_cell = window.min_cell();
         (map.occupied_cells, map.known_cells) = window.write(&mut map, None);
@@ -113,10 +113,10 @@ mod tests {
             hits in prop::collection::vec(prop::array::uniform3(0..12i32), 1..8),
             frames in 1..4usize,
         ) {
-            let mut window = Window::new();
+            let mut window = MapWindow::new();
             let min_cell = window.min_cell();
             let place = |o: [i32; 3]| [0, 1, 2].map(|axis| min_cell[axis] + corner[axis] + o[axis]);
-            let mut frame = Frame::new();
+            let mut frame = FrameBits::new();
             for _ in 0..frames {
                 frame.begin(min_cell);
                 for z in 0..12 {
@@ -133,7 +133,7 @@ mod tests {
                 window.apply(&frame);
             }
             let before = written(&window);
-            window.shift(&Move { cells, into });
+            window.shift(&FrameShift { cells, into });
             let after = written(&window);
             prop_assert_eq!(after.min_cell, [0, 1, 2].map(|axis| min_cell[axis] + cells[axis]));
             prop_assert!(after.occupied_cells > 0);

@@ -19,7 +19,7 @@ use jink_shared_types::Timestamp;
 const CYCLE_MS: f64 = 10.0;
 
 #[derive(Clone, Copy)]
-struct Sensor {
+struct Contribution {
     /// Capture of the newest frame taken, whether it contributed or not.
     newest: Timestamp,
     /// Capture of the newest frame that contributed.
@@ -28,14 +28,14 @@ struct Sensor {
     single_beam: bool,
 }
 
-const SILENT: Sensor = Sensor {
+const SILENT: Contribution = Contribution {
     newest: Timestamp::NEVER,
     contributed: Timestamp::NEVER,
     deadline_ms: 0.0,
     single_beam: false,
 };
 
-impl Sensor {
+impl Contribution {
     /// A capture later than `now` is not young but wrong, beyond [`CYCLE_MS`].
     fn is_live(&self, now: Timestamp) -> bool {
         let age_ms = now.seconds_since(self.contributed) * 1e3;
@@ -44,11 +44,11 @@ impl Sensor {
 }
 
 /// All configured sensors.
-pub(crate) struct Sensors {
-    sensors: Vec<Sensor>,
+pub(crate) struct Contributions {
+    sensors: Vec<Contribution>,
 }
 
-impl Sensors {
+impl Contributions {
     pub fn new(count: usize) -> Self {
         Self {
             sensors: vec![SILENT; count],
@@ -108,7 +108,7 @@ impl Sensors {
 
 #[cfg(test)]
 mod tests {
-    use super::Sensors;
+    use super::Contributions;
     use jink_shared_types::Timestamp;
 
     const DEADLINE_MS: f64 = 250.0;
@@ -117,14 +117,14 @@ mod tests {
         Timestamp::from_seconds(10.0 + t_s)
     }
 
-    fn contribute(sensors: &mut Sensors, sensor: usize, t_s: f64, single_beam: bool) {
+    fn contribute(sensors: &mut Contributions, sensor: usize, t_s: f64, single_beam: bool) {
         assert!(sensors.accept(sensor, at(t_s)));
         sensors.contributed(sensor, single_beam, DEADLINE_MS);
     }
 
     #[test]
     fn a_sensor_expires_after_its_deadline() {
-        let mut sensors = Sensors::new(2);
+        let mut sensors = Contributions::new(2);
         assert!(!sensors.fresh(at(0.0)) && sensors.live(at(0.0)) == 0);
         contribute(&mut sensors, 1, 0.0, false);
         assert!(sensors.fresh(at(0.25)) && sensors.live(at(0.25)) == 1);
@@ -133,7 +133,7 @@ mod tests {
 
     #[test]
     fn a_single_beam_does_not_vouch_for_a_silent_lidar() {
-        let mut sensors = Sensors::new(2);
+        let mut sensors = Contributions::new(2);
         contribute(&mut sensors, 0, 0.0, true);
         assert_eq!(sensors.live(at(0.1)), 1);
         assert!(!sensors.fresh(at(0.1)), "the other one has never spoken");
@@ -145,17 +145,17 @@ mod tests {
 
     #[test]
     fn single_beams_alone_are_fresh_if_all_of_them_are() {
-        let mut sensors = Sensors::new(2);
+        let mut sensors = Contributions::new(2);
         contribute(&mut sensors, 0, 0.0, true);
         contribute(&mut sensors, 1, 0.1, true);
         assert!(sensors.fresh(at(0.2)));
         assert!(!sensors.fresh(at(0.3)), "the first has expired");
-        assert!(!Sensors::new(0).fresh(at(0.0)));
+        assert!(!Contributions::new(0).fresh(at(0.0)));
     }
 
     #[test]
     fn a_frame_is_taken_once_and_in_order() {
-        let mut sensors = Sensors::new(1);
+        let mut sensors = Contributions::new(1);
         assert!(sensors.accept(0, at(0.1)));
         assert!(!sensors.accept(0, at(0.1)) && !sensors.accept(0, at(0.05)));
         assert!(!sensors.accept(1, at(0.2)), "not configured");
@@ -164,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_arrives_while_the_cycle_runs_is_fresh() {
-        let mut sensors = Sensors::new(1);
+        let mut sensors = Contributions::new(1);
         contribute(&mut sensors, 0, 0.005, false);
         assert!(sensors.fresh(at(0.0)));
         assert!(!sensors.fresh(at(-0.01)));
@@ -172,7 +172,7 @@ mod tests {
 
     #[test]
     fn one_frame_from_the_future_does_not_silence_a_sensor() {
-        let mut sensors = Sensors::new(1);
+        let mut sensors = Contributions::new(1);
         contribute(&mut sensors, 0, 1e6, false);
         assert!(!sensors.fresh(at(0.0)), "the future is not fresh");
         contribute(&mut sensors, 0, 0.0, false);

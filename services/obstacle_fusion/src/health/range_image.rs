@@ -17,17 +17,17 @@ const SLACK_RATIO: f32 = 0.05;
 
 /// What an image says of something at a distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
-    /// Rays have gone through there.
+pub(super) enum RangeAgreement {
+    /// RayBatch have gone through there.
     SeenThrough,
-    /// Rays have ended about there.
+    /// RayBatch have ended about there.
     Agrees,
     /// It was hidden, or nobody has looked there.
     Unknown,
 }
 
 /// Shortest and longest distance in each direction (m), and how many rays.
-pub(super) struct Image {
+pub(super) struct RangeImage {
     near_m: Box<[f32; BINS]>,
     far_m: Box<[f32; BINS]>,
     rays: Box<[u8; BINS]>,
@@ -35,7 +35,7 @@ pub(super) struct Image {
     is_planar: bool,
 }
 
-impl Image {
+impl RangeImage {
     pub fn new() -> Self {
         Self {
             near_m: zeroed_box(),
@@ -76,11 +76,11 @@ impl Image {
     }
 
     /// What the rays say of something at `offset_m`.
-    pub fn judge(&self, offset_m: &Vector3<f64>) -> Verdict {
+    pub fn judge(&self, offset_m: &Vector3<f64>) -> RangeAgreement {
         let (row, column, distance_m) = self.bin(offset_m);
         // Beside what was looked at, a wall that goes on comes nearer.
         if self.rays[row * COLUMNS + column] == 0 {
-            return Verdict::Unknown;
+            return RangeAgreement::Unknown;
         }
         let (mut near_m, mut far_m, mut rays) = (f32::INFINITY, 0.0f32, 0u32);
         for row in row.saturating_sub(1)..=(row + 1).min(ROWS - 1) {
@@ -95,11 +95,11 @@ impl Image {
         }
         let slack_m = SLACK_M + SLACK_RATIO * distance_m;
         if rays < RAYS_MIN || distance_m > far_m + slack_m {
-            Verdict::Unknown
+            RangeAgreement::Unknown
         } else if distance_m < near_m - slack_m {
-            Verdict::SeenThrough
+            RangeAgreement::SeenThrough
         } else {
-            Verdict::Agrees
+            RangeAgreement::Agrees
         }
     }
 }

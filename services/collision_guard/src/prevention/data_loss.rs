@@ -10,14 +10,14 @@ const WARM_UP_S: f64 = 1.0;
 
 /// Since when data are missing.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Loss {
+pub struct DataLoss {
     active_since: Option<Timestamp>,
     last_data: Option<Timestamp>,
 }
 
 /// What is to be done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Missing {
+pub enum DataLossAction {
     /// There are data.
     Nothing,
     /// No data, but it has only just begun to act: no motion.
@@ -28,27 +28,32 @@ pub enum Missing {
     Hold,
 }
 
-impl Loss {
+impl DataLoss {
     /// Notes whether there are data. The ring itself says "unknown" half a second after the last of them.
-    pub fn note(&mut self, now: Timestamp, config: &PreventionConfig, data_at: Option<Timestamp>) -> Missing {
+    pub fn note(
+        &mut self,
+        now: Timestamp,
+        config: &PreventionConfig,
+        data_at: Option<Timestamp>,
+    ) -> DataLossAction {
         if !config.is_active() {
             self.active_since = None;
-            return Missing::Nothing;
+            return DataLossAction::Nothing;
         }
         let active_since = *self.active_since.get_or_insert(now);
         if let Some(data_at) = data_at {
             self.last_data = Some(data_at);
-            return Missing::Nothing;
+            return DataLossAction::Nothing;
         }
         let active_s = now.seconds_since(active_since);
         // Without any data ever, those since it began to act are missing.
         let missing_s = self.last_data.map_or(active_s, |last| now.seconds_since(last));
         if missing_s > HOLD_S && active_s > HOLD_S {
-            Missing::Hold
+            DataLossAction::Hold
         } else if active_s > WARM_UP_S {
-            Missing::Warned
+            DataLossAction::Warned
         } else {
-            Missing::Quiet
+            DataLossAction::Quiet
         }
     }
 }

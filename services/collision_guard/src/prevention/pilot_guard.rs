@@ -1,7 +1,7 @@
 //! Watching over a pilot who steers through jink: his wish in, what may be flown out, and news once per change.
 
-use super::{Demand, Outcome, Prevention, PreventionConfig};
-use crate::news::News;
+use super::{HorizontalSetpoint, Prevention, PreventionConfig, PreventionOutput};
+use crate::step_events::StepEvents;
 use jink_shared_types::coded::Wire;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand, PreventionState};
@@ -13,9 +13,9 @@ use nalgebra::Vector2;
 /// It is said to rest when it has done nothing for so long (s): at the edge of acting it would be said again and again.
 const RESTS_S: f64 = 1.0;
 
-/// What the pilot was told last.
+/// What the pilot was reported last.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-enum Told {
+enum ReportedState {
     #[default]
     Nothing,
     Acts,
@@ -23,21 +23,21 @@ enum Told {
     Holds,
 }
 
-/// The watch.
+/// The pilot_guard.
 #[derive(Clone, Debug)]
-pub struct Watch {
+pub struct PilotGuard {
     prevention: Prevention,
-    told: Told,
+    reported: ReportedState,
     /// It did something then.
     acted: Timestamp,
 }
 
-impl Watch {
+impl PilotGuard {
     /// One that has seen nothing yet.
     pub fn new(config: PreventionConfig) -> Self {
         Self {
             prevention: Prevention::new(config),
-            told: Told::Nothing,
+            reported: ReportedState::Nothing,
             acted: Timestamp::NEVER,
         }
     }
@@ -54,10 +54,10 @@ impl Watch {
         demand: Reading<'_, PilotDemand>,
         state: Reading<'_, VehicleState>,
         ring: &SectorRing,
-    ) -> Option<(PreventedDemand, News)> {
-        let mut news = News::default();
+    ) -> Option<(PreventedDemand, StepEvents)> {
+        let mut step_events = StepEvents::default();
         let Some(demand) = demand.fresh() else {
-            self.told = Told::Nothing;
+            self.reported = ReportedState::Nothing;
             return None;
         };
         let wanted = demand.sample.velocity.vector().xy();
@@ -66,8 +66,8 @@ impl Watch {
             .map_or_else(Vector2::zeros, |state| state.sample.velocity.vector().xy());
         let outcome = self
             .prevention
-            .step(now, ring, Demand::Velocity(wanted), velocity);
-        self.tell(now, &outcome, &mut news);
+            .step(now, ring, HorizontalSetpoint::Velocity(wanted), velocity);
+        self.report_events(now, &outcome, &mut step_events);
         let allowed = if outcome.setpoint.iter().all(|v| v.is_finite()) {
             outcome.setpoint
         } else {
@@ -81,31 +81,33 @@ impl Watch {
             cause: Coded::new(outcome.cause),
             ..PreventedDemand::default()
         };
-        Some((prevented, news))
+        Some((prevented, step_events))
     }
 
-    fn tell(&mut self, now: Timestamp, outcome: &Outcome, news: &mut News) {
+    fn report_events(&mut self, now: Timestamp, outcome: &PreventionOutput, step_events: &mut StepEvents) {
         let state = match outcome.state {
-            PreventionState::Hold => Told::Holds,
-            PreventionState::Blind if outcome.warns => Told::Blind,
-            PreventionState::Blind => self.told,
-            PreventionState::Acting => Told::Acts,
-            PreventionState::Off | PreventionState::Free => Told::Nothing,
+            PreventionState::Hold => ReportedState::Holds,
+            PreventionState::Blind if outcome.must_warn => ReportedState::Blind,
+            PreventionState::Blind => self.reported,
+            PreventionState::Acting => ReportedState::Acts,
+            PreventionState::Off | PreventionState::Free => ReportedState::Nothing,
         };
-        if state != Told::Nothing {
+        if state != ReportedState::Nothing {
             self.acted = now;
         }
-        let rests = state == Told::Nothing && now.seconds_since(self.acted) < RESTS_S;
-        if state == self.told || rests {
+        let rests = state == ReportedState::Nothing && now.seconds_since(self.acted) < RESTS_S;
+        if state == self.reported || rests {
             return;
         }
-        self.told = state;
+        self.reported = state;
         let nearest_m = outcome.nearest.map_or(0.0, |(_, reach_m)| reach_m);
-        news.add(match state {
-            Told::Acts => EventSample::new(&events::PREVENTION_ACTS, outcome.cause.name(), [nearest_m, 0.0]),
-            Told::Blind => EventSample::new(&events::PREVENTION_BLIND, "", [0.0; 2]),
-            Told::Holds => EventSample::new(&events::PREVENTION_HOLDS, "", [0.0; 2]),
-            Told::Nothing => EventSample::new(&events::PREVENTION_RESTS, "", [0.0; 2]),
+        step_events.add(match state {
+            ReportedState::Acts => {
+                EventSample::new(&events::PREVENTION_ACTS, outcome.cause.name(), [nearest_m, 0.0])
+            }
+            ReportedState::Blind => EventSample::new(&events::PREVENTION_BLIND, "", [0.0; 2]),
+            ReportedState::Holds => EventSample::new(&events::PREVENTION_HOLDS, "", [0.0; 2]),
+            ReportedState::Nothing => EventSample::new(&events::PREVENTION_RESTS, "", [0.0; 2]),
         });
     }
 }

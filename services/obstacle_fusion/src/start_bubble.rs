@@ -19,43 +19,45 @@ const TAKEN_OFF_M: f64 = 0.3;
 
 /// The start of a flight.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Start {
+pub(crate) struct StartBubble {
     /// Where the vehicle stood (local NED, m); `None` once it has taken off, and if it never stood.
-    stood: Option<Vector3<f64>>,
+    ground_m: Option<Vector3<f64>>,
     /// When it last stood or moved.
     moved: Timestamp,
 }
 
-impl Start {
+impl StartBubble {
     /// Whether the vehicle stands or takes off at `capture`.
     pub fn update(&mut self, state: &VehicleState, capture: Timestamp) -> bool {
         let here = state.position.vector();
         let stands = !state.armed.is_set() || state.landed.is_set();
         if stands {
-            self.stood = Some(here);
+            self.ground_m = Some(here);
         }
-        let is_up = self.stood.is_some_and(|stood| stood.z - here.z > TAKEN_OFF_M);
+        let is_up = self
+            .ground_m
+            .is_some_and(|ground_m| ground_m.z - here.z > TAKEN_OFF_M);
         if !is_up || state.velocity.vector().norm() > REST_MPS {
             self.moved = capture;
         }
         let rested = capture.seconds_since(self.moved) >= REST_S;
-        self.stood = self
-            .stood
-            .filter(|stood| !rested && (here - stood).xy().norm() <= ASIDE_M);
-        self.stood.is_some()
+        self.ground_m = self
+            .ground_m
+            .filter(|ground_m| !rested && (here - ground_m).xy().norm() <= ASIDE_M);
+        self.ground_m.is_some()
     }
 
     /// The local frame was moved by `jump_m`.
     pub fn shift(&mut self, jump_m: &Vector3<f64>) {
-        if let Some(stood) = &mut self.stood {
-            *stood += jump_m;
+        if let Some(ground_m) = &mut self.ground_m {
+            *ground_m += jump_m;
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::Start;
+    use super::StartBubble;
     use jink_shared_types::frames::Velocity;
     use jink_shared_types::vehicle::VehicleState;
     use jink_shared_types::{Flag, Point, Timestamp};
@@ -84,7 +86,7 @@ mod tests {
 
     #[test]
     fn it_lasts_from_the_ground_until_the_vehicle_has_left_the_place_in_any_mode() {
-        let mut start = Start::default();
+        let mut start = StartBubble::default();
         assert!(start.update(&on_ground(3.0), at(1.0)));
         assert!(start.update(&in_flight(3.3, -1.0, 1.0), at(2.0)));
         assert!(start.update(&in_flight(2.8, -2.5, 1.0), at(3.0)));
@@ -98,7 +100,7 @@ mod tests {
 
     #[test]
     fn a_rest_in_flight_ends_it_and_a_pause_does_not() {
-        let mut start = Start::default();
+        let mut start = StartBubble::default();
         assert!(start.update(&on_ground(0.0), at(50.0)));
         assert!(start.update(&in_flight(0.0, -0.5, 0.5), at(51.0)));
         assert!(start.update(&in_flight(0.0, -0.6, 0.0), at(52.0)));
@@ -110,7 +112,7 @@ mod tests {
 
     #[test]
     fn motors_that_spin_up_for_long_do_not_end_it() {
-        let mut start = Start::default();
+        let mut start = StartBubble::default();
         assert!(start.update(&on_ground(0.0), at(1.0)));
         for second in 2..8 {
             assert!(start.update(&in_flight(0.0, -0.05, 0.0), at(f64::from(second))));
@@ -120,12 +122,12 @@ mod tests {
 
     #[test]
     fn a_vehicle_that_is_first_seen_in_flight_has_no_start() {
-        assert!(!Start::default().update(&in_flight(0.0, -2.0, 1.0), at(1.0)));
+        assert!(!StartBubble::default().update(&in_flight(0.0, -2.0, 1.0), at(1.0)));
     }
 
     #[test]
     fn a_jump_of_the_frame_does_not_end_it() {
-        let mut start = Start::default();
+        let mut start = StartBubble::default();
         start.update(&on_ground(0.0), at(1.0));
         start.shift(&Vector3::new(4.0, 0.0, 0.0));
         assert!(start.update(&in_flight(4.1, -1.0, 1.0), at(2.0)));

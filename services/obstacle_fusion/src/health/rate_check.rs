@@ -12,7 +12,7 @@ const WINDOWS: u32 = 2;
 const SILENCE_S: f64 = 1.0;
 
 /// One sensor.
-pub(super) struct Rate {
+pub(super) struct RateCheck {
     /// That of the table (Hz); zero for none.
     table_hz: f64,
     begin: Timestamp,
@@ -22,7 +22,7 @@ pub(super) struct Rate {
     wrong_hz: f64,
 }
 
-impl Rate {
+impl RateCheck {
     pub fn new(table_hz: f64) -> Self {
         Self {
             table_hz,

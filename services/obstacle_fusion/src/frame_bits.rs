@@ -15,10 +15,10 @@
 //! The end cell itself is looked through only if the ray is known to go on behind it.
 //!
 //! Where the user declares that a planar sensor stands for a band above and below its plane, what its rays say is spread over the
-//! band ([`Frame::spread`]), and kept apart: what was measured counts for more.
+//! band ([`FrameBits::spread`]), and kept apart: what was measured counts for more.
 
 use crate::cells::{BitPlane, SIZE, STRIDE, WORDS, number, offset_in, plane};
-use crate::far::Far;
+use crate::far_window::FarWindow;
 use jink_shared_types::map::{CELL_M, Cell};
 use nalgebra::Vector3;
 
@@ -30,12 +30,12 @@ const FREE_CELLS_TO_STOP: u32 = 3;
 /// shortest chain a processor can run. 2^40 steps over at most 12 m place a crossing to within 1e-11 m.
 const PARAMETER_ONE: f64 = (1u64 << 40) as f64;
 
-/// Parameter of a crossing that never comes. Far above every other, and far from overflow when steps are added.
+/// Parameter of a crossing that never comes. FarWindow above every other, and far from overflow when steps are added.
 const NEVER: i64 = 1 << 60;
 
-/// Rays that are worked together at most.
+/// RayBatch that are worked together at most.
 const RAYS: usize = 64;
-/// Rays that one instruction works.
+/// RayBatch that one instruction works.
 const LANES: usize = 4;
 
 /// A ray's origin is at least this many cells away from the window's faces. The vehicle is in the middle of the
@@ -43,7 +43,7 @@ const LANES: usize = 4;
 const BORDER: f64 = 2.0;
 
 /// The bits of one frame, by offset from the window's smallest cell.
-pub(crate) struct Frame {
+pub(crate) struct FrameBits {
     min_cell: Cell,
     /// Cells in which a ray ended.
     pub hit: Box<BitPlane>,
@@ -59,12 +59,12 @@ pub(crate) struct Frame {
 
 /// Where rays start: a place well inside the window, in grid coordinates.
 #[derive(Clone, Copy)]
-pub(crate) struct Origin {
+pub(crate) struct GridOrigin {
     point: Vector3<f64>,
     single: [f32; 3],
 }
 
-impl Origin {
+impl GridOrigin {
     /// `point` (grid) as the origin of rays; nothing if it is not well inside the window.
     pub fn at(point: Vector3<f64>) -> Option<Self> {
         let well_inside = |axis: usize| (BORDER..f64::from(SIZE[axis]) - BORDER).contains(&point[axis]);
@@ -73,16 +73,16 @@ impl Origin {
     }
 }
 
-/// Rays that start at one place, in grid coordinates: their ends, and how much of each is looked through. They are worked together,
+/// RayBatch that start at one place, in grid coordinates: their ends, and how much of each is looked through. They are worked together,
 /// axis by axis, so that one instruction works four of them. In single precision a coordinate of the window is good to 1e-5 cells.
-pub(crate) struct Rays {
+pub(crate) struct RayBatch {
     len: usize,
     end: [[f32; RAYS]; 3],
     share: [f32; RAYS],
     is_hit: [bool; RAYS],
 }
 
-impl Rays {
+impl RayBatch {
     pub fn new() -> Self {
         Self {
             len: 0,
@@ -111,7 +111,7 @@ impl Rays {
 
     /// Reports to `far` what the rays say beyond the fine window, whose smallest corner lies at `offset` (fine cells from that of
     /// `far`).
-    pub fn report(&self, origin: Option<&Origin>, far: &mut Far, offset: [f32; 3]) {
+    pub fn report(&self, origin: Option<&GridOrigin>, far: &mut FarWindow, offset: [f32; 3]) {
         for i in 0..self.len.min(RAYS) {
             let along = |axis: usize| self.end[axis][i] + offset[axis];
             let end = [along(0), along(1), along(2)];
@@ -134,7 +134,7 @@ impl Rays {
     }
 
     /// Leaves of the first `count` rays what lies inside the window and is looked through.
-    fn cut(&mut self, origin: &Origin, count: usize) {
+    fn cut(&mut self, origin: &GridOrigin, count: usize) {
         let share = &mut self.share[..count];
         for ((ends, from), size) in self.end.iter_mut().zip(origin.single).zip(SIZE) {
             let size = size as f32;
@@ -178,7 +178,7 @@ impl Rays {
     }
 }
 
-impl Frame {
+impl FrameBits {
     pub fn new() -> Self {
         Self {
             min_cell: [0; 3],
@@ -242,7 +242,7 @@ impl Frame {
 
     /// Enters `rays`, which are none afterwards: hits inside the window, and, if it is known where the rays start, what they look
     /// through of it.
-    pub fn enter(&mut self, origin: Option<&Origin>, rays: &mut Rays) {
+    pub fn enter(&mut self, origin: Option<&GridOrigin>, rays: &mut RayBatch) {
         let count = std::mem::take(&mut rays.len).min(RAYS);
         // Others that were worked before are worked again, unused: the loops have no remainder.
         let padded = count.next_multiple_of(LANES).min(RAYS);
@@ -279,7 +279,7 @@ impl Frame {
                 (number / STRIDE[1] as i32) & (SIZE[1] - 1),
                 number / STRIDE[2] as i32,
             ];
-            Path::back(&origin.point, &end, cell).carve(&mut self.free, number as usize);
+            RayTraversal::back(&origin.point, &end, cell).carve(&mut self.free, number as usize);
         }
     }
 }
@@ -294,7 +294,7 @@ fn set(bits: &mut BitPlane, number: usize, value: bool) -> bool {
 }
 
 /// The way of a ray inside the window, from its end back to its origin.
-struct Path {
+struct RayTraversal {
     /// Cells from the end, which does not count, to the origin's, which does.
     steps: u32,
     /// Per axis: parameter of the next crossing into a neighbour, and from one crossing to the next.
@@ -304,7 +304,7 @@ struct Path {
     stride: [i64; 3],
 }
 
-impl Path {
+impl RayTraversal {
     /// From `end` in `cell` to `origin`, all in grid coordinates.
     #[inline]
     fn back(origin: &Vector3<f64>, end: &Vector3<f64>, cell: [i32; 3]) -> Self {
@@ -360,7 +360,7 @@ impl Path {
 
 #[cfg(test)]
 mod tests {
-    use super::{Frame, Origin, Rays, set};
+    use super::{FrameBits, GridOrigin, RayBatch, set};
     use crate::cells::{SIZE, number};
     use nalgebra::Vector3;
     use proptest::prelude::*;
@@ -385,13 +385,13 @@ mod tests {
         [0, 1, 2].map(|axis| (point[axis] as i32).clamp(0, SIZE[axis] - 1))
     }
 
-    fn carve(frame: &mut Frame, origin: &Origin, end: &Vector3<f64>, share: f64) {
-        let mut rays = Rays::new();
+    fn carve(frame: &mut FrameBits, origin: &GridOrigin, end: &Vector3<f64>, share: f64) {
+        let mut rays = RayBatch::new();
         rays.push([end.x as f32, end.y as f32, end.z as f32], share as f32, false);
         frame.enter(Some(origin), &mut rays);
     }
 
-    fn is_free(frame: &Frame, cell: [i32; 3]) -> bool {
+    fn is_free(frame: &FrameBits, cell: [i32; 3]) -> bool {
         let number = number(cell);
         frame.free[number >> 6] >> (number & 63) & 1 == 1
     }
@@ -407,8 +407,8 @@ mod tests {
     proptest! {
         #[test]
         fn a_ray_frees_exactly_the_cells_it_crosses(from in near_middle(), to in anywhere(), share in 0.1..1.0f64) {
-            let mut frame = Frame::new();
-            let origin = Origin::at(from).unwrap();
+            let mut frame = FrameBits::new();
+            let origin = GridOrigin::at(from).unwrap();
             carve(&mut frame, &origin, &to, share);
             let end = from + (to - from) * share;
             let low = from.inf(&end).map(|c| c.floor() as i32 - 1);
@@ -435,8 +435,8 @@ mod tests {
         fn the_end_cell_stays_closed_unless_the_ray_goes_on(from in near_middle(), to in near_middle()) {
             let end = cell_inside(&to);
             prop_assume!(cell_inside(&from) != end);
-            let origin = Origin::at(from).unwrap();
-            let mut frame = Frame::new();
+            let origin = GridOrigin::at(from).unwrap();
+            let mut frame = FrameBits::new();
             carve(&mut frame, &origin, &to, 1.0);
             prop_assert!(!is_free(&frame, end));
             let far = from + (to - from) * 2.0;
@@ -450,8 +450,8 @@ mod tests {
             from in near_middle(),
             ends in prop::collection::vec(anywhere(), 1..40),
         ) {
-            let origin = Origin::at(from).unwrap();
-            let (mut together, mut alone) = (Frame::new(), Frame::new());
+            let origin = GridOrigin::at(from).unwrap();
+            let (mut together, mut alone) = (FrameBits::new(), FrameBits::new());
             let mut union = vec![0u64; alone.free.len()];
             for end in &ends {
                 carve(&mut together, &origin, end, 0.9);
@@ -469,8 +469,8 @@ mod tests {
             let from = Vector3::new(64.0, 64.0, 32.0);
             let mut to = from;
             to[axis] += 10.0 * sign;
-            let mut frame = Frame::new();
-            carve(&mut frame, &Origin::at(from).unwrap(), &to, 1.0);
+            let mut frame = FrameBits::new();
+            carve(&mut frame, &GridOrigin::at(from).unwrap(), &to, 1.0);
             let freed: u32 = frame.free.iter().map(|word| word.count_ones()).sum();
             assert!((9..=10).contains(&freed), "{freed} along axis {axis}");
         }
@@ -478,16 +478,16 @@ mod tests {
 
     #[test]
     fn an_origin_near_or_beyond_a_face_is_none() {
-        assert!(Origin::at(Vector3::new(64.0, 64.0, 1.9)).is_none());
-        assert!(Origin::at(Vector3::new(64.0, 126.1, 32.0)).is_none());
-        assert!(Origin::at(Vector3::new(f64::NAN, 64.0, 32.0)).is_none());
-        assert!(Origin::at(Vector3::new(64.0, 64.0, 2.1)).is_some());
+        assert!(GridOrigin::at(Vector3::new(64.0, 64.0, 1.9)).is_none());
+        assert!(GridOrigin::at(Vector3::new(64.0, 126.1, 32.0)).is_none());
+        assert!(GridOrigin::at(Vector3::new(f64::NAN, 64.0, 32.0)).is_none());
+        assert!(GridOrigin::at(Vector3::new(64.0, 64.0, 2.1)).is_some());
     }
 
     #[test]
     fn a_hit_outside_the_window_marks_nothing() {
-        let mut frame = Frame::new();
-        let mut rays = Rays::new();
+        let mut frame = FrameBits::new();
+        let mut rays = RayBatch::new();
         for wild in [-0.1, 64.1, f32::NAN, 1e30, f32::INFINITY, f32::NEG_INFINITY] {
             rays.push([5.0, 5.0, wild], 0.0, true);
         }
@@ -503,10 +503,10 @@ mod tests {
 
     #[test]
     fn wild_ends_free_nothing_but_what_lies_in_the_window() {
-        let origin = Origin::at(Vector3::new(64.5, 64.5, 32.5)).unwrap();
+        let origin = GridOrigin::at(Vector3::new(64.5, 64.5, 32.5)).unwrap();
         for wild in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30] {
-            let mut frame = Frame::new();
-            let mut rays = Rays::new();
+            let mut frame = FrameBits::new();
+            let mut rays = RayBatch::new();
             rays.push([70.0, wild, 32.5], 1.0, true);
             frame.enter(Some(&origin), &mut rays);
             let freed: u32 = frame.free.iter().map(|word| word.count_ones()).sum();

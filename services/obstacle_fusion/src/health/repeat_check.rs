@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 /// Points of a cloud that are compared.
 const POINTS: usize = 512;
-/// Rays with a range that a frame of many must have to be distinguished from another one: one or two may well repeat.
+/// RayBatch with a range that a frame of many must have to be distinguished from another one: one or two may well repeat.
 const HITS_MIN: u32 = 12;
 /// A vehicle that has moved by so much (m, rad) sees other ranges: noise alone changes the last bits of a dozen.
 const MOVED: (f64, f64) = (0.1, 0.03);
@@ -26,14 +26,14 @@ const HASH: [u64; 2] = [0xcbf2_9ce4_8422_2325, 0x0000_0100_0000_01b3];
 
 /// A frame in short.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Print {
+pub(super) struct FrameFingerprint {
     hash: u64,
     hits: u32,
     /// Where it looks (body), if it is a single beam.
     beam: Option<Vector3<f64>>,
 }
 
-impl Print {
+impl FrameFingerprint {
     /// Of a part of the points, the same ones in each cloud of as many.
     pub fn of_cloud(cloud: &PointCloud) -> Self {
         let points = cloud.points();
@@ -67,15 +67,15 @@ impl Print {
         }
     }
 
-    fn says_enough(&self) -> bool {
+    fn is_distinctive(&self) -> bool {
         self.hits >= if self.beam.is_some() { 1 } else { HITS_MIN }
     }
 }
 
 /// One sensor.
 #[derive(Default)]
-pub(super) struct Repeat {
-    last: Option<Print>,
+pub(super) struct RepeatCheck {
+    last: Option<FrameFingerprint>,
     /// When the first of equal frames was captured, and where the vehicle was.
     first: Timestamp,
     first_pose: Option<Pose>,
@@ -85,12 +85,12 @@ pub(super) struct Repeat {
     is_stuck: bool,
 }
 
-impl Repeat {
+impl RepeatCheck {
     /// Takes a frame; `false` if it says the same as the one before and cannot be true.
-    pub fn accepts(&mut self, print: Print, capture: Timestamp, pose: Option<Pose>) -> bool {
+    pub fn accepts(&mut self, fingerprint: FrameFingerprint, capture: Timestamp, pose: Option<Pose>) -> bool {
         self.same_time = 0;
-        if self.last != Some(print) || !print.says_enough() {
-            self.last = Some(print);
+        if self.last != Some(fingerprint) || !fingerprint.is_distinctive() {
+            self.last = Some(fingerprint);
             (self.first, self.first_pose, self.repeated) = (capture, pose, 0);
             self.different += 1;
             self.is_stuck &= self.different < DIFFERENT;
@@ -99,11 +99,11 @@ impl Repeat {
         self.different = 0;
         self.repeated += 1;
         let has_moved = match (&self.first_pose, &pose) {
-            (Some(from), Some(to)) => has_moved(from, to, print.beam),
+            (Some(from), Some(to)) => has_moved(from, to, fingerprint.beam),
             _ => false,
         };
         let (repetitions, seconds) = STANDING;
-        let stands_for_long = print.beam.is_none()
+        let stands_for_long = fingerprint.beam.is_none()
             && self.repeated >= repetitions
             && capture.seconds_since(self.first) >= seconds;
         self.is_stuck |= (has_moved && self.repeated >= MOVING) || stands_for_long;
@@ -112,7 +112,7 @@ impl Repeat {
     }
 
     /// A frame came whose time is that of the one before.
-    pub fn stands_still(&mut self) {
+    pub fn count_same_time(&mut self) {
         self.same_time += 1;
         self.different = 0;
         self.is_stuck |= self.same_time >= SAME_TIME;

@@ -11,16 +11,16 @@ use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind, SENSORS};
 use jink_shared_types::view::FieldOfView;
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Rays of a frame that are looked at.
+/// RayBatch of a frame that are looked at.
 const RAYS: usize = 1_024;
 /// The golden ratio less one: (sqrt(5) - 1) / 2.
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
 /// A direction in which nothing was answered for this long is not seen any more (s); it is seen for twice as long at most. Long
 /// enough for a sensor of 2 Hz to look everywhere some times.
-const KEPT_S: f64 = 5.0;
+const PERIOD_S: f64 = 5.0;
 
 /// The field of view.
-pub(crate) struct View {
+pub(crate) struct FieldOfViewEstimator {
     /// Seen in this period and in the one before.
     now: FieldOfView,
     before: FieldOfView,
@@ -34,7 +34,7 @@ pub(crate) struct View {
     sensors: u64,
 }
 
-impl View {
+impl FieldOfViewEstimator {
     pub fn new() -> Self {
         Self {
             now: FieldOfView::default(),
@@ -124,7 +124,7 @@ impl View {
     }
 
     fn advance(&mut self, capture: Timestamp) {
-        if !self.began.is_set() || capture.seconds_since(self.began).abs() > KEPT_S {
+        if !self.began.is_set() || capture.seconds_since(self.began).abs() > PERIOD_S {
             self.before = std::mem::take(&mut self.now);
             self.began = capture;
         }
@@ -143,7 +143,7 @@ impl View {
 
 #[cfg(test)]
 mod tests {
-    use super::View;
+    use super::FieldOfViewEstimator;
     use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
     use jink_shared_types::view::FieldOfView;
     use jink_shared_types::{Coded, Timestamp};
@@ -173,7 +173,7 @@ mod tests {
     fn every_direction_that_a_lidar_measures_is_in_view_within_two_seconds() {
         for (rows, columns) in [(128, 1024), (128, 512), (64, 1024), (64, 2048), (32, 1024)] {
             let cloud = turn(rows, columns);
-            let mut view = View::new();
+            let mut view = FieldOfViewEstimator::new();
             let mut seen = FieldOfView::default();
             for frame in 0..20u32 {
                 let capture = Timestamp::from_seconds(1.0 + 0.1 * f64::from(frame));

@@ -7,16 +7,16 @@
 //! A drop of rain, an insect, dust and the sun make a lidar answer from where nothing is. Where rays pass behind, the map forgets that
 //! within a second. Toward the open sky nothing answers, so that nothing passes, and one such point a hand's breadth beside the hovering
 //! vehicle would hold it there for ever. But what really stands so near is hit again: at [`NEAR_M`] a cell fills 4 degrees, in
-//! which every lidar that looks at an area measures many times in [`ALONE_S`]. Only time counts in which the cell lies where the sensor looks:
+//! which every lidar that looks at an area measures many times in [`UNCONFIRMED_S`]. Only time counts in which the cell lies where the sensor looks:
 //! between directions that it has answered from, if only by this hit. Filters that drop points without
 //! neighbours before they count (R. Rusu and S. Cousins, "3D is here: Point Cloud Library", 2011, statistical outlier removal; N. Charron
 //! et al., "De-noising of lidar point clouds corrupted by snowfall", 2018) drop wires with them: here a hit counts at once, and
 //! what was unknown before it is so again.
 
 use crate::cells::{SIZE, bits, number, offset_in};
-use crate::frame::Frame;
+use crate::frame_bits::FrameBits;
 use crate::poses::Pose;
-use crate::window::{Window, row};
+use crate::window::{MapWindow, row};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::Point;
 use jink_shared_types::map::{CELL_M, Cell, cell_of, center_of};
@@ -26,30 +26,30 @@ use nalgebra::Vector3;
 /// Hits farther from the vehicle than this on any axis (m) are not looked after: sensors look less often at a cell there.
 const NEAR_M: f64 = 3.0;
 /// A hit at [`NEAR_M`] that does not come again in this time (s), in view, is withdrawn.
-const ALONE_S: f64 = 2.0;
+const UNCONFIRMED_S: f64 = 2.0;
 /// Nearer ones sooner, in proportion to the distance (the rays that meet a cell become more with its square), but not in less (s).
-const ALONE_MIN_S: f64 = 0.3;
+const UNCONFIRMED_MIN_S: f64 = 0.3;
 /// What has been hit in so many frames, never so long apart, is there.
 const FRAMES: u8 = 4;
 /// Time between two frames that counts at most (s): a sensor that was silent has not looked.
 const FRAME_S: f64 = 0.25;
 /// Hits that are looked after at a time.
-const HITS: usize = 256;
+const HITS_MAX: usize = 256;
 
 /// A cell that was hit now and then.
 #[derive(Clone, Copy, Debug)]
-struct Hit {
+struct TransientHit {
     cell: Cell,
     sensor: usize,
     /// Whether the cell was known to be free before.
     was_free: bool,
     /// Time in view since then (s).
-    alone_s: f64,
+    unconfirmed_s: f64,
     frames: u8,
 }
 
 /// A lidar at the moment of a frame.
-pub(crate) struct Looking<'a> {
+pub(crate) struct LidarView<'a> {
     /// Its number.
     pub sensor: usize,
     /// Its position (body, m).
@@ -64,7 +64,7 @@ pub(crate) struct Looking<'a> {
     pub capture: Timestamp,
 }
 
-impl Looking<'_> {
+impl LidarView<'_> {
     fn place_m(&self) -> Vector3<f64> {
         self.pose.position_m + self.pose.rotation * self.origin_m
     }
@@ -75,7 +75,7 @@ impl Looking<'_> {
     }
 
     /// Whether what stands in `cell`, if anything does, would be hit by a lidar that looks to these directions.
-    fn sees(&self, cell: Cell, answered: &FieldOfView, window: &Window) -> bool {
+    fn sees(&self, cell: Cell, answered: &FieldOfView, window: &MapWindow) -> bool {
         let from = self.place_m();
         let way = center_of(cell).vector() - from;
         way.norm() > self.near_m + CELL_M
@@ -86,28 +86,28 @@ impl Looking<'_> {
 
 /// The hits that are looked after.
 #[derive(Debug)]
-pub(crate) struct LoneHits {
-    hits: Vec<Hit>,
+pub(crate) struct TransientHits {
+    hits: Vec<TransientHit>,
     /// The last frame of each sensor, and the directions that it has answered from.
     sensors: Vec<(Timestamp, FieldOfView)>,
 }
 
-impl LoneHits {
+impl TransientHits {
     /// For so many sensors.
     pub fn new(sensors: usize) -> Self {
         Self {
-            hits: Vec::with_capacity(HITS),
+            hits: Vec::with_capacity(HITS_MAX),
             sensors: vec![(Timestamp::NEVER, FieldOfView::default()); sensors],
         }
     }
 
     /// The map was thrown away or moved: cells have other numbers now.
-    pub fn forget(&mut self) {
+    pub fn clear(&mut self) {
         self.hits.clear();
     }
 
     /// Looks at the hits of the `frame` of a lidar that is not applied to `window` yet; hits are withdrawn from that.
-    pub fn look(&mut self, looking: &Looking<'_>, frame: &Frame, window: &mut Window) {
+    pub fn look(&mut self, looking: &LidarView<'_>, frame: &FrameBits, window: &mut MapWindow) {
         let (sensor, capture) = (looking.sensor, looking.capture);
         let Some((last, answered)) = self.sensors.get_mut(sensor) else {
             return;
@@ -128,22 +128,23 @@ impl LoneHits {
             let is_hit = frame.hit[number >> 6] >> (number & 63) & 1 == 1;
             if is_hit {
                 hit.frames += 1;
-                hit.alone_s = 0.0;
+                hit.unconfirmed_s = 0.0;
                 return hit.frames < FRAMES;
             }
             if !window.is_occupied(hit.cell) {
-                // Rays have passed through it.
+                // RayBatch have passed through it.
                 return false;
             }
             if hit.sensor == sensor && looking.sees(hit.cell, answered, window) {
-                hit.alone_s += passed_s;
+                hit.unconfirmed_s += passed_s;
             }
             let away_m = looking.direction(hit.cell).norm();
-            let is_alone = hit.alone_s >= (ALONE_S * away_m / NEAR_M).clamp(ALONE_MIN_S, ALONE_S);
-            if is_alone {
+            let is_unconfirmed = hit.unconfirmed_s
+                >= (UNCONFIRMED_S * away_m / NEAR_M).clamp(UNCONFIRMED_MIN_S, UNCONFIRMED_S);
+            if is_unconfirmed {
                 window.withdraw(hit.cell, hit.was_free);
             }
-            !is_alone
+            !is_unconfirmed
         });
         let before = self.hits.len();
         add(&mut self.hits, looking, frame, window);
@@ -154,7 +155,7 @@ impl LoneHits {
 }
 
 /// Adds the cells near the vehicle that were hit for the first time.
-fn add(to: &mut Vec<Hit>, looking: &Looking<'_>, frame: &Frame, window: &Window) {
+fn add(to: &mut Vec<TransientHit>, looking: &LidarView<'_>, frame: &FrameBits, window: &MapWindow) {
     let min_cell = window.min_cell();
     let corner = |m: f64| cell_of(Point::from_vector(looking.pose.position_m.add_scalar(m)));
     let (low, high) = (corner(-NEAR_M), corner(NEAR_M));
@@ -167,12 +168,12 @@ fn add(to: &mut Vec<Hit>, looking: &Looking<'_>, frame: &Frame, window: &Window)
             for (word, first) in [(hits as u64, 0), ((hits >> 64) as u64, 64)] {
                 for bit in bits(word) {
                     let cell = [min_cell[0] + first + bit as i32, min_cell[1] + y, min_cell[2] + z];
-                    if to.len() < HITS && !window.is_occupied(cell) {
-                        to.push(Hit {
+                    if to.len() < HITS_MAX && !window.is_occupied(cell) {
+                        to.push(TransientHit {
                             cell,
                             sensor: looking.sensor,
                             was_free: window.is_free(cell),
-                            alone_s: 0.0,
+                            unconfirmed_s: 0.0,
                             frames: 1,
                         });
                     }
@@ -190,7 +191,7 @@ fn is_between(answered: &FieldOfView, (row, column): (usize, usize)) -> bool {
 }
 
 /// Whether nothing occupied is between `from` (local, m) and `cell`.
-fn is_open(window: &Window, from: &Vector3<f64>, cell: Cell) -> bool {
+fn is_open(window: &MapWindow, from: &Vector3<f64>, cell: Cell) -> bool {
     let way = center_of(cell).vector() - from;
     let steps = (way.norm() / (0.5 * CELL_M)).ceil().max(1.0) as u32;
     (0..steps).all(|step| {

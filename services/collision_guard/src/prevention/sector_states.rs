@@ -9,7 +9,7 @@ const ALIKE_M: f64 = 1e-3;
 
 /// What is known of a sector.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Sight {
+pub enum SectorState {
     /// Nothing.
     Unknown,
     /// Nothing stands within the sensor's reach.
@@ -26,31 +26,31 @@ pub enum Sight {
     },
 }
 
-impl Sight {
+impl SectorState {
     /// How far it is known what is there (m): to the obstacle, or as far as the sensor reaches. `None`: not at all.
     pub fn reach_m(&self) -> Option<f64> {
         match *self {
-            Sight::Unknown => None,
-            Sight::Clear { reach_m } => Some(reach_m),
-            Sight::Hit { distance_m, .. } => Some(distance_m),
+            SectorState::Unknown => None,
+            SectorState::Clear { reach_m } => Some(reach_m),
+            SectorState::Hit { distance_m, .. } => Some(distance_m),
         }
     }
 }
 
 /// All sectors at one moment.
 #[derive(Clone, Debug)]
-pub struct Around {
+pub struct SectorStates {
     /// Heading of the vehicle (rad).
     pub yaw_rad: f64,
     /// The sectors.
-    pub sights: [Sight; SECTORS],
+    pub states: [SectorState; SECTORS],
     /// Directions of their centres, north and east.
     pub directions: [Vector2<f64>; SECTORS],
     /// Shortest range that any sensor measures (m).
     pub range_min_m: f64,
 }
 
-impl Around {
+impl SectorStates {
     /// What `ring` says at `now`: nothing, if it does not say where its sectors point.
     pub fn of(ring: &SectorRing, now: Timestamp) -> Self {
         let heading_rad = ring.attitude.yaw_rad();
@@ -58,9 +58,9 @@ impl Around {
         let yaw_rad = if is_oriented { heading_rad } else { 0.0 };
         Self {
             yaw_rad,
-            sights: std::array::from_fn(|sector| match is_oriented {
-                true => sight(ring, sector, now),
-                false => Sight::Unknown,
+            states: std::array::from_fn(|sector| match is_oriented {
+                true => state_of(ring, sector, now),
+                false => SectorState::Unknown,
             }),
             directions: std::array::from_fn(|sector| {
                 let (east, north) = (yaw_rad + sector_bearing_rad(sector)).sin_cos();
@@ -72,15 +72,15 @@ impl Around {
 
     /// Whether anything is known at all.
     pub fn has_data(&self) -> bool {
-        self.sights.iter().any(|sight| *sight != Sight::Unknown)
+        self.states.iter().any(|state| *state != SectorState::Unknown)
     }
 
     /// Every sector that something is known of: its direction, how far that is known (m), its number.
     pub fn known(&self) -> impl Iterator<Item = (usize, Vector2<f64>, f64)> + '_ {
-        self.sights
+        self.states
             .iter()
             .enumerate()
-            .filter_map(|(sector, sight)| Some((sector, self.directions[sector], sight.reach_m()?)))
+            .filter_map(|(sector, state)| Some((sector, self.directions[sector], state.reach_m()?)))
     }
 
     /// The sector that ends first, and where (m): the first of equals, as PX4 has it.
@@ -116,19 +116,19 @@ impl Around {
     }
 }
 
-fn sight(ring: &SectorRing, sector: usize, now: Timestamp) -> Sight {
+fn state_of(ring: &SectorRing, sector: usize, now: Timestamp) -> SectorState {
     let distance_m = f64::from(ring.distance_m[sector]);
     let reach_m = f64::from(ring.range_max_m[sector]);
     if distance_m.is_nan() {
-        Sight::Unknown
+        SectorState::Unknown
     } else if distance_m.is_finite() {
-        Sight::Hit {
+        SectorState::Hit {
             distance_m: distance_m.max(0.0),
             age_s: now.seconds_since(ring.seen[sector]).max(0.0),
         }
     } else if reach_m > 0.0 && reach_m.is_finite() {
-        Sight::Clear { reach_m }
+        SectorState::Clear { reach_m }
     } else {
-        Sight::Unknown
+        SectorState::Unknown
     }
 }

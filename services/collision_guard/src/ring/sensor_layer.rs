@@ -2,7 +2,7 @@
 
 use super::bearing::sector_toward;
 use super::poses::Pose;
-use super::view::{Hit, View, ViewSector};
+use super::sensor_view::{SensorView, SlotHit, ViewSector};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ring::{SECTORS, sector_bearing_rad};
 
@@ -13,8 +13,8 @@ const PARTS: usize = 25;
 
 /// What was seen at one moment.
 #[derive(Clone, Debug)]
-struct Part {
-    view: View,
+struct TimedView {
+    view: SensorView,
     /// When that was captured; never if there is none.
     captured: Timestamp,
     /// Whether the view still has its place in local NED.
@@ -32,8 +32,8 @@ pub struct Lifetimes {
 
 /// What one sensor saw.
 #[derive(Clone, Debug)]
-pub struct Layer {
-    parts: Vec<Part>,
+pub struct SensorLayer {
+    parts: Vec<TimedView>,
     /// When its newest sample was captured, placed or not.
     arrived: Timestamp,
     lifetimes: Lifetimes,
@@ -41,11 +41,11 @@ pub struct Layer {
     pub range_min_m: f32,
 }
 
-impl Layer {
+impl SensorLayer {
     /// A sensor not heard of.
     pub fn new() -> Self {
-        let part = Part {
-            view: View::unknown(),
+        let part = TimedView {
+            view: SensorView::unknown(),
             captured: Timestamp::NEVER,
             is_placed: false,
         };
@@ -61,13 +61,18 @@ impl Layer {
     }
 
     /// A sample of it has come, whatever becomes of it.
-    pub fn note_arrival(&mut self, captured: Timestamp, lifetimes: Lifetimes) {
+    pub fn record_arrival(&mut self, captured: Timestamp, lifetimes: Lifetimes) {
         self.arrived = captured;
         self.lifetimes = lifetimes;
     }
 
     /// Takes what was seen from `pose` instead of everything before: `fill` writes it into an empty view.
-    pub fn replace(&mut self, pose: &Pose, captured: Timestamp, fill: impl FnOnce(&mut View)) -> &View {
+    pub fn replace(
+        &mut self,
+        pose: &Pose,
+        captured: Timestamp,
+        fill: impl FnOnce(&mut SensorView),
+    ) -> &SensorView {
         for part in &mut self.parts {
             part.captured = Timestamp::NEVER;
         }
@@ -75,7 +80,12 @@ impl Layer {
     }
 
     /// Takes what was seen from `pose` besides what was seen before in other directions.
-    pub fn add(&mut self, pose: &Pose, captured: Timestamp, fill: impl FnOnce(&mut View)) -> &View {
+    pub fn add(
+        &mut self,
+        pose: &Pose,
+        captured: Timestamp,
+        fill: impl FnOnce(&mut SensorView),
+    ) -> &SensorView {
         let oldest = (0..self.parts.len()).min_by_key(|index| self.parts[*index].captured.ns);
         let index = oldest.unwrap_or(0);
         self.fill(index, pose, captured, fill);
@@ -85,9 +95,9 @@ impl Layer {
             for other in others.filter(|part| part.captured.is_set()) {
                 // A late-comer does not know better.
                 if other.captured <= new.captured {
-                    forget_what_is_seen_again(&mut other.view, &new.view);
+                    remove_what_is_seen_again(&mut other.view, &new.view);
                 } else {
-                    forget_what_is_seen_again(&mut new.view, &other.view);
+                    remove_what_is_seen_again(&mut new.view, &other.view);
                 }
             }
         }
@@ -99,8 +109,8 @@ impl Layer {
         index: usize,
         pose: &Pose,
         captured: Timestamp,
-        fill: impl FnOnce(&mut View),
-    ) -> &View {
+        fill: impl FnOnce(&mut SensorView),
+    ) -> &SensorView {
         let part = &mut self.parts[index];
         part.view.reset(pose);
         fill(&mut part.view);
@@ -110,14 +120,14 @@ impl Layer {
     }
 
     /// Local NED has moved: nothing has its place any more.
-    pub fn displace(&mut self) {
+    pub fn invalidate_places(&mut self) {
         for part in &mut self.parts {
             part.is_placed = false;
         }
     }
 
     /// Everything that it saw and that still counts.
-    pub fn views(&self, now: Timestamp) -> impl Iterator<Item = &View> {
+    pub fn views(&self, now: Timestamp) -> impl Iterator<Item = &SensorView> {
         self.parts
             .iter()
             .filter(move |part| part.is_placed && is_young(now, part.captured, self.lifetimes.kept_s))
@@ -143,7 +153,7 @@ impl Layer {
     pub fn mark_covered(&self, mask: &mut [bool; SECTORS]) {
         for part in self.parts.iter().filter(|part| part.captured.is_set()) {
             for (covered, sector) in mask.iter_mut().zip(&part.view.sectors) {
-                *covered |= sector.is_told();
+                *covered |= sector.is_known();
             }
         }
     }
@@ -154,18 +164,18 @@ fn is_young(now: Timestamp, time: Timestamp, limit_s: f64) -> bool {
 }
 
 /// Takes from `old` what lies in sectors that `new` tells something of.
-fn forget_what_is_seen_again(old: &mut View, new: &View) {
+fn remove_what_is_seen_again(old: &mut SensorView, new: &SensorView) {
     let turn_rad = old.heading_rad - new.heading_rad;
     for (sector, slot) in old.sectors.iter_mut().enumerate() {
         let (right, forward) = (sector_bearing_rad(sector) + turn_rad).sin_cos();
-        if new.sectors[sector_toward(forward as f32, right as f32)].is_told() {
+        if new.sectors[sector_toward(forward as f32, right as f32)].is_known() {
             *slot = ViewSector::UNKNOWN;
         }
     }
     for index in 0..old.hits.len() {
         let [forward, right] = new.level(old.local(old.hits[index].level_m));
-        if new.sectors[sector_toward(forward, right)].is_told() {
-            old.hits[index] = Hit::NONE;
+        if new.sectors[sector_toward(forward, right)].is_known() {
+            old.hits[index] = SlotHit::NONE;
         }
     }
 }
