@@ -312,7 +312,7 @@ fn keep_inside(
     Ok(())
 }
 
-/// Within a ball; what the start fixes may exceed the limit by what a limit's tolerance allows.
+/// Within a sphere; what the start fixes may exceed the limit by what a limit's tolerance allows.
 fn keep_within(expression: &Affine, limit: f64, rows: &mut ConstraintRows) -> Result<(), Infeasible> {
     if expression.is_constant() {
         if expression.constant.norm() > MotionLimits::allowed(limit) {

@@ -1,4 +1,4 @@
-//! What the pilot has to be told of one step.
+//! What the pilot has to be reported of one step.
 
 use jink_shared_types::events::EventSample;
 

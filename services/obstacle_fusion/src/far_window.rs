@@ -30,7 +30,7 @@ const EVIDENCE_MAX: u8 = FREE + 6;
 
 /// How far (cells) the vehicle may be off the centre before the window follows.
 const HYSTERESIS: i32 = 8;
-/// RayBatch of a frame that are looked along, at most.
+/// Rays of a frame that are looked along, at most.
 const RAYS: usize = 256;
 /// Hits of a frame that are counted, at most: more cells than a sensor of 200,000 points hits beyond the window.
 const HITS_MAX: usize = 1 << 16;

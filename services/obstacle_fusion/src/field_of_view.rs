@@ -11,7 +11,7 @@ use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind, SENSORS};
 use jink_shared_types::view::FieldOfView;
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// RayBatch of a frame that are looked at.
+/// Rays of a frame that are looked at.
 const RAYS: usize = 1_024;
 /// The golden ratio less one: (sqrt(5) - 1) / 2.
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;

@@ -30,12 +30,12 @@ const FREE_CELLS_TO_STOP: u32 = 3;
 /// shortest chain a processor can run. 2^40 steps over at most 12 m place a crossing to within 1e-11 m.
 const PARAMETER_ONE: f64 = (1u64 << 40) as f64;
 
-/// Parameter of a crossing that never comes. FarWindow above every other, and far from overflow when steps are added.
+/// Parameter of a crossing that never comes. Far above every other, and far from overflow when steps are added.
 const NEVER: i64 = 1 << 60;
 
-/// RayBatch that are worked together at most.
+/// Rays that are processed together at most.
 const RAYS: usize = 64;
-/// RayBatch that one instruction works.
+/// Rays that one instruction works.
 const LANES: usize = 4;
 
 /// A ray's origin is at least this many cells away from the window's faces. The vehicle is in the middle of the
@@ -73,7 +73,7 @@ impl GridOrigin {
     }
 }
 
-/// RayBatch that start at one place, in grid coordinates: their ends, and how much of each is looked through. They are worked together,
+/// Rays that start at one place, in grid coordinates: their ends, and how much of each is looked through. They are processed together,
 /// axis by axis, so that one instruction works four of them. In single precision a coordinate of the window is good to 1e-5 cells.
 pub(crate) struct RayBatch {
     len: usize,
@@ -244,7 +244,7 @@ impl FrameBits {
     /// through of it.
     pub fn enter(&mut self, origin: Option<&GridOrigin>, rays: &mut RayBatch) {
         let count = std::mem::take(&mut rays.len).min(RAYS);
-        // Others that were worked before are worked again, unused: the loops have no remainder.
+        // Others that were processed before are processed again, unused: the loops have no remainder.
         let padded = count.next_multiple_of(LANES).min(RAYS);
         let numbers = rays.cells(padded);
         for (i, number) in numbers.into_iter().enumerate().take(count) {

@@ -128,9 +128,9 @@ pub struct Counters {
     pub states_refused: u64,
     /// Clouds and scans of unknown sensors, out of order, or with an impossible description.
     pub frames_refused: u64,
-    /// RayBatch measured at a moment for which no pose is known.
+    /// Rays measured at a moment for which no pose is known.
     pub rays_without_pose: u64,
-    /// RayBatch whose numbers make no sense for their sensor.
+    /// Rays whose numbers make no sense for their sensor.
     pub rays_malformed: u64,
     /// Hits inside the vehicle's radius.
     pub self_hits: u64,

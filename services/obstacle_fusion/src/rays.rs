@@ -28,7 +28,7 @@ const MOMENT_SHIFT: u32 = 3;
 pub(crate) struct SensorLimits {
     /// Position of the sensor in the body frame (m).
     pub origin_body_m: Vector3<f64>,
-    /// RayBatch are carved up to here (m): the carve range, or the sensor's longest range if that is shorter.
+    /// Rays are carved up to here (m): the carve range, or the sensor's longest range if that is shorter.
     pub reach_m: f64,
     /// The sensor's shortest range (m).
     pub range_min_m: f64,
@@ -86,7 +86,7 @@ fn norm_squared([x, y, z]: [f32; 3]) -> f32 {
     x * x + y * y + z * z
 }
 
-/// The bench on which one frame is worked.
+/// The bench on which one frame is processed.
 pub(crate) struct RayTracer<'a> {
     pub limits: SensorLimits,
     pub frame: &'a mut FrameBits,
@@ -100,7 +100,7 @@ pub(crate) struct RayTracer<'a> {
     pub history: &'a PoseHistory,
     /// Number of this frame.
     pub number: u64,
-    /// RayBatch of one firing share their moment, depth images have only one: the last asked for, its answer, and its rays that are not
+    /// Rays of one firing share their moment, depth images have only one: the last asked for, its answer, and its rays that are not
     /// entered yet.
     pub time_slot: Option<u16>,
     pub place: Option<SensorPose>,
@@ -141,7 +141,7 @@ impl SensorPose {
 impl RayTracer<'_> {
     /// With which of `rays` rays this frame begins. What is left out of a frame (see [`crate::frame_bits`]) depends on the
     /// order of its rays: a sensor that repeats itself on a hovering vehicle would leave out the same tenth of all
-    /// free cells for ever. Beginning elsewhere every time finds them within a few frames. Steps of the golden ratio
+    /// free cells forever. Beginning elsewhere every time finds them within a few frames. Steps of the golden ratio
     /// never come back to the same place (Knuth, "The Art of Computer Programming", vol. 3, section 6.4).
     pub fn first_ray(&self, rays: usize) -> usize {
         const GOLDEN_RATIO: u64 = 0x9e37_79b9_7f4a_7c15;

@@ -15,7 +15,7 @@ use std::fmt;
 const IDLE_PERIOD_S: f64 = 0.2;
 
 /// The vehicle's state is taken in this often at least (s): between two frames of a slow sensor what is known of it would look
-/// older than it is, and the service as if it were not told.
+/// older than it is, and the service as if it were not reported.
 const STATE_PERIOD_S: f64 = 0.05;
 
 /// The far map goes out this often (s): 2.5 m of flight at 5 m/s.
@@ -64,7 +64,7 @@ impl Service for FusionService {
         }
         let config = FusionConfig {
             declared,
-            // A restart continues the count of maps thrown away, as far as its generation tells.
+            // A restart continues the count of maps thrown away, as far as its generation reports.
             first_epoch: ports.setup().generation << 16,
             ..FusionConfig::from_params(&ports.config().params, ranges.len())
         };

@@ -2,7 +2,7 @@
 //!
 //! The mode does not say it: PX4 takes off in a mode of its own or in a mission, ArduPilot in GUIDED or AUTO. The place does: as long as the
 //! vehicle is above the place where it stood and has not come to rest up there, it takes off. Without the rest it would lift its bubble with
-//! it for ever: into the ceiling, a step for each look from higher up.
+//! it forever: into the ceiling, a step for each look from higher up.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::VehicleState;

@@ -6,7 +6,7 @@
 //!
 //! A drop of rain, an insect, dust and the sun make a lidar answer from where nothing is. Where rays pass behind, the map forgets that
 //! within a second. Toward the open sky nothing answers, so that nothing passes, and one such point a hand's breadth beside the hovering
-//! vehicle would hold it there for ever. But what really stands so near is hit again: at [`NEAR_M`] a cell fills 4 degrees, in
+//! vehicle would hold it there forever. But what really stands so near is hit again: at [`NEAR_M`] a cell fills 4 degrees, in
 //! which every lidar that looks at an area measures many times in [`UNCONFIRMED_S`]. Only time counts in which the cell lies where the sensor looks:
 //! between directions that it has answered from, if only by this hit. Filters that drop points without
 //! neighbours before they count (R. Rusu and S. Cousins, "3D is here: Point Cloud Library", 2011, statistical outlier removal; N. Charron
@@ -132,7 +132,7 @@ impl TransientHits {
                 return hit.frames < FRAMES;
             }
             if !window.is_occupied(hit.cell) {
-                // RayBatch have passed through it.
+                // Rays have passed through it.
                 return false;
             }
             if hit.sensor == sensor && looking.sees(hit.cell, answered, window) {

@@ -438,7 +438,7 @@ mod tests {
             for _ in 0..free_frames_before {
                 assert!(!apply(&[], &[cell]));
             }
-            // RayBatch that pass through the cell in the same frame do not count.
+            // Rays that pass through the cell in the same frame do not count.
             assert!(apply(&[cell], &[cell]));
             for _ in 0..outlived {
                 assert!(apply(&[], &[cell]));

@@ -1,12 +1,13 @@
-//! Bit layers over the local map's window and their dilation by a ball.
+//! Bit layers over the local map's window and their dilation by a structuring element.
 //!
 //! A layer holds one `u128` per row of cells. Addressing is modular like the map's, so that shifting along an axis is a
 //! rotation; what wraps over the window's seam is harmless because the outermost shell of cells always counts as
 //! unknown (see [`BitLayer::load_unsafe`]).
 //!
-//! Dilation is exact on the safe side: a cell is set if *any* point in it is nearer than the radius to *any* point of
-//! a set cell, so that a vehicle anywhere in an unset cell has the radius to itself. What that loses to the size of cells is half as
-//! much in a layer of half cells, which covers the middle of the window ([`BitLayer::load_halves`]).
+//! Dilation is exact on the safe side: a cell is set if *any* point in it is nearer than the radius to *any* point of a
+//! set cell, so that a vehicle anywhere in an unset cell has at least the radius of clearance. What that loses to the
+//! size of cells is half as much in a layer of half cells, which covers the middle of the window
+//! ([`BitLayer::load_halves`]).
 
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, Plane, ROWS, SIZE_X, SIZE_Y, SIZE_Z, bit_of, row_of};
 
@@ -40,7 +41,7 @@ impl BitLayer {
         }
     }
 
-    /// Whether the bit of `cell` is set; the caller answers for the cell being inside the window.
+    /// Whether the bit of `cell` is set; the caller ensures that the cell is inside the window.
     pub fn test(&self, cell: Cell) -> bool {
         self.rows[row_of(cell)] >> bit_of(cell) & 1 == 1
     }
@@ -79,14 +80,14 @@ impl BitLayer {
         }
     }
 
-    /// Takes the cells of another away.
+    /// Removes the cells of another.
     pub fn remove(&mut self, other: &Self) {
         for (row, less) in self.rows.iter_mut().zip(&other.rows) {
             *row &= !less;
         }
     }
 
-    /// Becomes what another is.
+    /// Copies another layer.
     pub fn copy(&mut self, other: &Self) {
         self.rows.copy_from_slice(&other.rows);
     }
@@ -159,15 +160,15 @@ fn gap_cells(offset: i32) -> f64 {
     f64::from((offset.abs() - 1).max(0))
 }
 
-/// A ball, or a ball and a cylinder, as the widths of its rows, for bit-parallel dilation.
+/// A structuring element, a sphere or a sphere and a cylinder, as the widths of its rows, for bit-parallel dilation.
 #[derive(Clone, Debug)]
 pub struct StructuringElement {
-    /// Per half width (index): the row offsets `(dy, dz)` at which the ball is that wide.
+    /// Per half width (index): the row offsets `(dy, dz)` at which the element is that wide.
     offsets: Vec<Vec<(usize, usize)>>,
 }
 
 impl StructuringElement {
-    /// The ball of `radius_m`; every cell counts whose nearest point is nearer than that.
+    /// A sphere of `radius_m`; every cell counts whose nearest point is nearer than that.
     pub fn new(radius_m: f64) -> Self {
         Self::of_cells(radius_m, CELL_M)
     }
@@ -187,7 +188,8 @@ impl StructuringElement {
         })
     }
 
-    /// A body no larger than `reach_m` that holds what is `is_inside(level distance squared, height)`.
+    /// An element no larger than `reach_m` that holds every cell for which `is_inside(horizontal distance squared,
+    /// height)`.
     fn within(reach_m: f64, cell_m: f64, is_inside: impl Fn(f64, f64) -> bool) -> Self {
         let gap_m = |offset: i32| gap_cells(offset) * cell_m;
         let reach = (reach_m / cell_m).ceil() as i32 + 1;
@@ -210,7 +212,7 @@ impl StructuringElement {
         Self { offsets }
     }
 
-    /// Writes into `out` all cells that the ball around a cell of `source` reaches; `scratch` is overwritten.
+    /// Writes into `out` all cells that the element around a cell of `source` reaches; `scratch` is overwritten.
     pub fn dilate(&self, source: &BitLayer, scratch: &mut BitLayer, out: &mut BitLayer) {
         scratch.rows.copy_from_slice(&source.rows);
         out.rows.fill(0);
@@ -221,7 +223,7 @@ impl StructuringElement {
                     *wide |= narrow.rotate_left(shift) | narrow.rotate_right(shift);
                 }
             }
-            // Slice by slice: one and those around it stay in the nearest cache.
+            // Slice by slice: one slice and those around it stay in the nearest cache.
             for (z, slice) in scratch.rows.chunks_exact(SIZE_Y).enumerate() {
                 if slice.iter().all(|row| *row == 0) {
                     continue;

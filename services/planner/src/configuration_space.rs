@@ -1,22 +1,23 @@
-//! Where the vehicle's centre may be: the map inflated for every gear.
+//! Where the vehicle's centre may be: the map inflated for every speed tier.
 //!
 //! | layer | holds | use |
 //! |---|---|---|
-//! | `blocked` | ball around (occupied or unknown), and `hit` | certificates: outside it the vehicle is safe |
-//! | `hit` | ball around occupied; with collision prevention what is nearer than CP_DIST at the vehicle's height | search (unknown may be explored), re-check of what is already committed |
-//! | `near` | a wider ball around the hits of the highest gear | cost only: prefer room |
+//! | `blocked` | occupied and unknown cells, dilated, and `hit` | certificates: outside it the vehicle is safe |
+//! | `hit` | occupied cells, dilated; with collision prevention what is nearer than CP_DIST at the vehicle's height | search (unknown may be explored), re-check of what is already committed |
+//! | `near` | the hits of the highest speed tier, dilated further | cost only: prefer clearance |
 //!
-//! The lowest gear, which is for narrow places, has layers of half cells, of the middle of the window: half a metre to both sides of
-//! the vehicle's centre takes six of the map's cells there, and seven on the map's own. The cells of that gear are half cells, those of
-//! all others the map's.
+//! The lowest speed tier, which is for narrow places, has layers of half cells in the middle of the window: half a
+//! metre to both sides of the vehicle's centre takes six of the map's cells there, and seven on the map's own. The
+//! cells of that tier are half cells, those of all others the map's.
 //!
-//! A vehicle that rests where not even [`crate::speed_tiers::SLOW_TIER`] has room (a gust, a hard braking, something that came, a take-off
-//! below a part of the sky that no sensor looks at) plans with the room that it has, by the shortest way to where there is room: on it
-//! it comes no nearer to what is occupied or unknown nearby, and it creeps, so that it strays less. All other unknown is kept away from as ever,
-//! and so is by its radius what is occupied, unless the vehicle is nearer to it than that already: a false hit, or a touch.
+//! A vehicle that rests where not even [`crate::speed_tiers::SLOW_TIER`] has clearance (a gust, a hard braking,
+//! something that came, a take-off below a part of the sky that no sensor looks at) plans with the clearance that it
+//! has, by the shortest path to where there is enough. On that path it comes no nearer to what is occupied or unknown
+//! nearby, and it creeps, so that its tracking error is small. It keeps the usual distance from all other unknown
+//! cells, and its radius from occupied ones, unless it is nearer to them than that already: a false hit, or a touch.
 //!
-//! A vehicle that is nearer to something than CP_DIST already plans without it, or it could never leave; the guard sees to it that it
-//! comes no nearer.
+//! A vehicle that is already nearer to something than CP_DIST plans without CP_DIST, because it could never leave
+//! otherwise; the guard ensures that it comes no nearer.
 
 use crate::bit_layer::{BitLayer, StructuringElement, gap_m};
 use crate::speed_tiers::{LAST_TIER, TIERS};
@@ -28,28 +29,29 @@ use jink_shared_types::motion::MotionLimits;
 use jink_shared_types::params::{self, ParamSet};
 use nalgebra::Vector3;
 
-/// Additional clearance that the search pays for rather than give up (m).
+/// Additional clearance whose absence has a cost in the search (m).
 const COMFORT_M: f64 = 0.4;
-/// A ball that is just as large as the room there is must not hold what that was measured to, for rounding (m).
+/// An element as large as the clearance must not reach the cell that limits it, for rounding (m).
 const ROUNDING_M: f64 = 1e-6;
-/// More of CP_DIST is left to the guard (m): the map reaches 12.8 m.
+/// Beyond this, CP_DIST is left to the guard (m): the map reaches 12.8 m.
 const STANDOFF_MAX_M: f64 = 5.0;
 
-/// How much room the vehicle takes.
+/// The clearance that the vehicle needs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clearance {
     /// Radius of the vehicle (m).
     pub vehicle_m: f64,
-    /// The same and the error of the map (m).
+    /// Footprint: that radius and the error of the map (m).
     pub footprint_m: f64,
-    /// Level distance of its centre from obstacles at its height (m); zero and below: no more than the body needs.
+    /// Standoff: horizontal distance of its centre from obstacles at its height (m); zero and below: no more than the
+    /// footprint.
     pub standoff_m: f64,
-    /// What is higher above or deeper below is not at its height (m).
+    /// Half height of the band that counts as the vehicle's height (m).
     pub band_half_m: f64,
 }
 
 impl Clearance {
-    /// Of the vehicle that `params` describe.
+    /// The clearance of the vehicle that `params` describe.
     pub fn from_params(params: &ParamSet) -> Self {
         Self {
             vehicle_m: params.get(&params::OA_VEH_RADIUS),
@@ -59,7 +61,8 @@ impl Clearance {
         }
     }
 
-    /// What has to be free of obstacles around a reference that is followed within `tube_m`; `None` if it is no more than the body.
+    /// What has to be free of obstacles around a reference that is followed within `tube_m`; `None` if the standoff is
+    /// no more than the footprint.
     fn standoff_element(&self, tube_m: f64) -> Option<StructuringElement> {
         (self.standoff_m > self.footprint_m).then(|| {
             StructuringElement::in_cylinder(
@@ -71,12 +74,12 @@ impl Clearance {
     }
 }
 
-/// A place that is too narrow for a gear.
+/// A place that is too narrow for a speed tier.
 #[derive(Debug)]
 struct NarrowPlace {
-    /// The gear.
+    /// The speed tier.
     tier: usize,
-    /// The room that there is around the occupied.
+    /// The structuring element for occupied cells: the clearance that there is.
     element: StructuringElement,
     /// Where the vehicle is.
     from: Cell,
@@ -90,9 +93,9 @@ pub struct ConfigurationSpace {
     radii_m: [f64; TIERS],
     elements: [StructuringElement; TIERS],
     standoff_elements: [Option<StructuringElement>; TIERS],
-    /// The vehicle is nearer to something than it should keep: it plans as if it need not.
+    /// The vehicle is inside the standoff of an obstacle: it plans without standoff.
     is_inside_standoff: bool,
-    /// What a gear takes in place of its own ball, while the vehicle is in a place too narrow for that.
+    /// What replaces a speed tier's own element while the vehicle is in a place that is too narrow for it.
     narrow: Option<NarrowPlace>,
     comfort: StructuringElement,
     not_free: BitLayer,
@@ -100,9 +103,10 @@ pub struct ConfigurationSpace {
     scratch: BitLayer,
     halves: BitLayer,
     unknown: BitLayer,
-    /// The occupied cells that are not within the vehicle's radius of a narrow place.
+    /// The occupied cells farther than the vehicle's radius from a narrow place.
     other_occupied: BitLayer,
-    /// The cells that a narrow place is nearer to than it should be, and how far away from them (m) it comes no nearer.
+    /// The cells that are too near to a narrow place, and within which distance (m) the vehicle comes no nearer to
+    /// them.
     too_near: Vec<(Cell, f64)>,
     ready: [bool; TIERS],
     blocked: [BitLayer; TIERS],
@@ -115,7 +119,7 @@ pub struct ConfigurationSpace {
 }
 
 impl ConfigurationSpace {
-    /// For a vehicle that takes so much room.
+    /// For a vehicle that needs this clearance.
     pub fn new(speed_tiers: &[MotionLimits; TIERS], clearance: Clearance) -> Self {
         let radii_m = std::array::from_fn(|tier: usize| clearance.footprint_m + speed_tiers[tier].tube_m);
         Self {
@@ -146,7 +150,7 @@ impl ConfigurationSpace {
         }
     }
 
-    /// Keeps another distance from now on; the body stays what it was.
+    /// Sets the standoff; the footprint stays what it was.
     pub fn set_standoff(&mut self, speed_tiers: &[MotionLimits; TIERS], clearance: Clearance) {
         if clearance.standoff_m != self.clearance.standoff_m {
             self.clearance.standoff_m = clearance.standoff_m;
@@ -156,9 +160,10 @@ impl ConfigurationSpace {
         }
     }
 
-    /// Notes from where it is planned next: whether there is room for `gear`, if the vehicle `creeps` or rests there, and
-    /// whether the distance to keep is kept. Nearer to something than its radius, only a vehicle that `has_plan` is led away: one that
-    /// takes off is near to the ground, and the autopilot's.
+    /// Sets where the next plan departs from: whether there is clearance for `tier`, if the vehicle creeps or rests
+    /// there (`is_creeping`), and whether it is inside the standoff. Nearer to something than its radius, only a
+    /// vehicle that `has_plan` is moved away: one that takes off is near to the ground, and controlled by the
+    /// autopilot.
     pub fn set_departure(&mut self, place: &Vector3<f64>, tier: usize, is_creeping: bool, has_plan: bool) {
         let cell = cell_holding(place);
         self.set_narrow(None);
@@ -181,17 +186,17 @@ impl ConfigurationSpace {
         }
     }
 
-    /// Whether a gear takes less room than it should, to get out of a place too narrow for it.
+    /// Whether a speed tier plans with less clearance than it needs, to leave a place too narrow for it.
     pub fn is_narrow(&self) -> bool {
         self.narrow.is_some()
     }
 
-    /// The gear that takes less room than it should.
+    /// The speed tier that plans with less clearance than it needs.
     pub fn narrow_tier(&self) -> Option<usize> {
         self.narrow.as_ref().map(|narrow| narrow.tier)
     }
 
-    /// Whether it is something occupied that takes the room.
+    /// Whether an occupied cell limits the clearance.
     pub fn is_narrowed_by_obstacle(&self) -> bool {
         self.narrow.as_ref().is_some_and(|narrow| {
             let radius_m = self.radii_m[narrow.tier];
@@ -199,7 +204,7 @@ impl ConfigurationSpace {
         })
     }
 
-    /// Whether `gear` has the room in `cell` that it should have.
+    /// Whether `tier` has the clearance in `cell` that it needs.
     pub fn has_clearance(&self, tier: usize, cell: Cell) -> bool {
         let radius_m = self.radii_m[tier];
         self.is_safe(tier, cell) && cells_within(cell, radius_m).all(|(there, _)| !self.is_not_free(there))
@@ -218,7 +223,7 @@ impl ConfigurationSpace {
         self.narrow = narrow;
     }
 
-    /// Distance from `cell` to the nearest that is occupied, at most `max_m`; as balls count it.
+    /// Distance from `cell` to the nearest occupied one, at most `max_m`, between their nearest points.
     fn clearance_m(&self, cell: Cell, max_m: f64) -> f64 {
         let occupied = cells_within(cell, max_m).filter(|(there, _)| self.is_occupied(*there));
         occupied.fold(max_m, |min_m, (_, away_m)| min_m.min(away_m))
@@ -242,7 +247,7 @@ impl ConfigurationSpace {
         }
     }
 
-    /// Takes over a new map. Gears are inflated when they are needed ([`Self::prepare`]): most plans need only one.
+    /// Loads a new map. Speed tiers are inflated when they are needed ([`Self::prepare`]): most plans need only one.
     pub fn load(&mut self, map: &LocalMap) {
         self.min_cell = map.min_cell;
         self.loaded = true;
@@ -260,8 +265,9 @@ impl ConfigurationSpace {
         self.declarations & declared_as::BAND != 0
     }
 
-    /// The declarations of the user that a motion along `vertices` in `gear` stands on, bits of [`declared_as`]: those of space if any
-    /// cell within the gear's radius is known by them alone. That rays without an answer met nothing may have freed any cell.
+    /// The declarations of the user that a motion along `vertices` in `tier` depends on, bits of [`declared_as`]: those
+    /// of space if any cell within the tier's radius is known by them alone. The declaration that rays without an
+    /// answer met nothing may have freed any cell, so it always counts.
     pub fn declarations(&self, tier: usize, vertices: &[Vector3<f64>]) -> u8 {
         let of_rays = self.declarations & declared_as::NO_RETURN;
         let of_space = self.declarations & !declared_as::NO_RETURN;
@@ -277,7 +283,7 @@ impl ConfigurationSpace {
         }
     }
 
-    /// Inflates the map for `gear`, once per map. HeadingCheck that nothing is safe in the gear and everything is a hit.
+    /// Inflates the map for `tier`, once per map. Before that nothing is safe in the tier and everything is a hit.
     pub fn prepare(&mut self, tier: usize) {
         if self.ready[tier] || !self.loaded {
             return;
@@ -307,7 +313,7 @@ impl ConfigurationSpace {
         }
     }
 
-    /// The layers of half cells. What collision prevention keeps away from is looked for on the map's cells: that is metres.
+    /// Prepares the layers of half cells. The standoff is dilated on the map's cells: it is metres.
     fn prepare_halves(&mut self, tier: usize) {
         let min_half = self.min_half();
         let element = &self.elements[tier];
@@ -330,7 +336,8 @@ impl ConfigurationSpace {
         }
     }
 
-    /// The room that there is: what is unknown nearby, and what is occupied within the vehicle's radius, may stay as near as it is.
+    /// Prepares a tier with the clearance that there is: unknown cells nearby, and occupied ones within the vehicle's
+    /// radius, may stay as near as they are.
     fn prepare_narrow(&mut self, tier: usize) {
         let Some(narrow) = &self.narrow else {
             return;
@@ -350,7 +357,7 @@ impl ConfigurationSpace {
                 near.push((cell, self.clearance.vehicle_m));
             }
         }
-        // Not the gear's own ball, which may be one of half cells.
+        // Not the tier's own element, which may be one of half cells.
         StructuringElement::new(radius_m).dilate(&self.unknown, &mut self.scratch, &mut self.blocked[tier]);
         narrow
             .element
@@ -377,7 +384,8 @@ impl ConfigurationSpace {
         is_within(self.min_cell, cell)
     }
 
-    /// How many cells of `gear` an edge of the map's has. A place that is too narrow for it is judged on the map's.
+    /// How many cells of `tier` fit along an edge of a map cell. In a place that is too narrow for it, the map's cells
+    /// are used.
     pub fn per_cell(&self, tier: usize) -> i32 {
         if self.narrow_tier() == Some(tier) {
             1
@@ -386,32 +394,32 @@ impl ConfigurationSpace {
         }
     }
 
-    /// Edge of a cell of `gear` (m).
+    /// Edge of a cell of `tier` (m).
     pub fn cell_m(&self, tier: usize) -> f64 {
         CELL_M / f64::from(self.per_cell(tier))
     }
 
-    /// The cell of `gear` that `place` (local, m) lies in.
+    /// The cell of `tier` that `place` (local, m) lies in.
     pub fn cell_of(&self, tier: usize, place: &Vector3<f64>) -> Cell {
         cell_holding(&(place * f64::from(self.per_cell(tier))))
     }
 
-    /// The centre of a cell of `gear` (local, m).
+    /// The centre of a cell of `tier` (local, m).
     pub fn center_of(&self, tier: usize, cell: Cell) -> Vector3<f64> {
         center_of(cell).vector() / f64::from(self.per_cell(tier))
     }
 
-    /// The map's cell that a cell of `gear` lies in.
+    /// The map's cell that a cell of `tier` lies in.
     pub fn map_cell(&self, tier: usize, cell: Cell) -> Cell {
         cell.map(|index| index.div_euclid(self.per_cell(tier)))
     }
 
-    /// The map's cells that are nearer than the radius of `gear` to the one that its cell `cell` lies in.
+    /// The map's cells that are nearer than the radius of `tier` to the one that its cell `cell` lies in.
     pub fn cells_within(&self, tier: usize, cell: Cell) -> impl Iterator<Item = Cell> {
         cells_within(self.map_cell(tier, cell), self.radii_m[tier]).map(|(there, _)| there)
     }
 
-    /// Smallest cell of `gear` that its layers hold.
+    /// Smallest cell of `tier` that its layers hold.
     pub fn min_cell(&self, tier: usize) -> Cell {
         if self.per_cell(tier) == 1 {
             self.min_cell
@@ -420,39 +428,39 @@ impl ConfigurationSpace {
         }
     }
 
-    /// Half cells are held of the middle of the window, where the vehicle is.
+    /// The layers of half cells cover the middle of the window, where the vehicle is.
     fn min_half(&self) -> Cell {
         let size = [SIZE_X, SIZE_Y, SIZE_Z].map(|size| size as i32);
         std::array::from_fn(|axis| 2 * self.min_cell[axis] + size[axis] / 2)
     }
 
-    /// Whether the layers of `gear` hold its cell `cell`.
+    /// Whether the layers of `tier` hold its cell `cell`.
     pub fn holds(&self, tier: usize, cell: Cell) -> bool {
         is_within(self.min_cell(tier), cell)
     }
 
-    /// Whether the vehicle's centre may be at `place` (local, m) in `gear`, and anywhere else in the same cell.
+    /// Whether the vehicle's centre may be at `place` (local, m) in `tier`, and anywhere else in the same cell.
     pub fn is_safe_at(&self, tier: usize, place: &Vector3<f64>) -> bool {
         self.is_safe(tier, self.cell_of(tier, place))
     }
 
-    /// Whether an obstacle is known within the gear's radius of the cell of `place` (local, m).
+    /// Whether an obstacle is known within the speed tier's radius of the cell of `place` (local, m).
     pub fn is_hit_at(&self, tier: usize, place: &Vector3<f64>) -> bool {
         self.is_hit(tier, self.cell_of(tier, place))
     }
 
-    /// Whether the vehicle's centre may be anywhere in `cell` in `gear`: everything around it is known free.
+    /// Whether the vehicle's centre may be anywhere in `cell` in `tier`: everything around it is known free.
     pub fn is_safe(&self, tier: usize, cell: Cell) -> bool {
         self.ready[tier] && self.holds(tier, cell) && !self.blocked[tier].test(cell)
     }
 
-    /// Whether an obstacle is known within the gear's radius of `cell`; outside the window none is known.
+    /// Whether an obstacle is known within the speed tier's radius of `cell`; outside the window none is known.
     pub fn is_hit(&self, tier: usize, cell: Cell) -> bool {
         !self.ready[tier] || self.holds(tier, cell) && self.hit[tier].test(cell)
     }
 
-    /// The same for who asks about the whole window: near its border a hit may be one of something at the opposite side, because
-    /// cells are addressed modulo the window's size.
+    /// [`Self::is_hit`] for the whole window: near its border a hit may belong to something at the opposite side,
+    /// because cells are addressed modulo the window's size. Such cells do not count.
     pub fn is_hit_inside(&self, tier: usize, cell: Cell) -> bool {
         let tube_m = self.radii_m[tier] - self.clearance.footprint_m;
         let level_m = self.radii_m[tier].max(self.clearance.standoff_m + tube_m);
@@ -463,7 +471,7 @@ impl ConfigurationSpace {
         self.is_hit(tier, cell) && ends.into_iter().all(|end| self.holds(tier, end))
     }
 
-    /// Distance that a gear keeps from what is not known to be free (m).
+    /// Distance that a speed tier keeps from what is not known to be free (m).
     pub fn radius_m(&self, tier: usize) -> f64 {
         self.radii_m[tier]
     }
@@ -478,22 +486,22 @@ impl ConfigurationSpace {
         self.contains(cell) && self.occupied.test(cell)
     }
 
-    /// Whether `cell` of the map is uncomfortably near to an obstacle.
+    /// Whether `cell` of the map is nearer to an obstacle than is comfortable.
     pub fn is_near(&self, cell: Cell) -> bool {
         self.contains(cell) && self.near.test(cell)
     }
 
-    /// The layer of a gear that holds everything unsafe.
+    /// The layer of a speed tier that holds everything unsafe.
     pub fn blocked(&self, tier: usize) -> &BitLayer {
         &self.blocked[tier]
     }
 
-    /// The layer of a gear that holds everything too near to a known obstacle.
+    /// The layer of a speed tier that holds everything too near to a known obstacle.
     pub fn hit(&self, tier: usize) -> &BitLayer {
         &self.hit[tier]
     }
 
-    /// The share of the segment from `a` to `b` at which the first cell of `gear` that `is_wanted` is entered; `None` if there is none.
+    /// The share of the segment from `a` to `b` at which the first cell of `tier` that `is_wanted` is entered; `None` if there is none.
     pub fn first_in(
         &self,
         tier: usize,
@@ -523,19 +531,19 @@ impl ConfigurationSpace {
         }
     }
 
-    /// Whether the straight way from `a` to `b` is safe in `gear`.
+    /// Whether the straight segment from `a` to `b` is safe in `tier`.
     pub fn segment_is_safe(&self, tier: usize, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
         let is_unsafe = |space: &Self, cell: Cell| !space.is_safe(tier, cell);
         self.first_in(tier, a, b, is_unsafe).is_none()
     }
 }
 
-/// How many cells of `gear` an edge of the map's has.
+/// How many cells of `tier` fit along an edge of a map cell.
 fn per_cell(tier: usize) -> i32 {
     if tier == LAST_TIER { 2 } else { 1 }
 }
 
-/// Edge of a cell of `gear` (m).
+/// Edge of a cell of `tier` (m).
 fn cell_m(tier: usize) -> f64 {
     CELL_M / f64::from(per_cell(tier))
 }
@@ -690,7 +698,7 @@ pub(crate) mod tests {
         space.set_departure(&center_of(at(1.5)).vector(), SLOW_TIER, false, true);
         space.prepare(2);
         assert!(space.is_safe(2, at(1.5)) && !space.is_safe(2, at(0.5)));
-        // Without it nothing of that.
+        // Without CP_DIST there is no standoff.
         params.set("CP_DIST", -1.0).unwrap();
         space.set_standoff(&speed_tiers(&params), Clearance::from_params(&params));
         space.set_departure(&center_of(at(3.0)).vector(), SLOW_TIER, false, true);

@@ -38,7 +38,7 @@ impl Default for CorridorBuilder {
 }
 
 impl CorridorBuilder {
-    /// The polytope around the segment from `a` to `b` in `gear`, between the heights `down_range_m` (smallest and
+    /// The polytope around the segment from `a` to `b` in `tier`, between the heights `down_range_m` (smallest and
     /// largest down coordinate). `None` if the segment itself touches an unsafe cell.
     pub fn polytope(
         &mut self,
@@ -202,7 +202,7 @@ fn separate(cell_m: f64, a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f6
         return separate_touching(cell_m, a, b, center);
     }
     let normal = between / gap_m;
-    // Alternating projections stop a hair before the nearest pair: the plane is moved until it clears the whole cell.
+    // Alternating projections stop slightly before the nearest pair: the plane is moved until it clears the whole cell.
     let half_width_m = 0.5 * cell_m * normal.iter().map(|n| n.abs()).sum::<f64>();
     let cell_side_m = normal.dot(center) - half_width_m;
     let segment_side_m = normal.dot(a).max(normal.dot(b));
@@ -236,7 +236,7 @@ fn separate_touching(
         let half_width_m = 0.5 * cell_m * normal.iter().map(|n| n.abs()).sum::<f64>();
         let offset_m = normal.dot(center) - half_width_m;
         let segment_side_m = normal.dot(a).max(normal.dot(b));
-        // The segment lies inside, by as little as it may touch the cell.
+        // The segment lies inside by the distance that it may be from the cell.
         (segment_side_m < offset_m + TOUCHING_M).then(|| HalfSpace {
             normal: normal.into(),
             offset_m: offset_m + TOUCHING_M,

@@ -1,13 +1,13 @@
-//! How much longer than the straight line the way to the goal is, as far as the far map knows.
+//! How much longer than the straight line the path to the goal is, by the far map.
 //!
 //! | in | out |
 //! |---|---|
-//! | [`FarMap`], the goal, the heights flown at | per cell: the detour (m) that a way from there to the goal takes round what is known |
+//! | [`FarMap`], the goal, the heights flown at | per cell: the detour (m) that a path from there to the goal takes round known obstacles |
 //!
-//! The way left from every cell, by Dijkstra's algorithm over the map's cells at the height of flight, from the goal outwards.
-//! Nothing is forbidden: what is occupied is dear, so that a map that is wrong leaves some way. What is not known is taken to be
-//! open. The detour, not the way itself, is what the fine search gets to know: where nothing is in the way it is zero, and the search
-//! is what it would be without.
+//! The remaining path from every cell is computed by Dijkstra's algorithm over the map's cells at the height of flight,
+//! from the goal outwards. Nothing is forbidden: occupied cells have a high cost, so that a wrong map still leaves a
+//! path. Unknown cells count as free. The fine search uses the detour, not the path itself: where there is no obstacle
+//! the detour is zero, and the search is what it would be without a far map.
 
 use jink_shared_types::far_map::{FAR_CELL_M, FAR_X, FAR_Y, FAR_Z, FarMap, test};
 use jink_shared_types::frames::{LocalNed, Point};
@@ -15,16 +15,18 @@ use jink_shared_types::map::{CELL_M, Cell};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Prices are whole numbers: a straight step of one cell.
+/// Costs are whole numbers: a straight step of one cell.
 const STRAIGHT: u32 = 1000;
 const DIAGONAL: u32 = 1414;
-/// Price of a step through a cell in which something stands, by that of a free one: 40 m per cell. A dead end as deep as the fine
-/// window reaches is left for a way round it.
+/// Cost of a step through an occupied cell, relative to a free one: 40 m per cell. A dead end as deep as the fine
+/// window reaches is left for a path round it.
 const OCCUPIED_FACTOR: u32 = 100;
-/// The same for a cell beside one, where fewer than two cells side by side are free: too narrow for most vehicles.
+/// The same for a cell beside an occupied one, where fewer than two cells side by side are free: too narrow for most
+/// vehicles.
 const NARROW_FACTOR: u32 = 10;
-/// So much of a detour (2 m) is none for sensors that do not look all around: the way round a trunk is the fine search's. Where every
-/// trunk 40 m ahead counted, a camera was led aside at its start, into what it had not seen. Scanners pass gaps better when all counts.
+/// For sensors that do not see all around, a detour up to this (2 m) counts as none: the fine search finds the path
+/// round a trunk. When every trunk 40 m ahead counted, a camera was led aside at its start, into what it had not seen.
+/// With scanners, gaps are passed better when every detour counts.
 const FINE_DETOUR: u32 = 5 * STRAIGHT;
 const CELLS: usize = FAR_X * FAR_Y;
 const NOT_REACHED: u32 = u32::MAX;
@@ -37,7 +39,7 @@ pub struct DetourMap {
     left: Vec<u32>,
     factor: Vec<u32>,
     open: BinaryHeap<Reverse<u64>>,
-    /// What the detours were made for: map, goal, layers.
+    /// What the detours were computed for: map, goal, layers.
     made_for: Option<(u64, [i32; 2], [i32; 2])>,
 }
 
@@ -60,8 +62,8 @@ impl DetourMap {
         self.made_for = None;
     }
 
-    /// Makes the detours to `goal` at heights from `goal` to `here`, by `map`, which has the number `map_number`; nothing if that is
-    /// done. With sensors that do not see all around, short detours count for nothing.
+    /// Computes the detours to `goal` at heights from `goal` to `here`, by `map`, which has the number `map_number`;
+    /// nothing if they are up to date. With sensors that do not see all around, short detours count as none.
     pub fn make(
         &mut self,
         map: &FarMap,
@@ -85,7 +87,7 @@ impl DetourMap {
         self.compare(goal_cell, if sees_all_around { 0 } else { FINE_DETOUR });
     }
 
-    /// The detour (m) of a way from `cell` (of the fine map) to the goal; zero where nothing is known of one.
+    /// The detour (m) of a path from `cell` (of the fine map) to the goal; zero where nothing is known of one.
     #[inline]
     pub fn detour_m(&self, cell: Cell) -> f32 {
         let x = cell[0].div_euclid(2).wrapping_sub(self.min_cell[0]);
@@ -107,7 +109,7 @@ impl DetourMap {
                 *factor = if is_occupied { OCCUPIED_FACTOR } else { 1 };
             }
         }
-        // A square of two by two cells has room if all of them are free; it counts for its corner.
+        // A square of two by two cells has clearance if all of them are free; it counts for its corner.
         for y in 0..FAR_Y - 1 {
             for x in 0..FAR_X - 1 {
                 let at = y * FAR_X + x;
@@ -123,7 +125,7 @@ impl DetourMap {
         }
     }
 
-    /// The price of the way left from every cell.
+    /// Computes the cost of the remaining path from every cell.
     fn expand_dijkstra(&mut self, goal: [i32; 2]) {
         self.left.fill(NOT_REACHED);
         self.open.clear();
@@ -131,7 +133,7 @@ impl DetourMap {
         if (0..FAR_X as i32).contains(&x) && (0..FAR_Y as i32).contains(&y) {
             self.reach(y as usize * FAR_X + x as usize, 0);
         } else {
-            // From the border on nothing is known.
+            // Beyond the border nothing is known.
             for at in (0..CELLS).filter(|at| on_border(*at)) {
                 self.reach(at, self.open_cost(at, goal));
             }
@@ -155,7 +157,7 @@ impl DetourMap {
         }
     }
 
-    /// The price of the way from a cell to `goal` if nothing were in the way, in steps to eight sides.
+    /// The cost of the path from a cell to `goal` without obstacles, in steps to eight sides.
     fn open_cost(&self, at: usize, goal: [i32; 2]) -> u32 {
         let along = |axis: usize, offset: usize| goal[axis].abs_diff(self.min_cell[axis] + offset as i32);
         let (x, y) = (along(0, at % FAR_X), along(1, at / FAR_X));
@@ -163,10 +165,10 @@ impl DetourMap {
         short * DIAGONAL + (long - short) * STRAIGHT
     }
 
-    /// The detours, of which the price `ignored` counts for nothing.
+    /// Computes the detours, of which the cost `ignored` is subtracted.
     fn compare(&mut self, goal: [i32; 2], ignored: u32) {
         for at in 0..CELLS {
-            // What stands in the cell itself the fine map knows better.
+            // The fine map knows better whether the cell itself is occupied.
             let beside = neighbours(at).map(|(to, length)| self.left[to].saturating_add(length));
             let left = beside.fold(self.left[at], u32::min);
             let detour = left.saturating_sub(self.open_cost(at, goal) + ignored);
@@ -180,7 +182,7 @@ fn on_border(at: usize) -> bool {
     x == 0 || y == 0 || x == FAR_X - 1 || y == FAR_Y - 1
 }
 
-/// The eight neighbours of a cell inside the window, and the price of a step to each through what is free.
+/// The eight neighbours of a cell inside the window, and the cost of a step to each through what is free.
 #[inline]
 fn neighbours(at: usize) -> impl Iterator<Item = (usize, u32)> {
     const BY: [(i32, i32, u32); 8] = [
@@ -245,7 +247,7 @@ mod tests {
     #[test]
     fn a_wall_is_a_detour_by_the_length_of_the_way_round_it() {
         let far = far(&map(|x, y| (19.8..20.6).contains(&x) && y > -9.0), [40.0, 0.0]);
-        // In steps to eight sides the way round is 20 cells of 0.4 m aside longer than straight, at most.
+        // In steps to eight sides the detour is at most 20 cells of 0.4 m to the side longer than the straight line.
         let at_it = detour_m(&far, 18.0, 0.0);
         assert!((4.0..14.0).contains(&at_it), "{at_it}");
         assert!(detour_m(&far, 18.0, 8.0) > at_it + 4.0);

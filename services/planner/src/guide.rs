@@ -7,17 +7,17 @@ use nalgebra::Vector3;
 
 /// Longest leg (m): each leg becomes one polynomial piece, and a long one cannot follow the speed profile.
 const LEG_MAX_M: f64 = 3.0;
-/// A way at a wished speed may be short, and still be flown through with a speed: two pieces cannot follow that, four can. No leg is
+/// A path at a requested speed may be short and have a moving start: two pieces cannot follow that, four can. No leg is
 /// made shorter than this for it (m).
 const LEGS_MIN: f64 = 4.0;
 const LEG_MIN_M: f64 = 0.7;
-/// A point of a proposed way that is nearer than this to the straight line between its neighbours is left out (m): each leg of
-/// a corridor has a polytope, and there are few of them.
+/// A point of a proposed path that is nearer than this to the straight line between its neighbours is left out (m):
+/// each leg of a corridor has a polytope, and there are few of them.
 const STRAIGHT_M: f64 = 0.25;
-/// Shorter than this a leg is numerical dust (m).
+/// Legs shorter than this are rounding errors (m).
 const NEGLIGIBLE_M: f64 = 1e-3;
 
-/// The straight legs of a way, first vertex = its start.
+/// The straight legs of a path, first vertex = its start.
 #[derive(Clone, Debug)]
 pub struct Guide {
     vertices: Vec<Vector3<f64>>,
@@ -44,9 +44,9 @@ impl Guide {
         length_m(&self.vertices)
     }
 
-    /// Builds the guide from `start` along `path` (the first cell holds `start`) as far as it is safe in `gear`,
-    /// at most `length_max_m`, and `margin_m` short of where safety ends. `goal` replaces the last cell's centre if
-    /// the path ends in its cell. Returns whether the goal itself is the end.
+    /// Builds the guide from `start` along `path` (the first cell holds `start`) as far as it is safe in `tier`, at
+    /// most `length_max_m`, and `margin_m` short of where it stops being safe. `goal` replaces the last cell's centre
+    /// if the path ends in its cell. Returns whether the goal itself is the end.
     pub fn build(
         &mut self,
         space: &ConfigurationSpace,
@@ -72,8 +72,8 @@ impl Guide {
         }
     }
 
-    /// Builds the guide along `way`, as [`Self::build`] does along cells, without taking shorter ways. Returns whether its end is
-    /// the end of `way`.
+    /// Builds the guide along the points of `way`, as [`Self::build`] does along cells, without shortcuts. Returns
+    /// whether its end is the end of `way`.
     pub fn follow(
         &mut self,
         space: &ConfigurationSpace,
@@ -86,7 +86,7 @@ impl Guide {
         let whole_m = length_m(&self.points);
         let at_end = is_safe && whole_m <= length_max_m;
         if !at_end {
-            // Beyond a way that is longer than a guide it may not be safe either.
+            // A proposed path that is longer than a guide may not be safe beyond its end either.
             let safe_m = if is_safe { whole_m } else { whole_m - margin_m };
             cut_to(&mut self.points, safe_m.min(length_max_m));
         }
@@ -113,7 +113,7 @@ impl Guide {
         true
     }
 
-    /// Leaves out the points that hardly bend the way.
+    /// Leaves out the points that hardly bend the path.
     fn straighten(&mut self, space: &ConfigurationSpace, tier: usize) {
         self.vertices.clear();
         self.vertices.extend(self.points.first());
@@ -134,7 +134,7 @@ impl Guide {
         }
     }
 
-    /// The way as points, cut where it stops being safe; `true` if all of it is.
+    /// The path as points, cut where it stops being safe; `true` if all of it is.
     fn safe_points(
         &mut self,
         space: &ConfigurationSpace,

@@ -1,24 +1,26 @@
-//! Map and desired path to a route with a certified corridor: never a motion that does not end at rest in space known to
-//! be free.
+//! Turns map and desired path into a route with a certified corridor. No motion is planned that does not end at rest in
+//! space known to be free.
 //!
 //! | in | out |
 //! |---|---|
 //! | local map, vehicle state, desired path, the trajectory being flown | [`Route`], events |
-//! | a way that another program proposes | its answer |
+//! | a path that another program proposes | its answer |
 //!
-//! In every cycle the planner looks at what is committed. If the newest map shows an obstacle in its tube (rule I3), it
-//! must be left: by a new plan, else by a certified stop, else by braking as hard as allowed. Otherwise a new plan is
-//! made for every new map, and once more on the same map only if none was found or if what must be left is still being
-//! flown. It departs from the state that the committed trajectory will have in [`SPLICE_LEAD_S`], and replaces it only if it
-//! is certified (rule I2). Without fresh ranges or a valid state nothing new is committed (rule I4).
+//! In every cycle the planner checks the committed trajectory. If the newest map shows an obstacle in its tube (rule
+//! I3), the trajectory must be left: by a new plan, else by a certified stop, else by braking as hard as allowed.
+//! Otherwise a new plan is made for every new map, and once more on the same map only if none was found or if what must
+//! be left is still being flown. A plan departs from the state that the committed trajectory will have in
+//! [`SPLICE_LEAD_S`], and replaces it only if it is certified (rule I2). Without fresh ranges or a valid state nothing
+//! new is committed (rule I4).
 //!
-//! Where the vehicle is to rest (a hold, a landing) and is too fast to come to rest there, it stops first and comes back from rest.
-//! A goal that it cannot come to (an obstacle, a closed wall, a height that is not allowed) is approached as far as that is
-//! safe; there it rests, and after OA_BLOCKED_T without [`progress`] the gateway and the pilot are told why.
+//! A vehicle that is to rest at a place (a hold, a landing) and is too fast to stop there stops first and comes back
+//! from rest. A goal that cannot be reached (an obstacle, a closed wall, a height that is not allowed) is approached as
+//! far as that is safe; there the vehicle rests, and after OA_BLOCKED_T without [`progress`] the reason is reported to
+//! the gateway and the pilot.
 //!
-//! A plan is: a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
-//! pieces of certified space around it ([`corridor`]); tried in the highest [gear](mod@gears) that is worth it. The guide may
-//! also be one that another program proposes ([`proposed_path`]).
+//! A plan is a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
+//! pieces of certified space around it ([`corridor`]), in the highest [speed tier](mod@speed_tiers) that is worth it.
+//! The guide may also be one that another program proposes ([`proposed_path`]).
 
 pub mod bit_layer;
 pub mod configuration_space;
@@ -66,52 +68,54 @@ use jink_shared_types::view::FieldOfView;
 use jink_shared_types::{Coded, Flag, Reading, Stamped, Timestamp};
 use nalgebra::Vector3;
 
-/// How far ahead a new plan departs from the committed one (s): planning, curves, guard and their hand-overs take some
-/// 10 ms; 100 ms leave room for a restart of any of them in between.
+/// How far ahead a new plan departs from the committed one (s): planner, generator, guard and the transport between
+/// them take some 10 ms; 100 ms leave time for a restart of any of them.
 pub const SPLICE_LEAD_S: f64 = 0.10;
 /// Longest guide (m): three seconds of flight and the stop behind them at the speeds the tubes allow; more would be
 /// re-planned before it is flown.
 const GUIDE_MAX_M: f64 = 11.0;
-/// Highest gear while a range sensor is silent: half the speed.
+/// Highest speed tier while a range sensor is silent: half the speed.
 const DEGRADED_TIER: usize = 1;
 
 // A plan that gains less than this is not worth committing (m).
 const PROGRESS_MIN_M: f64 = 0.25;
-/// Lower gears are looked at when the way in the higher one is this much dearer than the straight line.
+/// Lower speed tiers are tried when the path in the higher one costs this much more than the straight line.
 const DETOUR_WORTH_A_TIER: f32 = 1.25;
-/// Time that a way in a lower gear must save to slow down for it, rather than take another one at once (s).
+/// Time that a path in a lower speed tier must save to slow down for it, rather than take another one at once (s).
 const SLOWING_S: f64 = 2.0;
-/// Viewpoints for a way in a higher gear, and turns toward the ways to them, in a minute, before a way in the lowest gears is taken.
+/// Viewpoints, and turns toward the paths to them, that are tried per minute for a path in a higher speed tier before a
+/// path in the lowest tiers is taken.
 const VIEWPOINTS_BEFORE_CRAWLING: usize = 2;
-/// How long planning must fail while the vehicle stands before the pilot is told (s).
+/// How long planning must fail while the vehicle stands before the pilot is notified (s).
 const NO_PATH_AFTER_S: f64 = 1.5;
-/// A vehicle that nobody has planned for and that is faster than this is in motion (m/s): slower, its way to rest stays
-/// within the tube.
+/// A vehicle without a plan that is faster than this is in motion (m/s): below, its stopping distance stays within the
+/// tube.
 const MOVING_MPS: f64 = 0.5;
-/// Distance between two looks at the committed trajectory (s).
+/// Time between two checked points of the committed trajectory (s).
 const RECHECK_STEP_S: f64 = 0.03;
-/// Where no way is known, it is looked for so often (s): every search that fails expands all it may.
+/// Where no path is known, the search is repeated at this period (s): every search that fails expands as much as it
+/// may.
 const RETRY_S: f64 = 0.5;
-/// A vehicle that is to rest, in a place that is narrow only because not all around it is known, stays where it is if the place to
-/// rest at is no farther than this (m): a take-off that ends below its height, a hold in a gust.
+/// A vehicle that is to rest, in a place that is narrow only because its surroundings are not known, stays where it is
+/// if the place to rest at is no farther than this (m): a take-off that ends below its height, a hold in a gust.
 const NEAR_REST_M: f64 = 1.0;
-/// A height that is this far from the one asked for is another one (m): PX4 accepts up to 0.8 m (NAV_MC_ALT_RAD).
+/// A height that differs by this from the requested one is another one (m): PX4 accepts up to 0.8 m (NAV_MC_ALT_RAD).
 const HEIGHT_OFF_M: f64 = 0.7;
 
-/// What the planner reads.
+/// The planner's inputs.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
     /// The newest map.
     pub map: Reading<'a, LocalMap>,
-    /// What stands farther away, and what was seen before.
+    /// Obstacles farther away, and what was seen before.
     pub far: Reading<'a, FarMap>,
     /// The vehicle.
     pub state: Reading<'a, VehicleState>,
-    /// What the autopilot wants.
+    /// The path that the autopilot wants.
     pub desired: Reading<'a, DesiredPath>,
-    /// What is being flown, however old: it outlives its producer.
+    /// The trajectory being flown, however old: it outlives its producer.
     pub approved: Option<&'a ApprovedTrajectory>,
-    /// A way that another program proposes.
+    /// A path that another program proposes.
     pub proposal: Reading<'a, Proposal>,
 }
 
@@ -119,7 +123,7 @@ pub struct Inputs<'a> {
 #[derive(Debug)]
 pub struct Planner {
     limits: [MotionLimits; TIERS],
-    /// Those on the way out of a place that is too narrow for every gear.
+    /// The limits on the way out of a place that is too narrow for every speed tier.
     creep: MotionLimits,
     goal_radius_m: f64,
     height_range_m: (f64, f64),
@@ -127,46 +131,46 @@ pub struct Planner {
     space: ConfigurationSpace,
     search: Search,
     best_path: Path,
-    /// The same in the lowest gears.
+    /// The same in the lowest speed tiers.
     crawl_path: Path,
     guide: Guide,
     corridor: CorridorBuilder,
     /// Range sensors that should contribute to the map; 0 = not known.
     sensors: u16,
-    /// The highest gear that may be flown with those that do.
+    /// The highest speed tier that may be flown with those that do.
     top_tier: usize,
     route_id: u64,
     /// The last plan on this map; 0 = none yet.
     planned_id: u64,
     map_publish: Timestamp,
-    /// The goal that was planned to last, in vain or not.
+    /// The goal of the last planning, whether it succeeded or not.
     planned_goal: Option<Point<LocalNed>>,
     failing_since: Option<Timestamp>,
     no_path_reported: bool,
     blocked_reported: bool,
     loss_reported_at: Timestamp,
     progress: Progress,
-    /// Why the goal was not reached by the last plan.
+    /// Why the last plan did not reach the goal.
     obstruction: Option<Obstruction>,
-    /// The same when the goal was told to be out of reach.
+    /// The reason that was reported when the goal counted as out of reach.
     blocked_by: Option<Obstruction>,
-    /// Price of the way that was found last (m); `None` none was.
+    /// Cost of the path that was found last (m); `None` if none was.
     remaining_m: Option<f64>,
     retry: Timestamp,
     coverage: SensorCoverage,
     viewpoints: Viewpoints,
-    /// The gear of the way that was planned last.
+    /// The speed tier of the path that was planned last.
     path_tier: usize,
     /// The last route that was a turn before a motion; 0 = none yet.
     turn_id: u64,
     view: FieldOfView,
-    /// The last wish was for setpoints that the autopilot follows.
+    /// The last desired path was for setpoints that the autopilot follows.
     follows_setpoints: bool,
     proposals: Proposals,
     events: Vec<EventSample>,
 }
 
-/// A committed motion, or the vehicle as it moves or rests: where the next plan departs from.
+/// Where the next plan departs from: a committed motion, or the vehicle as it moves or rests.
 #[derive(Clone, Copy, Debug)]
 struct Departure {
     base_id: u64,
@@ -175,7 +179,8 @@ struct Departure {
 }
 
 impl Departure {
-    /// Whether the vehicle moves without a plan, as when a pilot hands over in flight: if none is found it must be stopped.
+    /// Whether the vehicle moves without a plan, as when a pilot switches to the mission in flight: if none is found it
+    /// must be stopped.
     fn is_unplanned_motion(&self) -> bool {
         self.base_id == 0 && self.state.velocity.vector().norm() > 0.0
     }
@@ -228,9 +233,9 @@ impl Planner {
         }
     }
 
-    /// Takes the parameters that apply at once; the others must be those of the start. Nothing that was learned is
-    /// forgotten, and what is committed stays: it was certified within the limits that it carries. A vehicle that is faster
-    /// than a new limit allows flies its commitment to its end, at rest, and goes on from there.
+    /// Takes the parameters that apply at once; the others must be those of the start. What was learned is kept, and
+    /// the committed trajectory stays: it was certified within the limits that it carries. A vehicle that is faster
+    /// than a new limit allows flies its committed trajectory to its end, at rest, and continues from there.
     pub fn on_params_changed(&mut self, params: &ParamSet) {
         self.limits = speed_tiers(params);
         self.creep = creep(params);
@@ -239,28 +244,28 @@ impl Planner {
         self.goal_radius_m = params.get(&params::OA_GOAL_RAD);
         self.height_range_m = (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX));
         self.yaw_along_path = params.get(&params::OA_YAW_MODE) == 1.0;
-        // A refusal on this map may have been one of the old values.
+        // A refusal on this map may have been due to the old values.
         self.map_publish = Timestamp::NEVER;
     }
 
-    /// The same for a vehicle with so many range sensors: while only some of them contribute to the map it flies on
-    /// in what they see, and slower.
+    /// Sets the number of range sensors of the vehicle: while only some of them contribute to the map, it flies in what
+    /// they see, and slower.
     pub fn with_sensors(mut self, sensors: u16) -> Self {
         self.sensors = sensors;
         self
     }
 
-    /// What happened in the last step that a pilot should know.
+    /// The events of the last step for the pilot.
     pub fn events(&self) -> &[EventSample] {
         &self.events
     }
 
-    /// What became of the way that is proposed, if that is to be said after the last step.
+    /// The answer to the proposed path, if one is due after the last step.
     pub fn proposal_answer(&self) -> Option<&ProposalAnswer> {
         self.proposals.answer()
     }
 
-    /// One cycle at `now`; the answer is written into `route`.
+    /// One cycle at `now`; the result is written into `route`.
     pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, route: &mut Route) {
         self.events.clear();
         let committed = inputs.approved.map(|approved| &approved.trajectory);
@@ -272,7 +277,7 @@ impl Planner {
         self.proposals.end_cycle(now, self.remaining_m, &mut self.events);
     }
 
-    /// The cycle without what is said about proposals. Returns whether plans to the goal are made.
+    /// The cycle without the events about proposals. Returns whether plans to the goal are made.
     fn advance(&mut self, now: Timestamp, inputs: &Inputs<'_>, route: &mut Route) -> bool {
         self.route_id += 1;
         *route = Route {
@@ -281,10 +286,10 @@ impl Planner {
         };
         let new_map = self.load_map(inputs);
         let Some(state) = inputs.state.fresh() else {
-            return false; // I4: without a state nothing new; Keep.
+            return false; // I4: without a state nothing new is committed; Keep.
         };
         if state.mode_pending.is_set() {
-            return false; // The gateway has just been restarted: what is flown goes on.
+            return false; // The gateway has just been restarted: the committed trajectory continues.
         }
         self.watch_sensors(now, &state, inputs.map.fresh().map(|map| map.sample));
         let Some(desired) = self.desired_path(&state, inputs) else {
@@ -296,7 +301,7 @@ impl Planner {
             return false;
         };
         let Some(desired) = desired else {
-            return false; // The wish is late: keep what is committed.
+            return false; // The desired path is stale: keep what is committed.
         };
         let goal = self.clamped_goal(&desired, &state);
         let committed = inputs.approved.map(|approved| &approved.trajectory);
@@ -309,7 +314,7 @@ impl Planner {
             if must_leave {
                 self.stop_or_brake(now, &departure, route);
             }
-            return false; // I4: blind, the committed trajectory runs to its own stop.
+            return false; // I4: without ranges the committed trajectory runs to its own stop.
         }
         if let Some(map) = inputs.map.fresh() {
             self.update_top_tier(map.live_sensors);
@@ -362,7 +367,8 @@ impl Planner {
         planning
     }
 
-    /// Whether the last plan on this map is being flown: the near part of it may still lie too close to what is to be left.
+    /// Whether the last plan on this map is being flown: the near part of it may still be too close to the obstacle
+    /// that is to be left.
     fn is_planned_on_this_map(&self, committed: Option<&Trajectory>) -> bool {
         self.planned_id != 0 && committed.is_some_and(|committed| committed.route_id == self.planned_id)
     }
@@ -381,7 +387,7 @@ impl Planner {
         true
     }
 
-    /// Takes over what the far map says of the way to `goal`, if there is one that belongs to the map.
+    /// Updates the detours to `goal` from the far map, if there is one of the same epoch as the map.
     fn update_detours(&mut self, inputs: &Inputs<'_>, departure: &Departure, goal: &Point<LocalNed>) {
         let epoch = inputs.map.fresh().map(|map| map.sample.epoch);
         match inputs.far.fresh().filter(|far| Some(far.sample.epoch) == epoch) {
@@ -400,7 +406,7 @@ impl Planner {
         }
     }
 
-    /// What one sensor alone has seen is old sooner where it does not look, so there is less time to stop in.
+    /// What only one sensor has seen becomes old sooner where it does not look, so there is less time to stop.
     fn update_top_tier(&mut self, live: u16) {
         let top_tier = if live < self.sensors { DEGRADED_TIER } else { 0 };
         if top_tier == self.top_tier {
@@ -416,14 +422,14 @@ impl Planner {
         self.events.push(EventSample::new(event, "planner", numbers));
     }
 
-    /// `None`: mirror. `Some(None)`: plan, but the wish is late. `Some(Some(_))`: plan.
+    /// `None`: mirror. `Some(None)`: plan, but the desired path is stale. `Some(Some(_))`: plan.
     fn desired_path(&mut self, state: &VehicleState, inputs: &Inputs<'_>) -> Option<Option<DesiredPath>> {
         let desired = inputs.desired.fresh();
         if let Some(desired) = &desired {
             self.follows_setpoints = desired.mode.get() == NavMode::Offboard;
         }
         let planned_mode = match state.mode.get() {
-            // Somebody else's setpoints may be followed as well.
+            // Setpoints of another program may be followed as well.
             NavMode::Offboard => self.follows_setpoints,
             mode => mode.is_automatic(),
         };
@@ -431,7 +437,7 @@ impl Planner {
             return None;
         }
         match desired {
-            // Of the mode before: what is wanted in this one comes next.
+            // It belongs to the mode before; that of this mode comes next.
             Some(desired) if desired.mode.get().is_automatic() && desired.mode != state.mode => Some(None),
             Some(desired) => desired.wants_planning().then_some(Some(*desired.sample)),
             None => Some(None),
@@ -461,7 +467,7 @@ impl Planner {
         (highest_m, lowest_m.max(state.position.z_m).max(highest_m))
     }
 
-    /// Whether an obstacle has come into the tube of what is committed from `now` on.
+    /// Whether an obstacle has come into the tube of the committed trajectory from `now` on.
     fn is_blocked(&mut self, now: Timestamp, committed: Option<&Trajectory>) -> bool {
         let Some(committed) = committed.filter(|trajectory| is_flown(trajectory)) else {
             return false;
@@ -470,7 +476,7 @@ impl Planner {
             return false;
         }
         let end = committed.end();
-        // At rest nothing is strayed from.
+        // At rest there is no tracking error.
         let tier = if now < end {
             self.tier_of(committed.limits.tube_m)
         } else {
@@ -491,7 +497,8 @@ impl Planner {
         }
     }
 
-    /// Whether an obstacle is known too near to `place` for `gear`. Half cells are looked at only where whole ones do not do.
+    /// Whether an obstacle is known too near to `place` for `tier`. Half cells are checked only where whole ones do not
+    /// suffice.
     fn is_hit(&mut self, tier: usize, place: &Vector3<f64>) -> bool {
         (tier.min(CRAWL_TIER)..=tier).all(|tier| {
             self.space.prepare(tier);
@@ -499,7 +506,7 @@ impl Planner {
         })
     }
 
-    /// The widest gear whose tube is not wider than `tube_m`.
+    /// The widest speed tier whose tube is not wider than `tube_m`.
     fn tier_of(&self, tube_m: f64) -> usize {
         self.limits
             .iter()
@@ -507,11 +514,12 @@ impl Planner {
             .unwrap_or(LAST_TIER)
     }
 
-    /// Finds the best way over the gears and writes a plan along it into `route`; `false` if there is none.
+    /// Finds the best path over the speed tiers and writes a plan along it into `route`; `false` if there is none.
     ///
-    /// A way may need a low gear somewhere (a gap) and still be flown in a higher one up to there: for each gear's way the
-    /// guide is cut where the flown gear stops being safe, and the lower gear takes over when the vehicle is slow enough. Where it is
-    /// not yet, it becomes so first, rather than leave for a way that takes much longer.
+    /// A path may need a low speed tier somewhere (a gap) and still be flown in a higher one up to there: for each
+    /// tier's path the guide is cut where the flown tier stops being safe, and the lower tier takes over when the
+    /// vehicle is slow enough. A vehicle that is not slow enough yet slows down first, rather than take another path
+    /// that is much longer.
     fn plan(
         &mut self,
         departure: &Departure,
@@ -532,7 +540,7 @@ impl Planner {
                 && (goal.vector() - start).norm() < NEAR_REST_M
                 && !self.space.is_narrowed_by_obstacle()
             {
-                // It may rest as well where it is: what is unknown around comes no nearer.
+                // It may as well rest where it is: it comes no nearer to the unknown around it.
                 return true;
             }
             self.proposals.on_evading();
@@ -554,7 +562,7 @@ impl Planner {
         let straight_m = (goal.vector() - start).norm()
             + f64::from(self.search.detour_m(cell_of(departure.state.position)));
         let mut best: Option<PathChoice> = None;
-        // The time that a way would take (s) that the vehicle is too fast for, and the gear of it.
+        // The time (s) and the speed tier of a path that the vehicle is too fast for.
         let mut too_fast_for: Option<(f64, usize)> = None;
         let mut seen: Option<SearchResult> = None;
         let mut next = Some(self.top_tier);
@@ -588,7 +596,7 @@ impl Planner {
             if best.is_some() && direct {
                 break;
             }
-            // Where the lowest gear of these finds no way, none between does.
+            // Where the lowest of these speed tiers finds no path, none between does.
             if is_short && tier == self.top_tier {
                 next = next.map(|_| SLOW_TIER);
             }
@@ -621,11 +629,11 @@ impl Planner {
             return true;
         }
         if self.proposals.use_own_path() && self.progress.is_blocked() {
-            // It is somewhere else now, and looks anew from there.
+            // The vehicle is somewhere else now, and progress is measured anew from there.
             self.progress.reset();
         }
         let viewpoints_max = match last {
-            // What a look could show is a longer way.
+            // A viewpoint could only reveal a longer path.
             Some(last) if last.time_s + SLOWING_S < seen_s => 0,
             Some(_) => VIEWPOINTS_BEFORE_CRAWLING,
             None => usize::MAX,
@@ -654,8 +662,8 @@ impl Planner {
         }
         let target_is_goal = self.build_guide(flown, departure, goal, &found);
         if self.progress.is_blocked() && !target_is_goal && !departure.is_unplanned_motion() {
-            // Once the goal counts as out of reach, only a way that is known to its end is worth leaving for, or one where
-            // there was none.
+            // Once the goal counts as out of reach, the vehicle departs only for a path that is known to its end, or
+            // where there was none before.
             let is_open_now = found.end != PathEnd::NearestPoint
                 && matches!(
                     self.blocked_by,
@@ -673,7 +681,7 @@ impl Planner {
             && !must_leave
             && !departure.is_unplanned_motion()
         {
-            // What is committed along the same way ends where that becomes narrow.
+            // The committed trajectory along the same path ends where that becomes narrow.
             if self.path_tier != way && !committed.is_some_and(is_stop) {
                 self.stop_certified(departure, route);
             }
@@ -695,8 +703,8 @@ impl Planner {
         }
     }
 
-    /// Out of a place that is too narrow for a gear, to the nearest that is not; from there it is planned as ever. `false` if there is
-    /// no such way, or the place is not too narrow.
+    /// Plans out of a place that is too narrow for a speed tier, to the nearest that is not; from there planning
+    /// continues as usual. `false` if there is no such path, or the place is not too narrow.
     fn plan_escape(&mut self, departure: &Departure, desired: &DesiredPath, route: &mut Route) -> bool {
         let Some(tier) = self.space.narrow_tier() else {
             return false;
@@ -762,7 +770,8 @@ impl Planner {
         }
         for index in 1..self.guide.vertices().len() {
             let (a, b) = (self.guide.vertices()[index - 1], self.guide.vertices()[index]);
-            // Where a leg cannot be surrounded the plan ends before it: it rests there, and the next plan sees more.
+            // Where a leg has no polytope the plan ends before it: the vehicle rests there, and the next plan sees
+            // more.
             let Some(polytope) = self.corridor.polytope(&self.space, tier, &a, &b, down_range_m) else {
                 route.guide_len = index as u32;
                 break;
@@ -790,7 +799,7 @@ impl Planner {
         route.target = route.guide[route.guide_len as usize - 1];
         let whole = route.corridor_len as usize + 1 == self.guide.vertices().len();
         route.target_is_goal = Flag::from(target_is_goal && whole);
-        // Sensors that do not look all around have to look ahead, whatever the mission asks.
+        // Sensors that do not see all around have to face the motion, whatever the mission asks.
         let faces_ahead = self.yaw_along_path || !self.view.is_all_around() && !self.view.is_empty();
         route.goal_yaw_rad = if faces_ahead {
             f64::NAN
@@ -825,7 +834,7 @@ impl Planner {
         }
     }
 
-    /// Tells when the goal has been out of reach for too long, and again after the same time each.
+    /// Reports that the goal has been out of reach for too long, and repeats it after the same time.
     fn check_progress(
         &mut self,
         now: Timestamp,
@@ -883,8 +892,8 @@ fn is_flown(trajectory: &Trajectory) -> bool {
     trajectory.mode.get() != TrajectoryMode::Mirror && trajectory.is_sound()
 }
 
-/// Where the next plan departs from: the committed trajectory a little ahead, or the vehicle as it will be then if it goes
-/// on as measured; at rest where it stands if it hardly moves.
+/// Where the next plan departs from: the committed trajectory a little ahead, or the vehicle at its extrapolated
+/// position; at rest where it stands if it hardly moves.
 fn departure(now: Timestamp, committed: Option<&Trajectory>, state: &Stamped<'_, VehicleState>) -> Departure {
     let splice = now.plus_seconds(SPLICE_LEAD_S);
     if let Some(committed) = committed.filter(|trajectory| is_flown(trajectory))

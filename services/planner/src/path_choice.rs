@@ -1,4 +1,4 @@
-//! Ways to the goal: which gear one is found for, which it can be begun in, and how long it is expected to take.
+//! Paths to the goal: for which speed tier one is found, in which it can be begun, and how long it is expected to take.
 
 use super::{Departure, PROGRESS_MIN_M, Planner};
 use crate::search::{PathEnd, SearchQuery, SearchResult};
@@ -7,36 +7,37 @@ use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::motion::MotionLimits;
 use nalgebra::Vector3;
 
-/// A way of a lower gear is begun in a higher one if that carries at least this far (m); shorter is not worth speeding up.
+/// A path of a lower speed tier is begun in a higher one if that is safe for at least this far (m); shorter is not
+/// worth speeding up.
 pub(super) const HIGHER_TIER_MIN_M: f64 = 1.5;
-/// Time that slowing down for one gear is expected to cost (s): some metres at half the speed.
+/// Time that slowing down for one speed tier is expected to cost (s): some metres at half the speed.
 const TIER_COST_S: f64 = 2.0;
-/// A way that ends nowhere near the goal is a last resort: it counts as if it took so much longer (s).
+/// A path that ends nowhere near the goal is the last choice: it counts as if it took so much longer (s).
 pub(super) const DEAD_END_S: f64 = 1e3;
-/// Additional price of a metre of height, for sensors that do not see where a climb leads, and for those that do. To go round costs less
-/// energy than to go over; and what is above the view is seen only from farther away.
+/// Additional cost of a metre of height, for sensors that do not see where a climb leads, and for those that do. Flying
+/// round takes less energy than flying over; and what is above the field of view is seen only from farther away.
 const HEIGHT_COSTS: [f32; 2] = [2.0, 0.5];
-/// How far above the goal a way may lead over what stands in between (m).
+/// How far above the goal a path may lead over an obstacle in between (m).
 const DETOUR_UP_M: f64 = 2.0;
-/// A vehicle at rest whose distance from the goal is at most this more than that of the best place it can come to stays where
-/// it is (m): what lies between is mostly the map's noise.
+/// A vehicle at rest whose distance from the goal is at most this much larger than that of the best reachable place
+/// stays where it is (m): the difference is mostly the map's noise.
 const NEAR_ENOUGH_M: f64 = 0.5;
 
-/// A way that can be begun.
+/// A path that can be begun.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PathChoice {
     /// Time that it is expected to take (s).
     pub time_s: f64,
-    /// The gear that it was found for.
+    /// The speed tier that it was found for.
     pub way: usize,
-    /// The one that it is begun in.
+    /// The speed tier that it is begun in.
     pub flown: usize,
-    /// The way.
+    /// The path.
     pub found: SearchResult,
 }
 
 impl Planner {
-    /// A way in the lowest gears, for where no other has one, or none that is not much longer.
+    /// Finds a path in the lowest speed tiers, for places where no other tier has one, or only a much longer one.
     pub(super) fn choose_crawling(
         &mut self,
         departure: &Departure,
@@ -68,7 +69,7 @@ impl Planner {
         best
     }
 
-    /// Time that the way found for `gear` is expected to take (s).
+    /// Time that the path found for `tier` is expected to take (s).
     pub(super) fn time_s(&self, tier: usize, found: &SearchResult) -> f64 {
         let dead_end_s = if found.end == PathEnd::NearestPoint {
             DEAD_END_S
@@ -78,7 +79,7 @@ impl Planner {
         f64::from(found.cost_m) / self.limits[0].speed_mps + TIER_COST_S * tier as f64 + dead_end_s
     }
 
-    /// The highest gear in which the way found for `gear` can be begun from this departure; `None` if in none.
+    /// The highest speed tier in which the path found for `tier` can be begun from this departure; `None` if in none.
     pub(super) fn flown_tier(
         &mut self,
         tier: usize,
@@ -87,7 +88,7 @@ impl Planner {
         found: &SearchResult,
     ) -> Option<usize> {
         (self.top_tier..=tier).find(|flown| {
-            // The room that there is is for the way out of a narrow place.
+            // The reduced clearance is only for the path out of a narrow place.
             if self.space.narrow_tier() == Some(*flown)
                 || !self.can_begin(*flown, departure)
                 || !self.space.is_safe_at(*flown, &departure.state.position.vector())
@@ -104,7 +105,7 @@ impl Planner {
         })
     }
 
-    /// Whether the vehicle is slow enough for `gear`.
+    /// Whether the vehicle is slow enough for `tier`.
     pub(super) fn can_begin(&self, tier: usize, departure: &Departure) -> bool {
         let speed_mps = departure.state.velocity.vector().norm();
         speed_mps <= MotionLimits::allowed(self.limits[tier].speed_mps)
@@ -126,13 +127,13 @@ impl Planner {
         self.search.run(&self.space, &query)
     }
 
-    /// Lowest and highest z of the cells that a way to `goal` may lead through: it may climb over what stands in between, but not
-    /// where a planar sensor's band is declared. A band is what stands at the height that was measured; what else there is at the
-    /// height of a detour, nobody has measured.
+    /// Lowest and highest z of the cells that a path to `goal` may lead through: it may climb over obstacles, but not
+    /// where a planar sensor's band is declared. The band holds for the height that was measured; nothing was measured
+    /// at the height of a detour.
     pub(super) fn heights(&self, tier: usize, departure: &Departure, goal: &Point<LocalNed>) -> (i32, i32) {
         let here_m = departure.state.position.z_m;
         let detour_m = if self.space.has_band() { 0.0 } else { DETOUR_UP_M };
-        // Not above the vehicle: on a detour it would climb on and on.
+        // Not above the vehicle: on a detour it would climb further with every plan.
         let top_m = (goal.z_m - detour_m).min(here_m);
         let bottom_m = goal.z_m.max(here_m);
         let level = |down_m| self.space.cell_of(tier, &Vector3::new(0.0, 0.0, down_m))[2];
@@ -141,7 +142,7 @@ impl Planner {
     }
 }
 
-/// Whether the way found leads nowhere from where the vehicle rests already.
+/// Whether the path found ends no nearer to the goal than where the vehicle rests already.
 pub(super) fn is_near_enough(departure: &Departure, goal: &Point<LocalNed>, found: &SearchResult) -> bool {
     let away_m = (departure.state.position.vector() - goal.vector()).norm();
     departure.is_at_rest() && away_m <= f64::from(found.remaining_m) + NEAR_ENOUGH_M

@@ -1,36 +1,36 @@
-//! Whether the goal comes nearer, and if not, why.
+//! Whether the vehicle makes progress toward the goal, and if not, why.
 //!
-//! Neither standing nor the straight distance is the sign: a detour leads away from the goal for a while, and a vehicle may circle
-//! round one that it cannot come to. What counts is the price of the way that is left, as the search finds it: whoever does not
-//! make it smaller for OA_BLOCKED_T is out of reach of the goal. A detour that is found on the way makes it greater at once; the
-//! time for flying it is given in addition.
+//! Neither standing nor the straight distance is the criterion: a detour leads away from the goal for a while, and a
+//! vehicle may circle round a goal that it cannot reach. The criterion is the cost of the remaining path, as the search
+//! finds it: if it does not become smaller for OA_BLOCKED_T, the goal is out of reach. A detour that is found in flight
+//! makes it greater at once; the time for flying it is added.
 
 use crate::search::{PathEnd, SearchResult};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::{LocalNed, Point};
 
-/// A way that is shorter by this is progress (m): above what the map's noise makes of it from plan to plan.
+/// A path that is shorter by this is progress (m): above what the map's noise makes of it from plan to plan.
 const PROGRESS_M: f64 = 0.5;
-/// A goal that has moved less is the same (m).
+/// A goal that has moved by less is the same (m).
 const SAME_GOAL_M: f64 = 0.1;
-/// More time is given to no detour (s): one that leads along all four sides of the map's window takes it.
+/// Most time added for a detour (s): one along all four sides of the map's window takes it.
 const DETOUR_MAX_S: f64 = 60.0;
 
 /// Why a goal is not reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Obstruction {
-    /// No vehicle can be at it.
+    /// An obstacle is at the goal.
     Occupied,
-    /// What stands around it leaves no way.
+    /// Obstacles around the goal leave no path.
     Enclosed,
     /// It lies outside of the heights allowed; the vehicle waits above or below it.
     Height,
-    /// No way is known that ends in known-free space.
+    /// No path is known that ends in known-free space.
     Unseen,
 }
 
 impl Obstruction {
-    /// Of a way that does not end at the goal.
+    /// The obstruction of a path that does not end at the goal.
     pub fn of(found: Option<&SearchResult>) -> Self {
         match found {
             Some(found) if found.goal_is_occupied => Obstruction::Occupied,
@@ -39,7 +39,7 @@ impl Obstruction {
         }
     }
 
-    /// For the pilot.
+    /// The text for the pilot.
     pub fn text(self) -> &'static str {
         match self {
             Obstruction::Occupied => "obstacle there",
@@ -50,15 +50,15 @@ impl Obstruction {
     }
 }
 
-/// Watches the way to one goal.
+/// Watches the progress toward one goal.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
     timeout_s: f64,
     goal: Option<Point<LocalNed>>,
-    /// The least that was ever left (m), and when that was.
+    /// The smallest remaining cost so far (m), and when that was.
     min_m: f64,
     since: Timestamp,
-    /// The most that was left after that (m).
+    /// The largest remaining cost since then (m).
     max_m: f64,
     is_blocked: bool,
     due: Timestamp,
@@ -78,18 +78,19 @@ impl Progress {
         }
     }
 
-    /// Nothing is flown to, or it was reached.
+    /// There is no goal, or it was reached.
     pub fn reset(&mut self) {
         *self = Self::new(self.timeout_s);
     }
 
-    /// Whether the goal has been out of reach, and is still.
+    /// Whether the goal has been out of reach, and still is.
     pub fn is_blocked(&self) -> bool {
         self.is_blocked
     }
 
-    /// `remaining_m` of the way to `goal` is left at `now`, with a detour being flown at `speed_mps` (none: 0); `None`: not known.
-    /// Returns whether the goal counts as out of reach from now on, and again after the same time each.
+    /// The path to `goal` has the remaining cost `remaining_m` at `now`, and a detour is being flown at `speed_mps`
+    /// (none: 0); `None`: not known. Returns whether the goal counts as out of reach from now on, and again after every
+    /// further timeout.
     pub fn step(
         &mut self,
         now: Timestamp,
@@ -130,7 +131,7 @@ impl Progress {
         true
     }
 
-    /// Nothing could be seen until `now`: that time does not count.
+    /// No ranges until `now`: that time does not count.
     pub fn pause(&mut self, now: Timestamp) {
         if self.goal.is_some() && !self.is_blocked {
             self.since = now;
@@ -144,7 +145,7 @@ mod tests {
     use jink_shared_types::Timestamp;
     use jink_shared_types::frames::Point;
 
-    /// When it was out of reach within 100 s of a way that is `remaining_m` long after each time.
+    /// When the goal was out of reach within 100 s, with `remaining_m` after each time.
     fn blocked(detour_mps: f64, remaining_m: impl Fn(f64) -> Option<f64>) -> Vec<f64> {
         let mut progress = Progress::new(10.0);
         let goal = Point::new(1.0, 2.0, 3.0);

@@ -1,12 +1,13 @@
-//! Routes along ways that another program proposes ([`Proposal`]).
+//! Routes along paths that another program proposes ([`Proposal`]).
 //!
-//! A proposal takes the place of the planner's own guide and of nothing else: which space is certified, the tubes, the limits and
-//! the stop at the end are those of every plan. The own search goes on beside it. It says what is left to the goal, and its way is
-//! the one that is flown as soon as there is no proposal, or none that can be certified.
+//! A proposal takes the place of the planner's own guide and of nothing else: the certified space, the tubes, the
+//! limits and the stop at the end are those of every plan. The planner's own search continues beside it. It computes
+//! the remaining cost to the goal, and its path is flown as soon as there is no proposal, or none that can be
+//! certified.
 //!
-//! No proposal keeps the vehicle from its goal. Routes along proposals must lead on along them and must bring the goal nearer by the
-//! own search's measure; else the own search has the vehicle to itself for [`PAUSE_S`], and twice as long each next time. So the
-//! time in which nobody disturbs it grows until it is long enough, whatever is proposed.
+//! No proposal keeps the vehicle from its goal. Routes along proposals must advance along them and must bring the goal
+//! nearer by the own search's measure; else only paths of the own search are flown for [`PAUSE_S`], and twice as long
+//! each next time. So the time without proposals grows until it is long enough, whatever is proposed.
 
 use crate::configuration_space::ConfigurationSpace;
 use crate::path_choice::HIGHER_TIER_MIN_M;
@@ -24,34 +25,36 @@ use jink_shared_types::{Added, Coded, Reading, Timestamp};
 /// A goal that is this near to the desired one is the same (m): positions travel in single precision, and a program may have
 /// computed its own from a latitude and a longitude.
 const SAME_GOAL_M: f64 = 0.5;
-/// Being nearer by this is progress (m), as in [`crate::progress`].
+/// A remaining cost that is smaller by this is progress (m), as in [`crate::progress`].
 const PROGRESS_M: f64 = 0.5;
-/// A way that is longer than the one before by this is another one (m): a detour that has been found on the way.
+/// A path that is longer than the one before by this is another one (m): a detour that was found in flight.
 const OTHER_PATH_M: f64 = 2.0;
-/// How long routes may be made of proposals without leading on along them (s): longer than a hard turn or a change of the gear takes.
+/// How long routes may be made of proposals without progress along them (s): longer than a hard turn or a change of the
+/// speed tier takes.
 const IDLE_MAX_S: f64 = 5.0;
-/// The same without bringing the goal nearer than it ever was (s): a detour along all sides of the map's window takes it.
+/// How long without progress to the goal (s): a detour along all sides of the map's window takes it.
 const DETOUR_MAX_S: f64 = 60.0;
-/// How long the own search flies alone after that, the first time (s).
+/// How long only the own search is flown after that, the first time (s).
 const PAUSE_S: f64 = 10.0;
-/// Routes along proposals that are not flown one after the other (of ten in a second) are not feasible.
+/// So many routes along proposals in a row that are not flown (of ten in a second) are not feasible.
 const NOT_FLOWN_MAX: u32 = 3;
-/// How long the own search then flies alone (s): long enough to come to another place, from where the way may be feasible.
+/// How long only the own search is then flown (s): long enough to reach another place, from where the proposed path may
+/// be feasible.
 const INFEASIBLE_S: f64 = 2.0;
-/// What the answer to a proposal says in figures is told anew this often while it is flown (s).
+/// The numbers in the answer to a proposal are published at this period while it is flown (s).
 const NUMBERS_S: f64 = 1.0;
-/// Events about proposals are not more frequent than this (s).
+/// Shortest period of events about proposals (s).
 const EVENT_S: f64 = 5.0;
 /// The longest gap between two cycles that counts as flown (s).
 const CYCLE_MAX_S: f64 = 0.2;
-/// A wished speed is not lower than this (m/s), as for the speed that a mission asks for.
+/// A requested speed is not lower than this (m/s), as for the speed that a mission asks for.
 const SPEED_MIN_MPS: f64 = 0.3;
-/// A wished speed limits how far ahead is planned (s), and the way that slowing down takes is planned with this margin (1): so that
-/// a faster vehicle slows down at once.
+/// A requested speed limits how far ahead is planned (s), and the distance for slowing down is planned with this margin
+/// (1): so that a faster vehicle slows down at once.
 const REQUESTED_AHEAD_S: f64 = 2.0;
 const SLOWING_MARGIN: f64 = 1.3;
 
-/// What the pilot was told last.
+/// What was last reported to the pilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum ReportedStatus {
     OwnPath,
@@ -59,38 +62,38 @@ enum ReportedStatus {
     Refused(ProposalVerdict),
 }
 
-/// What is known of the proposals.
+/// State of the proposals.
 #[derive(Debug)]
 pub(super) struct Proposals {
     /// The newest one; it counts while it is fresh.
     current: Proposal,
     is_fresh: bool,
     is_plausible: bool,
-    /// When the way was proposed first.
+    /// When the path was proposed first.
     proposed: Timestamp,
     /// A plan may be made of it in this cycle, between these heights (smallest and largest down coordinate).
     is_admitted: bool,
     down_range_m: (f64, f64),
     way: ProposedPath,
-    /// Where the last plan has joined the way.
+    /// Where the last plan has joined the path (m along it).
     along_m: Option<f64>,
-    /// Where the way leaves what is known to be free.
+    /// Where the path leaves known-free space.
     end: Option<ProposalFailure>,
     /// The last plan was made of a proposal.
     is_flown: bool,
-    /// The first route made of the current way; 0 = none.
+    /// The first route made of the current path; 0 = none.
     first_route: u64,
-    /// The last one, until it is seen in the committed trajectory; 0 = none.
+    /// The last one, until it appears in the committed trajectory; 0 = none.
     pending_route: u64,
     not_flown: u32,
     /// Until then no plan is made of a proposal, for this reason.
     pause: Option<(Timestamp, ProposalVerdict)>,
     next_pause_s: f64,
     goal: Point<LocalNed>,
-    /// The least that was left by the own search's measure (m), and how long it has been flown without less (s).
+    /// The smallest remaining cost by the own search (m), and how long a proposal has been flown without less (s).
     min_m: f64,
     detour_s: f64,
-    /// The same along the proposed ways.
+    /// The same along the proposed paths.
     least_along_m: f64,
     idle_s: f64,
     cycle: Timestamp,
@@ -137,7 +140,7 @@ impl Default for Proposals {
 }
 
 impl Proposals {
-    /// Begins a cycle with what is proposed, while `committed` is flown.
+    /// Begins a cycle with the newest proposal, while `committed` is flown.
     pub(super) fn begin_cycle(&mut self, proposal: &Reading<'_, Proposal>, committed: Option<&Trajectory>) {
         if committed.is_some_and(|committed| committed.route_id == self.pending_route) {
             self.pending_route = 0;
@@ -149,7 +152,7 @@ impl Proposals {
         let newest = proposal.fresh();
         self.is_fresh = newest.is_some();
         let Some(newest) = newest else {
-            // Who proposes it again begins anew.
+            // If it is proposed again, it counts as new.
             self.proposed = Timestamp::NEVER;
             return;
         };
@@ -162,7 +165,8 @@ impl Proposals {
         self.is_plausible = self.current.is_plausible();
     }
 
-    /// Judges what needs no map: whether a plan to `requested` may be made of the proposal now, within the heights of `down_range_m`.
+    /// Checks what needs no map: whether a plan to `requested` may be made of the proposal now, within the heights of
+    /// `down_range_m`.
     pub(super) fn admit(
         &mut self,
         now: Timestamp,
@@ -199,7 +203,7 @@ impl Proposals {
         }
     }
 
-    /// The planner goes its own way out of a narrow place.
+    /// The planner uses its own path out of a narrow place.
     pub(super) fn on_evading(&mut self) {
         if self.is_admitted {
             self.decide(ProposalVerdict::Evading, None);
@@ -211,14 +215,14 @@ impl Proposals {
         self.is_flown
     }
 
-    /// The planner goes its own way. Returns whether it did not before.
+    /// The planner uses its own path. Returns whether it did not before.
     pub(super) fn use_own_path(&mut self) -> bool {
         self.pending_route = 0;
         std::mem::take(&mut self.is_flown)
     }
 
-    /// Lays the proposed way from the departure on, up to where it leaves what is known to be free; the slowest gear must be
-    /// prepared.
+    /// Builds the proposed path from the departure on, up to where it leaves known-free space; the slowest speed tier
+    /// must be prepared.
     fn build_path(
         &mut self,
         space: &ConfigurationSpace,
@@ -276,7 +280,7 @@ impl Proposals {
         }
     }
 
-    /// Whether the routes made of proposals are not flown: then the own search goes on.
+    /// Whether the routes made of proposals are not flown: then the own search is flown.
     fn is_infeasible(&mut self) -> bool {
         if self.pending_route == 0 {
             return false;
@@ -291,10 +295,10 @@ impl Proposals {
         true
     }
 
-    /// Another goal is another chance.
+    /// Another goal ends the pause.
     fn set_goal(&mut self, goal: &Point<LocalNed>) {
         let moved_m = (self.goal.vector() - goal.vector()).norm();
-        // The first goal is another one than none.
+        // The first goal counts as another one.
         if moved_m.is_nan() || moved_m > SAME_GOAL_M {
             self.goal = *goal;
             self.pause = None;
@@ -304,7 +308,7 @@ impl Proposals {
         }
     }
 
-    /// Ends a cycle in which `remaining_m` of the way to the goal is left by the own search's measure.
+    /// Ends a cycle in which the own search has found the remaining cost `remaining_m`.
     pub(super) fn end_cycle(
         &mut self,
         now: Timestamp,
@@ -352,7 +356,7 @@ impl Proposals {
         });
     }
 
-    /// An answer is due when it differs from the last one, and for its figures once in a while.
+    /// An answer is due when it differs from the last one, and periodically for its numbers.
     fn write_answer(&mut self, now: Timestamp) {
         let Some(decided) = self.decided else {
             return;
@@ -374,12 +378,12 @@ impl Proposals {
         self.is_answer_due = true;
     }
 
-    /// What is to be published in this cycle.
+    /// The answer to be published in this cycle.
     pub(super) fn answer(&self) -> Option<&ProposalAnswer> {
         self.is_answer_due.then_some(&self.answer)
     }
 
-    /// Says once, and not too often, when routes begin and cease to come from proposals.
+    /// Reports once, and not too often, when routes begin and cease to come from proposals.
     fn report_events(&mut self, now: Timestamp, events: &mut Vec<EventSample>) {
         let is = match self.decided.map(|decided| decided.verdict.get()) {
             _ if !self.is_fresh => ReportedStatus::OwnPath,
@@ -409,7 +413,7 @@ impl Proposals {
     }
 }
 
-/// For the pilot.
+/// The text for the pilot.
 fn text(verdict: ProposalVerdict) -> &'static str {
     match verdict {
         ProposalVerdict::Implausible => "bad numbers",
@@ -424,7 +428,7 @@ fn text(verdict: ProposalVerdict) -> &'static str {
     }
 }
 
-/// Whether the same is proposed, to the bit: what is no number is the same as itself, too.
+/// Whether two proposals are the same to the bit: a NaN equals itself here.
 fn is_same(a: &Proposal, b: &Proposal) -> bool {
     let bits = |point: &Point<LocalNed>| [point.x_m, point.y_m, point.z_m].map(f64::to_bits);
     let path_choice = a.waypoints().iter().map(bits).eq(b.waypoints().iter().map(bits));
@@ -433,7 +437,7 @@ fn is_same(a: &Proposal, b: &Proposal) -> bool {
 }
 
 impl Planner {
-    /// Writes a plan along what is proposed into `route`; `false` if there is nothing, or it cannot be certified.
+    /// Writes a plan along the proposal into `route`; `false` if there is none, or it cannot be certified.
     pub(super) fn plan_proposed(
         &mut self,
         departure: &Departure,
@@ -464,7 +468,7 @@ impl Planner {
             self.proposals.refuse_start(departure);
             return false;
         }
-        // Who is faster slows down on a shorter way.
+        // A faster vehicle slows down on a shorter path.
         route.limits.speed_mps = route.limits.speed_mps.min(requested_mps.max(speed_mps));
         let length_max_m = self.proposed_max_m(tier, speed_mps, requested_mps);
         let end_m = self.proposals.end.map_or(f64::INFINITY, |end| end.after_m);
@@ -474,7 +478,7 @@ impl Planner {
         true
     }
 
-    /// The speed wished; infinite if none is.
+    /// The requested speed; infinite if none is.
     fn requested_mps(&self) -> f64 {
         let requested_mps = self.proposals.current.speed_mps;
         if requested_mps > 0.0 {
@@ -484,16 +488,16 @@ impl Planner {
         }
     }
 
-    /// Builds the guide along the proposed way in the highest gear that carries far enough, else in the one that carries
-    /// farthest; a lower gear is fast enough for a low speed and needs less room. Returns the gear, and whether the guide ends
-    /// where the way does; `None` if no gear carries far enough to be worth committing.
+    /// Builds the guide along the proposed path in the highest speed tier that is safe far enough, else in the one that
+    /// is safe farthest; a lower tier is fast enough for a low speed and needs less clearance. Returns the tier, and
+    /// whether the guide ends where the path does; `None` if no tier is safe far enough to be worth committing.
     fn follow_proposed(
         &mut self,
         departure: &Departure,
         speed_mps: f64,
         requested_mps: f64,
     ) -> Option<(usize, bool)> {
-        // A vehicle that has just begun to fly in a higher gear accelerates too hard for a lower one.
+        // A vehicle that has just begun to fly in a higher tier accelerates too hard for a lower one.
         let acceleration_mps2 = departure.state.acceleration.vector().norm();
         let can_begin = |limits: &MotionLimits| {
             speed_mps <= MotionLimits::allowed(limits.speed_mps)
@@ -536,7 +540,8 @@ impl Planner {
             .follow(&self.space, tier, way, length_max_m, overshoot_m)
     }
 
-    /// The longest guide along a proposed way (m): with a speed wished, the way to slow down on and two seconds at that speed.
+    /// The longest guide along a proposed path (m): with a requested speed, the distance to slow down in and two
+    /// seconds at that speed.
     fn proposed_max_m(&self, tier: usize, speed_mps: f64, requested_mps: f64) -> f64 {
         let MotionLimits {
             acceleration_mps2,
@@ -552,7 +557,7 @@ impl Planner {
 }
 
 impl Proposals {
-    /// No gear can follow the way from the departure on.
+    /// No tier can follow the path from the departure on.
     fn refuse_start(&mut self, departure: &Departure) {
         let start = ProposalFailure {
             verdict: ProposalVerdict::TooNarrow,

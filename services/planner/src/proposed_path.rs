@@ -1,32 +1,33 @@
-//! The part of a proposed way that the next plan may follow: from the departure to the way, along it as far as one route
-//! reaches, and what of it is not certified.
+//! The part of a proposed path that the next plan may follow: from the departure to the path, along it as far as one
+//! route reaches, and which part of it is not certified.
 
 use crate::configuration_space::ConfigurationSpace;
 use crate::speed_tiers::CRAWL_TIER;
 use jink_shared_types::proposal::{PROPOSAL_WAYPOINTS, Proposal, ProposalVerdict};
 use nalgebra::Vector3;
 
-/// A vehicle that is farther from the way joins it no more (m): the way was made for another place.
+/// A vehicle that is farther from the path does not join it (m): the path was made for another place.
 const JOIN_MAX_M: f64 = 5.0;
-/// How far ahead of its nearest point the way is joined (m), at rest, and in addition per speed (s): a vehicle in motion cannot
+/// How far ahead of its nearest point the path is joined (m), at rest, and in addition per speed (s): a vehicle in motion cannot
 /// turn at once.
 const JOIN_AHEAD_M: f64 = 0.5;
 const JOIN_AHEAD_S: f64 = 0.8;
-/// How far a vehicle may have come back or on along the same way since the last plan (m).
+/// How far a vehicle may have moved back or forward along the same path since the last plan (m).
 const BACK_M: f64 = 2.0;
 const ON_M: f64 = 12.0;
-/// How much of the way is looked at from the departure on (m): the longest guide and the longest overshoot, and a margin.
+/// How much of the path is checked from the departure on (m): the longest guide and the longest overshoot, and a
+/// margin.
 const HORIZON_M: f64 = 14.0;
-/// A way that ends so near to the goal is meant to end at it (m).
+/// A path that ends this near to the goal is meant to end at it (m).
 const GOAL_NEAR_M: f64 = 1.0;
 /// Points nearer to each other than this are one (m).
 const NEGLIGIBLE_M: f64 = 0.05;
 /// Rounding of a height allowed (m).
 const HEIGHT_SLACK_M: f64 = 1e-3;
-/// How much of the way is looked at behind the first point too near to an obstacle, whether it leads through it (m).
+/// How far beyond the first point too near to an obstacle the path is checked for leading through it (m).
 const THROUGH_M: f64 = 3.0;
 
-/// Where and why a way is not certified.
+/// Where and why a path is not certified.
 #[derive(Clone, Copy, Debug)]
 pub struct ProposalFailure {
     /// Why.
@@ -35,11 +36,11 @@ pub struct ProposalFailure {
     pub place: Vector3<f64>,
     /// The waypoint that ends the leg.
     pub waypoint: u32,
-    /// Length of the way up to there (m).
+    /// Length of the path up to there (m).
     pub after_m: f64,
 }
 
-/// Reusable memory of the part that is looked at.
+/// Reusable memory of the part that is checked.
 #[derive(Debug)]
 pub struct ProposedPath {
     /// The departure first.
@@ -63,7 +64,7 @@ impl Default for ProposedPath {
     }
 }
 
-/// The point of a way that is nearest to something.
+/// The point of a path that is nearest to something.
 #[derive(Clone, Copy, Debug)]
 struct NearestPoint {
     away_m: f64,
@@ -101,8 +102,8 @@ impl ProposedPath {
             .sum()
     }
 
-    /// Takes the part of `proposal` that begins at the departure (`start`, at `speed_mps`); `along_m` is where on the way the
-    /// last plan joined it, `None` for another way. Returns where this one does.
+    /// Takes the part of `proposal` that begins at the departure (`start`, at `speed_mps`); `along_m` is where the last
+    /// plan joined the path, `None` for another path. Returns where this one joins it.
     ///
     /// # Errors
     /// The vehicle is too far away.
@@ -140,7 +141,7 @@ impl ProposedPath {
         Ok(nearest.along_m)
     }
 
-    /// Adds the way from `from_m` on.
+    /// Adds the path from `from_m` on.
     fn follow(&mut self, proposal: &Proposal, from_m: f64) {
         let (point, waypoint) = point_at(proposal, from_m);
         self.push(point, waypoint);
@@ -155,7 +156,7 @@ impl ProposedPath {
         self.ends_at_goal = beyond_m <= GOAL_NEAR_M;
         self.remaining_m = self.length_m() + beyond_m;
         if self.ends_at_goal {
-            // Not a hair beside it.
+            // No further point right beside it.
             if beyond_m < NEGLIGIBLE_M && self.points.len() > 1 {
                 self.points.pop();
                 self.waypoints.pop();
@@ -206,7 +207,7 @@ impl ProposedPath {
         None
     }
 
-    /// Where it comes too near to a known obstacle for the slowest gear, which must be prepared.
+    /// Where it comes too near to a known obstacle for the slowest speed tier, which must be prepared.
     pub fn obstacle(&self, space: &ConfigurationSpace) -> Option<ProposalFailure> {
         let slowest = CRAWL_TIER;
         let mut after_m = 0.0;
@@ -261,7 +262,7 @@ impl ProposedPath {
         None
     }
 
-    /// Where it leaves what is known to be free, for the slowest gear, which must be prepared.
+    /// Where it leaves what is known to be free, for the slowest speed tier, which must be prepared.
     pub fn unknown(&self, space: &ConfigurationSpace) -> Option<ProposalFailure> {
         let mut after_m = 0.0;
         for (index, leg) in self.points.windows(2).enumerate() {
@@ -296,7 +297,7 @@ impl ProposedPath {
     }
 }
 
-/// The point of the way nearest to `start`; on a way that was joined at `along_m` before, one not far from there.
+/// The point of the path nearest to `start`; on a path that was joined at `along_m` before, one not far from there.
 fn nearest(proposal: &Proposal, start: &Vector3<f64>, along_m: Option<f64>) -> NearestPoint {
     let range_m = along_m.map_or(0.0..=f64::INFINITY, |m| m - BACK_M..=m + ON_M);
     let waypoints = proposal.waypoints();
@@ -314,7 +315,7 @@ fn nearest(proposal: &Proposal, start: &Vector3<f64>, along_m: Option<f64>) -> N
     for (index, leg) in waypoints.windows(2).enumerate() {
         let (a, way) = (leg[0].vector(), leg[1].vector() - leg[0].vector());
         let length_m = way.norm();
-        // What of the leg lies in the range.
+        // The part of the leg that lies in the range.
         let low = ((range_m.start() - before_m) / length_m.max(1e-9)).clamp(0.0, 1.0);
         let high = ((range_m.end() - before_m) / length_m.max(1e-9)).clamp(0.0, 1.0);
         let is_in_range = before_m <= *range_m.end() && before_m + length_m >= *range_m.start();
@@ -336,7 +337,7 @@ fn nearest(proposal: &Proposal, start: &Vector3<f64>, along_m: Option<f64>) -> N
     best
 }
 
-/// The point `along_m` along the way, or its end, and the next waypoint from there.
+/// The point `along_m` along the path, or its end, and the next waypoint from there.
 fn point_at(proposal: &Proposal, along_m: f64) -> (Vector3<f64>, u32) {
     let waypoints = proposal.waypoints();
     let first = waypoints.first().map_or(Vector3::zeros(), |first| first.vector());

@@ -1,8 +1,8 @@
-//! A* over the inflated map: the guide to the goal, through unknown space where it must be, at a price.
+//! A* over the inflated map: the guide to the goal, through unknown space where necessary, at a cost.
 //!
-//! 26-connected on the cells of the gear; a diagonal step needs every cell it touches. The search ends at the goal, at the
-//! window's border (where the straight way to the goal, and the detour that the far map knows of, are the best guess of what is
-//! left), or, if neither can be reached, at the cell it found nearest to the goal.
+//! 26-connected on the cells of the speed tier; a diagonal step needs every cell it touches. The search ends at the
+//! goal, at the window's border (where the straight line to the goal, and the detour of the far map, are the best
+//! estimate of the rest), or, if neither can be reached, at the cell nearest to the goal.
 
 use crate::bit_layer::BitLayer;
 use crate::configuration_space::ConfigurationSpace;
@@ -13,36 +13,36 @@ use jink_shared_types::map::{CELL_M, Cell, SIZE_X, SIZE_Y, SIZE_Z};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Price of a metre that is not known to be free. Above 1 so that seen space is preferred; low enough that a short
-/// look around a trunk beats a long way round it.
+/// Cost of a metre that is not known to be free. Above 1 so that seen space is preferred; low enough that a short path
+/// into the unknown beside a trunk costs less than a long path round it.
 const UNKNOWN_FACTOR: f32 = 1.6;
-/// Price of a metre beyond the window, where not even a guess of the way exists.
+/// Cost of a metre beyond the window, where the path cannot even be estimated.
 const BEYOND_FACTOR: f32 = 1.3;
-/// Price of a metre in uncomfortable nearness to an obstacle.
+/// Cost of a metre nearer to an obstacle than is comfortable.
 const NEAR_FACTOR: f32 = 1.6;
-/// Price of a metre along the previous guide: keeps the choice of side between two equal ways.
+/// Cost of a metre along the previous guide: keeps the choice of side between two equal paths.
 const PREFERRED_FACTOR: f32 = 0.85;
-/// Weight of the straight distance that is left: above the cheapest price of a metre, so that the search is drawn to the
-/// goal instead of flooding everything known; a way is at most this over [`PREFERRED_FACTOR`] dearer than the best.
-/// (Weighted A*, Pohl 1970.) In forests 1.3 expands a tenth of the cells of 0.85 for ways 2 % longer.
+/// Weight of the remaining straight distance: above the cheapest cost of a metre, so that the search is drawn to the
+/// goal instead of expanding everything known; a path costs at most this over [`PREFERRED_FACTOR`] more than the best.
+/// (Weighted A*, Pohl 1970.) In forests 1.3 expands a tenth of the cells of 0.85 for paths 2 % longer.
 const HEURISTIC_WEIGHT: f32 = 1.3;
-/// Most cells expanded in one search: bounds its time to some 10 ms; what was found by then is used. A flooded dead end of
-/// 10 m by 10 m in the search's height band has about as many cells.
+/// Most cells expanded in one search: bounds its time to some 10 ms; what was found by then is used. A dead end of 10 m
+/// by 10 m in the search's height band has about as many cells.
 const EXPANSIONS_MAX: usize = 24_000;
-/// A goal that no vehicle can be at (a waypoint in a tree) is replaced by the nearest place it can be at, looked for this
-/// many cells around: without that the search would flood everything to learn that the goal cannot be reached.
+/// An occupied goal (a waypoint in a tree) is replaced by the nearest free place, searched this many cells around:
+/// otherwise the search would expand everything before it ends.
 const FREE_GOAL_CELLS: i32 = 20;
-/// Where a way ends that does not reach its goal stays the same as long as no other place is nearer to the goal by more than
-/// this (cells): the map's noise would move it from side to side of a trunk, and the vehicle after it.
+/// The end of a path that does not reach its goal stays the same as long as no other place is nearer to the goal by
+/// more than this (cells): the map's noise would move it from side to side of a trunk, and the vehicle after it.
 const SAME_END_CELLS: f32 = 3.0;
 
-/// The far map is asked about a goal in the window if no way was found and the detour that it knows is longer than this (m).
+/// The far map is used for a goal in the window if no path was found and its detour is longer than this (m).
 const DEAD_END_M: f32 = 2.0;
 
-/// A way out of a narrow place is no longer than this (m): beyond, it would be a way through it.
+/// The path out of a narrow place is no longer than this (m): beyond, it would be a path through it.
 const ESCAPE_MAX_M: f32 = 4.0;
 
-/// Places to look from lie this many of the map's cells apart.
+/// Candidate viewpoints lie this many of the map's cells apart.
 const REACHABLE_STEP: [i32; 3] = [3, 3, 2];
 
 const CELLS: usize = SIZE_X * SIZE_Y * SIZE_Z;
@@ -52,16 +52,16 @@ const CELLS: usize = SIZE_X * SIZE_Y * SIZE_Z;
 pub enum PathEnd {
     /// At the goal.
     Goal,
-    /// At the border of the window, on the way to a goal beyond.
+    /// At the border of the window, on the path to a goal beyond.
     Window,
     /// At the reachable cell nearest to the goal.
     NearestPoint,
 }
 
-/// A way from cell to cell.
+/// A path from cell to cell.
 #[derive(Clone, Debug)]
 pub struct Path {
-    /// The gear whose cells they are.
+    /// The speed tier whose cells they are.
     pub tier: usize,
     /// The cells, the start first.
     pub cells: Vec<Cell>,
@@ -76,16 +76,16 @@ impl Default for Path {
     }
 }
 
-/// What was found.
+/// The result of a search.
 #[derive(Clone, Copy, Debug)]
 pub struct SearchResult {
     /// Where it ends.
     pub end: PathEnd,
-    /// Estimated price of the whole way to the goal (m, weighted).
+    /// Estimated cost of the whole path to the goal (m, weighted).
     pub cost_m: f32,
     /// Straight distance from its end to the goal (m).
     pub remaining_m: f32,
-    /// No vehicle can be at the goal.
+    /// The goal is occupied.
     pub goal_is_occupied: bool,
 }
 
@@ -113,10 +113,10 @@ pub struct Search {
     cell_m: f64,
     /// Of the map's cells.
     preferred: BitLayer,
-    /// For each gear the last goal that was not reached, and where the way ended instead.
+    /// For each speed tier the last goal that was not reached, and where the path ended instead.
     ends: [Option<(Cell, Cell)>; TIERS],
     expansions: usize,
-    /// What is known of the way beyond the window.
+    /// The detours beyond the window.
     detours: DetourMap,
 }
 
@@ -175,7 +175,7 @@ fn index_of(cell: Cell) -> usize {
     (z * SIZE_Y + y) * SIZE_X + x
 }
 
-/// The cell inside the window that starts at `min_cell` whose memory is `index`.
+/// The cell inside the window that starts at `min_cell` and has the memory `index`.
 fn cell_at(index: usize, min_cell: Cell) -> Cell {
     let local = [index % SIZE_X, index / SIZE_X % SIZE_Y, index / (SIZE_X * SIZE_Y)];
     let size = [SIZE_X, SIZE_Y, SIZE_Z];
@@ -185,18 +185,18 @@ fn cell_at(index: usize, min_cell: Cell) -> Cell {
     })
 }
 
-/// What to search for.
+/// The parameters of a search.
 #[derive(Clone, Copy, Debug)]
 pub struct SearchQuery {
-    /// Gear whose radius counts, and whose cells the others are.
+    /// The speed tier whose radius and cells are used.
     pub tier: usize,
-    /// Where the way begins.
+    /// Where the path begins.
     pub start: Cell,
     /// Where it should end; may lie outside the window.
     pub goal: Cell,
     /// Lowest and highest z index allowed (z points down).
     pub z_range: (i32, i32),
-    /// Additional price of a metre of height.
+    /// Additional cost of a metre of height.
     pub height_cost: f32,
 }
 
@@ -217,7 +217,7 @@ impl Search {
         self.ends = [None; TIERS];
     }
 
-    /// Makes the last path found, one cell to each side, the preferred way of the next searches.
+    /// Makes the last path found, one cell to each side, the preferred path of the next searches.
     pub fn prefer_path(&mut self, space: &ConfigurationSpace) {
         self.preferred.clear();
         for cell in &self.path.cells {
@@ -230,12 +230,12 @@ impl Search {
         }
     }
 
-    /// What is known of the way beyond the window.
+    /// The detours beyond the window.
     pub fn detours_mut(&mut self) -> &mut DetourMap {
         &mut self.detours
     }
 
-    /// How much longer than the straight line the way from `cell` is by the far map (m).
+    /// How much longer than the straight line the path from `cell` is by the far map (m).
     pub fn detour_m(&self, cell: Cell) -> f32 {
         self.detours.detour_m(cell)
     }
@@ -256,7 +256,7 @@ impl Search {
         Some(found)
     }
 
-    /// Searches from a start at which a vehicle can be; where `use_detours`, the far map says what the way beyond the window takes.
+    /// Searches from a free start; with `use_detours`, the far map estimates the path beyond the window.
     fn run_guided(
         &mut self,
         space: &ConfigurationSpace,
@@ -301,7 +301,7 @@ impl Search {
         self.finish_short(space, query, end, is_occupied)
     }
 
-    /// What is left from `cell` to `goal` (m): the straight line, and, where `use_detours`, what the far map knows to stand in its way.
+    /// The estimated rest from `cell` to `goal` (m): the straight line, and, with `use_detours`, the far map's detour.
     #[inline]
     fn remaining_m(&self, space: &ConfigurationSpace, cell: Cell, goal: Cell, use_detours: bool) -> f32 {
         let detour_m = if use_detours {
@@ -321,7 +321,7 @@ impl Search {
         (square.sqrt() * self.cell_m) as f32
     }
 
-    /// A way that ends short of its goal, and will end there again.
+    /// Ends a path short of its goal; the next one ends at the same place.
     fn finish_short(
         &mut self,
         space: &ConfigurationSpace,
@@ -337,7 +337,8 @@ impl Search {
         }
     }
 
-    /// The shortest way from `start`, where `gear` has no room, to a cell where it has; `false` if there is none near.
+    /// The shortest path from `start`, where `tier` has not enough clearance, to a cell where it has; `false` if there
+    /// is none near.
     pub fn escape_path(&mut self, space: &ConfigurationSpace, tier: usize, start: Cell) -> bool {
         let anywhere = (i32::MIN, i32::MAX);
         let out = self.expand_dijkstra(space, tier, start, ESCAPE_MAX_M, anywhere, |cell, _| {
@@ -349,7 +350,7 @@ impl Search {
         out.is_some()
     }
 
-    /// Puts into `places` what can be reached from `start` in `gear` by ways of `reach_m` at most, nearest first: every third
+    /// Puts into `places` what can be reached from `start` in `tier` by paths of `reach_m` at most, nearest first: every third
     /// cell of each row and every second row, and `start` itself.
     pub fn reachable_cells(
         &mut self,
@@ -371,14 +372,14 @@ impl Search {
         });
     }
 
-    /// Makes the way to `cell`, one of the places of the last [`Search::reachable_cells`], the path.
+    /// Makes the path to `cell`, one of the places of the last [`Search::reachable_cells`], the path.
     pub fn path_to(&mut self, space: &ConfigurationSpace, cell: Cell) {
         self.path.cells.clear();
         self.finish(space, cell, PathEnd::NearestPoint, 0.0, 0.0);
     }
 
-    /// Goes through the cells that can be reached from `start` in `gear`, nearest first, until `is_end` or until the way
-    /// is longer than `max_m`; returns where it ended.
+    /// Expands the cells that can be reached from `start` in `tier`, nearest first, until `is_end` or until the path is
+    /// longer than `max_m`; returns where it ended.
     fn expand_dijkstra(
         &mut self,
         space: &ConfigurationSpace,
@@ -423,9 +424,9 @@ impl Search {
         None
     }
 
-    /// Opens `start` alone, a cell of `gear`.
+    /// Opens `start` alone, a cell of `tier`.
     fn begin(&mut self, space: &ConfigurationSpace, tier: usize, start: Cell) {
-        // Two marks per round: open and closed. On overflow the memory is wiped once in 2^31 rounds.
+        // Two marks per round: open and closed. On overflow the memory is cleared once in 2^31 rounds.
         self.round = match self.round.checked_add(2) {
             Some(round) if round < u32::MAX - 1 => round,
             _ => {
@@ -457,9 +458,9 @@ impl Search {
         }
     }
 
-    /// Opens `cell`; a way through it has `estimate_m` at least, by what is known.
+    /// Opens `cell`; the estimated cost of a path through it is `estimate_m`.
     fn push(&mut self, estimate_m: f32, cell: Cell) {
-        // Positive floats order like their bits; the index breaks ties the same way every time.
+        // Positive floats sort like their bits; the index breaks ties the same way every time.
         let key = u64::from(estimate_m.to_bits()) << 32 | index_of(cell) as u64;
         self.open.push(Reverse(key));
     }
@@ -501,7 +502,7 @@ impl Search {
         }
     }
 
-    /// Of a step to `next`; `is_safe` if it touches no cell that is not.
+    /// Cost of a step to `next`; `is_safe` if it touches no unsafe cell.
     fn step_cost_m(
         &self,
         space: &ConfigurationSpace,
@@ -554,8 +555,8 @@ impl Search {
     }
 }
 
-/// The goal, or, if no vehicle can be at it, a cell nearest to it at which one can: `before` while it is about as near as any
-/// other, else the one nearest to the start of those that are. The goal again if there is none near.
+/// The goal, or, if it is occupied, a free cell nearest to it: `before` while it is about as near as any other, else
+/// the one nearest to the start. The goal again if there is none near.
 fn nearest_free_goal(space: &ConfigurationSpace, query: &SearchQuery, before: Option<Cell>) -> Cell {
     let goal = query.goal;
     let is_open = |cell: Cell| {
@@ -594,8 +595,8 @@ fn nearest_free_goal(space: &ConfigurationSpace, query: &SearchQuery, before: Op
     best.1
 }
 
-/// Visits the cells around `centre` cube by cube outwards, with the square of their distance; a cell of a later cube is at least
-/// as far away as its half side, so it ends where that is more than what `visit` says.
+/// Visits the cells around `centre` cube by cube outwards, with the square of their distance; a cell of a later cube is
+/// at least as far away as its half side, so it ends where that exceeds the result of `visit`.
 fn visit_cubes(centre: Cell, mut visit: impl FnMut(Cell, i32) -> i32) {
     let mut limit = i32::MAX;
     for half in 1..=FREE_GOAL_CELLS {
@@ -619,7 +620,7 @@ fn distance_squared_cells(a: Cell, b: Cell) -> i32 {
     (0..3).map(|axis| (a[axis] - b[axis]).pow(2)).sum()
 }
 
-/// Whether `cell` lies in the outermost two cells of what the layers of `gear` hold.
+/// Whether `cell` lies in the outermost two cells of what the layers of `tier` hold.
 fn on_shell(space: &ConfigurationSpace, tier: usize, cell: Cell) -> bool {
     let min = space.min_cell(tier);
     let size = [SIZE_X as i32, SIZE_Y as i32, SIZE_Z as i32];
@@ -637,7 +638,7 @@ fn neighbours_outside(bit_layer: &BitLayer, cell: Cell) -> u32 {
     for dz in -1..=1 {
         for dy in -1..=1 {
             let row = bit_layer.row_at([cell[0], cell[1] + dy, cell[2] + dz]);
-            // Bits x-1, x, x+1, turned to the bottom.
+            // Bits x-1, x, x+1, rotated to the bottom.
             let three = row.rotate_right(shift).rotate_left(1) as u32 & 0b111;
             free |= (!three & 0b111) << place;
             place += 3;
@@ -733,7 +734,8 @@ mod tests {
         for tier in 0..3 {
             let found = search.run(&space, &query(tier, [40, 0, 0])).unwrap();
             assert_eq!(found.end, PathEnd::NearestPoint);
-            // In a straight line up to the trunk: an estimate that is too low by flooding would not be.
+            // In a straight line up to the trunk: a path that is cheap only after expanding everything would not be
+            // straight.
             let end = search.path().cells.last().unwrap();
             let reach = (0..40).filter(|x| space.is_hit(tier, [*x, 0, 0])).count() as i32;
             let off = f64::from((end[0] - 40).pow(2) + (end[1]).pow(2) + end[2].pow(2)).sqrt();

@@ -1,5 +1,5 @@
-//! Whether a vehicle with these sensors can be planned for at all: said while it stands on the ground, and with what the user declares when
-//! it is armed.
+//! Whether a vehicle with these sensors can be planned for at all: reported while it stands on the ground, and, with
+//! what the user declares, when it is armed.
 
 use super::Planner;
 use crate::speed_tiers::CRAWL_TIER;
@@ -10,22 +10,22 @@ use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::view::{Missing, Needs};
 
-/// Time in which every sensor has looked everywhere (s).
+/// Time in which every sensor has covered its field of view (s).
 const OBSERVED_S: f64 = 1.5;
 
-/// What is known of it.
+/// State of the check.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SensorCoverage {
     needs: Needs,
-    /// Since when something is seen.
+    /// Since when there are answers of sensors.
     since: Timestamp,
-    /// What was missing when it was judged last; the outer `None`: never yet.
+    /// What was missing at the last check; the outer `None`: not checked yet.
     judged: Option<Option<Missing>>,
     was_armed: Option<bool>,
 }
 
 impl SensorCoverage {
-    /// For a vehicle that needs `room_m` in the slowest gear.
+    /// For a vehicle that needs `clearance_m` in the slowest speed tier.
     pub fn new(params: &ParamSet, clearance_m: f64) -> Self {
         Self {
             needs: Needs {
@@ -40,14 +40,14 @@ impl SensorCoverage {
         }
     }
 
-    /// What no sensor sees, as it was judged last.
+    /// What no sensor sees, by the last check.
     pub fn unseen(&self) -> Missing {
         self.judged.flatten().unwrap_or(Missing::Nothing)
     }
 }
 
 impl Planner {
-    /// Viewpoints at what is seen; tells what is missing once, and again when the vehicle is armed, with what is declared.
+    /// Checks what is seen; reports what is missing once, and again when the vehicle is armed, with what is declared.
     pub(super) fn watch_sensors(&mut self, now: Timestamp, state: &VehicleState, map: Option<&LocalMap>) {
         let Some(map) = map.filter(|map| !map.view.is_empty()) else {
             return;

@@ -1,5 +1,5 @@
-//! How what is committed is left for a stop: because the vehicle is to rest before it could come to its goal, or because something
-//! stands on the way (rule I3).
+//! How the committed trajectory is replaced by a stop: because the vehicle is to rest before it could come to its goal,
+//! or because of an obstacle on the path (rule I3).
 
 use super::{Departure, MOVING_MPS, Planner};
 use crate::speed_tiers::{LAST_TIER, TIERS};
@@ -10,13 +10,14 @@ use jink_shared_types::motion::{BezierPiece, MotionLimits, Route, RouteMode, Tra
 use jink_shared_types::vehicle::DesiredPath;
 use jink_shared_types::{Coded, Flag, Timestamp};
 
-/// A certificate that is lost again within this time (s) is not told again.
+/// A lost certificate is not reported again within this time (s).
 const LOSS_REPORT_PERIOD_S: f64 = 10.0;
 /// Length of a smooth stop over v^2 / a: it lasts 1.5 v / a for a greatest deceleration a, at half the speed on average.
 const STOP_SHAPE: f64 = 0.75;
 
 impl Planner {
-    /// Whether the vehicle is to rest, and at a place that it would pass: then it stops where it can, and comes back from there.
+    /// Whether the vehicle is to rest at a place that it would pass: then it stops where it can, and comes back from
+    /// there.
     pub(super) fn stops_first(
         &self,
         departure: &Departure,
@@ -32,7 +33,7 @@ impl Planner {
         ahead_m < STOP_SHAPE * speed_mps * speed_mps / self.limits[0].acceleration_mps2
     }
 
-    /// The certified stop, if there is one; else what is committed runs to its own.
+    /// Plans the certified stop, if there is one; else the committed trajectory runs to its own stop.
     pub(super) fn stop_certified(&mut self, departure: &Departure, route: &mut Route) {
         let stop = (0..TIERS).find_map(|tier| {
             self.space.prepare(tier);
@@ -43,7 +44,8 @@ impl Planner {
         }
     }
 
-    /// I3: a certified stop if there is one, else the hardest braking allowed, and say so. At rest there is nothing to brake.
+    /// I3: a certified stop if there is one, else the hardest braking allowed, with an event. At rest there is nothing
+    /// to brake.
     pub(super) fn stop_or_brake(&mut self, now: Timestamp, departure: &Departure, route: &mut Route) {
         if departure.is_at_rest() {
             return;
@@ -90,7 +92,7 @@ impl Planner {
     }
 }
 
-/// Whether it only brings the vehicle to rest.
+/// Whether the trajectory only brings the vehicle to rest.
 pub(super) fn is_stop(trajectory: &Trajectory) -> bool {
     matches!(
         trajectory.mode.get(),

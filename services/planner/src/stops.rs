@@ -1,8 +1,8 @@
-//! The stop family: ways to come to rest from a state of motion, in closed form.
+//! The stop family: motions to rest from a moving state, in closed form.
 //!
 //! Every stop is a quintic that ends at rest. With the end half of `v T` ahead and no initial acceleration its speed
-//! falls as `v (1 - 3 u^2 + 2 u^3)`: the deceleration peaks at `1.5 v / T` half way and the jerk at `6 v / T^2` at
-//! both ends, which gives the shortest duration for given limits.
+//! falls as `v (1 - 3 u^2 + 2 u^3)`: the deceleration peaks at `1.5 v / T` half way and the jerk at `6 v / T^2` at both
+//! ends, which gives the shortest duration for given limits.
 
 use crate::configuration_space::ConfigurationSpace;
 use crate::speed_tiers::OVERSHOOT_PER_DECELERATION;
@@ -16,21 +16,22 @@ const JERK_MPS3: f64 = 6.0;
 pub const HARDEST_MPS2: f64 = 3.0;
 /// Decelerations tried, gentle first (m/s2).
 const DECELERATIONS_MPS2: [f64; 4] = [1.2, 1.8, 2.4, HARDEST_MPS2];
-/// Deceleration of who wants to rest soon (m/s2): from 3 m/s in 3.8 m; measured overshoots are known up to 3 m/s2.
+/// Deceleration of a stop that is to be short (m/s2): from 3 m/s in 3.8 m; measured overshoots are known up to 3 m/s2.
 pub const BRISK_MPS2: f64 = 1.8;
 /// Changes of direction tried (degrees), straight first.
 const TURNS_DEG: [f64; 7] = [0.0, 15.0, -15.0, 30.0, -30.0, 50.0, -50.0];
-/// Points looked at along a stop.
+/// Points checked along a stop.
 const SAMPLES: usize = 40;
 
 /// The stop from `start` with peak deceleration `deceleration_mps2`, its end turned by `turn_rad` about the vertical.
 pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> BezierPiece {
-    /// Below this a stop is over; a duration of zero would divide by zero.
+    /// Shortest stop; a duration of zero would divide by zero.
     const SHORTEST_S: f64 = 0.3;
     let velocity = start.velocity.vector();
     let speed = velocity.norm();
     let acceleration = start.acceleration.vector().norm();
-    // The jerk begins with `turning v / T^2 - 4 a / T`, and a turn needs much: from a slow flight no guard would take it.
+    // The jerk begins with `turning v / T^2 - 4 a / T`, and a turn needs much: no guard would accept it from a slow
+    // flight.
     let turning = (30.0 * turn_rad.cos() - 36.0).hypot(30.0 * turn_rad.sin()) * speed;
     let turned_s = (4.0 * acceleration
         + (16.0 * acceleration * acceleration + 4.0 * STOP_JERK_MPS3 * turning).sqrt())
@@ -40,7 +41,7 @@ pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> Bezie
         .max((2.0 * acceleration / JERK_MPS3).max(SHORTEST_S))
         .max(turned_s);
     let ahead = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad) * velocity * (0.5 * duration_s);
-    // What the initial acceleration adds before it has faded: the quintic's own share of it over one duration.
+    // What the initial acceleration adds while it decays: the quintic's own share of it over one duration.
     let drift = start.acceleration.vector() * (duration_s * duration_s / 12.0);
     let end = End {
         position: start.position.vector() + ahead + drift,
@@ -48,7 +49,7 @@ pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> Bezie
         acceleration: Vector3::zeros(),
     };
     let points = quintic_between(&start.end(), &end, duration_s);
-    // The heading runs out like the speed does.
+    // The yaw rate decays as the speed does.
     let yaw_end = start.yaw_rad + 0.5 * start.yaw_rate_radps * duration_s;
     let yaw = jink_shared_types::bezier::quintic_between(
         &yaw_state(start.yaw_rad, start.yaw_rate_radps),
@@ -67,7 +68,7 @@ fn yaw_state(yaw_rad: f64, rate_radps: f64) -> End {
     }
 }
 
-/// The first stop of the family, gentle and straight first, all of whose cells are safe in `gear`.
+/// The first stop of the family, gentle and straight first, all of whose cells are safe in `tier`.
 pub fn certified(space: &ConfigurationSpace, tier: usize, start: &MotionState) -> Option<BezierPiece> {
     for deceleration_mps2 in DECELERATIONS_MPS2 {
         for turn_deg in TURNS_DEG {
@@ -80,7 +81,7 @@ pub fn certified(space: &ConfigurationSpace, tier: usize, start: &MotionState) -
     None
 }
 
-/// The same for who wants to rest soon: straight and harder, where the overshoot of that is safe as well.
+/// A stop that is to be short: straight and harder, where its overshoot is safe as well; else one of the family.
 pub fn brisk(space: &ConfigurationSpace, tier: usize, start: &MotionState) -> Option<BezierPiece> {
     let piece = stop(start, BRISK_MPS2, 0.0);
     let end = piece.at(piece.duration_s).position.vector();
@@ -89,7 +90,7 @@ pub fn brisk(space: &ConfigurationSpace, tier: usize, start: &MotionState) -> Op
     fits.then_some(piece).or_else(|| certified(space, tier, start))
 }
 
-/// Whether every cell that `piece` passes is safe in `gear`.
+/// Whether every cell that `piece` passes is safe in `tier`.
 fn is_safe(space: &ConfigurationSpace, tier: usize, piece: &BezierPiece) -> bool {
     let mut last = piece.at(0.0).position.vector();
     (1..=SAMPLES).all(|i| {

@@ -1,4 +1,4 @@
-//! What is done where no plan is found because the way has not been seen: a look.
+//! Motions to viewpoints, where no plan is found because the path has not been seen.
 
 use super::{Departure, GUIDE_MAX_M, Planner};
 use crate::speed_tiers::{CRAWL_TIER, LAST_TIER};
@@ -9,16 +9,17 @@ use jink_shared_types::map::cell_of;
 use jink_shared_types::motion::{Route, RouteMode, Trajectory};
 use jink_shared_types::vehicle::DesiredPath;
 
-/// A route that has not become a trajectory in this time (s) will not.
+/// A route that has not become a trajectory within this time (s) is refused.
 const REFUSED_S: f64 = 0.5;
 /// A heading rate slower than this rests (rad/s).
 const RESTING_RADPS: f64 = 0.02;
 
-/// A motion that leads less far to any side (m) needs no turn before it: the body has been in most of what it sweeps.
+/// A motion that leads less far to any side (m) needs no turn before it: the vehicle itself has been in most of the
+/// space it sweeps.
 const ASIDE_M: f64 = 0.3;
-/// A way that leaves the view by less than this is gone while the heading follows (rad).
+/// A path that leaves the field of view by less than this is flown while the heading follows (rad).
 const EDGE_RAD: f64 = 0.17;
-/// A way that leads farther aside than this (rad) is not begun in motion.
+/// A path that leads farther aside than this (rad) is not begun in motion.
 const ABOUT_RAD: f64 = 1.05;
 
 /// What has to be done before a motion whose first direction is not in view.
@@ -33,7 +34,8 @@ pub(super) enum HeadingCheck {
 }
 
 impl Planner {
-    /// What is to be done before the motion along the guide: with sensors that do not look all around, the vehicle looks where it goes.
+    /// What has to be done before the motion along the guide: with sensors that do not see all around, the vehicle
+    /// faces where it goes.
     pub(super) fn check_heading(&self, departure: &Departure) -> HeadingCheck {
         if self.view.is_empty() || self.view.is_all_around() {
             return HeadingCheck::Aligned;
@@ -49,7 +51,7 @@ impl Planner {
         let aside_rad = wrap_pi(heading_rad - departure.state.yaw_rad);
         let [left_rad, right_rad] = self.view.aside_rad();
         let seen_rad = if aside_rad < 0.0 { left_rad } else { right_rad };
-        // Where nothing answers from ahead, in the open, the view is not known to reach aside at all.
+        // Where nothing answers from ahead, in the open, the field of view is not known to reach aside at all.
         if aside_rad.abs() <= (seen_rad - EDGE_RAD).max(EDGE_RAD) {
             HeadingCheck::Aligned
         } else if departure.is_at_rest() {
@@ -61,7 +63,7 @@ impl Planner {
         }
     }
 
-    /// Turns to `heading_rad` where the vehicle rests, unless it is turning already: a turn is brought to its end.
+    /// Turns to `heading_rad` where the vehicle rests, unless it is turning already: a turn is completed.
     pub(super) fn turn_first(
         &mut self,
         departure: &Departure,
@@ -82,9 +84,9 @@ impl Planner {
         }
     }
 
-    /// Viewpoints for what is missing on the way to `goal` in `gear`, from where it can be seen; `false` if nothing can be done about it. While
-    /// a look is under way, and shortly after it, nothing else is done. A look begins only while fewer
-    /// than `viewpoints_max` have begun in the last minute.
+    /// Plans to a viewpoint for what is missing on the path to `goal` in `tier`; `false` if there is none. While a
+    /// viewpoint is in progress, and shortly after it, nothing else is done. It is started only while fewer than
+    /// `viewpoints_max` were started in the last minute.
     pub(super) fn move_to_viewpoint(
         &mut self,
         tier: usize,
@@ -174,7 +176,7 @@ impl Planner {
         true
     }
 
-    /// The same in the lowest gears.
+    /// The same in the lowest speed tiers.
     pub(super) fn move_to_viewpoint_crawling(
         &mut self,
         departure: &Departure,

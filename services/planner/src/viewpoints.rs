@@ -1,11 +1,11 @@
-//! Looking before going: where the way leads through space that nobody has seen, the vehicle turns, or moves within what it knows, so that it sees
-//! it.
+//! Viewpoints: where the path leads through space that was never seen, the vehicle turns, or moves within known space,
+//! so that it sees the path.
 //!
 //! | in | out |
 //! |---|---|
-//! | the way through unknown space, what the sensors see, the inflated map | a place that can be reached and a heading there, from which the most of what is missing comes into view |
+//! | the path through unknown space, the field of view, the inflated map | a reachable place and a heading there, from which most of what is missing comes into view |
 //!
-//! Every place is tried once in a while (20 s): what does not come into view from there will not do so by looking again.
+//! Every viewpoint is tried once in 20 s: what does not come into view from there will not do so at a second try.
 
 use crate::configuration_space::ConfigurationSpace;
 use crate::search::Path;
@@ -16,32 +16,33 @@ use jink_shared_types::view::FieldOfView;
 use nalgebra::{Rotation3, Vector3};
 use std::collections::VecDeque;
 
-/// How far a place to look from may be (m, by the way that is flown): a detour of more is a way of its own.
+/// How far a viewpoint may be (m, along the flown path): beyond, it would be a path of its own.
 pub const REACH_M: f32 = 5.0;
-/// Cells of the way that are looked for, from the first that is not known on: three metres of it, half of that on half cells.
+/// Cells of the path that are to be seen, from the first that is not known on: three metres of it, half of that on half
+/// cells.
 const PATH_CELLS: usize = 15;
-/// Unknown cells that are looked for at most: more would not change which place is best.
+/// Most unknown cells that are to be seen: more would not change which viewpoint is best.
 const MISSING_MAX: usize = 48;
-/// Places that are judged at most, nearest first.
+/// Most candidates, nearest first.
 const CANDIDATES_MAX: usize = 400;
-/// At least this share of what is looked for has to come into view for a look to be worth it.
+/// At least this share of the missing cells has to come into view for a viewpoint to be used.
 const GAIN_MIN: f64 = 0.1;
-/// A metre of way, and a radian of turning, is worth this share of what is looked for.
+/// A metre of path, and a radian of turning, costs this share of the missing cells.
 const COST_PER_METRE: f64 = 0.06;
 const COST_PER_RADIAN: f64 = 0.04;
-/// A look from this near (m) to an earlier one in nearly the same direction (rad) shows nothing new.
+/// A viewpoint this near (m) to an earlier one with nearly the same heading (rad) shows nothing new.
 const SAME_PLACE_M: f64 = 0.5;
 const SAME_HEADING_RAD: f64 = 0.35;
-/// After this time a place may be looked from again (s): what hid the way may have moved, and noise has been settled.
+/// After this time a viewpoint may be tried again (s): what hid the path may have moved, and noise has settled.
 const RETRY_AFTER_S: f64 = 20.0;
-/// Viewpoints are counted over this time (s): two that turn half around take longer than each is remembered.
+/// Viewpoints are counted over this time (s): two with half a turn each take longer than the period above.
 const COUNTED_S: f64 = 60.0;
-/// After a look the vehicle waits for the frames of it (s).
+/// At a viewpoint the vehicle waits for the frames from there (s).
 pub const DWELL_S: f64 = 0.7;
-/// Viewpoints that are remembered.
+/// Viewpoints that are stored.
 const HISTORY: usize = 32;
 
-/// A place to look from.
+/// A place and a heading to see from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Viewpoint {
     /// The place.
@@ -50,26 +51,26 @@ pub struct Viewpoint {
     pub yaw_rad: f64,
 }
 
-/// A place that the vehicle can be at, and the way to it.
+/// A cell that the vehicle can reach, and the path to it.
 #[derive(Clone, Copy, Debug)]
 pub struct ReachableCell {
     /// The cell.
     pub cell: Cell,
-    /// Length of the way to it (m).
+    /// Length of the path to it (m).
     pub path_m: f32,
 }
 
-/// What has been looked from and what is being looked at.
+/// Earlier viewpoints and the one in progress.
 #[derive(Debug)]
 pub struct Viewpoints {
     tried: Vec<(Viewpoint, Timestamp)>,
     next: usize,
-    /// The route that leads to the last look, and since when.
+    /// The route that leads to the last viewpoint, and since when.
     in_progress: Option<(u64, Timestamp)>,
-    /// When the last looks, and the turns toward the ways to them, began.
+    /// When the last viewpoints, and the turns toward the paths to them, were started.
     started_recently: VecDeque<Timestamp>,
     missing: Vec<Vector3<f64>>,
-    /// Places that can be reached, nearest first.
+    /// Reachable cells, nearest first.
     pub places: Vec<ReachableCell>,
 }
 
@@ -87,19 +88,19 @@ impl Default for Viewpoints {
 }
 
 impl Viewpoints {
-    /// Forgets what was looked at: there is a new goal, or the way goes on.
+    /// Clears the history: there is a new goal, or the path continues.
     pub fn reset(&mut self) {
         self.tried.clear();
         self.next = 0;
         self.in_progress = None;
     }
 
-    /// The route to a look, and when it departs.
+    /// The route to a viewpoint, and when it departs.
     pub fn in_progress(&self) -> Option<(u64, Timestamp)> {
         self.in_progress
     }
 
-    /// Notes that `look` is gone to by route `route_id` from `time` on.
+    /// Records that route `route_id` leads to `viewpoint` from `time` on.
     pub fn record(&mut self, viewpoint: Viewpoint, route_id: u64, time: Timestamp) {
         self.record_turn(route_id, time);
         if self.tried.len() < HISTORY {
@@ -110,7 +111,7 @@ impl Viewpoints {
         }
     }
 
-    /// Notes that the vehicle turns toward the way to a look by route `route_id` from `time` on.
+    /// Records that the vehicle turns toward the path to a viewpoint by route `route_id` from `time` on.
     pub fn record_turn(&mut self, route_id: u64, time: Timestamp) {
         self.in_progress = Some((route_id, time));
         if self.started_recently.len() == HISTORY {
@@ -119,7 +120,7 @@ impl Viewpoints {
         self.started_recently.push_back(time);
     }
 
-    /// How many looks, and turns toward the ways to them, began in the last minute before `time`.
+    /// How many viewpoints, and turns toward the paths to them, were started in the last minute before `time`.
     pub fn started_recently(&self, time: Timestamp) -> usize {
         let is_recent = |when: &&Timestamp| time.seconds_since(**when).abs() < COUNTED_S;
         self.started_recently.iter().filter(is_recent).count()
@@ -134,8 +135,8 @@ impl Viewpoints {
         })
     }
 
-    /// Collects what is missing on the way along `path`: the unknown cells that keep its first unsafe part from being safe in its
-    /// gear. `false` if nothing is.
+    /// Collects what is missing along `path`: the unknown cells that keep its first unsafe part from being safe in its
+    /// speed tier. `false` if nothing is.
     pub fn collect_missing(&mut self, space: &ConfigurationSpace, path: &Path) -> bool {
         let tier = path.tier;
         self.missing.clear();
@@ -163,8 +164,8 @@ impl Viewpoints {
         !self.missing.is_empty()
     }
 
-    /// The best of [`Viewpoints::places`], which are cells of `gear`, for a vehicle at `start` with heading `yaw_rad` that sees as `view`
-    /// says; `None` if nothing that is missing comes into view from any of them.
+    /// The best viewpoint of [`Viewpoints::places`], which are cells of `tier`, for a vehicle at `start` with heading
+    /// `yaw_rad` and the field of view `view`; `None` if nothing that is missing comes into view from any of them.
     pub fn best(
         &self,
         space: &ConfigurationSpace,
@@ -206,7 +207,7 @@ impl Viewpoints {
         best.map(|(_, viewpoint)| viewpoint)
     }
 
-    /// Which share of what is missing comes into view from `from` with heading `yaw_rad`.
+    /// The share of the missing cells that comes into view from `from` with heading `yaw_rad`.
     fn share_seen(
         &self,
         space: &ConfigurationSpace,
@@ -242,7 +243,7 @@ mod tests {
     use jink_shared_types::view::FieldOfView;
     use nalgebra::Vector3;
 
-    /// What a sensor sees that looks `aside_deg` to either side and from `low_deg` to `high_deg`.
+    /// A field of view of `aside_deg` to either side and from `low_deg` to `high_deg`.
     fn view(aside_deg: i32, low_deg: i32, high_deg: i32) -> FieldOfView {
         let mut view = FieldOfView {
             near_m: 0.1,
@@ -273,7 +274,7 @@ mod tests {
         };
         viewpoints.record(viewpoint, 2, at(10.0));
         assert_eq!(viewpoints.started_recently(at(11.0)), 2);
-        // Longer than a place that was looked from is remembered.
+        // Longer than a viewpoint is kept from being tried again.
         assert_eq!(viewpoints.started_recently(at(45.0)), 2);
         assert_eq!(viewpoints.started_recently(at(65.0)), 1);
         for n in 0..100 {

@@ -1,6 +1,6 @@
 //! The sector ring against PX4's map.
 //!
-//! The ring must say what the messages say, worked out without it (`oracle.rs`). Where PX4 says something else, there must be a reason:
+//! The ring must say what the messages say, processed out without it (`oracle.rs`). Where PX4 says something else, there must be a reason:
 //! one of a list, that the messages themselves bear out.
 
 use super::oracle::{ReceivedMessage, SectorReading, fused};
@@ -79,7 +79,7 @@ fn is_same(a: SectorReading, b: SectorReading) -> bool {
     }
 }
 
-/// Whether the vehicle has turned since something was told that still counts.
+/// Whether the vehicle has turned since something was reported that still counts.
 pub fn has_turned(replayed: &ReplayedStep, received: &[ReceivedMessage]) -> bool {
     MapComparison { replayed, received }.has_turned()
 }
@@ -100,14 +100,14 @@ impl MapComparison<'_> {
         fused(self.received, self.replayed.now, bin, self.replayed.yaw_rad)
     }
 
-    /// Whether the vehicle has turned since something was told that still counts.
+    /// Whether the vehicle has turned since something was reported that still counts.
     fn has_turned(&self) -> bool {
         !self
             .live()
             .all(|received| received.is_unturned(self.replayed.yaw_rad))
     }
 
-    /// What is wrong with what the ring says, if it is not what was told. After a turn, places lie between bins: then a neighbour may
+    /// What is wrong with what the ring says, if it is not what was reported. After a turn, places lie between bins: then a neighbour may
     /// have it.
     fn differs_from_messages(&self, bin: usize) -> Option<String> {
         let around = |bin: usize| [(bin + BINS - 1) % BINS, bin, (bin + 1) % BINS];
@@ -134,7 +134,7 @@ impl MapComparison<'_> {
         (is_known && !was_told).then(|| format!("turned: {ours:?}, and nothing was told"))
     }
 
-    /// Whether the source of `told` has since said something of a bin beside it. Of two messages of one time the one that came last is
+    /// Whether the source of `reported` has since said something of a bin beside it. Of two messages of one time the one that came last is
     /// the newer, as for the ring.
     fn is_seen_again_beside(&self, bin: usize, reported: SectorReading) -> bool {
         let yaw_rad = self.replayed.yaw_rad;
@@ -211,7 +211,7 @@ impl MapComparison<'_> {
         {
             return Some("a reading that is no number, or a direction that is none");
         }
-        // Not told of this bin by any message: PX4 has put an element of a row where it is not.
+        // Not reported of this bin by any message: PX4 has put an element of a row where it is not.
         let by = self
             .received
             .iter()

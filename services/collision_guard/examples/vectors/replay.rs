@@ -94,7 +94,7 @@ impl Replay {
     pub fn new(scenario: &Node<'_>) -> Result<Self, Unreadable> {
         let config = read_config(None, &scenario.get("params")?)?;
         Ok(Self {
-            // PX4 knows no band and no hull: everything that is told counts.
+            // PX4 knows no band and no hull: everything that is reported counts.
             ring: Ring::from_params(&without_hull()),
             prevention: Prevention::new(config),
             config,

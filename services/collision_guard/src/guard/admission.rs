@@ -20,7 +20,7 @@ const SAME_VELOCITY_MPS: f64 = 0.05;
 const SAME_ACCELERATION_MPS2: f64 = 0.1;
 /// How often a curve is halved before its hull counts as its extent.
 const HALVINGS: u32 = 2;
-/// Pieces cut shorter than this (s) are numerical dust.
+/// Pieces cut shorter than this (s) are rounding.
 const NEGLIGIBLE_S: f64 = 1e-4;
 /// Limits beyond these are damage, not wishes: what the parameter table allows, and a jerk beyond any multicopter's.
 const PLAUSIBLE_SPEED_MPS: f64 = 25.0;

@@ -3,7 +3,7 @@
 //! | in | out |
 //! |---|---|
 //! | a new trajectory, if one has come | the trajectory that may leave, on every call |
-//! | vehicle state, with its age | verdict, reason, free way, stopping distance |
+//! | vehicle state, with its age | verdict, reason, free distance, stopping distance |
 //! | the [`Ring`] | [`StepEvents`] for the pilot, once per change |
 //!
 //! # What is let through
@@ -54,7 +54,7 @@ const START_ERROR_M: f64 = 1.0;
 /// Added per speed (s): how old the measured position is by then, and how long the vehicle takes to follow.
 const START_ERROR_S: f64 = 0.5;
 /// How far from the measured velocity it may start (m/s): what braking or speeding up with 3 m/s2 (PX4's MPC_ACC_HOR) makes
-/// in that time. A vehicle in motion is not told to be at rest.
+/// in that time. A vehicle in motion is not reported to be at rest.
 const START_ERROR_MPS: f64 = 1.5;
 /// A new trajectory must not need a brake for this long from now (s). Without that a start toward an obstacle would be
 /// approved, because who stands has no stopping distance, and braked when it has gained some speed: half a second later.
@@ -102,7 +102,7 @@ impl GuardConfig {
     }
 }
 
-/// What one step works on.
+/// What one step reads.
 #[derive(Clone, Copy, Debug)]
 pub struct GuardInputs<'a> {
     /// A trajectory that has come since the last step.
@@ -115,7 +115,7 @@ pub struct GuardInputs<'a> {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Flown {
-    /// Nobody has told yet.
+    /// Nobody has reported yet.
     Unknown,
     /// The autopilot's own setpoints.
     Mirror,
@@ -143,7 +143,7 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// A guard that knows nothing yet. `generation` tells this start of the process from others.
+    /// A guard that knows nothing yet. `generation` reports this start of the process from others.
     pub fn new(config: GuardConfig, generation: u32) -> Self {
         Self {
             config,
@@ -165,10 +165,10 @@ impl Guard {
         self.config = config;
     }
 
-    /// One step: judges what is new, watches what is flown, tells in `out` what may leave.
+    /// One step: judges what is new, watches what is flown, reports in `out` what may leave.
     ///
-    /// Verdict and reason are those of the last decision, and stay until the next one: a refusal is told until something passes or
-    /// a brake is made. Whether what leaves is a brake, its mode says. Without fresh ranges the free way is infinite: nothing is
+    /// Verdict and reason are those of the last decision, and stay until the next one: a refusal is reported until something passes or
+    /// a brake is made. Whether what leaves is a brake, its mode says. Without fresh ranges the free distance is infinite: nothing is
     /// known that ends it.
     pub fn step(
         &mut self,

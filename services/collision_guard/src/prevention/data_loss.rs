@@ -22,7 +22,7 @@ pub enum DataLossAction {
     Nothing,
     /// No data, but it has only just begun to act: no motion.
     Quiet,
-    /// No data: no motion, and the pilot has to know.
+    /// No data: no motion, and the pilot has to be notified.
     Warned,
     /// No data for so long that the vehicle is to hold.
     Hold,

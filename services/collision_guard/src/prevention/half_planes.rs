@@ -1,6 +1,6 @@
 //! The vector nearest to a wished one that keeps every limit `x . u <= b`, in the plane.
 //!
-//! HalfPlanes are taken one after the other. A vector that breaks a new limit is replaced by the nearest one on that limit's line
+//! Limits are taken one after the other. A vector that breaks a new limit is replaced by the nearest one on that limit's line
 //! which keeps all limits before; since what is asked for is convex, the best one lies there (Seidel's incremental
 //! linear programming; used for velocities by van den Berg, Guy, Lin, Manocha: Reciprocal n-body collision avoidance, 2011, section
 //! 5). If no vector keeps all limits, the one is taken that breaks the worst-broken one least.
@@ -9,7 +9,7 @@
 
 use nalgebra::Vector2;
 
-/// HalfPlanes that can be kept at a time: one per sector, and some more.
+/// Limits that can be kept at a time: one per sector, and some more.
 pub const HALF_PLANES: usize = 80;
 /// A limit counts as kept if it is broken by less than this: rounding.
 const BOUND_SLACK: f64 = 1e-9;

@@ -10,7 +10,7 @@
 //! 1. **Guidance** turns the setpoint toward a better direction nearby (`guidance.rs`), PX4's choice.
 //! 2. **Split**: what leads toward the nearest obstacle and what leads along it are scaled, PX4's law (`split.rs`).
 //! 3. **Compensation**: who is too fast for the way that is left is slowed, PX4's law for the sector that needs it most.
-//! 4. **HalfPlanes**: the answer is the acceleration nearest to that which, for *every* sector `k` something is known of, keeps
+//! 4. **Limits**: the answer is the acceleration nearest to that which, for *every* sector `k` something is known of, keeps
 //!
 //!    ```text
 //!    a . u_k <= P (v_max(d_k) - v . u_k) + max(S(d_k), 0) max(setpoint . u_k, 0)
@@ -22,7 +22,7 @@
 //!    (Ames et al.: Control barrier functions, 2019): the excess dies away with the rate `P`.
 //! 5. The answer is not longer than MPC_ACC_HOR or the setpoint itself, whichever is longer.
 //!
-//! So it goes for an acceleration, which is what PX4's own collision prevention works on. Nothing of jink steers by accelerations, so this
+//! So it goes for an acceleration, which is what PX4's own collision prevention reads. Nothing of jink steers by accelerations, so this
 //! way is not flown: it is compared with what PX4 answered (`the_reference_vectors_are_met`), and kept for that. Guidance, the sectors,
 //! their times, and the speed from which one can stop are the same code in both ways, and only with accelerations PX4 has answers to
 //! compare them with.
@@ -104,7 +104,7 @@ pub struct PreventionOutput {
     pub nearest: Option<(usize, f64)>,
     /// The sector that guidance chose.
     pub guided: Option<usize>,
-    /// Nobody has seen anything, and the pilot has to know.
+    /// Nobody has seen anything, and the pilot has to be notified.
     pub must_warn: bool,
 }
 

@@ -58,7 +58,7 @@ fn walls(walls: &[(f64, f64)]) -> [f64; SECTORS] {
     })
 }
 
-/// Straight walls as a ring has them: a sector tells the nearest of what it holds.
+/// Straight walls as a ring has them: a sector reports the nearest of what it holds.
 fn seen_walls(walls: &[(f64, f64)]) -> [f64; SECTORS] {
     std::array::from_fn(|sector| {
         walls

@@ -9,7 +9,7 @@
 //! None of them says at which height something stands, and a vehicle with nothing but such sensors tilts in order to fly. So tilt shortens
 //! what they see and never blinds them: a reading counts whether or not its end lies in the height band. What a tilted beam meets
 //! above or below, the ground among it, is an obstacle; nothing in its way is nothing at the vehicle's height. A beam mounted steeper than
-//! [`STEEPEST_RAD`] looks up or down, and tells nothing.
+//! [`STEEPEST_RAD`] looks up or down, and reports nothing.
 //!
 //! A single beam is never taken to see the vehicle itself: nobody mounts it so, and "too near" must count. A scan may: its hits
 //! within the vehicle's radius tell nothing.

@@ -1,7 +1,7 @@
 //! Which sector a horizontal direction belongs to, in a handful of multiplications and without a branch, so that the
 //! compiler can do four points at a time.
 //!
-//! Sectors are divided into four slots. NearestHit hits are kept per slot: at the distance from which one has to brake, a
+//! Sectors are divided into four slots. Nearest hits are kept per slot: at the distance from which one has to brake, a
 //! sector is so wide that its nearest hit says little of where the obstacle ends sideways.
 
 use jink_shared_types::ring::SECTORS;

@@ -13,7 +13,7 @@
 //!   turned, the obstacles have not.
 //! * Only the height band around the vehicle counts. Hits above and below are no obstacles; a ray is known to be free
 //!   only as far as it stays inside the band. A hit within the vehicle's own radius is the vehicle: no obstacle, and its ray
-//!   tells nothing.
+//!   reports nothing.
 //! * Scans, single beams and rows of level distances count whatever the height of their ends (`beam.rs`).
 //! * A cloud captured longer ago than its sensor's deadline contributes nothing, nor do scans, beams and rows older than that and
 //!   than half a second: their sectors become unknown, and unknown is not free.

@@ -163,7 +163,7 @@ fn is_young(now: Timestamp, time: Timestamp, limit_s: f64) -> bool {
     time.is_set() && (-FUTURE_S..=limit_s).contains(&now.seconds_since(time))
 }
 
-/// Takes from `old` what lies in sectors that `new` tells something of.
+/// Takes from `old` what lies in sectors that `new` reports something of.
 fn remove_what_is_seen_again(old: &mut SensorView, new: &SensorView) {
     let turn_rad = old.heading_rad - new.heading_rad;
     for (sector, slot) in old.sectors.iter_mut().enumerate() {

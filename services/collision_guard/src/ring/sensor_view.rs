@@ -50,7 +50,7 @@ impl ViewSector {
         }
     }
 
-    /// Whether anything was told of it.
+    /// Whether anything was reported of it.
     pub fn is_known(&self) -> bool {
         self.known_m2 > 0.0 || self.near_m2.is_finite()
     }
@@ -146,7 +146,7 @@ impl SensorView {
     ///
     /// The free region is a fan of 72 wedges around the origin. Seen from the origin the ray turns one way only, so the
     /// wedges it crosses are consecutive, and in each one it ends at the border, or at the wedge's radius. Within
-    /// `footprint_m` of the origin the vehicle itself has been, known or not: a way that does not lead out of there tells nothing,
+    /// `footprint_m` of the origin the vehicle itself has been, known or not: a way that does not lead out of there reports nothing,
     /// nor does one that is no longer than that.
     pub fn free_distance_m(
         &self,
@@ -248,7 +248,7 @@ impl SectorBorders {
         from_m: f32,
     ) -> f32 {
         /// A crossing that lies this little behind (m) is one that rounding has moved; farther behind it is that of a
-        /// ray nearly parallel to the border, which comes nearer to it for ever.
+        /// ray nearly parallel to the border, which comes nearer to it forever.
         const ROUNDING_M: f32 = 1e-3;
         let border = self.0[if clockwise {
             index

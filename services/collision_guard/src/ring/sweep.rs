@@ -10,8 +10,8 @@
 //! level is interpolated linearly between first and last ray: at 1 rad/s a sweep of 0.1 s turns by 0.1 rad, and the chord
 //! of that arc misses it by at most 0.1^2 / 8 of the range, 1 cm at 10 m.
 //!
-//! A ray tells its sector how far it is free: horizontally, as long as the ray stays inside the height band. A ray that
-//! leaves the band through its top or bottom tells nothing of what comes behind.
+//! A ray reports its sector how far it is free: horizontally, as long as the ray stays inside the height band. A ray that
+//! leaves the band through its top or bottom reports nothing of what comes behind.
 //!
 //! A hundred thousand points have to pass in half a millisecond, 12 cycles each. So rays are taken in blocks, each step
 //! is a loop without branches over plain arrays, which the compiler turns into vector instructions, and only the last step,
@@ -24,7 +24,7 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::RayKind;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-/// RangeSampleInfo per block: long enough to hide the loops' ends, short enough for the first-level cache.
+/// Rays per block: long enough to hide the loops' ends, short enough for the first-level cache.
 const BLOCK: usize = 64;
 
 /// Squared range that no sensor has (m2): coordinates beyond are damage.
@@ -59,7 +59,7 @@ pub struct Envelope {
 }
 
 impl SweepTransform {
-    /// RangeSampleInfo measured from `first` to `last`, by a sensor at `sensor_m` in the body that sees as far as `range_max_m`.
+    /// Rays measured from `first` to `last`, by a sensor at `sensor_m` in the body that sees as far as `range_max_m`.
     pub fn new(
         first: (Timestamp, &Pose),
         last: (Timestamp, &Pose),
@@ -159,7 +159,7 @@ struct FarthestRay {
     share: f32,
 }
 
-/// RangeSampleInfo of one block, and what each step makes of them.
+/// Rays of one block, and what each step makes of them.
 #[derive(Clone, Debug)]
 struct RayBlock {
     len: usize,

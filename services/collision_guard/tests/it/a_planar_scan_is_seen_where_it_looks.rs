@@ -59,8 +59,8 @@ fn is_on_border(bearing_rad: f64) -> bool {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
-    /// The obstacle is an upright line: a tilted beam meets it above or below the vehicle, and tells how far away it stands. Of a
-    /// vehicle that has moved by `moved_m`, directions beside the beam may be told shorter by what the rim of its sector, five
+    /// The obstacle is an upright line: a tilted beam meets it above or below the vehicle, and reports how far away it stands. Of a
+    /// vehicle that has moved by `moved_m`, directions beside the beam may be reported shorter by what the rim of its sector, five
     /// degrees wide, is nearer from there: at most 0.15 of `moved_m`.
     #[test]
     fn an_obstacle_is_where_it_was_seen_whatever_the_vehicle_does(

@@ -11,7 +11,7 @@ use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use std::f64::consts::PI;
 
-/// RayBatch kept of a frame: fewer leave holes in an image in which thin trunks stand.
+/// Rays kept of a frame: fewer leave holes in an image in which thin trunks stand.
 const RAYS: usize = 8_192;
 /// Of these, so many are looked for in the other frame.
 const CHECKED_RAYS: usize = 1_000;
@@ -47,7 +47,7 @@ const AGREE_UNKNOWN: u32 = 3;
 const CREDIBLE: u32 = 20;
 /// A later cause must be so much better than one before: upside down and mirrored look almost the same where all stands upright.
 const BETTER_FACTOR: f64 = 1.1;
-/// Causes tried while one frame is worked on.
+/// Causes tried while one frame is processed on.
 const CAUSES_PER_FRAME: usize = 5;
 /// A frame of which less than this share lies within the sensor's own range, of so many hits, has wrong units.
 const WITHIN: f64 = 0.1;

@@ -18,9 +18,9 @@ const SLACK_RATIO: f32 = 0.05;
 /// What an image says of something at a distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum RangeAgreement {
-    /// RayBatch have gone through there.
+    /// Rays have gone through there.
     SeenThrough,
-    /// RayBatch have ended about there.
+    /// Rays have ended about there.
     Agrees,
     /// It was hidden, or nobody has looked there.
     Unknown,

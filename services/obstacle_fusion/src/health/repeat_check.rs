@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 /// Points of a cloud that are compared.
 const POINTS: usize = 512;
-/// RayBatch with a range that a frame of many must have to be distinguished from another one: one or two may well repeat.
+/// Rays with a range that a frame of many must have to be distinguished from another one: one or two may well repeat.
 const HITS_MIN: u32 = 12;
 /// A vehicle that has moved by so much (m, rad) sees other ranges: noise alone changes the last bits of a dozen.
 const MOVED: (f64, f64) = (0.1, 0.03);

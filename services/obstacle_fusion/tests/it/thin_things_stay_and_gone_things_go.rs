@@ -146,7 +146,7 @@ fn a_false_hit_in_open_space_goes_away() {
 
 #[test]
 fn hovering_beside_a_post_in_the_blind_zone_does_not_wear_it_away() {
-    // Seen once from afar, then in a cell that the vehicle's ball covers in part, inside the sensor's shortest range.
+    // Seen once from afar, then in a cell that the vehicle's sphere covers in part, inside the sensor's shortest range.
     let mut bench = TestFusion::new();
     assert!(bench.single_ray(true).is_occupied(post_cell()));
     let beside = VehicleMotion::still(Vector3::new(4.1 - 0.25, 0.1, -1.9));

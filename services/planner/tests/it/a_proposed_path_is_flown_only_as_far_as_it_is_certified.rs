@@ -1,5 +1,5 @@
-//! Whatever another program proposes: a route is made of it under the rules of every route, or the planner goes its own way and
-//! says why.
+//! Whatever another program proposes: a route is made of it under the rules of every route, or the planner uses its own
+//! path and reports why.
 
 use crate::common::{HEIGHT_M, hovering, map, now, to};
 use jink_planner::{Inputs, Planner};
@@ -66,7 +66,7 @@ impl TestPlanner {
         (route, answer)
     }
 
-    /// Somebody flies `route`, and does not come from the spot.
+    /// `route` is committed, and the vehicle does not move.
     fn commit(&mut self, route: &Route) {
         let mut trajectory = Trajectory {
             id: route.id,
@@ -93,7 +93,7 @@ fn goal_of(desired: &DesiredPath) -> Point<LocalNed> {
     desired.points[1].position
 }
 
-/// The way through `waypoints` to where `desired` wants to.
+/// The path through `waypoints` to where `desired` wants to.
 fn proposal(desired: &DesiredPath, waypoints: &[Point<LocalNed>]) -> Proposal {
     let mut proposal = Proposal {
         id: 7,
@@ -105,7 +105,7 @@ fn proposal(desired: &DesiredPath, waypoints: &[Point<LocalNed>]) -> Proposal {
     proposal
 }
 
-/// Distance of a point from a way (m).
+/// Distance of a point from a path (m).
 fn away_m(point: &Vector3<f64>, way: &[Point<LocalNed>]) -> f64 {
     way.windows(2)
         .map(|leg| {
@@ -116,7 +116,7 @@ fn away_m(point: &Vector3<f64>, way: &[Point<LocalNed>]) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// What a first step answers to a way proposed on `map`; the route must be the planner's own if the way is refused.
+/// What a first step answers to a path proposed on `map`; the route must be the planner's own if the path is refused.
 fn verdict(
     map: impl Fn() -> Box<LocalMap>,
     desired: DesiredPath,
@@ -274,7 +274,7 @@ fn a_requested_speed_slows_and_never_speeds_up() {
     assert_eq!(fly(50.0, 0.0).limits.speed_mps, top_mps);
     assert_eq!(fly(1.2, 0.0).limits.speed_mps, 1.2);
     assert_eq!(fly(0.01, 0.0).limits.speed_mps, 0.3);
-    // Who flies at 2.5 m/s cannot be at 1 m/s at once, but has no longer way than it takes.
+    // A vehicle at 2.5 m/s cannot be at 1 m/s at once, but its path is no longer than slowing down takes.
     let slowing = fly(1.0, 2.5);
     assert!(
         (slowing.limits.speed_mps - 2.5).abs() < 1e-6,
@@ -361,7 +361,7 @@ fn a_way_that_leads_nowhere_is_left_after_some_seconds_and_for_longer_each_time(
         way.id += 1;
         let (route, answer) = bench.step(Some(&way));
         bench.commit(&route);
-        // A vehicle that does not come from the spot plans twice a second once its goal counts as out of reach.
+        // A vehicle that does not move plans twice a second once its goal counts as out of reach.
         let Some(verdict) = answer.map(|answer| answer.verdict.get()) else {
             continue;
         };
@@ -385,7 +385,7 @@ fn a_way_that_leads_nowhere_is_left_after_some_seconds_and_for_longer_each_time(
         .map(|(taken, given_up)| (taken - given_up).round())
         .collect();
     assert_eq!(pauses, [10.0, 20.0, 40.0]);
-    // Another goal, another chance.
+    // Another goal ends the pause.
     bench.desired = to(60.0, 5.0);
     way.goal = goal_of(&bench.desired);
     let answer = bench.step(Some(&way)).1.unwrap();

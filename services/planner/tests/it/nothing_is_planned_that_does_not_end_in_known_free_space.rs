@@ -49,7 +49,7 @@ fn planner() -> Planner {
     Planner::new(&ParamSet::default(), 1)
 }
 
-/// A trajectory that flies straight north at 2 m/s for `length_m` and then stops dead (for re-checks only).
+/// A trajectory that flies straight north at 2 m/s for `length_m` and then stops at once (for re-checks only).
 fn flying_north(length_m: f64) -> ApprovedTrajectory {
     let speed = 2.0;
     let duration_s = length_m / speed;
@@ -190,7 +190,7 @@ fn a_target_is_planned_to_in_every_automatic_mode() {
         let route = answer(&mut planner(), Some(&map), Some(&state), &desired, None);
         assert_eq!(route.mode.get(), RouteMode::Plan, "{mode}");
         assert!(route.target_is_goal.is_set(), "{mode}");
-        // What was wanted in the mode before is no wish.
+        // The desired path of the mode before does not count.
         let route = answer(&mut planner(), Some(&map), Some(&hovering()), &desired, None);
         let expected = if mode == NavMode::Mission {
             RouteMode::Plan
@@ -442,7 +442,7 @@ fn heights_that_contradict_each_other_do_not_stop_the_planner() {
     assert_eq!(route.goal.z_m, -2.0);
 }
 
-/// Between two walls, so long that there is no way back out of them near.
+/// Between two walls, so long that there is no path out of them near.
 fn between_walls(first: i32, cells: i32) -> Box<LocalMap> {
     map(9.0, |p| {
         let [_, y, _] = cell_of(Point::<LocalNed>::from_vector(p));

@@ -20,7 +20,7 @@ pub enum Obstacle {
         east_m: f64,
         radius_m: f64,
     },
-    /// A ball: centre, radius (m).
+    /// A sphere: centre, radius (m).
     Sphere { center_m: Vector3<f64>, radius_m: f64 },
     /// An axis-parallel box: centre, half edges (m).
     Block {
