@@ -5,7 +5,7 @@ use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::motion::MotionState;
 use nalgebra::Vector3;
 
-/// Below this horizontal speed a curve has no direction worth turning to (m/s).
+/// Below this horizontal speed the direction of a curve is not followed (m/s).
 const SPEED_MIN_MPS: f64 = 0.4;
 /// A quintic between two headings at rest peaks at 1.875 times its mean rate.
 const PEAK_OVER_MEAN: f64 = 1.875;
@@ -127,7 +127,7 @@ mod tests {
                 let reached = evaluate_scalar(&rates, f64::from(i) / 100.0).abs();
                 prop_assert!(reached <= rate_max.max(rate.abs()) + 1e-9, "{reached} rad/s");
             }
-            // As the certificate judges it: no heading costs a curve its certificate.
+            // By the certificate's measure: no heading costs a curve its certificate.
             let allowed = MotionLimits::allowed(rate_max.max(rate.abs()));
             let hull = rates.map(|rate| Vector3::new(rate, 0.0, 0.0));
             prop_assert!(hull_keeps(&hull, HEADING_HALVINGS, &|rate: &Vector3<f64>| rate.x.abs() <= allowed));

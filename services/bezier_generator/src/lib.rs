@@ -1,15 +1,15 @@
-//! Route and corridor to Bezier pieces with bounded speed, acceleration and jerk, continuous with what is being flown,
-//! ending at rest.
+//! Turns a route and its corridor into Bezier pieces with bounded speed, acceleration and jerk, continuous with what is
+//! being flown, ending at rest.
 //!
 //! | in | out |
 //! |---|---|
 //! | route, the trajectory it departs from | a [`Trajectory`], certified, or nothing |
 //!
-//! The new trajectory repeats its base up to the splice, then follows the route's corridor. It is only put out with a
-//! certificate, computed anew from the finished pieces: every control point of a piece inside one polytope of the corridor,
-//! and by the hull of the derivatives' control points speed, climb, descent, acceleration, jerk and heading rate within the
-//! limits. Failing is safe: the base goes on and ends at rest. Only a route that must be left is answered with its stop, which
-//! the planner has certified, when no curve is found.
+//! The new trajectory repeats its base up to the splice, then follows the route's corridor. It is published only with a
+//! certificate, computed from the finished pieces: every control point of a piece inside one polytope of the corridor,
+//! and by the hull of the derivatives' control points speed, climb, descent, acceleration, jerk and heading rate within
+//! the limits. Failing is safe: the base continues and ends at rest. When no curve is found, only a route that must be
+//! left is answered with its stop, which the planner has certified.
 
 pub mod heading;
 pub mod problem;
@@ -27,25 +27,26 @@ use jink_shared_types::motion::{
 use jink_shared_types::{Coded, Timestamp};
 use nalgebra::Vector3;
 
-/// Stretchings of the profile that are tried one after the other: a slower curve has more room within its limits, a
-/// shorter first piece fits a moving start into a narrow corridor.
+/// Time scales of the profile that are tried one after the other: a slower curve is farther from its limits, a shorter
+/// first piece fits a moving start into a narrow corridor.
 const STRETCHES: [f64; 4] = [1.0, 1.25, 1.6, 0.8];
 /// A first piece longer than this is cut in two (s), so that a moving start need not keep its polynomial for long.
 const FIRST_PIECE_MAX_S: f64 = 0.7;
-/// How much of its base a trajectory repeats before now (s): the gateway dates its curves back by 10 ms, and a reader that
-/// lags still finds its place.
+/// How much of its base a trajectory repeats before now (s): the gateway dates its curves back by 10 ms, and a reader
+/// that lags still finds the present time in it.
 const PREFIX_S: f64 = 0.15;
 /// A trajectory that would be ready later than this before its splice is not sent (s).
 const READY_BEFORE_S: f64 = 0.005;
 /// Rounding allowed when a finished curve is checked against its corridor (m).
 const CORRIDOR_TOLERANCE_M: f64 = 1e-4;
-/// How often the heading rate is halved before its hull counts as its extent: of a turn from rest to rest the middle control point
-/// is 2.7 times as fast as the turn. Position needs none, the solver keeps its control points themselves within the limits.
+/// How often the heading rate is halved before its hull counts as its extent: in a turn from rest to rest the middle
+/// control point is 2.7 times as fast as the turn. Position needs none: the solver keeps its control points themselves
+/// within the limits.
 const HEADING_HALVINGS: u32 = 2;
 /// Most pieces of a plan: one per polytope and one for a cut first piece.
 const PIECES_MAX: usize = CORRIDOR_POLYTOPES + 1;
 
-/// Why no trajectory was put out.
+/// Why no trajectory was made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoTrajectory {
     /// The route asks for none.
@@ -62,13 +63,13 @@ pub enum NoTrajectory {
         /// Time left until the splice (s).
         left_s: f64,
     },
-    /// The route's corridor or its numbers make no sense.
+    /// The route's corridor or its numbers are not consistent.
     BadRoute,
     /// The old part and the new part together have too many pieces.
     TooManyPieces,
     /// No curve within corridor and limits was found.
     Infeasible(Infeasible),
-    /// A curve was found but did not pass its own check.
+    /// A curve was found but is not certified.
     NotCertified,
 }
 
@@ -88,7 +89,7 @@ impl Generator {
         }
     }
 
-    /// Answers `route`; `flown` is the trajectory in force. On success `out` holds the new trajectory.
+    /// Makes a trajectory for `route`; `flown` is the active trajectory. On success `out` holds the new one.
     ///
     /// # Errors
     /// [`NoTrajectory`]: `out` is then not to be used.
@@ -166,7 +167,7 @@ impl Generator {
         Err(failure)
     }
 
-    /// Puts the curves behind what is in `out`, or leaves it as it is if they are not certified.
+    /// Appends the curves to `out`, or leaves it as it is if they are not certified.
     fn append_curves(
         &self,
         route: &Route,
@@ -200,7 +201,7 @@ impl Generator {
     }
 }
 
-/// Puts what is left of the base until the splice into `out`.
+/// Copies what is left of the base until the splice into `out`.
 fn prefix(
     now: Timestamp,
     route: &Route,
@@ -218,7 +219,7 @@ fn prefix(
     }
     match flown {
         Some(base) if base.id == route.base_id => {
-            // A base that has ended is rest: nothing of it needs repeating.
+            // A base that has ended is at rest: nothing of it needs repeating.
             if base.end() <= now {
                 return Ok(());
             }
@@ -345,8 +346,8 @@ struct CertificateBounds {
 }
 
 impl CertificateBounds {
-    /// A heading that turns too fast at the start (`yaw_rate_radps`), as the guard's brake leaves it, can only run out; it may
-    /// not be exceeded. Of the other limits such a start is infeasible.
+    /// A heading rate that exceeds the limit at the start (`yaw_rate_radps`), as after the guard's brake, can only
+    /// decay; it must not grow. For the other limits such a start is infeasible.
     fn new(limits: &MotionLimits, yaw_rate_radps: f64) -> Self {
         let allowed = MotionLimits::allowed;
         Self {

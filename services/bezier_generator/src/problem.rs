@@ -54,7 +54,7 @@ pub struct PieceSpec<'a> {
     pub duration_s: f64,
     /// Where all of it must lie.
     pub polytope: &'a Polytope,
-    /// Where its end should be, lightly.
+    /// Where its end should be, with a small weight.
     pub guide: Vector3<f64>,
 }
 
@@ -312,7 +312,7 @@ fn keep_inside(
     Ok(())
 }
 
-/// Within a sphere; what the start fixes may exceed the limit by what a limit's tolerance allows.
+/// Within a norm ball; what the start fixes may exceed the limit by its tolerance.
 fn keep_within(expression: &Affine, limit: f64, rows: &mut ConstraintRows) -> Result<(), Infeasible> {
     if expression.is_constant() {
         if expression.constant.norm() > MotionLimits::allowed(limit) {

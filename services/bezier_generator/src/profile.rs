@@ -1,12 +1,12 @@
 //! How long each piece should take: a speed profile along the guide.
 //!
 //! Speeds at the vertices are limited by the turn there, by braking to rest at the end and by what can be reached from
-//! the start (a forward and a backward pass); between two vertices the profile is a trapezoid. The curve that is
-//! fitted afterwards needs head-room, so the profile uses only a share of the acceleration.
+//! the start (a forward and a backward pass); between two vertices the profile is a trapezoid. The curve that is fitted
+//! afterwards needs a margin, so the profile uses only a share of the acceleration.
 
 use nalgebra::Vector3;
 
-/// Share of the acceleration limit that the profile counts on. A polynomial piece peaks at 1.5 to 1.9 times its mean
+/// Share of the acceleration limit that the profile assumes. A polynomial piece peaks at 1.5 to 1.9 times its mean
 /// acceleration.
 const ACCELERATION_SHARE: f64 = 0.6;
 /// Shortest piece (s): shorter ones only amplify rounding in the derivatives.

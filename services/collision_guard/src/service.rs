@@ -1,5 +1,5 @@
-//! The guard as a process: woken by ranges and trajectories, and 30 times a second at least; it answers each trajectory, and a pilot
-//! who steers.
+//! The guard as a process: woken by ranges and trajectories, and 30 times a second at least; it answers each
+//! trajectory, and each demand of a pilot.
 
 use crate::guard::{Guard, GuardConfig, GuardInputs};
 use crate::prevention::{PilotGuard, PreventionConfig};
@@ -15,11 +15,11 @@ use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::fmt;
 
-/// What is flown is looked at, and said again, this often.
+/// The active trajectory is checked, and published again, at this rate.
 const RATE_HZ: u32 = 30;
-/// What a pilot wants is looked at this often.
+/// The pilot's demand is answered at this rate.
 const PILOT_RATE_HZ: u32 = 50;
-/// The ring goes out this often.
+/// The ring is published at this rate.
 const RING_RATE_HZ: u32 = 15;
 
 /// The service: see [`crate`].
@@ -61,7 +61,7 @@ impl Service for GuardService {
             ranges: RangeInputs::open(ports)?,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             trajectory: ports.trigger(topics::TRAJECTORY)?,
-            // To a demand that is no number collision prevention has an answer: no motion, at once.
+            // Collision prevention answers a demand that is not a number, too: no motion, at once.
             demand: ports.input(topics::PILOT_DEMAND)?.with_checks(Checks::Stamps),
             approved: ports.output(topics::APPROVED)?,
             prevented: ports.output(topics::PREVENTED)?,
@@ -112,7 +112,7 @@ impl Service for GuardService {
         Wake::at(if is_steered { due.min(self.pilot_due) } else { due })
     }
 
-    /// The ring keeps what it has seen: its hull and its band need a restart.
+    /// The ring keeps what it has seen: its radius and its band need a restart.
     fn retune(&mut self, params: &ParamSet) {
         self.guard.configure(GuardConfig::from_params(params));
         self.pilot_guard.configure(PreventionConfig::from_params(params));
@@ -120,7 +120,7 @@ impl Service for GuardService {
 }
 
 impl GuardService {
-    /// Whether one steers.
+    /// Answers the pilot's demand; whether there is one.
     fn answer_pilot(&mut self, cycle: &mut Cycle<'_>) -> bool {
         let now = cycle.now;
         let demand = self.demand.latest(now);

@@ -1,4 +1,4 @@
-//! What the pilot has to be reported of one step.
+//! The events of one step for the pilot.
 
 use jink_shared_types::events::EventSample;
 

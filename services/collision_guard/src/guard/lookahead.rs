@@ -1,31 +1,31 @@
-//! How far the way along a trajectory is free, by what the ring knows now.
+//! How far a trajectory is free, by the ring as it is now.
 //!
 //! The reference is followed from now to its end in steps of at most [`STEP_M`]. It meets a conflict at the first place
 //!
-//! * that is nearer to an obstacle point than the clearance asked for (horizontally; the obstacles are the ring's points,
-//!   not the arcs of its sectors, so that sectors that are wide far away punish nobody), or
-//! * that nobody has seen to be free.
+//! * that is nearer to an obstacle point than the required clearance (horizontally; the obstacles are the ring's
+//!   points, not the arcs of its sectors, so that sectors that are wide far away do no harm), or
+//! * that was not seen to be free.
 //!
-//! A vehicle that is already nearer to something than it should be may leave: as long as it is too near, its way must not
-//! bring it nearer still.
+//! A vehicle that is already nearer to something than it should be may leave: as long as it is too near, its path must
+//! not bring it nearer.
 
 use crate::ring::{RingQuery, SENSORS, SLOTS, Visibility};
 use jink_shared_types::bezier::{self, derivative};
 use jink_shared_types::motion::{BezierPiece, GuardReason, Trajectory, stopping_distance_m};
 use jink_shared_types::{Timestamp, motion::MotionState};
 
-/// Longest step along the way (m): an eighth of the smallest clearance that makes sense, so that between two steps the
+/// Longest step along the path (m): an eighth of the smallest reasonable clearance, so that between two steps the
 /// reference is at most 1 mm nearer to an obstacle point than at the nearer one of them.
 const STEP_M: f64 = 0.05;
-/// How far ahead is looked (m); beyond counts as unseen. No range sensor of a multicopter sees farther.
+/// How far ahead is checked (m); beyond counts as unseen. No range sensor of a multicopter sees farther.
 const FARTHEST_M: f64 = 60.0;
-/// Steps after which looking ends, and the rest counts as unseen: bounds the time that a senseless trajectory can take. A
-/// sensible one takes at most two steps for [`STEP_M`], the hull of its velocity being larger than its speed.
+/// Steps after which the check ends, and the rest counts as unseen: bounds the time for an implausible trajectory. A
+/// plausible one takes at most two steps for [`STEP_M`], because the hull of its velocity is larger than its speed.
 const STEPS: usize = 4_000;
-/// What a vehicle that is too near already may come nearer still (m): the noise of a lidar from one sweep to the next.
+/// How much nearer a vehicle that is too near already may come (m): the noise of a lidar from one sweep to the next.
 const LEAVING_SLACK_M: f64 = 0.05;
 
-/// What the guard demands of a way.
+/// What the guard requires of a path.
 #[derive(Clone, Copy, Debug)]
 pub struct LookaheadDemand {
     /// Clearance that the vehicle itself needs around the reference (m): so much has to be known to be free.
@@ -36,33 +36,33 @@ pub struct LookaheadDemand {
     pub delay_s: f64,
     /// Deceleration of the guard's own brake (m/s2).
     pub brake_mps2: f64,
-    /// For how long from now no brake must become necessary (s): zero for what is flown, more for what is new.
+    /// For how long from now no brake may become necessary (s): zero for the active trajectory, more for a new one.
     pub horizon_s: f64,
-    /// Whether places in the view of a sensor that has fallen silent count as unseen.
+    /// Whether places in the field of view of a sensor that no longer answers count as unseen.
     pub loss_counts: bool,
 }
 
-/// What is ahead.
+/// The result of following a trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LookaheadResult {
-    /// Way to the first conflict (m); infinity for none.
+    /// Distance along the path to the first conflict (m); infinity for none.
     pub free_distance_m: f64,
     /// What the conflict is; [`GuardReason::None`] for none.
     pub conflict: GuardReason,
-    /// Way needed to stop from the present speed (m).
+    /// Stopping distance from the present speed (m).
     pub stopping_m: f64,
-    /// Way that has to be free (m): to stop before the conflict from any moment within the horizon.
+    /// Distance that has to be free (m): to stop before the conflict from any time within the horizon.
     pub needed_m: f64,
 }
 
 impl LookaheadResult {
-    /// Whether the conflict lies too near to stop before it.
+    /// Whether the conflict is too near to stop before it.
     pub fn is_blocked(&self) -> bool {
         self.free_distance_m < self.needed_m
     }
 }
 
-/// Looks ahead. Holds the memory for the obstacle points.
+/// Follows trajectories through the ring. Holds the memory for the obstacle points.
 #[derive(Clone, Debug)]
 pub struct Lookahead {
     /// Obstacle points relative to `anchor_m`, one array per axis so that they are compared several at a time.
@@ -72,7 +72,7 @@ pub struct Lookahead {
 }
 
 impl Lookahead {
-    /// With all its memory.
+    /// Allocates all its memory.
     pub fn new() -> Self {
         Self {
             north_m: Vec::with_capacity(SENSORS * SLOTS),
@@ -158,7 +158,7 @@ impl Lookahead {
         if walk.way_m > FARTHEST_M || walk.steps > STEPS {
             return GuardReason::Unseen;
         }
-        // Where the vehicle is, nothing else can be.
+        // Nothing else can be where the vehicle is.
         if query.is_here(place_m, demand.clearance_m) {
             return GuardReason::None;
         }
@@ -169,7 +169,7 @@ impl Lookahead {
         }
     }
 
-    /// Whether the place (north, east) has the clearance asked for.
+    /// Whether the place (north, east) has the required clearance.
     fn is_clear(&self, walk: &mut PathWalk, place_m: [f64; 2], demand: &LookaheadDemand) -> bool {
         let clearance_m = self.clearance_m(place_m);
         if walk.best_clearance_m < demand.standoff_m {
@@ -177,7 +177,7 @@ impl Lookahead {
             walk.best_clearance_m = walk.best_clearance_m.max(clearance_m);
             return clearance_m >= asked_m;
         }
-        // Nothing comes nearer faster than the way goes on: there is no need to look again before.
+        // The clearance shrinks no faster than the path advances: it need not be computed again before.
         walk.clear_until_m = walk.way_m + clearance_m - demand.standoff_m;
         clearance_m >= demand.standoff_m
     }
@@ -186,7 +186,7 @@ impl Lookahead {
         self.anchor_m = [start.position.x_m, start.position.y_m];
         self.north_m.clear();
         self.east_m.clear();
-        // The iterator yields at most one point per slot and sensor: never more than there is room for.
+        // The iterator yields at most one point per slot and sensor: never more than the memory holds.
         for [north, east] in query.obstacles().take(SENSORS * SLOTS) {
             self.north_m.push((north - self.anchor_m[0]) as f32);
             self.east_m.push((east - self.anchor_m[1]) as f32);
@@ -213,9 +213,9 @@ impl Lookahead {
 struct PathWalk {
     way_m: f64,
     last: nalgebra::Vector3<f64>,
-    /// The greatest clearance so far, while it is less than asked for.
+    /// The greatest clearance so far, while it is less than required.
     best_clearance_m: f64,
-    /// No obstacle can be too near before the way has become this long (m).
+    /// No obstacle can be too near before the path has this length (m).
     clear_until_m: f64,
     steps: usize,
     /// Farthest place to which a stop from any moment within the horizon leads (m).
@@ -231,8 +231,8 @@ impl PathWalk {
         self.longest_stop_m = self.longest_stop_m.max(stop_m);
     }
 
-    /// The end of what is unseen moves on with the vehicle, because it sees farther from there: the longest stop has to fit in
-    /// front of it. An obstacle stays: every stop has to end before it. What is met within the horizon leaves no room.
+    /// The end of what was seen moves with the vehicle, because it sees farther from there: the longest stop has to fit
+    /// in front of it. An obstacle stays: every stop has to end before it. A conflict within the horizon always blocks.
     fn end(&self, conflict: GuardReason, is_within_horizon: bool, stopping_m: f64) -> LookaheadResult {
         let needed_m = if is_within_horizon {
             f64::INFINITY
@@ -257,8 +257,8 @@ fn steps_for(piece: &BezierPiece, begin_s: f64) -> usize {
     ((longest_m / STEP_M).ceil() as usize).clamp(1, STEPS)
 }
 
-/// Way to stop from `state`. A reference that is still speeding up first has to give up its acceleration `a` with the jerk
-/// `j`: meanwhile it gains `a^2 / 2j` of speed, over a time `a / j`.
+/// Stopping distance from `state`. A reference that is still speeding up first has to reduce its acceleration `a` with
+/// the jerk `j`: meanwhile it gains `a^2 / 2j` of speed, over a time `a / j`.
 fn stopping_m(state: &MotionState, jerk_mps3: f64, demand: &LookaheadDemand) -> f64 {
     let velocity = state.velocity.vector();
     let speed_mps = velocity.norm();

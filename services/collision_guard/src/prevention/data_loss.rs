@@ -1,11 +1,11 @@
-//! What is done when no range data come: PX4's times.
+//! What is done when no range data come, with PX4's times.
 
 use super::config::PreventionConfig;
 use jink_shared_types::Timestamp;
 
 /// Without data for this long the vehicle is to hold (s).
 const HOLD_S: f64 = 5.0;
-/// Nobody is warned before it has acted for this long (s): sensors may just be starting.
+/// No warning before it has been active for this long (s): sensors may just be starting.
 const WARM_UP_S: f64 = 1.0;
 
 /// Since when data are missing.
@@ -20,7 +20,7 @@ pub struct DataLoss {
 pub enum DataLossAction {
     /// There are data.
     Nothing,
-    /// No data, but it has only just begun to act: no motion.
+    /// No data, but it has only just become active: no motion.
     Quiet,
     /// No data: no motion, and the pilot has to be notified.
     Warned,
@@ -29,7 +29,7 @@ pub enum DataLossAction {
 }
 
 impl DataLoss {
-    /// Notes whether there are data. The ring itself says "unknown" half a second after the last of them.
+    /// Records whether there are data. The ring itself says "unknown" half a second after the last of them.
     pub fn note(
         &mut self,
         now: Timestamp,
@@ -46,7 +46,7 @@ impl DataLoss {
             return DataLossAction::Nothing;
         }
         let active_s = now.seconds_since(active_since);
-        // Without any data ever, those since it began to act are missing.
+        // If there have never been data, the time since activation counts.
         let missing_s = self.last_data.map_or(active_s, |last| now.seconds_since(last));
         if missing_s > HOLD_S && active_s > HOLD_S {
             DataLossAction::Hold

@@ -1,7 +1,8 @@
-//! A better direction nearby: PX4's choice, but for what it makes of sectors without data.
+//! A better direction nearby: PX4's choice, except for sectors without data.
 //!
-//! Every known sector within `CP_GUIDE_ANG` of the demanded one is weighed: what is seen in it and on both sides of it speaks for it, the
-//! angle it is away speaks against it. A sector without data is never chosen, and counts as an obstacle at `CP_DIST` for its neighbours.
+//! Every known sector within `CP_GUIDE_ANG` of the demanded one has a cost: the distances in it and on both sides of it
+//! reduce it, the angle between them increases it. A sector without data is never chosen, and counts as an obstacle at
+//! `CP_DIST` for its neighbours.
 
 use super::config::PreventionConfig;
 use super::sector_states::{SectorState, SectorStates};
@@ -10,21 +11,22 @@ use nalgebra::Vector2;
 
 /// Weight of the angle: so many times CP_DIST (both m) for each sector aside.
 const ASIDE: f64 = 0.5;
-/// A sector that costs this much (m) is never chosen.
+/// A sector of this cost (m) is never chosen.
 const COST_MAX_M: f64 = 99.99;
 
-/// Where to go.
+/// The chosen direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuidedDirection {
-    /// The sector that was demanded, counted as PX4 does: it holds the angles from its centre up to the next one's.
+    /// The demanded sector, counted as in PX4: it holds the angles from its centre up to the next one's.
     pub original: usize,
     /// The sector that is better, or the same.
     pub sector: usize,
-    /// Unit vector, north and east: the centre of a sector that was chosen instead, otherwise the demanded direction to the bit.
+    /// Unit vector, north and east: the centre of a sector that was chosen instead, otherwise the demanded direction to
+    /// the bit.
     pub direction: Vector2<f64>,
 }
 
-/// The best direction for somebody who wants to go in `wanted` (a unit vector).
+/// The best direction for the demanded direction `wanted` (a unit vector).
 pub fn guide(config: &PreventionConfig, sectors: &SectorStates, wanted: Vector2<f64>) -> GuidedDirection {
     let turns = (sectors.bearing_rad(&wanted) / SECTOR_WIDTH_RAD).rem_euclid(SECTORS as f64);
     let original = turns as usize % SECTORS;

@@ -1,17 +1,19 @@
-//! The vector nearest to a wished one that keeps every limit `x . u <= b`, in the plane.
+//! The vector nearest to a desired one within every limit `x . u <= b`, in the plane.
 //!
-//! Limits are taken one after the other. A vector that breaks a new limit is replaced by the nearest one on that limit's line
-//! which keeps all limits before; since what is asked for is convex, the best one lies there (Seidel's incremental
-//! linear programming; used for velocities by van den Berg, Guy, Lin, Manocha: Reciprocal n-body collision avoidance, 2011, section
-//! 5). If no vector keeps all limits, the one is taken that breaks the worst-broken one least.
+//! Limits are taken one after the other. A vector that breaks a new limit is replaced by the nearest one on that
+//! limit's line within all limits before; since the feasible set is convex, the best one lies there (Seidel's
+//! incremental linear programming; used for velocities by van den Berg, Guy, Lin, Manocha: Reciprocal n-body collision
+//! avoidance, 2011, section 5). If no vector is within all limits, the one with the smallest greatest violation is
+//! taken.
 //!
-//! The result moves by no more than the wished vector does, as long as the limits can all be kept: it is a projection on a convex set.
+//! The result moves by no more than the desired vector does, as long as the limits are compatible: it is a projection
+//! onto a convex set.
 
 use nalgebra::Vector2;
 
-/// Limits that can be kept at a time: one per sector, and some more.
+/// Most limits: one per sector, and some more.
 pub const HALF_PLANES: usize = 80;
-/// A limit counts as kept if it is broken by less than this: rounding.
+/// A violation smaller than this is rounding.
 const BOUND_SLACK: f64 = 1e-9;
 /// Directions nearer to parallel than this (sine of the angle) have no crossing.
 const PARALLEL: f64 = 1e-9;
@@ -51,7 +53,7 @@ impl Default for HalfPlanes {
 }
 
 impl HalfPlanes {
-    /// Adds one; one too many is left out.
+    /// Adds a limit; ignored when the list is full.
     pub fn push(&mut self, toward: Vector2<f64>, bound: f64) {
         if let Some(slot) = self.limits.get_mut(self.len) {
             *slot = HalfPlane { toward, bound };
@@ -63,7 +65,7 @@ impl HalfPlanes {
         &self.limits[..self.len]
     }
 
-    /// The vector nearest to `wish` within all limits.
+    /// The vector nearest to `desired` within all limits.
     pub fn nearest(&self, desired: Vector2<f64>) -> Vector2<f64> {
         let mut x = desired;
         for (count, limit) in self.all().iter().enumerate() {
@@ -78,11 +80,11 @@ impl HalfPlanes {
         x
     }
 
-    /// With every limit loosened by as little as lets all be kept together.
+    /// The vector with every limit relaxed by the smallest slack that makes them compatible.
     fn least_broken(&self, desired: Vector2<f64>) -> Vector2<f64> {
         let (mut low, mut high) = (0.0, self.slack_of(&Vector2::zeros()).max(BOUND_SLACK));
         let mut best = Vector2::zeros();
-        // Forty halvings: to a millionth of a millionth of what is broken at rest.
+        // Forty halvings: to a millionth of a millionth of the violation at rest.
         for _ in 0..40 {
             let middle = 0.5 * (low + high);
             match self.loosened(middle, desired) {
@@ -111,7 +113,7 @@ impl HalfPlanes {
     }
 }
 
-/// The place on the line of `limit` nearest to `wish` that keeps all of `others`, everything loosened by `slack`.
+/// The place on the line of `limit` nearest to `desired` within all of `others`, everything relaxed by `slack`.
 fn nearest_on(
     limit: &HalfPlane,
     others: &[HalfPlane],

@@ -1,4 +1,4 @@
-//! Collision prevention: a setpoint leaves only as far as it leads into nothing.
+//! Collision prevention: a setpoint is passed on only as far as it leads to no obstacle.
 //!
 //! | in | out |
 //! |---|---|
@@ -9,7 +9,7 @@
 //! # An acceleration
 //! 1. **Guidance** turns the setpoint toward a better direction nearby (`guidance.rs`), PX4's choice.
 //! 2. **Split**: what leads toward the nearest obstacle and what leads along it are scaled, PX4's law (`split.rs`).
-//! 3. **Compensation**: who is too fast for the way that is left is slowed, PX4's law for the sector that needs it most.
+//! 3. **Compensation**: a vehicle too fast for the distance that is left is slowed, PX4's law for the sector that needs it most.
 //! 4. **Limits**: the answer is the acceleration nearest to that which, for *every* sector `k` something is known of, keeps
 //!
 //!    ```text
@@ -18,29 +18,29 @@
 //!
 //!    where `u_k` is the sector's direction, `d_k` how far it is known, `v_max` the speed from which the vehicle still stops at CP_DIST
 //!    (`laws.rs`), `P` MPC_XY_VEL_P_ACC, `S` the scale. For a single obstacle ahead this is what 1 to 3 give already; the limits are there
-//!    for the second one, and a third (`halfplanes.rs`). The first summand makes "not faster than one can stop" a barrier
+//!    for the second one, and a third (`half_planes.rs`). The first summand makes "not faster than one can stop" a barrier
 //!    (Ames et al.: Control barrier functions, 2019): the excess dies away with the rate `P`.
 //! 5. The answer is not longer than MPC_ACC_HOR or the setpoint itself, whichever is longer.
 //!
-//! So it goes for an acceleration, which is what PX4's own collision prevention reads. Nothing of jink steers by accelerations, so this
-//! way is not flown: it is compared with what PX4 answered (`the_reference_vectors_are_met`), and kept for that. Guidance, the sectors,
-//! their times, and the speed from which one can stop are the same code in both ways, and only with accelerations PX4 has answers to
-//! compare them with.
+//! This is for an acceleration, the input of PX4's own collision prevention. Nothing in jink steers by accelerations, so this
+//! part is not flown: it is compared with PX4's results (`the_reference_vectors_are_met`), and kept for that. Guidance, the sectors,
+//! their times, and the speed from which the vehicle can stop are the same code for both inputs, and only for accelerations there are
+//! results of PX4 to compare with.
 //!
 //! # A velocity
-//! is what the pilot's sticks ask for where he steers through jink. It goes through 1, and then:
+//! is what the pilot's sticks ask for where he steers through jink. Step 1 applies to it, and then:
 //!
-//! 1. It is approached from the last answer no faster than the vehicle is to accelerate (`pace.rs`).
-//! 2. What a straight flight meets first is looked for (`outline.rs`). Along the normal there, the velocity must be one from which the vehicle
-//!    stops at CP_DIST, with `1 / P` besides CP_DELAY; the answer is the nearest velocity for which that holds, and 2 begins anew with it, until
-//!    nothing is met too fast. What is passed at CP_DIST or more does not count, so that the vehicle slides along walls with what of the
+//! 1. It is approached from the last answer no faster than the vehicle is to accelerate (`rate_limiter.rs`).
+//! 2. The first contact of a straight flight is computed (`outline.rs`). Along the normal there, the velocity must be one from which
+//!    the vehicle stops at CP_DIST, with `1 / P` in addition to CP_DELAY; the result is the nearest velocity for which that holds, and 2
+//!    is repeated with it, until no contact is too fast. What is passed at CP_DIST or more does not count, so that the vehicle slides along walls with what of the
 //!    demand leads along them.
-//! 3. What is small and stands alone is closed on as if it stood in the way, unless it is passed at three times CP_DIST: it may be a person
+//! 3. What is small and isolated limits the speed as if it stood in the path, unless it is passed at three times CP_DIST: it may be a person
 //!    who takes another step.
-//! 4. With the stick pushed, what has come nearer than CP_DIST is left again.
+//! 4. With the stick pushed, the vehicle retreats from what has come nearer than CP_DIST.
 //!
-//! What PX4 does otherwise, and why this does not, is one table in docs/collision_prevention.md. Nothing here allocates, and no input gives
-//! a number that is none: a setpoint that is none is a centred stick, and with a velocity that is none nothing moves.
+//! The differences to PX4, and their reasons, are one table in docs/collision_prevention.md. Nothing here allocates, and every
+//! result is a number: a setpoint that is NaN counts as a centred stick, and with a velocity that is NaN nothing moves.
 
 mod config;
 mod data_loss;
@@ -75,14 +75,15 @@ use split::Split;
 const CENTRED: f64 = 1e-3;
 /// The vehicle stands if it is slower (m/s): less than an estimator's noise.
 const STANDS_MPS: f64 = 0.05;
-/// Fastest retreat from what has come too near (m/s): a person walks with 1.4.
+/// Fastest retreat from an obstacle that has come too near (m/s): a person walks with 1.4.
 const RETREAT_MPS: f64 = 2.0;
-/// Contacts that one answer is moved past: two walls are enough for a corner, the rest is for what is ragged.
+/// Most contacts that one result is corrected for: two walls are enough for a corner, the rest is for irregular
+/// obstacles.
 const CONTACTS: usize = 8;
-/// Nobody asks for more (m/s2, m/s): beyond is damage.
+/// Largest plausible demand (m/s2, m/s): beyond, data are damaged.
 const PLAUSIBLE_MAX: f64 = 1e3;
 
-/// What is wanted, horizontally, local NED (north, east).
+/// A horizontal demand, local NED (north, east).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum HorizontalSetpoint {
     /// An acceleration (m/s2).
@@ -91,10 +92,10 @@ pub enum HorizontalSetpoint {
     Velocity(Vector2<f64>),
 }
 
-/// The answer.
+/// The result of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PreventionOutput {
-    /// What may be flown, of the kind of the demand. Always finite, unless it is switched off: then it is what came.
+    /// What may be flown, of the kind of the demand. Always finite, except when switched off: then it is the demand.
     pub setpoint: Vector2<f64>,
     /// What was done.
     pub state: PreventionState,
@@ -104,7 +105,7 @@ pub struct PreventionOutput {
     pub nearest: Option<(usize, f64)>,
     /// The sector that guidance chose.
     pub guided: Option<usize>,
-    /// Nobody has seen anything, and the pilot has to be notified.
+    /// No sensor has data, and the pilot has to be notified.
     pub must_warn: bool,
 }
 
@@ -114,12 +115,12 @@ pub struct Prevention {
     config: PreventionConfig,
     data_loss: DataLoss,
     rate_limiter: RateLimiter,
-    /// Sectors, from the nose, of which something was known since it was made.
+    /// Sectors, from the nose, of which something was known since construction.
     ever_seen: [bool; SECTORS],
 }
 
 impl Prevention {
-    /// One that has seen nothing yet.
+    /// Without any data yet.
     pub fn new(config: PreventionConfig) -> Self {
         Self {
             config,
@@ -129,7 +130,7 @@ impl Prevention {
         }
     }
 
-    /// Takes new values from now on.
+    /// Uses new parameters from now on.
     pub fn configure(&mut self, config: PreventionConfig) {
         self.config = config;
     }
@@ -230,7 +231,7 @@ fn is_plausible(vector: &Vector2<f64>) -> bool {
     vector.norm() < PLAUSIBLE_MAX
 }
 
-/// One step's view.
+/// The inputs of one step.
 struct PreventionStep<'a> {
     config: &'a PreventionConfig,
     sectors: &'a SectorStates,
@@ -289,7 +290,7 @@ impl PreventionStep<'_> {
         (answer, cause, guided.map(|guided| guided.0))
     }
 
-    /// The velocity nearest to `wanted` that leads into nothing faster than one can stop before it.
+    /// The velocity nearest to `wanted` from which the vehicle can stop before everything it leads to.
     fn moderated(&self, wanted: Vector2<f64>, is_pushed: bool) -> Vector2<f64> {
         let outline = Outline::of(self.sectors, self.keep_m);
         let mut limits = HalfPlanes::default();
@@ -299,7 +300,7 @@ impl PreventionStep<'_> {
         for place in outline.isolated() {
             self.limit_for_isolated(place, &wanted, &mut limits);
         }
-        // Between two obstacles the nearest velocity that keeps both limits may be any number to the side.
+        // Between two obstacles the nearest velocity within both limits may be arbitrarily large sideways.
         let longest_mps = wanted.norm().max(if is_pushed { RETREAT_MPS } else { 0.0 });
         let mut answer = limits.nearest(wanted).cap_magnitude(longest_mps);
         for _ in 0..CONTACTS {
@@ -317,7 +318,7 @@ impl PreventionStep<'_> {
             limits.push(contact.normal, limit_mps);
             answer = limits.nearest(wanted).cap_magnitude(longest_mps);
         }
-        // Something else is met in every direction that was tried: slower in the last of them.
+        // There is a contact in every direction that was tried: slower in the last of them.
         let direction = answer.try_normalize(CENTRED).unwrap_or_default();
         match outline.first_contact(&direction) {
             Some(contact) => {
@@ -328,8 +329,8 @@ impl PreventionStep<'_> {
         }
     }
 
-    /// What stands alone may step into the way: it is closed on as if it stood there, the less so the farther aside it is passed. From twice
-    /// CP_DIST aside it counts less, and at three times it not any more.
+    /// Something isolated may step into the path: the speed toward it is limited as if it stood there, the less so the
+    /// farther aside it is passed. From twice CP_DIST aside the limit is relaxed, and at three times there is none.
     fn limit_for_isolated(&self, place: &Vector2<f64>, wanted: &Vector2<f64>, limits: &mut HalfPlanes) {
         let distance_m = place.norm();
         let speed_mps = wanted.norm();
@@ -344,13 +345,14 @@ impl PreventionStep<'_> {
         }
     }
 
-    /// Greatest speed toward something that may be approached by another `room_m` (m/s). What is too near is left again, with the same
-    /// gain with which wrong speeds are mended: with less of it a person who walks up was waited for.
+    /// Greatest speed toward something that may be approached by another `room_m` (m/s). From an obstacle that is too
+    /// near the vehicle retreats with the gain of the velocity controller: with a lower one it did not retreat from a
+    /// person who walked up.
     fn closing_mps(&self, room_m: f64) -> f64 {
         if room_m < 0.0 {
             return (self.config.velocity_gain_per_s * room_m).max(-RETREAT_MPS);
         }
-        // A velocity is reached with the time constant of the loop that follows it.
+        // A velocity is reached with the time constant of the velocity controller.
         let delay_s = self.config.delay_s + 1.0 / self.config.velocity_gain_per_s;
         speed_limit(
             room_m,
@@ -360,7 +362,7 @@ impl PreventionStep<'_> {
         )
     }
 
-    /// Share of a velocity that leads into what is covered; a velocity that is none leads nowhere.
+    /// Share of a velocity that leads into known sectors; 1 for zero velocity.
     fn coverage(&self, velocity: &Vector2<f64>) -> f64 {
         let speed_mps = velocity.norm();
         if speed_mps > CENTRED {
@@ -379,7 +381,7 @@ impl PreventionStep<'_> {
         }
     }
 
-    /// The sector that is better and whether it is another one; the demand turned there.
+    /// The sector that guidance chose and whether it is another one; the demand turned there.
     fn guided(&self, wanted: Vector2<f64>, size: f64) -> (Option<(usize, bool)>, Vector2<f64>) {
         if size <= CENTRED {
             return (None, Vector2::zeros());
@@ -391,7 +393,7 @@ impl PreventionStep<'_> {
         )
     }
 
-    /// What acts on a demand, where something does.
+    /// The cause of a change to a demand, if there is one.
     fn why(&self, demand: &Vector2<f64>, was_turned: Option<bool>) -> PreventionCause {
         match self.sectors.states[self.sectors.sector_toward(demand)] {
             SectorState::Unknown => PreventionCause::Unseen,
@@ -423,7 +425,7 @@ impl PreventionStep<'_> {
         speed_limit(way_m, self.config.acceleration_mps2, self.config.jerk_mps3, 0.0)
     }
 
-    /// What slows a vehicle that is too fast for one of the sectors: for the one that it is most too fast for.
+    /// The deceleration for the sector that the vehicle approaches most above its speed limit.
     fn compensation(&self, velocity: &Vector2<f64>) -> Vector2<f64> {
         let gain = self.config.velocity_gain_per_s;
         let mut worst = (0.0, Vector2::zeros());

@@ -1,4 +1,5 @@
-//! Watching over a pilot who steers through jink: his wish in, what may be flown out, and news once per change.
+//! Collision prevention for a pilot who steers through jink: the demand in, what may be flown out, and events once per
+//! change.
 
 use super::{HorizontalSetpoint, Prevention, PreventionConfig, PreventionOutput};
 use crate::step_events::StepEvents;
@@ -10,10 +11,11 @@ use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Reading, Timestamp, Velocity};
 use nalgebra::Vector2;
 
-/// It is said to rest when it has done nothing for so long (s): at the edge of acting it would be said again and again.
+/// The end of its action is reported when it has not acted for so long (s): at the edge of acting it would be reported
+/// again and again.
 const RESTS_S: f64 = 1.0;
 
-/// What the pilot was reported last.
+/// What was last reported to the pilot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum ReportedState {
     #[default]
@@ -23,17 +25,17 @@ enum ReportedState {
     Holds,
 }
 
-/// The pilot_guard.
+/// Limits the pilot's demands and reports changes.
 #[derive(Clone, Debug)]
 pub struct PilotGuard {
     prevention: Prevention,
     reported: ReportedState,
-    /// It did something then.
+    /// When it last acted.
     acted: Timestamp,
 }
 
 impl PilotGuard {
-    /// One that has seen nothing yet.
+    /// Without any data yet.
     pub fn new(config: PreventionConfig) -> Self {
         Self {
             prevention: Prevention::new(config),
@@ -42,12 +44,12 @@ impl PilotGuard {
         }
     }
 
-    /// Takes new values from now on.
+    /// Uses new parameters from now on.
     pub fn configure(&mut self, config: PreventionConfig) {
         self.prevention.configure(config);
     }
 
-    /// What of `demand` may be flown, with `ring` around the vehicle; `None` if nobody steers.
+    /// What of `demand` may be flown, with `ring` around the vehicle; `None` if no pilot steers.
     pub fn step(
         &mut self,
         now: Timestamp,
@@ -71,7 +73,7 @@ impl PilotGuard {
         let allowed = if outcome.setpoint.iter().all(|v| v.is_finite()) {
             outcome.setpoint
         } else {
-            // Switched off, what came is passed on: no number is nothing wanted.
+            // Switched off, the demand is passed on; one that is not a number becomes zero.
             Vector2::zeros()
         };
         let prevented = PreventedDemand {

@@ -1,35 +1,37 @@
-//! How quickly a velocity setpoint may change: a stick that is thrown over must not throw the vehicle over.
+//! How fast a velocity setpoint may change: a stick that is moved at once must not make the vehicle tilt at once.
 //!
 //! | change | rate |
 //! |---|---|
 //! | to more speed | MPC_ACC_HOR, with which PX4 on average accelerates a vehicle whose stick is pushed |
-//! | to less speed | twice that, which is all that PX4's sticks ask for |
-//! | because something stands there | any: the limits are applied afterwards |
+//! | to less speed | twice that, which is all that PX4's sticks demand |
+//! | because of an obstacle | any: the limits are applied afterwards |
 //!
-//! A step of the setpoint makes the autopilot tilt as far as it can, and a sensor that is fixed to the body then sees the ground or the sky.
-//! A vehicle with a planar lidar was seen to slow down and speed up again, because it had blinded itself.
+//! A step of the setpoint makes the autopilot tilt as far as it can, and a sensor that is fixed to the body then sees
+//! the ground or the sky. A vehicle with a planar lidar slowed down and sped up again in turns, because tilt had
+//! blinded its sensor.
 
 use jink_shared_types::Timestamp;
 use nalgebra::Vector2;
 
-/// An answer older than this (s) is not what is flown any more; the autopilot has forgotten it, too.
+/// A setpoint older than this (s) is no longer flown; the autopilot has discarded it, too.
 const LIFETIME_S: f64 = 0.5;
 
-/// What was answered last.
+/// The last setpoint.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RateLimiter {
     last: Option<(Timestamp, Vector2<f64>)>,
 }
 
 impl RateLimiter {
-    /// `velocity` was answered at `now`.
+    /// The setpoint at `now` is `velocity`.
     pub fn new(now: Timestamp, velocity: Vector2<f64>) -> Self {
         Self {
             last: Some((now, velocity)),
         }
     }
 
-    /// From where and how long the setpoint may move; without a last answer from the vehicle's own velocity.
+    /// From which velocity and for how long the setpoint may move; without a last setpoint, from the vehicle's own
+    /// velocity.
     pub fn at(&self, now: Timestamp, velocity: &Vector2<f64>) -> RateLimitStep {
         match self.last {
             Some((then, from)) if (0.0..LIFETIME_S).contains(&now.seconds_since(then)) => RateLimitStep {

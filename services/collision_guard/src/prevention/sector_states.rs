@@ -1,4 +1,4 @@
-//! What the ring says, sector by sector, with the directions turned to local NED.
+//! The ring sector by sector, with the directions turned to local NED.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, SectorRing, sector_bearing_rad, sector_of};
@@ -12,12 +12,12 @@ const ALIKE_M: f64 = 1e-3;
 pub enum SectorState {
     /// Nothing.
     Unknown,
-    /// Nothing stands within the sensor's reach.
+    /// No obstacle within the sensor's reach.
     Clear {
         /// That reach (m).
         reach_m: f64,
     },
-    /// Something stands there.
+    /// An obstacle.
     Hit {
         /// Its horizontal distance (m).
         distance_m: f64,
@@ -27,7 +27,7 @@ pub enum SectorState {
 }
 
 impl SectorState {
-    /// How far it is known what is there (m): to the obstacle, or as far as the sensor reaches. `None`: not at all.
+    /// How far it is known (m): to the obstacle, or as far as the sensor reaches. `None`: not at all.
     pub fn reach_m(&self) -> Option<f64> {
         match *self {
             SectorState::Unknown => None,
@@ -37,7 +37,7 @@ impl SectorState {
     }
 }
 
-/// All sectors at one moment.
+/// All sectors at one time.
 #[derive(Clone, Debug)]
 pub struct SectorStates {
     /// Heading of the vehicle (rad).
@@ -51,7 +51,7 @@ pub struct SectorStates {
 }
 
 impl SectorStates {
-    /// What `ring` says at `now`: nothing, if it does not say where its sectors point.
+    /// The sectors of `ring` at `now`: all unknown, if it does not say where its sectors point.
     pub fn of(ring: &SectorRing, now: Timestamp) -> Self {
         let heading_rad = ring.attitude.yaw_rad();
         let is_oriented = heading_rad.is_finite();
@@ -75,7 +75,7 @@ impl SectorStates {
         self.states.iter().any(|state| *state != SectorState::Unknown)
     }
 
-    /// Every sector that something is known of: its direction, how far that is known (m), its number.
+    /// Every known sector: its number, its direction, how far it is known (m).
     pub fn known(&self) -> impl Iterator<Item = (usize, Vector2<f64>, f64)> + '_ {
         self.states
             .iter()
@@ -83,7 +83,7 @@ impl SectorStates {
             .filter_map(|(sector, state)| Some((sector, self.directions[sector], state.reach_m()?)))
     }
 
-    /// The sector that ends first, and where (m): the first of equals, as PX4 has it.
+    /// The sector that ends first, and where (m): the first of equals, as in PX4.
     pub fn nearest(&self) -> Option<(usize, f64)> {
         self.known()
             .map(|(sector, _, reach_m)| (sector, reach_m))
@@ -101,8 +101,7 @@ impl SectorStates {
         sector_of(self.bearing_rad(direction))
     }
 
-    /// A direction as an angle from the nose, clockwise (rad), in sectors from the centre of the sector before it: that sector
-    /// and the share of the way to the next.
+    /// The two sectors whose centres enclose a direction, and the share of the angle from the first to the second.
     pub fn between(&self, direction: &Vector2<f64>) -> (usize, usize, f64) {
         let sectors = (self.bearing_rad(direction) / SECTOR_WIDTH_RAD).rem_euclid(SECTORS as f64);
         let before = sectors.floor();

@@ -1,13 +1,14 @@
-//! PX4's answer to the nearest obstacle: what leads along it and what leads toward it are scaled each by what is left of the way.
+//! PX4's response to the nearest obstacle: the parts along it and toward it are each scaled by the distance that is
+//! left.
 //!
-//! Where PX4's answer jumps, this one does not:
+//! Where PX4's response jumps, this one does not:
 //!
 //! | direction of the demand | PX4 | here |
 //! |---|---|---|
-//! | toward the nearest obstacle, at any angle below 90 degrees | part toward it by its distance, part along it by what stands there | same |
-//! | 90 degrees and beyond | unscaled, whatever stands there | by what stands there; unscaled where nothing does; a transition of 15 degrees |
+//! | toward the nearest obstacle, at any angle below 90 degrees | part toward it by its distance, part along it by the obstacles there | same |
+//! | 90 degrees and beyond | unscaled, whatever is there | by the obstacles there; unscaled where there are none; a transition of 15 degrees |
 //! | the last half sector before one without data | unscaled | falls to zero at the border |
-//! | the answer leads where no data are | given | falls to zero at the border |
+//! | the result leads where no data are | given | falls to zero at the border |
 
 use super::config::PreventionConfig;
 use super::laws::scale;
@@ -20,7 +21,7 @@ const TRANSITION: f64 = 0.258_819;
 /// A part of a unit vector shorter than this has no direction.
 const NONE: f64 = 1e-7;
 
-/// What splitting needs to know.
+/// The inputs of splitting.
 #[derive(Clone, Copy, Debug)]
 pub struct Split<'a> {
     /// Parameters.
@@ -55,7 +56,7 @@ impl Split<'_> {
             let share = (-cosine / TRANSITION).min(1.0);
             wanted * (at_right_angles + share * (away - at_right_angles))
         };
-        // What is left after a part was taken away may point elsewhere.
+        // The rest may point elsewhere after a part was removed.
         let covered = covered.min(self.coverage(&shared));
         shared * covered
     }
@@ -72,7 +73,7 @@ impl Split<'_> {
         }
     }
 
-    /// Share of what leads where the nearest obstacle is not: between two sectors' centres, between their shares.
+    /// Share of a demand away from the nearest obstacle: between two sectors' centres, interpolated.
     fn straight(&self, wanted: &Vector2<f64>) -> f64 {
         let share = |sector: usize| match self.sectors.states[sector] {
             SectorState::Hit { distance_m, .. } => self.authority(distance_m),
@@ -102,7 +103,7 @@ impl Split<'_> {
         ((half - aside_rad.abs()) / half).clamp(0.0, 1.0)
     }
 
-    /// PX4's scale, but never more than the whole demand turned back.
+    /// PX4's scale, but not below minus one.
     fn authority(&self, distance_m: f64) -> f64 {
         scale(self.config, self.keep_m, distance_m).max(-1.0)
     }

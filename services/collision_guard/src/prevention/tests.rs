@@ -185,7 +185,7 @@ proptest! {
             let limit = super::speed_limit(way, config.acceleration_mps2, config.jerk_mps3, 0.0);
             let granted = super::scale(&config, config.distance_m, distance_m).max(0.0) * stick.dot(&toward).max(0.0);
             let may = (config.velocity_gain_per_s * (limit - closing) + granted).max(-config.acceleration_mps2);
-            // A bounded answer may be short of what is needed where obstacles on several sides need different things.
+            // A bounded result may be short of what is needed where obstacles on several sides need different things.
             if may >= 0.0 {
                 prop_assert!(answer.dot(&toward) <= may + 1e-3, "sector {}: {} of {}", sector, answer.dot(&toward), may);
             }
@@ -234,7 +234,8 @@ proptest! {
         prop_assert!(answer.norm() <= desired.norm().max(velocity.norm()).max(super::RETREAT_MPS) + 1e-9);
     }
 
-    /// Posts anywhere, a stick held anywhere, a vehicle that follows with a lag: it never comes nearer than CP_DIST, but for what a sector hides.
+    /// Posts anywhere, a stick held anywhere, a vehicle that follows with a lag: it never comes nearer than CP_DIST,
+    /// except for what a sector hides.
     #[test]
     fn who_follows_the_answers_keeps_the_distance(
         posts in proptest::collection::vec((3.2..25.0f64, 0.0..std::f64::consts::TAU), 1..8), desired in plane(8.0),
@@ -315,7 +316,7 @@ fn switched_off_it_passes_everything() {
     );
 }
 
-/// In PX4 the second wall counts for nothing as soon as the stick is a hair past the perpendicular to the first.
+/// In PX4 the second wall does not count as soon as the stick is slightly past the perpendicular to the first.
 #[test]
 fn a_second_wall_counts_whichever_is_nearer() {
     let corner = ring(walls(&[(0.0, 1.5), (FRAC_PI_2, 1.7)]));
@@ -395,7 +396,7 @@ fn where_no_sensor_looks_nothing_moves_and_motion_there_is_braked() {
         ..config()
     };
     assert!(pushed(allowed, &ring, polar(3.0, 1.5), Vector2::zeros()).norm() > 2.9);
-    // What was seen once and is not any more is not "never seen".
+    // What was seen once and is no longer is not "never seen".
     let mut prevention = Prevention::new(allowed);
     let all = super::tests::ring([f64::INFINITY; SECTORS]);
     prevention.step(
@@ -482,7 +483,7 @@ fn without_data_nothing_moves_then_the_pilot_is_told_then_the_vehicle_holds() {
     );
 }
 
-/// As fast as one that is asked for from the start on: the setpoint begins there.
+/// With the demanded velocity as the vehicle's own: the setpoint begins there.
 fn flown(config: PreventionConfig, ring: &SectorRing, desired: Vector2<f64>) -> Vector2<f64> {
     step(config, ring, HorizontalSetpoint::Velocity(desired), desired).setpoint
 }

@@ -1,18 +1,19 @@
-//! Scans, single beams and rows of level distances: every reading an arc at one distance.
+//! Scans, single beams and rows of level distances: every reading is an arc at one distance.
 //!
 //! | sample | direction of an arc | distance |
 //! |---|---|---|
-//! | planar scan | that of its beam as the vehicle was tilted when it was measured | what of the range is horizontal |
-//! | single beam | that of its axis in the body, from the heading, as PX4 takes it | the same, or as if it looked along the body's plane, whichever is shorter |
-//! | row of level distances | as it says, from the heading or from north | as it says |
+//! | planar scan | that of its beam with the vehicle's tilt when it was measured | the horizontal part of the range |
+//! | single beam | that of its axis in the body, from the heading, as in PX4 | the same, or as if it looked along the body's plane, whichever is shorter |
+//! | row of level distances | as given, from the heading or from north | as given |
 //!
-//! None of them says at which height something stands, and a vehicle with nothing but such sensors tilts in order to fly. So tilt shortens
-//! what they see and never blinds them: a reading counts whether or not its end lies in the height band. What a tilted beam meets
-//! above or below, the ground among it, is an obstacle; nothing in its way is nothing at the vehicle's height. A beam mounted steeper than
-//! [`STEEPEST_RAD`] looks up or down, and reports nothing.
+//! None of them says at which height something is, and a vehicle with nothing but such sensors tilts in order to fly.
+//! So tilt shortens their ranges and never discards them: a reading counts whether or not its end lies in the height
+//! band. What a tilted beam hits above or below, including the ground, is an obstacle; a tilted beam without a hit
+//! counts as free at the vehicle's height. A beam mounted steeper than [`STEEPEST_RAD`] looks up or down, and is not
+//! used.
 //!
-//! A single beam is never taken to see the vehicle itself: nobody mounts it so, and "too near" must count. A scan may: its hits
-//! within the vehicle's radius tell nothing.
+//! A single beam is never taken to see the vehicle itself: it is not mounted like that, and "too near" must count. A
+//! scan may: its hits within the vehicle's radius are ignored.
 
 use super::bearing::{SLOTS, SLOTS_PER_SECTOR};
 use super::poses::Pose;
@@ -24,9 +25,9 @@ use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, sector_of};
 use nalgebra::{Rotation2, Vector2, Vector3};
 use std::f64::consts::TAU;
 
-/// Places on the border of two slots are put this far into theirs, in slots: 4e-7 rad, more than rounding moves them.
+/// Places on the border of two slots are moved this far into theirs, in slots: 4e-7 rad, more than rounding moves them.
 const INSIDE: f64 = 2e-5;
-/// Nothing is nearer than this (m): at zero there would be no direction.
+/// Smallest distance (m): at zero there would be no direction.
 const LEAST_M: f64 = 2e-3;
 
 /// When and from where a scan was taken.
@@ -34,9 +35,9 @@ const LEAST_M: f64 = 2e-3;
 pub struct ScanSpan<'a> {
     /// Its first beam.
     pub first: (Timestamp, &'a Pose),
-    /// Its last one: the view's place.
+    /// Its last one: the place of the view.
     pub last: (Timestamp, &'a Pose),
-    /// Within this a scan sees the vehicle (m).
+    /// Hits of a scan within this radius are the vehicle itself (m).
     pub vehicle_radius_m: f64,
 }
 
@@ -100,7 +101,7 @@ pub fn collect(scan: &RangeScan, span: &ScanSpan<'_>, view: &mut SensorView) {
     }
 }
 
-/// What a range says, and how far that is (m).
+/// What a range means, and how far it is (m).
 fn interpret(range_m: f32, range_max_m: f32) -> (f64, RayKind) {
     if range_m.is_nan() || range_m < 0.0 {
         (0.0, RayKind::Unknown)
@@ -119,7 +120,7 @@ struct BeamAxis {
     along: Vector3<f64>,
     /// Direction (rad), clockwise from north.
     bearing_rad: f64,
-    /// Which part of the range is horizontal.
+    /// The horizontal share of the range.
     share: f64,
 }
 
@@ -192,7 +193,7 @@ fn write_arc(view: &mut SensorView, arc: &RangeArc) {
 fn mark(view: &mut SensorView, arc: &RangeArc, place_m: Vector2<f64>) {
     let bearing_rad = place_m.y.atan2(place_m.x);
     let distance_m2 = place_m.norm_squared() as f32;
-    // False for NaN, too: broken coordinates say nothing.
+    // False for NaN, too: damaged coordinates are ignored.
     let is_a_place = distance_m2 < BEYOND_ANY_SENSOR_M2;
     if !is_a_place {
         return;

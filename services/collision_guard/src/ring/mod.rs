@@ -1,26 +1,27 @@
-//! The sector ring from raw ranges: what stands around the vehicle, and how far it is known to be free.
+//! The sector ring from raw ranges: obstacles around the vehicle, and how far it is known to be free.
 //!
 //! | in | out |
 //! |---|---|
 //! | vehicle states ([`Ring::vehicle`]) | |
-//! | point clouds and scans, per sensor ([`Ring::cloud`], [`Ring::scan`]) | [`SectorRing`] at any later moment ([`Ring::ring`]) |
-//! | | the [`RingQuery`] on a path: obstacle points, and whether a place is known to be free |
+//! | point clouds and scans, per sensor ([`Ring::cloud`], [`Ring::scan`]) | [`SectorRing`] at any later time ([`Ring::ring`]) |
+//! | | the [`RingQuery`] for a path: obstacle points, and whether a place is known to be free |
 //!
-//! * One layer per sensor. Over layers the smallest distance to an obstacle wins; free is what any layer saw free. A cloud replaces its
-//!   layer. A scan, a beam or a row replaces what it sees again: sensors that turn tell a part at a time.
+//! * One layer per sensor. Over layers the smallest distance to an obstacle counts; free is what any layer saw free. A
+//!   cloud replaces its layer. A scan, a beam or a row replaces what it sees again: sensors that turn report a part at
+//!   a time.
 //! * Sectors are level: every ray is rotated by the attitude the vehicle had when it was measured (`sweep.rs`).
-//! * What a layer saw stays fixed in local NED. The ring at a later pose is recomputed from it: the vehicle has moved and
-//!   turned, the obstacles have not.
+//! * What a layer saw stays fixed in local NED. The ring at a later pose is recomputed from it: the vehicle has moved
+//!   and turned, the obstacles have not.
 //! * Only the height band around the vehicle counts. Hits above and below are no obstacles; a ray is known to be free
-//!   only as far as it stays inside the band. A hit within the vehicle's own radius is the vehicle: no obstacle, and its ray
-//!   reports nothing.
+//!   only as far as it stays inside the band. A hit within the vehicle's own radius is the vehicle: no obstacle, and
+//!   its ray is ignored.
 //! * Scans, single beams and rows of level distances count whatever the height of their ends (`beam.rs`).
-//! * A cloud captured longer ago than its sensor's deadline contributes nothing, nor do scans, beams and rows older than that and
-//!   than half a second: their sectors become unknown, and unknown is not free.
+//! * A cloud captured longer ago than its sensor's deadline contributes nothing, nor do scans, beams and rows older
+//!   than that and than half a second: their sectors become unknown, and unknown is not free.
 //!
-//! **Limit.** The ring is flat: it says nothing of what is above or below the band. For a motion that climbs or descends,
-//! an obstacle inside the band counts as a column of any height, and one outside the band does not count until the vehicle
-//! has come to its height. Vertical clearance is the planner's affair.
+//! **Limit.** The ring is flat: it does not cover what is above or below the band. For a motion that climbs or
+//! descends, an obstacle inside the band counts as a column of any height, and one outside the band does not count
+//! until the vehicle has come to its height. Vertical clearance is checked by the planner.
 
 mod beam;
 mod bearing;
@@ -53,12 +54,13 @@ use view_memory::ViewMemory;
 
 pub use jink_shared_types::ranges::SENSORS;
 
-/// How long scans, beams and rows count at least (s): a sensor that turns comes back to its edges in that time, and PX4 keeps ranges as long.
+/// How long scans, beams and rows count at least (s): a sensor that turns comes back to its edges in that time, and PX4
+/// keeps ranges as long.
 const SCAN_LIFETIME_S: f64 = 0.5;
-/// Longest sweep (s): what the 16-bit time offset of a cloud point can say.
+/// Longest sweep (s): the range of the 16-bit time offset of a cloud point.
 const SWEEP_S: f64 = 0.655_35;
 
-/// Why ranges were not taken in.
+/// Why ranges were rejected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RangeRefused {
     /// The sensor has no layer.
@@ -70,7 +72,7 @@ pub enum RangeRefused {
     },
     /// The sample contradicts itself: its reach is no positive number.
     BadReach {
-        /// What it says (m).
+        /// The reach in the sample (m).
         range_max_m: f32,
     },
     /// The sample contradicts itself: its first ray is later than its last, or more than a sweep earlier.
@@ -80,7 +82,7 @@ pub enum RangeRefused {
         /// Last ray.
         last: Timestamp,
     },
-    /// Nobody knows where the vehicle was when the rays were measured.
+    /// The vehicle's pose at the time of the rays is not known.
     NoPose {
         /// First ray.
         first: Timestamp,
@@ -204,7 +206,7 @@ impl Ring {
         Ok(())
     }
 
-    /// The same for a scan that was taken at once, at `pose`, whatever the vehicle's states say.
+    /// The same for a scan that was taken at once, at `pose`, independent of the vehicle's states.
     ///
     /// # Errors
     /// As [`Ring::scan`].
@@ -232,7 +234,7 @@ impl Ring {
         self.memory.store_if_new(sensor, view, rays.last);
     }
 
-    /// The ring as it looks from where the vehicle is at `now`. Without a pose everything is unknown.
+    /// The ring seen from the vehicle's pose at `now`. Without a pose everything is unknown.
     pub fn ring(&self, now: Timestamp, out: &mut SectorRing) {
         match self.poses.at(now) {
             Some(pose) => self.ring_from(now, &pose, out),
@@ -240,7 +242,7 @@ impl Ring {
         }
     }
 
-    /// The ring as it looks at `now` from `pose`, whatever the vehicle's states say.
+    /// The ring seen from `pose` at `now`, independent of the vehicle's states.
     pub fn ring_from(&self, now: Timestamp, pose: &Pose, out: &mut SectorRing) {
         *out = self.empty();
         out.position = Point::from_vector(pose.position);
@@ -270,7 +272,7 @@ impl Ring {
         self.layers.iter().any(|layer| layer.is_arriving(now))
     }
 
-    /// What is known at `now` of places around.
+    /// A query for places around at `now`.
     pub fn query(&self, now: Timestamp) -> RingQuery<'_> {
         RingQuery::new(self, now)
     }
@@ -280,7 +282,7 @@ impl Ring {
         self.envelope.radius_m
     }
 
-    /// Where the vehicle was at the first and at the last of `rays`.
+    /// The vehicle's poses at the first and at the last of `rays`.
     fn begin(&mut self, sensor: usize, rays: &RangeSampleInfo) -> Result<[Pose; 2], RangeRefused> {
         self.admit(sensor, rays)?;
         let (first, last) = (rays.first, rays.last);
@@ -294,7 +296,7 @@ impl Ring {
         }
     }
 
-    /// Notes that the sensor is heard, unless the sample contradicts itself.
+    /// Records that the sensor sends samples, unless the sample contradicts itself.
     fn admit(&mut self, sensor: usize, rays: &RangeSampleInfo) -> Result<(), RangeRefused> {
         if !(rays.range_max_m > 0.0 && rays.range_max_m.is_finite()) {
             return Err(RangeRefused::BadReach {
@@ -338,8 +340,8 @@ impl Ring {
             if way.way_m > out.range_max_m[sector] {
                 out.range_max_m[sector] = way.way_m;
             }
-            // What ends at an obstacle is not "nothing up to here", even if the obstacle's nearest point lies in the sector
-            // next to it by now.
+            // A free distance that ends at an obstacle is not "nothing up to here", even if the obstacle's nearest
+            // point lies in the next sector by now.
             let distance_m = if way.ends_at_obstacle {
                 way.way_m
             } else {
@@ -350,7 +352,7 @@ impl Ring {
     }
 }
 
-/// Notes a distance, if it is the smallest so far. NaN, still unknown, is not smaller than anything.
+/// Writes a distance, if it is the smallest so far. NaN, still unknown, is not smaller than anything.
 fn note(out: &mut SectorRing, sector: usize, distance_m: f32, seen: Timestamp) {
     let has_smaller = out.distance_m[sector] <= distance_m;
     if !has_smaller {

@@ -8,15 +8,15 @@ use jink_shared_types::ring::{SECTORS, sector_of};
 /// What is known of a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Visibility {
-    /// A sensor sees it free, or saw it free a moment ago from where the vehicle was then.
+    /// A sensor sees it free, or saw it free shortly before from where the vehicle was then.
     Free,
-    /// It lies where a sensor looked that has fallen silent.
+    /// It lies in the field of view of a sensor that no longer answers.
     Lost,
-    /// Nobody knows.
+    /// No sensor has seen it.
     Unseen,
 }
 
-/// The ring at one moment, to be asked about places.
+/// The ring at one time, for queries about places.
 #[derive(Debug)]
 pub struct RingQuery<'a> {
     ring: &'a Ring,
@@ -24,7 +24,7 @@ pub struct RingQuery<'a> {
     /// Where the vehicle is (north, east) (m) and its heading (rad).
     place_m: [f64; 2],
     yaw_rad: f64,
-    /// Body sectors that were covered by sensors now silent, and are covered by no other.
+    /// Body sectors that were covered by sensors that no longer answer, and are covered by no other.
     lost: [bool; SECTORS],
 }
 
@@ -57,14 +57,15 @@ impl<'a> RingQuery<'a> {
         self.ring.layers.iter().flat_map(move |layer| layer.views(now))
     }
 
-    /// The obstacle points in sight: the nearest of every quarter of a sector of every live sensor, local NED (north, east) (m).
+    /// The visible obstacle points: the nearest of every quarter of a sector of every live sensor, local NED (north,
+    /// east) (m).
     pub fn obstacles(&self) -> impl Iterator<Item = [f64; 2]> {
         self.views()
             .flat_map(|view| view.places().map(|(place_m, _)| place_m))
     }
 
-    /// What is known of the place (north, east) (m) at height `down_m`; if it is hidden now, it must have been seen with
-    /// `clearance_m` around it.
+    /// What is known of the place (north, east) (m) at height `down_m`; if it is hidden now, it must have been seen
+    /// with `clearance_m` around it.
     pub fn visibility(&self, place_m: [f64; 2], down_m: f64, clearance_m: f64) -> Visibility {
         if self.views().any(|view| view.admits(place_m)) {
             return Visibility::Free;

@@ -50,7 +50,7 @@ impl ViewSector {
         }
     }
 
-    /// Whether anything was reported of it.
+    /// Whether anything is known of it.
     pub fn is_known(&self) -> bool {
         self.known_m2 > 0.0 || self.near_m2.is_finite()
     }
@@ -86,7 +86,7 @@ impl SensorView {
         }
     }
 
-    /// Forgets everything and takes its place at `pose`.
+    /// Clears everything and moves the origin to `pose`.
     pub fn reset(&mut self, pose: &Pose) {
         self.origin_m = [pose.position.x, pose.position.y];
         self.down_m = pose.position.z;
@@ -141,13 +141,13 @@ impl SensorView {
         })
     }
 
-    /// How far from `place_m` (north, east) in the direction `heading_rad` the view knows to be free. `None` if it knows
-    /// nothing there.
+    /// How far from `place_m` (north, east) in the direction `heading_rad` the view knows to be free. `None` if it
+    /// knows nothing there.
     ///
-    /// The free region is a fan of 72 wedges around the origin. Seen from the origin the ray turns one way only, so the
-    /// wedges it crosses are consecutive, and in each one it ends at the border, or at the wedge's radius. Within
-    /// `footprint_m` of the origin the vehicle itself has been, known or not: a way that does not lead out of there reports nothing,
-    /// nor does one that is no longer than that.
+    /// The free region is a fan of 72 wedges around the origin. Seen from the origin the ray turns in one direction
+    /// only, so the wedges it crosses are consecutive, and in each one it ends at the border, or at the wedge's radius.
+    /// Within `footprint_m` of the origin the vehicle itself has been, so it counts as free; a ray that does not lead
+    /// out of there has no result, nor does one that is no longer than that.
     pub fn free_distance_m(
         &self,
         borders: &SectorBorders,
@@ -198,14 +198,14 @@ impl SensorView {
     }
 }
 
-/// How far it is known to be free in one direction.
+/// The free distance in one direction.
 #[derive(Clone, Copy, Debug)]
 pub struct FreeDistance<'a> {
     /// How far (m).
     pub way_m: f32,
-    /// It ends where the nearest hit of a sector is, not where knowledge ends.
+    /// It ends at the nearest hit of a sector, not where knowledge ends.
     pub ends_at_obstacle: bool,
-    /// The last sector on it that anything is known of.
+    /// The last known sector along it.
     pub sector: &'a ViewSector,
 }
 
@@ -247,8 +247,8 @@ impl SectorBorders {
         along: [f32; 2],
         from_m: f32,
     ) -> f32 {
-        /// A crossing that lies this little behind (m) is one that rounding has moved; farther behind it is that of a
-        /// ray nearly parallel to the border, which comes nearer to it forever.
+        /// A crossing this little behind (m) was moved by rounding; farther behind, the ray is nearly parallel to the
+        /// border and never crosses it.
         const ROUNDING_M: f32 = 1e-3;
         let border = self.0[if clockwise {
             index

@@ -1,21 +1,21 @@
-//! From rays to sectors: takes the ends of rays in the body frame, corrects each for the motion of the vehicle since it was
-//! measured, and keeps per sector the farthest free range and per slot of a sector the nearest hit.
+//! From rays to sectors: takes the ends of rays in the body frame, corrects each for the motion of the vehicle since it
+//! was measured, and keeps per sector the farthest free range and per slot of a sector the nearest hit.
 //!
 //! | in | out |
 //! |---|---|
 //! | poses at the first and at the last ray, sensor origin and range | |
 //! | ray ends in the body frame with their share of the sweep's time | sectors and hits of a [`SensorView`] |
 //!
-//! The level frame has its origin and heading where the vehicle was at the last ray. The transformation from body to
-//! level is interpolated linearly between first and last ray: at 1 rad/s a sweep of 0.1 s turns by 0.1 rad, and the chord
-//! of that arc misses it by at most 0.1^2 / 8 of the range, 1 cm at 10 m.
+//! The level frame has its origin and heading at the vehicle's pose at the last ray. The transformation from body to
+//! level is interpolated linearly between first and last ray: at 1 rad/s a sweep of 0.1 s turns by 0.1 rad, and the
+//! chord of that arc misses it by at most 0.1^2 / 8 of the range, 1 cm at 10 m.
 //!
-//! A ray reports its sector how far it is free: horizontally, as long as the ray stays inside the height band. A ray that
-//! leaves the band through its top or bottom reports nothing of what comes behind.
+//! A ray determines how far its sector is free: horizontally, as long as the ray stays inside the height band. A ray
+//! that leaves the band through its top or bottom says nothing about what is beyond.
 //!
 //! A hundred thousand points have to pass in half a millisecond, 12 cycles each. So rays are taken in blocks, each step
-//! is a loop without branches over plain arrays, which the compiler turns into vector instructions, and only the last step,
-//! two comparisons per ray, is scalar.
+//! is a loop without branches over plain arrays, which the compiler turns into vector instructions, and only the last
+//! step, two comparisons per ray, is scalar.
 
 use super::bearing::{BINS, SECTOR_BINS, bearing_sectors, bin_of, sector_bin, sector_of_bin, slot_of_bin};
 use super::poses::Pose;
@@ -27,10 +27,10 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 /// Rays per block: long enough to hide the loops' ends, short enough for the first-level cache.
 const BLOCK: usize = 64;
 
-/// Squared range that no sensor has (m2): coordinates beyond are damage.
+/// Squared range that no sensor has (m2): coordinates beyond are damaged.
 pub(super) const BEYOND_ANY_SENSOR_M2: f32 = 1e10;
 
-/// How the rays of one sensor sample become points of the level frame.
+/// Transforms the rays of one sensor sample into points of the level frame.
 #[derive(Clone, Debug)]
 pub struct SweepTransform {
     /// Rows of the rotation from body to level at the first ray, and what is added up to the last.
@@ -93,7 +93,8 @@ impl SweepTransform {
         self.duration_s
     }
 
-    /// A quick test for places that may lie inside the band, at any time of the sweep, for rays up to `range_max_m` long.
+    /// A fast test for places that may lie inside the band, at any time of the sweep, for rays up to `range_max_m`
+    /// long.
     pub fn near_band(&self, range_max_m: f32) -> NearBand {
         let (row, rate) = (self.turn[2], self.turn_rate[2]);
         let middle = |i: usize| row[i] + 0.5 * rate[i];
@@ -121,7 +122,7 @@ impl SweepTransform {
     }
 }
 
-/// The height of a body-frame place with the attitude of half way, and how far it may be wrong.
+/// The height of a body-frame place with the attitude in the middle of the sweep, and its error bound.
 #[derive(Clone, Copy, Debug)]
 pub struct NearBand {
     row: [f32; 3],
@@ -159,7 +160,7 @@ struct FarthestRay {
     share: f32,
 }
 
-/// Rays of one block, and what each step makes of them.
+/// Rays of one block, and the results of each step.
 #[derive(Clone, Debug)]
 struct RayBlock {
     len: usize,
@@ -328,7 +329,7 @@ impl RayBlock {
             } else {
                 sweep.reach_m2
             };
-            // Both comparisons are false for NaN, and no sensor reaches infinity: broken coordinates say nothing.
+            // Both comparisons are false for NaN, and no sensor reaches infinity: damaged coordinates are ignored.
             let known = !is_self && seen_m2 > sweep.self_m2 && flat_m2 < BEYOND_ANY_SENSOR_M2;
             self.known_m2[i] = if known { reached_m2 } else { 0.0 };
             self.bin[i] = bin_of(bearing_sectors(x, y));
