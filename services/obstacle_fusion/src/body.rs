@@ -1,4 +1,5 @@
-//! The vehicle's own body: space that is free because the vehicle is in it, and space around it that the user declares free.
+//! The vehicle's own volume: space that is free because the vehicle is in it, and space around it that the user
+//! declares free.
 
 use crate::frame_bits::FrameBits;
 use crate::window::MapWindow;
@@ -7,8 +8,8 @@ use jink_shared_types::map::{CELL_M, Cell, cell_of, center_of};
 use nalgebra::Vector3;
 
 /// Marks the cells of the sphere of `radius_m` around `center_m` (local) as free in `frame`: those with their centre in
-/// the sphere. Of these, cells that reach out of the sphere and are occupied keep what they are: the obstacle may well
-/// stand in the part outside, in a sensor's blind zone, and hovering beside it must not wear it away.
+/// the sphere. Of these, cells that reach out of the sphere and are occupied keep their state: the obstacle may be in
+/// the part outside, in a sensor's blind zone, and hovering beside it must not clear it.
 pub(crate) fn mark_body(frame: &mut FrameBits, window: &MapWindow, center_m: Vector3<f64>, radius_m: f64) {
     let corner = |offset_m: f64| cell_of(Point::from_vector(center_m.add_scalar(offset_m)));
     let (low, high) = (corner(-radius_m), corner(radius_m));
@@ -26,7 +27,7 @@ pub(crate) fn mark_body(frame: &mut FrameBits, window: &MapWindow, center_m: Vec
     }
 }
 
-/// Declares the cells of the sphere of `radius_m` around `center_m` (local) free of which nothing is known.
+/// Declares the cells of the sphere of `radius_m` around `center_m` (local) free if they are unknown.
 pub(crate) fn declare_sphere(window: &mut MapWindow, center_m: Vector3<f64>, radius_m: f64) {
     let corner = |offset_m: f64| cell_of(Point::from_vector(center_m.add_scalar(offset_m)));
     let (low, high) = (corner(-radius_m), corner(radius_m));

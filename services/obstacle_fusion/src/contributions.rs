@@ -1,21 +1,22 @@
-//! Which sensors contribute.
+//! Which sensors contribute to the map.
 //!
 //! | in | out |
 //! |---|---|
-//! | capture times of frames that said something | how many sensors are live, whether ranges are fresh |
+//! | capture times of frames with information | how many sensors are live, whether ranges are fresh |
 //!
-//! A sensor is live while its newest contributing frame was captured within the sensor's own deadline, or that of its topic. A frame contributes
-//! if at least one ray said something and could be placed: a blind, covered or unplaceable sensor is as good as none.
+//! A sensor is live while its newest contributing frame was captured within the sensor's own deadline, or that of its
+//! topic. A frame contributes if at least one ray had a result and a pose: a blind, covered or unplaceable sensor
+//! counts as none.
 //!
-//! Ranges are fresh if a live sensor has more than one beam, or if all configured sensors have a single beam and all
-//! of them are live. Beside a lidar, a lone altimeter must not vouch for the directions that the silent lidar
-//! watched; on a vehicle equipped with single beams only, each of them watches a direction of its own.
+//! Ranges are fresh if a live sensor has more than one beam, or if all configured sensors have a single beam and all of
+//! them are live. Beside a lidar, an altimeter does not replace the directions of a silent lidar; on a vehicle equipped
+//! with single beams only, each of them covers a direction of its own.
 
 use crate::poses::Order;
 use jink_shared_types::Timestamp;
 
 /// A frame may be captured this much after the `now` of the cycle that takes it (ms): a cycle reads the clock first and
-/// its inputs later, and must not call a sensor dead for being quick.
+/// its inputs later, and must not count a sensor as silent because its frame is newer.
 const CYCLE_MS: f64 = 10.0;
 
 #[derive(Clone, Copy)]
@@ -36,7 +37,7 @@ const SILENT: Contribution = Contribution {
 };
 
 impl Contribution {
-    /// A capture later than `now` is not young but wrong, beyond [`CYCLE_MS`].
+    /// A capture later than `now` is not fresh but wrong, beyond [`CYCLE_MS`].
     fn is_live(&self, now: Timestamp) -> bool {
         let age_ms = now.seconds_since(self.contributed) * 1e3;
         self.contributed.is_set() && (-CYCLE_MS..=self.deadline_ms).contains(&age_ms)
@@ -55,7 +56,7 @@ impl Contributions {
         }
     }
 
-    /// Nobody has contributed to the map as it is now.
+    /// No sensor has contributed to the map as it is now.
     pub fn forget_contributions(&mut self) {
         for sensor in &mut self.sensors {
             sensor.contributed = Timestamp::NEVER;
@@ -82,7 +83,7 @@ impl Contributions {
         true
     }
 
-    /// The accepted frame of `sensor` said something.
+    /// The accepted frame of `sensor` had information.
     pub fn contributed(&mut self, sensor: usize, single_beam: bool, deadline_ms: f64) {
         if let Some(sensor) = self.sensors.get_mut(sensor) {
             sensor.contributed = sensor.newest;

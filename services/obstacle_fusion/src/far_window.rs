@@ -1,11 +1,12 @@
-//! The far map: what hits say beyond the fine window, and what that knew of the places it has left.
+//! The far map: hits beyond the fine window, and the cells that the fine window has left.
 //!
 //! | in | out |
 //! |---|---|
 //! | hits beyond the window, some rays as far as they reach, the fine window | [`FarMap`] |
 //!
-//! Evidence counts per frame as in the fine window, coarser: a hit makes a cell occupied, some frames that look through it free
-//! it again. Where the fine window lies, it decides: a far cell is occupied if any fine one in it is, and free if all are.
+//! Evidence counts per frame as in the fine window, coarser: a hit makes a cell occupied, some frames whose rays pass
+//! through it free it again. Inside the fine window, that decides: a far cell is occupied if any fine one in it is, and
+//! free if all are.
 
 use crate::cells::{BitPlane, SIZE, STRIDE, bits};
 use crate::window::{MapWindow, row};
@@ -20,34 +21,34 @@ const FINE: i32 = (FAR_CELL_M / CELL_M) as i32;
 
 const _: () = assert!(FINE == 2, "rows of fine cells are taken together in pairs");
 
-/// Evidence: nothing known, free, and above that occupied, the more the surer.
+/// Evidence: unknown, free, and above that occupied, with growing certainty.
 const UNKNOWN: u8 = 0;
 const FREE: u8 = 1;
-/// A hit adds this: three frames that look through a cell take it back.
+/// A hit adds this: three frames whose rays pass through a cell remove it.
 const HIT: u8 = 3;
-/// What was hit often is forgotten after this many frames that look through it.
+/// Upper bound: a cell that was hit often is free after this many frames whose rays pass through it.
 const EVIDENCE_MAX: u8 = FREE + 6;
 
 /// How far (cells) the vehicle may be off the centre before the window follows.
 const HYSTERESIS: i32 = 8;
-/// Rays of a frame that are looked along, at most.
+/// Most rays of a frame that are traced.
 const RAYS: usize = 256;
-/// Hits of a frame that are counted, at most: more cells than a sensor of 200,000 points hits beyond the window.
+/// Most hits of a frame that are counted: more cells than a sensor of 200,000 points hits beyond the window.
 const HITS_MAX: usize = 1 << 16;
-/// A ray is looked along in steps of this (cells): it misses no more than corners.
+/// A ray is traced in steps of this (cells): it misses no more than corners.
 const STEP: f32 = 0.5;
 
 /// The window. See the module's text.
 pub(crate) struct FarWindow {
     min_cell: Cell,
     evidence: Box<[u8; CELLS]>,
-    /// Cells that this frame says something of, and the numbers of those it hit.
+    /// Cells that this frame has marked, and the numbers of those it hit.
     marked: Box<[u64; CELLS / 64]>,
     hits: Vec<u32>,
     passed: Vec<u32>,
-    /// From where to where this frame looks, in cells from the window's smallest corner.
+    /// Start and end of the traced rays of this frame, in cells from the window's smallest corner.
     rays: Vec<[[f32; 3]; 2]>,
-    /// Every so many rays one is looked along; the next one in so many.
+    /// One ray in so many is traced; the number of rays before the next one.
     every: usize,
     next: usize,
 }
@@ -95,7 +96,7 @@ impl FarWindow {
         }
     }
 
-    /// Whether the next ray is one to be looked along.
+    /// Whether the next ray is to be traced.
     #[inline]
     pub fn is_next(&mut self) -> bool {
         let is_next = self.next == 0;
@@ -103,7 +104,7 @@ impl FarWindow {
         is_next
     }
 
-    /// Nothing is between two places (fine cells from the window's smallest corner).
+    /// Adds a ray without obstacle between two places (fine cells from the window's smallest corner).
     pub fn look(&mut self, from: [f32; 3], to: [f32; 3]) {
         if self.rays.len() < RAYS {
             let cells = |point: [f32; 3]| point.map(|along| along / FINE as f32);
@@ -111,7 +112,7 @@ impl FarWindow {
         }
     }
 
-    /// Counts the frame: a cell that was hit is not looked through.
+    /// Counts the frame: a cell that was hit does not count as passed through.
     pub fn apply(&mut self) {
         let rays = std::mem::take(&mut self.rays);
         for [from, to] in &rays {
@@ -162,7 +163,7 @@ impl FarWindow {
         is_inside.then(|| number([0, 1, 2].map(|axis| point[axis] as i32 + self.min_cell[axis])))
     }
 
-    /// Takes over what `window` knows.
+    /// Takes over the cells of `window`.
     pub fn absorb(&mut self, window: &MapWindow) {
         let fine_min = window.min_cell();
         // Cells of which all fine ones lie in the window: the window begins in the middle of one if its index is odd.
@@ -198,7 +199,8 @@ impl FarWindow {
         (0..3).all(|axis| (cell[axis].wrapping_sub(self.min_cell[axis]) as u32) < SIZES[axis] as u32)
     }
 
-    /// Slides so that `vehicle` (fine cell) is in the middle of every axis on which it has strayed by more than [`HYSTERESIS`].
+    /// Slides so that `vehicle` (fine cell) is in the middle of every axis on which it is off by more than
+    /// [`HYSTERESIS`].
     pub fn follow(&mut self, vehicle: Cell) {
         for axis in 0..3 {
             let target = vehicle[axis].div_euclid(FINE) - SIZES[axis] / 2;
@@ -341,7 +343,7 @@ mod tests {
         map
     }
 
-    /// One frame: hits in the middles of `hits`, looks along `rays`, all cells of the map.
+    /// One frame: hits in the middles of `hits`, rays along `rays`, all in cells of the map.
     fn frame(far: &mut FarWindow, hits: &[Cell], rays: &[[Cell; 2]]) {
         let fine = |cell: &Cell, min_cell: &Cell| {
             [0, 1, 2].map(|axis| FINE as f32 * ((cell[axis] - min_cell[axis]) as f32 + 0.5))
@@ -440,7 +442,7 @@ mod tests {
     #[test]
     fn what_the_fine_window_leaves_behind_is_remembered_as_it_was_last() {
         let (mut far, mut window, mut seen) = (FarWindow::new(), MapWindow::new(), FrameBits::new());
-        // A wall that the far map took for one of two cells, of which the fine one knows better.
+        // Two hits of the far map, of which the fine window knows better.
         frame(&mut far, &[[20, 0, 0], [20, 1, 0]], &[]);
         let mut hit = RayBatch::new();
         for _ in 0..3 {

@@ -1,29 +1,31 @@
-//! Ranges to a sliding tri-state voxel map: what is occupied, what is known to be free, and what nobody has seen.
+//! Turns ranges into a sliding tri-state voxel map: occupied, known to be free, or unknown.
 //!
-//! Promise: a cell is free only if a ray was seen to pass through it, or the vehicle itself was in it, or the user declares it, and
-//! no hit outweighs that. Unknown is not free; what cannot be placed, timed or believed opens no space. What stands on a
-//! declaration alone is marked ([`LocalMap::declared`]), and the first measurement takes its place.
+//! Promise: a cell is free only if a ray passed through it, or the vehicle itself was in it, or the user declares it,
+//! and no hit outweighs that. Unknown is not free; rays without a pose, a valid time or plausible numbers open no
+//! space. Cells known by a declaration alone are marked ([`LocalMap::declared`]), and the first measurement takes
+//! precedence.
 //!
 //! | in | out |
 //! |---|---|
-//! | [`VehicleState`]: where the sensors were at each moment | [`LocalMap`]: bit planes `occupied` and `known` |
-//! | [`PointCloud`], [`RangeScan`]: hits, "nothing there", "I do not know" | live sensors, whether ranges are fresh |
+//! | [`VehicleState`]: where the sensors were at each time | [`LocalMap`]: bit planes `occupied` and `known` |
+//! | [`PointCloud`], [`RangeScan`]: hits, "nothing there", "unknown" | live sensors, whether ranges are fresh |
 //!
-//! The way of a frame: every ray is placed with the vehicle's pose at the moment it was measured (`poses`), judged
-//! against its sensor's limits (`rays`, `cloud`, `scan`), and entered into two bit planes, cells hit and cells
-//! looked through (`frame`); the vehicle's body is free (`body`). Then the frame counts once, as log-odds evidence
-//! (`window`): one hit makes a cell occupied, one miss never makes an occupied cell free. The shape follows ROG-Map
+//! The steps for a frame: every ray is placed with the vehicle's pose at the time it was measured (`poses`), checked
+//! against its sensor's limits (`rays`, `cloud`, `scan`), and entered into two bit planes, cells hit and cells passed
+//! through (`frame_bits`); the vehicle's own volume is free (`body`). Then the frame counts once, as log-odds evidence
+//! (`window`): one hit makes a cell occupied, one miss never makes an occupied cell free. The design follows ROG-Map
 //! (Ren et al., arXiv 2302.14819): modular addressing, sliding by clearing, evidence per frame.
 //!
-//! Around it lies a coarse one ([`FarMap`]) of what stands farther away and of what the window has left behind: `far`.
+//! Around it lies a coarse map ([`FarMap`]) of obstacles farther away and of the cells that the window has left:
+//! `far_window`.
 //!
-//! Beside the map, each sensor is watched for faults that its frames show ([`SensorFinding`]): `health`.
+//! Beside the map, each sensor is checked for faults that its frames show ([`SensorFinding`]): `health`.
 //!
 //! Moving obstacles: a cell that something has left is free again when rays have passed through it often enough, twelve
-//! frames at most. Until then it is a ghost: that costs room, not safety. The reverse is the limit of this map: free
-//! is what was free when it was last seen. A mover may since have entered; the map learns of it with the next ray that
-//! hits it, the guard reads raw ranges, and free cells do not age. Letting free evidence near tracked movers expire
-//! needs tracks first, and is not part of this map.
+//! frames at most. Until then it stays occupied: that costs clearance, not safety. The reverse is the limit of this
+//! map: free is what was free when it was last seen. A mover may since have entered; the map has it with the next ray
+//! that hits it, the guard reads raw ranges, and free cells do not age. Letting free evidence near tracked movers
+//! expire needs tracks first, and is not part of this map.
 //!
 //! [`Fusion`] is deterministic to the bit and allocates nothing after [`Fusion::new`].
 
@@ -73,7 +75,7 @@ use start_bubble::StartBubble;
 use transient_hits::{LidarView, TransientHits};
 use window::MapWindow;
 
-/// What the map needs to know of the vehicle.
+/// The configuration of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FusionConfig {
     /// Radius of the sphere around the centre of gravity that holds the whole vehicle (m).
@@ -82,27 +84,28 @@ pub struct FusionConfig {
     pub carve_range_m: f64,
     /// How many range sensors there are. They are numbered from 0, whatever their kind.
     pub sensor_count: usize,
-    /// What the user declares of each sensor, by its number.
+    /// The user's declarations for each sensor, by its number.
     pub declared: [DeclaredOfSensor; SENSORS],
-    /// So near to the vehicle (m) everything is free on the ground and while it is above the place where it stood; zero: not declared.
+    /// Start bubble: everything within this distance of the vehicle (m) is free on the ground and while it is above the
+    /// place where it stood; zero: not declared.
     pub start_bubble_m: f64,
-    /// Lowest and highest height above home between which nothing has_ceiling from above (m); the second not above the first: not declared.
+    /// Lowest and highest height above home between which nothing hangs from above (m); the second not above the first: not declared.
     pub no_overhang_m: [f64; 2],
     /// [`LocalMap::epoch`] of the first map: a restarted process continues the count of its predecessor.
     pub first_epoch: u32,
 }
 
-/// What the user declares of a sensor.
+/// The user's declarations for a sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeclaredOfSensor {
-    /// What it says of its plane holds so far above and below it (m).
+    /// The readings of its plane hold this far above and below it (m).
     pub band_m: [f64; 2],
     /// A ray without an answer met nothing.
     pub no_return_is_clear: bool,
-    /// Frames per second that its table says (Hz); zero where it does not.
+    /// Frames per second by its table (Hz); zero where it does not say.
     pub rate_hz: f64,
-    /// What stands near the vehicle is hit in nearly every frame: so of lidars that look at an area, not of cameras, which lose blank
-    /// surfaces, nor of scans, which leave their plane when the vehicle tilts.
+    /// Obstacles near the vehicle are hit in nearly every frame: true for lidars that cover an area, not for cameras,
+    /// which miss blank surfaces, nor for scans, which leave their plane when the vehicle tilts.
     pub repeats_hits: bool,
 }
 
@@ -121,24 +124,24 @@ impl FusionConfig {
     }
 }
 
-/// What was left out, since construction.
+/// Counts of what was rejected, since construction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Vehicle states out of order, without a valid position, or with impossible numbers.
     pub states_refused: u64,
     /// Clouds and scans of unknown sensors, out of order, or with an impossible description.
     pub frames_refused: u64,
-    /// Rays measured at a moment for which no pose is known.
+    /// Rays measured at a time for which no pose is known.
     pub rays_without_pose: u64,
-    /// Rays whose numbers make no sense for their sensor.
+    /// Rays with implausible numbers for their sensor.
     pub rays_malformed: u64,
     /// Hits inside the vehicle's radius.
     pub self_hits: u64,
-    /// Clouds and scans that say the same as the one before where that cannot be.
+    /// Clouds and scans that repeat the one before where that cannot be.
     pub frames_repeated: u64,
 }
 
-/// The map and everything it is made from.
+/// The map and its inputs.
 pub struct Fusion {
     config: FusionConfig,
     history: PoseHistory,
@@ -148,14 +151,14 @@ pub struct Fusion {
     far: FarWindow,
     sensors: Contributions,
     health: Health,
-    /// Motors armed, as the newest state says.
+    /// Motors armed, by the newest state.
     armed: bool,
     view: FieldOfViewEstimator,
     transient_hits: TransientHits,
     counters: Counters,
     /// Down coordinate of home (m); NaN unknown.
     home_down_m: f64,
-    /// Something has_ceiling from above where it is declared that nothing does.
+    /// Something was seen hanging from above where it is declared that nothing does.
     overhang_seen: bool,
     start: StartBubble,
     estimator_resets: Option<u32>,
@@ -193,9 +196,10 @@ impl Fusion {
 
     /// Takes the vehicle state valid at `header.capture`; the window follows the vehicle.
     ///
-    /// A changed reset count means that the local frame has moved under the map. Where this state and the one before say by how much,
-    /// map and poses move along, and cells that then overlap two are free only if both were; else map, poses and contributions are
-    /// dropped and the epoch counts up, whether or not the state itself can be used.
+    /// A changed reset count means that the local frame has moved under the map. If this state and the one before
+    /// determine by how much, map and poses are shifted, and cells that then overlap two are free only if both were;
+    /// else map, poses and contributions are cleared and the epoch counts up, whether or not the state itself can be
+    /// used.
     pub fn vehicle(&mut self, state: &VehicleState, header: &SampleHeader) {
         match Order::judge(header.capture, self.history.newest()) {
             Order::Newer => {}
@@ -252,7 +256,7 @@ impl Fusion {
         known_jump_m(&before, &estimate_of(state)?, capture.seconds_since(at))
     }
 
-    /// How often the map was thrown away.
+    /// How often the map was cleared.
     pub fn epoch(&self) -> u32 {
         self.epoch
     }
@@ -355,8 +359,9 @@ impl Fusion {
         SensorLimits::of(origin, min_m, max_m, &self.config)
     }
 
-    /// Collects the rays that `enter` enters, `rays` at most, spreads them over the band declared, adds the body at the time of capture
-    /// and counts the frame as evidence; whether any ray said something. Hits that sensor `again` does not hit again are withdrawn.
+    /// Traces the rays that `enter` adds, `rays` at most, copies them to the declared band, adds the vehicle's volume
+    /// at the time of capture and counts the frame as evidence; whether any ray had information. Hits that
+    /// `confirming_sensor` does not repeat are withdrawn.
     fn trace(
         &mut self,
         limits: SensorLimits,
@@ -412,12 +417,12 @@ impl Fusion {
         has_information
     }
 
-    /// Writes the whole map as it stands at `now`, every field of it.
+    /// Writes the whole map at `now`, every field of it.
     pub fn write(&self, now: Timestamp, out: &mut LocalMap) {
         let (occupied_cells, known_cells) = self.window.write(out, self.no_overhang());
         out.min_cell = self.window.min_cell();
         out.live_sensors = self.sensors.live(now);
-        // What a sensor with a fault says is no ground to take off.
+        // With a faulty sensor the vehicle must not take off.
         let is_held = !self.armed && self.health.is_any_wrong();
         out.ranges_fresh = Flag::from(self.sensors.fresh(now) && !is_held);
         out.faults = Added::new(self.health.bits());
@@ -438,7 +443,7 @@ impl Fusion {
         out.epoch = self.epoch;
     }
 
-    /// The layers of cells in which nothing has_ceiling from above, if that is declared.
+    /// The layers of cells in which nothing hangs from above, if that is declared.
     fn no_overhang(&self) -> Option<[i32; 2]> {
         let [low_m, high_m] = self.config.no_overhang_m;
         // False as long as home is not known.
@@ -447,7 +452,7 @@ impl Fusion {
         is_declared.then(|| [layer(high_m).ceil() as i32, layer(low_m).floor() as i32])
     }
 
-    /// What is declared, bits of [`declared_as`].
+    /// The declarations, bits of [`declared_as`].
     fn declarations(&self) -> u8 {
         let sensors = self.config.declared.iter().take(self.config.sensor_count);
         let of_sensors = sensors.map(|declared| {
@@ -473,8 +478,8 @@ impl Fusion {
         bits
     }
 
-    /// Looks for something that has_ceiling from above where it is declared that nothing does; whether it was found just now. The declaration
-    /// does not count any more then, for as long as this `Fusion` exists.
+    /// Searches for something that hangs from above where it is declared that nothing does; whether it was found just
+    /// now. The declaration is not used any more then, as long as this `Fusion` exists.
     pub fn finds_overhang(&mut self) -> bool {
         let is_found = self
             .no_overhang()
@@ -483,12 +488,12 @@ impl Fusion {
         is_found
     }
 
-    /// The next change of what is wrong with a sensor that was not handed out before; ask until there is none.
+    /// The next change of a sensor's fault that was not returned before; call until there is none.
     pub fn next_finding(&mut self) -> Option<SensorFinding> {
         self.health.next_change()
     }
 
-    /// What was left out so far.
+    /// The counts of what was rejected so far.
     pub fn counters(&self) -> Counters {
         self.counters
     }

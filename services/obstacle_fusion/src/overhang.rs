@@ -1,8 +1,9 @@
-//! The declaration that nothing has_ceiling from above: what it adds to a map, and when it is not so.
+//! The declaration that nothing hangs from above: what it adds to a map, and when it is contradicted.
 //!
-//! What is free there is free up to the last layer, unless something was seen. A ceiling, a bridge or a crown contradicts it as soon as it is
-//! seen: cells that are occupied above cells that were measured to be free. Single ones happen at the rim of every trunk, so that
-//! a piece of [`SLAB_CELLS`] cells, each with all four of its neighbours, is asked for.
+//! Above a free cell everything counts as free up to the last layer, unless something was seen. A ceiling, a bridge or
+//! a tree crown contradicts the declaration as soon as it is seen: occupied cells above cells that were measured to be
+//! free. Single ones occur at the rim of every trunk, so a piece of [`SLAB_CELLS`] cells, each with all four of its
+//! neighbours, is required.
 
 use crate::cells::SIZE;
 use crate::window::{MapWindow, row};
@@ -17,8 +18,8 @@ const FREE_BELOW: i32 = 2;
 type LayerBits = [u128; SIZE_Y];
 
 impl MapWindow {
-    /// Declares what is above free cells of `out` free in the layers `top` to `bottom` (global indices, z counts downwards); returns of
-    /// how many cells.
+    /// Declares the cells above free cells of `out` free in the layers `top` to `bottom` (global indices, z counts
+    /// downwards); returns their number.
     pub(crate) fn declare_no_overhang(&self, out: &mut LocalMap, [top, bottom]: [i32; 2]) -> u32 {
         let mut declared = 0;
         for y in 0..SIZE_Y {
@@ -141,7 +142,7 @@ mod tests {
             !window(hall(), block([-4, 4], [-2, 2], [-4, -4])).has_ceiling([-3, 10]),
             "in other layers"
         );
-        // Nothing was measured below a trunk or wall but itself.
+        // Nothing but the trunk or wall was measured below it.
         let trunk = || block([2, 4], [2, 4], [-8, 5]);
         let around = hall().filter(|cell| !(2..=4).contains(&cell[0]) || !(2..=4).contains(&cell[1]));
         assert!(!window(around, trunk()).has_ceiling(LAYERS));

@@ -1,10 +1,10 @@
 //! Planar scans and single beams: every range belongs to a cone, not to a line.
 //!
-//! A beam of half angle `a` that answers `r` says: the nearest obstacle in the cone is `r` away, somewhere on the
+//! A beam of half angle `a` that answers `r` means that the nearest obstacle in the cone is `r` away, somewhere on the
 //! spherical cap of radius `r`. The whole cap is marked as hit, wherever it is wider than a cell. Only the centre ray
-//! is looked through, because nothing is known of how weakly the edge of the cone answers, and only to the plane
-//! through the cap's rim, `r cos a` (the hit range less the cap's sag): what answered may stand anywhere on the cap.
-//! For the beam of a lidar the cap is one cell and the sag nothing, and all this comes down to a cloud's ray.
+//! is cleared, because it is not known how weakly the edge of the cone answers, and only to the plane through the cap's
+//! rim, `r cos a` (the hit range less the cap's sag): the obstacle may be anywhere on the cap. For the beam of a lidar
+//! the cap is one cell and the sag zero, and the result is that of a cloud's ray.
 
 use crate::rays::RayTracer;
 use jink_shared_types::map::CELL_M;
@@ -24,8 +24,7 @@ const WINDOW_DIAGONAL_M: f64 = 39.0;
 /// Where one beam points: columns are the beam, its neighbour direction in the scan's plane, the plane's normal.
 type BeamFrame = Matrix3<f64>;
 
-/// Whether a plausible `scan` can be entered into a map: its beams are cones, and it takes no longer than is counted
-/// here.
+/// Whether a plausible `scan` can be entered into a map: its beams are cones, and its duration can be represented.
 pub(crate) fn is_mappable(scan: &RangeScan) -> bool {
     let beams = f64::from(scan.beams);
     let half_rad = half_angle_rad(scan);
@@ -33,7 +32,7 @@ pub(crate) fn is_mappable(scan: &RangeScan) -> bool {
         // All cones together are at most the full sphere. A cone of half angle a has 2 pi (1 - cos a) steradians.
         && beams * TAU * (1.0 - half_rad.cos()) <= 4.0 * PI
         && f64::from(scan.beam_interval_s) * beams <= MAX_DURATION_S
-        // A row of level distances does not say at which height something stands: it is for the sector ring.
+        // A row of level distances has no height: it is for the sector ring.
         && scan.frame.get() == ScanFrame::Body
 }
 
@@ -105,7 +104,7 @@ impl RayTracer<'_> {
         }
     }
 
-    /// Nothing is along the first `clear_m` of the centre ray.
+    /// Clears the first `clear_m` of the centre ray.
     fn clear_beam(&mut self, body_r_beam: &BeamFrame, clear_m: f64) {
         let end_body_m = self.limits.origin_body_m + body_r_beam.column(0) * clear_m;
         let clear_m = clear_m as f32;

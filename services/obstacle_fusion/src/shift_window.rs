@@ -1,8 +1,8 @@
-//! The window's cells under other coordinates, after a reset of the estimator.
+//! Moves the window's cells to other coordinates, after a reset of the estimator.
 //!
-//! Cells live at their global index modulo the size, so a move by whole cells turns every plane about its axes. What is left of the move
-//! makes each old cell reach into a neighbour: a new cell is occupied if any old one that reaches into it is, and known only if
-//! all of them are. Nothing is allocated.
+//! Cells are stored at their global index modulo the size, so a move by whole cells rotates every plane about its axes.
+//! The rest of the move makes each old cell reach into a neighbour: a new cell is occupied if any old one that reaches
+//! into it is, and known only if all of them are. Nothing is allocated.
 
 use crate::cells::{BitPlane, SIZE, STRIDE};
 use crate::rebase::FrameShift;
@@ -41,7 +41,7 @@ impl MapWindow {
         }
     }
 
-    /// Every cell reaches into its neighbour on side `into` (-1, 1) of `axis`.
+    /// Merges every cell into its neighbour on side `into` (-1, 1) of `axis`.
     fn spread(&mut self, axis: usize, into: i32) {
         let others = match axis {
             0 => [1, 2],
@@ -51,7 +51,7 @@ impl MapWindow {
         let min_cell = self.min_cell;
         for b in 0..SIZE[others[1]] {
             for a in 0..SIZE[others[0]] {
-                // From the side that is reached into, so that what a cell takes over is still the old one.
+                // From the side that is reached into, so that the merged cell is still the old one.
                 for step in 0..SIZE[axis] {
                     let along = if into > 0 { SIZE[axis] - 1 - step } else { step };
                     let number = |along: i32| {
@@ -70,7 +70,7 @@ impl MapWindow {
     }
 }
 
-/// Turns `plane` by so many cells along each axis.
+/// Rotates `plane` by so many cells along each axis.
 fn turn(plane: &mut BitPlane, [x, y, z]: [usize; 3]) {
     for row in plane.chunks_exact_mut(ROW_WORDS) {
         let cells = (u128::from(row[0]) | u128::from(row[1]) << 64).rotate_left(x as u32);
@@ -156,7 +156,7 @@ mod tests {
                     }
                 }
             }
-            // What was mapped goes on as evidence: it is worn away by looks through it, and by no fewer than before.
+            // The map continues as evidence: rays through a cell clear it, and no fewer than before.
             for cell in 0..SIZE[0] {
                 let cell = [window.min_cell()[0] + cell, window.min_cell()[1], window.min_cell()[2]];
                 prop_assert_eq!(window.is_occupied(cell), after.is_occupied(cell));

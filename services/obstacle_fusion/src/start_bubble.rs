@@ -1,8 +1,9 @@
-//! Where the start bubble is declared: around the vehicle on the ground, and while it climbs from there for the first time.
+//! Where the start bubble is declared: around the vehicle on the ground, and while it climbs from there for the first
+//! time.
 //!
-//! The mode does not say it: PX4 takes off in a mode of its own or in a mission, ArduPilot in GUIDED or AUTO. The place does: as long as the
-//! vehicle is above the place where it stood and has not come to rest up there, it takes off. Without the rest it would lift its bubble with
-//! it forever: into the ceiling, a step for each look from higher up.
+//! The mode is no criterion: PX4 takes off in a mode of its own or in a mission, ArduPilot in GUIDED or AUTO. The place
+//! is: as long as the vehicle is above the place where it stood and has not rested up there, it takes off. Without the
+//! rest the bubble would rise with the vehicle without end: into the ceiling, with every climb to see more.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::VehicleState;
@@ -13,11 +14,11 @@ const ASIDE_M: f64 = 0.5;
 /// Slower than this (m/s) for so long (s), a vehicle in flight is at rest: PX4 pauses for a second between its take-off and a mission.
 const REST_MPS: f64 = 0.1;
 const REST_S: f64 = 2.0;
-/// Lower than this (m) above the place where it stood, it has not taken off, whatever the autopilot says of the ground: motors spin up for
-/// some seconds after the land detector has let go.
+/// Lower than this (m) above the place where it stood, it has not taken off, whatever the autopilot says of the ground:
+/// motors spin up for some seconds after the land detector has reported the take-off.
 const TAKEN_OFF_M: f64 = 0.3;
 
-/// The start of a flight.
+/// The state of the take-off.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct StartBubble {
     /// Where the vehicle stood (local NED, m); `None` once it has taken off, and if it never stood.

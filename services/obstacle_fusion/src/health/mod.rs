@@ -1,16 +1,16 @@
-//! Whether what a sensor says can be true, watched in flight.
+//! Whether a sensor's data can be true, checked in flight.
 //!
-//! | fault | what shows it | what follows |
+//! | fault | symptom | consequence |
 //! |---|---|---|
-//! | stuck | the same data to the last bit while the vehicle moves, or for 2.5 s; frames whose time stands still ([`repeat_check`]) | the frames are not entered, so the sensor expires |
-//! | wrong scale, mirrored, wrong mounting | under motion, what the sensor has seen before stands in space that it now looks through, and does not once ranges are multiplied, left and right exchanged, or the sensor turned ([`motion_check`]) | a text |
-//! | wrong rate | frames a second against the sensor's table ([`rate_check`]) | a text |
+//! | stuck | the same data to the last bit while the vehicle moves, or for 2.5 s; frames with the same time ([`repeat_check`]) | the frames are not entered, so the sensor expires |
+//! | wrong scale, mirrored, wrong mounting | under motion, what the sensor has seen before lies in space that its rays now pass through, and does not after ranges are scaled, left and right exchanged, or the sensor rotated ([`motion_check`]) | an event |
+//! | wrong rate | frames per second against the sensor's table ([`rate_check`]) | an event |
 //!
 //! Before arming, ranges are not fresh while any sensor has a fault.
 //!
-//! What motion cannot show is not found: left and right exchanged while the vehicle only flies straight on, a factor while it
-//! only turns, an error of position of some decimetres. A frame is looked at only now and then, and then only a part of its rays; a search for the
-//! fault is spread over frames. Everything is allocated at the start.
+//! Faults that motion cannot show are not found: left and right exchanged while the vehicle only flies straight on, a
+//! factor while it only turns, an error of position of some decimetres. Only some frames are checked, and of those only
+//! a part of their rays; a search for the fault is spread over frames. Everything is allocated at the start.
 
 mod motion_check;
 mod range_image;
@@ -28,19 +28,19 @@ use rate_check::RateCheck;
 use repeat_check::{FrameFingerprint, RepeatCheck};
 use std::f32::consts::PI;
 
-/// A fault with its numbers, as the event about it has them.
+/// A fault with its numbers, as in its event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorFinding {
     /// Number of the sensor.
     pub sensor: usize,
-    /// What is wrong, or [`SensorFault::Unknown`] where something was and is not any more.
+    /// The fault, or [`SensorFault::Unknown`] when the last one has ended.
     pub fault: SensorFault,
-    /// Scale: metres said and metres true; mounting: an angle (deg); rate: frames per second as they come and as they should (Hz).
+    /// Scale: measured and true metres; mounting: an angle (deg); rate: measured and expected frames per second (Hz).
     pub numbers: [f64; 2],
 }
 
 impl SensorFinding {
-    /// For the pilot, about the sensor called `name`.
+    /// The event for the pilot about the sensor called `name`.
     pub fn event(&self, name: &str) -> EventSample {
         let event = match self.fault {
             SensorFault::Stuck => &events::SENSOR_STUCK,
@@ -64,7 +64,7 @@ struct SensorHealth {
 }
 
 impl SensorHealth {
-    /// The gravest fault now, and its numbers.
+    /// The most severe fault now, and its numbers.
     fn fault(&self) -> (SensorFault, [f64; 2]) {
         if self.repeat.is_stuck() {
             return (SensorFault::Stuck, [0.0; 2]);
@@ -83,7 +83,7 @@ impl SensorHealth {
     }
 }
 
-/// A factor as metres said and metres true, neither below one.
+/// A factor as measured and true metres, neither below one.
 fn shown(factor: f64) -> [f64; 2] {
     if factor < 1.0 {
         [1.0, 1.0 / factor]
@@ -98,7 +98,7 @@ pub(crate) struct Health {
 }
 
 impl Health {
-    /// Of sensors with these rates (Hz); zero where the table does not say.
+    /// For sensors with these rates (Hz); zero where the table does not say.
     pub fn new(rates_hz: &[f64]) -> Self {
         let sensors = rates_hz.iter().map(|rate_hz| SensorHealth {
             repeat: RepeatCheck::default(),
@@ -111,7 +111,7 @@ impl Health {
         }
     }
 
-    /// The vehicle's poses are those of another frame now.
+    /// Earlier poses belong to another local frame now.
     pub fn forget_poses(&mut self) {
         for sensor in &mut self.sensors {
             sensor.motion.clear();
@@ -119,14 +119,14 @@ impl Health {
         }
     }
 
-    /// A frame of `sensor` came that was captured at `capture`, no later than the one captured at `newest`.
+    /// A frame of `sensor` was captured at `capture`, no later than the one captured at `newest`.
     pub fn late(&mut self, sensor: usize, capture: Timestamp, newest: Timestamp) {
         if let Some(sensor) = self.sensors.get_mut(sensor).filter(|_| capture == newest) {
             sensor.repeat.count_same_time();
         }
     }
 
-    /// Takes note of a cloud; whether it may be entered.
+    /// Records a cloud; whether it may be entered.
     pub fn accepts_cloud(
         &mut self,
         sensor: usize,
@@ -142,7 +142,7 @@ impl Health {
         })
     }
 
-    /// Takes note of a scan; whether it may be entered.
+    /// Records a scan; whether it may be entered.
     pub fn accepts_scan(
         &mut self,
         sensor: usize,
@@ -173,7 +173,7 @@ impl Health {
         }
     }
 
-    /// The same of a scan of many beams whose mounting is `body_q_sensor`.
+    /// The same for a scan of many beams whose mounting is `body_q_sensor`.
     pub fn scan(
         &mut self,
         sensor: usize,
@@ -188,7 +188,7 @@ impl Health {
         }
     }
 
-    /// What judges the motion of a sensor, and the pose at `capture`, if a frame of then is to be compared.
+    /// The motion check of a sensor, and the pose at `capture`, if a frame of that time is to be compared.
     fn due(
         &mut self,
         sensor: usize,

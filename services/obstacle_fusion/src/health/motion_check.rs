@@ -1,8 +1,9 @@
-//! Two frames of one sensor, taken at two places: what stands in the one must not stand where the other looks through.
+//! Compares two frames of one sensor, taken at two places: an obstacle of one must not lie where rays of the other pass
+//! through.
 //!
-//! The frames are placed by the vehicle's poses and compared in both directions, in images of distances around the places of the
-//! sensor ([`super::range_image`]). If too much contradicts, every known cause is tried in turn: both frames are placed as it would have
-//! them, and the cause that takes most of the contradictions away is the one.
+//! The frames are placed by the vehicle's poses and compared in both directions, in range images around the places of
+//! the sensor ([`super::range_image`]). If there are too many contradictions, every known cause is tried in turn: both
+//! frames are placed with it, and the cause that removes most of the contradictions is the result.
 
 use super::range_image::{RangeAgreement, RangeImage};
 use crate::poses::{Pose, PoseHistory, SweepPoses};
@@ -13,65 +14,67 @@ use std::f64::consts::PI;
 
 /// Rays kept of a frame: fewer leave holes in an image in which thin trunks stand.
 const RAYS: usize = 8_192;
-/// Of these, so many are looked for in the other frame.
+/// Of these, so many are checked against the other frame.
 const CHECKED_RAYS: usize = 1_000;
 /// Poses kept of a frame.
 const SLICES: usize = 16;
-/// Frames are compared that are so far apart (m, rad), or, if that is less, this part of the mean distance of what the sensor sees: a
-/// shorter way shows less than noise, a longer one other surroundings ...
+/// Frames are compared that are so far apart (m, rad), or, if that is less, this part of the mean distance of the
+/// sensor's hits: over a shorter distance noise dominates, over a longer one the surroundings differ ...
 const APART_M: [f64; 2] = [1.0, 4.0];
 const APART_RATIO: f64 = 0.5;
 const APART_RAD: f64 = 40.0 * PI / 180.0;
 /// ... and no further in time (s): in that time an estimate of the position drifts by some decimetres.
 const AGE_MAX_S: f64 = 5.0;
-/// What is nearer than this is the vehicle, what is farther is hit by few rays (m).
+/// Nearer is the vehicle itself, farther few rays hit (m).
 const DISTANCE_M: [f64; 2] = [0.8, 12.0];
 /// A ray into the open counts as seen through up to here (m).
 const OPEN_M: f64 = 60.0;
-/// A comparison counts with so many answers.
+/// Matches that a comparison needs.
 const MATCHES_MIN: u32 = 30;
-/// Share of contradictions from which a cause is looked for. Rendered flights without a fault had 0.09 at most, with a Mid-360 in a forest
-/// 0.17: for that no cause was found.
+/// Share of contradictions from which a cause is searched. Rendered flights without a fault had 0.09 at most, with a
+/// Mid-360 in a forest 0.17: for that no cause was found.
 const WRONG: f64 = 0.12;
-/// Share from which something is wrong although no known cause explains it.
+/// Share from which there is a fault although no known cause explains it.
 const VERY_WRONG: f64 = 0.3;
-/// A cause explains them if it leaves this part of them ...
+/// A cause explains the contradictions if this part of them remains ...
 const REMAINING_RATIO: f64 = 0.35;
-/// ... with this part of the answers at least.
+/// ... with at least this part of the matches.
 const MATCHES_RATIO: f64 = 0.4;
 /// Comparisons that must agree on the kind of cause.
 const AGREE: u32 = 2;
 /// Without a known cause they must be so many.
 const AGREE_UNKNOWN: u32 = 3;
-/// Comparisons in a row without contradiction after which a sensor is credible again: many ways do not show a fault.
+/// Comparisons in a row without contradiction after which a sensor is credible again: many motions do not show a fault.
 const CREDIBLE: u32 = 20;
-/// A later cause must be so much better than one before: upside down and mirrored look almost the same where all stands upright.
+/// A later cause must be so much better than one before: upside down and mirrored look almost the same where everything
+/// is upright.
 const BETTER_FACTOR: f64 = 1.1;
-/// Causes tried while one frame is processed on.
+/// Causes tried per frame.
 const CAUSES_PER_FRAME: usize = 5;
 /// A frame of which less than this share lies within the sensor's own range, of so many hits, has wrong units.
 const WITHIN: f64 = 0.1;
 const HITS_MIN: u32 = 200;
 
-/// Metres said for one metre: millimetres and centimetres taken for metres and the reverse, feet, two units that are in use for depth images.
+/// Reported metres for one metre: millimetres and centimetres taken for metres and the reverse, feet, two units that
+/// are in use for depth images.
 const FACTORS: [f64; 10] = [
     1_000.0, 0.001, 3.280_84, 0.304_8, 100.0, 0.01, 10.0, 0.1, 2.0, 0.5,
 ];
 /// A sensor may be turned by these about each axis (deg), either way.
 const TURNS_DEG: [f64; 7] = [15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0];
-/// Planes in which left and right may be exchanged: a sensor is turned by a multiple of this (deg).
+/// Step of the planes in which left and right may be exchanged (deg).
 const MIRROR_DEG: f64 = 15.0;
 
-/// What would explain the contradictions.
+/// A possible cause of the contradictions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum FaultCause {
-    /// So many metres are said for one.
+    /// This many metres are reported for one.
     Scale(f64),
     /// Left and right are exchanged.
     Mirrored,
-    /// It is turned by so much (deg).
+    /// It is rotated by this angle (deg).
     Turned(f64),
-    /// Nothing that is known explains them.
+    /// No known cause explains them.
     Unexplained,
 }
 
@@ -89,7 +92,7 @@ impl FaultCause {
 
 #[derive(Clone, Copy)]
 struct SnapshotRay {
-    /// From the sensor, as it says (body, m).
+    /// From the sensor, as reported (body, m).
     way_m: [f32; 3],
     slice: u8,
     is_hit: bool,
@@ -157,7 +160,7 @@ impl Snapshot {
         });
     }
 
-    /// How far away a frame must be that is compared with this one (m).
+    /// How far away a frame must be to be compared with this one (m).
     fn apart_m(&self) -> f64 {
         let [least_m, most_m] = APART_M;
         (APART_RATIO * self.distances_m / f64::from(self.hits.max(1))).clamp(least_m, most_m)
@@ -169,7 +172,8 @@ impl Snapshot {
         Some(pose.position_m + pose.rotation * self.origin_m)
     }
 
-    /// Where a ray ends (local, m), and how far that is from the sensor, if `cause` takes what is said for what is true.
+    /// Where a ray ends (local, m), and how far that is from the sensor, with `cause` mapping the reported to the true
+    /// vector.
     fn end(&self, ray: &SnapshotRay, cause: &Matrix3<f64>) -> Option<(Vector3<f64>, f64)> {
         let pose = self.slices[usize::from(ray.slice)].as_ref()?;
         let mut way_m = cause * Vector3::from(ray.way_m).cast::<f64>();
@@ -192,7 +196,7 @@ struct Matches {
 }
 
 impl Matches {
-    /// What speaks for a cause: agreement, and against it, more than that, contradictions.
+    /// Score of a cause: matches count for it, contradictions count more against it.
     fn score(self) -> f64 {
         f64::from(self.all) - 4.0 * f64::from(self.contradict)
     }
@@ -202,7 +206,7 @@ impl Matches {
     }
 }
 
-/// A search for the cause, under way.
+/// A search for the cause, in progress.
 struct CauseSearch {
     before: Matches,
     next: usize,
@@ -239,12 +243,12 @@ impl MotionCheck {
         }
     }
 
-    /// What is known to be wrong.
+    /// The cause that was found.
     pub fn cause(&self) -> Option<FaultCause> {
         self.found
     }
 
-    /// Poses until now are not comparable with those to come.
+    /// Earlier poses are not comparable with later ones.
     pub fn clear(&mut self) {
         self.key.pose = None;
         self.search = None;
@@ -351,7 +355,7 @@ impl MotionCheck {
         (0.0..=AGE_MAX_S).contains(&age_s) && (way_m > self.key.apart_m() || key.turned_rad(now) > APART_RAD)
     }
 
-    /// A part of a search that is under way.
+    /// Continues a search that is in progress.
     pub fn advance(&mut self) {
         let Some(mut search) = self.search.take() else {
             return;
@@ -378,11 +382,11 @@ impl MotionCheck {
         }
         self.count(search.verdict());
         std::mem::swap(&mut self.key, &mut self.now);
-        // Between both, poses have gone on: the comparison begins anew.
+        // The poses between them are old: the comparison starts again.
         self.key.pose = None;
     }
 
-    /// Counts a comparison that speaks for `cause`, or for none.
+    /// Counts a comparison with the result `cause`, or with none.
     fn count(&mut self, cause: Option<FaultCause>) {
         let Some(cause) = cause else {
             self.evidence = self.evidence.map(|count| count.saturating_sub(1));
@@ -400,14 +404,14 @@ impl MotionCheck {
         } else {
             AGREE
         };
-        // The cause found first stays until frames agree again, unless it was none: one fault is one text.
+        // The cause found first stays until frames agree again, unless it was none: one fault gives one event.
         let is_open = matches!(self.found, None | Some(FaultCause::Unexplained));
         if self.evidence[kind] >= needed && is_open {
             self.found = Some(cause);
         }
     }
 
-    /// Places both frames as `cause` would have them, and looks for the hits of each in the other.
+    /// Places both frames with `cause`, and checks the hits of each against the other.
     fn compare(&mut self, cause: &Matrix3<f64>) -> Matches {
         let mut matches = Matches::default();
         for (seen, checked) in [(&self.key, &self.now), (&self.now, &self.key)] {
@@ -443,7 +447,7 @@ impl MotionCheck {
 }
 
 impl CauseSearch {
-    /// What follows when every cause was tried.
+    /// The result when every cause was tried.
     fn verdict(&self) -> Option<FaultCause> {
         let explained = self.best.filter(|(_, matches)| {
             let is_enough = f64::from(matches.all) >= MATCHES_RATIO * f64::from(self.before.all);
@@ -461,7 +465,7 @@ impl CauseSearch {
     }
 }
 
-/// Every cause that is known, with the matrix that takes what is said to what would be true.
+/// Every known cause, with the matrix from the reported to the true vector.
 fn causes() -> Vec<(FaultCause, Matrix3<f64>)> {
     let scales = FACTORS.map(|factor| (FaultCause::Scale(factor), Matrix3::identity() / factor));
     let mirrors = (0..(180.0 / MIRROR_DEG) as i32).map(|number| {
