@@ -6,7 +6,7 @@ use jink_shared_types::bezier::{derivative, derivative_scalar, evaluate, evaluat
 use jink_shared_types::frames::wrap_pi;
 use nalgebra::Vector3;
 
-/// What the demand says: relative, and absolute for small numbers.
+/// The tolerance: relative, and absolute for small numbers.
 const SAME: f64 = 1e-4;
 
 /// A point of a curve, by its parameter from 0 to 1.

@@ -1,7 +1,7 @@
 //! The sector ring against PX4's map.
 //!
-//! The ring must say what the messages say, processed out without it (`oracle.rs`). Where PX4 says something else, there must be a reason:
-//! one of a list, that the messages themselves bear out.
+//! The ring must agree with the messages, evaluated without it (`oracle.rs`). Where PX4 differs, there must be a
+//! reason: one of a list, confirmed by the messages themselves.
 
 use super::oracle::{ReceivedMessage, SectorReading, fused};
 use super::replay::{Message, ReplayedStep};
@@ -14,7 +14,7 @@ const UNKNOWN_CM: i64 = 65535;
 /// Whole centimetres on one side, metres on the other (cm).
 const SAME_CM: f64 = 1.01;
 
-/// Compares the ring of `answer` with the expectation of its step, after all that was `heard` so far.
+/// Compares the ring of `replayed` with the expectation of its step, after all messages `received` so far.
 pub fn judge(
     step: &Node<'_>,
     replayed: &ReplayedStep,
@@ -54,7 +54,7 @@ pub fn judge(
     Ok(())
 }
 
-/// What the ring says of a sector.
+/// The reading of a sector of the ring.
 pub fn said(ring: &SectorRing, sector: usize) -> SectorReading {
     let (distance_m, reach_m) = (ring.distance_m[sector], ring.range_max_m[sector]);
     if distance_m.is_nan() {
@@ -107,7 +107,7 @@ impl MapComparison<'_> {
             .all(|received| received.is_unturned(self.replayed.yaw_rad))
     }
 
-    /// What is wrong with what the ring says, if it is not what was reported. After a turn, places lie between bins: then a neighbour may
+    /// How the ring differs from the messages, if it does. After a turn, places lie between bins: then a neighbour may
     /// have it.
     fn differs_from_messages(&self, bin: usize) -> Option<String> {
         let around = |bin: usize| [(bin + BINS - 1) % BINS, bin, (bin + 1) % BINS];
@@ -134,8 +134,8 @@ impl MapComparison<'_> {
         (is_known && !was_told).then(|| format!("turned: {ours:?}, and nothing was told"))
     }
 
-    /// Whether the source of `reported` has since said something of a bin beside it. Of two messages of one time the one that came last is
-    /// the newer, as for the ring.
+    /// Whether the source of `reported` has since reported a bin beside it. Of two messages of one time the one that
+    /// came last is the newer, as for the ring.
     fn is_seen_again_beside(&self, bin: usize, reported: SectorReading) -> bool {
         let yaw_rad = self.replayed.yaw_rad;
         self.live()
@@ -153,7 +153,7 @@ impl MapComparison<'_> {
             })
     }
 
-    /// Why PX4 says something else.
+    /// Why PX4 differs.
     fn why(&self, bin: usize, ours: SectorReading, px4: SectorReading) -> Option<&'static str> {
         let is_nearer = match (ours, px4) {
             (SectorReading::Hit(a), SectorReading::Hit(b) | SectorReading::Clear(b)) => a < b,

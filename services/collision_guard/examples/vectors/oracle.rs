@@ -19,18 +19,18 @@ const BIN_DEG: f64 = 5.0;
 /// Elements overlap a bin that they share more than this with (deg): rounding.
 const EDGE_DEG: f64 = 1e-3;
 
-/// What one message says of one bin.
+/// The reading of one message for one bin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SectorReading {
     /// Nothing.
     Silent,
-    /// Nothing stands there within this (cm).
+    /// No obstacle within this (cm).
     Clear(f64),
-    /// Something stands there (cm).
+    /// An obstacle (cm).
     Hit(f64),
 }
 
-/// A message with what it says.
+/// A message with its readings.
 #[derive(Clone, Debug)]
 pub struct ReceivedMessage {
     /// Whose it is.
@@ -48,7 +48,7 @@ pub struct ReceivedMessage {
 }
 
 impl ReceivedMessage {
-    /// What `taken` says.
+    /// The readings of an accepted message.
     pub fn of(accepted: &AcceptedMessage) -> Self {
         let (_, _, yaw_rad) = accepted.attitude.euler_angles();
         let [ours, px4] = match &accepted.message {
@@ -83,7 +83,7 @@ impl ReceivedMessage {
         is_silent(&self.readings) && !is_silent(&self.px4)
     }
 
-    /// What it says of the bin around `bin` from the heading `yaw_rad`.
+    /// Its reading of the bin around `bin` from the heading `yaw_rad`.
     pub fn reading_of(&self, bin: usize, yaw_rad: f64) -> SectorReading {
         self.readings[self.turned(bin, yaw_rad)]
     }
@@ -193,7 +193,7 @@ fn touched(yaw_deg: f64, opening_rad: f32, reading_of: SectorReading) -> [Sector
     readings
 }
 
-/// The axis of a rangefinder in the body; `None` if nobody knows it or it looks up or down.
+/// The axis of a rangefinder in the body; `None` if it is not known or looks up or down.
 fn axis(code: u8, q: [f32; 4]) -> Option<Vector3<f64>> {
     let level = |yaw_deg: u32| {
         let (y, x) = f64::from(yaw_deg).to_radians().sin_cos();
@@ -243,8 +243,8 @@ fn nearer(a: SectorReading, b: SectorReading) -> SectorReading {
     }
 }
 
-/// What all that was heard says of `bin` from the heading `yaw_rad`: of each source its newest word that is not silence, of all
-/// sources the nearest.
+/// The reading of all received messages for `bin` from the heading `yaw_rad`: of each source its newest that is not
+/// silent, of all sources the nearest.
 pub fn fused(received: &[ReceivedMessage], now: Timestamp, bin: usize, yaw_rad: f64) -> SectorReading {
     let mut fused = SectorReading::Silent;
     for layer in 0..=10 {

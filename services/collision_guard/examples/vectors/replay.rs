@@ -28,7 +28,7 @@ pub enum Message {
     Beam {
         /// Which one.
         instance: usize,
-        /// What it says.
+        /// Its reading.
         reading: BeamReading,
         /// When.
         at: Timestamp,
@@ -37,7 +37,7 @@ pub enum Message {
     Row {
         /// Frame as sent.
         frame: i64,
-        /// What it says; the frame in it is only right if `frame` is one that we know.
+        /// Its content; the frame in it is only right if `frame` is a known one.
         row: DistanceRow,
         /// When.
         at: Timestamp,
@@ -173,7 +173,7 @@ impl Replay {
             .map(|message| {
                 let mut scan = RangeScan::default();
                 let (at, layer) = (time(&message), layer(&message));
-                // Messages are stamped when they arrive: none is newer than now, and who reads half a second late reads nothing.
+                // Messages are stamped when they arrive: none is newer than now, and half a second later none is read.
                 let is_current = at <= now && now.seconds_since(at) < KEPT_S;
                 let written = is_current && written(&message, &mut scan);
                 let header = SampleHeader::at(at);

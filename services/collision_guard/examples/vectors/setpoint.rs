@@ -16,7 +16,7 @@ use super::schema::{BINS, Fragile, Node, Unreadable};
 use jink_collision_guard::prevention::PreventionConfig;
 use nalgebra::Vector2;
 
-/// What the demand says: relative, and absolute for small ones.
+/// The tolerance: relative, and absolute for small ones.
 const SAME: f64 = 1e-3;
 /// A setpoint shorter than this is a centred stick (m/s2).
 const CENTRED: f64 = 1e-3;
@@ -137,7 +137,7 @@ impl<'a> Law<'a> {
         (bearing.to_degrees().rem_euclid(360.0) / 5.0) as usize % BINS == sector
     }
 
-    /// Whether the ring says other than PX4's map.
+    /// Whether the ring differs from PX4's map.
     fn is_other_map(&self) -> bool {
         (0..BINS).any(|bin| {
             let ours = self.reach_m(bin).map(|m| 100.0 * m);
@@ -219,7 +219,7 @@ impl<'a> Law<'a> {
                 SectorReading::Hit(cm) => Some(cm / 100.0),
                 SectorReading::Clear(_) | SectorReading::Silent => None,
             };
-            // What the ring says counts: that it is not PX4's has its reason.
+            // The ring's reading counts: its difference from PX4's has its reason.
             let distance_m = ours_m.or(px4_m.filter(|_| self.reach_m(bin).is_none()))?;
             let (closes, px4_closes) = (ours.dot(&toward), px4.dot(&toward).max(0.0));
             let share = self.scale(distance_m) * self.demand.dot(&toward).max(0.0);

@@ -9,7 +9,7 @@ use jink_shared_types::frames::Attitude;
 use jink_shared_types::ring::SectorRing;
 use nalgebra::{UnitQuaternion, Vector2};
 
-/// What the demand says: relative, and absolute for small numbers.
+/// The tolerance: relative, and absolute for small numbers.
 const SAME: f64 = 1e-3;
 
 /// Compares one.
@@ -29,7 +29,7 @@ pub fn judge(family: &str, scenario: &Node<'_>, result: &mut ScenarioResult) -> 
         "unit_max_speed" => {
             let end_mps = number("final_speed")?;
             let (way_m, a, jerk) = (number("distance_m")?, number("accel")?, number("jerk")?);
-            // Who need not stop is as fast as one who has v^2 / 2a more way.
+            // A vehicle that need not stop is as fast as one that has v^2 / 2a more distance.
             let ours = speed_limit(way_m + end_mps * end_mps / (2.0 * a), a, jerk, 0.0).max(end_mps);
             close("speed", ours, expect.get("speed")?.number()?, result);
         }

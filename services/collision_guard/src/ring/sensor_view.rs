@@ -294,12 +294,12 @@ mod tests {
         ) {
             let view = view(&ranges, heading);
             let place = [100.0 + north, -50.0 + east];
-            let trodden = 0.3 + (north.hypot(east) as f32);
+            let footprint = 0.3 + (north.hypot(east) as f32);
             if let Some(FreeDistance { way_m, sector, .. }) = view.free_distance_m(&SectorBorders::new(), place, toward, 0.3) {
                 let (sin, cos) = toward.sin_cos();
                 prop_assert!(sector.is_known());
                 let end = [north + cos * f64::from(way_m), east + sin * f64::from(way_m)];
-                prop_assert!(end[0].hypot(end[1]) >= f64::from(trodden) - 1e-4, "it ends where the vehicle was");
+                prop_assert!(end[0].hypot(end[1]) >= f64::from(footprint) - 1e-4, "it ends where the vehicle was");
                 for i in 0..200 {
                     let s = f64::from(way_m) * f64::from(i) / 200.0;
                     let point = [place[0] + cos * s, place[1] + sin * s];
@@ -308,7 +308,7 @@ mod tests {
                     let admitted = [-1e-3, 0.0, 1e-3].iter().any(|aside| {
                         view.admits([point[0] - sin * aside, point[1] + cos * aside])
                     });
-                    prop_assert!(admitted || from_origin <= f64::from(trodden) + 1e-3, "at {} of {}", s, way_m);
+                    prop_assert!(admitted || from_origin <= f64::from(footprint) + 1e-3, "at {} of {}", s, way_m);
                 }
             }
         }

@@ -1,5 +1,5 @@
-//! The laws of planar scans: what a 2-D lidar says of a direction is in the sectors of that direction, in no other, however the
-//! vehicle is turned, tilted and moving, and as long as it counts.
+//! The laws of planar scans: the reading of a 2-D lidar in a direction is in the sectors of that direction, in no
+//! other, however the vehicle is turned, tilted and moving, and as long as it counts.
 
 use crate::common::{VehiclePose, fly, ring, time, view};
 use jink_collision_guard::ring::Ring;
@@ -152,7 +152,7 @@ proptest! {
             show(&mut ring, 0, &turn(range_m), NOW_S);
             let mut part = scan(sector_bearing_rad(first), SECTOR_WIDTH_RAD, 0.0, &vec![answer_m; count]);
             part.beam_width_rad -= 1e-4;
-            // Of the same sensor it is news, of another one it is no contradiction.
+            // For the same sensor it is newer data, for another one it is no contradiction.
             show(&mut ring, usize::from(is_other), &part, NOW_S + 0.05);
             let seen = view(&ring, NOW_S + 0.05);
             for sector in 0..SECTORS {
@@ -184,7 +184,8 @@ proptest! {
         }
     }
 
-    /// A vehicle is never quite where it was: by 3 cm it looks past the border of what is known into the next sector at most.
+    /// A vehicle never returns exactly: 3 cm off, it sees past the border of what is known into the next sector at
+    /// most.
     #[test]
     fn what_nobody_looked_at_stays_unknown_when_the_vehicle_has_moved_a_little(
         first in 0..SECTORS, count in 2..50usize, range_m in 1.0..11.0f32,

@@ -1,4 +1,4 @@
-//! A guard that has just started holds until it can tell what is flown, and takes it over without a jump.
+//! A guard that has just started holds until it knows what is flown, and takes it over without a jump.
 
 use crate::common::{VehiclePose, World, guard, looking, on, step, straight, successor, time};
 use jink_collision_guard::guard::Guard;

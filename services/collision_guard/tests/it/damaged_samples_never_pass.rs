@@ -101,7 +101,7 @@ proptest! {
         let mut state = VehiclePose::at(0.0, 0.0).state();
         damage(&mut state, offset, &bytes);
         let mut ring = ring();
-        let _refused = ring.vehicle(&state, &SampleHeader::at(time(NOW_S - 0.3)));
+        let _ = ring.vehicle(&state, &SampleHeader::at(time(NOW_S - 0.3)));
         // Sound states heal it, though the damaged one may count as another origin.
         look(&mut ring, &World::default(), VehiclePose::at(0.0, 0.0), NOW_S);
         prop_assert!(ring.is_fresh(time(NOW_S)));
@@ -125,9 +125,9 @@ proptest! {
         let mut header = SampleHeader::at(Timestamp::from_ns(capture));
         header.publish = Timestamp::from_ns(publish);
         let mut ring = ring();
-        let _refused = ring.vehicle(&VehiclePose::at(0.0, 0.0).state(), &header);
+        let _ = ring.vehicle(&VehiclePose::at(0.0, 0.0).state(), &header);
         let (cloud, _) = points(&[([4.0, 0.0, 0.0], RayKind::Hit)], 20.0, NOW_S);
-        let _refused = ring.cloud(0, &cloud, &header);
+        let _ = ring.cloud(0, &cloud, &header);
         view(&ring, NOW_S);
         // Two seconds, so that even a stamp shortly before now is overtaken.
         look(&mut ring, &World(vec![[5.0, 0.0, 0.3]]), VehiclePose::at(0.0, 0.0), NOW_S);
@@ -141,7 +141,7 @@ proptest! {
         look(&mut ring, &World(vec![[5.0, 0.0, 0.3]]), VehiclePose::at(0.0, 0.0), NOW_S);
         let mut scan: RangeScan = beam(4.0, 0.2, 1.0);
         damage(&mut scan, offset, &bytes);
-        let _refused = ring.scan(1, &scan, &SampleHeader::at(time(NOW_S)));
+        let _ = ring.scan(1, &scan, &SampleHeader::at(time(NOW_S)));
         let seen = view(&ring, NOW_S);
         prop_assert!(seen.distance_m[0] <= 4.75, "the other sensor's obstacle stays");
         for range in seen.range_max_m {
@@ -160,7 +160,7 @@ proptest! {
         let ends: Vec<_> = (0..50).map(|i| ([3.0, 0.1 * f64::from(i), 0.0], RayKind::Hit)).collect();
         let (mut cloud, header) = points(&ends, 20.0, NOW_S);
         damage::<PointCloud>(&mut cloud, offset, &bytes);
-        let _refused = ring.cloud(1, &cloud, &header);
+        let _ = ring.cloud(1, &cloud, &header);
         let seen = view(&ring, NOW_S);
         prop_assert!(seen.distance_m[0] <= 4.75, "the other sensor's obstacle stays");
         for range in seen.range_max_m {

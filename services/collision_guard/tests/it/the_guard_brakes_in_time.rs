@@ -181,7 +181,7 @@ fn with_collision_prevention_a_guard_brake_ends_before_the_distance_to_keep() {
     let mut params = ParamSet::default();
     params.set("CP_DIST", KEPT_M).unwrap();
     let first = straight(7, NOW_S, 3.0, 2.0, 20.0);
-    // Not in the way of the hull, but nearer to it than is to be kept.
+    // Not in the path of the vehicle's radius, but nearer to it than the standoff.
     let world = World(vec![[16.0, 1.5, 0.3]]);
     let (mut guard, mut ring) = started(&first);
     follow(
@@ -308,7 +308,7 @@ fn the_brake_is_flown_until_something_that_departs_from_it_passes() {
     );
     assert_eq!(out.trajectory.id, brake.id);
 
-    // What departs from the brake does, when the way is free again.
+    // A trajectory that departs from the brake passes when its path is free again.
     let t = t + 0.1;
     let place = on(&brake, t);
     look(&mut ring, &World::default(), place, t);
@@ -357,7 +357,7 @@ fn a_stop_that_is_shorter_than_the_guard_s_brake_is_left_alone() {
 
 #[test]
 fn a_changed_parameter_counts_from_the_next_step() {
-    // 0.6 m from the surface of a tree beside the way: enough for the default margin of 0.1, not for 0.5.
+    // 0.6 m from the surface of a tree beside the path: enough for the default margin of 0.1, not for 0.5.
     let first = straight(7, NOW_S, 3.0, 2.0, 40.0);
     let (mut guard, mut ring) = started(&first);
     let t = NOW_S + 4.0;
@@ -407,7 +407,7 @@ proptest! {
         let (out, _) = step(&mut guard, t, None, &ring, place);
         let now = first.at(time(t)).unwrap().velocity.vector().norm();
         let stopping = stopping_distance_m(now, 0.35, 2.0, 12.0);
-        // Where the straight way first comes within the clearance, or never.
+        // Where the straight path first comes within the clearance, or never.
         let reach = obstacle[2] + CLEARANCE_M;
         let conflict = obstacle[0] - (reach * reach - obstacle[1] * obstacle[1]).max(0.0).sqrt();
         let crosses = obstacle[1].abs() < reach;
@@ -461,7 +461,7 @@ proptest! {
         let mut guard = guard();
         let (out, _) = step(&mut guard, NOW_S, Some(&first), &ring, moving);
         prop_assume!(out.verdict == Verdict::Passed);
-        // Something stands where it will be in 0.8 s: nearer than any stopping distance.
+        // An obstacle where it will be in 0.8 s: nearer than any stopping distance.
         let t = NOW_S + since;
         let place = on(&first, t);
         let ahead = first.at(time(t + 0.8)).unwrap().position;

@@ -1,5 +1,5 @@
-//! What joins what is flown, in time, within its limits and on fresh data, passes; everything else is refused with its reason,
-//! and what was flown goes on.
+//! What joins what is flown, in time, within its limits and on fresh data, passes; everything else is refused with its
+//! reason, and what was flown continues.
 
 use crate::common::{
     VehiclePose, World, end, guard, hovering_guard, look, on, ring, step, straight, successor, time,

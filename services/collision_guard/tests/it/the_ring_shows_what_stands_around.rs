@@ -60,7 +60,7 @@ fn a_clear_ray_makes_its_sector_free_as_far_as_the_sensor_reaches() {
 #[test]
 fn a_ray_that_leaves_the_height_band_tells_nothing_of_what_comes_behind() {
     let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
-    // The band is half a metre: this ray leaves it at a third of its way.
+    // The band is half a metre: this ray leaves it at a third of its length.
     let (cloud, header) = points(
         &[
             ([12.0, 0.0, 1.5], Hit),

@@ -117,7 +117,7 @@ fn what_a_camera_has_seen_counts_for_a_while_after_it_has_turned_away() {
 
 #[test]
 fn a_dead_sensor_does_not_brake_what_was_approved_but_blocks_what_is_new() {
-    // One sensor looks ahead, the other back; the one that looks ahead dies.
+    // One sensor covers ahead, the other back; the one ahead no longer answers.
     let half = Lidar {
         half_width_rad: 1.5,
         ..Lidar::default()

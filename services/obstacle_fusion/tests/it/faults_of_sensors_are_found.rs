@@ -1,4 +1,4 @@
-//! Faults of sensors are found within some frames of a flight with turns, and where there is none nobody speaks of one.
+//! Faults of sensors are found within some frames of a flight with turns, and where there is none, none is reported.
 
 use crate::flights::{FlightPath, Flown, SensorSample, fly, set};
 use jink_lidar_driver::capture::Capture;
@@ -21,7 +21,7 @@ fn world(name: &str) -> World {
     World::generate(name.parse::<WorldKind>().unwrap(), 1).unwrap()
 }
 
-/// Every point of `cloud` where `matrix` takes its way from the sensor.
+/// Transforms every point of `cloud` by `matrix` about the sensor.
 fn transformed_cloud(cloud: &mut PointCloud, matrix: &Matrix3<f64>) {
     let origin = cloud.origin.vector();
     let count = cloud.len as usize;
@@ -88,7 +88,7 @@ fn a_mirrored_lidar_is_found_within_100_frames_of_a_flight_that_turns() {
         });
         println!("{name} mirrored: {:?}", flown.findings);
         let found = first(&flown);
-        // A fan as high as it is deep looks, mirrored, as if it hung upside down.
+        // A fan as high as it is deep looks, mirrored, as if it were mounted upside down.
         let is_found = match found {
             Some((frame, SensorFault::Mirrored, _)) => frame <= 100,
             Some((frame, SensorFault::WrongMounting, [turned_deg, _])) => {
@@ -245,7 +245,7 @@ fn too_many_and_too_few_frames_are_found_within_7_seconds_and_said_with_both_rat
     }
 }
 
-/// A file of ../shared beside the checkout; says so where there is none.
+/// A file of ../shared beside the checkout; reports where there is none.
 fn shared(path: &str) -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let places = ["../../../shared", "../../../../shared"].map(|place| here.join(place).join(path));

@@ -86,7 +86,7 @@ fn inputs(t_s: f64) -> Inputs {
 
 type Corruption = fn(&mut Inputs, f64, usize);
 
-/// One entry per float field; the number says which point or beam where there are many.
+/// One entry per float field; the number selects the point or beam where there are many.
 const FLOATS: &[Corruption] = &[
     |i, bad, _| i.state.position.x_m = bad,
     |i, bad, _| i.state.position.z_m = bad,

@@ -1,5 +1,5 @@
 //! Noiseless sweeps of analytic worlds: occupied cells are at surfaces, free cells are outside of obstacles and in
-//! sight, and what stands behind an obstacle stays unknown.
+//! sight, and the space behind an obstacle stays unknown.
 
 use crate::world;
 use crate::world::{Lidar, Obstacle, Random, VehicleMotion, at, cells, distance_m, header, known};

@@ -1,4 +1,4 @@
-//! Planar scans and single beams: what a wide beam says is read in the way that leaves least room.
+//! Planar scans and single beams: a wide beam is interpreted in the way that leaves the least free space.
 
 use crate::world::{VehicleMotion, at, header, known};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
@@ -170,7 +170,7 @@ fn infinity_clears_to_the_sensors_range_and_no_further_than_the_carve_range() {
 
 #[test]
 fn a_scan_turns_clockwise_and_its_beams_have_their_own_times() {
-    // A quarter turn in 100 beams of 1 ms, on a vehicle that moves north at 5 m/s; a wall 5 m east of it all the way.
+    // A quarter turn in 100 beams of 1 ms, on a vehicle that moves north at 5 m/s; a wall 5 m east of its whole path.
     let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));
     for i in 0..=5 {
         let t_s = f64::from(i) * 0.02;

@@ -42,7 +42,7 @@ impl TestFusion {
         &self.map
     }
 
-    /// A frame of a single ray to 4 m ahead: a hit, or a look past it to 8 m.
+    /// A frame of a single ray to 4 m ahead: a hit, or a miss with a hit at 8 m.
     fn single_ray(&mut self, hit: bool) -> &LocalMap {
         self.frame(|cloud, _, _| {
             cloud.len = 0;
@@ -205,7 +205,7 @@ fn near_cell() -> Cell {
 }
 
 impl TestFusion {
-    /// A lidar that hits what stands near in nearly every frame.
+    /// A lidar that hits near obstacles in nearly every frame.
     fn of_lidar() -> Self {
         let mut config = FusionConfig::from_params(&ParamSet::default(), 1);
         config.declared[0].repeats_hits = true;
@@ -215,7 +215,7 @@ impl TestFusion {
         }
     }
 
-    /// A frame that looks through the near cell.
+    /// A frame whose rays pass through the near cell.
     fn looked_through(&mut self) -> &LocalMap {
         self.frame(|cloud, _, _| {
             cloud.len = 0;

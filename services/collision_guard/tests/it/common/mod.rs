@@ -235,7 +235,7 @@ pub fn fly(ring: &mut Ring, place: &dyn Fn(f64) -> VehiclePose, from_s: f64, to_
     for i in 0..=steps {
         let t = from_s + 0.02 * f64::from(i);
         // Steps that overlap with an earlier call are late-comers: the ring refuses them, and knows them already.
-        let _known = ring.vehicle(&place(t).state(), &SampleHeader::at(time(t)));
+        let _ = ring.vehicle(&place(t).state(), &SampleHeader::at(time(t)));
     }
 }
 
@@ -383,7 +383,7 @@ pub fn step(
     (out, step_events)
 }
 
-/// What the guard answers to `candidate` when it flies nothing else and nothing stands around.
+/// A guard that flies nothing, in an empty world.
 pub fn hovering_guard(at_s: f64) -> (Guard, Ring) {
     (
         guard(),

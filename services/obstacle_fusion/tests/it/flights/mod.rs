@@ -31,7 +31,7 @@ pub fn set(name: &str) -> Vec<SensorSpec> {
     toml::from_str::<Tables>(&set.text).unwrap().sensor
 }
 
-/// A way with turns: along the world's own, if it has one, with the nose along it, rolling and pitching.
+/// A path with turns: along the world's own, if it has one, with the nose along it, rolling and pitching.
 pub struct FlightPath {
     corners: Vec<Vector3<f64>>,
 }
@@ -56,7 +56,7 @@ impl FlightPath {
             }
             rest_m -= leg.norm();
         }
-        // It looks to both sides of its way, and sways.
+        // It yaws to both sides of its path, and sways.
         let yaw_rad = 0.9 * (0.5 * t_s).sin();
         let attitude =
             UnitQuaternion::from_euler_angles(0.12 * (1.3 * t_s).sin(), 0.1 * (0.9 * t_s).cos(), yaw_rad);
@@ -86,14 +86,14 @@ impl Flown {
     }
 }
 
-/// A sample that may be spoilt: the number of the frame, the sample, its header.
+/// A sample that may be corrupted: the number of the frame, the sample, its header.
 pub enum SensorSample<'a> {
     Cloud(&'a mut PointCloud),
     Scan(&'a mut RangeScan),
 }
 
-/// Flies `specs` through `world` along `way` for `duration_s`; `spoil` gets the number of each frame of the first sensor, and says
-/// how often it is handed on.
+/// Flies `specs` through `world` along `path` for `duration_s`; `corrupt` gets the number of each frame of the first
+/// sensor, and returns how often it is entered.
 pub fn fly(
     world: &World,
     specs: &[SensorSpec],
@@ -161,7 +161,7 @@ pub fn fly(
     }
 }
 
-/// What an estimator says of the vehicle: off by a slow drift of 0.3 m, and by a degree.
+/// The estimator's state of the vehicle: off by a slow drift of 0.3 m, and by a degree.
 fn state(path: &FlightPath, t_s: f64) -> VehicleState {
     let estimate = |t_s: f64| {
         let pose = path.pose(t_s);

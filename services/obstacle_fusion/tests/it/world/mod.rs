@@ -1,4 +1,4 @@
-//! A small analytic world and a lidar in it: what tests and the benchmark feed the map with.
+//! A small analytic world and a lidar in it, for tests and the benchmark.
 //!
 //! Every surface is given by a signed distance, positive outside, so that "how deep inside an obstacle" and "how far
 //! from any surface" are exact, and a ray ends where the distance is zero.
