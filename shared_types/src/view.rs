@@ -63,13 +63,13 @@ pub fn bin_of(direction: &Vector3<f64>) -> (usize, usize) {
 }
 
 impl FieldOfView {
-    /// Notes that a sensor has seen something, or nothing, in this direction (body).
+    /// Adds a direction (body) in which a sensor has seen something, or nothing.
     pub fn add(&mut self, direction: &Vector3<f64>) {
         let (row, column) = bin_of(direction);
         self.seen[row][column >> 6] |= 1 << (column & 63);
     }
 
-    /// Notes all that another one sees.
+    /// Adds all directions of another field of view.
     pub fn join(&mut self, other: &Self) {
         for (row, more) in self.seen.iter_mut().flatten().zip(other.seen.iter().flatten()) {
             *row |= more;
@@ -151,7 +151,7 @@ impl FieldOfView {
     }
 }
 
-/// What a vehicle needs to see to come away from the place where it has taken off.
+/// What a vehicle needs to see to leave the place where it has taken off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Needs {
     /// Distance around the centre that has to be known to be free in the slowest motion (m).
@@ -188,7 +188,7 @@ impl Missing {
         format!("nobody sees {self}")
     }
 
-    /// What would help.
+    /// What would remedy it.
     pub fn remedy(self) -> &'static str {
         match self {
             Missing::Nothing => "",

@@ -245,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_is_a_detour_by_the_length_of_the_way_round_it() {
+    fn a_wall_is_a_detour_by_the_length_of_the_path_round_it() {
         let far = far(&map(|x, y| (19.8..20.6).contains(&x) && y > -9.0), [40.0, 0.0]);
         // In steps to eight sides the detour is at most 20 cells of 0.4 m to the side longer than the straight line.
         let at_it = detour_m(&far, 18.0, 0.0);
@@ -292,7 +292,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(16))]
 
         #[test]
-        fn more_obstacles_never_make_a_way_shorter(
+        fn more_obstacles_never_make_a_path_shorter(
             walls in prop::collection::vec((-40.0..40.0f64, -40.0..40.0f64, 0.5..8.0f64), 1..12),
             goal in (-80.0..80.0f64, -80.0..80.0f64),
         ) {

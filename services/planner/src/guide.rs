@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_along_the_edge_of_the_unknown_does_not_cut_its_corners() {
+    fn a_path_along_the_edge_of_the_unknown_does_not_cut_its_corners() {
         // The diagonal is safe, the cells to its one side are not.
         let space_beside = |is_left: bool, aside: i32| {
             let mut map = known_map(|_| false);

@@ -745,7 +745,7 @@ mod tests {
     }
 
     #[test]
-    fn where_a_way_ends_short_of_its_goal_stays_the_same_while_the_map_wobbles() {
+    fn where_a_path_ends_short_of_its_goal_stays_the_same_while_the_map_wobbles() {
         let mut search = Search::default();
         let mut first = None;
         for noise in 0..8 {

@@ -3,8 +3,8 @@
 use crate::clouds::{Series, states_between};
 use crate::flight::at;
 use jink_obstacle_fusion::{Fusion, FusionConfig};
-use jink_planner::speed_tiers::{TIERS, speed_tiers};
 use jink_planner::configuration_space::{Clearance, ConfigurationSpace};
+use jink_planner::speed_tiers::{TIERS, speed_tiers};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::{SampleHeader, Timestamp};

@@ -179,7 +179,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn nothing_allowed_is_nearer_to_the_wish(limits in limits(), desired in vector(), other in vector()) {
+        fn nothing_allowed_is_nearer_to_the_desired_vector(limits in limits(), desired in vector(), other in vector()) {
             let answer = list(&limits).nearest(desired);
             let allowed = excess(&limits, &answer) < 1e-6;
             if excess(&limits, &other) <= 0.0 {
@@ -203,7 +203,7 @@ mod tests {
         }
 
         #[test]
-        fn the_answer_moves_no_more_than_the_wish(limits in limits(), desired in vector(), step in vector()) {
+        fn the_answer_moves_no_more_than_the_desired_vector(limits in limits(), desired in vector(), step in vector()) {
             let list = list(&limits);
             let (here, there) = (list.nearest(desired), list.nearest(desired + step));
             if excess(&limits, &here) < 1e-7 && excess(&limits, &there) < 1e-7 {

@@ -446,7 +446,7 @@ fn guidance_takes_the_better_side_and_never_one_without_data() {
 }
 
 #[test]
-fn without_data_nothing_moves_then_the_pilot_is_told_then_the_vehicle_holds() {
+fn without_data_nothing_moves_then_the_pilot_is_notified_then_the_vehicle_holds() {
     let mut prevention = Prevention::new(config());
     let mut reported = Vec::new();
     let seen = ring([f64::INFINITY; SECTORS]);

@@ -288,7 +288,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_way_told_free_is_free_at_every_point(
+        fn the_free_distance_is_free_at_every_point(
             ranges in proptest::collection::vec(prop_oneof![Just(0.0f32), 1.0..20.0f32], 72),
             heading in -3.0..3.0f64, toward in -3.0..3.0f64, north in -0.7..0.7f64, east in -0.7..0.7f64,
         ) {
@@ -314,7 +314,7 @@ mod tests {
         }
 
         #[test]
-        fn from_its_own_place_a_view_tells_each_sector_as_it_is(
+        fn from_its_own_place_a_view_reports_each_sector_as_it_is(
             ranges in proptest::collection::vec(1.0..20.0f32, 72), sector in 0..72usize,
         ) {
             let view = view(&ranges, 1.0);

@@ -67,7 +67,7 @@ fn a_successor_that_fits_passes() {
 }
 
 #[test]
-fn what_is_approved_is_told_on_every_call_and_rests_after_its_end() {
+fn what_is_approved_is_published_on_every_call_and_rests_after_its_end() {
     let (mut guard, ring, first) = flying();
     for t in [NOW_S + 0.1, NOW_S + 100.0] {
         let (out, _) = step(&mut guard, t, None, &ring, VehiclePose::at(0.0, 0.0));
@@ -78,7 +78,7 @@ fn what_is_approved_is_told_on_every_call_and_rests_after_its_end() {
 }
 
 #[test]
-fn the_same_trajectory_again_is_no_news() {
+fn the_same_trajectory_again_is_nothing_new() {
     let (mut guard, ring, first) = flying();
     let (out, _) = step(
         &mut guard,
@@ -371,7 +371,7 @@ fn a_mirror_with_pieces_is_no_mirror() {
 }
 
 #[test]
-fn lost_and_returned_ranges_are_told_once_each() {
+fn lost_and_returned_ranges_are_reported_once_each() {
     let (mut guard, mut ring, first) = flying();
     let mut told = Vec::new();
     for i in 1..40 {

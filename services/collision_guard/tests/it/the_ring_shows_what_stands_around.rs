@@ -58,7 +58,7 @@ fn a_clear_ray_makes_its_sector_free_as_far_as_the_sensor_reaches() {
 }
 
 #[test]
-fn a_ray_that_leaves_the_height_band_tells_nothing_of_what_comes_behind() {
+fn a_ray_that_leaves_the_height_band_says_nothing_about_what_is_beyond() {
     let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
     // The band is half a metre: this ray leaves it at a third of its length.
     let (cloud, header) = points(
@@ -335,7 +335,7 @@ proptest! {
 }
 
 #[test]
-fn inside_a_fence_no_direction_is_told_clear_however_the_vehicle_moves_after_the_sweep() {
+fn inside_a_fence_no_direction_is_reported_clear_however_the_vehicle_moves_after_the_sweep() {
     let fence: Vec<_> = (0..72)
         .map(|i| {
             let (y, x) = sector_bearing_rad(i).sin_cos();

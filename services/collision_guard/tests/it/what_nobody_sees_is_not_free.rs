@@ -10,7 +10,7 @@ use jink_shared_types::motion::{GuardReason, Verdict, stopping_distance_m};
 const NOW_S: f64 = 10.0;
 
 #[test]
-fn a_way_beyond_what_the_sensor_sees_is_braked_as_unseen() {
+fn a_path_beyond_what_the_sensor_sees_is_braked_as_unseen() {
     let lidar = Lidar {
         range_max_m: 3.5,
         ..Lidar::default()

@@ -101,7 +101,7 @@ fn a_mirrored_lidar_is_found_within_100_frames_of_a_flight_that_turns() {
 }
 
 #[test]
-fn ranges_in_wrong_units_are_found_within_125_frames_and_the_factor_is_said() {
+fn ranges_in_wrong_units_are_found_within_125_frames_and_the_factor_is_reported() {
     for name in ["mid360", "os0", "vlp16", "d435", "rplidar"] {
         for factor in [3.280_84, 0.304_8, 1_000.0, 0.001] {
             let flown = flown(name, |_, sample, _| {
@@ -224,7 +224,7 @@ fn a_time_that_stands_still_is_found_within_six_frames() {
 }
 
 #[test]
-fn too_many_and_too_few_frames_are_found_within_7_seconds_and_said_with_both_rates() {
+fn too_many_and_too_few_frames_are_found_within_7_seconds_and_reported_with_both_rates() {
     let world = world("forest");
     let path = FlightPath::through(&world);
     let mut specs = set("mid360");

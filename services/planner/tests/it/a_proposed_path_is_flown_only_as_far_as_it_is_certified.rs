@@ -147,7 +147,7 @@ fn aside() -> Vec<Point<LocalNed>> {
 }
 
 #[test]
-fn a_way_that_can_be_certified_is_the_route() {
+fn a_path_that_can_be_certified_is_the_route() {
     let (route, answer) = verdict(|| map(12.0, |_| false), to(60.0, 0.0), &aside());
     assert_eq!(answer.verdict.get(), ProposalVerdict::Accepted);
     assert_eq!(route.mode.get(), RouteMode::Plan);
@@ -161,7 +161,7 @@ fn a_way_that_can_be_certified_is_the_route() {
 }
 
 #[test]
-fn a_way_to_the_goal_ends_at_it() {
+fn a_path_to_the_goal_ends_at_it() {
     let way = [at(0.0, 0.0), at(2.0, 3.0), at(4.0, 0.2)];
     let (route, answer) = verdict(|| map(12.0, |_| false), to(4.0, 0.0), &way);
     assert_eq!(answer.verdict.get(), ProposalVerdict::Accepted);
@@ -174,7 +174,7 @@ fn a_way_to_the_goal_ends_at_it() {
 }
 
 #[test]
-fn a_way_through_a_tree_is_refused_with_the_place() {
+fn a_path_through_a_tree_is_refused_with_the_place() {
     let tree = || map(12.0, |p| (p.x - 0.1).hypot(p.y - 4.0) < 0.4);
     let (_, answer) = verdict(tree, to(60.0, 0.0), &aside());
     assert_eq!(answer.verdict.get(), ProposalVerdict::Occupied);
@@ -192,7 +192,7 @@ fn a_gap_narrower_than_the_vehicle_needs_is_refused() {
 }
 
 #[test]
-fn a_way_into_the_unknown_is_flown_as_far_as_is_known() {
+fn a_path_into_the_unknown_is_flown_as_far_as_is_known() {
     let (route, answer) = verdict(|| map(6.0, |_| false), to(60.0, 0.0), &aside());
     assert_eq!(answer.verdict.get(), ProposalVerdict::Shortened);
     assert!((4.0..6.0).contains(&answer.place.y_m), "{answer:?}");
@@ -301,7 +301,7 @@ impl TestPlanner {
 }
 
 #[test]
-fn a_proposal_that_is_silent_is_followed_by_the_own_way_at_once() {
+fn a_proposal_that_is_silent_is_followed_by_the_own_path_at_once() {
     let desired = to(60.0, 0.0);
     let mut bench = TestPlanner::new(map(12.0, |_| false), desired);
     let way = proposal(&desired, &aside());
@@ -334,7 +334,7 @@ fn an_answer_comes_once_and_anew_when_it_changes() {
 }
 
 #[test]
-fn routes_that_nobody_flies_are_not_feasible_and_the_own_way_is_tried() {
+fn routes_that_are_not_flown_are_not_feasible_and_the_own_path_is_tried() {
     let desired = to(60.0, 0.0);
     let mut bench = TestPlanner::new(map(12.0, |_| false), desired);
     let way = proposal(&desired, &aside());
@@ -350,7 +350,7 @@ fn routes_that_nobody_flies_are_not_feasible_and_the_own_way_is_tried() {
 }
 
 #[test]
-fn a_way_that_leads_nowhere_is_left_after_some_seconds_and_for_longer_each_time() {
+fn a_path_that_leads_nowhere_is_left_after_some_seconds_and_for_longer_each_time() {
     let desired = to(60.0, 0.0);
     let mut bench = TestPlanner::new(map(12.0, |_| false), desired);
     let mut way = proposal(&desired, &aside());
