@@ -7,7 +7,7 @@
 //! same on the sector ring, then a velocity instead of an acceleration (what a pilot's sticks are where he steers through jink), then the acceleration
 //! with the making of the ring from a planar scan's layer.
 
-use jink_collision_guard::prevention::{Demand, Prevention, PreventionConfig};
+use jink_collision_guard::prevention::{HorizontalSetpoint, Prevention, PreventionConfig};
 use jink_collision_guard::ring::Ring;
 use jink_emulated_px4::collision_prevention::{CollisionPrevention, ObstacleDistance, Settings};
 use jink_shared_types::params::ParamSet;
@@ -186,7 +186,7 @@ impl Ours {
     fn velocity_tick(&mut self, run: usize, stick: f64) -> f64 {
         let now = self.at(0).plus_seconds(0.02 * (run % 3) as f64);
         let (sin, cos) = stick.sin_cos();
-        let demand = Demand::Velocity(Vector2::new(6.0 * cos, 6.0 * sin));
+        let demand = HorizontalSetpoint::Velocity(Vector2::new(6.0 * cos, 6.0 * sin));
         let velocity = Vector2::new(2.0, 0.5);
         self.prevention
             .step(now, &self.sectors, demand, velocity)
@@ -220,7 +220,7 @@ impl Ours {
 
     fn constrain(&mut self, now: Timestamp, stick: f64) -> f64 {
         let (sin, cos) = stick.sin_cos();
-        let demand = Demand::Acceleration(Vector2::new(3.0 * cos, 3.0 * sin));
+        let demand = HorizontalSetpoint::Acceleration(Vector2::new(3.0 * cos, 3.0 * sin));
         let velocity = Vector2::new(2.0, 0.5);
         self.prevention
             .step(now, &self.sectors, demand, velocity)

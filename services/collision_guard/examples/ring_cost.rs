@@ -65,7 +65,7 @@ fn main() {
     });
 }
 
-/// What a 2-D lidar says of a turn that takes the whole sweep.
+/// A scan of a 2-D lidar whose turn takes the whole sweep.
 fn turn(beams: u32, width_rad: f64) -> RangeScan {
     let count = f64::from(beams);
     RangeScan {

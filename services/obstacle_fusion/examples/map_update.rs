@@ -16,14 +16,14 @@ use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::PointCloud;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::time::Instant;
-use world::{Lidar, Motion, Shape, at, forest, header};
+use world::{Lidar, Obstacle, VehicleMotion, at, forest, header};
 
 const SWEEP_S: f64 = 0.1;
 const SWEEPS: usize = 200;
 const MAPS: usize = 5;
 
-fn motion(t_s: f64) -> Motion {
-    Motion {
+fn motion(t_s: f64) -> VehicleMotion {
+    VehicleMotion {
         position_m: Vector3::new(-30.0 + 3.0 * t_s, 0.0, -2.0),
         velocity_mps: Vector3::new(3.0, 0.0, 0.0),
         attitude: UnitQuaternion::from_euler_angles(0.0, -0.1, 0.3 * t_s),
@@ -63,7 +63,7 @@ fn run(rays: usize) {
             states += 1;
         }
         let here = motion(end_s).position_m;
-        let near: Vec<Shape> = world
+        let near: Vec<Obstacle> = world
             .iter()
             .filter(|shape| shape.distance_m(&here) < lidar.range_max_m + 1.0)
             .copied()

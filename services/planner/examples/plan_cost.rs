@@ -1,10 +1,10 @@
 //! What planning costs: `cargo run --release -p jink-planner --example plan_cost`.
 //!
-//! Synthetic forests (1 tree per 25 m2), everything within 10 m known. Prints the time to inflate a map for the highest gear and the time of
+//! Synthetic forests (1 tree per 25 m2), everything within 10 m known. Prints the time to inflate a map for the highest speed tier and the time of
 //! a whole cycle with a new map: p50, p99 and maximum over all forests.
 
-use jink_planner::gears::gears;
-use jink_planner::space::{Room, Space};
+use jink_planner::configuration_space::{Clearance, ConfigurationSpace};
+use jink_planner::speed_tiers::speed_tiers;
 use jink_planner::{Inputs, Planner};
 use jink_shared_types::frames::Point;
 use jink_shared_types::map::{LocalMap, center_of, set};
@@ -68,7 +68,7 @@ fn main() {
     for point in &mut desired.points {
         point.position = Point::new(60.0, 0.0, -2.5);
     }
-    let mut space = Space::new(&gears(&params), Room::from_params(&params));
+    let mut space = ConfigurationSpace::new(&speed_tiers(&params), Clearance::from_params(&params));
     let mut planner = Planner::new(&params, 1);
     let (mut inflate, mut cycle, mut planned) = (Vec::new(), Vec::new(), 0);
     for seed in 0..FORESTS {
@@ -105,6 +105,6 @@ fn main() {
         }
     }
     println!("{planned} of {} cycles found a plan", FORESTS * REPEATS);
-    print("inflate for one gear", &inflate);
+    print("inflate for one tier", &inflate);
     print("whole cycle with new map", &cycle);
 }

@@ -23,11 +23,11 @@ fn fingerprint(seed: u64) -> u64 {
         fly(&mut ring, &place, t - 0.2, t);
         let (cloud, header) = lidar.sweep(&world, &place, t, &mut random);
         ring.cloud(0, &cloud, &header).unwrap();
-        let (out, news) = step(&mut guard, t, (i == 0).then_some(&first), &ring, place(t));
+        let (out, step_events) = step(&mut guard, t, (i == 0).then_some(&first), &ring, place(t));
         add(out.free_way_m.to_bits());
         add(out.stopping_m.to_bits());
         add(out.trajectory.id);
-        add(news.events().len() as u64);
+        add(step_events.events().len() as u64);
         for piece in out.trajectory.pieces() {
             add(piece.duration_s.to_bits());
             for point in piece.position {

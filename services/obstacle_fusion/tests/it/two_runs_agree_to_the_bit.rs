@@ -1,6 +1,6 @@
 //! The same inputs give the same map, to the bit, whatever ran before in the process.
 
-use crate::world::{Lidar, Motion, at, forest, header};
+use crate::world::{Lidar, VehicleMotion, at, forest, header};
 use jink_obstacle_fusion::{Counters, Fusion, FusionConfig};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
@@ -12,7 +12,7 @@ use rand_xoshiro::SplitMix64;
 fn flight(seed: u64) -> (Box<LocalMap>, Counters) {
     let world = forest(40.0, seed);
     let mut random = SplitMix64::seed_from_u64(seed);
-    let motion = |t_s: f64| Motion {
+    let motion = |t_s: f64| VehicleMotion {
         position_m: Vector3::new(-5.0 + 6.0 * t_s, 0.4 * t_s.sin(), -2.0),
         velocity_mps: Vector3::new(6.0, 0.4 * t_s.cos(), 0.0),
         attitude: UnitQuaternion::from_euler_angles(0.1 * t_s, -0.2, t_s),

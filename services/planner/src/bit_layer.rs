@@ -1,22 +1,23 @@
-//! Bit layers over the local map's window and their dilation by a ball.
+//! Bit layers over the local map's window and their dilation by a structuring element.
 //!
 //! A layer holds one `u128` per row of cells. Addressing is modular like the map's, so that shifting along an axis is a
 //! rotation; what wraps over the window's seam is harmless because the outermost shell of cells always counts as
-//! unknown (see [`Layer::load_unsafe`]).
+//! unknown (see [`BitLayer::load_unsafe`]).
 //!
-//! Dilation is exact on the safe side: a cell is set if *any* point in it is nearer than the radius to *any* point of
-//! a set cell, so that a vehicle anywhere in an unset cell has the radius to itself. What that loses to the size of cells is half as
-//! much in a layer of half cells, which covers the middle of the window ([`Layer::load_halves`]).
+//! Dilation is exact on the safe side: a cell is set if *any* point in it is nearer than the radius to *any* point of a
+//! set cell, so that a vehicle anywhere in an unset cell has at least the radius of clearance. What that loses to the
+//! size of cells is half as much in a layer of half cells, which covers the middle of the window
+//! ([`BitLayer::load_halves`]).
 
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, Plane, ROWS, SIZE_X, SIZE_Y, SIZE_Z, bit_of, row_of};
 
 /// One bit per cell of the window.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Layer {
+pub struct BitLayer {
     rows: Vec<u128>,
 }
 
-impl Default for Layer {
+impl Default for BitLayer {
     fn default() -> Self {
         Self { rows: vec![0; ROWS] }
     }
@@ -32,7 +33,7 @@ fn index_of(y: usize, z: usize) -> usize {
     (z & (SIZE_Z - 1)) * SIZE_Y + (y & (SIZE_Y - 1))
 }
 
-impl Layer {
+impl BitLayer {
     /// Adds the cells of another.
     pub fn add(&mut self, other: &Self) {
         for (row, more) in self.rows.iter_mut().zip(&other.rows) {
@@ -40,7 +41,7 @@ impl Layer {
         }
     }
 
-    /// Whether the bit of `cell` is set; the caller answers for the cell being inside the window.
+    /// Whether the bit of `cell` is set; the caller ensures that the cell is inside the window.
     pub fn test(&self, cell: Cell) -> bool {
         self.rows[row_of(cell)] >> bit_of(cell) & 1 == 1
     }
@@ -79,14 +80,14 @@ impl Layer {
         }
     }
 
-    /// Takes the cells of another away.
+    /// Removes the cells of another.
     pub fn remove(&mut self, other: &Self) {
         for (row, less) in self.rows.iter_mut().zip(&other.rows) {
             *row &= !less;
         }
     }
 
-    /// Becomes what another is.
+    /// Copies another layer.
     pub fn copy(&mut self, other: &Self) {
         self.rows.copy_from_slice(&other.rows);
     }
@@ -159,15 +160,15 @@ fn gap_cells(offset: i32) -> f64 {
     f64::from((offset.abs() - 1).max(0))
 }
 
-/// A ball, or a ball and a cylinder, as the widths of its rows, for bit-parallel dilation.
+/// A structuring element, a sphere or a sphere and a cylinder, as the widths of its rows, for bit-parallel dilation.
 #[derive(Clone, Debug)]
-pub struct Ball {
-    /// Per half width (index): the row offsets `(dy, dz)` at which the ball is that wide.
+pub struct StructuringElement {
+    /// Per half width (index): the row offsets `(dy, dz)` at which the element is that wide.
     offsets: Vec<Vec<(usize, usize)>>,
 }
 
-impl Ball {
-    /// The ball of `radius_m`; every cell counts whose nearest point is nearer than that.
+impl StructuringElement {
+    /// A sphere of `radius_m`; every cell counts whose nearest point is nearer than that.
     pub fn new(radius_m: f64) -> Self {
         Self::of_cells(radius_m, CELL_M)
     }
@@ -187,7 +188,8 @@ impl Ball {
         })
     }
 
-    /// A body no larger than `reach_m` that holds what is `is_inside(level distance squared, height)`.
+    /// An element no larger than `reach_m` that holds every cell for which `is_inside(horizontal distance squared,
+    /// height)`.
     fn within(reach_m: f64, cell_m: f64, is_inside: impl Fn(f64, f64) -> bool) -> Self {
         let gap_m = |offset: i32| gap_cells(offset) * cell_m;
         let reach = (reach_m / cell_m).ceil() as i32 + 1;
@@ -210,8 +212,8 @@ impl Ball {
         Self { offsets }
     }
 
-    /// Writes into `out` all cells that the ball around a cell of `source` reaches; `scratch` is overwritten.
-    pub fn dilate(&self, source: &Layer, scratch: &mut Layer, out: &mut Layer) {
+    /// Writes into `out` all cells that the element around a cell of `source` reaches; `scratch` is overwritten.
+    pub fn dilate(&self, source: &BitLayer, scratch: &mut BitLayer, out: &mut BitLayer) {
         scratch.rows.copy_from_slice(&source.rows);
         out.rows.fill(0);
         for (width, offsets) in self.offsets.iter().enumerate() {
@@ -221,7 +223,7 @@ impl Ball {
                     *wide |= narrow.rotate_left(shift) | narrow.rotate_right(shift);
                 }
             }
-            // Slice by slice: one and those around it stay in the nearest cache.
+            // Slice by slice: one slice and those around it stay in the nearest cache.
             for (z, slice) in scratch.rows.chunks_exact(SIZE_Y).enumerate() {
                 if slice.iter().all(|row| *row == 0) {
                     continue;
@@ -249,7 +251,7 @@ fn or_shifted(slice: &[u128], dy: usize, out: &mut [u128]) {
 
 #[cfg(test)]
 mod tests {
-    use super::{Ball, Layer};
+    use super::{BitLayer, StructuringElement};
     use jink_shared_types::map::{CELL_M, Cell, LocalMap, set};
     use proptest::prelude::*;
 
@@ -268,12 +270,12 @@ mod tests {
             radius in 0.1..1.1f64,
             cell_m in prop_oneof![Just(CELL_M), Just(0.5 * CELL_M)],
         ) {
-            let mut source = Layer::default();
+            let mut source = BitLayer::default();
             for (x, y, z) in &cells {
                 source.set([*x, *y, *z]);
             }
-            let (mut scratch, mut out) = (Layer::default(), Layer::default());
-            Ball::of_cells(radius, cell_m).dilate(&source, &mut scratch, &mut out);
+            let (mut scratch, mut out) = (BitLayer::default(), BitLayer::default());
+            StructuringElement::of_cells(radius, cell_m).dilate(&source, &mut scratch, &mut out);
             for x in -60..60 {
                 for y in -60..60 {
                     for z in -28..28 {
@@ -294,11 +296,11 @@ mod tests {
             set_cells in proptest::collection::vec((0..64i32, 0..64i32, 0..32i32), 1..40),
         ) {
             let min = [min.0, min.1, min.2];
-            let mut cells = Layer::default();
+            let mut cells = BitLayer::default();
             for (x, y, z) in &set_cells {
                 cells.set([min[0] + x, min[1] + y, min[2] + z]);
             }
-            let mut halves = Layer::default();
+            let mut halves = BitLayer::default();
             let min_half = min.map(|cell| 2 * cell);
             halves.load_halves(&cells, min_half);
             for x in (min_half[0]..).take(128) {
@@ -314,10 +316,10 @@ mod tests {
 
     #[test]
     fn a_cylinder_reaches_farther_to_the_sides_and_no_higher() {
-        let mut source = Layer::default();
+        let mut source = BitLayer::default();
         source.set([0, 0, 0]);
-        let (mut scratch, mut out) = (Layer::default(), Layer::default());
-        Ball::in_cylinder(0.5, 2.0, 0.5).dilate(&source, &mut scratch, &mut out);
+        let (mut scratch, mut out) = (BitLayer::default(), BitLayer::default());
+        StructuringElement::in_cylinder(0.5, 2.0, 0.5).dilate(&source, &mut scratch, &mut out);
         for x in -15..=15 {
             for y in -15..=15 {
                 for z in -15..=15 {
@@ -338,11 +340,11 @@ mod tests {
             set(&mut map.known, [x, 0, 0]);
         }
         set(&mut map.occupied, [5, 0, 0]);
-        let mut layer = Layer::default();
-        layer.load_unsafe(&map);
-        assert!(!layer.test([4, 0, 0]), "known and free");
-        assert!(layer.test([5, 0, 0]), "occupied");
-        assert!(layer.test([4, 1, 0]), "unknown");
-        assert!(layer.test([-64, 0, 0]) && layer.test([63, 0, 0]), "shell");
+        let mut bit_layer = BitLayer::default();
+        bit_layer.load_unsafe(&map);
+        assert!(!bit_layer.test([4, 0, 0]), "known and free");
+        assert!(bit_layer.test([5, 0, 0]), "occupied");
+        assert!(bit_layer.test([4, 1, 0]), "unknown");
+        assert!(bit_layer.test([-64, 0, 0]) && bit_layer.test([63, 0, 0]), "shell");
     }
 }

@@ -1,4 +1,4 @@
-//! How far a sensor has seen in each direction around a place.
+//! A range image: how far a sensor has seen in each direction around a place.
 
 use jink_shared_types::sample::zeroed_box;
 use nalgebra::Vector3;
@@ -9,33 +9,33 @@ const COLUMNS: usize = 120;
 const ROWS: usize = 60;
 const BINS: usize = COLUMNS * ROWS;
 const STEP_RAD: f64 = TAU / COLUMNS as f64;
-/// A bin and its neighbours say something if so many rays have gone there.
+/// A bin and its neighbours have a result if so many rays have gone there.
 const RAYS_MIN: u32 = 3;
 /// A distance differs if it does by more than this (m), and this share of it: noise, errors of poses, edges.
 const SLACK_M: f32 = 0.3;
 const SLACK_RATIO: f32 = 0.05;
 
-/// What an image says of something at a distance.
+/// Whether something at a distance agrees with a range image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Verdict {
-    /// Rays have gone through there.
+pub(super) enum RangeAgreement {
+    /// Rays pass through there.
     SeenThrough,
-    /// Rays have ended about there.
+    /// Rays end about there.
     Agrees,
-    /// It was hidden, or nobody has looked there.
+    /// It was hidden, or no ray has gone there.
     Unknown,
 }
 
 /// Shortest and longest distance in each direction (m), and how many rays.
-pub(super) struct Image {
+pub(super) struct RangeImage {
     near_m: Box<[f32; BINS]>,
     far_m: Box<[f32; BINS]>,
     rays: Box<[u8; BINS]>,
-    /// Directions count around only, distances along the level.
+    /// Directions count around only, distances horizontally.
     is_planar: bool,
 }
 
-impl Image {
+impl RangeImage {
     pub fn new() -> Self {
         Self {
             near_m: zeroed_box(),
@@ -62,7 +62,7 @@ impl Image {
         (row, column, offset_m.norm() as f32)
     }
 
-    /// A ray has gone as far as `offset_m`.
+    /// Adds a ray that goes as far as `offset_m`.
     pub fn add(&mut self, offset_m: &Vector3<f64>) {
         let (row, column, distance_m) = self.bin(offset_m);
         let bin = row * COLUMNS + column;
@@ -75,12 +75,12 @@ impl Image {
         self.rays[bin] = self.rays[bin].saturating_add(1);
     }
 
-    /// What the rays say of something at `offset_m`.
-    pub fn judge(&self, offset_m: &Vector3<f64>) -> Verdict {
+    /// Compares something at `offset_m` with the rays.
+    pub fn judge(&self, offset_m: &Vector3<f64>) -> RangeAgreement {
         let (row, column, distance_m) = self.bin(offset_m);
-        // Beside what was looked at, a wall that goes on comes nearer.
+        // In bins without rays, a continued wall comes nearer.
         if self.rays[row * COLUMNS + column] == 0 {
-            return Verdict::Unknown;
+            return RangeAgreement::Unknown;
         }
         let (mut near_m, mut far_m, mut rays) = (f32::INFINITY, 0.0f32, 0u32);
         for row in row.saturating_sub(1)..=(row + 1).min(ROWS - 1) {
@@ -95,11 +95,11 @@ impl Image {
         }
         let slack_m = SLACK_M + SLACK_RATIO * distance_m;
         if rays < RAYS_MIN || distance_m > far_m + slack_m {
-            Verdict::Unknown
+            RangeAgreement::Unknown
         } else if distance_m < near_m - slack_m {
-            Verdict::SeenThrough
+            RangeAgreement::SeenThrough
         } else {
-            Verdict::Agrees
+            RangeAgreement::Agrees
         }
     }
 }

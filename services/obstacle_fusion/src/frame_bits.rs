@@ -1,55 +1,55 @@
-//! What one cloud or scan says about cells, before it counts as evidence.
+//! The cells that one cloud or scan reports, before it counts as evidence.
 //!
 //! | in | out |
 //! |---|---|
-//! | hit points and rays in grid coordinates | two bit planes: cells with a hit, cells looked through |
+//! | hit points and rays in grid coordinates | two bit planes: cells with a hit, cells that rays pass through |
 //!
 //! Grid coordinates are local coordinates in cells, from the window's smallest corner: inside the window they run from
 //! 0 to its size, and a cell is the whole part.
 //!
 //! A ray is carved from its end back to the sensor, cell by cell, with the traversal of Amanatides and Woo ("A fast
 //! voxel traversal algorithm for ray tracing", 1987). Three things keep the work nearly independent of the number of
-//! points: one ray per end cell, an early exit where earlier rays have been, and a bounded length. All three only
-//! ever leave out free cells; those stay what they were until a later frame.
+//! points: one ray per end cell, an early exit where earlier rays have been, and a bounded length. All three only ever
+//! leave out free cells; those stay what they were until a later frame.
 //!
-//! The end cell itself is looked through only if the ray is known to go on behind it.
+//! The end cell itself is passed through only if the ray is known to continue behind it.
 //!
-//! Where the user declares that a planar sensor stands for a band above and below its plane, what its rays say is spread over the
-//! band ([`Frame::spread`]), and kept apart: what was measured counts for more.
+//! Where the user declares that a planar sensor stands for a band above and below its plane, the cells of its rays are
+//! copied to the band ([`FrameBits::spread`]), and kept apart: measurements take precedence.
 
 use crate::cells::{BitPlane, SIZE, STRIDE, WORDS, number, offset_in, plane};
-use crate::far::Far;
+use crate::far_window::FarWindow;
 use jink_shared_types::map::{CELL_M, Cell};
 use nalgebra::Vector3;
 
-/// A ray stops being carved after this many cells in a row that are free already: towards the sensor rays only get
-/// denser. One or two such cells are crossings with other rays; after three hardly anything new follows.
+/// A ray is no longer carved after this many cells in a row that are free already: towards the sensor rays only get
+/// denser. One or two such cells are crossings with other rays; after three hardly any new cell follows.
 const FREE_CELLS_TO_STOP: u32 = 3;
 
-/// A ray's parameter runs from 0 to this number, as an integer: additions and comparisons of integers are the
-/// shortest chain a processor can run. 2^40 steps over at most 12 m place a crossing to within 1e-11 m.
+/// A ray's parameter runs from 0 to this number, as an integer: additions and comparisons of integers have the lowest
+/// latency. 2^40 steps over at most 12 m place a crossing to within 1e-11 m.
 const PARAMETER_ONE: f64 = (1u64 << 40) as f64;
 
-/// Parameter of a crossing that never comes. Far above every other, and far from overflow when steps are added.
+/// Parameter of a crossing that does not exist: far above every other, and far from overflow when steps are added.
 const NEVER: i64 = 1 << 60;
 
-/// Rays that are worked together at most.
+/// Most rays that are processed together.
 const RAYS: usize = 64;
-/// Rays that one instruction works.
+/// Rays that one instruction processes.
 const LANES: usize = 4;
 
-/// A ray's origin is at least this many cells away from the window's faces. The vehicle is in the middle of the
-/// window, so that only a nonsensical origin is not; one cell absorbs what rounding does to the last crossing.
+/// A ray's origin is at least this many cells away from the window's faces. The vehicle is in the middle of the window,
+/// so that only an implausible origin is not; one cell absorbs the rounding of the last crossing.
 const BORDER: f64 = 2.0;
 
 /// The bits of one frame, by offset from the window's smallest cell.
-pub(crate) struct Frame {
+pub(crate) struct FrameBits {
     min_cell: Cell,
     /// Cells in which a ray ended.
     pub hit: Box<BitPlane>,
     /// Cells through which a ray passed; a cell may be in both.
     pub free: Box<BitPlane>,
-    /// The same two for the declared band of a planar sensor, without the cells that its rays themselves say something of.
+    /// The same two for the declared band of a planar sensor, without the cells of its rays themselves.
     pub band_hit: Box<BitPlane>,
     pub band_free: Box<BitPlane>,
     has_band: bool,
@@ -59,12 +59,12 @@ pub(crate) struct Frame {
 
 /// Where rays start: a place well inside the window, in grid coordinates.
 #[derive(Clone, Copy)]
-pub(crate) struct Origin {
+pub(crate) struct GridOrigin {
     point: Vector3<f64>,
     single: [f32; 3],
 }
 
-impl Origin {
+impl GridOrigin {
     /// `point` (grid) as the origin of rays; nothing if it is not well inside the window.
     pub fn at(point: Vector3<f64>) -> Option<Self> {
         let well_inside = |axis: usize| (BORDER..f64::from(SIZE[axis]) - BORDER).contains(&point[axis]);
@@ -73,16 +73,17 @@ impl Origin {
     }
 }
 
-/// Rays that start at one place, in grid coordinates: their ends, and how much of each is looked through. They are worked together,
-/// axis by axis, so that one instruction works four of them. In single precision a coordinate of the window is good to 1e-5 cells.
-pub(crate) struct Rays {
+/// Rays that start at one place, in grid coordinates: their ends, and how much of each is passed through. They are
+/// processed together, axis by axis, so that one instruction processes four of them. In single precision a coordinate
+/// of the window is good to 1e-5 cells.
+pub(crate) struct RayBatch {
     len: usize,
     end: [[f32; RAYS]; 3],
     share: [f32; RAYS],
     is_hit: [bool; RAYS],
 }
 
-impl Rays {
+impl RayBatch {
     pub fn new() -> Self {
         Self {
             len: 0,
@@ -96,8 +97,8 @@ impl Rays {
         self.len == RAYS
     }
 
-    /// The ray that ends at `end`: there is an obstacle if `is_hit`, and nothing along the first `share` (0..1, zero says nothing) of
-    /// the way; a `share` below one says that the ray goes on behind it.
+    /// Adds a ray that ends at `end`: there is an obstacle if `is_hit`, and nothing along its first `share` (0..1, zero
+    /// for unknown); a `share` below one means that the ray continues behind it.
     #[inline]
     pub fn push(&mut self, end: [f32; 3], share: f32, is_hit: bool) {
         let i = self.len & (RAYS - 1);
@@ -109,9 +110,9 @@ impl Rays {
         self.len = i + 1;
     }
 
-    /// Reports to `far` what the rays say beyond the fine window, whose smallest corner lies at `offset` (fine cells from that of
-    /// `far`).
-    pub fn report(&self, origin: Option<&Origin>, far: &mut Far, offset: [f32; 3]) {
+    /// Adds to `far` the parts of the rays beyond the fine window, whose smallest corner lies at `offset` (fine cells
+    /// from that of `far`).
+    pub fn report(&self, origin: Option<&GridOrigin>, far: &mut FarWindow, offset: [f32; 3]) {
         for i in 0..self.len.min(RAYS) {
             let along = |axis: usize| self.end[axis][i] + offset[axis];
             let end = [along(0), along(1), along(2)];
@@ -133,15 +134,15 @@ impl Rays {
         }
     }
 
-    /// Leaves of the first `count` rays what lies inside the window and is looked through.
-    fn cut(&mut self, origin: &Origin, count: usize) {
+    /// Cuts the first `count` rays to what lies inside the window and is passed through.
+    fn cut(&mut self, origin: &GridOrigin, count: usize) {
         let share = &mut self.share[..count];
         for ((ends, from), size) in self.end.iter_mut().zip(origin.single).zip(SIZE) {
             let size = size as f32;
             for (end, share) in ends[..count].iter_mut().zip(share.iter_mut()) {
                 *end -= from;
                 let per_cell = 1.0 / *end;
-                // The origin lies inside: the ray leaves by the face that comes later, a ray along the faces never.
+                // The origin lies inside: the ray leaves by the later of two faces, a ray parallel to the faces never.
                 let (low, high) = (-from * per_cell, (size - from) * per_cell);
                 let leaves = if low > high { low } else { high };
                 *share = if leaves < *share { leaves } else { *share };
@@ -178,7 +179,7 @@ impl Rays {
     }
 }
 
-impl Frame {
+impl FrameBits {
     pub fn new() -> Self {
         Self {
             min_cell: [0; 3],
@@ -203,8 +204,8 @@ impl Frame {
         }
     }
 
-    /// Spreads what the rays say `up` cells upwards and `down` cells downwards: what stands in the plane stands there, too, and
-    /// where the plane is free so is that.
+    /// Copies the cells of the rays `up` cells upwards and `down` cells downwards: obstacles and free cells of the
+    /// plane count for the whole band.
     pub fn spread(&mut self, up: usize, down: usize) {
         self.has_band = up + down > 0;
         let slice = STRIDE[2] as usize >> 6;
@@ -233,22 +234,22 @@ impl Frame {
         point_m / CELL_M - Vector3::from(self.min_cell).cast::<f64>()
     }
 
-    /// `cell` is known to hold nothing; nothing if it is outside the window.
+    /// Marks `cell` as free; nothing if it is outside the window.
     pub fn mark_free(&mut self, cell: Cell) {
         if let Some(offset) = offset_in(self.min_cell, cell) {
             set(&mut self.free, number(offset), true);
         }
     }
 
-    /// Enters `rays`, which are none afterwards: hits inside the window, and, if it is known where the rays start, what they look
-    /// through of it.
-    pub fn enter(&mut self, origin: Option<&Origin>, rays: &mut Rays) {
+    /// Enters `rays` and clears them: hits inside the window, and, if their origin is known, the cells that they pass
+    /// through.
+    pub fn enter(&mut self, origin: Option<&GridOrigin>, rays: &mut RayBatch) {
         let count = std::mem::take(&mut rays.len).min(RAYS);
-        // Others that were worked before are worked again, unused: the loops have no remainder.
+        // Up to a multiple of the lanes, old rays are processed again and not used: the loops have no remainder.
         let padded = count.next_multiple_of(LANES).min(RAYS);
         let numbers = rays.cells(padded);
         for (i, number) in numbers.into_iter().enumerate().take(count) {
-            // The bit is written in any case: whether a ray hit anything is not for a branch to guess.
+            // The bit is written in any case: a branch on whether a ray hit anything would be mispredicted.
             set(
                 &mut self.hit,
                 number as usize,
@@ -263,7 +264,7 @@ impl Frame {
         let (mut new, mut new_count) = ([0u8; RAYS], 0);
         for (i, number) in numbers.into_iter().enumerate().take(count) {
             let (number, share) = (number as usize, rays.share[i]);
-            // An end that is not a number says nothing.
+            // A NaN end is ignored.
             let looks = (share > 0.0) & !rays.end.iter().fold(0.0, |sum, end| sum + end[i]).is_nan();
             set(&mut self.free, number, looks & (share < 1.0));
             let is_new = looks & !set(&mut self.ended, number, looks);
@@ -279,7 +280,7 @@ impl Frame {
                 (number / STRIDE[1] as i32) & (SIZE[1] - 1),
                 number / STRIDE[2] as i32,
             ];
-            Path::back(&origin.point, &end, cell).carve(&mut self.free, number as usize);
+            RayTraversal::back(&origin.point, &end, cell).carve(&mut self.free, number as usize);
         }
     }
 }
@@ -293,8 +294,8 @@ fn set(bits: &mut BitPlane, number: usize, value: bool) -> bool {
     was_set
 }
 
-/// The way of a ray inside the window, from its end back to its origin.
-struct Path {
+/// The traversal of a ray inside the window, from its end back to its origin.
+struct RayTraversal {
     /// Cells from the end, which does not count, to the origin's, which does.
     steps: u32,
     /// Per axis: parameter of the next crossing into a neighbour, and from one crossing to the next.
@@ -304,7 +305,7 @@ struct Path {
     stride: [i64; 3],
 }
 
-impl Path {
+impl RayTraversal {
     /// From `end` in `cell` to `origin`, all in grid coordinates.
     #[inline]
     fn back(origin: &Vector3<f64>, end: &Vector3<f64>, cell: [i32; 3]) -> Self {
@@ -329,7 +330,7 @@ impl Path {
         path
     }
 
-    /// Marks every cell of the way as free, end cell excluded, until the way has been free for a while.
+    /// Marks every cell of the traversal as free, end cell excluded, until several in a row were free already.
     fn carve(&self, free: &mut BitPlane, end_number: usize) {
         let [mut next_x, mut next_y, mut next_z] = self.next;
         let [delta_x, delta_y, delta_z] = self.delta;
@@ -360,12 +361,12 @@ impl Path {
 
 #[cfg(test)]
 mod tests {
-    use super::{Frame, Origin, Rays, set};
+    use super::{FrameBits, GridOrigin, RayBatch, set};
     use crate::cells::{SIZE, number};
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
-    /// What single precision does to a place in the window (cells): 0.02 mm.
+    /// Error of single precision for a place in the window (cells): 0.02 mm.
     const ROUNDING_CELLS: f64 = 1e-4;
 
     /// How long the segment from `a` to `b` is inside `cell` enlarged by `margin` on every side, all in cells.
@@ -385,13 +386,13 @@ mod tests {
         [0, 1, 2].map(|axis| (point[axis] as i32).clamp(0, SIZE[axis] - 1))
     }
 
-    fn carve(frame: &mut Frame, origin: &Origin, end: &Vector3<f64>, share: f64) {
-        let mut rays = Rays::new();
+    fn carve(frame: &mut FrameBits, origin: &GridOrigin, end: &Vector3<f64>, share: f64) {
+        let mut rays = RayBatch::new();
         rays.push([end.x as f32, end.y as f32, end.z as f32], share as f32, false);
         frame.enter(Some(origin), &mut rays);
     }
 
-    fn is_free(frame: &Frame, cell: [i32; 3]) -> bool {
+    fn is_free(frame: &FrameBits, cell: [i32; 3]) -> bool {
         let number = number(cell);
         frame.free[number >> 6] >> (number & 63) & 1 == 1
     }
@@ -407,8 +408,8 @@ mod tests {
     proptest! {
         #[test]
         fn a_ray_frees_exactly_the_cells_it_crosses(from in near_middle(), to in anywhere(), share in 0.1..1.0f64) {
-            let mut frame = Frame::new();
-            let origin = Origin::at(from).unwrap();
+            let mut frame = FrameBits::new();
+            let origin = GridOrigin::at(from).unwrap();
             carve(&mut frame, &origin, &to, share);
             let end = from + (to - from) * share;
             let low = from.inf(&end).map(|c| c.floor() as i32 - 1);
@@ -435,8 +436,8 @@ mod tests {
         fn the_end_cell_stays_closed_unless_the_ray_goes_on(from in near_middle(), to in near_middle()) {
             let end = cell_inside(&to);
             prop_assume!(cell_inside(&from) != end);
-            let origin = Origin::at(from).unwrap();
-            let mut frame = Frame::new();
+            let origin = GridOrigin::at(from).unwrap();
+            let mut frame = FrameBits::new();
             carve(&mut frame, &origin, &to, 1.0);
             prop_assert!(!is_free(&frame, end));
             let far = from + (to - from) * 2.0;
@@ -450,8 +451,8 @@ mod tests {
             from in near_middle(),
             ends in prop::collection::vec(anywhere(), 1..40),
         ) {
-            let origin = Origin::at(from).unwrap();
-            let (mut together, mut alone) = (Frame::new(), Frame::new());
+            let origin = GridOrigin::at(from).unwrap();
+            let (mut together, mut alone) = (FrameBits::new(), FrameBits::new());
             let mut union = vec![0u64; alone.free.len()];
             for end in &ends {
                 carve(&mut together, &origin, end, 0.9);
@@ -469,8 +470,8 @@ mod tests {
             let from = Vector3::new(64.0, 64.0, 32.0);
             let mut to = from;
             to[axis] += 10.0 * sign;
-            let mut frame = Frame::new();
-            carve(&mut frame, &Origin::at(from).unwrap(), &to, 1.0);
+            let mut frame = FrameBits::new();
+            carve(&mut frame, &GridOrigin::at(from).unwrap(), &to, 1.0);
             let freed: u32 = frame.free.iter().map(|word| word.count_ones()).sum();
             assert!((9..=10).contains(&freed), "{freed} along axis {axis}");
         }
@@ -478,16 +479,16 @@ mod tests {
 
     #[test]
     fn an_origin_near_or_beyond_a_face_is_none() {
-        assert!(Origin::at(Vector3::new(64.0, 64.0, 1.9)).is_none());
-        assert!(Origin::at(Vector3::new(64.0, 126.1, 32.0)).is_none());
-        assert!(Origin::at(Vector3::new(f64::NAN, 64.0, 32.0)).is_none());
-        assert!(Origin::at(Vector3::new(64.0, 64.0, 2.1)).is_some());
+        assert!(GridOrigin::at(Vector3::new(64.0, 64.0, 1.9)).is_none());
+        assert!(GridOrigin::at(Vector3::new(64.0, 126.1, 32.0)).is_none());
+        assert!(GridOrigin::at(Vector3::new(f64::NAN, 64.0, 32.0)).is_none());
+        assert!(GridOrigin::at(Vector3::new(64.0, 64.0, 2.1)).is_some());
     }
 
     #[test]
     fn a_hit_outside_the_window_marks_nothing() {
-        let mut frame = Frame::new();
-        let mut rays = Rays::new();
+        let mut frame = FrameBits::new();
+        let mut rays = RayBatch::new();
         for wild in [-0.1, 64.1, f32::NAN, 1e30, f32::INFINITY, f32::NEG_INFINITY] {
             rays.push([5.0, 5.0, wild], 0.0, true);
         }
@@ -503,10 +504,10 @@ mod tests {
 
     #[test]
     fn wild_ends_free_nothing_but_what_lies_in_the_window() {
-        let origin = Origin::at(Vector3::new(64.5, 64.5, 32.5)).unwrap();
+        let origin = GridOrigin::at(Vector3::new(64.5, 64.5, 32.5)).unwrap();
         for wild in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e30, -1e30] {
-            let mut frame = Frame::new();
-            let mut rays = Rays::new();
+            let mut frame = FrameBits::new();
+            let mut rays = RayBatch::new();
             rays.push([70.0, wild, 32.5], 1.0, true);
             frame.enter(Some(&origin), &mut rays);
             let freed: u32 = frame.free.iter().map(|word| word.count_ones()).sum();

@@ -1,30 +1,30 @@
-//! What the sensors can see, learned from what they answer.
+//! Estimates the sensors' field of view from their answers.
 //!
 //! | in | out |
 //! |---|---|
 //! | answers (hits and "nothing there") in the body frame | [`FieldOfView`] of the last seconds |
 //!
-//! A part of each frame's rays is looked at, another part in every frame, so that the cost does not depend on how many there are.
+//! A part of each frame's rays is used, another part in every frame, so that the cost does not depend on their number.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind, SENSORS};
 use jink_shared_types::view::FieldOfView;
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// Rays of a frame that are looked at.
+/// Rays of a frame that are used.
 const RAYS: usize = 1_024;
 /// The golden ratio less one: (sqrt(5) - 1) / 2.
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_894_9;
-/// A direction in which nothing was answered for this long is not seen any more (s); it is seen for twice as long at most. Long
-/// enough for a sensor of 2 Hz to look everywhere some times.
-const KEPT_S: f64 = 5.0;
+/// A direction without an answer for this long is no longer in view (s); it stays for twice as long at most. Long
+/// enough for a sensor of 2 Hz to cover its field of view several times.
+const PERIOD_S: f64 = 5.0;
 
-/// The field of view.
-pub(crate) struct View {
+/// The field of view of all sensors.
+pub(crate) struct FieldOfViewEstimator {
     /// Seen in this period and in the one before.
     now: FieldOfView,
     before: FieldOfView,
-    /// What each sensor that measures clouds has ever answered from.
+    /// Per sensor that measures clouds: the directions of all its answers so far.
     ever: Box<[FieldOfView; SENSORS]>,
     began: Timestamp,
     near_m: f32,
@@ -34,7 +34,7 @@ pub(crate) struct View {
     sensors: u64,
 }
 
-impl View {
+impl FieldOfViewEstimator {
     pub fn new() -> Self {
         Self {
             now: FieldOfView::default(),
@@ -48,7 +48,7 @@ impl View {
         }
     }
 
-    /// Looks at the rays of `cloud`; frame number `number`, which clears the map up to `reach_m`.
+    /// Adds rays of `cloud`; frame number `number`, which clears the map up to `reach_m`.
     pub fn cloud(
         &mut self,
         sensor: usize,
@@ -59,10 +59,10 @@ impl View {
     ) {
         self.advance(capture);
         let points = cloud.points();
-        // Odd: lidars list their rows in columns of a power of two, and every row is to be looked at in every frame.
+        // Odd: lidars list their rows in columns of a power of two, and every row is to be used in every frame.
         let step = points.len().div_ceil(RAYS) | 1;
-        // Multiples of the golden ratio fill the step evenly from the first frames on: a frame after the other, and one step of a column
-        // after the other would look at the same rows of a column for seconds.
+        // Multiples of the golden ratio fill the step evenly from the first frames on: with the next ray of the step in
+        // each frame, the same rows of a column would be used for seconds.
         let first = (number as f64 * GOLDEN_RATIO).fract() * step as f64;
         let origin = cloud.origin.vector();
         let mut answered = false;
@@ -82,8 +82,8 @@ impl View {
         }
     }
 
-    /// The same of a planar scan whose mounting is `body_q_sensor` and that stands for `band_m` above and below its plane; a single
-    /// beam sees no area, and says nothing of how near and how far that is seen.
+    /// The same for a planar scan whose mounting is `body_q_sensor` and that stands for `band_m` above and below its
+    /// plane; a single beam sees no area, and does not change the nearest and farthest range.
     pub fn scan(
         &mut self,
         sensor: usize,
@@ -112,7 +112,7 @@ impl View {
         }
     }
 
-    /// The directions that `sensor`, which measures clouds, has ever answered from.
+    /// The directions of all answers so far of `sensor`, which measures clouds.
     pub fn ever(&self, sensor: usize) -> &FieldOfView {
         &self.ever[sensor.min(SENSORS - 1)]
     }
@@ -124,13 +124,13 @@ impl View {
     }
 
     fn advance(&mut self, capture: Timestamp) {
-        if !self.began.is_set() || capture.seconds_since(self.began).abs() > KEPT_S {
+        if !self.began.is_set() || capture.seconds_since(self.began).abs() > PERIOD_S {
             self.before = std::mem::take(&mut self.now);
             self.began = capture;
         }
     }
 
-    /// What is seen.
+    /// Writes the field of view.
     pub fn write(&self, out: &mut FieldOfView) {
         *out = self.now;
         out.join(&self.before);
@@ -143,13 +143,13 @@ impl View {
 
 #[cfg(test)]
 mod tests {
-    use super::View;
+    use super::FieldOfViewEstimator;
     use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
     use jink_shared_types::view::FieldOfView;
     use jink_shared_types::{Coded, Timestamp};
     use nalgebra::Vector3;
 
-    /// A turn of a lidar of 45 degrees up and down whose points come column by column, nothing in reach.
+    /// A turn of a lidar of 45 degrees up and down whose points come column by column, with nothing in reach.
     fn turn(rows: usize, columns: usize) -> Box<PointCloud> {
         let mut cloud = PointCloud::boxed();
         for column in 0..columns {
@@ -173,7 +173,7 @@ mod tests {
     fn every_direction_that_a_lidar_measures_is_in_view_within_two_seconds() {
         for (rows, columns) in [(128, 1024), (128, 512), (64, 1024), (64, 2048), (32, 1024)] {
             let cloud = turn(rows, columns);
-            let mut view = View::new();
+            let mut view = FieldOfViewEstimator::new();
             let mut seen = FieldOfView::default();
             for frame in 0..20u32 {
                 let capture = Timestamp::from_seconds(1.0 + 0.1 * f64::from(frame));

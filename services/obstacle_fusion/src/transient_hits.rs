@@ -1,60 +1,62 @@
-//! Lone hits near the vehicle: what a lidar has said once and does not say again.
+//! Transient hits near the vehicle: hits of a lidar that it does not repeat.
 //!
 //! | in | out |
 //! |---|---|
 //! | the cells that a lidar's frame hit, from frame to frame | hits that are withdrawn: their cells are what they were before |
 //!
-//! A drop of rain, an insect, dust and the sun make a lidar answer from where nothing is. Where rays pass behind, the map forgets that
-//! within a second. Toward the open sky nothing answers, so that nothing passes, and one such point a hand's breadth beside the hovering
-//! vehicle would hold it there for ever. But what really stands so near is hit again: at [`NEAR_M`] a cell fills 4 degrees, in
-//! which every lidar that looks at an area measures many times in [`ALONE_S`]. Only time counts in which the cell lies where the sensor looks:
-//! between directions that it has answered from, if only by this hit. Filters that drop points without
-//! neighbours before they count (R. Rusu and S. Cousins, "3D is here: Point Cloud Library", 2011, statistical outlier removal; N. Charron
-//! et al., "De-noising of lidar point clouds corrupted by snowfall", 2018) drop wires with them: here a hit counts at once, and
-//! what was unknown before it is so again.
+//! A drop of rain, an insect, dust and the sun make a lidar answer where nothing is. Where rays pass behind, the map
+//! clears such a cell within a second. Toward the open sky there are no answers, so no ray passes, and one such point
+//! close beside the hovering vehicle would hold it there forever. But a real obstacle so near is hit again: at
+//! [`NEAR_M`] a cell fills 4 degrees, in which every lidar that covers an area measures many times in
+//! [`UNCONFIRMED_S`]. Only time counts in which the cell lies where the sensor looks: between directions that it has
+//! answered from, if only by this hit. Filters that drop points without neighbours before they count (R. Rusu and S.
+//! Cousins, "3D is here: Point Cloud Library", 2011, statistical outlier removal; N. Charron et al., "De-noising of
+//! lidar point clouds corrupted by snowfall", 2018) drop wires with them: here a hit counts at once, and what was
+//! unknown before it is so again.
 
 use crate::cells::{SIZE, bits, number, offset_in};
-use crate::frame::Frame;
+use crate::frame_bits::FrameBits;
 use crate::poses::Pose;
-use crate::window::{Window, row};
+use crate::window::{MapWindow, row};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::Point;
 use jink_shared_types::map::{CELL_M, Cell, cell_of, center_of};
 use jink_shared_types::view::{COLUMNS, FieldOfView, ROWS, bin_of};
 use nalgebra::Vector3;
 
-/// Hits farther from the vehicle than this on any axis (m) are not looked after: sensors look less often at a cell there.
+/// Hits farther from the vehicle than this on any axis (m) are not tracked: sensors measure less often in a cell there.
 const NEAR_M: f64 = 3.0;
-/// A hit at [`NEAR_M`] that does not come again in this time (s), in view, is withdrawn.
-const ALONE_S: f64 = 2.0;
-/// Nearer ones sooner, in proportion to the distance (the rays that meet a cell become more with its square), but not in less (s).
-const ALONE_MIN_S: f64 = 0.3;
-/// What has been hit in so many frames, never so long apart, is there.
+/// A hit at [`NEAR_M`] that is not repeated within this time (s), in view, is withdrawn.
+const UNCONFIRMED_S: f64 = 2.0;
+/// Nearer ones sooner, in proportion to the distance (the rays that meet a cell grow with its square), but not in less
+/// (s).
+const UNCONFIRMED_MIN_S: f64 = 0.3;
+/// A cell that was hit in so many frames, never so long apart, is a real obstacle.
 const FRAMES: u8 = 4;
-/// Time between two frames that counts at most (s): a sensor that was silent has not looked.
+/// Most time between two frames that counts (s): a silent sensor has not measured.
 const FRAME_S: f64 = 0.25;
-/// Hits that are looked after at a time.
-const HITS: usize = 256;
+/// Most hits that are tracked at a time.
+const HITS_MAX: usize = 256;
 
-/// A cell that was hit now and then.
+/// A cell that was hit, and is not confirmed yet.
 #[derive(Clone, Copy, Debug)]
-struct Hit {
+struct TransientHit {
     cell: Cell,
     sensor: usize,
     /// Whether the cell was known to be free before.
     was_free: bool,
     /// Time in view since then (s).
-    alone_s: f64,
+    unconfirmed_s: f64,
     frames: u8,
 }
 
-/// A lidar at the moment of a frame.
-pub(crate) struct Looking<'a> {
+/// A lidar at the time of a frame.
+pub(crate) struct LidarView<'a> {
     /// Its number.
     pub sensor: usize,
     /// Its position (body, m).
     pub origin_m: Vector3<f64>,
-    /// What is nearer to it is not measured (m).
+    /// Its shortest range (m).
     pub near_m: f64,
     /// The directions that it has ever answered from.
     pub answered: &'a FieldOfView,
@@ -64,7 +66,7 @@ pub(crate) struct Looking<'a> {
     pub capture: Timestamp,
 }
 
-impl Looking<'_> {
+impl LidarView<'_> {
     fn place_m(&self) -> Vector3<f64> {
         self.pose.position_m + self.pose.rotation * self.origin_m
     }
@@ -74,8 +76,8 @@ impl Looking<'_> {
         self.pose.rotation.transpose() * (center_of(cell).vector() - self.place_m())
     }
 
-    /// Whether what stands in `cell`, if anything does, would be hit by a lidar that looks to these directions.
-    fn sees(&self, cell: Cell, answered: &FieldOfView, window: &Window) -> bool {
+    /// Whether an obstacle in `cell` would be hit by a lidar with the directions `answered`.
+    fn sees(&self, cell: Cell, answered: &FieldOfView, window: &MapWindow) -> bool {
         let from = self.place_m();
         let way = center_of(cell).vector() - from;
         way.norm() > self.near_m + CELL_M
@@ -84,30 +86,30 @@ impl Looking<'_> {
     }
 }
 
-/// The hits that are looked after.
+/// The tracked hits.
 #[derive(Debug)]
-pub(crate) struct LoneHits {
-    hits: Vec<Hit>,
+pub(crate) struct TransientHits {
+    hits: Vec<TransientHit>,
     /// The last frame of each sensor, and the directions that it has answered from.
     sensors: Vec<(Timestamp, FieldOfView)>,
 }
 
-impl LoneHits {
+impl TransientHits {
     /// For so many sensors.
     pub fn new(sensors: usize) -> Self {
         Self {
-            hits: Vec::with_capacity(HITS),
+            hits: Vec::with_capacity(HITS_MAX),
             sensors: vec![(Timestamp::NEVER, FieldOfView::default()); sensors],
         }
     }
 
-    /// The map was thrown away or moved: cells have other numbers now.
-    pub fn forget(&mut self) {
+    /// The map was cleared or moved: cells have other numbers now.
+    pub fn clear(&mut self) {
         self.hits.clear();
     }
 
-    /// Looks at the hits of the `frame` of a lidar that is not applied to `window` yet; hits are withdrawn from that.
-    pub fn look(&mut self, looking: &Looking<'_>, frame: &Frame, window: &mut Window) {
+    /// Updates the hits with the `frame` of a lidar that is not applied to `window` yet; hits are withdrawn from that.
+    pub fn look(&mut self, looking: &LidarView<'_>, frame: &FrameBits, window: &mut MapWindow) {
         let (sensor, capture) = (looking.sensor, looking.capture);
         let Some((last, answered)) = self.sensors.get_mut(sensor) else {
             return;
@@ -128,7 +130,7 @@ impl LoneHits {
             let is_hit = frame.hit[number >> 6] >> (number & 63) & 1 == 1;
             if is_hit {
                 hit.frames += 1;
-                hit.alone_s = 0.0;
+                hit.unconfirmed_s = 0.0;
                 return hit.frames < FRAMES;
             }
             if !window.is_occupied(hit.cell) {
@@ -136,14 +138,15 @@ impl LoneHits {
                 return false;
             }
             if hit.sensor == sensor && looking.sees(hit.cell, answered, window) {
-                hit.alone_s += passed_s;
+                hit.unconfirmed_s += passed_s;
             }
             let away_m = looking.direction(hit.cell).norm();
-            let is_alone = hit.alone_s >= (ALONE_S * away_m / NEAR_M).clamp(ALONE_MIN_S, ALONE_S);
-            if is_alone {
+            let is_unconfirmed = hit.unconfirmed_s
+                >= (UNCONFIRMED_S * away_m / NEAR_M).clamp(UNCONFIRMED_MIN_S, UNCONFIRMED_S);
+            if is_unconfirmed {
                 window.withdraw(hit.cell, hit.was_free);
             }
-            !is_alone
+            !is_unconfirmed
         });
         let before = self.hits.len();
         add(&mut self.hits, looking, frame, window);
@@ -154,7 +157,7 @@ impl LoneHits {
 }
 
 /// Adds the cells near the vehicle that were hit for the first time.
-fn add(to: &mut Vec<Hit>, looking: &Looking<'_>, frame: &Frame, window: &Window) {
+fn add(to: &mut Vec<TransientHit>, looking: &LidarView<'_>, frame: &FrameBits, window: &MapWindow) {
     let min_cell = window.min_cell();
     let corner = |m: f64| cell_of(Point::from_vector(looking.pose.position_m.add_scalar(m)));
     let (low, high) = (corner(-NEAR_M), corner(NEAR_M));
@@ -167,12 +170,12 @@ fn add(to: &mut Vec<Hit>, looking: &Looking<'_>, frame: &Frame, window: &Window)
             for (word, first) in [(hits as u64, 0), ((hits >> 64) as u64, 64)] {
                 for bit in bits(word) {
                     let cell = [min_cell[0] + first + bit as i32, min_cell[1] + y, min_cell[2] + z];
-                    if to.len() < HITS && !window.is_occupied(cell) {
-                        to.push(Hit {
+                    if to.len() < HITS_MAX && !window.is_occupied(cell) {
+                        to.push(TransientHit {
                             cell,
                             sensor: looking.sensor,
                             was_free: window.is_free(cell),
-                            alone_s: 0.0,
+                            unconfirmed_s: 0.0,
                             frames: 1,
                         });
                     }
@@ -182,15 +185,16 @@ fn add(to: &mut Vec<Hit>, looking: &Looking<'_>, frame: &Frame, window: &Window)
     }
 }
 
-/// Whether a direction lies between two, one above the other, that were answered from: no lidar leaves out a part of what is between.
+/// Whether a direction lies between two, one above the other, that were answered from: no lidar leaves out a part
+/// between.
 fn is_between(answered: &FieldOfView, (row, column): (usize, usize)) -> bool {
     let is_seen =
         |row| (column + COLUMNS - 1..=column + COLUMNS + 1).any(|beside| answered.is_seen(row, beside));
     (0..=row).any(is_seen) && (row..ROWS).any(is_seen)
 }
 
-/// Whether nothing occupied is between `from` (local, m) and `cell`.
-fn is_open(window: &Window, from: &Vector3<f64>, cell: Cell) -> bool {
+/// Whether there is no occupied cell between `from` (local, m) and `cell`.
+fn is_open(window: &MapWindow, from: &Vector3<f64>, cell: Cell) -> bool {
     let way = center_of(cell).vector() - from;
     let steps = (way.norm() / (0.5 * CELL_M)).ceil().max(1.0) as u32;
     (0..steps).all(|step| {

@@ -1,4 +1,4 @@
-//! What the ring says, sector by sector, with the directions turned to local NED.
+//! The ring sector by sector, with the directions turned to local NED.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, SectorRing, sector_bearing_rad, sector_of};
@@ -9,15 +9,15 @@ const ALIKE_M: f64 = 1e-3;
 
 /// What is known of a sector.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Sight {
+pub enum SectorState {
     /// Nothing.
     Unknown,
-    /// Nothing stands within the sensor's reach.
+    /// No obstacle within the sensor's reach.
     Clear {
         /// That reach (m).
         reach_m: f64,
     },
-    /// Something stands there.
+    /// An obstacle.
     Hit {
         /// Its horizontal distance (m).
         distance_m: f64,
@@ -26,41 +26,41 @@ pub enum Sight {
     },
 }
 
-impl Sight {
-    /// How far it is known what is there (m): to the obstacle, or as far as the sensor reaches. `None`: not at all.
+impl SectorState {
+    /// How far it is known (m): to the obstacle, or as far as the sensor reaches. `None`: not at all.
     pub fn reach_m(&self) -> Option<f64> {
         match *self {
-            Sight::Unknown => None,
-            Sight::Clear { reach_m } => Some(reach_m),
-            Sight::Hit { distance_m, .. } => Some(distance_m),
+            SectorState::Unknown => None,
+            SectorState::Clear { reach_m } => Some(reach_m),
+            SectorState::Hit { distance_m, .. } => Some(distance_m),
         }
     }
 }
 
-/// All sectors at one moment.
+/// All sectors at one time.
 #[derive(Clone, Debug)]
-pub struct Around {
+pub struct SectorStates {
     /// Heading of the vehicle (rad).
     pub yaw_rad: f64,
     /// The sectors.
-    pub sights: [Sight; SECTORS],
+    pub states: [SectorState; SECTORS],
     /// Directions of their centres, north and east.
     pub directions: [Vector2<f64>; SECTORS],
     /// Shortest range that any sensor measures (m).
     pub range_min_m: f64,
 }
 
-impl Around {
-    /// What `ring` says at `now`: nothing, if it does not say where its sectors point.
+impl SectorStates {
+    /// The sectors of `ring` at `now`: all unknown, if it does not say where its sectors point.
     pub fn of(ring: &SectorRing, now: Timestamp) -> Self {
         let heading_rad = ring.attitude.yaw_rad();
         let is_oriented = heading_rad.is_finite();
         let yaw_rad = if is_oriented { heading_rad } else { 0.0 };
         Self {
             yaw_rad,
-            sights: std::array::from_fn(|sector| match is_oriented {
-                true => sight(ring, sector, now),
-                false => Sight::Unknown,
+            states: std::array::from_fn(|sector| match is_oriented {
+                true => state_of(ring, sector, now),
+                false => SectorState::Unknown,
             }),
             directions: std::array::from_fn(|sector| {
                 let (east, north) = (yaw_rad + sector_bearing_rad(sector)).sin_cos();
@@ -72,18 +72,18 @@ impl Around {
 
     /// Whether anything is known at all.
     pub fn has_data(&self) -> bool {
-        self.sights.iter().any(|sight| *sight != Sight::Unknown)
+        self.states.iter().any(|state| *state != SectorState::Unknown)
     }
 
-    /// Every sector that something is known of: its direction, how far that is known (m), its number.
+    /// Every known sector: its number, its direction, how far it is known (m).
     pub fn known(&self) -> impl Iterator<Item = (usize, Vector2<f64>, f64)> + '_ {
-        self.sights
+        self.states
             .iter()
             .enumerate()
-            .filter_map(|(sector, sight)| Some((sector, self.directions[sector], sight.reach_m()?)))
+            .filter_map(|(sector, state)| Some((sector, self.directions[sector], state.reach_m()?)))
     }
 
-    /// The sector that ends first, and where (m): the first of equals, as PX4 has it.
+    /// The sector that ends first, and where (m): the first of equals, as in PX4.
     pub fn nearest(&self) -> Option<(usize, f64)> {
         self.known()
             .map(|(sector, _, reach_m)| (sector, reach_m))
@@ -101,8 +101,7 @@ impl Around {
         sector_of(self.bearing_rad(direction))
     }
 
-    /// A direction as an angle from the nose, clockwise (rad), in sectors from the centre of the sector before it: that sector
-    /// and the share of the way to the next.
+    /// The two sectors whose centres enclose a direction, and the share of the angle from the first to the second.
     pub fn between(&self, direction: &Vector2<f64>) -> (usize, usize, f64) {
         let sectors = (self.bearing_rad(direction) / SECTOR_WIDTH_RAD).rem_euclid(SECTORS as f64);
         let before = sectors.floor();
@@ -116,19 +115,19 @@ impl Around {
     }
 }
 
-fn sight(ring: &SectorRing, sector: usize, now: Timestamp) -> Sight {
+fn state_of(ring: &SectorRing, sector: usize, now: Timestamp) -> SectorState {
     let distance_m = f64::from(ring.distance_m[sector]);
     let reach_m = f64::from(ring.range_max_m[sector]);
     if distance_m.is_nan() {
-        Sight::Unknown
+        SectorState::Unknown
     } else if distance_m.is_finite() {
-        Sight::Hit {
+        SectorState::Hit {
             distance_m: distance_m.max(0.0),
             age_s: now.seconds_since(ring.seen[sector]).max(0.0),
         }
     } else if reach_m > 0.0 && reach_m.is_finite() {
-        Sight::Clear { reach_m }
+        SectorState::Clear { reach_m }
     } else {
-        Sight::Unknown
+        SectorState::Unknown
     }
 }

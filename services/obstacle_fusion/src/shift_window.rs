@@ -1,20 +1,20 @@
-//! The window's cells under other coordinates, after a reset of the estimator.
+//! Moves the window's cells to other coordinates, after a reset of the estimator.
 //!
-//! Cells live at their global index modulo the size, so a move by whole cells turns every plane about its axes. What is left of the move
-//! makes each old cell reach into a neighbour: a new cell is occupied if any old one that reaches into it is, and known only if
-//! all of them are. Nothing is allocated.
+//! Cells are stored at their global index modulo the size, so a move by whole cells rotates every plane about its axes.
+//! The rest of the move makes each old cell reach into a neighbour: a new cell is occupied if any old one that reaches
+//! into it is, and known only if all of them are. Nothing is allocated.
 
 use crate::cells::{BitPlane, SIZE, STRIDE};
-use crate::rebase::Move;
-use crate::window::Window;
+use crate::rebase::FrameShift;
+use crate::window::MapWindow;
 
 /// Words of a row and of a layer.
 const ROW_WORDS: usize = STRIDE[1] as usize / 64;
 const LAYER_WORDS: usize = STRIDE[2] as usize / 64;
 
-impl Window {
+impl MapWindow {
     /// Gives every cell the coordinates that it has after `by`.
-    pub fn shift(&mut self, by: &Move) {
+    pub fn shift(&mut self, by: &FrameShift) {
         let [x, y, z] = [0, 1, 2].map(|axis| by.cells[axis].rem_euclid(SIZE[axis]) as usize);
         for axis in 0..3 {
             self.min_cell[axis] = self.min_cell[axis].wrapping_add(by.cells[axis]);
@@ -41,7 +41,7 @@ impl Window {
         }
     }
 
-    /// Every cell reaches into its neighbour on side `into` (-1, 1) of `axis`.
+    /// Merges every cell into its neighbour on side `into` (-1, 1) of `axis`.
     fn spread(&mut self, axis: usize, into: i32) {
         let others = match axis {
             0 => [1, 2],
@@ -51,7 +51,7 @@ impl Window {
         let min_cell = self.min_cell;
         for b in 0..SIZE[others[1]] {
             for a in 0..SIZE[others[0]] {
-                // From the side that is reached into, so that what a cell takes over is still the old one.
+                // From the side that is reached into, so that the merged cell is still the old one.
                 for step in 0..SIZE[axis] {
                     let along = if into > 0 { SIZE[axis] - 1 - step } else { step };
                     let number = |along: i32| {
@@ -63,14 +63,14 @@ impl Window {
                     };
                     let from = along - into;
                     let from = (0..SIZE[axis]).contains(&from).then(|| number(from));
-                    self.take_over(number(along), from);
+                    self.merge_cell(number(along), from);
                 }
             }
         }
     }
 }
 
-/// Turns `plane` by so many cells along each axis.
+/// Rotates `plane` by so many cells along each axis.
 fn turn(plane: &mut BitPlane, [x, y, z]: [usize; 3]) {
     for row in plane.chunks_exact_mut(ROW_WORDS) {
         let cells = (u128::from(row[0]) | u128::from(row[1]) << 64).rotate_left(x as u32);
@@ -85,13 +85,13 @@ fn turn(plane: &mut BitPlane, [x, y, z]: [usize; 3]) {
 #[cfg(test)]
 mod tests {
     use crate::cells::{SIZE, number, offset_in};
-    use crate::frame::Frame;
-    use crate::rebase::Move;
-    use crate::window::Window;
+    use crate::frame_bits::FrameBits;
+    use crate::rebase::FrameShift;
+    use crate::window::MapWindow;
     use jink_shared_types::map::{Cell, LocalMap};
     use proptest::prelude::*;
 
-    fn written(window: &Window) -> Box<LocalMap> {
+    fn written(window: &MapWindow) -> Box<LocalMap> {
         let mut map = LocalMap::boxed();
         map.min_cell = window.min_cell();
         (map.occupied_cells, map.known_cells) = window.write(&mut map, None);
@@ -113,10 +113,10 @@ mod tests {
             hits in prop::collection::vec(prop::array::uniform3(0..12i32), 1..8),
             frames in 1..4usize,
         ) {
-            let mut window = Window::new();
+            let mut window = MapWindow::new();
             let min_cell = window.min_cell();
             let place = |o: [i32; 3]| [0, 1, 2].map(|axis| min_cell[axis] + corner[axis] + o[axis]);
-            let mut frame = Frame::new();
+            let mut frame = FrameBits::new();
             for _ in 0..frames {
                 frame.begin(min_cell);
                 for z in 0..12 {
@@ -133,7 +133,7 @@ mod tests {
                 window.apply(&frame);
             }
             let before = written(&window);
-            window.shift(&Move { cells, into });
+            window.shift(&FrameShift { cells, into });
             let after = written(&window);
             prop_assert_eq!(after.min_cell, [0, 1, 2].map(|axis| min_cell[axis] + cells[axis]));
             prop_assert!(after.occupied_cells > 0);
@@ -156,7 +156,7 @@ mod tests {
                     }
                 }
             }
-            // What was mapped goes on as evidence: it is worn away by looks through it, and by no fewer than before.
+            // The map continues as evidence: rays through a cell clear it, and no fewer than before.
             for cell in 0..SIZE[0] {
                 let cell = [window.min_cell()[0] + cell, window.min_cell()[1], window.min_cell()[2]];
                 prop_assert_eq!(window.is_occupied(cell), after.is_occupied(cell));

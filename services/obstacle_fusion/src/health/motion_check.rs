@@ -1,10 +1,11 @@
-//! Two frames of one sensor, taken at two places: what stands in the one must not stand where the other looks through.
+//! Compares two frames of one sensor, taken at two places: an obstacle of one must not lie where rays of the other pass
+//! through.
 //!
-//! The frames are placed by the vehicle's poses and compared in both directions, in images of distances around the places of the
-//! sensor ([`super::image`]). If too much contradicts, every known cause is tried in turn: both frames are placed as it would have
-//! them, and the cause that takes most of the contradictions away is the one.
+//! The frames are placed by the vehicle's poses and compared in both directions, in range images around the places of
+//! the sensor ([`super::range_image`]). If there are too many contradictions, every known cause is tried in turn: both
+//! frames are placed with it, and the cause that removes most of the contradictions is the result.
 
-use super::image::{Image, Verdict};
+use super::range_image::{RangeAgreement, RangeImage};
 use crate::poses::{Pose, SweepPoses};
 use jink_shared_types::Timestamp;
 use jink_shared_types::pose_history::PoseHistory;
@@ -14,83 +15,85 @@ use std::f64::consts::PI;
 
 /// Rays kept of a frame: fewer leave holes in an image in which thin trunks stand.
 const RAYS: usize = 8_192;
-/// Of these, so many are looked for in the other frame.
-const ASKED: usize = 1_000;
+/// Of these, so many are checked against the other frame.
+const CHECKED_RAYS: usize = 1_000;
 /// Poses kept of a frame.
 const SLICES: usize = 16;
-/// Frames are compared that are so far apart (m, rad), or, if that is less, this part of the mean distance of what the sensor sees: a
-/// shorter way shows less than noise, a longer one other surroundings ...
+/// Frames are compared that are so far apart (m, rad), or, if that is less, this part of the mean distance of the
+/// sensor's hits: over a shorter distance noise dominates, over a longer one the surroundings differ ...
 const APART_M: [f64; 2] = [1.0, 4.0];
 const APART_RATIO: f64 = 0.5;
 const APART_RAD: f64 = 40.0 * PI / 180.0;
 /// ... and no further in time (s): in that time an estimate of the position drifts by some decimetres.
 const AGE_MAX_S: f64 = 5.0;
-/// What is nearer than this is the vehicle, what is farther is hit by few rays (m).
+/// Nearer is the vehicle itself, farther few rays hit (m).
 const DISTANCE_M: [f64; 2] = [0.8, 12.0];
 /// A ray into the open counts as seen through up to here (m).
 const OPEN_M: f64 = 60.0;
-/// A comparison counts with so many answers.
-const ANSWERS_MIN: u32 = 30;
-/// Share of contradictions from which a cause is looked for. Rendered flights without a fault had 0.09 at most, with a Mid-360 in a forest
-/// 0.17: for that no cause was found.
+/// Matches that a comparison needs.
+const MATCHES_MIN: u32 = 30;
+/// Share of contradictions from which a cause is searched. Rendered flights without a fault had 0.09 at most, with a
+/// Mid-360 in a forest 0.17: for that no cause was found.
 const WRONG: f64 = 0.12;
-/// Share from which something is wrong although no known cause explains it.
+/// Share from which there is a fault although no known cause explains it.
 const VERY_WRONG: f64 = 0.3;
-/// A cause explains them if it leaves this part of them ...
-const LEAVES: f64 = 0.35;
-/// ... with this part of the answers at least.
-const ANSWERS: f64 = 0.4;
+/// A cause explains the contradictions if this part of them remains ...
+const REMAINING_RATIO: f64 = 0.35;
+/// ... with at least this part of the matches.
+const MATCHES_RATIO: f64 = 0.4;
 /// Comparisons that must agree on the kind of cause.
 const AGREE: u32 = 2;
 /// Without a known cause they must be so many.
 const AGREE_UNKNOWN: u32 = 3;
-/// Comparisons in a row without contradiction after which a sensor is credible again: many ways do not show a fault.
+/// Comparisons in a row without contradiction after which a sensor is credible again: many motions do not show a fault.
 const CREDIBLE: u32 = 20;
-/// A later cause must be so much better than one before: upside down and mirrored look almost the same where all stands upright.
-const BETTER: f64 = 1.1;
-/// Causes tried while one frame is worked on.
-const TRIED_AT_ONCE: usize = 5;
+/// A later cause must be so much better than one before: upside down and mirrored look almost the same where everything
+/// is upright.
+const BETTER_FACTOR: f64 = 1.1;
+/// Causes tried per frame.
+const CAUSES_PER_FRAME: usize = 5;
 /// A frame of which less than this share lies within the sensor's own range, of so many hits, has wrong units.
 const WITHIN: f64 = 0.1;
 const HITS_MIN: u32 = 200;
 
-/// Metres said for one metre: millimetres and centimetres taken for metres and the reverse, feet, two units that are in use for depth images.
+/// Reported metres for one metre: millimetres and centimetres taken for metres and the reverse, feet, two units that
+/// are in use for depth images.
 const FACTORS: [f64; 10] = [
     1_000.0, 0.001, 3.280_84, 0.304_8, 100.0, 0.01, 10.0, 0.1, 2.0, 0.5,
 ];
 /// A sensor may be turned by these about each axis (deg), either way.
 const TURNS_DEG: [f64; 7] = [15.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0];
-/// Planes in which left and right may be exchanged: a sensor is turned by a multiple of this (deg).
+/// Step of the planes in which left and right may be exchanged (deg).
 const MIRROR_DEG: f64 = 15.0;
 
-/// What would explain the contradictions.
+/// A possible cause of the contradictions.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Cause {
-    /// So many metres are said for one.
+pub(super) enum FaultCause {
+    /// This many metres are reported for one.
     Scale(f64),
     /// Left and right are exchanged.
     Mirrored,
-    /// It is turned by so much (deg).
+    /// It is rotated by this angle (deg).
     Turned(f64),
-    /// Nothing that is known explains them.
+    /// No known cause explains them.
     Unexplained,
 }
 
-impl Cause {
+impl FaultCause {
     /// Number of the kind.
     fn kind(self) -> usize {
         match self {
-            Cause::Scale(_) => 0,
-            Cause::Mirrored => 1,
-            Cause::Turned(_) => 2,
-            Cause::Unexplained => 3,
+            FaultCause::Scale(_) => 0,
+            FaultCause::Mirrored => 1,
+            FaultCause::Turned(_) => 2,
+            FaultCause::Unexplained => 3,
         }
     }
 }
 
 #[derive(Clone, Copy)]
-struct Ray {
-    /// From the sensor, as it says (body, m).
+struct SnapshotRay {
+    /// From the sensor, as reported (body, m).
     way_m: [f32; 3],
     slice: u8,
     is_hit: bool,
@@ -102,7 +105,7 @@ struct Snapshot {
     pose: Option<Pose>,
     slices: [Option<Pose>; SLICES],
     origin_m: Vector3<f64>,
-    rays: Vec<Ray>,
+    rays: Vec<SnapshotRay>,
     hits: u32,
     /// Sum of their distances, each 20 m at most (m).
     distances_m: f64,
@@ -151,14 +154,14 @@ impl Snapshot {
             let [least_m, most_m] = limits_m.map(f64::from);
             self.within += u32::from((0.9 * least_m..=1.01 * most_m).contains(&distance_m));
         }
-        self.rays.push(Ray {
+        self.rays.push(SnapshotRay {
             way_m: way_m.cast::<f32>().into(),
             slice: (share * SLICES as f64).clamp(0.0, (SLICES - 1) as f64) as u8,
             is_hit,
         });
     }
 
-    /// How far away a frame must be that is compared with this one (m).
+    /// How far away a frame must be to be compared with this one (m).
     fn apart_m(&self) -> f64 {
         let [least_m, most_m] = APART_M;
         (APART_RATIO * self.distances_m / f64::from(self.hits.max(1))).clamp(least_m, most_m)
@@ -170,8 +173,9 @@ impl Snapshot {
         Some(pose.position_m + pose.rotation * self.origin_m)
     }
 
-    /// Where a ray ends (local, m), and how far that is from the sensor, if `cause` takes what is said for what is true.
-    fn end(&self, ray: &Ray, cause: &Matrix3<f64>) -> Option<(Vector3<f64>, f64)> {
+    /// Where a ray ends (local, m), and how far that is from the sensor, with `cause` mapping the reported to the true
+    /// vector.
+    fn end(&self, ray: &SnapshotRay, cause: &Matrix3<f64>) -> Option<(Vector3<f64>, f64)> {
         let pose = self.slices[usize::from(ray.slice)].as_ref()?;
         let mut way_m = cause * Vector3::from(ray.way_m).cast::<f64>();
         let distance_m = way_m.norm();
@@ -185,15 +189,15 @@ impl Snapshot {
     }
 }
 
-/// Answers of a comparison.
+/// Matches of a comparison.
 #[derive(Clone, Copy, Debug, Default)]
-struct Answers {
+struct Matches {
     contradict: u32,
     all: u32,
 }
 
-impl Answers {
-    /// What speaks for a cause: agreement, and against it, more than that, contradictions.
+impl Matches {
+    /// Score of a cause: matches count for it, contradictions count more against it.
     fn score(self) -> f64 {
         f64::from(self.all) - 4.0 * f64::from(self.contradict)
     }
@@ -203,35 +207,35 @@ impl Answers {
     }
 }
 
-/// A search for the cause, under way.
-struct Search {
-    before: Answers,
+/// A search for the cause, in progress.
+struct CauseSearch {
+    before: Matches,
     next: usize,
-    best: Option<(Cause, Answers)>,
+    best: Option<(FaultCause, Matches)>,
     /// Nothing of it lies within the sensor's range: only a factor can be the cause.
     is_out_of_range: bool,
 }
 
 /// One sensor.
-pub(super) struct Motion {
+pub(super) struct MotionCheck {
     key: Snapshot,
     now: Snapshot,
-    image: Image,
-    causes: Vec<(Cause, Matrix3<f64>)>,
-    search: Option<Search>,
+    image: RangeImage,
+    causes: Vec<(FaultCause, Matrix3<f64>)>,
+    search: Option<CauseSearch>,
     /// Comparisons that speak for each kind of cause.
     evidence: [u32; 4],
     /// Comparisons in a row without contradiction.
     agreed: u32,
-    found: Option<Cause>,
+    found: Option<FaultCause>,
 }
 
-impl Motion {
+impl MotionCheck {
     pub fn new() -> Self {
         Self {
             key: Snapshot::new(),
             now: Snapshot::new(),
-            image: Image::new(),
+            image: RangeImage::new(),
             causes: causes(),
             search: None,
             evidence: [0; 4],
@@ -240,13 +244,13 @@ impl Motion {
         }
     }
 
-    /// What is known to be wrong.
-    pub fn cause(&self) -> Option<Cause> {
+    /// The cause that was found.
+    pub fn cause(&self) -> Option<FaultCause> {
         self.found
     }
 
-    /// Poses until now are not comparable with those to come.
-    pub fn forget(&mut self) {
+    /// Earlier poses are not comparable with later ones.
+    pub fn clear(&mut self) {
         self.key.pose = None;
         self.search = None;
     }
@@ -285,7 +289,7 @@ impl Motion {
                     .push(end_m - origin_m, share, kind == RayKind::Hit, limits_m);
             }
         }
-        self.taken();
+        self.on_frame_taken();
     }
 
     /// Takes a scan of many beams. A part of a turn has too little in common with the part before.
@@ -317,18 +321,18 @@ impl Motion {
             let way_m = body_q_sensor * Vector3::new(cos, sin, 0.0) * f64::from(range_m);
             self.now.push(way_m, beam as f64 / beams, is_hit, limits_m);
         }
-        self.taken();
+        self.on_frame_taken();
     }
 
     /// A frame was taken: compares it with the one kept, which it replaces unless a search needs both.
-    fn taken(&mut self) {
+    fn on_frame_taken(&mut self) {
         if self.is_comparable() {
             let before = self.compare(&Matrix3::identity());
             let hits = self.now.hits.min(self.key.hits);
             let within = f64::from(self.now.within.max(self.key.within));
             let is_out_of_range = hits >= HITS_MIN && within < WITHIN * f64::from(hits);
-            if is_out_of_range || (before.all >= ANSWERS_MIN && before.share() > WRONG) {
-                self.search = Some(Search {
+            if is_out_of_range || (before.all >= MATCHES_MIN && before.share() > WRONG) {
+                self.search = Some(CauseSearch {
                     before,
                     next: 0,
                     best: None,
@@ -336,7 +340,7 @@ impl Motion {
                 });
                 return;
             }
-            if before.all >= ANSWERS_MIN {
+            if before.all >= MATCHES_MIN {
                 self.count(None);
             }
         }
@@ -352,24 +356,24 @@ impl Motion {
         (0.0..=AGE_MAX_S).contains(&age_s) && (way_m > self.key.apart_m() || key.turned_rad(now) > APART_RAD)
     }
 
-    /// A part of a search that is under way.
+    /// Continues a search that is in progress.
     pub fn advance(&mut self) {
         let Some(mut search) = self.search.take() else {
             return;
         };
-        let last = self.causes.len().min(search.next + TRIED_AT_ONCE);
+        let last = self.causes.len().min(search.next + CAUSES_PER_FRAME);
         for number in search.next..last {
             let (cause, matrix) = self.causes[number];
-            if search.is_out_of_range && !matches!(cause, Cause::Scale(_)) {
+            if search.is_out_of_range && !matches!(cause, FaultCause::Scale(_)) {
                 continue;
             }
-            let answers = self.compare(&matrix);
+            let matches = self.compare(&matrix);
             let is_better = search
                 .best
-                .is_none_or(|(_, best)| answers.score() > BETTER * best.score().max(0.0));
+                .is_none_or(|(_, best)| matches.score() > BETTER_FACTOR * best.score().max(0.0));
 
-            if answers.all >= ANSWERS_MIN && is_better {
-                search.best = Some((cause, answers));
+            if matches.all >= MATCHES_MIN && is_better {
+                search.best = Some((cause, matches));
             }
         }
         search.next = last;
@@ -379,12 +383,12 @@ impl Motion {
         }
         self.count(search.verdict());
         std::mem::swap(&mut self.key, &mut self.now);
-        // Between both, poses have gone on: the comparison begins anew.
+        // The poses between them are old: the comparison starts again.
         self.key.pose = None;
     }
 
-    /// Counts a comparison that speaks for `cause`, or for none.
-    fn count(&mut self, cause: Option<Cause>) {
+    /// Counts a comparison with the result `cause`, or with none.
+    fn count(&mut self, cause: Option<FaultCause>) {
         let Some(cause) = cause else {
             self.evidence = self.evidence.map(|count| count.saturating_sub(1));
             self.agreed += 1;
@@ -396,22 +400,22 @@ impl Motion {
         self.agreed = 0;
         let kind = cause.kind();
         self.evidence[kind] = (self.evidence[kind] + 1).min(AGREE_UNKNOWN + 1);
-        let needed = if cause == Cause::Unexplained {
+        let needed = if cause == FaultCause::Unexplained {
             AGREE_UNKNOWN
         } else {
             AGREE
         };
-        // The cause found first stays until frames agree again, unless it was none: one fault is one text.
-        let is_open = matches!(self.found, None | Some(Cause::Unexplained));
+        // The cause found first stays until frames agree again, unless it was none: one fault gives one event.
+        let is_open = matches!(self.found, None | Some(FaultCause::Unexplained));
         if self.evidence[kind] >= needed && is_open {
             self.found = Some(cause);
         }
     }
 
-    /// Places both frames as `cause` would have them, and looks for the hits of each in the other.
-    fn compare(&mut self, cause: &Matrix3<f64>) -> Answers {
-        let mut answers = Answers::default();
-        for (seen, asked) in [(&self.key, &self.now), (&self.now, &self.key)] {
+    /// Places both frames with `cause`, and checks the hits of each against the other.
+    fn compare(&mut self, cause: &Matrix3<f64>) -> Matches {
+        let mut matches = Matches::default();
+        for (seen, checked) in [(&self.key, &self.now), (&self.now, &self.key)] {
             let Some(place_m) = seen.place() else {
                 continue;
             };
@@ -421,55 +425,55 @@ impl Motion {
                     self.image.add(&(end_m - place_m));
                 }
             }
-            let step = asked.rays.len().div_ceil(ASKED).max(1);
-            for ray in asked.rays.iter().step_by(step).filter(|ray| ray.is_hit) {
-                let Some((end_m, distance_m)) = asked.end(ray, cause) else {
+            let step = checked.rays.len().div_ceil(CHECKED_RAYS).max(1);
+            for ray in checked.rays.iter().step_by(step).filter(|ray| ray.is_hit) {
+                let Some((end_m, distance_m)) = checked.end(ray, cause) else {
                     continue;
                 };
                 let offset_m = end_m - place_m;
                 let [least_m, most_m] = DISTANCE_M;
                 let is_near = distance_m >= least_m && (least_m..=most_m).contains(&offset_m.norm());
                 match is_near.then(|| self.image.judge(&offset_m)) {
-                    Some(Verdict::SeenThrough) => {
-                        answers.contradict += 1;
-                        answers.all += 1;
+                    Some(RangeAgreement::SeenThrough) => {
+                        matches.contradict += 1;
+                        matches.all += 1;
                     }
-                    Some(Verdict::Agrees) => answers.all += 1,
-                    Some(Verdict::Unknown) | None => {}
+                    Some(RangeAgreement::Agrees) => matches.all += 1,
+                    Some(RangeAgreement::Unknown) | None => {}
                 }
             }
         }
-        answers
+        matches
     }
 }
 
-impl Search {
-    /// What follows when every cause was tried.
-    fn verdict(&self) -> Option<Cause> {
-        let explained = self.best.filter(|(_, answers)| {
-            let is_enough = f64::from(answers.all) >= ANSWERS * f64::from(self.before.all);
+impl CauseSearch {
+    /// The result when every cause was tried.
+    fn verdict(&self) -> Option<FaultCause> {
+        let explained = self.best.filter(|(_, matches)| {
+            let is_enough = f64::from(matches.all) >= MATCHES_RATIO * f64::from(self.before.all);
             if self.is_out_of_range {
-                answers.share() < WRONG
+                matches.share() < WRONG
             } else {
-                is_enough && answers.share() < LEAVES * self.before.share()
+                is_enough && matches.share() < REMAINING_RATIO * self.before.share()
             }
         });
-        let is_very_wrong = self.before.all >= ANSWERS_MIN && self.before.share() > VERY_WRONG;
+        let is_very_wrong = self.before.all >= MATCHES_MIN && self.before.share() > VERY_WRONG;
         match explained {
             Some((cause, _)) => Some(cause),
-            None => is_very_wrong.then_some(Cause::Unexplained),
+            None => is_very_wrong.then_some(FaultCause::Unexplained),
         }
     }
 }
 
-/// Every cause that is known, with the matrix that takes what is said to what would be true.
-fn causes() -> Vec<(Cause, Matrix3<f64>)> {
-    let scales = FACTORS.map(|factor| (Cause::Scale(factor), Matrix3::identity() / factor));
+/// Every known cause, with the matrix from the reported to the true vector.
+fn causes() -> Vec<(FaultCause, Matrix3<f64>)> {
+    let scales = FACTORS.map(|factor| (FaultCause::Scale(factor), Matrix3::identity() / factor));
     let mirrors = (0..(180.0 / MIRROR_DEG) as i32).map(|number| {
         // The reflection in an upright plane through the sensor.
         let (sin, cos) = (2.0 * f64::from(number) * MIRROR_DEG.to_radians()).sin_cos();
         let matrix = Matrix3::new(cos, sin, 0.0, sin, -cos, 0.0, 0.0, 0.0, 1.0);
-        (Cause::Mirrored, matrix)
+        (FaultCause::Mirrored, matrix)
     });
     let turns = TURNS_DEG.iter().flat_map(|turn_deg| {
         [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()]
@@ -477,7 +481,7 @@ fn causes() -> Vec<(Cause, Matrix3<f64>)> {
             .flat_map(move |axis| {
                 [*turn_deg, -turn_deg].map(|deg| {
                     let turn = Rotation3::from_axis_angle(&axis, deg.to_radians());
-                    (Cause::Turned(*turn_deg), turn.into_inner())
+                    (FaultCause::Turned(*turn_deg), turn.into_inner())
                 })
             })
     });

@@ -5,16 +5,16 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS};
 
-/// The nearest hit of one slot of a [`View`].
+/// The nearest hit of one slot of a [`SensorView`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Hit {
+pub struct SlotHit {
     /// Forward and right of the view's origin (m); infinite for none.
     pub level_m: [f32; 2],
     /// When it was measured.
     pub seen: Timestamp,
 }
 
-impl Hit {
+impl SlotHit {
     /// No hit.
     pub const NONE: Self = Self {
         level_m: [f32::INFINITY; 2],
@@ -22,7 +22,7 @@ impl Hit {
     };
 }
 
-/// One sector of a [`View`].
+/// One sector of a [`SensorView`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewSector {
     /// Squared horizontal distance of the nearest hit (m2); infinity for none.
@@ -50,15 +50,15 @@ impl ViewSector {
         }
     }
 
-    /// Whether anything was told of it.
-    pub fn is_told(&self) -> bool {
+    /// Whether anything is known of it.
+    pub fn is_known(&self) -> bool {
         self.known_m2 > 0.0 || self.near_m2.is_finite()
     }
 }
 
 /// The sectors around the place where the vehicle was, in the level frame that had its heading.
 #[derive(Clone, Debug)]
-pub struct View {
+pub struct SensorView {
     /// The vehicle's position (m): north, east.
     pub origin_m: [f64; 2],
     /// Its height as down coordinate (m).
@@ -70,10 +70,10 @@ pub struct View {
     /// The sectors.
     pub sectors: [ViewSector; SECTORS],
     /// The nearest hits.
-    pub hits: [Hit; SLOTS],
+    pub hits: [SlotHit; SLOTS],
 }
 
-impl View {
+impl SensorView {
     /// Nothing known, anywhere.
     pub fn unknown() -> Self {
         Self {
@@ -82,11 +82,11 @@ impl View {
             heading_rad: 0.0,
             turn: [1.0, 0.0],
             sectors: [ViewSector::UNKNOWN; SECTORS],
-            hits: [Hit::NONE; SLOTS],
+            hits: [SlotHit::NONE; SLOTS],
         }
     }
 
-    /// Forgets everything and takes its place at `pose`.
+    /// Clears everything and moves the origin to `pose`.
     pub fn reset(&mut self, pose: &Pose) {
         self.origin_m = [pose.position_m.x, pose.position_m.y];
         self.down_m = pose.position_m.z;
@@ -94,7 +94,7 @@ impl View {
         let (sin, cos) = self.heading_rad.sin_cos();
         self.turn = [cos as f32, sin as f32];
         self.sectors = [ViewSector::UNKNOWN; SECTORS];
-        self.hits = [Hit::NONE; SLOTS];
+        self.hits = [SlotHit::NONE; SLOTS];
     }
 
     /// A local NED place (north, east) as forward and right of the origin (m).
@@ -141,25 +141,25 @@ impl View {
         })
     }
 
-    /// How far from `place_m` (north, east) in the direction `heading_rad` the view knows to be free. `None` if it knows
-    /// nothing there.
+    /// How far from `place_m` (north, east) in the direction `heading_rad` the view knows to be free. `None` if it
+    /// knows nothing there.
     ///
-    /// The free region is a fan of 72 wedges around the origin. Seen from the origin the ray turns one way only, so the
-    /// wedges it crosses are consecutive, and in each one it ends at the border, or at the wedge's radius. Within
-    /// `trodden_m` of the origin the vehicle itself has been, known or not: a way that does not lead out of there tells nothing,
-    /// nor does one that is no longer than that.
-    pub fn free_way_m(
+    /// The free region is a fan of 72 wedges around the origin. Seen from the origin the ray turns in one direction
+    /// only, so the wedges it crosses are consecutive, and in each one it ends at the border, or at the wedge's radius.
+    /// Within `footprint_m` of the origin the vehicle itself has been, so it counts as free; a ray that does not lead
+    /// out of there has no result, nor does one that is no longer than that.
+    pub fn free_distance_m(
         &self,
-        borders: &Borders,
+        borders: &SectorBorders,
         place_m: [f64; 2],
         heading_rad: f64,
-        trodden_m: f32,
-    ) -> Option<FreeWay<'_>> {
+        footprint_m: f32,
+    ) -> Option<FreeDistance<'_>> {
         let start = self.level(place_m);
         let (sin, cos) = (heading_rad - self.heading_rad).sin_cos();
         let along = [cos as f32, sin as f32];
         let offset_m2 = dot(start, start);
-        let trodden_m = trodden_m + offset_m2.sqrt();
+        let footprint_m = footprint_m + offset_m2.sqrt();
         let last = sector_toward(along[0], along[1]);
         // At the origin itself there is no bearing to start from: all of the ray lies in one wedge.
         let at_origin = offset_m2 < 1e-8;
@@ -169,14 +169,14 @@ impl View {
             sector_toward(start[0], start[1])
         };
         let clockwise = cross(start, along) >= 0.0;
-        let out_m = exit_m(start, along, trodden_m * trodden_m);
-        let (mut way_m, mut told) = (0.0, None);
+        let out_m = exit_m(start, along, footprint_m * footprint_m);
+        let (mut way_m, mut last_known) = (0.0, None);
         for _ in 0..=SECTORS {
             let sector = &self.sectors[index];
-            if sector.is_told() {
-                told = Some(sector);
+            if sector.is_known() {
+                last_known = Some(sector);
             }
-            let radius_m2 = sector.free_m2().max(trodden_m * trodden_m);
+            let radius_m2 = sector.free_m2().max(footprint_m * footprint_m);
             let rim_m = exit_m(start, along, radius_m2);
             let border_m = if index == last {
                 f32::INFINITY
@@ -184,12 +184,12 @@ impl View {
                 borders.crossing_m(index, clockwise, start, along, way_m)
             };
             if rim_m <= border_m {
-                let way = FreeWay {
+                let way = FreeDistance {
                     way_m: rim_m.max(way_m),
                     ends_at_obstacle: rim_m >= way_m && sector.near_m2 <= sector.known_m2,
-                    sector: told?,
+                    sector: last_known?,
                 };
-                return (way.way_m > out_m.max(trodden_m)).then_some(way);
+                return (way.way_m > out_m.max(footprint_m)).then_some(way);
             }
             way_m = border_m;
             index = (index + if clockwise { 1 } else { SECTORS - 1 }) % SECTORS;
@@ -198,14 +198,14 @@ impl View {
     }
 }
 
-/// How far it is known to be free in one direction.
+/// The free distance in one direction.
 #[derive(Clone, Copy, Debug)]
-pub struct FreeWay<'a> {
+pub struct FreeDistance<'a> {
     /// How far (m).
     pub way_m: f32,
-    /// It ends where the nearest hit of a sector is, not where knowledge ends.
+    /// It ends at the nearest hit of a sector, not where knowledge ends.
     pub ends_at_obstacle: bool,
-    /// The last sector on it that anything is known of.
+    /// The last known sector along it.
     pub sector: &'a ViewSector,
 }
 
@@ -227,9 +227,9 @@ fn cross(a: [f32; 2], b: [f32; 2]) -> f32 {
 
 /// The directions that separate neighbouring sectors: entry `i` lies between sectors `i` and `i + 1`.
 #[derive(Clone, Debug)]
-pub struct Borders([[f32; 2]; SECTORS]);
+pub struct SectorBorders([[f32; 2]; SECTORS]);
 
-impl Borders {
+impl SectorBorders {
     /// Computes them once.
     pub fn new() -> Self {
         Self(std::array::from_fn(|i| {
@@ -247,8 +247,8 @@ impl Borders {
         along: [f32; 2],
         from_m: f32,
     ) -> f32 {
-        /// A crossing that lies this little behind (m) is one that rounding has moved; farther behind it is that of a
-        /// ray nearly parallel to the border, which comes nearer to it for ever.
+        /// A crossing this little behind (m) was moved by rounding; farther behind, the ray is nearly parallel to the
+        /// border and never crosses it.
         const ROUNDING_M: f32 = 1e-3;
         let border = self.0[if clockwise {
             index
@@ -266,13 +266,12 @@ impl Borders {
 
 #[cfg(test)]
 mod tests {
-    use super::{Borders, FreeWay, View, ViewSector};
-    use jink_shared_types::pose_history::Pose;
-    use nalgebra::{UnitQuaternion, Vector3};
+    use super::{FreeDistance, SectorBorders, SensorView, ViewSector};
+        use nalgebra::{UnitQuaternion, Vector3};
     use proptest::prelude::*;
 
-    fn view(ranges: &[f32], heading_rad: f64) -> View {
-        let mut view = View::unknown();
+    fn view(ranges: &[f32], heading_rad: f64) -> SensorView {
+        let mut view = SensorView::unknown();
         view.reset(&Pose {
             position_m: Vector3::new(100.0, -50.0, -3.0),
             local_q_body: UnitQuaternion::from_euler_angles(0.0, 0.0, heading_rad),
@@ -288,18 +287,18 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_way_told_free_is_free_at_every_point(
+        fn the_free_distance_is_free_at_every_point(
             ranges in proptest::collection::vec(prop_oneof![Just(0.0f32), 1.0..20.0f32], 72),
             heading in -3.0..3.0f64, toward in -3.0..3.0f64, north in -0.7..0.7f64, east in -0.7..0.7f64,
         ) {
             let view = view(&ranges, heading);
             let place = [100.0 + north, -50.0 + east];
-            let trodden = 0.3 + (north.hypot(east) as f32);
-            if let Some(FreeWay { way_m, sector, .. }) = view.free_way_m(&Borders::new(), place, toward, 0.3) {
+            let footprint = 0.3 + (north.hypot(east) as f32);
+            if let Some(FreeDistance { way_m, sector, .. }) = view.free_distance_m(&SectorBorders::new(), place, toward, 0.3) {
                 let (sin, cos) = toward.sin_cos();
-                prop_assert!(sector.is_told());
+                prop_assert!(sector.is_known());
                 let end = [north + cos * f64::from(way_m), east + sin * f64::from(way_m)];
-                prop_assert!(end[0].hypot(end[1]) >= f64::from(trodden) - 1e-4, "it ends where the vehicle was");
+                prop_assert!(end[0].hypot(end[1]) >= f64::from(footprint) - 1e-4, "it ends where the vehicle was");
                 for i in 0..200 {
                     let s = f64::from(way_m) * f64::from(i) / 200.0;
                     let point = [place[0] + cos * s, place[1] + sin * s];
@@ -308,18 +307,18 @@ mod tests {
                     let admitted = [-1e-3, 0.0, 1e-3].iter().any(|aside| {
                         view.admits([point[0] - sin * aside, point[1] + cos * aside])
                     });
-                    prop_assert!(admitted || from_origin <= f64::from(trodden) + 1e-3, "at {} of {}", s, way_m);
+                    prop_assert!(admitted || from_origin <= f64::from(footprint) + 1e-3, "at {} of {}", s, way_m);
                 }
             }
         }
 
         #[test]
-        fn from_its_own_place_a_view_tells_each_sector_as_it_is(
+        fn from_its_own_place_a_view_reports_each_sector_as_it_is(
             ranges in proptest::collection::vec(1.0..20.0f32, 72), sector in 0..72usize,
         ) {
             let view = view(&ranges, 1.0);
             let toward = 1.0 + jink_shared_types::ring::sector_bearing_rad(sector);
-            let way = view.free_way_m(&Borders::new(), view.origin_m, toward, 0.3).unwrap();
+            let way = view.free_distance_m(&SectorBorders::new(), view.origin_m, toward, 0.3).unwrap();
             prop_assert!(!way.ends_at_obstacle);
             prop_assert!((way.way_m - ranges[sector]).abs() < 1e-4);
         }
@@ -331,14 +330,14 @@ mod tests {
         ranges[..9].fill(8.0);
         ranges[64..].fill(8.0);
         let view = view(&ranges, 0.0);
-        let borders = Borders::new();
-        let ahead = view.free_way_m(&borders, [99.0, -50.0], 0.0, 0.3);
+        let borders = SectorBorders::new();
+        let ahead = view.free_distance_m(&borders, [99.0, -50.0], 0.0, 0.3);
         assert!(
             ahead.is_some_and(|way| (way.way_m - 9.0).abs() < 1e-3),
             "one metre behind its own place it still knows what it saw"
         );
         assert!(
-            view.free_way_m(&borders, [100.0, -50.0], std::f64::consts::PI, 0.3)
+            view.free_distance_m(&borders, [100.0, -50.0], std::f64::consts::PI, 0.3)
                 .is_none()
         );
         assert!(!view.admits([99.0, -50.0]));

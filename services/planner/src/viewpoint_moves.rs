@@ -1,31 +1,32 @@
-//! What is done where no plan is found because the way has not been seen: a look.
+//! Motions to viewpoints, where no plan is found because the path has not been seen.
 
 use super::{Departure, GUIDE_MAX_M, Planner};
-use crate::gears::{CRAWL_GEAR, LAST_GEAR};
-use crate::looks::{DWELL_S, Look, REACH_M};
+use crate::speed_tiers::{CRAWL_TIER, LAST_TIER};
+use crate::viewpoints::{DWELL_S, REACH_M, Viewpoint};
 use jink_shared_types::Coded;
 use jink_shared_types::frames::{LocalNed, Point, wrap_pi};
 use jink_shared_types::map::cell_of;
 use jink_shared_types::motion::{Route, RouteMode, Trajectory};
 use jink_shared_types::vehicle::DesiredPath;
 
-/// A route that has not become a trajectory in this time (s) will not.
+/// A route that has not become a trajectory within this time (s) is refused.
 const REFUSED_S: f64 = 0.5;
 /// A heading rate slower than this rests (rad/s).
 const RESTING_RADPS: f64 = 0.02;
 
-/// A motion that leads less far to any side (m) needs no turn before it: the body has been in most of what it sweeps.
+/// A motion that leads less far to any side (m) needs no turn before it: the vehicle itself has been in most of the
+/// space it sweeps.
 const ASIDE_M: f64 = 0.3;
-/// A way that leaves the view by less than this is gone while the heading follows (rad).
+/// A path that leaves the field of view by less than this is flown while the heading follows (rad).
 const EDGE_RAD: f64 = 0.17;
-/// A way that leads farther aside than this (rad) is not begun in motion.
+/// A path that leads farther aside than this (rad) is not begun in motion.
 const ABOUT_RAD: f64 = 1.05;
 
 /// What has to be done before a motion whose first direction is not in view.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Before {
+pub(super) enum HeadingCheck {
     /// Nothing.
-    Go,
+    Aligned,
     /// To turn to this heading (rad), or to end a turn.
     Turn(f64),
     /// To come to rest.
@@ -33,35 +34,36 @@ pub(super) enum Before {
 }
 
 impl Planner {
-    /// What is to be done before the motion along the guide: with sensors that do not look all around, the vehicle looks where it goes.
-    pub(super) fn before_motion(&self, departure: &Departure) -> Before {
+    /// What has to be done before the motion along the guide: with sensors that do not see all around, the vehicle
+    /// faces where it goes.
+    pub(super) fn check_heading(&self, departure: &Departure) -> HeadingCheck {
         if self.view.is_empty() || self.view.is_all_around() {
-            return Before::Go;
+            return HeadingCheck::Aligned;
         }
         let start = departure.state.position.vector();
         let away = |vertex: &nalgebra::Vector3<f64>| (vertex - start).xy().norm();
         let vertices = self.guide.vertices();
         let Some(toward) = vertices.iter().find(|vertex| away(vertex) >= ASIDE_M) else {
-            return Before::Go;
+            return HeadingCheck::Aligned;
         };
         let way = toward - start;
         let heading_rad = way.y.atan2(way.x);
         let aside_rad = wrap_pi(heading_rad - departure.state.yaw_rad);
         let [left_rad, right_rad] = self.view.aside_rad();
         let seen_rad = if aside_rad < 0.0 { left_rad } else { right_rad };
-        // Where nothing answers from ahead, in the open, the view is not known to reach aside at all.
+        // Where nothing answers from ahead, in the open, the field of view is not known to reach aside at all.
         if aside_rad.abs() <= (seen_rad - EDGE_RAD).max(EDGE_RAD) {
-            Before::Go
+            HeadingCheck::Aligned
         } else if departure.is_at_rest() {
-            Before::Turn(heading_rad)
+            HeadingCheck::Turn(heading_rad)
         } else if aside_rad.abs() > seen_rad.max(ABOUT_RAD) {
-            Before::Stop
+            HeadingCheck::Stop
         } else {
-            Before::Go
+            HeadingCheck::Aligned
         }
     }
 
-    /// Turns to `heading_rad` where the vehicle rests, unless it is turning already: a turn is brought to its end.
+    /// Turns to `heading_rad` where the vehicle rests, unless it is turning already: a turn is completed.
     pub(super) fn turn_first(
         &mut self,
         departure: &Departure,
@@ -73,22 +75,22 @@ impl Planner {
             committed.route_id == self.turn_id && committed.end() > departure.splice
         });
         if !is_turning && departure.state.yaw_rate_radps.abs() <= RESTING_RADPS {
-            let look = Look {
+            let viewpoint = Viewpoint {
                 cell: cell_of(departure.state.position),
                 yaw_rad: heading_rad,
             };
-            self.write_turn(departure, &look, route);
+            self.write_turn(departure, &viewpoint, route);
             self.turn_id = route.id;
         }
     }
 
-    /// Looks for what is missing on the way to `goal` in `gear`, from where it can be seen; `false` if nothing can be done about it. While
-    /// a look is under way, and shortly after it, nothing else is done. A look begins only while fewer
-    /// than `looks_max` have begun in the last minute.
-    pub(super) fn look(
+    /// Plans to a viewpoint for what is missing on the path to `goal` in `tier`; `false` if there is none. While a
+    /// viewpoint is in progress, and shortly after it, nothing else is done. It is started only while fewer than
+    /// `viewpoints_max` were started in the last minute.
+    pub(super) fn move_to_viewpoint(
         &mut self,
-        gear: usize,
-        looks_max: usize,
+        tier: usize,
+        viewpoints_max: usize,
         departure: &Departure,
         desired: &DesiredPath,
         goal: &Point<LocalNed>,
@@ -96,7 +98,7 @@ impl Planner {
         route: &mut Route,
     ) -> bool {
         let time = departure.splice;
-        if let Some((route_id, since)) = self.looks.under_way() {
+        if let Some((route_id, since)) = self.viewpoints.in_progress() {
             let flown = committed.filter(|committed| committed.route_id == route_id);
             let until = match flown {
                 Some(flown) => flown.end().plus_seconds(DWELL_S),
@@ -109,67 +111,73 @@ impl Planner {
         if !departure.is_at_rest() || departure.state.yaw_rate_radps.abs() > RESTING_RADPS {
             return false;
         }
-        if self.looks.begun(time) >= looks_max {
+        if self.viewpoints.started_recently(time) >= viewpoints_max {
             return false;
         }
-        self.space.prepare(gear);
-        if self.find(gear, departure, goal).is_none() {
+        self.space.prepare(tier);
+        if self.find(tier, departure, goal).is_none() {
             return false;
         }
-        if !self.looks.want(&self.space, self.search.path()) {
+        if !self.viewpoints.collect_missing(&self.space, self.search.path()) {
             return false;
         }
-        let start = self.space.cell_of(gear, &departure.state.position.vector());
+        let start = self.space.cell_of(tier, &departure.state.position.vector());
         let yaw_rad = departure.state.yaw_rad;
         let z_range = if self.space.has_band() {
-            self.heights(gear, departure, goal)
+            self.heights(tier, departure, goal)
         } else {
             (i32::MIN, i32::MAX)
         };
-        self.search
-            .reach(&self.space, gear, start, REACH_M, z_range, &mut self.looks.places);
-        let Some(look) = self
-            .looks
-            .best(&self.space, gear, &self.view, start, yaw_rad, time)
+        self.search.reachable_cells(
+            &self.space,
+            tier,
+            start,
+            REACH_M,
+            z_range,
+            &mut self.viewpoints.places,
+        );
+        let Some(viewpoint) = self
+            .viewpoints
+            .best(&self.space, tier, &self.view, start, yaw_rad, time)
         else {
             return false;
         };
-        if look.cell == start {
-            self.looks.go(look, route.id, time);
-            self.write_turn(departure, &look, route);
+        if viewpoint.cell == start {
+            self.viewpoints.record(viewpoint, route.id, time);
+            self.write_turn(departure, &viewpoint, route);
             return true;
         }
-        self.search.way_to(&self.space, look.cell);
+        self.search.path_to(&self.space, viewpoint.cell);
         self.guide.build(
             &self.space,
-            gear,
+            tier,
             &departure.state.position.vector(),
             self.search.path(),
-            Some(&self.space.center_of(gear, look.cell)),
+            Some(&self.space.center_of(tier, viewpoint.cell)),
             GUIDE_MAX_M,
-            self.limits[gear].overshoot_m,
+            self.limits[tier].overshoot_m,
         );
-        if let Before::Turn(heading_rad) = self.before_motion(departure) {
-            self.looks.turn(route.id, time);
-            let toward = Look {
+        if let HeadingCheck::Turn(heading_rad) = self.check_heading(departure) {
+            self.viewpoints.record_turn(route.id, time);
+            let toward = Viewpoint {
                 cell: start,
                 yaw_rad: heading_rad,
             };
             self.write_turn(departure, &toward, route);
             return true;
         }
-        self.looks.go(look, route.id, time);
-        if !self.write_plan(gear, departure, desired, false, route) {
+        self.viewpoints.record(viewpoint, route.id, time);
+        if !self.write_plan(tier, departure, desired, false, route) {
             return false;
         }
-        if wrap_pi(look.yaw_rad - yaw_rad).abs() > 1e-9 {
-            route.goal_yaw_rad = look.yaw_rad;
+        if wrap_pi(viewpoint.yaw_rad - yaw_rad).abs() > 1e-9 {
+            route.goal_yaw_rad = viewpoint.yaw_rad;
         }
         true
     }
 
-    /// The same in the lowest gears.
-    pub(super) fn look_crawling(
+    /// The same in the lowest speed tiers.
+    pub(super) fn move_to_viewpoint_crawling(
         &mut self,
         departure: &Departure,
         desired: &DesiredPath,
@@ -177,17 +185,17 @@ impl Planner {
         committed: Option<&Trajectory>,
         route: &mut Route,
     ) -> bool {
-        (CRAWL_GEAR..=LAST_GEAR)
-            .any(|gear| self.look(gear, usize::MAX, departure, desired, goal, committed, route))
+        (CRAWL_TIER..=LAST_TIER)
+            .any(|tier| self.move_to_viewpoint(tier, usize::MAX, departure, desired, goal, committed, route))
     }
 
-    fn write_turn(&self, departure: &Departure, look: &Look, route: &mut Route) {
+    fn write_turn(&self, departure: &Departure, viewpoint: &Viewpoint, route: &mut Route) {
         route.base_id = departure.base_id;
         route.splice = departure.splice;
         route.start = departure.state;
-        route.limits = self.limits[LAST_GEAR];
+        route.limits = self.limits[LAST_TIER];
         route.target = departure.state.position;
-        route.goal_yaw_rad = look.yaw_rad;
+        route.goal_yaw_rad = viewpoint.yaw_rad;
         route.mode = Coded::new(RouteMode::Turn);
     }
 }

@@ -1,18 +1,18 @@
-//! Frames a second against the sensor's table.
+//! Frames per second against the sensor's table.
 
 use jink_shared_types::Timestamp;
 
 /// Frames are counted for so long (s).
 const WINDOW_S: f64 = 3.0;
-/// A rate beyond these shares of that of the table is no rate of the device: as `jink check sensors` judges it.
+/// A rate beyond these shares of that of the table is a fault, as in `jink check sensors`.
 const SHARES: [f64; 2] = [0.5, 1.5];
-/// Windows in a row that must say so.
+/// Windows in a row that must be wrong.
 const WINDOWS: u32 = 2;
 /// A gap longer than this (s) is silence, which is reported otherwise.
 const SILENCE_S: f64 = 1.0;
 
 /// One sensor.
-pub(super) struct Rate {
+pub(super) struct RateCheck {
     /// That of the table (Hz); zero for none.
     table_hz: f64,
     begin: Timestamp,
@@ -22,7 +22,7 @@ pub(super) struct Rate {
     wrong_hz: f64,
 }
 
-impl Rate {
+impl RateCheck {
     pub fn new(table_hz: f64) -> Self {
         Self {
             table_hz,
@@ -34,7 +34,8 @@ impl Rate {
         }
     }
 
-    /// A frame captured at `capture`, later than the last. Of a scan in parts (`is_part`) the table's rate is the least.
+    /// Counts a frame captured at `capture`, later than the last. For a scan in parts (`is_part`) the table's rate is a
+    /// lower bound.
     pub fn take(&mut self, capture: Timestamp, is_part: bool) {
         let gap_s = capture.seconds_since(self.last);
         let is_silent = gap_s > f64::max(SILENCE_S, 5.0 / self.table_hz.max(1e-3));
@@ -62,7 +63,7 @@ impl Rate {
         self.frames = 0;
     }
 
-    /// Frames a second as they come and as they should (Hz), if that is wrong.
+    /// Measured and expected frames per second (Hz), if they differ.
     pub fn wrong_hz(&self) -> Option<[f64; 2]> {
         (self.wrong >= WINDOWS).then_some([self.wrong_hz, self.table_hz])
     }

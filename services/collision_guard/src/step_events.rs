@@ -1,4 +1,4 @@
-//! What the pilot has to be told of one step.
+//! The events of one step for the pilot.
 
 use jink_shared_types::events::EventSample;
 
@@ -7,12 +7,12 @@ const EVENTS: usize = 4;
 
 /// The events of one step, in the order in which they happened.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct News {
+pub struct StepEvents {
     events: [EventSample; EVENTS],
     len: usize,
 }
 
-impl News {
+impl StepEvents {
     pub(crate) fn add(&mut self, event: EventSample) {
         if let Some(slot) = self.events.get_mut(self.len) {
             *slot = event;

@@ -1,4 +1,4 @@
-//! The same data again and again.
+//! Detects repeated data.
 
 use crate::poses::Pose;
 use jink_shared_types::Timestamp;
@@ -7,33 +7,33 @@ use nalgebra::Vector3;
 
 /// Points of a cloud that are compared.
 const POINTS: usize = 512;
-/// Rays with a range that a frame of many must have to be distinguished from another one: one or two may well repeat.
+/// Hits that a frame of many rays needs to be distinguished from another one: one or two may well repeat.
 const HITS_MIN: u32 = 12;
 /// A vehicle that has moved by so much (m, rad) sees other ranges: noise alone changes the last bits of a dozen.
 const MOVED: (f64, f64) = (0.1, 0.03);
-/// A single beam has few steps: it must have come nearer or gone farther by so much (m).
+/// A single beam has a coarse resolution: it must have come nearer or gone farther by so much (m).
 const MOVED_BEAM_M: f64 = 0.5;
 /// Repetitions after which a sensor is stuck while the vehicle moves ...
 const MOVING: u32 = 3;
-/// ... and while it stands: so many, over so long (s). Coarse steps and no noise may repeat a frame now and then.
+/// ... and while it stands: so many, over so long (s). Coarse resolution without noise may repeat a frame now and then.
 const STANDING: (u32, f64) = (25, 2.5);
-/// Frames whose time stands still after which a sensor is stuck.
+/// Frames with the same time after which a sensor is stuck.
 const SAME_TIME: u32 = 5;
-/// Frames that differ after which it is not any more.
+/// Different frames after which it is no longer stuck.
 const DIFFERENT: u32 = 10;
-/// Of FNV-1a, 64 bits: its beginning, and its factor.
+/// Offset basis and prime of FNV-1a, 64 bits.
 const HASH: [u64; 2] = [0xcbf2_9ce4_8422_2325, 0x0000_0100_0000_01b3];
 
-/// A frame in short.
+/// A fingerprint of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Print {
+pub(super) struct FrameFingerprint {
     hash: u64,
     hits: u32,
-    /// Where it looks (body), if it is a single beam.
+    /// The direction of a single beam (body).
     beam: Option<Vector3<f64>>,
 }
 
-impl Print {
+impl FrameFingerprint {
     /// Of a part of the points, the same ones in each cloud of as many.
     pub fn of_cloud(cloud: &PointCloud) -> Self {
         let points = cloud.points();
@@ -67,15 +67,15 @@ impl Print {
         }
     }
 
-    fn says_enough(&self) -> bool {
+    fn is_distinctive(&self) -> bool {
         self.hits >= if self.beam.is_some() { 1 } else { HITS_MIN }
     }
 }
 
 /// One sensor.
 #[derive(Default)]
-pub(super) struct Repeat {
-    last: Option<Print>,
+pub(super) struct RepeatCheck {
+    last: Option<FrameFingerprint>,
     /// When the first of equal frames was captured, and where the vehicle was.
     first: Timestamp,
     first_pose: Option<Pose>,
@@ -85,12 +85,12 @@ pub(super) struct Repeat {
     is_stuck: bool,
 }
 
-impl Repeat {
-    /// Takes a frame; `false` if it says the same as the one before and cannot be true.
-    pub fn accepts(&mut self, print: Print, capture: Timestamp, pose: Option<Pose>) -> bool {
+impl RepeatCheck {
+    /// Takes a frame; `false` if it repeats the one before although the vehicle has moved.
+    pub fn accepts(&mut self, fingerprint: FrameFingerprint, capture: Timestamp, pose: Option<Pose>) -> bool {
         self.same_time = 0;
-        if self.last != Some(print) || !print.says_enough() {
-            self.last = Some(print);
+        if self.last != Some(fingerprint) || !fingerprint.is_distinctive() {
+            self.last = Some(fingerprint);
             (self.first, self.first_pose, self.repeated) = (capture, pose, 0);
             self.different += 1;
             self.is_stuck &= self.different < DIFFERENT;
@@ -99,20 +99,20 @@ impl Repeat {
         self.different = 0;
         self.repeated += 1;
         let has_moved = match (&self.first_pose, &pose) {
-            (Some(from), Some(to)) => has_moved(from, to, print.beam),
+            (Some(from), Some(to)) => has_moved(from, to, fingerprint.beam),
             _ => false,
         };
         let (repetitions, seconds) = STANDING;
-        let stands_for_long = print.beam.is_none()
+        let stands_for_long = fingerprint.beam.is_none()
             && self.repeated >= repetitions
             && capture.seconds_since(self.first) >= seconds;
         self.is_stuck |= (has_moved && self.repeated >= MOVING) || stands_for_long;
-        // From the first repetition on: what was measured elsewhere says nothing of this place.
+        // From the first repetition on: a measurement from elsewhere says nothing about this place.
         !(has_moved || self.is_stuck)
     }
 
-    /// A frame came whose time is that of the one before.
-    pub fn stands_still(&mut self) {
+    /// A frame has the time of the one before.
+    pub fn count_same_time(&mut self) {
         self.same_time += 1;
         self.different = 0;
         self.is_stuck |= self.same_time >= SAME_TIME;
@@ -127,7 +127,7 @@ impl Repeat {
     }
 }
 
-/// Where the only beam of `scan` looks (body).
+/// Direction of the only beam of `scan` (body).
 fn axis(scan: &RangeScan) -> Option<Vector3<f64>> {
     let (sin, cos) = f64::from(scan.angle_first_rad).sin_cos();
     Some(scan.mounting.rotation()? * Vector3::new(cos, sin, 0.0))

@@ -1,13 +1,13 @@
-//! How much longer than the straight line the way to the goal is, as far as the far map knows.
+//! How much longer than the straight line the path to the goal is, by the far map.
 //!
 //! | in | out |
 //! |---|---|
-//! | [`FarMap`], the goal, the heights flown at | per cell: the detour (m) that a way from there to the goal takes round what is known |
+//! | [`FarMap`], the goal, the heights flown at | per cell: the detour (m) that a path from there to the goal takes round known obstacles |
 //!
-//! The way left from every cell, by Dijkstra's algorithm over the map's cells at the height of flight, from the goal outwards.
-//! Nothing is forbidden: what is occupied is dear, so that a map that is wrong leaves some way. What is not known is taken to be
-//! open. The detour, not the way itself, is what the fine search gets to know: where nothing is in the way it is zero, and the search
-//! is what it would be without.
+//! The remaining path from every cell is computed by Dijkstra's algorithm over the map's cells at the height of flight,
+//! from the goal outwards. Nothing is forbidden: occupied cells have a high cost, so that a wrong map still leaves a
+//! path. Unknown cells count as free. The fine search uses the detour, not the path itself: where there is no obstacle
+//! the detour is zero, and the search is what it would be without a far map.
 
 use jink_shared_types::far_map::{FAR_CELL_M, FAR_X, FAR_Y, FAR_Z, FarMap, test};
 use jink_shared_types::frames::{LocalNed, Point};
@@ -15,33 +15,35 @@ use jink_shared_types::map::{CELL_M, Cell};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Prices are whole numbers: a straight step of one cell.
+/// Costs are whole numbers: a straight step of one cell.
 const STRAIGHT: u32 = 1000;
 const DIAGONAL: u32 = 1414;
-/// Price of a step through a cell in which something stands, by that of a free one: 40 m per cell. A dead end as deep as the fine
-/// window reaches is left for a way round it.
+/// Cost of a step through an occupied cell, relative to a free one: 40 m per cell. A dead end as deep as the fine
+/// window reaches is left for a path round it.
 const OCCUPIED_FACTOR: u32 = 100;
-/// The same for a cell beside one, where fewer than two cells side by side are free: too narrow for most vehicles.
+/// The same for a cell beside an occupied one, where fewer than two cells side by side are free: too narrow for most
+/// vehicles.
 const NARROW_FACTOR: u32 = 10;
-/// So much of a detour (2 m) is none for sensors that do not look all around: the way round a trunk is the fine search's. Where every
-/// trunk 40 m ahead counted, a camera was led aside at its start, into what it had not seen. Scanners pass gaps better when all counts.
+/// For sensors that do not see all around, a detour up to this (2 m) counts as none: the fine search finds the path
+/// round a trunk. When every trunk 40 m ahead counted, a camera was led aside at its start, into what it had not seen.
+/// With scanners, gaps are passed better when every detour counts.
 const FINE_DETOUR: u32 = 5 * STRAIGHT;
 const CELLS: usize = FAR_X * FAR_Y;
 const NOT_REACHED: u32 = u32::MAX;
 
 /// The detours to one goal.
 #[derive(Debug)]
-pub struct Far {
+pub struct DetourMap {
     min_cell: Cell,
     detour_m: Vec<f32>,
     left: Vec<u32>,
     factor: Vec<u32>,
     open: BinaryHeap<Reverse<u64>>,
-    /// What the detours were made for: map, goal, layers.
+    /// What the detours were computed for: map, goal, layers.
     made_for: Option<(u64, [i32; 2], [i32; 2])>,
 }
 
-impl Default for Far {
+impl Default for DetourMap {
     fn default() -> Self {
         Self {
             min_cell: [0; 3],
@@ -54,14 +56,14 @@ impl Default for Far {
     }
 }
 
-impl Far {
+impl DetourMap {
     /// There is no far map: no detour is known.
-    pub fn forget(&mut self) {
+    pub fn reset(&mut self) {
         self.made_for = None;
     }
 
-    /// Makes the detours to `goal` at heights from `goal` to `here`, by `map`, which has the number `map_number`; nothing if that is
-    /// done. With sensors that do not see all around, short detours count for nothing.
+    /// Computes the detours to `goal` at heights from `goal` to `here`, by `map`, which has the number `map_number`;
+    /// nothing if they are up to date. With sensors that do not see all around, short detours count as none.
     pub fn make(
         &mut self,
         map: &FarMap,
@@ -80,12 +82,12 @@ impl Far {
         }
         self.made_for = made_for;
         self.min_cell = map.min_cell;
-        self.price(map, layers);
-        self.spread(goal_cell);
+        self.cost(map, layers);
+        self.expand_dijkstra(goal_cell);
         self.compare(goal_cell, if sees_all_around { 0 } else { FINE_DETOUR });
     }
 
-    /// The detour (m) of a way from `cell` (of the fine map) to the goal; zero where nothing is known of one.
+    /// The detour (m) of a path from `cell` (of the fine map) to the goal; zero where nothing is known of one.
     #[inline]
     pub fn detour_m(&self, cell: Cell) -> f32 {
         let x = cell[0].div_euclid(2).wrapping_sub(self.min_cell[0]);
@@ -98,7 +100,7 @@ impl Far {
         }
     }
 
-    fn price(&mut self, map: &FarMap, layers: [i32; 2]) {
+    fn cost(&mut self, map: &FarMap, layers: [i32; 2]) {
         let [low, high] = layers.map(|z| z.clamp(map.min_cell[2], map.min_cell[2] + FAR_Z as i32 - 1));
         for (y, row) in self.factor.chunks_exact_mut(FAR_X).enumerate() {
             for (x, factor) in row.iter_mut().enumerate() {
@@ -107,65 +109,69 @@ impl Far {
                 *factor = if is_occupied { OCCUPIED_FACTOR } else { 1 };
             }
         }
-        // A square of two by two cells has room if all of them are free; it counts for its corner.
+        // A square of two by two cells has clearance if all of them are free; it counts for its corner.
         for y in 0..FAR_Y - 1 {
             for x in 0..FAR_X - 1 {
                 let at = y * FAR_X + x;
-                let others = [at + 1, at + FAR_X, at + FAR_X + 1];
-                if self.factor[at] == 1 && others.iter().any(|at| self.factor[*at] == OCCUPIED_FACTOR) {
+                let other_occupied = [at + 1, at + FAR_X, at + FAR_X + 1];
+                if self.factor[at] == 1
+                    && other_occupied
+                        .iter()
+                        .any(|at| self.factor[*at] == OCCUPIED_FACTOR)
+                {
                     self.factor[at] = NARROW_FACTOR;
                 }
             }
         }
     }
 
-    /// The price of the way left from every cell.
-    fn spread(&mut self, goal: [i32; 2]) {
+    /// Computes the cost of the remaining path from every cell.
+    fn expand_dijkstra(&mut self, goal: [i32; 2]) {
         self.left.fill(NOT_REACHED);
         self.open.clear();
         let [x, y] = [goal[0] - self.min_cell[0], goal[1] - self.min_cell[1]];
         if (0..FAR_X as i32).contains(&x) && (0..FAR_Y as i32).contains(&y) {
             self.reach(y as usize * FAR_X + x as usize, 0);
         } else {
-            // From the border on nothing is known.
+            // Beyond the border nothing is known.
             for at in (0..CELLS).filter(|at| on_border(*at)) {
-                self.reach(at, self.open_price(at, goal));
+                self.reach(at, self.open_cost(at, goal));
             }
         }
         while let Some(Reverse(key)) = self.open.pop() {
-            let (price, at) = ((key >> 32) as u32, key as u32 as usize);
-            if price > self.left[at] {
+            let (cost, at) = ((key >> 32) as u32, key as u32 as usize);
+            if cost > self.left[at] {
                 continue;
             }
             for (to, length) in neighbours(at) {
-                self.reach(to, price.saturating_add(length * self.factor[to]));
+                self.reach(to, cost.saturating_add(length * self.factor[to]));
             }
         }
     }
 
     #[inline]
-    fn reach(&mut self, at: usize, price: u32) {
-        if price < self.left[at] {
-            self.left[at] = price;
-            self.open.push(Reverse(u64::from(price) << 32 | at as u64));
+    fn reach(&mut self, at: usize, cost: u32) {
+        if cost < self.left[at] {
+            self.left[at] = cost;
+            self.open.push(Reverse(u64::from(cost) << 32 | at as u64));
         }
     }
 
-    /// The price of the way from a cell to `goal` if nothing were in the way, in steps to eight sides.
-    fn open_price(&self, at: usize, goal: [i32; 2]) -> u32 {
+    /// The cost of the path from a cell to `goal` without obstacles, in steps to eight sides.
+    fn open_cost(&self, at: usize, goal: [i32; 2]) -> u32 {
         let along = |axis: usize, offset: usize| goal[axis].abs_diff(self.min_cell[axis] + offset as i32);
         let (x, y) = (along(0, at % FAR_X), along(1, at / FAR_X));
         let (short, long) = (x.min(y).min(1 << 20), x.max(y).min(1 << 20));
         short * DIAGONAL + (long - short) * STRAIGHT
     }
 
-    /// The detours, of which the price `ignored` counts for nothing.
+    /// Computes the detours, of which the cost `ignored` is subtracted.
     fn compare(&mut self, goal: [i32; 2], ignored: u32) {
         for at in 0..CELLS {
-            // What stands in the cell itself the fine map knows better.
+            // The fine map knows better whether the cell itself is occupied.
             let beside = neighbours(at).map(|(to, length)| self.left[to].saturating_add(length));
             let left = beside.fold(self.left[at], u32::min);
-            let detour = left.saturating_sub(self.open_price(at, goal) + ignored);
+            let detour = left.saturating_sub(self.open_cost(at, goal) + ignored);
             self.detour_m[at] = detour as f32 * (FAR_CELL_M as f32 / STRAIGHT as f32);
         }
     }
@@ -176,7 +182,7 @@ fn on_border(at: usize) -> bool {
     x == 0 || y == 0 || x == FAR_X - 1 || y == FAR_Y - 1
 }
 
-/// The eight neighbours of a cell inside the window, and the price of a step to each through what is free.
+/// The eight neighbours of a cell inside the window, and the cost of a step to each through what is free.
 #[inline]
 fn neighbours(at: usize) -> impl Iterator<Item = (usize, u32)> {
     const BY: [(i32, i32, u32); 8] = [
@@ -199,7 +205,7 @@ fn neighbours(at: usize) -> impl Iterator<Item = (usize, u32)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{CELLS, Far};
+    use super::{CELLS, DetourMap};
     use jink_shared_types::far_map::{FAR_CELL_M, FAR_X, FarMap, set};
     use jink_shared_types::frames::Point;
     use jink_shared_types::map::cell_of;
@@ -219,14 +225,14 @@ mod tests {
         map
     }
 
-    fn far(map: &FarMap, goal: [f64; 2]) -> Far {
-        let mut far = Far::default();
+    fn far(map: &FarMap, goal: [f64; 2]) -> DetourMap {
+        let mut far = DetourMap::default();
         let at = |[x, y]: [f64; 2]| Point::new(x, y, -2.5);
         far.make(map, 1, &at(goal), &at([0.0; 2]), true);
         far
     }
 
-    fn detour_m(far: &Far, x_m: f64, y_m: f64) -> f32 {
+    fn detour_m(far: &DetourMap, x_m: f64, y_m: f64) -> f32 {
         far.detour_m(cell_of(Point::new(x_m, y_m, -2.5)))
     }
 
@@ -239,9 +245,9 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_is_a_detour_by_the_length_of_the_way_round_it() {
+    fn a_wall_is_a_detour_by_the_length_of_the_path_round_it() {
         let far = far(&map(|x, y| (19.8..20.6).contains(&x) && y > -9.0), [40.0, 0.0]);
-        // In steps to eight sides the way round is 20 cells of 0.4 m aside longer than straight, at most.
+        // In steps to eight sides the detour is at most 20 cells of 0.4 m to the side longer than the straight line.
         let at_it = detour_m(&far, 18.0, 0.0);
         assert!((4.0..14.0).contains(&at_it), "{at_it}");
         assert!(detour_m(&far, 18.0, 8.0) > at_it + 4.0);
@@ -263,7 +269,7 @@ mod tests {
     #[test]
     fn what_stands_at_another_height_is_not_in_the_way() {
         let map = map(|x, _| (19.8..20.6).contains(&x));
-        let mut far = Far::default();
+        let mut far = DetourMap::default();
         far.make(
             &map,
             1,
@@ -278,7 +284,7 @@ mod tests {
     fn without_a_map_there_is_no_detour() {
         let mut far = far(&map(|x, _| (19.8..20.6).contains(&x)), [40.0, 0.0]);
         assert!(detour_m(&far, 18.0, 0.0) > 10.0);
-        far.forget();
+        far.reset();
         assert_eq!(detour_m(&far, 18.0, 0.0), 0.0);
     }
 
@@ -286,7 +292,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(16))]
 
         #[test]
-        fn more_obstacles_never_make_a_way_shorter(
+        fn more_obstacles_never_make_a_path_shorter(
             walls in prop::collection::vec((-40.0..40.0f64, -40.0..40.0f64, 0.5..8.0f64), 1..12),
             goal in (-80.0..80.0f64, -80.0..80.0f64),
         ) {

@@ -1,34 +1,34 @@
 //! What the ring knows of the places along a path.
 
 use super::Ring;
-use super::view::View;
+use super::sensor_view::SensorView;
 use jink_shared_types::Timestamp;
 use jink_shared_types::ring::{SECTORS, sector_of};
 
 /// What is known of a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sight {
-    /// A sensor sees it free, or saw it free a moment ago from where the vehicle was then.
+pub enum Visibility {
+    /// A sensor sees it free, or saw it free shortly before from where the vehicle was then.
     Free,
-    /// It lies where a sensor looked that has fallen silent.
+    /// It lies in the field of view of a sensor that no longer answers.
     Lost,
-    /// Nobody knows.
+    /// No sensor has seen it.
     Unseen,
 }
 
-/// The ring at one moment, to be asked about places.
+/// The ring at one time, for queries about places.
 #[derive(Debug)]
-pub struct Outlook<'a> {
+pub struct RingQuery<'a> {
     ring: &'a Ring,
     now: Timestamp,
     /// Where the vehicle is (north, east) (m) and its heading (rad).
     place_m: [f64; 2],
     yaw_rad: f64,
-    /// Body sectors that were covered by sensors now silent, and are covered by no other.
+    /// Body sectors that were covered by sensors that no longer answer, and are covered by no other.
     lost: [bool; SECTORS],
 }
 
-impl<'a> Outlook<'a> {
+impl<'a> RingQuery<'a> {
     pub(super) fn new(ring: &'a Ring, now: Timestamp) -> Self {
         let pose = ring.poses.at(now).or_else(|| ring.poses.at(ring.poses.newest()));
         let mut covered = [false; SECTORS];
@@ -52,32 +52,40 @@ impl<'a> Outlook<'a> {
         }
     }
 
-    fn views(&self) -> impl Iterator<Item = &'a View> {
+    fn views(&self) -> impl Iterator<Item = &'a SensorView> {
         let now = self.now;
         self.ring.layers.iter().flat_map(move |layer| layer.views(now))
     }
 
-    /// The obstacle points in sight: the nearest of every quarter of a sector of every live sensor, local NED (north, east) (m).
+    /// The visible obstacle points: the nearest of every quarter of a sector of every live sensor, local NED (north,
+    /// east) (m).
     pub fn obstacles(&self) -> impl Iterator<Item = [f64; 2]> {
         self.views()
             .flat_map(|view| view.places().map(|(place_m, _)| place_m))
     }
 
-    /// What is known of the place (north, east) (m) at height `down_m`; if it is hidden now, it must have been seen with
-    /// `clearance_m` around it.
-    pub fn sight(&self, place_m: [f64; 2], down_m: f64, clearance_m: f64) -> Sight {
+    /// What is known of the place (north, east) (m) at height `down_m`; if it is hidden now, it must have been seen
+    /// with `clearance_m` around it.
+    pub fn visibility(&self, place_m: [f64; 2], down_m: f64, clearance_m: f64) -> Visibility {
         if self.views().any(|view| view.admits(place_m)) {
-            return Sight::Free;
+            return Visibility::Free;
         }
         let bearing_rad = (place_m[1] - self.place_m[1]).atan2(place_m[0] - self.place_m[0]) - self.yaw_rad;
         if self.lost[sector_of(bearing_rad)] {
-            return Sight::Lost;
+            return Visibility::Lost;
         }
-        let remembered =
-            self.ring
-                .memory
-                .admits(self.now, place_m, down_m, clearance_m, self.ring.hull.band_half_m);
-        if remembered { Sight::Free } else { Sight::Unseen }
+        let remembered = self.ring.memory.admits(
+            self.now,
+            place_m,
+            down_m,
+            clearance_m,
+            self.ring.envelope.band_half_m,
+        );
+        if remembered {
+            Visibility::Free
+        } else {
+            Visibility::Unseen
+        }
     }
 
     /// Whether the place (north, east) (m) lies where the vehicle is now, within `radius_m`.

@@ -1,25 +1,26 @@
-//! Which sensors contribute.
+//! Which sensors contribute to the map.
 //!
 //! | in | out |
 //! |---|---|
-//! | capture times of frames that said something | how many sensors are live, whether ranges are fresh |
+//! | capture times of frames with information | how many sensors are live, whether ranges are fresh |
 //!
-//! A sensor is live while its newest contributing frame was captured within the sensor's own deadline, or that of its topic. A frame contributes
-//! if at least one ray said something and could be placed: a blind, covered or unplaceable sensor is as good as none.
+//! A sensor is live while its newest contributing frame was captured within the sensor's own deadline, or that of its
+//! topic. A frame contributes if at least one ray had a result and a pose: a blind, covered or unplaceable sensor
+//! counts as none.
 //!
-//! Ranges are fresh if a live sensor has more than one beam, or if all configured sensors have a single beam and all
-//! of them are live. Beside a lidar, a lone altimeter must not vouch for the directions that the silent lidar
-//! watched; on a vehicle equipped with single beams only, each of them watches a direction of its own.
+//! Ranges are fresh if a live sensor has more than one beam, or if all configured sensors have a single beam and all of
+//! them are live. Beside a lidar, an altimeter does not replace the directions of a silent lidar; on a vehicle equipped
+//! with single beams only, each of them covers a direction of its own.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::clock::Order;
 
 /// A frame may be captured this much after the `now` of the cycle that takes it (ms): a cycle reads the clock first and
-/// its inputs later, and must not call a sensor dead for being quick.
+/// its inputs later, and must not count a sensor as silent because its frame is newer.
 const CYCLE_MS: f64 = 10.0;
 
 #[derive(Clone, Copy)]
-struct Sensor {
+struct Contribution {
     /// Capture of the newest frame taken, whether it contributed or not.
     newest: Timestamp,
     /// Capture of the newest frame that contributed.
@@ -28,15 +29,15 @@ struct Sensor {
     single_beam: bool,
 }
 
-const SILENT: Sensor = Sensor {
+const SILENT: Contribution = Contribution {
     newest: Timestamp::NEVER,
     contributed: Timestamp::NEVER,
     deadline_ms: 0.0,
     single_beam: false,
 };
 
-impl Sensor {
-    /// A capture later than `now` is not young but wrong, beyond [`CYCLE_MS`].
+impl Contribution {
+    /// A capture later than `now` is not fresh but wrong, beyond [`CYCLE_MS`].
     fn is_live(&self, now: Timestamp) -> bool {
         let age_ms = now.seconds_since(self.contributed) * 1e3;
         self.contributed.is_set() && (-CYCLE_MS..=self.deadline_ms).contains(&age_ms)
@@ -44,18 +45,18 @@ impl Sensor {
 }
 
 /// All configured sensors.
-pub(crate) struct Sensors {
-    sensors: Vec<Sensor>,
+pub(crate) struct Contributions {
+    sensors: Vec<Contribution>,
 }
 
-impl Sensors {
+impl Contributions {
     pub fn new(count: usize) -> Self {
         Self {
             sensors: vec![SILENT; count],
         }
     }
 
-    /// Nobody has contributed to the map as it is now.
+    /// No sensor has contributed to the map as it is now.
     pub fn forget_contributions(&mut self) {
         for sensor in &mut self.sensors {
             sensor.contributed = Timestamp::NEVER;
@@ -82,7 +83,7 @@ impl Sensors {
         true
     }
 
-    /// The accepted frame of `sensor` said something.
+    /// The accepted frame of `sensor` had information.
     pub fn contributed(&mut self, sensor: usize, single_beam: bool, deadline_ms: f64) {
         if let Some(sensor) = self.sensors.get_mut(sensor) {
             sensor.contributed = sensor.newest;
@@ -108,7 +109,7 @@ impl Sensors {
 
 #[cfg(test)]
 mod tests {
-    use super::Sensors;
+    use super::Contributions;
     use jink_shared_types::Timestamp;
 
     const DEADLINE_MS: f64 = 250.0;
@@ -117,14 +118,14 @@ mod tests {
         Timestamp::from_seconds(10.0 + t_s)
     }
 
-    fn contribute(sensors: &mut Sensors, sensor: usize, t_s: f64, single_beam: bool) {
+    fn contribute(sensors: &mut Contributions, sensor: usize, t_s: f64, single_beam: bool) {
         assert!(sensors.accept(sensor, at(t_s)));
         sensors.contributed(sensor, single_beam, DEADLINE_MS);
     }
 
     #[test]
     fn a_sensor_expires_after_its_deadline() {
-        let mut sensors = Sensors::new(2);
+        let mut sensors = Contributions::new(2);
         assert!(!sensors.fresh(at(0.0)) && sensors.live(at(0.0)) == 0);
         contribute(&mut sensors, 1, 0.0, false);
         assert!(sensors.fresh(at(0.25)) && sensors.live(at(0.25)) == 1);
@@ -133,7 +134,7 @@ mod tests {
 
     #[test]
     fn a_single_beam_does_not_vouch_for_a_silent_lidar() {
-        let mut sensors = Sensors::new(2);
+        let mut sensors = Contributions::new(2);
         contribute(&mut sensors, 0, 0.0, true);
         assert_eq!(sensors.live(at(0.1)), 1);
         assert!(!sensors.fresh(at(0.1)), "the other one has never spoken");
@@ -145,17 +146,17 @@ mod tests {
 
     #[test]
     fn single_beams_alone_are_fresh_if_all_of_them_are() {
-        let mut sensors = Sensors::new(2);
+        let mut sensors = Contributions::new(2);
         contribute(&mut sensors, 0, 0.0, true);
         contribute(&mut sensors, 1, 0.1, true);
         assert!(sensors.fresh(at(0.2)));
         assert!(!sensors.fresh(at(0.3)), "the first has expired");
-        assert!(!Sensors::new(0).fresh(at(0.0)));
+        assert!(!Contributions::new(0).fresh(at(0.0)));
     }
 
     #[test]
     fn a_frame_is_taken_once_and_in_order() {
-        let mut sensors = Sensors::new(1);
+        let mut sensors = Contributions::new(1);
         assert!(sensors.accept(0, at(0.1)));
         assert!(!sensors.accept(0, at(0.1)) && !sensors.accept(0, at(0.05)));
         assert!(!sensors.accept(1, at(0.2)), "not configured");
@@ -164,7 +165,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_arrives_while_the_cycle_runs_is_fresh() {
-        let mut sensors = Sensors::new(1);
+        let mut sensors = Contributions::new(1);
         contribute(&mut sensors, 0, 0.005, false);
         assert!(sensors.fresh(at(0.0)));
         assert!(!sensors.fresh(at(-0.01)));
@@ -172,7 +173,7 @@ mod tests {
 
     #[test]
     fn one_frame_from_the_future_does_not_silence_a_sensor() {
-        let mut sensors = Sensors::new(1);
+        let mut sensors = Contributions::new(1);
         contribute(&mut sensors, 0, 1e6, false);
         assert!(!sensors.fresh(at(0.0)), "the future is not fresh");
         contribute(&mut sensors, 0, 0.0, false);

@@ -1,5 +1,5 @@
-//! Whatever another program proposes: a route is made of it under the rules of every route, or the planner goes its own way and
-//! says why.
+//! Whatever another program proposes: a route is made of it under the rules of every route, or the planner uses its own
+//! path and reports why.
 
 use crate::common::{HEIGHT_M, hovering, map, now, to};
 use jink_planner::{Inputs, Planner};
@@ -18,7 +18,7 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 
 /// A planner with everything it reads, step by step.
-struct Bench {
+struct TestPlanner {
     planner: Planner,
     map: Box<LocalMap>,
     state: VehicleState,
@@ -28,7 +28,7 @@ struct Bench {
     events: Vec<u16>,
 }
 
-impl Bench {
+impl TestPlanner {
     fn new(map: Box<LocalMap>, desired: DesiredPath) -> Self {
         Self {
             planner: Planner::new(&ParamSet::default(), 1),
@@ -66,7 +66,7 @@ impl Bench {
         (route, answer)
     }
 
-    /// Somebody flies `route`, and does not come from the spot.
+    /// `route` is committed, and the vehicle does not move.
     fn commit(&mut self, route: &Route) {
         let mut trajectory = Trajectory {
             id: route.id,
@@ -93,7 +93,7 @@ fn goal_of(desired: &DesiredPath) -> Point<LocalNed> {
     desired.points[1].position
 }
 
-/// The way through `waypoints` to where `desired` wants to.
+/// The path through `waypoints` to where `desired` wants to.
 fn proposal(desired: &DesiredPath, waypoints: &[Point<LocalNed>]) -> Proposal {
     let mut proposal = Proposal {
         id: 7,
@@ -105,7 +105,7 @@ fn proposal(desired: &DesiredPath, waypoints: &[Point<LocalNed>]) -> Proposal {
     proposal
 }
 
-/// Distance of a point from a way (m).
+/// Distance of a point from a path (m).
 fn away_m(point: &Vector3<f64>, way: &[Point<LocalNed>]) -> f64 {
     way.windows(2)
         .map(|leg| {
@@ -116,14 +116,14 @@ fn away_m(point: &Vector3<f64>, way: &[Point<LocalNed>]) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// What a first step answers to a way proposed on `map`; the route must be the planner's own if the way is refused.
+/// What a first step answers to a path proposed on `map`; the route must be the planner's own if the path is refused.
 fn verdict(
     map: impl Fn() -> Box<LocalMap>,
     desired: DesiredPath,
     waypoints: &[Point<LocalNed>],
 ) -> (Route, ProposalAnswer) {
-    let own = Bench::new(map(), desired).step(None).0;
-    let mut bench = Bench::new(map(), desired);
+    let own = TestPlanner::new(map(), desired).step(None).0;
+    let mut bench = TestPlanner::new(map(), desired);
     let (route, answer) = bench.step(Some(&proposal(&desired, waypoints)));
     let answer = answer.unwrap();
     assert_eq!(answer.proposal_id, 7);
@@ -147,7 +147,7 @@ fn aside() -> Vec<Point<LocalNed>> {
 }
 
 #[test]
-fn a_way_that_can_be_certified_is_the_route() {
+fn a_path_that_can_be_certified_is_the_route() {
     let (route, answer) = verdict(|| map(12.0, |_| false), to(60.0, 0.0), &aside());
     assert_eq!(answer.verdict.get(), ProposalVerdict::Accepted);
     assert_eq!(route.mode.get(), RouteMode::Plan);
@@ -161,7 +161,7 @@ fn a_way_that_can_be_certified_is_the_route() {
 }
 
 #[test]
-fn a_way_to_the_goal_ends_at_it() {
+fn a_path_to_the_goal_ends_at_it() {
     let way = [at(0.0, 0.0), at(2.0, 3.0), at(4.0, 0.2)];
     let (route, answer) = verdict(|| map(12.0, |_| false), to(4.0, 0.0), &way);
     assert_eq!(answer.verdict.get(), ProposalVerdict::Accepted);
@@ -174,7 +174,7 @@ fn a_way_to_the_goal_ends_at_it() {
 }
 
 #[test]
-fn a_way_through_a_tree_is_refused_with_the_place() {
+fn a_path_through_a_tree_is_refused_with_the_place() {
     let tree = || map(12.0, |p| (p.x - 0.1).hypot(p.y - 4.0) < 0.4);
     let (_, answer) = verdict(tree, to(60.0, 0.0), &aside());
     assert_eq!(answer.verdict.get(), ProposalVerdict::Occupied);
@@ -192,7 +192,7 @@ fn a_gap_narrower_than_the_vehicle_needs_is_refused() {
 }
 
 #[test]
-fn a_way_into_the_unknown_is_flown_as_far_as_is_known() {
+fn a_path_into_the_unknown_is_flown_as_far_as_is_known() {
     let (route, answer) = verdict(|| map(6.0, |_| false), to(60.0, 0.0), &aside());
     assert_eq!(answer.verdict.get(), ProposalVerdict::Shortened);
     assert!((4.0..6.0).contains(&answer.place.y_m), "{answer:?}");
@@ -228,7 +228,7 @@ fn what_makes_no_sense_or_does_not_fit_is_refused_in_one_word() {
     assert_eq!(ended.verdict.get(), ProposalVerdict::Ended);
     let other = verdict(open, desired, &aside());
     assert_eq!(other.1.verdict.get(), ProposalVerdict::Accepted);
-    let mut bench = Bench::new(open(), desired);
+    let mut bench = TestPlanner::new(open(), desired);
     let mut elsewhere = proposal(&desired, &aside());
     elsewhere.goal = at(40.0, 0.0);
     let answer = bench.step(Some(&elsewhere)).1.unwrap();
@@ -236,13 +236,13 @@ fn what_makes_no_sense_or_does_not_fit_is_refused_in_one_word() {
 }
 
 #[test]
-fn where_nothing_is_planned_it_is_said() {
+fn where_nothing_is_planned_it_is_reported() {
     let desired = to(60.0, 0.0);
     let proposal = proposal(&desired, &aside());
-    let manual = |bench: &mut Bench| bench.state.mode = Coded::new(NavMode::Manual);
-    let blind = |bench: &mut Bench| bench.map.ranges_fresh = false.into();
-    for change in [manual as fn(&mut Bench), blind] {
-        let mut bench = Bench::new(map(12.0, |_| false), desired);
+    let manual = |bench: &mut TestPlanner| bench.state.mode = Coded::new(NavMode::Manual);
+    let blind = |bench: &mut TestPlanner| bench.map.ranges_fresh = false.into();
+    for change in [manual as fn(&mut TestPlanner), blind] {
+        let mut bench = TestPlanner::new(map(12.0, |_| false), desired);
         change(&mut bench);
         let (route, answer) = bench.step(Some(&proposal));
         assert_ne!(route.mode.get(), RouteMode::Plan);
@@ -251,15 +251,15 @@ fn where_nothing_is_planned_it_is_said() {
 }
 
 #[test]
-fn a_wished_speed_slows_and_never_speeds_up() {
+fn a_requested_speed_slows_and_never_speeds_up() {
     let fly = |speed_mps: f64, flown_mps: f64| {
         let desired = to(60.0, 0.0);
-        let mut bench = Bench::new(map(12.0, |_| false), desired);
+        let mut bench = TestPlanner::new(map(12.0, |_| false), desired);
         let wished = Proposal {
             speed_mps,
             ..proposal(&desired, &[at(-1.0, 0.0), at(40.0, 1.0)])
         };
-        bench.commit(&bench.planner_route());
+        bench.commit(&bench.route_of_a_plan());
         if flown_mps > 0.0 {
             let trajectory = &mut bench.approved.as_mut().unwrap().trajectory;
             let points = std::array::from_fn(|i| Vector3::new(9.0 * i as f64 / 5.0, 0.0, -HEIGHT_M));
@@ -274,7 +274,7 @@ fn a_wished_speed_slows_and_never_speeds_up() {
     assert_eq!(fly(50.0, 0.0).limits.speed_mps, top_mps);
     assert_eq!(fly(1.2, 0.0).limits.speed_mps, 1.2);
     assert_eq!(fly(0.01, 0.0).limits.speed_mps, 0.3);
-    // Who flies at 2.5 m/s cannot be at 1 m/s at once, but has no longer way than it takes.
+    // A vehicle at 2.5 m/s cannot be at 1 m/s at once, but its path is no longer than slowing down takes.
     let slowing = fly(1.0, 2.5);
     assert!(
         (slowing.limits.speed_mps - 2.5).abs() < 1e-6,
@@ -285,9 +285,9 @@ fn a_wished_speed_slows_and_never_speeds_up() {
     assert!((3.0..8.0).contains(&length_m), "{length_m}");
 }
 
-impl Bench {
+impl TestPlanner {
     /// A route with the limits of a plan, for whoever commits something.
-    fn planner_route(&self) -> Route {
+    fn route_of_a_plan(&self) -> Route {
         Route {
             id: 99,
             limits: MotionLimits {
@@ -301,9 +301,9 @@ impl Bench {
 }
 
 #[test]
-fn a_proposal_that_is_silent_is_followed_by_the_own_way_at_once() {
+fn a_proposal_that_is_silent_is_followed_by_the_own_path_at_once() {
     let desired = to(60.0, 0.0);
-    let mut bench = Bench::new(map(12.0, |_| false), desired);
+    let mut bench = TestPlanner::new(map(12.0, |_| false), desired);
     let way = proposal(&desired, &aside());
     assert!(bench.step(Some(&way)).0.target.y_m > 4.0);
     let (route, answer) = bench.step(None);
@@ -320,7 +320,7 @@ fn a_proposal_that_is_silent_is_followed_by_the_own_way_at_once() {
 fn an_answer_comes_once_and_anew_when_it_changes() {
     let desired = to(60.0, 0.0);
     let tree = map(12.0, |p| (p.x - 0.1).hypot(p.y - 4.0) < 0.4);
-    let mut bench = Bench::new(tree, desired);
+    let mut bench = TestPlanner::new(tree, desired);
     let mut way = proposal(&desired, &aside());
     let answers = (0..20).filter_map(|_| bench.step(Some(&way)).1).count();
     assert_eq!(answers, 1);
@@ -334,9 +334,9 @@ fn an_answer_comes_once_and_anew_when_it_changes() {
 }
 
 #[test]
-fn routes_that_nobody_flies_are_not_feasible_and_the_own_way_is_tried() {
+fn routes_that_are_not_flown_are_not_feasible_and_the_own_path_is_tried() {
     let desired = to(60.0, 0.0);
-    let mut bench = Bench::new(map(12.0, |_| false), desired);
+    let mut bench = TestPlanner::new(map(12.0, |_| false), desired);
     let way = proposal(&desired, &aside());
     let mut verdicts = Vec::new();
     let mut own = 0;
@@ -350,9 +350,9 @@ fn routes_that_nobody_flies_are_not_feasible_and_the_own_way_is_tried() {
 }
 
 #[test]
-fn a_way_that_leads_nowhere_is_left_after_some_seconds_and_for_longer_each_time() {
+fn a_path_that_leads_nowhere_is_left_after_some_seconds_and_for_longer_each_time() {
     let desired = to(60.0, 0.0);
-    let mut bench = Bench::new(map(12.0, |_| false), desired);
+    let mut bench = TestPlanner::new(map(12.0, |_| false), desired);
     let mut way = proposal(&desired, &aside());
     let (mut given_up_s, mut taken_again_s) = (Vec::new(), Vec::new());
     let (mut was_flown, begin) = (false, bench.now);
@@ -361,7 +361,7 @@ fn a_way_that_leads_nowhere_is_left_after_some_seconds_and_for_longer_each_time(
         way.id += 1;
         let (route, answer) = bench.step(Some(&way));
         bench.commit(&route);
-        // A vehicle that does not come from the spot plans twice a second once its goal counts as out of reach.
+        // A vehicle that does not move plans twice a second once its goal counts as out of reach.
         let Some(verdict) = answer.map(|answer| answer.verdict.get()) else {
             continue;
         };
@@ -385,7 +385,7 @@ fn a_way_that_leads_nowhere_is_left_after_some_seconds_and_for_longer_each_time(
         .map(|(taken, given_up)| (taken - given_up).round())
         .collect();
     assert_eq!(pauses, [10.0, 20.0, 40.0]);
-    // Another goal, another chance.
+    // Another goal ends the pause.
     bench.desired = to(60.0, 5.0);
     way.goal = goal_of(&bench.desired);
     let answer = bench.step(Some(&way)).1.unwrap();
@@ -396,8 +396,8 @@ fn a_way_that_leads_nowhere_is_left_after_some_seconds_and_for_longer_each_time(
 fn something_new_on_the_committed_way_is_left_by_the_planners_own_rules() {
     let desired = to(60.0, 0.0);
     let post = map(12.0, |p| (p.x - 6.0).hypot(p.y) < 0.3);
-    let mut bench = Bench::new(post, desired);
-    bench.commit(&bench.planner_route());
+    let mut bench = TestPlanner::new(post, desired);
+    bench.commit(&bench.route_of_a_plan());
     let points = std::array::from_fn(|i| Vector3::new(9.0 * i as f64 / 5.0, 0.0, -HEIGHT_M));
     bench.approved.as_mut().unwrap().trajectory.pieces[0] = BezierPiece::new(&points, [0.0; 6], 4.5);
     let (route, answer) = bench.step(Some(&proposal(&desired, &aside())));
@@ -459,7 +459,7 @@ proptest! {
         samples in prop::collection::vec((-1.0..11.0f64, -8.0..8.0f64, -4.0..-1.0f64), 600),
     ) {
         let tree = |p: &Vector3<f64>| trees.iter().map(|(x, y)| (p.x - x).hypot(p.y - y)).fold(f64::MAX, f64::min);
-        let mut bench = Bench::new(map(10.0, |p| tree(&p) < 0.3), to(60.0, 0.0));
+        let mut bench = TestPlanner::new(map(10.0, |p| tree(&p) < 0.3), to(60.0, 0.0));
         for (index, proposal) in proposals.iter().enumerate() {
             // The last one meets a vehicle in motion.
             if index > 0 && index + 1 == proposals.len() {
@@ -475,16 +475,16 @@ proptest! {
                 continue;
             }
             // No limit is raised.
-            let own = jink_planner::gears::gears(&ParamSet::default());
-            let gear = own.iter().find(|gear| gear.tube_m == route.limits.tube_m).unwrap();
-            prop_assert!(route.limits.speed_mps <= gear.speed_mps);
-            prop_assert_eq!(MotionLimits { speed_mps: 0.0, ..route.limits }, MotionLimits { speed_mps: 0.0, ..*gear });
-            let keep_m = 0.3 + 0.1 + route.limits.tube_m;
+            let own = jink_planner::speed_tiers::speed_tiers(&ParamSet::default());
+            let tier = own.iter().find(|tier| tier.tube_m == route.limits.tube_m).unwrap();
+            prop_assert!(route.limits.speed_mps <= tier.speed_mps);
+            prop_assert_eq!(MotionLimits { speed_mps: 0.0, ..route.limits }, MotionLimits { speed_mps: 0.0, ..*tier });
+            let min_distance_m = 0.3 + 0.1 + route.limits.tube_m;
             for (x, y, z) in &samples {
                 let p = Vector3::new(*x, *y, *z);
                 if route.corridor().iter().any(|polytope| polytope.depth_m(&p) >= 0.0) {
-                    prop_assert!(tree(&p) > 0.3 + keep_m - 0.15, "{p} is {} m from a tree", tree(&p));
-                    prop_assert!((p - Vector3::new(0.0, 0.0, -HEIGHT_M)).norm() < 10.0 - keep_m + 0.2, "{p} is unknown");
+                    prop_assert!(tree(&p) > 0.3 + min_distance_m - 0.15, "{p} is {} m from a tree", tree(&p));
+                    prop_assert!((p - Vector3::new(0.0, 0.0, -HEIGHT_M)).norm() < 10.0 - min_distance_m + 0.2, "{p} is unknown");
                 }
             }
             for (polytope, leg) in route.corridor().iter().zip(route.guide().windows(2)) {

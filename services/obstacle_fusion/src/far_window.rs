@@ -1,14 +1,15 @@
-//! The far map: what hits say beyond the fine window, and what that knew of the places it has left.
+//! The far map: hits beyond the fine window, and the cells that the fine window has left.
 //!
 //! | in | out |
 //! |---|---|
 //! | hits beyond the window, some rays as far as they reach, the fine window | [`FarMap`] |
 //!
-//! Evidence counts per frame as in the fine window, coarser: a hit makes a cell occupied, some frames that look through it free
-//! it again. Where the fine window lies, it decides: a far cell is occupied if any fine one in it is, and free if all are.
+//! Evidence counts per frame as in the fine window, coarser: a hit makes a cell occupied, some frames whose rays pass
+//! through it free it again. Inside the fine window, that decides: a far cell is occupied if any fine one in it is, and
+//! free if all are.
 
 use crate::cells::{BitPlane, SIZE, STRIDE, bits};
-use crate::window::{Window, row};
+use crate::window::{MapWindow, row};
 use jink_shared_types::far_map::{FAR_CELL_M, FAR_X, FAR_Y, FAR_Z, FarMap};
 use jink_shared_types::map::{CELL_M, Cell};
 use nalgebra::Vector3;
@@ -20,47 +21,47 @@ const FINE: i32 = (FAR_CELL_M / CELL_M) as i32;
 
 const _: () = assert!(FINE == 2, "rows of fine cells are taken together in pairs");
 
-/// Evidence: nothing known, free, and above that occupied, the more the surer.
+/// Evidence: unknown, free, and above that occupied, with growing certainty.
 const UNKNOWN: u8 = 0;
 const FREE: u8 = 1;
-/// A hit adds this: three frames that look through a cell take it back.
+/// A hit adds this: three frames whose rays pass through a cell remove it.
 const HIT: u8 = 3;
-/// What was hit often is forgotten after this many frames that look through it.
-const SUREST: u8 = FREE + 6;
+/// Upper bound: a cell that was hit often is free after this many frames whose rays pass through it.
+const EVIDENCE_MAX: u8 = FREE + 6;
 
 /// How far (cells) the vehicle may be off the centre before the window follows.
 const HYSTERESIS: i32 = 8;
-/// Rays of a frame that are looked along, at most.
+/// Most rays of a frame that are traced.
 const RAYS: usize = 256;
-/// Hits of a frame that are counted, at most: more cells than a sensor of 200,000 points hits beyond the window.
-const HITS: usize = 1 << 16;
-/// A ray is looked along in steps of this (cells): it misses no more than corners.
+/// Most hits of a frame that are counted: more cells than a sensor of 200,000 points hits beyond the window.
+const HITS_MAX: usize = 1 << 16;
+/// A ray is traced in steps of this (cells): it misses no more than corners.
 const STEP: f32 = 0.5;
 
 /// The window. See the module's text.
-pub(crate) struct Far {
+pub(crate) struct FarWindow {
     min_cell: Cell,
     evidence: Box<[u8; CELLS]>,
-    /// Cells that this frame says something of, and the numbers of those it hit.
-    touched: Box<[u64; CELLS / 64]>,
+    /// Cells that this frame has marked, and the numbers of those it hit.
+    marked: Box<[u64; CELLS / 64]>,
     hits: Vec<u32>,
-    looked: Vec<u32>,
-    /// From where to where this frame looks, in cells from the window's smallest corner.
+    passed: Vec<u32>,
+    /// Start and end of the traced rays of this frame, in cells from the window's smallest corner.
     rays: Vec<[[f32; 3]; 2]>,
-    /// Every so many rays one is looked along; the next one in so many.
+    /// One ray in so many is traced; the number of rays before the next one.
     every: usize,
     next: usize,
 }
 
-impl Far {
+impl FarWindow {
     /// An unknown window around the local origin.
     pub fn new() -> Self {
         Self {
             min_cell: SIZES.map(|size| -size / 2),
             evidence: jink_shared_types::sample::zeroed_box(),
-            touched: jink_shared_types::sample::zeroed_box(),
-            hits: Vec::with_capacity(HITS),
-            looked: Vec::with_capacity(HITS),
+            marked: jink_shared_types::sample::zeroed_box(),
+            hits: Vec::with_capacity(HITS_MAX),
+            passed: Vec::with_capacity(HITS_MAX),
             rays: Vec::with_capacity(RAYS),
             every: 1,
             next: 0,
@@ -68,7 +69,7 @@ impl Far {
     }
 
     /// Makes every cell unknown.
-    pub fn forget(&mut self) {
+    pub fn clear(&mut self) {
         self.evidence.fill(UNKNOWN);
     }
 
@@ -88,14 +89,14 @@ impl Far {
     #[inline]
     pub fn hit(&mut self, point: [f32; 3]) {
         if let Some(number) = self.number_at(point.map(|along| along / FINE as f32))
-            && !self.touch(number)
-            && self.hits.len() < HITS
+            && !self.mark(number)
+            && self.hits.len() < HITS_MAX
         {
             self.hits.push(number as u32);
         }
     }
 
-    /// Whether the next ray is one to be looked along.
+    /// Whether the next ray is to be traced.
     #[inline]
     pub fn is_next(&mut self) -> bool {
         let is_next = self.next == 0;
@@ -103,7 +104,7 @@ impl Far {
         is_next
     }
 
-    /// Nothing is between two places (fine cells from the window's smallest corner).
+    /// Adds a ray without obstacle between two places (fine cells from the window's smallest corner).
     pub fn look(&mut self, from: [f32; 3], to: [f32; 3]) {
         if self.rays.len() < RAYS {
             let cells = |point: [f32; 3]| point.map(|along| along / FINE as f32);
@@ -111,7 +112,7 @@ impl Far {
         }
     }
 
-    /// Counts the frame: a cell that was hit is not looked through.
+    /// Counts the frame: a cell that was hit does not count as passed through.
     pub fn apply(&mut self) {
         let rays = std::mem::take(&mut self.rays);
         for [from, to] in &rays {
@@ -128,28 +129,28 @@ impl Far {
                 let Some(number) = self.number_at(at) else {
                     break;
                 };
-                if !self.touch(number) && self.looked.len() < HITS {
-                    self.looked.push(number as u32);
+                if !self.mark(number) && self.passed.len() < HITS_MAX {
+                    self.passed.push(number as u32);
                 }
             }
         }
         self.rays = rays;
         for number in self.hits.drain(..) {
             let evidence = &mut self.evidence[number as usize];
-            *evidence = ((*evidence).max(FREE) + HIT).min(SUREST);
-            self.touched[number as usize >> 6] = 0;
+            *evidence = ((*evidence).max(FREE) + HIT).min(EVIDENCE_MAX);
+            self.marked[number as usize >> 6] = 0;
         }
-        for number in self.looked.drain(..) {
+        for number in self.passed.drain(..) {
             let evidence = &mut self.evidence[number as usize];
             *evidence = (*evidence).max(FREE + 1) - 1;
-            self.touched[number as usize >> 6] = 0;
+            self.marked[number as usize >> 6] = 0;
         }
     }
 
     /// Marks a cell; whether it was marked.
     #[inline]
-    fn touch(&mut self, number: usize) -> bool {
-        let word = &mut self.touched[number >> 6];
+    fn mark(&mut self, number: usize) -> bool {
+        let word = &mut self.marked[number >> 6];
         let was = (*word >> (number & 63)) & 1 == 1;
         *word |= 1 << (number & 63);
         was
@@ -162,8 +163,8 @@ impl Far {
         is_inside.then(|| number([0, 1, 2].map(|axis| point[axis] as i32 + self.min_cell[axis])))
     }
 
-    /// Takes over what `window` knows.
-    pub fn remember(&mut self, window: &Window) {
+    /// Takes over the cells of `window`.
+    pub fn absorb(&mut self, window: &MapWindow) {
         let fine_min = window.min_cell();
         // Cells of which all fine ones lie in the window: the window begins in the middle of one if its index is odd.
         let first = fine_min.map(|least| (least + FINE - 1).div_euclid(FINE));
@@ -183,7 +184,7 @@ impl Far {
                     }
                     let evidence = &mut self.evidence[number([x, y, z])];
                     if (occupied >> bit) & 1 == 1 {
-                        *evidence = SUREST;
+                        *evidence = EVIDENCE_MAX;
                     } else if (all >> bit) & 1 == 1 {
                         *evidence = FREE;
                     } else {
@@ -198,7 +199,8 @@ impl Far {
         (0..3).all(|axis| (cell[axis].wrapping_sub(self.min_cell[axis]) as u32) < SIZES[axis] as u32)
     }
 
-    /// Slides so that `vehicle` (fine cell) is in the middle of every axis on which it has strayed by more than [`HYSTERESIS`].
+    /// Slides so that `vehicle` (fine cell) is in the middle of every axis on which it is off by more than
+    /// [`HYSTERESIS`].
     pub fn follow(&mut self, vehicle: Cell) {
         for axis in 0..3 {
             let target = vehicle[axis].div_euclid(FINE) - SIZES[axis] / 2;
@@ -277,7 +279,7 @@ fn number(cell: Cell) -> usize {
 }
 
 /// Of the four rows of fine cells of row `y` of layer `z`, by the index along x: any occupied, any known, all free.
-fn summary(window: &Window, y: i32, z: i32) -> [u128; 3] {
+fn summary(window: &MapWindow, y: i32, z: i32) -> [u128; 3] {
     let (mut occupied, mut any, mut all) = (0, 0, u128::MAX);
     for fine_z in [FINE * z, FINE * z + 1] {
         for fine_y in [FINE * y, FINE * y + 1] {
@@ -327,22 +329,22 @@ fn even_bits(row: u128) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use super::{FINE, Far, HYSTERESIS, SIZES, even_bits};
-    use crate::frame::{Frame, Rays};
-    use crate::window::Window;
+    use super::{FINE, FarWindow, HYSTERESIS, SIZES, even_bits};
+    use crate::frame_bits::{FrameBits, RayBatch};
+    use crate::window::MapWindow;
     use jink_shared_types::far_map::{FAR_CELL_M, FarMap, test};
     use jink_shared_types::map::Cell;
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
-    fn written(far: &Far) -> Box<FarMap> {
+    fn written(far: &FarWindow) -> Box<FarMap> {
         let mut map = FarMap::boxed();
         far.write(&mut map);
         map
     }
 
-    /// One frame: hits in the middles of `hits`, looks along `rays`, all cells of the map.
-    fn frame(far: &mut Far, hits: &[Cell], rays: &[[Cell; 2]]) {
+    /// One frame: hits in the middles of `hits`, rays along `rays`, all in cells of the map.
+    fn frame(far: &mut FarWindow, hits: &[Cell], rays: &[[Cell; 2]]) {
         let fine = |cell: &Cell, min_cell: &Cell| {
             [0, 1, 2].map(|axis| FINE as f32 * ((cell[axis] - min_cell[axis]) as f32 + 0.5))
         };
@@ -378,11 +380,11 @@ mod tests {
             hits in cells(), by in (-70..70i32, -70..70i32, -14..14i32)
         ) {
             let vehicle = [by.0 * FINE, by.1 * FINE, by.2 * FINE];
-            let mut slid = Far::new();
+            let mut slid = FarWindow::new();
             let first = slid.min_cell;
             frame(&mut slid, &hits, &[]);
             slid.follow(vehicle);
-            let mut there = Far::new();
+            let mut there = FarWindow::new();
             there.follow(vehicle);
             let of_old = |cell: &Cell| (0..3).all(|axis| (first[axis]..first[axis] + SIZES[axis]).contains(&cell[axis]));
             let known_before: Vec<Cell> = hits.iter().copied().filter(of_old).collect();
@@ -398,10 +400,10 @@ mod tests {
             hits in cells(), by in (-40..40i32, -40..40i32, -9..9i32)
         ) {
             let by = [by.0, by.1, by.2];
-            let mut moved = Far::new();
+            let mut moved = FarWindow::new();
             frame(&mut moved, &hits, &[]);
             moved.shift(&Vector3::from(by.map(|cells| f64::from(cells) * FAR_CELL_M)));
-            let mut there = Far::new();
+            let mut there = FarWindow::new();
             there.min_cell = [0, 1, 2].map(|axis| there.min_cell[axis] + by[axis]);
             let moved_hits: Vec<Cell> = hits.iter().map(|hit| [0, 1, 2].map(|axis| hit[axis] + by[axis])).collect();
             frame(&mut there, &moved_hits, &[]);
@@ -412,7 +414,7 @@ mod tests {
         #[test]
         fn no_look_frees_what_is_hit_in_the_same_frame(hits in cells(), ends in cells()) {
             let rays: Vec<[Cell; 2]> = ends.iter().map(|end| [[0; 3], *end]).collect();
-            let mut far = Far::new();
+            let mut far = FarWindow::new();
             for _ in 0..8 {
                 frame(&mut far, &hits, &rays);
             }
@@ -423,7 +425,7 @@ mod tests {
 
     #[test]
     fn what_is_gone_is_forgotten_after_some_frames_that_look_through_its_place() {
-        let mut far = Far::new();
+        let mut far = FarWindow::new();
         frame(&mut far, &[[50, 3, 0]], &[]);
         assert!(written(&far).is_occupied([50, 3, 0]));
         let through = [[0, 3, 0], [80, 3, 0]];
@@ -439,10 +441,10 @@ mod tests {
 
     #[test]
     fn what_the_fine_window_leaves_behind_is_remembered_as_it_was_last() {
-        let (mut far, mut window, mut seen) = (Far::new(), Window::new(), Frame::new());
-        // A wall that the far map took for one of two cells, of which the fine one knows better.
+        let (mut far, mut window, mut seen) = (FarWindow::new(), MapWindow::new(), FrameBits::new());
+        // Two hits of the far map, of which the fine window knows better.
         frame(&mut far, &[[20, 0, 0], [20, 1, 0]], &[]);
-        let mut hit = Rays::new();
+        let mut hit = RayBatch::new();
         for _ in 0..3 {
             seen.begin(window.min_cell());
             for cell in (0..2).flat_map(|z| (2..4).flat_map(move |y| (40..42).map(move |x| [x, y, z]))) {
@@ -453,10 +455,10 @@ mod tests {
             seen.enter(None, &mut hit);
             window.apply(&seen);
         }
-        far.remember(&window);
+        far.absorb(&window);
         window.follow([-300, 0, 0]);
         far.follow([-60, 0, 0]);
-        far.remember(&window);
+        far.absorb(&window);
         let map = written(&far);
         assert!(map.is_occupied([20, 0, 0]), "one of eight fine cells is");
         assert!(!map.is_occupied([20, 1, 0]) && test(&map.known, [20, 1, 0]));
