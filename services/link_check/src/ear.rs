@@ -2,13 +2,13 @@
 //!
 //! | in | out |
 //! |---|---|
-//! | every frame of one link ([`Intake`]) | [`Counts`]; frames whose signature is refused go no further |
+//! | every frame of one link ([`FrameFilter`]) | [`Counts`]; frames whose signature is refused go no further |
 
-use jink_mavlink_link::frame::Frame;
-use jink_mavlink_link::link::{Intake, LinkCounters};
+use jink_mavlink_link::frame::MavlinkFrame;
+use jink_mavlink_link::link::{FrameFilter, LinkCounters};
 use jink_mavlink_link::links::LinkSetup;
 use jink_mavlink_link::message::{COMPONENT_AUTOPILOT, Content};
-use jink_mavlink_link::signing::{Refusal, Verifier};
+use jink_mavlink_link::signing::{SignatureRefusal, Verifier};
 use mavlink::MavlinkVersion;
 
 /// Systems whose autopilots are told apart on one link.
@@ -52,7 +52,7 @@ impl Counts {
     pub fn with_link(self, link: LinkCounters) -> Self {
         Self {
             garbage_bytes: link.garbage_bytes,
-            strangers: link.strangers,
+            strangers: link.unknown_peers,
             ..self
         }
     }
@@ -84,7 +84,7 @@ impl Ear {
         self.counts
     }
 
-    fn count_autopilot(&mut self, frame: &Frame<'_>) {
+    fn count_autopilot(&mut self, frame: &MavlinkFrame<'_>) {
         match frame.version {
             MavlinkVersion::V1 => self.counts.version_1 += 1,
             MavlinkVersion::V2 => self.counts.version_2 += 1,
@@ -107,8 +107,8 @@ impl Ear {
     }
 }
 
-impl Intake for Ear {
-    fn admits(&mut self, frame: &Frame<'_>) -> bool {
+impl FrameFilter for Ear {
+    fn admits(&mut self, frame: &MavlinkFrame<'_>) -> bool {
         self.counts.frames += 1;
         self.counts.frame_bytes += frame.bytes.len() as u64;
         if frame.header.component_id == COMPONENT_AUTOPILOT {
@@ -118,14 +118,14 @@ impl Intake for Ear {
         let verified = self.verifier.verify(frame, self.setup.signing, key, 0);
         match verified {
             Ok(()) => return true,
-            Err(Refusal::Unsigned) => self.counts.unsigned_refused += 1,
-            Err(Refusal::Signature) => self.counts.signature_refused += 1,
-            Err(Refusal::Replayed) => self.counts.replayed += 1,
+            Err(SignatureRefusal::Unsigned) => self.counts.unsigned_refused += 1,
+            Err(SignatureRefusal::Signature) => self.counts.signature_refused += 1,
+            Err(SignatureRefusal::Replayed) => self.counts.replayed += 1,
         }
         false
     }
 
-    fn wants(&mut self, _: &Frame<'_>, content: Option<&Content>) -> bool {
+    fn wants(&mut self, _: &MavlinkFrame<'_>, content: Option<&Content>) -> bool {
         content.is_some()
     }
 }

@@ -1,7 +1,7 @@
 //! Who speaks on the links, and what about.
 
-use jink_mavlink_link::latch::is_autopilot;
 use jink_mavlink_link::message::{COMPONENT_AUTOPILOT, Content, Received};
+use jink_mavlink_link::vehicle_selector::is_autopilot;
 use jink_shared_types::Timestamp;
 use mavlink::Message;
 use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, MavType};

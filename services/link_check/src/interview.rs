@@ -11,17 +11,17 @@
 //! Nothing here changes a parameter, a mode or the motors. Each question is repeated, and given up after the third time.
 
 use super::limits::{ASK_AGAIN_S, ASK_PAUSE_S, ASKS_MAX};
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::clock_map::nanoseconds;
 use jink_mavlink_link::clock_map::{ClockMap, SEARCHING_HZ};
 use jink_mavlink_link::encoding::Encoding;
 use jink_mavlink_link::fit::TRAJECTORY_SWITCH;
 use jink_mavlink_link::fit::{OVERRIDE_BITS, OVERRIDE_SPEED};
-use jink_mavlink_link::make::Make;
 use jink_mavlink_link::message::{COMPONENT_AUTOPILOT, COMPONENT_ONBOARD_COMPUTER};
 use jink_mavlink_link::profile_name::ProfileName;
 use jink_mavlink_link::streams::{StreamRate, Streams};
 use jink_mavlink_link::ticker::Ticker;
-use jink_mavlink_link::version::Version;
+use jink_mavlink_link::version::FirmwareVersion;
 use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::NavMode;
 #[allow(deprecated)] // Gone from PX4 1.16 on: that is what is found out with it.
@@ -125,7 +125,7 @@ pub struct Interview {
     /// Its last message.
     pub last: Timestamp,
     /// What it says of its version.
-    pub version: Option<Version>,
+    pub version: Option<FirmwareVersion>,
     profile: Option<ProfileName>,
     since: Timestamp,
     questions: Vec<Question>,
@@ -146,7 +146,7 @@ impl Interview {
         since: Timestamp,
         profile: Option<ProfileName>,
     ) -> Self {
-        let fitting = profile.filter(|profile| make(&heartbeat) == Some(profile.make()));
+        let fitting = profile.filter(|profile| make(&heartbeat) == Some(profile.autopilot_type()));
         let mut asks = vec![Ask::Version];
         if fitting == Some(ProfileName::Px4Trajectory) {
             asks.push(Ask::DesiredPath);
@@ -183,14 +183,14 @@ impl Interview {
     }
 
     /// Whose firmware it is; `None` = of neither.
-    pub fn make(&self) -> Option<Make> {
+    pub fn make(&self) -> Option<AutopilotType> {
         make(&self.heartbeat)
     }
 
     /// Whether it is of the make that the profile is for.
     pub fn is_of_fitting_make(&self) -> bool {
         self.profile
-            .is_some_and(|profile| self.make() == Some(profile.make()))
+            .is_some_and(|profile| self.make() == Some(profile.autopilot_type()))
     }
 
     /// The mode it is in.
@@ -290,7 +290,7 @@ impl Interview {
         match message {
             MavMessage::HEARTBEAT(heartbeat) => self.heartbeat = heartbeat.clone(),
             MavMessage::AUTOPILOT_VERSION(version) => {
-                self.version = Version::of(version.flight_sw_version);
+                self.version = FirmwareVersion::of(version.flight_sw_version);
                 self.settle(Ask::Version, Answer::Granted);
             }
             MavMessage::COMMAND_ACK(ack) => self.take_ack(time, ack),
@@ -307,7 +307,7 @@ impl Interview {
                     self.settle(Ask::Parameter(name), Answer::Refused);
                 }
             }
-            MavMessage::TIMESYNC(sync) if sync.tc1 != 0 => self.clock.answer(time, sync.tc1, sync.ts1),
+            MavMessage::TIMESYNC(sync) if sync.tc1 != 0 => self.clock.on_response(time, sync.tc1, sync.ts1),
             _ => {}
         }
     }
@@ -422,6 +422,6 @@ impl Interview {
 /// The component that asks: it is no obstacle avoidance, so that no autopilot takes it for one.
 pub const ASKER: u8 = COMPONENT_ONBOARD_COMPUTER;
 
-fn make(heartbeat: &HEARTBEAT_DATA) -> Option<Make> {
-    Make::of(heartbeat.autopilot)
+fn make(heartbeat: &HEARTBEAT_DATA) -> Option<AutopilotType> {
+    AutopilotType::of(heartbeat.autopilot)
 }

@@ -30,17 +30,17 @@ pub use tool::run;
 
 use heard::Heard;
 use interview::{ASKER, Interview};
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::fit::{Fit, MatchingProfile};
-use jink_mavlink_link::latch::ALIVE_S;
-use jink_mavlink_link::latch::Latch;
-use jink_mavlink_link::latch::{is_autopilot, speaks_as_autopilot};
 use jink_mavlink_link::links::{LinkSetup, SetupError};
-use jink_mavlink_link::make::Make;
 use jink_mavlink_link::message::{
     Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Receipt, Received,
 };
 use jink_mavlink_link::profile_name::{ProfileChoice, ProfileName, UnknownName};
 use jink_mavlink_link::ticker::Ticker;
+use jink_mavlink_link::vehicle_selector::ALIVE_S;
+use jink_mavlink_link::vehicle_selector::VehicleSelector;
+use jink_mavlink_link::vehicle_selector::{is_autopilot, is_from_autopilot};
 use jink_runtime::config::{Config, Purpose};
 use jink_shared_types::Timestamp;
 use jink_shared_types::link::ProfileFit;
@@ -147,7 +147,7 @@ pub struct Examination {
     begin: Timestamp,
     lines: Vec<Line>,
     heard: Heard,
-    latch: Latch,
+    latch: VehicleSelector,
     interview: Option<Interview>,
     /// The profile that is examined; where jink chooses it, `None` until that is known.
     profile: Option<ProfileName>,
@@ -160,7 +160,7 @@ impl Examination {
     pub fn new(plan: Plan, patience_s: f64) -> Self {
         Self {
             lines: vec![Line::default(); plan.links.len()],
-            latch: Latch::new(plan.system_id),
+            latch: VehicleSelector::new(plan.system_id),
             profile: match plan.profile {
                 ProfileChoice::Auto => None,
                 ProfileChoice::Fixed(profile) => Some(profile),
@@ -202,10 +202,11 @@ impl Examination {
             return;
         }
         let time = received.time;
-        if speaks_as_autopilot(message) {
-            self.latch.hear(system_id, time);
+        if is_from_autopilot(message) {
+            self.latch.observe(system_id, time);
         }
-        if self.latch.system_id(time) != Some(system_id) || !self.latch.is_heard_on(received.link, time) {
+        if self.latch.system_id(time) != Some(system_id) || !self.latch.is_selected_link(received.link, time)
+        {
             return;
         }
         if let MavMessage::HEARTBEAT(heartbeat) = message
@@ -248,7 +249,7 @@ impl Examination {
         if nobody && self.greeting.take(now) {
             for index in (0..self.plan.links.len()).filter_map(|index| u8::try_from(index).ok()) {
                 if self.plan.looks_on(index) {
-                    out.push(outgoing(self.latch.greeting_id(), index, greeting()));
+                    out.push(outgoing(self.latch.default_id(), index, greeting()));
                 }
             }
         }
@@ -363,10 +364,10 @@ fn outgoing(system_id: u8, link: u8, message: MavMessage) -> Outgoing {
     }
 }
 
-fn make_name(make: Option<Make>) -> &'static str {
+fn make_name(make: Option<AutopilotType>) -> &'static str {
     match make {
-        Some(Make::Px4) => "PX4",
-        Some(Make::ArduPilot) => "ArduPilot",
+        Some(AutopilotType::Px4) => "PX4",
+        Some(AutopilotType::ArduPilot) => "ArduPilot",
         None => "an unknown autopilot",
     }
 }

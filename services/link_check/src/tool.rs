@@ -75,7 +75,7 @@ impl Line {
     fn open(index: usize, setup: &LinkSetup) -> Result<Self, LinkError> {
         let number = u8::try_from(index).unwrap_or(u8::MAX);
         let link = Link::open(setup.endpoint.clone())?
-            .answering(setup.answers())
+            .with_reply_policy(setup.reply_policy())
             .with_peers(setup.peers.clone())
             // So that types which the dialect does not know are no garbage.
             .among_others(number);

@@ -6,8 +6,8 @@ use crate::heard::Sender;
 use crate::interview::Answer;
 use crate::limits::SILENT_S;
 use crate::{Examination, Interview, kind_name, make_name};
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::fit::{DEVIATION_SWITCH, MatchingProfile, TRAJECTORY_SWITCH};
-use jink_mavlink_link::make::Make;
 use jink_mavlink_link::profile_name::{ProfileChoice, ProfileName};
 use jink_mavlink_link::version::{fitting, is_too_old};
 use jink_shared_types::Timestamp;
@@ -125,7 +125,7 @@ fn profile(
         findings.push(not_chosen(examination));
         return None;
     };
-    if make == profile.make() {
+    if make == profile.autopilot_type() {
         if examination.plan.profile == ProfileChoice::Auto {
             findings.push(Finding::good(
                 "profile",
@@ -135,8 +135,8 @@ fn profile(
         return Some(profile);
     }
     let fitting = match make {
-        Make::Px4 => "auto, or to px4_offboard, or px4_trajectory for PX4 1.11 to 1.15",
-        Make::ArduPilot => "auto, or to ardupilot_guided",
+        AutopilotType::Px4 => "auto, or to px4_offboard, or px4_trajectory for PX4 1.11 to 1.15",
+        AutopilotType::ArduPilot => "auto, or to ardupilot_guided",
     };
     findings.push(Finding::blocker(
         "profile",
@@ -144,7 +144,7 @@ fn profile(
             "the autopilot is {}, and link.profile = \"{}\" is for {}",
             make_name(Some(make)),
             profile.name(),
-            make_name(Some(profile.make()))
+            make_name(Some(profile.autopilot_type()))
         ),
         format!("set link.profile to {fitting}"),
     ));

@@ -3,7 +3,7 @@
 use crate::Interview;
 use crate::finding::Finding;
 use crate::limits::{PX4_ROUND_TRIP_MAX_S, STATE_RATE_MIN_HZ};
-use jink_mavlink_link::make::Make;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::streams::StreamRate;
 #[allow(deprecated)] // Of the trajectory interface.
 use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
@@ -105,7 +105,7 @@ fn missing(interview: &Interview, rate: &StreamRate) -> Finding {
         "home is set with the first position: wait for it, then look again"
     } else if rate.message_id == CURRENT_MODE_DATA::ID {
         "PX4 before 1.15 does not know it, and tells its mode once a second: update the firmware, or give changes of mode that second"
-    } else if interview.make() == Some(Make::Px4) {
+    } else if interview.make() == Some(AutopilotType::Px4) {
         // In Onboard mode everything of this comes; a network's port is in that mode by itself.
         "set the MAVLink mode of this port to Onboard (MAV_1_MODE = 2) and restart the autopilot"
     } else {
@@ -126,7 +126,7 @@ fn slow(interview: &Interview, rate: &StreamRate) -> Finding {
         purpose(rate.message_id)
     );
     let remedy = match interview.make() {
-        Some(Make::Px4) => {
+        Some(AutopilotType::Px4) => {
             "give the port more: SER_TEL2_BAUD = 921600 (and link.address the same), MAV_1_RATE = 0, MAV_1_MODE = 2 (Onboard)"
         }
         _ => {
@@ -158,7 +158,7 @@ pub(super) fn time(interview: &Interview, findings: &mut Vec<Finding>) {
             ),
             "look longer (--seconds 30); if it stays so, the autopilot's clock jumps, or the line is too slow or too unsteady",
         ));
-    } else if interview.make() == Some(Make::Px4) && round_trip_s > PX4_ROUND_TRIP_MAX_S {
+    } else if interview.make() == Some(AutopilotType::Px4) && round_trip_s > PX4_ROUND_TRIP_MAX_S {
         findings.push(Finding::warning(
             about,
             format!(

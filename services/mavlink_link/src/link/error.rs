@@ -12,10 +12,10 @@ pub enum LinkError {
     Resolve {
         /// The link.
         endpoint: Endpoint,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
-    /// Another program holds the port.
+    /// Another program is_owner the port.
     AddressInUse {
         /// The link.
         endpoint: Endpoint,
@@ -38,28 +38,28 @@ pub enum LinkError {
         path: String,
         /// The speed asked for (bit/s).
         baud: u32,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// Anything else while opening.
     Open {
         /// The link.
         endpoint: Endpoint,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// The socket over which a link passes to another process could not be made, or nobody listens there.
     Handover {
         /// Its path.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// The link was open and broke.
     Lost {
         /// The link.
         endpoint: Endpoint,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
 }
