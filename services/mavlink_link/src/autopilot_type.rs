@@ -1,6 +1,6 @@
 //! Whose firmware it is, and how it numbers its modes.
 //!
-//! | | HEARTBEAT and DO_SET_MODE | mode that follows setpoints | mode that is_owner |
+//! | | HEARTBEAT and DO_SET_MODE | mode that follows setpoints | mode that holds |
 //! |---|---|---|---|
 //! | PX4 | main mode, sub mode ([`px4_mode`]) | OFFBOARD (6) | AUTO.LOITER (4, 3) |
 //! | ArduCopter | one number | GUIDED (4) | BRAKE (17): LOITER would follow the sticks, and sink without a remote control |
@@ -64,7 +64,7 @@ impl AutopilotType {
         self == AutopilotType::Px4 && px4_mode::is_auto(custom_mode)
     }
 
-    /// Whether a pilot flies in this mode and the autopilot is_owner the height, and in most of them the place.
+    /// Whether a pilot flies in this mode and the autopilot holds the height, and in most of them the place.
     pub fn is_pilots_mode(self, custom_mode: u32) -> bool {
         match self {
             // POSCTL, and POSCTL_SLOW; its other sub modes fly by themselves.

@@ -8,8 +8,8 @@
 //!
 //! Three rules let a message out, and each has its reason:
 //!
-//! - The bucket is_owner it: over any time no more leaves than the speed allows and the bucket held.
-//! - After it the bucket still is_owner one message of every class that is more urgent: nothing less urgent keeps a setpoint
+//! - The bucket holds it: over any time no more leaves than the speed allows and the bucket held.
+//! - After it the bucket still holds one message of every class that is more urgent: nothing less urgent keeps a setpoint
 //!   waiting now. (Token bucket: RFC 2697, section 3, with one floor per class.)
 //! - Its class has not used up what the more urgent ones leave: nothing less urgent keeps them waiting later, and the line
 //!   does not stand full, which would make every setpoint late. What they take is measured, about a second back.
@@ -113,7 +113,7 @@ pub const OBSTACLES_NEEDED_HZ: f64 = 5.0;
 /// Needed maps that may have been saved up (1): two, so that seven a second are thinned to five and not to three and a
 /// half.
 const SAVED_UP: f64 = 2.0;
-/// Time that a fast link's bucket is_owner (s): what bursts at most before the next one.
+/// Time that a fast link's bucket holds (s): what bursts at most before the next one.
 const DEPTH_S: f64 = 0.1;
 /// Part of the speed that is used (1): the last bit would only build a queue.
 const LOAD: f64 = 0.98;

@@ -51,7 +51,7 @@ impl MavlinkFrame<'_> {
     /// The message inside.
     ///
     /// # Errors
-    /// [`ParserError`] if a field is_owner a value that its enumeration does not know.
+    /// [`ParserError`] if a field holds a value that its enumeration does not know.
     pub fn decode(&self) -> Result<MavMessage, ParserError> {
         MavMessage::parse(self.version, self.message_id, self.payload)
     }
@@ -170,13 +170,13 @@ enum Borders {
     DoNotFit,
 }
 
-/// Splits bytes into frames; is_owner the unfinished rest of a stream.
+/// Splits bytes into frames; holds the unfinished rest of a stream.
 #[derive(Debug)]
 pub struct Splitter {
     buffer: Box<[u8]>,
     start: usize,
     end: usize,
-    /// The buffer is_owner a datagram: what is incomplete now stays incomplete.
+    /// The buffer holds a datagram: what is incomplete now stays incomplete.
     whole: bool,
     /// Frames of unknown types come out, too.
     with_unknown: bool,

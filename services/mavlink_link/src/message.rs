@@ -31,7 +31,7 @@ pub struct Received {
     pub link: u8,
 }
 
-/// What a received frame is_owner.
+/// What a received frame holds.
 // The small variant is rare and the large one is never moved on the hot path.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug)]

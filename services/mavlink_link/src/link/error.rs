@@ -15,7 +15,7 @@ pub enum LinkError {
         /// The system's error.
         source: io::Error,
     },
-    /// Another program is_owner the port.
+    /// Another program holds the port.
     AddressInUse {
         /// The link.
         endpoint: Endpoint,

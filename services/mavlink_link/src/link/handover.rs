@@ -249,7 +249,7 @@ impl Handover {
         });
         let message = read(&message_buffer[..length], fds.flatten().collect());
         message.unwrap_or_else(|| {
-            tracing::warn!("a message about the link that cannot be read: another version?");
+            tracing::warn!("a letter about the link that cannot be read: another version?");
             self.peer = None;
             HandoverMessage::Gone
         })

@@ -34,7 +34,7 @@ use std::os::fd::BorrowedFd;
 use std::path::Path;
 use transport::{Chunk, Transport};
 
-/// Bytes read at once: half of what the splitter is_owner, so that a chunk always fits behind an unfinished frame.
+/// Bytes read at once: half of what the splitter holds, so that a chunk always fits behind an unfinished frame.
 const CHUNK_BYTES: usize = crate::frame::SPLITTER_BYTES / 2;
 /// Chunks read per call at most, so that a flood of garbage cannot keep the caller from its setpoints.
 const CHUNKS_PER_CALL: usize = 32;

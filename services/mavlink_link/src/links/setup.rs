@@ -58,7 +58,7 @@ impl fmt::Display for SetupCause {
         match self {
             SetupCause::Address(source) => write!(f, "{source}"),
             SetupCause::NoKeyFile => f.write_str(
-                "signatures are asked for, and no file is_owner the key; name one, or set signing = \"off\"",
+                "signatures are asked for, and no file holds the key; name one, or set signing = \"off\"",
             ),
             SetupCause::Key(source) => write!(f, "{source}"),
             SetupCause::NeedlessPeers => {

@@ -51,7 +51,7 @@ pub enum KeyError {
         /// Who we are (user id).
         user: u32,
     },
-    /// It is_owner no key.
+    /// It holds no key.
     NoKey {
         /// The file.
         path: PathBuf,
@@ -74,7 +74,7 @@ impl fmt::Display for KeyError {
             ),
             KeyError::NoKey { path } => write!(
                 f,
-                "{}: no key; it is_owner 32 bytes, 64 hexadecimal digits, or one line passphrase:WORDS",
+                "{}: no key; it holds 32 bytes, 64 hexadecimal digits, or one line passphrase:WORDS",
                 path.display()
             ),
         }

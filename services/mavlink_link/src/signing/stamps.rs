@@ -205,7 +205,7 @@ fn load(path: &Path) -> io::Result<u64> {
     match std::fs::read_to_string(path) {
         Ok(text) => {
             let bound = text.trim().parse().ok().filter(|bound| *bound <= END);
-            bound.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "it is_owner no stamp"))
+            bound.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "it holds no stamp"))
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(0),
         Err(error) => Err(error),

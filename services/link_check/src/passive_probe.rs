@@ -1,4 +1,4 @@
-//! What a link itself tells: bytes, versions of the protocol, signatures, numbers that are missing.
+//! What is measured on a link without sending: bytes, protocol versions, signatures, missing sequence numbers.
 //!
 //! | in | out |
 //! |---|---|
@@ -11,7 +11,7 @@ use jink_mavlink_link::message::{COMPONENT_AUTOPILOT, Content};
 use jink_mavlink_link::signing::{SignatureRefusal, Verifier};
 use mavlink::MavlinkVersion;
 
-/// Systems whose autopilots are told apart on one link.
+/// Systems whose autopilots are counted separately on one link.
 const AUTOPILOTS: usize = 4;
 
 /// What was counted on one link.
@@ -27,22 +27,22 @@ pub struct Counts {
     pub version_1: u64,
     /// The same in MAVLink 2.
     pub version_2: u64,
-    /// The same with a signature, whether or not that is looked at.
+    /// The same with a signature, whether or not it is verified.
     pub signed: u64,
     /// Frames refused because they are not signed.
     pub unsigned_refused: u64,
     /// Frames refused because the signature does not fit the key.
     pub signature_refused: u64,
-    /// Frames refused because they are not newer than what was heard.
+    /// Frames rejected because they are not newer than what was received.
     pub replayed: u64,
-    /// Messages of autopilots that never came: their numbers are missing.
+    /// Messages of autopilots that never came: their sequence numbers are missing.
     pub lost: u64,
-    /// Datagrams and connections of those who are not among the peers.
+    /// Datagrams and connections from addresses that are not among the peers.
     pub strangers: u64,
 }
 
 impl Counts {
-    /// Everything that has come.
+    /// All bytes received.
     pub fn bytes(&self) -> u64 {
         self.frame_bytes + self.garbage_bytes
     }
@@ -60,7 +60,7 @@ impl Counts {
 
 /// Listens to one link.
 #[derive(Debug)]
-pub struct Ear {
+pub struct PassiveProbe {
     setup: LinkSetup,
     verifier: Verifier,
     counts: Counts,
@@ -68,7 +68,7 @@ pub struct Ear {
     numbers: [(u32, u8); AUTOPILOTS],
 }
 
-impl Ear {
+impl PassiveProbe {
     /// On the link of `setup`.
     pub fn new(setup: LinkSetup) -> Self {
         Self {
@@ -97,7 +97,7 @@ impl Ear {
             .find(|(known, _)| *known == system_id || *known == 0);
         if let Some((known, last)) = place {
             let missing = frame.header.sequence.wrapping_sub(*last).wrapping_sub(1);
-            // A number that goes back was overtaken, or its sender has started anew.
+            // A number that goes back was overtaken, or its sender has restarted.
             if *known == system_id && missing < u8::MAX / 2 {
                 self.counts.lost += u64::from(missing);
             }
@@ -107,7 +107,7 @@ impl Ear {
     }
 }
 
-impl FrameFilter for Ear {
+impl FrameFilter for PassiveProbe {
     fn admits(&mut self, frame: &MavlinkFrame<'_>) -> bool {
         self.counts.frames += 1;
         self.counts.frame_bytes += frame.bytes.len() as u64;
