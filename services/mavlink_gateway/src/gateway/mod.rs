@@ -28,13 +28,13 @@ use crate::vehicle::VehicleTracker;
 use crate::wire::Wire;
 use assist::AssistedFlight;
 use controlled_stop::ControlledStop;
-use jink_mavlink_link::budget::Class;
+use jink_mavlink_link::budget::TrafficClass;
 use jink_mavlink_link::clock_map::{ClockMap, SEARCHING_HZ, nanoseconds};
-use jink_mavlink_link::latch::Latch;
 use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Destination, Outgoing, Receipt};
-use jink_mavlink_link::router::Us;
+use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::streams::Streams;
 use jink_mavlink_link::ticker::Ticker;
+use jink_mavlink_link::vehicle_selector::VehicleSelector;
 use jink_shared_types::events::{
     AUTOPILOT_FOUND, AUTOPILOT_LOST, Event, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN,
 };
@@ -82,7 +82,7 @@ pub struct Gateway {
     /// Somebody is about to end jink.
     controlled_stop: Option<ControlledStop>,
     unguarded_mode: UnguardedMode,
-    latch: Latch,
+    latch: VehicleSelector,
     clock: ClockMap,
     vehicle: VehicleTracker,
     desired: Option<DesiredPath>,
@@ -133,7 +133,7 @@ impl Gateway {
             profile_check: ProfileCheck::new(config.chooses_profile, config.is_proven),
             controlled_stop: None,
             unguarded_mode: UnguardedMode::default(),
-            latch: Latch::new(config.system_id),
+            latch: VehicleSelector::new(config.system_id),
             clock: ClockMap::default(),
             vehicle: VehicleTracker::default(),
             desired: None,
@@ -272,7 +272,7 @@ impl Gateway {
 
     /// Whether another gateway speaks on this link: its time synchronisation is learned from as well.
     pub fn listen_only(&mut self, only: bool) {
-        self.clock.overhear(only);
+        self.clock.accept_foreign_answers(only);
     }
 
     /// The link on which our autopilot is heard; the first one before it was.
@@ -304,8 +304,8 @@ impl Gateway {
     }
 
     /// Who we are on the links.
-    pub fn us(&self, now: Timestamp) -> Us {
-        Us {
+    pub fn us(&self, now: Timestamp) -> OwnIds {
+        OwnIds {
             system_id: self.latch.system_id(now),
             components: [
                 self.config.component_id,
@@ -583,7 +583,7 @@ impl Gateway {
             system_id: self
                 .latch
                 .system_id(now)
-                .unwrap_or_else(|| self.latch.greeting_id()),
+                .unwrap_or_else(|| self.latch.default_id()),
             component_id: self.config.component_id,
             to: self.destination(&body),
             body,
@@ -595,9 +595,9 @@ impl Gateway {
     fn destination(&self, body: &Body) -> Destination {
         let target = body.target();
         let names_another = target.system_id != 0 && target.component_id != COMPONENT_AUTOPILOT;
-        match Class::of(body.message_id()) {
-            Class::Setpoint => Destination::Link(self.autopilot_link()),
-            Class::Answer if !names_another => Destination::Link(self.autopilot_link()),
+        match TrafficClass::of(body.message_id()) {
+            TrafficClass::Setpoint => Destination::Link(self.autopilot_link()),
+            TrafficClass::Answer if !names_another => Destination::Link(self.autopilot_link()),
             _ => Destination::Everyone,
         }
     }

@@ -11,11 +11,11 @@ use jink_mavlink_gateway::{
     Body, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outgoing, Outputs, ProfileName,
     Receipt, Received,
 };
-use jink_mavlink_link::budget::Class;
+use jink_mavlink_link::budget::TrafficClass;
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::link::Link;
 use jink_mavlink_link::links::{LinkSetup, Links};
-use jink_mavlink_link::router::Us;
+use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::signing::Key;
 use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::motion::{ApprovedTrajectory, Verdict};
@@ -318,7 +318,7 @@ fn whatever_bytes_come_they_cost_no_memory() {
 #[test]
 fn from_link_to_link_without_the_allocator() {
     let (mut links, peers) = links();
-    let us = Us {
+    let us = OwnIds {
         system_id: Some(1),
         components: [196, 191],
     };
@@ -369,7 +369,7 @@ fn from_link_to_link_without_the_allocator() {
     assert!(heard >= 500 && sent >= 400, "{heard} heard, {sent} sent");
     assert!(report.links[0].forwarded >= 500, "{report:?}");
     assert!(
-        report.links[2].dropped[Class::Forwarded as usize] > 0,
+        report.links[2].dropped[TrafficClass::Forwarded as usize] > 0,
         "{report:?}"
     );
 }

@@ -13,7 +13,7 @@ pub enum LinkError {
     Resolve {
         /// The link.
         endpoint: Endpoint,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// Another program holds the port.
@@ -29,21 +29,21 @@ pub enum LinkError {
     Open {
         /// The link.
         endpoint: Endpoint,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// The socket over which a link passes to another process could not be made, or nobody listens there.
     Handover {
         /// Its path.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// The link was open and broke.
     Lost {
         /// The link.
         endpoint: Endpoint,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
 }

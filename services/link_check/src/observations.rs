@@ -1,24 +1,24 @@
-//! Who speaks on the links, and what about.
+//! The senders on the links, and what they send.
 
-use jink_mavlink_link::latch::is_autopilot;
 use jink_mavlink_link::message::{COMPONENT_AUTOPILOT, Content, Received};
+use jink_mavlink_link::vehicle_selector::is_autopilot;
 use jink_shared_types::Timestamp;
 use mavlink::Message;
 use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, MavType};
 
-/// Senders remembered; whoever comes later is not needed for a judgement.
+/// Senders remembered; later ones do not change a finding.
 const SENDERS: usize = 64;
 
 /// One sender.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Sender {
+pub struct ObservedSender {
     /// System.
     pub system_id: u32,
     /// Component of it.
     pub component_id: u8,
-    /// The link on which it was heard first.
+    /// The link on which it was received first.
     pub link: u8,
-    /// What its heartbeat says that it is; `None` before one was heard.
+    /// The types in its heartbeat; `None` before one was received.
     pub kind: Option<(MavType, MavAutopilot)>,
     /// Its heartbeat is that of an autopilot.
     pub is_autopilot: bool,
@@ -28,8 +28,8 @@ pub struct Sender {
     pub last: Timestamp,
 }
 
-impl Sender {
-    /// In a person's words: `a ground station (255/190)`.
+impl ObservedSender {
+    /// In words: `a ground station (255/190)`.
     pub fn words(&self) -> String {
         let what = match self.kind {
             Some((MavType::MAV_TYPE_GCS, _)) => "a ground station",
@@ -44,13 +44,13 @@ impl Sender {
     }
 }
 
-/// Everybody heard so far.
+/// All senders received so far.
 #[derive(Clone, Debug)]
-pub struct Heard {
-    senders: Vec<Sender>,
+pub struct Observations {
+    senders: Vec<ObservedSender>,
 }
 
-impl Default for Heard {
+impl Default for Observations {
     fn default() -> Self {
         Self {
             senders: Vec::with_capacity(SENDERS),
@@ -58,18 +58,18 @@ impl Default for Heard {
     }
 }
 
-impl Heard {
+impl Observations {
     /// Takes note of one message.
     pub fn take(&mut self, received: &Received) {
         let header = received.header;
-        let is_it = |sender: &Sender| {
+        let is_it = |sender: &ObservedSender| {
             (sender.system_id, sender.component_id) == (header.system_id, header.component_id)
         };
         let known = self.senders.iter().position(is_it);
         let at = match known {
             Some(at) => at,
             None if self.senders.len() < SENDERS => {
-                self.senders.push(Sender {
+                self.senders.push(ObservedSender {
                     system_id: header.system_id,
                     component_id: header.component_id,
                     link: received.link,
@@ -95,13 +95,13 @@ impl Heard {
         }
     }
 
-    /// All of them, in the order in which they were heard first.
-    pub fn senders(&self) -> &[Sender] {
+    /// All of them, in the order in which they were first received.
+    pub fn senders(&self) -> &[ObservedSender] {
         &self.senders
     }
 
     /// Autopilots on links where one is looked for.
-    pub fn autopilots(&self, is_looked_for_on: impl Fn(u8) -> bool) -> impl Iterator<Item = &Sender> {
+    pub fn autopilots(&self, is_looked_for_on: impl Fn(u8) -> bool) -> impl Iterator<Item = &ObservedSender> {
         self.senders
             .iter()
             .filter(move |sender| sender.is_autopilot && is_looked_for_on(sender.link))

@@ -2,14 +2,14 @@
 
 use crate::finding::Finding;
 use crate::limits::{GARBAGE_PART, LOST_PART, NO_MAVLINK_BYTES, PART_OF_AT_LEAST};
-use crate::{Counts, Examination, Line};
+use crate::{Counts, LinkCheck, LinkState};
 use jink_mavlink_link::link::Endpoint;
 use jink_mavlink_link::links::LinkSetup;
 use jink_runtime::config::{Purpose, Signing};
 
-pub(super) fn judge(examination: &Examination, findings: &mut Vec<Finding>) {
-    let several = examination.plan.links.len() > 1;
-    for (setup, line) in examination.plan.links.iter().zip(&examination.lines) {
+pub(super) fn judge(check: &LinkCheck, findings: &mut Vec<Finding>) {
+    let several = check.plan.links.len() > 1;
+    for (setup, line) in check.plan.links.iter().zip(&check.link_states) {
         let about = if several {
             format!("link {}", setup.name)
         } else {
@@ -33,17 +33,14 @@ pub(super) fn judge(examination: &Examination, findings: &mut Vec<Finding>) {
         } else {
             quality(&about, setup, counts, findings);
             protocol(counts, findings);
-            let answers = examination
-                .interview
-                .as_ref()
-                .map_or(0, |interview| interview.answers());
+            let answers = check.probe.as_ref().map_or(0, |probe| probe.answers());
             signatures(setup.signing, counts, answers, findings);
         }
     }
 }
 
 /// It need not be there for a flight.
-fn ground_station(about: String, setup: &LinkSetup, line: &Line) -> Finding {
+fn ground_station(about: String, setup: &LinkSetup, line: &LinkState) -> Finding {
     match &line.failure {
         Some(cause) => Finding::warning(about, cause.clone(), open_remedy(&setup.endpoint)),
         None if line.counts.frames == 0 => Finding::good(
@@ -132,8 +129,8 @@ fn no_mavlink(about: String, setup: &LinkSetup, counts: &Counts) -> Finding {
 fn quality(about: &str, setup: &LinkSetup, counts: &Counts, findings: &mut Vec<Finding>) {
     let endpoint = &setup.endpoint;
     let garbage = counts.garbage_bytes as f64 / counts.bytes() as f64;
-    let heard = counts.version_1 + counts.version_2;
-    let lost = counts.lost as f64 / (heard + counts.lost).max(1) as f64;
+    let received = counts.version_1 + counts.version_2;
+    let lost = counts.lost as f64 / (received + counts.lost).max(1) as f64;
     let remedy = match endpoint {
         Endpoint::Serial { .. } => {
             "check the ground wire and the length of the line, use flow control on neither side, or a lower baud rate on both"
@@ -151,7 +148,7 @@ fn quality(about: &str, setup: &LinkSetup, counts: &Counts, findings: &mut Vec<F
             ),
             remedy,
         ));
-    } else if heard >= PART_OF_AT_LEAST && lost > LOST_PART {
+    } else if received >= PART_OF_AT_LEAST && lost > LOST_PART {
         findings.push(Finding::warning(
             about,
             format!(

@@ -1,6 +1,6 @@
 //! An autopilot as a script, on a clock that is only counted.
 
-use crate::{Counts, Examination, Finding, Plan};
+use crate::{Counts, Finding, LinkCheck, Plan};
 use jink_mavlink_link::message::{Body, Content, Received};
 use jink_mavlink_link::profile_name::ProfileName;
 use jink_runtime::config::Config;
@@ -16,9 +16,9 @@ const BEGIN_S: f64 = 1000.0;
 const STEP_S: f64 = 0.01;
 const PATIENCE_S: f64 = 15.0;
 
-/// An autopilot as a script, with whoever else speaks.
+/// An autopilot as a script, with other senders.
 #[derive(Clone)]
-pub(super) struct Scene {
+pub(super) struct ScriptedAutopilot {
     pub(super) config: String,
     pub(super) system_id: u8,
     pub(super) heartbeat: Option<HEARTBEAT_DATA>,
@@ -32,7 +32,7 @@ pub(super) struct Scene {
     /// How many requests for the time are answered.
     pub(super) timesync_answers: u32,
     pub(super) round_trip_s: f64,
-    /// Others, each with what it says once a second.
+    /// Other senders, each with a message that it sends once a second.
     pub(super) others: Vec<(u32, u8, MavMessage)>,
     pub(super) counts: Counts,
     pub(super) failure: Option<&'static str>,
@@ -54,7 +54,7 @@ pub(super) fn quadrotor(autopilot: MavAutopilot) -> Option<HEARTBEAT_DATA> {
 }
 
 /// Everything as it should be.
-pub(super) fn good(profile: ProfileName) -> Scene {
+pub(super) fn good(profile: ProfileName) -> ScriptedAutopilot {
     let (autopilot, version, parameters): (_, _, &[(&'static str, f64)]) = match profile {
         ProfileName::Px4Trajectory => (
             MavAutopilot::MAV_AUTOPILOT_PX4,
@@ -101,7 +101,7 @@ pub(super) fn good(profile: ProfileName) -> Scene {
             ],
         ),
     };
-    Scene {
+    ScriptedAutopilot {
         config: format!("[link]\nprofile = \"{}\"\n", profile.name()),
         system_id: 1,
         heartbeat: quadrotor(autopilot),
@@ -125,7 +125,7 @@ pub(super) fn good(profile: ProfileName) -> Scene {
     }
 }
 
-impl Scene {
+impl ScriptedAutopilot {
     pub(super) fn parameter(&mut self, name: &'static str, value: f64) {
         self.parameters.retain(|(known, _)| *known != name);
         self.parameters.push((name, value));
@@ -139,38 +139,38 @@ impl Scene {
         self.config += keys;
     }
 
-    pub(super) fn nobody(&mut self) {
+    pub(super) fn remove_autopilot(&mut self) {
         self.heartbeat = None;
         self.streams.clear();
     }
 
-    /// What is heard in the step that ends at step `number`, besides answers.
-    pub(super) fn heard(&self, number: u32) -> Vec<(u32, u8, MavMessage)> {
+    /// The messages sent in the step that ends at step `number`, besides answers.
+    pub(super) fn received(&self, number: u32) -> Vec<(u32, u8, MavMessage)> {
         let time_s = f64::from(number) * STEP_S;
         let due = |rate_hz: f64| (time_s * rate_hz).floor() > ((time_s - STEP_S) * rate_hz).floor();
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         if time_s < self.silent_from_s {
             let own = |message| (u32::from(self.system_id), 1, message);
             if let Some(heartbeat) = self.heartbeat.as_ref().filter(|_| due(1.0)) {
-                heard.push(own(MavMessage::HEARTBEAT(heartbeat.clone())));
+                received.push(own(MavMessage::HEARTBEAT(heartbeat.clone())));
             }
             for (id, _) in self.streams.iter().filter(|(_, rate_hz)| due(*rate_hz)) {
-                heard.push(own(MavMessage::default_message_from_id(*id).unwrap()));
+                received.push(own(MavMessage::default_message_from_id(*id).unwrap()));
             }
         }
         if due(1.0) {
-            heard.extend(self.others.iter().cloned());
+            received.extend(self.others.iter().cloned());
         }
-        heard
+        received
     }
 
-    /// What the autopilot answers to what is said at `now`, where the time is asked for the `asked`th time.
-    pub(super) fn answer(&self, said: &MavMessage, now: Timestamp, asked: u32) -> Option<MavMessage> {
+    /// The autopilot's answer to `sent` at `now`; `asked` counts the requests for the time.
+    pub(super) fn answer(&self, sent: &MavMessage, now: Timestamp, asked: u32) -> Option<MavMessage> {
         let is_silent = now.seconds_since(Timestamp::from_seconds(BEGIN_S)) >= self.silent_from_s;
         if !self.answers || is_silent {
             return None;
         }
-        match said {
+        match sent {
             MavMessage::COMMAND_LONG(command)
                 if command.param1 as u32 == AUTOPILOT_VERSION_DATA::ID && self.version != 0 =>
             {
@@ -217,20 +217,20 @@ impl Scene {
         }
     }
 
-    /// The examination, played to its end, with everything it said.
-    pub(super) fn play(&self) -> (Vec<Finding>, Vec<(u8, MavMessage)>, f64) {
+    /// Runs the check to its end; returns the findings, everything that it sent, and its duration (s).
+    pub(super) fn run(&self) -> (Vec<Finding>, Vec<(u8, MavMessage)>, f64) {
         let config = Config::parse(Path::new("jink.toml"), &self.config).unwrap();
-        let mut examination = Examination::new(Plan::of(&config).unwrap(), PATIENCE_S);
+        let mut check = LinkCheck::new(Plan::of(&config).unwrap(), PATIENCE_S);
         if let Some(cause) = self.failure {
-            examination.fail(0, cause.to_owned());
+            check.link_failed(0, cause.to_owned());
         }
         let begin = Timestamp::from_seconds(BEGIN_S);
-        let (mut out, mut said) = (Vec::new(), Vec::new());
+        let (mut out, mut sent) = (Vec::new(), Vec::new());
         let mut answers: Vec<(Timestamp, MavMessage)> = Vec::new();
         let mut asked = 0;
         for number in 0.. {
             let now = begin.plus_seconds(f64::from(number) * STEP_S);
-            let heard = |(system_id, component_id, message), time| Received {
+            let message_of = |(system_id, component_id, message), time| Received {
                 header: MavHeader {
                     system_id,
                     component_id,
@@ -240,14 +240,14 @@ impl Scene {
                 time,
                 link: 0,
             };
-            for message in self.heard(number) {
-                examination.take(&heard(message, now));
+            for message in self.received(number) {
+                check.take(&message_of(message, now));
             }
             for (time, message) in answers.extract_if(.., |(time, _)| *time <= now) {
-                examination.take(&heard((u32::from(self.system_id), 1, message), time));
+                check.take(&message_of((u32::from(self.system_id), 1, message), time));
             }
-            examination.notice(0, self.counts);
-            examination.step(now, &mut out);
+            check.set_counts(0, self.counts);
+            check.step(now, &mut out);
             for message in out.drain(..) {
                 let Body::Message(body) = message.body else {
                     panic!("{message:?}");
@@ -255,12 +255,12 @@ impl Scene {
                 asked += u32::from(matches!(body, MavMessage::TIMESYNC(_)));
                 let answer = self.answer(&body, now, asked);
                 answers.extend(answer.map(|answer| (now.plus_seconds(self.round_trip_s), answer)));
-                said.push((message.component_id, body));
+                sent.push((message.component_id, body));
             }
-            if examination.is_done(now) {
-                return (examination.findings(now), said, f64::from(number) * STEP_S);
+            if check.is_done(now) {
+                return (check.findings(now), sent, f64::from(number) * STEP_S);
             }
         }
-        panic!("the examination never ends");
+        panic!("the check never ends");
     }
 }

@@ -1,4 +1,5 @@
-//! Frames on their way from one link to others, as they came: kept from the reading of one link to the writing of the next.
+//! Frames on their way from one link to others, as they came: kept from the reading of one link to the writing of the
+//! next.
 
 use crate::router::LinkSet;
 use jink_shared_types::link::LINKS;
@@ -10,14 +11,14 @@ const FRAMES: usize = 1024;
 
 /// The frames.
 #[derive(Debug)]
-pub(super) struct Transit {
+pub(super) struct ForwardQueue {
     bytes: Vec<u8>,
     frames: Vec<(LinkSet, usize)>,
     /// Per link: frames that there was no room for.
     pub(super) lost: [u64; LINKS],
 }
 
-impl Default for Transit {
+impl Default for ForwardQueue {
     fn default() -> Self {
         Self {
             bytes: Vec::with_capacity(BYTES),
@@ -27,7 +28,7 @@ impl Default for Transit {
     }
 }
 
-impl Transit {
+impl ForwardQueue {
     /// Keeps a copy of `frame` for the links `to`.
     pub(super) fn add(&mut self, to: LinkSet, frame: &[u8]) {
         if to.is_empty() {
@@ -61,7 +62,7 @@ impl Transit {
 
 #[cfg(test)]
 mod tests {
-    use super::{BYTES, FRAMES, Transit};
+    use super::{BYTES, FRAMES, ForwardQueue};
     use crate::router::LinkSet;
     use proptest::prelude::*;
 
@@ -70,7 +71,7 @@ mod tests {
         fn frames_come_out_as_they_went_in_and_what_has_no_room_is_counted(
             frames in proptest::collection::vec((0..8u8, 8..280usize), 0..300),
         ) {
-            let mut transit = Transit::default();
+            let mut forward_queue = ForwardQueue::default();
             let sets: Vec<_> = frames
                 .iter()
                 .map(|(bits, len)| {
@@ -79,15 +80,15 @@ mod tests {
                 })
                 .collect();
             for (set, frame) in &sets {
-                transit.add(*set, frame);
+                forward_queue.add(*set, frame);
             }
-            let kept: Vec<_> = transit.frames().map(|(set, frame)| (set, frame.to_vec())).collect();
+            let kept: Vec<_> = forward_queue.frames().map(|(set, frame)| (set, frame.to_vec())).collect();
             let wanted: Vec<_> = sets.into_iter().filter(|(set, _)| !set.is_empty()).collect();
             let to_link_1 = |some: &[(LinkSet, Vec<u8>)]| some.iter().filter(|(set, _)| set.contains(1)).count() as u64;
-            prop_assert_eq!(to_link_1(&kept) + transit.lost[1], to_link_1(&wanted));
+            prop_assert_eq!(to_link_1(&kept) + forward_queue.lost[1], to_link_1(&wanted));
             prop_assert!(kept.iter().all(|frame| wanted.contains(frame)));
             prop_assert_eq!(&kept[..kept.len().min(100)], &wanted[..kept.len().min(100)]);
-            prop_assert!(transit.bytes.capacity() <= BYTES && transit.frames.capacity() <= FRAMES);
+            prop_assert!(forward_queue.bytes.capacity() <= BYTES && forward_queue.frames.capacity() <= FRAMES);
         }
     }
 }

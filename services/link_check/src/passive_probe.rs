@@ -1,17 +1,17 @@
-//! What a link itself tells: bytes, versions of the protocol, signatures, numbers that are missing.
+//! What is measured on a link without sending: bytes, protocol versions, signatures, missing sequence numbers.
 //!
 //! | in | out |
 //! |---|---|
-//! | every frame of one link ([`Intake`]) | [`Counts`]; frames whose signature is refused go no further |
+//! | every frame of one link ([`FrameFilter`]) | [`Counts`]; frames whose signature is refused go no further |
 
-use jink_mavlink_link::frame::Frame;
-use jink_mavlink_link::link::{Intake, LinkCounters};
+use jink_mavlink_link::frame::MavlinkFrame;
+use jink_mavlink_link::link::{FrameFilter, LinkCounters};
 use jink_mavlink_link::links::LinkSetup;
 use jink_mavlink_link::message::{COMPONENT_AUTOPILOT, Content};
-use jink_mavlink_link::signing::{Refusal, Verifier};
+use jink_mavlink_link::signing::{SignatureRefusal, Verifier};
 use mavlink::MavlinkVersion;
 
-/// Systems whose autopilots are told apart on one link.
+/// Systems whose autopilots are counted separately on one link.
 const AUTOPILOTS: usize = 4;
 
 /// What was counted on one link.
@@ -27,22 +27,22 @@ pub struct Counts {
     pub version_1: u64,
     /// The same in MAVLink 2.
     pub version_2: u64,
-    /// The same with a signature, whether or not that is looked at.
+    /// The same with a signature, whether or not it is verified.
     pub signed: u64,
     /// Frames refused because they are not signed.
     pub unsigned_refused: u64,
     /// Frames refused because the signature does not fit the key.
     pub signature_refused: u64,
-    /// Frames refused because they are not newer than what was heard.
+    /// Frames rejected because they are not newer than what was received.
     pub replayed: u64,
-    /// Messages of autopilots that never came: their numbers are missing.
+    /// Messages of autopilots that never came: their sequence numbers are missing.
     pub lost: u64,
-    /// Datagrams and connections of those who are not among the peers.
+    /// Datagrams and connections from addresses that are not among the peers.
     pub strangers: u64,
 }
 
 impl Counts {
-    /// Everything that has come.
+    /// All bytes received.
     pub fn bytes(&self) -> u64 {
         self.frame_bytes + self.garbage_bytes
     }
@@ -52,7 +52,7 @@ impl Counts {
     pub fn with_link(self, link: LinkCounters) -> Self {
         Self {
             garbage_bytes: link.garbage_bytes,
-            strangers: link.strangers,
+            strangers: link.unknown_peers,
             ..self
         }
     }
@@ -60,7 +60,7 @@ impl Counts {
 
 /// Listens to one link.
 #[derive(Debug)]
-pub struct Ear {
+pub struct PassiveProbe {
     setup: LinkSetup,
     verifier: Verifier,
     counts: Counts,
@@ -68,7 +68,7 @@ pub struct Ear {
     numbers: [(u32, u8); AUTOPILOTS],
 }
 
-impl Ear {
+impl PassiveProbe {
     /// On the link of `setup`.
     pub fn new(setup: LinkSetup) -> Self {
         Self {
@@ -84,7 +84,7 @@ impl Ear {
         self.counts
     }
 
-    fn count_autopilot(&mut self, frame: &Frame<'_>) {
+    fn count_autopilot(&mut self, frame: &MavlinkFrame<'_>) {
         match frame.version {
             MavlinkVersion::V1 => self.counts.version_1 += 1,
             MavlinkVersion::V2 => self.counts.version_2 += 1,
@@ -97,7 +97,7 @@ impl Ear {
             .find(|(known, _)| *known == system_id || *known == 0);
         if let Some((known, last)) = place {
             let missing = frame.header.sequence.wrapping_sub(*last).wrapping_sub(1);
-            // A number that goes back was overtaken, or its sender has started anew.
+            // A number that goes back was overtaken, or its sender has restarted.
             if *known == system_id && missing < u8::MAX / 2 {
                 self.counts.lost += u64::from(missing);
             }
@@ -107,8 +107,8 @@ impl Ear {
     }
 }
 
-impl Intake for Ear {
-    fn admits(&mut self, frame: &Frame<'_>) -> bool {
+impl FrameFilter for PassiveProbe {
+    fn admits(&mut self, frame: &MavlinkFrame<'_>) -> bool {
         self.counts.frames += 1;
         self.counts.frame_bytes += frame.bytes.len() as u64;
         if frame.header.component_id == COMPONENT_AUTOPILOT {
@@ -118,14 +118,14 @@ impl Intake for Ear {
         let verified = self.verifier.verify(frame, self.setup.signing, key, 0);
         match verified {
             Ok(()) => return true,
-            Err(Refusal::Unsigned) => self.counts.unsigned_refused += 1,
-            Err(Refusal::Signature) => self.counts.signature_refused += 1,
-            Err(Refusal::Replayed) => self.counts.replayed += 1,
+            Err(SignatureRefusal::Unsigned) => self.counts.unsigned_refused += 1,
+            Err(SignatureRefusal::Signature) => self.counts.signature_refused += 1,
+            Err(SignatureRefusal::Replayed) => self.counts.replayed += 1,
         }
         false
     }
 
-    fn wants(&mut self, _: &Frame<'_>, content: Option<&Content>) -> bool {
+    fn wants(&mut self, _: &MavlinkFrame<'_>, content: Option<&Content>) -> bool {
         content.is_some()
     }
 }

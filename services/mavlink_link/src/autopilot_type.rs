@@ -3,7 +3,7 @@
 //! | | HEARTBEAT and DO_SET_MODE | mode that follows setpoints | mode that holds |
 //! |---|---|---|---|
 //! | PX4 | main mode, sub mode ([`px4_mode`]) | OFFBOARD (6) | AUTO.LOITER (4, 3) |
-//! | ArduCopter | one number | GUIDED (4) | BRAKE (17): LOITER would obey sticks, and without a remote control sink |
+//! | ArduCopter | one number | GUIDED (4) | BRAKE (17): LOITER would follow the sticks, and sink without a remote control |
 
 use crate::px4_mode;
 use jink_shared_types::vehicle::NavMode;
@@ -11,7 +11,7 @@ use mavlink::dialects::ardupilotmega::MavAutopilot;
 
 /// A make of autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Make {
+pub enum AutopilotType {
     /// PX4.
     Px4,
     /// ArduPilot; of its vehicles the Copter.
@@ -38,12 +38,12 @@ const COPTER_BRAKE: u32 = 17;
 /// ArduCopter's modes in which a pilot flies and the height is held: ALT_HOLD, LOITER, POSHOLD.
 const COPTER_PILOTS_MODES: [u32; 3] = [2, 5, 16];
 
-impl Make {
+impl AutopilotType {
     /// From the heartbeat's field; `None` for makes that are not known here.
     pub fn of(autopilot: MavAutopilot) -> Option<Self> {
         match autopilot {
-            MavAutopilot::MAV_AUTOPILOT_PX4 => Some(Make::Px4),
-            MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => Some(Make::ArduPilot),
+            MavAutopilot::MAV_AUTOPILOT_PX4 => Some(AutopilotType::Px4),
+            MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => Some(AutopilotType::ArduPilot),
             _ => None,
         }
     }
@@ -51,8 +51,8 @@ impl Make {
     /// The mode behind its number.
     pub fn nav_mode(self, custom_mode: u32) -> NavMode {
         match self {
-            Make::Px4 => px4_mode::nav_mode(custom_mode),
-            Make::ArduPilot => COPTER_MODES
+            AutopilotType::Px4 => px4_mode::nav_mode(custom_mode),
+            AutopilotType::ArduPilot => COPTER_MODES
                 .iter()
                 .find(|(number, _)| *number == custom_mode)
                 .map_or(NavMode::Manual, |(_, mode)| *mode),
@@ -61,43 +61,43 @@ impl Make {
 
     /// Whether a mode without a name here may be one in which trajectories are followed.
     pub fn is_unnamed_auto(self, custom_mode: u32) -> bool {
-        self == Make::Px4 && px4_mode::is_auto(custom_mode)
+        self == AutopilotType::Px4 && px4_mode::is_auto(custom_mode)
     }
 
     /// Whether a pilot flies in this mode and the autopilot holds the height, and in most of them the place.
     pub fn is_pilots_mode(self, custom_mode: u32) -> bool {
         match self {
             // POSCTL, and POSCTL_SLOW; its other sub modes fly by themselves.
-            Make::Px4 => {
+            AutopilotType::Px4 => {
                 let [_, _, main, sub] = custom_mode.to_le_bytes();
                 main == 3 && matches!(sub, 0 | 2)
             }
-            Make::ArduPilot => COPTER_PILOTS_MODES.contains(&custom_mode),
+            AutopilotType::ArduPilot => COPTER_PILOTS_MODES.contains(&custom_mode),
         }
     }
 
-    /// Parameters 2 and 3 of MAV_CMD_DO_SET_MODE for the mode that the autopilot tells under this number.
+    /// Parameters 2 and 3 of MAV_CMD_DO_SET_MODE for the mode that the autopilot reports under this number.
     pub fn numbers_of(self, custom_mode: u32) -> (u32, u32) {
         match self {
-            Make::Px4 => {
+            AutopilotType::Px4 => {
                 let [_, _, main, sub] = custom_mode.to_le_bytes();
                 (u32::from(main), u32::from(sub))
             }
-            Make::ArduPilot => (custom_mode, 0),
+            AutopilotType::ArduPilot => (custom_mode, 0),
         }
     }
 
     /// Parameters 2 and 3 of MAV_CMD_DO_SET_MODE for the modes that jink asks for; `None` for others.
     pub fn mode_numbers(self, mode: NavMode) -> Option<(u32, u32)> {
         match (self, mode) {
-            (Make::Px4, NavMode::Offboard) => Some((6, 0)),
-            (Make::Px4, NavMode::Hold) => Some((4, 3)),
-            (Make::Px4, NavMode::Mission) => Some((4, 4)),
-            (Make::Px4, NavMode::Land) => Some((4, 6)),
-            (Make::ArduPilot, NavMode::Offboard) => Some((4, 0)),
-            (Make::ArduPilot, NavMode::Hold) => Some((COPTER_BRAKE, 0)),
-            (Make::ArduPilot, NavMode::Mission) => Some((3, 0)),
-            (Make::ArduPilot, NavMode::Land) => Some((9, 0)),
+            (AutopilotType::Px4, NavMode::Offboard) => Some((6, 0)),
+            (AutopilotType::Px4, NavMode::Hold) => Some((4, 3)),
+            (AutopilotType::Px4, NavMode::Mission) => Some((4, 4)),
+            (AutopilotType::Px4, NavMode::Land) => Some((4, 6)),
+            (AutopilotType::ArduPilot, NavMode::Offboard) => Some((4, 0)),
+            (AutopilotType::ArduPilot, NavMode::Hold) => Some((COPTER_BRAKE, 0)),
+            (AutopilotType::ArduPilot, NavMode::Mission) => Some((3, 0)),
+            (AutopilotType::ArduPilot, NavMode::Land) => Some((9, 0)),
             _ => None,
         }
     }
@@ -105,23 +105,23 @@ impl Make {
 
 #[cfg(test)]
 mod tests {
-    use super::Make;
+    use super::AutopilotType;
     use jink_shared_types::vehicle::NavMode;
 
     #[test]
-    fn a_mode_that_is_asked_for_is_the_one_that_is_told() {
+    fn a_mode_that_is_requested_is_the_one_that_is_reported() {
         for mode in [NavMode::Offboard, NavMode::Hold, NavMode::Mission, NavMode::Land] {
-            let (main, sub) = Make::Px4.mode_numbers(mode).unwrap();
-            assert_eq!(Make::Px4.nav_mode(main << 16 | sub << 24), mode);
-            let (number, _) = Make::ArduPilot.mode_numbers(mode).unwrap();
-            assert_eq!(Make::ArduPilot.nav_mode(number), mode);
+            let (main, sub) = AutopilotType::Px4.mode_numbers(mode).unwrap();
+            assert_eq!(AutopilotType::Px4.nav_mode(main << 16 | sub << 24), mode);
+            let (number, _) = AutopilotType::ArduPilot.mode_numbers(mode).unwrap();
+            assert_eq!(AutopilotType::ArduPilot.nav_mode(number), mode);
         }
     }
 
     #[test]
     fn copter_modes_without_a_name_are_the_pilots() {
         for number in [0, 1, 2, 13, 15, 20, 999] {
-            assert_eq!(Make::ArduPilot.nav_mode(number), NavMode::Manual);
+            assert_eq!(AutopilotType::ArduPilot.nav_mode(number), NavMode::Manual);
         }
     }
 }

@@ -1,27 +1,27 @@
-//! What the autopilot is asked, and what it has answered.
+//! Requests to the autopilot, and its answers.
 //!
-//! | asked for | how | why |
+//! | request | how | why |
 //! |---|---|---|
 //! | its version | MAV_CMD_REQUEST_MESSAGE | whether the profile fits |
-//! | TRAJECTORY_REPRESENTATION_WAYPOINTS, at its own rate (`px4_trajectory`) | MAV_CMD_SET_MESSAGE_INTERVAL | a PX4 without the interface refuses it in any mode |
-//! | parameters by name | PARAM_REQUEST_READ | those that bear on what jink does |
+//! | TRAJECTORY_REPRESENTATION_WAYPOINTS, at its own rate (`px4_trajectory`) | MAV_CMD_SET_MESSAGE_INTERVAL | a PX4 without the interface rejects it in any mode |
+//! | parameters by name | PARAM_REQUEST_READ | those that affect what jink does |
 //! | streams that do not come by themselves | as the gateway does ([`Streams`]) | whether the line carries them |
 //! | the time | TIMESYNC, as the gateway does ([`ClockMap`]) | whether it answers, and how soon |
 //!
-//! Nothing here changes a parameter, a mode or the motors. Each question is repeated, and given up after the third time.
+//! Nothing here changes a parameter, a mode or the motors. Each request is repeated, and given up after the third time.
 
-use super::limits::{ASK_AGAIN_S, ASK_PAUSE_S, ASKS_MAX};
+use super::limits::{ATTEMPTS_MAX, REQUEST_PAUSE_S, RETRY_S};
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::clock_map::nanoseconds;
 use jink_mavlink_link::clock_map::{ClockMap, SEARCHING_HZ};
 use jink_mavlink_link::encoding::Encoding;
 use jink_mavlink_link::fit::TRAJECTORY_SWITCH;
 use jink_mavlink_link::fit::{OVERRIDE_BITS, OVERRIDE_SPEED};
-use jink_mavlink_link::make::Make;
 use jink_mavlink_link::message::{COMPONENT_AUTOPILOT, COMPONENT_ONBOARD_COMPUTER};
 use jink_mavlink_link::profile_name::ProfileName;
 use jink_mavlink_link::streams::{StreamRate, Streams};
 use jink_mavlink_link::ticker::Ticker;
-use jink_mavlink_link::version::Version;
+use jink_mavlink_link::version::FirmwareVersion;
 use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::NavMode;
 #[allow(deprecated)] // Gone from PX4 1.16 on: that is what is found out with it.
@@ -35,38 +35,38 @@ use mavlink::{Message, MessageData};
 /// Interval of the desired path (us): PX4's own.
 const DESIRED_PATH_US: f32 = 200_000.0;
 
-/// One question.
+/// The subject of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Ask {
+enum ProbeItem {
     Version,
     DesiredPath,
     Parameter(&'static str),
 }
 
-/// What became of it.
+/// The result of a request.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Answer {
+pub enum ProbeResult {
     /// Not answered yet.
-    Open,
+    Pending,
     /// Given up.
-    None,
+    Unanswered,
     /// Answered with no.
-    Refused,
+    Denied,
     /// Answered with yes.
-    Granted,
+    Accepted,
     /// The parameter's value.
     Value(f64),
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Question {
-    ask: Ask,
-    asked: u8,
-    again_at: Timestamp,
-    answer: Answer,
+struct ProbeRequest {
+    item: ProbeItem,
+    attempts: u8,
+    retry_at: Timestamp,
+    result: ProbeResult,
 }
 
-/// The parameters that bear on what jink does beside `profile`. Of those that were renamed both names are asked for.
+/// The parameters that affect flights with `profile`. Of those that were renamed both names are requested.
 pub fn parameters(profile: ProfileName) -> &'static [&'static str] {
     match profile {
         ProfileName::Px4Trajectory => &[
@@ -118,18 +118,18 @@ pub fn parameters(profile: ProfileName) -> &'static [&'static str] {
 
 /// The conversation with one autopilot.
 #[derive(Debug)]
-pub struct Interview {
+pub struct ActiveProbe {
     system_id: u8,
     /// Its last heartbeat.
     pub heartbeat: HEARTBEAT_DATA,
     /// Its last message.
     pub last: Timestamp,
-    /// What it says of its version.
-    pub version: Option<Version>,
+    /// The version that it reports.
+    pub version: Option<FirmwareVersion>,
     profile: Option<ProfileName>,
     since: Timestamp,
-    questions: Vec<Question>,
-    next_question: Timestamp,
+    requests: Vec<ProbeRequest>,
+    next_request: Timestamp,
     streams: Streams,
     streams_begun: bool,
     clock: ClockMap,
@@ -137,28 +137,28 @@ pub struct Interview {
     answers: u32,
 }
 
-impl Interview {
-    /// With the autopilot of `system_id`, which was first heard at `since` saying `heartbeat`. `profile`: `None` while it is not
-    /// known which one is examined.
+impl ActiveProbe {
+    /// For the autopilot of `system_id`, whose first `heartbeat` was received at `since`. `profile`: `None` while it is
+    /// not known which one is checked.
     pub fn new(
         system_id: u8,
         heartbeat: HEARTBEAT_DATA,
         since: Timestamp,
         profile: Option<ProfileName>,
     ) -> Self {
-        let fitting = profile.filter(|profile| make(&heartbeat) == Some(profile.make()));
-        let mut asks = vec![Ask::Version];
+        let fitting = profile.filter(|profile| autopilot_type(&heartbeat) == Some(profile.autopilot_type()));
+        let mut items = vec![ProbeItem::Version];
         if fitting == Some(ProfileName::Px4Trajectory) {
-            asks.push(Ask::DesiredPath);
+            items.push(ProbeItem::DesiredPath);
         }
         if let Some(profile) = fitting {
-            asks.extend(parameters(profile).iter().map(|name| Ask::Parameter(name)));
+            items.extend(parameters(profile).iter().map(|name| ProbeItem::Parameter(name)));
         }
-        let open = |ask| Question {
-            ask,
-            asked: 0,
-            again_at: Timestamp::NEVER,
-            answer: Answer::Open,
+        let open = |item| ProbeRequest {
+            item,
+            attempts: 0,
+            retry_at: Timestamp::NEVER,
+            result: ProbeResult::Pending,
         };
         Self {
             system_id,
@@ -167,8 +167,8 @@ impl Interview {
             version: None,
             profile,
             since,
-            questions: asks.into_iter().map(open).collect(),
-            next_question: Timestamp::NEVER,
+            requests: items.into_iter().map(open).collect(),
+            next_request: Timestamp::NEVER,
             streams: Streams::new(profile.unwrap_or(ProfileName::Px4Trajectory)),
             streams_begun: false,
             clock: ClockMap::default(),
@@ -182,40 +182,42 @@ impl Interview {
         self.system_id
     }
 
-    /// Whose firmware it is; `None` = of neither.
-    pub fn make(&self) -> Option<Make> {
-        make(&self.heartbeat)
+    /// The type of its firmware; `None` = neither PX4 nor ArduPilot.
+    pub fn autopilot_type(&self) -> Option<AutopilotType> {
+        autopilot_type(&self.heartbeat)
     }
 
-    /// Whether it is of the make that the profile is for.
-    pub fn is_of_fitting_make(&self) -> bool {
+    /// Whether it is of the type that the profile is for.
+    pub fn matches_profile(&self) -> bool {
         self.profile
-            .is_some_and(|profile| self.make() == Some(profile.make()))
+            .is_some_and(|profile| self.autopilot_type() == Some(profile.autopilot_type()))
     }
 
     /// The mode it is in.
     pub fn mode(&self) -> NavMode {
-        let make = self.make();
-        make.map_or(NavMode::Unknown, |make| make.nav_mode(self.heartbeat.custom_mode))
+        let autopilot = self.autopilot_type();
+        autopilot.map_or(NavMode::Unknown, |autopilot| {
+            autopilot.nav_mode(self.heartbeat.custom_mode)
+        })
     }
 
-    /// How long it has been known (s).
+    /// How long ago it was first received (s).
     pub fn age_s(&self, now: Timestamp) -> f64 {
         now.seconds_since(self.since)
     }
 
-    /// How many of our questions of any kind it has answered.
+    /// How many of our requests of any kind it has answered.
     pub fn answers(&self) -> u32 {
         self.answers + self.clock.samples()
     }
 
-    /// Parameters read or given up, and all that are asked for.
+    /// Requests answered or given up, and all requests.
     pub fn progress(&self) -> (usize, usize) {
         let done = self
-            .questions
+            .requests
             .iter()
-            .filter(|question| question.answer != Answer::Open);
-        (done.count(), self.questions.len())
+            .filter(|request| request.result != ProbeResult::Pending);
+        (done.count(), self.requests.len())
     }
 
     /// The clocks.
@@ -223,27 +225,27 @@ impl Interview {
         &self.clock
     }
 
-    /// Whether the desired path may be had ([`Answer::Granted`]).
-    pub fn desired_path(&self) -> Answer {
-        self.answer(Ask::DesiredPath)
+    /// Whether the desired path may be had ([`ProbeResult::Accepted`]).
+    pub fn desired_path(&self) -> ProbeResult {
+        self.result(ProbeItem::DesiredPath)
     }
 
     /// The value of a parameter.
-    pub fn parameter(&self, name: &'static str) -> Answer {
-        self.answer(Ask::Parameter(name))
+    pub fn parameter(&self, name: &'static str) -> ProbeResult {
+        self.result(ProbeItem::Parameter(name))
     }
 
     /// Whether any parameter could be read.
     pub fn reads_parameters(&self) -> bool {
-        self.questions
+        self.requests
             .iter()
-            .any(|question| matches!(question.answer, Answer::Value(_)))
+            .any(|request| matches!(request.result, ProbeResult::Value(_)))
     }
 
     /// The streams as they came last, without those that this mode does not have.
     pub fn streams(&self) -> impl Iterator<Item = StreamRate> {
         let automatic = self.mode().is_automatic();
-        let is_off = self.parameter(TRAJECTORY_SWITCH) == Answer::Value(0.0);
+        let is_off = self.parameter(TRAJECTORY_SWITCH) == ProbeResult::Value(0.0);
         #[allow(deprecated)]
         let is_asked_for = move |rate: &StreamRate| {
             rate.message_id != TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA::ID || automatic && !is_off
@@ -254,10 +256,10 @@ impl Interview {
     /// Whether nothing more is to be learned.
     pub fn is_settled(&self) -> bool {
         let answered = self
-            .questions
+            .requests
             .iter()
-            .all(|question| question.answer != Answer::Open);
-        if !self.is_of_fitting_make() {
+            .all(|request| request.result != ProbeResult::Pending);
+        if !self.matches_profile() {
             return answered;
         }
         let mut streams = self.streams().peekable();
@@ -265,18 +267,18 @@ impl Interview {
         answered && flow && self.clock.is_converged()
     }
 
-    fn answer(&self, ask: Ask) -> Answer {
-        let asked = self.questions.iter().find(|question| question.ask == ask);
-        asked.map_or(Answer::None, |question| question.answer)
+    fn result(&self, item: ProbeItem) -> ProbeResult {
+        let found = self.requests.iter().find(|request| request.item == item);
+        found.map_or(ProbeResult::Unanswered, |request| request.result)
     }
 
-    fn settle(&mut self, ask: Ask, answer: Answer) {
+    fn settle(&mut self, item: ProbeItem, result: ProbeResult) {
         let open = self
-            .questions
+            .requests
             .iter_mut()
-            .find(|question| question.ask == ask && question.asked > 0);
-        if let Some(question) = open {
-            question.answer = answer;
+            .find(|request| request.item == item && request.attempts > 0);
+        if let Some(request) = open {
+            request.result = result;
             self.answers += 1;
         }
     }
@@ -290,8 +292,8 @@ impl Interview {
         match message {
             MavMessage::HEARTBEAT(heartbeat) => self.heartbeat = heartbeat.clone(),
             MavMessage::AUTOPILOT_VERSION(version) => {
-                self.version = Version::of(version.flight_sw_version);
-                self.settle(Ask::Version, Answer::Granted);
+                self.version = FirmwareVersion::of(version.flight_sw_version);
+                self.settle(ProbeItem::Version, ProbeResult::Accepted);
             }
             MavMessage::COMMAND_ACK(ack) => self.take_ack(time, ack),
             MavMessage::PARAM_VALUE(value) => {
@@ -299,27 +301,27 @@ impl Interview {
                 if let Some(name) = self.asked_parameter(value.param_id.to_str().ok())
                     && let Ok(number) = encoding.take(value.param_type, value.param_value)
                 {
-                    self.settle(Ask::Parameter(name), Answer::Value(number));
+                    self.settle(ProbeItem::Parameter(name), ProbeResult::Value(number));
                 }
             }
             MavMessage::PARAM_ERROR(error) => {
                 if let Some(name) = self.asked_parameter(error.param_id.to_str().ok()) {
-                    self.settle(Ask::Parameter(name), Answer::Refused);
+                    self.settle(ProbeItem::Parameter(name), ProbeResult::Denied);
                 }
             }
-            MavMessage::TIMESYNC(sync) if sync.tc1 != 0 => self.clock.answer(time, sync.tc1, sync.ts1),
+            MavMessage::TIMESYNC(sync) if sync.tc1 != 0 => self.clock.on_response(time, sync.tc1, sync.ts1),
             _ => {}
         }
     }
 
-    fn asked_parameter(&self, told: Option<&str>) -> Option<&'static str> {
+    fn asked_parameter(&self, reported: Option<&str>) -> Option<&'static str> {
         let names = self.profile.map_or(&[][..], parameters).iter();
-        names.copied().find(|name| Some(*name) == told)
+        names.copied().find(|name| Some(*name) == reported)
     }
 
-    /// An answer to a command belongs to the question before the streams are asked for, and to them from then on.
+    /// Before the streams are requested an answer to a command belongs to a request, from then on to the streams.
     fn take_ack(&mut self, now: Timestamp, ack: &COMMAND_ACK_DATA) {
-        if ack.target_component != 0 && ack.target_component != ASKER {
+        if ack.target_component != 0 && ack.target_component != OWN_COMPONENT {
             return;
         }
         if self.streams_begun {
@@ -329,19 +331,23 @@ impl Interview {
         }
         let granted = ack.result == MavResult::MAV_RESULT_ACCEPTED;
         match ack.command {
-            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL if granted => self.settle(Ask::DesiredPath, Answer::Granted),
-            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => self.settle(Ask::DesiredPath, Answer::Refused),
-            MavCmd::MAV_CMD_REQUEST_MESSAGE if !granted => self.settle(Ask::Version, Answer::Refused),
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL if granted => {
+                self.settle(ProbeItem::DesiredPath, ProbeResult::Accepted)
+            }
+            MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => self.settle(ProbeItem::DesiredPath, ProbeResult::Denied),
+            MavCmd::MAV_CMD_REQUEST_MESSAGE if !granted => {
+                self.settle(ProbeItem::Version, ProbeResult::Denied)
+            }
             _ => {}
         }
     }
 
     /// Appends what is to be sent now.
-    pub fn speak(&mut self, now: Timestamp, out: &mut Vec<MavMessage>) {
-        if let Some(message) = self.next_question(now) {
+    pub fn send(&mut self, now: Timestamp, out: &mut Vec<MavMessage>) {
+        if let Some(message) = self.next_request(now) {
             out.push(message);
         }
-        if !self.is_of_fitting_make() {
+        if !self.matches_profile() {
             return;
         }
         if self.timesync.take(now) {
@@ -353,11 +359,11 @@ impl Interview {
                 target_component: COMPONENT_AUTOPILOT,
             }));
         }
-        let is_command = |question: &Question| !matches!(question.ask, Ask::Parameter(_));
+        let is_command = |request: &ProbeRequest| !matches!(request.item, ProbeItem::Parameter(_));
         self.streams_begun |= !self
-            .questions
+            .requests
             .iter()
-            .any(|question| is_command(question) && question.answer == Answer::Open);
+            .any(|request| is_command(request) && request.result == ProbeResult::Pending);
         if self.streams_begun {
             let mode = self.mode();
             out.extend(
@@ -367,27 +373,27 @@ impl Interview {
         }
     }
 
-    fn next_question(&mut self, now: Timestamp) -> Option<MavMessage> {
-        if now < self.next_question {
+    fn next_request(&mut self, now: Timestamp) -> Option<MavMessage> {
+        if now < self.next_request {
             return None;
         }
         let due = self
-            .questions
+            .requests
             .iter_mut()
-            .find(|question| question.answer == Answer::Open && now >= question.again_at)?;
-        if due.asked == ASKS_MAX {
-            due.answer = Answer::None;
+            .find(|request| request.result == ProbeResult::Pending && now >= request.retry_at)?;
+        if due.attempts == ATTEMPTS_MAX {
+            due.result = ProbeResult::Unanswered;
             return None;
         }
-        due.asked += 1;
-        due.again_at = now.plus_seconds(ASK_AGAIN_S);
-        self.next_question = now.plus_seconds(ASK_PAUSE_S);
-        let ask = due.ask;
-        Some(self.say(ask))
+        due.attempts += 1;
+        due.retry_at = now.plus_seconds(RETRY_S);
+        self.next_request = now.plus_seconds(REQUEST_PAUSE_S);
+        let item = due.item;
+        Some(self.message_for(item))
     }
 
     #[allow(deprecated)]
-    fn say(&self, ask: Ask) -> MavMessage {
+    fn message_for(&self, item: ProbeItem) -> MavMessage {
         let command = |command, param1, param2| {
             MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
                 command,
@@ -398,18 +404,18 @@ impl Interview {
                 ..COMMAND_LONG_DATA::default()
             })
         };
-        match ask {
-            Ask::Version => command(
+        match item {
+            ProbeItem::Version => command(
                 MavCmd::MAV_CMD_REQUEST_MESSAGE,
                 AUTOPILOT_VERSION_DATA::ID as f32,
                 0.0,
             ),
-            Ask::DesiredPath => command(
+            ProbeItem::DesiredPath => command(
                 MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
                 TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA::ID as f32,
                 DESIRED_PATH_US,
             ),
-            Ask::Parameter(name) => MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
+            ProbeItem::Parameter(name) => MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
                 param_index: -1,
                 target_system: self.system_id,
                 target_component: COMPONENT_AUTOPILOT,
@@ -419,9 +425,9 @@ impl Interview {
     }
 }
 
-/// The component that asks: it is no obstacle avoidance, so that no autopilot takes it for one.
-pub const ASKER: u8 = COMPONENT_ONBOARD_COMPUTER;
+/// The component id of the check: it is no obstacle avoidance, so that no autopilot takes it for one.
+pub const OWN_COMPONENT: u8 = COMPONENT_ONBOARD_COMPUTER;
 
-fn make(heartbeat: &HEARTBEAT_DATA) -> Option<Make> {
-    Make::of(heartbeat.autopilot)
+fn autopilot_type(heartbeat: &HEARTBEAT_DATA) -> Option<AutopilotType> {
+    AutopilotType::of(heartbeat.autopilot)
 }
