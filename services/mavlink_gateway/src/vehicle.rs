@@ -226,6 +226,11 @@ impl VehicleTracker {
         self.armed
     }
 
+    /// The same; `None` before a heartbeat was received.
+    pub fn armed(&self) -> Option<bool> {
+        self.heartbeat_heard.then_some(self.armed)
+    }
+
     /// Neither on the ground nor on its way up from it; not before that was told.
     pub fn has_taken_off(&self) -> bool {
         self.landed_state == LandedState::InAir

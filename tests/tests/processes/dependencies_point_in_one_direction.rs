@@ -43,9 +43,16 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
             "jink-shared-types" => &[],
             "jink-runtime" => &["jink-shared-types"],
             // The library of whoever speaks MAVLink.
-            "jink-mavlink-gateway" | "jink-link-check" => {
+            "jink-ground-services" | "jink-link-check" => {
                 &["jink-shared-types", "jink-runtime", "jink-mavlink-link"]
             }
+            // And the answers to ground stations.
+            "jink-mavlink-gateway" => &[
+                "jink-shared-types",
+                "jink-runtime",
+                "jink-mavlink-link",
+                "jink-ground-services",
+            ],
             // The libraries of the simulation: neither emulated autopilot knows the other.
             "jink-simulated-world" => &["jink-shared-types", "jink-runtime"],
             "jink-emulated-autopilot" => &["jink-shared-types", "jink-simulated-world"],
@@ -93,6 +100,7 @@ fn heavy_crates_stay_behind_one_door() {
             "mavlink",
             &[
                 "jink-mavlink-link",
+                "jink-ground-services",
                 "jink-mavlink-gateway",
                 "jink-link-check",
                 "jink-emulated-autopilot",

@@ -100,7 +100,6 @@ impl Gateway {
         match message {
             MavMessage::HEARTBEAT(heartbeat) if is_autopilot(heartbeat) => {
                 self.vehicle.take_heartbeat(heartbeat);
-                self.desk.hear_autopilot(heartbeat);
             }
             MavMessage::LOCAL_POSITION_NED(position) => {
                 let mapped = self.clock.map_ms(position.time_boot_ms, time);

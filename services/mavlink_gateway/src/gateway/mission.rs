@@ -255,7 +255,7 @@ impl Gateway {
 
     pub(super) fn tell_pilot(&mut self, now: Timestamp, news: &PilotText, outputs: &mut Outputs) {
         let sample = EventSample::new(news.event, news.name, [news.number, 0.0]);
-        self.texts.push(now, &sample);
+        self.ground.take_event(now, &sample);
         outputs.tell(sample);
     }
 

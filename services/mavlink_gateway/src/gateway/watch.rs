@@ -101,7 +101,7 @@ impl Gateway {
         let is_item = flies_item || mode == NavMode::Mission;
         match self.current_item.filter(|_| is_item) {
             Some((item, total)) => self.help_with_item(now, item, total, outputs),
-            None if self.blockage.is_news(goal) => self.texts.push(now, event),
+            None if self.blockage.is_news(goal) => self.ground.take_event(now, event),
             None => {}
         }
     }
@@ -119,7 +119,7 @@ impl Gateway {
             remedy => remedy,
         };
         let event = EventSample::new(&ITEM_BLOCKED, remedy.word(), [f64::from(item), 0.0]);
-        self.texts.push(now, &event);
+        self.ground.take_event(now, &event);
         outputs.tell(event);
         let flies_it = self.config.profile.flies_the_mission();
         match (remedy, self.mission.as_mut().filter(|_| flies_it)) {

@@ -3,12 +3,12 @@
 mod kept;
 mod opening;
 
-use crate::board::Board;
 use crate::ranges::{RangeSources, SensorTable};
 use crate::{
     Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileChoice, Receipt,
     Received, Representation,
 };
+use jink_ground_services::board::Board;
 use jink_mavlink_link::link::Progress;
 use jink_mavlink_link::links::Links;
 use jink_runtime::service::WATCHED_FDS;
@@ -132,8 +132,7 @@ impl Service for GatewayService {
             gateway: Gateway::new(config)
                 .resuming(ports.clock().now(), flight.read())
                 .with_range_sources(sources)
-                .with_params(&ports.config().params)
-                .with_board_id(board_id()),
+                .with_params(&ports.config().params, board_id()),
             links,
             outputs: Outputs::default(),
             received: Vec::with_capacity(MESSAGES_MAX),

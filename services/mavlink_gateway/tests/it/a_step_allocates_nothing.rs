@@ -163,7 +163,7 @@ fn an_assisted_flight_asks_the_allocator_for_nothing() {
         }),
     };
     let mut gateway = Gateway::new(config)
-        .with_params(&params)
+        .with_params(&params, 0)
         .resuming(at(0.0), Some(record));
     let mut outputs = Outputs::default();
     let mut prevented = Sample::new(

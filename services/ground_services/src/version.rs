@@ -2,7 +2,7 @@
 
 #![allow(deprecated)] // PROTOCOL_VERSION is going, ground stations that ask for it are not.
 
-use crate::commands::Role;
+use crate::commands::Component;
 use crate::files::GENERAL_URI;
 use jink_mavlink_link::encoding::Encoding;
 use jink_shared_types::Timestamp;
@@ -12,15 +12,15 @@ use mavlink::dialects::ardupilotmega::{
 use mavlink::types::CharArray;
 
 /// AUTOPILOT_VERSION. Only the avoidance component has parameters and files.
-pub fn version(role: Role, encoding: Encoding, board_id: u64) -> MavMessage {
+pub fn version(component: Component, encoding: Encoding, board_id: u64) -> MavMessage {
     let everybody = MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_MAVLINK2
         | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_COMMAND_INT;
     MavMessage::AUTOPILOT_VERSION(AUTOPILOT_VERSION_DATA {
-        capabilities: match role {
-            Role::Avoidance => {
+        capabilities: match component {
+            Component::Avoidance => {
                 everybody | MavProtocolCapability::MAV_PROTOCOL_CAPABILITY_FTP | encoding.capability()
             }
-            Role::Computer => everybody,
+            Component::Computer => everybody,
         },
         uid: board_id,
         flight_sw_version: software_version(),

@@ -10,10 +10,10 @@
 //! | MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, restart, disarmed | ACCEPTED, and the gateway is started anew |
 //! | the same while armed, while that is not known, or while a restart is under way | TEMPORARILY_REJECTED |
 //! | the same, shutdown | DENIED: what keeps a vehicle from hitting things is not switched off from afar |
-//! | MAV_CMD_USER_1, 1: a pilot is to be assisted, 0: not any more ([`crate::assist`]) | ACCEPTED, or TEMPORARILY_REJECTED with a text that says why; other numbers DENIED |
 //! | MAV_CMD_COMPONENT_ARM_DISARM | DENIED: we have no motors |
 //! | everything else, known to the dialect or not | UNSUPPORTED |
 //!
+//! MAV_CMD_USER_1 to component 196 switches assisted flight, which is the gateway's: it answers that itself.
 //! Commands to all components (target 0) are not ours to refuse: the autopilot answers them. All that is obeyed is done at once,
 //! so nothing is ever IN_PROGRESS.
 
@@ -29,16 +29,16 @@ use mavlink::dialects::ardupilotmega::{
 
 /// Which of our components a command names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Role {
+pub enum Component {
     /// 196.
     Avoidance,
     /// 191.
     Computer,
 }
 
-/// A message that is said on request, or whose rhythm may be asked for.
+/// A message that is said on request, or whose interval may be asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Topic {
+pub enum Answerable {
     /// HEARTBEAT.
     Heartbeat,
     /// TIMESYNC.
@@ -57,7 +57,7 @@ pub enum Topic {
 
 /// What may be done with a message.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Freedom {
+pub enum IntervalPolicy {
     /// It comes at its own rate.
     Fixed,
     /// Its period may be set within these limits (s); `stoppable`: it may be silenced.
@@ -75,80 +75,80 @@ pub enum Freedom {
 
 /// What is said by whom. An autopilot that prevents collisions by OBSTACLE_DISTANCE stops the vehicle when none has come for
 /// 500 ms: two may be lost at 5 Hz, and more than 30 a second crowd a serial line.
-pub const MESSAGES: &[(Role, u32, Topic, Freedom)] = &[
+pub const MESSAGES: &[(Component, u32, Answerable, IntervalPolicy)] = &[
     (
-        Role::Avoidance,
+        Component::Avoidance,
         HEARTBEAT_DATA::ID,
-        Topic::Heartbeat,
-        Freedom::Fixed,
+        Answerable::Heartbeat,
+        IntervalPolicy::Fixed,
     ),
     (
-        Role::Avoidance,
+        Component::Avoidance,
         TIMESYNC_DATA::ID,
-        Topic::Timesync,
-        Freedom::Fixed,
+        Answerable::Timesync,
+        IntervalPolicy::Fixed,
     ),
     (
-        Role::Avoidance,
+        Component::Avoidance,
         OBSTACLE_DISTANCE_DATA::ID,
-        Topic::Obstacles,
-        Freedom::Settable {
+        Answerable::Obstacles,
+        IntervalPolicy::Settable {
             shortest_s: 1.0 / 30.0,
             longest_s: 0.2,
             stoppable: false,
         },
     ),
     (
-        Role::Avoidance,
+        Component::Avoidance,
         AUTOPILOT_VERSION_DATA::ID,
-        Topic::Version,
-        Freedom::OnRequest,
+        Answerable::Version,
+        IntervalPolicy::OnRequest,
     ),
     (
-        Role::Avoidance,
+        Component::Avoidance,
         PROTOCOL_VERSION_DATA::ID,
-        Topic::Protocol,
-        Freedom::OnRequest,
+        Answerable::Protocol,
+        IntervalPolicy::OnRequest,
     ),
     (
-        Role::Avoidance,
+        Component::Avoidance,
         COMPONENT_METADATA_DATA::ID,
-        Topic::Metadata,
-        Freedom::OnRequest,
+        Answerable::Metadata,
+        IntervalPolicy::OnRequest,
     ),
     (
-        Role::Computer,
+        Component::Computer,
         HEARTBEAT_DATA::ID,
-        Topic::Heartbeat,
-        Freedom::Fixed,
+        Answerable::Heartbeat,
+        IntervalPolicy::Fixed,
     ),
     (
-        Role::Computer,
+        Component::Computer,
         ONBOARD_COMPUTER_STATUS_DATA::ID,
-        Topic::Computer,
-        Freedom::Settable {
+        Answerable::Computer,
+        IntervalPolicy::Settable {
             shortest_s: 1.0,
             longest_s: 60.0,
             stoppable: true,
         },
     ),
     (
-        Role::Computer,
+        Component::Computer,
         AUTOPILOT_VERSION_DATA::ID,
-        Topic::Version,
-        Freedom::OnRequest,
+        Answerable::Version,
+        IntervalPolicy::OnRequest,
     ),
     (
-        Role::Computer,
+        Component::Computer,
         PROTOCOL_VERSION_DATA::ID,
-        Topic::Protocol,
-        Freedom::OnRequest,
+        Answerable::Protocol,
+        IntervalPolicy::OnRequest,
     ),
 ];
 
-/// A rhythm that was asked for.
+/// A interval that was asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Rhythm {
+pub enum MessageInterval {
     /// Our own.
     Usual,
     /// One message per so many seconds.
@@ -159,28 +159,26 @@ pub enum Rhythm {
 
 /// What is to be done besides the acknowledgement.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Deed {
+pub enum CommandAction {
     /// Nothing.
     Nothing,
     /// It is said once.
-    Say(Topic),
-    /// Its rhythm is changed.
-    Set(Topic, Rhythm),
-    /// Its rhythm is told; `None`: it never comes by itself.
-    TellInterval(u32, Option<Topic>),
+    Say(Answerable),
+    /// Its interval is changed.
+    Set(Answerable, MessageInterval),
+    /// Its interval is told; `None`: it never comes by itself.
+    ReportInterval(u32, Option<Answerable>),
     /// The gateway is started anew.
     Restart,
     /// Whoever asked is told why there is no restart.
     ExplainRefusal,
-    /// A pilot is assisted (`true`), or not any more.
-    Assist(bool),
 }
 
 /// What a command is judged by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Circumstances {
+pub struct CommandContext {
     /// The component it names.
-    pub role: Role,
+    pub component: Component,
     /// Whether the vehicle is armed, if that is known.
     pub armed: Option<bool>,
     /// A restart is under way.
@@ -231,34 +229,28 @@ impl Command {
     }
 
     /// The result that is acknowledged, and what is to be done.
-    pub fn judge(&self, circumstances: &Circumstances) -> (MavResult, Deed) {
+    pub fn judge(&self, context: &CommandContext) -> (MavResult, CommandAction) {
         let [first, second] = self.params;
         let is = |command: MavCmd| self.command == command as u16;
         if is(MavCmd::MAV_CMD_REQUEST_MESSAGE) {
-            request(circumstances.role, first, second)
+            request(context.component, first, second)
         } else if is(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL) {
-            set_interval(circumstances.role, first, second)
+            set_interval(context.component, first, second)
         } else if is(MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL) {
-            tell_interval(circumstances.role, first)
+            report_interval(context.component, first)
         } else if is(MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN) {
-            reboot(circumstances, first, second)
-        } else if is(MavCmd::MAV_CMD_USER_1) && circumstances.role == Role::Avoidance {
-            match first {
-                1.0 => (MavResult::MAV_RESULT_ACCEPTED, Deed::Assist(true)),
-                0.0 => (MavResult::MAV_RESULT_ACCEPTED, Deed::Assist(false)),
-                _ => (MavResult::MAV_RESULT_DENIED, Deed::Nothing),
-            }
+            reboot(context, first, second)
         } else if is(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) {
-            (MavResult::MAV_RESULT_DENIED, Deed::Nothing)
+            (MavResult::MAV_RESULT_DENIED, CommandAction::Nothing)
         } else {
-            (MavResult::MAV_RESULT_UNSUPPORTED, Deed::Nothing)
+            (MavResult::MAV_RESULT_UNSUPPORTED, CommandAction::Nothing)
         }
     }
 }
 
 /// The row of a message.
-fn find(role: Role, id: u32) -> Option<(Topic, Freedom)> {
-    let row = MESSAGES.iter().find(|row| row.0 == role && row.1 == id)?;
+fn find(component: Component, id: u32) -> Option<(Answerable, IntervalPolicy)> {
+    let row = MESSAGES.iter().find(|row| row.0 == component && row.1 == id)?;
     Some((row.2, row.3))
 }
 
@@ -269,105 +261,105 @@ fn whole(param: f32) -> Option<u32> {
     ((0.0..=EXACT).contains(&param) && param.fract() == 0.0).then_some(param as u32)
 }
 
-fn request(role: Role, id: f32, of: f32) -> (MavResult, Deed) {
+fn request(component: Component, id: f32, of: f32) -> (MavResult, CommandAction) {
     match whole(id) {
-        Some(id) if id == MESSAGE_INTERVAL_DATA::ID => tell_interval(role, of),
-        id => match id.and_then(|id| find(role, id)) {
+        Some(id) if id == MESSAGE_INTERVAL_DATA::ID => report_interval(component, of),
+        id => match id.and_then(|id| find(component, id)) {
             // Ours is a question or an answer to one, nothing to be said by itself.
-            None | Some((Topic::Timesync, _)) => (MavResult::MAV_RESULT_UNSUPPORTED, Deed::Nothing),
-            Some((topic, _)) => (MavResult::MAV_RESULT_ACCEPTED, Deed::Say(topic)),
+            None | Some((Answerable::Timesync, _)) => (MavResult::MAV_RESULT_UNSUPPORTED, CommandAction::Nothing),
+            Some((message, _)) => (MavResult::MAV_RESULT_ACCEPTED, CommandAction::Say(message)),
         },
     }
 }
 
 /// `interval_us`: 0 = the usual one, -1 = silence.
-fn set_interval(role: Role, id: f32, interval_us: f32) -> (MavResult, Deed) {
-    let denied = (MavResult::MAV_RESULT_DENIED, Deed::Nothing);
+fn set_interval(component: Component, id: f32, interval_us: f32) -> (MavResult, CommandAction) {
+    let denied = (MavResult::MAV_RESULT_DENIED, CommandAction::Nothing);
     let Some((
-        topic,
-        Freedom::Settable {
+        message,
+        IntervalPolicy::Settable {
             shortest_s,
             longest_s,
             stoppable,
         },
-    )) = whole(id).and_then(|id| find(role, id))
+    )) = whole(id).and_then(|id| find(component, id))
     else {
         return denied;
     };
     let period_s = f64::from(interval_us) / 1e6;
     // A period that was meant to be the limit may have been rounded to whole microseconds.
     let in_range = (shortest_s - 1e-6..=longest_s + 1e-6).contains(&period_s);
-    let rhythm = match interval_us {
-        0.0 => Rhythm::Usual,
-        -1.0 if stoppable => Rhythm::Silent,
-        _ if in_range => Rhythm::Period(period_s),
+    let interval = match interval_us {
+        0.0 => MessageInterval::Usual,
+        -1.0 if stoppable => MessageInterval::Silent,
+        _ if in_range => MessageInterval::Period(period_s),
         _ => return denied,
     };
-    (MavResult::MAV_RESULT_ACCEPTED, Deed::Set(topic, rhythm))
+    (MavResult::MAV_RESULT_ACCEPTED, CommandAction::Set(message, interval))
 }
 
-fn tell_interval(role: Role, id: f32) -> (MavResult, Deed) {
+fn report_interval(component: Component, id: f32) -> (MavResult, CommandAction) {
     // The answer has two bytes for it.
     match whole(id).filter(|id| *id <= u32::from(u16::MAX)) {
-        None => (MavResult::MAV_RESULT_DENIED, Deed::Nothing),
+        None => (MavResult::MAV_RESULT_DENIED, CommandAction::Nothing),
         Some(id) => {
-            let by_itself = find(role, id).filter(|(_, freedom)| *freedom != Freedom::OnRequest);
-            let topic = by_itself.map(|(topic, _)| topic);
-            (MavResult::MAV_RESULT_ACCEPTED, Deed::TellInterval(id, topic))
+            let by_itself = find(component, id).filter(|(_, policy)| *policy != IntervalPolicy::OnRequest);
+            let message = by_itself.map(|(message, _)| message);
+            (MavResult::MAV_RESULT_ACCEPTED, CommandAction::ReportInterval(id, message))
         }
     }
 }
 
 /// `autopilot` and `computer`: what is to become of the component addressed, and of the board it runs on: 0 = nothing, 1 = a
 /// restart, 2 = the end, 3 = a restart into a boot loader, which we have none of.
-fn reboot(circumstances: &Circumstances, autopilot: f32, computer: f32) -> (MavResult, Deed) {
+fn reboot(context: &CommandContext, autopilot: f32, computer: f32) -> (MavResult, CommandAction) {
     let wants = |what: f32| autopilot == what || computer == what;
     if autopilot == 0.0 && computer == 0.0 {
-        (MavResult::MAV_RESULT_ACCEPTED, Deed::Nothing)
+        (MavResult::MAV_RESULT_ACCEPTED, CommandAction::Nothing)
     } else if !wants(1.0) || !(0.0..=1.0).contains(&autopilot) || !(0.0..=1.0).contains(&computer) {
-        (MavResult::MAV_RESULT_DENIED, Deed::Nothing)
-    } else if circumstances.restarting {
-        (MavResult::MAV_RESULT_TEMPORARILY_REJECTED, Deed::Nothing)
-    } else if circumstances.armed != Some(false) {
-        (MavResult::MAV_RESULT_TEMPORARILY_REJECTED, Deed::ExplainRefusal)
+        (MavResult::MAV_RESULT_DENIED, CommandAction::Nothing)
+    } else if context.restarting {
+        (MavResult::MAV_RESULT_TEMPORARILY_REJECTED, CommandAction::Nothing)
+    } else if context.armed != Some(false) {
+        (MavResult::MAV_RESULT_TEMPORARILY_REJECTED, CommandAction::ExplainRefusal)
     } else {
-        (MavResult::MAV_RESULT_ACCEPTED, Deed::Restart)
+        (MavResult::MAV_RESULT_ACCEPTED, CommandAction::Restart)
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Circumstances, Command, Deed, Freedom, MESSAGES, Rhythm, Role, Topic};
+    use super::{CommandContext, Command, CommandAction, IntervalPolicy, MESSAGES, MessageInterval, Component, Answerable};
     use mavlink::dialects::ardupilotmega::{MavCmd, MavResult};
     use proptest::prelude::*;
 
-    const DISARMED: Circumstances = Circumstances {
-        role: Role::Avoidance,
+    const DISARMED: CommandContext = CommandContext {
+        component: Component::Avoidance,
         armed: Some(false),
         restarting: false,
     };
 
-    fn judge(circumstances: Circumstances, command: MavCmd, params: [f32; 2]) -> (MavResult, Deed) {
+    fn judge(context: CommandContext, command: MavCmd, params: [f32; 2]) -> (MavResult, CommandAction) {
         let command = Command {
             command: command as u16,
             params,
             target_system: 1,
             target_component: 196,
         };
-        command.judge(&circumstances)
+        command.judge(&context)
     }
 
     #[test]
     fn what_safety_rests_on_keeps_its_rhythm() {
-        let set = |role, id: f32, interval_us: f32| {
-            let circumstances = Circumstances { role, ..DISARMED };
+        let set = |component, id: f32, interval_us: f32| {
+            let context = CommandContext { component, ..DISARMED };
             judge(
-                circumstances,
+                context,
                 MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
                 [id, interval_us],
             )
         };
-        let denied = (MavResult::MAV_RESULT_DENIED, Deed::Nothing);
+        let denied = (MavResult::MAV_RESULT_DENIED, CommandAction::Nothing);
         // Heartbeat, time, both trajectories and the set point, strangers.
         for id in [
             0.0,
@@ -383,27 +375,27 @@ mod tests {
             1e9,
         ] {
             for interval_us in [-1.0, 0.0, 100_000.0] {
-                assert_eq!(set(Role::Avoidance, id, interval_us), denied, "{id}");
+                assert_eq!(set(Component::Avoidance, id, interval_us), denied, "{id}");
             }
         }
         for interval_us in [-1.0, 1.0, 500_000.0, f32::NAN, f32::INFINITY] {
-            assert_eq!(set(Role::Avoidance, 330.0, interval_us), denied, "{interval_us}");
+            assert_eq!(set(Component::Avoidance, 330.0, interval_us), denied, "{interval_us}");
         }
-        let accepted = |topic, rhythm| (MavResult::MAV_RESULT_ACCEPTED, Deed::Set(topic, rhythm));
+        let accepted = |message, interval| (MavResult::MAV_RESULT_ACCEPTED, CommandAction::Set(message, interval));
         assert_eq!(
-            set(Role::Avoidance, 330.0, 0.0),
-            accepted(Topic::Obstacles, Rhythm::Usual)
+            set(Component::Avoidance, 330.0, 0.0),
+            accepted(Answerable::Obstacles, MessageInterval::Usual)
         );
         assert_eq!(
-            set(Role::Avoidance, 330.0, 100_000.0),
-            accepted(Topic::Obstacles, Rhythm::Period(0.1))
+            set(Component::Avoidance, 330.0, 100_000.0),
+            accepted(Answerable::Obstacles, MessageInterval::Period(0.1))
         );
         assert_eq!(
-            set(Role::Computer, 390.0, -1.0),
-            accepted(Topic::Computer, Rhythm::Silent)
+            set(Component::Computer, 390.0, -1.0),
+            accepted(Answerable::Computer, MessageInterval::Silent)
         );
         assert_eq!(
-            set(Role::Avoidance, 390.0, -1.0),
+            set(Component::Avoidance, 390.0, -1.0),
             denied,
             "the other component says it"
         );
@@ -412,21 +404,21 @@ mod tests {
     #[test]
     fn a_restart_needs_a_vehicle_that_is_known_to_be_disarmed() {
         let reboot =
-            |circumstances, params| judge(circumstances, MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, params);
+            |context, params| judge(context, MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, params);
         let not_now = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
         let accepted = MavResult::MAV_RESULT_ACCEPTED;
-        assert_eq!(reboot(DISARMED, [1.0, 0.0]), (accepted, Deed::Restart));
-        assert_eq!(reboot(DISARMED, [0.0, 1.0]), (accepted, Deed::Restart));
-        assert_eq!(reboot(DISARMED, [0.0, 0.0]), (accepted, Deed::Nothing));
+        assert_eq!(reboot(DISARMED, [1.0, 0.0]), (accepted, CommandAction::Restart));
+        assert_eq!(reboot(DISARMED, [0.0, 1.0]), (accepted, CommandAction::Restart));
+        assert_eq!(reboot(DISARMED, [0.0, 0.0]), (accepted, CommandAction::Nothing));
         for armed in [Some(true), None] {
-            let circumstances = Circumstances { armed, ..DISARMED };
-            assert_eq!(reboot(circumstances, [1.0, 0.0]), (not_now, Deed::ExplainRefusal));
+            let context = CommandContext { armed, ..DISARMED };
+            assert_eq!(reboot(context, [1.0, 0.0]), (not_now, CommandAction::ExplainRefusal));
         }
-        let restarting = Circumstances {
+        let restarting = CommandContext {
             restarting: true,
             ..DISARMED
         };
-        assert_eq!(reboot(restarting, [1.0, 0.0]), (not_now, Deed::Nothing));
+        assert_eq!(reboot(restarting, [1.0, 0.0]), (not_now, CommandAction::Nothing));
         for params in [
             [2.0, 0.0],
             [0.0, 2.0],
@@ -435,10 +427,10 @@ mod tests {
             [f32::NAN, 0.0],
             [1.0, f32::NAN],
         ] {
-            let (result, deed) = reboot(DISARMED, params);
+            let (result, action) = reboot(DISARMED, params);
             assert_eq!(
-                (result, deed),
-                (MavResult::MAV_RESULT_DENIED, Deed::Nothing),
+                (result, action),
+                (MavResult::MAV_RESULT_DENIED, CommandAction::Nothing),
                 "{params:?}"
             );
         }
@@ -446,22 +438,22 @@ mod tests {
 
     #[test]
     fn everything_that_is_said_can_be_asked_for_and_its_rhythm_told() {
-        for (role, id, topic, freedom) in MESSAGES {
-            let circumstances = Circumstances {
-                role: *role,
+        for (component, id, message, policy) in MESSAGES {
+            let context = CommandContext {
+                component: *component,
                 ..DISARMED
             };
             let id = *id as f32;
-            let (_, deed) = judge(circumstances, MavCmd::MAV_CMD_REQUEST_MESSAGE, [id, f32::NAN]);
-            assert!(deed == Deed::Say(*topic) || *topic == Topic::Timesync);
-            let told = (*freedom != Freedom::OnRequest).then_some(*topic);
+            let (_, action) = judge(context, MavCmd::MAV_CMD_REQUEST_MESSAGE, [id, f32::NAN]);
+            assert!(action == CommandAction::Say(*message) || *message == Answerable::Timesync);
+            let told = (*policy != IntervalPolicy::OnRequest).then_some(*message);
             for (command, params) in [
                 (MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL, [id, 0.0]),
                 (MavCmd::MAV_CMD_REQUEST_MESSAGE, [244.0, id]),
             ] {
-                let (result, deed) = judge(circumstances, command, params);
+                let (result, action) = judge(context, command, params);
                 assert_eq!(result, MavResult::MAV_RESULT_ACCEPTED);
-                assert_eq!(deed, Deed::TellInterval(id as u32, told));
+                assert_eq!(action, CommandAction::ReportInterval(id as u32, told));
             }
         }
     }
@@ -475,16 +467,16 @@ mod tests {
             let numbers = [command, 512, 511, 510, 246, 400];
             let params = if is_small { small.map(f32::from) } else { bits.map(f32::from_bits) };
             let command = Command { command: numbers[known], params, target_system: 1, target_component: 196 };
-            let role = if computer { Role::Computer } else { Role::Avoidance };
-            let (result, deed) = command.judge(&Circumstances { role, armed, restarting });
+            let component = if computer { Component::Computer } else { Component::Avoidance };
+            let (result, action) = command.judge(&CommandContext { component, armed, restarting });
             prop_assert!(result != MavResult::MAV_RESULT_IN_PROGRESS);
             if result != MavResult::MAV_RESULT_ACCEPTED {
-                prop_assert!(matches!(deed, Deed::Nothing | Deed::ExplainRefusal));
+                prop_assert!(matches!(action, CommandAction::Nothing | CommandAction::ExplainRefusal));
             }
-            if deed == Deed::Restart {
+            if action == CommandAction::Restart {
                 prop_assert!(armed == Some(false) && !restarting);
             }
-            if let Deed::Set(_, Rhythm::Period(period_s)) = deed {
+            if let CommandAction::Set(_, MessageInterval::Period(period_s)) = action {
                 prop_assert!((0.03..=61.0).contains(&period_s));
             }
         }

@@ -80,14 +80,9 @@ impl Parameters {
         self.encoding
     }
 
-    /// Speaks as the ground stations of this system expect.
-    pub fn speak(&mut self, encoding: Encoding) {
+    /// Sets how integers travel from now on.
+    pub fn set_encoding(&mut self, encoding: Encoding) {
         self.encoding = encoding;
-    }
-
-    /// These values are in force from the start.
-    pub fn begin_with(&mut self, set: &ParamSet) {
-        self.set.clone_from(set);
     }
 
     /// Takes the values that the parameter server has in force; the answer to who has asked for the change that it answers.
