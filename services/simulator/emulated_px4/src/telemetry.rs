@@ -1,7 +1,7 @@
 //! The messages of the streams, made from the autopilot's state.
 
 use super::Autopilot;
-use super::control::CONTROL_STEPS;
+use super::flight_task::CONTROL_STEPS;
 use super::current_mode;
 use super::obstacle_messages;
 use super::streams::{Stream, Streams};
