@@ -9,11 +9,12 @@ use super::setpoint::{Request, YawRequest};
 use super::streams::Stream;
 use jink_emulated_autopilot::command_place::CommandPlace;
 use jink_emulated_autopilot::link::{Link, Packet};
+use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::modes::arducopter::Mode;
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::{
-    AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, MESSAGE_INTERVAL_DATA, MavCmd, MavMessage,
-    MavModeFlag, MavProtocolCapability, MavResult, MavSeverity, STATUSTEXT_DATA,
+    AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavModeFlag, MavProtocolCapability,
+    MavResult, MavSeverity, STATUSTEXT_DATA,
 };
 use nalgebra::Vector3;
 
@@ -31,13 +32,7 @@ impl ArduCopter {
         outbox: &mut Vec<Packet>,
     ) {
         let result = self.result_of(link, command, place, outbox);
-        let ack = MavMessage::COMMAND_ACK(COMMAND_ACK_DATA {
-            command: command.command,
-            result,
-            target_system: header.system_id as u8,
-            target_component: header.component_id,
-            ..COMMAND_ACK_DATA::default()
-        });
+        let ack = messages::acknowledgement(header, command.command, result);
         self.wire.send(outbox, link, ack);
     }
 
@@ -221,15 +216,7 @@ impl ArduCopter {
     }
 
     fn tell_interval(&mut self, link: Link, id: u32, outbox: &mut Vec<Packet>) -> MavResult {
-        let interval_us = match self.streams.interval_us(link, id) {
-            Some(0) => -1,
-            Some(interval_us) => interval_us as i32,
-            None => 0,
-        };
-        let message = MavMessage::MESSAGE_INTERVAL(MESSAGE_INTERVAL_DATA {
-            interval_us,
-            message_id: id as u16,
-        });
+        let message = messages::message_interval(id, self.streams.interval_us(link, id));
         self.wire.send(outbox, link, message);
         MavResult::MAV_RESULT_ACCEPTED
     }

@@ -2,15 +2,16 @@
 
 use super::parameters::{Parameter, Parameters, find};
 use jink_emulated_autopilot::link::{Link, Packet, Wire};
+use jink_emulated_autopilot::parameters::ParameterLists;
 use mavlink::dialects::ardupilotmega::{MavMessage, PARAM_VALUE_DATA};
 
 /// `param_index` of a value that was not asked for by its index.
 const BY_NAME: u16 = u16::MAX;
 
-/// Lists being sent: for each link the next index, if any.
+/// The protocol's state.
 #[derive(Clone, Debug, Default)]
 pub struct ParameterProtocol {
-    next: [Option<usize>; 2],
+    lists: ParameterLists,
 }
 
 impl ParameterProtocol {
@@ -23,7 +24,7 @@ impl ParameterProtocol {
         outbox: &mut Vec<Packet>,
     ) {
         match &packet.message {
-            MavMessage::PARAM_REQUEST_LIST(_) => self.next[packet.link as usize] = Some(0),
+            MavMessage::PARAM_REQUEST_LIST(_) => self.lists.begin(packet.link),
             MavMessage::PARAM_REQUEST_READ(request) => {
                 let wanted = match usize::try_from(request.param_index) {
                     Ok(index) => Parameter::ALL.get(index).copied().map(|p| (p, index as u16)),
@@ -49,12 +50,10 @@ impl ParameterProtocol {
     /// Sends the next value of each list that is under way.
     pub fn step(&mut self, parameters: &Parameters, wire: &mut Wire, outbox: &mut Vec<Packet>) {
         for link in Link::ALL {
-            let slot = &mut self.next[link as usize];
-            let Some(index) = *slot else { continue };
-            if let Some(parameter) = Parameter::ALL.get(index) {
-                wire.send(outbox, link, value_message(*parameter, index as u16, parameters));
+            if let Some(index) = self.lists.take(link, Parameter::ALL.len()) {
+                let message = value_message(Parameter::ALL[index], index as u16, parameters);
+                wire.send(outbox, link, message);
             }
-            *slot = (index + 1 < Parameter::ALL.len()).then_some(index + 1);
         }
     }
 }

@@ -30,35 +30,7 @@ impl Kind {
     }
 }
 
-macro_rules! parameters {
-    ($( $(#[$meta:meta])* $name:ident : $kind:ident = $default:expr; )*) => {
-        /// One parameter; the variant is ArduCopter's name of it.
-        #[allow(non_camel_case_types)]
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub enum Parameter { $( $(#[$meta])* $name, )* }
-
-        impl Parameter {
-            /// All of them, in the order of their MAVLink index.
-            pub const ALL: &'static [Parameter] = &[$( Parameter::$name ),*];
-
-            /// ArduCopter's name.
-            pub const fn name(self) -> &'static str {
-                match self { $( Parameter::$name => stringify!($name), )* }
-            }
-
-            /// How it is stored.
-            pub const fn kind(self) -> Kind {
-                match self { $( Parameter::$name => Kind::$kind, )* }
-            }
-
-            const fn default(self) -> f64 {
-                match self { $( Parameter::$name => $default, )* }
-            }
-        }
-    };
-}
-
-parameters! {
+jink_emulated_autopilot::parameters! {
     /// Largest lean angle (cdeg).
     ANGLE_MAX: Short = 3_000.0;
     /// Deceleration with which obstacles are avoided (m/s^2).

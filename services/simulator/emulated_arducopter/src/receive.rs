@@ -12,13 +12,14 @@ use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::command_place::{CommandPlace, long_of};
 use jink_emulated_autopilot::link::COMPONENT_AVOIDANCE;
 use jink_emulated_autopilot::link::Packet;
+use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::mission_protocol::MissionChange;
 use jink_emulated_autopilot::modes::arducopter::Mode;
 use jink_shared_types::geo::GlobalPoint;
 use mavlink::Message;
 use mavlink::dialects::ardupilotmega::{
     MavFrame, MavMessage, MavSeverity, SET_POSITION_TARGET_GLOBAL_INT_DATA,
-    SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
+    SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,
 };
 
 /// Bit of MAVn_OPTIONS: nothing is forwarded to and from the link.
@@ -69,11 +70,7 @@ impl ArduCopter {
                 self.station.hear(self.now_us, packet.header.system_id, station);
             }
             MavMessage::TIMESYNC(message) if message.tc1 == 0 => {
-                let answer = MavMessage::TIMESYNC(TIMESYNC_DATA {
-                    tc1: self.now_us as i64 * 1_000,
-                    ts1: message.ts1,
-                    ..TIMESYNC_DATA::default()
-                });
+                let answer = messages::timesync_answer(self.now_us, message.ts1);
                 self.wire.send(outbox, packet.link, answer);
             }
             MavMessage::OBSTACLE_DISTANCE(message) => {

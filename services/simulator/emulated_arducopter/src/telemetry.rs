@@ -10,6 +10,7 @@ use super::proximity::SECTORS;
 use super::streams::{Stream, Streams};
 use jink_emulated_autopilot::Flyer;
 use jink_emulated_autopilot::link::{Link, Packet};
+use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::modes::arducopter::{Mode, base_mode};
 use jink_shared_types::frames::Attitude;
 use jink_simulated_world::vehicle::GRAVITY_MPS2;
@@ -39,11 +40,7 @@ impl ArduCopter {
             }
         }
         if self.streams.take_timesync(self.now_us) {
-            let request = MavMessage::TIMESYNC(m::TIMESYNC_DATA {
-                tc1: 0,
-                ts1: self.now_us as i64 * 1_000,
-                ..m::TIMESYNC_DATA::default()
-            });
+            let request = messages::timesync_request(self.now_us);
             self.wire.broadcast(outbox, &request);
         }
         while let Some(seq) = self.reached_items.pop_front() {
@@ -69,18 +66,16 @@ impl ArduCopter {
     }
 
     fn message(&self, stream: Stream) -> Option<MavMessage> {
+        let now_us = self.now_us;
         Some(match stream {
             Stream::Heartbeat => self.heartbeat(),
             Stream::SysStatus => self.sys_status(),
-            Stream::SystemTime => MavMessage::SYSTEM_TIME(m::SYSTEM_TIME_DATA {
-                time_unix_usec: self.config.unix_start_us + self.now_us,
-                time_boot_ms: self.boot_ms(),
-            }),
+            Stream::SystemTime => messages::system_time(now_us, self.config.unix_start_us),
             Stream::GpsRaw => self.gps_raw(),
-            Stream::Attitude => self.attitude(),
-            Stream::AttitudeQuaternion => self.attitude_quaternion(),
-            Stream::LocalPosition if self.is_ready() => self.local_position(),
-            Stream::GlobalPosition => self.global_position(),
+            Stream::Attitude => messages::attitude(now_us, &self.estimate),
+            Stream::AttitudeQuaternion => messages::attitude_quaternion(now_us, &self.estimate),
+            Stream::LocalPosition if self.is_ready() => messages::local_position(now_us, &self.estimate),
+            Stream::GlobalPosition => MavMessage::GLOBAL_POSITION_INT(self.global_position()),
             Stream::ServoOutput => self.servo_output(),
             Stream::MissionCurrent => MavMessage::MISSION_CURRENT(self.mission_current()),
             Stream::MissionItemReached => MavMessage::MISSION_ITEM_REACHED(m::MISSION_ITEM_REACHED_DATA {
@@ -93,7 +88,7 @@ impl ArduCopter {
             Stream::VfrHud => self.vfr_hud(),
             Stream::AttitudeTarget => self.attitude_target(),
             Stream::PositionTarget => return self.position_target(),
-            Stream::PositionTargetGlobal => return self.position_target_global(),
+            Stream::PositionTargetGlobal => self.position_target_global(),
             Stream::HighresImu => self.highres_imu(),
             Stream::ScaledImu2 => self.scaled_imu2(),
             Stream::BatteryStatus => MavMessage::BATTERY_STATUS(m::BATTERY_STATUS_DATA {
@@ -101,7 +96,9 @@ impl ArduCopter {
                 ..m::BATTERY_STATUS_DATA::default()
             }),
             Stream::AutopilotVersion => version_message(),
-            Stream::HomePosition if self.is_ready() => self.home_position(),
+            Stream::HomePosition if self.is_ready() => {
+                messages::home_position(now_us, &self.frame, &self.home)
+            }
             Stream::ExtendedSysState => MavMessage::EXTENDED_SYS_STATE(m::EXTENDED_SYS_STATE_DATA {
                 vtol_state: m::MavVtolState::MAV_VTOL_STATE_UNDEFINED,
                 landed_state: self.landed_state(),
@@ -126,10 +123,6 @@ impl ArduCopter {
             mission_mode: u8::from(self.mode == Mode::Auto),
             ..m::MISSION_CURRENT_DATA::default()
         }
-    }
-
-    fn boot_ms(&self) -> u32 {
-        (self.now_us / 1_000) as u32
     }
 
     /// HEARTBEAT now.
@@ -177,7 +170,7 @@ impl ArduCopter {
     }
 
     fn gps_raw(&self) -> MavMessage {
-        let (lat, lon, alt_mm, _) = self.global();
+        let global = self.global_position();
         let fix_type = if self.is_ready() {
             m::GpsFixType::GPS_FIX_TYPE_RTK_FIXED
         } else {
@@ -185,87 +178,17 @@ impl ArduCopter {
         };
         MavMessage::GPS_RAW_INT(m::GPS_RAW_INT_DATA {
             time_usec: self.now_us,
-            lat,
-            lon,
-            alt: alt_mm,
+            lat: global.lat,
+            lon: global.lon,
+            alt: global.alt,
             fix_type,
             satellites_visible: 10,
             ..m::GPS_RAW_INT_DATA::default()
         })
     }
 
-    fn attitude(&self) -> MavMessage {
-        let unknown = (f64::NAN, f64::NAN, f64::NAN);
-        let local_q_body = self.estimate.attitude.rotation();
-        let (roll, pitch, yaw) = local_q_body.map_or(unknown, |rotation| rotation.euler_angles());
-        let rates = self.estimate.rates;
-        MavMessage::ATTITUDE(m::ATTITUDE_DATA {
-            time_boot_ms: self.boot_ms(),
-            roll: roll as f32,
-            pitch: pitch as f32,
-            yaw: yaw as f32,
-            rollspeed: rates.x_radps as f32,
-            pitchspeed: rates.y_radps as f32,
-            yawspeed: rates.z_radps as f32,
-        })
-    }
-
-    fn attitude_quaternion(&self) -> MavMessage {
-        let (q, rates) = (self.estimate.attitude, self.estimate.rates);
-        MavMessage::ATTITUDE_QUATERNION(m::ATTITUDE_QUATERNION_DATA {
-            time_boot_ms: self.boot_ms(),
-            q1: q.w as f32,
-            q2: q.x as f32,
-            q3: q.y as f32,
-            q4: q.z as f32,
-            rollspeed: rates.x_radps as f32,
-            pitchspeed: rates.y_radps as f32,
-            yawspeed: rates.z_radps as f32,
-            repr_offset_q: [0.0; 4],
-        })
-    }
-
-    fn local_position(&self) -> MavMessage {
-        let (p, v) = (self.estimate.position, self.estimate.velocity);
-        MavMessage::LOCAL_POSITION_NED(m::LOCAL_POSITION_NED_DATA {
-            time_boot_ms: self.boot_ms(),
-            x: p.x_m as f32,
-            y: p.y_m as f32,
-            z: p.z_m as f32,
-            vx: v.x_mps as f32,
-            vy: v.y_mps as f32,
-            vz: v.z_mps as f32,
-        })
-    }
-
-    /// Latitude and longitude (1e-7 deg), height above the sea and above home (mm).
-    fn global(&self) -> (i32, i32, i32, i32) {
-        let p = self.estimate.position;
-        let (lat, lon) = self.frame.projection.to_global(p.vector().xy()).to_e7();
-        let millimetres = |metres: f64| (metres * 1e3).round() as i32;
-        let above_sea = millimetres(self.frame.origin_altitude_m - p.z_m);
-        (lat, lon, above_sea, millimetres(self.home.z - p.z_m))
-    }
-
-    fn global_position(&self) -> MavMessage {
-        let v = self.estimate.velocity;
-        let (lat, lon, alt, relative_alt) = self.global();
-        let centimetres = |mps: f64| (mps * 1e2).round() as i16;
-        MavMessage::GLOBAL_POSITION_INT(m::GLOBAL_POSITION_INT_DATA {
-            time_boot_ms: self.boot_ms(),
-            lat,
-            lon,
-            alt,
-            relative_alt,
-            vx: centimetres(v.x_mps),
-            vy: centimetres(v.y_mps),
-            vz: centimetres(v.z_mps),
-            hdg: (self.heading_deg() * 100.0) as u16 % 36_000,
-        })
-    }
-
-    fn heading_deg(&self) -> f64 {
-        self.estimate.attitude.yaw_rad().to_degrees().rem_euclid(360.0)
+    fn global_position(&self) -> m::GLOBAL_POSITION_INT_DATA {
+        messages::global_position(self.now_us, &self.estimate, &self.frame, &self.home)
     }
 
     fn servo_output(&self) -> MavMessage {
@@ -282,7 +205,7 @@ impl ArduCopter {
 
     fn rc_channels(&self) -> MavMessage {
         MavMessage::RC_CHANNELS(m::RC_CHANNELS_DATA {
-            time_boot_ms: self.boot_ms(),
+            time_boot_ms: messages::boot_ms(self.now_us),
             chan1_raw: self.sticks.raw_us(0),
             chan2_raw: self.sticks.raw_us(1),
             chan3_raw: self.sticks.raw_us(2),
@@ -305,7 +228,7 @@ impl ArduCopter {
             groundspeed: speed,
             alt: (self.frame.origin_altitude_m - self.estimate.position.z_m) as f32,
             climb: -v.z_mps as f32,
-            heading: self.heading_deg() as i16,
+            heading: messages::heading_deg(&self.estimate) as i16,
             throttle: (self.command.map_or(0.0, |c| c.thrust) * 100.0) as u16,
         })
     }
@@ -315,7 +238,7 @@ impl ArduCopter {
             .command
             .map_or(self.estimate.attitude, |c| Attitude::from_rotation(c.attitude));
         MavMessage::ATTITUDE_TARGET(m::ATTITUDE_TARGET_DATA {
-            time_boot_ms: self.boot_ms(),
+            time_boot_ms: messages::boot_ms(self.now_us),
             q: [attitude.w, attitude.x, attitude.y, attitude.z].map(|c| c as f32),
             thrust: self.command.map_or(0.0, |c| c.thrust) as f32,
             ..m::ATTITUDE_TARGET_DATA::default()
@@ -328,46 +251,22 @@ impl ArduCopter {
             return None;
         }
         let target = self.guided.target();
-        let [x, y, z] = target.position.map(|c| c as f32).into();
-        let [vx, vy, vz] = target.velocity.map(|c| c as f32).into();
-        let [afx, afy, afz] = target.acceleration.map(|c| c as f32).into();
+        let motion = [target.position, target.velocity, target.acceleration];
         Some(MavMessage::POSITION_TARGET_LOCAL_NED(
             m::POSITION_TARGET_LOCAL_NED_DATA {
-                time_boot_ms: self.boot_ms(),
-                x,
-                y,
-                z,
-                vx,
-                vy,
-                vz,
-                afx,
-                afy,
-                afz,
-                yaw: 0.0,
-                yaw_rate: 0.0,
                 type_mask: self.guided.submode().mask(),
-                coordinate_frame: m::MavFrame::MAV_FRAME_LOCAL_NED,
+                ..messages::position_target(self.now_us, motion)
             },
         ))
     }
 
-    fn position_target_global(&self) -> Option<MavMessage> {
+    fn position_target_global(&self) -> MavMessage {
         let target = self.control.desired();
-        let (lat_int, lon_int) = self.frame.projection.to_global(target.position.xy()).to_e7();
-        let [vx, vy, vz] = target.velocity.map(|c| c as f32).into();
-        Some(MavMessage::POSITION_TARGET_GLOBAL_INT(
-            m::POSITION_TARGET_GLOBAL_INT_DATA {
-                time_boot_ms: self.boot_ms(),
-                lat_int,
-                lon_int,
-                alt: (self.frame.origin_altitude_m - target.position.z) as f32,
-                vx,
-                vy,
-                vz,
-                coordinate_frame: m::MavFrame::MAV_FRAME_GLOBAL,
-                ..m::POSITION_TARGET_GLOBAL_INT_DATA::default()
-            },
-        ))
+        let motion = [target.position, target.velocity];
+        MavMessage::POSITION_TARGET_GLOBAL_INT(m::POSITION_TARGET_GLOBAL_INT_DATA {
+            type_mask: m::PositionTargetTypemask::default(),
+            ..messages::position_target_global(self.now_us, &self.frame, motion)
+        })
     }
 
     /// What an accelerometer feels, in the body's axes (m/s^2).
@@ -398,7 +297,7 @@ impl ArduCopter {
         let milli_g = |mps2: f64| (mps2 / GRAVITY_MPS2 * 1e3) as i16;
         let felt = self.felt();
         MavMessage::SCALED_IMU2(m::SCALED_IMU2_DATA {
-            time_boot_ms: self.boot_ms(),
+            time_boot_ms: messages::boot_ms(self.now_us),
             xacc: milli_g(felt.x),
             yacc: milli_g(felt.y),
             zacc: milli_g(felt.z),
@@ -410,7 +309,7 @@ impl ArduCopter {
         let (distance_m, (nearest_m, farthest_m)) = self.proximity.sector(self.now_us, sector)?;
         let centimetres = |metres: f64| (metres * 100.0) as u16;
         Some(MavMessage::DISTANCE_SENSOR(m::DISTANCE_SENSOR_DATA {
-            time_boot_ms: self.boot_ms(),
+            time_boot_ms: messages::boot_ms(self.now_us),
             min_distance: centimetres(nearest_m),
             max_distance: centimetres(farthest_m),
             current_distance: centimetres(distance_m),
@@ -419,21 +318,6 @@ impl ArduCopter {
             orientation: ORIENTATIONS[sector],
             ..m::DISTANCE_SENSOR_DATA::default()
         }))
-    }
-
-    fn home_position(&self) -> MavMessage {
-        let (latitude, longitude) = self.frame.projection.to_global(self.home.xy()).to_e7();
-        MavMessage::HOME_POSITION(m::HOME_POSITION_DATA {
-            latitude,
-            longitude,
-            altitude: ((self.frame.origin_altitude_m - self.home.z) * 1e3).round() as i32,
-            x: self.home.x as f32,
-            y: self.home.y as f32,
-            z: self.home.z as f32,
-            q: [1.0, 0.0, 0.0, 0.0],
-            time_usec: self.now_us,
-            ..m::HOME_POSITION_DATA::default()
-        })
     }
 
     fn landed_state(&self) -> m::MavLandedState {

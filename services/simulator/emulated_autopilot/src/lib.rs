@@ -3,8 +3,10 @@
 //! | module | in | out |
 //! |---|---|---|
 //! | [`link`] | messages to send | [`Packet`]s on two links, numbered and addressed |
+//! | [`messages`] | time, estimate, mission frame | the messages that all of them say alike |
 //! | [`modes`] | a mode | its numbers on the wire, for each make |
 //! | [`mission`], [`mission_protocol`] | items uploaded | the mission, and what each item asks for |
+//! | [`parameters`](mod@parameters) | names, kinds, defaults | the table of an autopilot's parameters, lists of them under way |
 //! | [`command_place`] | a command | where it leads |
 //! | [`land_detector`], [`attitude`] | contact and thrust | landed or not, the attitude that gives a thrust |
 //! | [`statistics`], [`truth`] | setpoints, autopilot, world | ground truth of the flight |
@@ -16,9 +18,11 @@ pub mod attitude;
 pub mod command_place;
 pub mod land_detector;
 pub mod link;
+pub mod messages;
 pub mod mission;
 pub mod mission_protocol;
 pub mod modes;
+pub mod parameters;
 pub mod reference;
 pub mod statistics;
 pub mod truth;

@@ -10,7 +10,7 @@
 //!
 //! Whoever sends the vehicle somewhere or chooses a mode no longer wants the mission, until he chooses that again.
 
-use super::plan::PlanItem;
+use super::item::PlanItem;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::vehicle::NavMode;
 

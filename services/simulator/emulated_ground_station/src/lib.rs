@@ -10,13 +10,15 @@
 //! limit and ends in a named failure.
 
 mod in_flight;
+mod item;
 mod make;
 mod plan;
 mod upload;
 
 pub use in_flight::{Action, InFlight, When};
+pub use item::PlanItem;
 pub use make::Make;
-pub use plan::{Ending, FlightPlan, PlanItem};
+pub use plan::{Ending, FlightPlan};
 
 use in_flight::Acting;
 use jink_shared_types::frames::{LocalNed, Point};

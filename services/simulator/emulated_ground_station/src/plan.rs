@@ -1,7 +1,8 @@
 //! What to fly, and how it looks as mission items.
 
-use super::Make;
 use super::in_flight::InFlight;
+use super::item::PlanItem;
+use super::make::Make;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
@@ -28,28 +29,6 @@ impl Ending {
             Self::Land => Some(NavMode::Land),
             Self::Return => Some(NavMode::Return),
             Self::Hold | Self::Mission => None,
-        }
-    }
-}
-
-/// An item behind the waypoints.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PlanItem {
-    /// What is done there.
-    pub command: MavCmd,
-    /// Where, in the frame of the autopilot's local position.
-    pub place: Point<LocalNed>,
-    /// Its first parameter.
-    pub param1: f32,
-}
-
-impl PlanItem {
-    /// A landing, there.
-    pub fn landing(place: Point<LocalNed>) -> Self {
-        Self {
-            command: MavCmd::MAV_CMD_NAV_LAND,
-            place,
-            param1: 0.0,
         }
     }
 }

@@ -8,7 +8,6 @@ use super::firmware::Firmware;
 use super::heartbeat_watch::Change;
 use super::parameters::{Parameter as P, Parameters};
 use super::refusal::Refusal;
-use failsafe::Failsafe;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::MavSeverity;
 
@@ -50,6 +49,19 @@ pub struct Situation {
 
 /// A text for the pilot.
 pub type Text<'a> = (MavSeverity, std::fmt::Arguments<'a>);
+
+/// What overrides the mode somebody wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Failsafe {
+    /// Nothing.
+    None,
+    /// PX4 of 2021: sticks or setpoints are missing.
+    UntilAsked,
+    /// Setpoints are missing, or are back since `back_us` (boot time).
+    OffboardLost { back_us: Option<u64> },
+    /// Sticks are missing since `since_us` (boot time).
+    SticksLost { since_us: u64 },
+}
 
 /// Modes and arming.
 #[derive(Clone, Debug)]

@@ -3,49 +3,19 @@
 use super::Autopilot;
 use super::auto_task::{AutoInput, AutoOutput};
 use super::external_avoidance;
-use super::navigator::NavigatorInput;
+use super::flight_task::{CYCLE_S, FlightTask};
+use super::navigator::input::NavigatorInput;
 use super::parameters::Parameter as P;
 use super::position_control::ControlLimits;
 use super::setpoint::{MotionSetpoint, SpeedCaps};
 use super::takeoff::TakeoffState;
 use jink_emulated_autopilot::link::Packet;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulated_world::vehicle::{HOVER_THRUST, STEP_S};
+use jink_simulated_world::vehicle::HOVER_THRUST;
 use mavlink::dialects::ardupilotmega::MavSeverity;
 
-/// Steps per control cycle: PX4's estimator hands out positions at about this rate, and everything hangs on them.
-pub(super) const CONTROL_STEPS: u64 = 2;
-/// Duration of a control cycle (s).
-pub(super) const CYCLE_S: f64 = STEP_S * CONTROL_STEPS as f64;
 /// How fast the tilt limit may widen after take-off (rad/s).
 const TILT_LIMIT_SLEW_RADPS: f64 = 0.2;
-
-/// Which flight task flies a mode.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum FlightTask {
-    /// No setpoints: motors idle.
-    None,
-    /// Sticks.
-    Position,
-    /// Waypoints.
-    Auto,
-    /// External setpoints.
-    Offboard,
-    /// A circle.
-    Orbit,
-}
-
-impl FlightTask {
-    fn of(mode: NavMode) -> Self {
-        match mode {
-            NavMode::Manual | NavMode::Unknown => FlightTask::None,
-            NavMode::Position => FlightTask::Position,
-            NavMode::Offboard => FlightTask::Offboard,
-            NavMode::Orbit => FlightTask::Orbit,
-            _ => FlightTask::Auto,
-        }
-    }
-}
 
 impl Autopilot {
     /// Runs the cycle and leaves the command for the vehicle.

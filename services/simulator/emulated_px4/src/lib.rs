@@ -20,7 +20,7 @@
 //! | `avoidance`, `bezier`, `timesync` | the companion's trajectory in between, with all known traps |
 //! | `offboard`, `orbit`, `position_task`, `position_mode`, `stick_acceleration` | the other sources of setpoints |
 //! | [`collision_prevention`], `obstacle_messages` | what keeps a pilot in Position mode from obstacles |
-//! | `position_control`, `control` | setpoints to attitude and thrust |
+//! | `position_control`, `flight_task`, `control` | setpoints to attitude and thrust |
 //! | `streams`, `telemetry`, `current_mode`, `desired_path` | messages out, observations |
 
 mod auto_task;
@@ -36,6 +36,7 @@ mod current_mode;
 mod desired_path;
 mod external_avoidance;
 mod firmware;
+mod flight_task;
 mod heading;
 mod heartbeat_watch;
 mod navigator;
@@ -73,8 +74,8 @@ use auto_task::AutoTask;
 use avoidance::AvoidanceConsumer;
 use collision_prevention::{CollisionPrevention, Settings};
 use commander::{Commander, Situation};
-use control::{CONTROL_STEPS, FlightTask};
 use current_mode::ModeNews;
+use flight_task::{CONTROL_STEPS, FlightTask};
 use jink_emulated_autopilot::land_detector::LandDetector;
 use jink_emulated_autopilot::link::Wire;
 use jink_emulated_autopilot::mission::{Dialect, ITEMS_MAX, Mission, MissionFrame, single};

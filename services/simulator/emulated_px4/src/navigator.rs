@@ -5,43 +5,23 @@
 //! | mode, estimate, mission, parameters | a [`Triplet`] for the flight task |
 //! | | [`NavigatorEvents`]: item reached, mission finished, take-off finished |
 
+pub mod input;
 mod mission_run;
+mod work;
 
 use super::firmware::Firmware;
-use super::parameters::{Parameter as P, Parameters};
+use super::parameters::Parameter as P;
 use super::return_home::ReturnHome;
 use super::setpoint::{CurrentPoint, PointKind, Triplet};
-use jink_emulated_autopilot::mission::{Mission, MissionFrame, single};
+use input::NavigatorInput;
+use jink_emulated_autopilot::mission::single;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulated_world::vehicle::estimator::Estimate;
-use mission_run::{HeightPatience, Work};
 use nalgebra::Vector3;
+use work::{HeightPatience, Work};
 
 /// Time at full speed that current PX4 allows for before it decelerates (s). From the ways it was observed to go on in Hold
 /// after the loss of OFFBOARD setpoints at 4.5 and 8 m/s: all of them end at `v^2 / (2 MPC_ACC_HOR) + 0.6 s v`.
 const STOP_DELAY_S: f64 = 0.6;
-
-/// What the navigator needs in a cycle.
-pub struct NavigatorInput<'a> {
-    /// Since the last cycle (s).
-    pub dt_s: f64,
-    /// Mode in force.
-    pub mode: NavMode,
-    /// Motors armed.
-    pub armed: bool,
-    /// On the ground.
-    pub landed: bool,
-    /// Where the vehicle believes to be.
-    pub estimate: &'a Estimate,
-    /// Home, local NED (m).
-    pub home: Vector3<f64>,
-    /// Parameters in force.
-    pub parameters: &'a Parameters,
-    /// The mission.
-    pub mission: &'a Mission,
-    /// How its items become local.
-    pub frame: &'a MissionFrame,
-}
 
 /// What happened in a cycle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

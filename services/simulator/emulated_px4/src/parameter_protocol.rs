@@ -2,12 +2,13 @@
 
 use super::parameters::{Kind, Parameter, Parameters, from_wire, to_wire};
 use jink_emulated_autopilot::link::{Link, Packet, Wire};
+use jink_emulated_autopilot::parameters::ParameterLists;
 use mavlink::dialects::ardupilotmega::{MavMessage, MavParamType, MavSeverity, PARAM_VALUE_DATA};
 
-/// Lists being sent: for each link the next index, if any.
+/// The protocol's state.
 #[derive(Clone, Debug, Default)]
 pub struct ParameterProtocol {
-    next: [Option<usize>; 2],
+    lists: ParameterLists,
 }
 
 impl ParameterProtocol {
@@ -20,7 +21,7 @@ impl ParameterProtocol {
         outbox: &mut Vec<Packet>,
     ) {
         match &packet.message {
-            MavMessage::PARAM_REQUEST_LIST(_) => self.next[packet.link as usize] = Some(0),
+            MavMessage::PARAM_REQUEST_LIST(_) => self.lists.begin(packet.link),
             MavMessage::PARAM_REQUEST_READ(request) => {
                 let wanted = match usize::try_from(request.param_index) {
                     Ok(index) => parameters.listed().get(index).copied(),
@@ -65,12 +66,10 @@ impl ParameterProtocol {
     /// Sends the next value of each list that is under way.
     pub fn step(&mut self, parameters: &Parameters, wire: &mut Wire, outbox: &mut Vec<Packet>) {
         for link in Link::ALL {
-            let slot = &mut self.next[link as usize];
-            let Some(index) = *slot else { continue };
-            if let Some(parameter) = parameters.listed().get(index) {
+            let index = self.lists.take(link, parameters.listed().len());
+            if let Some(parameter) = index.and_then(|index| parameters.listed().get(index)) {
                 wire.send(outbox, link, value_message(*parameter, parameters));
             }
-            *slot = (index + 1 < parameters.listed().len()).then_some(index + 1);
         }
     }
 }

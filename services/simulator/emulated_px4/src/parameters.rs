@@ -14,35 +14,7 @@ pub enum Kind {
     Real,
 }
 
-macro_rules! parameters {
-    ($( $(#[$meta:meta])* $name:ident : $kind:ident = $default:expr; )*) => {
-        /// One parameter; the variant is PX4's name of it.
-        #[allow(non_camel_case_types)]
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub enum Parameter { $( $(#[$meta])* $name, )* }
-
-        impl Parameter {
-            /// All of them, in the order of their MAVLink index.
-            pub const ALL: &'static [Parameter] = &[$( Parameter::$name ),*];
-
-            /// PX4's name.
-            pub const fn name(self) -> &'static str {
-                match self { $( Parameter::$name => stringify!($name), )* }
-            }
-
-            /// Integer or real.
-            pub const fn kind(self) -> Kind {
-                match self { $( Parameter::$name => Kind::$kind, )* }
-            }
-
-            const fn default(self) -> f64 {
-                match self { $( Parameter::$name => $default, )* }
-            }
-        }
-    };
-}
-
-parameters! {
+jink_emulated_autopilot::parameters! {
     /// Time after landing to automatic disarming (s).
     COM_DISARM_LAND: Real = 2.0;
     /// Time after arming without take-off to automatic disarming (s).

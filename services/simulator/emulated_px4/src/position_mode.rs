@@ -7,7 +7,7 @@
 use super::Autopilot;
 use super::avoidance::HoldCause;
 use super::collision_prevention::{Outcome, Settings};
-use super::control::CYCLE_S;
+use super::flight_task::CYCLE_S;
 use super::parameters::{Parameter as P, Parameters};
 use super::position_task::PositionInput;
 use super::setpoint::{MotionSetpoint, SpeedCaps};

@@ -12,6 +12,7 @@ use super::parameters::Parameter;
 use super::position_task::Sticks;
 use jink_emulated_autopilot::command_place::{CommandPlace, long_of};
 use jink_emulated_autopilot::link::{COMPONENT_AVOIDANCE, Link, Packet};
+use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::mission_protocol::MissionChange;
 use mavlink::dialects::ardupilotmega::{
     MANUAL_CONTROL_DATA, MavMessage, MavSeverity, SET_POSITION_TARGET_LOCAL_NED_DATA, TIMESYNC_DATA,
@@ -146,11 +147,7 @@ impl Autopilot {
 
     fn receive_timesync(&mut self, link: Link, message: &TIMESYNC_DATA, outbox: &mut Vec<Packet>) {
         if message.tc1 == 0 {
-            let answer = MavMessage::TIMESYNC(TIMESYNC_DATA {
-                tc1: self.now_us as i64 * 1_000,
-                ts1: message.ts1,
-                ..TIMESYNC_DATA::default()
-            });
+            let answer = messages::timesync_answer(self.now_us, message.ts1);
             self.wire.send(outbox, link, answer);
         } else if self.timesync[link as usize].receive(self.now_us, message.ts1, message.tc1) {
             let text = "Time jump detected. Resetting time synchroniser.";

@@ -3,7 +3,7 @@
 //! The height is RTL_RETURN_ALT above home, or inside the cone around home (half angle RTL_CONE_ANG, up to RTL_MIN_DIST)
 //! the cone's, but at least twice the acceptance radius; never below where the vehicle is.
 
-use super::navigator::NavigatorInput;
+use super::navigator::input::NavigatorInput;
 use super::parameters::{Parameter as P, Parameters};
 use super::setpoint::{CurrentPoint, PointKind};
 use jink_emulated_autopilot::mission::single;

@@ -1,11 +1,12 @@
 //! The messages of the streams, made from the autopilot's state.
 
 use super::Autopilot;
-use super::control::CONTROL_STEPS;
 use super::current_mode;
+use super::flight_task::CONTROL_STEPS;
 use super::obstacle_messages;
 use super::streams::{Stream, Streams};
 use jink_emulated_autopilot::link::Packet;
+use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::modes::px4::{base_mode, custom_mode};
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::vehicle::STEP_US;
@@ -50,25 +51,25 @@ impl Autopilot {
 
     /// The message of `stream` now; `None` if there is nothing to say.
     pub(super) fn message(&self, stream: Stream) -> Option<MavMessage> {
+        let now_us = self.now_us;
         match stream {
             Stream::Heartbeat => Some(self.heartbeat()),
             Stream::SysStatus => Some(self.sys_status()),
             Stream::ManualControl => self.manual_control(),
-            Stream::SystemTime => Some(MavMessage::SYSTEM_TIME(m::SYSTEM_TIME_DATA {
-                time_unix_usec: self.config.unix_start_us + self.now_us,
-                time_boot_ms: self.boot_ms(),
-            })),
-            Stream::Timesync => Some(MavMessage::TIMESYNC(m::TIMESYNC_DATA {
-                tc1: 0,
-                ts1: self.now_us as i64 * 1_000,
-                ..m::TIMESYNC_DATA::default()
-            })),
-            Stream::Attitude => Some(self.attitude()),
-            Stream::AttitudeQuaternion => Some(self.attitude_quaternion()),
-            Stream::LocalPosition if self.is_ready() => Some(self.local_position()),
-            Stream::GlobalPosition if self.is_ready() => Some(self.global_position()),
+            Stream::SystemTime => Some(messages::system_time(now_us, self.config.unix_start_us)),
+            Stream::Timesync => Some(messages::timesync_request(now_us)),
+            Stream::Attitude => Some(messages::attitude(now_us, &self.estimate)),
+            Stream::AttitudeQuaternion => Some(messages::attitude_quaternion(now_us, &self.estimate)),
+            Stream::LocalPosition if self.is_ready() => {
+                Some(messages::local_position(now_us, &self.estimate))
+            }
+            Stream::GlobalPosition if self.is_ready() => Some(MavMessage::GLOBAL_POSITION_INT(
+                messages::global_position(now_us, &self.estimate, &self.frame, &self.home),
+            )),
             Stream::Altitude if self.is_ready() => Some(self.altitude()),
-            Stream::HomePosition if self.is_ready() => Some(self.home_position()),
+            Stream::HomePosition if self.is_ready() => {
+                Some(messages::home_position(now_us, &self.frame, &self.home))
+            }
             Stream::PositionTarget => self.position_target(),
             Stream::PositionTargetGlobal => self.position_target_global(),
             Stream::ExtendedSysState => Some(MavMessage::EXTENDED_SYS_STATE(m::EXTENDED_SYS_STATE_DATA {
@@ -85,10 +86,6 @@ impl Autopilot {
             Stream::Trajectory => self.trajectory(),
             _ => None,
         }
-    }
-
-    fn boot_ms(&self) -> u32 {
-        (self.now_us / 1_000) as u32
     }
 
     fn heartbeat(&self) -> MavMessage {
@@ -141,69 +138,6 @@ impl Autopilot {
         })
     }
 
-    fn attitude(&self) -> MavMessage {
-        let unknown = (f64::NAN, f64::NAN, f64::NAN);
-        let local_q_body = self.estimate.attitude.rotation();
-        let (roll, pitch, yaw) = local_q_body.map_or(unknown, |rotation| rotation.euler_angles());
-        let rates = self.estimate.rates;
-        MavMessage::ATTITUDE(m::ATTITUDE_DATA {
-            time_boot_ms: self.boot_ms(),
-            roll: roll as f32,
-            pitch: pitch as f32,
-            yaw: yaw as f32,
-            rollspeed: rates.x_radps as f32,
-            pitchspeed: rates.y_radps as f32,
-            yawspeed: rates.z_radps as f32,
-        })
-    }
-
-    fn attitude_quaternion(&self) -> MavMessage {
-        let (q, rates) = (self.estimate.attitude, self.estimate.rates);
-        MavMessage::ATTITUDE_QUATERNION(m::ATTITUDE_QUATERNION_DATA {
-            time_boot_ms: self.boot_ms(),
-            q1: q.w as f32,
-            q2: q.x as f32,
-            q3: q.y as f32,
-            q4: q.z as f32,
-            rollspeed: rates.x_radps as f32,
-            pitchspeed: rates.y_radps as f32,
-            yawspeed: rates.z_radps as f32,
-            repr_offset_q: [0.0; 4],
-        })
-    }
-
-    fn local_position(&self) -> MavMessage {
-        let (p, v) = (self.estimate.position, self.estimate.velocity);
-        MavMessage::LOCAL_POSITION_NED(m::LOCAL_POSITION_NED_DATA {
-            time_boot_ms: self.boot_ms(),
-            x: p.x_m as f32,
-            y: p.y_m as f32,
-            z: p.z_m as f32,
-            vx: v.x_mps as f32,
-            vy: v.y_mps as f32,
-            vz: v.z_mps as f32,
-        })
-    }
-
-    fn global_position(&self) -> MavMessage {
-        let (p, v) = (self.estimate.position, self.estimate.velocity);
-        let (lat, lon) = self.frame.projection.to_global(p.vector().xy()).to_e7();
-        let millimetres = |metres: f64| (metres * 1e3).round() as i32;
-        let centimetres = |mps: f64| (mps * 1e2).round() as i16;
-        let heading_deg = self.estimate.attitude.yaw_rad().to_degrees().rem_euclid(360.0);
-        MavMessage::GLOBAL_POSITION_INT(m::GLOBAL_POSITION_INT_DATA {
-            time_boot_ms: self.boot_ms(),
-            lat,
-            lon,
-            alt: millimetres(self.frame.origin_altitude_m - p.z_m),
-            relative_alt: millimetres(self.home.z - p.z_m),
-            vx: centimetres(v.x_mps),
-            vy: centimetres(v.y_mps),
-            vz: centimetres(v.z_mps),
-            hdg: (heading_deg * 100.0) as u16 % 36_000,
-        })
-    }
-
     fn altitude(&self) -> MavMessage {
         let up_m = -self.estimate.position.z_m;
         let amsl_m = self.frame.origin_altitude_m + up_m;
@@ -218,22 +152,7 @@ impl Autopilot {
         })
     }
 
-    fn home_position(&self) -> MavMessage {
-        let (latitude, longitude) = self.frame.projection.to_global(self.home.xy()).to_e7();
-        MavMessage::HOME_POSITION(m::HOME_POSITION_DATA {
-            latitude,
-            longitude,
-            altitude: ((self.frame.origin_altitude_m - self.home.z) * 1e3).round() as i32,
-            x: self.home.x as f32,
-            y: self.home.y as f32,
-            z: self.home.z as f32,
-            q: [1.0, 0.0, 0.0, 0.0],
-            time_usec: self.now_us,
-            ..m::HOME_POSITION_DATA::default()
-        })
-    }
-
-    /// What the controller follows, once it flies.
+    /// The sticks, while somebody holds them.
     fn manual_control(&self) -> Option<MavMessage> {
         let thousandths = |share: f64| (share * 1000.0) as i16;
         let has_sticks = self.commander.has_sticks(self.now_us);
@@ -249,28 +168,16 @@ impl Autopilot {
         })
     }
 
+    /// What the controller follows, once it flies.
     fn position_target(&self) -> Option<MavMessage> {
         self.command?;
         let setpoint = self.controller.followed();
-        let [x, y, z] = setpoint.position.map(|c| c as f32).into();
-        let [vx, vy, vz] = setpoint.velocity.map(|c| c as f32).into();
-        let [afx, afy, afz] = setpoint.acceleration.map(|c| c as f32).into();
+        let motion = [setpoint.position, setpoint.velocity, setpoint.acceleration];
         Some(MavMessage::POSITION_TARGET_LOCAL_NED(
             m::POSITION_TARGET_LOCAL_NED_DATA {
-                time_boot_ms: self.boot_ms(),
-                x,
-                y,
-                z,
-                vx,
-                vy,
-                vz,
-                afx,
-                afy,
-                afz,
                 yaw: setpoint.yaw_rad as f32,
                 yaw_rate: setpoint.yaw_rate_radps as f32,
-                type_mask: m::PositionTargetTypemask::empty(),
-                coordinate_frame: m::MavFrame::MAV_FRAME_LOCAL_NED,
+                ..messages::position_target(self.now_us, motion)
             },
         ))
     }
@@ -279,30 +186,19 @@ impl Autopilot {
     fn position_target_global(&self) -> Option<MavMessage> {
         self.command?;
         let place = self.navigator.triplet().current?.position;
-        let level = place.xy();
-        if !level.iter().all(|c| c.is_finite()) {
+        if !place.xy().iter().all(|c| c.is_finite()) {
             return None;
         }
-        let (lat_int, lon_int) = self.frame.projection.to_global(level).to_e7();
         let setpoint = self.controller.followed();
-        let [vx, vy, vz] = setpoint.velocity.map(|c| c as f32).into();
         let [afx, afy, afz] = setpoint.acceleration.map(|c| c as f32).into();
         Some(MavMessage::POSITION_TARGET_GLOBAL_INT(
             m::POSITION_TARGET_GLOBAL_INT_DATA {
-                time_boot_ms: self.boot_ms(),
-                lat_int,
-                lon_int,
-                alt: (self.frame.origin_altitude_m - place.z) as f32,
-                vx,
-                vy,
-                vz,
                 afx,
                 afy,
                 afz,
                 yaw: setpoint.yaw_rad as f32,
                 yaw_rate: setpoint.yaw_rate_radps as f32,
-                type_mask: m::PositionTargetTypemask::empty(),
-                coordinate_frame: m::MavFrame::MAV_FRAME_GLOBAL,
+                ..messages::position_target_global(self.now_us, &self.frame, [place, setpoint.velocity])
             },
         ))
     }

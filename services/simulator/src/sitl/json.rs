@@ -4,11 +4,11 @@
 //! Source: `libraries/SITL/examples/JSON/readme.md` of ArduPilot. Position and attitude are true ones; ArduPilot makes its GPS,
 //! barometer and compass of them, with errors of its own (`SIM_*` parameters).
 
-use super::CONNECT_PATIENCE;
+use super::error::StartError;
 use super::instruments::{ACCELEROMETER_SIGMA_MPS2, GYROSCOPE_SIGMA_RADPS};
 use super::options::SitlOptions;
 use super::quadrotor::{Quadrotor, QuadrotorConfig};
-use super::run::{Stage, StartError};
+use super::stage::{CONNECT_PATIENCE, Stage};
 use jink_simulated_world::random::Random;
 use jink_simulated_world::vehicle::{STEP_US, VehicleTruth};
 use nalgebra::Vector3;

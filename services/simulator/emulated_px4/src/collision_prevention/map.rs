@@ -8,14 +8,14 @@
 //! | at least the range of the sensor that wrote it | nothing seen up to there; from then on an obstacle at that distance |
 //! | anything else | an obstacle |
 
-use super::message::TIMEOUT_US;
-
 /// Bins of the map, and elements of a message.
 pub const BINS: usize = 72;
 /// Nothing is known of this bin or element.
 pub const UNKNOWN_CM: u16 = u16::MAX;
 /// Width of a bin (deg).
 pub(super) const BIN_DEG: f32 = 5.0;
+/// A message older than this is not read, a bin older than this is forgotten (us).
+pub(super) const TIMEOUT_US: u64 = 500_000;
 
 /// The map.
 #[derive(Clone, Debug, PartialEq)]

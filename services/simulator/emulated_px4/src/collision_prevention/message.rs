@@ -5,9 +5,6 @@ use super::map::{BINS, UNKNOWN_CM};
 /// Rangefinders that can be told apart.
 pub const INSTANCES: usize = 10;
 
-/// A message older than this is not read, a bin older than this is forgotten (us).
-pub(super) const TIMEOUT_US: u64 = 500_000;
-
 /// Frames of [`ObstacleDistance`], by MAVLink's numbers.
 pub mod frame {
     /// MAV_FRAME_GLOBAL: aligned to north.

@@ -1,8 +1,8 @@
 //! A rangefinder's reading into the bins that its field of view touches.
 
 use super::angle::{degrees, direction, heading_rad, wrap_bin};
-use super::map::{BIN_DEG, Map, whole_cm};
-use super::message::{DistanceSensor, TIMEOUT_US};
+use super::map::{BIN_DEG, Map, TIMEOUT_US, whole_cm};
+use super::message::DistanceSensor;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use std::f32::consts::{PI, TAU};
 

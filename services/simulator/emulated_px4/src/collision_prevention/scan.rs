@@ -5,8 +5,8 @@
 //! elements that touch a bin the last one wins, not the nearest. Both are PX4's ways.
 
 use super::angle::{degrees, wrap_deg};
-use super::map::{BIN_DEG, BINS, Map, UNKNOWN_CM};
-use super::message::{ObstacleDistance, TIMEOUT_US, frame};
+use super::map::{BIN_DEG, BINS, Map, TIMEOUT_US, UNKNOWN_CM};
+use super::message::{ObstacleDistance, frame};
 
 /// A range of angles (deg); it may begin below zero.
 #[derive(Clone, Copy, Debug, Default)]

@@ -11,7 +11,7 @@
 //! | sticks heard since arming fall silent | Hold, a return COM_FAIL_ACT_T later, whatever setpoints do | with a new wish |
 //! | sticks move fast in a mode without them | Position | is a wish itself |
 
-use super::{Commander, Situation, Text};
+use super::{Commander, Failsafe, Situation, Text};
 use crate::avoidance::HoldCause;
 use crate::parameters::{Parameter as P, Parameters};
 use jink_shared_types::vehicle::NavMode;
@@ -27,19 +27,6 @@ const RE_ENTRY_US: u64 = 20_000;
 const STICK_LOSS_US: u64 = 650_000;
 /// Sticks heard this long before arming count as heard at arming (us).
 const STICKS_AT_ARMING_US: u64 = 500_000;
-
-/// What overrides the mode somebody wanted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Failsafe {
-    /// Nothing.
-    None,
-    /// PX4 of 2021: sticks or setpoints are missing.
-    UntilAsked,
-    /// Setpoints are missing, or are back since `back_us` (boot time).
-    OffboardLost { back_us: Option<u64> },
-    /// Sticks are missing since `since_us` (boot time).
-    SticksLost { since_us: u64 },
-}
 
 impl Commander {
     /// PX4 of 2021.

@@ -1,29 +1,16 @@
 //! Flying a mission: which item, how it is begun, when it is reached.
 
-use super::{Navigator, NavigatorEvents, NavigatorInput};
+use super::input::NavigatorInput;
+use super::work::{HeightPatience, Work};
+use super::{Navigator, NavigatorEvents};
 use crate::parameters::Parameter as P;
 use crate::setpoint::{CurrentPoint, NextPoint, PointKind};
 use jink_emulated_autopilot::mission::{Task, place_of, single};
 use jink_shared_types::frames::wrap_pi;
 use nalgebra::Vector3;
 
-/// Time without coming nearer in height after which a companion's flight level is accepted (s).
-const HEIGHT_PATIENCE_S: f64 = 2.0;
-/// Coming nearer by less than this is no progress (m).
-const HEIGHT_PROGRESS_M: f64 = 0.02;
 /// By how much the height acceptance then exceeds the height error (m).
 const HEIGHT_RELAXATION_M: f64 = 0.5;
-
-/// How the present mission item is being worked on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Work {
-    /// Straight up to this down coordinate (m) first.
-    Climb(f64),
-    /// Level above the landing place first.
-    ApproachLanding,
-    /// The item itself.
-    Item,
-}
 
 impl Navigator {
     /// Works off items that lead nowhere and makes the next that does the current waypoint.
@@ -192,23 +179,5 @@ impl Navigator {
             .map_or(single(input.estimate.position.vector()), |c| c.position);
         self.go_to(self.point(input, PointKind::Loiter, place));
         events.mission_finished = true;
-    }
-}
-
-/// Notices that the vehicle, led by a companion, does not come nearer in height.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct HeightPatience {
-    best_m: Option<f64>,
-    waited_s: f64,
-}
-
-impl HeightPatience {
-    fn is_exhausted(&mut self, error_m: f64, dt_s: f64) -> bool {
-        if self.best_m.is_none_or(|best| error_m < best - HEIGHT_PROGRESS_M) {
-            self.best_m = Some(error_m);
-            self.waited_s = 0.0;
-        }
-        self.waited_s += dt_s;
-        self.waited_s > HEIGHT_PATIENCE_S
     }
 }

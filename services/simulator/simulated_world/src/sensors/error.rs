@@ -1,9 +1,12 @@
 //! What can be wrong with a list of sensors, and with a request to render one.
 
-use super::spec::{NAME_CHARACTERS, SensorKind};
+use super::kind::SensorKind;
 use jink_shared_types::orientation::{self, Contradiction};
 use jink_shared_types::ranges::CLOUD_POINTS;
 use std::fmt;
+
+/// Longest name: it becomes part of a topic's name.
+pub(super) const NAME_CHARACTERS: usize = 16;
 
 /// Why a list of sensors is refused.
 #[derive(Clone, Debug, PartialEq)]

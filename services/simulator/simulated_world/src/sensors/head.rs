@@ -5,9 +5,10 @@
 //! focal length `f` and baseline `b`: the error of a triangulated depth).
 
 use super::error::SensorError;
+use super::kind::SensorKind;
 use super::pose::Pose;
 use super::products;
-use super::spec::{NoReturn, SensorKind, SensorSpec};
+use super::spec::{NoReturn, SensorSpec};
 use crate::random::Random;
 use crate::world::{Hit, Target, World};
 use jink_shared_types::frames::Mounting;

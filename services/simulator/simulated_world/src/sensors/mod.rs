@@ -37,6 +37,7 @@
 mod depth;
 mod error;
 mod head;
+mod kind;
 mod lidar;
 mod pattern;
 mod pose;
@@ -48,8 +49,9 @@ mod spec;
 mod tests;
 
 pub use error::{RenderError, SensorError};
+pub use kind::SensorKind;
 pub use pose::{Pose, PoseCursor, PoseTrack};
-pub use spec::{NoReturn, SensorKind, SensorSpec};
+pub use spec::{NoReturn, SensorSpec};
 
 use crate::world::World;
 use depth::DepthCamera;
@@ -261,6 +263,16 @@ enum Model {
     DepthCamera(DepthCamera),
     Lidar2d(Lidar2d),
     Rangefinder(Box<Rangefinder>),
+}
+
+impl SensorSpec {
+    /// Whether everything but the name's uniqueness is in order.
+    ///
+    /// # Errors
+    /// The first mistake found.
+    pub fn validate(&self) -> Result<(), SensorError> {
+        Sensor::new(self, 0).map(drop)
+    }
 }
 
 impl Sensor {

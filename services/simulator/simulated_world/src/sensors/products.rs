@@ -19,7 +19,8 @@
 //! Lidars lose dark and grazing surfaces and take the sun for an answer now and then; cameras lose what is smeared while they turn,
 //! grazing surfaces, and what is near the sun.
 
-use super::spec::{NoReturn, SensorKind, SensorSpec};
+use super::kind::SensorKind;
+use super::spec::{NoReturn, SensorSpec};
 
 /// How a lidar's rays are spread over its field of view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -10,63 +10,12 @@
 //!
 //! Everything but name and kind has a default that depends on the kind ([`SensorKind`]).
 
-use super::error::SensorError;
+use super::error::{NAME_CHARACTERS, SensorError};
+use super::kind::SensorKind;
 use jink_shared_types::orientation;
 use nalgebra::UnitQuaternion;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
-
-/// Longest name: it becomes part of a topic's name.
-pub(super) const NAME_CHARACTERS: usize = 16;
-
-/// The kinds of sensor.
-///
-/// | kind | field of view | rays | range | noise (one sigma) | rate |
-/// |---|---|---|---|---|---|
-/// | `lidar_3d` | 360 x -45..60 deg | 20,000 | 0.1..12 m | 2 cm | 10 Hz |
-/// | `depth_camera` | 90 x 75 deg | 160 x 120 | 0.2..4 m | 0.005 z^2 | 15 Hz |
-/// | `lidar_2d` | 360 deg | 360 | 0.1..12 m | 1 cm | 10 Hz |
-/// | `rangefinder` | cone of 27 deg | nearest of 9 | 0.1..8 m | 2 cm + 1 % | 20 Hz |
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize)]
-pub enum SensorKind {
-    /// A lidar whose pattern does not repeat; renders a point cloud over its whole period.
-    #[serde(rename = "lidar_3d")]
-    Lidar3d,
-    /// A pinhole depth camera with global shutter; renders a point cloud at once.
-    #[serde(rename = "depth_camera")]
-    DepthCamera,
-    /// A rotating planar lidar; renders a range scan over its whole period.
-    #[serde(rename = "lidar_2d")]
-    Lidar2d,
-    /// One wide beam; renders a range scan with one beam.
-    #[serde(rename = "rangefinder")]
-    Rangefinder,
-    /// Nothing that is rendered: the gateway hears it.
-    #[serde(rename = "autopilot_rangefinder")]
-    AutopilotRangefinder,
-    /// As [`Self::AutopilotRangefinder`].
-    #[serde(rename = "obstacle_row")]
-    ObstacleRow,
-}
-
-impl SensorKind {
-    /// The name in configuration files.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Lidar3d => "lidar_3d",
-            Self::DepthCamera => "depth_camera",
-            Self::Lidar2d => "lidar_2d",
-            Self::Rangefinder => "rangefinder",
-            Self::AutopilotRangefinder => "autopilot_rangefinder",
-            Self::ObstacleRow => "obstacle_row",
-        }
-    }
-
-    /// Whether it is the simulator that makes its data.
-    pub const fn is_rendered(self) -> bool {
-        !matches!(self, Self::AutopilotRangefinder | Self::ObstacleRow)
-    }
-}
 
 /// One sensor as configured. What is `None` takes the kind's default; what the kind does not know is refused.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
@@ -352,14 +301,6 @@ impl SensorSpec {
         let mut ground = Self::new("ground", SensorKind::Rangefinder);
         ground.pitch_deg = -90.0;
         vec![Self::new("lidar", SensorKind::Lidar3d), ground]
-    }
-
-    /// Whether everything but the name's uniqueness is in order.
-    ///
-    /// # Errors
-    /// The first mistake found.
-    pub fn validate(&self) -> Result<(), SensorError> {
-        super::Sensor::new(self, 0).map(drop)
     }
 
     /// Whether the name can be one and every option given means something to the kind.

@@ -5,7 +5,7 @@
 //! shortest rotation of the body's z axis and a twist about it, and the twist is weighted down (D. Brescianini, M. Hehn,
 //! R. D'Andrea, "Nonlinear Quadrocopter Attitude Control", ETH 2013; gains are the defaults of PX4 1.12).
 
-use super::{ActuatorCommand, Response, STEP_S};
+use super::airframe::{ActuatorCommand, Response, STEP_S};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// MC_YAW_P (1/s).

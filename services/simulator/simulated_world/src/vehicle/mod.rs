@@ -11,29 +11,19 @@
 //! its setpoint with a first-order lag. Semi-implicit Euler at [`STEP_S`]: at 250 Hz its error over a flight lies far
 //! below that of the model.
 
-pub mod attitude;
+mod airframe;
+mod attitude;
 pub mod estimator;
 pub mod wind;
+
+pub use airframe::{ActuatorCommand, GRAVITY_MPS2, HOVER_THRUST, Response, STEP_S, STEP_US};
 
 use crate::random::Random;
 use attitude::AttitudeLoop;
 use jink_shared_types::frames::{AngularRate, Attitude, wrap_pi};
 use jink_shared_types::{Acceleration, BodyFrd, LocalNed, Point, Velocity};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use wind::{Wind, WindConfig};
-
-/// Duration of one step (s).
-pub const STEP_S: f64 = 0.004;
-/// Duration of one step (us).
-pub const STEP_US: u64 = 4_000;
-/// Standard gravity (m/s^2).
-pub const GRAVITY_MPS2: f64 = 9.80665;
-/// Share of the full thrust that carries the vehicle: PX4's MPC_THR_HOVER default.
-pub const HOVER_THRUST: f64 = 0.5;
-
-/// Lag of the rate loop (s). With it the tilt response is of second order, 13 rad/s with damping 0.98; among 0.03 to 0.1 s
-/// the value matters little, the errors measured on PX4 in OFFBOARD (example `tracking_table`) prefer the quick end.
-const RATE_LAG_S: f64 = 0.04;
 
 /// Keeps the gusts apart from other random streams of the same seed.
 const WIND_STREAM: u64 = 0x7769_6e64;
@@ -57,31 +47,6 @@ pub struct VehicleConfig {
     pub wind: WindConfig,
     /// Seed of the gusts.
     pub seed: u64,
-}
-
-/// Time constants of the airframe (s).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Response {
-    /// Motors, when thrust rises.
-    pub thrust_rise_s: f64,
-    /// Motors, when thrust falls.
-    pub thrust_fall_s: f64,
-    /// Tilt behind its setpoint: the inverse of MC_ROLL_P and MC_PITCH_P.
-    pub tilt_s: f64,
-    /// Body rates behind their setpoints.
-    pub rates_s: f64,
-}
-
-impl Default for Response {
-    /// The x500 motor model of PX4's simulator, and the lag of the rate loop.
-    fn default() -> Self {
-        Self {
-            thrust_rise_s: 0.0125,
-            thrust_fall_s: 0.025,
-            tilt_s: 1.0 / 6.5,
-            rates_s: RATE_LAG_S,
-        }
-    }
 }
 
 impl Default for VehicleConfig {
@@ -123,17 +88,6 @@ impl VehicleConfig {
             ..Self::default()
         }
     }
-}
-
-/// What the autopilot asks of the airframe.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ActuatorCommand {
-    /// Attitude setpoint, `local_q_body`.
-    pub attitude: UnitQuaternion<f64>,
-    /// Heading rate fed forward (rad/s).
-    pub yaw_rate_radps: f64,
-    /// Collective thrust, 0 to 1; [`HOVER_THRUST`] carries the vehicle.
-    pub thrust: f64,
 }
 
 /// Where the vehicle really is and how it moves.
@@ -256,6 +210,7 @@ impl Vehicle {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::UnitQuaternion;
 
     fn command(tilt_rad: f64, thrust: f64) -> ActuatorCommand {
         ActuatorCommand {

@@ -3,7 +3,7 @@
 //! Each axis of the gust is `x[k+1] = e^(-dt/T) x[k] + s sqrt(1 - e^(-2 dt/T)) n[k]` with white normal `n`: standard
 //! deviation `s` and correlation time `T` hold exactly at every step length.
 
-use super::STEP_S;
+use super::airframe::STEP_S;
 use crate::random::Random;
 use nalgebra::Vector3;
 

@@ -4,7 +4,7 @@
 //! per child, from the lowest, 0 unknown, 1 free, 2 occupied, 3 an inner node that follows. Source: OctoMap's
 //! `OcTree::readBinaryNode`, and A. Hornung et al., "OctoMap", Autonomous Robots 2013.
 
-use super::WorldError;
+use super::spec::WorldError;
 
 /// Levels below the root.
 const DEPTH: u32 = 16;

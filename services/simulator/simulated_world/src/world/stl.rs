@@ -1,6 +1,6 @@
 //! Reads triangles from STL files, binary or text. Source: 3D Systems, "Stereolithography Interface Specification", 1988.
 
-use super::WorldError;
+use super::spec::WorldError;
 
 /// Bytes before the triangles of a binary file, their number included.
 const HEAD: usize = 84;
