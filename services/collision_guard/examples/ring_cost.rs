@@ -133,7 +133,12 @@ fn forest(points: usize, order: Order) -> Box<PointCloud> {
     let columns = points / ROWS;
     let mut random = SplitMix64::seed_from_u64(7);
     let trees: Vec<(f64, f64)> = (0..200)
-        .map(|_| (random.random_range(-30.0..30.0), random.random_range(-30.0..30.0)))
+        .map(|_| {
+            (
+                random.random_range(-30.0..30.0_f64),
+                random.random_range(-30.0..30.0_f64),
+            )
+        })
         .filter(|(x, y)| x.hypot(*y) > 1.5)
         .collect();
     let mut rays: Vec<(usize, usize)> = (0..columns)

@@ -25,7 +25,12 @@ const REPEATS: u64 = 5;
 fn forest(seed: u64) -> Box<LocalMap> {
     let mut random = SplitMix64::seed_from_u64(seed);
     let trees: Vec<(f64, f64)> = (0..27)
-        .map(|_| (random.random_range(-13.0..13.0), random.random_range(-13.0..13.0)))
+        .map(|_| {
+            (
+                random.random_range(-13.0..13.0_f64),
+                random.random_range(-13.0..13.0_f64),
+            )
+        })
         .filter(|(x, y)| x.hypot(*y) > 2.0)
         .collect();
     let mut map = LocalMap::boxed();
