@@ -1,11 +1,11 @@
 //! The `[[sensor]]` table of one rangefinder. docs/rangefinders.md lists the keys.
 //!
-//! Position, mounting, ranges, beam and rate have the keys that the simulator's sensors have, with the same meaning; keys that
-//! only describe a simulated sensor (its noise, its seed) are passed over. Every mistake is answered with one sentence
-//! that names the sensor, the key and what is possible.
+//! Position, mounting, ranges, beam and rate have the keys that the simulator's sensors have, with the same meaning;
+//! keys that only describe a simulated sensor (its noise, its seed) are ignored. Every error is one sentence that names
+//! the sensor, the key and what is possible.
 
-use crate::devices::{self, Model, Reach};
-use crate::dialogue::ScanSetup;
+use crate::device_protocol::ScanSetup;
+use crate::devices::{self, RangefinderModel, Reach};
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::orientation::{self, Contradiction, Orientation};
 use jink_shared_types::suggestion::{DidYouMean, nearest};
@@ -50,7 +50,7 @@ const KEYS: &[&str] = &[
 /// What the simulator's rangefinder has besides.
 const SIMULATED: &[&str] = &["seed", "sigma_ratio", "sigma_per_m", "dropout", "beams"];
 
-/// Scans per second (Hz) unless told otherwise: those of the topic.
+/// Scans per second (Hz) by default: those of the topic.
 const RATE_HZ: f64 = 20.0;
 /// How far an SF45/B turns (deg).
 const SCAN_LIMIT_DEG: f64 = 160.0;
@@ -63,7 +63,7 @@ pub struct RangefinderSpec {
     /// Its name.
     pub name: String,
     /// Its model.
-    pub model: &'static Model,
+    pub model: &'static RangefinderModel,
     /// Path of its serial port.
     pub device: String,
     /// Speed of the port (bit/s).
@@ -86,7 +86,7 @@ pub struct RangefinderSpec {
 
 /// What is wrong with a table, or that it is not there.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Mistake {
+pub enum RangefinderConfigError {
     /// No sensor has this name.
     NoSuchSensor {
         /// The name asked for.
@@ -116,10 +116,10 @@ pub enum Mistake {
         sensor: String,
         /// The key.
         key: &'static str,
-        /// What it may say.
+        /// The possible values.
         possible: String,
     },
-    /// A value that says nothing to this key.
+    /// A value that is not possible for this key.
     NotPossible {
         /// Name of the sensor.
         sensor: String,
@@ -127,7 +127,7 @@ pub enum Mistake {
         key: &'static str,
         /// What was given.
         value: String,
-        /// What it may say.
+        /// The possible values.
         possible: String,
     },
     /// A key that this model does not have.
@@ -150,7 +150,7 @@ pub enum Mistake {
     },
 }
 
-impl fmt::Display for Mistake {
+impl fmt::Display for RangefinderConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSuchSensor { sensor, known } => {
@@ -200,14 +200,14 @@ impl fmt::Display for Mistake {
         }
     }
 }
-impl std::error::Error for Mistake {}
+impl std::error::Error for RangefinderConfigError {}
 
 impl RangefinderSpec {
     /// The rangefinder called `name` among all sensors of a configuration.
     ///
     /// # Errors
     /// The first mistake found.
-    pub fn find(tables: &[SensorTable], name: &str) -> Result<Self, Mistake> {
+    pub fn find(tables: &[SensorTable], name: &str) -> Result<Self, RangefinderConfigError> {
         let name_of = |table: &SensorTable| {
             table
                 .get("name")
@@ -217,14 +217,14 @@ impl RangefinderSpec {
         };
         match tables.iter().find(|table| name_of(table) == name) {
             Some(table) => Self::read(name, table),
-            None => Err(Mistake::NoSuchSensor {
+            None => Err(RangefinderConfigError::NoSuchSensor {
                 sensor: name.to_owned(),
                 known: tables.iter().map(name_of).collect(),
             }),
         }
     }
 
-    fn read(name: &str, table: &SensorTable) -> Result<Self, Mistake> {
+    fn read(name: &str, table: &SensorTable) -> Result<Self, RangefinderConfigError> {
         let keys = Keys { sensor: name, table };
         keys.check_names()?;
         let model = keys.model()?;
@@ -269,10 +269,10 @@ struct Keys<'a> {
 }
 
 impl Keys<'_> {
-    fn check_names(&self) -> Result<(), Mistake> {
+    fn check_names(&self) -> Result<(), RangefinderConfigError> {
         let kind = self.table.get("kind").and_then(Value::as_str).unwrap_or_default();
         if kind != KIND {
-            return Err(Mistake::OtherKind {
+            return Err(RangefinderConfigError::OtherKind {
                 sensor: self.sensor.to_owned(),
                 kind: kind.to_owned(),
             });
@@ -280,7 +280,7 @@ impl Keys<'_> {
         let known = |key: &str| KEYS.contains(&key) || SIMULATED.contains(&key);
         match self.table.keys().find(|key| !known(key)) {
             None => Ok(()),
-            Some(key) => Err(Mistake::UnknownKey {
+            Some(key) => Err(RangefinderConfigError::UnknownKey {
                 sensor: self.sensor.to_owned(),
                 key: key.clone(),
                 nearest: nearest(key, KEYS.iter().copied()),
@@ -288,7 +288,7 @@ impl Keys<'_> {
         }
     }
 
-    fn model(&self) -> Result<&'static Model, Mistake> {
+    fn model(&self) -> Result<&'static RangefinderModel, RangefinderConfigError> {
         let possible = || {
             devices::TABLE
                 .iter()
@@ -304,12 +304,12 @@ impl Keys<'_> {
         model.ok_or_else(|| self.not_possible("model", value, possible()))
     }
 
-    fn check_model(&self, model: &'static Model) -> Result<(), Mistake> {
+    fn check_model(&self, model: &'static RangefinderModel) -> Result<(), RangefinderConfigError> {
         let scanning = ["scan_low_deg", "scan_high_deg"];
         let given = scanning.into_iter().find(|key| self.table.contains_key(*key));
         match given.filter(|_| !model.scans) {
             None => Ok(()),
-            Some(key) => Err(Mistake::NotOfThisModel {
+            Some(key) => Err(RangefinderConfigError::NotOfThisModel {
                 sensor: self.sensor.to_owned(),
                 key,
                 model: model.name,
@@ -323,7 +323,7 @@ impl Keys<'_> {
         }
     }
 
-    fn device(&self) -> Result<String, Mistake> {
+    fn device(&self) -> Result<String, RangefinderConfigError> {
         let possible = || "the path of a serial port, e.g. \"/dev/ttyUSB0\"".to_owned();
         let value = self
             .table
@@ -335,14 +335,14 @@ impl Keys<'_> {
         }
     }
 
-    /// A range that is looked at lies within the device's.
-    fn ranges(&self, model: &Model) -> Result<[f64; 2], Mistake> {
+    /// The configured range lies within the device's.
+    fn ranges(&self, model: &RangefinderModel) -> Result<[f64; 2], RangefinderConfigError> {
         let min_m = self.number("range_min_m", model.range_min_m, model.range_min_m..=10.0)?;
         let max_m = self.number("range_max_m", model.range_max_m, 0.1..=model.range_max_m)?;
         if min_m < max_m {
             return Ok([min_m, max_m]);
         }
-        Err(Mistake::NotPossible {
+        Err(RangefinderConfigError::NotPossible {
             sensor: self.sensor.to_owned(),
             key: "range_max_m",
             value: max_m.to_string(),
@@ -350,7 +350,7 @@ impl Keys<'_> {
         })
     }
 
-    fn mounting(&self) -> Result<Mounting, Mistake> {
+    fn mounting(&self) -> Result<Mounting, RangefinderConfigError> {
         let turn = |key| self.number(key, 0.0, -360.0..=360.0);
         let written = orientation::Written {
             orientation: self.orientation()?,
@@ -360,13 +360,13 @@ impl Keys<'_> {
         written
             .body_q_sensor()
             .map(Mounting::from_rotation)
-            .map_err(|contradiction| Mistake::Mounting {
+            .map_err(|contradiction| RangefinderConfigError::Mounting {
                 sensor: self.sensor.to_owned(),
                 contradiction,
             })
     }
 
-    fn orientation(&self) -> Result<Option<&'static Orientation>, Mistake> {
+    fn orientation(&self) -> Result<Option<&'static Orientation>, RangefinderConfigError> {
         let Some(value) = self.table.get("orientation") else {
             return Ok(None);
         };
@@ -383,7 +383,7 @@ impl Keys<'_> {
         })
     }
 
-    fn quaternion(&self) -> Result<Option<[f64; 4]>, Mistake> {
+    fn quaternion(&self) -> Result<Option<[f64; 4]>, RangefinderConfigError> {
         let Some(value) = self.table.get("quaternion") else {
             return Ok(None);
         };
@@ -397,7 +397,12 @@ impl Keys<'_> {
     }
 
     /// The number given for `key` or its default, if it lies within `limits`.
-    fn number(&self, key: &'static str, default: f64, limits: RangeInclusive<f64>) -> Result<f64, Mistake> {
+    fn number(
+        &self,
+        key: &'static str,
+        default: f64,
+        limits: RangeInclusive<f64>,
+    ) -> Result<f64, RangefinderConfigError> {
         let Some(value) = self.table.get(key) else {
             return Ok(default);
         };
@@ -406,16 +411,16 @@ impl Keys<'_> {
             .ok_or_else(|| self.not_possible(key, value, format!("{} to {}", limits.start(), limits.end())))
     }
 
-    fn missing(&self, key: &'static str, possible: String) -> Mistake {
-        Mistake::Missing {
+    fn missing(&self, key: &'static str, possible: String) -> RangefinderConfigError {
+        RangefinderConfigError::Missing {
             sensor: self.sensor.to_owned(),
             key,
             possible,
         }
     }
 
-    fn not_possible(&self, key: &'static str, value: &Value, possible: String) -> Mistake {
-        Mistake::NotPossible {
+    fn not_possible(&self, key: &'static str, value: &Value, possible: String) -> RangefinderConfigError {
+        RangefinderConfigError::NotPossible {
             sensor: self.sensor.to_owned(),
             key,
             value: value.to_string(),
