@@ -8,12 +8,12 @@
 //! | PX4 | else, where it can be flown in OFFBOARD (1.13 and its development, and later) | `px4_offboard` |
 //!
 //! A profile that is configured is held against the same params; what is found is a [`ProfileFit`]. Nothing is taken
-//! for granted: until the params are known the profile is not proven, no setpoint leaves and component 196 is not
+//! for granted: until the parameters are known the profile is not proven, no setpoint leaves and component 196 is not
 //! ACTIVE. A parameter counts as absent when the autopilot says so, or when it leaves a request unanswered several
 //! times while it answers a question about a parameter that every PX4 has. Desired paths prove `px4_trajectory` by
 //! themselves.
 //!
-//! What was chosen stays for the whole run. If the params change, the profile does not fit any more, which is value; it
+//! What was chosen stays for the whole run. If the parameters change, the profile does not fit any more, which is value; it
 //! fits again when they change back.
 
 use crate::autopilot_type::AutopilotType;
@@ -27,7 +27,7 @@ use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, MavAutopilot, MavCmd, MavMessage, PARAM_REQUEST_READ_DATA,
 };
 
-/// PX4 up to 1.15 trajectory a companion for trajectories if this is not 0.
+/// PX4 up to 1.15 asks a companion for trajectories if this is not 0.
 pub const TRAJECTORY_SWITCH: &str = "COM_OBS_AVOID";
 /// A PX4 with external avoidance takes velocities in its missions if this is not 0.
 pub const DEVIATION_SWITCH: &str = "EAV_EN";
@@ -53,11 +53,11 @@ const FIT_QUERIES: [FitQuery; 5] = [
 const NAMES: [&str; 4] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH, PREVENTION, PROBE];
 /// Pause between two questions (s): five of them and their answers in 0.25 s are a third of a line of 57600 bit/s.
 const PAUSE_S: f64 = 0.05;
-/// Pause between two rounds while the params are not known (s): longer than the way there and back on a slow line.
+/// Pause between two rounds while the parameters are not known (s): longer than the way there and back on a slow line.
 const ROUND_S: f64 = 0.4;
 /// The same when they are, and do not fit (s): a correction on the ground is noticed soon.
 const MENDED_S: f64 = 2.0;
-/// A question left open in so many rounds in which another was answered trajectory for what does not exist.
+/// A request left open in so many rounds in which another was answered concerns what does not exist.
 const ROUNDS_TO_DENY: u8 = 3;
 
 /// What is known of one parameter.

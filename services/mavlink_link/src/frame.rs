@@ -313,7 +313,7 @@ impl Splitter {
         if !self.with_unknown || !self.at_border || !has_sender || layout.is_known(bytes) {
             return Borders::DoNotFit;
         }
-        // Only what lies inside as a whole: what links_to beyond may not be all there yet, and must not count once it
+        // Only what lies inside as a whole: what reaches beyond may not be all there yet, and must not count once it
         // is.
         if (1..layout.frame_len).any(|at| is_intact_frame(&bytes[at..layout.frame_len])) {
             return Borders::DoNotFit;

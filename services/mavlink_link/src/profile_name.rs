@@ -153,7 +153,7 @@ impl ProfileName {
         self.flies_the_mission()
     }
 
-    /// Whether a station's go-to links_to the autopilot without a change of mode, and shows until the next setpoint.
+    /// Whether a station's go-to reaches the autopilot without a change of mode, and shows until the next setpoint.
     pub fn sees_go_to(self) -> bool {
         self == ProfileName::ArdupilotGuided
     }

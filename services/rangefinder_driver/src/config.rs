@@ -1,11 +1,11 @@
 //! The `[[sensor]]` table of one rangefinder. docs/rangefinders.md lists the keys.
 //!
-//! Position, mounting, ranges, beam and rate have the keys that the simulator's sensors have, with the same meaning; keys that
-//! only describe a simulated sensor (its noise, its seed) are passed over. Every mistake is answered with one sentence
-//! that names the sensor, the key and what is possible.
+//! Position, mounting, ranges, beam and rate have the keys that the simulator's sensors have, with the same meaning;
+//! keys that only describe a simulated sensor (its noise, its seed) are ignored. Every error is one sentence that names
+//! the sensor, the key and what is possible.
 
-use crate::devices::{self, Model, Reach};
-use crate::dialogue::ScanSetup;
+use crate::device_protocol::ScanSetup;
+use crate::devices::{self, RangefinderModel, Reach};
 use jink_runtime::config::sensor_table::SensorKeys;
 pub use jink_runtime::config::sensor_table::{Mistake, SensorTable};
 use jink_shared_types::frames::Mounting;
@@ -43,7 +43,7 @@ const KEYS: &[&str] = &[
 /// What the simulator's rangefinder has besides.
 const SIMULATED: &[&str] = &["seed", "sigma_ratio", "sigma_per_m", "dropout", "beams"];
 
-/// Scans per second (Hz) unless told otherwise: those of the topic.
+/// Scans per second (Hz) by default: those of the topic.
 const RATE_HZ: f64 = 20.0;
 /// How far an SF45/B turns (deg).
 const SCAN_LIMIT_DEG: f64 = 160.0;
@@ -56,7 +56,7 @@ pub struct RangefinderSpec {
     /// Its name.
     pub name: String,
     /// Its model.
-    pub model: &'static Model,
+    pub model: &'static RangefinderModel,
     /// Path of its serial port.
     pub device: String,
     /// Speed of the port (bit/s).
@@ -123,7 +123,7 @@ impl RangefinderSpec {
     }
 }
 
-fn model(keys: &SensorKeys<'_>) -> Result<&'static Model, Mistake> {
+fn model(keys: &SensorKeys<'_>) -> Result<&'static RangefinderModel, Mistake> {
     let possible = || names(|_| true);
     let value = keys.given("model", possible)?;
     let model = value.as_str().and_then(devices::find);
@@ -131,12 +131,12 @@ fn model(keys: &SensorKeys<'_>) -> Result<&'static Model, Mistake> {
 }
 
 /// The names of the models that `are` meant.
-fn names(are: fn(&Model) -> bool) -> String {
+fn names(are: fn(&RangefinderModel) -> bool) -> String {
     let models = devices::TABLE.iter().filter(|model| are(model));
     models.map(|model| model.name).collect::<Vec<_>>().join(", ")
 }
 
-fn check_model(keys: &SensorKeys<'_>, model: &'static Model) -> Result<(), Mistake> {
+fn check_model(keys: &SensorKeys<'_>, model: &'static RangefinderModel) -> Result<(), Mistake> {
     let scanning = ["scan_low_deg", "scan_high_deg"];
     let given = scanning.into_iter().find(|key| keys.has(key));
     match given.filter(|_| !model.scans) {
@@ -160,7 +160,7 @@ fn device(keys: &SensorKeys<'_>) -> Result<String, Mistake> {
 }
 
 /// A range that is looked at lies within the device's.
-fn ranges(keys: &SensorKeys<'_>, model: &Model) -> Result<[f64; 2], Mistake> {
+fn ranges(keys: &SensorKeys<'_>, model: &RangefinderModel) -> Result<[f64; 2], Mistake> {
     let min_m = keys.number("range_min_m", model.range_min_m, model.range_min_m..=10.0)?;
     let max_m = keys.number("range_max_m", model.range_max_m, 0.1..=model.range_max_m)?;
     if min_m < max_m {

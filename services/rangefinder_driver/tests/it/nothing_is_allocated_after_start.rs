@@ -2,7 +2,7 @@
 
 use crate::encoder::{benewake, cm8jl65, sf45, spec, text};
 use allocation_counter::measure;
-use jink_rangefinder_driver::Driver;
+use jink_rangefinder_driver::RangefinderDriver;
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::RangeScan;
 use rand::{RngExt, SeedableRng};
@@ -27,7 +27,7 @@ fn a_minute_of_every_device_with_noise_in_it() {
                 wire
             })
             .collect();
-        let mut driver = Driver::new(spec(name, "/dev/x", ""));
+        let mut driver = RangefinderDriver::new(spec(name, "/dev/x", ""));
         let mut scan = RangeScan::default();
         let mut scans = 0;
         let allocations = measure(|| {
@@ -43,7 +43,7 @@ fn a_minute_of_every_device_with_noise_in_it() {
                 driver.bytes(now, wire, &mut publish);
                 driver.tick(now, &mut publish);
                 while driver.next_write(now).is_some() {}
-                driver.news(now);
+                driver.take_change(now);
                 driver.counters(now);
             }
         });

@@ -1,12 +1,13 @@
-//! Devices as their manuals describe them, written without a look at the decoders: checksums by long division of polynomials,
-//! frames byte by byte.
+//! Devices as their manuals describe them, written independently of the decoders: checksums by long division of
+//! polynomials, frames byte by byte.
 #![allow(dead_code, reason = "every test uses a part")]
 
 pub mod device;
 
-use jink_rangefinder_driver::{Decoder, Item, Model, RangefinderSpec, devices};
+use jink_rangefinder_driver::{Decoder, FrameContent, RangefinderModel, RangefinderSpec, devices};
 
-/// Remainder of the message times x^16 divided by x^16 + `poly`, the register starting at `start`; bits in the order given.
+/// Remainder of the message times x^16 divided by x^16 + `poly`, the register starting at `start`; bits in the order
+/// given.
 fn remainder(bits: impl Iterator<Item = bool>, poly: u32, start: u32) -> u16 {
     let mut register = start;
     for bit in bits {
@@ -74,7 +75,7 @@ pub fn text(distance_cm: i32) -> Vec<u8> {
 }
 
 /// The model called `name`.
-pub fn model(name: &str) -> &'static Model {
+pub fn model(name: &str) -> &'static RangefinderModel {
     devices::find(name).unwrap()
 }
 
@@ -89,8 +90,8 @@ pub fn spec(name: &str, device: &str, keys: &str) -> RangefinderSpec {
 }
 
 /// Everything that a decoder of `model` finds in `bytes`.
-pub fn decode(model: &Model, bytes: &[u8]) -> Vec<Item> {
-    let mut decoder = Decoder::new(model.protocol);
+pub fn decode(model: &RangefinderModel, bytes: &[u8]) -> Vec<FrameContent> {
+    let mut decoder = Decoder::new(model.format);
     let mut items = Vec::new();
     for byte in bytes {
         decoder.push(*byte, |frame| items.push(frame.item));

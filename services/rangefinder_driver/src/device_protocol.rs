@@ -1,4 +1,5 @@
-//! What is said to a device: nothing, requests at a fixed rate, or a set-up that is repeated until measurements come.
+//! What the driver writes to a device: nothing, requests at a fixed rate, or a set-up that is repeated until
+//! measurements come.
 //!
 //! | devices | what is written |
 //! |---|---|
@@ -10,15 +11,16 @@
 
 use crate::crc::xmodem;
 use crate::decode::sf45;
-use crate::devices::Protocol;
+use crate::devices::WireFormat;
 use jink_shared_types::Timestamp;
 
-/// Requests per second for a text device, which measures 20 times a second and answers with its latest result: each result
-/// is said twice, and what was damaged on the line is told from what was measured.
+/// Requests per second for a text device, which measures 20 times a second and answers with its latest result: each
+/// result comes twice, so that a value damaged on the line can be told from a measured one.
 const REQUESTS_HZ: u32 = 40;
 /// Silence after which a text device is woken again (s).
 const TEXT_SILENCE_S: f64 = 1.0;
-/// Silence after which a scanning device is set up again (s): hundreds of its measurements, and less than the pause of its reset.
+/// Silence after which a scanning device is set up again (s): hundreds of its measurements, and less than the pause of
+/// its reset.
 const SF45_SILENCE_S: f64 = 0.5;
 /// Time for an acknowledgement (s); it takes milliseconds.
 const ACKNOWLEDGE_S: f64 = 0.1;
@@ -48,7 +50,7 @@ const SF45_RATES: [(f64, u8); 12] = [
 /// Share of the line that measurements may fill: the rest is for acknowledgements and for a clock that is a little off.
 const LINE_SHARE: f64 = 0.7;
 
-/// What a scanning device is set up for.
+/// The set-up of a scanning device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ScanSetup {
     /// Its line (bit/s).
@@ -100,24 +102,24 @@ impl Packet {
     }
 }
 
-/// What is said to one device.
+/// The driver's side of one device's protocol.
 #[derive(Clone, Debug)]
-pub enum Dialogue {
+pub enum DeviceProtocol {
     /// Nothing.
     Silent,
     /// Requests.
-    Requests(Requests),
+    PollRequests(PollRequests),
     /// A set-up.
-    SetUp(SetUp),
+    SetUpSequence(SetUpSequence),
 }
 
-impl Dialogue {
-    /// For a device that speaks `protocol`.
-    pub fn new(protocol: Protocol, scan: &ScanSetup) -> Self {
-        match protocol {
-            Protocol::Cm8jl65 | Protocol::Benewake(_) => Self::Silent,
-            Protocol::LightwareText => Self::Requests(Requests::default()),
-            Protocol::Sf45 => Self::SetUp(SetUp::new(scan)),
+impl DeviceProtocol {
+    /// For a device that sends `format`.
+    pub fn new(format: WireFormat, scan: &ScanSetup) -> Self {
+        match format {
+            WireFormat::Cm8jl65 | WireFormat::Benewake(_) => Self::Silent,
+            WireFormat::LightwareText => Self::PollRequests(PollRequests::default()),
+            WireFormat::Sf45 => Self::SetUpSequence(SetUpSequence::new(scan)),
         }
     }
 
@@ -125,8 +127,8 @@ impl Dialogue {
     pub fn begin(&mut self, now: Timestamp) {
         match self {
             Self::Silent => {}
-            Self::Requests(requests) => *requests = Requests::default(),
-            Self::SetUp(set_up) => set_up.restart(now),
+            Self::PollRequests(requests) => *requests = PollRequests::default(),
+            Self::SetUpSequence(set_up) => set_up.restart(now),
         }
     }
 
@@ -134,48 +136,48 @@ impl Dialogue {
     pub fn measured(&mut self, now: Timestamp) {
         match self {
             Self::Silent => {}
-            Self::Requests(requests) => requests.heard = now,
-            Self::SetUp(set_up) => set_up.heard = now,
+            Self::PollRequests(requests) => requests.last_measured = now,
+            Self::SetUpSequence(set_up) => set_up.last_measured = now,
         }
     }
 
-    /// The device has taken a command.
+    /// The device has accepted a command.
     pub fn acknowledged(&mut self, number: u8) {
-        if let Self::SetUp(set_up) = self {
+        if let Self::SetUpSequence(set_up) = self {
             set_up.acknowledged(number);
         }
     }
 
-    /// What is to be written now, if anything; ask again until there is nothing.
+    /// The next bytes to write now; `None` when there are none left.
     pub fn next_write(&mut self, now: Timestamp) -> Option<&[u8]> {
         match self {
             Self::Silent => None,
-            Self::Requests(requests) => requests.next_write(now),
-            Self::SetUp(set_up) => set_up.next_write(now),
+            Self::PollRequests(requests) => requests.next_write(now),
+            Self::SetUpSequence(set_up) => set_up.next_write(now),
         }
     }
 
-    /// When to ask again if nothing arrives.
+    /// When to call again if nothing arrives.
     pub fn due(&self, now: Timestamp) -> Timestamp {
         match self {
             Self::Silent => Timestamp::from_ns(u64::MAX),
-            Self::Requests(requests) => requests.due,
-            Self::SetUp(_) => now.plus_seconds(ACKNOWLEDGE_S),
+            Self::PollRequests(requests) => requests.due,
+            Self::SetUpSequence(_) => now.plus_seconds(ACKNOWLEDGE_S),
         }
     }
 }
 
 /// Requests at a fixed rate.
 #[derive(Clone, Debug, Default)]
-pub struct Requests {
-    heard: Timestamp,
+pub struct PollRequests {
+    last_measured: Timestamp,
     woken: Timestamp,
     due: Timestamp,
 }
 
-impl Requests {
+impl PollRequests {
     fn next_write(&mut self, now: Timestamp) -> Option<&[u8]> {
-        let quiet_since = self.heard.max(self.woken);
+        let quiet_since = self.last_measured.max(self.woken);
         if !quiet_since.is_set() || now.seconds_since(quiet_since) > TEXT_SILENCE_S {
             self.woken = now;
             self.due = now.next_beat(REQUESTS_HZ);
@@ -191,17 +193,17 @@ impl Requests {
 
 /// A set-up, command by command.
 #[derive(Clone, Debug)]
-pub struct SetUp {
+pub struct SetUpSequence {
     packets: [Packet; COMMANDS],
-    /// The command that is under way; behind the last one: done.
+    /// The command in progress; beyond the last one: done.
     next: usize,
     /// How often it was sent, and when last.
     attempts: u32,
     sent: Timestamp,
-    heard: Timestamp,
+    last_measured: Timestamp,
 }
 
-impl SetUp {
+impl SetUpSequence {
     fn new(scan: &ScanSetup) -> Self {
         Self {
             packets: [
@@ -221,31 +223,31 @@ impl SetUp {
             next: 0,
             attempts: 0,
             sent: Timestamp::NEVER,
-            heard: Timestamp::NEVER,
+            last_measured: Timestamp::NEVER,
         }
     }
 
     fn restart(&mut self, now: Timestamp) {
         self.next = 0;
         self.attempts = 0;
-        self.heard = now;
+        self.last_measured = now;
     }
 
     fn acknowledged(&mut self, number: u8) {
         let awaited = self.packets.get(self.next);
         if self.attempts > 0 && awaited.is_some_and(|packet| packet.number() == number) {
-            self.go_on();
+            self.next_command();
         }
     }
 
-    fn go_on(&mut self) {
+    fn next_command(&mut self) {
         self.next += 1;
         self.attempts = 0;
     }
 
     fn next_write(&mut self, now: Timestamp) -> Option<&[u8]> {
         if self.next == COMMANDS {
-            let quiet_since = self.heard.max(self.sent);
+            let quiet_since = self.last_measured.max(self.sent);
             if now.seconds_since(quiet_since) <= SF45_SILENCE_S {
                 return None;
             }
@@ -255,7 +257,7 @@ impl SetUp {
             return None;
         }
         if self.attempts == ATTEMPTS {
-            self.go_on();
+            self.next_command();
         }
         let packet = self.packets.get(self.next)?;
         self.attempts += 1;
@@ -266,8 +268,8 @@ impl SetUp {
 
 #[cfg(test)]
 mod tests {
-    use super::{Dialogue, ScanSetup};
-    use crate::devices::Protocol;
+    use super::{DeviceProtocol, ScanSetup};
+    use crate::devices::WireFormat;
     use jink_shared_types::Timestamp;
 
     const SCAN: ScanSetup = ScanSetup {
@@ -290,13 +292,13 @@ mod tests {
     }
 
     #[test]
-    fn a_command_that_nobody_acknowledges_is_passed_over_in_the_end() {
-        let mut dialogue = Dialogue::new(Protocol::Sf45, &SCAN);
-        dialogue.begin(at(0.0));
+    fn a_command_without_acknowledgement_is_skipped_in_the_end() {
+        let mut device = DeviceProtocol::new(WireFormat::Sf45, &SCAN);
+        device.begin(at(0.0));
         let mut numbers = Vec::new();
         for step in 0..40 {
             let now = at(f64::from(step) * 0.06);
-            while let Some(bytes) = dialogue.next_write(now) {
+            while let Some(bytes) = device.next_write(now) {
                 numbers.push(bytes[3]);
             }
         }
@@ -305,19 +307,19 @@ mod tests {
 
     #[test]
     fn requests_keep_their_rate_and_wake_the_device_after_silence() {
-        let mut dialogue = Dialogue::new(Protocol::LightwareText, &SCAN);
-        dialogue.begin(at(0.0));
+        let mut device = DeviceProtocol::new(WireFormat::LightwareText, &SCAN);
+        device.begin(at(0.0));
         let (mut requests, mut wakings) = (0, 0);
         for ms in 0..2_000 {
             let now = at(f64::from(ms) * 1e-3);
-            while let Some(bytes) = dialogue.next_write(now) {
+            while let Some(bytes) = device.next_write(now) {
                 match bytes {
                     b"d" => requests += 1,
                     _ => wakings += 1,
                 }
             }
             if ms < 500 {
-                dialogue.measured(now);
+                device.measured(now);
             }
         }
         assert_eq!(wakings, 2, "at the start, and a second after the last answer");

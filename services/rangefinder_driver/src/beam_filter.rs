@@ -1,15 +1,15 @@
-//! Answers of a device that looks one way: the nearest of each period becomes a scan of one beam.
+//! Measurements of a device that does not scan: the nearest of each period becomes a scan of one beam.
 //!
-//! Devices answer up to a thousand times a second, consumers look some twenty times. Nothing near is lost between two looks:
-//! of what was measured since the last scan, the nearest counts.
+//! Devices measure up to a thousand times a second, consumers read some twenty times. Nothing near is lost between two
+//! reads: of what was measured since the last scan, the nearest counts.
 //!
 //! **Confirmation.** Where a frame can be damaged and look sound (an 8-bit sum, no checksum at all), the nearest answer
-//! counts if another one of the same period, or the last one of the period before, agrees: if it differs by no more than a
-//! vehicle can have come nearer in the time between the two, at 20 m/s, and four standard deviations. Otherwise the
-//! beam is unknown for this period. That is sound because of what it can cost. An answer that stands alone is
-//! never taken for free space, however far it is, and never for an obstacle; unknown space is not flown into. And a real thing
-//! does not stay alone: at 100 Hz, a pole of 5 cm at 3 m that passes through a beam of 2 deg at 1 rad/s is seen in five
-//! answers in a row.
+//! counts if another one of the same period, or the last one of the period before, agrees: if it differs by no more
+//! than a vehicle can have come nearer in the time between the two, at 20 m/s, and four standard deviations. Otherwise
+//! the beam is unknown for this period. That is sound because of what it can cost. A measurement that nothing confirms
+//! is never taken for free space, however far it is, and never for an obstacle; unknown space is not flown into. And a
+//! real thing is confirmed: at 100 Hz, a pole of 5 cm at 3 m that passes through a beam of 2 deg at 1 rad/s is measured
+//! five times in a row.
 
 use crate::devices::Range;
 use jink_shared_types::Timestamp;
@@ -18,58 +18,58 @@ use jink_shared_types::Timestamp;
 const ANSWERS: usize = 64;
 /// No multicopter that jink flies comes nearer to anything faster (m/s): the upper limit of `OA_SPD_MAX`.
 const FASTEST_MPS: f64 = 20.0;
-/// Two answers further apart in time (s) than a scan may be old say nothing about each other.
+/// Two measurements further apart in time (s) than a scan may be old do not confirm each other.
 const NEIGHBOUR_S: f64 = 0.25;
 
 #[derive(Clone, Copy, Debug)]
-struct Seen {
+struct TimedRange {
     time: Timestamp,
     range: Range,
 }
 
-const NOTHING: Seen = Seen {
+const NONE: TimedRange = TimedRange {
     time: Timestamp::NEVER,
     range: Range::Unknown,
 };
 
 /// What was measured since the last scan.
 #[derive(Clone, Debug)]
-pub struct Beam {
+pub struct BeamFilter {
     period_s: f64,
     confirm: bool,
     sigma_m: f64,
-    seen: [Seen; ANSWERS],
+    answers: [TimedRange; ANSWERS],
     len: usize,
-    /// The last answer of the period before.
-    before: Seen,
+    /// The last measurement of the period before.
+    before: TimedRange,
 }
 
-/// What a period comes to.
+/// The result of a period.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Outcome {
+pub struct BeamResult {
     /// When it was measured.
     pub time: Timestamp,
-    /// As a scan says it (m).
+    /// The range as in a scan (m).
     pub range_m: f32,
 }
 
-impl Beam {
-    /// For scans every `period_s`; with `confirm`, an answer needs a second one that agrees.
+impl BeamFilter {
+    /// For scans every `period_s`; with `confirm`, a measurement counts when a second one agrees.
     pub fn new(period_s: f64, confirm: bool, sigma_m: f64) -> Self {
         Self {
             period_s,
             confirm,
             sigma_m,
-            seen: [NOTHING; ANSWERS],
+            answers: [NONE; ANSWERS],
             len: 0,
-            before: NOTHING,
+            before: NONE,
         }
     }
 
-    /// Takes an answer measured at `time`.
+    /// Adds a measurement made at `time`.
     pub fn take(&mut self, time: Timestamp, range: Range) {
-        if let Some(place) = self.seen.get_mut(self.len) {
-            *place = Seen { time, range };
+        if let Some(place) = self.answers.get_mut(self.len) {
+            *place = TimedRange { time, range };
             self.len += 1;
         }
     }
@@ -78,21 +78,21 @@ impl Beam {
     pub fn due(&self) -> Timestamp {
         match self.len {
             0 => Timestamp::from_ns(u64::MAX),
-            ANSWERS => self.seen[0].time,
-            _ => self.seen[0].time.plus_seconds(self.period_s),
+            ANSWERS => self.answers[0].time,
+            _ => self.answers[0].time.plus_seconds(self.period_s),
         }
     }
 
-    /// Ends the period: what it comes to, unless nothing was measured.
-    pub fn close(&mut self) -> Option<Outcome> {
-        let seen = &self.seen[..self.len];
-        let last = *seen.last()?;
+    /// Ends the period and returns its result, unless nothing was measured.
+    pub fn close(&mut self) -> Option<BeamResult> {
+        let answers = &self.answers[..self.len];
+        let last = *answers.last()?;
         // Of equal ones the latest: it is the youngest.
-        let nearest = seen.iter().enumerate().rev().min_by(|a, b| nearer(a.1, b.1));
-        let believed =
-            nearest.and_then(|(index, nearest)| Some((nearest.time, self.believed(index, nearest)?)));
-        let (time, range) = believed.unwrap_or((last.time, Range::Unknown));
-        let outcome = Outcome {
+        let nearest = answers.iter().enumerate().rev().min_by(|a, b| nearer(a.1, b.1));
+        let confirmed =
+            nearest.and_then(|(index, nearest)| Some((nearest.time, self.confirmed(index, nearest)?)));
+        let (time, range) = confirmed.unwrap_or((last.time, Range::Unknown));
+        let outcome = BeamResult {
             time,
             range_m: range.metres(),
         };
@@ -104,24 +104,24 @@ impl Beam {
     /// The line was interrupted.
     pub fn clear(&mut self) {
         self.len = 0;
-        self.before = NOTHING;
+        self.before = NONE;
     }
 
-    /// What may be believed of the nearest answer. Where only the period before agrees, the nearer of the two counts: either
-    /// of them may be the damaged one.
-    fn believed(&self, index: usize, one: &Seen) -> Option<Range> {
-        let mut others = self.seen[..self.len].iter().enumerate();
-        if !self.confirm || others.any(|(other, seen)| other != index && self.agree(one, seen)) {
+    /// The confirmed range of the nearest measurement. Where only the period before agrees, the nearer of the two
+    /// counts: either of them may be the damaged one.
+    fn confirmed(&self, index: usize, one: &TimedRange) -> Option<Range> {
+        let mut others = self.answers[..self.len].iter().enumerate();
+        if !self.confirm || others.any(|(other, answers)| other != index && self.agree(one, answers)) {
             return Some(one.range);
         }
         let pair = [one, &self.before];
         let nearest = pair.into_iter().min_by(|a, b| nearer(a, b));
         nearest
             .filter(|_| self.agree(one, &self.before))
-            .map(|seen| seen.range)
+            .map(|answers| answers.range)
     }
 
-    fn agree(&self, one: &Seen, other: &Seen) -> bool {
+    fn agree(&self, one: &TimedRange, other: &TimedRange) -> bool {
         let apart_s = one.time.seconds_since(other.time).abs();
         if apart_s > NEIGHBOUR_S {
             return false;
@@ -138,8 +138,8 @@ impl Beam {
 }
 
 /// Orders by range; what is unknown comes last.
-fn nearer(a: &Seen, b: &Seen) -> std::cmp::Ordering {
-    let key = |seen: &Seen| match seen.range {
+fn nearer(a: &TimedRange, b: &TimedRange) -> std::cmp::Ordering {
+    let key = |answers: &TimedRange| match answers.range {
         Range::Hit(range_m) => (0, range_m),
         Range::Clear => (1, 0.0),
         Range::Unknown => (2, 0.0),
@@ -150,7 +150,7 @@ fn nearer(a: &Seen, b: &Seen) -> std::cmp::Ordering {
 
 #[cfg(test)]
 mod tests {
-    use super::{Beam, Outcome};
+    use super::{BeamFilter, BeamResult};
     use crate::devices::Range::{self, Clear, Hit, Unknown};
     use jink_shared_types::Timestamp;
     use proptest::prelude::*;
@@ -159,8 +159,8 @@ mod tests {
         Timestamp::from_ns((10_000 + ms) * 1_000_000)
     }
 
-    fn period(confirm: bool, ranges: &[Range]) -> Outcome {
-        let mut beam = Beam::new(0.05, confirm, 0.03);
+    fn period(confirm: bool, ranges: &[Range]) -> BeamResult {
+        let mut beam = BeamFilter::new(0.05, confirm, 0.03);
         for (index, range) in ranges.iter().enumerate() {
             beam.take(at(index as u64 * 10), *range);
         }
@@ -191,7 +191,7 @@ mod tests {
 
     #[test]
     fn a_slow_device_is_confirmed_by_the_period_before() {
-        let mut beam = Beam::new(0.05, true, 0.03);
+        let mut beam = BeamFilter::new(0.05, true, 0.03);
         let mut outcomes = Vec::new();
         for (ms, range) in [
             (0, Hit(5.0)),
@@ -212,7 +212,7 @@ mod tests {
 
     #[test]
     fn a_period_ends_on_time_or_when_it_is_full() {
-        let mut beam = Beam::new(0.05, true, 0.03);
+        let mut beam = BeamFilter::new(0.05, true, 0.03);
         assert_eq!(beam.due(), Timestamp::from_ns(u64::MAX));
         beam.take(at(7), Clear);
         assert_eq!(beam.due(), at(57));
@@ -228,15 +228,15 @@ mod tests {
 
     proptest! {
         #[test]
-        fn nothing_said_only_once_is_ever_published(ranges in prop::collection::vec(any_range(), 1..20)) {
+        fn nothing_measured_only_once_is_ever_published(ranges in prop::collection::vec(any_range(), 1..20)) {
             let published = period(true, &ranges).range_m;
             let tolerance_m = 20.0 * 0.01 * ranges.len() as f32 + 0.12;
-            let saying_so = ranges.iter().filter(|range| match range {
+            let supporting = ranges.iter().filter(|range| match range {
                 Hit(range_m) => (range_m - published).abs() <= tolerance_m,
                 Clear => published == f32::INFINITY,
                 Unknown => false,
             });
-            prop_assert!(published.is_nan() || saying_so.count() >= 2);
+            prop_assert!(published.is_nan() || supporting.count() >= 2);
         }
 
         #[test]

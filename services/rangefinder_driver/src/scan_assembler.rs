@@ -1,12 +1,12 @@
-//! Answers of a scanning device: partial sweeps, each published as soon as it is complete.
+//! Measurements of a scanning device: partial sweeps, each published as soon as it is complete.
 //!
-//! The beam goes to and fro. A part ends when the beam enters the next eighth of the turn, when it turns back, or after a
-//! fixed time: consumers need not wait for the whole sweep, and keep what a part does not cover. Ends at fixed directions
-//! let a part of one sweep replace the same part of the sweep before.
+//! The beam goes to and fro. A part ends when the beam enters the next eighth of the turn, when it turns back, or after
+//! a fixed time: consumers need not wait for the whole sweep, and keep what a part does not cover. Ends at fixed
+//! directions let a part of one sweep replace the same part of the sweep before.
 //!
-//! A scan has its beams at equal angles. Directions are rounded to half a degree (at 10 m less than 5 cm off); of several
-//! answers in one such step the nearest counts, and a step without an answer is unknown. The beam turns at a constant speed, so
-//! that the times of the beams are as evenly spaced as their angles.
+//! A scan has its beams at equal angles. Directions are rounded to half a degree (at 10 m less than 5 cm off); of
+//! several measurements in one such step the nearest counts, and a step without one is unknown. The beam turns at a
+//! constant speed, so that the times of the beams are as evenly spaced as their angles.
 
 use crate::devices::Range;
 use jink_shared_types::Timestamp;
@@ -18,7 +18,7 @@ const STEPS: usize = 90;
 
 /// Where one part stands.
 #[derive(Clone, Copy, Debug)]
-struct Part {
+struct OpenPart {
     /// Number of its eighth, counted from straight ahead clockwise.
     eighth: i32,
     /// Step of the first and of the latest answer in the eighth.
@@ -31,8 +31,8 @@ struct Part {
     last: Timestamp,
 }
 
-impl Part {
-    /// Whether the step goes against the way the part has taken.
+impl OpenPart {
+    /// Whether the step goes against the direction of the part so far.
     fn turns_back_at(&self, step: usize) -> bool {
         (self.last_step > self.first_step && step < self.last_step)
             || (self.last_step < self.first_step && step > self.last_step)
@@ -41,9 +41,9 @@ impl Part {
 
 /// The part that is being collected.
 #[derive(Clone, Debug)]
-pub struct Sweep {
+pub struct ScanAssembler {
     part_s: f64,
-    part: Option<Part>,
+    part: Option<OpenPart>,
     /// Ranges (m) of the steps of the eighth.
     range_m: [f32; STEPS],
     /// The finished part in the order in which it was measured.
@@ -52,7 +52,7 @@ pub struct Sweep {
 
 /// A finished part.
 #[derive(Clone, Copy, Debug)]
-pub struct Finished<'a> {
+pub struct ScanPart<'a> {
     /// When its first beam was measured.
     pub first_beam: Timestamp,
     /// When its last beam was measured.
@@ -65,7 +65,7 @@ pub struct Finished<'a> {
     pub range_m: &'a [f32],
 }
 
-impl Sweep {
+impl ScanAssembler {
     /// Parts of at most `part_s`.
     pub fn new(part_s: f64) -> Self {
         Self {
@@ -76,7 +76,8 @@ impl Sweep {
         }
     }
 
-    /// Whether an answer at `yaw_rad` does not belong to the present part any more: then [`Self::close`] comes first.
+    /// Whether a measurement at `yaw_rad` does not belong to the present part any more: then [`Self::close`] comes
+    /// first.
     pub fn ends_before(&self, time: Timestamp, yaw_rad: f32) -> bool {
         let Some(part) = &self.part else {
             return false;
@@ -85,12 +86,12 @@ impl Sweep {
         eighth != part.eighth || part.turns_back_at(step) || time >= self.end_of(part)
     }
 
-    /// Takes an answer in direction `yaw_rad` measured at `time`.
+    /// Adds a measurement in direction `yaw_rad` made at `time`.
     pub fn take(&mut self, time: Timestamp, yaw_rad: f32, range: Range) {
         let (eighth, step) = place(yaw_rad);
         let part = self.part.get_or_insert_with(|| {
             self.range_m.fill(f32::NAN);
-            Part {
+            OpenPart {
                 eighth,
                 first_step: step,
                 last_step: step,
@@ -117,7 +118,7 @@ impl Sweep {
     }
 
     /// Ends the part, if there is one.
-    pub fn close(&mut self) -> Option<Finished<'_>> {
+    pub fn close(&mut self) -> Option<ScanPart<'_>> {
         let part = self.part.take()?;
         // A lone beam would look like a rangefinder that watches one direction all the time.
         let (low, high) = match (part.low, part.high) {
@@ -134,7 +135,7 @@ impl Sweep {
             out.reverse();
         }
         let centre_deg = (part.eighth * STEPS as i32) as f32 + begin as f32 + 0.5;
-        Some(Finished {
+        Some(ScanPart {
             first_beam: part.first,
             capture: part.last,
             angle_first_rad: (centre_deg * STEP_DEG).to_radians(),
@@ -148,7 +149,7 @@ impl Sweep {
         self.part = None;
     }
 
-    fn end_of(&self, part: &Part) -> Timestamp {
+    fn end_of(&self, part: &OpenPart) -> Timestamp {
         part.first.plus_seconds(self.part_s)
     }
 }
@@ -162,29 +163,29 @@ fn place(yaw_rad: f32) -> (i32, usize) {
 
 #[cfg(test)]
 mod tests {
-    use super::Sweep;
+    use super::ScanAssembler;
     use crate::devices::Range::{self, Clear, Hit, Unknown};
     use jink_shared_types::Timestamp;
     use proptest::prelude::*;
 
     /// A finished part as values.
     #[derive(Clone, Debug)]
-    struct Part {
+    struct CollectedPart {
         first: Timestamp,
         last: Timestamp,
         /// Directions (deg) and ranges (m).
         beams: Vec<(f32, f32)>,
     }
 
-    fn collect(answers: &[(u64, f32, Range)], part_s: f64) -> Vec<Part> {
-        let mut sweep = Sweep::new(part_s);
+    fn collect(answers: &[(u64, f32, Range)], part_s: f64) -> Vec<CollectedPart> {
+        let mut sweep = ScanAssembler::new(part_s);
         let mut parts = Vec::new();
-        let mut close = |sweep: &mut Sweep| {
+        let mut close = |sweep: &mut ScanAssembler| {
             if let Some(part) = sweep.close() {
                 let angle_deg =
                     |beam| (part.angle_first_rad + beam as f32 * part.angle_step_rad).to_degrees();
                 let beams = part.range_m.iter().enumerate();
-                parts.push(Part {
+                parts.push(CollectedPart {
                     first: part.first_beam,
                     last: part.capture,
                     beams: beams.map(|(beam, range_m)| (angle_deg(beam), *range_m)).collect(),
