@@ -1,4 +1,4 @@
-use super::{RangefinderConfigError, RangefinderSpec, SensorTable};
+use super::{Mistake, RangefinderSpec, SensorTable};
 use nalgebra::Vector3;
 
 fn tables(text: &str) -> Vec<SensorTable> {
@@ -6,7 +6,7 @@ fn tables(text: &str) -> Vec<SensorTable> {
     file["sensor"].clone().try_into().unwrap()
 }
 
-fn read(keys: &str) -> Result<RangefinderSpec, RangefinderConfigError> {
+fn read(keys: &str) -> Result<RangefinderSpec, Mistake> {
     let text = format!(
         "[[sensor]]\nname = \"lidar\"\nkind = \"lidar_3d\"\nrays = 7\n\
          [[sensor]]\nname = \"front\"\nkind = \"rangefinder\"\n{keys}"

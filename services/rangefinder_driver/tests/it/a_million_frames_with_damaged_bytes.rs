@@ -60,7 +60,7 @@ struct ReadingCounts {
 /// A device that is decoded frame by frame.
 fn decode_all(name: &str, seed: u64) -> ReadingCounts {
     let mut random = SplitMix64::seed_from_u64(seed);
-    let mut decoder = Decoder::new(model(name).protocol);
+    let mut decoder = Decoder::new(model(name).format);
     let mut wire = Vec::new();
     let mut day = ReadingCounts {
         sound: 0,
