@@ -12,7 +12,7 @@
 //! | [`statistics`], [`truth`] | setpoints, autopilot, world | ground truth of the flight |
 //! | [`reference`] | | the motions on which tracking is measured |
 //!
-//! Processes, lock-step flights and the [`Observer`](truth::Observer) speak to a [`Flyer`] and need not know the make.
+//! Processes, lock-step flights and the [`Observer`](truth::Observer) speak to an [`Autopilot`] and need not know the make.
 
 pub mod attitude;
 pub mod command_place;
@@ -71,7 +71,7 @@ pub struct Abort {
 }
 
 /// An autopilot with the vehicle it flies.
-pub trait Flyer {
+pub trait Autopilot {
     /// 4 ms: takes `inbox`, flies, and appends what it has to say to `outbox`.
     fn step(&mut self, inbox: &[Packet], outbox: &mut Vec<Packet>);
 
