@@ -10,7 +10,7 @@
 //! | [`command_place`] | a command | where it leads |
 //! | [`land_detector`], [`attitude`] | contact and thrust | landed or not, the attitude that gives a thrust |
 //! | [`statistics`], [`truth`] | setpoints, autopilot, world | ground truth of the flight |
-//! | [`reference`] | | the motions on which tracking is measured |
+//! | [`reference`](mod@reference) | | the motions on which tracking is measured |
 //!
 //! Processes, lock-step flights and the [`Observer`](truth::Observer) speak to an [`Autopilot`] and need not know the make.
 
