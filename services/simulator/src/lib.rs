@@ -1,4 +1,4 @@
-//! The programs around a simulated flight: an emulated autopilot with its vehicle, the sensors, and real autopilots in simulation.
+//! The programs around a simulated flight: an emulated autopilot with its vehicle, sensors, real autopilots in simulation.
 //!
 //! | module | in | out |
 //! |---|---|---|

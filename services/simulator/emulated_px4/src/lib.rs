@@ -5,8 +5,8 @@
 //! | [`Packet`]s received on two links | [`Packet`]s to send |
 //! | | the motion of the [`Vehicle`] it flies |
 //!
-//! [`step`](Autopilot::step) is 4 ms of autopilot and vehicle; boot time starts at 0 and knows no other clock. The same packets
-//! in the same steps give the same flight to the bit. The parts, in the order of a step:
+//! [`step`](Autopilot::step) is 4 ms of autopilot and vehicle; boot time starts at 0 and knows no other clock. The same
+//! packets in the same steps give the same flight to the bit. The parts, in the order of a step:
 //!
 //! | file | idea |
 //! |---|---|
