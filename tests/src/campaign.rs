@@ -2,7 +2,7 @@
 
 use crate::lockstep::{FlightSetup, LockStep};
 use jink_emulated_ground_station::{Ending, FlightPlan, Outcome};
-use jink_emulated_px4::AutopilotConfig;
+use jink_emulated_px4::Px4Config;
 use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_runtime::config::sensor_sets::{self, SensorSet};
 use jink_runtime::config::{Config, parse_toml};
@@ -12,7 +12,7 @@ use jink_shared_types::quantile::quantiles;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::sensors::SensorSpec;
 use jink_simulated_world::world::{World, WorldKind, WorldSpec};
-use jink_simulator::flyer::FlyerConfig;
+use jink_simulator::autopilot::AutopilotConfig;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -193,7 +193,7 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         seed,
         params,
         sensors: sensors_of(&cell.sensors)?,
-        autopilot: FlyerConfig::Px4(AutopilotConfig::default()),
+        autopilot: AutopilotConfig::Px4(Px4Config::default()),
         profile: ProfileName::Px4Trajectory,
         representation: Representation::default(),
         takes_missions: true,

@@ -1,8 +1,8 @@
-//! The programs around a simulated flight: an emulated autopilot with its vehicle, the sensors, and real autopilots in simulation.
+//! The programs around a simulated flight: an emulated autopilot with its vehicle, sensors, real autopilots in simulation.
 //!
 //! | module | in | out |
 //! |---|---|---|
-//! | [`flyer`] | a name in a configuration | an emulated autopilot |
+//! | [`autopilot`] | a name in a configuration | an emulated autopilot |
 //! | [`sitl`] | a build of PX4 or ArduCopter | it runs, with this simulator around it: truth |
 //! | [`service`] | topics, MAVLink on sockets | the processes that the above runs in |
 //!
@@ -12,6 +12,6 @@
 //! Everything is a pure step with a fixed period: the same seed gives the same flight to the bit, in lock-step
 //! within one process as well as behind real sockets and shared memory.
 
-pub mod flyer;
+pub mod autopilot;
 pub mod service;
 pub mod sitl;

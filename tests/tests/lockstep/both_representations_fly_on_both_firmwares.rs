@@ -1,9 +1,9 @@
 //! The trajectory interface in all four combinations: curves or waypoints, on PX4 before and after its time-out fixes.
 
 use jink_emulated_ground_station::{Ending, Outcome};
-use jink_emulated_px4::{AutopilotConfig, Firmware, Variant};
+use jink_emulated_px4::{Firmware, Px4Config, Variant};
 use jink_mavlink_link::profile_name::Representation;
-use jink_simulator::flyer::FlyerConfig;
+use jink_simulator::autopilot::AutopilotConfig;
 use jink_tests::campaign::{Cell, FlightOutcome, SPHERE, fly_as, sensor_set, setup};
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::PX4_TRAJECTORY;
@@ -49,9 +49,9 @@ fn through_a_forest() {
             for seed in [1, 2, 3] {
                 let mut setup = setup(&cell, seed).unwrap();
                 setup.representation = representation;
-                setup.autopilot = FlyerConfig::Px4(AutopilotConfig {
+                setup.autopilot = AutopilotConfig::Px4(Px4Config {
                     firmware: Firmware::Trajectory(variant),
-                    ..AutopilotConfig::default()
+                    ..Px4Config::default()
                 });
                 let report = fly_as(setup, &cell).unwrap();
                 let what = format!("{representation:?} on {variant:?}: {report:?}");

@@ -5,8 +5,8 @@
 //! | [`Packet`]s received on two links | [`Packet`]s to send |
 //! | | the motion of the [`Vehicle`] it flies |
 //!
-//! [`step`](Flyer::step) is 4 ms of autopilot and vehicle; boot time starts at 0 and knows no other clock. The same packets
-//! in the same steps give the same flight to the bit. The parts, in the order of a step:
+//! [`step`](Autopilot::step) is 4 ms of autopilot and vehicle; boot time starts at 0 and knows no other clock. The same
+//! packets in the same steps give the same flight to the bit. The parts, in the order of a step:
 //!
 //! | file | idea |
 //! |---|---|
@@ -52,7 +52,7 @@ use jink_emulated_autopilot::link::{Link, Packet, Wire};
 use jink_emulated_autopilot::mission::{Dialect, ITEMS_MAX, Mission, MissionFrame, single};
 use jink_emulated_autopilot::mission_protocol::MissionProtocol;
 use jink_emulated_autopilot::modes::arducopter::Mode;
-use jink_emulated_autopilot::{Abort, Flyer, MissionProgress, SetpointStatistics, UnknownParameter};
+use jink_emulated_autopilot::{Abort, Autopilot, MissionProgress, SetpointStatistics, UnknownParameter};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::vehicle::estimator::{Estimate, Estimator, EstimatorConfig};
@@ -267,7 +267,7 @@ impl ArduCopter {
     }
 }
 
-impl Flyer for ArduCopter {
+impl Autopilot for ArduCopter {
     fn step(&mut self, inbox: &[Packet], outbox: &mut Vec<Packet>) {
         for packet in inbox {
             if self.aborted.is_none() {

@@ -7,7 +7,7 @@ use super::auto::State;
 use super::parameters::Parameter as P;
 use super::setpoint::{NotFinite, read};
 use super::{Abort, ArduCopter};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::command_place::{CommandPlace, long_of};
 use jink_emulated_autopilot::link::COMPONENT_AVOIDANCE;

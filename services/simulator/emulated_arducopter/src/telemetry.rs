@@ -8,7 +8,7 @@ use super::auto::State;
 use super::command::version_message;
 use super::proximity::SECTORS;
 use super::streams::{Stream, Streams};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::link::{Link, Packet};
 use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::modes::arducopter::{Mode, base_mode};

@@ -6,13 +6,13 @@
 //! | [`messages`] | time, estimate, mission frame | the messages that all of them say alike |
 //! | [`modes`] | a mode | its numbers on the wire, for each make |
 //! | [`mission`], [`mission_protocol`] | items uploaded | the mission, and what each item asks for |
-//! | [`parameters`](mod@parameters) | names, kinds, defaults | the table of an autopilot's parameters, lists of them under way |
+//! | [`parameters`](mod@parameters) | names, kinds, defaults | the table of parameters, lists of them under way |
 //! | [`command_place`] | a command | where it leads |
 //! | [`land_detector`], [`attitude`] | contact and thrust | landed or not, the attitude that gives a thrust |
 //! | [`statistics`], [`truth`] | setpoints, autopilot, world | ground truth of the flight |
-//! | [`reference`] | | the motions on which tracking is measured |
+//! | [`reference`](mod@reference) | | the motions on which tracking is measured |
 //!
-//! Processes, lock-step flights and the [`Observer`](truth::Observer) speak to a [`Flyer`] and need not know the make.
+//! Processes, lock-step flights and the [`Observer`](truth::Observer) speak to an [`Autopilot`] and need not know the make.
 
 pub mod attitude;
 pub mod command_place;
@@ -71,7 +71,7 @@ pub struct Abort {
 }
 
 /// An autopilot with the vehicle it flies.
-pub trait Flyer {
+pub trait Autopilot {
     /// 4 ms: takes `inbox`, flies, and appends what it has to say to `outbox`.
     fn step(&mut self, inbox: &[Packet], outbox: &mut Vec<Packet>);
 

@@ -2,8 +2,8 @@
 
 use crate::link::Link;
 
-/// Declares `Parameter`, the parameters of an autopilot: a name, a kind and a default each. The kinds are those of an enum `Kind`
-/// beside it.
+/// Declares `Parameter`, the parameters of an autopilot: a name, a kind and a default each. The kinds are those of an enum
+/// `Kind` beside it.
 #[macro_export]
 macro_rules! parameters {
     ($( $(#[$meta:meta])* $name:ident : $kind:ident = $default:expr; )*) => {

@@ -1,6 +1,6 @@
 //! The ground truth of a flight: how close it came, how fast it went, what failed.
 
-use crate::Flyer;
+use crate::Autopilot;
 use crate::{MissionProgress, SetpointStatistics};
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::vehicle::NavMode;
@@ -35,7 +35,7 @@ pub struct Observed<'a> {
 
 impl<'a> Observed<'a> {
     /// What there is to be seen of an emulated autopilot.
-    pub fn of(autopilot: &'a dyn Flyer) -> Self {
+    pub fn of(autopilot: &'a dyn Autopilot) -> Self {
         Self {
             time_s: autopilot.time_s(),
             truth: autopilot.truth(),
@@ -78,7 +78,7 @@ impl Observer {
     }
 
     /// Looks at an emulated autopilot after a step.
-    pub fn observe(&mut self, autopilot: &dyn Flyer, world: &World) -> SimTruth {
+    pub fn observe(&mut self, autopilot: &dyn Autopilot, world: &World) -> SimTruth {
         self.judge(&Observed::of(autopilot), world)
     }
 

@@ -3,7 +3,7 @@
 // Ground stations still send the older ones of the commands below.
 #![allow(deprecated)]
 
-use super::Autopilot;
+use super::Px4;
 use super::firmware::Firmware;
 use super::navigator::Reposition;
 use super::orbit::Orbit;
@@ -27,7 +27,7 @@ const FORCE: f32 = 21_196.0;
 /// Message id of AUTOPILOT_VERSION.
 const AUTOPILOT_VERSION_ID: u32 = 148;
 
-impl Autopilot {
+impl Px4 {
     /// Executes a command and acknowledges it to its sender. `place`: where it leads.
     pub(super) fn execute(
         &mut self,

@@ -8,7 +8,7 @@ use jink_simulated_world::vehicle::estimator::EstimatorConfig;
 
 /// What an autopilot is told at its start.
 #[derive(Clone, Debug)]
-pub struct AutopilotConfig {
+pub struct Px4Config {
     /// MAVLink system id. PX4's own demand for Hold reaches system 1 only.
     pub system_id: u8,
     /// Which PX4 this is.
@@ -31,7 +31,7 @@ pub struct AutopilotConfig {
     pub parameters: Vec<(String, f64)>,
 }
 
-impl Default for AutopilotConfig {
+impl Default for Px4Config {
     fn default() -> Self {
         Self {
             system_id: 1,
@@ -51,7 +51,7 @@ impl Default for AutopilotConfig {
     }
 }
 
-impl AutopilotConfig {
+impl Px4Config {
     /// Current PX4 on the quadrotor of its built-in simulator, as it was observed. `drag_linear`:
     /// [`VehicleConfig::built_in`].
     pub fn current(drag_linear: f64) -> Self {

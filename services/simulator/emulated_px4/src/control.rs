@@ -1,6 +1,6 @@
 //! One control cycle: navigation, flight task, take-off ramp, controller. 125 times a second.
 
-use super::Autopilot;
+use super::Px4;
 use super::auto_task::{AutoInput, AutoOutput};
 use super::external_avoidance;
 use super::flight_task::{CYCLE_S, FlightTask};
@@ -17,7 +17,7 @@ use mavlink::dialects::ardupilotmega::MavSeverity;
 /// How fast the tilt limit may widen after take-off (rad/s).
 const TILT_LIMIT_SLEW_RADPS: f64 = 0.2;
 
-impl Autopilot {
+impl Px4 {
     /// Runs the cycle and leaves the command for the vehicle.
     pub(super) fn control(&mut self, outbox: &mut Vec<Packet>) {
         self.land_detector.step(

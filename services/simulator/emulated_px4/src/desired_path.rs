@@ -3,13 +3,13 @@
 // Deprecated for the very reason this emulator knows two firmwares: current PX4 has dropped it.
 #![allow(deprecated)]
 
-use super::Autopilot;
+use super::Px4;
 use super::setpoint::PointKind;
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF};
 use mavlink::dialects::ardupilotmega as m;
 use mavlink::dialects::ardupilotmega::MavMessage;
 
-impl Autopilot {
+impl Px4 {
     /// What the companion is asked, in automatic modes only.
     pub(super) fn trajectory(&self) -> Option<MavMessage> {
         let asking =

@@ -5,8 +5,8 @@
 //! | [`Packet`]s received on two links | [`Packet`]s to send |
 //! | | the motion of the [`Vehicle`] it flies |
 //!
-//! [`step`](Flyer::step) is 4 ms of autopilot and vehicle; boot time starts at 0 and knows no other clock. The same packets
-//! in the same steps give the same flight to the bit. The parts, in the order of a step:
+//! [`step`](Autopilot::step) is 4 ms of autopilot and vehicle; boot time starts at 0 and knows no other clock. The same
+//! packets in the same steps give the same flight to the bit. The parts, in the order of a step:
 //!
 //! | file | idea |
 //! |---|---|
@@ -66,7 +66,7 @@ mod trajectory;
 
 pub use avoidance::{HoldCause, Variant};
 pub use commander::HoldFall;
-pub use config::AutopilotConfig;
+pub use config::Px4Config;
 pub use firmware::Firmware;
 pub use pace::Pace;
 
@@ -80,7 +80,9 @@ use jink_emulated_autopilot::land_detector::LandDetector;
 use jink_emulated_autopilot::link::Wire;
 use jink_emulated_autopilot::mission::{Dialect, ITEMS_MAX, Mission, MissionFrame, single};
 use jink_emulated_autopilot::mission_protocol::MissionProtocol;
-use jink_emulated_autopilot::{Flyer, Link, MissionProgress, Packet, SetpointStatistics, UnknownParameter};
+use jink_emulated_autopilot::{
+    Autopilot, Link, MissionProgress, Packet, SetpointStatistics, UnknownParameter,
+};
 use jink_shared_types::geo::Projection;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::vehicle::estimator::{Estimate, Estimator};
@@ -103,8 +105,8 @@ use timesync::Timesync;
 
 /// Autopilot and vehicle.
 #[derive(Clone, Debug)]
-pub struct Autopilot {
-    config: AutopilotConfig,
+pub struct Px4 {
+    config: Px4Config,
     now_us: u64,
     steps: u64,
     step_gate: StepGate,
@@ -147,12 +149,12 @@ pub struct Autopilot {
     statistics: SetpointStatistics,
 }
 
-impl Autopilot {
+impl Px4 {
     /// Boots on the ground, disarmed, in MANUAL.
     ///
     /// # Errors
     /// [`UnknownParameter`] for a name in the configuration that does not exist here.
-    pub fn new(config: AutopilotConfig) -> Result<Self, UnknownParameter> {
+    pub fn new(config: Px4Config) -> Result<Self, UnknownParameter> {
         let mut parameters = Parameters::new(config.firmware);
         for (name, value) in &config.parameters {
             let parameter = parameters
@@ -263,7 +265,7 @@ impl Autopilot {
     }
 }
 
-impl Flyer for Autopilot {
+impl Autopilot for Px4 {
     fn step(&mut self, inbox: &[Packet], outbox: &mut Vec<Packet>) {
         // Where its time stands still it does nothing.
         if !self.step_gate.passes(&self.config.pace) {

@@ -4,7 +4,7 @@
 //! begins then. It says nothing to anybody of missing data, but switches to Hold after five seconds of it; a frame that
 //! it does not understand is told at every message. The command for Hold goes to system 1, whatever its own number.
 
-use super::Autopilot;
+use super::Px4;
 use super::avoidance::HoldCause;
 use super::collision_prevention::{Outcome, Settings};
 use super::flight_task::CYCLE_S;
@@ -16,7 +16,7 @@ use jink_emulated_autopilot::link::Packet;
 use mavlink::dialects::ardupilotmega::MavSeverity;
 use nalgebra::Vector2;
 
-impl Autopilot {
+impl Px4 {
     /// Setpoint, speed limits, and whether the sticks ask for take-off. `entered`: the mode begins.
     pub(super) fn fly_position(
         &mut self,

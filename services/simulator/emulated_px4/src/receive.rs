@@ -3,7 +3,7 @@
 // The trajectory messages are deprecated for the very reason this emulator exists: current PX4 has dropped them.
 #![allow(deprecated)]
 
-use super::Autopilot;
+use super::Px4;
 use super::avoidance::point_of;
 use super::bezier::{ControlPoint, Curve, POINTS_MAX};
 use super::companion_health::ForeignHeartbeat;
@@ -20,7 +20,7 @@ use mavlink::dialects::ardupilotmega::{
 };
 use nalgebra::Vector3;
 
-impl Autopilot {
+impl Px4 {
     /// Whether a packet is one that goes on to the other link at all.
     fn passes_on(&self, packet: &Packet) -> bool {
         let is_stations_heartbeat =

@@ -1,6 +1,6 @@
 //! The messages of the streams, made from the autopilot's state.
 
-use super::Autopilot;
+use super::Px4;
 use super::current_mode;
 use super::flight_task::CONTROL_STEPS;
 use super::obstacle_messages;
@@ -19,7 +19,7 @@ const MISSION_MODE_ACTIVE: u8 = 1;
 /// `mission_mode` of MISSION_CURRENT: another mode flies.
 const MISSION_MODE_SUSPENDED: u8 = 2;
 
-impl Autopilot {
+impl Px4 {
     /// Sends what is due.
     pub(super) fn send_streams(&mut self, outbox: &mut Vec<Packet>) {
         let (mode, intended) = (self.commander.mode(), self.commander.intended());

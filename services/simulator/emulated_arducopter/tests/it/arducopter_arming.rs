@@ -1,7 +1,7 @@
 //! Arming, take-off, landing and what the motors do by themselves.
 
 use crate::support::copter::{CopterFlight, VELOCITY, at, level, setpoint};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::modes::arducopter::Mode;
 use mavlink::dialects::ardupilotmega::*;
 

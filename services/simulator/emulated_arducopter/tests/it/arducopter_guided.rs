@@ -7,7 +7,7 @@ use crate::support::copter::{
     ACCELERATION, CopterFlight, POSITION, POSITION_VELOCITY, PVA, VELOCITY, VELOCITY_ACCELERATION, at, level,
     setpoint, setpoint_in,
 };
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::modes::arducopter::Mode;
 use mavlink::dialects::ardupilotmega::*;

@@ -1,7 +1,7 @@
 //! Who watches a flight of ArduCopter sees it as any other, and as often as it is flown.
 
 use crate::support::copter::{CopterFlight, PVA, at, level, setpoint};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::modes::arducopter::Mode;
 use jink_emulated_autopilot::truth::Observer;
 use jink_shared_types::vehicle::NavMode;

@@ -3,7 +3,7 @@
 #![allow(deprecated)]
 
 use crate::support::copter::{CopterFlight, PVA, at, item, level, setpoint, square};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::modes::arducopter::Mode;
 use mavlink::dialects::ardupilotmega::*;

@@ -4,7 +4,7 @@
 
 use crate::support;
 use crate::support::copter::{CopterFlight, PVA, at, level, setpoint, square};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::modes::arducopter::Mode;
 use jink_shared_types::vehicle::NavMode;

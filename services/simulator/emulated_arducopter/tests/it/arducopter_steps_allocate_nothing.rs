@@ -4,7 +4,7 @@
 
 use crate::support::copter::{CopterFlight, PVA, at, level, setpoint};
 use allocation_counter::measure;
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::{Link, Packet};
 use mavlink::MavHeader;
 

@@ -1,13 +1,13 @@
 //! Ground station and autopilot over MAVLink messages alone, without a companion: take-off, mission, landing.
 
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::{Link, Packet};
 use jink_emulated_ground_station::{Ending, FlightPlan, GroundStation, Outcome, Phase};
-use jink_emulated_px4::{Autopilot, AutopilotConfig};
+use jink_emulated_px4::{Px4, Px4Config};
 use jink_shared_types::frames::Point;
 
 struct Flight {
-    autopilot: Autopilot,
+    autopilot: Px4,
     station: GroundStation,
     outbox: Vec<Packet>,
     to_autopilot: Vec<Packet>,
@@ -15,16 +15,16 @@ struct Flight {
 
 impl Flight {
     fn new(avoidance: bool, plan: FlightPlan) -> Self {
-        let config = AutopilotConfig {
+        let config = Px4Config {
             parameters: vec![("COM_OBS_AVOID".to_owned(), f64::from(u8::from(avoidance)))],
-            ..AutopilotConfig::default()
+            ..Px4Config::default()
         };
         Self::with(config, plan)
     }
 
-    fn with(config: AutopilotConfig, plan: FlightPlan) -> Self {
+    fn with(config: Px4Config, plan: FlightPlan) -> Self {
         Self {
-            autopilot: Autopilot::new(config).unwrap(),
+            autopilot: Px4::new(config).unwrap(),
             station: GroundStation::new(plan),
             outbox: Vec::new(),
             to_autopilot: Vec::new(),
@@ -132,7 +132,7 @@ fn with_avoidance_and_no_companion_arming_is_refused_and_the_reason_is_kept() {
 
 #[test]
 fn current_px4_flies_it_too_and_needs_nobody() {
-    let mut flight = Flight::with(AutopilotConfig::current(0.1), plan(Ending::Return));
+    let mut flight = Flight::with(Px4Config::current(0.1), plan(Ending::Return));
     let mut highest_m = 0.0f64;
     while flight.station.progress().outcome.is_none() {
         flight.step();

@@ -3,9 +3,9 @@
 #![allow(deprecated)]
 
 use crate::support::{Answer, Flight, no_waypoint, waypoint};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
-use jink_emulated_px4::{AutopilotConfig, Firmware, HoldCause, Variant};
+use jink_emulated_px4::{Firmware, HoldCause, Px4Config, Variant};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;
 
@@ -26,10 +26,10 @@ fn curve(from: [f64; 2], to: [f64; 2], duration_s: f32, time_usec: u64) -> MavMe
 
 /// Holding at 5 m in AUTO.MISSION by mirrored waypoints, then curves may come: one message without points has been sent.
 fn ready(variant: Variant) -> Flight {
-    let mut flight = Flight::new(AutopilotConfig {
+    let mut flight = Flight::new(Px4Config {
         firmware: Firmware::Trajectory(variant),
         parameters: vec![("MIS_TAKEOFF_ALT".to_owned(), 5.0)],
-        ..AutopilotConfig::default()
+        ..Px4Config::default()
     });
     flight.run(2.5);
     flight.upload(&[[300.0, 0.0, -5.0]]);

@@ -11,7 +11,7 @@ use crate::support::obstacles::{
 };
 use crate::support::tracking_current::{HEAVY, LIGHT};
 use crate::support::{Flight, north_east, speed};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;

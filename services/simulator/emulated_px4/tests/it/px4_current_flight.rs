@@ -5,7 +5,7 @@
 use crate::support::current::{here, holding, lift, on_ground, place, send, stream, with_drag};
 use crate::support::tracking_current::{HEAVY, LIGHT};
 use crate::support::{Flight, speed};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;

@@ -5,9 +5,9 @@
 use crate::support;
 use crate::support::current::{ask_for, holding, staying};
 use crate::support::{Flight, position, reposition};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
-use jink_emulated_px4::{AutopilotConfig, Pace};
+use jink_emulated_px4::{Pace, Px4Config};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;
@@ -47,7 +47,7 @@ fn current(flight: &mut Flight) -> MISSION_CURRENT_DATA {
 
 /// The waypoint being flown as POSITION_TARGET_GLOBAL_INT tells it, north and east (m).
 fn told_target(flight: &mut Flight) -> Option<(f64, f64)> {
-    let origin = Projection::new(AutopilotConfig::default().origin);
+    let origin = Projection::new(Px4Config::default().origin);
     last(flight, |message| match message {
         MavMessage::POSITION_TARGET_GLOBAL_INT(target) => {
             let at = origin.to_local(GlobalPoint::from_e7(target.lat_int, target.lon_int));
@@ -170,12 +170,12 @@ fn a_mission_cleared_in_flight_is_hold_where_the_vehicle_was() {
 
 #[test]
 fn its_clock_runs_slower_than_the_boards_where_its_simulation_does() {
-    let mut flight = Flight::new(AutopilotConfig {
+    let mut flight = Flight::new(Px4Config {
         pace: Pace {
             rate: 0.988,
             ..Pace::default()
         },
-        ..AutopilotConfig::current(0.1)
+        ..Px4Config::current(0.1)
     });
     flight.heartbeat = None;
     flight.run(100.0);

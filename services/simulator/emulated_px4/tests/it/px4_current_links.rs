@@ -5,9 +5,9 @@
 use crate::support;
 use crate::support::Flight;
 use crate::support::current::{ask_for, here, holding, on_ground, send, staying, stream, told_modes};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
-use jink_emulated_px4::{Autopilot, AutopilotConfig};
+use jink_emulated_px4::{Px4, Px4Config};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::Message;
 use mavlink::dialects::ardupilotmega::*;
@@ -108,11 +108,11 @@ fn the_trajectory_interface_is_gone() {
     assert_eq!(ask_for(&mut flight, 332, 0.02), FAILED);
     assert_eq!(ask_for(&mut flight, 333, 0.02), FAILED);
     assert_eq!(flight.autopilot.parameter("COM_OBS_AVOID"), None);
-    let unknown = AutopilotConfig {
+    let unknown = Px4Config {
         parameters: vec![("COM_OBS_AVOID".to_owned(), 1.0)],
-        ..AutopilotConfig::current(0.1)
+        ..Px4Config::current(0.1)
     };
-    assert_eq!(Autopilot::new(unknown).unwrap_err().name, "COM_OBS_AVOID");
+    assert_eq!(Px4::new(unknown).unwrap_err().name, "COM_OBS_AVOID");
     flight.upload(&[[200.0, 0.0, -5.0]]);
     flight.set_mode(NavMode::Mission);
     flight.run(1.0);

@@ -9,10 +9,10 @@ use crate::support::obstacles::{
 };
 use crate::support::tracking_current::LIGHT;
 use crate::support::{Flight, north_east, speed};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::modes::px4::custom_mode;
-use jink_emulated_px4::{AutopilotConfig, HoldCause};
+use jink_emulated_px4::{HoldCause, Px4Config};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;
 
@@ -147,7 +147,7 @@ fn nothing_but_a_bin_below_the_minimum_freezes_the_sticks_until_the_mode_is_ente
 #[test]
 fn the_command_for_hold_reaches_system_1_only() {
     for (system_id, expected) in [(1, NavMode::Hold), (2, NavMode::Position)] {
-        let mut config = AutopilotConfig::current(LIGHT);
+        let mut config = Px4Config::current(LIGHT);
         config.system_id = system_id;
         config.parameters.push((KEEP_4_M.0.to_owned(), KEEP_4_M.1));
         let mut flight = Flight::new(config);

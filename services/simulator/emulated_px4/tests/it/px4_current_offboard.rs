@@ -8,7 +8,7 @@ use crate::support::current::{Speech, here};
 use crate::support::current::{
     ask_for, cruise_north, holding, lift, on_ground, place, send, staying, stick, stream, told_modes, watch,
 };
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;
 

@@ -4,7 +4,7 @@
 
 use crate::support::Flight;
 use crate::support::current::{here, holding, lift, on_ground, send, staying, stick, stream};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;
 

@@ -6,7 +6,7 @@ use crate::support::current::{
     NO_ACCELERATION, NO_POSITION, NO_YAW_RATE, here, place, setpoint, staying, stream,
 };
 use crate::support::{Flight, north_east, speed};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;

@@ -4,7 +4,7 @@
 
 use crate::support;
 use crate::support::{Answer, Flight};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;
 

@@ -3,9 +3,9 @@
 #![allow(deprecated)]
 
 use crate::support::{Answer, Flight};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
-use jink_emulated_px4::AutopilotConfig;
+use jink_emulated_px4::Px4Config;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::vehicle::wind::WindConfig;
 use mavlink::dialects::ardupilotmega::*;
@@ -37,7 +37,7 @@ fn a_whole_flight_without_companion_takes_off_flies_lands_and_disarms() {
     let mut flight = alone();
     flight.run(2.0);
     let items = [[30.0, 0.0], [30.0, 20.0]].map(|[x, y]| {
-        let origin = jink_shared_types::geo::Projection::new(AutopilotConfig::default().origin);
+        let origin = jink_shared_types::geo::Projection::new(Px4Config::default().origin);
         let (lat, lon) = origin.to_global(nalgebra::Vector2::new(x, y)).to_e7();
         waypoint_item(MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT, lat, lon, 5.0)
     });
@@ -173,7 +173,7 @@ fn a_jump_of_the_estimate_moves_the_vehicle_and_is_counted() {
 #[test]
 fn the_same_packets_in_the_same_steps_are_the_same_flight_to_the_bit() {
     let fly = || {
-        let mut config = AutopilotConfig::default();
+        let mut config = Px4Config::default();
         config.vehicle.wind = WindConfig {
             mean_mps: [1.0, -2.0, 0.0],
             gust_sigma_mps: 0.7,
@@ -196,7 +196,7 @@ fn the_same_packets_in_the_same_steps_are_the_same_flight_to_the_bit() {
 
 #[test]
 fn a_steady_wind_is_leaned_against() {
-    let mut config = AutopilotConfig::default();
+    let mut config = Px4Config::default();
     config.vehicle.wind.mean_mps = [0.0, 6.0, 0.0];
     let mut flight = Flight::new(config);
     flight.start_mission(&[[120.0, 0.0, -5.0]]);

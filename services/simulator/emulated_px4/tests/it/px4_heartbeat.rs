@@ -3,7 +3,7 @@
 #![allow(deprecated)]
 
 use crate::support::{Answer, Flight};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;

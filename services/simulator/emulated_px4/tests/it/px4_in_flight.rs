@@ -3,9 +3,9 @@
 #![allow(deprecated)]
 
 use crate::support::{Flight, position, reposition, speed};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
-use jink_emulated_px4::{AutopilotConfig, Pace};
+use jink_emulated_px4::{Pace, Px4Config};
 use jink_shared_types::geo::Projection;
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, NavMode};
 use mavlink::dialects::ardupilotmega::*;
@@ -128,7 +128,7 @@ fn hold_at_speed_is_the_place_where_it_was_commanded_and_the_vehicle_comes_back_
 #[test]
 fn a_landing_elsewhere_is_a_waypoint_at_the_present_height_first() {
     let mut flight = holding();
-    let origin = Projection::new(AutopilotConfig::default().origin);
+    let origin = Projection::new(Px4Config::default().origin);
     let item = |command, north: f64, east: f64, z: f32| {
         let (x, y) = origin.to_global(Vector2::new(north, east)).to_e7();
         MISSION_ITEM_INT_DATA {
@@ -208,12 +208,12 @@ fn a_mission_cleared_in_flight_is_held_where_the_vehicle_was() {
 /// Its time stands still while its log is opened; nothing is lost on the way.
 #[test]
 fn at_arming_it_stands_still_for_a_moment_and_then_goes_on() {
-    let mut flight = Flight::new(AutopilotConfig {
+    let mut flight = Flight::new(Px4Config {
         pace: Pace {
             arming_stall_s: 0.12,
             ..Pace::default()
         },
-        ..AutopilotConfig::default()
+        ..Px4Config::default()
     });
     flight.run(2.5);
     flight.set_mode(NavMode::Hold);

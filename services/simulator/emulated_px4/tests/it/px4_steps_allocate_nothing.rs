@@ -4,7 +4,7 @@
 
 use crate::support;
 use allocation_counter::measure;
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::{Link, Packet};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavFrame, MavMessage};

@@ -3,9 +3,9 @@
 #![allow(deprecated)]
 
 use crate::support::{Answer, Flight, cruising, no_waypoint, north_east, reply, speed, waypoint};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
-use jink_emulated_px4::{AutopilotConfig, Firmware, HoldCause, Variant};
+use jink_emulated_px4::{Firmware, HoldCause, Px4Config, Variant};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;
 
@@ -15,9 +15,9 @@ const NO_YAW: [f32; 2] = [f32::NAN; 2];
 #[test]
 fn no_valid_point_leads_to_hold_after_half_a_second_to_a_second() {
     for variant in [Variant::A, Variant::B] {
-        let mut flight = Flight::new(AutopilotConfig {
+        let mut flight = Flight::new(Px4Config {
             firmware: Firmware::Trajectory(variant),
-            ..AutopilotConfig::default()
+            ..Px4Config::default()
         });
         flight.start_mission(&[[300.0, 0.0, -5.0]]);
         flight.run(2.0);
@@ -139,10 +139,10 @@ fn a_resumed_stream_stays_in_loiter_until_somebody_sets_the_mission_again() {
 
 #[test]
 fn another_system_id_than_1_never_takes_its_own_demand_for_hold() {
-    let mut flight = Flight::new(AutopilotConfig {
+    let mut flight = Flight::new(Px4Config {
         system_id: 2,
         parameters: vec![("COM_OBS_AVOID".to_owned(), 0.0)],
-        ..AutopilotConfig::default()
+        ..Px4Config::default()
     });
     flight.heartbeat = None;
     flight.answer = Answer::Silent;
@@ -251,9 +251,9 @@ fn mode_entry_trap_an_echo_is_too_late_a_free_stream_is_not() {
 
 #[test]
 fn variant_b_waits_in_the_mode_before_the_first_reply() {
-    let mut flight = Flight::new(AutopilotConfig {
+    let mut flight = Flight::new(Px4Config {
         firmware: Firmware::Trajectory(Variant::B),
-        ..AutopilotConfig::default()
+        ..Px4Config::default()
     });
     flight.answer = Answer::Silent;
     flight.run(2.0);

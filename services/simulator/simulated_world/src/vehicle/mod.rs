@@ -12,7 +12,7 @@
 //! below that of the model.
 
 mod airframe;
-mod attitude;
+pub mod attitude;
 pub mod estimator;
 pub mod wind;
 

@@ -2,7 +2,7 @@
 
 use super::STEPS_PER_S;
 use jink_emulated_arducopter::{ArduCopter, ArduCopterConfig};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::modes::arducopter::Mode;
 use jink_emulated_autopilot::{Link, Packet};
 use jink_simulated_world::vehicle::VehicleConfig;

@@ -7,7 +7,7 @@ use super::STEPS_PER_S;
 use super::copter::{
     CopterFlight, POSITION, POSITION_VELOCITY, PVA, VELOCITY, VELOCITY_ACCELERATION, at, level, setpoint,
 };
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::reference::{Reference, wave};
 use nalgebra::Vector3;
 

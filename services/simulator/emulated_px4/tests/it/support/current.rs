@@ -2,9 +2,9 @@
 
 use super::tracking_current::LIGHT;
 use super::{Answer, Flight, north_east};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
-use jink_emulated_px4::AutopilotConfig;
+use jink_emulated_px4::Px4Config;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;
 
@@ -21,7 +21,7 @@ pub fn on_ground(parameters: &[(&str, f64)]) -> Flight {
 
 /// The same with another drag (N/(m/s)).
 pub fn with_drag(drag: f64, parameters: &[(&str, f64)]) -> Flight {
-    let mut config = AutopilotConfig::current(drag);
+    let mut config = Px4Config::current(drag);
     let own = parameters.iter().map(|(n, v)| ((*n).to_owned(), *v));
     config.parameters.extend(own);
     let mut flight = Flight::new(config);

@@ -9,10 +9,10 @@ pub mod tracking;
 pub mod tracking_current;
 pub mod travel;
 
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::modes::px4::custom_mode;
 use jink_emulated_autopilot::{Link, Packet};
-use jink_emulated_px4::{Autopilot, AutopilotConfig};
+use jink_emulated_px4::{Px4, Px4Config};
 use jink_shared_types::geo::Projection;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MavHeader;
@@ -24,7 +24,7 @@ pub const STEPS_PER_S: f64 = 250.0;
 
 /// DO_REPOSITION by COMMAND_INT to `place` (local NED, m), its height above the sea.
 pub fn reposition(place: Vector3<f64>, flags: f32) -> MavMessage {
-    let config = AutopilotConfig::default();
+    let config = Px4Config::default();
     let (x, y) = Projection::new(config.origin).to_global(place.xy()).to_e7();
     MavMessage::COMMAND_INT(COMMAND_INT_DATA {
         target_system: 1,
@@ -60,7 +60,7 @@ pub enum Answer {
 /// Autopilot, companion and a hand at the ground station.
 pub struct Flight {
     /// The autopilot.
-    pub autopilot: Autopilot,
+    pub autopilot: Px4,
     /// Everything it sent in the last step.
     pub heard: Vec<Packet>,
     /// Sent to it in the next step.
@@ -82,9 +82,9 @@ pub struct Flight {
 
 impl Flight {
     /// On the ground, before the first step.
-    pub fn new(config: AutopilotConfig) -> Self {
+    pub fn new(config: Px4Config) -> Self {
         Self {
-            autopilot: Autopilot::new(config).expect("known parameters"),
+            autopilot: Px4::new(config).expect("known parameters"),
             heard: Vec::with_capacity(256),
             inbox: Vec::with_capacity(64),
             heartbeat: Some((
@@ -103,9 +103,9 @@ impl Flight {
 
     /// With these parameters.
     pub fn with(parameters: &[(&str, f64)]) -> Self {
-        Self::new(AutopilotConfig {
+        Self::new(Px4Config {
             parameters: parameters.iter().map(|(n, v)| ((*n).to_owned(), *v)).collect(),
-            ..AutopilotConfig::default()
+            ..Px4Config::default()
         })
     }
 

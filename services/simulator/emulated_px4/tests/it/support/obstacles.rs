@@ -2,7 +2,7 @@
 
 use super::current::{holding, lift, with_drag};
 use super::{Flight, STEPS_PER_S};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;

@@ -4,10 +4,10 @@
 //! nearest point of the path. Stops: minimum jerk with the given peak deceleration, how far past the end.
 
 use super::{Answer, Flight, STEPS_PER_S, waypoint};
-use jink_emulated_autopilot::Flyer;
+use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::reference::{LEVEL_DOWN_M, Reference, wave};
-use jink_emulated_px4::AutopilotConfig;
+use jink_emulated_px4::Px4Config;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
@@ -95,7 +95,7 @@ fn message(sender: Sender, reference: &Reference, t: f64) -> MavMessage {
 }
 
 /// In the air at the start of the reference, in the mode that listens to `sender`, with the vehicle at rest.
-pub(super) fn airborne(mut config: AutopilotConfig, sender: Sender, reference: &Reference) -> Flight {
+pub(super) fn airborne(mut config: Px4Config, sender: Sender, reference: &Reference) -> Flight {
     config
         .parameters
         .push(("MIS_TAKEOFF_ALT".to_owned(), -LEVEL_DOWN_M));
@@ -164,7 +164,7 @@ pub struct Row {
 
 /// The errors of a row as the emulator flies it (m).
 pub fn tracking(row: &Row) -> [f64; 4] {
-    let config = AutopilotConfig::default();
+    let config = Px4Config::default();
     let errors = errors(config, row.sender, &row.reference, POSITION_AGE_S);
     [errors.along[0], errors.along[1], errors.cross[0], errors.cross[1]]
 }
@@ -188,7 +188,7 @@ impl Errors {
 }
 
 /// `age_s`: how old the positions are that are compared with the reference.
-pub(super) fn errors(config: AutopilotConfig, sender: Sender, reference: &Reference, age_s: f64) -> Errors {
+pub(super) fn errors(config: Px4Config, sender: Sender, reference: &Reference, age_s: f64) -> Errors {
     let mut flight = airborne(config, sender, reference);
     let track = fly(&mut flight, sender, reference, 0.0, COUNT_TO_S, true);
     let (mut total, mut along, mut cross) = (Vec::new(), Vec::new(), Vec::new());
@@ -215,7 +215,7 @@ pub(super) fn errors(config: AutopilotConfig, sender: Sender, reference: &Refere
 /// How far past the end the emulator goes (m).
 pub fn overshoot(stop: &Stop) -> f64 {
     let (sender, reference) = (stop.sender, &stop.reference);
-    let mut flight = airborne(AutopilotConfig::default(), sender, reference);
+    let mut flight = airborne(Px4Config::default(), sender, reference);
     let track = fly(&mut flight, sender, reference, 0.0, STOP_WATCHED_S, true);
     let end = reference.position(STOP_WATCHED_S).x;
     track.iter().map(|(_, p)| p.x - end).fold(f64::MIN, f64::max)

@@ -4,7 +4,7 @@
 
 use super::tracking::{Errors, STOP_WATCHED_S, Sender, airborne, errors, fly, offboard};
 use jink_emulated_autopilot::reference::{Reference, STOP_AT_S, wave};
-use jink_emulated_px4::AutopilotConfig;
+use jink_emulated_px4::Px4Config;
 
 /// Light drag (N/(m/s)).
 pub const LIGHT: f64 = 0.1;
@@ -30,7 +30,7 @@ pub struct Row {
 /// The errors of a row as the emulator flies it.
 pub fn tracking(row: &Row) -> Errors {
     errors(
-        AutopilotConfig::current(row.drag),
+        Px4Config::current(row.drag),
         offboard(0.0, row.rest_ahead_s),
         &row.reference,
         POSITION_AGE_S,
@@ -98,7 +98,7 @@ impl Stray {
 /// How far the emulator strays, from the beginning of the stop.
 pub fn stopping(stop: &Stop) -> Stray {
     let (sender, reference): (Sender, _) = (offboard(0.0, 0.0), &stop.reference);
-    let mut flight = airborne(AutopilotConfig::current(stop.drag), sender, reference);
+    let mut flight = airborne(Px4Config::current(stop.drag), sender, reference);
     let track = fly(&mut flight, sender, reference, 0.0, STOP_WATCHED_S, true);
     let end = reference.position(STOP_WATCHED_S).x;
     let mut stray = Stray {

@@ -1,15 +1,15 @@
 //! Which autopilot flies the vehicle, by its name in a configuration.
 
 use jink_emulated_arducopter::{ArduCopter, ArduCopterConfig};
-use jink_emulated_autopilot::{Flyer, UnknownParameter};
-use jink_emulated_px4::{Autopilot, AutopilotConfig};
+use jink_emulated_autopilot::{Autopilot, UnknownParameter};
+use jink_emulated_px4::{Px4, Px4Config};
 use jink_simulated_world::vehicle::VehicleConfig;
 
 /// Which autopilot, and how it is set.
 #[derive(Clone, Debug)]
-pub enum FlyerConfig {
+pub enum AutopilotConfig {
     /// One of the two firmwares of PX4.
-    Px4(AutopilotConfig),
+    Px4(Px4Config),
     /// ArduCopter.
     ArduCopter(ArduCopterConfig),
 }
@@ -17,15 +17,15 @@ pub enum FlyerConfig {
 /// Drag of the quadrotor that current PX4 flies in demonstrations (N s/m per kg): that of a light, real one.
 const LIGHT_DRAG: f64 = 0.1;
 
-impl FlyerConfig {
-    /// The names of those that [`FlyerConfig::named`] knows.
+impl AutopilotConfig {
+    /// The names of those that [`AutopilotConfig::named`] knows.
     pub const NAMES: [&'static str; 3] = ["px4", "px4_current", "ardupilot"];
 
     /// By its name in a configuration; `None` for a name that means nothing.
     pub fn named(name: &str) -> Option<Self> {
         match name {
-            "px4" => Some(Self::Px4(AutopilotConfig::default())),
-            "px4_current" => Some(Self::Px4(AutopilotConfig::current(LIGHT_DRAG))),
+            "px4" => Some(Self::Px4(Px4Config::default())),
+            "px4_current" => Some(Self::Px4(Px4Config::current(LIGHT_DRAG))),
             "ardupilot" => Some(Self::ArduCopter(ArduCopterConfig::default())),
             _ => None,
         }
@@ -64,9 +64,9 @@ impl FlyerConfig {
     ///
     /// # Errors
     /// A parameter that it does not have.
-    pub fn build(self) -> Result<Box<dyn Flyer>, UnknownParameter> {
+    pub fn build(self) -> Result<Box<dyn Autopilot>, UnknownParameter> {
         Ok(match self {
-            Self::Px4(config) => Box::new(Autopilot::new(config)?),
+            Self::Px4(config) => Box::new(Px4::new(config)?),
             Self::ArduCopter(config) => Box::new(ArduCopter::new(config)?),
         })
     }
