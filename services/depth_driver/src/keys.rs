@@ -1,6 +1,6 @@
 //! One `[[sensor]]` table as written, read key by key.
 
-use crate::mistake::Mistake;
+use crate::config_error::DepthConfigError;
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::orientation::{self, Orientation};
 use std::collections::BTreeMap;
@@ -23,7 +23,7 @@ impl Keys<'_> {
     }
 
     /// The text given for `key`, which must be there.
-    pub fn text(&self, key: &'static str, possible: impl Fn() -> String) -> Result<&str, Mistake> {
+    pub fn text(&self, key: &'static str, possible: impl Fn() -> String) -> Result<&str, DepthConfigError> {
         let value = self.table.get(key).ok_or_else(|| self.missing(key, possible()))?;
         value
             .as_str()
@@ -36,7 +36,7 @@ impl Keys<'_> {
         key: &'static str,
         default: f64,
         limits: RangeInclusive<f64>,
-    ) -> Result<f64, Mistake> {
+    ) -> Result<f64, DepthConfigError> {
         let Some(value) = self.table.get(key) else {
             return Ok(default);
         };
@@ -49,7 +49,7 @@ impl Keys<'_> {
     }
 
     /// As [`Self::number`], and it must be given.
-    pub fn needed(&self, key: &'static str, limits: RangeInclusive<f64>) -> Result<f64, Mistake> {
+    pub fn needed(&self, key: &'static str, limits: RangeInclusive<f64>) -> Result<f64, DepthConfigError> {
         if self.has(key) {
             return self.number(key, 0.0, limits);
         }
@@ -62,7 +62,7 @@ impl Keys<'_> {
         key: &'static str,
         default: u16,
         limits: RangeInclusive<u16>,
-    ) -> Result<u16, Mistake> {
+    ) -> Result<u16, DepthConfigError> {
         let Some(value) = self.table.get(key) else {
             return Ok(default);
         };
@@ -77,7 +77,7 @@ impl Keys<'_> {
     }
 
     /// How it sits: by orientation, turns or quaternion.
-    pub fn mounting(&self) -> Result<Mounting, Mistake> {
+    pub fn mounting(&self) -> Result<Mounting, DepthConfigError> {
         let turn = |key| self.number(key, 0.0, -360.0..=360.0);
         let written = orientation::Written {
             orientation: self.orientation()?,
@@ -87,13 +87,13 @@ impl Keys<'_> {
         written
             .body_q_sensor()
             .map(Mounting::from_rotation)
-            .map_err(|contradiction| Mistake::Mounting {
+            .map_err(|contradiction| DepthConfigError::Mounting {
                 sensor: self.sensor.to_owned(),
                 contradiction,
             })
     }
 
-    fn orientation(&self) -> Result<Option<&'static Orientation>, Mistake> {
+    fn orientation(&self) -> Result<Option<&'static Orientation>, DepthConfigError> {
         let Some(value) = self.table.get("orientation") else {
             return Ok(None);
         };
@@ -110,7 +110,7 @@ impl Keys<'_> {
         })
     }
 
-    fn quaternion(&self) -> Result<Option<[f64; 4]>, Mistake> {
+    fn quaternion(&self) -> Result<Option<[f64; 4]>, DepthConfigError> {
         let Some(value) = self.table.get("quaternion") else {
             return Ok(None);
         };
@@ -126,16 +126,16 @@ impl Keys<'_> {
             })
     }
 
-    pub fn missing(&self, key: &'static str, possible: String) -> Mistake {
-        Mistake::Missing {
+    pub fn missing(&self, key: &'static str, possible: String) -> DepthConfigError {
+        DepthConfigError::Missing {
             sensor: self.sensor.to_owned(),
             key,
             possible,
         }
     }
 
-    pub fn not_possible(&self, key: &'static str, value: &str, possible: String) -> Mistake {
-        Mistake::NotPossible {
+    pub fn not_possible(&self, key: &'static str, value: &str, possible: String) -> DepthConfigError {
+        DepthConfigError::NotPossible {
             sensor: self.sensor.to_owned(),
             key,
             value: value.to_owned(),

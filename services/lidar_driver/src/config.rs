@@ -1,12 +1,12 @@
 //! The `[[sensor]]` table of one lidar or scanner. docs/lidars.md lists the keys.
 //!
-//! Position, mounting, ranges and rate have the keys that the simulator's sensors have, with the same meaning; keys that only describe a
-//! simulated sensor are passed over. Every mistake is answered with one sentence that names the sensor, the key and what is
-//! possible.
+//! Position, mounting, ranges and rate have the keys that the simulator's sensors have, with the same meaning; keys
+//! that only describe a simulated sensor are ignored. Every error is one sentence that names the sensor, the key and
+//! what is possible.
 
 mod keys;
 
-use crate::models::{self, Connection, Model, NetworkProtocol};
+use crate::models::{self, Connection, LidarModel, NetworkProtocol};
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::orientation::Contradiction;
 use jink_shared_types::suggestion::DidYouMean;
@@ -45,7 +45,7 @@ pub enum Device {
     },
 }
 
-/// What a pulse without an answer says.
+/// The meaning of a pulse without a return.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoReturn {
     /// Nothing.
@@ -91,11 +91,11 @@ pub struct CloudSpec {
     pub mounting: Mounting,
     /// Shortest range (m).
     pub range_min_m: f32,
-    /// How far is looked (m).
+    /// Configured maximum (m).
     pub range_max_m: f32,
     /// One standard deviation of a range (m).
     pub sigma_m: f32,
-    /// What a pulse without an answer says.
+    /// The meaning of a pulse without a return.
     pub no_return: NoReturn,
     /// Which answers of a pulse count.
     pub returns: Returns,
@@ -122,7 +122,7 @@ pub struct LidarSpec {
     /// Its name.
     pub name: String,
     /// Its model.
-    pub model: &'static Model,
+    pub model: &'static LidarModel,
     /// Where its data come from.
     pub device: Device,
     /// Clouds or scans per second (Hz).
@@ -135,7 +135,7 @@ pub struct LidarSpec {
     pub metadata: Option<PathBuf>,
     /// Address of the sensor: data of others are foreign, and it is set up there.
     pub sensor_address: Option<IpAddr>,
-    /// Address of this computer, as the sensor is told to send to.
+    /// Address of this computer to which the sensor sends.
     pub host_address: Option<IpAddr>,
     /// UDP or TCP port of the sensor's control; zero: the model's.
     pub control_port: u16,
@@ -143,7 +143,7 @@ pub struct LidarSpec {
 
 /// What is wrong with a table, or that it is not there.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Mistake {
+pub enum LidarConfigError {
     /// No sensor has this name.
     NoSuchSensor {
         /// The name asked for.
@@ -182,10 +182,10 @@ pub enum Mistake {
         sensor: String,
         /// The key.
         key: &'static str,
-        /// What it may say.
+        /// The possible values.
         possible: String,
     },
-    /// A value that says nothing to this key.
+    /// A value that is not possible for this key.
     NotPossible {
         /// Name of the sensor.
         sensor: String,
@@ -193,7 +193,7 @@ pub enum Mistake {
         key: &'static str,
         /// What was given.
         value: String,
-        /// What it may say.
+        /// The possible values.
         possible: String,
     },
     /// A key that this model, or this device, does not have.
@@ -216,7 +216,7 @@ pub enum Mistake {
     },
 }
 
-impl Mistake {
+impl LidarConfigError {
     /// The sensor and the key that it is about, to find them in the file.
     pub fn place(&self) -> Option<(&str, &str)> {
         match self {
@@ -233,7 +233,7 @@ impl Mistake {
     }
 }
 
-impl fmt::Display for Mistake {
+impl fmt::Display for LidarConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSuchSensor { sensor, known } => write!(
@@ -283,14 +283,14 @@ impl fmt::Display for Mistake {
         }
     }
 }
-impl std::error::Error for Mistake {}
+impl std::error::Error for LidarConfigError {}
 
 impl LidarSpec {
     /// The lidar called `name` among all sensors of a configuration.
     ///
     /// # Errors
-    /// The first mistake found.
-    pub fn find(tables: &[SensorTable], name: &str) -> Result<Self, Mistake> {
+    /// The first error found.
+    pub fn find(tables: &[SensorTable], name: &str) -> Result<Self, LidarConfigError> {
         let name_of = |table: &SensorTable| {
             table
                 .get("name")
@@ -300,14 +300,14 @@ impl LidarSpec {
         };
         match tables.iter().find(|table| name_of(table) == name) {
             Some(table) => Keys { sensor: name, table }.spec(),
-            None => Err(Mistake::NoSuchSensor {
+            None => Err(LidarConfigError::NoSuchSensor {
                 sensor: name.to_owned(),
                 known: tables.iter().map(name_of).collect(),
             }),
         }
     }
 
-    /// What it speaks, if it is on the network.
+    /// Its protocol, if it is on the network.
     pub fn network(&self) -> Option<NetworkProtocol> {
         match self.model.connection {
             Connection::Network(protocol) => Some(protocol),

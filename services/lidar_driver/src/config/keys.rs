@@ -1,9 +1,9 @@
 //! One table, key by key.
 
 use super::{
-    CloudSpec, Device, KINDS, LidarSpec, Mistake, NoReturn, Returns, Sector, SensorTable, models_of,
+    CloudSpec, Device, KINDS, LidarConfigError, LidarSpec, NoReturn, Returns, Sector, SensorTable, models_of,
 };
-use crate::models::{self, Connection, Model, NetworkProtocol};
+use crate::models::{self, Connection, LidarModel, NetworkProtocol};
 use jink_shared_types::Point;
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::orientation::{self, Orientation};
@@ -69,7 +69,7 @@ pub(super) struct Keys<'a> {
 }
 
 impl Keys<'_> {
-    pub fn spec(&self) -> Result<LidarSpec, Mistake> {
+    pub fn spec(&self) -> Result<LidarSpec, LidarConfigError> {
         let kind = self.check_names()?;
         let model = self.model(kind)?;
         let device = self.device(model)?;
@@ -117,10 +117,10 @@ impl Keys<'_> {
         Ok(spec)
     }
 
-    fn check_names(&self) -> Result<&'static str, Mistake> {
+    fn check_names(&self) -> Result<&'static str, LidarConfigError> {
         let kind = self.table.get("kind").and_then(Value::as_str).unwrap_or_default();
         let Some(kind) = KINDS.into_iter().find(|known| *known == kind) else {
-            return Err(Mistake::OtherKind {
+            return Err(LidarConfigError::OtherKind {
                 sensor: self.sensor.to_owned(),
                 kind: kind.to_owned(),
             });
@@ -128,7 +128,7 @@ impl Keys<'_> {
         let known = |key: &str| KEYS.contains(&key) || SIMULATED.contains(&key);
         match self.table.keys().find(|key| !known(key)) {
             None => Ok(kind),
-            Some(key) => Err(Mistake::UnknownKey {
+            Some(key) => Err(LidarConfigError::UnknownKey {
                 sensor: self.sensor.to_owned(),
                 key: key.clone(),
                 nearest: nearest(key, KEYS.iter().copied()),
@@ -136,7 +136,7 @@ impl Keys<'_> {
         }
     }
 
-    fn model(&self, kind: &str) -> Result<&'static Model, Mistake> {
+    fn model(&self, kind: &str) -> Result<&'static LidarModel, LidarConfigError> {
         let value = self
             .table
             .get("model")
@@ -146,14 +146,14 @@ impl Keys<'_> {
         if model.kind() == kind {
             return Ok(model);
         }
-        Err(Mistake::ModelOfOtherKind {
+        Err(LidarConfigError::ModelOfOtherKind {
             sensor: self.sensor.to_owned(),
             model: model.name,
             kind: model.kind(),
         })
     }
 
-    fn device(&self, model: &Model) -> Result<Device, Mistake> {
+    fn device(&self, model: &LidarModel) -> Result<Device, LidarConfigError> {
         let network = matches!(model.connection, Connection::Network(_));
         let possible = || {
             if network {
@@ -197,7 +197,7 @@ impl Keys<'_> {
     }
 
     /// Keys that only some models or devices have.
-    fn check_keys(&self, model: &'static Model, device: &Device) -> Result<(), Mistake> {
+    fn check_keys(&self, model: &'static LidarModel, device: &Device) -> Result<(), LidarConfigError> {
         let network = matches!(model.connection, Connection::Network(_));
         let ouster = model.connection == Connection::Network(NetworkProtocol::Ouster);
         let livox = matches!(
@@ -239,7 +239,7 @@ impl Keys<'_> {
             .find(|(key, has, _)| !has && self.table.contains_key(*key))
         {
             None => Ok(()),
-            Some((key, _, possible)) => Err(Mistake::NotOfThisModel {
+            Some((key, _, possible)) => Err(LidarConfigError::NotOfThisModel {
                 sensor: self.sensor.to_owned(),
                 key,
                 model: model.name,
@@ -249,7 +249,7 @@ impl Keys<'_> {
     }
 
     /// An Ouster needs its metadata, from a file or from itself.
-    fn check_set_up(&self, spec: &LidarSpec) -> Result<(), Mistake> {
+    fn check_set_up(&self, spec: &LidarSpec) -> Result<(), LidarConfigError> {
         let ouster = spec.network() == Some(NetworkProtocol::Ouster);
         if !ouster || spec.metadata.is_some() || spec.sensor_address.is_some() {
             return Ok(());
@@ -259,14 +259,14 @@ impl Keys<'_> {
         Err(self.missing("metadata", possible.to_owned()))
     }
 
-    /// A range that is looked at lies within the device's.
-    fn ranges(&self, model: &Model) -> Result<[f64; 2], Mistake> {
+    /// The configured range lies within the device's.
+    fn ranges(&self, model: &LidarModel) -> Result<[f64; 2], LidarConfigError> {
         let min_m = self.number("range_min_m", model.range_min_m, 0.0..=10.0)?;
         let max_m = self.number("range_max_m", model.range_max_m, 0.5..=model.range_max_m)?;
         if min_m < max_m {
             return Ok([min_m, max_m]);
         }
-        Err(Mistake::NotPossible {
+        Err(LidarConfigError::NotPossible {
             sensor: self.sensor.to_owned(),
             key: "range_max_m",
             value: max_m.to_string(),
@@ -274,7 +274,7 @@ impl Keys<'_> {
         })
     }
 
-    fn blind(&self) -> Result<Vec<Sector>, Mistake> {
+    fn blind(&self) -> Result<Vec<Sector>, LidarConfigError> {
         let Some(value) = self.table.get("blind_deg") else {
             return Ok(Vec::new());
         };
@@ -303,7 +303,7 @@ impl Keys<'_> {
         })
     }
 
-    fn mounting(&self) -> Result<Mounting, Mistake> {
+    fn mounting(&self) -> Result<Mounting, LidarConfigError> {
         let turn = |key| self.number(key, 0.0, -360.0..=360.0);
         let written = orientation::Written {
             orientation: self.orientation()?,
@@ -313,13 +313,13 @@ impl Keys<'_> {
         written
             .body_q_sensor()
             .map(Mounting::from_rotation)
-            .map_err(|contradiction| Mistake::Mounting {
+            .map_err(|contradiction| LidarConfigError::Mounting {
                 sensor: self.sensor.to_owned(),
                 contradiction,
             })
     }
 
-    fn orientation(&self) -> Result<Option<&'static Orientation>, Mistake> {
+    fn orientation(&self) -> Result<Option<&'static Orientation>, LidarConfigError> {
         let Some(value) = self.table.get("orientation") else {
             return Ok(None);
         };
@@ -336,7 +336,7 @@ impl Keys<'_> {
         })
     }
 
-    fn quaternion(&self) -> Result<Option<[f64; 4]>, Mistake> {
+    fn quaternion(&self) -> Result<Option<[f64; 4]>, LidarConfigError> {
         let Some(value) = self.table.get("quaternion") else {
             return Ok(None);
         };
@@ -349,7 +349,7 @@ impl Keys<'_> {
             .ok_or_else(|| self.not_possible("quaternion", value, "[w, x, y, z], four numbers".to_owned()))
     }
 
-    fn address(&self, key: &'static str) -> Result<Option<IpAddr>, Mistake> {
+    fn address(&self, key: &'static str) -> Result<Option<IpAddr>, LidarConfigError> {
         let Some(value) = self.table.get(key) else {
             return Ok(None);
         };
@@ -359,7 +359,7 @@ impl Keys<'_> {
             .ok_or_else(|| self.not_possible(key, value, "an IP address, e.g. \"192.168.1.150\"".to_owned()))
     }
 
-    fn path(&self, key: &'static str) -> Result<Option<PathBuf>, Mistake> {
+    fn path(&self, key: &'static str) -> Result<Option<PathBuf>, LidarConfigError> {
         let Some(value) = self.table.get(key) else {
             return Ok(None);
         };
@@ -368,8 +368,8 @@ impl Keys<'_> {
             .ok_or_else(|| self.not_possible(key, value, "the whole path of a file".to_owned()))
     }
 
-    /// What the word given for `key` means; the first one stands for none.
-    fn word<T: Copy>(&self, key: &'static str, words: &[(&str, T)]) -> Result<T, Mistake> {
+    /// The meaning of the word given for `key`; the first one stands for none.
+    fn word<T: Copy>(&self, key: &'static str, words: &[(&str, T)]) -> Result<T, LidarConfigError> {
         let value = self.table.get(key);
         let found = match value {
             None => words.first(),
@@ -378,7 +378,7 @@ impl Keys<'_> {
         found.map(|(_, meaning)| *meaning).ok_or_else(|| {
             let possible: Vec<String> = words.iter().map(|(word, _)| format!("{word:?}")).collect();
             let value = value.map(ToString::to_string).unwrap_or_default();
-            Mistake::NotPossible {
+            LidarConfigError::NotPossible {
                 sensor: self.sensor.to_owned(),
                 key,
                 value,
@@ -388,7 +388,12 @@ impl Keys<'_> {
     }
 
     /// The number given for `key` or its default, if it lies within `limits`.
-    fn number(&self, key: &'static str, default: f64, limits: RangeInclusive<f64>) -> Result<f64, Mistake> {
+    fn number(
+        &self,
+        key: &'static str,
+        default: f64,
+        limits: RangeInclusive<f64>,
+    ) -> Result<f64, LidarConfigError> {
         let Some(value) = self.table.get(key) else {
             return Ok(default);
         };
@@ -397,16 +402,16 @@ impl Keys<'_> {
             .ok_or_else(|| self.not_possible(key, value, format!("{} to {}", limits.start(), limits.end())))
     }
 
-    fn missing(&self, key: &'static str, possible: String) -> Mistake {
-        Mistake::Missing {
+    fn missing(&self, key: &'static str, possible: String) -> LidarConfigError {
+        LidarConfigError::Missing {
             sensor: self.sensor.to_owned(),
             key,
             possible,
         }
     }
 
-    fn not_possible(&self, key: &'static str, value: &Value, possible: String) -> Mistake {
-        Mistake::NotPossible {
+    fn not_possible(&self, key: &'static str, value: &Value, possible: String) -> LidarConfigError {
+        LidarConfigError::NotPossible {
             sensor: self.sensor.to_owned(),
             key,
             value: value.to_string(),

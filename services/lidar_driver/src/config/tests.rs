@@ -1,4 +1,4 @@
-use super::{Device, LidarSpec, Mistake, NoReturn, Returns, SensorTable};
+use super::{Device, LidarConfigError, LidarSpec, NoReturn, Returns, SensorTable};
 use nalgebra::Vector3;
 
 fn tables(text: &str) -> Vec<SensorTable> {
@@ -6,14 +6,14 @@ fn tables(text: &str) -> Vec<SensorTable> {
     file["sensor"].clone().try_into().unwrap()
 }
 
-fn read_kind(kind: &str, keys: &str) -> Result<LidarSpec, Mistake> {
+fn read_kind(kind: &str, keys: &str) -> Result<LidarSpec, LidarConfigError> {
     let text = format!(
         "[[sensor]]\nname = \"front\"\nkind = \"rangefinder\"\n[[sensor]]\nname = \"top\"\nkind = \"{kind}\"\n{keys}"
     );
     LidarSpec::find(&tables(&text), "top")
 }
 
-fn read(keys: &str) -> Result<LidarSpec, Mistake> {
+fn read(keys: &str) -> Result<LidarSpec, LidarConfigError> {
     read_kind("lidar_3d", keys)
 }
 
@@ -136,7 +136,7 @@ fn every_mistake_names_the_sensor_the_key_and_what_is_possible() {
 }
 
 #[test]
-fn a_sensor_that_is_not_there_or_of_another_kind_is_said_to_be_so() {
+fn a_sensor_that_is_not_there_or_of_another_kind_is_reported_as_such() {
     let two = tables(
         "[[sensor]]\nname = \"top\"\nkind = \"lidar_3d\"\n[[sensor]]\nname = \"front\"\nkind = \"rangefinder\"\n",
     );

@@ -1,4 +1,5 @@
-//! What can be wrong with the table of a depth camera: one sentence that names the sensor, the key and what is possible.
+//! What can be wrong with the table of a depth camera: one sentence that names the sensor, the key and what is
+//! possible.
 
 use crate::config::KIND;
 use jink_shared_types::orientation::Contradiction;
@@ -7,7 +8,7 @@ use std::fmt;
 
 /// What is wrong with a table, or that it is not there.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Mistake {
+pub enum DepthConfigError {
     /// No sensor has this name.
     NoSuchSensor {
         /// The name asked for.
@@ -37,7 +38,7 @@ pub enum Mistake {
         sensor: String,
         /// The key.
         key: &'static str,
-        /// What it may say.
+        /// The possible values.
         possible: String,
     },
     /// A value that is not possible for this key.
@@ -48,10 +49,10 @@ pub enum Mistake {
         key: &'static str,
         /// What was given.
         value: String,
-        /// What it may say.
+        /// The possible values.
         possible: String,
     },
-    /// Two ways to say where pixels look.
+    /// Two ways to give the directions of pixels.
     TwoProjections {
         /// Name of the sensor.
         sensor: String,
@@ -76,7 +77,7 @@ pub enum Mistake {
     },
 }
 
-impl fmt::Display for Mistake {
+impl fmt::Display for DepthConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NoSuchSensor { sensor, known } => write!(
@@ -130,4 +131,4 @@ impl fmt::Display for Mistake {
         }
     }
 }
-impl std::error::Error for Mistake {}
+impl std::error::Error for DepthConfigError {}
