@@ -8,7 +8,7 @@
 )]
 
 use jink_depth_driver::config::SensorTable;
-use jink_depth_driver::{DepthCameraSpec, Driver, Image};
+use jink_depth_driver::{DepthCameraDriver, DepthCameraSpec, Image};
 use jink_shared_types::Timestamp;
 use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::PointCloud;
@@ -32,7 +32,7 @@ fn main() {
         let table: SensorTable = text.parse::<toml::Table>().unwrap().into_iter().collect();
         let spec = DepthCameraSpec::find(&[table], "front").unwrap();
         let images: Vec<Vec<u8>> = (0..8).map(|seed| scene(size_px, seed)).collect();
-        let mut driver = Driver::new(spec.clone());
+        let mut driver = DepthCameraDriver::new(spec.clone());
         let mut cloud = PointCloud::boxed();
         let us: Vec<f64> = (0..IMAGES)
             .map(|index| {

@@ -1,7 +1,8 @@
-//! A long stream of damaged, doubled, lost and reordered packets through the whole step, with what became of it, and the time that a
-//! packet takes.
+//! A long stream of damaged, doubled, lost and reordered packets through the whole step, with what became of it, and
+//! the time that a packet takes.
 //!
-//! `cargo run --release -p jink-lidar-driver --example soak -- [FRAMES]`: frames of an Ouster OS1-128 at 1024x10, 10,000 without a number.
+//! `cargo run --release -p jink-lidar-driver --example soak -- [FRAMES]`: frames of an Ouster OS1-128 at 1024x10,
+//! 10,000 without a number.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -13,7 +14,7 @@ mod encoder;
 
 use encoder::{ouster_metadata, ouster_standard, spec};
 use jink_lidar_driver::ouster::Metadata;
-use jink_lidar_driver::{CloudAssembler, Decoder, Driver};
+use jink_lidar_driver::{CloudAssembler, Decoder, NetworkLidarDriver};
 use jink_shared_types::Timestamp;
 use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::PointCloud;
@@ -32,7 +33,7 @@ fn main() {
         .map_or(10_000, |text| text.parse().expect("a number of frames"));
     let metadata = Metadata::parse(&ouster_metadata(ROWS, COLUMNS, "RNG19_RFL8_SIG16_NIR16")).unwrap();
     let spec = spec("lidar_3d", "ouster", "udp:127.0.0.1:0", "metadata = \"/x\"\n");
-    let mut driver = Driver::new(spec, Some(Decoder::ouster(metadata)));
+    let mut driver = NetworkLidarDriver::new(spec, Some(Decoder::ouster(metadata)));
     // Checksums take longer than decoding: packets are made once for a few frames.
     let made: Vec<Vec<u8>> = (0..8 * PACKETS)
         .map(|index| {

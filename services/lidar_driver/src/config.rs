@@ -1,12 +1,12 @@
 //! The `[[sensor]]` table of one lidar or scanner. docs/lidars.md lists the keys.
 //!
-//! Position, mounting, ranges and rate have the keys that the simulator's sensors have, with the same meaning; keys that only describe a
-//! simulated sensor are passed over. Every mistake is answered with one sentence that names the sensor, the key and what is
-//! possible.
+//! Position, mounting, ranges and rate have the keys that the simulator's sensors have, with the same meaning; keys
+//! that only describe a simulated sensor are ignored. Every error is one sentence that names the sensor, the key and
+//! what is possible.
 
 mod keys;
 
-use crate::models::{self, Connection, Model, NetworkProtocol};
+use crate::models::{self, Connection, LidarModel, NetworkProtocol};
 use jink_runtime::config::sensor_table::SensorKeys;
 pub use jink_runtime::config::sensor_table::{Mistake, SensorTable};
 use jink_shared_types::frames::Mounting;
@@ -39,7 +39,7 @@ pub enum Device {
     },
 }
 
-/// What a pulse without an answer says.
+/// The meaning of a pulse without a return.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoReturn {
     /// Nothing.
@@ -85,11 +85,11 @@ pub struct CloudSpec {
     pub mounting: Mounting,
     /// Shortest range (m).
     pub range_min_m: f32,
-    /// How far is looked (m).
+    /// Configured maximum (m).
     pub range_max_m: f32,
     /// One standard deviation of a range (m).
     pub sigma_m: f32,
-    /// What a pulse without an answer says.
+    /// The meaning of a pulse without a return.
     pub no_return: NoReturn,
     /// Which answers of a pulse count.
     pub returns: Returns,
@@ -116,7 +116,7 @@ pub struct LidarSpec {
     /// Its name.
     pub name: String,
     /// Its model.
-    pub model: &'static Model,
+    pub model: &'static LidarModel,
     /// Where its data come from.
     pub device: Device,
     /// Clouds or scans per second (Hz).
@@ -129,7 +129,7 @@ pub struct LidarSpec {
     pub metadata: Option<PathBuf>,
     /// Address of the sensor: data of others are foreign, and it is set up there.
     pub sensor_address: Option<IpAddr>,
-    /// Address of this computer, as the sensor is told to send to.
+    /// Address of this computer to which the sensor sends.
     pub host_address: Option<IpAddr>,
     /// UDP or TCP port of the sensor's control; zero: the model's.
     pub control_port: u16,
@@ -144,7 +144,7 @@ impl LidarSpec {
         Keys(SensorKeys::find(tables, name)?).spec()
     }
 
-    /// What it speaks, if it is on the network.
+    /// Its protocol, if it is on the network.
     pub fn network(&self) -> Option<NetworkProtocol> {
         match self.model.connection {
             Connection::Network(protocol) => Some(protocol),

@@ -1,11 +1,11 @@
-//! Lidars on the network, and scanners on serial ports: packets in, point clouds and range scans out. One process per sensor; all of it
-//! but sockets, ports and files is pure.
+//! Lidars on the network, and scanners on serial ports: packets in, point clouds and range scans out. One process per
+//! sensor; all of it but sockets, ports and files is pure.
 //!
 //! | in | out |
 //! |---|---|
-//! | datagrams with the time at which they arrived ([`Driver::datagram`]) | point clouds in the body frame ([`CloudAssembler::write`]) |
+//! | datagrams with the time at which they arrived ([`NetworkLidarDriver::datagram`]) | point clouds in the body frame ([`CloudAssembler::write`]) |
 //! | bytes of a serial line ([`ScannerDriver::bytes`]) | range scans ([`Turn::write`]), what is to be written to the scanner |
-//! | time | news for the pilot ([`News`]), messages that set a sensor up ([`livox::control`]) |
+//! | time | changes to report to the pilot ([`LidarChange`]), messages that set a sensor up ([`livox::control`]) |
 //!
 //! | module | holds |
 //! |---|---|
@@ -40,10 +40,10 @@ mod service;
 pub mod velodyne;
 
 pub use cloud::CloudAssembler;
-pub use config::{LidarSpec, Mistake};
-pub use counters::{Counters, News};
+pub use config::{Mistake, LidarSpec};
+pub use counters::{LidarChange, LidarCounters};
 pub use decoder::Decoder;
-pub use driver::Driver;
+pub use driver::NetworkLidarDriver;
 pub use scanner::driver::ScannerDriver;
 pub use scanner::turn::Turn;
 pub use service::LidarService;

@@ -1,7 +1,7 @@
 //! One table, key by key.
 
 use super::{CloudSpec, Device, KINDS, LidarSpec, Mistake, NoReturn, Returns, Sector, models_of};
-use crate::models::{self, Connection, Model, NetworkProtocol};
+use crate::models::{self, Connection, LidarModel, NetworkProtocol};
 use jink_runtime::config::sensor_table::{SensorKeys, number_of};
 use jink_shared_types::Point;
 use jink_shared_types::ranges::SCAN_BEAMS;
@@ -118,7 +118,7 @@ impl Keys<'_> {
         Ok(spec)
     }
 
-    fn model(&self, kind: &str) -> Result<&'static Model, Mistake> {
+    fn model(&self, kind: &str) -> Result<&'static LidarModel, Mistake> {
         let value = self.given("model", || models_of(kind))?;
         let model = value.as_str().and_then(models::find);
         let model = model.ok_or_else(|| self.not_possible("model", value, models_of(kind)))?;
@@ -132,7 +132,7 @@ impl Keys<'_> {
         })
     }
 
-    fn device(&self, model: &Model) -> Result<Device, Mistake> {
+    fn device(&self, model: &LidarModel) -> Result<Device, Mistake> {
         let network = matches!(model.connection, Connection::Network(_));
         let possible = || {
             if network {
@@ -173,7 +173,7 @@ impl Keys<'_> {
     }
 
     /// Keys that only some models or devices have.
-    fn check_keys(&self, model: &'static Model, device: &Device) -> Result<(), Mistake> {
+    fn check_keys(&self, model: &'static LidarModel, device: &Device) -> Result<(), Mistake> {
         let network = matches!(model.connection, Connection::Network(_));
         let ouster = model.connection == Connection::Network(NetworkProtocol::Ouster);
         let livox = matches!(
@@ -235,8 +235,8 @@ impl Keys<'_> {
         Err(self.missing("metadata", possible.to_owned()))
     }
 
-    /// A range that is looked at lies within the device's.
-    fn ranges(&self, model: &Model) -> Result<[f64; 2], Mistake> {
+    /// The configured range lies within the device's.
+    fn ranges(&self, model: &LidarModel) -> Result<[f64; 2], Mistake> {
         let min_m = self.number("range_min_m", model.range_min_m, 0.0..=10.0)?;
         let max_m = self.number("range_max_m", model.range_max_m, 0.5..=model.range_max_m)?;
         if min_m < max_m {
@@ -294,7 +294,7 @@ impl Keys<'_> {
             .ok_or_else(|| self.not_possible(key, value, "the whole path of a file".to_owned()))
     }
 
-    /// What the word given for `key` means; the first one stands for none.
+    /// The meaning of the word given for `key`; the first one stands for none.
     fn word<T: Copy>(&self, key: &'static str, words: &[(&str, T)]) -> Result<T, Mistake> {
         let value = self.table.get(key);
         let found = match value {

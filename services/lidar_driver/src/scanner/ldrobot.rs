@@ -12,10 +12,10 @@
 //! | 2 | time (ms), up to 30000 |
 //! | 1 | CRC-8, polynomial 0x4D |
 //!
-//! Angles count clockwise. A range of zero is no return. A damaged packet passes its eight bits once in 256 times; what then still
-//! contradicts the speed is dropped, too.
+//! Angles count clockwise. A range of zero is no return. A damaged packet passes its eight bits once in 256 times; what
+//! then still contradicts the speed is dropped, too.
 
-use super::{Sample, Tally, Window};
+use super::{Sample, SampleCounts, SlidingWindow};
 use crate::decode::u16_at;
 use crc::{Algorithm, Crc};
 use jink_shared_types::Timestamp;
@@ -25,7 +25,7 @@ pub const PACKET_BYTES: usize = 47;
 const HEAD: [u8; 2] = [0x54, 0x2C];
 const SAMPLES: usize = 12;
 const TURN_CDEG: u32 = 36_000;
-/// Slowest and fastest turn that is believed (deg/s): 1 to 20 Hz.
+/// Slowest and fastest turn that is accepted (deg/s): 1 to 20 Hz.
 const SPEED_DPS: std::ops::RangeInclusive<u16> = 360..=7_200;
 /// Most samples that a packet may stretch over (0.01 deg): an LD06 at 15 Hz makes 1.2 deg between two.
 const SPAN_CDEG: u32 = 2_000;
@@ -47,15 +47,15 @@ const LDROBOT: Algorithm<u8> = Algorithm {
 /// Byte stream to samples.
 #[derive(Clone, Debug)]
 pub struct Ldrobot {
-    window: Window,
-    tally: Tally,
+    window: SlidingWindow,
+    tally: SampleCounts,
 }
 
 impl Default for Ldrobot {
     fn default() -> Self {
         Self {
-            window: Window::EMPTY,
-            tally: Tally::default(),
+            window: SlidingWindow::EMPTY,
+            tally: SampleCounts::default(),
         }
     }
 }
@@ -63,11 +63,11 @@ impl Default for Ldrobot {
 impl Ldrobot {
     /// The line was interrupted.
     pub fn interrupted(&mut self) {
-        self.window = Window::EMPTY;
+        self.window = SlidingWindow::EMPTY;
     }
 
     /// What has become of the bytes.
-    pub fn tally(&self) -> Tally {
+    pub fn tally(&self) -> SampleCounts {
         self.tally
     }
 

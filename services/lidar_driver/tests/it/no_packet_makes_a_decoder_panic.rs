@@ -60,7 +60,7 @@ proptest! {
                 for (place, mark) in bytes.iter_mut().zip(marks) {
                     *place = mark;
                 }
-                let _refused = decoder.packet(&bytes, &mut |_| {});
+                let _ = decoder.packet(&bytes, &mut |_| {});
             }
             decoder.finish(&mut |_| {});
         }
@@ -68,12 +68,12 @@ proptest! {
 
     #[test]
     fn any_text_as_metadata_is_refused_or_taken_without_a_panic(text in ".{0,200}", at in 0usize..600, byte in any::<u8>()) {
-        let _refused = Metadata::parse(&text);
+        let _ = Metadata::parse(&text);
         let mut good = ouster_metadata(16, 512, "LEGACY").into_bytes();
         let at = at % good.len();
         good[at] = byte;
         if let Ok(metadata) = Metadata::parse(&String::from_utf8_lossy(&good)) {
-            let _decoder = Decoder::ouster(metadata);
+            let _ = Decoder::ouster(metadata);
         }
     }
 
@@ -84,7 +84,7 @@ proptest! {
             let mut table: SensorTable = text.parse::<toml::Table>().unwrap().into_iter().collect();
             for name in [key.as_str(), "range_max_m", "returns", "blind_deg", "quaternion", "device"] {
                 table.insert(name.to_owned(), value.clone());
-                let _refused = jink_lidar_driver::LidarSpec::find(std::slice::from_ref(&table), "top");
+                let _ = jink_lidar_driver::LidarSpec::find(std::slice::from_ref(&table), "top");
             }
         }
     }
@@ -129,7 +129,7 @@ fn stream(name: &str, count: usize) -> Vec<Vec<u8>> {
 /// What identifies a ray: place and range in tenths of millimetres.
 fn rays_of(decoder: &mut Decoder, packet: &[u8]) -> Vec<[i64; 3]> {
     let mut rays = Vec::new();
-    let _refused = decoder.packet(packet, &mut |item| {
+    let _ = decoder.packet(packet, &mut |item| {
         if let Item::Ray(ray) = item {
             rays.push(
                 ray.at(ray.range_m)

@@ -1,5 +1,5 @@
-//! Scanners as their manuals describe them: every range comes back in its beam, RPLIDARs are told to scan, and what is damaged is
-//! dropped.
+//! Scanners as their manuals describe them: every range comes back in its beam, RPLIDARs are told to scan, and what is
+//! damaged is dropped.
 
 use crate::encoder::{ldrobot, rplidar_capsule, rplidar_dense, rplidar_descriptor, rplidar_sample, spec};
 use jink_lidar_driver::models::{self, Connection};
@@ -16,7 +16,8 @@ fn driver(model: &str, keys: &str) -> ScannerDriver {
     ScannerDriver::new(spec("lidar_2d", model, "/dev/x", keys), protocol)
 }
 
-/// What stands around the scanner (mm): different in every direction, nothing behind, something beyond a 12 m range on the left.
+/// What stands around the scanner (mm): different in every direction, nothing behind, something beyond a 12 m range on
+/// the left.
 fn range_mm(angle_deg: f64) -> u16 {
     match angle_deg {
         170.0..190.0 => 0,

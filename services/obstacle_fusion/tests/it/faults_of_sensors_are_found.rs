@@ -3,7 +3,7 @@
 use crate::flights::{FlightPath, Flown, SensorSample, fly, set};
 use jink_lidar_driver::capture::Capture;
 use jink_lidar_driver::ouster::Metadata;
-use jink_lidar_driver::{CloudAssembler, Decoder, Driver, LidarSpec};
+use jink_lidar_driver::{CloudAssembler, Decoder, LidarSpec, NetworkLidarDriver};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_runtime::config::sensor_sets;
 use jink_shared_types::faults::SensorFault;
@@ -267,7 +267,7 @@ fn recorded() -> Option<Vec<(Timestamp, Box<PointCloud>)>> {
         "name = \"top\"\nkind = \"lidar_3d\"\nmodel = \"ouster\"\ndevice = \"pcap:/x\"\nmetadata = \"/x\"\n";
     let table = table.parse::<toml::Table>().unwrap().into_iter().collect();
     let spec = LidarSpec::find(&[table], "top").unwrap();
-    let mut driver = Driver::new(spec, Some(Decoder::ouster(metadata)));
+    let mut driver = NetworkLidarDriver::new(spec, Some(Decoder::ouster(metadata)));
     let mut capture = Capture::open(&pcap).unwrap();
     let mut scans = Vec::new();
     let mut publish = |assembler: &CloudAssembler| {

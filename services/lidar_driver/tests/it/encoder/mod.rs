@@ -1,5 +1,5 @@
-//! Sensors as their manuals describe them, written without a look at the decoders: checksums by long division of polynomials, packets
-//! byte by byte.
+//! Sensors as their manuals describe them, written without a look at the decoders: checksums by long division of
+//! polynomials, packets byte by byte.
 #![allow(dead_code, reason = "every test uses a part")]
 #![allow(
     clippy::unwrap_used,
@@ -18,7 +18,8 @@ pub fn spec(kind: &str, model: &str, device: &str, keys: &str) -> LidarSpec {
     LidarSpec::find(&[table], "top").unwrap()
 }
 
-/// Remainder of `message * x^width` divided by a polynomial, bit by bit; `reflected` takes the lowest bit of a byte first.
+/// Remainder of `message * x^width` divided by a polynomial, bit by bit; `reflected` takes the lowest bit of a byte
+/// first.
 fn remainder(message: &[u8], width: u32, polynomial: u128, start: u128, reflected: bool) -> u128 {
     let mask = (1u128 << width) - 1;
     let mut register = start & mask;

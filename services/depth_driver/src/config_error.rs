@@ -1,11 +1,12 @@
-//! What can be wrong with the table of a depth camera: one sentence that names the sensor, the key and what is possible.
+//! What can be wrong with the table of a depth camera: one sentence that names the sensor, the key and what is
+//! possible.
 
 use jink_runtime::config::sensor_table;
 use std::fmt;
 
 /// What is wrong with a table, or that it is not there.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Mistake {
+pub enum DepthConfigError {
     /// One that any sensor may have.
     Table(sensor_table::Mistake),
     /// Two ways to say where pixels look.
@@ -26,7 +27,7 @@ pub enum Mistake {
     },
 }
 
-impl fmt::Display for Mistake {
+impl fmt::Display for DepthConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Table(mistake) => write!(f, "{mistake}"),
@@ -47,9 +48,9 @@ impl fmt::Display for Mistake {
         }
     }
 }
-impl std::error::Error for Mistake {}
+impl std::error::Error for DepthConfigError {}
 
-impl From<sensor_table::Mistake> for Mistake {
+impl From<sensor_table::Mistake> for DepthConfigError {
     fn from(mistake: sensor_table::Mistake) -> Self {
         Self::Table(mistake)
     }
