@@ -186,7 +186,11 @@ fn device(keys: &SensorKeys<'_>) -> Result<String, DepthConfigError> {
 }
 
 /// Intrinsics as given, or of the field of view given, or of the model's for images of 16:9.
-fn intrinsics(keys: &SensorKeys<'_>, model: &DepthCameraModel, size_px: [u16; 2]) -> Result<Intrinsics, DepthConfigError> {
+fn intrinsics(
+    keys: &SensorKeys<'_>,
+    model: &DepthCameraModel,
+    size_px: [u16; 2],
+) -> Result<Intrinsics, DepthConfigError> {
     let first = |among: &[&'static str]| among.iter().copied().find(|key| keys.has(key));
     let in_pixels = first(&["fx_px", "fy_px", "cx_px", "cy_px"]);
     let as_angle = first(&["fov_horizontal_deg", "fov_vertical_deg"]);
@@ -243,7 +247,11 @@ fn distortion(keys: &SensorKeys<'_>) -> Result<Distortion, DepthConfigError> {
     })
 }
 
-fn ranges(keys: &SensorKeys<'_>, model: &DepthCameraModel, nearest_m: Option<f64>) -> Result<[f64; 2], DepthConfigError> {
+fn ranges(
+    keys: &SensorKeys<'_>,
+    model: &DepthCameraModel,
+    nearest_m: Option<f64>,
+) -> Result<[f64; 2], DepthConfigError> {
     let min_m = keys.number("range_min_m", nearest_m.unwrap_or(0.2), 0.01..=10.0)?;
     let max_m = keys.number("range_max_m", model.range_max_m, 0.1..=60.0)?;
     if min_m < max_m {

@@ -266,7 +266,9 @@ fn request(component: Component, id: f32, of: f32) -> (MavResult, CommandAction)
         Some(id) if id == MESSAGE_INTERVAL_DATA::ID => report_interval(component, of),
         id => match id.and_then(|id| find(component, id)) {
             // Ours is a question or an answer to one, nothing to be said by itself.
-            None | Some((Answerable::Timesync, _)) => (MavResult::MAV_RESULT_UNSUPPORTED, CommandAction::Nothing),
+            None | Some((Answerable::Timesync, _)) => {
+                (MavResult::MAV_RESULT_UNSUPPORTED, CommandAction::Nothing)
+            }
             Some((message, _)) => (MavResult::MAV_RESULT_ACCEPTED, CommandAction::Say(message)),
         },
     }
@@ -295,7 +297,10 @@ fn set_interval(component: Component, id: f32, interval_us: f32) -> (MavResult, 
         _ if in_range => MessageInterval::Period(period_s),
         _ => return denied,
     };
-    (MavResult::MAV_RESULT_ACCEPTED, CommandAction::Set(message, interval))
+    (
+        MavResult::MAV_RESULT_ACCEPTED,
+        CommandAction::Set(message, interval),
+    )
 }
 
 fn report_interval(component: Component, id: f32) -> (MavResult, CommandAction) {
@@ -305,7 +310,10 @@ fn report_interval(component: Component, id: f32) -> (MavResult, CommandAction) 
         Some(id) => {
             let by_itself = find(component, id).filter(|(_, policy)| *policy != IntervalPolicy::OnRequest);
             let message = by_itself.map(|(message, _)| message);
-            (MavResult::MAV_RESULT_ACCEPTED, CommandAction::ReportInterval(id, message))
+            (
+                MavResult::MAV_RESULT_ACCEPTED,
+                CommandAction::ReportInterval(id, message),
+            )
         }
     }
 }
@@ -321,7 +329,10 @@ fn reboot(context: &CommandContext, autopilot: f32, computer: f32) -> (MavResult
     } else if context.restarting {
         (MavResult::MAV_RESULT_TEMPORARILY_REJECTED, CommandAction::Nothing)
     } else if context.armed != Some(false) {
-        (MavResult::MAV_RESULT_TEMPORARILY_REJECTED, CommandAction::ExplainRefusal)
+        (
+            MavResult::MAV_RESULT_TEMPORARILY_REJECTED,
+            CommandAction::ExplainRefusal,
+        )
     } else {
         (MavResult::MAV_RESULT_ACCEPTED, CommandAction::Restart)
     }
@@ -329,7 +340,10 @@ fn reboot(context: &CommandContext, autopilot: f32, computer: f32) -> (MavResult
 
 #[cfg(test)]
 mod tests {
-    use super::{CommandContext, Command, CommandAction, IntervalPolicy, MESSAGES, MessageInterval, Component, Answerable};
+    use super::{
+        Answerable, Command, CommandAction, CommandContext, Component, IntervalPolicy, MESSAGES,
+        MessageInterval,
+    };
     use mavlink::dialects::ardupilotmega::{MavCmd, MavResult};
     use proptest::prelude::*;
 
@@ -352,12 +366,11 @@ mod tests {
     #[test]
     fn what_safety_rests_on_keeps_its_rhythm() {
         let set = |component, id: f32, interval_us: f32| {
-            let context = CommandContext { component, ..DISARMED };
-            judge(
-                context,
-                MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL,
-                [id, interval_us],
-            )
+            let context = CommandContext {
+                component,
+                ..DISARMED
+            };
+            judge(context, MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, [id, interval_us])
         };
         let denied = (MavResult::MAV_RESULT_DENIED, CommandAction::Nothing);
         // Heartbeat, time, both trajectories and the set point, strangers.
@@ -379,9 +392,18 @@ mod tests {
             }
         }
         for interval_us in [-1.0, 1.0, 500_000.0, f32::NAN, f32::INFINITY] {
-            assert_eq!(set(Component::Avoidance, 330.0, interval_us), denied, "{interval_us}");
+            assert_eq!(
+                set(Component::Avoidance, 330.0, interval_us),
+                denied,
+                "{interval_us}"
+            );
         }
-        let accepted = |message, interval| (MavResult::MAV_RESULT_ACCEPTED, CommandAction::Set(message, interval));
+        let accepted = |message, interval| {
+            (
+                MavResult::MAV_RESULT_ACCEPTED,
+                CommandAction::Set(message, interval),
+            )
+        };
         assert_eq!(
             set(Component::Avoidance, 330.0, 0.0),
             accepted(Answerable::Obstacles, MessageInterval::Usual)
@@ -403,8 +425,7 @@ mod tests {
 
     #[test]
     fn a_restart_needs_a_vehicle_that_is_known_to_be_disarmed() {
-        let reboot =
-            |context, params| judge(context, MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, params);
+        let reboot = |context, params| judge(context, MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, params);
         let not_now = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
         let accepted = MavResult::MAV_RESULT_ACCEPTED;
         assert_eq!(reboot(DISARMED, [1.0, 0.0]), (accepted, CommandAction::Restart));
@@ -412,7 +433,10 @@ mod tests {
         assert_eq!(reboot(DISARMED, [0.0, 0.0]), (accepted, CommandAction::Nothing));
         for armed in [Some(true), None] {
             let context = CommandContext { armed, ..DISARMED };
-            assert_eq!(reboot(context, [1.0, 0.0]), (not_now, CommandAction::ExplainRefusal));
+            assert_eq!(
+                reboot(context, [1.0, 0.0]),
+                (not_now, CommandAction::ExplainRefusal)
+            );
         }
         let restarting = CommandContext {
             restarting: true,

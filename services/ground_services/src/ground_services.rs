@@ -197,7 +197,13 @@ impl GroundServices {
     }
 
     /// Answers one question ([`is_question`]).
-    pub fn take(&mut self, now: Timestamp, question: &Question<'_>, facts: &LinkFacts, answers: &mut Answers) {
+    pub fn take(
+        &mut self,
+        now: Timestamp,
+        question: &Question<'_>,
+        facts: &LinkFacts,
+        answers: &mut Answers,
+    ) {
         self.parameters.set_encoding(facts.encoding);
         if let Some(command) = Command::of(question.content) {
             self.execute(now, &command, question, facts, answers);

@@ -1,8 +1,8 @@
 //! Fault drills of a flight: what is done to which process when, as written on the command line or drawn by lot.
 
+use jink_shared_types::suggestion::{DidYouMean, nearest};
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
-use jink_shared_types::suggestion::{DidYouMean, nearest};
 use serde::Serialize;
 use std::fmt;
 use std::str::FromStr;

@@ -40,7 +40,7 @@ mod service;
 pub mod velodyne;
 
 pub use cloud::CloudAssembler;
-pub use config::{Mistake, LidarSpec};
+pub use config::{LidarSpec, Mistake};
 pub use counters::{LidarChange, LidarCounters};
 pub use decoder::Decoder;
 pub use driver::NetworkLidarDriver;

@@ -1,7 +1,7 @@
 //! A lidar as a process: woken by its socket or serial port, at the latest when something is due.
 
 use crate::cloud::CloudAssembler;
-use crate::config::{Device, Mistake, LidarSpec, SensorTable};
+use crate::config::{Device, LidarSpec, Mistake, SensorTable};
 use crate::counters::{LidarChange, LidarCounters};
 use crate::models::{Connection, SerialProtocol};
 use crate::network::NetworkLidar;

@@ -267,7 +267,7 @@ impl SectorBorders {
 #[cfg(test)]
 mod tests {
     use super::{FreeDistance, SectorBorders, SensorView, ViewSector};
-        use nalgebra::{UnitQuaternion, Vector3};
+    use nalgebra::{UnitQuaternion, Vector3};
     use proptest::prelude::*;
 
     fn view(ranges: &[f32], heading_rad: f64) -> SensorView {

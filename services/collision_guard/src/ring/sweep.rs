@@ -340,7 +340,7 @@ impl RayBlock {
 #[cfg(test)]
 mod tests {
     use super::{Envelope, SweepTransform};
-        use jink_shared_types::Timestamp;
+    use jink_shared_types::Timestamp;
     use jink_shared_types::pose_history::Pose;
     use nalgebra::{UnitQuaternion, Vector3};
     use proptest::prelude::*;

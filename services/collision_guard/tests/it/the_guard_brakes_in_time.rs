@@ -2,7 +2,7 @@
 
 use crate::common;
 use crate::common::{
-    Lidar, random, VehiclePose, World, end, fly, guard, hovering_guard, look, looking, on, step, straight,
+    Lidar, VehiclePose, World, end, fly, guard, hovering_guard, look, looking, on, random, step, straight,
     time, trajectory,
 };
 use jink_collision_guard::StepEvents;

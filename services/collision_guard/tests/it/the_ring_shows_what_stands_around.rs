@@ -1,7 +1,7 @@
 //! Sectors are level, turn with the vehicle, and hold the smallest distance; obstacles stay where they are.
 
 use crate::common;
-use crate::common::{Lidar, random, VehiclePose, World, beam, fly, points, ring, time, view};
+use crate::common::{Lidar, VehiclePose, World, beam, fly, points, random, ring, time, view};
 use jink_shared_types::SampleHeader;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::RayKind::{Clear, Hit, Unknown};

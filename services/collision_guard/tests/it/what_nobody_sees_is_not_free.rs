@@ -2,7 +2,7 @@
 //! approved while it was well.
 
 use crate::common::{
-    Lidar, random, VehiclePose, World, end, fly, guard, hovering_guard, on, ring, step, straight, time,
+    Lidar, VehiclePose, World, end, fly, guard, hovering_guard, on, random, ring, step, straight, time,
     trajectory,
 };
 use jink_shared_types::motion::{GuardReason, Verdict, stopping_distance_m};

@@ -1,4 +1,4 @@
-use super::{Device, Mistake, LidarSpec, NoReturn, Returns, SensorTable};
+use super::{Device, LidarSpec, Mistake, NoReturn, Returns, SensorTable};
 use nalgebra::Vector3;
 
 fn tables(text: &str) -> Vec<SensorTable> {

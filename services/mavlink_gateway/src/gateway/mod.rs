@@ -601,9 +601,7 @@ impl Gateway {
 /// A message of the avoidance component, on its way to whom it is for.
 fn outgoing_of(selector: &VehicleSelector, config: &GatewayConfig, now: Timestamp, body: Body) -> Outgoing {
     Outgoing {
-        system_id: selector
-            .system_id(now)
-            .unwrap_or_else(|| selector.default_id()),
+        system_id: selector.system_id(now).unwrap_or_else(|| selector.default_id()),
         component_id: config.component_id,
         to: destination(&body, selector.link()),
         body,

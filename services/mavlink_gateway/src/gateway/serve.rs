@@ -7,8 +7,8 @@ use jink_ground_services::computer::BoardReading;
 use jink_ground_services::{
     Command, Component, GatewayRequest, GroundServices, LinkFacts, Named, Question, is_question,
 };
-use jink_mavlink_link::encoding::Encoding;
 use jink_mavlink_link::autopilot_type::AutopilotType;
+use jink_mavlink_link::encoding::Encoding;
 use jink_mavlink_link::message::{Body, CommandAck, Content, Destination, Outgoing, Received};
 use jink_shared_types::Timestamp;
 use jink_shared_types::params::ParamSet;
