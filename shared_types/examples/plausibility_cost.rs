@@ -10,6 +10,7 @@ use jink_shared_types::motion::{
     TRAJECTORY_PIECES, Trajectory, TrajectoryMode,
 };
 use jink_shared_types::proposal::{PROPOSAL_WAYPOINTS, Proposal};
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, SCAN_BEAMS};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
@@ -20,26 +21,19 @@ use std::time::Instant;
 const RUNS: usize = 10_000;
 
 fn measure<T: Layout>(name: &str, sample: &T) {
-    let mut ns: Vec<u128> = (0..RUNS)
+    let us: Vec<f64> = (0..RUNS)
         .map(|_| {
             let begin = Instant::now();
             let plausible = black_box(sample).is_plausible();
-            let took = begin.elapsed().as_nanos();
+            let took = begin.elapsed().as_nanos() as f64 * 1e-3;
             assert!(black_box(plausible), "{name} is not plausible");
             took
         })
         .collect();
-    ns.sort_unstable();
-    let at = |share: f64| {
-        ns.get((share * RUNS as f64) as usize)
-            .map_or(0.0, |ns| *ns as f64 * 1e-3)
-    };
+    let [p50, p99, p999] = quantiles(&us, [0.5, 0.99, 0.999]).unwrap_or_default();
     println!(
-        "{name:16} {:8} bytes   p50 {:7.3} us   p99 {:7.3} us   p99.9 {:7.3} us",
-        size_of::<T>(),
-        at(0.5),
-        at(0.99),
-        at(0.999)
+        "{name:16} {:8} bytes   p50 {p50:7.3} us   p99 {p99:7.3} us   p99.9 {p999:7.3} us",
+        size_of::<T>()
     );
 }
 

@@ -114,9 +114,39 @@ impl Timestamp {
     }
 }
 
+/// A step back in time by more than this (s) means that the newest sample had a wrong time, not that this one is late:
+/// late samples are bounded by the topic's buffer (16 vehicle states, 0.32 s).
+const CLOCK_STEP_S: f64 = 1.0;
+
+/// How the time of a sample compares with the newest one known.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Order {
+    /// Later: take it.
+    Newer,
+    /// Not later: a repetition or a straggler.
+    Late,
+    /// Earlier by so much that the newest one's time was wrong.
+    ClockStep,
+}
+
+impl Order {
+    /// Judges `at` against `newest`; an unset time is always late, anything set is newer than an unset newest.
+    pub fn judge(at: Timestamp, newest: Timestamp) -> Self {
+        if !at.is_set() {
+            Order::Late
+        } else if at > newest {
+            Order::Newer
+        } else if newest.seconds_since(at) > CLOCK_STEP_S {
+            Order::ClockStep
+        } else {
+            Order::Late
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::Timestamp;
+    use super::{Order, Timestamp};
 
     #[test]
     fn differences_are_signed_and_sums_saturate() {
@@ -145,5 +175,45 @@ mod tests {
         assert_eq!(start.next_beat(10).ns, start.ns + 100_000_000, "later than now");
         assert_eq!(Timestamp::from_ns(start.ns - 1).next_beat(20), start);
         assert_eq!(start.next_beat(0).ns, u64::MAX);
+    }
+
+    #[test]
+    fn stragglers_differ_from_a_clock_that_was_wrong() {
+        assert_eq!(
+            Order::judge(
+                Timestamp::from_seconds(100.0 + 0.1),
+                Timestamp::from_seconds(100.0 + 0.0)
+            ),
+            Order::Newer
+        );
+        assert_eq!(
+            Order::judge(Timestamp::from_seconds(100.0 + 0.1), Timestamp::NEVER),
+            Order::Newer
+        );
+        assert_eq!(
+            Order::judge(
+                Timestamp::from_seconds(100.0 + 0.0),
+                Timestamp::from_seconds(100.0 + 0.0)
+            ),
+            Order::Late
+        );
+        assert_eq!(
+            Order::judge(
+                Timestamp::from_seconds(100.0 + 0.0),
+                Timestamp::from_seconds(100.0 + 0.9)
+            ),
+            Order::Late
+        );
+        assert_eq!(
+            Order::judge(
+                Timestamp::from_seconds(100.0 + 0.0),
+                Timestamp::from_seconds(100.0 + 1.1)
+            ),
+            Order::ClockStep
+        );
+        assert_eq!(
+            Order::judge(Timestamp::NEVER, Timestamp::from_seconds(100.0 + 1.1)),
+            Order::Late
+        );
     }
 }

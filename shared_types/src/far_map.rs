@@ -1,6 +1,6 @@
 //! The far map: a coarse window around the fine one ([`crate::map`]), for guidance.
 //!
-//! It reaches four times as far and remembers what the fine window has left behind, so that a way is chosen by what stands 50 m ahead,
+//! It reaches four times as far and remembers what the fine window has left behind, so that a path is chosen by the obstacles 50 m ahead,
 //! and a dead end is left for good. No motion is certified by it: a cell is occupied if anything in it is, and one that is
 //! not may still hold something that no ray has met.
 //!
@@ -28,7 +28,7 @@ pub fn far_row_of(cell: Cell) -> usize {
     (cell[2] as usize & (FAR_Z - 1)) * FAR_Y + (cell[1] as usize & (FAR_Y - 1))
 }
 
-/// Whether the bit of `cell` is set in `plane`; the caller answers for the cell being inside the window.
+/// Whether the bit of `cell` is set in `plane`; the caller ensures that the cell is inside the window.
 pub fn test(plane: &FarPlane, cell: Cell) -> bool {
     let bit = cell[0] as usize & (FAR_X - 1);
     (plane[far_row_of(cell)][bit >> 6] >> (bit & 63)) & 1 == 1
@@ -58,7 +58,7 @@ crate::sample! {
     plausible if Self::is_consistent
 }
 
-/// Short: nobody wants to read all cells.
+/// Short: without the cells.
 impl std::fmt::Debug for FarMap {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "FarMap(from {:?})", self.min_cell)

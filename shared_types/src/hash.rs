@@ -7,15 +7,16 @@ const PRIME: u64 = 0x0000_0100_0000_01b3;
 
 /// Continues `hash` with `text` and its length, so that two texts in a row are not taken for one.
 pub const fn text(hash: u64, text: &str) -> u64 {
-    number(fold(hash, text.as_bytes()), text.len() as u64)
+    number(bytes(hash, text.as_bytes()), text.len() as u64)
 }
 
 /// Continues `hash` with the eight little-endian bytes of `number`.
 pub const fn number(hash: u64, number: u64) -> u64 {
-    fold(hash, &number.to_le_bytes())
+    bytes(hash, &number.to_le_bytes())
 }
 
-const fn fold(mut hash: u64, bytes: &[u8]) -> u64 {
+/// Continues `hash` with `bytes`.
+pub const fn bytes(mut hash: u64, bytes: &[u8]) -> u64 {
     let mut i = 0;
     while i < bytes.len() {
         hash = (hash ^ bytes[i] as u64).wrapping_mul(PRIME);

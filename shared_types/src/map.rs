@@ -63,7 +63,7 @@ pub fn bit_of(cell: Cell) -> u32 {
     (cell[0] as usize & (SIZE_X - 1)) as u32
 }
 
-/// Whether the bit of `cell` is set in `plane`; the caller answers for the cell being inside the window.
+/// Whether the bit of `cell` is set in `plane`; the caller ensures that the cell is inside the window.
 pub fn test(plane: &Plane, cell: Cell) -> bool {
     let bit = bit_of(cell);
     (plane[row_of(cell)][(bit >> 6) as usize] >> (bit & 63)) & 1 == 1
@@ -81,7 +81,8 @@ pub fn clear(plane: &mut Plane, cell: Cell) {
     plane[row_of(cell)][(bit >> 6) as usize] &= !(1 << (bit & 63));
 }
 
-/// What a user can declare of space that no sensor measures. Every map names what it stands on, every plan what it uses of that.
+/// What a user can declare of space that no sensor measures. Every map lists the declarations in force, every plan
+/// those it uses.
 pub mod declared_as {
     /// What is near the vehicle when it is armed, and above it while it takes off, is free (`OA_DCL_START`).
     pub const START: u8 = 1;
@@ -118,7 +119,7 @@ crate::sample! {
         pub ranges_fresh: Flag,
         /// Explicit padding, zero.
         pub reserved: Reserved<5>,
-        /// Counts how often the map was thrown away (estimator reset, restart).
+        /// Counts how often the map was cleared (estimator reset, restart).
         pub epoch: u32,
         /// Occupied cells among them.
         pub occupied_cells: u32,
@@ -145,7 +146,7 @@ crate::sample! {
     plausible if Self::is_consistent
 }
 
-/// Short: nobody wants to read all cells or points.
+/// Short: without cells and points.
 impl std::fmt::Debug for LocalMap {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(

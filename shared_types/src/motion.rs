@@ -1,4 +1,4 @@
-//! Routes and trajectories: what the planner asks for, what the generator makes of it, what the guard lets through.
+//! Routes and trajectories: what the planner asks for, what the generator makes of it, what the guard approves.
 //!
 //! A [`Trajectory`] always ends at rest. It is never changed, only replaced, and a replacement says from which one it
 //! departs ([`Trajectory::base_id`]) and when ([`Trajectory::splice`]): up to the splice it repeats the old one, so a
@@ -23,11 +23,12 @@ pub const CORRIDOR_POLYTOPES: usize = 8;
 pub const POLYTOPE_PLANES: usize = 24;
 /// Most pieces of a trajectory: what is left of the old one, up to eight corridor pieces, and a stop.
 pub const TRAJECTORY_PIECES: usize = 20;
-/// Share by which a curve may exceed a limit and still counts as keeping it. Generator and guard mean the same by a limit, or one
-/// would refuse what the other lets through. What is solved for stays below its limits; what the start of a curve fixes does
-/// not: its first control points follow from the speed and the acceleration that are flown, for a piece of another duration
-/// than the one that was certified, and curves are cut at times rounded to 0.1 ms. Where a curve leads is certified by itself;
-/// 1 % more acceleration widens the tracking tube (0.41 m per m/s^2) by 4 mm in the highest gear.
+/// Share by which a curve may exceed a limit and still counts as keeping it. Generator and guard use the same value, or
+/// one would refuse what the other approves. What is solved for stays below its limits; what the start of a curve fixes
+/// does not: its first control points follow from the speed and the acceleration that are flown, for a piece of another
+/// duration than the one that was certified, and curves are cut at times rounded to 0.1 ms. The path of a curve is
+/// certified by itself; 1 % more acceleration widens the tracking tube (0.41 m per m/s^2) by 4 mm in the highest speed
+/// tier.
 pub const LIMIT_TOLERANCE: f64 = 0.01;
 /// The same, absolute (m/s, m/s^2, m/s^3, rad/s), for a limit of zero: what rounding makes of a rest.
 pub const LIMIT_SLACK: f64 = 1e-3;

@@ -1,14 +1,14 @@
-//! Collision prevention between processes: what a pilot wants, and what of it may be flown.
+//! Collision prevention between processes: the pilot's demand, and what of it may be flown.
 
 use crate::coded::Coded;
 use crate::frames::{LocalNed, Velocity};
 use crate::reserved::Reserved;
 
 crate::sample! {
-    /// What the pilot's sticks ask for, where he steers through jink.
+    /// What the pilot's sticks demand, where he steers through jink.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct PilotDemand: 32 {
-        /// Horizontal velocity (m/s); its down component is zero, and nobody reads it.
+        /// Horizontal velocity (m/s); its down component is zero and not read.
         pub velocity: Velocity<LocalNed>,
         /// Room for later fields, zero.
         pub reserved: Reserved<8>,
@@ -26,7 +26,7 @@ impl PilotDemand {
 crate::wire_enum! {
     /// What was done to a setpoint.
     pub enum PreventionState {
-        /// Collision prevention is switched off: the setpoint is what came.
+        /// Collision prevention is switched off: the setpoint is the demand.
         Off = 0 "off",
         /// Nothing.
         Free = 1 "free",
@@ -46,21 +46,21 @@ crate::wire_enum! {
         None = 0 "none",
         /// A better direction nearby was taken.
         Guided = 1 "guided",
-        /// Something stands there.
+        /// An obstacle is there.
         Obstacle = 2 "obstacle",
         /// It is too fast for how far the sensors see.
         Reach = 3 "reach",
         /// It leads where no sensor looks.
         Unseen = 4 "unseen",
-        /// No sensor says anything.
+        /// No sensor has data.
         NoData = 5 "no data",
-        /// A number that is none.
+        /// A number is NaN.
         BadInput = 6 "bad input",
     }
 }
 
 crate::sample! {
-    /// What of a pilot's wish may be flown.
+    /// What of a pilot's demand may be flown.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct PreventedDemand: 40 {
         /// Horizontal velocity (m/s); its down component is zero.

@@ -1,7 +1,8 @@
-//! A way that another program proposes, and what the planner makes of it.
+//! A path that another program proposes, and the planner's answer.
 //!
-//! A [`Proposal`] is never flown as it comes. The planner takes it as the guide of its next plan, and certifies that plan by
-//! the same rules as one of its own; what cannot be certified is not flown, and [`ProposalAnswer`] says why and where.
+//! A [`Proposal`] is never flown as it comes. The planner takes it as the guide of its next plan, and certifies that
+//! plan by the same rules as one of its own; what cannot be certified is not flown, and [`ProposalAnswer`] says why and
+//! where.
 
 use crate::clock::Timestamp;
 use crate::coded::Coded;
@@ -13,25 +14,26 @@ pub const PROPOSAL_WAYPOINTS: usize = 32;
 /// A coordinate is not larger than this (m): farther from the local origin a position in single precision, as autopilots
 /// send it, is coarser than 0.1 m.
 const COORDINATE_MAX_M: f64 = 1e6;
-/// A speed wished is not larger than this (m/s): faster multicopters are not planned for.
+/// A requested speed is not larger than this (m/s): faster multicopters are not planned for.
 const SPEED_MAX_MPS: f64 = 100.0;
 
 crate::sample! {
-    /// A way to the goal that another program proposes to the planner. It is published again and again while it stands.
+    /// A path to the goal that another program proposes to the planner. It is published periodically while it is valid.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct Proposal: 848 {
-        /// The producer's own count of its proposals, from 1: one that is repeated keeps its id, another way has another id.
+        /// The producer's own count of its proposals, from 1: one that is repeated keeps its id, another path has
+        /// another id.
         pub id: u64,
-        /// The goal that the way is for: the position of the desired path's waypoint (`points[1]`).
+        /// The goal that the path is for: the position of the desired path's waypoint (`points[1]`).
         pub goal: Point<LocalNed>,
-        /// Speed wished along the way (m/s); 0 = the planner's own. It never raises a limit.
+        /// Requested speed along the path (m/s); 0 = the planner's own. It never raises a limit.
         pub speed_mps: f64,
         /// Waypoints in use, at least one.
         pub len: u32,
         /// Explicit padding, zero.
         pub reserved: Reserved<4>,
-        /// The waypoints in the order in which they are flown, joined by straight legs. The planner joins the way at its
-        /// point nearest to the vehicle.
+        /// The waypoints in the order in which they are flown, joined by straight legs. The planner joins the path at
+        /// its point nearest to the vehicle.
         pub waypoints: [Point<LocalNed>; PROPOSAL_WAYPOINTS],
         /// Room for later fields, zero.
         pub reserved_tail: Reserved<32>,
@@ -45,7 +47,7 @@ impl Proposal {
         &self.waypoints[..(self.len as usize).min(PROPOSAL_WAYPOINTS)]
     }
 
-    /// Whether it has waypoints, as many as there is room for at most, and all its numbers make sense.
+    /// Whether its count of waypoints is valid, one at least, and all its numbers are plausible.
     pub fn is_consistent(&self) -> bool {
         let is_place = |point: &Point<LocalNed>| {
             let within = |x: f64| (-COORDINATE_MAX_M..=COORDINATE_MAX_M).contains(&x);
@@ -59,7 +61,7 @@ impl Proposal {
 }
 
 crate::wire_enum! {
-    /// What became of a proposal.
+    /// The planner's verdict on a proposal.
     pub enum ProposalVerdict {
         /// It is not flown, for a reason that this build does not know.
         Refused = 0 "refused",
@@ -71,26 +73,26 @@ crate::wire_enum! {
         NotPlanning = 3 "not_planning",
         /// It is for another goal than the one flown to.
         OtherGoal = 4 "other_goal",
-        /// It has no waypoints, more than there is room for, or numbers that make no sense.
+        /// It has no waypoints, more than fit into the sample, or implausible numbers.
         Implausible = 5 "implausible",
         /// The vehicle is too far from its nearest point.
         TooFar = 6 "too_far",
-        /// An obstacle stands on it.
+        /// It leads through an obstacle.
         Occupied = 7 "occupied",
         /// It passes an obstacle closer than the slowest motion needs.
         TooNarrow = 8 "too_narrow",
-        /// It leads into what is not known to be free.
+        /// It leads into space that is not known to be free.
         Unknown = 9 "unknown",
         /// It leaves the heights allowed (OA_ALT_MIN, OA_ALT_MAX).
         HeightNotAllowed = 10 "height_not_allowed",
         /// It is certified, but no curve along it keeps the limits, or the guard let none pass.
         Infeasible = 11 "infeasible",
-        /// Flying along proposals has not brought the goal nearer; the planner goes its own way.
+        /// Flying along proposals has not brought the goal nearer; the planner uses its own path.
         NoProgress = 12 "no_progress",
         /// The vehicle is at its end, and that is not the goal.
         Ended = 13 "ended",
-        /// Something stands on the committed trajectory, or the vehicle in a narrow place: the planner gets out of that its own
-        /// way first.
+        /// There is an obstacle on the committed trajectory, or the vehicle is in a narrow place: the planner leaves it
+        /// by its own path first.
         Evading = 14 "evading",
     }
 }
@@ -101,20 +103,20 @@ crate::sample! {
     pub struct ProposalAnswer: 104 {
         /// The proposal.
         pub proposal_id: u64,
-        /// When the proposal was published, as its header says: tells apart producers that count alike.
+        /// When the proposal was published, by its header: distinguishes producers that count alike.
         pub proposed: Timestamp,
         /// The first route that was made of it; 0 = none.
         pub route_id: u64,
-        /// Where it fails; NaN if no place is to blame.
+        /// Where it fails; NaN if at no place.
         pub place: Point<LocalNed>,
-        /// Length of the way that is certified, from where the route departs (m).
+        /// Length of the certified path, from where the route departs (m).
         pub certified_m: f64,
         /// Highest speed of the route (m/s).
         pub speed_mps: f64,
-        /// Index of the waypoint that ends the leg on which it fails; as many as there are waypoints: the leg to the goal, or no
-        /// leg is to blame.
+        /// Index of the waypoint that ends the leg on which it fails; the number of waypoints for the leg to the goal,
+        /// or if it fails on no leg.
         pub waypoint: u32,
-        /// What became of it.
+        /// The verdict.
         pub verdict: Coded<ProposalVerdict>,
         /// Explicit padding, zero.
         pub reserved: Reserved<3>,

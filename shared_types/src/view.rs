@@ -63,13 +63,13 @@ pub fn bin_of(direction: &Vector3<f64>) -> (usize, usize) {
 }
 
 impl FieldOfView {
-    /// Notes that a sensor has seen something, or nothing, in this direction (body).
+    /// Adds a direction (body) in which a sensor has seen something, or nothing.
     pub fn add(&mut self, direction: &Vector3<f64>) {
         let (row, column) = bin_of(direction);
         self.seen[row][column >> 6] |= 1 << (column & 63);
     }
 
-    /// Notes all that another one sees.
+    /// Adds all directions of another field of view.
     pub fn join(&mut self, other: &Self) {
         for (row, more) in self.seen.iter_mut().flatten().zip(other.seen.iter().flatten()) {
             *row |= more;
@@ -151,11 +151,11 @@ impl FieldOfView {
     }
 }
 
-/// What a vehicle needs to see to come away from the place where it has taken off.
+/// What a vehicle needs to see to leave the place where it has taken off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Needs {
     /// Distance around the centre that has to be known to be free in the slowest motion (m).
-    pub room_m: f64,
+    pub clearance_m: f64,
     /// Declared: so near to the place of the take-off everything is free (m); zero for none.
     pub start_bubble_m: f64,
     /// Declared: nothing hangs from above.
@@ -188,7 +188,7 @@ impl Missing {
         format!("nobody sees {self}")
     }
 
-    /// What would help.
+    /// What would remedy it.
     pub fn remedy(self) -> &'static str {
         match self {
             Missing::Nothing => "",
@@ -231,11 +231,11 @@ impl FieldOfView {
             return Some(Missing::Ahead);
         }
         // Cells count if all of them is known, whichever part of its cell the vehicle is in.
-        let room_m = (needs.room_m / CELL_M).ceil() * CELL_M + 0.5 * CELL_M;
-        let needed_rad = (room_m / (FROM_AFAR * f64::from(self.far_m))).atan();
+        let clearance_m = (needs.clearance_m / CELL_M).ceil() * CELL_M + 0.5 * CELL_M;
+        let needed_rad = (clearance_m / (FROM_AFAR * f64::from(self.far_m))).atan();
         let reaches = |rad: f64, band_m: f32| {
             // The outermost row may be seen in part.
-            rad - 0.5 * STEP_RAD >= needed_rad || f64::from(band_m) >= room_m
+            rad - 0.5 * STEP_RAD >= needed_rad || f64::from(band_m) >= clearance_m
         };
         let heights = || level.iter().filter_map(|column| self.height_rad(*column));
         if !needs.no_overhang && !heights().any(|[_, up]| reaches(up, self.band_up_m)) {
@@ -251,7 +251,7 @@ impl FieldOfView {
                     .count()
             })
             .max();
-        let is_beside = widest.unwrap_or(0) >= COLUMNS / 2 || needs.start_bubble_m >= room_m;
+        let is_beside = widest.unwrap_or(0) >= COLUMNS / 2 || needs.start_bubble_m >= clearance_m;
         (!is_beside).then_some(Missing::SidesAtStart)
     }
 }
@@ -320,7 +320,7 @@ mod tests {
     }
 
     const NEEDS: Needs = Needs {
-        room_m: 0.59,
+        clearance_m: 0.59,
         start_bubble_m: 0.0,
         no_overhang: false,
         is_landed: false,

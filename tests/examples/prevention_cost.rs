@@ -7,13 +7,15 @@
 //! same on the sector ring, then a velocity instead of an acceleration (what a pilot's sticks are where he steers through jink), then the acceleration
 //! with the making of the ring from a planar scan's layer.
 
-use jink_collision_guard::prevention::{Demand, Prevention, PreventionConfig};
-use jink_collision_guard::ring::{Pose, Ring};
+use jink_collision_guard::prevention::{HorizontalSetpoint, Prevention, PreventionConfig};
+use jink_collision_guard::ring::Ring;
+use jink_emulated_px4::collision_prevention::{CollisionPrevention, ObstacleDistance, Settings};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::pose_history::Pose;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::{SECTORS, SectorRing};
 use jink_shared_types::{SampleHeader, Timestamp};
-use jink_simulator::autopilot::collision_prevention::{CollisionPrevention, ObstacleDistance, Settings};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use std::hint::black_box;
 use std::time::Instant;
@@ -65,25 +67,22 @@ fn main() {
             us[2].push(timed(|| ours.velocity_tick(run, stick)));
             us[3].push(timed(|| ours.tick_with_ring(run, stick)));
         }
-        let p50 = us.each_ref().map(|us| percentile(us, 0.5));
-        for (what, us) in [
+        let figures = us
+            .each_ref()
+            .map(|us| quantiles(us, [0.0, 0.5, 0.99, 1.0]).unwrap_or_default());
+        for (what, [min, p50, p99, max]) in [
             "PX4's",
             "ours, on the ring",
             "ours, a velocity",
             "ours, and the ring's making",
         ]
         .iter()
-        .zip(&us)
+        .zip(figures)
         {
-            println!(
-                "{name:<16} {what:<26} {:>9.2} {:>9.2} {:>9.2} {:>9.2}",
-                percentile(us, 0.0),
-                percentile(us, 0.5),
-                percentile(us, 0.99),
-                percentile(us, 1.0)
-            );
+            println!("{name:<16} {what:<26} {min:>9.2} {p50:>9.2} {p99:>9.2} {max:>9.2}");
         }
-        println!("{name:<16} {:<26} {:>19.2}", "ours / PX4's, p50", p50[1] / p50[0]);
+        let [theirs, ours, ..] = figures.map(|[_, p50, ..]| p50);
+        println!("{name:<16} {:<26} {:>19.2}", "ours / PX4's, p50", ours / theirs);
     }
 }
 
@@ -91,12 +90,6 @@ fn timed(run: impl FnOnce() -> f64) -> f64 {
     let begin = Instant::now();
     black_box(run());
     begin.elapsed().as_secs_f64() * 1e6
-}
-
-fn percentile(us: &[f64], share: f64) -> f64 {
-    let mut sorted = us.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[((sorted.len() - 1) as f64 * share) as usize]
 }
 
 /// PX4's loop.
@@ -173,8 +166,8 @@ impl Ours {
             prevention: Prevention::new(PreventionConfig::from_params(&params)),
             ring: Ring::from_params(&params),
             pose: Pose {
-                position: Vector3::zeros(),
-                attitude: UnitQuaternion::identity(),
+                position_m: Vector3::zeros(),
+                local_q_body: UnitQuaternion::identity(),
             },
             scan,
             sectors: SectorRing::default(),
@@ -193,7 +186,7 @@ impl Ours {
     fn velocity_tick(&mut self, run: usize, stick: f64) -> f64 {
         let now = self.at(0).plus_seconds(0.02 * (run % 3) as f64);
         let (sin, cos) = stick.sin_cos();
-        let demand = Demand::Velocity(Vector2::new(6.0 * cos, 6.0 * sin));
+        let demand = HorizontalSetpoint::Velocity(Vector2::new(6.0 * cos, 6.0 * sin));
         let velocity = Vector2::new(2.0, 0.5);
         self.prevention
             .step(now, &self.sectors, demand, velocity)
@@ -227,7 +220,7 @@ impl Ours {
 
     fn constrain(&mut self, now: Timestamp, stick: f64) -> f64 {
         let (sin, cos) = stick.sin_cos();
-        let demand = Demand::Acceleration(Vector2::new(3.0 * cos, 3.0 * sin));
+        let demand = HorizontalSetpoint::Acceleration(Vector2::new(3.0 * cos, 3.0 * sin));
         let velocity = Vector2::new(2.0, 0.5);
         self.prevention
             .step(now, &self.sectors, demand, velocity)

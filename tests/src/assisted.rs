@@ -6,10 +6,10 @@
 
 use crate::lockstep::{FlightSetup, LockStep};
 use crate::pairing::Pairing;
+use jink_emulated_ground_station::{Make, Phase};
 use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_shared_types::link::AssistState;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::{Make, Phase};
 use mavlink::dialects::ardupilotmega::{
     COMMAND_LONG_DATA, MANUAL_CONTROL_DATA, MavCmd, MavMessage, RC_CHANNELS_OVERRIDE_DATA,
 };

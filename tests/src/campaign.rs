@@ -1,17 +1,18 @@
 //! Flights by the hundred: one line per flight, one table at the end.
 
 use crate::lockstep::{FlightSetup, LockStep};
+use jink_emulated_ground_station::{Ending, FlightPlan, Outcome};
+use jink_emulated_px4::Px4Config;
 use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_runtime::config::sensor_sets::{self, SensorSet};
 use jink_runtime::config::{Config, parse_toml};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::map::declared_as;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::vehicle::NavMode;
+use jink_simulated_world::sensors::SensorSpec;
+use jink_simulated_world::world::{World, WorldKind, WorldSpec};
 use jink_simulator::autopilot::AutopilotConfig;
-use jink_simulator::flyer::FlyerConfig;
-use jink_simulator::ground_station::{Ending, FlightPlan, Outcome};
-use jink_simulator::sensors::SensorSpec;
-use jink_simulator::world::{World, WorldKind, WorldSpec};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -192,7 +193,7 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
         seed,
         params,
         sensors: sensors_of(&cell.sensors)?,
-        autopilot: FlyerConfig::Px4(AutopilotConfig::default()),
+        autopilot: AutopilotConfig::Px4(Px4Config::default()),
         profile: ProfileName::Px4Trajectory,
         representation: Representation::default(),
         takes_missions: true,
@@ -317,13 +318,7 @@ const CAUSES: [&events::Event; 7] = [
 
 /// Median, 99th percentile and maximum; zeros without values.
 pub fn percentiles(values: &[f64]) -> [f64; 3] {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let at = |q: f64| {
-        let index = (sorted.len().saturating_sub(1) as f64 * q).round() as usize;
-        sorted.get(index).copied().unwrap_or(0.0)
-    };
-    [at(0.5), at(0.99), at(1.0)]
+    quantiles(values, [0.5, 0.99, 1.0]).unwrap_or_default()
 }
 
 /// FNV-1a over numbers.

@@ -14,6 +14,9 @@
 use crate::board::{Board, Rig};
 use crate::lossy::{LinkFaults, Lossy};
 use crate::proposer::{Plan, ProposerService};
+use jink_emulated_autopilot::Autopilot;
+use jink_emulated_autopilot::truth::Observer;
+use jink_emulated_ground_station::{FlightPlan, GroundStation, Outcome};
 use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_runtime::config::{CONFIG_FILE, Config};
 use jink_runtime::lockstep::{LocalBus, Member};
@@ -31,14 +34,12 @@ use jink_shared_types::truth::SimTruth;
 use jink_shared_types::tuning::ParameterChange;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Timestamp};
-use jink_simulator::flyer::{Flyer, FlyerConfig};
-use jink_simulator::ground_station::{FlightPlan, GroundStation, Outcome};
-use jink_simulator::sensors::SensorSpec;
+use jink_simulated_world::sensors::SensorSpec;
+use jink_simulated_world::vehicle::STEP_US;
+use jink_simulated_world::world::World;
+use jink_simulator::autopilot::AutopilotConfig;
 use jink_simulator::service::local::{LocalSocket, MavLocal};
 use jink_simulator::service::{SensorService, VehicleService};
-use jink_simulator::truth::Observer;
-use jink_simulator::vehicle::STEP_US;
-use jink_simulator::world::World;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use mavlink::{MavHeader, Message};
 use serde::Serialize;
@@ -86,7 +87,7 @@ pub struct FlightSetup {
     /// The sensors.
     pub sensors: Vec<SensorSpec>,
     /// The autopilot.
-    pub autopilot: FlyerConfig,
+    pub autopilot: AutopilotConfig,
     /// How the gateway speaks to it.
     pub profile: ProfileName,
     /// In which message.
@@ -201,7 +202,7 @@ fn message_id(frame: &[u8]) -> u32 {
 
 /// What is flown, and where: no configuration can say it as exactly.
 struct Flown {
-    autopilot: FlyerConfig,
+    autopilot: AutopilotConfig,
     world: World,
     proposer: Plan,
 }
@@ -287,7 +288,7 @@ pub struct LockStep {
     spectator: Spectator,
     nothing: Nothing,
     flown: Rc<RefCell<Flown>>,
-    boots: Box<dyn Flyer>,
+    boots: Box<dyn Autopilot>,
     truth: SimTruth,
     step: u64,
     was_braked: bool,
@@ -423,7 +424,7 @@ impl LockStep {
     }
 
     /// The autopilot; before its process runs, one that has just booted.
-    pub fn autopilot(&self) -> &dyn Flyer {
+    pub fn autopilot(&self) -> &dyn Autopilot {
         let vehicle = self.board.service::<VehicleService>(VEHICLE);
         vehicle.map_or(self.boots.as_ref(), VehicleService::autopilot)
     }

@@ -4,6 +4,9 @@
 //! |---|---|
 //! | a frame and the time it was sent ([`Lossy::send`]) | what arrives by a later time ([`Lossy::arrived`]): whole datagrams |
 
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
+
 /// What may happen to a frame on one way.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LinkFaults {
@@ -23,7 +26,7 @@ pub struct LinkFaults {
 #[derive(Clone, Debug)]
 pub struct Lossy {
     faults: LinkFaults,
-    random: u64,
+    random: SplitMix64,
     under_way: Vec<(f64, Vec<u8>)>,
 }
 
@@ -32,7 +35,7 @@ impl Lossy {
     pub fn new(faults: LinkFaults, seed: u64) -> Self {
         Self {
             faults,
-            random: seed,
+            random: SplitMix64::seed_from_u64(seed),
             under_way: Vec::new(),
         }
     }
@@ -62,13 +65,9 @@ impl Lossy {
         self.under_way.drain(..count).map(|(_, frame)| frame).collect()
     }
 
-    /// Between 0 and 1, 1 excluded. SplitMix64: Steele, Lea, Flood, "Fast splittable pseudorandom number generators".
+    /// Between 0 and 1, 1 excluded.
     fn chance(&mut self) -> f64 {
-        self.random = self.random.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.random;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        (self.random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
     }
 }
 

@@ -6,13 +6,13 @@
 // A harness for tests: without its thread and port there is nothing to test.
 #![allow(clippy::expect_used)]
 
+use jink_emulated_autopilot::Autopilot;
+use jink_emulated_autopilot::{Link, Packet};
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::message::{Body, Content};
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign, stamps};
-use jink_simulator::autopilot::{Link, Packet};
-use jink_simulator::flyer::Flyer;
-use jink_simulator::vehicle::STEP_US;
+use jink_simulated_world::vehicle::STEP_US;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use mavlink::{MAVLinkV1MessageRaw, MavHeader, Message};
 use std::net::UdpSocket;
@@ -50,7 +50,7 @@ impl OnUdp {
     ///
     /// # Panics
     /// If there is no port for it.
-    pub fn begin(port: u16, autopilot: Option<Box<dyn Flyer + Send>>, faults: Faults) -> Self {
+    pub fn begin(port: u16, autopilot: Option<Box<dyn Autopilot + Send>>, faults: Faults) -> Self {
         let mut mouth = Mouth::new(port, faults);
         Self::run(move |end| mouth.speak(autopilot, end))
     }
@@ -119,7 +119,7 @@ impl Mouth {
         }
     }
 
-    fn speak(&mut self, mut autopilot: Option<Box<dyn Flyer + Send>>, end: &AtomicBool) {
+    fn speak(&mut self, mut autopilot: Option<Box<dyn Autopilot + Send>>, end: &AtomicBool) {
         let begin = Instant::now();
         let (mut steps, mut seconds) = (0u64, 0u64);
         let (mut inbox, mut outbox) = (Vec::new(), Vec::new());

@@ -2,10 +2,10 @@
 
 use crate::campaign::{Cell, setup};
 use crate::lockstep::{FlightSetup, LockStep};
+use jink_emulated_ground_station::Make;
 use jink_mavlink_link::profile_name::ProfileName;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::flyer::FlyerConfig;
-use jink_simulator::ground_station::Make;
+use jink_simulator::autopilot::AutopilotConfig;
 
 /// An autopilot and the profile it is flown with.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,7 +92,7 @@ impl Pairing {
     /// A text naming what cannot be built.
     pub fn fly(self, setup: FlightSetup) -> Result<FlightSetup, String> {
         let name = self.autopilot;
-        let autopilot = FlyerConfig::named(name).ok_or_else(|| format!("no autopilot {name:?}"))?;
+        let autopilot = AutopilotConfig::named(name).ok_or_else(|| format!("no autopilot {name:?}"))?;
         let autopilot = match self.parameter {
             Some((name, value)) => autopilot.with_parameter(name, value),
             None => autopilot,

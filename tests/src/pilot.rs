@@ -4,11 +4,11 @@
 
 use crate::lockstep::LockStep;
 use crate::pairing::PX4_DEVIATION;
+use jink_emulated_ground_station::{FlightPlan, GroundStation, Make, Phase};
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::message::{Body, Content};
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::{FlightPlan, GroundStation, Make, Phase};
 use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavMessage, MavParamType, PARAM_SET_DATA};
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,9 +1,9 @@
 //! What a ground station does in flight, as a column of a campaign.
 
+use jink_emulated_ground_station::{Action, FlightPlan, InFlight, When};
 use jink_shared_types::Point;
 use jink_shared_types::frames::LocalNed;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::{Action, FlightPlan, InFlight, When};
 use serde::Serialize;
 
 /// North of the start where the station acts (m): at full speed, and before most of what stands in the way.

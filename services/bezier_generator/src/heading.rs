@@ -5,7 +5,7 @@ use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::motion::MotionState;
 use nalgebra::Vector3;
 
-/// Below this horizontal speed a curve has no direction worth turning to (m/s).
+/// Below this horizontal speed the direction of a curve is not followed (m/s).
 const SPEED_MIN_MPS: f64 = 0.4;
 /// A quintic between two headings at rest peaks at 1.875 times its mean rate.
 const PEAK_OVER_MEAN: f64 = 1.875;
@@ -72,9 +72,9 @@ impl Heading {
     fn direction(&self, points: &[Vector3<f64>; QUINTIC], duration_s: f64) -> f64 {
         let leaving = (points[QUINTIC - 1] - points[QUINTIC - 2]) * (5.0 / duration_s);
         let mean = (points[QUINTIC - 1] - points[0]) / duration_s;
-        for way in [leaving, mean] {
-            if way.xy().norm() > SPEED_MIN_MPS {
-                return way.y.atan2(way.x);
+        for direction in [leaving, mean] {
+            if direction.xy().norm() > SPEED_MIN_MPS {
+                return direction.y.atan2(direction.x);
             }
         }
         self.yaw_rad
@@ -117,8 +117,8 @@ mod tests {
             yaw in -PI..PI, rate in -1.5..1.5f64, direction in -PI..PI, duration in 0.3..4.0f64, rate_max in 0.2..2.0f64,
         ) {
             let start = MotionState { yaw_rad: yaw, yaw_rate_radps: rate, ..MotionState::default() };
-            let way = Vector3::new(direction.cos(), direction.sin(), 0.0);
-            let points = std::array::from_fn(|i| way * (i as f64 * duration * 0.4));
+            let direction = Vector3::new(direction.cos(), direction.sin(), 0.0);
+            let points = std::array::from_fn(|i| direction * (i as f64 * duration * 0.4));
             let mut heading = Heading::new(&start, f64::NAN, rate_max);
             let yaw_rad = heading.piece(&points, duration);
             let rates: [f64; 5] = derivative_scalar(&yaw_rad, duration);
@@ -127,7 +127,7 @@ mod tests {
                 let reached = evaluate_scalar(&rates, f64::from(i) / 100.0).abs();
                 prop_assert!(reached <= rate_max.max(rate.abs()) + 1e-9, "{reached} rad/s");
             }
-            // As the certificate judges it: no heading costs a curve its certificate.
+            // By the certificate's measure: no heading costs a curve its certificate.
             let allowed = MotionLimits::allowed(rate_max.max(rate.abs()));
             let hull = rates.map(|rate| Vector3::new(rate, 0.0, 0.0));
             prop_assert!(hull_keeps(&hull, HEADING_HALVINGS, &|rate: &Vector3<f64>| rate.x.abs() <= allowed));

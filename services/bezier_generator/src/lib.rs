@@ -1,15 +1,15 @@
-//! Route and corridor to Bezier pieces with bounded speed, acceleration and jerk, continuous with what is being flown,
-//! ending at rest.
+//! Turns a route and its corridor into Bezier pieces with bounded speed, acceleration and jerk, continuous with what is
+//! being flown, ending at rest.
 //!
 //! | in | out |
 //! |---|---|
 //! | route, the trajectory it departs from | a [`Trajectory`], certified, or nothing |
 //!
-//! The new trajectory repeats its base up to the splice, then follows the route's corridor. It is only put out with a
-//! certificate, computed anew from the finished pieces: every control point of a piece inside one polytope of the corridor,
-//! and by the hull of the derivatives' control points speed, climb, descent, acceleration, jerk and heading rate within the
-//! limits. Failing is safe: the base goes on and ends at rest. Only a route that must be left is answered with its stop, which
-//! the planner has certified, when no curve is found.
+//! The new trajectory repeats its base up to the splice, then follows the route's corridor. It is published only with a
+//! certificate, computed from the finished pieces: every control point of a piece inside one polytope of the corridor,
+//! and by the hull of the derivatives' control points speed, climb, descent, acceleration, jerk and heading rate within
+//! the limits. Failing is safe: the base continues and ends at rest. When no curve is found, only a route that must be
+//! left is answered with its stop, which the planner has certified.
 
 pub mod heading;
 pub mod problem;
@@ -27,25 +27,26 @@ use jink_shared_types::motion::{
 use jink_shared_types::{Coded, Timestamp};
 use nalgebra::Vector3;
 
-/// Stretchings of the profile that are tried one after the other: a slower curve has more room within its limits, a
-/// shorter first piece fits a moving start into a narrow corridor.
+/// Time scales of the profile that are tried one after the other: a slower curve is farther from its limits, a shorter
+/// first piece fits a moving start into a narrow corridor.
 const STRETCHES: [f64; 4] = [1.0, 1.25, 1.6, 0.8];
 /// A first piece longer than this is cut in two (s), so that a moving start need not keep its polynomial for long.
 const FIRST_PIECE_MAX_S: f64 = 0.7;
-/// How much of its base a trajectory repeats before now (s): the gateway dates its curves back by 10 ms, and a reader that
-/// lags still finds its place.
+/// How much of its base a trajectory repeats before now (s): the gateway dates its curves back by 10 ms, and a reader
+/// that lags still finds the present time in it.
 const PREFIX_S: f64 = 0.15;
 /// A trajectory that would be ready later than this before its splice is not sent (s).
 const READY_BEFORE_S: f64 = 0.005;
 /// Rounding allowed when a finished curve is checked against its corridor (m).
 const CORRIDOR_TOLERANCE_M: f64 = 1e-4;
-/// How often the heading rate is halved before its hull counts as its extent: of a turn from rest to rest the middle control point
-/// is 2.7 times as fast as the turn. Position needs none, the solver keeps its control points themselves within the limits.
+/// How often the heading rate is halved before its hull counts as its extent: in a turn from rest to rest the middle
+/// control point is 2.7 times as fast as the turn. Position needs none: the solver keeps its control points themselves
+/// within the limits.
 const HEADING_HALVINGS: u32 = 2;
 /// Most pieces of a plan: one per polytope and one for a cut first piece.
 const PIECES_MAX: usize = CORRIDOR_POLYTOPES + 1;
 
-/// Why no trajectory was put out.
+/// Why no trajectory was made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoTrajectory {
     /// The route asks for none.
@@ -62,13 +63,13 @@ pub enum NoTrajectory {
         /// Time left until the splice (s).
         left_s: f64,
     },
-    /// The route's corridor or its numbers make no sense.
+    /// The route's corridor or its numbers are not consistent.
     BadRoute,
     /// The old part and the new part together have too many pieces.
     TooManyPieces,
     /// No curve within corridor and limits was found.
     Infeasible(Infeasible),
-    /// A curve was found but did not pass its own check.
+    /// A curve was found but is not certified.
     NotCertified,
 }
 
@@ -88,7 +89,7 @@ impl Generator {
         }
     }
 
-    /// Answers `route`; `flown` is the trajectory in force. On success `out` holds the new trajectory.
+    /// Makes a trajectory for `route`; `flown` is the active trajectory. On success `out` holds the new one.
     ///
     /// # Errors
     /// [`NoTrajectory`]: `out` is then not to be used.
@@ -120,7 +121,7 @@ impl Generator {
                         prefix(now, route, flown, out)?;
                         append_stop(route, out)?;
                     }
-                    answer => answer?,
+                    result => result?,
                 }
             }
             RouteMode::Stop => {
@@ -158,7 +159,7 @@ impl Generator {
             ) {
                 Ok(()) => match self.append_curves(route, &specs[..count], out) {
                     Err(NoTrajectory::NotCertified) => failure = NoTrajectory::NotCertified,
-                    answer => return answer,
+                    result => return result,
                 },
                 Err(cause) => failure = NoTrajectory::Infeasible(cause),
             }
@@ -166,7 +167,7 @@ impl Generator {
         Err(failure)
     }
 
-    /// Puts the curves behind what is in `out`, or leaves it as it is if they are not certified.
+    /// Appends the curves to `out`, or leaves it as it is if they are not certified.
     fn append_curves(
         &self,
         route: &Route,
@@ -174,7 +175,7 @@ impl Generator {
         out: &mut Trajectory,
     ) -> Result<(), NoTrajectory> {
         let prefix = out.len;
-        let bounds = Bounds::new(&route.limits, route.start.yaw_rate_radps);
+        let bounds = CertificateBounds::new(&route.limits, route.start.yaw_rate_radps);
         let mut heading =
             heading::Heading::new(&route.start, route.goal_yaw_rad, route.limits.yaw_rate_radps);
         for (points, spec) in self.curves.iter().zip(specs) {
@@ -200,7 +201,7 @@ impl Generator {
     }
 }
 
-/// Puts what is left of the base until the splice into `out`.
+/// Copies what is left of the base until the splice into `out`.
 fn prefix(
     now: Timestamp,
     route: &Route,
@@ -218,7 +219,7 @@ fn prefix(
     }
     match flown {
         Some(base) if base.id == route.base_id => {
-            // A base that has ended is rest: nothing of it needs repeating.
+            // A base that has ended is at rest: nothing of it needs repeating.
             if base.end() <= now {
                 return Ok(());
             }
@@ -335,7 +336,7 @@ fn specify<'a>(route: &'a Route, stretch: f64, specs: &mut [PieceSpec<'a>; PIECE
 }
 
 /// The largest values that a certified piece may reach.
-struct Bounds {
+struct CertificateBounds {
     speed_mps: f64,
     climb_mps: f64,
     descent_mps: f64,
@@ -344,9 +345,9 @@ struct Bounds {
     yaw_rate_radps: f64,
 }
 
-impl Bounds {
-    /// A heading that turns too fast at the start (`yaw_rate_radps`), as the guard's brake leaves it, can only run out; it may
-    /// not be exceeded. Of the other limits such a start is infeasible.
+impl CertificateBounds {
+    /// A heading rate that exceeds the limit at the start (`yaw_rate_radps`), as after the guard's brake, can only
+    /// decay; it must not grow. For the other limits such a start is infeasible.
     fn new(limits: &MotionLimits, yaw_rate_radps: f64) -> Self {
         let allowed = MotionLimits::allowed;
         Self {
@@ -389,7 +390,7 @@ mod motions;
 #[cfg(test)]
 mod tests {
     use super::motions::{extremes, hop, limits_of};
-    use super::{Bounds, Generator, NoTrajectory};
+    use super::{CertificateBounds, Generator, NoTrajectory};
     use jink_shared_types::bezier::{End, quintic_between};
     use jink_shared_types::frames::{Acceleration, Point, Velocity};
     use jink_shared_types::motion::{
@@ -469,7 +470,7 @@ mod tests {
     fn are_certified(pieces: &[BezierPiece], limits: &MotionLimits) -> bool {
         // No planes: all of space.
         let everywhere = Polytope::default();
-        let bounds = Bounds::new(limits, 0.0);
+        let bounds = CertificateBounds::new(limits, 0.0);
         pieces.iter().all(|piece| bounds.certify(piece, &everywhere))
     }
 
@@ -615,8 +616,8 @@ mod tests {
                 let last = *vertices.last().unwrap();
                 vertices.push(last + Vector3::new(direction.cos(), direction.sin(), slope) * length);
             }
-            let way = (vertices[1] - vertices[0]).normalize();
-            let mut route = route(&vertices, way * speed, side);
+            let direction = (vertices[1] - vertices[0]).normalize();
+            let mut route = route(&vertices, direction * speed, side);
             (route.start.yaw_rad, route.start.yaw_rate_radps) = (yaw, yaw_rate);
             let mut out = Trajectory::default();
             if Generator::new(1).step(now(), &route, None, &mut out).is_ok() {

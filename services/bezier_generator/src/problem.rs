@@ -54,7 +54,7 @@ pub struct PieceSpec<'a> {
     pub duration_s: f64,
     /// Where all of it must lie.
     pub polytope: &'a Polytope,
-    /// Where its end should be, lightly.
+    /// Where its end should be, with a small weight.
     pub guide: Vector3<f64>,
 }
 
@@ -139,12 +139,12 @@ fn variable(index: usize) -> Affine {
 
 /// The constraint rows under construction: inequalities first, cones behind them.
 #[derive(Debug, Default)]
-struct Rows {
+struct ConstraintRows {
     triplets: Vec<(usize, usize, f64)>,
     right: Vec<f64>,
 }
 
-impl Rows {
+impl ConstraintRows {
     fn clear(&mut self) {
         self.triplets.clear();
         self.right.clear();
@@ -201,9 +201,9 @@ pub fn solve(
     let origin = start.position.vector();
     let joints = joints(start, pieces.len());
     let count = 9 * (pieces.len() - 1) + 3;
-    let mut cost = Cost::new(count);
-    let mut inequalities = Rows::default();
-    let mut cones = Rows::default();
+    let mut cost = QuadraticCost::new(count);
+    let mut inequalities = ConstraintRows::default();
+    let mut cones = ConstraintRows::default();
     let mut points = Vec::with_capacity(pieces.len());
     for (index, piece) in pieces.iter().enumerate() {
         let controls = control_points(&joints[index], &joints[index + 1], piece.duration_s);
@@ -296,7 +296,7 @@ fn keep_inside(
     control: &Affine,
     polytope: &Polytope,
     origin: &Vector3<f64>,
-    rows: &mut Rows,
+    rows: &mut ConstraintRows,
 ) -> Result<(), Infeasible> {
     for plane in polytope.planes() {
         let normal = Vector3::from(plane.normal);
@@ -312,8 +312,8 @@ fn keep_inside(
     Ok(())
 }
 
-/// Within a ball; what the start fixes may exceed the limit by what a limit's tolerance allows.
-fn keep_within(expression: &Affine, limit: f64, rows: &mut Rows) -> Result<(), Infeasible> {
+/// Within a norm ball; what the start fixes may exceed the limit by its tolerance.
+fn keep_within(expression: &Affine, limit: f64, rows: &mut ConstraintRows) -> Result<(), Infeasible> {
     if expression.is_constant() {
         if expression.constant.norm() > MotionLimits::allowed(limit) {
             return Err(Infeasible::Start);
@@ -329,7 +329,7 @@ fn keep_below(
     expression: &Affine,
     normal: Vector3<f64>,
     limit: f64,
-    rows: &mut Rows,
+    rows: &mut ConstraintRows,
 ) -> Result<(), Infeasible> {
     if expression.is_constant() {
         if normal.dot(&expression.constant) > MotionLimits::allowed(limit) {
@@ -343,13 +343,13 @@ fn keep_below(
 
 /// The quadratic objective `x' P x / 2 + q' x`, `P` dense.
 #[derive(Debug)]
-struct Cost {
+struct QuadraticCost {
     size: usize,
     p: Vec<f64>,
     q: Vec<f64>,
 }
 
-impl Cost {
+impl QuadraticCost {
     fn new(size: usize) -> Self {
         Self {
             size,
@@ -398,8 +398,12 @@ impl Cost {
     }
 }
 
-fn run(cost: &Cost, inequalities: &Rows, cones: &Rows) -> Result<Vec<f64>, Infeasible> {
-    let mut rows = Rows::default();
+fn run(
+    cost: &QuadraticCost,
+    inequalities: &ConstraintRows,
+    cones: &ConstraintRows,
+) -> Result<Vec<f64>, Infeasible> {
+    let mut rows = ConstraintRows::default();
     rows.clear();
     rows.triplets.extend_from_slice(&inequalities.triplets);
     rows.right.extend_from_slice(&inequalities.right);

@@ -1,12 +1,12 @@
 //! How long each piece should take: a speed profile along the guide.
 //!
 //! Speeds at the vertices are limited by the turn there, by braking to rest at the end and by what can be reached from
-//! the start (a forward and a backward pass); between two vertices the profile is a trapezoid. The curve that is
-//! fitted afterwards needs head-room, so the profile uses only a share of the acceleration.
+//! the start (a forward and a backward pass); between two vertices the profile is a trapezoid. The curve that is fitted
+//! afterwards needs a margin, so the profile uses only a share of the acceleration.
 
 use nalgebra::Vector3;
 
-/// Share of the acceleration limit that the profile counts on. A polynomial piece peaks at 1.5 to 1.9 times its mean
+/// Share of the acceleration limit that the profile assumes. A polynomial piece peaks at 1.5 to 1.9 times its mean
 /// acceleration.
 const ACCELERATION_SHARE: f64 = 0.6;
 /// Shortest piece (s): shorter ones only amplify rounding in the derivatives.
@@ -57,8 +57,8 @@ fn turning_speed_mps(before: &Vector3<f64>, after: &Vector3<f64>, a: f64) -> f64
     if turn_rad < TURN_FREE_RAD {
         return f64::INFINITY;
     }
-    let room_m = 0.5 * (before.norm() + after.norm());
-    (a * room_m / turn_rad).sqrt()
+    let available_m = 0.5 * (before.norm() + after.norm());
+    (a * available_m / turn_rad).sqrt()
 }
 
 /// Time for `length_m` from speed `from` to speed `to`, not faster than `top`, with acceleration `a` at most.

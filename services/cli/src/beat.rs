@@ -1,6 +1,7 @@
 //! The rate of a topic as its samples tell it.
 
-use crate::report::round;
+use jink_control::figures::round;
+use jink_shared_types::quantile::quantile;
 use jink_shared_types::topics::TopicRow;
 use jink_shared_types::{SampleHeader, Timestamp};
 use serde_json::json;
@@ -65,10 +66,7 @@ impl Beat {
 
     /// Age at publication (s): the `share` quantile; `None` if the samples carry no time of capture.
     pub fn age_s(&self, share: f64) -> Option<f64> {
-        let mut ages = self.ages_s.clone();
-        ages.sort_by(f64::total_cmp);
-        let at = (share * ages.len().saturating_sub(1) as f64).round() as usize;
-        ages.get(at).copied()
+        quantile(&self.ages_s, share)
     }
 
     /// For people.

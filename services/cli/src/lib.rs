@@ -10,36 +10,21 @@
 //! | [`findings`] | what an examination has found | verdict and table, or JSON |
 //! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
 //! | [`sensors_seen`] | scans, clouds, `guard/ring`, events | findings and figures |
-//! | [`known_space`] | what map and planner say of the sensors | a line or two, or JSON |
 //! | [`memory_need`] | topic table, configuration | shared memory that the topics take |
 //! | [`schema`] | topic table, shapes of samples | a table, a C header, a Python module, JSON |
 //! | [`param_list`] | parameter table, `parameters` | a table, or JSON |
-//! | [`narrate`] | `system/status` | one line per piece of news |
-//! | [`flight`] | `sim/truth`, `link/status` | the course of a demonstration flight and its summary |
-//! | [`handover`] | headers around a change of the producer | what was missing, doubled, out of order |
-//! | [`drill`] | `planner@8s` | which process to kill when |
-//! | [`sitl`] | options, a build of an autopilot | values laid over the configuration |
-//! | [`picture`] | world, course, sensed points | the flight from above as SVG |
 
 pub mod beat;
 pub mod calibrate;
-pub mod chaos;
 pub mod digest;
-pub mod drill;
 pub mod findings;
-pub mod flight;
-pub mod handover;
-pub mod known_space;
 pub mod memory_need;
-pub mod narrate;
 pub mod param_list;
-pub mod picture;
 pub mod report;
 pub mod ring_view;
 pub mod running_link;
 pub mod sample_json;
 pub mod schema;
 pub mod sensors_seen;
-pub mod sitl;
 pub mod top;
 pub mod topic_list;

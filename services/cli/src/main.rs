@@ -1,27 +1,11 @@
 //! `jink`: start, stop, look at and try out an obstacle-avoidance system.
 
-/// Like `print!`, but somebody who reads no further (`| head`) is no reason to end, least of all in the middle of a
-/// flight.
-macro_rules! say {
-    ($($text:tt)*) => {{
-        use std::io::Write as _;
-        let mut out = std::io::stdout().lock();
-        let _nobody_reads = write!(out, $($text)*).and_then(|()| out.flush());
-    }};
-}
-
-/// The same with the end of a line.
-macro_rules! sayln {
-    ($($text:tt)*) => {{
-        use std::io::Write as _;
-        let _nobody_reads = writeln!(std::io::stdout(), $($text)*);
-    }};
-}
-
 mod cmd;
 
 use clap::{Parser, Subcommand};
+use jink_control::{DEFAULT_INSTANCE, Problem, beside};
 use jink_runtime::Instance;
+use std::ffi::OsString;
 use std::process::ExitCode;
 
 /// Obstacle avoidance for multicopters
@@ -29,7 +13,7 @@ use std::process::ExitCode;
 #[command(version, propagate_version = true, arg_required_else_help = true)]
 struct Cli {
     /// Which jink on this host (the demonstration takes one of its own)
-    #[arg(long, global = true, default_value = cmd::DEFAULT_INSTANCE)]
+    #[arg(long, global = true, default_value = DEFAULT_INSTANCE)]
     instance: Instance,
     #[command(subcommand)]
     command: Command,
@@ -66,17 +50,17 @@ enum Command {
     /// Show a virtual world
     World(cmd::world::Args),
     /// Fly a mission in a virtual world
-    Demo(cmd::demo::Args),
+    Demo(beside::Args),
     /// Fly missions with faults at random times
-    Chaos(cmd::chaos::Args),
+    Chaos(beside::Args),
     /// Fly many missions in virtual worlds, faster than real time, and count
-    Campaign(cmd::beside::Args),
+    Campaign(beside::Args),
     /// Drive a simulated pilot at walls, and plot how near he comes
-    Approach(cmd::beside::Args),
+    Approach(beside::Args),
     /// List the jinks of this host, and remove what ended ones have left
     Instances(cmd::instances::Args),
     /// Measure parts of jink beside what others have
-    Bench(cmd::bench::Args),
+    Bench(beside::Args),
 }
 
 fn main() -> ExitCode {
@@ -99,15 +83,26 @@ fn main() -> ExitCode {
         Command::Restart(args) => cmd::ask::restart(&cli.instance, &args),
         Command::Stop(args) => cmd::ask::stop(&cli.instance, &args),
         Command::World(args) => cmd::world::run(&args),
-        Command::Chaos(args) => cmd::chaos::run(&args),
-        Command::Campaign(args) => cmd::beside::run("jink-campaign", &args),
-        Command::Approach(args) => cmd::beside::run("jink-approach", &args),
+        Command::Chaos(args) => Err(simulate(&cli.instance, "chaos", args)),
+        Command::Campaign(args) => Err(simulate(&cli.instance, "campaign", args)),
+        Command::Approach(args) => Err(simulate(&cli.instance, "approach", args)),
         Command::Instances(args) => cmd::instances::run(&args),
-        Command::Bench(args) => cmd::bench::run(&args),
-        Command::Demo(args) => cmd::demo::run(&cli.instance, &args),
+        Command::Bench(args) => Err(simulate(&cli.instance, "bench", args)),
+        Command::Demo(args) => Err(simulate(&cli.instance, "demo", args)),
     };
     outcome.unwrap_or_else(|problem| {
         eprintln!("jink: {problem}");
         ExitCode::from(problem.exit_code())
     })
+}
+
+/// Becomes the program of simulated flights, which an aircraft need not carry.
+fn simulate(instance: &Instance, command: &str, args: beside::Args) -> Problem {
+    let mut arguments: Vec<OsString> = Vec::new();
+    if instance.to_string() != DEFAULT_INSTANCE {
+        arguments.extend(["--instance".into(), instance.to_string().into()]);
+    }
+    arguments.push(command.into());
+    arguments.extend(args.arguments);
+    beside::become_program(&format!("jink {command}"), "jink-lab", arguments)
 }

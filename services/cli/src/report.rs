@@ -6,13 +6,14 @@ mod profile;
 pub use links::{LinkFigures, Refused};
 pub use profile::unfit;
 
-use crate::known_space::KnownSpace;
+use jink_control::figures::{StageLatency, exit_text, latency_ms, latency_text, round};
+use jink_control::known_space::KnownSpace;
 use jink_shared_types::health::{
-    Health, Histogram, ProcessStatus, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
+    Health, ProcessStatus, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
 };
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::topics::LINK_STATUS;
-use jink_shared_types::{STAGE_NAMES, Stamped, Timestamp};
+use jink_shared_types::{Stamped, Timestamp};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
@@ -193,41 +194,6 @@ pub struct Link {
     pub links: Vec<LinkFigures>,
 }
 
-/// What one stage of the chain adds to the way from capture to wire, waiting included.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct StageLatency {
-    /// The stage.
-    pub stage: &'static str,
-    /// Median (ms).
-    pub p50_ms: f64,
-    /// 99th percentile (ms).
-    pub p99_ms: f64,
-}
-
-impl StageLatency {
-    /// Of all stages that were passed at all, in their order.
-    pub fn of(stages: &[Histogram]) -> Vec<Self> {
-        STAGE_NAMES
-            .into_iter()
-            .zip(stages)
-            .filter(|(_, histogram)| histogram.count > 0)
-            .map(|(stage, histogram)| Self {
-                stage,
-                p50_ms: round(histogram.quantile_us(0.5) * 1e-3),
-                p99_ms: round(histogram.quantile_us(0.99) * 1e-3),
-            })
-            .collect()
-    }
-
-    /// `sensor 4.1/9.0, fusion 6.2/12.0`; p50/p99 in ms.
-    pub fn line(stages: &[Self]) -> String {
-        let words = stages
-            .iter()
-            .map(|stage| format!("{} {:.1}/{:.1}", stage.stage, stage.p50_ms, stage.p99_ms));
-        words.collect::<Vec<_>>().join(", ")
-    }
-}
-
 impl Report {
     /// The report of `instance` at `now`.
     pub fn new(
@@ -321,15 +287,6 @@ pub fn exit_code(health: Health) -> u8 {
         Health::Healthy => 0,
         Health::Starting | Health::Degraded | Health::Stopping => 1,
         Health::Failed => 2,
-    }
-}
-
-/// An exit status as the supervisor codes it, in words.
-pub fn exit_text(last_exit: u32) -> String {
-    match last_exit {
-        0..256 => format!("code {last_exit}"),
-        511 => "not known".to_owned(),
-        signal => format!("signal {}", signal - 256),
     }
 }
 
@@ -521,26 +478,6 @@ impl Link {
     }
 }
 
-/// Median, 99th percentile and longest of what `latency` has counted (ms); nothing before the first.
-pub fn latency_ms(latency: &Histogram) -> [Option<f64>; 3] {
-    let figures_us = [
-        latency.quantile_us(0.5),
-        latency.quantile_us(0.99),
-        f64::from(latency.max_us),
-    ];
-    figures_us.map(|us| (latency.count > 0).then(|| round(us * 1e-3)))
-}
-
-/// Those three for people; a dash where nothing was measured.
-pub fn latency_text(figures_ms: [Option<f64>; 3]) -> String {
-    match figures_ms {
-        [Some(p50_ms), Some(p99_ms), Some(max_ms)] => {
-            format!("{p50_ms:.1} / {p99_ms:.1} / {max_ms:.1} ms p50/p99/max")
-        }
-        _ => "-".to_owned(),
-    }
-}
-
 /// Appends `rows` with every column as wide as its widest cell.
 pub fn write_table<const COLUMNS: usize>(out: &mut String, rows: &[[String; COLUMNS]]) {
     let widths: [usize; COLUMNS] =
@@ -554,11 +491,6 @@ pub fn write_table<const COLUMNS: usize>(out: &mut String, rows: &[[String; COLU
         out.push_str(line.trim_end());
         out.push('\n');
     }
-}
-
-/// To three decimals: what is measured is not known better, and JSON stays readable.
-pub fn round(value: f64) -> f64 {
-    (value * 1e3).round() / 1e3
 }
 
 /// `12 s`, `3 min 5 s`, `2 h 4 min`.

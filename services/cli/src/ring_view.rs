@@ -7,7 +7,7 @@
 //! | blank | not known, or behind an obstacle |
 //! | `^` | the vehicle; its nose points up |
 
-use crate::report::round;
+use jink_control::figures::round;
 use jink_shared_types::Timestamp;
 use jink_shared_types::ring::{SECTORS, SectorRing, sector_bearing_rad, sector_of};
 use serde::Serialize;

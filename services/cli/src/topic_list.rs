@@ -1,30 +1,8 @@
 //! The topic table as people see it.
 
-use jink_shared_types::topics::{HEALTH, RANGE_CLOUD, RANGE_SCAN, TopicRow};
+use jink_control::members::Members;
+use jink_shared_types::topics::TopicRow;
 use serde::Serialize;
-
-/// Who the members of the families are.
-#[derive(Clone, Debug, Default)]
-pub struct Members {
-    /// Sensors that publish clouds.
-    pub clouds: Vec<String>,
-    /// Sensors that publish scans.
-    pub scans: Vec<String>,
-    /// Processes.
-    pub processes: Vec<String>,
-}
-
-impl Members {
-    /// Members of the family of a row.
-    pub fn of(&self, row: &TopicRow) -> &[String] {
-        match row.name {
-            name if name == RANGE_CLOUD.row.name => &self.clouds,
-            name if name == RANGE_SCAN.row.name => &self.scans,
-            name if name == HEALTH.row.name => &self.processes,
-            _ => &[],
-        }
-    }
-}
 
 /// One topic.
 #[derive(Clone, Debug, PartialEq, Serialize)]

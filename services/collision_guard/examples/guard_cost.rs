@@ -5,8 +5,9 @@
 #[path = "../tests/it/common/mod.rs"]
 mod common;
 
-use common::{Lidar, Random, World, fly, guard, on, ring, step, straight, time};
+use common::{Lidar, World, fly, guard, on, random, ring, step, straight, time};
 use jink_shared_types::motion::Verdict;
+use jink_shared_types::quantile::quantiles;
 use std::time::Instant;
 
 fn main() {
@@ -21,16 +22,11 @@ fn main() {
     );
     for sensors in [1, 4] {
         for (replan, name) in [(false, "watching"), (true, "judging a new trajectory")] {
-            let mut us = costs(&world, sensors, replan);
-            us.sort_by(f64::total_cmp);
-            let n = us.len();
+            let us = costs(&world, sensors, replan);
+            let [min, p50, p99, max] = quantiles(&us, [0.0, 0.5, 0.99, 1.0]).unwrap_or_default();
             println!(
-                "{:<44} {:>9.1} {:>9.1} {:>9.1} {:>9.1}",
-                format!("{name}, {sensors} sensors"),
-                us[0],
-                us[n / 2],
-                us[n * 99 / 100],
-                us[n - 1]
+                "{:<44} {min:>9.1} {p50:>9.1} {p99:>9.1} {max:>9.1}",
+                format!("{name}, {sensors} sensors")
             );
         }
     }
@@ -50,7 +46,7 @@ fn costs(world: &World, sensors: usize, replan: bool) -> Vec<f64> {
         fly(&mut ring, &place, t - 0.2, t);
         for sensor in 0..sensors {
             let seed = u64::from(i) * 8 + sensor as u64;
-            let (cloud, header) = lidar.sweep(world, &place, t, &mut Random(seed));
+            let (cloud, header) = lidar.sweep(world, &place, t, &mut random(seed));
             let taken = ring.cloud(sensor, &cloud, &header);
             assert!(taken.is_ok(), "{taken:?}");
         }

@@ -8,11 +8,14 @@
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::frames::{AngularRate, Attitude};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, RayKind};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Flag, Point, Reserved, SampleHeader, Timestamp, Velocity};
 use nalgebra::UnitQuaternion;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -62,7 +65,7 @@ fn main() {
     });
 }
 
-/// What a 2-D lidar says of a turn that takes the whole sweep.
+/// A scan of a 2-D lidar whose turn takes the whole sweep.
 fn turn(beams: u32, width_rad: f64) -> RangeScan {
     let count = f64::from(beams);
     RangeScan {
@@ -79,20 +82,15 @@ fn turn(beams: u32, width_rad: f64) -> RangeScan {
 }
 
 fn report(what: &str, mut run: impl FnMut() -> bool) {
-    let mut us: Vec<f64> = (0..RUNS)
+    let us: Vec<f64> = (0..RUNS)
         .map(|_| {
             let begin = Instant::now();
             assert!(black_box(run()), "{what} did nothing");
             begin.elapsed().as_secs_f64() * 1e6
         })
         .collect();
-    us.sort_by(f64::total_cmp);
-    let (p50, p99) = (us[RUNS / 2], us[RUNS * 99 / 100]);
-    println!(
-        "{what:<44} {:>9.1} {p50:>9.1} {p99:>9.1} {:>9.1}",
-        us[0],
-        us[RUNS - 1]
-    );
+    let [min, p50, p99, max] = quantiles(&us, [0.0, 0.5, 0.99, 1.0]).unwrap_or_default();
+    println!("{what:<44} {min:>9.1} {p50:>9.1} {p99:>9.1} {max:>9.1}");
 }
 
 fn first() -> Timestamp {
@@ -133,9 +131,14 @@ enum Order {
 fn forest(points: usize, order: Order) -> Box<PointCloud> {
     const ROWS: usize = 64;
     let columns = points / ROWS;
-    let mut random = SplitMix(7);
+    let mut random = SplitMix64::seed_from_u64(7);
     let trees: Vec<(f64, f64)> = (0..200)
-        .map(|_| (60.0 * (random.unit() - 0.5), 60.0 * (random.unit() - 0.5)))
+        .map(|_| {
+            (
+                random.random_range(-30.0..30.0_f64),
+                random.random_range(-30.0..30.0_f64),
+            )
+        })
         .filter(|(x, y)| x.hypot(*y) > 1.5)
         .collect();
     let mut rays: Vec<(usize, usize)> = (0..columns)
@@ -146,7 +149,7 @@ fn forest(points: usize, order: Order) -> Box<PointCloud> {
         Order::Rows => rays.sort_by_key(|(column, row)| (*row, *column)),
         Order::Shuffled => {
             for i in (1..rays.len()).rev() {
-                rays.swap(i, (random.unit() * (i + 1) as f64) as usize);
+                rays.swap(i, random.random_range(0..=i));
             }
         }
     }
@@ -158,7 +161,7 @@ fn forest(points: usize, order: Order) -> Box<PointCloud> {
         let azimuth = std::f64::consts::TAU * column as f64 / columns as f64;
         let elevation = (row as f64 / (ROWS - 1) as f64 - 0.5) * 60.0_f64.to_radians();
         let (range, kind) = cast(&trees, azimuth, elevation);
-        let range = range + 0.02 * (random.unit() - 0.5);
+        let range = range + random.random_range(-0.01..0.01);
         assert!(cloud.push(CloudPoint {
             forward_m: (range * elevation.cos() * azimuth.cos()) as f32,
             right_m: (range * elevation.cos() * azimuth.sin()) as f32,
@@ -192,17 +195,4 @@ fn cast(trees: &[(f64, f64)], azimuth: f64, elevation: f64) -> (f64, RayKind) {
         RayKind::Clear
     };
     (range, kind)
-}
-
-/// SplitMix64 (Steele, Lea, Flood 2014).
-struct SplitMix(u64);
-
-impl SplitMix {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) as f64 / 2.0_f64.powi(64)
-    }
 }

@@ -1,8 +1,8 @@
-//! The guard as a process: woken by ranges and trajectories, and 30 times a second at least; it answers each trajectory, and a pilot
-//! who steers.
+//! The guard as a process: woken by ranges and trajectories, and 30 times a second at least; it answers each
+//! trajectory, and each demand of a pilot.
 
 use crate::guard::{Guard, GuardConfig, GuardInputs};
-use crate::prevention::{PreventionConfig, Watch};
+use crate::prevention::{PilotGuard, PreventionConfig};
 use crate::ring::Ring;
 use jink_runtime::{
     Checks, Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake,
@@ -15,17 +15,17 @@ use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::fmt;
 
-/// What is flown is looked at, and said again, this often.
+/// The active trajectory is checked, and published again, at this rate.
 const RATE_HZ: u32 = 30;
-/// What a pilot wants is looked at this often.
-const WATCH_RATE_HZ: u32 = 50;
-/// The ring goes out this often.
+/// The pilot's demand is answered at this rate.
+const PILOT_RATE_HZ: u32 = 50;
+/// The ring is published at this rate.
 const RING_RATE_HZ: u32 = 15;
 
 /// The service: see [`crate`].
 pub struct GuardService {
     guard: Guard,
-    watch: Watch,
+    pilot_guard: PilotGuard,
     ring: Ring,
     ranges: RangeInputs,
     state: Input<VehicleState>,
@@ -40,7 +40,7 @@ pub struct GuardService {
     header: SampleHeader,
     due: Timestamp,
     ring_due: Timestamp,
-    watch_due: Timestamp,
+    pilot_due: Timestamp,
 }
 
 impl fmt::Debug for GuardService {
@@ -56,12 +56,12 @@ impl Service for GuardService {
         let params = ports.config().params.clone();
         Ok(Self {
             guard: Guard::new(GuardConfig::from_params(&params), ports.setup().generation),
-            watch: Watch::new(PreventionConfig::from_params(&params)),
+            pilot_guard: PilotGuard::new(PreventionConfig::from_params(&params)),
             ring: Ring::from_params(&params),
             ranges: RangeInputs::open(ports)?,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             trajectory: ports.trigger(topics::TRAJECTORY)?,
-            // To a demand that is no number collision prevention has an answer: no motion, at once.
+            // Collision prevention answers a demand that is not a number, too: no motion, at once.
             demand: ports.input(topics::PILOT_DEMAND)?.with_checks(Checks::Stamps),
             approved: ports.output(topics::APPROVED)?,
             prevented: ports.output(topics::PREVENTED)?,
@@ -72,7 +72,7 @@ impl Service for GuardService {
             header: SampleHeader::default(),
             due: Timestamp::NEVER,
             ring_due: Timestamp::NEVER,
-            watch_due: Timestamp::NEVER,
+            pilot_due: Timestamp::NEVER,
         })
     }
 
@@ -91,13 +91,13 @@ impl Service for GuardService {
                 state: self.state.latest(now),
                 ring: &self.ring,
             };
-            let news = self.guard.step(now, &inputs, &mut self.answer);
+            let step_events = self.guard.step(now, &inputs, &mut self.answer);
             let answer = &self.answer;
             self.approved
                 .write(self.header.derived(Stage::Guard, now), |slot| {
                     slot.clone_from(answer);
                 });
-            for event in news.events() {
+            for event in step_events.events() {
                 cycle.events.publish(now, event);
             }
             self.due = now.next_beat(RATE_HZ);
@@ -107,35 +107,35 @@ impl Service for GuardService {
             self.ring.ring(now, &mut self.ring_sample);
             self.sectors.send(SampleHeader::at(now), &self.ring_sample);
         }
-        let watches = self.watch_over_the_pilot(cycle);
+        let is_steered = self.answer_pilot(cycle);
         let due = self.due.min(self.ring_due);
-        Wake::at(if watches { due.min(self.watch_due) } else { due })
+        Wake::at(if is_steered { due.min(self.pilot_due) } else { due })
     }
 
-    /// The ring keeps what it has seen: its hull and its band need a restart.
+    /// The ring keeps what it has seen: its radius and its band need a restart.
     fn retune(&mut self, params: &ParamSet) {
         self.guard.configure(GuardConfig::from_params(params));
-        self.watch.configure(PreventionConfig::from_params(params));
+        self.pilot_guard.configure(PreventionConfig::from_params(params));
     }
 }
 
 impl GuardService {
-    /// Whether one steers.
-    fn watch_over_the_pilot(&mut self, cycle: &mut Cycle<'_>) -> bool {
+    /// Answers the pilot's demand; whether there is one.
+    fn answer_pilot(&mut self, cycle: &mut Cycle<'_>) -> bool {
         let now = cycle.now;
         let demand = self.demand.latest(now);
         if !demand.is_fresh() {
             return false;
         }
-        if now < self.watch_due {
+        if now < self.pilot_due {
             return true;
         }
-        self.watch_due = now.next_beat(WATCH_RATE_HZ);
+        self.pilot_due = now.next_beat(PILOT_RATE_HZ);
         self.ring.ring(now, &mut self.ring_sample);
         let state = self.state.latest(now);
-        if let Some((prevented, news)) = self.watch.step(now, demand, state, &self.ring_sample) {
+        if let Some((prevented, step_events)) = self.pilot_guard.step(now, demand, state, &self.ring_sample) {
             self.prevented.send(SampleHeader::at(now), &prevented);
-            for event in news.events() {
+            for event in step_events.events() {
                 cycle.events.publish(now, event);
             }
         }

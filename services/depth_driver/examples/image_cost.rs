@@ -8,8 +8,9 @@
 )]
 
 use jink_depth_driver::config::SensorTable;
-use jink_depth_driver::{DepthCameraSpec, Driver, Image};
+use jink_depth_driver::{DepthCameraDriver, DepthCameraSpec, Image};
 use jink_shared_types::Timestamp;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::PointCloud;
 use std::time::Instant;
 
@@ -31,9 +32,9 @@ fn main() {
         let table: SensorTable = text.parse::<toml::Table>().unwrap().into_iter().collect();
         let spec = DepthCameraSpec::find(&[table], "front").unwrap();
         let images: Vec<Vec<u8>> = (0..8).map(|seed| scene(size_px, seed)).collect();
-        let mut driver = Driver::new(spec.clone());
+        let mut driver = DepthCameraDriver::new(spec.clone());
         let mut cloud = PointCloud::boxed();
-        let mut us: Vec<f64> = (0..IMAGES)
+        let us: Vec<f64> = (0..IMAGES)
             .map(|index| {
                 let bytes = &images[index as usize % images.len()];
                 let arrived = Timestamp::from_ns(u64::from(index + 1) * 33_000_000);
@@ -50,17 +51,13 @@ fn main() {
                 begin.elapsed().as_secs_f64() * 1e6
             })
             .collect();
-        us.sort_by(f64::total_cmp);
-        let at = |share: f64| us[(share * f64::from(IMAGES - 1)) as usize];
+        let [p50, p99, max] = quantiles(&us, [0.5, 0.99, 1.0]).unwrap_or_default();
         println!(
-            "{} x {} {:24} {:6} points: {:6.0} / {:6.0} / {:6.0} us (p50 / p99 / max)",
+            "{} x {} {:24} {:6} points: {p50:6.0} / {p99:6.0} / {max:6.0} us (p50 / p99 / max)",
             size_px[0],
             size_px[1],
             keys.trim(),
-            spec.points(),
-            at(0.5),
-            at(0.99),
-            at(1.0)
+            spec.points()
         );
     }
 }

@@ -1,7 +1,7 @@
 //! The camera: opened, lost, and opened again with growing pauses.
 
 use crate::driver::Image;
-use crate::v4l2::{Stream, StreamError, Wanted};
+use crate::v4l2::{CaptureStream, StreamError, Wanted};
 use jink_shared_types::Timestamp;
 use rustix::fs::{Mode, OFlags};
 use rustix::io::Errno;
@@ -10,7 +10,8 @@ use std::os::fd::BorrowedFd;
 
 /// First pause before the device is tried again (s), and the longest one; each is twice the one before.
 const PAUSE_S: [f64; 2] = [0.1, 2.0];
-/// A stream without an image for so long (s) is started anew: a USB camera may stall for good without an error. The slowest rate is 2 Hz.
+/// A stream without an image for so long (s) is started anew: a USB camera may stall for good without an error. The
+/// slowest rate is 2 Hz.
 const STALL_S: f64 = 3.0;
 /// Images per cycle at most: a device that never ends must not keep the heartbeat waiting.
 const IMAGES: usize = 4;
@@ -35,11 +36,11 @@ pub enum CameraError {
         /// Its path.
         path: String,
     },
-    /// It does not stream what is asked for.
-    Stream {
+    /// It does not stream what is requested.
+    CaptureStream {
         /// Its path.
         path: String,
-        /// What is asked for: width and height (px).
+        /// The size requested: width and height (px).
         size_px: [u16; 2],
         /// Why not.
         cause: StreamError,
@@ -48,14 +49,14 @@ pub enum CameraError {
     Open {
         /// Its path.
         path: String,
-        /// What the system says.
+        /// The system's error.
         source: Errno,
     },
     /// It streamed, and broke or was unplugged.
     Lost {
         /// Its path.
         path: String,
-        /// What the system says.
+        /// The system's error.
         source: Errno,
     },
     /// It streams, and no image comes.
@@ -84,7 +85,7 @@ impl fmt::Display for CameraError {
                 f,
                 "{path}: another program streams from it; `fuser {path}` names it"
             ),
-            Self::Stream {
+            Self::CaptureStream {
                 path,
                 size_px: [width, height],
                 cause,
@@ -125,7 +126,7 @@ impl std::error::Error for CameraError {}
 pub struct Camera {
     path: String,
     wanted: Wanted,
-    stream: Option<Stream>,
+    stream: Option<CaptureStream>,
     /// When the last image came, or the stream was started.
     newest: Timestamp,
     retry_at: Timestamp,
@@ -160,7 +161,7 @@ impl Camera {
 
     /// What is to be watched for images.
     pub fn watched(&self) -> Option<BorrowedFd<'_>> {
-        self.stream.as_ref().map(Stream::watched)
+        self.stream.as_ref().map(CaptureStream::watched)
     }
 
     /// When it is tried again, or taken for stalled.
@@ -190,7 +191,8 @@ impl Camera {
         }
     }
 
-    /// Shows `visit` the images that have come, each with the time that `clock` has then. A stream that is broken or stalled is closed.
+    /// Shows `visit` the images that have come, each with the time that `clock` has then. A stream that is broken or
+    /// stalled is closed.
     pub fn read(&mut self, now: Timestamp, clock: impl Fn() -> Timestamp, mut visit: impl FnMut(&Image<'_>)) {
         for _ in 0..IMAGES {
             let Some(stream) = &mut self.stream else {
@@ -233,7 +235,7 @@ impl Camera {
         self.pause_s = PAUSE_S[0];
     }
 
-    fn report_start(&self, stream: &Stream) {
+    fn report_start(&self, stream: &CaptureStream) {
         let [width, height] = self.wanted.size_px;
         let wanted_hz = self.wanted.rate_hz;
         let path = &self.path;
@@ -261,7 +263,7 @@ impl Camera {
     }
 }
 
-fn open(path: &str, wanted: &Wanted) -> Result<Stream, CameraError> {
+fn open(path: &str, wanted: &Wanted) -> Result<CaptureStream, CameraError> {
     let owned = || path.to_owned();
     let flags = OFlags::RDWR | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let fd = rustix::fs::open(path, flags, Mode::empty()).map_err(|source| match source {
@@ -273,14 +275,14 @@ fn open(path: &str, wanted: &Wanted) -> Result<Stream, CameraError> {
             source,
         },
     })?;
-    Stream::start(fd, wanted).map_err(|cause| match cause {
+    CaptureStream::start(fd, wanted).map_err(|cause| match cause {
         StreamError::Call {
             source: Errno::BUSY, ..
         } => CameraError::Busy { path: owned() },
         StreamError::Call {
             source: Errno::NODEV, ..
         } => CameraError::NoDevice { path: owned() },
-        cause => CameraError::Stream {
+        cause => CameraError::CaptureStream {
             path: owned(),
             size_px: wanted.size_px,
             cause,

@@ -92,7 +92,8 @@ impl Bins {
     }
 }
 
-/// One row of blocks, column by column of their pixels: in loops that the compiler turns into several columns at a time.
+/// One row of blocks, column by column of their pixels: in loops that the compiler turns into several columns at a
+/// time.
 struct Columns {
     /// Least depth less one; the greatest number where there is none.
     nearest: [u16; SIZE_MAX_PX as usize],

@@ -1,18 +1,16 @@
 //! The `[[sensor]]` table of one depth camera. docs/depth_cameras.md lists the keys.
 //!
-//! Position, mounting, ranges, field of view, image and rate have the keys that the simulator's depth camera has, with the same meaning;
-//! keys that only describe a simulated sensor (its noise, its seed) are passed over.
+//! Position, mounting, ranges, field of view, image and rate have the keys that the simulator's depth camera has, with
+//! the same meaning; keys that only describe a simulated sensor (its noise, its seed) are passed over.
 
-use crate::keys::Keys;
-pub use crate::keys::SensorTable;
-use crate::mistake::Mistake;
-use crate::models::{self, DISPARITY_MAX_PX, DISPARITY_SIGMA_PX, Model};
+use crate::config_error::DepthConfigError;
+use crate::models::{self, DISPARITY_MAX_PX, DISPARITY_SIGMA_PX, DepthCameraModel};
 use crate::projection::{Distortion, Intrinsics, Projection};
+use jink_runtime::config::sensor_table::SensorKeys;
+pub use jink_runtime::config::sensor_table::SensorTable;
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::ranges::{CLOUD_POINTS, image_bin_px};
-use jink_shared_types::suggestion::nearest;
 use jink_shared_types::{BodyFrd, Point};
-use toml::Value;
 
 /// The kind of sensor that this driver is for.
 pub const KIND: &str = "depth_camera";
@@ -56,14 +54,16 @@ const KEYS: &[&str] = &[
 /// What the simulator's depth camera has besides.
 const SIMULATED: &[&str] = &["seed", "sigma_m", "sigma_ratio", "dropout", "edge_mixing"];
 
-/// Images per second (Hz) unless the table says otherwise: each D400 offers it at every size.
+/// Images per second (Hz) by default: each D400 offers it at every size.
 const RATE_HZ: f64 = 15.0;
 /// Largest edge of an image (px): nothing with Z16 is larger, and 4096 x 4096 depths are 32 MiB.
 pub const SIZE_MAX_PX: u16 = 4096;
-/// One deviation of a depth over its square (1/m) of a camera about which nothing else is known: that of the simulated one.
+/// One deviation of a depth over its square (1/m) of a camera about which nothing else is known: that of the simulated
+/// one.
 const SIGMA_PER_M: f64 = 0.005;
-/// Least limit of the flying-pixel filter times the focal length (px/m). The inverse depth of a plane at distance `h` changes by
-/// `1 / (f h)` a pixel at most: nine keeps planes from 0.11 m on. At f = 447 px, that of a D435, it comes to 0.02 / m.
+/// Least limit of the flying-pixel filter times the focal length (px/m). The inverse depth of a plane at distance `h`
+/// changes by `1 / (f h)` a pixel at most: nine keeps planes from 0.11 m on. At f = 447 px, that of a D435, it comes to
+/// 0.02 / m.
 const FLYING_PX_PER_M: f64 = 9.0;
 /// In deviations: of four depths of one surface the greatest and the least are farther apart once in a thousand times.
 const FLYING_SIGMAS: f64 = 5.5;
@@ -74,7 +74,7 @@ pub struct DepthCameraSpec {
     /// Its name.
     pub name: String,
     /// Its model.
-    pub model: &'static Model,
+    pub model: &'static DepthCameraModel,
     /// Path of its V4L2 device.
     pub device: String,
     /// Width and height of the image (px).
@@ -106,22 +106,12 @@ impl DepthCameraSpec {
     ///
     /// # Errors
     /// The first mistake found.
-    pub fn find(tables: &[SensorTable], name: &str) -> Result<Self, Mistake> {
-        let name_of = |table: &SensorTable| {
-            let name = table.get("name").and_then(Value::as_str);
-            name.unwrap_or_default().to_owned()
-        };
-        match tables.iter().find(|table| name_of(table) == name) {
-            Some(table) => Self::read(&Keys { sensor: name, table }),
-            None => Err(Mistake::NoSuchSensor {
-                sensor: name.to_owned(),
-                known: tables.iter().map(name_of).collect(),
-            }),
-        }
+    pub fn find(tables: &[SensorTable], name: &str) -> Result<Self, DepthConfigError> {
+        Self::read(&SensorKeys::find(tables, name)?)
     }
 
-    fn read(keys: &Keys<'_>) -> Result<Self, Mistake> {
-        check_names(keys)?;
+    fn read(keys: &SensorKeys<'_>) -> Result<Self, DepthConfigError> {
+        keys.check_names(&[KIND], KIND, KEYS, SIMULATED)?;
         let model = model(keys)?;
         let size_px = [
             keys.count("width_px", model.size_px[0], 16..=SIZE_MAX_PX)?,
@@ -144,7 +134,7 @@ impl DepthCameraSpec {
             device: device(keys)?,
             size_px,
             rate_hz: keys.number("rate_hz", RATE_HZ, 2.0..=200.0)?,
-            projection: projection.map_err(|pixel| Mistake::Distortion {
+            projection: projection.map_err(|pixel| DepthConfigError::Distortion {
                 sensor: keys.sensor.to_owned(),
                 pixel,
             })?,
@@ -177,45 +167,35 @@ fn used_px(size_px: u16, border_px: u16) -> usize {
     usize::from(size_px).saturating_sub(2 * usize::from(border_px))
 }
 
-fn check_names(keys: &Keys<'_>) -> Result<(), Mistake> {
-    let kind = keys.table.get("kind").and_then(Value::as_str).unwrap_or_default();
-    if kind != KIND {
-        return Err(Mistake::OtherKind {
-            sensor: keys.sensor.to_owned(),
-            kind: kind.to_owned(),
-        });
-    }
-    let known = |key: &str| KEYS.contains(&key) || SIMULATED.contains(&key);
-    match keys.table.keys().find(|key| !known(key)) {
-        None => Ok(()),
-        Some(key) => Err(Mistake::UnknownKey {
-            sensor: keys.sensor.to_owned(),
-            key: key.clone(),
-            nearest: nearest(key, KEYS.iter().copied()),
-        }),
-    }
-}
-
-fn model(keys: &Keys<'_>) -> Result<&'static Model, Mistake> {
+fn model(keys: &SensorKeys<'_>) -> Result<&'static DepthCameraModel, DepthConfigError> {
     let name = keys.text("model", models::names)?;
-    models::find(name).ok_or_else(|| keys.not_possible("model", &format!("{name:?}"), models::names()))
+    models::find(name).ok_or_else(|| {
+        keys.not_possible("model", format!("{name:?}"), models::names())
+            .into()
+    })
 }
 
-fn device(keys: &Keys<'_>) -> Result<String, Mistake> {
+fn device(keys: &SensorKeys<'_>) -> Result<String, DepthConfigError> {
     let possible = || "the path of a V4L2 device, e.g. \"/dev/video0\" or one of /dev/v4l/by-id".to_owned();
     match keys.text("device", possible)? {
         path if path.starts_with('/') => Ok(path.to_owned()),
-        other => Err(keys.not_possible("device", &format!("{other:?}"), possible())),
+        other => Err(keys
+            .not_possible("device", format!("{other:?}"), possible())
+            .into()),
     }
 }
 
 /// Intrinsics as given, or of the field of view given, or of the model's for images of 16:9.
-fn intrinsics(keys: &Keys<'_>, model: &Model, size_px: [u16; 2]) -> Result<Intrinsics, Mistake> {
+fn intrinsics(
+    keys: &SensorKeys<'_>,
+    model: &DepthCameraModel,
+    size_px: [u16; 2],
+) -> Result<Intrinsics, DepthConfigError> {
     let first = |among: &[&'static str]| among.iter().copied().find(|key| keys.has(key));
     let in_pixels = first(&["fx_px", "fy_px", "cx_px", "cy_px"]);
     let as_angle = first(&["fov_horizontal_deg", "fov_vertical_deg"]);
     match (in_pixels, as_angle) {
-        (Some(key), Some(other)) => Err(Mistake::TwoProjections {
+        (Some(key), Some(other)) => Err(DepthConfigError::TwoProjections {
             sensor: keys.sensor.to_owned(),
             key,
             other,
@@ -238,14 +218,15 @@ fn intrinsics(keys: &Keys<'_>, model: &Model, size_px: [u16; 2]) -> Result<Intri
         }
         (None, None) => match model.fov_deg.filter(|_| is_16_to_9(size_px)) {
             Some(fov_deg) => Ok(Intrinsics::of_fov(size_px, fov_deg)),
-            None => Err(keys.missing(
+            None => Err(keys
+                .missing(
                 "fx_px",
                 format!(
                     "fx_px, fy_px, cx_px, cy_px of the camera's calibration, or fov_horizontal_deg and fov_vertical_deg (a {} has \
                      none of its own at {} x {})",
                     model.name, size_px[0], size_px[1]
                 ),
-            )),
+            ).into()),
         },
     }
 }
@@ -255,7 +236,7 @@ fn is_16_to_9([width_px, height_px]: [u16; 2]) -> bool {
     (f64::from(width_px) / f64::from(height_px) * 9.0 / 16.0 - 1.0).abs() < 0.01
 }
 
-fn distortion(keys: &Keys<'_>) -> Result<Distortion, Mistake> {
+fn distortion(keys: &SensorKeys<'_>) -> Result<Distortion, DepthConfigError> {
     let number = |key| keys.number(key, 0.0, -100.0..=100.0);
     Ok(Distortion {
         k1: number("k1")?,
@@ -266,17 +247,21 @@ fn distortion(keys: &Keys<'_>) -> Result<Distortion, Mistake> {
     })
 }
 
-fn ranges(keys: &Keys<'_>, model: &Model, nearest_m: Option<f64>) -> Result<[f64; 2], Mistake> {
+fn ranges(
+    keys: &SensorKeys<'_>,
+    model: &DepthCameraModel,
+    nearest_m: Option<f64>,
+) -> Result<[f64; 2], DepthConfigError> {
     let min_m = keys.number("range_min_m", nearest_m.unwrap_or(0.2), 0.01..=10.0)?;
     let max_m = keys.number("range_max_m", model.range_max_m, 0.1..=60.0)?;
     if min_m < max_m {
         return Ok([min_m, max_m]);
     }
     let possible = format!("more than range_min_m = {min_m}, up to 60");
-    Err(keys.not_possible("range_max_m", &max_m.to_string(), possible))
+    Err(keys.not_possible("range_max_m", max_m, possible).into())
 }
 
-fn bin_px(keys: &Keys<'_>, size_px: [u16; 2], border_px: u16) -> Result<u16, Mistake> {
+fn bin_px(keys: &SensorKeys<'_>, size_px: [u16; 2], border_px: u16) -> Result<u16, DepthConfigError> {
     let used = size_px.map(|size_px| used_px(size_px, border_px));
     let used_u16 = used.map(|used| u16::try_from(used).unwrap_or(u16::MAX));
     let most = used_u16[0].min(used_u16[1]);
@@ -289,7 +274,7 @@ fn bin_px(keys: &Keys<'_>, size_px: [u16; 2], border_px: u16) -> Result<u16, Mis
         return Ok(bin_px);
     }
     let possible = format!("larger, so that at most {CLOUD_POINTS} points remain of the {points}");
-    Err(keys.not_possible("bin_px", &bin_px.to_string(), possible))
+    Err(keys.not_possible("bin_px", bin_px, possible).into())
 }
 
 #[cfg(test)]

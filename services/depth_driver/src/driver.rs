@@ -1,8 +1,8 @@
-//! The step: images that were dequeued become clouds, silence becomes news.
+//! The step: images that were dequeued become clouds, silence becomes a change to report.
 //!
-//! A measured image has noise: two of them are never the same to the last bit. One that repeats the image before it shows what
-//! was, not what is; it is counted and not published, so that its readers find the sensor stale. An image without any depth
-//! is published: it says that nothing is known.
+//! A measured image has noise: two of them are never the same to the last bit. One that repeats the image before it
+//! shows what was, not what is; it is counted and not published, so that its readers find the sensor stale. An image
+//! without any depth is published: it contains that nothing is known.
 
 use crate::cloud_view::CloudView;
 use crate::config::DepthCameraSpec;
@@ -35,7 +35,7 @@ pub struct Image<'a> {
 
 /// What has become of the images since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Counters {
+pub struct DepthCameraCounters {
     /// Images that were published.
     pub good: u64,
     /// Images with V4L2_BUF_FLAG_ERROR.
@@ -56,14 +56,14 @@ pub struct Counters {
 
 /// A change that is reported to the pilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum News {
+pub enum DepthCameraChange {
     /// The camera is gone, sends nothing, or sends the same image again and again.
     Lost,
     /// It measures again.
     Back,
 }
 
-impl News {
+impl DepthCameraChange {
     /// As an event about the sensor called `name`.
     pub fn event(self, name: &str) -> EventSample {
         let event = match self {
@@ -76,7 +76,7 @@ impl News {
 
 /// One depth camera.
 #[derive(Clone, Debug)]
-pub struct Driver {
+pub struct DepthCameraDriver {
     spec: DepthCameraSpec,
     filter: FlyingPixelFilter,
     /// The image as it came, to be compared with the next one.
@@ -91,11 +91,11 @@ pub struct Driver {
     published: Timestamp,
     waiting: Timestamp,
     loss_reported: bool,
-    counters: Counters,
+    counters: DepthCameraCounters,
     looked: (Timestamp, u64),
 }
 
-impl Driver {
+impl DepthCameraDriver {
     /// For the depth camera that `spec` describes; nothing is open yet.
     pub fn new(spec: DepthCameraSpec) -> Self {
         let [width_px, height_px] = spec.size_px.map(usize::from);
@@ -109,7 +109,7 @@ impl Driver {
             published: Timestamp::NEVER,
             waiting: Timestamp::NEVER,
             loss_reported: false,
-            counters: Counters::default(),
+            counters: DepthCameraCounters::default(),
             looked: (Timestamp::NEVER, 0),
             spec,
         }
@@ -126,7 +126,7 @@ impl Driver {
         self.has_raw = false;
     }
 
-    /// Takes an image, and hands the cloud that it comes to to `publish`, if it comes to one.
+    /// Takes an image, and hands the cloud that it becomes to `publish`, if it becomes one.
     pub fn image(&mut self, image: &Image<'_>, publish: &mut impl FnMut(&CloudView<'_>)) {
         self.count_missed(image.sequence);
         if image.is_damaged {
@@ -154,7 +154,7 @@ impl Driver {
     }
 
     /// Whether the camera has fallen silent, or measures again; once per change.
-    pub fn news(&mut self, now: Timestamp) -> Option<News> {
+    pub fn take_change(&mut self, now: Timestamp) -> Option<DepthCameraChange> {
         if !self.waiting.is_set() {
             self.waiting = now;
         }
@@ -164,11 +164,15 @@ impl Driver {
             return None;
         }
         self.loss_reported = silent;
-        Some(if silent { News::Lost } else { News::Back })
+        Some(if silent {
+            DepthCameraChange::Lost
+        } else {
+            DepthCameraChange::Back
+        })
     }
 
     /// What has become of the images, with the rate since the last look.
-    pub fn counters(&mut self, now: Timestamp) -> Counters {
+    pub fn counters(&mut self, now: Timestamp) -> DepthCameraCounters {
         let (time, good) = std::mem::replace(&mut self.looked, (now, self.counters.good));
         let since_s = now.seconds_since(time);
         let rate_hz = if time.is_set() && since_s > 0.0 {
@@ -176,7 +180,7 @@ impl Driver {
         } else {
             0.0
         };
-        Counters {
+        DepthCameraCounters {
             rate_hz,
             ..self.counters
         }
@@ -193,8 +197,8 @@ impl Driver {
         self.sequence = Some(sequence);
     }
 
-    /// Copies the image out of the device's memory. Whether it differs from the one before, or has no depth at all; `None` if it
-    /// is too short.
+    /// Copies the image out of the device's memory. Whether it differs from the one before, or has no depth at all;
+    /// `None` if it is too short.
     fn copy(&mut self, image: &Image<'_>) -> Option<bool> {
         let [width_px, height_px] = self.spec.size_px.map(usize::from);
         let row_bytes = image.row_bytes.max(2 * width_px);
@@ -215,7 +219,7 @@ impl Driver {
         Some(is_first || changed != 0 || any == 0)
     }
 
-    /// When the image was captured. Stamps are believed that lie shortly before the arrival and after the image before.
+    /// When the image was captured. Stamps are accepted that lie shortly before the arrival and after the image before.
     fn date(&mut self, image: &Image<'_>) -> Timestamp {
         let believed = image.stamp.filter(|stamp| {
             *stamp > self.newest

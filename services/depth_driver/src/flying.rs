@@ -1,13 +1,14 @@
 //! Flying pixels: depths that hang in the air between a near and a far surface.
 //!
-//! At the edge of an object the correlation window of a stereo pair, like the pixel of a time-of-flight camera, covers both surfaces,
-//! and the depth that comes out lies anywhere between them. A pixel is kept if it belongs to a square of 2 x 2 pixels, any of
-//! the four around it, that have a depth each and lie on one surface: the inverse depths of the four differ by no more than a
-//! limit. Of a plane the inverse depth is linear in column and row, so the limit says how steeply a surface may be looked at,
-//! the same at every depth; and a difference of inverse depths `k` is a difference of depths `k z^2`, as the noise of stereo is.
-//! What is not kept becomes unknown.
+//! At the edge of an object the correlation window of a stereo pair, like the pixel of a time-of-flight camera, covers
+//! both surfaces, and the depth that comes out lies anywhere between them. A pixel is kept if it belongs to a square of
+//! 2 x 2 pixels, any of the four around it, that have a depth each and lie on one surface: the inverse depths of the
+//! four differ by no more than a limit. Of a plane the inverse depth is linear in column and row, so the limit sets how
+//! steeply a surface may be looked at, the same at every depth; and a difference of inverse depths `k` is a difference
+//! of depths `k z^2`, as the noise of stereo is. What is not kept becomes unknown.
 
-/// Neighbouring depths that differ by no more than this (units of the depth image) lie on one surface, however near: rounding.
+/// Neighbouring depths that differ by no more than this (units of the depth image) lie on one surface, however near:
+/// rounding.
 const ROUNDING: f32 = 2.0;
 
 /// The filter, with room for two rows.
@@ -18,15 +19,16 @@ pub struct FlyingPixelFilter {
     limit: f32,
     /// Lesser and greater depth of each column in the present row and the next.
     pairs: Vec<[u16; 2]>,
-    /// Whether the square is one surface whose left column is the place less one: squares above and below the present row. Bytes
-    /// instead of flags, and places at both ends that stay 0, so that the compiler handles several pixels at a time.
+    /// Whether the square is one surface whose left column is the place less one: squares above and below the present
+    /// row. Bytes instead of flags, and places at both ends that stay 0, so that the compiler handles several pixels at
+    /// a time.
     above: Vec<u8>,
     below: Vec<u8>,
 }
 
 impl FlyingPixelFilter {
-    /// For rows of `width_px`; `per_m` is the greatest difference of inverse depths on one surface (1/m), zero to keep everything;
-    /// `depth_scale_m` the unit of the image (m).
+    /// For rows of `width_px`; `per_m` is the greatest difference of inverse depths on one surface (1/m), zero to keep
+    /// everything; `depth_scale_m` the unit of the image (m).
     pub fn new(width_px: usize, per_m: f64, depth_scale_m: f64) -> Self {
         Self {
             width_px,

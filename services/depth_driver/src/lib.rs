@@ -1,12 +1,13 @@
-//! Depth cameras at V4L2 devices: images in, point clouds out. One process per device; all of it but the device itself is pure.
+//! Depth cameras at V4L2 devices: images in, point clouds out. One process per device; all of it but the device itself
+//! is pure.
 //!
 //! | in | out |
 //! |---|---|
-//! | images with the time of their capture ([`Driver::image`]) | clouds ([`CloudView`]), what is reported to the pilot ([`Driver::news`]) |
+//! | images with the time of their capture ([`DepthCameraDriver::image`]) | clouds ([`CloudView`]), what is reported to the pilot ([`DepthCameraDriver::take_change`]) |
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`config`], [`keys`], [`mistake`] | the `[[sensor]]` table of one depth camera, and every way in which it can be wrong |
+//! | [`config`], [`config_error`] | the `[[sensor]]` table of one depth camera, and every way in which it can be wrong |
 //! | [`models`] | the models: field of view, baseline, range |
 //! | [`projection`] | where pixels look |
 //! | [`flying`] | which pixels hang in the air between two surfaces |
@@ -17,10 +18,9 @@
 pub mod camera;
 pub mod cloud_view;
 pub mod config;
+pub mod config_error;
 pub mod driver;
 pub mod flying;
-pub mod keys;
-pub mod mistake;
 pub mod models;
 pub mod projection;
 mod service;
@@ -28,6 +28,6 @@ pub mod v4l2;
 
 pub use cloud_view::CloudView;
 pub use config::DepthCameraSpec;
-pub use driver::{Counters, Driver, Image, News};
-pub use mistake::Mistake;
+pub use config_error::DepthConfigError;
+pub use driver::{DepthCameraChange, DepthCameraCounters, DepthCameraDriver, Image};
 pub use service::DepthCameraService;

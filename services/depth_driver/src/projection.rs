@@ -1,10 +1,10 @@
 //! Where pixels look: a pinhole camera with the lens distortion of Brown and Conrady, as OpenCV has it.
 //!
-//! A direction is given by its slopes `x` (to the right) and `y` (down) over the depth along the optical axis. A pixel in column `u`
-//! and row `v`, whose centre has these whole numbers as coordinates, shows the distorted slopes
+//! A direction is given by its slopes `x` (to the right) and `y` (down) over the depth along the optical axis. A pixel
+//! in column `u` and row `v`, whose centre has these whole numbers as coordinates, shows the distorted slopes
 //!
-//! `u = fx x' + cx`, `v = fy y' + cy`, with `r^2 = x^2 + y^2`, `g = 1 + k1 r^2 + k2 r^4 + k3 r^6`,
-//! `x' = x g + 2 p1 x y + p2 (r^2 + 2 x^2)`, `y' = y g + p1 (r^2 + 2 y^2) + 2 p2 x y`
+//! `u = fx x' + cx`, `v = fy y' + cy`, with `r^2 = x^2 + y^2`, `g = 1 + k1 r^2 + k2 r^4 + k3 r^6`, `x' = x g + 2 p1 x y
+//! + p2 (r^2 + 2 x^2)`, `y' = y g + p1 (r^2 + 2 y^2) + 2 p2 x y`
 //!
 //! (OpenCV, "Camera Calibration and 3D Reconstruction"). The inverse is found by fixed-point iteration.
 
@@ -27,7 +27,8 @@ pub struct Intrinsics {
 }
 
 impl Intrinsics {
-    /// Of an image with square edges at `fov_deg` (horizontal, vertical; the whole angle, deg) and its principal point in the middle.
+    /// Of an image with square edges at `fov_deg` (horizontal, vertical; the whole angle, deg) and its principal point
+    /// in the middle.
     pub fn of_fov([width_px, height_px]: [u16; 2], fov_deg: [f64; 2]) -> Self {
         let focal_px = |size_px: u16, deg: f64| 0.5 * f64::from(size_px) / (0.5 * deg.to_radians()).tan();
         Self {

@@ -3,7 +3,7 @@
 use crate::camera::Camera;
 use crate::cloud_view::CloudView;
 use crate::config::{DepthCameraSpec, SensorTable};
-use crate::driver::Driver;
+use crate::driver::DepthCameraDriver;
 use crate::v4l2::Wanted;
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
@@ -12,19 +12,19 @@ use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::fmt;
 use std::os::fd::BorrowedFd;
 
-/// Whether there is something to report is looked at this often at least.
-const LOOK_HZ: u32 = 10;
+/// Changes are looked for at least this often.
+const CHECK_HZ: u32 = 10;
 /// The counters go to the log this often (s).
 const REPORT_S: f64 = 60.0;
 
 /// The service: see [`crate`].
 pub struct DepthCameraService {
-    driver: Driver,
+    driver: DepthCameraDriver,
     clock: Clock,
     camera: Camera,
     clouds: Output<PointCloud>,
     claim: Claim,
-    rehearsal_due: Timestamp,
+    standby_due: Timestamp,
     report_due: Timestamp,
 }
 
@@ -38,7 +38,7 @@ impl Service for DepthCameraService {
     const PROGRAM: &'static str = "depth_driver";
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
-        let name = sensor_name(&ports.setup().arguments)?;
+        let name = ports.setup().sensor_name()?;
         let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;
         let spec = DepthCameraSpec::find(&tables, &name).map_err(|mistake| StartError::Needs {
             what: "the depth camera".to_owned(),
@@ -58,30 +58,30 @@ impl Service for DepthCameraService {
             clouds: ports.range_output(topics::RANGE_CLOUD, &spec.name, spec.rate_hz)?,
             claim: ports.claim(),
             clock: ports.clock(),
-            driver: Driver::new(spec),
-            rehearsal_due: Timestamp::NEVER,
+            driver: DepthCameraDriver::new(spec),
+            standby_due: Timestamp::NEVER,
             report_due: Timestamp::NEVER,
         })
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        let look = now.next_beat(LOOK_HZ);
-        // A stream has one reader: whoever takes over opens it when it is its own.
+        let look = now.next_beat(CHECK_HZ);
+        // A stream has one reader: the next owner opens it when it owns the sensor.
         let is_ours = self.claim.is_due(now);
         self.claim.declare(is_ours);
         if !is_ours {
             self.camera.close();
-            self.rehearse(now);
+            self.run_as_standby(now);
             let change = self.claim.changes_at().filter(|change| *change > now);
-            return Wake::at(change.map_or(self.rehearsal_due, |change| change.min(self.rehearsal_due)));
+            return Wake::at(change.map_or(self.standby_due, |change| change.min(self.standby_due)));
         }
         if self.camera.open_if_due(now) {
             self.driver.connected();
         }
         self.read(now);
-        if let Some(news) = self.driver.news(now) {
-            cycle.events.publish(now, &news.event(&self.driver.spec().name));
+        if let Some(change) = self.driver.take_change(now) {
+            cycle.events.publish(now, &change.event(&self.driver.spec().name));
         }
         self.report(now);
         Wake::at(look.min(self.camera.due()))
@@ -95,7 +95,7 @@ impl Service for DepthCameraService {
 }
 
 impl DepthCameraService {
-    /// Reads what has arrived, and publishes what it comes to.
+    /// Reads what has arrived, and publishes what it completes.
     fn read(&mut self, now: Timestamp) {
         let Self {
             driver,
@@ -116,13 +116,14 @@ impl DepthCameraService {
         camera.read(now, || clock.now(), |image| driver.image(image, &mut publish));
     }
 
-    /// What a second instance can show without the device: that it runs, and can write clouds. None of them is published.
-    fn rehearse(&mut self, now: Timestamp) {
-        if now < self.rehearsal_due {
+    /// What a second instance can show without the device: that it runs, and can write clouds. None of them is
+    /// published.
+    fn run_as_standby(&mut self, now: Timestamp) {
+        if now < self.standby_due {
             return;
         }
         let spec = self.driver.spec();
-        self.rehearsal_due = now.next_beat(spec.rate_hz as u32);
+        self.standby_due = now.next_beat(spec.rate_hz as u32);
         let view = CloudView {
             spec,
             capture: now,
@@ -152,16 +153,5 @@ impl DepthCameraService {
             );
         }
         self.report_due = now.plus_seconds(REPORT_S);
-    }
-}
-
-/// The name behind `--sensor`.
-fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
-    match arguments {
-        [option, name] if option == "--sensor" => Ok(name.clone()),
-        _ => Err(StartError::Needs {
-            what: "--sensor NAME".to_owned(),
-            cause: format!("the arguments are {arguments:?}"),
-        }),
     }
 }

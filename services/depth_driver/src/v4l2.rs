@@ -1,8 +1,8 @@
 //! Video for Linux, version 2: as much of it as a depth stream needs. The only place of this crate with unsafe code.
 //!
-//! Structures and numbers are those of `linux/videodev2.h` for machines of 64 bits; a test has the C compiler compare them with the
-//! header of the machine. The order of calls is that of the manual's chapter "Streaming I/O (Memory Mapping)": QUERYCAP, S_FMT, S_PARM,
-//! REQBUFS, QUERYBUF and mmap, QBUF, STREAMON; then DQBUF and QBUF for each image.
+//! Structures and numbers are those of `linux/videodev2.h` for machines of 64 bits; a test has the C compiler compare
+//! them with the header of the machine. The order of calls is that of the manual's chapter "Streaming I/O (Memory
+//! Mapping)": QUERYCAP, S_FMT, S_PARM, REQBUFS, QUERYBUF and mmap, QBUF, STREAMON; then DQBUF and QBUF for each image.
 #![allow(
     unsafe_code,
     reason = "ioctl and mmap cannot be called without; each call says why it may be"
@@ -34,7 +34,8 @@ const CAP_DEVICE_CAPS: u32 = 0x8000_0000;
 const FLAG_ERROR: u32 = 0x0000_0040;
 const TIMESTAMP_MASK: u32 = 0x0000_e000;
 const TIMESTAMP_MONOTONIC: u32 = 0x0000_2000;
-/// Buffers that are asked for: one is being filled, one is read, two wait while this process gets no CPU for two periods.
+/// Buffers that are requested: one is being filled, one is read, two wait while this process gets no CPU for two
+/// periods.
 const BUFFERS: u32 = 4;
 
 /// `struct v4l2_capability`.
@@ -200,7 +201,7 @@ const fn row<T>(
     (request, structure, opcode as u64, size_of::<T>())
 }
 
-/// What is asked of a device.
+/// What is requested of a device.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Wanted {
     /// Width and height (px).
@@ -235,7 +236,7 @@ pub enum StreamError {
     Call {
         /// Its name.
         name: &'static str,
-        /// What the system says.
+        /// The system's error.
         source: Errno,
     },
 }
@@ -255,7 +256,7 @@ pub struct Dequeued<'a> {
 
 /// A stream that runs.
 #[derive(Debug)]
-pub struct Stream {
+pub struct CaptureStream {
     // Dropped in this order: the driver lets go of the memory when it is unmapped and the file closed.
     maps: Vec<Mapping>,
     fd: OwnedFd,
@@ -263,7 +264,7 @@ pub struct Stream {
     rate_hz: Option<f64>,
 }
 
-impl Stream {
+impl CaptureStream {
     /// Starts the stream of the device open at `fd` (O_RDWR, O_NONBLOCK).
     ///
     /// # Errors
@@ -300,7 +301,7 @@ impl Stream {
         self.row_bytes
     }
 
-    /// Images per second that the driver granted (Hz), if it says so.
+    /// Images per second that the driver granted (Hz), if it reports them.
     pub fn rate_hz(&self) -> Option<f64> {
         self.rate_hz
     }
@@ -320,7 +321,7 @@ impl Stream {
             Err(Errno::AGAIN | Errno::INTR) => return Ok(false),
             Err(error) => return Err(error),
         }
-        // An index beyond what was granted: nothing that such a driver says can be used.
+        // An index beyond what was granted: nothing that such a driver reports can be used.
         let map = self.maps.get(buffer.index as usize).ok_or(Errno::IO)?;
         let is_dated = buffer.flags & TIMESTAMP_MASK == TIMESTAMP_MONOTONIC;
         visit(&Dequeued {
@@ -381,12 +382,12 @@ impl Stream {
     }
 }
 
-impl Drop for Stream {
+impl Drop for CaptureStream {
     fn drop(&mut self) {
         // SAFETY: STREAMOFF reads an int, which is what `Setter` passes.
         let off = unsafe { Setter::<STREAMOFF, i32>::new(CAPTURE as i32) };
         // SAFETY: as above. A device that is gone refuses it, and has stopped anyway.
-        let _gone = unsafe { rustix::ioctl::ioctl(&self.fd, off) };
+        let _ = unsafe { rustix::ioctl::ioctl(&self.fd, off) };
     }
 }
 
@@ -427,7 +428,7 @@ fn set_format(fd: &OwnedFd, size_px: [u16; 2]) -> Result<usize, StreamError> {
         sizeimage: 0,
         rest: [0; 44],
     };
-    // A driver does not refuse what it does not have: it says what it has instead.
+    // A driver does not refuse what it does not have: it returns what it has instead.
     update::<S_FMT, _>(fd, &mut format).map_err(called("VIDIOC_S_FMT"))?;
     if format.pixelformat != Z16 {
         let fourcc = format.pixelformat.to_le_bytes();
@@ -441,7 +442,7 @@ fn set_format(fd: &OwnedFd, size_px: [u16; 2]) -> Result<usize, StreamError> {
     Ok(format.bytesperline.clamp(2 * width, 8 * width) as usize)
 }
 
-/// Asks for `rate_hz`. Returns the granted rate, `None` where the driver has no say in it.
+/// Requests `rate_hz`. Returns the granted rate, `None` where the driver cannot set it.
 fn set_rate(fd: &OwnedFd, rate_hz: f64) -> Option<f64> {
     let mut parm = StreamParm {
         kind: CAPTURE,
@@ -480,8 +481,8 @@ impl Exchanged for Buffer {}
 
 /// An ioctl that reads and writes a structure.
 fn update<const REQUEST: Opcode, T: Exchanged>(fd: &OwnedFd, value: &mut T) -> Result<(), Errno> {
-    // SAFETY: the number holds the size of the structure that it was made of, every field of which is a number; a test compares
-    // numbers, sizes and offsets with the header. With MMAP and a zero offset there is no pointer in it.
+    // SAFETY: the number holds the size of the structure that it was made of, every field of which is a number; a test
+    // compares numbers, sizes and offsets with the header. With MMAP and a zero offset there is no pointer in it.
     let update = unsafe { Updater::<REQUEST, T>::new(value) };
     // SAFETY: see above.
     unsafe { rustix::ioctl::ioctl(fd, update) }
@@ -516,8 +517,8 @@ impl Mapping {
 
     /// The first `used` bytes, or all there are.
     fn bytes(&self, used: usize) -> &[u8] {
-        // SAFETY: mapped and readable for `self.bytes` as long as this value lives. Between DQBUF and QBUF, which is when this is called,
-        // the buffer belongs to this process and the driver does not write to it.
+        // SAFETY: mapped and readable for `self.bytes` as long as this value lives. Between DQBUF and QBUF, which is
+        // when this is called, the buffer belongs to this process and the driver does not write to it.
         unsafe { std::slice::from_raw_parts(self.begin.as_ptr(), used.min(self.bytes)) }
     }
 }
@@ -525,6 +526,6 @@ impl Mapping {
 impl Drop for Mapping {
     fn drop(&mut self) {
         // SAFETY: it was mapped with this address and length, and no slice of it outlives this value.
-        let _mapped = unsafe { rustix::mm::munmap(self.begin.as_ptr().cast(), self.bytes) };
+        let _ = unsafe { rustix::mm::munmap(self.begin.as_ptr().cast(), self.bytes) };
     }
 }

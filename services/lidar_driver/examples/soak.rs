@@ -1,7 +1,8 @@
-//! A long stream of damaged, doubled, lost and reordered packets through the whole step, with what became of it, and the time that a
-//! packet takes.
+//! A long stream of damaged, doubled, lost and reordered packets through the whole step, with what became of it, and
+//! the time that a packet takes.
 //!
-//! `cargo run --release -p jink-lidar-driver --example soak -- [FRAMES]`: frames of an Ouster OS1-128 at 1024x10, 10,000 without a number.
+//! `cargo run --release -p jink-lidar-driver --example soak -- [FRAMES]`: frames of an Ouster OS1-128 at 1024x10,
+//! 10,000 without a number.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -11,11 +12,14 @@
 #[path = "../tests/it/encoder/mod.rs"]
 mod encoder;
 
-use encoder::{Random, ouster_metadata, ouster_standard, spec};
+use encoder::{ouster_metadata, ouster_standard, spec};
 use jink_lidar_driver::ouster::Metadata;
-use jink_lidar_driver::{CloudAssembler, Decoder, Driver};
+use jink_lidar_driver::{CloudAssembler, Decoder, NetworkLidarDriver};
 use jink_shared_types::Timestamp;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::PointCloud;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 use std::net::{IpAddr, Ipv4Addr};
 use std::time::Instant;
 
@@ -29,7 +33,7 @@ fn main() {
         .map_or(10_000, |text| text.parse().expect("a number of frames"));
     let metadata = Metadata::parse(&ouster_metadata(ROWS, COLUMNS, "RNG19_RFL8_SIG16_NIR16")).unwrap();
     let spec = spec("lidar_3d", "ouster", "udp:127.0.0.1:0", "metadata = \"/x\"\n");
-    let mut driver = Driver::new(spec, Some(Decoder::ouster(metadata)));
+    let mut driver = NetworkLidarDriver::new(spec, Some(Decoder::ouster(metadata)));
     // Checksums take longer than decoding: packets are made once for a few frames.
     let made: Vec<Vec<u8>> = (0..8 * PACKETS)
         .map(|index| {
@@ -44,7 +48,7 @@ fn main() {
         })
         .collect();
     let sensor = IpAddr::V4(Ipv4Addr::LOCALHOST);
-    let mut random = Random(17);
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(17);
     let mut cloud = PointCloud::boxed();
     let (mut points, mut times_us, mut sent) = (0u64, Vec::with_capacity(frames * PACKETS), [0u64; 5]);
     for frame in 0..frames {
@@ -53,19 +57,19 @@ fn main() {
             let now = Timestamp::from_ns(1_000_000_000 + index as u64 * 1_562_500);
             let mut bytes = made[index % made.len()].clone();
             let mut times = 1;
-            match random.below(1_000) {
+            match random.random_range(0..1_000) {
                 0..5 => {
                     sent[0] += 1;
                     continue;
                 }
                 5..10 => (sent[1], times) = (sent[1] + 1, 2),
                 10..20 => {
-                    let at = random.below(bytes.len() as u64) as usize;
-                    bytes[at] ^= 1 << random.below(8);
+                    let at = random.random_range(0..bytes.len());
+                    bytes[at] ^= 1 << random.random_range(0..8);
                     sent[2] += 1;
                 }
                 20..25 => {
-                    bytes.truncate(random.below(bytes.len() as u64) as usize);
+                    bytes.truncate(random.random_range(0..bytes.len()));
                     sent[3] += 1;
                 }
                 25..30 => {
@@ -84,8 +88,7 @@ fn main() {
             }
         }
     }
-    times_us.sort_by(f64::total_cmp);
-    let at = |share: f64| times_us[((times_us.len() - 1) as f64 * share) as usize];
+    let [p50, p99, p999, max] = quantiles(&times_us, [0.5, 0.99, 0.999, 1.0]).unwrap_or_default();
     let [lost, doubled, flipped, cut, repeated] = sent;
     println!(
         "{frames} frames: {lost} packets left out, {doubled} sent twice, {flipped} with a flipped bit, {cut} cut, {repeated} replaced by the one before"
@@ -93,11 +96,7 @@ fn main() {
     println!("{:?}", driver.counters(Timestamp::from_seconds(1e6)));
     println!("{points} points");
     println!(
-        "us per packet of {} bytes: p50 {:.1}, p99 {:.1}, p99.9 {:.1}, max {:.1} (a cloud is written in one of 64)",
-        made[0].len(),
-        at(0.5),
-        at(0.99),
-        at(0.999),
-        at(1.0)
+        "us per packet of {} bytes: p50 {p50:.1}, p99 {p99:.1}, p99.9 {p999:.1}, max {max:.1} (a cloud is written in one of 64)",
+        made[0].len()
     );
 }

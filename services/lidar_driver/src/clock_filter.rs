@@ -1,16 +1,17 @@
 //! The sensor's clock on the board's: the least delayed packet of the last seconds dates all of them.
 //!
-//! A packet arrives some delay after its last measurement: at least the time on the wire, at times much more, because the network or
-//! the scheduler kept it. The smallest difference between arrival and stamp therefore is the best estimate of the offset of the two
-//! clocks; it grows by 0.2 ms per second, so that a sensor whose clock runs slow is followed. This is the minimum filter of NTP
-//! (RFC 5905, section 10) for one direction only.
+//! A packet arrives some delay after its last measurement: at least the time on the wire, at times much more, because
+//! the network or the scheduler kept it. The smallest difference between arrival and stamp therefore is the best
+//! estimate of the offset of the two clocks; it grows by 0.2 ms per second, so that a sensor whose clock runs slow is
+//! followed. This is the minimum filter of NTP (RFC 5905, section 10) for one direction only.
 //!
-//! Stamps that contradict the offset by more than half a second are outliers (a damaged stamp, a clock that was set). A few in a row
-//! start the filter anew; until then such packets are dated to their arrival.
+//! Stamps that contradict the offset by more than half a second are outliers (a damaged stamp, a clock that was set). A
+//! few in a row start the filter anew; until then such packets are dated to their arrival.
 
 use jink_shared_types::Timestamp;
 
-/// How fast the smallest delay is forgotten (ns per s): two bad crystals drift apart by 100 ppm, packets are delayed by milliseconds.
+/// How fast the smallest delay is forgotten (ns per s): two bad crystals drift apart by 100 ppm, packets are delayed by
+/// milliseconds.
 const LEAK_NSPS: f64 = 200_000.0;
 /// A stamp further from the offset than this (ns) is an outlier: no packet is delayed so long and still of use.
 const OUTLIER_NS: i128 = 500_000_000;
@@ -28,8 +29,8 @@ pub struct ClockFilter {
 }
 
 impl ClockFilter {
-    /// Takes a packet whose last measurement was at `last_ns` of the sensor's clock, and which arrived at `arrived`. Stamps of this
-    /// packet are then mapped by [`Self::map`].
+    /// Takes a packet whose last measurement was at `last_ns` of the sensor's clock, and which arrived at `arrived`.
+    /// Stamps of this packet are then mapped by [`Self::map`].
     pub fn packet(&mut self, last_ns: u64, arrived: Timestamp) {
         let seen_ns = i128::from(arrived.ns) - i128::from(last_ns);
         let Some((least_ns, since)) = self.least else {

@@ -1,14 +1,14 @@
 //! Rays of one scan become a point cloud in the body frame.
 //!
-//! | the sensor says | becomes |
+//! | the sensor reports | becomes |
 //! |---|---|
 //! | a return within `range_max_m` | an obstacle at the point; below `range_min_m`, too: it is there, and nothing is free before it |
 //! | a return beyond `range_max_m` | nothing up to there |
 //! | no return | nothing known: no point. With `no_return = "clear"` nothing up to `range_max_m` |
 //! | a blind sector | nothing known |
 //!
-//! Of several returns of one pulse `returns` says which count. A cloud holds [`CLOUD_POINTS`]: where a scan can have more, of every two
-//! neighbouring columns the nearer answer of each row counts.
+//! Of several returns of one pulse `returns` selects those that count. A cloud holds [`CLOUD_POINTS`]: where a scan can
+//! have more, of every two neighbouring columns the nearer answer of each row counts.
 
 use crate::config::{CloudSpec, NoReturn, Returns};
 use crate::decode::Ray;
@@ -21,12 +21,12 @@ const EARLY_NS: u64 = 20_000_000;
 /// Unit of the time offset of a point (ns).
 const UNIT_NS: u64 = 10_000;
 const EARLY_UNITS: u16 = (EARLY_NS / UNIT_NS) as u16;
-/// Rows that are told apart when neighbouring columns are merged.
+/// Rows that are kept apart when neighbouring columns are merged.
 const ROWS: usize = 256;
 
 /// The last point of a row, while another answer of the same direction may come.
 #[derive(Clone, Copy, Debug)]
-struct Slot {
+struct CloudSlot {
     /// Column, or pair of columns.
     column: u32,
     /// Where it lies among the points.
@@ -35,7 +35,7 @@ struct Slot {
     range_m: f32,
 }
 
-const NO_SLOT: Slot = Slot {
+const NO_SLOT: CloudSlot = CloudSlot {
     column: u32::MAX,
     index: u32::MAX,
     range_m: f32::INFINITY,
@@ -50,7 +50,7 @@ pub struct CloudAssembler {
     /// Columns that count as one direction.
     merged_columns: u32,
     points: Vec<CloudPoint>,
-    slots: Vec<Slot>,
+    slots: Vec<CloudSlot>,
     /// Time from which offsets count while points are collected.
     base: Timestamp,
     newest: Timestamp,
@@ -58,7 +58,7 @@ pub struct CloudAssembler {
 }
 
 impl CloudAssembler {
-    /// For a sensor whose scans have `directions`, each with so many returns; `None`: nobody can say.
+    /// For a sensor whose scans have `directions`, each with so many returns; `None`: not known.
     pub fn new(spec: CloudSpec, directions: Option<(usize, u8)>) -> Self {
         // The sensor frame is x forward, y left, z up; the body's is forward, right, down.
         let frd = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, -1.0));
@@ -111,7 +111,7 @@ impl CloudAssembler {
     pub fn ray(&mut self, time: Timestamp, ray: &Ray) {
         let counts = match self.spec.returns {
             Returns::Strongest => ray.echo.count == 1 || ray.echo.index == self.spec.strongest,
-            // That a second answer is missing says nothing that the first one has not said.
+            // A missing second return adds nothing to the first one.
             Returns::Nearest | Returns::Both => ray.is_return() || ray.echo.index == 0,
         };
         if !counts {
@@ -182,7 +182,7 @@ impl CloudAssembler {
         self.newest = Timestamp::NEVER;
     }
 
-    /// The end of the ray (m, sensor frame), what it says, and the range by which answers are compared.
+    /// The end of the ray (m, sensor frame), its meaning, and the range by which returns are compared.
     fn point(&self, ray: &Ray) -> Option<(Vector3<f32>, RayKind, f32)> {
         let max_m = self.spec.range_max_m;
         if self.spec.is_blind(ray.direction) {
@@ -200,8 +200,8 @@ impl CloudAssembler {
         Some((Vector3::from(ray.at(clear_m)), RayKind::Clear, f32::INFINITY))
     }
 
-    /// Puts a point among the others, or in the place of a farther one of the same direction: what is free never stands beside an
-    /// obstacle of the same direction.
+    /// Puts a point among the others, or in the place of a farther one of the same direction: what is free never stands
+    /// beside an obstacle of the same direction.
     fn place(&mut self, ray: &Ray, point: CloudPoint, range_m: f32) {
         let column = ray.column / self.merged_columns;
         let merges = self.merges();
@@ -220,7 +220,7 @@ impl CloudAssembler {
                     return;
                 }
             } else {
-                *slot = Slot {
+                *slot = CloudSlot {
                     column,
                     index: self.points.len() as u32,
                     range_m,

@@ -1,25 +1,19 @@
 //! The `[[sensor]]` table of one lidar or scanner. docs/lidars.md lists the keys.
 //!
-//! Position, mounting, ranges and rate have the keys that the simulator's sensors have, with the same meaning; keys that only describe a
-//! simulated sensor are passed over. Every mistake is answered with one sentence that names the sensor, the key and what is
-//! possible.
+//! Position, mounting, ranges and rate have the keys that the simulator's sensors have, with the same meaning; keys
+//! that only describe a simulated sensor are ignored. Every error is one sentence that names the sensor, the key and
+//! what is possible.
 
 mod keys;
 
-use crate::models::{self, Connection, Model, NetworkProtocol};
+use crate::models::{self, Connection, LidarModel, NetworkProtocol};
+use jink_runtime::config::sensor_table::SensorKeys;
+pub use jink_runtime::config::sensor_table::{Mistake, SensorTable};
 use jink_shared_types::frames::Mounting;
-use jink_shared_types::orientation::Contradiction;
-use jink_shared_types::suggestion::DidYouMean;
 use jink_shared_types::{BodyFrd, Point};
 use keys::Keys;
-use std::collections::BTreeMap;
-use std::fmt;
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
-use toml::Value;
-
-/// A `[[sensor]]` table as written.
-pub type SensorTable = BTreeMap<String, Value>;
 
 /// The kinds of sensors that this driver is for.
 pub const KINDS: [&str; 2] = ["lidar_3d", "lidar_2d"];
@@ -45,7 +39,7 @@ pub enum Device {
     },
 }
 
-/// What a pulse without an answer says.
+/// The meaning of a pulse without a return.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoReturn {
     /// Nothing.
@@ -91,11 +85,11 @@ pub struct CloudSpec {
     pub mounting: Mounting,
     /// Shortest range (m).
     pub range_min_m: f32,
-    /// How far is looked (m).
+    /// Configured maximum (m).
     pub range_max_m: f32,
     /// One standard deviation of a range (m).
     pub sigma_m: f32,
-    /// What a pulse without an answer says.
+    /// The meaning of a pulse without a return.
     pub no_return: NoReturn,
     /// Which answers of a pulse count.
     pub returns: Returns,
@@ -122,7 +116,7 @@ pub struct LidarSpec {
     /// Its name.
     pub name: String,
     /// Its model.
-    pub model: &'static Model,
+    pub model: &'static LidarModel,
     /// Where its data come from.
     pub device: Device,
     /// Clouds or scans per second (Hz).
@@ -135,155 +129,11 @@ pub struct LidarSpec {
     pub metadata: Option<PathBuf>,
     /// Address of the sensor: data of others are foreign, and it is set up there.
     pub sensor_address: Option<IpAddr>,
-    /// Address of this computer, as the sensor is told to send to.
+    /// Address of this computer to which the sensor sends.
     pub host_address: Option<IpAddr>,
     /// UDP or TCP port of the sensor's control; zero: the model's.
     pub control_port: u16,
 }
-
-/// What is wrong with a table, or that it is not there.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Mistake {
-    /// No sensor has this name.
-    NoSuchSensor {
-        /// The name asked for.
-        sensor: String,
-        /// The names there are.
-        known: Vec<String>,
-    },
-    /// The sensor is of another kind.
-    OtherKind {
-        /// Name of the sensor.
-        sensor: String,
-        /// Its kind.
-        kind: String,
-    },
-    /// The model is of the other kind.
-    ModelOfOtherKind {
-        /// Name of the sensor.
-        sensor: String,
-        /// The model.
-        model: &'static str,
-        /// The kind that it is.
-        kind: &'static str,
-    },
-    /// A key that lidars do not have.
-    UnknownKey {
-        /// Name of the sensor.
-        sensor: String,
-        /// The key.
-        key: String,
-        /// The one that was probably meant.
-        nearest: Option<&'static str>,
-    },
-    /// A key that must be given.
-    Missing {
-        /// Name of the sensor.
-        sensor: String,
-        /// The key.
-        key: &'static str,
-        /// What it may say.
-        possible: String,
-    },
-    /// A value that says nothing to this key.
-    NotPossible {
-        /// Name of the sensor.
-        sensor: String,
-        /// The key.
-        key: &'static str,
-        /// What was given.
-        value: String,
-        /// What it may say.
-        possible: String,
-    },
-    /// A key that this model, or this device, does not have.
-    NotOfThisModel {
-        /// Name of the sensor.
-        sensor: String,
-        /// The key.
-        key: &'static str,
-        /// The model.
-        model: &'static str,
-        /// What has it.
-        possible: &'static str,
-    },
-    /// The orientation is none.
-    Mounting {
-        /// Name of the sensor.
-        sensor: String,
-        /// Why.
-        contradiction: Contradiction,
-    },
-}
-
-impl Mistake {
-    /// The sensor and the key that it is about, to find them in the file.
-    pub fn place(&self) -> Option<(&str, &str)> {
-        match self {
-            Self::NoSuchSensor { .. } => None,
-            Self::OtherKind { sensor, .. } => Some((sensor, "kind")),
-            Self::ModelOfOtherKind { sensor, .. } => Some((sensor, "model")),
-            Self::UnknownKey { sensor, key, .. } => Some((sensor, key)),
-            Self::Missing { sensor, .. } => Some((sensor, "name")),
-            Self::NotPossible { sensor, key, .. } | Self::NotOfThisModel { sensor, key, .. } => {
-                Some((sensor, key))
-            }
-            Self::Mounting { sensor, .. } => Some((sensor, "orientation")),
-        }
-    }
-}
-
-impl fmt::Display for Mistake {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoSuchSensor { sensor, known } => write!(
-                f,
-                "there is no sensor {sensor:?}; the configuration has {}",
-                known.join(", ")
-            ),
-            Self::OtherKind { sensor, kind } => write!(
-                f,
-                "sensor {sensor:?} is a {kind}; this driver is for the kinds {}",
-                KINDS.join(", ")
-            ),
-            Self::ModelOfOtherKind { sensor, model, kind } => {
-                write!(f, "sensor {sensor:?}: a {model} is of kind = {kind:?}")
-            }
-            Self::UnknownKey { sensor, key, nearest } => write!(
-                f,
-                "sensor {sensor:?}: a lidar has no key `{key}`{}",
-                DidYouMean(*nearest)
-            ),
-            Self::Missing {
-                sensor,
-                key,
-                possible,
-            } => {
-                write!(f, "sensor {sensor:?}: `{key}` is missing; possible: {possible}")
-            }
-            Self::NotPossible {
-                sensor,
-                key,
-                value,
-                possible,
-            } => write!(
-                f,
-                "sensor {sensor:?}: {key} = {value} is not possible; possible: {possible}"
-            ),
-            Self::NotOfThisModel {
-                sensor,
-                key,
-                model,
-                possible,
-            } => write!(f, "sensor {sensor:?}: a {model} has no {key}; {possible}"),
-            Self::Mounting {
-                sensor,
-                contradiction,
-            } => write!(f, "sensor {sensor:?}: {contradiction}"),
-        }
-    }
-}
-impl std::error::Error for Mistake {}
 
 impl LidarSpec {
     /// The lidar called `name` among all sensors of a configuration.
@@ -291,23 +141,10 @@ impl LidarSpec {
     /// # Errors
     /// The first mistake found.
     pub fn find(tables: &[SensorTable], name: &str) -> Result<Self, Mistake> {
-        let name_of = |table: &SensorTable| {
-            table
-                .get("name")
-                .and_then(Value::as_str)
-                .unwrap_or_default()
-                .to_owned()
-        };
-        match tables.iter().find(|table| name_of(table) == name) {
-            Some(table) => Keys { sensor: name, table }.spec(),
-            None => Err(Mistake::NoSuchSensor {
-                sensor: name.to_owned(),
-                known: tables.iter().map(name_of).collect(),
-            }),
-        }
+        Keys(SensorKeys::find(tables, name)?).spec()
     }
 
-    /// What it speaks, if it is on the network.
+    /// Its protocol, if it is on the network.
     pub fn network(&self) -> Option<NetworkProtocol> {
         match self.model.connection {
             Connection::Network(protocol) => Some(protocol),

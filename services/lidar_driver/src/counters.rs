@@ -4,12 +4,12 @@ use crate::decode::Fault;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{EventSample, LIDAR_BACK, LIDAR_LOST};
 
-/// Silence that is reported to the pilot (s), as of a rangefinder.
+/// SilenceMonitor that is reported to the pilot (s), as of a rangefinder.
 const SILENCE_S: f64 = 1.0;
 
 /// Counts since the start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Counters {
+pub struct LidarCounters {
     /// Clouds or scans that were published.
     pub published: u64,
     /// Packets, or frames of a serial line, that were decoded.
@@ -32,7 +32,7 @@ pub struct Counters {
     pub rate_hz: f64,
 }
 
-impl Counters {
+impl LidarCounters {
     /// Counts a packet that was not used.
     pub fn count(&mut self, fault: Fault) {
         *match fault {
@@ -45,16 +45,16 @@ impl Counters {
     }
 }
 
-/// A change that the pilot is told.
+/// A change to report to the pilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum News {
+pub enum LidarChange {
     /// The sensor is silent, or gone.
     Lost,
     /// It measures again.
     Back,
 }
 
-impl News {
+impl LidarChange {
     /// As an event about the sensor called `name`.
     pub fn event(self, name: &str) -> EventSample {
         let event = match self {
@@ -67,13 +67,13 @@ impl News {
 
 /// Watches for silence: each loss and each return is reported once.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Silence {
+pub struct SilenceMonitor {
     received: Timestamp,
     waiting: Timestamp,
     loss_reported: bool,
 }
 
-impl Silence {
+impl SilenceMonitor {
     /// Something was measured, received at `now`.
     pub fn received(&mut self, now: Timestamp) {
         self.received = now;
@@ -85,7 +85,7 @@ impl Silence {
     }
 
     /// Whether the sensor has fallen silent, or measures again; once per change.
-    pub fn news(&mut self, now: Timestamp) -> Option<News> {
+    pub fn take_change(&mut self, now: Timestamp) -> Option<LidarChange> {
         if !self.waiting.is_set() {
             self.waiting = now;
         }
@@ -94,7 +94,11 @@ impl Silence {
             return None;
         }
         self.loss_reported = silent;
-        Some(if silent { News::Lost } else { News::Back })
+        Some(if silent {
+            LidarChange::Lost
+        } else {
+            LidarChange::Back
+        })
     }
 }
 

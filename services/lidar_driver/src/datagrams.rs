@@ -12,7 +12,8 @@ use std::path::PathBuf;
 
 /// First pause before the source is tried again (s), and the longest one; each is twice the one before.
 const PAUSE_S: [f64; 2] = [0.1, 2.0];
-/// Room for what arrives while the process does not run (bytes): a tenth of a second of the fastest lidar. The system may grant less.
+/// Room for what arrives while the process does not run (bytes): a tenth of a second of the fastest lidar. The system
+/// may grant less.
 const RECEIVE_BYTES: usize = 4 << 20;
 /// The longest datagram.
 const DATAGRAM_BYTES: usize = 65_536;
@@ -28,7 +29,7 @@ pub enum SourceError {
     Bind {
         /// The address.
         address: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The recording cannot be read.
@@ -78,7 +79,7 @@ pub struct Datagrams {
     buffer: Box<[u8]>,
     retry_at: Timestamp,
     pause_s: f64,
-    /// What was said last: each cause once.
+    /// The last error logged: each cause once.
     said: String,
     ended: bool,
 }
@@ -157,7 +158,7 @@ impl Datagrams {
         }
     }
 
-    /// The next datagram that is there, and from whom.
+    /// The next datagram that is there, and its sender.
     pub fn next(&mut self, now: Timestamp) -> Option<(IpAddr, &[u8])> {
         match &mut self.open {
             None => None,
@@ -262,7 +263,7 @@ pub(crate) fn bind(address: SocketAddr) -> Result<UdpSocket, SourceError> {
     let socket = UdpSocket::bind(address).map_err(failed)?;
     socket.set_nonblocking(true).map_err(failed)?;
     // Less than this is no reason to do without.
-    let _granted = sockopt::set_socket_recv_buffer_size(&socket, RECEIVE_BYTES);
+    let _ = sockopt::set_socket_recv_buffer_size(&socket, RECEIVE_BYTES);
     Ok(socket)
 }
 

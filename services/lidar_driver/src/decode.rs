@@ -1,4 +1,4 @@
-//! What a decoder makes of a packet: rays in the sensor frame of the manual, stamped on the sensor's clock.
+//! The results of decoding a packet: rays in the sensor frame of the manual, stamped on the sensor's clock.
 //!
 //! | in | out |
 //! |---|---|
@@ -19,7 +19,8 @@ pub struct Ray {
     pub stamp_ns: u64,
     /// The range as the sensor reports it (m); zero where nothing answered.
     pub range_m: f32,
-    /// Where the beam begins, less what the reported range contains of it (m), sensor frame: the point is `base + range * direction`.
+    /// Where the beam begins, less what the reported range contains of it (m), sensor frame: the point is `base + range
+    /// * direction`.
     pub base_m: [f32; 3],
     /// Direction of the beam, length 1, sensor frame.
     pub direction: [f32; 3],

@@ -25,8 +25,8 @@ pub enum Decoder {
 }
 
 impl Decoder {
-    /// For a model that needs nothing but its name; `None` for one that needs metadata. `rate_hz`: scans per second of a model whose
-    /// pattern has no turns.
+    /// For a model that needs nothing but its name; `None` for one that needs metadata. `rate_hz`: scans per second of
+    /// a model whose pattern has no turns.
     pub fn of(protocol: NetworkProtocol, rate_hz: f64) -> Option<Self> {
         match protocol {
             NetworkProtocol::Ouster => None,
@@ -41,7 +41,7 @@ impl Decoder {
         Self::Ouster(Ouster::new(metadata))
     }
 
-    /// Directions of a scan and returns of each; `None` where nobody can say.
+    /// Directions of a scan and returns of each; `None` where they are not known.
     pub fn directions(&self) -> Option<(usize, u8)> {
         match self {
             Self::Ouster(ouster) => {

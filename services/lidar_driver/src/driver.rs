@@ -1,36 +1,37 @@
-//! The step of a network lidar: datagrams that arrived become point clouds, silence becomes news.
+//! The step of a network lidar: received datagrams become point clouds, silence becomes a change to report.
 //!
-//! **Time.** A datagram arrives when its last measurement is over, or later. [`ClockFilter`] maps the sensor's own stamps to the board's
-//! clock through the least delayed datagrams, and every point has its own time.
+//! **Time.** A datagram arrives when its last measurement is over, or later. [`ClockFilter`] maps the sensor's own
+//! stamps to the board's clock through the least delayed datagrams, and every point has its own time.
 //!
-//! **Senders.** Without `sensor_address` the first sender whose datagram is sound is the sensor, until it has been silent for a second.
+//! **Senders.** Without `sensor_address` the first sender whose datagram is sound is the sensor, until it has been
+//! silent for a second.
 
 use crate::clock_filter::ClockFilter;
 use crate::cloud::CloudAssembler;
 use crate::config::LidarSpec;
-use crate::counters::{Counters, News, Rate, Silence};
+use crate::counters::{LidarChange, LidarCounters, Rate, SilenceMonitor};
 use crate::decode::{Decode, Fault, Item};
 use crate::decoder::Decoder;
 use jink_shared_types::Timestamp;
 use std::net::IpAddr;
 
-/// A scan ends when nothing has come for this time (s): twenty times as long as between packets of any model, and short beside a
-/// turn, so that a sensor that sends a part of it only does not wait for the next one.
+/// A scan ends when nothing has come for this time (s): twenty times as long as between packets of any model, and short
+/// beside a turn, so that a sensor that sends a part of it only does not wait for the next one.
 const PAUSE_S: f64 = 0.03;
 /// Datagrams in a row that are late or doubled after which the stream has begun anew: three frames of a lidar.
 const BEHIND: u32 = 200;
-/// Silence (s) after which another sender may be the sensor.
+/// SilenceMonitor (s) after which another sender may be the sensor.
 const SENDER_S: f64 = 1.0;
 
 /// One network lidar.
 #[derive(Debug)]
-pub struct Driver {
+pub struct NetworkLidarDriver {
     spec: LidarSpec,
     decoder: Option<Decoder>,
     clock: ClockFilter,
     cloud: CloudAssembler,
-    counters: Counters,
-    silence: Silence,
+    counters: LidarCounters,
+    silence: SilenceMonitor,
     sender: Option<IpAddr>,
     /// Datagrams in a row that were late or doubled.
     behind: u32,
@@ -39,15 +40,15 @@ pub struct Driver {
     rate: Rate,
 }
 
-impl Driver {
+impl NetworkLidarDriver {
     /// For the lidar that `spec` describes; `decoder` is `None` as long as its metadata are not known.
     pub fn new(spec: LidarSpec, decoder: Option<Decoder>) -> Self {
         let mut driver = Self {
             decoder: None,
             clock: ClockFilter::default(),
             cloud: CloudAssembler::new(spec.cloud.clone(), None),
-            counters: Counters::default(),
-            silence: Silence::default(),
+            counters: LidarCounters::default(),
+            silence: SilenceMonitor::default(),
             sender: spec.sensor_address,
             behind: 0,
             last: Timestamp::NEVER,
@@ -76,12 +77,12 @@ impl Driver {
         &self.spec
     }
 
-    /// Who is taken for the sensor.
+    /// The address that is taken for the sensor's.
     pub fn sender(&self) -> Option<IpAddr> {
         self.sender
     }
 
-    /// The source was opened anew: the sensor's clock, and the scan that was begun, are forgotten.
+    /// The source was opened anew: the mapping of the sensor's clock, and the unfinished scan, are dropped.
     pub fn connected(&mut self) {
         self.clock = ClockFilter::default();
         self.cloud.clear();
@@ -180,12 +181,12 @@ impl Driver {
     }
 
     /// Whether the sensor has fallen silent, or measures again; once per change.
-    pub fn news(&mut self, now: Timestamp) -> Option<News> {
-        self.silence.news(now)
+    pub fn take_change(&mut self, now: Timestamp) -> Option<LidarChange> {
+        self.silence.take_change(now)
     }
 
     /// What has become of its packets, with the rate since the last look.
-    pub fn counters(&mut self, now: Timestamp) -> Counters {
+    pub fn counters(&mut self, now: Timestamp) -> LidarCounters {
         self.counters.rate_hz = self.rate.look(now, self.counters.published);
         self.counters.overflow = self.cloud.overflow();
         self.counters
@@ -194,7 +195,7 @@ impl Driver {
 
 fn end(
     cloud: &mut CloudAssembler,
-    counters: &mut Counters,
+    counters: &mut LidarCounters,
     lost: u32,
     publish: &mut dyn FnMut(&CloudAssembler),
 ) {

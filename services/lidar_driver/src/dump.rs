@@ -1,7 +1,8 @@
 //! `jink-lidar-driver dump`, behind `jink lidar dump`: the returns in a recording as a table of text.
 //!
-//! One line per return, in the order of the packets: `scan,row,column,range_m,x_m,y_m,z_m`, in the sensor frame. Rows are lasers, beams
-//! or lines, columns the measurement ids (Ouster), firings of a turn (Velodyne) or points of a line (Livox).
+//! One line per return, in the order of the packets: `scan,row,column,range_m,x_m,y_m,z_m`, in the sensor frame. Rows
+//! are lasers, beams or lines, columns the measurement ids (Ouster), firings of a turn (Velodyne) or points of a line
+//! (Livox).
 
 use crate::capture::{Capture, CaptureError, Datagram};
 use crate::decode::{Decode, Fault, Item};
@@ -27,9 +28,9 @@ const LIVOX_HZ: f64 = 10.0;
 /// Exit code of wrong usage, as that of the command.
 const WRONG_USAGE: u8 = 2;
 
-/// What is asked for.
+/// What to decode.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Request {
+pub struct DumpRequest {
     /// The recording.
     pub pcap: PathBuf,
     /// Metadata of an Ouster sensor.
@@ -68,7 +69,7 @@ pub enum DumpError {
     File {
         /// Its path.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The metadata are of no use.
@@ -136,9 +137,9 @@ impl From<CaptureError> for DumpError {
     }
 }
 
-/// The tool: reads `arguments`, writes the table, and says on standard error what came of it.
+/// The tool: reads `arguments`, writes the table, and reports the result on standard error.
 pub fn run(arguments: &[String]) -> ExitCode {
-    let outcome = Request::parse(arguments).and_then(|request| dump(&request, &mut report_progress()));
+    let outcome = DumpRequest::parse(arguments).and_then(|request| dump(&request, &mut report_progress()));
     match outcome {
         Ok(summary) => {
             eprintln!("{summary}");
@@ -166,7 +167,7 @@ impl fmt::Display for Summary {
     }
 }
 
-impl Request {
+impl DumpRequest {
     fn parse(arguments: &[String]) -> Result<Self, DumpError> {
         let mut request = Self::default();
         let mut rest = arguments.iter();
@@ -199,7 +200,7 @@ impl Request {
 ///
 /// # Errors
 /// [`DumpError`].
-pub fn dump(request: &Request, progress: &mut dyn FnMut(f64, u64)) -> Result<Summary, DumpError> {
+pub fn dump(request: &DumpRequest, progress: &mut dyn FnMut(f64, u64)) -> Result<Summary, DumpError> {
     let mut decoder = named(request)?;
     let mut capture = Capture::open(&request.pcap)?;
     let cannot_write = |source| DumpError::File {
@@ -256,7 +257,7 @@ pub fn dump(request: &Request, progress: &mut dyn FnMut(f64, u64)) -> Result<Sum
 }
 
 /// The decoder that the request names.
-fn named(request: &Request) -> Result<Option<Decoder>, DumpError> {
+fn named(request: &DumpRequest) -> Result<Option<Decoder>, DumpError> {
     let model = request
         .model
         .as_deref()

@@ -1,11 +1,11 @@
-//! Lidars on the network, and scanners on serial ports: packets in, point clouds and range scans out. One process per sensor; all of it
-//! but sockets, ports and files is pure.
+//! Lidars on the network, and scanners on serial ports: packets in, point clouds and range scans out. One process per
+//! sensor; all of it but sockets, ports and files is pure.
 //!
 //! | in | out |
 //! |---|---|
-//! | datagrams with the time at which they arrived ([`Driver::datagram`]) | point clouds in the body frame ([`CloudAssembler::write`]) |
+//! | datagrams with the time at which they arrived ([`NetworkLidarDriver::datagram`]) | point clouds in the body frame ([`CloudAssembler::write`]) |
 //! | bytes of a serial line ([`ScannerDriver::bytes`]) | range scans ([`Turn::write`]), what is to be written to the scanner |
-//! | time | news for the pilot ([`News`]), messages that set a sensor up ([`livox::control`]) |
+//! | time | changes to report to the pilot ([`LidarChange`]), messages that set a sensor up ([`livox::control`]) |
 //!
 //! | module | holds |
 //! |---|---|
@@ -18,7 +18,7 @@
 //! | [`driver`] | all of that together: the step of a network lidar |
 //! | [`scanner`] | the same of a serial scanner |
 //! | [`capture`] | datagrams out of recordings |
-//! | [`datagrams`], [`serial`], [`network`] | sockets, recordings and ports as the service runs them |
+//! | [`datagrams`], [`network`] | sockets and recordings as the service runs them |
 //! | [`dump`] | the returns in a recording as a table |
 
 pub mod capture;
@@ -36,15 +36,14 @@ pub mod models;
 pub mod network;
 pub mod ouster;
 pub mod scanner;
-pub mod serial;
 mod service;
 pub mod velodyne;
 
 pub use cloud::CloudAssembler;
 pub use config::{LidarSpec, Mistake};
-pub use counters::{Counters, News};
+pub use counters::{LidarChange, LidarCounters};
 pub use decoder::Decoder;
-pub use driver::Driver;
+pub use driver::NetworkLidarDriver;
 pub use scanner::driver::ScannerDriver;
 pub use scanner::turn::Turn;
 pub use service::LidarService;

@@ -17,11 +17,11 @@
 //! | `rplidar_s2` | SLAMTEC RPLIDAR S2 | `lidar_2d` | serial, 1000000 bit/s | 0.05 to 30 | 0.05 |
 //! | `rplidar_c1` | SLAMTEC RPLIDAR C1 | `lidar_2d` | serial, 460800 bit/s | 0.05 to 12 | 0.05 |
 //!
-//! Ranges are those of the data sheets for targets that answer well. A return from beyond `range_max_m` says that the ray is free up to
-//! there; where nothing answered nothing is known, unless the table says `no_return = "clear"`. A Livox does not
-//! even say where it got no answer, so that its table cannot.
+//! Ranges are those of the data sheets for targets that reflect well. A return from beyond `range_max_m` means that the
+//! ray is free up to there; where nothing returned nothing is known, unless the table declares `no_return = "clear"`. A
+//! Livox does not report where it got no return, so its table cannot declare that.
 
-/// Where a model is connected, and what it speaks.
+/// Where a model is connected, and its protocol.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Connection {
     /// Datagrams.
@@ -30,7 +30,7 @@ pub enum Connection {
     Serial(SerialProtocol),
 }
 
-/// What a network lidar speaks.
+/// The protocol of a network lidar.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NetworkProtocol {
     /// [`crate::ouster`].
@@ -43,7 +43,7 @@ pub enum NetworkProtocol {
     Livox1,
 }
 
-/// What a scanner speaks.
+/// The protocol of a scanner.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SerialProtocol {
     /// scanner ldrobot.
@@ -59,7 +59,7 @@ pub enum SerialProtocol {
 
 /// One model.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Model {
+pub struct LidarModel {
     /// Name in the configuration.
     pub name: &'static str,
     /// Connection.
@@ -80,8 +80,8 @@ pub struct Model {
     pub beams: u32,
 }
 
-const fn network(name: &'static str, protocol: NetworkProtocol, port: u16, range_m: [f64; 2]) -> Model {
-    Model {
+const fn network(name: &'static str, protocol: NetworkProtocol, port: u16, range_m: [f64; 2]) -> LidarModel {
+    LidarModel {
         name,
         connection: Connection::Network(protocol),
         baud: 0,
@@ -94,8 +94,8 @@ const fn network(name: &'static str, protocol: NetworkProtocol, port: u16, range
     }
 }
 
-const fn ldrobot(name: &'static str, baud: u32, range_m: [f64; 2], beams: u32) -> Model {
-    Model {
+const fn ldrobot(name: &'static str, baud: u32, range_m: [f64; 2], beams: u32) -> LidarModel {
+    LidarModel {
         name,
         connection: Connection::Serial(SerialProtocol::Ldrobot),
         baud,
@@ -114,8 +114,8 @@ const fn rplidar(
     range_m: [f64; 2],
     rate_hz: f64,
     protocol: SerialProtocol,
-) -> Model {
-    Model {
+) -> LidarModel {
+    LidarModel {
         name,
         connection: Connection::Serial(protocol),
         baud,
@@ -136,9 +136,9 @@ const fn motor(by_dtr: bool, pwm: Option<u16>) -> SerialProtocol {
 }
 
 /// Every model.
-pub const TABLE: &[Model] = &[
+pub const TABLE: &[LidarModel] = &[
     network("ouster", NetworkProtocol::Ouster, 7502, [0.3, 240.0]),
-    // The same protocol; a simulation tells them apart.
+    // The same protocol; a simulation distinguishes them.
     network("ouster_os0", NetworkProtocol::Ouster, 7502, [0.3, 100.0]),
     network("ouster_os1", NetworkProtocol::Ouster, 7502, [0.3, 200.0]),
     network("ouster_os2", NetworkProtocol::Ouster, 7502, [0.8, 240.0]),
@@ -168,11 +168,11 @@ pub const TABLE: &[Model] = &[
 ];
 
 /// The model called `name`.
-pub fn find(name: &str) -> Option<&'static Model> {
+pub fn find(name: &str) -> Option<&'static LidarModel> {
     TABLE.iter().find(|model| model.name == name)
 }
 
-impl Model {
+impl LidarModel {
     /// The kind of sensor that it is in the configuration.
     pub fn kind(&self) -> &'static str {
         match self.connection {

@@ -2,24 +2,24 @@
 
 use crate::cloud::CloudAssembler;
 use crate::config::LidarSpec;
-use crate::counters::{Counters, News};
+use crate::counters::{LidarChange, LidarCounters};
 use crate::datagrams::{self, Datagrams};
 use crate::decoder::Decoder;
-use crate::driver::Driver;
+use crate::driver::NetworkLidarDriver;
 use crate::dump;
-use crate::livox::control::{Addresses, Answer, Control, SDK1_BROADCAST_PORT, Version};
+use crate::livox::control::{Addresses, Control, ControlReply, SDK1_BROADCAST_PORT, SdkVersion};
 use crate::models::NetworkProtocol;
-use crate::ouster::request::Request;
+use crate::ouster::request::MetadataRequest;
 use jink_runtime::Clock;
 use jink_shared_types::Timestamp;
 use std::fmt;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 
-/// Datagrams per cycle at most: a source that never ends must not keep the heartbeat waiting. A hundredth of a second of the fastest
-/// lidar is 26 of them.
+/// Datagrams per cycle at most: a source that never ends must not keep the heartbeat waiting. A hundredth of a second
+/// of the fastest lidar is 26 of them.
 const DATAGRAMS: usize = 128;
-/// Silence (s) after which an Ouster is asked anew: it may have been switched off, and sends elsewhere.
+/// Silence (s) after which an Ouster is set up again: it may have been switched off, and sends elsewhere.
 const ASK_AGAIN_S: f64 = 5.0;
 /// Answers of a Livox are shorter.
 const ANSWER_BYTES: usize = 1_500;
@@ -31,15 +31,15 @@ struct Livox {
     commands: UdpSocket,
     /// Where a sensor of the first protocol announces itself.
     broadcasts: Option<UdpSocket>,
-    said: Option<Answer>,
+    said: Option<ControlReply>,
 }
 
 /// One network lidar.
 pub struct NetworkLidar {
-    driver: Driver,
+    driver: NetworkLidarDriver,
     datagrams: Datagrams,
     protocol: NetworkProtocol,
-    request: Option<Request>,
+    request: Option<MetadataRequest>,
     asked: Timestamp,
     livox: Option<Livox>,
     livox_due: Timestamp,
@@ -65,7 +65,7 @@ impl NetworkLidar {
         };
         let datagrams = Datagrams::new(&spec.device);
         let lidar = Self {
-            driver: Driver::new(spec, decoder),
+            driver: NetworkLidarDriver::new(spec, decoder),
             datagrams,
             protocol,
             request: None,
@@ -82,7 +82,7 @@ impl NetworkLidar {
         self.driver.spec()
     }
 
-    /// Reads what has arrived, publishes what it comes to, and keeps the sensor sending. When it wants to run again.
+    /// Reads what has arrived, publishes what it completes, and keeps the sensor sending. Returns when to run again.
     pub fn run(
         &mut self,
         clock: &Clock,
@@ -118,12 +118,12 @@ impl NetworkLidar {
     }
 
     /// Whether the sensor has fallen silent, or measures again; once per change.
-    pub fn news(&mut self, now: Timestamp) -> Option<News> {
-        self.driver.news(now)
+    pub fn take_change(&mut self, now: Timestamp) -> Option<LidarChange> {
+        self.driver.take_change(now)
     }
 
     /// What has become of its packets.
-    pub fn counters(&mut self, now: Timestamp) -> Counters {
+    pub fn counters(&mut self, now: Timestamp) -> LidarCounters {
         self.driver.counters(now)
     }
 
@@ -137,7 +137,7 @@ impl NetworkLidar {
         ]
     }
 
-    /// Asks an Ouster for its metadata, and has it send here, where the table says its address and no file.
+    /// Requests the metadata of an Ouster and has it send here, where the table has its address and no file.
     fn ask(&mut self, now: Timestamp) {
         let spec = self.driver.spec();
         let Some(sensor) = spec.sensor_address.filter(|_| spec.metadata.is_none()) else {
@@ -146,7 +146,7 @@ impl NetworkLidar {
         if self.protocol != NetworkProtocol::Ouster {
             return;
         }
-        match self.request.as_ref().map(Request::answer) {
+        match self.request.as_ref().map(MetadataRequest::answer) {
             Some(Ok(None)) => {}
             Some(Ok(Some(metadata))) => {
                 tracing::info!(
@@ -168,7 +168,7 @@ impl NetworkLidar {
                 let port = self.datagrams.port();
                 if !waits && port != 0 && self.driver.is_silent(now, ASK_AGAIN_S) {
                     self.asked = now;
-                    self.request = Request::begin(sensor, spec.host_address, port, spec.control_port);
+                    self.request = MetadataRequest::begin(sensor, spec.host_address, port, spec.control_port);
                 }
             }
         }
@@ -187,8 +187,8 @@ impl NetworkLidar {
     /// Sets a Livox up and keeps it sending, where its point data come over the network.
     fn control(&mut self, now: Timestamp) {
         let version = match self.protocol {
-            NetworkProtocol::Livox1 => Version::First,
-            NetworkProtocol::Livox2 => Version::Second,
+            NetworkProtocol::Livox1 => SdkVersion::First,
+            NetworkProtocol::Livox2 => SdkVersion::Second,
             NetworkProtocol::Ouster | NetworkProtocol::Velodyne(_) => return,
         };
         let point_port = self.datagrams.port();
@@ -215,14 +215,14 @@ impl NetworkLidar {
         let silent_s = if self.driver.is_silent(now, 1.0) { 1.0 } else { 0.0 };
         while let Some(message) = livox.control.next(now, silent_s) {
             // What is lost is repeated.
-            let _lost = livox.commands.send_to(message.bytes(), message.to);
+            let _ = livox.commands.send_to(message.bytes(), message.to);
         }
         self.livox_due = livox.control.due();
     }
 }
 
 impl Livox {
-    fn open(spec: &LidarSpec, version: Version, point_port: u16) -> Option<Self> {
+    fn open(spec: &LidarSpec, version: SdkVersion, point_port: u16) -> Option<Self> {
         let any = |port| SocketAddr::new(IpAddr::V4(Ipv4Addr::UNSPECIFIED), port);
         let commands = datagrams::bind(any(0)).and_then(|socket| {
             let address = socket
@@ -240,12 +240,12 @@ impl Livox {
                 return None;
             }
         };
-        let _only_for_searches = commands.set_broadcast(true);
+        let _ = commands.set_broadcast(true);
         let sensor = match spec.sensor_address {
             Some(IpAddr::V4(address)) => Some(address),
             _ => None,
         };
-        let listens = version == Version::First && sensor.is_none();
+        let listens = version == SdkVersion::First && sensor.is_none();
         let broadcasts = listens.then(|| datagrams::bind(any(SDK1_BROADCAST_PORT)));
         let broadcasts = match broadcasts {
             Some(Err(error)) => {
@@ -283,13 +283,13 @@ impl Livox {
                 };
                 if self.said != Some(answer) {
                     match answer {
-                        Answer::Found(sensor) => tracing::info!("{name}: found at {sensor}"),
-                        Answer::Refused { code, of } => {
+                        ControlReply::Found(sensor) => tracing::info!("{name}: found at {sensor}"),
+                        ControlReply::Refused { code, of } => {
                             tracing::warn!(
                                 "{name}: the sensor refuses its set-up: code {code}, at {of:#06x}"
                             );
                         }
-                        Answer::Accepted => tracing::info!("{name}: the sensor is set up"),
+                        ControlReply::Accepted => tracing::info!("{name}: the sensor is set up"),
                     }
                     self.said = Some(answer);
                 }

@@ -2,12 +2,12 @@
 
 use crate::cloud::CloudAssembler;
 use crate::config::{Device, LidarSpec, Mistake, SensorTable};
-use crate::counters::{Counters, News};
+use crate::counters::{LidarChange, LidarCounters};
 use crate::models::{Connection, SerialProtocol};
 use crate::network::NetworkLidar;
 use crate::scanner::driver::ScannerDriver;
 use crate::scanner::turn::Turn;
-use crate::serial::{Port, Read};
+use jink_runtime::serial::{Port, Read};
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
@@ -19,8 +19,8 @@ use std::os::fd::BorrowedFd;
 const READ_BYTES: usize = 1024;
 /// Reads per cycle at most: a port that never ends must not keep the heartbeat waiting.
 const READS: usize = 16;
-/// A look at the news is taken at least this often.
-const LOOK_HZ: u32 = 10;
+/// Changes are looked for at least this often.
+const CHECK_HZ: u32 = 10;
 /// The counters go to the log this often (s).
 const REPORT_S: f64 = 60.0;
 
@@ -29,7 +29,7 @@ const REPORT_S: f64 = 60.0;
     clippy::large_enum_variant,
     reason = "there is one in a process: a box would save nothing"
 )]
-enum Side {
+enum LidarInterface {
     Network {
         lidar: NetworkLidar,
         clouds: Output<PointCloud>,
@@ -37,6 +37,8 @@ enum Side {
     Serial {
         scanner: ScannerDriver,
         port: Port,
+        /// The motor of the scanner turns while DTR is off.
+        dtr_off: bool,
         scans: Output<RangeScan>,
     },
 }
@@ -45,10 +47,10 @@ enum Side {
 pub struct LidarService {
     name: String,
     rate_hz: f64,
-    side: Side,
+    interface: LidarInterface,
     clock: Clock,
     claim: Claim,
-    rehearsal_due: Timestamp,
+    standby_due: Timestamp,
     report_due: Timestamp,
 }
 
@@ -62,7 +64,7 @@ impl Service for LidarService {
     const PROGRAM: &'static str = "lidar_driver";
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
-        let name = sensor_name(&ports.setup().arguments)?;
+        let name = ports.setup().sensor_name()?;
         let folder = ports.setup().config.clone();
         let tables: Vec<SensorTable> = jink_runtime::config::sensors(&folder)?;
         let needs = |cause: String| StartError::Needs {
@@ -71,44 +73,51 @@ impl Service for LidarService {
         };
         let spec = LidarSpec::find(&tables, &name).map_err(|mistake| needs(located(&folder, &mistake)))?;
         let rate_hz = spec.rate_hz;
-        let side = match spec.model.connection {
-            Connection::Network(protocol) => Side::Network {
+        let interface = match spec.model.connection {
+            Connection::Network(protocol) => LidarInterface::Network {
                 clouds: ports.range_output(topics::RANGE_CLOUD, &name, rate_hz)?,
                 lidar: NetworkLidar::new(spec, protocol)
                     .map_err(|error| needs(format!("sensor {name:?}: metadata: {error}")))?,
             },
-            Connection::Serial(protocol) => Side::Serial {
+            Connection::Serial(protocol) => LidarInterface::Serial {
                 scans: ports.range_output(topics::RANGE_SCAN, &name, rate_hz)?,
-                port: port_of(&spec, protocol),
+                port: port_of(&spec),
+                dtr_off: matches!(
+                    protocol,
+                    SerialProtocol::Rplidar {
+                        motor_by_dtr: true,
+                        ..
+                    }
+                ),
                 scanner: ScannerDriver::new(spec, protocol),
             },
         };
         Ok(Self {
             name,
             rate_hz,
-            side,
+            interface,
             claim: ports.claim(),
             clock: ports.clock(),
-            rehearsal_due: Timestamp::NEVER,
+            standby_due: Timestamp::NEVER,
             report_due: Timestamp::NEVER,
         })
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        let look = now.next_beat(LOOK_HZ);
-        // A port has one reader: whoever takes over opens it when it is its own.
+        let look = now.next_beat(CHECK_HZ);
+        // A port has one reader: the next owner opens it when it owns the sensor.
         let is_ours = self.claim.is_due(now);
         self.claim.declare(is_ours);
         if !is_ours {
-            self.side.close();
-            self.rehearse(now);
+            self.interface.close();
+            self.run_as_standby(now);
             let change = self.claim.changes_at().filter(|change| *change > now);
-            return Wake::at(change.map_or(self.rehearsal_due, |change| change.min(self.rehearsal_due)));
+            return Wake::at(change.map_or(self.standby_due, |change| change.min(self.standby_due)));
         }
-        let due = self.side.run(&self.clock, now);
-        if let Some(news) = self.side.news(now) {
-            cycle.events.publish(now, &news.event(&self.name));
+        let due = self.interface.run(&self.clock, now);
+        if let Some(change) = self.interface.take_change(now) {
+            cycle.events.publish(now, &change.event(&self.name));
         }
         self.report(now);
         Wake::at(look.min(due))
@@ -116,33 +125,34 @@ impl Service for LidarService {
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
         let mut watched = [None; WATCHED_FDS];
-        match &self.side {
-            Side::Network { lidar, .. } => {
+        match &self.interface {
+            LidarInterface::Network { lidar, .. } => {
                 for (place, fd) in watched.iter_mut().zip(lidar.watched()) {
                     *place = fd;
                 }
             }
-            Side::Serial { port, .. } => watched[0] = port.watched(),
+            LidarInterface::Serial { port, .. } => watched[0] = port.watched(),
         }
         watched
     }
 }
 
 impl LidarService {
-    /// What a second instance can show without the sensor: that it runs, and can write its samples. None of them is published.
-    fn rehearse(&mut self, now: Timestamp) {
-        if now < self.rehearsal_due {
+    /// What a second instance can show without the sensor: that it runs, and can write its samples. None of them is
+    /// published.
+    fn run_as_standby(&mut self, now: Timestamp) {
+        if now < self.standby_due {
             return;
         }
-        self.rehearsal_due = now.next_beat(self.rate_hz.round() as u32);
-        self.side.rehearse(now);
+        self.standby_due = now.next_beat(self.rate_hz.round() as u32);
+        self.interface.run_as_standby(now);
     }
 
     fn report(&mut self, now: Timestamp) {
         if now < self.report_due {
             return;
         }
-        let counters = self.side.counters(now);
+        let counters = self.interface.counters(now);
         if self.report_due.is_set() {
             tracing::info!(
                 published = counters.published,
@@ -163,8 +173,8 @@ impl LidarService {
     }
 }
 
-impl Side {
-    /// Reads what has arrived, and publishes what it comes to. When it wants to run again.
+impl LidarInterface {
+    /// Reads what has arrived, and publishes what it completes. Returns when to run again.
     fn run(&mut self, clock: &Clock, now: Timestamp) -> Timestamp {
         match self {
             Self::Network { lidar, clouds } => lidar.run(clock, now, &mut |cloud: &CloudAssembler| {
@@ -173,8 +183,16 @@ impl Side {
                     cloud.write(slot);
                 });
             }),
-            Self::Serial { scanner, port, scans } => {
+            Self::Serial {
+                scanner,
+                port,
+                dtr_off,
+                scans,
+            } => {
                 if port.open_if_due(now) {
+                    if *dtr_off {
+                        switch_dtr_off(port, &scanner.spec().name);
+                    }
                     scanner.connected(now);
                 }
                 let mut publish = |turn: &Turn| {
@@ -211,21 +229,21 @@ impl Side {
         }
     }
 
-    fn news(&mut self, now: Timestamp) -> Option<News> {
+    fn take_change(&mut self, now: Timestamp) -> Option<LidarChange> {
         match self {
-            Self::Network { lidar, .. } => lidar.news(now),
-            Self::Serial { scanner, .. } => scanner.news(now),
+            Self::Network { lidar, .. } => lidar.take_change(now),
+            Self::Serial { scanner, .. } => scanner.take_change(now),
         }
     }
 
-    fn counters(&mut self, now: Timestamp) -> Counters {
+    fn counters(&mut self, now: Timestamp) -> LidarCounters {
         match self {
             Self::Network { lidar, .. } => lidar.counters(now),
             Self::Serial { scanner, .. } => scanner.counters(now),
         }
     }
 
-    fn rehearse(&mut self, now: Timestamp) {
+    fn run_as_standby(&mut self, now: Timestamp) {
         match self {
             Self::Network { lidar, clouds } => {
                 let mut cloud = CloudAssembler::new(lidar.spec().cloud.clone(), None);
@@ -244,38 +262,32 @@ impl Side {
     }
 }
 
-fn port_of(spec: &LidarSpec, protocol: SerialProtocol) -> Port {
-    let dtr_off = matches!(
-        protocol,
-        SerialProtocol::Rplidar {
-            motor_by_dtr: true,
-            ..
-        }
-    );
+fn port_of(spec: &LidarSpec) -> Port {
     match &spec.device {
-        Device::Serial { path, baud } => Port::new(path, *baud, dtr_off),
+        Device::Serial { path, baud } => Port::new(path, *baud),
         // The table of a scanner has no other device.
-        Device::Udp(_) | Device::Pcap { .. } => Port::new("", spec.model.baud, dtr_off),
+        Device::Udp(_) | Device::Pcap { .. } => Port::new("", spec.model.baud),
     }
 }
 
-/// A mistake with the file and the line where it stands, as far as they can be found.
+fn switch_dtr_off(port: &Port, name: &str) {
+    let Some(fd) = port.watched() else {
+        return;
+    };
+    let switched = fd
+        .try_clone_to_owned()
+        .and_then(|fd| serial2::SerialPort::from(fd).set_dtr(false));
+    if let Err(error) = switched {
+        tracing::debug!("{name}: DTR cannot be set: {error}");
+    }
+}
+
+/// An error with the file and the line where it is, as far as they can be found.
 fn located(folder: &std::path::Path, mistake: &Mistake) -> String {
     let place = mistake.place();
     let place = place.and_then(|(sensor, key)| jink_runtime::config::sensor_place(folder, sensor, key));
     match place {
         Some((file, line)) => format!("{}:{line}: {mistake}", file.display()),
         None => mistake.to_string(),
-    }
-}
-
-/// The name behind `--sensor`.
-fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
-    match arguments {
-        [option, name] if option == "--sensor" => Ok(name.clone()),
-        _ => Err(StartError::Needs {
-            what: "--sensor NAME".to_owned(),
-            cause: format!("the arguments are {arguments:?}"),
-        }),
     }
 }

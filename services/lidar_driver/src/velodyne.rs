@@ -8,16 +8,16 @@
 //! | 4 | microseconds after the full hour |
 //! | 2 | return mode (0x37 strongest, 0x38 last, 0x39 dual), product (0x22 VLP-16, 0x24 Hi-Res) |
 //!
-//! A laser fires every 2.304 us, the sixteen of them every 55.296 us. A block holds the azimuth of its first firing; that of any other
-//! follows from the time since, and from the angle between blocks. In dual mode two blocks share their azimuth: the last return, then
-//! the strongest, or the second strongest where the last is the strongest.
+//! A laser fires every 2.304 us, the sixteen of them every 55.296 us. A block holds the azimuth of its first firing;
+//! that of any other follows from the time since, and from the angle between blocks. In dual mode two blocks share
+//! their azimuth: the last return, then the strongest, or the second strongest where the last is the strongest.
 //!
-//! **Position**, in the sensor's coordinates (x right, y forward, z up; the azimuth counts clockwise from y): x = r cos w sin a,
-//! y = r cos w cos a, z = r sin w + the laser's vertical correction. The sensor frame here is x forward, y left, z up, like that of the
-//! other lidars: (y, -x, z).
+//! **Position**, in the sensor's coordinates (x right, y forward, z up; the azimuth counts clockwise from y): x = r cos
+//! w sin a, y = r cos w cos a, z = r sin w + the laser's vertical correction. The sensor frame here is x forward, y
+//! left, z up, like that of the other lidars: (y, -x, z).
 //!
-//! **What can be detected.** There is no checksum and no number: marks, azimuths and stamps that do not follow each other are. A range
-//! of zero is no return.
+//! **What can be detected.** There is no checksum and no number: marks, azimuths and stamps that do not follow each
+//! other are. A range of zero is no return.
 
 use crate::decode::{Decode, Echo, Fault, Item, Ray, bytes_at, u16_at, u32_at};
 
@@ -126,7 +126,8 @@ impl Velodyne {
         }
     }
 
-    /// Whether the packet is one of this sensor and sound as far as can be told; the angle between its firings (0.01 deg).
+    /// Whether the packet is one of this sensor and sound as far as can be told; the angle between its firings (0.01
+    /// deg).
     fn check(&self, bytes: &[u8]) -> Result<f64, Fault> {
         if bytes.len() != PACKET_BYTES {
             return Err(if bytes.len() == POSITION_BYTES {
@@ -183,7 +184,7 @@ impl Velodyne {
         self.lost = self
             .lost
             .saturating_add(missing.round().clamp(0.0, 10_000.0) as u32);
-        // A step of half an hour is a clock that was set: whoever maps stamps sees to that.
+        // A step of half an hour is a clock that was set; the mapping of stamps handles that.
         let ns = last_ns.saturating_add(u64::from(ahead_us) * 1_000);
         self.last = Some((stamp_us, ns));
         Ok(ns)

@@ -2,10 +2,10 @@
 
 use serde_json::{Value, json};
 
-/// How a finding bears on flying.
+/// How a finding affects flights.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Grade {
-    /// jink does not fly, or would not fly safely, before this is mended.
+pub enum Severity {
+    /// jink does not fly, or would not fly safely, before this is corrected.
     Blocker,
     /// It flies, worse than it could.
     Warning,
@@ -13,11 +13,11 @@ pub enum Grade {
     Good,
 }
 
-/// One of them.
+/// A finding.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// How it bears on flying.
-    pub grade: Grade,
+    /// How it affects flights.
+    pub grade: Severity,
     /// What it is about: a key, a message, a parameter.
     pub about: String,
     /// What is.
@@ -30,7 +30,7 @@ impl Finding {
     /// Nothing is to be done.
     pub fn good(about: impl Into<String>, is: impl Into<String>) -> Self {
         Self {
-            grade: Grade::Good,
+            grade: Severity::Good,
             about: about.into(),
             is: is.into(),
             remedy: String::new(),
@@ -40,7 +40,7 @@ impl Finding {
     /// `remedy` makes it better.
     pub fn warning(about: impl Into<String>, is: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self {
-            grade: Grade::Warning,
+            grade: Severity::Warning,
             remedy: remedy.into(),
             ..Self::good(about, is)
         }
@@ -49,17 +49,17 @@ impl Finding {
     /// Nothing flies before `remedy` is done.
     pub fn blocker(about: impl Into<String>, is: impl Into<String>, remedy: impl Into<String>) -> Self {
         Self {
-            grade: Grade::Blocker,
+            grade: Severity::Blocker,
             ..Self::warning(about, is, remedy)
         }
     }
 
-    /// For whoever shows it.
+    /// As JSON.
     pub fn to_json(&self) -> Value {
         let grade = match self.grade {
-            Grade::Blocker => "blocker",
-            Grade::Warning => "warning",
-            Grade::Good => "good",
+            Severity::Blocker => "blocker",
+            Severity::Warning => "warning",
+            Severity::Good => "good",
         };
         json!({ "grade": grade, "about": self.about, "is": self.is, "remedy": self.remedy })
     }

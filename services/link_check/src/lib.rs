@@ -1,46 +1,45 @@
-//! The examination of a link before the flight: what keeps jink from flying, in words a person can act on.
+//! The check of a link before the flight: it reports what keeps jink from flying, with a remedy for each.
 //!
 //! | in | out |
 //! |---|---|
-//! | messages ([`Examination::take`]), what each link counts ([`Examination::notice`]), time | questions to the autopilot ([`Examination::step`]) |
-//! | the plan: profile, system id, links, highest speed | [`Finding`]s, each what is, how it bears on flying, what to do |
+//! | messages ([`LinkCheck::take`]), what each link counts ([`LinkCheck::set_counts`]), time | requests to the autopilot ([`LinkCheck::step`]) |
+//! | the plan: profile, system id, links, highest speed | [`Finding`]s, each with its subject, its effect on flights and its remedy |
 //!
 //! Pure, and harmless: no setpoint, no mode, no arming, no parameter is ever sent. Its heartbeat is that of an on-board
-//! computer (component 191), and goes out only until an autopilot is heard, because on some links nobody speaks before he is
-//! spoken to. No autopilot takes that for an obstacle avoidance.
+//! computer (component 191), and is sent only until an autopilot is received, because on some links the companion has
+//! to send first. No autopilot takes that for an obstacle avoidance.
 //!
-//! Findings stand in the order of causes: the link, the protocol, who is there, whether it is the right one, what it is asked and
-//! tells, its parameters, others who interfere. What follows from an earlier one is not told again, so the first blocker is the one to
-//! mend first. Every threshold is in `limits` with its reason.
+//! Findings are in the order of causes: the link, the protocol, the autopilot and whether it is the right one, its
+//! answers, its parameters, other senders that interfere. What follows from an earlier finding is not reported again,
+//! so the first blocker is the one to correct first. Every threshold is in `limits` with its reason.
 
-mod ear;
+mod active_probe;
 mod finding;
-mod heard;
-mod interview;
 mod judge;
 mod limits;
+mod observations;
+mod passive_probe;
 #[cfg(test)]
 mod tests;
 mod tool;
 
-pub use ear::{Counts, Ear};
-pub use finding::{Finding, Grade};
-pub use interview::parameters as examined_parameters;
+pub use active_probe::parameters as examined_parameters;
+pub use finding::{Finding, Severity};
+pub use passive_probe::{Counts, PassiveProbe};
 pub use tool::run;
 
-use heard::Heard;
-use interview::{ASKER, Interview};
+use active_probe::{ActiveProbe, OWN_COMPONENT};
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::fit::{Fit, MatchingProfile};
-use jink_mavlink_link::latch::ALIVE_S;
-use jink_mavlink_link::latch::Latch;
-use jink_mavlink_link::latch::{is_autopilot, speaks_as_autopilot};
 use jink_mavlink_link::links::{LinkSetup, SetupError};
-use jink_mavlink_link::make::Make;
 use jink_mavlink_link::message::{
     Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Receipt, Received,
 };
 use jink_mavlink_link::profile_name::{ProfileChoice, ProfileName, UnknownName};
 use jink_mavlink_link::ticker::Ticker;
+use jink_mavlink_link::vehicle_selector::ALIVE_S;
+use jink_mavlink_link::vehicle_selector::VehicleSelector;
+use jink_mavlink_link::vehicle_selector::{is_autopilot, is_from_autopilot};
 use jink_runtime::config::{Config, Purpose};
 use jink_shared_types::Timestamp;
 use jink_shared_types::link::ProfileFit;
@@ -49,14 +48,15 @@ use limits::LISTEN_S;
 use mavlink::dialects::ardupilotmega::{
     HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
 };
+use observations::Observations;
 use std::fmt;
 
 /// What jink is configured for.
 #[derive(Clone, Debug)]
 pub struct Plan {
-    /// How setpoints will be spoken.
+    /// How setpoints will be sent.
     pub profile: ProfileChoice,
-    /// The vehicle's system id; `None` = that of the only autopilot heard.
+    /// The vehicle's system id; `None` = that of the only autopilot received.
     pub system_id: Option<u8>,
     /// The highest speed of a planned motion (m/s).
     pub speed_max_mps: f64,
@@ -103,7 +103,7 @@ impl std::error::Error for PlanError {
 }
 
 impl Plan {
-    /// What `config` says.
+    /// From the configuration.
     ///
     /// # Errors
     /// [`PlanError`].
@@ -125,7 +125,7 @@ impl Plan {
     }
 
     /// Whether an autopilot is looked for on link `index`.
-    fn looks_on(&self, index: u8) -> bool {
+    fn expects_autopilot_on(&self, index: u8) -> bool {
         let link = self.links.get(usize::from(index));
         link.is_some_and(|link| link.purpose == Purpose::Autopilot)
     }
@@ -133,34 +133,34 @@ impl Plan {
 
 /// What is known of one link.
 #[derive(Clone, Debug, Default)]
-struct Line {
+struct LinkState {
     counts: Counts,
     /// Why it could not be opened.
     failure: Option<String>,
 }
 
-/// The examination.
+/// The check of all links.
 #[derive(Debug)]
-pub struct Examination {
+pub struct LinkCheck {
     plan: Plan,
     patience_s: f64,
     begin: Timestamp,
-    lines: Vec<Line>,
-    heard: Heard,
-    latch: Latch,
-    interview: Option<Interview>,
-    /// The profile that is examined; where jink chooses it, `None` until that is known.
+    link_states: Vec<LinkState>,
+    observations: Observations,
+    selector: VehicleSelector,
+    probe: Option<ActiveProbe>,
+    /// The profile that is checked; where jink chooses it, `None` until that is known.
     profile: Option<ProfileName>,
     fit: Fit,
-    greeting: Ticker,
+    heartbeat_timer: Ticker,
 }
 
-impl Examination {
-    /// Of what `plan` says, for `patience_s` at most.
+impl LinkCheck {
+    /// A check of `plan`, for `patience_s` at most.
     pub fn new(plan: Plan, patience_s: f64) -> Self {
         Self {
-            lines: vec![Line::default(); plan.links.len()],
-            latch: Latch::new(plan.system_id),
+            link_states: vec![LinkState::default(); plan.links.len()],
+            selector: VehicleSelector::new(plan.system_id),
             profile: match plan.profile {
                 ProfileChoice::Auto => None,
                 ProfileChoice::Fixed(profile) => Some(profile),
@@ -169,98 +169,102 @@ impl Examination {
             plan,
             patience_s,
             begin: Timestamp::NEVER,
-            heard: Heard::default(),
-            interview: None,
-            greeting: Ticker::new(1.0),
+            observations: Observations::default(),
+            probe: None,
+            heartbeat_timer: Ticker::new(1.0),
         }
     }
 
     /// Link `index` could not be opened.
-    pub fn fail(&mut self, index: usize, cause: String) {
-        if let Some(line) = self.lines.get_mut(index) {
+    pub fn link_failed(&mut self, index: usize, cause: String) {
+        if let Some(line) = self.link_states.get_mut(index) {
             line.failure = Some(cause);
         }
     }
 
     /// What link `index` has counted so far.
-    pub fn notice(&mut self, index: usize, counts: Counts) {
-        if let Some(line) = self.lines.get_mut(index) {
+    pub fn set_counts(&mut self, index: usize, counts: Counts) {
+        if let Some(line) = self.link_states.get_mut(index) {
             line.counts = counts;
         }
     }
 
     /// Takes one message.
     pub fn take(&mut self, received: &Received) {
-        self.heard.take(received);
+        self.observations.take(received);
         let Content::Message(message) = &received.content else {
             return;
         };
         let Ok(system_id) = u8::try_from(received.header.system_id) else {
             return;
         };
-        if received.header.component_id != COMPONENT_AUTOPILOT || !self.plan.looks_on(received.link) {
+        if received.header.component_id != COMPONENT_AUTOPILOT
+            || !self.plan.expects_autopilot_on(received.link)
+        {
             return;
         }
         let time = received.time;
-        if speaks_as_autopilot(message) {
-            self.latch.hear(system_id, time);
+        if is_from_autopilot(message) {
+            self.selector.observe(system_id, time);
         }
-        if self.latch.system_id(time) != Some(system_id) || !self.latch.is_heard_on(received.link, time) {
+        if self.selector.system_id(time) != Some(system_id)
+            || !self.selector.is_selected_link(received.link, time)
+        {
             return;
         }
         if let MavMessage::HEARTBEAT(heartbeat) = message
             && is_autopilot(heartbeat)
-            && self.interview.is_none()
+            && self.probe.is_none()
         {
-            self.interview = Some(Interview::new(system_id, heartbeat.clone(), time, self.profile));
+            self.probe = Some(ActiveProbe::new(system_id, heartbeat.clone(), time, self.profile));
         }
         self.choose(time, message);
-        if let Some(interview) = &mut self.interview
-            && interview.system_id() == system_id
+        if let Some(probe) = &mut self.probe
+            && probe.system_id() == system_id
         {
-            interview.take(time, message);
+            probe.take(time, message);
         }
     }
 
-    /// Where that is left to jink, the autopilot's answers choose the profile; then it is examined for that one.
+    /// Where the choice is left to jink, the autopilot's answers choose the profile; then it is checked for that one.
     fn choose(&mut self, time: Timestamp, message: &MavMessage) {
         self.fit.take(message);
-        let Some(interview) = self.interview.as_ref().filter(|_| self.profile.is_none()) else {
+        let Some(probe) = self.probe.as_ref().filter(|_| self.profile.is_none()) else {
             return;
         };
         if let MatchingProfile::Profile(profile) = self.fit.matching_profile() {
             self.profile = Some(profile);
-            self.interview = Some(Interview::new(
-                interview.system_id(),
-                interview.heartbeat.clone(),
+            self.probe = Some(ActiveProbe::new(
+                probe.system_id(),
+                probe.heartbeat.clone(),
                 time,
                 Some(profile),
             ));
         }
     }
 
-    /// Appends what is to be said now.
+    /// Appends the messages to send now.
     pub fn step(&mut self, now: Timestamp, out: &mut Vec<Outgoing>) {
         if !self.begin.is_set() {
             self.begin = now;
         }
         let nobody = self.autopilots().is_empty();
-        if nobody && self.greeting.take(now) {
+        if nobody && self.heartbeat_timer.take(now) {
             for index in (0..self.plan.links.len()).filter_map(|index| u8::try_from(index).ok()) {
-                if self.plan.looks_on(index) {
-                    out.push(outgoing(self.latch.greeting_id(), index, greeting()));
+                if self.plan.expects_autopilot_on(index) {
+                    out.push(outgoing(self.selector.default_id(), index, own_heartbeat()));
                 }
             }
         }
-        if self.latch.system_id(now).is_none() {
+        if self.selector.system_id(now).is_none() {
             return;
         }
-        let link = self.latch.link();
-        if let Some(interview) = &mut self.interview {
+        let link = self.selector.link();
+        if let Some(probe) = &mut self.probe {
             let mut messages = Vec::new();
-            let system_id = interview.system_id();
+            let system_id = probe.system_id();
             match self.profile {
-                Some(_) => interview.speak(now, &mut messages),
+                Some(_) => probe.send(now, &mut messages),
                 None => messages.extend(self.fit.question(
                     now,
                     ProfileFit::Unknown,
@@ -275,35 +279,35 @@ impl Examination {
         }
     }
 
-    /// Whether nothing more is to be learned, or patience is at its end.
+    /// Whether nothing more can be found out, or the time is over.
     pub fn is_done(&self, now: Timestamp) -> bool {
-        let looked_for = self.plan.links.iter().zip(&self.lines);
+        let looked_for = self.plan.links.iter().zip(&self.link_states);
         let all_failed = looked_for
             .filter(|(link, _)| link.purpose == Purpose::Autopilot)
             .all(|(_, line)| line.failure.is_some());
-        let settled = self.interview.as_ref().is_some_and(|interview| {
-            let alive = now.seconds_since(interview.last) <= ALIVE_S;
-            alive && interview.age_s(now) >= LISTEN_S && interview.is_settled()
+        let settled = self.probe.as_ref().is_some_and(|probe| {
+            let alive = now.seconds_since(probe.last) <= ALIVE_S;
+            alive && probe.age_s(now) >= LISTEN_S && probe.is_settled()
         });
         let passed_s = if self.begin.is_set() {
             now.seconds_since(self.begin)
         } else {
             0.0
         };
-        // Autopilots, and it is not said which: time tells nothing more.
+        // Several autopilots and no configured id: more time does not help.
         let undecided =
-            !self.autopilots().is_empty() && self.latch.system_id(now).is_none() && passed_s >= LISTEN_S;
+            !self.autopilots().is_empty() && self.selector.system_id(now).is_none() && passed_s >= LISTEN_S;
         all_failed || settled || undecided || passed_s >= self.patience_s
     }
 
-    /// What is going on, for whoever waits.
+    /// A line of progress.
     pub fn progress(&self, now: Timestamp) -> String {
         let left_s = (self.patience_s - now.seconds_since(self.begin)).max(0.0);
-        let doing = match &self.interview {
+        let doing = match &self.probe {
             None if self.autopilots().is_empty() => "listening for an autopilot".to_owned(),
             None => "listening".to_owned(),
-            Some(interview) => {
-                let (done, all) = interview.progress();
+            Some(probe) => {
+                let (done, all) = probe.progress();
                 format!(
                     "{}: {done} of {all} questions answered, streams are watched",
                     self.subject()
@@ -313,19 +317,19 @@ impl Examination {
         format!("{doing} ({left_s:.0} s at most)")
     }
 
-    /// Whom this is about, in a person's words: `PX4 1.15.2, quadrotor, system 1`.
+    /// The autopilot in words: `PX4 1.15.2, quadrotor, system 1`.
     pub fn subject(&self) -> String {
-        let Some(interview) = &self.interview else {
+        let Some(probe) = &self.probe else {
             return "no autopilot".to_owned();
         };
-        let version = interview
+        let version = probe
             .version
             .map_or(String::new(), |version| format!(" {version}"));
         format!(
             "{}{version}, {}, system {}",
-            make_name(interview.make()),
-            kind_name(interview.heartbeat.mavtype),
-            interview.system_id()
+            autopilot_name(probe.autopilot_type()),
+            vehicle_type_name(probe.heartbeat.mavtype),
+            probe.system_id()
         )
     }
 
@@ -334,15 +338,17 @@ impl Examination {
         judge::judge(self, now)
     }
 
-    /// Systems of the autopilots heard where one is looked for.
+    /// Systems of the autopilots observations where one is looked for.
     fn autopilots(&self) -> Vec<u32> {
-        let heard = self.heard.autopilots(|link| self.plan.looks_on(link));
-        heard.map(|sender| sender.system_id).collect()
+        let observations = self
+            .observations
+            .autopilots(|link| self.plan.expects_autopilot_on(link));
+        observations.map(|sender| sender.system_id).collect()
     }
 }
 
-/// Where nobody speaks before he is spoken to, this is what is said.
-fn greeting() -> MavMessage {
+/// Sent on links on which the companion has to send first.
+fn own_heartbeat() -> MavMessage {
     MavMessage::HEARTBEAT(HEARTBEAT_DATA {
         custom_mode: 0,
         mavtype: MavType::MAV_TYPE_ONBOARD_CONTROLLER,
@@ -356,23 +362,23 @@ fn greeting() -> MavMessage {
 fn outgoing(system_id: u8, link: u8, message: MavMessage) -> Outgoing {
     Outgoing {
         system_id,
-        component_id: ASKER,
+        component_id: OWN_COMPONENT,
         body: Body::Message(message),
         to: Destination::Link(link),
         receipt: Receipt::Plain,
     }
 }
 
-fn make_name(make: Option<Make>) -> &'static str {
-    match make {
-        Some(Make::Px4) => "PX4",
-        Some(Make::ArduPilot) => "ArduPilot",
+fn autopilot_name(autopilot_type: Option<AutopilotType>) -> &'static str {
+    match autopilot_type {
+        Some(AutopilotType::Px4) => "PX4",
+        Some(AutopilotType::ArduPilot) => "ArduPilot",
         None => "an unknown autopilot",
     }
 }
 
 /// What MAVLink calls the vehicle, in small letters.
-fn kind_name(kind: MavType) -> String {
+fn vehicle_type_name(kind: MavType) -> String {
     let name = format!("{kind:?}");
     let short = name.strip_prefix("MAV_TYPE_").unwrap_or(&name);
     short.to_lowercase().replace('_', " ")

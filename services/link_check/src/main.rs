@@ -1,4 +1,4 @@
-//! The examination of the links before the flight: see the library.
+//! The check of the links before the flight: see the library.
 
 use std::process::ExitCode;
 

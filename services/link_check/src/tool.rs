@@ -1,11 +1,11 @@
-//! The examination as a process: `jink-link-check`, started by `jink check link`.
+//! The check as a process: `jink-link-check`, started by `jink check link`.
 //!
 //! | in | out, one JSON object a line |
 //! |---|---|
 //! | the configuration, merged, on standard input; `--seconds S --stamps FILE` | `{"progress": …}` while it listens |
 //! | the links | `{"findings": […], "subject": …, "seconds": …}` at the end, or `{"refused": …}` if the configuration is no plan |
 
-use super::{Ear, Examination, Plan, PlanError};
+use super::{LinkCheck, PassiveProbe, Plan, PlanError};
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::link::{Link, LinkError};
 use jink_mavlink_link::links::LinkSetup;
@@ -21,29 +21,29 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// What the examination may say between two looks at the clock: a request each 50 ms needs no finer one.
-const LOOK_NS: i64 = 10_000_000;
-/// How often progress is told (s).
+/// Time between two steps: a request each 50 ms needs no finer one (ns).
+const POLL_NS: i64 = 10_000_000;
+/// How often progress is reported_at (s).
 const PROGRESS_S: f64 = 0.5;
 /// Messages taken at once from one link.
 const MESSAGES_MAX: usize = 256;
 /// Without `--seconds`.
 const SECONDS: f64 = 15.0;
 
-/// Why nothing can be examined.
+/// Why nothing can be checked.
 #[derive(Debug)]
 enum ToolError {
     /// The configuration cannot be read.
     Input(std::io::Error),
     /// It is none.
     Config(ConfigError),
-    /// It describes nothing that can be examined.
+    /// It describes nothing that can be checked.
     Plan(PlanError),
     /// The stamps of signatures cannot be kept.
     Stamps {
         /// Their file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
 }
@@ -62,46 +62,49 @@ impl fmt::Display for ToolError {
 }
 
 /// One link, open.
-struct Line {
+struct OpenLink {
     index: usize,
     link: Link,
-    ear: Ear,
+    passive_probe: PassiveProbe,
     encoder: Encoder,
     setup: LinkSetup,
     signed: Box<[u8; SIGNED_FRAME_MAX]>,
 }
 
-impl Line {
+impl OpenLink {
     fn open(index: usize, setup: &LinkSetup) -> Result<Self, LinkError> {
         let number = u8::try_from(index).unwrap_or(u8::MAX);
         let link = Link::open(setup.endpoint.clone())?
-            .answering(setup.answers())
+            .with_reply_policy(setup.reply_policy())
             .with_peers(setup.peers.clone())
             // So that types which the dialect does not know are no garbage.
             .among_others(number);
         Ok(Self {
             index,
             link,
-            ear: Ear::new(setup.clone()),
+            passive_probe: PassiveProbe::new(setup.clone()),
             encoder: Encoder::new(),
             setup: setup.clone(),
             signed: Box::new([0; SIGNED_FRAME_MAX]),
         })
     }
 
-    fn hear(&mut self, received: &mut Vec<Received>, examination: &mut Examination) {
+    fn receive(&mut self, received: &mut Vec<Received>, check: &mut LinkCheck) {
         received.clear();
-        // A line that breaks is seen by its silence.
-        let _broken = self
+        // A link that breaks is found by its silence.
+        let _ = self
             .link
-            .receive_through(jink_runtime::now, received, &mut self.ear);
+            .receive_through(jink_runtime::now, received, &mut self.passive_probe);
         for message in received.iter() {
-            examination.take(message);
+            check.take(message);
         }
-        examination.notice(self.index, self.ear.counts().with_link(self.link.counters()));
+        check.set_counts(
+            self.index,
+            self.passive_probe.counts().with_link(self.link.counters()),
+        );
     }
 
-    fn say(&mut self, message: &Outgoing, stamps: Option<&mut StampKeeper>) {
+    fn send(&mut self, message: &Outgoing, stamps: Option<&mut StampKeeper>) {
         let frame = self
             .encoder
             .encode(message.system_id, message.component_id, &message.body);
@@ -112,31 +115,31 @@ impl Line {
             None => Some(frame),
         };
         if let Some(bytes) = bytes {
-            // What does not leave is not answered, and that is told.
-            let _unsent = self.link.send(jink_runtime::now(), bytes);
+            // A message that does not leave is not answered, and that is reported.
+            let _ = self.link.send(jink_runtime::now(), bytes);
         }
     }
 }
 
-/// The stamps that the gateway uses, so that ours are newer than its last and its next are newer than ours; `None` where no link
-/// is signed.
+/// The stamps that the gateway uses, so that ours are newer than its last and its next are newer than ours; `None`
+/// where no link is signed.
 fn keeper(plan: &Plan, path: &Path) -> Result<Option<StampKeeper>, ToolError> {
     if plan.links.iter().all(|link| link.signing == Signing::Off) {
         return Ok(None);
     }
-    let said = |source| ToolError::Stamps {
+    let error = |source| ToolError::Stamps {
         path: path.to_owned(),
         source,
     };
     if let Some(folder) = path.parent() {
-        std::fs::create_dir_all(folder).map_err(said)?;
+        std::fs::create_dir_all(folder).map_err(error)?;
     }
-    let mut keeper = StampKeeper::open(path).map_err(said)?;
-    keeper.begin(stamps::wall()).map_err(said)?;
+    let mut keeper = StampKeeper::open(path).map_err(error)?;
+    keeper.begin(stamps::wall()).map_err(error)?;
     Ok(Some(keeper))
 }
 
-/// Runs `jink-link-check` with the arguments behind that word.
+/// Runs `jink-link-check` with its arguments.
 pub fn run(arguments: &[String]) -> ExitCode {
     let after = |flag: &str| {
         let at = arguments.iter().position(|argument| argument == flag)?;
@@ -153,11 +156,11 @@ pub fn run(arguments: &[String]) -> ExitCode {
     let (plan, keeper) = match planned {
         Ok(planned) => planned,
         Err(refused) => {
-            say(&json!({ "refused": refused.to_string() }));
+            print_line(&json!({ "refused": refused.to_string() }));
             return ExitCode::SUCCESS;
         }
     };
-    examine(plan, seconds, keeper);
+    check_links(plan, seconds, keeper);
     ExitCode::SUCCESS
 }
 
@@ -170,72 +173,68 @@ fn plan() -> Result<Plan, ToolError> {
     Plan::of(&config).map_err(ToolError::Plan)
 }
 
-fn examine(plan: Plan, seconds: f64, mut stamps: Option<StampKeeper>) {
+fn check_links(plan: Plan, seconds: f64, mut stamps: Option<StampKeeper>) {
     let setups = plan.links.clone();
-    let mut examination = Examination::new(plan, seconds);
+    let mut check = LinkCheck::new(plan, seconds);
     let mut lines = Vec::new();
     for (index, setup) in setups.iter().enumerate() {
-        match Line::open(index, setup) {
+        match OpenLink::open(index, setup) {
             Ok(line) => lines.push(line),
-            Err(cause) => examination.fail(index, cause.to_string()),
+            Err(cause) => check.link_failed(index, cause.to_string()),
         }
     }
     let begin = jink_runtime::now();
     let mut received = Vec::with_capacity(MESSAGES_MAX);
     let mut out = Vec::new();
-    let mut told = Timestamp::NEVER;
+    let mut reported_at = Timestamp::NEVER;
     let end = loop {
         for line in &mut lines {
-            line.hear(&mut received, &mut examination);
+            line.receive(&mut received, &mut check);
         }
         let now = jink_runtime::now();
-        examination.step(now, &mut out);
+        check.step(now, &mut out);
         for message in out.drain(..) {
-            let to = |line: &&mut Line| message.to == Destination::Link(line.index as u8);
+            let to = |line: &&mut OpenLink| message.to == Destination::Link(line.index as u8);
             if let Some(line) = lines.iter_mut().find(to) {
-                line.say(&message, stamps.as_mut());
+                line.send(&message, stamps.as_mut());
             }
         }
-        if examination.is_done(now) {
+        if check.is_done(now) {
             break now;
         }
-        if !told.is_set() || now.seconds_since(told) >= PROGRESS_S {
-            told = now;
-            if !say(&json!({ "progress": examination.progress(now) })) {
+        if !reported_at.is_set() || now.seconds_since(reported_at) >= PROGRESS_S {
+            reported_at = now;
+            if !print_line(&json!({ "progress": check.progress(now) })) {
                 return;
             }
         }
         wait(&lines);
     };
-    let findings: Vec<Value> = examination
-        .findings(end)
-        .iter()
-        .map(super::Finding::to_json)
-        .collect();
-    say(&json!({
+    let findings: Vec<Value> = check.findings(end).iter().map(super::Finding::to_json).collect();
+    print_line(&json!({
         "findings": findings,
-        "subject": examination.subject(),
+        "subject": check.subject(),
         "seconds": end.seconds_since(begin),
     }));
 }
 
 /// Until something has come, or for a moment.
-fn wait(lines: &[Line]) {
+fn wait(lines: &[OpenLink]) {
     let mut fds: Vec<_> = lines
         .iter()
         .filter_map(|line| line.link.fd())
         .map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN))
         .collect();
-    let look = Timespec {
+    let timeout = Timespec {
         tv_sec: 0,
-        tv_nsec: LOOK_NS,
+        tv_nsec: POLL_NS,
     };
-    // A signal in between only means to look sooner.
-    let _interrupted = poll(&mut fds, Some(&look));
+    // A signal only means that the wait ends sooner.
+    let _ = poll(&mut fds, Some(&timeout));
 }
 
-/// One line for whoever has started this; `false` if nobody reads any more.
-fn say(line: &Value) -> bool {
+/// One line of output; `false` if the reader is gone.
+fn print_line(line: &Value) -> bool {
     let mut out = std::io::stdout().lock();
     writeln!(out, "{line}").and_then(|()| out.flush()).is_ok()
 }

@@ -52,27 +52,19 @@ pub mod assist;
 mod avoidance;
 mod baton;
 mod blockage;
-pub mod board;
-mod commands;
-pub mod computer;
 mod config;
 mod desired;
-mod desk;
 pub mod executive;
-mod files;
 mod gateway;
 mod io;
 mod note;
 mod obstacles;
-mod parameters;
 pub mod profile;
 
 mod radio_share;
 pub mod ranges;
 mod service;
-mod texts;
 mod vehicle;
-mod version;
 mod wire;
 
 pub use baton::Baton;

@@ -21,7 +21,7 @@
 //! To it the sectors are told from the border of that eighth on (`angle_offset`), so that each eighth is told in one piece. It reads
 //! OBSTACLE_DISTANCE as fixed to the body whatever its `frame` says; so it is, here.
 
-use jink_mavlink_link::make::Make;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::ring::{SECTORS, SectorRing};
 use jink_shared_types::{Reading, Timestamp};
 use mavlink::dialects::ardupilotmega::{MavDistanceSensor, MavFrame, MavMessage, OBSTACLE_DISTANCE_DATA};
@@ -42,7 +42,7 @@ const HALF_EIGHTH: usize = SECTORS / 8 / 2;
 const SECTOR_DEG: f32 = 360.0 / SECTORS as f32;
 
 /// The message for `ring` at `now`, to an autopilot of `make`.
-pub fn message(now: Timestamp, ring: Reading<'_, SectorRing>, make: Option<Make>) -> MavMessage {
+pub fn message(now: Timestamp, ring: Reading<'_, SectorRing>, make: Option<AutopilotType>) -> MavMessage {
     let mut data = OBSTACLE_DISTANCE_DATA {
         time_usec: now.ns / 1000,
         distances: [UNKNOWN_CM; SECTORS],
@@ -58,7 +58,7 @@ pub fn message(now: Timestamp, ring: Reading<'_, SectorRing>, make: Option<Make>
         data.time_usec = ring.header.capture.ns / 1000;
         fill(&mut data, &ring);
     }
-    if make == Some(Make::ArduPilot) {
+    if make == Some(AutopilotType::ArduPilot) {
         data.distances.rotate_right(HALF_EIGHTH);
         data.angle_offset = -(HALF_EIGHTH as f32) * SECTOR_DEG;
     }
@@ -132,13 +132,13 @@ fn centimetres(metres: f32) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::{UNKNOWN_CM, message};
-    use jink_mavlink_link::make::Make;
+    use jink_mavlink_link::autopilot_type::AutopilotType;
     use jink_shared_types::ring::{SECTORS, SectorRing};
     use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
     use mavlink::dialects::ardupilotmega::{MavFrame, MavMessage, OBSTACLE_DISTANCE_DATA};
     use proptest::prelude::*;
 
-    fn sent_to(make: Make, ring: &SectorRing) -> OBSTACLE_DISTANCE_DATA {
+    fn sent_to(make: AutopilotType, ring: &SectorRing) -> OBSTACLE_DISTANCE_DATA {
         let header = SampleHeader::at(Timestamp::from_seconds(3.0));
         let reading = Reading::Fresh(Stamped {
             sample: ring,
@@ -151,7 +151,7 @@ mod tests {
     }
 
     fn sent(ring: &SectorRing) -> OBSTACLE_DISTANCE_DATA {
-        sent_to(Make::Px4, ring)
+        sent_to(AutopilotType::Px4, ring)
     }
 
     fn ring(reach_m: f32) -> SectorRing {
@@ -235,7 +235,7 @@ mod tests {
         for sector in 0..SECTORS {
             ring.distance_m[sector] = 1.0 + sector as f32 * 0.1;
         }
-        let data = sent_to(Make::ArduPilot, &ring);
+        let data = sent_to(AutopilotType::ArduPilot, &ring);
         let eighth = |degrees: f32| ((degrees + 22.5).rem_euclid(360.0) / 45.0) as usize;
         let degrees = |element: usize| data.angle_offset + element as f32 * data.increment_f;
         for element in 0..SECTORS {

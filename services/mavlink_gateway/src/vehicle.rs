@@ -11,7 +11,7 @@
 //! its place in the world.
 
 use crate::executive::record::{LandedState, Record};
-use jink_mavlink_link::make::Make;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::frames::{AngularRate, Attitude, unit_quaternion};
 use jink_shared_types::vehicle::{NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, LocalNed, Point, Timestamp, Velocity};
@@ -21,7 +21,7 @@ use mavlink::dialects::ardupilotmega::{
 };
 use nalgebra::Vector3;
 
-use jink_mavlink_link::latch::ALIVE_S;
+use jink_mavlink_link::vehicle_selector::ALIVE_S;
 /// Coordinates beyond this (m) are no position: single precision resolves only decimetres there.
 pub const MAX_COORDINATE_M: f64 = 1e6;
 /// Speeds beyond this (m/s) are no measurement of a multicopter.
@@ -126,7 +126,7 @@ pub struct VehicleTracker {
     position_stamp: Stamp,
     attitude_stamp: Stamp,
     heard: Timestamp,
-    make: Option<Make>,
+    make: Option<AutopilotType>,
     mode: NavMode,
     custom_mode: u32,
     heartbeat_mode: (NavMode, bool),
@@ -217,13 +217,18 @@ impl VehicleTracker {
     }
 
     /// Whose firmware it is; `None` not heard yet, or not known here.
-    pub fn make(&self) -> Option<Make> {
+    pub fn make(&self) -> Option<AutopilotType> {
         self.make
     }
 
     /// Motors armed, as the last heartbeat said.
     pub fn is_armed(&self) -> bool {
         self.armed
+    }
+
+    /// The same; `None` before a heartbeat was received.
+    pub fn armed(&self) -> Option<bool> {
+        self.heartbeat_heard.then_some(self.armed)
     }
 
     /// Neither on the ground nor on its way up from it; not before that was told.
@@ -245,7 +250,7 @@ impl VehicleTracker {
 
     /// Takes the mode and the arming state.
     pub fn take_heartbeat(&mut self, heartbeat: &HEARTBEAT_DATA) {
-        self.make = Make::of(heartbeat.autopilot);
+        self.make = AutopilotType::of(heartbeat.autopilot);
         self.take_mode(heartbeat.custom_mode);
         self.heartbeat_heard = true;
         self.armed = heartbeat

@@ -1,8 +1,9 @@
-//! What a slow link carries: a bucket of bytes that fills at the link's speed, from which the urgent may take more than the rest.
+//! What a slow link carries: a bucket of bytes that fills at the link's speed, from which the urgent may take more than
+//! the rest.
 //!
 //! | in | out |
 //! |---|---|
-//! | time, [`Class`] and size of a message | whether it goes out now ([`Budget::admits`]) |
+//! | time, [`TrafficClass`] and size of a message | whether it goes out now ([`Budget::admits`]) |
 //! | the same over two seconds | whether the link carries what a flight needs ([`Budget::judge`]) |
 //!
 //! Three rules let a message out, and each has its reason:
@@ -13,8 +14,8 @@
 //! - Its class has not used up what the more urgent ones leave: nothing less urgent keeps them waiting later, and the line
 //!   does not stand full, which would make every setpoint late. What they take is measured, about a second back.
 //!
-//! Obstacle maps are needed five times a second. Those beyond that are a luxury and come last, so that ground stations
-//! are heard on a link that is just fast enough.
+//! Obstacle maps are needed five times a second. Those beyond that are surplus and come last, so that a link that is
+//! just fast enough still carries the ground stations' traffic.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::link::CLASSES;
@@ -32,7 +33,7 @@ use mavlink::dialects::ardupilotmega::{
 
 /// How urgent a message is; the number is its place in the counters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Class {
+pub enum TrafficClass {
     /// HEARTBEAT: without it PX4 gives the companion up.
     Heartbeat = 0,
     /// What the vehicle flies.
@@ -49,7 +50,7 @@ pub enum Class {
     Forwarded = 6,
 }
 
-impl Class {
+impl TrafficClass {
     /// All, the most urgent first.
     pub const ALL: [Self; CLASSES.len()] = [
         Self::Heartbeat,
@@ -61,7 +62,7 @@ impl Class {
         Self::Forwarded,
     ];
 
-    /// The class of a message of ours.
+    /// The class of a message that we send.
     #[allow(deprecated)]
     pub fn of(message_id: u32) -> Self {
         match message_id {
@@ -82,8 +83,8 @@ impl Class {
         }
     }
 
-    /// What the bucket keeps for one turn of this class (bytes): its longest message, signed. Two of our components have
-    /// heartbeats; TIMESYNC comes in pairs, a request and an answer; the longest setpoint is WAYPOINTS.
+    /// What the bucket keeps for one turn of this class (bytes): its longest message, signed. Two of our components
+    /// have heartbeats; TIMESYNC comes in pairs, a request and an answer; the longest setpoint is WAYPOINTS.
     fn reserve_bytes(self) -> f64 {
         match self {
             Self::Heartbeat => 2.0 * 34.0,
@@ -109,18 +110,19 @@ impl Class {
 
 /// Obstacle maps that are needed (Hz): PX4 and ArduPilot stop believing them after half a second, and two may get lost.
 pub const OBSTACLES_NEEDED_HZ: f64 = 5.0;
-/// Needed maps that may have been saved up (1): two, so that seven a second are thinned to five and not to three and a half.
+/// Needed maps that may have been saved up (1): two, so that seven a second are thinned to five and not to three and a
+/// half.
 const SAVED_UP: f64 = 2.0;
 /// Time that a fast link's bucket holds (s): what bursts at most before the next one.
 const DEPTH_S: f64 = 0.1;
-/// Part of the speed that is given away (1): the last bit would only make a queue.
+/// Part of the speed that is used (1): the last bit would only build a queue.
 const LOAD: f64 = 0.98;
 /// How far back it is measured what a class asks for (s): as long as the rarest regular message, a heartbeat, is apart.
 const MEASURED_S: f64 = 1.0;
 /// A class may have saved up so many of its longest messages (1): two come at once where two streams meet.
 const SAVED_MESSAGES: f64 = 2.0;
 /// Obstacle maps beyond those that are needed: less urgent than all classes.
-const LUXURY: usize = CLASSES.len();
+const SURPLUS: usize = CLASSES.len();
 /// How long traffic is watched before it is judged (s).
 const WINDOW_S: f64 = 2.0;
 /// Good windows in a row before a slow link counts as fast again.
@@ -130,7 +132,7 @@ const ENOUGH: f64 = 0.9;
 
 /// What has changed about a link.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Change {
+pub enum CapacityChange {
     /// It does not carry what a flight needs.
     Slow {
         /// What it carries (bytes/s).
@@ -144,7 +146,7 @@ pub enum Change {
 
 /// What was to be sent in a window.
 #[derive(Clone, Copy, Debug, Default)]
-struct Window {
+struct TrafficWindow {
     urgent_bytes: f64,
     urgent_refused: bool,
     obstacles: f64,
@@ -154,7 +156,7 @@ struct Window {
 
 /// What one class asks for and may have.
 #[derive(Clone, Copy, Debug, Default)]
-struct Share {
+struct ClassShare {
     asks_bps: f64,
     held_bytes: f64,
     depth_bytes: f64,
@@ -168,9 +170,9 @@ pub struct Budget {
     held_bytes: f64,
     filled: Timestamp,
     obstacles_saved: f64,
-    /// Per class, and of the luxury.
-    shares: [Share; LUXURY + 1],
-    window: Window,
+    /// Per class, and of the surplus.
+    shares: [ClassShare; SURPLUS + 1],
+    window: TrafficWindow,
     window_end: Timestamp,
     is_slow: bool,
     good_windows: u32,
@@ -179,8 +181,8 @@ pub struct Budget {
 impl Budget {
     /// For a link that carries `rate_bps` (bytes/s).
     pub fn new(rate_bps: f64) -> Self {
-        let needed: f64 = Class::ALL.iter().map(|class| class.reserve_bytes()).sum();
-        let depth_bytes = (needed + Class::Obstacles.reserve_bytes()).max(rate_bps * DEPTH_S);
+        let needed: f64 = TrafficClass::ALL.iter().map(|class| class.reserve_bytes()).sum();
+        let depth_bytes = (needed + TrafficClass::Obstacles.reserve_bytes()).max(rate_bps * DEPTH_S);
         Self {
             rate_bps,
             depth_bytes,
@@ -188,15 +190,18 @@ impl Budget {
             filled: Timestamp::NEVER,
             obstacles_saved: SAVED_UP,
             shares: std::array::from_fn(|place| {
-                let class = Class::ALL.get(place).copied().unwrap_or(Class::Obstacles);
+                let class = TrafficClass::ALL
+                    .get(place)
+                    .copied()
+                    .unwrap_or(TrafficClass::Obstacles);
                 let depth_bytes = (SAVED_MESSAGES * class.reserve_bytes()).max(rate_bps * DEPTH_S);
-                Share {
+                ClassShare {
                     asks_bps: 0.0,
                     held_bytes: depth_bytes,
                     depth_bytes,
                 }
             }),
-            window: Window::default(),
+            window: TrafficWindow::default(),
             window_end: Timestamp::NEVER,
             is_slow: false,
             good_windows: 0,
@@ -204,26 +209,26 @@ impl Budget {
     }
 
     /// Whether a message of `bytes` bytes goes out now; if so, they are taken.
-    pub fn admits(&mut self, now: Timestamp, class: Class, bytes: usize) -> bool {
+    pub fn admits(&mut self, now: Timestamp, class: TrafficClass, bytes: usize) -> bool {
         self.fill(now);
         let bytes = bytes as f64;
-        let is_luxury = class == Class::Obstacles && self.obstacles_saved < 1.0;
-        let (place, floor_bytes) = if is_luxury {
-            let all = Class::Forwarded.floor_bytes() + Class::Forwarded.reserve_bytes();
-            (LUXURY, all)
+        let is_surplus = class == TrafficClass::Obstacles && self.obstacles_saved < 1.0;
+        let (place, floor_bytes) = if is_surplus {
+            let all = TrafficClass::Forwarded.floor_bytes() + TrafficClass::Forwarded.reserve_bytes();
+            (SURPLUS, all)
         } else {
             (class as usize, class.floor_bytes())
         };
         let share = &mut self.shares[place];
         share.asks_bps += bytes / MEASURED_S;
-        // Heartbeats and setpoints leave nothing to anybody: the bucket alone decides.
-        let is_in_share = class <= Class::Setpoint || share.held_bytes >= bytes;
+        // Heartbeats and setpoints may use the whole link: the bucket alone decides.
+        let is_in_share = class <= TrafficClass::Setpoint || share.held_bytes >= bytes;
         let admitted = is_in_share && self.held_bytes - bytes >= floor_bytes;
         if admitted {
             self.held_bytes -= bytes;
             share.held_bytes -= bytes;
         }
-        if class == Class::Obstacles && !is_luxury {
+        if class == TrafficClass::Obstacles && !is_surplus {
             self.obstacles_saved -= 1.0;
         }
         self.note(class, bytes, admitted);
@@ -247,20 +252,20 @@ impl Budget {
         self.filled = self.filled.max(now);
     }
 
-    fn note(&mut self, class: Class, bytes: f64, admitted: bool) {
+    fn note(&mut self, class: TrafficClass, bytes: f64, admitted: bool) {
         let window = &mut self.window;
-        if class <= Class::Answer {
+        if class <= TrafficClass::Answer {
             window.urgent_bytes += bytes;
             window.urgent_refused |= !admitted;
-        } else if class == Class::Obstacles {
+        } else if class == TrafficClass::Obstacles {
             window.obstacles += 1.0;
             window.obstacles_bytes += bytes;
             window.obstacles_sent += f64::from(u8::from(admitted));
         }
     }
 
-    /// Judges the traffic of the last window, when one has ended; tells what has changed.
-    pub fn judge(&mut self, now: Timestamp) -> Option<Change> {
+    /// Judges the traffic of the last window, when one has ended; returns what has changed.
+    pub fn judge(&mut self, now: Timestamp) -> Option<CapacityChange> {
         if now < self.window_end {
             return None;
         }
@@ -276,14 +281,14 @@ impl Budget {
         if is_bad && !self.is_slow {
             self.is_slow = true;
             let maps_bytes = needed * window.obstacles_bytes / window.obstacles.max(1.0);
-            return Some(Change::Slow {
+            return Some(CapacityChange::Slow {
                 carries_bps: self.rate_bps,
                 needed_bps: (window.urgent_bytes + maps_bytes) / WINDOW_S,
             });
         }
         if self.is_slow && self.good_windows >= GOOD_WINDOWS {
             self.is_slow = false;
-            return Some(Change::FastAgain);
+            return Some(CapacityChange::FastAgain);
         }
         None
     }
@@ -291,7 +296,7 @@ impl Budget {
 
 #[cfg(test)]
 mod tests {
-    use super::{Budget, Change, Class, OBSTACLES_NEEDED_HZ};
+    use super::{Budget, CapacityChange, OBSTACLES_NEEDED_HZ, TrafficClass};
     use jink_shared_types::Timestamp;
     use proptest::prelude::*;
 
@@ -299,10 +304,14 @@ mod tests {
         Timestamp::from_seconds(10.0 + s)
     }
 
-    /// Offers messages for 20 s; answers how many a second of each class got through in the second half, and every change.
-    fn offer(rate_bps: f64, streams: &[(Class, usize, f64)]) -> ([f64; Class::ALL.len()], Vec<Change>) {
+    /// Offers messages for 20 s; answers how many a second of each class got through in the second half, and every
+    /// change.
+    fn offer(
+        rate_bps: f64,
+        streams: &[(TrafficClass, usize, f64)],
+    ) -> ([f64; TrafficClass::ALL.len()], Vec<CapacityChange>) {
         let mut budget = Budget::new(rate_bps);
-        let (mut sent, mut changes) = ([0.0; Class::ALL.len()], Vec::new());
+        let (mut sent, mut changes) = ([0.0; TrafficClass::ALL.len()], Vec::new());
         let mut due: Vec<_> = streams.iter().map(|_| 0.0).collect();
         for ms in 0..20_000 {
             let s = f64::from(ms) / 1000.0;
@@ -322,33 +331,36 @@ mod tests {
     #[test]
     fn obstacle_maps_are_thinned_to_five_before_anything_else_suffers() {
         let streams = [
-            (Class::Obstacles, 179, 15.0),
-            (Class::Setpoint, 121, 20.0),
-            (Class::Answer, 30, 20.0),
-            (Class::Heartbeat, 21, 2.0),
-            (Class::Forwarded, 40, 20.0),
+            (TrafficClass::Obstacles, 179, 15.0),
+            (TrafficClass::Setpoint, 121, 20.0),
+            (TrafficClass::Answer, 30, 20.0),
+            (TrafficClass::Heartbeat, 21, 2.0),
+            (TrafficClass::Forwarded, 40, 20.0),
         ];
         let (sent, changes) = offer(4900.0, &streams);
-        assert!(sent[Class::Setpoint as usize] > 19.8 && sent[Class::Heartbeat as usize] > 1.8);
-        assert!((4.8..6.5).contains(&sent[Class::Obstacles as usize]), "{sent:?}");
-        assert!(sent[Class::Forwarded as usize] > 15.0, "{sent:?}");
+        assert!(sent[TrafficClass::Setpoint as usize] > 19.8 && sent[TrafficClass::Heartbeat as usize] > 1.8);
+        assert!(
+            (4.8..6.5).contains(&sent[TrafficClass::Obstacles as usize]),
+            "{sent:?}"
+        );
+        assert!(sent[TrafficClass::Forwarded as usize] > 15.0, "{sent:?}");
         assert!(changes.is_empty(), "{changes:?}");
     }
 
     #[test]
-    fn what_does_not_fit_is_told_once_with_figures() {
+    fn what_does_not_fit_is_reported_once_with_figures() {
         let streams = [
-            (Class::Setpoint, 251, 20.0),
-            (Class::Answer, 30, 20.0),
-            (Class::Obstacles, 179, 15.0),
+            (TrafficClass::Setpoint, 251, 20.0),
+            (TrafficClass::Answer, 30, 20.0),
+            (TrafficClass::Obstacles, 179, 15.0),
         ];
         let (sent, changes) = offer(5760.0, &streams);
         assert!(
-            sent[Class::Setpoint as usize] > 19.8 && sent[Class::Answer as usize] > 19.0,
+            sent[TrafficClass::Setpoint as usize] > 19.8 && sent[TrafficClass::Answer as usize] > 19.0,
             "{sent:?}"
         );
         let [
-            Change::Slow {
+            CapacityChange::Slow {
                 carries_bps,
                 needed_bps,
             },
@@ -361,23 +373,26 @@ mod tests {
     }
 
     #[test]
-    fn a_link_that_has_room_again_is_told_as_well() {
+    fn a_link_that_has_room_again_is_reported_as_well() {
         let mut budget = Budget::new(1000.0);
         let mut changes = Vec::new();
         for ms in (0..30_000).step_by(50) {
             let s = f64::from(ms) / 1000.0;
             let bytes = if s < 10.0 { 250 } else { 20 };
-            budget.admits(at(s), Class::Setpoint, bytes);
+            budget.admits(at(s), TrafficClass::Setpoint, bytes);
             changes.extend(budget.judge(at(s)));
         }
         assert!(
-            matches!(changes[..], [Change::Slow { .. }, Change::FastAgain]),
+            matches!(
+                changes[..],
+                [CapacityChange::Slow { .. }, CapacityChange::FastAgain]
+            ),
             "{changes:?}"
         );
     }
 
-    fn class() -> impl Strategy<Value = Class> {
-        proptest::sample::select(&Class::ALL[..])
+    fn class() -> impl Strategy<Value = TrafficClass> {
+        proptest::sample::select(&TrafficClass::ALL[..])
     }
 
     proptest! {
@@ -418,7 +433,7 @@ mod tests {
                 let now = at(now_ms as f64 / 1e3);
                 if budget.admits(now, class, bytes.min(class.reserve_bytes() as usize)) {
                     let mut then = budget.clone();
-                    for urgent in [Class::Setpoint, Class::Heartbeat].into_iter().filter(|urgent| *urgent < class) {
+                    for urgent in [TrafficClass::Setpoint, TrafficClass::Heartbeat].into_iter().filter(|urgent| *urgent < class) {
                         let longest = urgent.reserve_bytes() as usize;
                         prop_assert!(then.admits(now, urgent, longest), "{:?} after {:?}", urgent, class);
                     }
@@ -432,15 +447,15 @@ mod tests {
             streams in proptest::collection::vec((class(), 20..260usize, 1.0..40.0f64), 1..8),
             least in class(),
         ) {
-            let fits = |(class, bytes, _): &(Class, usize, f64)| *bytes <= class.reserve_bytes() as usize;
+            let fits = |(class, bytes, _): &(TrafficClass, usize, f64)| *bytes <= class.reserve_bytes() as usize;
             let streams: Vec<_> = streams.into_iter().filter(fits).collect();
             let urgent: Vec<_> = streams.iter().copied().filter(|(class, ..)| *class <= least).collect();
             let (alone, _) = offer(rate_bps, &urgent);
             let (together, _) = offer(rate_bps, &streams);
-            for class in Class::ALL.into_iter().filter(|class| *class <= least) {
+            for class in TrafficClass::ALL.into_iter().filter(|class| *class <= least) {
                 let (mut alone, together) = (alone[class as usize], together[class as usize]);
-                if class == Class::Obstacles {
-                    // Those beyond are a luxury.
+                if class == TrafficClass::Obstacles {
+                    // Maps beyond those needed are surplus.
                     alone = alone.min(OBSTACLES_NEEDED_HZ);
                 }
                 prop_assert!(together >= 0.9 * alone - 1.0, "{:?}: {} Hz of {}", class, together, alone);

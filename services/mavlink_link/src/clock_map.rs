@@ -2,41 +2,42 @@
 //!
 //! | in | out |
 //! |---|---|
-//! | answers to our TIMESYNC requests | offset, shortest round trip, whether both can be trusted |
+//! | responses to our TIMESYNC requests | offset, shortest round trip, whether both can be trusted |
 //! | time stamps of the autopilot with their time of reception | the same moments as [`Timestamp`]s |
 //!
-//! A request leaves at board time `a`, the autopilot notes `p` of its own clock, the answer arrives at board time `b`.
-//! Then `p` happened between `a` and `b`, so the offset (autopilot minus board) is `p - (a + b) / 2` with an error of at
-//! most half the round trip `b - a`. Short round trips are therefore the exact ones: the estimate is the mean over
-//! those of the last few seconds that are within `RTT_SLACK_NS` of the shortest. This is the clock filter of NTP
-//! (RFC 5905, section 10) in its simplest form.
+//! A request leaves at board time `a`, the autopilot notes `p` of its own clock, the sample arrives at board time `b`.
+//! Then `p` happened between `a` and `b`, so the offset (autopilot minus board) is `p - (a + b) / 2` with an error of
+//! at most half the round trip `b - a`. Short round trips are therefore the exact ones: the estimate is the mean over
+//! those of the last few seconds that are within `RTT_SLACK_NS` of the shortest. This is the clock filter of NTP (RFC
+//! 5905, section 10) in its simplest form.
 //!
-//! Clocks of hardware agree in their rate to some 50 ppm; a simulated autopilot's may run a per cent slow. Each answer bounds
-//! the offset to an interval of half a round trip to both sides. While one offset lies in the intervals of all answers, the
-//! rates are taken as equal. Once none does, a line is fitted through the offsets, each weighted by the square of what it
-//! knows (1 / round trip), and stamps are mapped along that line.
+//! Clocks of hardware agree in their rate to some 50 ppm; a simulated autopilot's may run a per cent slow. Each sample
+//! bounds the offset to an interval of half a round trip to both sides. While one offset lies in the intervals of all
+//! samples, the rates are taken as equal. Once none does, a line is fitted through the offsets, each weighted by the
+//! square of what it knows (1 / round trip), and stamps are mapped along that line.
 //!
-//! Until enough answers have come, a stamp is mapped through its reception: the smallest difference between reception
+//! Until enough samples have come, a stamp is mapped through its reception: the smallest difference between reception
 //! and stamp belongs to the message that was delayed least, and that difference maps every other stamp.
 
 use jink_shared_types::Timestamp;
 
-/// Answers that are remembered: about six seconds at 10 Hz.
+/// ReplyPolicy that are remembered: about six seconds at 10 Hz.
 const WINDOW: usize = 64;
-/// Answers older than this (s) count no more: clocks that drift by 50 ppm are 0.4 ms apart by then.
+/// ReplyPolicy older than this (s) count no more: clocks that drift by 50 ppm are 0.4 ms apart by then.
 const WINDOW_S: f64 = 8.0;
 /// Rate of requests until the estimate can be trusted, and while it is in doubt (Hz): the autopilot's own.
 pub const SEARCHING_HZ: f64 = 10.0;
-/// The same from then on (Hz). An autopilot may pass requests on to the ground station's radio; in a second a clock drifts by
-/// 0.05 ms.
+/// The same from then on (Hz). An autopilot may pass requests on to the ground station's radio; in a second a clock
+/// drifts by 0.05 ms.
 const FOLLOWING_HZ: f64 = 1.0;
 /// A clock whose rate differs by more than this (1) has jumped.
 const RATE_ERROR_MAX: f64 = 0.2;
-/// Answers needed before the estimate is used: two seconds at 10 Hz, so that a few short round trips are among them.
+/// ReplyPolicy needed before the estimate is used: two seconds at 10 Hz, so that a few short round trips are among
+/// them.
 const NEEDED: u32 = 20;
 /// How much longer than the shortest a round trip may be to count in the mean (ns).
 const RTT_SLACK_NS: u64 = 500_000;
-/// By how much an answer may contradict the estimate beyond its own error bound (ns) before it is an outlier.
+/// By how much a sample may contradict the estimate beyond its own error bound (ns) before it is an outlier.
 const OUTLIER_NS: u64 = 10_000_000;
 /// Outliers in a row after which the autopilot's clock has jumped (half a second at 10 Hz): start again.
 const OUTLIERS_TO_RESET: u32 = 5;
@@ -44,13 +45,14 @@ const OUTLIERS_TO_RESET: u32 = 5;
 const LONGEST_RTT_NS: u64 = 1_000_000_000;
 /// Requests that can be under way.
 const PENDING: usize = 16;
-/// How fast the smallest reception delay is forgotten (ns per s): above the drift of two bad crystals, far below real delays.
+/// How fast the smallest reception delay is forgotten (ns per s): above the drift of two bad crystals, far below real
+/// delays.
 const DELAY_LEAK_NSPS: f64 = 200_000.0;
-/// No message is older than this when it arrives (s); a stamp that says so is wrong.
+/// No message is older than this when it arrives (s); a stamp that claims so is wrong.
 const OLDEST_S: f64 = 1.0;
 
 #[derive(Clone, Copy, Debug, Default)]
-struct Answer {
+struct TimesyncSample {
     /// Board time in the middle of its round trip.
     at: Timestamp,
     offset_ns: i64,
@@ -80,8 +82,8 @@ impl Estimate {
 pub struct ClockMap {
     pending: [Timestamp; PENDING],
     next_pending: usize,
-    overhears: bool,
-    window: [Answer; WINDOW],
+    accepts_foreign: bool,
+    window: [TimesyncSample; WINDOW],
     good: u32,
     outliers: u32,
     estimate: Estimate,
@@ -93,8 +95,8 @@ impl Default for ClockMap {
         Self {
             pending: [Timestamp::NEVER; PENDING],
             next_pending: 0,
-            overhears: false,
-            window: [Answer::default(); WINDOW],
+            accepts_foreign: false,
+            window: [TimesyncSample::default(); WINDOW],
             good: 0,
             outliers: 0,
             estimate: Estimate::default(),
@@ -110,14 +112,14 @@ impl ClockMap {
         self.next_pending = (self.next_pending + 1) % PENDING;
     }
 
-    /// Whether answers to the requests of another gateway on the same board are taken as well: they carry the same clock.
-    pub fn overhear(&mut self, overhears: bool) {
-        self.overhears = overhears;
+    /// Whether responses to the requests of another gateway on the same board are used, too: they carry the same clock.
+    pub fn accept_foreign_answers(&mut self, accepts_foreign: bool) {
+        self.accepts_foreign = accepts_foreign;
     }
 
-    /// Takes an answer received at `received`: the autopilot's clock `autopilot_ns`, and our request's time as it
-    /// was sent back. Answers to requests that we did not send are ignored.
-    pub fn answer(&mut self, received: Timestamp, autopilot_ns: i64, echoed_ns: i64) {
+    /// Processes a response received at `received`: the autopilot's clock `autopilot_ns`, and our request's time as it
+    /// was sent back. ReplyPolicy to requests that we did not send are ignored.
+    pub fn on_response(&mut self, received: Timestamp, autopilot_ns: i64, echoed_ns: i64) {
         let Ok(sent_ns) = u64::try_from(echoed_ns) else {
             return;
         };
@@ -128,7 +130,7 @@ impl ClockMap {
             .find(|pending| pending.is_set() && **pending == sent);
         match slot {
             Some(slot) => *slot = Timestamp::NEVER,
-            None if self.overhears => {}
+            None if self.accepts_foreign => {}
             None => return,
         }
         let round_trip_ns = received.ns_since(sent);
@@ -139,16 +141,16 @@ impl ClockMap {
         let Ok(offset_ns) = i64::try_from(i128::from(autopilot_ns) - i128::from(at.ns)) else {
             return;
         };
-        self.take(Answer {
+        self.take(TimesyncSample {
             at,
             offset_ns,
             round_trip_ns,
         });
     }
 
-    fn take(&mut self, answer: Answer) {
-        let deviation_ns = answer.offset_ns.abs_diff(self.estimate.offset_ns(answer.at));
-        let bound_ns = (answer.round_trip_ns + self.estimate.round_trip_ns) / 2;
+    fn take(&mut self, sample: TimesyncSample) {
+        let deviation_ns = sample.offset_ns.abs_diff(self.estimate.offset_ns(sample.at));
+        let bound_ns = (sample.round_trip_ns + self.estimate.round_trip_ns) / 2;
         if self.good > 0 && deviation_ns > bound_ns + OUTLIER_NS {
             self.outliers += 1;
             if self.outliers < OUTLIERS_TO_RESET {
@@ -157,25 +159,25 @@ impl ClockMap {
             *self = Self {
                 pending: self.pending,
                 next_pending: self.next_pending,
-                overhears: self.overhears,
+                accepts_foreign: self.accepts_foreign,
                 ..Self::default()
             };
         }
         self.outliers = 0;
-        self.window[self.good as usize % WINDOW] = answer;
+        self.window[self.good as usize % WINDOW] = sample;
         self.good = self.good.saturating_add(1);
         self.estimate();
     }
 
     fn estimate(&mut self) {
         let known = &self.window[..(self.good as usize).min(WINDOW)];
-        let newest = known.iter().map(|answer| answer.at).max().unwrap_or_default();
+        let newest = known.iter().map(|sample| sample.at).max().unwrap_or_default();
         let recent = || {
-            let young = |answer: &&Answer| newest.seconds_since(answer.at) <= WINDOW_S;
+            let young = |sample: &&TimesyncSample| newest.seconds_since(sample.at) <= WINDOW_S;
             known.iter().filter(young)
         };
         let shortest_ns = recent()
-            .map(|answer| answer.round_trip_ns)
+            .map(|sample| sample.round_trip_ns)
             .min()
             .unwrap_or(LONGEST_RTT_NS);
         self.estimate = if is_one_offset(recent()) {
@@ -204,17 +206,17 @@ impl ClockMap {
         self.good >= NEEDED
     }
 
-    /// Autopilot clock minus board clock (ns); 0 before the first answer.
+    /// Autopilot clock minus board clock (ns); 0 before the first sample.
     pub fn offset_ns(&self) -> i64 {
         self.estimate.offset_ns
     }
 
-    /// Shortest round trip of the last seconds (ns); 0 before the first answer.
+    /// Shortest round trip of the last seconds (ns); 0 before the first sample.
     pub fn round_trip_ns(&self) -> u64 {
         self.estimate.round_trip_ns
     }
 
-    /// Good answers since the last reset.
+    /// Good samples since the last reset.
     pub fn samples(&self) -> u32 {
         self.good
     }
@@ -271,13 +273,13 @@ impl ClockMap {
     }
 }
 
-/// Whether one offset explains all answers: their intervals have something in common.
-fn is_one_offset<'a>(answers: impl Iterator<Item = &'a Answer>) -> bool {
-    let half_ns = |answer: &Answer| i64::try_from(answer.round_trip_ns / 2).unwrap_or(i64::MAX);
-    let (least_ns, most_ns) = answers.fold((i64::MIN, i64::MAX), |(least_ns, most_ns), answer| {
+/// Whether one offset explains all samples: their intervals have something in common.
+fn is_one_offset<'a>(samples: impl Iterator<Item = &'a TimesyncSample>) -> bool {
+    let half_ns = |sample: &TimesyncSample| i64::try_from(sample.round_trip_ns / 2).unwrap_or(i64::MAX);
+    let (least_ns, most_ns) = samples.fold((i64::MIN, i64::MAX), |(least_ns, most_ns), sample| {
         (
-            least_ns.max(answer.offset_ns.saturating_sub(half_ns(answer))),
-            most_ns.min(answer.offset_ns.saturating_add(half_ns(answer))),
+            least_ns.max(sample.offset_ns.saturating_sub(half_ns(sample))),
+            most_ns.min(sample.offset_ns.saturating_add(half_ns(sample))),
         )
     });
     // A crystal's drift in the window, and the halved nanosecond.
@@ -285,13 +287,13 @@ fn is_one_offset<'a>(answers: impl Iterator<Item = &'a Answer>) -> bool {
 }
 
 fn mean_of_short<'a>(
-    answers: impl Iterator<Item = &'a Answer>,
+    samples: impl Iterator<Item = &'a TimesyncSample>,
     shortest_ns: u64,
     newest: Timestamp,
 ) -> Estimate {
-    let short = answers.filter(|answer| answer.round_trip_ns <= shortest_ns + RTT_SLACK_NS);
-    let (sum, count) = short.fold((0i128, 0i128), |(sum, count), answer| {
-        (sum + i128::from(answer.offset_ns), count + 1)
+    let short = samples.filter(|sample| sample.round_trip_ns <= shortest_ns + RTT_SLACK_NS);
+    let (sum, count) = short.fold((0i128, 0i128), |(sum, count), sample| {
+        (sum + i128::from(sample.offset_ns), count + 1)
     });
     Estimate {
         at: newest,
@@ -301,18 +303,18 @@ fn mean_of_short<'a>(
     }
 }
 
-/// Weighted least squares, around the newest answer.
+/// Weighted least squares, around the newest sample.
 fn line_through<'a>(
-    answers: impl Iterator<Item = &'a Answer> + Clone,
+    samples: impl Iterator<Item = &'a TimesyncSample> + Clone,
     shortest_ns: u64,
     newest: Timestamp,
 ) -> Estimate {
-    let base_ns = answers.clone().next().map_or(0, |answer| answer.offset_ns);
+    let base_ns = samples.clone().next().map_or(0, |sample| sample.offset_ns);
     let (mut weight, mut t, mut o, mut tt, mut to) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    for answer in answers {
-        let w = (answer.round_trip_ns as f64).max(1e3).powi(-2) * 1e12;
-        let time_s = -newest.seconds_since(answer.at);
-        let offset_s = answer.offset_ns.saturating_sub(base_ns) as f64 * 1e-9;
+    for sample in samples {
+        let w = (sample.round_trip_ns as f64).max(1e3).powi(-2) * 1e12;
+        let time_s = -newest.seconds_since(sample.at);
+        let offset_s = sample.offset_ns.saturating_sub(base_ns) as f64 * 1e-9;
         weight += w;
         t += w * time_s;
         o += w * offset_s;
@@ -360,7 +362,7 @@ mod tests {
         map.request(at);
         let noted_ns = (at.ns + there_us * 1000) as i64 + offset_ns;
         let received = Timestamp::from_ns(at.ns + (there_us + back_us) * 1000);
-        map.answer(received, noted_ns, at.ns as i64);
+        map.on_response(received, noted_ns, at.ns as i64);
     }
 
     fn time(i: usize) -> Timestamp {
@@ -393,7 +395,7 @@ mod tests {
                 exchange(&mut map, time(i), offset_ns, 300, 300);
             }
             for (autopilot, echoed) in nonsense {
-                map.answer(time(100), autopilot, echoed);
+                map.on_response(time(100), autopilot, echoed);
             }
             let mut received = time(1000);
             for (ms, us, near_ms, pause) in stamps {
@@ -434,10 +436,10 @@ mod tests {
     #[test]
     fn a_foreign_answer_and_a_replayed_one_change_nothing() {
         let mut map = ClockMap::default();
-        map.answer(time(1), 5_000_000_000, time(0).ns as i64);
+        map.on_response(time(1), 5_000_000_000, time(0).ns as i64);
         assert_eq!(map.samples(), 0);
         exchange(&mut map, time(2), 77, 300, 300);
-        map.answer(time(3), 9_000_000_000, time(2).ns as i64);
+        map.on_response(time(3), 9_000_000_000, time(2).ns as i64);
         assert_eq!((map.samples(), map.offset_ns()), (1, 77));
     }
 
@@ -462,7 +464,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_runs_slow_is_followed_and_its_rate_is_told() {
+    fn a_clock_that_runs_slow_is_followed_and_its_rate_is_reported() {
         for rate in [0.987f64, 0.99, 1.02] {
             let mut map = ClockMap::default();
             let clock_ns = |at: Timestamp| (at.ns as f64 - START_S * 1e9) * rate + 5e9;
@@ -473,9 +475,9 @@ mod tests {
                 map.request(now);
                 let noted = Timestamp::from_ns(now.ns + there_us * 1000);
                 let received = Timestamp::from_ns(noted.ns + back_us * 1000);
-                map.answer(received, clock_ns(noted) as i64, now.ns as i64);
+                map.on_response(received, clock_ns(noted) as i64, now.ns as i64);
                 if i >= 40 {
-                    assert!(map.is_converged(), "{rate}: lost after {i} answers");
+                    assert!(map.is_converged(), "{rate}: lost after {i} samples");
                     assert!(
                         (map.rate_error() - (rate - 1.0)).abs() < 2e-4,
                         "{rate}: {}",

@@ -10,7 +10,7 @@ use crate::message::{Body, CommandAck};
 use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavMessage};
 use mavlink::{MAV_STX_V2, MavlinkVersion, Message, MessageData, calculate_crc, consts};
 
-/// Components of ours that can be numbered on one link; more than the gateway ever speaks for.
+/// Components that can be numbered on one link; more than the gateway sends as.
 pub const COMPONENTS: usize = 4;
 /// Bytes of the numbering of one link.
 pub const SEQUENCES_BYTES: usize = 2 * COMPONENTS;
@@ -44,7 +44,7 @@ impl Encoder {
         self.sequences
     }
 
-    /// Numbers go on where another encoder has stopped.
+    /// Continues the numbers of another encoder.
     pub fn go_on_from(&mut self, sequences: [(u8, u8); COMPONENTS]) {
         self.sequences = sequences;
     }

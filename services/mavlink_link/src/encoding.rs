@@ -5,10 +5,11 @@
 //! | byte-wise | the float whose bits are those of the integer | systems with a PX4 |
 //! | C cast | 5.0 | systems with an ArduPilot |
 //!
-//! Ground stations choose by the *autopilot* of the system, not by what a component announces: QGroundControl and MAVSDK by the
-//! vehicle's firmware; MAVProxy means to, but knows the type only where component 1 is addressed, and takes all others
-//! for C casts. A companion that kept to one encoding would be misread beside the other autopilot, so ours follows the
-//! autopilot it flies with, and announces what it does in AUTOPILOT_VERSION. Floats travel the same in both.
+//! Ground stations choose by the *autopilot* of the system, not by what a component announces: QGroundControl and
+//! MAVSDK by the vehicle's firmware; MAVProxy means to, but knows the type only where component 1 is addressed, and
+//! takes all others for C casts. A companion with one fixed encoding would be misread beside the other autopilot, so
+//! ours follows the autopilot it flies with, and announces what it does in AUTOPILOT_VERSION. Floats travel the same in
+//! both.
 //!
 //! Source: MAVLink developer guide, "Parameter Protocol", section "Parameter Encoding".
 
@@ -89,7 +90,8 @@ pub fn wire_type(kind: ParamType) -> MavParamType {
     }
 }
 
-/// The number that a person has typed to get this float: 0.3, not 0.30000001192092896, which a row up to 0.3 would refuse.
+/// The number that a person has typed to get this float: 0.3, not 0.30000001192092896, which a row up to 0.3 would
+/// refuse.
 fn as_written(raw: f32) -> f64 {
     raw.to_string().parse().unwrap_or(f64::NAN)
 }

@@ -7,18 +7,19 @@
 //! | PX4 | else `EAV_EN` is not 0 | `px4_deviation` |
 //! | PX4 | else, where it can be flown in OFFBOARD (1.13 and its development, and later) | `px4_offboard` |
 //!
-//! A profile that is configured is held against the same facts; what is found is a [`ProfileFit`]. Nothing is taken for
-//! granted: until the facts are known the profile is not proven, no setpoint leaves and component 196 is not ACTIVE. A parameter
-//! counts as absent when the autopilot says so, or when it leaves the question open several times while it answers a
-//! question about a parameter that every PX4 has. Desired paths prove `px4_trajectory` by themselves.
+//! A profile that is configured is held against the same params; what is found is a [`ProfileFit`]. Nothing is taken
+//! for granted: until the parameters are known the profile is not proven, no setpoint leaves and component 196 is not
+//! ACTIVE. A parameter counts as absent when the autopilot says so, or when it leaves a request unanswered several
+//! times while it answers a question about a parameter that every PX4 has. Desired paths prove `px4_trajectory` by
+//! themselves.
 //!
-//! What was chosen stays for the whole run. If the facts change, the profile does not fit any more, which is told; it fits
-//! again when they change back.
+//! What was chosen stays for the whole run. If the parameters change, the profile does not fit any more, which is value; it
+//! fits again when they change back.
 
+use crate::autopilot_type::AutopilotType;
 use crate::encoding::Encoding;
-use crate::make::Make;
 use crate::profile_name::ProfileName;
-use crate::version::{Version, is_too_old};
+use crate::version::{FirmwareVersion, is_too_old};
 use jink_shared_types::Timestamp;
 use jink_shared_types::link::ProfileFit;
 use mavlink::MessageData;
@@ -41,27 +42,27 @@ const PREVENTION: &str = "CP_DIST";
 /// Every PX4 has this one: if it is answered and others are not, those do not exist.
 const PROBE: &str = "MAV_SYS_ID";
 /// The questions of a round, in this order.
-const QUESTIONS: [Question; 5] = [
-    Question::Version,
-    Question::Parameter(0),
-    Question::Parameter(1),
-    Question::Parameter(2),
-    Question::Parameter(3),
+const FIT_QUERIES: [FitQuery; 5] = [
+    FitQuery::Version,
+    FitQuery::Parameter(0),
+    FitQuery::Parameter(1),
+    FitQuery::Parameter(2),
+    FitQuery::Parameter(3),
 ];
 /// The parameters asked for.
 const NAMES: [&str; 4] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH, PREVENTION, PROBE];
 /// Pause between two questions (s): five of them and their answers in 0.25 s are a third of a line of 57600 bit/s.
 const PAUSE_S: f64 = 0.05;
-/// Pause between two rounds while the facts are not known (s): longer than the way there and back on a slow line.
+/// Pause between two rounds while the parameters are not known (s): longer than the way there and back on a slow line.
 const ROUND_S: f64 = 0.4;
-/// The same when they are, and do not fit (s): whoever mends them on the ground does not wait long.
+/// The same when they are, and do not fit (s): a correction on the ground is noticed soon.
 const MENDED_S: f64 = 2.0;
-/// A question left open in so many rounds in which another was answered asks for what does not exist.
+/// A request left open in so many rounds in which another was answered concerns what does not exist.
 const ROUNDS_TO_DENY: u8 = 3;
 
-/// What an autopilot tells of one parameter.
+/// What is known of one parameter.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-enum Fact {
+enum ParamState {
     /// Not answered yet.
     #[default]
     Open,
@@ -71,7 +72,7 @@ enum Fact {
     Value(f64),
 }
 
-impl Fact {
+impl ParamState {
     fn is_on(self) -> bool {
         matches!(self, Self::Value(value) if value != 0.0)
     }
@@ -82,12 +83,12 @@ impl Fact {
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Question {
+enum FitQuery {
     Parameter(usize),
     Version,
 }
 
-/// Which profile is for the autopilot, as far as its answers say.
+/// Which profile is for the autopilot, as far as its answers query_message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MatchingProfile {
     /// Not known yet.
@@ -101,12 +102,12 @@ pub enum MatchingProfile {
 /// What decides whether a profile fits, put together from the autopilot's answers.
 #[derive(Clone, Debug, Default)]
 pub struct Fit {
-    make: Option<Option<Make>>,
+    autopilot_type: Option<Option<AutopilotType>>,
     autopilot: Option<MavAutopilot>,
-    facts: [Fact; NAMES.len()],
-    /// Rounds in which a question stayed open while the witness was answered.
+    params: [ParamState; NAMES.len()],
+    /// Rounds in which a request stayed open while the probe parameter was answered.
     denied: [u8; NAMES.len()],
-    version: Option<Version>,
+    version: Option<FirmwareVersion>,
     wants_trajectories: bool,
     next: usize,
     due: Timestamp,
@@ -115,34 +116,34 @@ pub struct Fit {
 
 impl Fit {
     /// Takes a message of the autopilot.
-    #[allow(deprecated)] // TRAJECTORY_REPRESENTATION_WAYPOINTS is gone from PX4 1.16 on: that is what it tells.
+    #[allow(deprecated)] // TRAJECTORY_REPRESENTATION_WAYPOINTS is gone from PX4 1.16 on: its presence shows the version.
     pub fn take(&mut self, message: &MavMessage) {
         match message {
             MavMessage::HEARTBEAT(heartbeat) => {
-                let make = Make::of(heartbeat.autopilot);
-                if self.make.is_some_and(|before| before != make) {
+                let autopilot_type = AutopilotType::of(heartbeat.autopilot);
+                if self.autopilot_type.is_some_and(|before| before != autopilot_type) {
                     *self = Self::default();
                 }
-                self.make = Some(make);
+                self.autopilot_type = Some(autopilot_type);
                 self.autopilot = Some(heartbeat.autopilot);
             }
             MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(_) => self.wants_trajectories = true,
             MavMessage::AUTOPILOT_VERSION(version) => {
-                self.version = Version::of(version.flight_sw_version);
+                self.version = FirmwareVersion::of(version.flight_sw_version);
             }
-            MavMessage::PARAM_VALUE(told) => {
+            MavMessage::PARAM_VALUE(answer) => {
                 let encoding = self.autopilot.map(Encoding::of);
                 let value =
-                    encoding.and_then(|encoding| encoding.take(told.param_type, told.param_value).ok());
-                if let (Some(index), Some(value)) = (index_of(told.param_id.to_str().ok()), value) {
+                    encoding.and_then(|encoding| encoding.take(answer.param_type, answer.param_value).ok());
+                if let (Some(index), Some(value)) = (index_of(answer.param_id.to_str().ok()), value) {
                     self.probe_answered |= NAMES[index] == PROBE;
                     self.wants_trajectories &= NAMES[index] != TRAJECTORY_SWITCH || value != 0.0;
-                    self.facts[index] = Fact::Value(value);
+                    self.params[index] = ParamState::Value(value);
                 }
             }
             MavMessage::PARAM_ERROR(error) => {
                 if let Some(index) = index_of(error.param_id.to_str().ok()) {
-                    self.facts[index] = Fact::Absent;
+                    self.params[index] = ParamState::Absent;
                 }
             }
             _ => {}
@@ -152,7 +153,7 @@ impl Fit {
     /// The autopilot has started anew, perhaps with another firmware.
     pub fn restart(&mut self) {
         *self = Self {
-            make: self.make,
+            autopilot_type: self.autopilot_type,
             autopilot: self.autopilot,
             ..Self::default()
         };
@@ -160,14 +161,14 @@ impl Fit {
 
     /// The next question to the autopilot `target`, if one is due; `fits` is what is known of the profile so far.
     pub fn question(&mut self, now: Timestamp, fits: ProfileFit, target: (u8, u8)) -> Option<MavMessage> {
-        if !self.asks(fits) || now < self.due {
+        if !self.is_asking(fits) || now < self.due {
             return None;
         }
-        while let Some(question) = QUESTIONS.get(self.next) {
+        while let Some(question) = FIT_QUERIES.get(self.next) {
             self.next += 1;
             if self.is_worth_asking(*question, fits) {
                 self.due = now.plus_seconds(PAUSE_S);
-                return Some(say(*question, target));
+                return Some(query_message(*question, target));
             }
         }
         self.end_round();
@@ -176,76 +177,76 @@ impl Fit {
         None
     }
 
-    /// When [`Self::question`] has something to say next; `None` = never.
+    /// When [`Self::question`] has something to query_message next; `None` = never.
     pub fn next_wake(&self, fits: ProfileFit) -> Option<Timestamp> {
-        self.asks(fits).then_some(self.due)
+        self.is_asking(fits).then_some(self.due)
     }
 
-    fn asks(&self, fits: ProfileFit) -> bool {
-        let is_known = fits == ProfileFit::Fits && self.fact(PREVENTION).is_known();
-        self.make == Some(Some(Make::Px4)) && !is_known
+    fn is_asking(&self, fits: ProfileFit) -> bool {
+        let is_known = fits == ProfileFit::Fits && self.param(PREVENTION).is_known();
+        self.autopilot_type == Some(Some(AutopilotType::Px4)) && !is_known
     }
 
-    fn is_worth_asking(&self, question: Question, fits: ProfileFit) -> bool {
+    fn is_worth_asking(&self, question: FitQuery, fits: ProfileFit) -> bool {
         match question {
-            // What was told may have been mended.
-            Question::Parameter(index) => {
+            // A value that did not fit may have been corrected.
+            FitQuery::Parameter(index) => {
                 let may_be_mended = !matches!(fits, ProfileFit::Unknown | ProfileFit::Fits);
-                may_be_mended || NAMES[index] == PROBE || !self.facts[index].is_known()
+                may_be_mended || NAMES[index] == PROBE || !self.params[index].is_known()
             }
-            Question::Version => self.version.is_none(),
+            FitQuery::Version => self.version.is_none(),
         }
     }
 
-    /// What was asked and not answered beside an answer about the witness is denied.
+    /// What was requested and not answered, while the probe parameter was answered, does not exist.
     fn end_round(&mut self) {
         self.next = 0;
         if !std::mem::take(&mut self.probe_answered) {
             return;
         }
-        for (fact, denied) in self.facts.iter_mut().zip(&mut self.denied) {
-            if *fact == Fact::Open {
+        for (param, denied) in self.params.iter_mut().zip(&mut self.denied) {
+            if *param == ParamState::Open {
                 *denied = denied.saturating_add(1);
                 if *denied >= ROUNDS_TO_DENY {
-                    *fact = Fact::Absent;
+                    *param = ParamState::Absent;
                 }
             }
         }
     }
 
-    fn fact(&self, name: &str) -> Fact {
-        index_of(Some(name)).map_or(Fact::Open, |index| self.facts[index])
+    fn param(&self, name: &str) -> ParamState {
+        index_of(Some(name)).map_or(ParamState::Open, |index| self.params[index])
     }
 
-    /// What its heartbeat says that it is; `None` before one was heard.
+    /// The MAV_AUTOPILOT of its heartbeat; `None` before one was received.
     pub fn autopilot(&self) -> Option<MavAutopilot> {
         self.autopilot
     }
 
     /// Whether the autopilot is a PX4 whose own collision prevention is on.
     pub fn prevents_collisions(&self) -> bool {
-        matches!(self.fact(PREVENTION), Fact::Value(distance_m) if distance_m > 0.0)
+        matches!(self.param(PREVENTION), ParamState::Value(distance_m) if distance_m > 0.0)
     }
 
     /// The profile that is for this autopilot.
     pub fn matching_profile(&self) -> MatchingProfile {
-        match self.make {
+        match self.autopilot_type {
             None => MatchingProfile::Open,
             Some(None) => MatchingProfile::None,
-            Some(Some(Make::ArduPilot)) => MatchingProfile::Profile(ProfileName::ArdupilotGuided),
-            Some(Some(Make::Px4)) => self.matching_px4_profile(),
+            Some(Some(AutopilotType::ArduPilot)) => MatchingProfile::Profile(ProfileName::ArdupilotGuided),
+            Some(Some(AutopilotType::Px4)) => self.matching_px4_profile(),
         }
     }
 
     fn matching_px4_profile(&self) -> MatchingProfile {
-        let [asks, leads] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH].map(|name| self.fact(name));
-        if self.wants_trajectories || asks.is_on() {
+        let [trajectory, deviation] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH].map(|name| self.param(name));
+        if self.wants_trajectories || trajectory.is_on() {
             MatchingProfile::Profile(ProfileName::Px4Trajectory)
-        } else if !asks.is_known() {
+        } else if !trajectory.is_known() {
             MatchingProfile::Open
-        } else if leads.is_on() {
+        } else if deviation.is_on() {
             MatchingProfile::Profile(ProfileName::Px4Deviation)
-        } else if !leads.is_known() {
+        } else if !deviation.is_known() {
             MatchingProfile::Open
         } else if self.is_too_old(ProfileName::Px4Offboard) {
             MatchingProfile::None
@@ -260,27 +261,29 @@ impl Fit {
 
     /// Whether `profile` fits.
     pub fn of(&self, profile: ProfileName) -> ProfileFit {
-        let Some(make) = self.make else {
+        let Some(autopilot_type) = self.autopilot_type else {
             return ProfileFit::Unknown;
         };
-        if make != Some(profile.make()) {
+        if autopilot_type != Some(profile.autopilot_type()) {
             return ProfileFit::OtherAutopilot;
         }
-        let [asks, leads] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH].map(|name| self.fact(name));
-        let by_switch = |fact: Fact| match fact {
-            Fact::Open => ProfileFit::Unknown,
-            Fact::Absent => ProfileFit::NoInterface,
-            Fact::Value(0.0) => ProfileFit::SwitchedOff,
-            Fact::Value(_) => ProfileFit::Fits,
+        let [trajectory, deviation] = [TRAJECTORY_SWITCH, DEVIATION_SWITCH].map(|name| self.param(name));
+        let by_switch = |param: ParamState| match param {
+            ParamState::Open => ProfileFit::Unknown,
+            ParamState::Absent => ProfileFit::NoInterface,
+            ParamState::Value(0.0) => ProfileFit::SwitchedOff,
+            ParamState::Value(_) => ProfileFit::Fits,
         };
         match profile {
             ProfileName::Px4Trajectory if self.wants_trajectories => ProfileFit::Fits,
-            ProfileName::Px4Trajectory => by_switch(asks),
-            ProfileName::Px4Deviation => by_switch(leads),
+            ProfileName::Px4Trajectory => by_switch(trajectory),
+            ProfileName::Px4Deviation => by_switch(deviation),
             // With trajectories asked for, PX4 falls to Hold where it is to be taken over.
-            ProfileName::Px4Offboard if self.wants_trajectories || asks.is_on() => ProfileFit::OtherInterface,
+            ProfileName::Px4Offboard if self.wants_trajectories || trajectory.is_on() => {
+                ProfileFit::OtherInterface
+            }
             ProfileName::Px4Offboard if self.is_too_old(profile) => ProfileFit::TooOld,
-            ProfileName::Px4Offboard if asks.is_known() => ProfileFit::Fits,
+            ProfileName::Px4Offboard if trajectory.is_known() => ProfileFit::Fits,
             ProfileName::Px4Offboard => ProfileFit::Unknown,
             ProfileName::ArdupilotGuided => ProfileFit::Fits,
         }
@@ -291,15 +294,15 @@ fn index_of(name: Option<&str>) -> Option<usize> {
     NAMES.iter().position(|known| Some(*known) == name)
 }
 
-fn say(question: Question, (target_system, target_component): (u8, u8)) -> MavMessage {
+fn query_message(question: FitQuery, (target_system, target_component): (u8, u8)) -> MavMessage {
     match question {
-        Question::Parameter(index) => MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
+        FitQuery::Parameter(index) => MavMessage::PARAM_REQUEST_READ(PARAM_REQUEST_READ_DATA {
             param_index: -1,
             target_system,
             target_component,
             param_id: NAMES[index].into(),
         }),
-        Question::Version => MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
+        FitQuery::Version => MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
             command: MavCmd::MAV_CMD_REQUEST_MESSAGE,
             param1: AUTOPILOT_VERSION_DATA::ID as f32,
             target_system,

@@ -2,18 +2,19 @@
 //!
 //! | in | out |
 //! |---|---|
-//! | bytes of a stream, in pieces of any size ([`Splitter::push`]) | [`Frame`]s with a verified checksum |
+//! | bytes of a stream, in pieces of any size ([`Splitter::push`]) | [`MavlinkFrame`]s with a verified checksum |
 //! | whole datagrams ([`Splitter::load_datagram`]) | the same; nothing is carried from one datagram to the next |
 //!
-//! A frame is a start byte (`0xFD` MAVLink 2, `0xFE` MAVLink 1), a header that tells its length, the payload, and a CRC-16/MCRF4XX
-//! that is seeded with a byte per message type. A candidate is accepted only if that checksum fits; otherwise the
-//! search goes on one byte further, so that a frame hidden behind a false start is never lost.
+//! A frame is a start byte (`0xFD` MAVLink 2, `0xFE` MAVLink 1), a header with its length, the payload, and a
+//! CRC-16/MCRF4XX that is seeded with a byte per message type. A candidate is accepted only if that checksum fits;
+//! otherwise the search goes on one byte further, so that a frame hidden behind a false start is never lost.
 //!
 //! The message types of another dialect have an unknown seed: they cannot be verified, and count as garbage. A splitter
 //! whose frames are passed on ([`Splitter::with_unknown`]) lets them through, marked as not verified, where the bytes
-//! around them leave no doubt about their borders: they begin where another frame, or the datagram, has ended or begun; they
-//! end where the datagram ends or the next frame begins; and no whole verified frame lies inside. Lengths that fit on both
-//! sides by chance are rarer than sixteen bits of checksum; garbage on a line follows and precedes no frame for long.
+//! around them leave no doubt about their borders: they begin where another frame, or the datagram, has ended or begun;
+//! they end where the datagram ends or the next frame begins; and no whole verified frame lies inside. Lengths that fit
+//! on both sides by chance are rarer than sixteen bits of checksum; garbage on a line follows and precedes no frame for
+//! long.
 //!
 //! Source: MAVLink developer guide, "Packet Serialization".
 
@@ -21,15 +22,17 @@ use mavlink::dialects::ardupilotmega::MavMessage;
 use mavlink::error::ParserError;
 use mavlink::{MAV_STX, MAV_STX_V2, MavHeader, MavlinkVersion, Message, calculate_crc, consts};
 
-/// Bytes kept at most: any UDP datagram that fits an Ethernet frame several times over, and dozens of frames of a stream.
+/// Bytes kept at most: any UDP datagram that fits an Ethernet frame several times over, and dozens of frames of a
+/// stream.
 pub const SPLITTER_BYTES: usize = 8192;
-/// Frames of unknown types in a row whose borders fit prove each other: no verified one has to follow. Four start bytes, flags and
-/// sender ids in the right places are 2^-50 by chance; and four longest frames leave half of the splitter free.
+/// Frames of unknown types in a row whose borders fit prove each other: no verified one has to follow. Four start
+/// bytes, flags and sender ids in the right places are 2^-50 by chance; and four longest frames leave half of the
+/// splitter free.
 const PROOF_FRAMES: usize = 4;
 
 /// One frame, borrowed from the splitter.
 #[derive(Clone, Copy, Debug)]
-pub struct Frame<'a> {
+pub struct MavlinkFrame<'a> {
     /// Sender and sequence number.
     pub header: MavHeader,
     /// Message type.
@@ -44,7 +47,7 @@ pub struct Frame<'a> {
     pub is_verified: bool,
 }
 
-impl Frame<'_> {
+impl MavlinkFrame<'_> {
     /// The message inside.
     ///
     /// # Errors
@@ -63,7 +66,7 @@ impl Frame<'_> {
 
 /// Where the parts of a candidate frame lie.
 #[derive(Clone, Copy, Debug)]
-struct Layout {
+struct FrameLayout {
     version: MavlinkVersion,
     header_len: usize,
     payload_len: usize,
@@ -71,7 +74,7 @@ struct Layout {
     wide_system_id: bool,
 }
 
-impl Layout {
+impl FrameLayout {
     /// Reads as much of the header as the length needs; `Ok(None)` = more bytes needed, `Err` = no frame can start so.
     fn of(candidate: &[u8]) -> Result<Option<Self>, NoFrame> {
         let (version, flags) = match candidate.first() {
@@ -151,15 +154,15 @@ impl Layout {
         }
         let seed = MavMessage::extra_crc(self.message_id(bytes));
         let end = self.header_len + self.payload_len;
-        let told = u16::from_le_bytes([bytes[end], bytes[end + 1]]);
-        told == calculate_crc(&bytes[consts::STX_SIZE..end], seed)
+        let received = u16::from_le_bytes([bytes[end], bytes[end + 1]]);
+        received == calculate_crc(&bytes[consts::STX_SIZE..end], seed)
     }
 }
 
 /// No frame starts here.
 struct NoFrame;
 
-/// What the bytes around a frame of unknown type say about its borders.
+/// Whether the bytes around a frame of unknown type confirm its borders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Borders {
     Fit,
@@ -222,8 +225,8 @@ impl Splitter {
         &self.buffer[self.start..self.end]
     }
 
-    /// Appends bytes of a stream and returns how many there was room for: all of them, if [`Self::next_frame`] was called
-    /// until it returned `None` and no more than `SPLITTER_BYTES - 293` bytes come at once.
+    /// Appends bytes of a stream and returns how many there was room for: all of them, if [`Self::next_frame`] was
+    /// called until it returned `None` and no more than `SPLITTER_BYTES - 293` bytes come at once.
     pub fn push(&mut self, bytes: &[u8]) -> usize {
         self.whole = false;
         if self.start > 0 {
@@ -256,7 +259,7 @@ impl Splitter {
     }
 
     /// The next intact frame; `None` when more bytes are needed.
-    pub fn next_frame(&mut self) -> Option<Frame<'_>> {
+    pub fn next_frame(&mut self) -> Option<MavlinkFrame<'_>> {
         loop {
             let skipped = self.buffer[self.start..self.end]
                 .iter()
@@ -264,7 +267,7 @@ impl Splitter {
                 .unwrap_or(self.end - self.start);
             self.discard(skipped);
             let candidate = &self.buffer[self.start..self.end];
-            let layout = match Layout::of(candidate) {
+            let layout = match FrameLayout::of(candidate) {
                 Ok(Some(layout)) if candidate.len() >= layout.frame_len => layout,
                 Ok(_) if self.whole && !candidate.is_empty() => {
                     self.discard(1);
@@ -291,7 +294,7 @@ impl Splitter {
             let first = self.start;
             self.start += layout.frame_len;
             let bytes = &self.buffer[first..self.start];
-            return Some(Frame {
+            return Some(MavlinkFrame {
                 header: layout.header(bytes),
                 message_id: layout.message_id(bytes),
                 version: layout.version,
@@ -303,14 +306,15 @@ impl Splitter {
     }
 
     /// Whether the candidate at the start of the buffer, whose checksum cannot be relied on, may pass as a frame.
-    fn borders(&self, layout: &Layout) -> Borders {
+    fn borders(&self, layout: &FrameLayout) -> Borders {
         let bytes = &self.buffer[self.start..self.end];
         let sender = layout.header(bytes);
         let has_sender = sender.system_id != 0 && sender.component_id != 0;
         if !self.with_unknown || !self.at_border || !has_sender || layout.is_known(bytes) {
             return Borders::DoNotFit;
         }
-        // Only what lies inside as a whole: what reaches beyond may not be all there yet, and must not count once it is.
+        // Only what lies inside as a whole: what reaches beyond may not be all there yet, and must not count once it
+        // is.
         if (1..layout.frame_len).any(|at| is_intact_frame(&bytes[at..layout.frame_len])) {
             return Borders::DoNotFit;
         }
@@ -325,7 +329,7 @@ impl Splitter {
             if behind.is_empty() {
                 return at_the_end;
             }
-            match Layout::of(behind) {
+            match FrameLayout::of(behind) {
                 Err(NoFrame) => return Borders::DoNotFit,
                 Ok(Some(next)) if behind.len() >= next.frame_len => {
                     if next.is_known(behind) {
@@ -352,7 +356,7 @@ impl Splitter {
 
 /// Whether `bytes` begin with a whole frame whose checksum fits.
 fn is_intact_frame(bytes: &[u8]) -> bool {
-    match Layout::of(bytes) {
+    match FrameLayout::of(bytes) {
         Ok(Some(layout)) => bytes.len() >= layout.frame_len && layout.is_intact(bytes),
         Ok(None) | Err(NoFrame) => false,
     }

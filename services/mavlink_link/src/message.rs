@@ -1,4 +1,4 @@
-//! Messages on their way in and out, with what the bytes alone do not tell.
+//! Messages received and to be sent, with what the bytes alone do not contain.
 
 use jink_shared_types::{SampleHeader, Timestamp};
 use mavlink::MavHeader;
@@ -8,7 +8,7 @@ use mavlink::dialects::ardupilotmega::{
 use mavlink::error::ParserError;
 use mavlink::{Message, MessageData, consts};
 
-use crate::frame::Frame;
+use crate::frame::MavlinkFrame;
 use crate::router::Target;
 
 /// MAV_COMP_ID_AUTOPILOT1.
@@ -23,7 +23,7 @@ pub const COMPONENT_AVOIDANCE: u8 = 196;
 pub struct Received {
     /// Who sent it.
     pub header: MavHeader,
-    /// What it says.
+    /// Its content.
     pub content: Content,
     /// When its bytes were read.
     pub time: Timestamp,
@@ -51,7 +51,7 @@ pub enum Content {
 
 impl Content {
     /// The content of `frame`; `None` if it cannot be decoded.
-    pub fn of(frame: &Frame<'_>) -> Option<Self> {
+    pub fn of(frame: &MavlinkFrame<'_>) -> Option<Self> {
         match frame.decode() {
             Ok(message) => Some(Self::Message(message)),
             Err(ParserError::InvalidEnum { .. }) => Self::unknown_command(frame),
@@ -59,7 +59,7 @@ impl Content {
         }
     }
 
-    /// Whom it is for.
+    /// The addressee.
     pub fn target(&self) -> Target {
         let (system_id, component_id) = match self {
             Self::Message(message) => (message.target_system_id(), message.target_component_id()),
@@ -77,7 +77,7 @@ impl Content {
 
     /// Reads the command number and the address from the raw payload. COMMAND_LONG and COMMAND_INT share the offsets:
     /// seven four-byte fields, then command, target system and target component.
-    fn unknown_command(frame: &Frame<'_>) -> Option<Self> {
+    fn unknown_command(frame: &MavlinkFrame<'_>) -> Option<Self> {
         const COMMAND_AT: usize = 28;
         if frame.message_id != COMMAND_LONG_DATA::ID && frame.message_id != COMMAND_INT_DATA::ID {
             return None;
@@ -105,7 +105,7 @@ pub struct CommandAck {
     pub target_component: u8,
 }
 
-/// What a message to be sent says.
+/// The content of a message to be sent.
 // As for `Content`: the outbox is preallocated, nothing is gained by a smaller variant.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Debug)]
@@ -125,7 +125,7 @@ impl Body {
         }
     }
 
-    /// Whom it is for.
+    /// The addressee.
     pub fn target(&self) -> Target {
         match self {
             Self::Message(message) => Target {
@@ -143,13 +143,13 @@ impl Body {
 /// Over which links a message leaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Destination {
-    /// All of them, or those on which its addressee was heard, if it names one.
+    /// All of them, or, if it names an addressee, those on which that was received.
     Everyone,
-    /// One of them: that of the autopilot, or of whoever has asked.
+    /// One of them: that of the autopilot, or of the sender of a request.
     Link(u8),
 }
 
-/// What the gateway wants to hear back once the bytes were handed to the kernel.
+/// What the gateway is notified of once the bytes were handed to the kernel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Receipt {
     /// Nothing but that it was sent.
@@ -170,10 +170,10 @@ pub struct Outgoing {
     pub system_id: u8,
     /// Sending component.
     pub component_id: u8,
-    /// What it says.
+    /// Its content.
     pub body: Body,
     /// Over which links it leaves.
     pub to: Destination,
-    /// What the sender is told once its bytes were handed to the kernel.
+    /// The notification once its bytes were handed to the kernel.
     pub receipt: Receipt,
 }

@@ -1,6 +1,6 @@
-//! The profiles: ways of speaking to an autopilot, by the name that they have in the configuration.
+//! The profiles: ways to command an autopilot, by their names in the configuration.
 
-use crate::make::Make;
+use crate::autopilot_type::AutopilotType;
 use std::fmt;
 use std::str::FromStr;
 
@@ -11,7 +11,8 @@ pub enum ProfileName {
     Px4Trajectory,
     /// PX4 1.13 and later in OFFBOARD: SET_POSITION_TARGET_LOCAL_NED.
     Px4Offboard,
-    /// PX4 in its own mission with `EAV_EN=1`, as proposed for it: velocities and accelerations in SET_POSITION_TARGET_LOCAL_NED.
+    /// PX4 in its own mission with `EAV_EN=1`, as proposed for it: velocities and accelerations in
+    /// SET_POSITION_TARGET_LOCAL_NED.
     Px4Deviation,
     /// ArduCopter in GUIDED: SET_POSITION_TARGET_LOCAL_NED.
     ArdupilotGuided,
@@ -35,8 +36,8 @@ const NAMES: [(&str, ProfileName); 4] = [
     ("ardupilot_guided", ProfileName::ArdupilotGuided),
 ];
 
-/// Rate of the stream of positions, velocities and accelerations (Hz): the reference flights were flown with it; nothing smooths
-/// between two of them.
+/// Rate of the stream of positions, velocities and accelerations (Hz): the reference flights were flown with it;
+/// nothing smooths between two of them.
 const FOLLOWED_RATE_HZ: f64 = 50.0;
 
 /// Every representation with its name in the configuration.
@@ -80,7 +81,7 @@ impl FromStr for ProfileName {
     }
 }
 
-/// What the configuration says in place of a profile's name to have it chosen by what the autopilot is.
+/// The word in the configuration that lets jink choose the profile by the autopilot's type.
 const CHOSEN_BY_JINK: &str = "auto";
 
 /// Which profile is flown.
@@ -130,10 +131,10 @@ impl ProfileName {
     }
 
     /// Whose autopilots it is for.
-    pub fn make(self) -> Make {
+    pub fn autopilot_type(self) -> AutopilotType {
         match self {
-            Self::Px4Trajectory | Self::Px4Offboard | Self::Px4Deviation => Make::Px4,
-            Self::ArdupilotGuided => Make::ArduPilot,
+            Self::Px4Trajectory | Self::Px4Offboard | Self::Px4Deviation => AutopilotType::Px4,
+            Self::ArdupilotGuided => AutopilotType::ArduPilot,
         }
     }
 
@@ -157,7 +158,7 @@ impl ProfileName {
         self == ProfileName::ArdupilotGuided
     }
 
-    /// Whether jink reads the mission to know the way: the autopilot does not tell it.
+    /// Whether jink reads the mission to know the path: the autopilot does not report it.
     pub fn reads_the_mission(self) -> bool {
         self != ProfileName::Px4Trajectory
     }

@@ -1,16 +1,16 @@
 //! PX4's modes, from its heartbeat and, faster, from the path it asks for.
 //!
-//! HEARTBEAT tells the mode for certain but only once a second. TRAJECTORY_REPRESENTATION_WAYPOINTS comes 0.02 s after a
-//! mode is entered and carries the command of the current item, from which the entry can be inferred:
+//! HEARTBEAT reports the mode for certain but only once a second. TRAJECTORY_REPRESENTATION_WAYPOINTS comes 0.02 s
+//! after a mode is entered and carries the command of the current item, from which the entry can be inferred:
 //!
 //! | last heartbeat | command of point 0 | taken for |
 //! |---|---|---|
-//! | mission or return | any | what the heartbeat said: both fly take-off, loiter and landing items themselves |
+//! | mission or return | any | the heartbeat's mode: both fly take-off, loiter and landing items themselves |
 //! | any other | take-off (22) | take-off |
 //! | any other | loiter (17) | hold |
 //! | any other | land (21) | land |
 //! | any other | none, points 0 and 1 finite | mission: only a mission or a return flies plain waypoints, and both are planned |
-//! | follow me, an automatic mode without a name here | any | what the heartbeat said |
+//! | follow me, an automatic mode without a name here | any | the heartbeat's mode |
 //!
 //! The last but one row is the one that matters: without it a mission entered from hold would look like a hold whose
 //! target is the raw waypoint for up to a second, and would be sent back unplanned. An inference stands until the next
@@ -23,13 +23,13 @@ use jink_shared_types::vehicle::{
 /// `PX4_CUSTOM_MAIN_MODE_AUTO`.
 const MAIN_AUTO: u8 = 4;
 
-/// PX4's mode as its heartbeat tells it: `custom_mode = main << 16 | sub << 24`.
+/// PX4's mode as its heartbeat reports it: `custom_mode = main << 16 | sub << 24`.
 pub fn nav_mode(custom_mode: u32) -> NavMode {
     let [_, _, main, sub] = custom_mode.to_le_bytes();
     match (main, sub) {
         (3, 1) => NavMode::Orbit,
         (3, _) => NavMode::Position,
-        // Manual, altitude, acro, stabilized, rattitude, simple, termination: the pilot flies, or nobody.
+        // Manual, altitude, acro, stabilized, rattitude, simple, termination: the pilot flies, or nobody does.
         (1 | 2 | 5 | 7..=10, _) => NavMode::Manual,
         (6, _) => NavMode::Offboard,
         (MAIN_AUTO, 2 | 10) => NavMode::Takeoff,
@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn takeoff_hold_and_land_are_seen_before_the_heartbeat_tells() {
+    fn takeoff_hold_and_land_are_seen_before_the_heartbeat_reports_them() {
         let from_hold = |command| infer(NavMode::Hold, true, &points(command));
         assert_eq!(from_hold(COMMAND_TAKEOFF), NavMode::Takeoff);
         assert_eq!(from_hold(COMMAND_LAND), NavMode::Land);

@@ -2,13 +2,13 @@
 //!
 //! | message | goes to |
 //! |---|---|
-//! | to nobody in particular, or to system 0 | every other link |
-//! | to a system, component 0 | the links on which that system was heard |
-//! | to a system and component | the links on which exactly that one was heard |
+//! | without a target, or to system 0 | every other link |
+//! | to a system, component 0 | the links on which that system was received |
+//! | to a system and component | the links on which exactly that one was received |
 //! | SETUP_SIGNING | nowhere: a key never travels |
 //!
-//! No message goes back where it came from, and what claims to come from ourselves goes nowhere: it has been in a circle.
-//! When the clock of a system goes backwards it has started anew, perhaps elsewhere: its routes are forgotten.
+//! No message returns to the link it came from, and a message from one of our own ids goes nowhere: it went round a
+//! loop. When the clock of a system goes backwards it has started anew, perhaps elsewhere: its routes are forgotten.
 //!
 //! Source: MAVLink guide, "Routing".
 
@@ -16,7 +16,7 @@ use jink_shared_types::link::LINKS;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::SETUP_SIGNING_DATA;
 
-/// Senders remembered: a dozen vehicles with all their components. The one not heard for longest makes room.
+/// Senders remembered: a dozen vehicles with all their components. The one not received for longest is replaced.
 const ROUTES: usize = 64;
 /// A clock that is behind by less than this was overtaken on the way, not started anew (ms).
 const OVERTAKEN_MS: u32 = 1000;
@@ -64,7 +64,7 @@ fn bit(index: u8) -> u8 {
     1u8.checked_shl(u32::from(index)).unwrap_or(0)
 }
 
-/// Whom a message is for; zeros mean all.
+/// The addressee of a message; zeros mean all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Target {
     /// System.
@@ -73,7 +73,7 @@ pub struct Target {
     pub component_id: u8,
 }
 
-/// Who sent a message.
+/// The sender of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sender {
     /// System.
@@ -84,26 +84,26 @@ pub struct Sender {
 
 /// Who we are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Us {
-    /// Our system; `None` before the autopilot was heard.
+pub struct OwnIds {
+    /// Our system; `None` before the autopilot was received.
     pub system_id: Option<u8>,
     /// Our components; zeros stand for none.
     pub components: [u8; 2],
 }
 
-impl Us {
+impl OwnIds {
     fn is_our_component(&self, component_id: u8) -> bool {
         component_id != 0 && self.components.contains(&component_id)
     }
 
-    /// Whether a message of `sender` is our own, come back.
+    /// Whether a message of `sender` is our own and came back.
     pub fn sent(&self, sender: Sender) -> bool {
         self.system_id.map(u32::from) == Some(sender.system_id) && self.is_our_component(sender.component_id)
     }
 
-    /// Whether a message to `target` is to be handled here: to all, to our system, to one of us. Before the autopilot was
-    /// heard everything is: it is not known yet what is not.
-    pub fn are_meant(&self, target: Target) -> bool {
+    /// Whether a message to `target` is handled here: to all, to our system, to one of our components. Before the
+    /// autopilot was received everything is, because our system id is not known yet.
+    pub fn accepts(&self, target: Target) -> bool {
         let Some(system_id) = self.system_id else {
             return true;
         };
@@ -117,7 +117,7 @@ struct Route {
     sender: Sender,
     links: LinkSet,
     boot_ms: u32,
-    heard: u64,
+    last_received: u64,
 }
 
 /// The table.
@@ -138,7 +138,7 @@ impl Router {
         }
     }
 
-    /// `sender` was heard on link `origin`; broadcast addresses never send.
+    /// Records that `sender` was received on link `origin`; broadcast addresses never send.
     pub fn learn(&mut self, origin: u8, sender: Sender) {
         if sender.system_id == 0 || sender.component_id == 0 {
             return;
@@ -146,25 +146,25 @@ impl Router {
         self.count += 1;
         if let Some(known) = self.routes.iter_mut().find(|route| route.sender == sender) {
             known.links = known.links.with(origin);
-            known.heard = self.count;
+            known.last_received = self.count;
             return;
         }
         let route = Route {
             sender,
             links: LinkSet::default().with(origin),
             boot_ms: 0,
-            heard: self.count,
+            last_received: self.count,
         };
         if self.routes.len() < ROUTES {
             self.routes.push(route);
-        } else if let Some(oldest) = self.routes.iter_mut().min_by_key(|known| known.heard) {
+        } else if let Some(oldest) = self.routes.iter_mut().min_by_key(|known| known.last_received) {
             *oldest = route;
         }
     }
 
-    /// `sender` says on link `origin` how long it has been running (SYSTEM_TIME): if less than before, its system has
-    /// started anew and is where it is heard now.
-    pub fn hear_clock(&mut self, origin: u8, sender: Sender, boot_ms: u32) {
+    /// Processes the time since boot of `sender` (SYSTEM_TIME), received on link `origin`: if it is less than before,
+    /// the system has restarted and its routes start with this link.
+    pub fn on_system_time(&mut self, origin: u8, sender: Sender, boot_ms: u32) {
         let is_it = |route: &Route| route.sender == sender;
         let before_ms = self
             .routes
@@ -181,16 +181,16 @@ impl Router {
         }
     }
 
-    /// Where to pass on a message that came in on link `origin`.
-    pub fn passes_to(&self, origin: u8, message_id: u32, target: Target) -> LinkSet {
+    /// The links to which a message received on link `origin` is forwarded.
+    pub fn forwards_to(&self, origin: u8, message_id: u32, target: Target) -> LinkSet {
         if message_id == SETUP_SIGNING_DATA::ID {
             return LinkSet::default();
         }
-        self.reaches(target).without(origin)
+        self.links_to(target).without(origin)
     }
 
     /// The links over which `target` can be reached.
-    pub fn reaches(&self, target: Target) -> LinkSet {
+    pub fn links_to(&self, target: Target) -> LinkSet {
         if target.system_id == 0 {
             return self.all;
         }
@@ -207,7 +207,7 @@ impl Router {
 
 #[cfg(test)]
 mod tests {
-    use super::{LinkSet, ROUTES, Router, Sender, Target, Us};
+    use super::{LinkSet, OwnIds, ROUTES, Router, Sender, Target};
     use proptest::prelude::*;
 
     fn sender(system_id: u32, component_id: u8) -> Sender {
@@ -257,7 +257,7 @@ mod tests {
             (1, to(255, 190), &[]),
         ] {
             assert_eq!(
-                router.passes_to(origin, 0, target),
+                router.forwards_to(origin, 0, target),
                 set(links),
                 "{origin} {target:?}"
             );
@@ -267,24 +267,24 @@ mod tests {
     #[test]
     fn a_key_never_travels() {
         let router = learned();
-        assert!(router.passes_to(1, 256, to(1, 1)).is_empty());
-        assert!(router.passes_to(1, 256, to(0, 0)).is_empty());
+        assert!(router.forwards_to(1, 256, to(1, 1)).is_empty());
+        assert!(router.forwards_to(1, 256, to(0, 0)).is_empty());
     }
 
     #[test]
-    fn a_system_that_has_started_anew_is_only_where_it_is_heard_now() {
+    fn a_system_that_has_restarted_is_only_where_it_is_received_now() {
         let mut router = learned();
-        router.hear_clock(0, sender(1, 1), 60_000);
-        router.hear_clock(0, sender(1, 1), 59_500);
+        router.on_system_time(0, sender(1, 1), 60_000);
+        router.on_system_time(0, sender(1, 1), 59_500);
         assert_eq!(
-            router.reaches(to(1, 100)),
+            router.links_to(to(1, 100)),
             set(&[1]),
             "an overtaken message is no restart"
         );
-        router.hear_clock(2, sender(1, 1), 800);
-        assert_eq!(router.reaches(to(1, 0)), set(&[2]));
+        router.on_system_time(2, sender(1, 1), 800);
+        assert_eq!(router.links_to(to(1, 0)), set(&[2]));
         assert_eq!(
-            router.reaches(to(255, 190)),
+            router.links_to(to(255, 190)),
             set(&[1]),
             "other systems stay where they are"
         );
@@ -292,7 +292,7 @@ mod tests {
 
     #[test]
     fn we_handle_what_is_for_all_for_our_system_or_for_one_of_us() {
-        let us = Us {
+        let us = OwnIds {
             system_id: Some(1),
             components: [196, 191],
         };
@@ -306,10 +306,10 @@ mod tests {
             (to(255, 190), false),
             (to(2, 196), false),
         ] {
-            assert_eq!(us.are_meant(target), ours, "{target:?}");
+            assert_eq!(us.accepts(target), ours, "{target:?}");
         }
         assert!(us.sent(sender(1, 196)) && !us.sent(sender(1, 1)) && !us.sent(sender(2, 196)));
-        let alone = Us {
+        let alone = OwnIds {
             components: [196, 0],
             ..us
         };
@@ -326,23 +326,23 @@ mod tests {
             let mut router = Router::new(usize::from(links));
             for (link, system_id, component_id, boot_ms) in traffic {
                 router.learn(link % links, sender(system_id, component_id));
-                router.hear_clock(link % links, sender(system_id, component_id), boot_ms);
+                router.on_system_time(link % links, sender(system_id, component_id), boot_ms);
             }
             let origin = origin % links;
-            let passed = router.passes_to(origin, message_id, to(system_id, component_id));
+            let passed = router.forwards_to(origin, message_id, to(system_id, component_id));
             prop_assert!(!passed.contains(origin));
             prop_assert_eq!(passed.and(LinkSet::first(usize::from(links))), passed);
             prop_assert!(router.routes.len() <= ROUTES);
         }
 
         #[test]
-        fn whoever_was_heard_just_now_can_be_answered(
+        fn a_sender_that_was_received_just_now_can_be_answered(
             traffic in proptest::collection::vec((0..4u8, 1..400u32, 1..=255u8), 1..300),
         ) {
             let mut router = Router::new(4);
             for (link, system_id, component_id) in traffic {
                 router.learn(link, sender(system_id, component_id));
-                prop_assert!(router.reaches(to(system_id, component_id)).contains(link));
+                prop_assert!(router.links_to(to(system_id, component_id)).contains(link));
             }
         }
     }

@@ -1,9 +1,10 @@
-//! The messages that the gateway lives on, asked for politely when they do not come by themselves.
+//! The messages that the gateway needs, requested when they do not come by themselves.
 //!
 //! Every two seconds the arrivals are compared with what is needed. A stream that brings less than half of it is asked
 //! for by MAV_CMD_SET_MESSAGE_INTERVAL, a one-off message by MAV_CMD_REQUEST_MESSAGE; one request at a time, each
-//! repeated after seconds, and after a refusal only after half a minute. The sticks are asked for before they are needed, or the
-//! first seconds in Position mode would be flown without them; they may be missing then, because no remote control is switched on.
+//! repeated after seconds, and after a refusal only after half a minute. The sticks are asked for before they are
+//! needed, or the first seconds in Position mode would be flown without them; they may be missing then, because no
+//! remote control is switched on.
 
 use crate::profile_name::ProfileName;
 use jink_shared_types::Timestamp;
@@ -24,7 +25,7 @@ const WINDOW_S: f64 = 2.0;
 const PAUSE_S: f64 = 0.5;
 /// Pause before the same stream is asked for again (s): it may need a while to show.
 const REPEAT_S: f64 = 4.0;
-/// The same if nobody has answered (s): request or answer got lost. Longer than two ways of a link that is late.
+/// The same if no answer came (s): request or answer got lost. Longer than two ways of a link that is late.
 const UNANSWERED_S: f64 = 1.0;
 /// The same after a refusal (s): the autopilot may have been busy, but hardly changes its mind.
 const REFUSED_S: f64 = 30.0;
@@ -44,7 +45,7 @@ enum Need {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Stream {
+struct StreamState {
     message_id: u32,
     rate_hz: f64,
     /// What is asked for (Hz): more where a message comes at changes only, as soon after them as it is asked for often.
@@ -57,7 +58,7 @@ struct Stream {
     came_hz: Option<f64>,
 }
 
-impl Stream {
+impl StreamState {
     /// Whether to ask for it: it is short, or will be needed and has not come.
     fn is_wanted(&self) -> bool {
         let comes_later = matches!(self.need, Need::In(_) | Need::WithMission);
@@ -80,8 +81,8 @@ pub struct StreamRate {
     pub is_short: bool,
 }
 
-const fn stream(message_id: u32, rate_hz: f64, need: Need) -> Stream {
-    Stream {
+const fn stream(message_id: u32, rate_hz: f64, need: Need) -> StreamState {
+    StreamState {
         message_id,
         rate_hz,
         asked_hz: rate_hz,
@@ -93,15 +94,17 @@ const fn stream(message_id: u32, rate_hz: f64, need: Need) -> Stream {
     }
 }
 
-/// A mode is told within this time after it has changed, if it is asked for so often (Hz). It comes twice a second all the same.
+/// A mode is reported within this time after it has changed, if it is requested this often (Hz). It comes twice a
+/// second all the same.
 const MODE_ASKED_HZ: f64 = 20.0;
 
-/// ArduCopter shows somebody else's target until jink's next setpoint, 20 ms at most: looked for this often (Hz), which is half of its
-/// main loop's rate and 13 kB/s, 11 of 14 were seen in flight; with the 60 Hz that every link carries, some four of seven.
+/// ArduCopter reports a target set by another sender until jink's next setpoint, 20 ms at most: requested this often
+/// (Hz), which is half of its main loop's rate and 13 kB/s, 11 of 14 were seen in flight; with the 60 Hz that every
+/// link carries, some four of seven.
 const TARGET_ASKED_HZ: f64 = 200.0;
 
 /// What every profile needs, most important first.
-const ALWAYS: [Stream; 4] = [
+const ALWAYS: [StreamState; 4] = [
     stream(EXTENDED_SYS_STATE_DATA::ID, 5.0, Need::Always),
     stream(LOCAL_POSITION_NED_DATA::ID, 30.0, Need::Always),
     stream(ATTITUDE_QUATERNION_DATA::ID, 50.0, Need::Always),
@@ -109,15 +112,15 @@ const ALWAYS: [Stream; 4] = [
 ];
 
 /// Where the mission is flown by jink: where it lies, and how far it is.
-const MISSION: [Stream; 2] = [
+const MISSION: [StreamState; 2] = [
     stream(GLOBAL_POSITION_INT_DATA::ID, 5.0, Need::Always),
     stream(MISSION_CURRENT_DATA::ID, 2.0, Need::WithMission),
 ];
 
-/// What a profile needs besides. ArduCopter has no ALTITUDE; its heartbeat comes at once when the mode changes, while PX4's
-/// comes once a second and CURRENT_MODE at every change, if it is asked for.
+/// What a profile needs besides. ArduCopter has no ALTITUDE; its heartbeat comes at once when the mode changes, while
+/// PX4's comes once a second and CURRENT_MODE at every change, if it is asked for.
 #[allow(deprecated)]
-fn besides(profile: ProfileName) -> Vec<Stream> {
+fn besides(profile: ProfileName) -> Vec<StreamState> {
     let altitude = stream(ALTITUDE_DATA::ID, 5.0, Need::Always);
     let path = TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA::ID;
     match profile {
@@ -127,7 +130,7 @@ fn besides(profile: ProfileName) -> Vec<Stream> {
             altitude,
         ],
         ProfileName::Px4Offboard | ProfileName::Px4Deviation => {
-            let mode = Stream {
+            let mode = StreamState {
                 asked_hz: MODE_ASKED_HZ,
                 ..stream(CURRENT_MODE_DATA::ID, 2.0, Need::Always)
             };
@@ -142,8 +145,9 @@ fn besides(profile: ProfileName) -> Vec<Stream> {
                 .collect()
         }
         ProfileName::ArdupilotGuided => {
-            // Between two setpoints somebody else's target shows. More often than these come, and never in step with them: at their own
-            // rate it is told just after each of them for a whole flight, or just before.
+            // Between two setpoints a target of another sender shows. More often than these come, and never in step
+            // with them: at their own rate it would be reported just after each of them for a whole flight, or just
+            // before.
             let target = stream(
                 POSITION_TARGET_LOCAL_NED_DATA::ID,
                 60.0,
@@ -157,7 +161,7 @@ fn besides(profile: ProfileName) -> Vec<Stream> {
 /// Watches the streams and asks for what is missing.
 #[derive(Clone, Debug)]
 pub struct Streams {
-    streams: Vec<Stream>,
+    streams: Vec<StreamState>,
     window_end: Timestamp,
     /// The mode in which the whole window was, if it was one.
     window_mode: Option<NavMode>,
@@ -179,7 +183,7 @@ impl Streams {
         }
     }
 
-    /// Over a link that carries it somebody else's target is looked for as often as the autopilot can show it.
+    /// Over a link that carries it a target of another sender is requested as often as the autopilot can report it.
     pub fn look_often(&mut self) {
         for stream in &mut self.streams {
             if stream.message_id == POSITION_TARGET_LOCAL_NED_DATA::ID {
@@ -239,7 +243,7 @@ impl Streams {
         if now < self.next_request {
             return None;
         }
-        // The most important first, and then whoever waits longest.
+        // The most important first, and then the one that waits longest.
         let waiting = self.streams.iter().enumerate();
         let (due, _) = waiting
             .filter(|(_, s)| s.is_wanted() && now >= s.not_before)
@@ -298,7 +302,7 @@ impl Streams {
     }
 }
 
-fn ask(stream: &Stream, (target_system, target_component): (u8, u8)) -> MavMessage {
+fn ask(stream: &StreamState, (target_system, target_component): (u8, u8)) -> MavMessage {
     let once = stream.need == Need::Once;
     MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
         param1: stream.message_id as f32,
@@ -329,7 +333,7 @@ mod tests {
         Streams::new(ProfileName::Px4Trajectory)
     }
 
-    /// Runs 20 s at 100 Hz; `arrives` says which messages come at 100 Hz. Returns the requests with their times.
+    /// Runs 20 s at 100 Hz; `arrives` selects the messages that come at 100 Hz. Returns the requests with their times.
     fn run(
         streams: &mut Streams,
         mode: NavMode,

@@ -38,8 +38,8 @@ impl Ticker {
         self.due
     }
 
-    /// Whether it is due; if so, the next time is one period later. Being late once does not shift the beat, being late
-    /// by a whole period starts a new one: what was missed is not made up for.
+    /// Whether it is due; if so, the next time is one period later. Being late once does not shift the schedule, being
+    /// late by a whole period starts a new one: what was missed is not made up for.
     pub fn take(&mut self, now: Timestamp) -> bool {
         if now < self.due {
             return false;
@@ -53,12 +53,12 @@ impl Ticker {
         true
     }
 
-    /// Starts a new beat: due one period after `now`.
+    /// Starts a new schedule: due one period after `now`.
     pub fn restart(&mut self, now: Timestamp) {
         self.due = now.plus_seconds(self.period_s);
     }
 
-    /// The beat goes on from `last`, when it was taken by another.
+    /// The schedule continues from `last`, when another process took it.
     pub fn go_on_from(&mut self, last: Timestamp) {
         self.due = last.plus_seconds(self.period_s);
     }

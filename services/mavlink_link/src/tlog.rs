@@ -1,5 +1,5 @@
-//! Everything on the link in a file that ground stations and `mavlogdump.py` read: for each frame eight bytes of time, big-endian
-//! microseconds since 1970, and the frame as it was on the wire.
+//! AcceptAll on the link in a file that ground stations and `mavlogdump.py` read: for each frame eight bytes of time,
+//! big-endian microseconds since 1970, and the frame as it was on the wire.
 //!
 //! A thread writes; the link hands it copies and never waits. What the disk is too slow for is left out, and counted.
 
@@ -18,7 +18,7 @@ const WAITING_MAX: usize = 2048;
 
 /// One frame with its time.
 #[derive(Clone)]
-struct Record {
+struct TlogRecord {
     unix_us: u64,
     len: usize,
     bytes: [u8; FRAME_MAX],
@@ -29,17 +29,17 @@ struct Record {
 pub struct Tlog {
     path: PathBuf,
     /// `None` = is being closed.
-    records: Option<SyncSender<Record>>,
+    records: Option<SyncSender<TlogRecord>>,
     writer: Option<JoinHandle<()>>,
     left_out: u64,
 }
 
 impl Tlog {
-    /// Begins a new file in `folder`, which is made if it is not there. Its name tells when it was begun and by which start of
+    /// Begins a new file in `folder`, which is made if it is not there. Its name holds the time and the generation of
     /// the gateway.
     ///
     /// # Errors
-    /// What the system says about the folder, the file or the thread.
+    /// The system's error about the folder, the file or the thread.
     pub fn begin(folder: &Path, generation: u32) -> std::io::Result<Self> {
         std::fs::create_dir_all(folder)?;
         let path = folder.join(format!("jink-{}-{generation}.tlog", unix_us() / 1_000_000));
@@ -49,8 +49,9 @@ impl Tlog {
         let writer = std::thread::Builder::new()
             .name("tlog".to_owned())
             .spawn(move || {
-                // What writes to a disk is in no hurry, whatever the gateway itself was given.
-                let _stays_as_it_is = schedule(0, Scheduling::Ordinary);
+                // Writing to a disk is not urgent, whatever priority the gateway itself has. On failure it keeps that
+                // priority.
+                let _ = schedule(0, Scheduling::Ordinary);
                 write_all(file, &name, &incoming);
             })?;
         Ok(Self {
@@ -68,7 +69,7 @@ impl Tlog {
 
     /// Adds a frame that was read or written now.
     pub fn add(&mut self, frame: &[u8]) {
-        let mut record = Record {
+        let mut record = TlogRecord {
             unix_us: unix_us(),
             len: frame.len(),
             bytes: [0; FRAME_MAX],
@@ -95,7 +96,8 @@ impl Drop for Tlog {
     fn drop(&mut self) {
         self.records = None;
         if let Some(writer) = self.writer.take() {
-            let _it_has_said_why = writer.join();
+            // The thread logs its own errors.
+            let _ = writer.join();
         }
         if self.left_out > 0 {
             tracing::warn!("{}: {} frames left out", self.path.display(), self.left_out);
@@ -104,7 +106,7 @@ impl Drop for Tlog {
 }
 
 /// Until the link is closed; whenever nothing waits, all is handed to the system.
-fn write_all(file: File, path: &Path, incoming: &Receiver<Record>) {
+fn write_all(file: File, path: &Path, incoming: &Receiver<TlogRecord>) {
     let mut file = BufWriter::new(file);
     let mut write = || -> std::io::Result<()> {
         loop {

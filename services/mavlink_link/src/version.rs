@@ -9,9 +9,9 @@
 use crate::profile_name::ProfileName;
 use std::fmt;
 
-/// A version as AUTOPILOT_VERSION tells it.
+/// A version as AUTOPILOT_VERSION reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Version {
+pub struct FirmwareVersion {
     major: u8,
     minor: u8,
     patch: u8,
@@ -23,8 +23,8 @@ const RELEASE: u8 = 255;
 /// The first one that is an alpha version; below it is development.
 const ALPHA: u8 = 64;
 
-impl Version {
-    /// From `flight_sw_version`; `None` if nothing is told.
+impl FirmwareVersion {
+    /// From `flight_sw_version`; `None` if it is not set.
     pub fn of(flight_sw_version: u32) -> Option<Self> {
         let [major, minor, patch, kind] = flight_sw_version.to_be_bytes();
         (flight_sw_version != 0).then_some(Self {
@@ -46,7 +46,7 @@ impl Version {
     }
 }
 
-impl fmt::Display for Version {
+impl fmt::Display for FirmwareVersion {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let kind = match self.kind {
             RELEASE => "",
@@ -70,9 +70,9 @@ pub fn fitting(profile: ProfileName) -> ((u8, u8), Option<(u8, u8)>) {
     }
 }
 
-/// Whether `version` is older than every one that `profile` fits. What is in development counts as the release it becomes: PX4
-/// names it after the release before.
-pub fn is_too_old(version: Version, profile: ProfileName) -> bool {
+/// Whether `version` is older than every one that `profile` fits. What is in development counts as the release it
+/// becomes: PX4 names it after the release before.
+pub fn is_too_old(version: FirmwareVersion, profile: ProfileName) -> bool {
     let (major, minor) = version.numbers();
     let becomes = (major, minor + u8::from(version.is_development()));
     becomes < fitting(profile).0
@@ -80,12 +80,12 @@ pub fn is_too_old(version: Version, profile: ProfileName) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::{Version, is_too_old};
+    use super::{FirmwareVersion, is_too_old};
     use crate::profile_name::ProfileName;
 
     #[test]
     fn development_counts_as_the_release_it_becomes() {
-        let is_old = |number, profile| is_too_old(Version::of(number).unwrap(), profile);
+        let is_old = |number, profile| is_too_old(FirmwareVersion::of(number).unwrap(), profile);
         assert!(!is_old(0x010c_0000, ProfileName::Px4Offboard));
         assert!(is_old(0x010c_00ff, ProfileName::Px4Offboard));
         assert!(is_old(0x010b_0000, ProfileName::Px4Offboard));
@@ -93,8 +93,8 @@ mod tests {
     }
 
     #[test]
-    fn versions_are_told_as_their_makers_write_them() {
-        let text = |number| Version::of(number).map(|version| version.to_string());
+    fn versions_are_printed_as_their_vendors_write_them() {
+        let text = |number| FirmwareVersion::of(number).map(|version| version.to_string());
         assert_eq!(text(0x010f_02ff).as_deref(), Some("1.15.2"));
         assert_eq!(text(0x010d_0000).as_deref(), Some("1.13.0 (development)"));
         assert_eq!(text(0x0406_01c0).as_deref(), Some("4.6.1 (release candidate)"));

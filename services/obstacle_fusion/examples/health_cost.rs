@@ -7,26 +7,27 @@
 #[path = "../tests/it/flights/mod.rs"]
 mod flights;
 
-use flights::{Sample, Way, fly, set};
-use jink_simulator::world::{World, WorldKind};
+use flights::{FlightPath, SensorSample, fly, set};
+use jink_shared_types::quantile::quantiles;
+use jink_simulated_world::world::{World, WorldKind};
 
 fn main() {
     let world = World::generate("forest".parse::<WorldKind>().unwrap(), 1).unwrap();
-    let way = Way::through(&world);
+    let path = FlightPath::through(&world);
     println!("set        fault   p50 ms   p90 ms   p99 ms   max ms");
     for name in ["mid360", "os0", "os1", "vlp16", "d435", "sf45", "rplidar"] {
-        for is_spoilt in [false, true] {
-            let flown = fly(&world, &set(name), &way, 16.0, |_, sample, _| {
-                if is_spoilt {
+        for is_faulty in [false, true] {
+            let flown = fly(&world, &set(name), &path, 16.0, |_, sample, _| {
+                if is_faulty {
                     match sample {
-                        Sample::Cloud(cloud) => {
+                        SensorSample::Cloud(cloud) => {
                             let origin = cloud.origin;
                             let count = cloud.len as usize;
                             for point in &mut cloud.points[..count] {
                                 point.right_m = 2.0 * origin.y_m as f32 - point.right_m;
                             }
                         }
-                        Sample::Scan(scan) => {
+                        SensorSample::Scan(scan) => {
                             scan.angle_first_rad = -scan.angle_first_rad;
                             scan.angle_step_rad = -scan.angle_step_rad;
                         }
@@ -34,17 +35,9 @@ fn main() {
                 }
                 1
             });
-            let mut ms = flown.frame_ms;
-            ms.sort_by(f64::total_cmp);
-            let at = |share: f64| ms[(share * (ms.len() - 1) as f64) as usize];
-            let fault = if is_spoilt { "mirror" } else { "none" };
-            println!(
-                "{name:10} {fault:6} {:8.2} {:8.2} {:8.2} {:8.2}",
-                at(0.5),
-                at(0.9),
-                at(0.99),
-                at(1.0)
-            );
+            let [p50, p90, p99, max] = quantiles(&flown.frame_ms, [0.5, 0.9, 0.99, 1.0]).unwrap_or_default();
+            let fault = if is_faulty { "mirror" } else { "none" };
+            println!("{name:10} {fault:6} {p50:8.2} {p90:8.2} {p99:8.2} {max:8.2}");
         }
     }
 }

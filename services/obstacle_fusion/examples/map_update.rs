@@ -12,17 +12,18 @@ mod world;
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::PointCloud;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::time::Instant;
-use world::{Lidar, Motion, Shape, at, forest, header};
+use world::{Lidar, Obstacle, VehicleMotion, at, forest, header};
 
 const SWEEP_S: f64 = 0.1;
 const SWEEPS: usize = 200;
 const MAPS: usize = 5;
 
-fn motion(t_s: f64) -> Motion {
-    Motion {
+fn motion(t_s: f64) -> VehicleMotion {
+    VehicleMotion {
         position_m: Vector3::new(-30.0 + 3.0 * t_s, 0.0, -2.0),
         velocity_mps: Vector3::new(3.0, 0.0, 0.0),
         attitude: UnitQuaternion::from_euler_angles(0.0, -0.1, 0.3 * t_s),
@@ -62,7 +63,7 @@ fn run(rays: usize) {
             states += 1;
         }
         let here = motion(end_s).position_m;
-        let near: Vec<Shape> = world
+        let near: Vec<Obstacle> = world
             .iter()
             .filter(|shape| shape.distance_m(&here) < lidar.range_max_m + 1.0)
             .copied()
@@ -78,8 +79,8 @@ fn run(rays: usize) {
         fastest_ms.push(times_ms.iter().copied().fold(f64::INFINITY, f64::min));
         all_ms.extend(times_ms);
     }
-    let [p50, p99, max] = percentiles(&mut all_ms);
-    let [fast_p50, fast_p99, fast_max] = percentiles(&mut fastest_ms);
+    let [p50, p99, max] = percentiles(&all_ms);
+    let [fast_p50, fast_p99, fast_max] = percentiles(&fastest_ms);
     println!(
         "{rays:>8}   {p50:>8.2} {p99:>6.2} {max:>6.2}   {fast_p50:>17.2} {fast_p99:>6.2} {fast_max:>6.2} {:>10} {:>9}",
         map.known_cells, map.occupied_cells
@@ -87,7 +88,6 @@ fn run(rays: usize) {
 }
 
 /// Median, 99th percentile and maximum.
-fn percentiles(times_ms: &mut [f64]) -> [f64; 3] {
-    times_ms.sort_by(f64::total_cmp);
-    [0.5, 0.99, 1.0].map(|p| times_ms[((times_ms.len() - 1) as f64 * p).round() as usize])
+fn percentiles(times_ms: &[f64]) -> [f64; 3] {
+    quantiles(times_ms, [0.5, 0.99, 1.0]).unwrap_or_default()
 }

@@ -1,15 +1,16 @@
-//! The vehicle's own body: space that is free because the vehicle is in it, and space around it that the user declares free.
+//! The vehicle's own volume: space that is free because the vehicle is in it, and space around it that the user
+//! declares free.
 
-use crate::frame::Frame;
-use crate::window::Window;
+use crate::frame_bits::FrameBits;
+use crate::window::MapWindow;
 use jink_shared_types::Point;
 use jink_shared_types::map::{CELL_M, Cell, cell_of, center_of};
 use nalgebra::Vector3;
 
-/// Marks the cells of the ball of `radius_m` around `center_m` (local) as free in `frame`: those with their centre in
-/// the ball. Of these, cells that reach out of the ball and are occupied keep what they are: the obstacle may well
-/// stand in the part outside, in a sensor's blind zone, and hovering beside it must not wear it away.
-pub(crate) fn mark_body(frame: &mut Frame, window: &Window, center_m: Vector3<f64>, radius_m: f64) {
+/// Marks the cells of the sphere of `radius_m` around `center_m` (local) as free in `frame`: those with their centre in
+/// the sphere. Of these, cells that reach out of the sphere and are occupied keep their state: the obstacle may be in
+/// the part outside, in a sensor's blind zone, and hovering beside it must not clear it.
+pub(crate) fn mark_body(frame: &mut FrameBits, window: &MapWindow, center_m: Vector3<f64>, radius_m: f64) {
     let corner = |offset_m: f64| cell_of(Point::from_vector(center_m.add_scalar(offset_m)));
     let (low, high) = (corner(-radius_m), corner(radius_m));
     for z in low[2]..=high[2] {
@@ -26,8 +27,8 @@ pub(crate) fn mark_body(frame: &mut Frame, window: &Window, center_m: Vector3<f6
     }
 }
 
-/// Declares the cells of the ball of `radius_m` around `center_m` (local) free of which nothing is known.
-pub(crate) fn declare_ball(window: &mut Window, center_m: Vector3<f64>, radius_m: f64) {
+/// Declares the cells of the sphere of `radius_m` around `center_m` (local) free if they are unknown.
+pub(crate) fn declare_sphere(window: &mut MapWindow, center_m: Vector3<f64>, radius_m: f64) {
     let corner = |offset_m: f64| cell_of(Point::from_vector(center_m.add_scalar(offset_m)));
     let (low, high) = (corner(-radius_m), corner(radius_m));
     for z in low[2]..=high[2] {

@@ -1,8 +1,8 @@
-//! Cells as numbers: where the bit of a cell lives in a flat plane.
+//! Cells as numbers: the bit of a cell in a flat plane.
 //!
-//! A flat plane has one bit per cell, x fastest, then y, then z, either by the global index modulo the size (as
-//! `shared_types::map` has it, for everything that outlives a frame) or by the offset from the window's smallest cell
-//! (within one frame, where a step to a neighbour is then one addition).
+//! A flat plane has one bit per cell, x fastest, then y, then z, either by the global index modulo the size (as in
+//! `shared_types::map`, for everything that outlives a frame) or by the offset from the window's smallest cell (within
+//! one frame, where a step to a neighbour is then one addition).
 
 use jink_shared_types::map::{Cell, SIZE_X, SIZE_Y, SIZE_Z};
 
@@ -25,7 +25,7 @@ pub(crate) fn plane() -> Box<BitPlane> {
 
 /// The offset of `cell` from `min_cell` per axis, if that is inside the window.
 pub(crate) fn offset_in(min_cell: Cell, cell: Cell) -> Option<[i32; 3]> {
-    // A window's corner is a plausible position: the difference wraps only for cells that are nowhere near.
+    // A window's corner is a plausible position: the difference wraps only for cells far away.
     let offset = [0, 1, 2].map(|axis| cell[axis].wrapping_sub(min_cell[axis]));
     let inside = (0..3).all(|axis| (offset[axis] as u32) < SIZE[axis] as u32);
     inside.then_some(offset)

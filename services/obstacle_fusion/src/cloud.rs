@@ -1,9 +1,9 @@
 //! Point clouds: every point is the end of one narrow ray.
 
-use crate::rays::Tracer;
+use crate::rays::RayTracer;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 
-impl Tracer<'_> {
+impl RayTracer<'_> {
     /// Enters every point of `cloud`.
     pub fn cloud(&mut self, cloud: &PointCloud) {
         self.sweep.begin(cloud.first_point);
@@ -24,7 +24,7 @@ impl Tracer<'_> {
             self.counters.self_hits += 1;
             return;
         }
-        if !self.turn_to(point.offset_10us) {
+        if !self.set_time(point.offset_10us) {
             return;
         }
         let range_m = self.limits.range_m(body_m);
@@ -32,7 +32,7 @@ impl Tracer<'_> {
         let is_below = self.limits.is_below(range_m);
         let is_malformed = is_beyond | (is_below & !is_hit);
         self.counters.rays_malformed += u64::from(is_malformed);
-        self.informed |= !is_malformed;
+        self.has_information |= !is_malformed;
         let clear_m = if is_beyond | is_below { 0.0 } else { range_m };
         self.enter(body_m, range_m, is_hit, clear_m);
     }

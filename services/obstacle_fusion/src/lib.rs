@@ -1,57 +1,62 @@
-//! Ranges to a sliding tri-state voxel map: what is occupied, what is known to be free, and what nobody has seen.
+//! Turns ranges into a sliding tri-state voxel map: occupied, known to be free, or unknown.
 //!
-//! Promise: a cell is free only if a ray was seen to pass through it, or the vehicle itself was in it, or the user declares it, and
-//! no hit outweighs that. Unknown is not free; what cannot be placed, timed or believed opens no space. What stands on a
-//! declaration alone is marked ([`LocalMap::declared`]), and the first measurement takes its place.
+//! Promise: a cell is free only if a ray passed through it, or the vehicle itself was in it, or the user declares it,
+//! and no hit outweighs that. Unknown is not free; rays without a pose, a valid time or plausible numbers open no
+//! space. Cells known by a declaration alone are marked ([`LocalMap::declared`]), and the first measurement takes
+//! precedence.
 //!
 //! | in | out |
 //! |---|---|
-//! | [`VehicleState`]: where the sensors were at each moment | [`LocalMap`]: bit planes `occupied` and `known` |
-//! | [`PointCloud`], [`RangeScan`]: hits, "nothing there", "I do not know" | live sensors, whether ranges are fresh |
+//! | [`VehicleState`]: where the sensors were at each time | [`LocalMap`]: bit planes `occupied` and `known` |
+//! | [`PointCloud`], [`RangeScan`]: hits, "nothing there", "unknown" | live sensors, whether ranges are fresh |
 //!
-//! The way of a frame: every ray is placed with the vehicle's pose at the moment it was measured (`poses`), judged
-//! against its sensor's limits (`rays`, `cloud`, `scan`), and entered into two bit planes, cells hit and cells
-//! looked through (`frame`); the vehicle's body is free (`body`). Then the frame counts once, as log-odds evidence
-//! (`window`): one hit makes a cell occupied, one miss never makes an occupied cell free. The shape follows ROG-Map
+//! The steps for a frame: every ray is placed with the vehicle's pose at the time it was measured (`poses`), checked
+//! against its sensor's limits (`rays`, `cloud`, `scan`), and entered into two bit planes, cells hit and cells passed
+//! through (`frame_bits`); the vehicle's own volume is free (`body`). Then the frame counts once, as log-odds evidence
+//! (`window`): one hit makes a cell occupied, one miss never makes an occupied cell free. The design follows ROG-Map
 //! (Ren et al., arXiv 2302.14819): modular addressing, sliding by clearing, evidence per frame.
 //!
-//! Around it lies a coarse one ([`FarMap`]) of what stands farther away and of what the window has left behind: `far`.
+//! Around it lies a coarse map ([`FarMap`]) of obstacles farther away and of the cells that the window has left:
+//! `far_window`.
 //!
-//! Beside the map, each sensor is watched for faults that its frames show ([`SensorFinding`]): `health`.
+//! Beside the map, each sensor is checked for faults that its frames show ([`SensorFinding`]): `health`.
 //!
 //! Moving obstacles: a cell that something has left is free again when rays have passed through it often enough, twelve
-//! frames at most. Until then it is a ghost: that costs room, not safety. The reverse is the limit of this map: free
-//! is what was free when it was last seen. A mover may since have entered; the map learns of it with the next ray that
-//! hits it, the guard reads raw ranges, and free cells do not age. Letting free evidence near tracked movers expire
-//! needs tracks first, and is not part of this map.
+//! frames at most. Until then it stays occupied: that costs clearance, not safety. The reverse is the limit of this
+//! map: free is what was free when it was last seen. A mover may since have entered; the map has it with the next ray
+//! that hits it, the guard reads raw ranges, and free cells do not age. Letting free evidence near tracked movers
+//! expire needs tracks first, and is not part of this map.
 //!
 //! [`Fusion`] is deterministic to the bit and allocates nothing after [`Fusion::new`].
 
 mod body;
 mod cells;
 mod cloud;
-mod far;
-mod frame;
+mod contributions;
+mod far_window;
+mod field_of_view;
+mod frame_bits;
 mod health;
-mod lone;
-mod move_window;
 mod overhang;
 mod poses;
 mod rays;
 mod rebase;
 mod scan;
-mod sensors;
 mod service;
-mod start;
-mod view;
+mod shift_window;
+mod start_bubble;
+mod transient_hits;
 mod window;
 
 pub use health::SensorFinding;
 pub use service::FusionService;
 
-use far::Far;
-use frame::{Frame, Rays};
+use contributions::Contributions;
+use far_window::FarWindow;
+use field_of_view::FieldOfViewEstimator;
+use frame_bits::{FrameBits, RayBatch};
 use health::Health;
+use jink_shared_types::clock::Order;
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::layout::Layout;
@@ -59,21 +64,20 @@ use jink_shared_types::map::{CELL_M, LocalMap, cell_of, declared_as};
 use jink_shared_types::params::{
     OA_CARVE_RNG, OA_DCL_HANG_HI, OA_DCL_HANG_LO, OA_DCL_START, OA_VEH_RADIUS, ParamSet,
 };
+use jink_shared_types::pose_history::{Estimate, PoseHistory};
 use jink_shared_types::ranges::{PointCloud, RangeScan, SENSORS};
 use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Added, Flag, Reserved, SampleHeader, Timestamp};
-use lone::{LoneHits, Looking};
 use nalgebra::Vector3;
-use poses::{Order, PoseHistory, SweepPoses, estimate_of};
-use rays::{Limits, Tracer};
-use rebase::{Move, known_jump_m};
-use sensors::Sensors;
-use start::Start;
-use view::View;
-use window::Window;
+use poses::{Pose, SweepPoses};
+use rays::{RayTracer, SensorLimits};
+use rebase::{FrameShift, known_jump_m};
+use start_bubble::StartBubble;
+use transient_hits::{LidarView, TransientHits};
+use window::MapWindow;
 
-/// What the map needs to know of the vehicle.
+/// The configuration of the map.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FusionConfig {
     /// Radius of the sphere around the centre of gravity that holds the whole vehicle (m).
@@ -82,9 +86,10 @@ pub struct FusionConfig {
     pub carve_range_m: f64,
     /// How many range sensors there are. They are numbered from 0, whatever their kind.
     pub sensor_count: usize,
-    /// What the user declares of each sensor, by its number.
+    /// The user's declarations for each sensor, by its number.
     pub declared: [DeclaredOfSensor; SENSORS],
-    /// So near to the vehicle (m) everything is free on the ground and while it is above the place where it stood; zero: not declared.
+    /// Start bubble: everything within this distance of the vehicle (m) is free on the ground and while it is above the
+    /// place where it stood; zero: not declared.
     pub start_bubble_m: f64,
     /// Lowest and highest height above home between which nothing hangs from above (m); the second not above the first: not declared.
     pub no_overhang_m: [f64; 2],
@@ -92,17 +97,17 @@ pub struct FusionConfig {
     pub first_epoch: u32,
 }
 
-/// What the user declares of a sensor.
+/// The user's declarations for a sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DeclaredOfSensor {
-    /// What it says of its plane holds so far above and below it (m).
+    /// The readings of its plane hold this far above and below it (m).
     pub band_m: [f64; 2],
     /// A ray without an answer met nothing.
     pub no_return_is_clear: bool,
-    /// Frames per second that its table says (Hz); zero where it does not.
+    /// Frames per second by its table (Hz); zero where it does not say.
     pub rate_hz: f64,
-    /// What stands near the vehicle is hit in nearly every frame: so of lidars that look at an area, not of cameras, which lose blank
-    /// surfaces, nor of scans, which leave their plane when the vehicle tilts.
+    /// Obstacles near the vehicle are hit in nearly every frame: true for lidars that cover an area, not for cameras,
+    /// which miss blank surfaces, nor for scans, which leave their plane when the vehicle tilts.
     pub repeats_hits: bool,
 }
 
@@ -121,43 +126,43 @@ impl FusionConfig {
     }
 }
 
-/// What was left out, since construction.
+/// Counts of what was rejected, since construction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
     /// Vehicle states out of order, without a valid position, or with impossible numbers.
     pub states_refused: u64,
     /// Clouds and scans of unknown sensors, out of order, or with an impossible description.
     pub frames_refused: u64,
-    /// Rays measured at a moment for which no pose is known.
+    /// Rays measured at a time for which no pose is known.
     pub rays_without_pose: u64,
-    /// Rays whose numbers make no sense for their sensor.
+    /// Rays with implausible numbers for their sensor.
     pub rays_malformed: u64,
     /// Hits inside the vehicle's radius.
     pub self_hits: u64,
-    /// Clouds and scans that say the same as the one before where that cannot be.
+    /// Clouds and scans that repeat the one before where that cannot be.
     pub frames_repeated: u64,
 }
 
-/// The map and everything it is made from.
+/// The map and its inputs.
 pub struct Fusion {
     config: FusionConfig,
     history: PoseHistory,
     sweep: SweepPoses,
-    frame: Frame,
-    window: Window,
-    far: Far,
-    sensors: Sensors,
+    frame: FrameBits,
+    window: MapWindow,
+    far: FarWindow,
+    sensors: Contributions,
     health: Health,
-    /// Motors armed, as the newest state says.
+    /// Motors armed, by the newest state.
     armed: bool,
-    view: View,
-    lone: LoneHits,
+    view: FieldOfViewEstimator,
+    transient_hits: TransientHits,
     counters: Counters,
     /// Down coordinate of home (m); NaN unknown.
     home_down_m: f64,
-    /// Something hangs from above where it is declared that nothing does.
+    /// Something was seen hanging from above where it is declared that nothing does.
     overhang_seen: bool,
-    start: Start,
+    start: StartBubble,
     estimator_resets: Option<u32>,
     epoch: u32,
     /// Frames traced so far.
@@ -169,21 +174,21 @@ impl Fusion {
     pub fn new(config: FusionConfig) -> Self {
         Self {
             config,
-            history: PoseHistory::new(),
+            history: PoseHistory::new(poses::REACH),
             sweep: SweepPoses::new(),
-            frame: Frame::new(),
-            window: Window::new(),
-            far: Far::new(),
-            sensors: Sensors::new(config.sensor_count),
+            frame: FrameBits::new(),
+            window: MapWindow::new(),
+            far: FarWindow::new(),
+            sensors: Contributions::new(config.sensor_count),
             health: Health::new(
                 &config.declared.map(|declared| declared.rate_hz)[..config.sensor_count.min(SENSORS)],
             ),
             armed: false,
-            view: View::new(),
-            lone: LoneHits::new(config.sensor_count),
+            view: FieldOfViewEstimator::new(),
+            transient_hits: TransientHits::new(config.sensor_count),
             home_down_m: f64::NAN,
             overhang_seen: false,
-            start: Start::default(),
+            start: StartBubble::default(),
             counters: Counters::default(),
             estimator_resets: None,
             epoch: config.first_epoch,
@@ -193,9 +198,10 @@ impl Fusion {
 
     /// Takes the vehicle state valid at `header.capture`; the window follows the vehicle.
     ///
-    /// A changed reset count means that the local frame has moved under the map. Where this state and the one before say by how much,
-    /// map and poses move along, and cells that then overlap two are free only if both were; else map, poses and contributions are
-    /// dropped and the epoch counts up, whether or not the state itself can be used.
+    /// A changed reset count means that the local frame has moved under the map. If this state and the one before
+    /// determine by how much, map and poses are shifted, and cells that then overlap two are free only if both were;
+    /// else map, poses and contributions are cleared and the epoch counts up, whether or not the state itself can be
+    /// used.
     pub fn vehicle(&mut self, state: &VehicleState, header: &SampleHeader) {
         match Order::judge(header.capture, self.history.newest()) {
             Order::Newer => {}
@@ -212,10 +218,10 @@ impl Fusion {
         if let Some(resets) = known_resets.filter(|resets| *resets != state.estimator_resets) {
             match self.jump_m(state, header.capture, resets) {
                 Some(jump_m) => {
-                    self.far.remember(&self.window);
+                    self.far.absorb(&self.window);
                     self.far.shift(&jump_m);
-                    self.window.shift(&Move::by(&jump_m));
-                    self.lone.forget();
+                    self.window.shift(&FrameShift::by(&jump_m));
+                    self.transient_hits.clear();
                     self.start.shift(&jump_m);
                     self.history.shift(&jump_m);
                 }
@@ -224,15 +230,16 @@ impl Fusion {
         }
         self.home_down_m = state.home_down_m;
         self.armed = state.armed.is_set();
-        if self.history.push(state, header.capture) {
+        let estimate = Estimate::of(state);
+        if estimate.is_some_and(|estimate| self.history.push(estimate, header.capture)) {
             let cell = cell_of(state.position);
-            if self.window.is_left_by(cell) {
-                self.far.remember(&self.window);
+            if self.window.must_follow(cell) {
+                self.far.absorb(&self.window);
                 self.window.follow(cell);
             }
             self.far.follow(cell);
             if self.start.update(state, header.capture) && self.config.start_bubble_m > 0.0 {
-                body::declare_ball(
+                body::declare_sphere(
                     &mut self.window,
                     state.position.vector(),
                     self.config.start_bubble_m,
@@ -248,23 +255,23 @@ impl Fusion {
         if resets.wrapping_add(1) != state.estimator_resets {
             return None;
         }
-        let (before, at) = self.history.newest_estimate()?;
-        known_jump_m(&before, &estimate_of(state)?, capture.seconds_since(at))
+        let (at, before) = self.history.newest_estimate()?;
+        known_jump_m(&before, &Estimate::of(state)?, capture.seconds_since(at))
     }
 
-    /// How often the map was thrown away.
+    /// How often the map was cleared.
     pub fn epoch(&self) -> u32 {
         self.epoch
     }
 
     fn drop_map(&mut self) {
-        self.window.forget();
-        self.far.forget();
-        self.lone.forget();
+        self.window.clear();
+        self.far.clear();
+        self.transient_hits.clear();
         self.history.clear();
         self.sensors.forget_contributions();
         self.health.forget_poses();
-        self.start = Start::default();
+        self.start = StartBubble::default();
         self.epoch = self.epoch.wrapping_add(1);
     }
 
@@ -276,18 +283,25 @@ impl Fusion {
             self.counters.frames_refused += 1;
             return;
         };
-        let pose = self.history.at(header.capture);
+        let pose = self.history.at(header.capture).map(Pose::from);
         if !self.health.accepts_cloud(sensor, cloud, header.capture, pose) {
             self.counters.frames_repeated += 1;
             return;
         }
         let reach_m = limits.reach_m;
         let repeats_hits = self.config.declared.get(sensor).is_some_and(|of| of.repeats_hits);
-        let again = repeats_hits.then_some(sensor);
+        let confirming_sensor = repeats_hits.then_some(sensor);
         let rays = cloud.points().len();
-        if self.trace(limits, header.capture, [0.0; 2], again, rays, |tracer| {
-            tracer.cloud(cloud);
-        }) {
+        if self.trace(
+            limits,
+            header.capture,
+            [0.0; 2],
+            confirming_sensor,
+            rays,
+            |tracer| {
+                tracer.cloud(cloud);
+            },
+        ) {
             self.view
                 .cloud(sensor, cloud, header.capture, self.frames, reach_m);
             let deadline_ms = header.deadline_ms(RANGE_CLOUD.row.deadline_ms);
@@ -309,7 +323,7 @@ impl Fusion {
             self.counters.frames_refused += 1;
             return;
         };
-        let pose = self.history.at(header.capture);
+        let pose = self.history.at(header.capture).map(Pose::from);
         if !self.health.accepts_scan(sensor, scan, header.capture, pose) {
             self.counters.frames_repeated += 1;
             return;
@@ -344,53 +358,54 @@ impl Fusion {
         is_newer
     }
 
-    fn limits(&self, origin: Point<BodyFrd>, min_m: f32, max_m: f32) -> Option<Limits> {
-        Limits::of(origin, min_m, max_m, &self.config)
+    fn limits(&self, origin: Point<BodyFrd>, min_m: f32, max_m: f32) -> Option<SensorLimits> {
+        SensorLimits::of(origin, min_m, max_m, &self.config)
     }
 
-    /// Collects the rays that `enter` enters, `rays` at most, spreads them over the band declared, adds the body at the time of capture
-    /// and counts the frame as evidence; whether any ray said something. Hits that sensor `again` does not hit again are withdrawn.
+    /// Traces the rays that `enter` adds, `rays` at most, copies them to the declared band, adds the vehicle's volume
+    /// at the time of capture and counts the frame as evidence; whether any ray had information. Hits that
+    /// `confirming_sensor` does not repeat are withdrawn.
     fn trace(
         &mut self,
-        limits: Limits,
+        limits: SensorLimits,
         capture: Timestamp,
         band_m: [f64; 2],
-        again: Option<usize>,
+        confirming_sensor: Option<usize>,
         rays: usize,
-        enter: impl FnOnce(&mut Tracer),
+        enter: impl FnOnce(&mut RayTracer),
     ) -> bool {
         self.frame.begin(self.window.min_cell());
         self.far.begin(rays);
         let (origin_m, near_m) = (limits.origin_body_m, limits.range_min_m);
-        let mut tracer = Tracer {
+        let mut tracer = RayTracer {
             limits,
             frame: &mut self.frame,
             far_offset: self.far.offset(self.window.min_cell()),
             far: &mut self.far,
             counters: &mut self.counters,
-            informed: false,
+            has_information: false,
             number: self.frames,
             sweep: &mut self.sweep,
             history: &self.history,
-            moment: None,
+            time_slot: None,
             place: None,
-            rays: Rays::new(),
+            rays: RayBatch::new(),
         };
         enter(&mut tracer);
         tracer.flush();
         self.frames = self.frames.wrapping_add(1);
-        let informed = tracer.informed;
+        let has_information = tracer.has_information;
         self.far.apply();
         if band_m != [0.0; 2] {
             // A cell counts if all of it lies in the band.
             let [up, down] = band_m.map(|m| (m / CELL_M) as usize);
             self.frame.spread(up, down);
         }
-        if let Some(pose) = self.history.at(capture) {
+        if let Some(pose) = self.history.at(capture).map(Pose::from) {
             let radius_m = self.config.vehicle_radius_m;
             body::mark_body(&mut self.frame, &self.window, pose.position_m, radius_m);
-            if let Some(sensor) = again {
-                let looking = Looking {
+            if let Some(sensor) = confirming_sensor {
+                let looking = LidarView {
                     sensor,
                     origin_m,
                     near_m,
@@ -398,19 +413,19 @@ impl Fusion {
                     pose,
                     capture,
                 };
-                self.lone.look(&looking, &self.frame, &mut self.window);
+                self.transient_hits.look(&looking, &self.frame, &mut self.window);
             }
         }
         self.window.apply(&self.frame);
-        informed
+        has_information
     }
 
-    /// Writes the whole map as it stands at `now`, every field of it.
+    /// Writes the whole map at `now`, every field of it.
     pub fn write(&self, now: Timestamp, out: &mut LocalMap) {
         let (occupied_cells, known_cells) = self.window.write(out, self.no_overhang());
         out.min_cell = self.window.min_cell();
         out.live_sensors = self.sensors.live(now);
-        // What a sensor with a fault says is no ground to take off.
+        // With a faulty sensor the vehicle must not take off.
         let is_held = !self.armed && self.health.is_any_wrong();
         out.ranges_fresh = Flag::from(self.sensors.fresh(now) && !is_held);
         out.faults = Added::new(self.health.bits());
@@ -426,7 +441,7 @@ impl Fusion {
 
     /// Writes the far map, every field of it.
     pub fn write_far(&mut self, out: &mut FarMap) {
-        self.far.remember(&self.window);
+        self.far.absorb(&self.window);
         self.far.write(out);
         out.epoch = self.epoch;
     }
@@ -440,7 +455,7 @@ impl Fusion {
         is_declared.then(|| [layer(high_m).ceil() as i32, layer(low_m).floor() as i32])
     }
 
-    /// What is declared, bits of [`declared_as`].
+    /// The declarations, bits of [`declared_as`].
     fn declarations(&self) -> u8 {
         let sensors = self.config.declared.iter().take(self.config.sensor_count);
         let of_sensors = sensors.map(|declared| {
@@ -466,20 +481,22 @@ impl Fusion {
         bits
     }
 
-    /// Looks for something that hangs from above where it is declared that nothing does; whether it was found just now. The declaration
-    /// does not count any more then, for as long as this `Fusion` exists.
+    /// Searches for something that hangs from above where it is declared that nothing does; whether it was found just
+    /// now. The declaration is not used any more then, as long as this `Fusion` exists.
     pub fn finds_overhang(&mut self) -> bool {
-        let is_found = self.no_overhang().is_some_and(|layers| self.window.hangs(layers));
+        let is_found = self
+            .no_overhang()
+            .is_some_and(|layers| self.window.has_ceiling(layers));
         self.overhang_seen |= is_found;
         is_found
     }
 
-    /// The next change of what is wrong with a sensor that was not handed out before; ask until there is none.
+    /// The next change of a sensor's fault that was not returned before; call until there is none.
     pub fn next_finding(&mut self) -> Option<SensorFinding> {
         self.health.next_change()
     }
 
-    /// What was left out so far.
+    /// The counts of what was rejected so far.
     pub fn counters(&self) -> Counters {
         self.counters
     }

@@ -1,11 +1,12 @@
-//! The declaration that nothing hangs from above: what it adds to a map, and when it is not so.
+//! The declaration that nothing hangs from above: what it adds to a map, and when it is contradicted.
 //!
-//! What is free there is free up to the last layer, unless something was seen. A ceiling, a bridge or a crown contradicts it as soon as it is
-//! seen: cells that are occupied above cells that were measured to be free. Single ones happen at the rim of every trunk, so that
-//! a piece of [`SLAB_CELLS`] cells, each with all four of its neighbours, is asked for.
+//! Above a free cell everything counts as free up to the last layer, unless something was seen. A ceiling, a bridge or
+//! a tree crown contradicts the declaration as soon as it is seen: occupied cells above cells that were measured to be
+//! free. Single ones occur at the rim of every trunk, so a piece of [`SLAB_CELLS`] cells, each with all four of its
+//! neighbours, is required.
 
 use crate::cells::SIZE;
-use crate::window::{Window, row};
+use crate::window::{MapWindow, row};
 use jink_shared_types::map::{LocalMap, SIZE_Y};
 
 /// Cells of a layer, each between four others that hang as well, that are a piece of ceiling.
@@ -14,11 +15,11 @@ const SLAB_CELLS: u32 = 6;
 const FREE_BELOW: i32 = 2;
 
 /// One bit per cell of a layer.
-type Layer = [u128; SIZE_Y];
+type LayerBits = [u128; SIZE_Y];
 
-impl Window {
-    /// Declares what is above free cells of `out` free in the layers `top` to `bottom` (global indices, z counts downwards); returns of
-    /// how many cells.
+impl MapWindow {
+    /// Declares the cells above free cells of `out` free in the layers `top` to `bottom` (global indices, z counts
+    /// downwards); returns their number.
     pub(crate) fn declare_no_overhang(&self, out: &mut LocalMap, [top, bottom]: [i32; 2]) -> u32 {
         let mut declared = 0;
         for y in 0..SIZE_Y {
@@ -39,9 +40,9 @@ impl Window {
     }
 
     /// Whether a piece of ceiling was seen in these layers.
-    pub(crate) fn hangs(&self, layers: [i32; 2]) -> bool {
+    pub(crate) fn has_ceiling(&self, layers: [i32; 2]) -> bool {
         self.layers(layers).any(|z| {
-            let hanging: Layer = std::array::from_fn(|y| self.hanging(z, y));
+            let hanging: LayerBits = std::array::from_fn(|y| self.hanging(z, y));
             let inner = |y: usize| {
                 let here = hanging[y];
                 let beside = here.rotate_left(1) & here.rotate_right(1);
@@ -83,19 +84,19 @@ fn row_number(z: i32, y: usize) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use crate::frame::{Frame, Rays};
-    use crate::window::Window;
+    use crate::frame_bits::{FrameBits, RayBatch};
+    use crate::window::MapWindow;
     use jink_shared_types::map::{Cell, LocalMap};
 
     /// A window around the origin in which `free` and `occupied` were measured.
-    fn window(free: impl IntoIterator<Item = Cell>, occupied: impl IntoIterator<Item = Cell>) -> Window {
-        let mut window = Window::new();
-        let mut frame = Frame::new();
+    fn window(free: impl IntoIterator<Item = Cell>, occupied: impl IntoIterator<Item = Cell>) -> MapWindow {
+        let mut window = MapWindow::new();
+        let mut frame = FrameBits::new();
         frame.begin(window.min_cell());
         for cell in free {
             frame.mark_free(cell);
         }
-        let mut hits = Rays::new();
+        let mut hits = RayBatch::new();
         for cell in occupied {
             let along = |axis: usize| (cell[axis] - window.min_cell()[axis]) as f32 + 0.5;
             hits.push([along(0), along(1), along(2)], 0.0, true);
@@ -132,21 +133,21 @@ mod tests {
     #[test]
     fn a_ceiling_contradicts_it_and_trunks_walls_and_single_cells_do_not() {
         let hall = || block([-9, 9], [-9, 9], [-3, 5]);
-        assert!(!window(hall(), []).hangs(LAYERS));
+        assert!(!window(hall(), []).has_ceiling(LAYERS));
         assert!(
-            window(hall(), block([-4, 4], [-2, 2], [-4, -4])).hangs(LAYERS),
+            window(hall(), block([-4, 4], [-2, 2], [-4, -4])).has_ceiling(LAYERS),
             "a piece of ceiling"
         );
         assert!(
-            !window(hall(), block([-4, 4], [-2, 2], [-4, -4])).hangs([-3, 10]),
+            !window(hall(), block([-4, 4], [-2, 2], [-4, -4])).has_ceiling([-3, 10]),
             "in other layers"
         );
-        // Nothing was measured below a trunk or wall but itself.
+        // Nothing but the trunk or wall was measured below it.
         let trunk = || block([2, 4], [2, 4], [-8, 5]);
         let around = hall().filter(|cell| !(2..=4).contains(&cell[0]) || !(2..=4).contains(&cell[1]));
-        assert!(!window(around, trunk()).hangs(LAYERS));
+        assert!(!window(around, trunk()).has_ceiling(LAYERS));
         // Its rim is measured now and then.
         let rim = trunk().filter(|cell| cell[0] == 2 && cell[2] < -1);
-        assert!(!window(hall(), rim).hangs(LAYERS));
+        assert!(!window(hall(), rim).has_ceiling(LAYERS));
     }
 }

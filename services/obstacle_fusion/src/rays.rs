@@ -1,31 +1,32 @@
-//! What one ray says, whatever sensor it comes from.
+//! What one ray reports, for every sensor.
 //!
-//! | the ray says | cells |
+//! | ray | cells |
 //! |---|---|
 //! | a hit inside the vehicle's radius | nothing: the sensor sees its own vehicle (counted) |
 //! | a hit below the shortest range | hit at that range; nothing is cleared, the obstacle may be nearer |
-//! | a hit within the sensor's range | hit; looked through up to the hit, at most to the carve range |
-//! | a hit beyond the sensor's range | hit, as far as it goes; nothing is cleared (counted as malformed) |
-//! | nothing there | looked through up to the point, at most to the carve range |
+//! | a hit within the sensor's range | hit; cleared up to the hit, at most to the carve range |
+//! | a hit beyond the sensor's range | hit at its range; nothing is cleared (counted as malformed) |
+//! | nothing there | cleared up to the point, at most to the carve range |
 //! | nothing there, beyond the sensor's range or below its shortest | nothing (counted as malformed) |
 
-use crate::far::Far;
-use crate::frame::{Frame, Origin, Rays};
-use crate::poses::{Pose, PoseHistory, SweepPoses};
+use crate::far_window::FarWindow;
+use crate::frame_bits::{FrameBits, GridOrigin, RayBatch};
+use crate::poses::{Pose, SweepPoses};
 use crate::{Counters, FusionConfig};
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::map::CELL_M;
+use jink_shared_types::pose_history::PoseHistory;
 use nalgebra::Vector3;
 
 /// A range may exceed the sensor's longest by this factor: noise on a hit, rounding of a "nothing there" point.
 const RANGE_SLACK: f32 = 1.01;
 
-/// log2 of the units of 10 us that count as one moment: 80 us, off by 40 us at most. At 10 rad/s that moves a point 12 m away by 5 mm,
-/// and at 20 m/s every point by 0.8 mm.
+/// log2 of the units of 10 us that share one pose: 80 us, off by 40 us at most. At 10 rad/s that moves a point 12 m
+/// away by 5 mm, and at 20 m/s every point by 0.8 mm.
 const MOMENT_SHIFT: u32 = 3;
 
-/// What is known of a sensor during one frame, checked once.
-pub(crate) struct Limits {
+/// A sensor's geometry and ranges for one frame, checked once.
+pub(crate) struct SensorLimits {
     /// Position of the sensor in the body frame (m).
     pub origin_body_m: Vector3<f64>,
     /// Rays are carved up to here (m): the carve range, or the sensor's longest range if that is shorter.
@@ -39,7 +40,7 @@ pub(crate) struct Limits {
     vehicle_radius_m: f32,
 }
 
-impl Limits {
+impl SensorLimits {
     /// From a plausible frame's header; nothing if it measures nothing between its shortest and its longest range.
     pub fn of(origin: Point<BodyFrd>, min_m: f32, max_m: f32, config: &FusionConfig) -> Option<Self> {
         let origin_body_m = origin.vector();
@@ -86,44 +87,44 @@ fn norm_squared([x, y, z]: [f32; 3]) -> f32 {
     x * x + y * y + z * z
 }
 
-/// The bench on which one frame is worked.
-pub(crate) struct Tracer<'a> {
-    pub limits: Limits,
-    pub frame: &'a mut Frame,
-    pub far: &'a mut Far,
+/// Traces the rays of one frame.
+pub(crate) struct RayTracer<'a> {
+    pub limits: SensorLimits,
+    pub frame: &'a mut FrameBits,
+    pub far: &'a mut FarWindow,
     /// The fine window's smallest corner, in fine cells from the far map's.
     pub far_offset: [f32; 3],
     pub counters: &'a mut Counters,
-    /// Whether any ray has said something about the surroundings.
-    pub informed: bool,
+    /// Whether any ray has reported something of the surroundings.
+    pub has_information: bool,
     pub sweep: &'a mut SweepPoses,
     pub history: &'a PoseHistory,
     /// Number of this frame.
     pub number: u64,
-    /// Rays of one firing share their moment, depth images have only one: the last asked for, its answer, and its rays that are not
-    /// entered yet.
-    pub moment: Option<u16>,
-    pub place: Option<Place>,
-    pub rays: Rays,
+    /// Rays of one firing share their time, depth images have only one: the last time slot, the sensor's pose in it,
+    /// and its rays that are not entered yet.
+    pub time_slot: Option<u16>,
+    pub place: Option<SensorPose>,
+    pub rays: RayBatch,
 }
 
-/// Where the sensor was when a ray was measured.
-pub(crate) struct Place {
+/// The sensor's pose when a ray was measured.
+pub(crate) struct SensorPose {
     /// Takes body coordinates (m) to grid coordinates (cells): columns, and the body's origin.
     grid_r_body: [[f32; 3]; 3],
     body: [f32; 3],
     /// The sensor, as origin of rays; nothing if it is out of the window's middle.
-    pub origin: Option<Origin>,
+    pub origin: Option<GridOrigin>,
 }
 
-impl Place {
-    fn new(pose: &Pose, limits: &Limits, frame: &Frame) -> Self {
+impl SensorPose {
+    fn new(pose: &Pose, limits: &SensorLimits, frame: &FrameBits) -> Self {
         let rotation = pose.rotation * (1.0 / CELL_M);
         let body = frame.grid(&pose.position_m);
         Self {
             grid_r_body: [0, 1, 2].map(|column| [0, 1, 2].map(|row| rotation[(row, column)] as f32)),
             body: [0, 1, 2].map(|axis| body[axis] as f32),
-            origin: Origin::at(rotation * limits.origin_body_m + body),
+            origin: GridOrigin::at(rotation * limits.origin_body_m + body),
         }
     }
 
@@ -138,35 +139,36 @@ impl Place {
     }
 }
 
-impl Tracer<'_> {
-    /// With which of `rays` rays this frame begins. What is left out of a frame (see [`crate::frame`]) depends on the
-    /// order of its rays: a sensor that repeats itself on a hovering vehicle would leave out the same tenth of all
-    /// free cells for ever. Beginning elsewhere every time finds them within a few frames. Steps of the golden ratio
-    /// never come back to the same place (Knuth, "The Art of Computer Programming", vol. 3, section 6.4).
+impl RayTracer<'_> {
+    /// With which of `rays` rays this frame begins. The cells that are left out of a frame (see [`crate::frame_bits`])
+    /// depend on the order of its rays: for a sensor with the same directions in every frame, on a hovering vehicle,
+    /// the same tenth of all free cells would be left out forever. With another beginning every time they are found
+    /// within a few frames. Multiples of the golden ratio never repeat a place (Knuth, "The Art of Computer
+    /// Programming", vol. 3, section 6.4).
     pub fn first_ray(&self, rays: usize) -> usize {
         const GOLDEN_RATIO: u64 = 0x9e37_79b9_7f4a_7c15;
         let fraction = self.number.wrapping_mul(GOLDEN_RATIO);
         ((u128::from(fraction) * rays as u128) >> 64) as usize
     }
 
-    /// Turns [`Tracer::place`] to the moment `offset_10us` after the frame's first ray; `false`, and counted, if the
+    /// Sets [`RayTracer::place`] to the time `offset_10us` after the frame's first ray; `false`, and counted, if the
     /// pose is not known.
     #[inline]
-    pub fn turn_to(&mut self, offset_10us: u16) -> bool {
-        let moment = offset_10us >> MOMENT_SHIFT;
-        if self.moment != Some(moment) {
+    pub fn set_time(&mut self, offset_10us: u16) -> bool {
+        let time_slot = offset_10us >> MOMENT_SHIFT;
+        if self.time_slot != Some(time_slot) {
             self.flush();
-            self.moment = Some(moment);
-            let middle = moment << MOMENT_SHIFT | 1 << (MOMENT_SHIFT - 1);
+            self.time_slot = Some(time_slot);
+            let middle = time_slot << MOMENT_SHIFT | 1 << (MOMENT_SHIFT - 1);
             let pose = self.sweep.at(middle, self.history);
-            self.place = pose.map(|pose| Place::new(&pose, &self.limits, self.frame));
+            self.place = pose.map(|pose| SensorPose::new(&pose, &self.limits, self.frame));
         }
         self.counters.rays_without_pose += u64::from(self.place.is_none());
         self.place.is_some()
     }
 
-    /// The ray, measured at the moment turned to, that ends at `body_m`, `range_m` away from the sensor: there is an
-    /// obstacle if `is_hit`, and nothing before it along the first `clear_m`.
+    /// Adds a ray, measured at the time that was set, that ends at `body_m`, `range_m` away from the sensor: there is
+    /// an obstacle if `is_hit`, and nothing before it along the first `clear_m`.
     #[inline]
     pub fn enter(&mut self, body_m: [f32; 3], range_m: f32, is_hit: bool, clear_m: f32) {
         let Some(place) = &self.place else {

@@ -1,39 +1,32 @@
-//! A reset of the estimator moves the local frame, not the vehicle. Where it is known by how much, what was mapped moves with it.
+//! A reset of the estimator moves the local frame, not the vehicle. If the jump is known, the map is moved with the
+//! frame.
 //!
 //! | in | out |
 //! |---|---|
 //! | the last state before the reset, the first one after it | the jump, if it is known |
-//! | the jump | whole cells, and what is left of each axis |
+//! | the jump | whole cells, and the rest on each axis |
 //!
-//! The jump is what is left of the difference of both positions after the way that the vehicle has flown meanwhile (mean of both
-//! velocities times the time between). That holds for a jump of the position alone: with a jump of the heading, a jump of the
-//! velocity, or a long gap it is not known.
+//! The jump is the difference of both positions less the distance flown meanwhile (mean of both velocities times the
+//! time between). That holds for a jump of the position alone: with a jump of the heading, a jump of the velocity, or a
+//! long gap it is not known.
 
 use crate::poses::MAX_GAP_S;
 use jink_shared_types::map::CELL_M;
+use jink_shared_types::pose_history::Estimate;
 use nalgebra::{UnitQuaternion, Vector3};
 
-/// A counted reset that moves the position by less is one of something else (m): the gateway counts jumps from 0.3 m on.
+/// A counted reset that moves the position by less is not one of the position (m): the gateway counts jumps from 0.3 m
+/// on.
 const SMALLEST_M: f64 = 0.1;
-/// How far the attitude may be from the one that the body rates lead to (rad): at 12 m it moves a cell by 0.12 m, its half width.
+/// How far the attitude may be from the one predicted by the body rates (rad): at 12 m it moves a cell by 0.12 m, its
+/// half width.
 const TURN_RAD: f64 = 0.01;
-/// What a multicopter accelerates by at most (m/s2), and noise of its velocity (m/s): beyond, the velocity has jumped, too.
+/// Greatest acceleration of a multicopter (m/s2), and noise of its velocity (m/s): beyond, the velocity has jumped,
+/// too.
 const ACCELERATION_MPS2: f64 = 20.0;
 const VELOCITY_NOISE_MPS: f64 = 0.2;
-/// What is left of a jump beyond whole cells counts from here on (m): less is within the noise of every range sensor.
+/// The rest of a jump beyond whole cells counts from here on (m): less is within the noise of every range sensor.
 const LEFT_OVER_M: f64 = 0.01;
-
-/// A moment of the estimate.
-pub(crate) struct Estimate {
-    /// Position in the local frame (m).
-    pub position_m: Vector3<f64>,
-    /// Velocity in the local frame (m/s).
-    pub velocity_mps: Vector3<f64>,
-    /// `local_q_body`.
-    pub local_q_body: UnitQuaternion<f64>,
-    /// Body rates (rad/s).
-    pub rates_radps: Vector3<f64>,
-}
 
 /// By how much (m) the local coordinates of everything changed between `before` and `after`, `step_s` later; nothing if that is not
 /// known.
@@ -54,13 +47,13 @@ pub(crate) fn known_jump_m(before: &Estimate, after: &Estimate, step_s: f64) -> 
 
 /// A jump in whole cells, and on which side (-1, 1) each cell reaches into its neighbour after that (0: it does not).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Move {
+pub(crate) struct FrameShift {
     pub cells: [i32; 3],
     pub into: [i32; 3],
 }
 
-impl Move {
-    /// Of everything by `jump_m`.
+impl FrameShift {
+    /// The shift of everything by `jump_m`.
     pub fn by(jump_m: &Vector3<f64>) -> Self {
         let cells = [0, 1, 2].map(|axis: usize| (jump_m[axis] / CELL_M).round() as i32);
         let into = [0, 1, 2].map(|axis: usize| {
@@ -77,7 +70,7 @@ impl Move {
 
 #[cfg(test)]
 mod tests {
-    use super::{Estimate, Move, known_jump_m};
+    use super::{Estimate, FrameShift, known_jump_m};
     use nalgebra::{UnitQuaternion, Vector3};
 
     fn estimate(position_m: Vector3<f64>, yaw_rad: f64) -> Estimate {
@@ -126,17 +119,17 @@ mod tests {
 
     #[test]
     fn a_jump_is_whole_cells_and_the_side_to_which_the_rest_reaches() {
-        let by = |x: f64, y: f64, z: f64| Move::by(&Vector3::new(x, y, z));
+        let by = |x: f64, y: f64, z: f64| FrameShift::by(&Vector3::new(x, y, z));
         assert_eq!(
             by(0.4, -0.6, 0.005),
-            Move {
+            FrameShift {
                 cells: [2, -3, 0],
                 into: [0, 0, 0]
             }
         );
         assert_eq!(
             by(0.45, -0.65, 0.35),
-            Move {
+            FrameShift {
                 cells: [2, -3, 2],
                 into: [1, -1, -1]
             }

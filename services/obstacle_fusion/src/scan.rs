@@ -1,12 +1,12 @@
 //! Planar scans and single beams: every range belongs to a cone, not to a line.
 //!
-//! A beam of half angle `a` that answers `r` says: the nearest obstacle in the cone is `r` away, somewhere on the
+//! A beam of half angle `a` that answers `r` means that the nearest obstacle in the cone is `r` away, somewhere on the
 //! spherical cap of radius `r`. The whole cap is marked as hit, wherever it is wider than a cell. Only the centre ray
-//! is looked through, because nothing is known of how weakly the edge of the cone answers, and only to the plane
-//! through the cap's rim, `r cos a` (the hit range less the cap's sag): what answered may stand anywhere on the cap.
-//! For the beam of a lidar the cap is one cell and the sag nothing, and all this comes down to a cloud's ray.
+//! is cleared, because it is not known how weakly the edge of the cone answers, and only to the plane through the cap's
+//! rim, `r cos a` (the hit range less the cap's sag): the obstacle may be anywhere on the cap. For the beam of a lidar
+//! the cap is one cell and the sag zero, and the result is that of a cloud's ray.
 
-use crate::rays::Tracer;
+use crate::rays::RayTracer;
 use jink_shared_types::map::CELL_M;
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
@@ -24,8 +24,7 @@ const WINDOW_DIAGONAL_M: f64 = 39.0;
 /// Where one beam points: columns are the beam, its neighbour direction in the scan's plane, the plane's normal.
 type BeamFrame = Matrix3<f64>;
 
-/// Whether a plausible `scan` can be entered into a map: its beams are cones, and it takes no longer than is counted
-/// here.
+/// Whether a plausible `scan` can be entered into a map: its beams are cones, and its duration can be represented.
 pub(crate) fn is_mappable(scan: &RangeScan) -> bool {
     let beams = f64::from(scan.beams);
     let half_rad = half_angle_rad(scan);
@@ -33,7 +32,7 @@ pub(crate) fn is_mappable(scan: &RangeScan) -> bool {
         // All cones together are at most the full sphere. A cone of half angle a has 2 pi (1 - cos a) steradians.
         && beams * TAU * (1.0 - half_rad.cos()) <= 4.0 * PI
         && f64::from(scan.beam_interval_s) * beams <= MAX_DURATION_S
-        // A row of level distances does not say at which height something stands: it is for the sector ring.
+        // A row of level distances has no height: it is for the sector ring.
         && scan.frame.get() == ScanFrame::Body
 }
 
@@ -41,7 +40,7 @@ fn half_angle_rad(scan: &RangeScan) -> f64 {
     0.5 * f64::from(scan.beam_width_rad)
 }
 
-impl Tracer<'_> {
+impl RayTracer<'_> {
     /// Enters every beam of `scan`, whose description is plausible and whose mounting is `body_q_sensor`.
     pub fn scan(&mut self, scan: &RangeScan, body_q_sensor: &UnitQuaternion<f64>) {
         self.sweep.begin(scan.first_beam);
@@ -72,8 +71,8 @@ impl Tracer<'_> {
     }
 
     fn beam_clear(&mut self, offset_10us: u16, body_r_beam: &BeamFrame) {
-        if self.turn_to(offset_10us) {
-            self.informed = true;
+        if self.set_time(offset_10us) {
+            self.has_information = true;
             self.clear_beam(body_r_beam, self.limits.reach_m);
         }
     }
@@ -85,7 +84,7 @@ impl Tracer<'_> {
             self.counters.self_hits += 1;
             return;
         }
-        if !self.turn_to(offset_10us) {
+        if !self.set_time(offset_10us) {
             return;
         }
         self.enter(center_body_m, range_m, true, 0.0);
@@ -93,7 +92,7 @@ impl Tracer<'_> {
             self.counters.rays_malformed += 1;
             return;
         }
-        self.informed = true;
+        self.has_information = true;
         for_each_on_cap(f64::from(range_m), half_rad, |on_cap| {
             let body_m = single(&(self.limits.origin_body_m + body_r_beam * on_cap));
             if !self.limits.is_self(body_m) {
@@ -105,7 +104,7 @@ impl Tracer<'_> {
         }
     }
 
-    /// Nothing is along the first `clear_m` of the centre ray.
+    /// Clears the first `clear_m` of the centre ray.
     fn clear_beam(&mut self, body_r_beam: &BeamFrame, clear_m: f64) {
         let end_body_m = self.limits.origin_body_m + body_r_beam.column(0) * clear_m;
         let clear_m = clear_m as f32;

@@ -9,16 +9,16 @@ use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, events, topics};
 use std::fmt;
 
-/// Without new ranges the map is sent again at this period, so that its readers learn that it has gone stale (s). Longer
-/// than the period of any sensor worth flying with: a map sent again just before the next frame would be planned in
+/// Without new ranges the map is published again at this period, so that its readers learn that it is stale (s). Longer
+/// than the period of any usable sensor: a map published again just before the next frame would be used for planning
 /// although it is a period old.
 const IDLE_PERIOD_S: f64 = 0.2;
 
-/// The vehicle's state is taken in this often at least (s): between two frames of a slow sensor what is known of it would look
-/// older than it is, and the service as if it were not told.
+/// The vehicle's state is read at least this often (s): otherwise, between two frames of a slow sensor, its newest
+/// sample would look old, and this input would count as missing.
 const STATE_PERIOD_S: f64 = 0.05;
 
-/// The far map goes out this often (s): 2.5 m of flight at 5 m/s.
+/// The far map is published at this period (s): 2.5 m of flight at 5 m/s.
 const FAR_PERIOD_S: f64 = 0.5;
 
 /// The service: see [`crate`].
@@ -64,7 +64,7 @@ impl Service for FusionService {
         }
         let config = FusionConfig {
             declared,
-            // A restart continues the count of maps thrown away, as far as its generation tells.
+            // A restart continues the epochs, as far as its generation says.
             first_epoch: ports.setup().generation << 16,
             ..FusionConfig::from_params(&ports.config().params, ranges.len())
         };
@@ -104,7 +104,7 @@ impl Service for FusionService {
                 cycle.events.raise(now, &events::ESTIMATOR_RESET, "", [0.0; 2]);
             }
         });
-        let mut news = false;
+        let mut has_new_data = false;
         // The map is as young as the newest frame in it, whichever sensor was read last.
         let mut newest = |frame: &SampleHeader| {
             if frame.capture > header.capture {
@@ -115,14 +115,14 @@ impl Service for FusionService {
             RangeSample::Cloud(cloud) => {
                 fusion.cloud(number, cloud.sample, cloud.header);
                 newest(cloud.header);
-                news = true;
+                has_new_data = true;
             }
             RangeSample::Scan(scan) => {
                 fusion.scan(number, scan.sample, scan.header);
-                // A single beam refines the map; a scan of many is news of its own.
+                // A single beam refines the map; a scan of many beams counts as new data of its own.
                 if scan.beams > 1 {
                     newest(scan.header);
-                    news = true;
+                    has_new_data = true;
                 }
             }
         });
@@ -130,7 +130,7 @@ impl Service for FusionService {
             let name = self.names.get(finding.sensor).map_or("", String::as_str);
             cycle.events.publish(now, &finding.event(name));
         }
-        if news || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
+        if has_new_data || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
             self.sent = now;
             if self.fusion.finds_overhang() {
                 cycle.events.raise(now, &events::OVERHANG_SEEN, "", [0.0; 2]);

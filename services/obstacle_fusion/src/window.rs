@@ -1,16 +1,16 @@
-//! The sliding window: evidence per cell, and what follows from it.
+//! The sliding window: evidence per cell, and the planes that follow from it.
 //!
 //! | in | out |
 //! |---|---|
 //! | the vehicle's cell; the hit and free bits of one frame | the planes `occupied` and `known` |
 //!
-//! Evidence is a saturating log-odds number per cell (Moravec and Elfes, "High resolution maps from wide angle
-//! sonar", 1985; in the additive, clamped form of Yguel, Aycard and Laugier, 2007), in units of one miss. It is
-//! applied once per frame, whatever the number of rays through a cell, so that a dense sensor does not shout down a
-//! sparse one. Cells are addressed by their global index modulo the size; the window slides by clearing what enters.
+//! Evidence is a saturating log-odds number per cell (Moravec and Elfes, "High resolution maps from wide angle sonar",
+//! 1985; in the additive, clamped form of Yguel, Aycard and Laugier, 2007), in units of one miss. It is applied once
+//! per frame, whatever the number of rays through a cell, so that a dense sensor does not outweigh a sparse one. Cells
+//! are addressed by their global index modulo the size; the window slides by clearing the cells that enter.
 
 use crate::cells::{BitPlane, SIZE, bits, number, offset_in, plane};
-use crate::frame::Frame;
+use crate::frame_bits::FrameBits;
 use jink_shared_types::map::{Cell, LocalMap, Plane, SIZE_X, SIZE_Y, SIZE_Z};
 
 /// Cells per window.
@@ -20,17 +20,17 @@ const CELLS: usize = SIZE_X * SIZE_Y * SIZE_Z;
 const MISS: i8 = 1;
 
 /// Evidence of a frame in which a ray ended in the cell. With [`FREE_FLOOR`] it leaves 7: one hit makes even the best
-/// known free cell occupied, and six frames in a row that look through it do not undo that. A wire that returns one
-/// frame in seven therefore never disappears, and a false hit in open space is gone after 0.7 s at 10 Hz.
+/// known free cell occupied, and six frames in a row whose rays pass through it do not undo that. A wire that is hit in
+/// one frame of seven therefore never disappears, and a false hit in open space is gone after 0.7 s at 10 Hz.
 const HIT: i8 = 8;
 
-/// Evidence stops here on the free side: at one miss, because a cell that was free for a minute is no safer from
-/// something moving in than one that was free once. It also settles a cell with its first miss, which makes most of a
-/// frame's free cells a matter of one mask.
+/// Lower bound of the evidence: one miss, because a cell that was free for a minute is no safer from something moving
+/// in than one that was free once. It also settles a cell with its first miss, so that most of a frame's free cells are
+/// excluded by one mask.
 const FREE_FLOOR: i8 = -MISS;
 
-/// Evidence stops here on the occupied side: what was removed is forgotten after this many frames that look through
-/// its place (1.2 s at 10 Hz). A higher value would keep ghosts of moved obstacles, a lower one lose wires in rain.
+/// Upper bound of the evidence: a removed obstacle is cleared after this many frames whose rays pass through its place
+/// (1.2 s at 10 Hz). A higher value would keep moved obstacles, a lower one lose wires in rain.
 const OCCUPIED_CEILING: i8 = 12;
 
 /// How far (cells) the vehicle may be off the centre before the window follows. Half the window (64 cells) less the
@@ -38,18 +38,18 @@ const OCCUPIED_CEILING: i8 = 12;
 const HYSTERESIS: i32 = 4;
 
 /// The window. See the module's text.
-pub(crate) struct Window {
+pub(crate) struct MapWindow {
     pub(crate) min_cell: Cell,
     pub(crate) evidence: Box<[i8; CELLS]>,
     pub(crate) occupied: Box<BitPlane>,
     pub(crate) known: Box<BitPlane>,
-    /// Cells of which only declarations of the user say something.
+    /// Cells that are known by declarations of the user alone.
     pub(crate) declared: Box<BitPlane>,
-    /// Cells at [`FREE_FLOOR`], which further misses do not change: most of a settled map.
+    /// Cells at [`FREE_FLOOR`], which further misses do not change: most of a map after some frames.
     pub(crate) settled: Box<BitPlane>,
 }
 
-impl Window {
+impl MapWindow {
     /// An all-unknown window around the local origin.
     pub fn new() -> Self {
         Self {
@@ -68,7 +68,7 @@ impl Window {
     }
 
     /// Makes every cell unknown.
-    pub fn forget(&mut self) {
+    pub fn clear(&mut self) {
         self.evidence.fill(0);
         self.occupied.fill(0);
         self.known.fill(0);
@@ -102,15 +102,15 @@ impl Window {
         }
     }
 
-    /// Whether the window slides to follow `vehicle`.
-    pub fn is_left_by(&self, vehicle: Cell) -> bool {
+    /// Whether the window has to slide to follow `vehicle`.
+    pub fn must_follow(&self, vehicle: Cell) -> bool {
         let targets = centred_on(vehicle).into_iter().zip(self.min_cell);
         targets
             .into_iter()
             .any(|(target, min)| (target - min).abs() > HYSTERESIS)
     }
 
-    /// Slides so that `vehicle` is in the middle of every axis on which it has strayed by more than [`HYSTERESIS`].
+    /// Slides so that `vehicle` is in the middle of every axis on which it is off by more than [`HYSTERESIS`].
     pub fn follow(&mut self, vehicle: Cell) {
         for (axis, target) in centred_on(vehicle).into_iter().enumerate() {
             let shift = target - self.min_cell[axis];
@@ -163,7 +163,7 @@ impl Window {
     }
 
     /// Adds the evidence of one frame, made for this window's position: a hit cell is never counted free.
-    pub fn apply(&mut self, frame: &Frame) {
+    pub fn apply(&mut self, frame: &FrameBits) {
         let [turn_x, first_y, first_z] = [0, 1, 2].map(|axis| self.min_cell[axis] & (SIZE[axis] - 1));
         for z in 0..SIZE[2] {
             for y in 0..SIZE[1] {
@@ -187,7 +187,7 @@ impl Window {
         }
     }
 
-    /// What was measured: cells of which only declarations said something begin anew with it.
+    /// Applies measurements: cells known by declarations alone start again with them.
     fn apply_measured(&mut self, word: usize, hit: u64, free: u64) {
         let renewed = self.declared[word] & (hit | free);
         if renewed != 0 {
@@ -201,7 +201,7 @@ impl Window {
         self.apply_word(word, hit, free);
     }
 
-    /// What is declared counts where nothing was measured.
+    /// Applies declarations, where nothing was measured.
     fn apply_declared(&mut self, word: usize, hit: u64, free: u64) {
         let open = !self.known[word] | self.declared[word];
         let (hit, free) = (hit & open, free & open);
@@ -209,7 +209,7 @@ impl Window {
         self.apply_word(word, hit, free);
     }
 
-    /// Declares `cell` free if nothing is known of it; nothing outside the window.
+    /// Declares `cell` free if it is unknown; nothing outside the window.
     pub fn declare_free(&mut self, cell: Cell) {
         if offset_in(self.min_cell, cell).is_none() {
             return;
@@ -230,7 +230,7 @@ impl Window {
             let evidence = &mut self.evidence[word << 6 | bit as usize];
             *evidence = (*evidence + HIT).min(OCCUPIED_CEILING);
         }
-        // One hit outweighs everything a cell can have against it (see FREE_FLOOR).
+        // One hit outweighs the lowest possible evidence (see FREE_FLOOR).
         self.occupied[word] |= hit;
         self.settled[word] &= !hit;
     }
@@ -246,9 +246,9 @@ impl Window {
         }
     }
 
-    /// Cell number `into` is now a part of its own and a part of cell number `from`, or of one outside: it is occupied if either is,
-    /// with the stronger evidence, and known only if both are.
-    pub(crate) fn take_over(&mut self, into: usize, from: Option<usize>) {
+    /// Cell number `into` now covers a part of its own and a part of cell number `from`, or of one outside: it is
+    /// occupied if either is, with the stronger evidence, and known only if both are.
+    pub(crate) fn merge_cell(&mut self, into: usize, from: Option<usize>) {
         let is_set = |bits: &BitPlane, cell: usize| (bits[cell >> 6] >> (cell & 63)) & 1 == 1;
         let of = |cell: usize| {
             (
@@ -318,14 +318,14 @@ fn zeroed_evidence() -> Box<[i8; CELLS]> {
 
 #[cfg(test)]
 mod tests {
-    use super::{FREE_FLOOR, HIT, HYSTERESIS, MISS, OCCUPIED_CEILING, Window};
+    use super::{FREE_FLOOR, HIT, HYSTERESIS, MISS, MapWindow, OCCUPIED_CEILING};
     use crate::cells::{SIZE, number, offset_in};
-    use crate::frame::Frame;
+    use crate::frame_bits::FrameBits;
     use jink_shared_types::map::{Cell, LocalMap};
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
-    /// The same map the slow way: a sorted list of known cells, everything else is unknown.
+    /// The same map in a slow implementation: a sorted list of known cells, everything else is unknown.
     struct Naive {
         min_cell: Cell,
         evidence: BTreeMap<Cell, i8>,
@@ -356,7 +356,7 @@ mod tests {
         }
     }
 
-    fn set_all(frame: &mut Frame, min_cell: Cell, hits: &[Cell], frees: &[Cell]) {
+    fn set_all(frame: &mut FrameBits, min_cell: Cell, hits: &[Cell], frees: &[Cell]) {
         frame.begin(min_cell);
         for cell in hits {
             let number = number(offset_in(min_cell, *cell).unwrap());
@@ -367,7 +367,7 @@ mod tests {
         }
     }
 
-    fn assert_same(window: &Window, naive: &Naive, map: &mut LocalMap) {
+    fn assert_same(window: &MapWindow, naive: &Naive, map: &mut LocalMap) {
         map.min_cell = window.min_cell();
         let (occupied, known) = window.write(map, None);
         assert_eq!(map.min_cell, naive.min_cell);
@@ -395,8 +395,8 @@ mod tests {
 
         #[test]
         fn sliding_keeps_what_stays_and_forgets_what_enters(scenes in prop::collection::vec(scene(), 1..25)) {
-            let mut window = Window::new();
-            let mut frame = Frame::new();
+            let mut window = MapWindow::new();
+            let mut frame = FrameBits::new();
             let mut naive = Naive { min_cell: window.min_cell(), evidence: BTreeMap::new() };
             let mut map = LocalMap::boxed();
             let mut vehicle = [0, 0, 0];
@@ -428,8 +428,8 @@ mod tests {
     fn one_hit_outlives_six_misses_whatever_was_before() {
         let cell = [3, 4, 5];
         for (free_frames_before, outlived) in [(0, 7), (1, 6), (50, 6)] {
-            let mut window = Window::new();
-            let mut frame = Frame::new();
+            let mut window = MapWindow::new();
+            let mut frame = FrameBits::new();
             let mut apply = |hits: &[Cell], frees: &[Cell]| {
                 set_all(&mut frame, window.min_cell(), hits, frees);
                 window.apply(&frame);
@@ -450,8 +450,8 @@ mod tests {
     #[test]
     fn what_is_gone_is_forgotten_after_as_many_frames_as_the_ceiling_says() {
         let cell = [3, 4, 5];
-        let mut window = Window::new();
-        let mut frame = Frame::new();
+        let mut window = MapWindow::new();
+        let mut frame = FrameBits::new();
         set_all(&mut frame, window.min_cell(), &[cell], &[]);
         (0..100).for_each(|_| window.apply(&frame));
         set_all(&mut frame, window.min_cell(), &[], &[cell]);
@@ -464,7 +464,7 @@ mod tests {
 
     #[test]
     fn a_hovering_vehicle_does_not_move_the_window() {
-        let mut window = Window::new();
+        let mut window = MapWindow::new();
         let before = window.min_cell();
         for step in -HYSTERESIS..=HYSTERESIS {
             window.follow([step, -step, step]);

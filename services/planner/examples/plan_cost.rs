@@ -1,32 +1,36 @@
 //! What planning costs: `cargo run --release -p jink-planner --example plan_cost`.
 //!
-//! Synthetic forests (1 tree per 25 m2), everything within 10 m known. Prints the time to inflate a map for the highest gear and the time of
+//! Synthetic forests (1 tree per 25 m2), everything within 10 m known. Prints the time to inflate a map for the highest speed tier and the time of
 //! a whole cycle with a new map: p50, p99 and maximum over all forests.
 
-use jink_planner::gears::gears;
-use jink_planner::space::{Room, Space};
+use jink_planner::configuration_space::{Clearance, ConfigurationSpace};
+use jink_planner::speed_tiers::speed_tiers;
 use jink_planner::{Inputs, Planner};
 use jink_shared_types::frames::Point;
 use jink_shared_types::map::{LocalMap, center_of, set};
 use jink_shared_types::motion::{Route, RouteMode};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::quantile::quantiles;
 use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped, Timestamp};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 use std::hint::black_box;
 use std::time::Instant;
 
 const FORESTS: u64 = 60;
 const REPEATS: u64 = 5;
 
-/// A forest from a hash of its seed: positions only need to be scattered, not random.
+/// The forest of this seed.
 fn forest(seed: u64) -> Box<LocalMap> {
-    let scatter = |i: u64, k: u64| {
-        let mut z = (seed * 1000 + i * 10 + k).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        ((z ^ (z >> 27)) >> 11) as f64 / (1u64 << 53) as f64 * 26.0 - 13.0
-    };
+    let mut random = SplitMix64::seed_from_u64(seed);
     let trees: Vec<(f64, f64)> = (0..27)
-        .map(|i| (scatter(i, 0), scatter(i, 1)))
+        .map(|_| {
+            (
+                random.random_range(-13.0..13.0_f64),
+                random.random_range(-13.0..13.0_f64),
+            )
+        })
         .filter(|(x, y)| x.hypot(*y) > 2.0)
         .collect();
     let mut map = LocalMap::boxed();
@@ -48,15 +52,9 @@ fn forest(seed: u64) -> Box<LocalMap> {
     map
 }
 
-fn print(what: &str, mut times_ms: Vec<f64>) {
-    times_ms.sort_by(f64::total_cmp);
-    let at = |q: f64| times_ms[((times_ms.len() - 1) as f64 * q) as usize];
-    println!(
-        "{what:<28} p50 {:6.2}  p99 {:6.2}  max {:6.2} ms",
-        at(0.5),
-        at(0.99),
-        at(1.0)
-    );
+fn print(what: &str, times_ms: &[f64]) {
+    let [p50, p99, max] = quantiles(times_ms, [0.5, 0.99, 1.0]).unwrap_or_default();
+    println!("{what:<28} p50 {p50:6.2}  p99 {p99:6.2}  max {max:6.2} ms");
 }
 
 fn main() {
@@ -75,7 +73,7 @@ fn main() {
     for point in &mut desired.points {
         point.position = Point::new(60.0, 0.0, -2.5);
     }
-    let mut space = Space::new(&gears(&params), Room::from_params(&params));
+    let mut space = ConfigurationSpace::new(&speed_tiers(&params), Clearance::from_params(&params));
     let mut planner = Planner::new(&params, 1);
     let (mut inflate, mut cycle, mut planned) = (Vec::new(), Vec::new(), 0);
     for seed in 0..FORESTS {
@@ -112,6 +110,6 @@ fn main() {
         }
     }
     println!("{planned} of {} cycles found a plan", FORESTS * REPEATS);
-    print("inflate for one gear", inflate);
-    print("whole cycle with new map", cycle);
+    print("inflate for one tier", &inflate);
+    print("whole cycle with new map", &cycle);
 }

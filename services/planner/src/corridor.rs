@@ -6,7 +6,7 @@
 //! Flight Corridors in 3-D Complex Environments", RA-L 2017, section III, with the segment itself as seed instead of
 //! an ellipsoid). The segment stays inside by construction: both are convex, so the plane separates them.
 
-use crate::space::Space;
+use crate::configuration_space::ConfigurationSpace;
 use jink_shared_types::map::SIZE_X;
 use jink_shared_types::motion::{HalfSpace, POLYTOPE_PLANES, Polytope};
 use nalgebra::Vector3;
@@ -38,12 +38,12 @@ impl Default for CorridorBuilder {
 }
 
 impl CorridorBuilder {
-    /// The polytope around the segment from `a` to `b` in `gear`, between the heights `down_range_m` (smallest and
+    /// The polytope around the segment from `a` to `b` in `tier`, between the heights `down_range_m` (smallest and
     /// largest down coordinate). `None` if the segment itself touches an unsafe cell.
     pub fn polytope(
         &mut self,
-        space: &Space,
-        gear: usize,
+        space: &ConfigurationSpace,
+        tier: usize,
         a: &Vector3<f64>,
         b: &Vector3<f64>,
         down_range_m: (f64, f64),
@@ -55,11 +55,11 @@ impl CorridorBuilder {
             let mut high = a.sup(b) + size;
             low.z = low.z.max(down_range_m.0.min(a.z.min(b.z)));
             high.z = high.z.min(down_range_m.1.max(a.z.max(b.z)));
-            self.collect(space, gear, &low, &high, a, b);
-            match self.cut(space.cell_m(gear), a, b, &low, &high) {
-                Cut::Done(polytope) => return Some(*polytope),
-                Cut::TouchesSegment => return None,
-                Cut::TooManyPlanes => reach *= 0.5,
+            self.collect(space, tier, &low, &high, a, b);
+            match self.cut(space.cell_m(tier), a, b, &low, &high) {
+                CutResult::Done(polytope) => return Some(*polytope),
+                CutResult::TouchesSegment => return None,
+                CutResult::TooManyPlanes => reach *= 0.5,
             }
         }
         None
@@ -68,22 +68,22 @@ impl CorridorBuilder {
     /// Gathers the unsafe cells in the box that border on safe ones, with their distance from the segment.
     fn collect(
         &mut self,
-        space: &Space,
-        gear: usize,
+        space: &ConfigurationSpace,
+        tier: usize,
         low: &Vector3<f64>,
         high: &Vector3<f64>,
         a: &Vector3<f64>,
         b: &Vector3<f64>,
     ) {
         self.cells.clear();
-        let first = space.cell_of(gear, low).map(|cell| cell - 1);
-        let last = space.cell_of(gear, high).map(|cell| cell + 1);
-        let min_x = space.min_cell(gear)[0];
+        let first = space.cell_of(tier, low).map(|cell| cell - 1);
+        let last = space.cell_of(tier, high).map(|cell| cell + 1);
+        let min_x = space.min_cell(tier)[0];
         let unsafe_row = |y: i32, z: i32| {
             let cell = [first[0], y, z];
             // Rows outside the window are unknown as a whole.
-            if space.holds(gear, [min_x, y, z]) {
-                space.blocked(gear).row_at(cell)
+            if space.holds(tier, [min_x, y, z]) {
+                space.blocked(tier).row_at(cell)
             } else {
                 u128::MAX
             }
@@ -102,7 +102,7 @@ impl CorridorBuilder {
                     let inside = (x - min_x) as usize & !(SIZE_X - 1) == 0;
                     let bit = x as usize & (SIZE_X - 1);
                     if inside && border >> bit & 1 == 1 {
-                        let center = space.center_of(gear, [x, y, z]);
+                        let center = space.center_of(tier, [x, y, z]);
                         let distance_m2 = (center - nearest_on_segment(a, b, &center)).norm_squared();
                         self.cells.push((distance_m2, center));
                     }
@@ -119,7 +119,7 @@ impl CorridorBuilder {
         b: &Vector3<f64>,
         low: &Vector3<f64>,
         high: &Vector3<f64>,
-    ) -> Cut {
+    ) -> CutResult {
         let mut polytope = Box::new(box_of(low, high));
         while let Some(nearest) = self
             .cells
@@ -128,10 +128,10 @@ impl CorridorBuilder {
             .reduce(|best, cell| if cell.0 < best.0 { cell } else { best })
         {
             let Some(plane) = separate(cell_m, a, b, &nearest.1) else {
-                return Cut::TouchesSegment;
+                return CutResult::TouchesSegment;
             };
             if polytope.len as usize >= POLYTOPE_PLANES {
-                return Cut::TooManyPlanes;
+                return CutResult::TooManyPlanes;
             }
             polytope.push(plane);
             let normal = Vector3::from(plane.normal);
@@ -139,11 +139,11 @@ impl CorridorBuilder {
             self.cells
                 .retain(|(_, center)| normal.dot(center) - half_width_m < plane.offset_m - 2.0 * TOUCHING_M);
         }
-        Cut::Done(polytope)
+        CutResult::Done(polytope)
     }
 }
 
-enum Cut {
+enum CutResult {
     Done(Box<Polytope>),
     TouchesSegment,
     TooManyPlanes,
@@ -202,7 +202,7 @@ fn separate(cell_m: f64, a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f6
         return separate_touching(cell_m, a, b, center);
     }
     let normal = between / gap_m;
-    // Alternating projections stop a hair before the nearest pair: the plane is moved until it clears the whole cell.
+    // Alternating projections stop slightly before the nearest pair: the plane is moved until it clears the whole cell.
     let half_width_m = 0.5 * cell_m * normal.iter().map(|n| n.abs()).sum::<f64>();
     let cell_side_m = normal.dot(center) - half_width_m;
     let segment_side_m = normal.dot(a).max(normal.dot(b));
@@ -236,7 +236,7 @@ fn separate_touching(
         let half_width_m = 0.5 * cell_m * normal.iter().map(|n| n.abs()).sum::<f64>();
         let offset_m = normal.dot(center) - half_width_m;
         let segment_side_m = normal.dot(a).max(normal.dot(b));
-        // The segment lies inside, by as little as it may touch the cell.
+        // The segment lies inside by the distance that it may be from the cell.
         (segment_side_m < offset_m + TOUCHING_M).then(|| HalfSpace {
             normal: normal.into(),
             offset_m: offset_m + TOUCHING_M,
@@ -247,7 +247,7 @@ fn separate_touching(
 #[cfg(test)]
 mod tests {
     use super::CorridorBuilder;
-    use crate::space::tests::{known_map, space_of};
+    use crate::configuration_space::tests::{known_map, space_of};
     use jink_shared_types::map::center_of;
     use nalgebra::Vector3;
     use proptest::prelude::*;

@@ -1,23 +1,23 @@
 //! From a chain of cells to a short guide of straight legs, all of it known to be safe.
 
+use crate::configuration_space::ConfigurationSpace;
 use crate::search::Path;
-use crate::space::Space;
 use jink_shared_types::motion::CORRIDOR_POLYTOPES;
 use nalgebra::Vector3;
 
 /// Longest leg (m): each leg becomes one polynomial piece, and a long one cannot follow the speed profile.
 const LEG_MAX_M: f64 = 3.0;
-/// A way at a wished speed may be short, and still be flown through with a speed: two pieces cannot follow that, four can. No leg is
+/// A path at a requested speed may be short and have a moving start: two pieces cannot follow that, four can. No leg is
 /// made shorter than this for it (m).
 const LEGS_MIN: f64 = 4.0;
 const LEG_MIN_M: f64 = 0.7;
-/// A point of a proposed way that is nearer than this to the straight line between its neighbours is left out (m): each leg of
-/// a corridor has a polytope, and there are few of them.
+/// A point of a proposed path that is nearer than this to the straight line between its neighbours is left out (m):
+/// each leg of a corridor has a polytope, and there are few of them.
 const STRAIGHT_M: f64 = 0.25;
-/// Shorter than this a leg is numerical dust (m).
-const DUST_M: f64 = 1e-3;
+/// Legs shorter than this are rounding errors (m).
+const NEGLIGIBLE_M: f64 = 1e-3;
 
-/// The straight legs of a way, first vertex = its start.
+/// The straight legs of a path, first vertex = its start.
 #[derive(Clone, Debug)]
 pub struct Guide {
     vertices: Vec<Vector3<f64>>,
@@ -44,27 +44,27 @@ impl Guide {
         length_m(&self.vertices)
     }
 
-    /// Builds the guide from `start` along `path` (the first cell holds `start`) as far as it is safe in `gear`,
-    /// at most `length_max_m`, and `margin_m` short of where safety ends. `goal` replaces the last cell's centre if
-    /// the path ends in its cell. Returns whether the goal itself is the end.
+    /// Builds the guide from `start` along `path` (the first cell holds `start`) as far as it is safe in `tier`, at
+    /// most `length_max_m`, and `margin_m` short of where it stops being safe. `goal` replaces the last cell's centre
+    /// if the path ends in its cell. Returns whether the goal itself is the end.
     pub fn build(
         &mut self,
-        space: &Space,
-        gear: usize,
+        space: &ConfigurationSpace,
+        tier: usize,
         start: &Vector3<f64>,
         path: &Path,
         goal: Option<&Vector3<f64>>,
         length_max_m: f64,
         margin_m: f64,
     ) -> bool {
-        let reaches_end = self.safe_points(space, gear, start, path, goal);
+        let reaches_end = self.safe_points(space, tier, start, path, goal);
         let whole_m = length_m(&self.points);
         let at_goal = goal.is_some() && reaches_end && whole_m <= length_max_m;
         let wanted_m = (whole_m - margin_m).min(length_max_m);
         if !at_goal {
             cut_to(&mut self.points, wanted_m);
         }
-        self.pull_taut(space, gear);
+        self.pull_taut(space, tier);
         self.split_long_legs(LEG_MAX_M);
         at_goal && self.vertices.len() <= CORRIDOR_POLYTOPES + 1 || {
             self.vertices.truncate(CORRIDOR_POLYTOPES + 1);
@@ -72,25 +72,25 @@ impl Guide {
         }
     }
 
-    /// Builds the guide along `way`, as [`Self::build`] does along cells, without taking shorter ways. Returns whether its end is
-    /// the end of `way`.
+    /// Builds the guide along the points of `way`, as [`Self::build`] does along cells, without shortcuts. Returns
+    /// whether its end is the end of `way`.
     pub fn follow(
         &mut self,
-        space: &Space,
-        gear: usize,
+        space: &ConfigurationSpace,
+        tier: usize,
         way: &[Vector3<f64>],
         length_max_m: f64,
         margin_m: f64,
     ) -> bool {
-        let is_safe = self.safe_part(space, gear, way);
+        let is_safe = self.safe_part(space, tier, way);
         let whole_m = length_m(&self.points);
         let at_end = is_safe && whole_m <= length_max_m;
         if !at_end {
-            // Beyond a way that is longer than a guide it may not be safe either.
+            // A proposed path that is longer than a guide may not be safe beyond its end either.
             let safe_m = if is_safe { whole_m } else { whole_m - margin_m };
             cut_to(&mut self.points, safe_m.min(length_max_m));
         }
-        self.straighten(space, gear);
+        self.straighten(space, tier);
         let leg_max_m = length_m(&self.vertices) / LEGS_MIN;
         self.split_long_legs(leg_max_m.clamp(LEG_MIN_M, LEG_MAX_M));
         let fits = self.vertices.len() <= CORRIDOR_POLYTOPES + 1;
@@ -99,11 +99,11 @@ impl Guide {
     }
 
     /// The part of `way` that is safe from its start on; `true` if all of it is.
-    fn safe_part(&mut self, space: &Space, gear: usize, way: &[Vector3<f64>]) -> bool {
+    fn safe_part(&mut self, space: &ConfigurationSpace, tier: usize, way: &[Vector3<f64>]) -> bool {
         self.points.clear();
         self.points.extend(way.first());
         for leg in way.windows(2) {
-            let end = space.first_in(gear, &leg[0], &leg[1], |space, cell| !space.is_safe(gear, cell));
+            let end = space.first_in(tier, &leg[0], &leg[1], |space, cell| !space.is_safe(tier, cell));
             if let Some(t) = end {
                 self.points.push(leg[0] + (leg[1] - leg[0]) * t);
                 return false;
@@ -113,8 +113,8 @@ impl Guide {
         true
     }
 
-    /// Leaves out the points that hardly bend the way.
-    fn straighten(&mut self, space: &Space, gear: usize) {
+    /// Leaves out the points that hardly bend the path.
+    fn straighten(&mut self, space: &ConfigurationSpace, tier: usize) {
         self.vertices.clear();
         self.vertices.extend(self.points.first());
         let mut anchor = 0;
@@ -124,7 +124,7 @@ impl Guide {
                 let (a, b) = (self.points[anchor], self.points[candidate]);
                 let between = &self.points[anchor + 1..candidate];
                 let is_straight = between.iter().all(|point| is_beside(&a, &b, point));
-                if !is_straight || !space.segment_is_safe(gear, &a, &b) {
+                if !is_straight || !space.segment_is_safe(tier, &a, &b) {
                     break;
                 }
                 far = candidate;
@@ -134,11 +134,11 @@ impl Guide {
         }
     }
 
-    /// The way as points, cut where it stops being safe; `true` if all of it is.
+    /// The path as points, cut where it stops being safe; `true` if all of it is.
     fn safe_points(
         &mut self,
-        space: &Space,
-        gear: usize,
+        space: &ConfigurationSpace,
+        tier: usize,
         start: &Vector3<f64>,
         path: &Path,
         goal: Option<&Vector3<f64>>,
@@ -148,20 +148,20 @@ impl Guide {
         let mut last = *start;
         for (index, cell) in path.cells.iter().enumerate().skip(1) {
             let at_end = index + 1 == path.cells.len();
-            let center = space.center_of(path.gear, *cell);
+            let center = space.center_of(path.tier, *cell);
             let next = match goal {
                 Some(goal) if at_end => *goal,
                 _ => center,
             };
-            if !space.segment_is_safe(gear, &last, &next) {
+            if !space.segment_is_safe(tier, &last, &next) {
                 // Steps from cell to cell are safe from centre to centre; start and goal lie anywhere in theirs.
                 let between = if index == 1 {
-                    space.center_of(path.gear, path.cells[0])
+                    space.center_of(path.tier, path.cells[0])
                 } else {
                     center
                 };
-                let is_way = space.segment_is_safe(gear, &last, &between)
-                    && space.segment_is_safe(gear, &between, &next);
+                let is_way = space.segment_is_safe(tier, &last, &between)
+                    && space.segment_is_safe(tier, &between, &next);
                 if !is_way {
                     return false;
                 }
@@ -171,7 +171,7 @@ impl Guide {
             last = next;
         }
         if let (Some(goal), 1) = (goal, path.cells.len()) {
-            if !space.segment_is_safe(gear, &last, goal) {
+            if !space.segment_is_safe(tier, &last, goal) {
                 return false;
             }
             self.points.push(*goal);
@@ -180,7 +180,7 @@ impl Guide {
     }
 
     /// Replaces chains of points by the longest straight legs that stay safe.
-    fn pull_taut(&mut self, space: &Space, gear: usize) {
+    fn pull_taut(&mut self, space: &ConfigurationSpace, tier: usize) {
         self.vertices.clear();
         let Some(first) = self.points.first() else {
             return;
@@ -190,7 +190,7 @@ impl Guide {
         while anchor + 1 < self.points.len() {
             let mut far = anchor + 1;
             for candidate in anchor + 2..self.points.len() {
-                if space.segment_is_safe(gear, &self.points[anchor], &self.points[candidate]) {
+                if space.segment_is_safe(tier, &self.points[anchor], &self.points[candidate]) {
                     far = candidate;
                 } else {
                     break;
@@ -208,7 +208,7 @@ impl Guide {
         for (index, point) in self.points.iter().enumerate() {
             if let Some(last) = self.vertices.last().copied() {
                 let leg = point - last;
-                if leg.norm() < DUST_M && index + 1 < self.points.len() {
+                if leg.norm() < NEGLIGIBLE_M && index + 1 < self.points.len() {
                     continue;
                 }
                 let parts = (leg.norm() / leg_max_m).ceil().max(1.0) as usize;
@@ -234,23 +234,23 @@ fn length_m(points: &[Vector3<f64>]) -> f64 {
 
 /// Cuts a chain of points after `length_m`.
 fn cut_to(points: &mut Vec<Vector3<f64>>, length_m: f64) {
-    let mut left_m = length_m.max(0.0);
+    let mut remaining_m = length_m.max(0.0);
     for index in 1..points.len() {
         let leg = points[index] - points[index - 1];
-        if leg.norm() >= left_m {
-            points[index] = points[index - 1] + leg * (left_m / leg.norm().max(1e-9));
+        if leg.norm() >= remaining_m {
+            points[index] = points[index - 1] + leg * (remaining_m / leg.norm().max(1e-9));
             points.truncate(index + 1);
             return;
         }
-        left_m -= leg.norm();
+        remaining_m -= leg.norm();
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::Guide;
-    use crate::search::{Query, Search};
-    use crate::space::tests::{known_map, space_of};
+    use crate::configuration_space::tests::{known_map, space_of};
+    use crate::search::{Search, SearchQuery};
     use jink_shared_types::map::{center_of, clear};
     use nalgebra::Vector3;
 
@@ -272,12 +272,12 @@ mod tests {
         };
         let space = space_of(&map);
         let mut search = Search::default();
-        let query = Query {
-            gear: 1,
+        let query = SearchQuery {
+            tier: 1,
             start: [0, 0, 0],
             goal: [60, 0, 0],
             z_range: (-5, 5),
-            height_price: 0.5,
+            height_cost: 0.5,
         };
         search.run(&space, &query).unwrap();
         let mut guide = Guide::default();
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_along_the_edge_of_the_unknown_does_not_cut_its_corners() {
+    fn a_path_along_the_edge_of_the_unknown_does_not_cut_its_corners() {
         // The diagonal is safe, the cells to its one side are not.
         let space_beside = |is_left: bool, aside: i32| {
             let mut map = known_map(|_| false);
@@ -314,12 +314,12 @@ mod tests {
             let space = space.unwrap();
             assert_eq!(space.is_safe(1, [7, 8, 0]), !is_left);
             let mut search = Search::default();
-            let query = Query {
-                gear: 1,
+            let query = SearchQuery {
+                tier: 1,
                 start: [0, 0, 0],
                 goal: [15, 15, 0],
                 z_range: (-5, 5),
-                height_price: 0.5,
+                height_cost: 0.5,
             };
             search.run(&space, &query).unwrap();
             let [start, goal] = [query.start, query.goal].map(|cell| center_of(cell).vector());
@@ -336,12 +336,12 @@ mod tests {
         let space = space_of(&known_map(|_| false));
         let mut search = Search::default();
         let goal = Vector3::new(1.03, 0.51, 0.07);
-        let query = Query {
-            gear: 0,
+        let query = SearchQuery {
+            tier: 0,
             start: [0, 0, 0],
             goal: [5, 2, 0],
             z_range: (-5, 5),
-            height_price: 0.5,
+            height_cost: 0.5,
         };
         search.run(&space, &query).unwrap();
         let mut guide = Guide::default();

@@ -1,57 +1,59 @@
-//! Map and desired path to a route with a certified corridor: never a motion that does not end at rest in space known to
-//! be free.
+//! Turns map and desired path into a route with a certified corridor. No motion is planned that does not end at rest in
+//! space known to be free.
 //!
 //! | in | out |
 //! |---|---|
 //! | local map, vehicle state, desired path, the trajectory being flown | [`Route`], events |
-//! | a way that another program proposes | its answer |
+//! | a path that another program proposes | its answer |
 //!
-//! In every cycle the planner looks at what is committed. If the newest map shows an obstacle in its tube (rule I3), it
-//! must be left: by a new plan, else by a certified stop, else by braking as hard as allowed. Otherwise a new plan is
-//! made for every new map, and once more on the same map only if none was found or if what must be left is still being
-//! flown. It departs from the state that the committed trajectory will have in [`SPLICE_LEAD_S`], and replaces it only if it
-//! is certified (rule I2). Without fresh ranges or a valid state nothing new is committed (rule I4).
+//! In every cycle the planner checks the committed trajectory. If the newest map shows an obstacle in its tube (rule
+//! I3), the trajectory must be left: by a new plan, else by a certified stop, else by braking as hard as allowed.
+//! Otherwise a new plan is made for every new map, and once more on the same map only if none was found or if what must
+//! be left is still being flown. A plan departs from the state that the committed trajectory will have in
+//! [`SPLICE_LEAD_S`], and replaces it only if it is certified (rule I2). Without fresh ranges or a valid state nothing
+//! new is committed (rule I4).
 //!
-//! Where the vehicle is to rest (a hold, a landing) and is too fast to come to rest there, it stops first and comes back from rest.
-//! A goal that it cannot come to (an obstacle, a closed wall, a height that is not allowed) is approached as far as that is
-//! safe; there it rests, and after OA_BLOCKED_T without [`progress`] the gateway and the pilot are told why.
+//! A vehicle that is to rest at a place (a hold, a landing) and is too fast to stop there stops first and comes back
+//! from rest. A goal that cannot be reached (an obstacle, a closed wall, a height that is not allowed) is approached as
+//! far as that is safe; there the vehicle rests, and after OA_BLOCKED_T without [`progress`] the reason is reported to
+//! the gateway and the pilot.
 //!
-//! A plan is: a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
-//! pieces of certified space around it ([`corridor`]); tried in the highest [gear](mod@gears) that is worth it. The guide may
-//! also be one that another program proposes ([`proposed_way`]).
+//! A plan is a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
+//! pieces of certified space around it ([`corridor`]), in the highest [speed tier](mod@speed_tiers) that is worth it.
+//! The guide may also be one that another program proposes ([`proposed_path`]).
 
+pub mod bit_layer;
+pub mod configuration_space;
 pub mod corridor;
-mod far;
-mod fitness;
-pub mod gears;
+mod detours;
 pub mod guide;
-pub mod layer;
-mod looking;
-pub mod looks;
+mod path_choice;
 pub mod progress;
 mod proposals;
-pub mod proposed_way;
+pub mod proposed_path;
 pub mod search;
+mod sensor_coverage;
 mod service;
-pub mod space;
+pub mod speed_tiers;
 mod stopping;
 pub mod stops;
-mod ways;
+mod viewpoint_moves;
+pub mod viewpoints;
 
 pub use service::PlannerService;
 
+use crate::configuration_space::{Clearance, ConfigurationSpace};
 use crate::corridor::CorridorBuilder;
-use crate::fitness::Fitness;
-use crate::gears::{CRAWL_GEAR, GEARS, LAST_GEAR, SLOW_GEAR, creep, gears};
 use crate::guide::Guide;
-use crate::looking::Before;
-use crate::looks::Looks;
+use crate::path_choice::{DEAD_END_S, PathChoice, is_near_enough};
 use crate::progress::{Obstruction, Progress};
 use crate::proposals::Proposals;
-use crate::search::{Found, Path, PathEnd, Search};
-use crate::space::{Room, Space};
+use crate::search::{Path, PathEnd, Search, SearchResult};
+use crate::sensor_coverage::SensorCoverage;
+use crate::speed_tiers::{CRAWL_TIER, LAST_TIER, SLOW_TIER, TIERS, creep, speed_tiers};
 use crate::stopping::is_stop;
-use crate::ways::{Choice, DEAD_END_S, is_near_enough};
+use crate::viewpoint_moves::HeadingCheck;
+use crate::viewpoints::Viewpoints;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{LocalNed, Point};
@@ -66,107 +68,109 @@ use jink_shared_types::view::FieldOfView;
 use jink_shared_types::{Coded, Flag, Reading, Stamped, Timestamp};
 use nalgebra::Vector3;
 
-/// How far ahead a new plan departs from the committed one (s): planning, curves, guard and their hand-overs take some
-/// 10 ms; 100 ms leave room for a restart of any of them in between.
+/// How far ahead a new plan departs from the committed one (s): planner, generator, guard and the transport between
+/// them take some 10 ms; 100 ms leave time for a restart of any of them.
 pub const SPLICE_LEAD_S: f64 = 0.10;
 /// Longest guide (m): three seconds of flight and the stop behind them at the speeds the tubes allow; more would be
 /// re-planned before it is flown.
 const GUIDE_MAX_M: f64 = 11.0;
-/// Highest gear while a range sensor is silent: half the speed.
-const DEGRADED_GEAR: usize = 1;
+/// Highest speed tier while a range sensor is silent: half the speed.
+const DEGRADED_TIER: usize = 1;
 
 // A plan that gains less than this is not worth committing (m).
 const PROGRESS_MIN_M: f64 = 0.25;
-/// Lower gears are looked at when the way in the higher one is this much dearer than the straight line.
-const DETOUR_WORTH_A_GEAR: f32 = 1.25;
-/// Time that a way in a lower gear must save to slow down for it, rather than take another one at once (s).
+/// Lower speed tiers are tried when the path in the higher one costs this much more than the straight line.
+const DETOUR_WORTH_A_TIER: f32 = 1.25;
+/// Time that a path in a lower speed tier must save to slow down for it, rather than take another one at once (s).
 const SLOWING_S: f64 = 2.0;
-/// Looks for a way in a higher gear, and turns toward the ways to them, in a minute, before a way in the lowest gears is taken.
-const LOOKS_BEFORE_CRAWLING: usize = 2;
-/// How long planning must fail while the vehicle stands before the pilot is told (s).
+/// Viewpoints, and turns toward the paths to them, that are tried per minute for a path in a higher speed tier before a
+/// path in the lowest tiers is taken.
+const VIEWPOINTS_BEFORE_CRAWLING: usize = 2;
+/// How long planning must fail while the vehicle stands before the pilot is notified (s).
 const NO_PATH_AFTER_S: f64 = 1.5;
-/// A vehicle that nobody has planned for and that is faster than this is in motion (m/s): slower, its way to rest stays
-/// within the tube.
+/// A vehicle without a plan that is faster than this is in motion (m/s): below, its stopping distance stays within the
+/// tube.
 const MOVING_MPS: f64 = 0.5;
-/// Distance between two looks at the committed trajectory (s).
+/// Time between two checked points of the committed trajectory (s).
 const RECHECK_STEP_S: f64 = 0.03;
-/// Where no way is known, it is looked for so often (s): every search that fails expands all it may.
+/// Where no path is known, the search is repeated at this period (s): every search that fails expands as much as it
+/// may.
 const RETRY_S: f64 = 0.5;
-/// A vehicle that is to rest, in a place that is narrow only because not all around it is known, stays where it is if the place to
-/// rest at is no farther than this (m): a take-off that ends below its height, a hold in a gust.
+/// A vehicle that is to rest, in a place that is narrow only because its surroundings are not known, stays where it is
+/// if the place to rest at is no farther than this (m): a take-off that ends below its height, a hold in a gust.
 const NEAR_REST_M: f64 = 1.0;
-/// A height that is this far from the one asked for is another one (m): PX4 accepts up to 0.8 m (NAV_MC_ALT_RAD).
+/// A height that differs by this from the requested one is another one (m): PX4 accepts up to 0.8 m (NAV_MC_ALT_RAD).
 const HEIGHT_OFF_M: f64 = 0.7;
 
-/// What the planner reads.
+/// The planner's inputs.
 #[derive(Clone, Copy, Debug)]
 pub struct Inputs<'a> {
     /// The newest map.
     pub map: Reading<'a, LocalMap>,
-    /// What stands farther away, and what was seen before.
+    /// Obstacles farther away, and what was seen before.
     pub far: Reading<'a, FarMap>,
     /// The vehicle.
     pub state: Reading<'a, VehicleState>,
-    /// What the autopilot wants.
+    /// The path that the autopilot wants.
     pub desired: Reading<'a, DesiredPath>,
-    /// What is being flown, however old: it outlives its producer.
+    /// The trajectory being flown, however old: it outlives its producer.
     pub approved: Option<&'a ApprovedTrajectory>,
-    /// A way that another program proposes.
+    /// A path that another program proposes.
     pub proposal: Reading<'a, Proposal>,
 }
 
 /// The planner.
 #[derive(Debug)]
 pub struct Planner {
-    limits: [MotionLimits; GEARS],
-    /// Those on the way out of a place that is too narrow for every gear.
+    limits: [MotionLimits; TIERS],
+    /// The limits on the way out of a place that is too narrow for every speed tier.
     creep: MotionLimits,
     goal_radius_m: f64,
     height_range_m: (f64, f64),
     yaw_along_path: bool,
-    space: Space,
+    space: ConfigurationSpace,
     search: Search,
     best_path: Path,
-    /// The same in the lowest gears.
-    last_path: Path,
+    /// The same in the lowest speed tiers.
+    crawl_path: Path,
     guide: Guide,
     corridor: CorridorBuilder,
     /// Range sensors that should contribute to the map; 0 = not known.
     sensors: u16,
-    /// The highest gear that may be flown with those that do.
-    top_gear: usize,
+    /// The highest speed tier that may be flown with those that do.
+    top_tier: usize,
     route_id: u64,
     /// The last plan on this map; 0 = none yet.
     planned_id: u64,
     map_publish: Timestamp,
-    /// The goal that was planned to last, in vain or not.
+    /// The goal of the last planning, whether it succeeded or not.
     planned_goal: Option<Point<LocalNed>>,
     failing_since: Option<Timestamp>,
-    no_path_told: bool,
-    blocked_told: bool,
-    lost_told: Timestamp,
+    no_path_reported: bool,
+    blocked_reported: bool,
+    loss_reported_at: Timestamp,
     progress: Progress,
-    /// Why the goal was not reached by the last plan.
+    /// Why the last plan did not reach the goal.
     obstruction: Option<Obstruction>,
-    /// The same when the goal was told to be out of reach.
+    /// The reason that was reported when the goal counted as out of reach.
     blocked_by: Option<Obstruction>,
-    /// Price of the way that was found last (m); `None` none was.
-    left_m: Option<f64>,
+    /// Cost of the path that was found last (m); `None` if none was.
+    remaining_m: Option<f64>,
     retry: Timestamp,
-    fitness: Fitness,
-    looks: Looks,
-    /// The gear of the way that was planned last.
-    way_gear: usize,
+    coverage: SensorCoverage,
+    viewpoints: Viewpoints,
+    /// The speed tier of the path that was planned last.
+    path_tier: usize,
     /// The last route that was a turn before a motion; 0 = none yet.
     turn_id: u64,
     view: FieldOfView,
-    /// The last wish was for setpoints that the autopilot follows.
-    sets_points: bool,
+    /// The last desired path was for setpoints that the autopilot follows.
+    follows_setpoints: bool,
     proposals: Proposals,
     events: Vec<EventSample>,
 }
 
-/// A committed motion, or the vehicle as it moves or rests: where the next plan departs from.
+/// Where the next plan departs from: a committed motion, or the vehicle as it moves or rests.
 #[derive(Clone, Copy, Debug)]
 struct Departure {
     base_id: u64,
@@ -175,7 +179,8 @@ struct Departure {
 }
 
 impl Departure {
-    /// Whether the vehicle moves without a plan, as when a pilot hands over in flight: if none is found it must be stopped.
+    /// Whether the vehicle moves without a plan, as when a pilot switches to the mission in flight: if none is found it
+    /// must be stopped.
     fn is_unplanned_motion(&self) -> bool {
         self.base_id == 0 && self.state.velocity.vector().norm() > 0.0
     }
@@ -188,114 +193,115 @@ impl Departure {
 impl Planner {
     /// A planner with the given parameters; `generation` keeps its route ids apart from those of earlier starts.
     pub fn new(params: &ParamSet, generation: u32) -> Self {
-        let limits = gears(params);
-        let room = Room::from_params(params);
+        let limits = speed_tiers(params);
+        let clearance = Clearance::from_params(params);
         Self {
-            fitness: Fitness::new(params, room.body_m + limits[CRAWL_GEAR].tube_m),
+            coverage: SensorCoverage::new(params, clearance.footprint_m + limits[CRAWL_TIER].tube_m),
             limits,
             creep: creep(params),
             goal_radius_m: params.get(&params::OA_GOAL_RAD),
             height_range_m: (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX)),
             yaw_along_path: params.get(&params::OA_YAW_MODE) == 1.0,
-            space: Space::new(&limits, room),
+            space: ConfigurationSpace::new(&limits, clearance),
             search: Search::default(),
             best_path: Path::default(),
-            last_path: Path::default(),
+            crawl_path: Path::default(),
             guide: Guide::default(),
             corridor: CorridorBuilder::default(),
             sensors: 0,
-            top_gear: 0,
+            top_tier: 0,
             route_id: u64::from(generation) << 32,
             planned_id: 0,
             map_publish: Timestamp::NEVER,
             planned_goal: None,
             failing_since: None,
-            no_path_told: false,
-            blocked_told: false,
-            lost_told: Timestamp::NEVER,
+            no_path_reported: false,
+            blocked_reported: false,
+            loss_reported_at: Timestamp::NEVER,
             progress: Progress::new(params.get(&params::OA_BLOCKED_T)),
             obstruction: None,
             blocked_by: None,
-            left_m: None,
+            remaining_m: None,
             retry: Timestamp::NEVER,
-            looks: Looks::default(),
-            way_gear: 0,
+            viewpoints: Viewpoints::default(),
+            path_tier: 0,
             turn_id: 0,
             view: FieldOfView::default(),
-            sets_points: false,
+            follows_setpoints: false,
             proposals: Proposals::default(),
             events: Vec::with_capacity(8),
         }
     }
 
-    /// Takes the parameters that apply at once; the others must be those of the start. Nothing that was learned is
-    /// forgotten, and what is committed stays: it was certified within the limits that it carries. A vehicle that is faster
-    /// than a new limit allows flies its commitment to its end, at rest, and goes on from there.
-    pub fn retune(&mut self, params: &ParamSet) {
-        self.limits = gears(params);
+    /// Takes the parameters that apply at once; the others must be those of the start. What was learned is kept, and
+    /// the committed trajectory stays: it was certified within the limits that it carries. A vehicle that is faster
+    /// than a new limit allows flies its committed trajectory to its end, at rest, and continues from there.
+    pub fn on_params_changed(&mut self, params: &ParamSet) {
+        self.limits = speed_tiers(params);
         self.creep = creep(params);
-        self.space.keep(&self.limits, Room::from_params(params));
+        self.space
+            .set_standoff(&self.limits, Clearance::from_params(params));
         self.goal_radius_m = params.get(&params::OA_GOAL_RAD);
         self.height_range_m = (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX));
         self.yaw_along_path = params.get(&params::OA_YAW_MODE) == 1.0;
-        // A refusal on this map may have been one of the old values.
+        // A refusal on this map may have been due to the old values.
         self.map_publish = Timestamp::NEVER;
     }
 
-    /// The same for a vehicle with so many range sensors: while only some of them contribute to the map it flies on
-    /// in what they see, and slower.
+    /// Sets the number of range sensors of the vehicle: while only some of them contribute to the map, it flies in what
+    /// they see, and slower.
     pub fn with_sensors(mut self, sensors: u16) -> Self {
         self.sensors = sensors;
         self
     }
 
-    /// What happened in the last step that a pilot should know.
+    /// The events of the last step for the pilot.
     pub fn events(&self) -> &[EventSample] {
         &self.events
     }
 
-    /// What became of the way that is proposed, if that is to be said after the last step.
+    /// The answer to the proposed path, if one is due after the last step.
     pub fn proposal_answer(&self) -> Option<&ProposalAnswer> {
         self.proposals.answer()
     }
 
-    /// One cycle at `now`; the answer is written into `route`.
+    /// One cycle at `now`; the result is written into `route`.
     pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, route: &mut Route) {
         self.events.clear();
         let committed = inputs.approved.map(|approved| &approved.trajectory);
-        self.proposals.take(&inputs.proposal, committed);
+        self.proposals.begin_cycle(&inputs.proposal, committed);
         if !self.advance(now, inputs, route) {
-            self.proposals.not_planning();
+            self.proposals.on_not_planning();
         }
-        route.unseen = Coded::new(self.fitness.unseen());
-        self.proposals.conclude(now, self.left_m, &mut self.events);
+        route.unseen = Coded::new(self.coverage.unseen());
+        self.proposals.end_cycle(now, self.remaining_m, &mut self.events);
     }
 
-    /// The cycle without what is said about proposals. Returns whether plans to the goal are made.
+    /// The cycle without the events about proposals. Returns whether plans to the goal are made.
     fn advance(&mut self, now: Timestamp, inputs: &Inputs<'_>, route: &mut Route) -> bool {
         self.route_id += 1;
         *route = Route {
             id: self.route_id,
             ..Route::default()
         };
-        let new_map = self.take_map(inputs);
+        let new_map = self.load_map(inputs);
         let Some(state) = inputs.state.fresh() else {
-            return false; // I4: without a state nothing new; Keep.
+            return false; // I4: without a state nothing new is committed; Keep.
         };
         if state.mode_pending.is_set() {
-            return false; // The gateway has just been restarted: what is flown goes on.
+            return false; // The gateway has just been restarted: the committed trajectory continues.
         }
         self.watch_sensors(now, &state, inputs.map.fresh().map(|map| map.sample));
-        let Some(desired) = self.wanted(&state, inputs) else {
+        let Some(desired) = self.desired_path(&state, inputs) else {
             route.mode = Coded::new(RouteMode::Mirror);
             self.planned_goal = None;
-            self.search.forget();
-            self.progress.forget();
+            self.search.reset();
+            self.progress.reset();
             self.failing_since = None;
             return false;
         };
         let Some(desired) = desired else {
-            return false; // The wish is late: keep what is committed.
+            return false; // The desired path is stale: keep what is committed.
         };
         let goal = self.clamped_goal(&desired, &state);
         let committed = inputs.approved.map(|approved| &approved.trajectory);
@@ -306,67 +312,68 @@ impl Planner {
         if inputs.map.fresh().is_none_or(|map| !map.ranges_fresh.is_set()) || !state.position_valid.is_set() {
             self.progress.pause(now);
             if must_leave {
-                self.leave(now, &departure, route);
+                self.stop_or_brake(now, &departure, route);
             }
-            return false; // I4: blind, the committed trajectory runs to its own stop.
+            return false; // I4: without ranges the committed trajectory runs to its own stop.
         }
         if let Some(map) = inputs.map.fresh() {
-            self.judge_sensors(map.live_sensors);
+            self.update_top_tier(map.live_sensors);
         }
         let goal_moved = self
             .planned_goal
             .is_none_or(|old| (old.vector() - goal.vector()).norm() > 0.1);
         if goal_moved {
             self.obstruction = None;
-            self.left_m = None;
+            self.remaining_m = None;
             self.retry = now;
-            self.looks.forget();
+            self.viewpoints.reset();
         }
         let mut planning = true;
         if is_at(&departure.state, &goal) {
             planning = false;
             let off_m = (desired.points[1].position.z_m - goal.z_m).abs();
             self.obstruction = (off_m > HEIGHT_OFF_M).then_some(Obstruction::Height);
-            self.left_m = Some(off_m);
-            self.report(now, true, &state, &goal);
+            self.remaining_m = Some(off_m);
+            self.report_path(now, true, &state, &goal);
         } else if !must_leave && self.stops_first(&departure, &desired, &goal) {
             planning = false;
             if !committed.is_some_and(is_stop) {
                 self.stop_certified(&departure, route);
             }
-            self.report(now, true, &state, &goal);
+            self.report_path(now, true, &state, &goal);
         } else if goal_moved
-            || must_leave && !self.is_heeded(committed)
+            || must_leave && !self.is_planned_on_this_map(committed)
             || now >= self.retry && (new_map || self.failing_since.is_some())
         {
-            let asked_for = &desired.points[1].position;
+            let requested = &desired.points[1].position;
             let heights_m = self.down_range_m(&state);
-            self.proposals.admit(now, must_leave, asked_for, heights_m);
-            self.look_far(inputs, &departure, &goal);
+            self.proposals.admit(now, must_leave, requested, heights_m);
+            self.update_detours(inputs, &departure, &goal);
             let planned = self.plan(&departure, &desired, &goal, committed, must_leave, route);
             if !planned && departure.is_at_rest() {
                 self.retry = now.plus_seconds(RETRY_S);
             }
-            self.report(now, planned, &state, &goal);
+            self.report_path(now, planned, &state, &goal);
             if planned {
                 self.planned_id = route.id;
             }
             if !planned && must_leave {
-                self.leave(now, &departure, route);
+                self.stop_or_brake(now, &departure, route);
             }
         }
-        self.judge_progress(now, &state, &goal, &desired.points[1].position);
+        self.check_progress(now, &state, &goal, &desired.points[1].position);
         route.must_leave = Flag::from(must_leave);
-        self.tell_blocked(blocked);
+        self.report_blocked(blocked);
         planning
     }
 
-    /// Whether the last plan on this map is being flown: the near part of it may still lie too close to what is to be left.
-    fn is_heeded(&self, committed: Option<&Trajectory>) -> bool {
+    /// Whether the last plan on this map is being flown: the near part of it may still be too close to the obstacle
+    /// that is to be left.
+    fn is_planned_on_this_map(&self, committed: Option<&Trajectory>) -> bool {
         self.planned_id != 0 && committed.is_some_and(|committed| committed.route_id == self.planned_id)
     }
 
-    fn take_map(&mut self, inputs: &Inputs<'_>) -> bool {
+    fn load_map(&mut self, inputs: &Inputs<'_>) -> bool {
         let Some(map) = inputs.map.fresh() else {
             return false;
         };
@@ -380,29 +387,33 @@ impl Planner {
         true
     }
 
-    /// Takes over what the far map says of the way to `goal`, if there is one that belongs to the map.
-    fn look_far(&mut self, inputs: &Inputs<'_>, departure: &Departure, goal: &Point<LocalNed>) {
+    /// Updates the detours to `goal` from the far map, if there is one of the same epoch as the map.
+    fn update_detours(&mut self, inputs: &Inputs<'_>, departure: &Departure, goal: &Point<LocalNed>) {
         let epoch = inputs.map.fresh().map(|map| map.sample.epoch);
         match inputs.far.fresh().filter(|far| Some(far.sample.epoch) == epoch) {
             Some(far) => {
                 let here = &departure.state.position;
                 let sees_all_around = self.view.is_all_around();
-                self.search
-                    .far_mut()
-                    .make(far.sample, far.header.publish.ns, goal, here, sees_all_around);
+                self.search.detours_mut().make(
+                    far.sample,
+                    far.header.publish.ns,
+                    goal,
+                    here,
+                    sees_all_around,
+                );
             }
-            None => self.search.far_mut().forget(),
+            None => self.search.detours_mut().reset(),
         }
     }
 
-    /// What one sensor alone has seen is old sooner where it does not look, so there is less time to stop in.
-    fn judge_sensors(&mut self, live: u16) {
-        let top_gear = if live < self.sensors { DEGRADED_GEAR } else { 0 };
-        if top_gear == self.top_gear {
+    /// What only one sensor has seen becomes old sooner where it does not look, so there is less time to stop.
+    fn update_top_tier(&mut self, live: u16) {
+        let top_tier = if live < self.sensors { DEGRADED_TIER } else { 0 };
+        if top_tier == self.top_tier {
             return;
         }
-        self.top_gear = top_gear;
-        let event = if top_gear > 0 {
+        self.top_tier = top_tier;
+        let event = if top_tier > 0 {
             &events::SENSOR_LOST
         } else {
             &events::SENSOR_BACK
@@ -411,22 +422,22 @@ impl Planner {
         self.events.push(EventSample::new(event, "planner", numbers));
     }
 
-    /// `None`: mirror. `Some(None)`: plan, but the wish is late. `Some(Some(_))`: plan.
-    fn wanted(&mut self, state: &VehicleState, inputs: &Inputs<'_>) -> Option<Option<DesiredPath>> {
+    /// `None`: mirror. `Some(None)`: plan, but the desired path is stale. `Some(Some(_))`: plan.
+    fn desired_path(&mut self, state: &VehicleState, inputs: &Inputs<'_>) -> Option<Option<DesiredPath>> {
         let desired = inputs.desired.fresh();
         if let Some(desired) = &desired {
-            self.sets_points = desired.mode.get() == NavMode::Offboard;
+            self.follows_setpoints = desired.mode.get() == NavMode::Offboard;
         }
         let planned_mode = match state.mode.get() {
-            // Somebody else's setpoints may be followed as well.
-            NavMode::Offboard => self.sets_points,
+            // Setpoints of another program may be followed as well.
+            NavMode::Offboard => self.follows_setpoints,
             mode => mode.is_automatic(),
         };
         if !planned_mode || !state.armed.is_set() {
             return None;
         }
         match desired {
-            // Of the mode before: what is wanted in this one comes next.
+            // It belongs to the mode before; that of this mode comes next.
             Some(desired) if desired.mode.get().is_automatic() && desired.mode != state.mode => Some(None),
             Some(desired) => desired.wants_planning().then_some(Some(*desired.sample)),
             None => Some(None),
@@ -456,7 +467,7 @@ impl Planner {
         (highest_m, lowest_m.max(state.position.z_m).max(highest_m))
     }
 
-    /// Whether an obstacle has come into the tube of what is committed from `now` on.
+    /// Whether an obstacle has come into the tube of the committed trajectory from `now` on.
     fn is_blocked(&mut self, now: Timestamp, committed: Option<&Trajectory>) -> bool {
         let Some(committed) = committed.filter(|trajectory| is_flown(trajectory)) else {
             return false;
@@ -465,18 +476,18 @@ impl Planner {
             return false;
         }
         let end = committed.end();
-        // At rest nothing is strayed from.
-        let gear = if now < end {
-            self.gear_of(committed.limits.tube_m)
+        // At rest there is no tracking error.
+        let tier = if now < end {
+            self.tier_of(committed.limits.tube_m)
         } else {
-            LAST_GEAR
+            LAST_TIER
         };
         let mut time = now;
         loop {
             let Some(state) = committed.at(time) else {
                 return false;
             };
-            if self.is_hit(gear, &state.position.vector()) {
+            if self.is_hit(tier, &state.position.vector()) {
                 return true;
             }
             if time >= end {
@@ -486,27 +497,29 @@ impl Planner {
         }
     }
 
-    /// Whether an obstacle is known too near to `place` for `gear`. Half cells are looked at only where whole ones do not do.
-    fn is_hit(&mut self, gear: usize, place: &Vector3<f64>) -> bool {
-        (gear.min(CRAWL_GEAR)..=gear).all(|gear| {
-            self.space.prepare(gear);
-            self.space.is_hit_at(gear, place)
+    /// Whether an obstacle is known too near to `place` for `tier`. Half cells are checked only where whole ones do not
+    /// suffice.
+    fn is_hit(&mut self, tier: usize, place: &Vector3<f64>) -> bool {
+        (tier.min(CRAWL_TIER)..=tier).all(|tier| {
+            self.space.prepare(tier);
+            self.space.is_hit_at(tier, place)
         })
     }
 
-    /// The widest gear whose tube is not wider than `tube_m`.
-    fn gear_of(&self, tube_m: f64) -> usize {
+    /// The widest speed tier whose tube is not wider than `tube_m`.
+    fn tier_of(&self, tube_m: f64) -> usize {
         self.limits
             .iter()
             .position(|limits| limits.tube_m <= tube_m + 1e-9)
-            .unwrap_or(LAST_GEAR)
+            .unwrap_or(LAST_TIER)
     }
 
-    /// Finds the best way over the gears and writes a plan along it into `route`; `false` if there is none.
+    /// Finds the best path over the speed tiers and writes a plan along it into `route`; `false` if there is none.
     ///
-    /// A way may need a low gear somewhere (a gap) and still be flown in a higher one up to there: for each gear's way the
-    /// guide is cut where the flown gear stops being safe, and the lower gear takes over when the vehicle is slow enough. Where it is
-    /// not yet, it becomes so first, rather than leave for a way that takes much longer.
+    /// A path may need a low speed tier somewhere (a gap) and still be flown in a higher one up to there: for each
+    /// tier's path the guide is cut where the flown tier stops being safe, and the lower tier takes over when the
+    /// vehicle is slow enough. A vehicle that is not slow enough yet slows down first, rather than take another path
+    /// that is much longer.
     fn plan(
         &mut self,
         departure: &Departure,
@@ -518,84 +531,84 @@ impl Planner {
     ) -> bool {
         let start = departure.state.position.vector();
         let speed_mps = departure.state.velocity.vector().norm();
-        let creeps = departure.is_at_rest()
+        let is_creeping = departure.is_at_rest()
             || self.space.is_narrow() && speed_mps <= MotionLimits::allowed(self.creep.speed_mps);
         let has_plan = departure.base_id != 0;
-        self.space.depart_from(&start, SLOW_GEAR, creeps, has_plan);
+        self.space.set_departure(&start, SLOW_TIER, is_creeping, has_plan);
         if self.space.is_narrow() {
             if desired.is_to_rest()
                 && (goal.vector() - start).norm() < NEAR_REST_M
-                && !self.space.is_pressed()
+                && !self.space.is_narrowed_by_obstacle()
             {
-                // It may rest as well where it is: what is unknown around comes no nearer.
+                // It may as well rest where it is: it comes no nearer to the unknown around it.
                 return true;
             }
-            self.proposals.evade();
-            self.proposals.leave();
-            if self.plan_way_out(departure, desired, route) {
+            self.proposals.on_evading();
+            self.proposals.use_own_path();
+            if self.plan_escape(departure, desired, route) {
                 return true;
             }
-            let Some(Choice { flown, found, .. }) = self.last_resort(departure, goal) else {
-                if self.look_crawling(departure, desired, goal, committed, route) {
+            let Some(PathChoice { flown, found, .. }) = self.choose_crawling(departure, goal) else {
+                if self.move_to_viewpoint_crawling(departure, desired, goal, committed, route) {
                     return true;
                 }
-                self.space.depart_from(&start, LAST_GEAR, creeps, has_plan);
-                return self.plan_way_out(departure, desired, route);
+                self.space.set_departure(&start, LAST_TIER, is_creeping, has_plan);
+                return self.plan_escape(departure, desired, route);
             };
-            self.search.swap_path(&mut self.last_path);
+            self.search.swap_path(&mut self.crawl_path);
             let target_is_goal = self.build_guide(flown, departure, goal, &found);
             return self.write_plan(flown, departure, desired, target_is_goal, route);
         }
         let straight_m = (goal.vector() - start).norm()
             + f64::from(self.search.detour_m(cell_of(departure.state.position)));
-        let mut best: Option<Choice> = None;
-        // The time that a way would take (s) that the vehicle is too fast for, and the gear of it.
+        let mut best: Option<PathChoice> = None;
+        // The time (s) and the speed tier of a path that the vehicle is too fast for.
         let mut too_fast_for: Option<(f64, usize)> = None;
-        let mut seen: Option<Found> = None;
-        let mut next = Some(self.top_gear);
-        while let Some(gear) = next {
-            next = (gear < SLOW_GEAR).then_some(gear + 1);
-            self.space.prepare(gear);
-            let Some(found) = self.find(gear, departure, goal) else {
+        let mut seen: Option<SearchResult> = None;
+        let mut next = Some(self.top_tier);
+        while let Some(tier) = next {
+            next = (tier < SLOW_TIER).then_some(tier + 1);
+            self.space.prepare(tier);
+            let Some(found) = self.find(tier, departure, goal) else {
                 continue;
             };
-            let is_short = found.end == PathEnd::Nearest;
-            if seen.is_none_or(|before| before.end == PathEnd::Nearest) {
+            let is_short = found.end == PathEnd::NearestPoint;
+            if seen.is_none_or(|before| before.end == PathEnd::NearestPoint) {
                 seen = Some(found);
             }
-            let time_s = self.time_s(gear, &found);
+            let time_s = self.time_s(tier, &found);
             if best.is_none_or(|best| time_s < best.time_s)
                 && !(is_short && is_near_enough(departure, goal, &found))
             {
-                if let Some(flown) = self.flown_gear(gear, departure, goal, &found) {
-                    best = Some(Choice {
+                if let Some(flown) = self.flown_tier(tier, departure, goal, &found) {
+                    best = Some(PathChoice {
                         time_s,
-                        way: gear,
+                        way: tier,
                         flown,
                         found,
                     });
                     self.search.swap_path(&mut self.best_path);
-                } else if !self.can_begin(gear, departure) && self.space.is_safe_at(gear, &start) {
-                    too_fast_for = Some((time_s, gear));
+                } else if !self.can_begin(tier, departure) && self.space.is_safe_at(tier, &start) {
+                    too_fast_for = Some((time_s, tier));
                 }
             }
-            let direct = !is_short && found.cost_m <= DETOUR_WORTH_A_GEAR * straight_m as f32;
+            let direct = !is_short && found.cost_m <= DETOUR_WORTH_A_TIER * straight_m as f32;
             if best.is_some() && direct {
                 break;
             }
-            // Where the lowest gear of these finds no way, none between does.
-            if is_short && gear == self.top_gear {
-                next = next.map(|_| SLOW_GEAR);
+            // Where the lowest of these speed tiers finds no path, none between does.
+            if is_short && tier == self.top_tier {
+                next = next.map(|_| SLOW_TIER);
             }
         }
-        let crawls = committed.is_some_and(|committed| self.gear_of(committed.limits.tube_m) >= CRAWL_GEAR);
+        let crawls = committed.is_some_and(|committed| self.tier_of(committed.limits.tube_m) >= CRAWL_TIER);
         let is_detour =
-            |best: Choice| f64::from(best.found.cost_m) > f64::from(DETOUR_WORTH_A_GEAR) * straight_m;
+            |best: PathChoice| f64::from(best.found.cost_m) > f64::from(DETOUR_WORTH_A_TIER) * straight_m;
         let mut last = None;
         if best.is_none_or(is_detour) && (departure.is_at_rest() || crawls) {
-            last = self.last_resort(departure, goal);
+            last = self.choose_crawling(departure, goal);
         }
-        let seen_s = seen.map_or(DEAD_END_S, |seen| self.time_s(self.top_gear, &seen));
+        let seen_s = seen.map_or(DEAD_END_S, |seen| self.time_s(self.top_tier, &seen));
         if let (Some(other), Some(crawling)) = (best, last) {
             if crawling.time_s + SLOWING_S < other.time_s {
                 best = None;
@@ -604,44 +617,54 @@ impl Planner {
             }
         }
         if let Some(last) = last
-            && last.found.end != PathEnd::Nearest
+            && last.found.end != PathEnd::NearestPoint
         {
             seen = Some(last.found);
         }
-        self.left_m = seen.map(|found| f64::from(found.cost_m));
+        self.remaining_m = seen.map(|found| f64::from(found.cost_m));
         let is_planned = best.is_some() || last.is_some();
-        let falls_short = seen.is_none_or(|found| found.end == PathEnd::Nearest) || !is_planned;
+        let falls_short = seen.is_none_or(|found| found.end == PathEnd::NearestPoint) || !is_planned;
         self.obstruction = falls_short.then(|| Obstruction::of(seen.as_ref()));
         if self.plan_proposed(departure, desired, goal, route) {
             return true;
         }
-        if self.proposals.leave() && self.progress.is_blocked() {
-            // It is somewhere else now, and looks anew from there.
-            self.progress.forget();
+        if self.proposals.use_own_path() && self.progress.is_blocked() {
+            // The vehicle is somewhere else now, and progress is measured anew from there.
+            self.progress.reset();
         }
-        let looks_max = match last {
-            // What a look could show is a longer way.
+        let viewpoints_max = match last {
+            // A viewpoint could only reveal a longer path.
             Some(last) if last.time_s + SLOWING_S < seen_s => 0,
-            Some(_) => LOOKS_BEFORE_CRAWLING,
+            Some(_) => VIEWPOINTS_BEFORE_CRAWLING,
             None => usize::MAX,
         };
-        if best.is_none() && self.look(SLOW_GEAR, looks_max, departure, desired, goal, committed, route) {
+        if best.is_none()
+            && self.move_to_viewpoint(
+                SLOW_TIER,
+                viewpoints_max,
+                departure,
+                desired,
+                goal,
+                committed,
+                route,
+            )
+        {
             return true;
         }
         let Some(chosen) = best.or(last) else {
-            return self.look_crawling(departure, desired, goal, committed, route);
+            return self.move_to_viewpoint_crawling(departure, desired, goal, committed, route);
         };
-        let Choice { flown, found, .. } = chosen;
+        let PathChoice { flown, found, .. } = chosen;
         if best.is_none() {
-            self.search.swap_path(&mut self.last_path);
+            self.search.swap_path(&mut self.crawl_path);
         } else {
             self.search.swap_path(&mut self.best_path);
         }
         let target_is_goal = self.build_guide(flown, departure, goal, &found);
         if self.progress.is_blocked() && !target_is_goal && !departure.is_unplanned_motion() {
-            // Once the goal counts as out of reach, only a way that is known to its end is worth leaving for, or one where
-            // there was none.
-            let is_open_now = found.end != PathEnd::Nearest
+            // Once the goal counts as out of reach, the vehicle departs only for a path that is known to its end, or
+            // where there was none before.
+            let is_open_now = found.end != PathEnd::NearestPoint
                 && matches!(
                     self.blocked_by,
                     Some(Obstruction::Occupied | Obstruction::Enclosed)
@@ -649,7 +672,7 @@ impl Planner {
             if !is_open_now {
                 return false;
             }
-            self.progress.forget();
+            self.progress.reset();
         }
         self.search.prefer_path(&self.space);
         if let Some((slow_s, way)) = too_fast_for
@@ -658,20 +681,20 @@ impl Planner {
             && !must_leave
             && !departure.is_unplanned_motion()
         {
-            // What is committed along the same way ends where that becomes narrow.
-            if self.way_gear != way && !committed.is_some_and(is_stop) {
+            // The committed trajectory along the same path ends where that becomes narrow.
+            if self.path_tier != way && !committed.is_some_and(is_stop) {
                 self.stop_certified(departure, route);
             }
             return true;
         }
-        self.way_gear = chosen.way;
-        match self.before_motion(departure) {
-            Before::Go => self.write_plan(flown, departure, desired, target_is_goal, route),
-            Before::Turn(heading_rad) => {
+        self.path_tier = chosen.way;
+        match self.check_heading(departure) {
+            HeadingCheck::Aligned => self.write_plan(flown, departure, desired, target_is_goal, route),
+            HeadingCheck::Turn(heading_rad) => {
                 self.turn_first(departure, heading_rad, committed, route);
                 true
             }
-            Before::Stop => {
+            HeadingCheck::Stop => {
                 if !committed.is_some_and(is_stop) {
                     self.stop_certified(departure, route);
                 }
@@ -680,15 +703,15 @@ impl Planner {
         }
     }
 
-    /// Out of a place that is too narrow for a gear, to the nearest that is not; from there it is planned as ever. `false` if there is
-    /// no such way, or the place is not too narrow.
-    fn plan_way_out(&mut self, departure: &Departure, desired: &DesiredPath, route: &mut Route) -> bool {
-        let Some(gear) = self.space.narrow_gear() else {
+    /// Plans out of a place that is too narrow for a speed tier, to the nearest that is not; from there planning
+    /// continues as usual. `false` if there is no such path, or the place is not too narrow.
+    fn plan_escape(&mut self, departure: &Departure, desired: &DesiredPath, route: &mut Route) -> bool {
+        let Some(tier) = self.space.narrow_tier() else {
             return false;
         };
         let start = departure.state.position.vector();
-        let here = self.space.cell_of(gear, &start);
-        if !self.search.way_out(&self.space, gear, here) {
+        let here = self.space.cell_of(tier, &start);
+        if !self.search.escape_path(&self.space, tier, here) {
             return false;
         }
         let Some(end) = self.search.path().cells.last().copied() else {
@@ -696,39 +719,39 @@ impl Planner {
         };
         self.guide.build(
             &self.space,
-            gear,
+            tier,
             &start,
             self.search.path(),
-            Some(&self.space.center_of(gear, end)),
+            Some(&self.space.center_of(tier, end)),
             GUIDE_MAX_M,
             self.creep.overshoot_m,
         );
-        self.write_plan(gear, departure, desired, false, route)
+        self.write_plan(tier, departure, desired, false, route)
     }
 
     fn build_guide(
         &mut self,
-        gear: usize,
+        tier: usize,
         departure: &Departure,
         goal: &Point<LocalNed>,
-        found: &Found,
+        found: &SearchResult,
     ) -> bool {
         let goal = goal.vector();
         let start = departure.state.position.vector();
         self.guide.build(
             &self.space,
-            gear,
+            tier,
             &start,
             self.search.path(),
             (found.end == PathEnd::Goal).then_some(&goal),
             GUIDE_MAX_M,
-            self.limits[gear].overshoot_m,
+            self.limits[tier].overshoot_m,
         )
     }
 
     fn write_plan(
         &mut self,
-        gear: usize,
+        tier: usize,
         departure: &Departure,
         desired: &DesiredPath,
         target_is_goal: bool,
@@ -747,8 +770,9 @@ impl Planner {
         }
         for index in 1..self.guide.vertices().len() {
             let (a, b) = (self.guide.vertices()[index - 1], self.guide.vertices()[index]);
-            // Where a leg cannot be surrounded the plan ends before it: it rests there, and the next plan sees more.
-            let Some(polytope) = self.corridor.polytope(&self.space, gear, &a, &b, down_range_m) else {
+            // Where a leg has no polytope the plan ends before it: the vehicle rests there, and the next plan sees
+            // more.
+            let Some(polytope) = self.corridor.polytope(&self.space, tier, &a, &b, down_range_m) else {
                 route.guide_len = index as u32;
                 break;
             };
@@ -760,14 +784,14 @@ impl Planner {
         }
         route.declarations = self
             .space
-            .declarations(gear, &self.guide.vertices()[..route.guide_len as usize]);
+            .declarations(tier, &self.guide.vertices()[..route.guide_len as usize]);
         route.base_id = departure.base_id;
         route.splice = departure.splice;
         route.start = departure.state;
-        route.limits = if self.space.narrow_gear() == Some(gear) {
+        route.limits = if self.space.narrow_tier() == Some(tier) {
             self.creep
         } else {
-            self.limits[gear]
+            self.limits[tier]
         };
         if desired.mission_speed_mps.is_finite() {
             route.limits.speed_mps = route.limits.speed_mps.min(desired.mission_speed_mps.max(0.3));
@@ -775,80 +799,80 @@ impl Planner {
         route.target = route.guide[route.guide_len as usize - 1];
         let whole = route.corridor_len as usize + 1 == self.guide.vertices().len();
         route.target_is_goal = Flag::from(target_is_goal && whole);
-        // Sensors that do not look all around have to look ahead, whatever the mission asks.
-        let looks_ahead = self.yaw_along_path || !self.view.is_all_around() && !self.view.is_empty();
-        route.goal_yaw_rad = if looks_ahead {
+        // Sensors that do not see all around have to face the motion, whatever the mission asks.
+        let faces_ahead = self.yaw_along_path || !self.view.is_all_around() && !self.view.is_empty();
+        route.goal_yaw_rad = if faces_ahead {
             f64::NAN
         } else {
             f64::from(desired.points[1].yaw_rad)
         };
         route.mode = Coded::new(RouteMode::Plan);
-        if let Some(stop) = stops::certified(&self.space, gear, &departure.state) {
+        if let Some(stop) = stops::certified(&self.space, tier, &departure.state) {
             route.stop = stop;
             route.has_stop = Flag::YES;
         }
         true
     }
 
-    fn report(&mut self, now: Timestamp, planned: bool, state: &VehicleState, goal: &Point<LocalNed>) {
+    fn report_path(&mut self, now: Timestamp, planned: bool, state: &VehicleState, goal: &Point<LocalNed>) {
         let at_goal = (state.position.vector() - goal.vector()).norm() <= self.goal_radius_m;
         if planned || at_goal {
             self.planned_goal = Some(*goal);
             self.failing_since = None;
-            if self.no_path_told {
-                self.no_path_told = false;
-                self.tell(&events::PATH_FOUND);
+            if self.no_path_reported {
+                self.no_path_reported = false;
+                self.report_event(&events::PATH_FOUND);
             }
             return;
         }
         self.planned_goal = Some(*goal);
         let since = *self.failing_since.get_or_insert(now);
         let standing = state.velocity.vector().norm() < 0.3;
-        if standing && !self.no_path_told && now.seconds_since(since) > NO_PATH_AFTER_S {
-            self.no_path_told = true;
-            self.tell(&events::NO_PATH);
+        if standing && !self.no_path_reported && now.seconds_since(since) > NO_PATH_AFTER_S {
+            self.no_path_reported = true;
+            self.report_event(&events::NO_PATH);
         }
     }
 
-    /// Tells when the goal has been out of reach for too long, and again after the same time each.
-    fn judge_progress(
+    /// Reports that the goal has been out of reach for too long, and repeats it after the same time.
+    fn check_progress(
         &mut self,
         now: Timestamp,
         state: &VehicleState,
         goal: &Point<LocalNed>,
-        asked_for: &Point<LocalNed>,
+        requested: &Point<LocalNed>,
     ) {
         let away_m = (state.position.vector() - goal.vector()).norm();
         if away_m <= self.goal_radius_m && self.obstruction != Some(Obstruction::Height) {
-            self.progress.forget();
+            self.progress.reset();
             return;
         }
         let has_detour = self.obstruction.is_none();
         let detour_mps = if has_detour {
-            self.limits[DEGRADED_GEAR].speed_mps
+            self.limits[DEGRADED_TIER].speed_mps
         } else {
             0.0
         };
         if self.proposals.is_flown() {
             self.progress.pause(now);
         }
-        if self.progress.step(now, goal, self.left_m, detour_mps) {
+        if self.progress.step(now, goal, self.remaining_m, detour_mps) {
             let why = self.obstruction.unwrap_or(Obstruction::Unseen);
             self.blocked_by = Some(why);
-            let away_m = (state.position.vector() - asked_for.vector()).norm();
-            let event = EventSample::new(&events::GOAL_BLOCKED, why.word(), [away_m, 0.0]);
+            let away_m = (state.position.vector() - requested.vector()).norm();
+            let event = EventSample::new(&events::GOAL_BLOCKED, why.text(), [away_m, 0.0]);
             self.events.push(event);
         }
     }
 
-    fn tell_blocked(&mut self, blocked: bool) {
-        if blocked && !self.blocked_told {
-            self.tell(&events::COMMITMENT_CHANGED);
+    fn report_blocked(&mut self, blocked: bool) {
+        if blocked && !self.blocked_reported {
+            self.report_event(&events::COMMITMENT_CHANGED);
         }
-        self.blocked_told = blocked;
+        self.blocked_reported = blocked;
     }
 
-    fn tell(&mut self, event: &events::Event) {
+    fn report_event(&mut self, event: &events::Event) {
         self.events.push(EventSample::new(event, "planner", [0.0, 0.0]));
     }
 }
@@ -868,8 +892,8 @@ fn is_flown(trajectory: &Trajectory) -> bool {
     trajectory.mode.get() != TrajectoryMode::Mirror && trajectory.is_sound()
 }
 
-/// Where the next plan departs from: the committed trajectory a little ahead, or the vehicle as it will be then if it goes
-/// on as measured; at rest where it stands if it hardly moves.
+/// Where the next plan departs from: the committed trajectory a little ahead, or the vehicle at its extrapolated
+/// position; at rest where it stands if it hardly moves.
 fn departure(now: Timestamp, committed: Option<&Trajectory>, state: &Stamped<'_, VehicleState>) -> Departure {
     let splice = now.plus_seconds(SPLICE_LEAD_S);
     if let Some(committed) = committed.filter(|trajectory| is_flown(trajectory))

@@ -1,46 +1,46 @@
-//! Whether the goal comes nearer, and if not, why.
+//! Whether the vehicle makes progress toward the goal, and if not, why.
 //!
-//! Neither standing nor the straight distance is the sign: a detour leads away from the goal for a while, and a vehicle may circle
-//! round one that it cannot come to. What counts is the price of the way that is left, as the search finds it: whoever does not
-//! make it smaller for OA_BLOCKED_T is out of reach of the goal. A detour that is found on the way makes it greater at once; the
-//! time for flying it is given in addition.
+//! Neither standing nor the straight distance is the criterion: a detour leads away from the goal for a while, and a
+//! vehicle may circle round a goal that it cannot reach. The criterion is the cost of the remaining path, as the search
+//! finds it: if it does not become smaller for OA_BLOCKED_T, the goal is out of reach. A detour that is found in flight
+//! makes it greater at once; the time for flying it is added.
 
-use crate::search::{Found, PathEnd};
+use crate::search::{PathEnd, SearchResult};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::{LocalNed, Point};
 
-/// A way that is shorter by this is progress (m): above what the map's noise makes of it from plan to plan.
+/// A path that is shorter by this is progress (m): above what the map's noise makes of it from plan to plan.
 const PROGRESS_M: f64 = 0.5;
-/// A goal that has moved less is the same (m).
+/// A goal that has moved by less is the same (m).
 const SAME_GOAL_M: f64 = 0.1;
-/// More time is given to no detour (s): one that leads along all four sides of the map's window takes it.
+/// Most time added for a detour (s): one along all four sides of the map's window takes it.
 const DETOUR_MAX_S: f64 = 60.0;
 
 /// Why a goal is not reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Obstruction {
-    /// No vehicle can be at it.
+    /// An obstacle is at the goal.
     Occupied,
-    /// What stands around it leaves no way.
+    /// Obstacles around the goal leave no path.
     Enclosed,
     /// It lies outside of the heights allowed; the vehicle waits above or below it.
     Height,
-    /// No way is known that ends in known-free space.
+    /// No path is known that ends in known-free space.
     Unseen,
 }
 
 impl Obstruction {
-    /// Of a way that does not end at the goal.
-    pub fn of(found: Option<&Found>) -> Self {
+    /// The obstruction of a path that does not end at the goal.
+    pub fn of(found: Option<&SearchResult>) -> Self {
         match found {
             Some(found) if found.goal_is_occupied => Obstruction::Occupied,
-            Some(found) if found.end == PathEnd::Nearest => Obstruction::Enclosed,
+            Some(found) if found.end == PathEnd::NearestPoint => Obstruction::Enclosed,
             _ => Obstruction::Unseen,
         }
     }
 
-    /// For the pilot.
-    pub fn word(self) -> &'static str {
+    /// The text for the pilot.
+    pub fn text(self) -> &'static str {
         match self {
             Obstruction::Occupied => "obstacle there",
             Obstruction::Enclosed => "no way round",
@@ -50,51 +50,52 @@ impl Obstruction {
     }
 }
 
-/// Watches the way to one goal.
+/// Watches the progress toward one goal.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
-    patience_s: f64,
+    timeout_s: f64,
     goal: Option<Point<LocalNed>>,
-    /// The least that was ever left (m), and when that was.
-    least_m: f64,
+    /// The smallest remaining cost so far (m), and when that was.
+    min_m: f64,
     since: Timestamp,
-    /// The most that was left after that (m).
-    most_m: f64,
+    /// The largest remaining cost since then (m).
+    max_m: f64,
     is_blocked: bool,
     due: Timestamp,
 }
 
 impl Progress {
-    /// A goal is out of reach after `patience_s` without progress.
-    pub fn new(patience_s: f64) -> Self {
+    /// A goal is out of reach after `timeout_s` without progress.
+    pub fn new(timeout_s: f64) -> Self {
         Self {
-            patience_s,
+            timeout_s,
             goal: None,
-            least_m: f64::INFINITY,
+            min_m: f64::INFINITY,
             since: Timestamp::NEVER,
-            most_m: 0.0,
+            max_m: 0.0,
             is_blocked: false,
             due: Timestamp::NEVER,
         }
     }
 
-    /// Nothing is flown to, or it was reached.
-    pub fn forget(&mut self) {
-        *self = Self::new(self.patience_s);
+    /// There is no goal, or it was reached.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.timeout_s);
     }
 
-    /// Whether the goal has been out of reach, and is still.
+    /// Whether the goal has been out of reach, and still is.
     pub fn is_blocked(&self) -> bool {
         self.is_blocked
     }
 
-    /// `left_m` of the way to `goal` is left at `now`, with a detour being flown at `speed_mps` (none: 0); `None`: not known.
-    /// Returns whether the goal counts as out of reach from now on, and again after the same time each.
+    /// The path to `goal` has the remaining cost `remaining_m` at `now`, and a detour is being flown at `speed_mps`
+    /// (none: 0); `None`: not known. Returns whether the goal counts as out of reach from now on, and again after every
+    /// further timeout.
     pub fn step(
         &mut self,
         now: Timestamp,
         goal: &Point<LocalNed>,
-        left_m: Option<f64>,
+        remaining_m: Option<f64>,
         speed_mps: f64,
     ) -> bool {
         let is_same = self
@@ -104,25 +105,25 @@ impl Progress {
             *self = Self {
                 goal: Some(*goal),
                 since: now,
-                ..Self::new(self.patience_s)
+                ..Self::new(self.timeout_s)
             };
         }
-        if let Some(left_m) = left_m {
-            if left_m < self.least_m - PROGRESS_M {
-                self.least_m = left_m;
-                self.most_m = left_m;
+        if let Some(remaining_m) = remaining_m {
+            if remaining_m < self.min_m - PROGRESS_M {
+                self.min_m = remaining_m;
+                self.max_m = remaining_m;
                 self.since = now;
                 self.is_blocked = false;
             }
-            self.most_m = self.most_m.max(left_m);
+            self.max_m = self.max_m.max(remaining_m);
         }
-        let detour_s = if speed_mps > 0.0 && self.least_m.is_finite() {
-            ((self.most_m - self.least_m) / speed_mps).min(DETOUR_MAX_S)
+        let detour_s = if speed_mps > 0.0 && self.min_m.is_finite() {
+            ((self.max_m - self.min_m) / speed_mps).min(DETOUR_MAX_S)
         } else {
             0.0
         };
-        let waits_since = if self.is_blocked { self.due } else { self.since };
-        if now.seconds_since(waits_since) < self.patience_s + detour_s {
+        let counted_since = if self.is_blocked { self.due } else { self.since };
+        if now.seconds_since(counted_since) < self.timeout_s + detour_s {
             return false;
         }
         self.is_blocked = true;
@@ -130,7 +131,7 @@ impl Progress {
         true
     }
 
-    /// Nothing could be seen until `now`: that time does not count.
+    /// No ranges until `now`: that time does not count.
     pub fn pause(&mut self, now: Timestamp) {
         if self.goal.is_some() && !self.is_blocked {
             self.since = now;
@@ -144,13 +145,20 @@ mod tests {
     use jink_shared_types::Timestamp;
     use jink_shared_types::frames::Point;
 
-    /// When it was out of reach within 100 s of a way that is `left_m` long after each time.
-    fn blocked(detour_mps: f64, left_m: impl Fn(f64) -> Option<f64>) -> Vec<f64> {
+    /// When the goal was out of reach within 100 s, with `remaining_m` after each time.
+    fn blocked(detour_mps: f64, remaining_m: impl Fn(f64) -> Option<f64>) -> Vec<f64> {
         let mut progress = Progress::new(10.0);
         let goal = Point::new(1.0, 2.0, 3.0);
         let seconds = (0..1000).map(|i| f64::from(i) * 0.1);
         seconds
-            .filter(|s| progress.step(Timestamp::from_seconds(50.0 + s), &goal, left_m(*s), detour_mps))
+            .filter(|s| {
+                progress.step(
+                    Timestamp::from_seconds(50.0 + s),
+                    &goal,
+                    remaining_m(*s),
+                    detour_mps,
+                )
+            })
             .collect()
     }
 
@@ -160,10 +168,11 @@ mod tests {
     }
 
     #[test]
-    fn standing_wobbling_and_circling_are_told_after_the_patience_and_again() {
-        let ways: [fn(f64) -> Option<f64>; 3] = [|_| Some(3.0), |s| Some(3.0 + 0.4 * s.sin()), |_| None];
-        for left_m in ways {
-            let due = blocked(0.0, left_m);
+    fn standing_wobbling_and_circling_are_reported_after_the_timeout_and_again() {
+        let path_choice: [fn(f64) -> Option<f64>; 3] =
+            [|_| Some(3.0), |s| Some(3.0 + 0.4 * s.sin()), |_| None];
+        for remaining_m in path_choice {
+            let due = blocked(0.0, remaining_m);
             assert!(due[0] < 13.0 && due.len() >= 8, "{due:?}");
         }
         let circling = blocked(1.5, |s| Some(4.0 + 2.0 * s.sin()));
@@ -172,8 +181,8 @@ mod tests {
 
     #[test]
     fn a_detour_is_given_the_time_it_takes_and_no_more() {
-        let left_m = |s: f64| Some(if s < 5.0 { 10.0 - s } else { 45.0 - 1.5 * (s - 5.0) }.max(4.0));
-        let due = blocked(1.5, left_m);
+        let remaining_m = |s: f64| Some(if s < 5.0 { 10.0 - s } else { 45.0 - 1.5 * (s - 5.0) }.max(4.0));
+        let due = blocked(1.5, remaining_m);
         assert!(due[0] > 35.0, "{due:?}");
     }
 

@@ -1,17 +1,18 @@
-//! Routes along ways that another program proposes ([`Proposal`]).
+//! Routes along paths that another program proposes ([`Proposal`]).
 //!
-//! A proposal takes the place of the planner's own guide and of nothing else: which space is certified, the tubes, the limits and
-//! the stop at the end are those of every plan. The own search goes on beside it. It says what is left to the goal, and its way is
-//! the one that is flown as soon as there is no proposal, or none that can be certified.
+//! A proposal takes the place of the planner's own guide and of nothing else: the certified space, the tubes, the
+//! limits and the stop at the end are those of every plan. The planner's own search continues beside it. It computes
+//! the remaining cost to the goal, and its path is flown as soon as there is no proposal, or none that can be
+//! certified.
 //!
-//! No proposal keeps the vehicle from its goal. Routes along proposals must lead on along them and must bring the goal nearer by the
-//! own search's measure; else the own search has the vehicle to itself for [`PAUSE_S`], and twice as long each next time. So the
-//! time in which nobody disturbs it grows until it is long enough, whatever is proposed.
+//! No proposal keeps the vehicle from its goal. Routes along proposals must advance along them and must bring the goal
+//! nearer by the own search's measure; else only paths of the own search are flown for [`PAUSE_S`], and twice as long
+//! each next time. So the time without proposals grows until it is long enough, whatever is proposed.
 
-use crate::gears::CRAWL_GEAR;
-use crate::proposed_way::{Failure, ProposedWay};
-use crate::space::Space;
-use crate::ways::HIGHER_GEAR_MIN_M;
+use crate::configuration_space::ConfigurationSpace;
+use crate::path_choice::HIGHER_TIER_MIN_M;
+use crate::proposed_path::{ProposalFailure, ProposedPath};
+use crate::speed_tiers::CRAWL_TIER;
 use crate::{Departure, GUIDE_MAX_M, PROGRESS_MIN_M, Planner};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
@@ -24,82 +25,84 @@ use jink_shared_types::{Added, Coded, Reading, Timestamp};
 /// A goal that is this near to the desired one is the same (m): positions travel in single precision, and a program may have
 /// computed its own from a latitude and a longitude.
 const SAME_GOAL_M: f64 = 0.5;
-/// Being nearer by this is progress (m), as in [`crate::progress`].
+/// A remaining cost that is smaller by this is progress (m), as in [`crate::progress`].
 const PROGRESS_M: f64 = 0.5;
-/// A way that is longer than the one before by this is another one (m): a detour that has been found on the way.
-const OTHER_WAY_M: f64 = 2.0;
-/// How long routes may be made of proposals without leading on along them (s): longer than a hard turn or a change of the gear takes.
+/// A path that is longer than the one before by this is another one (m): a detour that was found in flight.
+const OTHER_PATH_M: f64 = 2.0;
+/// How long routes may be made of proposals without progress along them (s): longer than a hard turn or a change of the
+/// speed tier takes.
 const IDLE_MAX_S: f64 = 5.0;
-/// The same without bringing the goal nearer than it ever was (s): a detour along all sides of the map's window takes it.
+/// How long without progress to the goal (s): a detour along all sides of the map's window takes it.
 const DETOUR_MAX_S: f64 = 60.0;
-/// How long the own search flies alone after that, the first time (s).
+/// How long only the own search is flown after that, the first time (s).
 const PAUSE_S: f64 = 10.0;
-/// Routes along proposals that are not flown one after the other (of ten in a second) are not feasible.
+/// So many routes along proposals in a row that are not flown (of ten in a second) are not feasible.
 const NOT_FLOWN_MAX: u32 = 3;
-/// How long the own search then flies alone (s): long enough to come to another place, from where the way may be feasible.
+/// How long only the own search is then flown (s): long enough to reach another place, from where the proposed path may
+/// be feasible.
 const INFEASIBLE_S: f64 = 2.0;
-/// What the answer to a proposal says in figures is told anew this often while it is flown (s).
-const FIGURES_S: f64 = 1.0;
-/// Events about proposals are not more frequent than this (s).
+/// The numbers in the answer to a proposal are published at this period while it is flown (s).
+const NUMBERS_S: f64 = 1.0;
+/// Shortest period of events about proposals (s).
 const EVENT_S: f64 = 5.0;
 /// The longest gap between two cycles that counts as flown (s).
 const CYCLE_MAX_S: f64 = 0.2;
-/// A wished speed is not lower than this (m/s), as for the speed that a mission asks for.
+/// A requested speed is not lower than this (m/s), as for the speed that a mission asks for.
 const SPEED_MIN_MPS: f64 = 0.3;
-/// A wished speed limits how far ahead is planned (s), and the way that slowing down takes is planned with this margin (1): so that
-/// a faster vehicle slows down at once.
-const WISHED_AHEAD_S: f64 = 2.0;
+/// A requested speed limits how far ahead is planned (s), and the distance for slowing down is planned with this margin
+/// (1): so that a faster vehicle slows down at once.
+const REQUESTED_AHEAD_S: f64 = 2.0;
 const SLOWING_MARGIN: f64 = 1.3;
 
-/// What the pilot was told last.
+/// What was last reported to the pilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Told {
-    OwnWay,
+enum ReportedStatus {
+    OwnPath,
     Flown,
     Refused(ProposalVerdict),
 }
 
-/// What is known of the proposals.
+/// State of the proposals.
 #[derive(Debug)]
 pub(super) struct Proposals {
     /// The newest one; it counts while it is fresh.
     current: Proposal,
     is_fresh: bool,
     is_plausible: bool,
-    /// When the way was proposed first.
+    /// When the path was proposed first.
     proposed: Timestamp,
     /// A plan may be made of it in this cycle, between these heights (smallest and largest down coordinate).
     is_admitted: bool,
     down_range_m: (f64, f64),
-    way: ProposedWay,
-    /// Where the last plan has joined the way.
+    way: ProposedPath,
+    /// Where the last plan has joined the path (m along it).
     along_m: Option<f64>,
-    /// Where the way leaves what is known to be free.
-    end: Option<Failure>,
+    /// Where the path leaves known-free space.
+    end: Option<ProposalFailure>,
     /// The last plan was made of a proposal.
     is_flown: bool,
-    /// The first route made of the current way; 0 = none.
+    /// The first route made of the current path; 0 = none.
     first_route: u64,
-    /// The last one, until it is seen in the committed trajectory; 0 = none.
+    /// The last one, until it appears in the committed trajectory; 0 = none.
     pending_route: u64,
     not_flown: u32,
     /// Until then no plan is made of a proposal, for this reason.
     pause: Option<(Timestamp, ProposalVerdict)>,
     next_pause_s: f64,
     goal: Point<LocalNed>,
-    /// The least that was left by the own search's measure (m), and how long it has been flown without less (s).
-    least_m: f64,
+    /// The smallest remaining cost by the own search (m), and how long a proposal has been flown without less (s).
+    min_m: f64,
     detour_s: f64,
-    /// The same along the proposed ways.
+    /// The same along the proposed paths.
     least_along_m: f64,
     idle_s: f64,
     cycle: Timestamp,
-    judged: Option<ProposalAnswer>,
+    decided: Option<ProposalAnswer>,
     answer: ProposalAnswer,
     answered: Timestamp,
     is_answer_due: bool,
-    told: Told,
-    told_at: Timestamp,
+    reported: ReportedStatus,
+    reported_at: Timestamp,
 }
 
 impl Default for Proposals {
@@ -111,7 +114,7 @@ impl Default for Proposals {
             proposed: Timestamp::NEVER,
             is_admitted: false,
             down_range_m: (0.0, 0.0),
-            way: ProposedWay::default(),
+            way: ProposedPath::default(),
             along_m: None,
             end: None,
             is_flown: false,
@@ -121,35 +124,35 @@ impl Default for Proposals {
             pause: None,
             next_pause_s: PAUSE_S,
             goal: Point::UNSET,
-            least_m: f64::INFINITY,
+            min_m: f64::INFINITY,
             detour_s: 0.0,
             least_along_m: f64::INFINITY,
             idle_s: 0.0,
             cycle: Timestamp::NEVER,
-            judged: None,
+            decided: None,
             answer: ProposalAnswer::default(),
             answered: Timestamp::NEVER,
             is_answer_due: false,
-            told: Told::OwnWay,
-            told_at: Timestamp::NEVER,
+            reported: ReportedStatus::OwnPath,
+            reported_at: Timestamp::NEVER,
         }
     }
 }
 
 impl Proposals {
-    /// Begins a cycle with what is proposed, while `committed` is flown.
-    pub(super) fn take(&mut self, proposal: &Reading<'_, Proposal>, committed: Option<&Trajectory>) {
+    /// Begins a cycle with the newest proposal, while `committed` is flown.
+    pub(super) fn begin_cycle(&mut self, proposal: &Reading<'_, Proposal>, committed: Option<&Trajectory>) {
         if committed.is_some_and(|committed| committed.route_id == self.pending_route) {
             self.pending_route = 0;
             self.not_flown = 0;
         }
-        self.judged = None;
+        self.decided = None;
         self.is_answer_due = false;
         self.is_admitted = false;
         let newest = proposal.fresh();
         self.is_fresh = newest.is_some();
         let Some(newest) = newest else {
-            // Who proposes it again begins anew.
+            // If it is proposed again, it counts as new.
             self.proposed = Timestamp::NEVER;
             return;
         };
@@ -162,20 +165,21 @@ impl Proposals {
         self.is_plausible = self.current.is_plausible();
     }
 
-    /// Judges what needs no map: whether a plan to `asked_for` may be made of the proposal now, within the heights of `down_range_m`.
+    /// Checks what needs no map: whether a plan to `requested` may be made of the proposal now, within the heights of
+    /// `down_range_m`.
     pub(super) fn admit(
         &mut self,
         now: Timestamp,
         must_leave: bool,
-        asked_for: &Point<LocalNed>,
+        requested: &Point<LocalNed>,
         down_range_m: (f64, f64),
     ) {
-        self.set_goal(asked_for);
+        self.set_goal(requested);
         if !self.is_fresh {
             return;
         }
         self.down_range_m = down_range_m;
-        let is_other_goal = (self.current.goal.vector() - asked_for.vector()).norm() > SAME_GOAL_M;
+        let is_other_goal = (self.current.goal.vector() - requested.vector()).norm() > SAME_GOAL_M;
         let pause = self.pause.filter(|(until, _)| now < *until);
         let refusal = if !self.is_plausible {
             Some(ProposalVerdict::Implausible)
@@ -187,22 +191,22 @@ impl Proposals {
             must_leave.then_some(ProposalVerdict::Evading)
         };
         match refusal {
-            Some(verdict) => self.judge(verdict, None),
+            Some(verdict) => self.decide(verdict, None),
             None => self.is_admitted = true,
         }
     }
 
     /// Nothing is planned in this cycle, whatever is proposed.
-    pub(super) fn not_planning(&mut self) {
+    pub(super) fn on_not_planning(&mut self) {
         if self.is_fresh {
-            self.judge(ProposalVerdict::NotPlanning, None);
+            self.decide(ProposalVerdict::NotPlanning, None);
         }
     }
 
-    /// The planner goes its own way out of a narrow place.
-    pub(super) fn evade(&mut self) {
+    /// The planner uses its own path out of a narrow place.
+    pub(super) fn on_evading(&mut self) {
         if self.is_admitted {
-            self.judge(ProposalVerdict::Evading, None);
+            self.decide(ProposalVerdict::Evading, None);
         }
     }
 
@@ -211,15 +215,20 @@ impl Proposals {
         self.is_flown
     }
 
-    /// The planner goes its own way. Returns whether it did not before.
-    pub(super) fn leave(&mut self) -> bool {
+    /// The planner uses its own path. Returns whether it did not before.
+    pub(super) fn use_own_path(&mut self) -> bool {
         self.pending_route = 0;
         std::mem::take(&mut self.is_flown)
     }
 
-    /// Lays the proposed way from the departure on, up to where it leaves what is known to be free; the slowest gear must be
-    /// prepared.
-    fn lay(&mut self, space: &Space, departure: &Departure, goal: &Point<LocalNed>) -> Result<(), Failure> {
+    /// Builds the proposed path from the departure on, up to where it leaves known-free space; the slowest speed tier
+    /// must be prepared.
+    fn build_path(
+        &mut self,
+        space: &ConfigurationSpace,
+        departure: &Departure,
+        goal: &Point<LocalNed>,
+    ) -> Result<(), ProposalFailure> {
         let start = departure.state.position.vector();
         let speed_mps = departure.state.velocity.vector().norm();
         let way = &mut self.way;
@@ -246,32 +255,32 @@ impl Proposals {
     }
 
     /// A route was made of the proposal.
-    fn made(&mut self, route: &Route, is_shortened: bool) {
+    fn on_route_made(&mut self, route: &Route, is_shortened: bool) {
         if self.first_route == 0 {
             self.first_route = route.id;
         }
         self.pending_route = route.id;
         self.is_flown = true;
-        let left_m = self.way.left_m();
-        if left_m < self.least_along_m - PROGRESS_M {
-            self.least_along_m = left_m;
+        let remaining_m = self.way.remaining_m();
+        if remaining_m < self.least_along_m - PROGRESS_M {
+            self.least_along_m = remaining_m;
             self.idle_s = 0.0;
-        } else if left_m > self.least_along_m + OTHER_WAY_M {
-            self.least_along_m = left_m;
+        } else if remaining_m > self.least_along_m + OTHER_PATH_M {
+            self.least_along_m = remaining_m;
         }
         match self.end.filter(|_| is_shortened) {
-            Some(end) => self.judge(ProposalVerdict::Shortened, Some(end)),
-            None => self.judge(ProposalVerdict::Accepted, None),
+            Some(end) => self.decide(ProposalVerdict::Shortened, Some(end)),
+            None => self.decide(ProposalVerdict::Accepted, None),
         }
-        if let Some(judged) = &mut self.judged {
+        if let Some(decided) = &mut self.decided {
             let legs = route.guide().windows(2);
-            judged.certified_m = legs.map(|leg| (leg[1].vector() - leg[0].vector()).norm()).sum();
-            judged.speed_mps = route.limits.speed_mps;
-            judged.route_id = self.first_route;
+            decided.certified_m = legs.map(|leg| (leg[1].vector() - leg[0].vector()).norm()).sum();
+            decided.speed_mps = route.limits.speed_mps;
+            decided.route_id = self.first_route;
         }
     }
 
-    /// Whether the routes made of proposals are not flown: then the own search goes on.
+    /// Whether the routes made of proposals are not flown: then the own search is flown.
     fn is_infeasible(&mut self) -> bool {
         if self.pending_route == 0 {
             return false;
@@ -286,30 +295,35 @@ impl Proposals {
         true
     }
 
-    /// Another goal is another chance.
+    /// Another goal ends the pause.
     fn set_goal(&mut self, goal: &Point<LocalNed>) {
         let moved_m = (self.goal.vector() - goal.vector()).norm();
-        // The first goal is another one than none.
+        // The first goal counts as another one.
         if moved_m.is_nan() || moved_m > SAME_GOAL_M {
             self.goal = *goal;
             self.pause = None;
             self.next_pause_s = PAUSE_S;
-            self.forget_progress();
-            self.least_m = f64::INFINITY;
+            self.reset_progress();
+            self.min_m = f64::INFINITY;
         }
     }
 
-    /// Ends a cycle in which `left_m` of the way to the goal is left by the own search's measure.
-    pub(super) fn conclude(&mut self, now: Timestamp, left_m: Option<f64>, events: &mut Vec<EventSample>) {
-        self.watch_progress(now, left_m);
+    /// Ends a cycle in which the own search has found the remaining cost `remaining_m`.
+    pub(super) fn end_cycle(
+        &mut self,
+        now: Timestamp,
+        remaining_m: Option<f64>,
+        events: &mut Vec<EventSample>,
+    ) {
+        self.watch_progress(now, remaining_m);
         self.cycle = now;
         self.write_answer(now);
-        self.tell(now, events);
+        self.report_events(now, events);
     }
 
-    fn watch_progress(&mut self, now: Timestamp, left_m: Option<f64>) {
-        if let Some(left_m) = left_m.filter(|left_m| *left_m < self.least_m - PROGRESS_M) {
-            self.least_m = left_m;
+    fn watch_progress(&mut self, now: Timestamp, remaining_m: Option<f64>) {
+        if let Some(remaining_m) = remaining_m.filter(|remaining_m| *remaining_m < self.min_m - PROGRESS_M) {
+            self.min_m = remaining_m;
             self.detour_s = 0.0;
         }
         if !self.is_flown {
@@ -322,18 +336,18 @@ impl Proposals {
             let until = now.plus_seconds(self.next_pause_s);
             self.pause = Some((until, ProposalVerdict::NoProgress));
             self.next_pause_s *= 2.0;
-            self.forget_progress();
+            self.reset_progress();
         }
     }
 
-    fn forget_progress(&mut self) {
+    fn reset_progress(&mut self) {
         self.least_along_m = f64::INFINITY;
         self.idle_s = 0.0;
         self.detour_s = 0.0;
     }
 
-    fn judge(&mut self, verdict: ProposalVerdict, failure: Option<Failure>) {
-        self.judged = Some(ProposalAnswer {
+    fn decide(&mut self, verdict: ProposalVerdict, failure: Option<ProposalFailure>) {
+        self.decided = Some(ProposalAnswer {
             place: failure.map_or(Point::UNSET, |failure| Point::from_vector(failure.place)),
             waypoint: failure.map_or(self.current.len, |failure| failure.waypoint),
             certified_m: failure.map_or(0.0, |failure| failure.after_m),
@@ -342,65 +356,65 @@ impl Proposals {
         });
     }
 
-    /// An answer is due when it differs from the last one, and for its figures once in a while.
+    /// An answer is due when it differs from the last one, and periodically for its numbers.
     fn write_answer(&mut self, now: Timestamp) {
-        let Some(judged) = self.judged else {
+        let Some(decided) = self.decided else {
             return;
         };
         let is_same = (self.answer.proposal_id, self.answer.proposed) == (self.current.id, self.proposed);
-        let both_flown = judged.verdict.get().is_flown() && self.answer.verdict.get().is_flown();
-        let says_the_same =
-            both_flown || (judged.verdict, judged.waypoint) == (self.answer.verdict, self.answer.waypoint);
-        let has_old_figures = both_flown && now.seconds_since(self.answered) >= FIGURES_S;
-        if is_same && says_the_same && !has_old_figures {
+        let both_flown = decided.verdict.get().is_flown() && self.answer.verdict.get().is_flown();
+        let is_same_answer =
+            both_flown || (decided.verdict, decided.waypoint) == (self.answer.verdict, self.answer.waypoint);
+        let has_old_numbers = both_flown && now.seconds_since(self.answered) >= NUMBERS_S;
+        if is_same && is_same_answer && !has_old_numbers {
             return;
         }
         self.answer = ProposalAnswer {
             proposal_id: self.current.id,
             proposed: self.proposed,
-            ..judged
+            ..decided
         };
         self.answered = now;
         self.is_answer_due = true;
     }
 
-    /// What is to be published in this cycle.
+    /// The answer to be published in this cycle.
     pub(super) fn answer(&self) -> Option<&ProposalAnswer> {
         self.is_answer_due.then_some(&self.answer)
     }
 
-    /// Says once, and not too often, when routes begin and cease to come from proposals.
-    fn tell(&mut self, now: Timestamp, events: &mut Vec<EventSample>) {
-        let is = match self.judged.map(|judged| judged.verdict.get()) {
-            _ if !self.is_fresh => Told::OwnWay,
-            Some(ProposalVerdict::Accepted | ProposalVerdict::Shortened) => Told::Flown,
-            Some(ProposalVerdict::Ended) => Told::OwnWay,
+    /// Reports once, and not too often, when routes begin and cease to come from proposals.
+    fn report_events(&mut self, now: Timestamp, events: &mut Vec<EventSample>) {
+        let is = match self.decided.map(|decided| decided.verdict.get()) {
+            _ if !self.is_fresh => ReportedStatus::OwnPath,
+            Some(ProposalVerdict::Accepted | ProposalVerdict::Shortened) => ReportedStatus::Flown,
+            Some(ProposalVerdict::Ended) => ReportedStatus::OwnPath,
             None
             | Some(ProposalVerdict::NotPlanning | ProposalVerdict::OtherGoal | ProposalVerdict::Evading) => {
                 return;
             }
-            Some(verdict) => Told::Refused(verdict),
+            Some(verdict) => ReportedStatus::Refused(verdict),
         };
-        let is_too_soon = self.told_at.is_set() && now.seconds_since(self.told_at) < EVENT_S;
-        if is == self.told || is_too_soon {
+        let is_too_soon = self.reported_at.is_set() && now.seconds_since(self.reported_at) < EVENT_S;
+        if is == self.reported || is_too_soon {
             return;
         }
-        let event = match (self.told, is) {
-            (_, Told::Flown) => Some((&events::PROPOSAL_FLOWN, "")),
-            (_, Told::Refused(verdict)) => Some((&events::PROPOSAL_REFUSED, word(verdict))),
-            (Told::Flown, Told::OwnWay) => Some((&events::PROPOSAL_ENDED, "")),
-            (_, Told::OwnWay) => None,
+        let event = match (self.reported, is) {
+            (_, ReportedStatus::Flown) => Some((&events::PROPOSAL_FLOWN, "")),
+            (_, ReportedStatus::Refused(verdict)) => Some((&events::PROPOSAL_REFUSED, text(verdict))),
+            (ReportedStatus::Flown, ReportedStatus::OwnPath) => Some((&events::PROPOSAL_ENDED, "")),
+            (_, ReportedStatus::OwnPath) => None,
         };
-        self.told = is;
+        self.reported = is;
         if let Some((event, name)) = event {
-            self.told_at = now;
+            self.reported_at = now;
             events.push(EventSample::new(event, name, [0.0, 0.0]));
         }
     }
 }
 
-/// For the pilot.
-fn word(verdict: ProposalVerdict) -> &'static str {
+/// The text for the pilot.
+fn text(verdict: ProposalVerdict) -> &'static str {
     match verdict {
         ProposalVerdict::Implausible => "bad numbers",
         ProposalVerdict::TooFar => "starts elsewhere",
@@ -414,16 +428,16 @@ fn word(verdict: ProposalVerdict) -> &'static str {
     }
 }
 
-/// Whether the same is proposed, to the bit: what is no number is the same as itself, too.
+/// Whether two proposals are the same to the bit: a NaN equals itself here.
 fn is_same(a: &Proposal, b: &Proposal) -> bool {
     let bits = |point: &Point<LocalNed>| [point.x_m, point.y_m, point.z_m].map(f64::to_bits);
-    let ways = a.waypoints().iter().map(bits).eq(b.waypoints().iter().map(bits));
+    let path_choice = a.waypoints().iter().map(bits).eq(b.waypoints().iter().map(bits));
     let speeds = a.speed_mps.to_bits() == b.speed_mps.to_bits();
-    (a.id, a.len) == (b.id, b.len) && ways && speeds && bits(&a.goal) == bits(&b.goal)
+    (a.id, a.len) == (b.id, b.len) && path_choice && speeds && bits(&a.goal) == bits(&b.goal)
 }
 
 impl Planner {
-    /// Writes a plan along what is proposed into `route`; `false` if there is nothing, or it cannot be certified.
+    /// Writes a plan along the proposal into `route`; `false` if there is none, or it cannot be certified.
     pub(super) fn plan_proposed(
         &mut self,
         departure: &Departure,
@@ -435,122 +449,123 @@ impl Planner {
             return false;
         }
         if self.proposals.is_infeasible() {
-            self.proposals.judge(ProposalVerdict::Infeasible, None);
+            self.proposals.decide(ProposalVerdict::Infeasible, None);
             return false;
         }
-        self.space.prepare(CRAWL_GEAR);
-        if let Err(failure) = self.proposals.lay(&self.space, departure, goal) {
-            self.proposals.judge(failure.verdict, Some(failure));
+        self.space.prepare(CRAWL_TIER);
+        if let Err(failure) = self.proposals.build_path(&self.space, departure, goal) {
+            self.proposals.decide(failure.verdict, Some(failure));
             return false;
         }
         let speed_mps = departure.state.velocity.vector().norm();
-        let wished_mps = self.wished_mps();
-        let Some((gear, at_end)) = self.follow_proposed(departure, speed_mps, wished_mps) else {
+        let requested_mps = self.requested_mps();
+        let Some((tier, at_end)) = self.follow_proposed(departure, speed_mps, requested_mps) else {
             self.proposals.refuse_start(departure);
             return false;
         };
         let at_goal = at_end && self.proposals.way.ends_at_goal();
-        if !self.write_plan(gear, departure, desired, at_goal, route) {
+        if !self.write_plan(tier, departure, desired, at_goal, route) {
             self.proposals.refuse_start(departure);
             return false;
         }
-        // Who is faster slows down on a shorter way.
-        route.limits.speed_mps = route.limits.speed_mps.min(wished_mps.max(speed_mps));
-        let length_max_m = self.proposed_max_m(gear, speed_mps, wished_mps);
+        // A faster vehicle slows down on a shorter path.
+        route.limits.speed_mps = route.limits.speed_mps.min(requested_mps.max(speed_mps));
+        let length_max_m = self.proposed_max_m(tier, speed_mps, requested_mps);
         let end_m = self.proposals.end.map_or(f64::INFINITY, |end| end.after_m);
-        let is_shortened = end_m < length_max_m + self.limits[gear].overshoot_m;
+        let is_shortened = end_m < length_max_m + self.limits[tier].overshoot_m;
         route.proposal_id = Added::new(self.proposals.current.id);
-        self.proposals.made(route, is_shortened);
+        self.proposals.on_route_made(route, is_shortened);
         true
     }
 
-    /// The speed wished; infinite if none is.
-    fn wished_mps(&self) -> f64 {
-        let wished_mps = self.proposals.current.speed_mps;
-        if wished_mps > 0.0 {
-            wished_mps.max(SPEED_MIN_MPS)
+    /// The requested speed; infinite if none is.
+    fn requested_mps(&self) -> f64 {
+        let requested_mps = self.proposals.current.speed_mps;
+        if requested_mps > 0.0 {
+            requested_mps.max(SPEED_MIN_MPS)
         } else {
             f64::INFINITY
         }
     }
 
-    /// Builds the guide along the proposed way in the highest gear that carries far enough, else in the one that carries
-    /// farthest; a lower gear is fast enough for a low speed and needs less room. Returns the gear, and whether the guide ends
-    /// where the way does; `None` if no gear carries far enough to be worth committing.
+    /// Builds the guide along the proposed path in the highest speed tier that is safe far enough, else in the one that
+    /// is safe farthest; a lower tier is fast enough for a low speed and needs less clearance. Returns the tier, and
+    /// whether the guide ends where the path does; `None` if no tier is safe far enough to be worth committing.
     fn follow_proposed(
         &mut self,
         departure: &Departure,
         speed_mps: f64,
-        wished_mps: f64,
+        requested_mps: f64,
     ) -> Option<(usize, bool)> {
-        // A vehicle that has just begun to fly in a higher gear accelerates too hard for a lower one.
+        // A vehicle that has just begun to fly in a higher tier accelerates too hard for a lower one.
         let acceleration_mps2 = departure.state.acceleration.vector().norm();
         let can_begin = |limits: &MotionLimits| {
             speed_mps <= MotionLimits::allowed(limits.speed_mps)
                 && acceleration_mps2 <= MotionLimits::allowed(limits.acceleration_mps2)
         };
-        let fast_enough = (0..=CRAWL_GEAR)
+        let fast_enough = (0..=CRAWL_TIER)
             .rev()
-            .find(|gear| self.limits[*gear].speed_mps >= wished_mps);
-        let wanted = fast_enough.unwrap_or(0).max(self.top_gear);
-        let first = (self.top_gear..=wanted)
+            .find(|tier| self.limits[*tier].speed_mps >= requested_mps);
+        let wanted = fast_enough.unwrap_or(0).max(self.top_tier);
+        let first = (self.top_tier..=wanted)
             .rev()
-            .find(|gear| can_begin(&self.limits[*gear]))
+            .find(|tier| can_begin(&self.limits[*tier]))
             .unwrap_or(wanted);
         let mut best: Option<(f64, usize)> = None;
-        for gear in first..=CRAWL_GEAR {
-            self.space.prepare(gear);
-            if !can_begin(&self.limits[gear])
-                || !self.space.is_safe_at(gear, &departure.state.position.vector())
+        for tier in first..=CRAWL_TIER {
+            self.space.prepare(tier);
+            if !can_begin(&self.limits[tier])
+                || !self.space.is_safe_at(tier, &departure.state.position.vector())
             {
                 continue;
             }
-            let at_end = self.build_proposed(gear, speed_mps, wished_mps);
+            let at_end = self.build_proposed(tier, speed_mps, requested_mps);
             let length_m = self.guide.length_m();
-            if at_end || length_m >= HIGHER_GEAR_MIN_M {
-                return Some((gear, at_end));
+            if at_end || length_m >= HIGHER_TIER_MIN_M {
+                return Some((tier, at_end));
             }
             if length_m >= best.map_or(PROGRESS_MIN_M, |(best_m, _)| best_m) {
-                best = Some((length_m, gear));
+                best = Some((length_m, tier));
             }
         }
-        let (_, gear) = best?;
-        Some((gear, self.build_proposed(gear, speed_mps, wished_mps)))
+        let (_, tier) = best?;
+        Some((tier, self.build_proposed(tier, speed_mps, requested_mps)))
     }
 
-    fn build_proposed(&mut self, gear: usize, speed_mps: f64, wished_mps: f64) -> bool {
-        let length_max_m = self.proposed_max_m(gear, speed_mps, wished_mps);
+    fn build_proposed(&mut self, tier: usize, speed_mps: f64, requested_mps: f64) -> bool {
+        let length_max_m = self.proposed_max_m(tier, speed_mps, requested_mps);
         let way = self.proposals.way.points();
-        let overshoot_m = self.limits[gear].overshoot_m;
+        let overshoot_m = self.limits[tier].overshoot_m;
         self.guide
-            .follow(&self.space, gear, way, length_max_m, overshoot_m)
+            .follow(&self.space, tier, way, length_max_m, overshoot_m)
     }
 
-    /// The longest guide along a proposed way (m): with a speed wished, the way to slow down on and two seconds at that speed.
-    fn proposed_max_m(&self, gear: usize, speed_mps: f64, wished_mps: f64) -> f64 {
+    /// The longest guide along a proposed path (m): with a requested speed, the distance to slow down in and two
+    /// seconds at that speed.
+    fn proposed_max_m(&self, tier: usize, speed_mps: f64, requested_mps: f64) -> f64 {
         let MotionLimits {
             acceleration_mps2,
             jerk_mps3,
             ..
-        } = self.limits[gear];
-        if wished_mps.is_infinite() {
+        } = self.limits[tier];
+        if requested_mps.is_infinite() {
             return GUIDE_MAX_M;
         }
-        let stop_m = stopping_distance_m(speed_mps.max(wished_mps), 0.0, acceleration_mps2, jerk_mps3);
-        (SLOWING_MARGIN * stop_m + WISHED_AHEAD_S * wished_mps).clamp(HIGHER_GEAR_MIN_M, GUIDE_MAX_M)
+        let stop_m = stopping_distance_m(speed_mps.max(requested_mps), 0.0, acceleration_mps2, jerk_mps3);
+        (SLOWING_MARGIN * stop_m + REQUESTED_AHEAD_S * requested_mps).clamp(HIGHER_TIER_MIN_M, GUIDE_MAX_M)
     }
 }
 
 impl Proposals {
-    /// No gear can follow the way from the departure on.
+    /// No tier can follow the path from the departure on.
     fn refuse_start(&mut self, departure: &Departure) {
-        let start = Failure {
+        let start = ProposalFailure {
             verdict: ProposalVerdict::TooNarrow,
             place: departure.state.position.vector(),
             waypoint: 0,
             after_m: 0.0,
         };
         let failure = self.end.unwrap_or(start);
-        self.judge(failure.verdict, Some(failure));
+        self.decide(failure.verdict, Some(failure));
     }
 }

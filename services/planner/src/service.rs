@@ -11,7 +11,8 @@ use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{SampleHeader, Stage, topics};
 use std::fmt;
 
-/// Routes go out at this rate even when nothing is new, so that a silent planner is told from a content one.
+/// Routes are published at this rate even when nothing is new, so that a silent planner can be distinguished from one
+/// that has nothing to change.
 const RATE_HZ: u32 = 30;
 
 /// The service: see [`crate`].
@@ -47,7 +48,7 @@ impl Service for PlannerService {
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             desired: ports.input(topics::DESIRED_PATH)?,
             approved: ports.input(topics::APPROVED)?,
-            // Programs that were started again may count anew, and who proposes nonsense is answered.
+            // A restarted program may count from the beginning, and implausible proposals are answered.
             proposal: ports
                 .input(topics::PROPOSAL)?
                 .of_all_producers()
@@ -59,10 +60,10 @@ impl Service for PlannerService {
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        // Fetched first: the approved trajectory counts however old it is, it outlives its producer.
+        // Fetched first: the approved trajectory counts however old it is, because it outlives its producer.
         self.approved.latest(now);
         let map = self.map.latest(now);
-        // What is made without a map is made of no measurement, and says so.
+        // A route made without a map has the header of no measurement.
         let header = map.fresh().map_or_else(SampleHeader::default, |map| *map.header);
         let inputs = Inputs {
             map,
@@ -86,6 +87,6 @@ impl Service for PlannerService {
     }
 
     fn retune(&mut self, params: &ParamSet) {
-        self.planner.retune(params);
+        self.planner.on_params_changed(params);
     }
 }

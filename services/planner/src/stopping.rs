@@ -1,8 +1,8 @@
-//! How what is committed is left for a stop: because the vehicle is to rest before it could come to its goal, or because something
-//! stands on the way (rule I3).
+//! How the committed trajectory is replaced by a stop: because the vehicle is to rest before it could come to its goal,
+//! or because of an obstacle on the path (rule I3).
 
 use super::{Departure, MOVING_MPS, Planner};
-use crate::gears::{GEARS, LAST_GEAR};
+use crate::speed_tiers::{LAST_TIER, TIERS};
 use crate::stops;
 use jink_shared_types::events;
 use jink_shared_types::frames::{LocalNed, Point};
@@ -10,13 +10,14 @@ use jink_shared_types::motion::{BezierPiece, MotionLimits, Route, RouteMode, Tra
 use jink_shared_types::vehicle::DesiredPath;
 use jink_shared_types::{Coded, Flag, Timestamp};
 
-/// A certificate that is lost again within this time (s) is not told again.
-const LOST_AGAIN_S: f64 = 10.0;
+/// A lost certificate is not reported again within this time (s).
+const LOSS_REPORT_PERIOD_S: f64 = 10.0;
 /// Length of a smooth stop over v^2 / a: it lasts 1.5 v / a for a greatest deceleration a, at half the speed on average.
 const STOP_SHAPE: f64 = 0.75;
 
 impl Planner {
-    /// Whether the vehicle is to rest, and at a place that it would pass: then it stops where it can, and comes back from there.
+    /// Whether the vehicle is to rest at a place that it would pass: then it stops where it can, and comes back from
+    /// there.
     pub(super) fn stops_first(
         &self,
         departure: &Departure,
@@ -32,35 +33,38 @@ impl Planner {
         ahead_m < STOP_SHAPE * speed_mps * speed_mps / self.limits[0].acceleration_mps2
     }
 
-    /// The certified stop, if there is one; else what is committed runs to its own.
+    /// Plans the certified stop, if there is one; else the committed trajectory runs to its own stop.
     pub(super) fn stop_certified(&mut self, departure: &Departure, route: &mut Route) {
-        let stop = (0..GEARS).find_map(|gear| {
-            self.space.prepare(gear);
-            stops::brisk(&self.space, gear, &departure.state).map(|stop| (gear, stop))
+        let stop = (0..TIERS).find_map(|tier| {
+            self.space.prepare(tier);
+            stops::brisk(&self.space, tier, &departure.state).map(|stop| (tier, stop))
         });
-        if let Some((gear, stop)) = stop {
-            self.write_stop(departure, self.limits[gear], stop, route);
+        if let Some((tier, stop)) = stop {
+            self.write_stop(departure, self.limits[tier], stop, route);
         }
     }
 
-    /// I3: a certified stop if there is one, else the hardest braking allowed, and say so. At rest there is nothing to brake.
-    pub(super) fn leave(&mut self, now: Timestamp, departure: &Departure, route: &mut Route) {
+    /// I3: a certified stop if there is one, else the hardest braking allowed, with an event. At rest there is nothing
+    /// to brake.
+    pub(super) fn stop_or_brake(&mut self, now: Timestamp, departure: &Departure, route: &mut Route) {
         if departure.is_at_rest() {
             return;
         }
-        let gear = (0..GEARS).find_map(|gear| {
-            self.space.prepare(gear);
-            stops::certified(&self.space, gear, &departure.state).map(|stop| (gear, stop))
+        let tier = (0..TIERS).find_map(|tier| {
+            self.space.prepare(tier);
+            stops::certified(&self.space, tier, &departure.state).map(|stop| (tier, stop))
         });
-        let (limits, stop) = match gear {
-            Some((gear, stop)) => (self.limits[gear], stop),
+        let (limits, stop) = match tier {
+            Some((tier, stop)) => (self.limits[tier], stop),
             None => {
-                if !self.lost_told.is_set() || now.seconds_since(self.lost_told) > LOST_AGAIN_S {
-                    self.tell(&events::CERTIFICATE_LOST);
+                if !self.loss_reported_at.is_set()
+                    || now.seconds_since(self.loss_reported_at) > LOSS_REPORT_PERIOD_S
+                {
+                    self.report_event(&events::CERTIFICATE_LOST);
                 }
-                self.lost_told = now;
+                self.loss_reported_at = now;
                 (
-                    self.limits[LAST_GEAR],
+                    self.limits[LAST_TIER],
                     stops::stop(&departure.state, stops::HARDEST_MPS2, 0.0),
                 )
             }
@@ -76,7 +80,7 @@ impl Planner {
         stop: BezierPiece,
         route: &mut Route,
     ) {
-        self.proposals.leave();
+        self.proposals.use_own_path();
         route.base_id = departure.base_id;
         route.splice = departure.splice;
         route.start = departure.state;
@@ -88,7 +92,7 @@ impl Planner {
     }
 }
 
-/// Whether it only brings the vehicle to rest.
+/// Whether the trajectory only brings the vehicle to rest.
 pub(super) fn is_stop(trajectory: &Trajectory) -> bool {
     matches!(
         trajectory.mode.get(),

@@ -1,11 +1,11 @@
-//! The stop family: ways to come to rest from a state of motion, in closed form.
+//! The stop family: motions to rest from a moving state, in closed form.
 //!
 //! Every stop is a quintic that ends at rest. With the end half of `v T` ahead and no initial acceleration its speed
-//! falls as `v (1 - 3 u^2 + 2 u^3)`: the deceleration peaks at `1.5 v / T` half way and the jerk at `6 v / T^2` at
-//! both ends, which gives the shortest duration for given limits.
+//! falls as `v (1 - 3 u^2 + 2 u^3)`: the deceleration peaks at `1.5 v / T` half way and the jerk at `6 v / T^2` at both
+//! ends, which gives the shortest duration for given limits.
 
-use crate::gears::OVERSHOOT_PER_DECELERATION;
-use crate::space::Space;
+use crate::configuration_space::ConfigurationSpace;
+use crate::speed_tiers::OVERSHOOT_PER_DECELERATION;
 use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::motion::{BezierPiece, MotionState, STOP_JERK_MPS3};
 use nalgebra::{Rotation3, Vector3};
@@ -16,21 +16,22 @@ const JERK_MPS3: f64 = 6.0;
 pub const HARDEST_MPS2: f64 = 3.0;
 /// Decelerations tried, gentle first (m/s2).
 const DECELERATIONS_MPS2: [f64; 4] = [1.2, 1.8, 2.4, HARDEST_MPS2];
-/// Deceleration of who wants to rest soon (m/s2): from 3 m/s in 3.8 m; measured overshoots are known up to 3 m/s2.
+/// Deceleration of a stop that is to be short (m/s2): from 3 m/s in 3.8 m; measured overshoots are known up to 3 m/s2.
 pub const BRISK_MPS2: f64 = 1.8;
 /// Changes of direction tried (degrees), straight first.
 const TURNS_DEG: [f64; 7] = [0.0, 15.0, -15.0, 30.0, -30.0, 50.0, -50.0];
-/// Points looked at along a stop.
+/// Points checked along a stop.
 const SAMPLES: usize = 40;
 
 /// The stop from `start` with peak deceleration `deceleration_mps2`, its end turned by `turn_rad` about the vertical.
 pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> BezierPiece {
-    /// Below this a stop is over; a duration of zero would divide by zero.
+    /// Shortest stop; a duration of zero would divide by zero.
     const SHORTEST_S: f64 = 0.3;
     let velocity = start.velocity.vector();
     let speed = velocity.norm();
     let acceleration = start.acceleration.vector().norm();
-    // The jerk begins with `turning v / T^2 - 4 a / T`, and a turn needs much: from a slow flight no guard would take it.
+    // The jerk begins with `turning v / T^2 - 4 a / T`, and a turn needs much: no guard would accept it from a slow
+    // flight.
     let turning = (30.0 * turn_rad.cos() - 36.0).hypot(30.0 * turn_rad.sin()) * speed;
     let turned_s = (4.0 * acceleration
         + (16.0 * acceleration * acceleration + 4.0 * STOP_JERK_MPS3 * turning).sqrt())
@@ -40,7 +41,7 @@ pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> Bezie
         .max((2.0 * acceleration / JERK_MPS3).max(SHORTEST_S))
         .max(turned_s);
     let ahead = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_rad) * velocity * (0.5 * duration_s);
-    // What the initial acceleration adds before it has faded: the quintic's own share of it over one duration.
+    // What the initial acceleration adds while it decays: the quintic's own share of it over one duration.
     let drift = start.acceleration.vector() * (duration_s * duration_s / 12.0);
     let end = End {
         position: start.position.vector() + ahead + drift,
@@ -48,7 +49,7 @@ pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> Bezie
         acceleration: Vector3::zeros(),
     };
     let points = quintic_between(&start.end(), &end, duration_s);
-    // The heading runs out like the speed does.
+    // The yaw rate decays as the speed does.
     let yaw_end = start.yaw_rad + 0.5 * start.yaw_rate_radps * duration_s;
     let yaw = jink_shared_types::bezier::quintic_between(
         &yaw_state(start.yaw_rad, start.yaw_rate_radps),
@@ -67,12 +68,12 @@ fn yaw_state(yaw_rad: f64, rate_radps: f64) -> End {
     }
 }
 
-/// The first stop of the family, gentle and straight first, all of whose cells are safe in `gear`.
-pub fn certified(space: &Space, gear: usize, start: &MotionState) -> Option<BezierPiece> {
+/// The first stop of the family, gentle and straight first, all of whose cells are safe in `tier`.
+pub fn certified(space: &ConfigurationSpace, tier: usize, start: &MotionState) -> Option<BezierPiece> {
     for deceleration_mps2 in DECELERATIONS_MPS2 {
         for turn_deg in TURNS_DEG {
             let piece = stop(start, deceleration_mps2, turn_deg.to_radians());
-            if is_safe(space, gear, &piece) {
+            if is_safe(space, tier, &piece) {
                 return Some(piece);
             }
         }
@@ -80,24 +81,24 @@ pub fn certified(space: &Space, gear: usize, start: &MotionState) -> Option<Bezi
     None
 }
 
-/// The same for who wants to rest soon: straight and harder, where the overshoot of that is safe as well.
-pub fn brisk(space: &Space, gear: usize, start: &MotionState) -> Option<BezierPiece> {
+/// A stop that is to be short: straight and harder, where its overshoot is safe as well; else one of the family.
+pub fn brisk(space: &ConfigurationSpace, tier: usize, start: &MotionState) -> Option<BezierPiece> {
     let piece = stop(start, BRISK_MPS2, 0.0);
     let end = piece.at(piece.duration_s).position.vector();
     let ahead = start.velocity.vector().normalize() * (OVERSHOOT_PER_DECELERATION * BRISK_MPS2);
-    let fits = is_safe(space, gear, &piece) && space.segment_is_safe(gear, &end, &(end + ahead));
-    fits.then_some(piece).or_else(|| certified(space, gear, start))
+    let fits = is_safe(space, tier, &piece) && space.segment_is_safe(tier, &end, &(end + ahead));
+    fits.then_some(piece).or_else(|| certified(space, tier, start))
 }
 
-/// Whether every cell that `piece` passes is safe in `gear`.
-fn is_safe(space: &Space, gear: usize, piece: &BezierPiece) -> bool {
+/// Whether every cell that `piece` passes is safe in `tier`.
+fn is_safe(space: &ConfigurationSpace, tier: usize, piece: &BezierPiece) -> bool {
     let mut last = piece.at(0.0).position.vector();
     (1..=SAMPLES).all(|i| {
         let next = piece
             .at(piece.duration_s * i as f64 / SAMPLES as f64)
             .position
             .vector();
-        let safe = space.segment_is_safe(gear, &last, &next);
+        let safe = space.segment_is_safe(tier, &last, &next);
         last = next;
         safe
     })
@@ -106,8 +107,8 @@ fn is_safe(space: &Space, gear: usize, piece: &BezierPiece) -> bool {
 #[cfg(test)]
 mod tests {
     use super::{HARDEST_MPS2, brisk, certified, stop};
-    use crate::gears::gears;
-    use crate::space::tests::{known_map, space_of};
+    use crate::configuration_space::tests::{known_map, space_of};
+    use crate::speed_tiers::speed_tiers;
     use jink_shared_types::bezier::{derivative, evaluate};
     use jink_shared_types::frames::{Acceleration, Point, Velocity};
     use jink_shared_types::motion::{MotionLimits, MotionState};
@@ -133,7 +134,7 @@ mod tests {
                 acceleration: Acceleration::new(a[0], a[1], a[2]),
                 ..MotionState::default()
             };
-            let limits = gears(&ParamSet::default())[0].of_a_stop(Vector3::from(v).norm());
+            let limits = speed_tiers(&ParamSet::default())[0].of_a_stop(Vector3::from(v).norm());
             let piece = stop(&start, deceleration, turn_deg.to_radians());
             let velocity: [_; 5] = derivative(&piece.points(), piece.duration_s);
             let acceleration: [_; 4] = derivative(&velocity, piece.duration_s);
@@ -183,14 +184,14 @@ mod tests {
     }
 
     #[test]
-    fn a_brisk_stop_needs_room_for_its_overshoot_else_the_gentle_family_is_tried() {
-        let way_m = |wall_m: f64| {
+    fn a_brisk_stop_needs_clearance_for_its_overshoot_else_the_gentle_family_is_tried() {
+        let path_m = |wall_m: f64| {
             let space = space_of(&known_map(|p| p.x > wall_m));
             brisk(&space, 1, &moving(3.0)).map(|piece| piece.at(piece.duration_s).position)
         };
-        let open = way_m(11.0).unwrap();
+        let open = path_m(11.0).unwrap();
         assert!(open.x_m < 4.0 && open.y_m == 0.0, "{open:?}");
-        let near = way_m(5.0).unwrap();
+        let near = path_m(5.0).unwrap();
         assert!(near != open, "{near:?}");
     }
 

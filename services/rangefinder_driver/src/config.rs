@@ -1,22 +1,15 @@
 //! The `[[sensor]]` table of one rangefinder. docs/rangefinders.md lists the keys.
 //!
-//! Position, mounting, ranges, beam and rate have the keys that the simulator's sensors have, with the same meaning; keys that
-//! only describe a simulated sensor (its noise, its seed) are passed over. Every mistake is answered with one sentence
-//! that names the sensor, the key and what is possible.
+//! Position, mounting, ranges, beam and rate have the keys that the simulator's sensors have, with the same meaning;
+//! keys that only describe a simulated sensor (its noise, its seed) are ignored. Every error is one sentence that names
+//! the sensor, the key and what is possible.
 
-use crate::devices::{self, Model, Reach};
-use crate::dialogue::ScanSetup;
+use crate::device_protocol::ScanSetup;
+use crate::devices::{self, RangefinderModel, Reach};
+use jink_runtime::config::sensor_table::SensorKeys;
+pub use jink_runtime::config::sensor_table::{Mistake, SensorTable};
 use jink_shared_types::frames::Mounting;
-use jink_shared_types::orientation::{self, Contradiction, Orientation};
-use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_shared_types::{BodyFrd, Point};
-use std::collections::BTreeMap;
-use std::fmt;
-use std::ops::RangeInclusive;
-use toml::Value;
-
-/// A `[[sensor]]` table as written.
-pub type SensorTable = BTreeMap<String, Value>;
 
 /// The kind of sensor that this driver is for.
 pub const KIND: &str = "rangefinder";
@@ -50,7 +43,7 @@ const KEYS: &[&str] = &[
 /// What the simulator's rangefinder has besides.
 const SIMULATED: &[&str] = &["seed", "sigma_ratio", "sigma_per_m", "dropout", "beams"];
 
-/// Scans per second (Hz) unless told otherwise: those of the topic.
+/// Scans per second (Hz) by default: those of the topic.
 const RATE_HZ: f64 = 20.0;
 /// How far an SF45/B turns (deg).
 const SCAN_LIMIT_DEG: f64 = 160.0;
@@ -63,7 +56,7 @@ pub struct RangefinderSpec {
     /// Its name.
     pub name: String,
     /// Its model.
-    pub model: &'static Model,
+    pub model: &'static RangefinderModel,
     /// Path of its serial port.
     pub device: String,
     /// Speed of the port (bit/s).
@@ -84,159 +77,27 @@ pub struct RangefinderSpec {
     pub scan: ScanSetup,
 }
 
-/// What is wrong with a table, or that it is not there.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Mistake {
-    /// No sensor has this name.
-    NoSuchSensor {
-        /// The name asked for.
-        sensor: String,
-        /// The names there are.
-        known: Vec<String>,
-    },
-    /// The sensor is of another kind.
-    OtherKind {
-        /// Name of the sensor.
-        sensor: String,
-        /// Its kind.
-        kind: String,
-    },
-    /// A key that rangefinders do not have.
-    UnknownKey {
-        /// Name of the sensor.
-        sensor: String,
-        /// The key.
-        key: String,
-        /// The one that was probably meant.
-        nearest: Option<&'static str>,
-    },
-    /// A key that must be given.
-    Missing {
-        /// Name of the sensor.
-        sensor: String,
-        /// The key.
-        key: &'static str,
-        /// What it may say.
-        possible: String,
-    },
-    /// A value that says nothing to this key.
-    NotPossible {
-        /// Name of the sensor.
-        sensor: String,
-        /// The key.
-        key: &'static str,
-        /// What was given.
-        value: String,
-        /// What it may say.
-        possible: String,
-    },
-    /// A key that this model does not have.
-    NotOfThisModel {
-        /// Name of the sensor.
-        sensor: String,
-        /// The key.
-        key: &'static str,
-        /// The model.
-        model: &'static str,
-        /// The models that have it.
-        possible: String,
-    },
-    /// The orientation is none.
-    Mounting {
-        /// Name of the sensor.
-        sensor: String,
-        /// Why.
-        contradiction: Contradiction,
-    },
-}
-
-impl fmt::Display for Mistake {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::NoSuchSensor { sensor, known } => {
-                write!(
-                    f,
-                    "there is no sensor {sensor:?}; the configuration has {}",
-                    known.join(", ")
-                )
-            }
-            Self::OtherKind { sensor, kind } => {
-                write!(
-                    f,
-                    "sensor {sensor:?} is a {kind}; this driver is for the kind {KIND}"
-                )
-            }
-            Self::UnknownKey { sensor, key, nearest } => write!(
-                f,
-                "sensor {sensor:?}: a {KIND} has no key `{key}`{}",
-                DidYouMean(*nearest)
-            ),
-            Self::Missing {
-                sensor,
-                key,
-                possible,
-            } => {
-                write!(f, "sensor {sensor:?}: `{key}` is missing; possible: {possible}")
-            }
-            Self::NotPossible {
-                sensor,
-                key,
-                value,
-                possible,
-            } => write!(
-                f,
-                "sensor {sensor:?}: {key} = {value} is not possible; possible: {possible}"
-            ),
-            Self::NotOfThisModel {
-                sensor,
-                key,
-                model,
-                possible,
-            } => write!(f, "sensor {sensor:?}: a {model} has no {key}; {possible} has"),
-            Self::Mounting {
-                sensor,
-                contradiction,
-            } => write!(f, "sensor {sensor:?}: {contradiction}"),
-        }
-    }
-}
-impl std::error::Error for Mistake {}
-
 impl RangefinderSpec {
     /// The rangefinder called `name` among all sensors of a configuration.
     ///
     /// # Errors
     /// The first mistake found.
     pub fn find(tables: &[SensorTable], name: &str) -> Result<Self, Mistake> {
-        let name_of = |table: &SensorTable| {
-            table
-                .get("name")
-                .and_then(Value::as_str)
-                .unwrap_or_default()
-                .to_owned()
-        };
-        match tables.iter().find(|table| name_of(table) == name) {
-            Some(table) => Self::read(name, table),
-            None => Err(Mistake::NoSuchSensor {
-                sensor: name.to_owned(),
-                known: tables.iter().map(name_of).collect(),
-            }),
-        }
+        Self::read(&SensorKeys::find(tables, name)?)
     }
 
-    fn read(name: &str, table: &SensorTable) -> Result<Self, Mistake> {
-        let keys = Keys { sensor: name, table };
-        keys.check_names()?;
-        let model = keys.model()?;
-        keys.check_model(model)?;
-        let [min_m, max_m] = keys.ranges(model)?;
+    fn read(keys: &SensorKeys<'_>) -> Result<Self, Mistake> {
+        keys.check_names(&[KIND], KIND, KEYS, SIMULATED)?;
+        let model = model(keys)?;
+        check_model(keys, model)?;
+        let [min_m, max_m] = ranges(keys, model)?;
         let baud = keys.number("baud", f64::from(model.baud), 9_600.0..=921_600.0)? as u32;
         let offset = |key| keys.number(key, 0.0, -10.0..=10.0);
         let default_deg = model.beam_width_deg;
         Ok(Self {
-            name: name.to_owned(),
+            name: keys.sensor.to_owned(),
             model,
-            device: keys.device()?,
+            device: device(keys)?,
             baud,
             position: Point::new(offset("forward_m")?, offset("right_m")?, offset("down_m")?),
             mounting: keys.mounting()?,
@@ -262,173 +123,51 @@ impl RangefinderSpec {
     }
 }
 
-/// One table, with what its errors need.
-struct Keys<'a> {
-    sensor: &'a str,
-    table: &'a SensorTable,
+fn model(keys: &SensorKeys<'_>) -> Result<&'static RangefinderModel, Mistake> {
+    let possible = || names(|_| true);
+    let value = keys.given("model", possible)?;
+    let model = value.as_str().and_then(devices::find);
+    model.ok_or_else(|| keys.not_possible("model", value, possible()))
 }
 
-impl Keys<'_> {
-    fn check_names(&self) -> Result<(), Mistake> {
-        let kind = self.table.get("kind").and_then(Value::as_str).unwrap_or_default();
-        if kind != KIND {
-            return Err(Mistake::OtherKind {
-                sensor: self.sensor.to_owned(),
-                kind: kind.to_owned(),
-            });
-        }
-        let known = |key: &str| KEYS.contains(&key) || SIMULATED.contains(&key);
-        match self.table.keys().find(|key| !known(key)) {
-            None => Ok(()),
-            Some(key) => Err(Mistake::UnknownKey {
-                sensor: self.sensor.to_owned(),
-                key: key.clone(),
-                nearest: nearest(key, KEYS.iter().copied()),
-            }),
-        }
-    }
+/// The names of the models that `are` meant.
+fn names(are: fn(&RangefinderModel) -> bool) -> String {
+    let models = devices::TABLE.iter().filter(|model| are(model));
+    models.map(|model| model.name).collect::<Vec<_>>().join(", ")
+}
 
-    fn model(&self) -> Result<&'static Model, Mistake> {
-        let possible = || {
-            devices::TABLE
-                .iter()
-                .map(|model| model.name)
-                .collect::<Vec<_>>()
-                .join(", ")
-        };
-        let value = self
-            .table
-            .get("model")
-            .ok_or_else(|| self.missing("model", possible()))?;
-        let model = value.as_str().and_then(devices::find);
-        model.ok_or_else(|| self.not_possible("model", value, possible()))
-    }
-
-    fn check_model(&self, model: &'static Model) -> Result<(), Mistake> {
-        let scanning = ["scan_low_deg", "scan_high_deg"];
-        let given = scanning.into_iter().find(|key| self.table.contains_key(*key));
-        match given.filter(|_| !model.scans) {
-            None => Ok(()),
-            Some(key) => Err(Mistake::NotOfThisModel {
-                sensor: self.sensor.to_owned(),
-                key,
-                model: model.name,
-                possible: devices::TABLE
-                    .iter()
-                    .filter(|model| model.scans)
-                    .map(|model| model.name)
-                    .collect::<Vec<_>>()
-                    .join(", "),
-            }),
-        }
-    }
-
-    fn device(&self) -> Result<String, Mistake> {
-        let possible = || "the path of a serial port, e.g. \"/dev/ttyUSB0\"".to_owned();
-        let value = self
-            .table
-            .get("device")
-            .ok_or_else(|| self.missing("device", possible()))?;
-        match value.as_str() {
-            Some(path) if path.starts_with('/') => Ok(path.to_owned()),
-            _ => Err(self.not_possible("device", value, possible())),
-        }
-    }
-
-    /// A range that is looked at lies within the device's.
-    fn ranges(&self, model: &Model) -> Result<[f64; 2], Mistake> {
-        let min_m = self.number("range_min_m", model.range_min_m, model.range_min_m..=10.0)?;
-        let max_m = self.number("range_max_m", model.range_max_m, 0.1..=model.range_max_m)?;
-        if min_m < max_m {
-            return Ok([min_m, max_m]);
-        }
-        Err(Mistake::NotPossible {
-            sensor: self.sensor.to_owned(),
-            key: "range_max_m",
-            value: max_m.to_string(),
-            possible: format!("more than range_min_m = {min_m}, up to {}", model.range_max_m),
-        })
-    }
-
-    fn mounting(&self) -> Result<Mounting, Mistake> {
-        let turn = |key| self.number(key, 0.0, -360.0..=360.0);
-        let written = orientation::Written {
-            orientation: self.orientation()?,
-            turns_deg: [turn("yaw_deg")?, turn("pitch_deg")?, turn("roll_deg")?],
-            quaternion: self.quaternion()?,
-        };
-        written
-            .body_q_sensor()
-            .map(Mounting::from_rotation)
-            .map_err(|contradiction| Mistake::Mounting {
-                sensor: self.sensor.to_owned(),
-                contradiction,
-            })
-    }
-
-    fn orientation(&self) -> Result<Option<&'static Orientation>, Mistake> {
-        let Some(value) = self.table.get("orientation") else {
-            return Ok(None);
-        };
-        let found = match value {
-            Value::String(name) => orientation::by_name(name),
-            Value::Integer(code) => orientation::by_code(*code),
-            _ => None,
-        };
-        found.map(Some).ok_or_else(|| {
-            let possible = orientation::TABLE
-                .iter()
-                .map(|row| format!("{} ({})", row.name, row.code));
-            self.not_possible("orientation", value, possible.collect::<Vec<_>>().join(", "))
-        })
-    }
-
-    fn quaternion(&self) -> Result<Option<[f64; 4]>, Mistake> {
-        let Some(value) = self.table.get("quaternion") else {
-            return Ok(None);
-        };
-        let numbers: Option<Vec<f64>> = value
-            .as_array()
-            .and_then(|list| list.iter().map(number_of).collect());
-        numbers
-            .and_then(|numbers| <[f64; 4]>::try_from(numbers).ok())
-            .map(Some)
-            .ok_or_else(|| self.not_possible("quaternion", value, "[w, x, y, z], four numbers".to_owned()))
-    }
-
-    /// The number given for `key` or its default, if it lies within `limits`.
-    fn number(&self, key: &'static str, default: f64, limits: RangeInclusive<f64>) -> Result<f64, Mistake> {
-        let Some(value) = self.table.get(key) else {
-            return Ok(default);
-        };
-        number_of(value)
-            .filter(|number| limits.contains(number))
-            .ok_or_else(|| self.not_possible(key, value, format!("{} to {}", limits.start(), limits.end())))
-    }
-
-    fn missing(&self, key: &'static str, possible: String) -> Mistake {
-        Mistake::Missing {
-            sensor: self.sensor.to_owned(),
+fn check_model(keys: &SensorKeys<'_>, model: &'static RangefinderModel) -> Result<(), Mistake> {
+    let scanning = ["scan_low_deg", "scan_high_deg"];
+    let given = scanning.into_iter().find(|key| keys.has(key));
+    match given.filter(|_| !model.scans) {
+        None => Ok(()),
+        Some(key) => Err(Mistake::NotOfThisModel {
+            sensor: keys.sensor.to_owned(),
             key,
-            possible,
-        }
-    }
-
-    fn not_possible(&self, key: &'static str, value: &Value, possible: String) -> Mistake {
-        Mistake::NotPossible {
-            sensor: self.sensor.to_owned(),
-            key,
-            value: value.to_string(),
-            possible,
-        }
+            model: model.name,
+            possible: format!("{} has", names(|model| model.scans)),
+        }),
     }
 }
 
-/// A number, whole or not.
-fn number_of(value: &Value) -> Option<f64> {
-    value
-        .as_float()
-        .or_else(|| value.as_integer().map(|whole| whole as f64))
+fn device(keys: &SensorKeys<'_>) -> Result<String, Mistake> {
+    let possible = || "the path of a serial port, e.g. \"/dev/ttyUSB0\"".to_owned();
+    let value = keys.given("device", possible)?;
+    match value.as_str() {
+        Some(path) if path.starts_with('/') => Ok(path.to_owned()),
+        _ => Err(keys.not_possible("device", value, possible())),
+    }
+}
+
+/// A range that is looked at lies within the device's.
+fn ranges(keys: &SensorKeys<'_>, model: &RangefinderModel) -> Result<[f64; 2], Mistake> {
+    let min_m = keys.number("range_min_m", model.range_min_m, model.range_min_m..=10.0)?;
+    let max_m = keys.number("range_max_m", model.range_max_m, 0.1..=model.range_max_m)?;
+    if min_m < max_m {
+        return Ok([min_m, max_m]);
+    }
+    let possible = format!("more than range_min_m = {min_m}, up to {}", model.range_max_m);
+    Err(keys.not_possible("range_max_m", max_m, possible))
 }
 
 #[cfg(test)]

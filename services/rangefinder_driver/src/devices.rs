@@ -13,44 +13,44 @@
 //!
 //! Every beam is a round cone: its opening angle is the same in height and in width.
 //!
-//! What an answer means is decided here, for all of them alike ([`Reach::range`]):
+//! How a measurement is interpreted is decided here, for all models alike ([`Reach::range`]):
 //!
-//! | answer | becomes |
+//! | measurement | becomes |
 //! |---|---|
 //! | nearer than the device measures | an obstacle right before the shortest range: never nothing |
-//! | within the range that is looked at (`range_max_m`) | a hit |
-//! | beyond that, within the device's own range | nothing up to `range_max_m`: what answered is behind it |
+//! | within the configured range (`range_max_m`) | a hit |
+//! | beyond that, within the device's own range | nothing up to `range_max_m`: what reflected is behind it |
 //! | beyond the device's own range | unknown |
-//! | "nothing in range", where the manual has a word for it | nothing up to `range_max_m` |
+//! | "nothing in range", where the manual defines it | nothing up to `range_max_m` |
 //! | weak or saturated signal | unknown |
 //!
-//! Ranges hold for things that answer well; dark or mirroring ones are seen from nearer only. `range_max_m` in the
-//! configuration should be what the obstacles at hand answer from.
+//! Ranges hold for things that reflect well; dark or mirroring ones are measured from nearer only. `range_max_m` in the
+//! configuration should be the range at which the expected obstacles are still measured.
 //!
 //! Sources: those of [`crate::decode`]; 6 m for the Lanbao is ArduPilot's figure (the data sheet says 8 m).
 
-use crate::decode::{Answer, benewake};
+use crate::decode::{RangeReading, benewake};
 
-/// How a device speaks.
+/// The format in which a device sends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Protocol {
+pub enum WireFormat {
     /// [`crate::decode::sf45`].
     Sf45,
     /// [`crate::decode::cm8jl65`].
     Cm8jl65,
     /// [`crate::decode::benewake`].
-    Benewake(benewake::Rules),
+    Benewake(benewake::SignalLimits),
     /// [`crate::decode::lightware_text`].
     LightwareText,
 }
 
 /// One model.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Model {
+pub struct RangefinderModel {
     /// Name in the configuration.
     pub name: &'static str,
-    /// How it speaks.
-    pub protocol: Protocol,
+    /// The format in which it sends.
+    pub format: WireFormat,
     /// Its line as delivered, or as its page in the documentation says to set it up (bit/s).
     pub baud: u32,
     /// Full opening angle of its beam (deg).
@@ -65,7 +65,7 @@ pub struct Model {
     pub sigma_m: f64,
     /// It turns its beam.
     pub scans: bool,
-    /// A frame can be damaged and look sound: an answer counts when a second one agrees.
+    /// A frame can be damaged and look sound: a measurement counts when a second one agrees.
     pub confirm: bool,
 }
 
@@ -73,11 +73,11 @@ const fn benewake(
     name: &'static str,
     beam_width_deg: f64,
     range_m: [f64; 2],
-    rules: benewake::Rules,
-) -> Model {
-    Model {
+    rules: benewake::SignalLimits,
+) -> RangefinderModel {
+    RangefinderModel {
         name,
-        protocol: Protocol::Benewake(rules),
+        format: WireFormat::Benewake(rules),
         baud: 115_200,
         beam_width_deg,
         rate_hz: 100.0,
@@ -89,10 +89,10 @@ const fn benewake(
     }
 }
 
-const fn lightware_text(name: &'static str, beam_width_deg: f64, range_max_m: f64) -> Model {
-    Model {
+const fn lightware_text(name: &'static str, beam_width_deg: f64, range_max_m: f64) -> RangefinderModel {
+    RangefinderModel {
         name,
-        protocol: Protocol::LightwareText,
+        format: WireFormat::LightwareText,
         baud: 115_200,
         beam_width_deg,
         rate_hz: 20.0,
@@ -105,17 +105,17 @@ const fn lightware_text(name: &'static str, beam_width_deg: f64, range_max_m: f6
 }
 
 /// Strengths of the TFmini-S and the TFmini Plus.
-const S_AND_PLUS: benewake::Rules = benewake::Rules {
+const S_AND_PLUS: benewake::SignalLimits = benewake::SignalLimits {
     strength_min: 101,
     strength_max: 65_534,
     beyond_cm: None,
 };
 
 /// Every model.
-pub const TABLE: &[Model] = &[
-    Model {
+pub const TABLE: &[RangefinderModel] = &[
+    RangefinderModel {
         name: "sf45b",
-        protocol: Protocol::Sf45,
+        format: WireFormat::Sf45,
         baud: 921_600,
         beam_width_deg: 0.5,
         rate_hz: 1000.0,
@@ -125,9 +125,9 @@ pub const TABLE: &[Model] = &[
         scans: true,
         confirm: false,
     },
-    Model {
+    RangefinderModel {
         name: "cm8jl65",
-        protocol: Protocol::Cm8jl65,
+        format: WireFormat::Cm8jl65,
         baud: 115_200,
         beam_width_deg: 2.8,
         rate_hz: 20.0,
@@ -141,7 +141,7 @@ pub const TABLE: &[Model] = &[
         "tfmini",
         2.3,
         [0.3, 12.0],
-        benewake::Rules {
+        benewake::SignalLimits {
             strength_min: 20,
             strength_max: 2_000,
             beyond_cm: Some(1_200),
@@ -153,7 +153,7 @@ pub const TABLE: &[Model] = &[
         "tf_luna",
         2.0,
         [0.2, 8.0],
-        benewake::Rules {
+        benewake::SignalLimits {
             strength_min: 100,
             strength_max: 65_534,
             beyond_cm: None,
@@ -164,23 +164,23 @@ pub const TABLE: &[Model] = &[
 ];
 
 /// The model called `name`.
-pub fn find(name: &str) -> Option<&'static Model> {
+pub fn find(name: &str) -> Option<&'static RangefinderModel> {
     TABLE.iter().find(|model| model.name == name)
 }
 
-/// What jink makes of an answer.
+/// How jink interprets a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Range {
     /// An obstacle at this range (m); below the shortest range: there or nearer.
     Hit(f32),
-    /// Nothing up to the range that is looked at.
+    /// Nothing up to the configured range.
     Clear,
     /// Nothing is known.
     Unknown,
 }
 
 impl Range {
-    /// As a scan says it (m).
+    /// The range as in a scan (m).
     pub fn metres(self) -> f32 {
         match self {
             Self::Hit(range_m) => range_m,
@@ -195,22 +195,24 @@ impl Range {
 pub struct Reach {
     /// Shortest range (m).
     pub min_m: f32,
-    /// How far is looked (m).
+    /// Configured maximum (m).
     pub max_m: f32,
     /// Longest range of the device itself (m).
     pub device_max_m: f32,
 }
 
 impl Reach {
-    /// What jink makes of `answer`.
-    pub fn range(&self, answer: Answer) -> Range {
+    /// Interprets `answer`.
+    pub fn range(&self, answer: RangeReading) -> Range {
         match answer {
-            Answer::Unreliable => Range::Unknown,
-            Answer::Nothing => Range::Clear,
-            Answer::Distance(distance_m) if distance_m < self.min_m => Range::Hit(self.min_m.next_down()),
-            Answer::Distance(distance_m) if distance_m <= self.max_m => Range::Hit(distance_m),
-            Answer::Distance(distance_m) if distance_m <= self.device_max_m => Range::Clear,
-            Answer::Distance(_) => Range::Unknown,
+            RangeReading::Unreliable => Range::Unknown,
+            RangeReading::Nothing => Range::Clear,
+            RangeReading::Distance(distance_m) if distance_m < self.min_m => {
+                Range::Hit(self.min_m.next_down())
+            }
+            RangeReading::Distance(distance_m) if distance_m <= self.max_m => Range::Hit(distance_m),
+            RangeReading::Distance(distance_m) if distance_m <= self.device_max_m => Range::Clear,
+            RangeReading::Distance(_) => Range::Unknown,
         }
     }
 }

@@ -1,49 +1,49 @@
-//! The step: bytes that arrived become scans, silence becomes news.
+//! The step: received bytes become scans, silence becomes a change to report.
 //!
-//! **Time.** A byte that was read at some moment has been on the wire before: the last one for the time of one byte, each one
-//! before it for one byte longer, and a frame began as long before its last byte as it has bytes. So a measurement is dated
-//! to the beginning of its frame, which the device sends when it has measured. What a USB adapter keeps back (an FTDI chip up
-//! to 16 ms) cannot be seen from here.
+//! **Time.** A byte that was read at some moment has been on the wire before: the last one for the time of one byte,
+//! each one before it for one byte longer, and a frame began as long before its last byte as it has bytes. So a
+//! measurement is dated to the beginning of its frame, which the device sends when it has measured. What a USB adapter
+//! keeps back (an FTDI chip up to 16 ms) cannot be detected here.
 
-use crate::beam::Beam;
+use crate::beam_filter::BeamFilter;
 use crate::config::RangefinderSpec;
-use crate::decode::{Decoder, Frame, Item};
+use crate::decode::{Decoder, DeviceFrame, FrameContent};
+use crate::device_protocol::DeviceProtocol;
 use crate::devices::Range;
-use crate::dialogue::Dialogue;
+use crate::scan_assembler::{ScanAssembler, ScanPart};
 use crate::scan_view::ScanView;
-use crate::sweep::{Finished, Sweep};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{EventSample, RANGEFINDER_BACK, RANGEFINDER_LOST};
 
 /// Bits of a byte on the line: a start and a stop bit besides its own eight.
 const BITS_PER_BYTE: f64 = 10.0;
-/// Silence that is told to the pilot (s): four times as long as a scan counts, so that a device that is set up again within
-/// half a second is not news.
+/// Silence that is reported to the pilot (s): four times as long as a scan counts, so that a device that is set up
+/// again within half a second is not reported.
 const SILENCE_S: f64 = 1.0;
 
-/// What has become of the line since it was opened first.
+/// What was received on the line since it was opened first.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Counters {
+pub struct RangefinderCounters {
     /// Measurements that were read.
     pub good: u64,
-    /// What looked like a frame and was none.
+    /// What last_counted like a frame and was none.
     pub damaged: u64,
     /// Bytes that belong to no frame.
     pub skipped_bytes: u64,
-    /// Measurements per second since the last look (Hz).
+    /// Measurements per second since the last call (Hz).
     pub rate_hz: f64,
 }
 
-/// A change that the pilot is told.
+/// A change to report to the pilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum News {
+pub enum RangefinderChange {
     /// The sensor is silent, or gone.
     Lost,
     /// It measures again.
     Back,
 }
 
-impl News {
+impl RangefinderChange {
     /// As an event about the sensor called `name`.
     pub fn event(self, name: &str) -> EventSample {
         let event = match self {
@@ -60,48 +60,48 @@ impl News {
     reason = "there is one in a process: a box would save nothing"
 )]
 enum Assembly {
-    Beam(Beam),
-    Sweep(Sweep),
+    Beam(BeamFilter),
+    Scan(ScanAssembler),
 }
 
 /// One rangefinder.
 #[derive(Clone, Debug)]
-pub struct Driver {
+pub struct RangefinderDriver {
     spec: RangefinderSpec,
     byte_s: f64,
     decoder: Decoder,
-    dialogue: Dialogue,
+    device: DeviceProtocol,
     assembly: Assembly,
     measured: u64,
     /// Time of the newest measurement.
     newest: Timestamp,
     /// When a measurement came last, and since when one is waited for.
-    heard: Timestamp,
+    last_measured: Timestamp,
     waiting: Timestamp,
-    told_lost: bool,
-    looked: (Timestamp, u64),
+    loss_reported: bool,
+    last_counted: (Timestamp, u64),
 }
 
-impl Driver {
+impl RangefinderDriver {
     /// For the rangefinder that `spec` describes; nothing is open yet.
     pub fn new(spec: RangefinderSpec) -> Self {
         let period_s = 1.0 / spec.rate_hz;
         let assembly = if spec.model.scans {
-            Assembly::Sweep(Sweep::new(period_s))
+            Assembly::Scan(ScanAssembler::new(period_s))
         } else {
-            Assembly::Beam(Beam::new(period_s, spec.model.confirm, spec.sigma_m))
+            Assembly::Beam(BeamFilter::new(period_s, spec.model.confirm, spec.sigma_m))
         };
         Self {
             byte_s: BITS_PER_BYTE / f64::from(spec.baud),
-            decoder: Decoder::new(spec.model.protocol),
-            dialogue: Dialogue::new(spec.model.protocol, &spec.scan),
+            decoder: Decoder::new(spec.model.format),
+            device: DeviceProtocol::new(spec.model.format, &spec.scan),
             assembly,
             measured: 0,
             newest: Timestamp::NEVER,
-            heard: Timestamp::NEVER,
+            last_measured: Timestamp::NEVER,
             waiting: Timestamp::NEVER,
-            told_lost: false,
-            looked: (Timestamp::NEVER, 0),
+            loss_reported: false,
+            last_counted: (Timestamp::NEVER, 0),
             spec,
         }
     }
@@ -111,13 +111,13 @@ impl Driver {
         &self.spec
     }
 
-    /// The port was opened at `now`: what was begun before is forgotten, the set-up begins.
+    /// The port was opened at `now`: unfinished frames and scans are dropped, the set-up begins.
     pub fn connected(&mut self, now: Timestamp) {
         self.decoder.interrupted();
-        self.dialogue.begin(now);
+        self.device.begin(now);
         match &mut self.assembly {
             Assembly::Beam(beam) => beam.clear(),
-            Assembly::Sweep(sweep) => sweep.clear(),
+            Assembly::Scan(scan) => scan.clear(),
         }
     }
 
@@ -127,7 +127,7 @@ impl Driver {
             let behind = (bytes.len() - index) as f64;
             let end = arrived.plus_seconds(-(behind - 1.0) * self.byte_s);
             // A frame in 16 bytes at most, two of them at most: on the stack.
-            let mut frames: [Option<Frame>; 2] = [None; 2];
+            let mut frames: [Option<DeviceFrame>; 2] = [None; 2];
             let mut count = 0;
             self.decoder.push(*byte, |frame| {
                 if let Some(place) = frames.get_mut(count) {
@@ -146,50 +146,54 @@ impl Driver {
     pub fn tick(&mut self, now: Timestamp, publish: &mut impl FnMut(&ScanView<'_>)) {
         let due = match &self.assembly {
             Assembly::Beam(beam) => beam.due(),
-            Assembly::Sweep(sweep) => sweep.due(),
+            Assembly::Scan(scan) => scan.due(),
         };
         if now >= due {
             self.close(publish);
         }
     }
 
-    /// What is to be written to the device now, if anything; ask again until there is nothing.
+    /// The next bytes to write to the device now; `None` when there are none left.
     pub fn next_write(&mut self, now: Timestamp) -> Option<&[u8]> {
-        self.dialogue.next_write(now)
+        self.device.next_write(now)
     }
 
     /// When [`Self::tick`] and [`Self::next_write`] have something to do even if nothing arrives.
     pub fn due(&self, now: Timestamp) -> Timestamp {
         let assembled = match &self.assembly {
             Assembly::Beam(beam) => beam.due(),
-            Assembly::Sweep(sweep) => sweep.due(),
+            Assembly::Scan(scan) => scan.due(),
         };
-        assembled.min(self.dialogue.due(now))
+        assembled.min(self.device.due(now))
     }
 
     /// Whether the sensor has fallen silent, or measures again; once per change.
-    pub fn news(&mut self, now: Timestamp) -> Option<News> {
+    pub fn take_change(&mut self, now: Timestamp) -> Option<RangefinderChange> {
         if !self.waiting.is_set() {
             self.waiting = now;
         }
-        let silent = now.seconds_since(self.heard.max(self.waiting)) > SILENCE_S;
-        let changed = if self.told_lost { !silent } else { silent };
+        let silent = now.seconds_since(self.last_measured.max(self.waiting)) > SILENCE_S;
+        let changed = if self.loss_reported { !silent } else { silent };
         if !changed {
             return None;
         }
-        self.told_lost = silent;
-        Some(if silent { News::Lost } else { News::Back })
+        self.loss_reported = silent;
+        Some(if silent {
+            RangefinderChange::Lost
+        } else {
+            RangefinderChange::Back
+        })
     }
 
-    /// What has become of the line, with the rate since the last look.
-    pub fn counters(&mut self, now: Timestamp) -> Counters {
-        let tally = self.decoder.tally();
-        let (time, measured) = std::mem::replace(&mut self.looked, (now, self.measured));
+    /// What was received on the line, with the rate since the last call.
+    pub fn counters(&mut self, now: Timestamp) -> RangefinderCounters {
+        let counts = self.decoder.counts();
+        let (time, measured) = std::mem::replace(&mut self.last_counted, (now, self.measured));
         let since_s = now.seconds_since(time);
-        Counters {
+        RangefinderCounters {
             good: self.measured,
-            damaged: tally.damaged,
-            skipped_bytes: tally.skipped_bytes,
+            damaged: counts.damaged,
+            skipped_bytes: counts.skipped_bytes,
             rate_hz: if time.is_set() && since_s > 0.0 {
                 (self.measured - measured) as f64 / since_s
             } else {
@@ -202,15 +206,15 @@ impl Driver {
         &mut self,
         arrived: Timestamp,
         began: Timestamp,
-        item: Item,
+        item: FrameContent,
         publish: &mut impl FnMut(&ScanView<'_>),
     ) {
         match item {
-            Item::Acknowledged(number) => self.dialogue.acknowledged(number),
-            Item::Measured { yaw_rad, answer } => {
+            FrameContent::Acknowledged(number) => self.device.acknowledged(number),
+            FrameContent::Measured { yaw_rad, answer } => {
                 self.measured += 1;
-                self.heard = arrived;
-                self.dialogue.measured(arrived);
+                self.last_measured = arrived;
+                self.device.measured(arrived);
                 let range = self.spec.reach.range(answer);
                 // Two reads in quick succession may date their bytes in each other's time.
                 self.newest = began.max(self.newest);
@@ -228,14 +232,14 @@ impl Driver {
     ) {
         let ends = match &self.assembly {
             Assembly::Beam(beam) => time >= beam.due(),
-            Assembly::Sweep(sweep) => sweep.ends_before(time, yaw_rad),
+            Assembly::Scan(scan) => scan.ends_before(time, yaw_rad),
         };
         if ends {
             self.close(publish);
         }
         match &mut self.assembly {
             Assembly::Beam(beam) => beam.take(time, range),
-            Assembly::Sweep(sweep) => sweep.take(time, yaw_rad, range),
+            Assembly::Scan(scan) => scan.take(time, yaw_rad, range),
         }
     }
 
@@ -243,19 +247,19 @@ impl Driver {
         let Self { spec, assembly, .. } = self;
         match assembly {
             Assembly::Beam(beam) => {
-                if let Some(outcome) = beam.close() {
+                if let Some(result) = beam.close() {
                     publish(&ScanView {
                         spec,
-                        first_beam: outcome.time,
-                        capture: outcome.time,
+                        first_beam: result.time,
+                        capture: result.time,
                         angle_first_rad: 0.0,
                         angle_step_rad: 0.0,
-                        range_m: &[outcome.range_m],
+                        range_m: &[result.range_m],
                     });
                 }
             }
-            Assembly::Sweep(sweep) => {
-                if let Some(part) = sweep.close() {
+            Assembly::Scan(scan) => {
+                if let Some(part) = scan.close() {
                     publish(&part_view(spec, &part));
                 }
             }
@@ -263,7 +267,7 @@ impl Driver {
     }
 }
 
-fn part_view<'a>(spec: &'a RangefinderSpec, part: &Finished<'a>) -> ScanView<'a> {
+fn part_view<'a>(spec: &'a RangefinderSpec, part: &ScanPart<'a>) -> ScanView<'a> {
     ScanView {
         spec,
         first_beam: part.first_beam,

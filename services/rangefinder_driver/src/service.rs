@@ -2,8 +2,8 @@
 
 use crate::ScanView;
 use crate::config::{RangefinderSpec, SensorTable};
-use crate::driver::Driver;
-use crate::port::{Port, Read};
+use crate::driver::RangefinderDriver;
+use jink_runtime::serial::{Port, Read};
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::RangeScan;
@@ -15,22 +15,22 @@ use std::os::fd::BorrowedFd;
 const READ_BYTES: usize = 1024;
 /// Reads per cycle at most: a port that never ends must not keep the heartbeat waiting.
 const READS: usize = 16;
-/// A look at the news is taken at least this often.
-const LOOK_HZ: u32 = 10;
-/// A second instance of a scanning device's driver rehearses this often (Hz). The supervisor asks of a candidate that it puts
-/// out half to twice as much as the owner, which publishes an eighth of a turn at a time.
+/// Changes are looked for at least this often.
+const CHECK_HZ: u32 = 10;
+/// The standby of a scanning device's driver writes scans this often (Hz). The supervisor requires of a candidate that
+/// it puts out half to twice as much as the owner, which publishes an eighth of a turn at a time.
 const PARTS_HZ: f64 = 30.0;
 /// The counters go to the log this often (s).
 const REPORT_S: f64 = 60.0;
 
 /// The service: see [`crate`].
 pub struct RangefinderService {
-    driver: Driver,
+    driver: RangefinderDriver,
     clock: Clock,
     port: Port,
     scans: Output<RangeScan>,
     claim: Claim,
-    rehearsal_due: Timestamp,
+    standby_due: Timestamp,
     report_due: Timestamp,
 }
 
@@ -44,47 +44,47 @@ impl Service for RangefinderService {
     const PROGRAM: &'static str = "rangefinder_driver";
 
     fn open(ports: &mut Ports) -> Result<Self, StartError> {
-        let name = sensor_name(&ports.setup().arguments)?;
+        let name = ports.setup().sensor_name()?;
         let tables: Vec<SensorTable> = jink_runtime::config::sensors(&ports.setup().config)?;
-        let spec = RangefinderSpec::find(&tables, &name).map_err(|mistake| StartError::Needs {
+        let spec = RangefinderSpec::find(&tables, &name).map_err(|error| StartError::Needs {
             what: "the rangefinder".to_owned(),
-            cause: mistake.to_string(),
+            cause: error.to_string(),
         })?;
         Ok(Self {
             port: Port::new(&spec.device, spec.baud),
             scans: ports.range_output(topics::RANGE_SCAN, &spec.name, spec.rate_hz)?,
             claim: ports.claim(),
             clock: ports.clock(),
-            driver: Driver::new(spec),
-            rehearsal_due: Timestamp::NEVER,
+            driver: RangefinderDriver::new(spec),
+            standby_due: Timestamp::NEVER,
             report_due: Timestamp::NEVER,
         })
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        let look = now.next_beat(LOOK_HZ);
-        // A port has one reader: whoever takes over opens it when it is its own.
+        let check_due = now.next_beat(CHECK_HZ);
+        // A port has one reader: the next owner opens it when it owns the sensor.
         let is_ours = self.claim.is_due(now);
         self.claim.declare(is_ours);
         if !is_ours {
             self.port.close();
-            self.rehearse(now);
+            self.run_as_standby(now);
             let change = self.claim.changes_at().filter(|change| *change > now);
-            return Wake::at(change.map_or(self.rehearsal_due, |change| change.min(self.rehearsal_due)));
+            return Wake::at(change.map_or(self.standby_due, |change| change.min(self.standby_due)));
         }
         if self.port.open_if_due(now) {
             self.driver.connected(now);
         }
-        self.listen(now);
+        self.receive(now);
         while let Some(bytes) = self.driver.next_write(now).filter(|_| self.port.is_open()) {
             self.port.write(now, bytes);
         }
-        if let Some(news) = self.driver.news(now) {
-            cycle.events.publish(now, &news.event(&self.driver.spec().name));
+        if let Some(change) = self.driver.take_change(now) {
+            cycle.events.publish(now, &change.event(&self.driver.spec().name));
         }
         self.report(now);
-        Wake::at(look.min(self.port.due()).min(self.driver.due(now)))
+        Wake::at(check_due.min(self.port.due()).min(self.driver.due(now)))
     }
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
@@ -95,8 +95,8 @@ impl Service for RangefinderService {
 }
 
 impl RangefinderService {
-    /// Reads what has arrived, and publishes what it comes to.
-    fn listen(&mut self, now: Timestamp) {
+    /// Reads what has arrived, and publishes what it completes.
+    fn receive(&mut self, now: Timestamp) {
         let Self {
             driver,
             clock,
@@ -128,14 +128,14 @@ impl RangefinderService {
         driver.tick(now, &mut publish);
     }
 
-    /// What a second instance can show without the port: that it runs, and can write scans. None of them is published.
-    fn rehearse(&mut self, now: Timestamp) {
-        if now < self.rehearsal_due {
+    /// Shows without the port that a standby runs and can write scans. None of them is published.
+    fn run_as_standby(&mut self, now: Timestamp) {
+        if now < self.standby_due {
             return;
         }
         let spec = self.driver.spec();
         let rate_hz = if spec.model.scans { PARTS_HZ } else { spec.rate_hz };
-        self.rehearsal_due = now.next_beat(rate_hz as u32);
+        self.standby_due = now.next_beat(rate_hz as u32);
         let view = ScanView {
             spec,
             first_beam: now,
@@ -163,16 +163,5 @@ impl RangefinderService {
             );
         }
         self.report_due = now.plus_seconds(REPORT_S);
-    }
-}
-
-/// The name behind `--sensor`.
-fn sensor_name(arguments: &[String]) -> Result<String, StartError> {
-    match arguments {
-        [option, name] if option == "--sensor" => Ok(name.clone()),
-        _ => Err(StartError::Needs {
-            what: "--sensor NAME".to_owned(),
-            cause: format!("the arguments are {arguments:?}"),
-        }),
     }
 }

@@ -7,6 +7,7 @@ mod link;
 mod overlay;
 mod parameters;
 pub mod sensor_sets;
+pub mod sensor_table;
 
 pub use foreign::{Foreign, Grants, USER_PROCESSES, is_foreign};
 pub use link::{AUTOPILOT_LINK, AlsoLink, Link, LinkRow, Purpose, Signing};

@@ -50,6 +50,8 @@
 //! | [`ranges`] | the range topics of all configured sensors |
 //! | [`janitor`] | what the dead left behind |
 //! | [`request`] | what can be asked of a running supervisor |
+//! | [`procfs`] | what the kernel says of processes and of the board |
+//! | [`serial`] | serial ports, of devices and of links |
 //! | [`realtime`] | memory locking, scheduling, clock |
 //! | [`descriptors`] | room for open files, made before there are threads |
 //! | [`logging`] | `tracing` for people and for journals |
@@ -69,10 +71,12 @@ pub mod output;
 pub mod param_store;
 pub mod ports;
 mod pretouch;
+pub mod procfs;
 pub mod ranges;
 pub mod realtime;
 pub mod request;
 mod running;
+pub mod serial;
 pub mod service;
 pub mod session;
 pub mod setup;

@@ -80,18 +80,14 @@ mod tests {
         const BYTES: usize = 64 << 20;
         let fresh = std::hint::black_box(vec![0u8; BYTES]);
         let used = std::hint::black_box(vec![7u8; 1 << 20]);
-        let resident_kib = || {
-            let status = std::fs::read_to_string("/proc/self/status").unwrap();
-            let line = status.lines().find(|line| line.starts_with("VmRSS:")).unwrap();
-            line.split_whitespace().nth(1).unwrap().parse::<usize>().unwrap()
-        };
+        let resident_kib = || crate::procfs::resident_kib(std::process::id()).unwrap();
         let before_kib = resident_kib();
         let mut pretouch = Pretouch::of_this_process();
         while !pretouch.ranges.is_empty() {
             pretouch.step();
         }
         assert!(
-            resident_kib() > before_kib + BYTES / 1024 / 2,
+            resident_kib() > before_kib + BYTES as u64 / 1024 / 2,
             "{before_kib} KiB before"
         );
         assert!(used.iter().all(|byte| *byte == 7) && fresh[BYTES / 2] == 0);

@@ -68,6 +68,20 @@ impl Setup {
         })
     }
 
+    /// The name behind `--sensor`, the only argument of a sensor's driver.
+    ///
+    /// # Errors
+    /// [`StartError::Needs`] if it is not that.
+    pub fn sensor_name(&self) -> Result<String, StartError> {
+        match self.arguments.as_slice() {
+            [option, name] if option == "--sensor" => Ok(name.clone()),
+            arguments => Err(StartError::Needs {
+                what: "--sensor NAME".to_owned(),
+                cause: format!("the arguments are {arguments:?}"),
+            }),
+        }
+    }
+
     /// The command line of the program called `name`.
     pub(crate) fn try_parse_as(name: &str) -> Result<Self, clap::Error> {
         let command = Self::command().display_name(name).bin_name(name);

@@ -3,8 +3,8 @@
 //!
 //!     cargo run --release -p jink-simulator --example sitl_flight -- DIR [hil|sih|json] [NORTH,EAST wind in m/s]
 
+use jink_emulated_ground_station::{Ending, FlightPlan, GroundStation, Outcome};
 use jink_shared_types::Point;
-use jink_simulator::ground_station::{Ending, FlightPlan, GroundStation, Outcome};
 use jink_simulator::sitl::{Interface, Sitl, SitlBuild, SitlOptions};
 use mavlink::dialects::ardupilotmega::MavMessage;
 use mavlink::{MavHeader, MavlinkReader};

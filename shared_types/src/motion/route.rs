@@ -10,7 +10,7 @@ use crate::view::Missing;
 crate::wire_enum! {
     /// What the planner wants.
     pub enum RouteMode {
-        /// Nothing new: keep flying what is committed.
+        /// Nothing new: keep flying the committed trajectory.
         Keep = 0 "keep",
         /// A new motion through the corridor.
         Plan = 1 "plan",
@@ -18,13 +18,13 @@ crate::wire_enum! {
         Stop = 2 "stop",
         /// Send the autopilot's own setpoint back.
         Mirror = 3 "mirror",
-        /// Turn to `goal_yaw_rad` where the vehicle rests, to see what is there.
+        /// Turn to `goal_yaw_rad` where the vehicle rests, to see in that direction.
         Turn = 4 "turn",
     }
 }
 
 crate::sample! {
-    /// The planner's answer: guide, corridor, limits, and a stop that is always in hand.
+    /// The planner's result: guide, corridor, limits, and a stop.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Route: 7456 {
         /// Counts routes; the high half is the planner's generation.
@@ -51,13 +51,13 @@ crate::sample! {
         pub has_stop: Flag,
         /// The committed trajectory must be left: if no curve is found, fly the stop.
         pub must_leave: Flag,
-        /// The target is the goal itself, not a step on the way.
+        /// The target is the goal itself, not a step toward it.
         pub target_is_goal: Flag,
         /// Vertices of the guide in use; the first is the start.
         pub guide_len: u32,
         /// Polytopes in use; polytope `i` holds guide vertices `i` and `i + 1`.
         pub corridor_len: u32,
-        /// Declarations of the user that the corridor stands on, bits of [`crate::map::declared_as`].
+        /// Declarations of the user that the corridor depends on, bits of [`crate::map::declared_as`].
         pub declarations: u8,
         /// What no sensor sees, so that no motion can be certified.
         pub unseen: Coded<Missing>,

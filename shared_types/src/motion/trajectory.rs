@@ -1,4 +1,4 @@
-//! What is made of it, and what of that the guard lets through.
+//! Trajectories, and the guard's verdict on them.
 
 use super::{BezierPiece, MotionLimits, MotionState, TRAJECTORY_PIECES};
 use crate::clock::Timestamp;
@@ -39,7 +39,7 @@ crate::sample! {
         pub mode: Coded<TrajectoryMode>,
         /// It ends at the goal.
         pub reaches_goal: Flag,
-        /// Declarations of the user that its certificate stands on, bits of [`crate::map::declared_as`].
+        /// Declarations of the user that its certificate depends on, bits of [`crate::map::declared_as`].
         pub declarations: u8,
         /// Explicit padding, zero.
         pub reserved: Reserved<1>,
@@ -98,7 +98,7 @@ impl Trajectory {
     /// Copies into `self` (whose pieces are dropped) what `base` does from `from` to `until`: whole pieces stay as they
     /// are, the pieces at both ends are cut. Returns `false`, leaving `self` empty, if that does not fit.
     pub fn take_prefix(&mut self, base: &Self, from: Timestamp, until: Timestamp) -> bool {
-        /// Shorter than this a cut piece is numerical dust: its derivatives would be noise.
+        /// A cut piece shorter than this is a rounding error: its derivatives would be noise.
         const DUST_S: f64 = 1e-4;
         self.len = 0;
         self.start = from;
@@ -153,7 +153,7 @@ crate::wire_enum! {
         Hold = 0 "hold",
         /// Passed unchanged.
         Passed = 1 "passed",
-        /// The new trajectory was refused; the one before goes on.
+        /// The new trajectory was refused; the one before continues.
         Kept = 2 "kept",
         /// Replaced by the guard's own brake.
         Braked = 3 "braked",
@@ -167,7 +167,7 @@ crate::wire_enum! {
         None = 0 "none",
         /// An obstacle is nearer than the stopping distance.
         Obstacle = 1 "obstacle",
-        /// The way leads where no sensor sees.
+        /// The path leads where no sensor sees.
         Unseen = 2 "unseen",
         /// Range data are too old.
         RangesStale = 3 "ranges_stale",
@@ -177,7 +177,7 @@ crate::wire_enum! {
         Discontinuous = 5 "discontinuous",
         /// The new trajectory came after its own splice time.
         Late = 6 "late",
-        /// The new trajectory breaks its limits or is no trajectory.
+        /// The new trajectory breaks its limits or is not valid.
         Unsound = 7 "unsound",
         /// The new trajectory departs from another one than is being flown.
         WrongBase = 8 "wrong_base",
@@ -185,14 +185,14 @@ crate::wire_enum! {
 }
 
 crate::sample! {
-    /// What may leave for the autopilot.
+    /// The trajectory that the guard approves.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct ApprovedTrajectory: 4144 {
         /// The trajectory.
         pub trajectory: Trajectory,
-        /// Way left to the first conflict the guard sees (m); infinity if none.
+        /// Distance left to the first conflict the guard sees (m); infinity if none.
         pub free_way_m: f64,
-        /// Way needed to stop from here (m).
+        /// Distance needed to stop from here (m).
         pub stopping_m: f64,
         /// Decision.
         pub verdict: Coded<Verdict>,
@@ -205,7 +205,7 @@ crate::sample! {
 }
 
 impl ApprovedTrajectory {
-    /// Whether what is approved can be flown, and its figures are some.
+    /// Whether what is approved can be flown, and its numbers are plausible.
     pub fn is_consistent(&self) -> bool {
         let figures_are_numbers = !self.free_way_m.is_nan() && !self.stopping_m.is_nan();
         figures_are_numbers && (self.verdict == Verdict::Hold || self.trajectory.is_consistent())

@@ -3,8 +3,8 @@
 use jink_shared_types::frames::{AngularRate, Attitude, Point, Velocity};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Flag, Timestamp};
-use jink_simulator::sensors::{Pose, PoseTrack};
-use jink_simulator::world::{World, WorldSpec};
+use jink_simulated_world::sensors::{Pose, PoseTrack};
+use jink_simulated_world::world::{World, WorldSpec};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Distance from the trees (m).
@@ -46,7 +46,7 @@ pub fn at(t_s: f64) -> Timestamp {
 /// A sentence that says why there is none.
 pub fn forest(seed: u64) -> Result<(World, Motion), String> {
     let spec = WorldSpec {
-        kind: jink_simulator::world::WorldKind::ALL[0].clone(),
+        kind: jink_simulated_world::world::WorldKind::ALL[0].clone(),
         seed,
         density_per_m2: None,
     };

@@ -3,8 +3,8 @@
 use crate::clouds::{Series, states_between};
 use crate::flight::at;
 use jink_obstacle_fusion::{Fusion, FusionConfig};
-use jink_planner::gears::{GEARS, gears};
-use jink_planner::space::{Room, Space};
+use jink_planner::configuration_space::{Clearance, ConfigurationSpace};
+use jink_planner::speed_tiers::{TIERS, speed_tiers};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::{SampleHeader, Timestamp};
@@ -72,10 +72,10 @@ pub fn run(series: &Series, params: &ParamSet, repeats: u32) -> Run {
         map: LocalMap::boxed(),
         windows: Vec::new(),
     };
-    let limits = gears(params);
+    let limits = speed_tiers(params);
     for _ in 0..repeats {
         let mut fusion = Fusion::new(FusionConfig::from_params(params, 1));
-        let mut space = Space::new(&limits, Room::from_params(params));
+        let mut space = ConfigurationSpace::new(&limits, Clearance::from_params(params));
         let mut stated = Timestamp::NEVER;
         run.windows.clear();
         for scan in series.shots.chunks(series.clouds_per_scan) {
@@ -92,7 +92,7 @@ pub fn run(series: &Series, params: &ParamSet, repeats: u32) -> Run {
                     space.load(&run.map);
                     space.prepare(0);
                 });
-                took[3] += timed(|| (1..GEARS).for_each(|gear| space.prepare(gear)));
+                took[3] += timed(|| (1..TIERS).for_each(|tier| space.prepare(tier)));
                 run.windows.push(run.map.min_cell);
             }
             run.scans.push(took);

@@ -3,6 +3,7 @@
 use crate::agreement::{Agreement, REASONS};
 use crate::jink::{self, Stage, Took};
 use crate::octomap;
+use jink_shared_types::quantile::quantiles;
 use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 
@@ -19,15 +20,9 @@ const PERCENTILES: [(&str, f64); 4] = [
 
 impl Percentiles {
     fn of(times_ms: impl Iterator<Item = f64>) -> Self {
-        let mut times_ms: Vec<f64> = times_ms.collect();
-        times_ms.sort_by(f64::total_cmp);
-        let last = times_ms.len().saturating_sub(1) as f64;
-        Self(PERCENTILES.map(|(_, share)| {
-            times_ms
-                .get((last * share).round() as usize)
-                .copied()
-                .unwrap_or(f64::NAN)
-        }))
+        let times_ms: Vec<f64> = times_ms.collect();
+        let shares = PERCENTILES.map(|(_, share)| share);
+        Self(quantiles(&times_ms, shares).unwrap_or([f64::NAN; PERCENTILES.len()]))
     }
 
     /// The median (ms).

@@ -486,7 +486,7 @@ fn unwanted_modes(record: &Record, aim: &Aim, setup: Setup) -> Vec<String> {
             (NavMode::Offboard, NavMode::Hold) => is_at_end && was_asked(NavMode::Mission),
             // PX4 ends a mission in Hold.
             (NavMode::Mission, NavMode::Hold) => {
-                is_at_end && setup.autopilot().make() == jink_simulator::ground_station::Make::Px4
+                is_at_end && setup.autopilot().make() == jink_emulated_ground_station::Make::Px4
             }
             // A landing item or the end of a return; on the ground everything may change.
             (_, NavMode::Land) => is_at_end,

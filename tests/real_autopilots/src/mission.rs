@@ -1,8 +1,8 @@
 //! Missions as a ground station writes them: places in metres, items in MAVLink.
 
+use jink_emulated_ground_station::Make;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::{GlobalPoint, Projection};
-use jink_simulator::ground_station::Make;
 use mavlink::dialects::ardupilotmega::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
 use nalgebra::Vector2;
 

@@ -3,8 +3,8 @@
 
 use crate::record::{ModeRequest, Shared};
 use crate::wire::{Reader, Seen, Wire, frames, mode_of, note};
+use jink_emulated_ground_station::Make;
 use jink_mavlink_link::frame::Splitter;
-use jink_simulator::ground_station::Make;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA,

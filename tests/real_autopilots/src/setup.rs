@@ -1,6 +1,6 @@
 //! Which autopilot in which profile.
 
-use jink_simulator::ground_station::Make;
+use jink_emulated_ground_station::Make;
 use std::fmt;
 use std::str::FromStr;
 

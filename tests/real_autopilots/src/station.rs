@@ -4,10 +4,10 @@
 use crate::mission::{Anchor, Item, Place};
 use crate::record::{ModeRequest, Share, Shared};
 use crate::wire::{Reader, Wire, frames, note};
+use jink_emulated_ground_station::{Make, heartbeat};
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::{Make, heartbeat};
 use mavlink::dialects::ardupilotmega::{
     COMMAND_INT_DATA, COMMAND_LONG_DATA, MANUAL_CONTROL_DATA, MISSION_CLEAR_ALL_DATA, MISSION_COUNT_DATA,
     MISSION_ITEM_INT_DATA, MISSION_SET_CURRENT_DATA, MavCmd, MavFrame, MavMessage, MavMissionType,

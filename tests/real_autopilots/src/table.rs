@@ -3,9 +3,9 @@
 use crate::judge::Verdict;
 use crate::record::Record;
 use crate::setup::Setup;
-use jink_cli::flight::CoursePoint;
-use jink_cli::picture::{Scene, World as Drawn, svg};
-use jink_simulator::world::{World, WorldSpec};
+use jink_lab::flight_log::CoursePoint;
+use jink_lab::picture::{Scene, World as Drawn, svg};
+use jink_simulated_world::world::{World, WorldSpec};
 use std::fmt::Write;
 use std::path::Path;
 

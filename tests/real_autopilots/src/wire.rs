@@ -3,14 +3,14 @@
 use crate::record::{Mode, Record};
 use jink_mavlink_link::frame::Splitter;
 
+use jink_emulated_autopilot::modes::arducopter;
+use jink_emulated_autopilot::modes::px4::mode_of_custom;
+use jink_emulated_ground_station::Make;
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, Content};
 use jink_shared_types::frames::Point;
 use jink_shared_types::geo::GlobalPoint;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ardupilot;
-use jink_simulator::autopilot::mode_of_custom;
-use jink_simulator::ground_station::Make;
 use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, MavModeFlag};
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
@@ -179,7 +179,7 @@ pub fn note(record: &mut Record, make: Make, seen: &Seen) {
 pub fn mode_of(make: Make, custom: u32) -> NavMode {
     let mode = match make {
         Make::Px4 => mode_of_custom(custom),
-        Make::ArduCopter => ardupilot::Mode::of_custom(custom).map(ardupilot::Mode::nav),
+        Make::ArduCopter => arducopter::Mode::of_custom(custom).map(arducopter::Mode::nav),
     };
     mode.unwrap_or(NavMode::Unknown)
 }

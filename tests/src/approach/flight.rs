@@ -4,13 +4,13 @@ use super::measure::Measure;
 use super::scene::Place;
 use super::{Approach, CP_DIST_M, Cell, Moment, Variant, Who};
 use crate::lockstep::{FlightSetup, LockStep, ScanDelay};
+use jink_emulated_ground_station::{Ending as PlanEnding, FlightPlan, Make, Phase};
 use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::flyer::FlyerConfig;
-use jink_simulator::ground_station::{Ending as PlanEnding, FlightPlan, Make, Phase};
-use jink_simulator::sensors::{SensorKind, SensorSpec};
-use jink_simulator::vehicle::wind::WindConfig;
+use jink_simulated_world::sensors::{SensorKind, SensorSpec};
+use jink_simulated_world::vehicle::wind::WindConfig;
+use jink_simulator::autopilot::AutopilotConfig;
 use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavMessage};
 
 /// Height of the flight (m): a lidar on a vehicle that brakes looks down, and must not take the ground for what it sees.
@@ -86,7 +86,7 @@ fn setup(cell: &Cell) -> Result<FlightSetup, String> {
     ];
     let distance_m = |who: Who| if cell.who == who { CP_DIST_M } else { -1.0 };
     let mut params = ParamSet::default();
-    let mut autopilot = FlyerConfig::named("px4_current")
+    let mut autopilot = AutopilotConfig::named("px4_current")
         .ok_or("no such autopilot")?
         .with_parameter("EAV_EN", 1.0)
         .with_parameter("CP_DIST", distance_m(Who::Px4));

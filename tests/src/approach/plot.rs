@@ -2,7 +2,7 @@
 
 use super::scene::Place;
 use super::{Approach, CP_DIST_M, Cell, Moment, Scene, Variant, Who};
-use jink_simulator::world::Obstacle;
+use jink_simulated_world::world::Obstacle;
 use serde_json::Value;
 use std::fmt::Write;
 

@@ -1,6 +1,8 @@
 //! What stands ahead of the vehicle: it starts at the origin and is pushed north.
 
-use jink_simulator::world::{Bounds, Cylinder, FLIGHT_HEIGHT_M, Obstacle, Scene as Solids, World, YawedBox};
+use jink_simulated_world::world::{
+    Bounds, Cylinder, FLIGHT_HEIGHT_M, Obstacle, Scene as Solids, World, YawedBox,
+};
 use serde::Serialize;
 
 /// Height of everything (m): nothing is flown over.

@@ -1,6 +1,7 @@
 //! The table: jink and PX4 side by side, per scene and speed, and per scene and delay.
 
 use super::{Approach, Ending, Variant, Who};
+use jink_shared_types::quantile::quantile;
 use std::fmt::Write;
 
 /// What belongs into one part of the table.
@@ -112,19 +113,20 @@ impl Column<'_> {
         self.0.iter().filter(|a| a.ending == ending).count().to_string()
     }
 
-    fn sorted(&self, of: fn(&Approach) -> Option<f64>) -> Vec<f64> {
-        let mut values: Vec<f64> = self.0.iter().filter_map(|a| of(a)).collect();
-        values.sort_by(f64::total_cmp);
-        values
+    fn values(&self, of: fn(&Approach) -> Option<f64>) -> Vec<f64> {
+        self.0.iter().filter_map(|a| of(a)).collect()
+    }
+
+    fn at(&self, share: f64, of: fn(&Approach) -> Option<f64>, digits: usize) -> String {
+        number(quantile(&self.values(of), share), digits)
     }
 
     fn median(&self, of: fn(&Approach) -> Option<f64>, digits: usize) -> String {
-        let values = self.sorted(of);
-        number(values.get(values.len() / 2).copied(), digits)
+        self.at(0.5, of, digits)
     }
 
     fn most(&self, of: fn(&Approach) -> Option<f64>, digits: usize) -> String {
-        number(self.sorted(of).last().copied(), digits)
+        self.at(1.0, of, digits)
     }
 
     fn median_and_most(&self, of: fn(&Approach) -> Option<f64>, digits: usize) -> String {
@@ -132,17 +134,13 @@ impl Column<'_> {
     }
 
     fn median_and_least(&self, of: fn(&Approach) -> Option<f64>) -> String {
-        format!(
-            "{} {}",
-            self.median(of, 2),
-            number(self.sorted(of).first().copied(), 2)
-        )
+        format!("{} {}", self.median(of, 2), self.at(0.0, of, 2))
     }
 
     /// Farthest from zero: too near and too far off are both wrong.
     fn median_and_farthest(&self, of: fn(&Approach) -> Option<f64>) -> String {
         let farthest = self
-            .sorted(of)
+            .values(of)
             .into_iter()
             .max_by(|a, b| a.abs().total_cmp(&b.abs()));
         format!("{} {}", self.median(of, 2), number(farthest, 2))

@@ -1,7 +1,7 @@
 //! Flight campaigns in lock-step: deterministic, seeded, faster than real time.
 
 use clap::Parser;
-use jink_simulator::world::WorldKind;
+use jink_simulated_world::world::WorldKind;
 use jink_tests::campaign::{
     Cell, FlightOutcome, FlightReport, SPHERE, fly_as, percentiles, sensor_set, sensors_of, setup,
 };

@@ -1,10 +1,10 @@
 //! A waypoint inside a house: the vehicle comes to rest before it, and the policy decides what becomes of the mission.
 
+use jink_emulated_ground_station::Outcome;
 use jink_shared_types::events::ITEM_BLOCKED;
 use jink_shared_types::frames::Point;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Outcome;
-use jink_simulator::world::{Obstacle, Scene, World, YawedBox};
+use jink_simulated_world::world::{Obstacle, Scene, World, YawedBox};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};

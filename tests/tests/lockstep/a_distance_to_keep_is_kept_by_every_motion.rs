@@ -1,7 +1,7 @@
 //! With collision prevention switched on the guard and the planner keep its distance, too: what flies a mission is not allowed what a
 //! pilot is not.
 
-use jink_simulator::ground_station::Outcome;
+use jink_emulated_ground_station::Outcome;
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{PX4_CURRENT, PX4_TRAJECTORY, Pairing};

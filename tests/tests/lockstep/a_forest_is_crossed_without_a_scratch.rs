@@ -1,7 +1,7 @@
 //! Lock-step flights through forests: the goal is reached, nothing is touched, no limit is broken, and the same seed gives
 //! the same flight to the bit.
 
-use jink_simulator::world::WorldKind;
+use jink_simulated_world::world::WorldKind;
 use jink_tests::campaign::{Cell, FlightOutcome, SPHERE, fly, sensor_set};
 use jink_tests::flights::Flights;
 

@@ -1,10 +1,10 @@
 //! A ground station changes the mission while it is flown: another one of the same length, of another length, none at all, or
 //! another item of it. What is flown is what the station wants last, wherever jink or the autopilot flies it.
 
+use jink_emulated_ground_station::{Action, InFlight, Make, Outcome, When};
 use jink_shared_types::Point;
 use jink_shared_types::frames::LocalNed;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::{Action, InFlight, Make, Outcome, When};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{

@@ -1,9 +1,9 @@
 //! Current PX4 flies its own mission and takes velocities and accelerations in: it is led around what stands in its way, and
 //! flies on alone where nothing is planned.
 
+use jink_emulated_ground_station::Outcome;
 use jink_shared_types::events;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Outcome;
 use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;

@@ -1,10 +1,10 @@
 //! A vehicle that rests nearer to something than its slowest planned motion needs (a gust, a hard braking, something that came)
 //! creeps away from there, and comes no nearer on the way.
 
+use jink_emulated_ground_station::{Action, Ending, InFlight, When};
 use jink_shared_types::Point;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::{Action, Ending, InFlight, When};
-use jink_simulator::world::{Obstacle, Scene, World, YawedBox};
+use jink_simulated_world::world::{Obstacle, Scene, World, YawedBox};
 use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;

@@ -3,8 +3,8 @@
 
 use jink_shared_types::events::{self, Event};
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::sensors::{SensorKind, SensorSpec};
-use jink_simulator::world::{World, WorldKind};
+use jink_simulated_world::sensors::{SensorKind, SensorSpec};
+use jink_simulated_world::world::{World, WorldKind};
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::PX4_DEVIATION;
 use jink_tests::pilot::by_hand;

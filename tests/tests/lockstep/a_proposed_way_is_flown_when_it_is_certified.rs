@@ -1,11 +1,11 @@
 //! A planner that a user brings proposes ways through a forest: what can be certified is flown, what cannot is refused with the
 //! reason, and the goal is reached without a contact either way.
 
+use jink_emulated_ground_station::Outcome;
 use jink_shared_types::events;
 use jink_shared_types::motion::RouteMode;
 use jink_shared_types::proposal::ProposalVerdict;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Outcome;
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};

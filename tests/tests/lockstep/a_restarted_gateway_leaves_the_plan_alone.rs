@@ -1,9 +1,9 @@
 //! A gateway that has just been started does not know the mode before the next heartbeat, up to a second later. The plan
 //! goes on meanwhile: were it dropped, the next one would begin at rest in the middle of a motion.
 
+use jink_emulated_ground_station::Outcome;
 use jink_shared_types::motion::MotionState;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Outcome;
 use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;

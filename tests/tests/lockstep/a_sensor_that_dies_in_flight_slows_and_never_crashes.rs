@@ -1,10 +1,10 @@
 //! One of several range sensors falls silent in the middle of a forest: the flight goes on in what the others see,
 //! slower, and the pilot is told. Without any sensor the vehicle comes to rest, and goes on when one is back.
 
+use jink_emulated_ground_station::Outcome;
 use jink_shared_types::events::{self, Event};
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Outcome;
-use jink_simulator::sensors::{SensorKind, SensorSpec};
+use jink_simulated_world::sensors::{SensorKind, SensorSpec};
 use jink_tests::campaign::{Cell, SPHERE, default_sensors, sensor_set, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;

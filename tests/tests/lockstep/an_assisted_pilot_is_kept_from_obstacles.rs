@@ -1,10 +1,10 @@
 //! Assisted flight on autopilots as they are released: the pilot's sticks pass through the guard in OFFBOARD and GUIDED, and every way
 //! out leads to his mode or to the one that holds.
 
+use jink_emulated_ground_station::Make;
 use jink_shared_types::events;
 use jink_shared_types::link::AssistState;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Make;
 use jink_tests::assisted::{AssistedPilot, CENTRED};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;

@@ -1,15 +1,15 @@
 //! Autopilots in simulation: their clock runs slower than the board's, and stands still for a moment at arming. Nothing of it is
 //! felt in flight.
 
+use jink_emulated_px4::Pace;
 use jink_shared_types::events;
-use jink_simulator::autopilot::Pace;
-use jink_simulator::flyer::FlyerConfig;
+use jink_simulator::autopilot::AutopilotConfig;
 use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
 use jink_tests::lockstep::{FlightSetup, LockStep};
 use jink_tests::pairing::{PX4_CURRENT, PX4_TRAJECTORY};
 
 fn paced(mut setup: FlightSetup, pace: Pace) -> FlightSetup {
-    if let FlyerConfig::Px4(config) = &mut setup.autopilot {
+    if let AutopilotConfig::Px4(config) = &mut setup.autopilot {
         config.pace = pace;
     }
     setup

@@ -1,9 +1,9 @@
 //! The trajectory interface in all four combinations: curves or waypoints, on PX4 before and after its time-out fixes.
 
+use jink_emulated_ground_station::{Ending, Outcome};
+use jink_emulated_px4::{Firmware, Px4Config, Variant};
 use jink_mavlink_link::profile_name::Representation;
-use jink_simulator::autopilot::{AutopilotConfig, Firmware, Variant};
-use jink_simulator::flyer::FlyerConfig;
-use jink_simulator::ground_station::{Ending, Outcome};
+use jink_simulator::autopilot::AutopilotConfig;
 use jink_tests::campaign::{Cell, FlightOutcome, SPHERE, fly_as, sensor_set, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;

@@ -1,6 +1,6 @@
 //! Flights that once ended before their goal: each with the sensors and the place that it took.
 
-use jink_simulator::world::WorldKind;
+use jink_simulated_world::world::WorldKind;
 use jink_tests::campaign::{Cell, FlightOutcome, fly, sensor_set};
 use jink_tests::flights::Flights;
 

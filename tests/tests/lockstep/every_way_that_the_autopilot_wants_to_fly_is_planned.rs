@@ -1,10 +1,10 @@
 //! A place to go to, the end of a mission, Hold at speed, a landing elsewhere, a return, a circle: the autopilot would fly straight
 //! there. With jink the way there is planned like a mission's, or it holds and says why.
 
+use jink_emulated_ground_station::{Action, Ending, InFlight, Outcome, PlanItem, When};
 use jink_shared_types::Point;
 use jink_shared_types::frames::LocalNed;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::{Action, Ending, InFlight, Outcome, PlanItem, When};
 use jink_tests::campaign::{Cell, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::{FlightSetup, LockStep};

@@ -1,9 +1,9 @@
 //! GUIDED chosen on the ground or in the air, with or without a mission on board: nobody has started one, so none is flown, home
 //! is no waypoint, and a take-off is not broken off. A mission that was started is flown once.
 
+use jink_emulated_ground_station::{Outcome, Phase};
 use jink_shared_types::events;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::{Outcome, Phase};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::COPTER;

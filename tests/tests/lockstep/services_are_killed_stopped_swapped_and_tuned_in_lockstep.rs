@@ -1,10 +1,10 @@
 //! What happens to the processes of an aircraft happens to those of a campaign: in lock-step, too, services are killed, stopped,
 //! replaced by a second instance and tuned in flight, by the supervisor's rules, and the same seed gives the same flight.
 
+use jink_emulated_ground_station::Outcome;
 use jink_shared_types::events;
 use jink_shared_types::health::Health;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Outcome;
 use jink_supervisor::shadow::SwapNews;
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;

@@ -1,9 +1,9 @@
 //! Where the autopilot only follows setpoints, jink takes its mission over in the air, flies it, and gives it back: on PX4 of
 //! today and of 2021 in OFFBOARD, on ArduCopter in GUIDED.
 
+use jink_emulated_ground_station::Outcome;
 use jink_shared_types::events;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Outcome;
 use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::{FlightSetup, LockStep};

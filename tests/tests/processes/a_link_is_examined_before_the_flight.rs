@@ -1,10 +1,10 @@
 //! `jink check link` as a user runs it, against emulated autopilots over UDP: each fault is told by its own sentence and exit
 //! code, and where there is none, jink is ready.
 
+use jink_emulated_arducopter::{ArduCopter, ArduCopterConfig};
+use jink_emulated_autopilot::Autopilot;
+use jink_emulated_px4::{Px4, Px4Config};
 use jink_mavlink_link::signing::Key;
-use jink_simulator::ardupilot::{ArduCopter, ArduCopterConfig};
-use jink_simulator::autopilot::{Autopilot, AutopilotConfig};
-use jink_simulator::flyer::Flyer;
 use jink_tests::on_udp::{Faults, OnUdp};
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{Answer, System, TempFolder, answer, program};
@@ -22,25 +22,25 @@ const READY: i32 = 0;
 const BLOCKED: i32 = 1;
 const WRONG_USAGE: i32 = 2;
 
-type Pilot = Option<Box<dyn Flyer + Send>>;
+type Pilot = Option<Box<dyn Autopilot + Send>>;
 
 /// PX4 with the trajectory interface.
 fn px4(system_id: u8, parameters: &[(&str, f64)]) -> Pilot {
-    let config = AutopilotConfig {
+    let config = Px4Config {
         system_id,
         parameters: owned(parameters),
-        ..AutopilotConfig::default()
+        ..Px4Config::default()
     };
-    Some(Box::new(Autopilot::new(config).unwrap()))
+    Some(Box::new(Px4::new(config).unwrap()))
 }
 
 /// PX4 without it.
 fn current_px4(parameters: &[(&str, f64)]) -> Pilot {
-    let config = AutopilotConfig {
+    let config = Px4Config {
         parameters: owned(parameters),
-        ..AutopilotConfig::current(0.1)
+        ..Px4Config::current(0.1)
     };
-    Some(Box::new(Autopilot::new(config).unwrap()))
+    Some(Box::new(Px4::new(config).unwrap()))
 }
 
 fn arducopter(parameters: &[(&str, f64)]) -> Pilot {

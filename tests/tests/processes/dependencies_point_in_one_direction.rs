@@ -43,9 +43,36 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
             "jink-shared-types" => &[],
             "jink-runtime" => &["jink-shared-types"],
             // The library of whoever speaks MAVLink.
-            "jink-mavlink-gateway" | "jink-link-check" => {
+            "jink-ground-services" | "jink-link-check" => {
                 &["jink-shared-types", "jink-runtime", "jink-mavlink-link"]
             }
+            // And the answers to ground stations.
+            "jink-mavlink-gateway" => &[
+                "jink-shared-types",
+                "jink-runtime",
+                "jink-mavlink-link",
+                "jink-ground-services",
+            ],
+            // The libraries of the simulation: neither emulated autopilot knows the other.
+            "jink-simulated-world" => &["jink-shared-types", "jink-runtime"],
+            "jink-emulated-autopilot" => &["jink-shared-types", "jink-simulated-world"],
+            "jink-emulated-px4" | "jink-emulated-arducopter" => &[
+                "jink-shared-types",
+                "jink-simulated-world",
+                "jink-emulated-autopilot",
+            ],
+            "jink-emulated-ground-station" => &["jink-shared-types", "jink-emulated-autopilot"],
+            "jink-simulator" => &[
+                "jink-shared-types",
+                "jink-runtime",
+                "jink-simulated-world",
+                "jink-emulated-autopilot",
+                "jink-emulated-px4",
+                "jink-emulated-arducopter",
+                "jink-emulated-ground-station",
+            ],
+            // What both operate instances with; simulations are never part of the command that an aircraft carries.
+            "jink-cli" | "jink-lab" => &["jink-shared-types", "jink-runtime", "jink-control"],
             "jink-tests" | "jink-real-autopilots" | "jink-map-bench" => continue,
             _ => &["jink-shared-types", "jink-runtime"],
         };
@@ -73,8 +100,13 @@ fn heavy_crates_stay_behind_one_door() {
             "mavlink",
             &[
                 "jink-mavlink-link",
+                "jink-ground-services",
                 "jink-mavlink-gateway",
                 "jink-link-check",
+                "jink-emulated-autopilot",
+                "jink-emulated-px4",
+                "jink-emulated-arducopter",
+                "jink-emulated-ground-station",
                 "jink-simulator",
                 "jink-tests",
                 "jink-real-autopilots",

@@ -4,7 +4,7 @@
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::message::Body;
-use jink_mavlink_link::signing::{Key, Refusal, SIGNED_FRAME_MAX, Verifier, sign};
+use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, SignatureRefusal, Verifier, sign};
 use jink_runtime::config::Signing;
 use jink_tests::processes::{python_with_pymavlink, workspace};
 use mavlink::dialects::ardupilotmega::{ATTITUDE_DATA, MavMessage};
@@ -103,8 +103,8 @@ fn in_both_directions() {
         verifier.verify(&frame, Signing::Require, Some(key), 0)
     };
     for frame in &theirs {
-        assert_eq!(verify(frame, &other), Err(Refusal::Signature));
+        assert_eq!(verify(frame, &other), Err(SignatureRefusal::Signature));
         assert_eq!(verify(frame, &key), Ok(()));
-        assert_eq!(verify(frame, &key), Err(Refusal::Replayed));
+        assert_eq!(verify(frame, &key), Err(SignatureRefusal::Replayed));
     }
 }

@@ -1,11 +1,10 @@
 //! `jink swap`, `jink restart`, `jink stop`: requests to the running supervisor.
 
-use super::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Problem, running};
+use jink_control::sayln;
+use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Problem, request, running};
 use jink_runtime::Instance;
-use jink_runtime::request::{Answer, Request};
-use std::io::{BufRead, BufReader, Write};
-use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
+use jink_runtime::request::Request;
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// The supervisor in the place of a process.
@@ -105,13 +104,13 @@ pub fn stop(instance: &Instance, args: &StopArgs) -> Result<ExitCode, Problem> {
 }
 
 /// Asks, and prints every answer until the last one.
-fn ask(instance: &Instance, request: &Request) -> Result<ExitCode, Problem> {
+fn ask(instance: &Instance, asked: &Request) -> Result<ExitCode, Problem> {
     if running::find(instance)?.is_none() {
         eprintln!("jink {instance}: not running");
         return Ok(ExitCode::from(EXIT_NOT_RUNNING));
     }
     let mut last = None;
-    put(&instance.request_socket(), request, |answer| {
+    request::put(&instance.request_socket(), asked, |answer| {
         if answer.good {
             sayln!("{}", answer.text);
         } else {
@@ -121,24 +120,4 @@ fn ask(instance: &Instance, request: &Request) -> Result<ExitCode, Problem> {
     })?;
     let good = last.is_some_and(|answer| answer.good);
     Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))
-}
-
-/// Puts a request to the supervisor behind `socket`, and hands on every answer until the last one.
-pub fn put(socket: &Path, request: &Request, mut hear: impl FnMut(&Answer)) -> Result<(), Problem> {
-    let failed = || Problem::io(socket.display().to_string());
-    let mut stream = UnixStream::connect(socket).map_err(failed())?;
-    let mut line = serde_json::to_vec(request).map_err(|error| Problem::Other(error.to_string()))?;
-    line.push(b'\n');
-    stream.write_all(&line).map_err(failed())?;
-    for line in BufReader::new(stream).lines() {
-        let answer: Answer = serde_json::from_str(&line.map_err(failed())?)
-            .map_err(|error| Problem::Other(format!("the supervisor's answer is not understood: {error}")))?;
-        hear(&answer);
-        if answer.last {
-            return Ok(());
-        }
-    }
-    Err(Problem::Other(
-        "the supervisor ended the conversation before its last answer; see `jink status`".to_owned(),
-    ))
 }

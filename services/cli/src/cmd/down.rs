@@ -1,8 +1,9 @@
 //! `jink down`: of a vehicle in the air, the vehicle first.
 
-use super::supervisor::sweep;
-use super::watch::{PROGRAM, Watch};
-use super::{EXIT_NOT_RUNNING, Problem, places, running};
+use jink_control::supervisor::sweep;
+use jink_control::watch::{PROGRAM, Watch};
+use jink_control::{EXIT_NOT_RUNNING, Problem, places, running};
+use jink_control::{say, sayln};
 use jink_runtime::{Input, Instance, Session};
 use jink_shared_types::link::StopRequest;
 use jink_shared_types::vehicle::{NavMode, VehicleState};

@@ -1,7 +1,8 @@
 //! `jink instances`: which jinks this host has, running or ended, and what ended ones have left in memory.
 
-use super::{Problem, running};
 use jink_cli::report::write_table;
+use jink_control::{Problem, running};
+use jink_control::{say, sayln};
 use jink_runtime::Instance;
 use serde::Serialize;
 use std::os::unix::fs::MetadataExt;
@@ -65,23 +66,6 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
         say!("{}", table(&all));
     }
     Ok(ExitCode::from(u8::from(failed)))
-}
-
-/// Removes what ended demonstrations have left, but for the newest `kept` of them.
-pub fn remove_old_demonstrations(kept: usize) {
-    let Ok(all) = Instance::all() else { return };
-    let demonstrations = all.into_iter().filter(|one| one.to_string().starts_with("demo_"));
-    let mut ended: Vec<_> = demonstrations
-        .filter_map(|instance| {
-            let listed = look(&instance)?;
-            (listed.state == ENDED).then_some((listed.quiet_s, instance))
-        })
-        .collect();
-    ended.sort_by_key(|(quiet_s, _)| *quiet_s);
-    for (_, instance) in ended.into_iter().skip(kept) {
-        // Of another user, or just removed by another demonstration.
-        let _stays = std::fs::remove_dir_all(instance.folder());
-    }
 }
 
 const ENDED: &str = "ended";

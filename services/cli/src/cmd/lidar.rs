@@ -2,7 +2,7 @@
 //!
 //! Formats of lidars belong to their driver: this command starts its program as a tool.
 
-use crate::cmd::{Problem, places};
+use jink_control::{Problem, places};
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 

@@ -3,9 +3,10 @@
 //! A change is asked of the parameter server, which owns them: it decides, keeps the value and publishes it to every service; the
 //! gateway tells ground stations. This command waits for its answer.
 
-use super::watch::{PROGRAM, Watch};
-use super::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Problem, running};
 use jink_cli::param_list::{Listed, table};
+use jink_control::watch::{PROGRAM, Watch};
+use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Problem, running};
+use jink_control::{say, sayln};
 use jink_runtime::config::Config;
 use jink_runtime::{Input, Instance, Session};
 use jink_shared_types::params::{Apply, ParamSet};

@@ -1,8 +1,9 @@
 //! `jink ring`.
 
-use super::watch::Watch;
-use super::{EXIT_NOT_RUNNING, Problem, running};
 use jink_cli::ring_view::RingView;
+use jink_control::watch::Watch;
+use jink_control::{EXIT_NOT_RUNNING, Problem, running};
+use jink_control::{say, sayln};
 use jink_runtime::{Input, Instance};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::topics;

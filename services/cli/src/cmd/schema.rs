@@ -1,7 +1,8 @@
 //! `jink schema`: what the topics say, for people and for programs in other languages.
 
-use super::Problem;
 use jink_cli::schema::{self, Schema};
+use jink_control::Problem;
+use jink_control::say;
 use std::process::ExitCode;
 
 /// What to show, and how.

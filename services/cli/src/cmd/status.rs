@@ -1,8 +1,9 @@
 //! `jink status`.
 
-use super::watch::{SpaceWatch, Watch};
-use super::{EXIT_NOT_RUNNING, Problem, running};
 use jink_cli::report::{PostMortem, Report, exit_code};
+use jink_control::watch::{SpaceWatch, Watch};
+use jink_control::{EXIT_NOT_RUNNING, Problem, running};
+use jink_control::{say, sayln};
 use jink_runtime::Instance;
 use jink_shared_types::health::SystemStatus;
 use std::process::ExitCode;

@@ -1,11 +1,13 @@
 //! `jink top`.
 
-use super::meter::Meter;
-use super::watch::Watch;
-use super::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, running};
 use jink_cli::beat::Beat;
 use jink_cli::report::Report;
 use jink_cli::top::{Rate, Screen};
+use jink_control::members::Members;
+use jink_control::meter::Meter;
+use jink_control::say;
+use jink_control::watch::Watch;
+use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, running};
 use jink_runtime::{Input, Instance};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::topics::{EVENT, HEALTH, TABLE};
@@ -125,7 +127,7 @@ struct Live {
 impl Live {
     fn open(instance: &Instance) -> Result<Self, Problem> {
         let watch = Watch::open(instance)?;
-        let members = super::topic::members(instance);
+        let members = Members::of_instance(instance);
         let mut meters = Vec::new();
         // Signs of life are in the table of services, events are news.
         let measured = TABLE

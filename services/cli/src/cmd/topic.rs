@@ -1,13 +1,15 @@
 //! `jink topic`: which topics there are, how fast they come, what they say.
 
-use super::meter::Meter;
-use super::watch::{PROGRAM, Watch};
-use super::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, running};
 use jink_cli::beat::Beat;
 use jink_cli::digest::{Digest, header_line};
 use jink_cli::sample_json;
-use jink_cli::topic_list::{Listed, Members};
-use jink_runtime::config::{Config, Foreign, SensorOutput, process_names};
+use jink_cli::topic_list::Listed;
+use jink_control::members::Members;
+use jink_control::meter::Meter;
+use jink_control::watch::{PROGRAM, Watch};
+use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Interrupt, Problem, running};
+use jink_control::{say, sayln};
+use jink_runtime::config::Foreign;
 use jink_runtime::{Checks, Instance, OpenError, Session};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::topics::{self, TABLE, Topic, TopicRow, Visitor};
@@ -129,7 +131,7 @@ fn came(samples: u64) -> ExitCode {
 
 fn list(instance: &Instance, json: bool) -> Result<ExitCode, Problem> {
     let is_running = running::find(instance)?.is_some();
-    let members = is_running.then(|| members(instance));
+    let members = is_running.then(|| Members::of_instance(instance));
     let declared = if is_running {
         declared(instance)
     } else {
@@ -155,25 +157,6 @@ fn open(instance: &Instance) -> Result<Option<Session>, Problem> {
     Ok(Some(Session::open(instance, PROGRAM)?))
 }
 
-/// Who the families' members are in a running instance.
-pub fn members(instance: &Instance) -> Members {
-    let folder = instance.run_config();
-    let mut processes = process_names(&folder);
-    processes.push("supervisor".to_owned());
-    let sensors = Config::load(&folder)
-        .map(|config| config.sensors)
-        .unwrap_or_default();
-    let of = |output: SensorOutput| {
-        let publishing = sensors.iter().filter(|sensor| sensor.output == output);
-        publishing.map(|sensor| sensor.name.clone()).collect()
-    };
-    Members {
-        clouds: of(SensorOutput::Cloud),
-        scans: of(SensorOutput::Scan),
-        processes,
-    }
-}
-
 /// The topics that a running instance's configuration declares.
 pub fn declared(instance: &Instance) -> Vec<TopicRow> {
     // The supervisor has checked it.
@@ -192,7 +175,7 @@ fn find(instance: &Instance, name: &str) -> Result<Found, Problem> {
     if let Some(row) = declared(instance).into_iter().find(|row| row.name == name) {
         return Ok(Found::Declared(row));
     }
-    let members = members(instance);
+    let members = Members::of_instance(instance);
     TABLE
         .iter()
         .find_map(|row| {
@@ -210,7 +193,7 @@ fn unused(name: &str) -> Problem {
 
 fn unknown(instance: &Instance, name: &str) -> Problem {
     let mut text = format!("jink {instance} has no topic {name}; `jink topic list` names them");
-    let members = members(instance);
+    let members = Members::of_instance(instance);
     let declared = declared(instance);
     let rows = TABLE.iter().copied().chain(declared.iter().copied());
     let all = rows.flat_map(|row| Listed::of(&row, Some(&members)));

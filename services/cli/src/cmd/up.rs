@@ -1,8 +1,9 @@
 //! `jink up`.
 
-use super::supervisor::{StartOptions, Supervisor, exit_code, world_overrides};
-use super::{Interrupt, Problem, autopilot, demo, places};
-use jink_cli::narrate::{Narrator, health_line, is_standing_by};
+use jink_control::narrate::{Narrator, health_line, is_standing_by};
+use jink_control::sayln;
+use jink_control::supervisor::{StartOptions, Supervisor, exit_code};
+use jink_control::{Interrupt, Problem, autopilot, places, ports, worlds};
 use jink_runtime::Instance;
 use jink_runtime::config::Config;
 use jink_shared_types::health::{Health, SystemStatus};
@@ -140,8 +141,8 @@ fn options(args: &Args) -> Result<StartOptions, Problem> {
         sayln!("{}", build.text());
     }
     // The usual port belongs to the autopilot's end of the link: the simulator passes on what comes there.
-    let of_sitl = build.is_some().then(demo::free_ports).transpose()?;
-    let of_sitl = of_sitl.map(|[gateway, _]| format!("udpin:127.0.0.1:{gateway}"));
+    let of_sitl = build.is_some().then(ports::free).transpose()?;
+    let of_sitl = of_sitl.map(|[gateway]: [u16; 1]| format!("udpin:127.0.0.1:{gateway}"));
     let config = places::config_folder(args.config.as_deref())?;
     let other_port = match (&args.link, &of_sitl, &args.world) {
         (None, None, Some(_)) => other_port(&config, args)?,
@@ -153,7 +154,7 @@ fn options(args: &Args) -> Result<StartOptions, Problem> {
         .or(of_sitl.as_ref())
         .or(other_port.as_ref())
         .map(|address| format!("link.address={address}"));
-    let world = world_overrides(args.world.as_deref(), args.seed, args.density);
+    let world = worlds::overrides(args.world.as_deref(), args.seed, args.density);
     Ok(StartOptions {
         programs,
         config,
@@ -195,7 +196,7 @@ fn other_port(config: &Path, args: &Args) -> Result<Option<String>, Problem> {
     let Some(taken) = taken.filter(|_| !is_named) else {
         return Ok(None);
     };
-    let [port, _] = demo::free_ports()?;
+    let [port] = ports::free()?;
     sayln!(
         "port {} is taken: this vehicle's autopilot speaks on port {port}",
         taken.port()

@@ -1,9 +1,8 @@
 //! `jink world`: the simulator knows the worlds.
 
-use super::{Problem, places};
+use jink_control::{Problem, places, worlds};
 use std::os::unix::process::CommandExt;
-use std::path::Path;
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
 /// Which world.
 #[derive(Clone, Debug, clap::Args)]
@@ -22,19 +21,9 @@ pub struct Args {
     json: bool,
 }
 
-/// The command that describes a world.
-pub fn command(programs: &Path, world: &str, seed: u64, density: Option<f64>) -> Result<Command, Problem> {
-    let mut command = Command::new(places::program(programs, "jink-simulator")?);
-    command.args(["world", "--world", world, "--seed", &seed.to_string()]);
-    if let Some(density) = density {
-        command.args(["--density", &density.to_string()]);
-    }
-    Ok(command)
-}
-
 /// Becomes the simulator.
 pub fn run(args: &Args) -> Result<ExitCode, Problem> {
-    let mut command = command(&places::program_folder()?, &args.world, args.seed, args.density)?;
+    let mut command = worlds::describe(&places::program_folder()?, &args.world, args.seed, args.density)?;
     if args.json {
         command.arg("--json");
     }

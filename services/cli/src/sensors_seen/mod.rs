@@ -24,7 +24,7 @@ pub use ring::{RingFigures, RingSeen};
 pub use sensor::{OrientationKey, Rate, SensorFigures, SensorSeen, SensorTable};
 pub use timing::Timing;
 
-use crate::known_space::KnownSpace;
+use jink_control::known_space::KnownSpace;
 use jink_shared_types::events::EventSample;
 use jink_shared_types::faults::SensorFault;
 use jink_shared_types::params::{self, ParamSet};

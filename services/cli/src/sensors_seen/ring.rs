@@ -1,9 +1,10 @@
 //! What the guard's ring has shown over some time.
 
 use super::circle::{Interval, Sectors};
-use super::timing::{Timing, quantile};
-use crate::report::round;
+use super::timing::Timing;
+use jink_control::figures::round;
 use jink_shared_types::SampleHeader;
+use jink_shared_types::quantile::quantile;
 use jink_shared_types::ring::{SECTORS, SectorRing};
 use serde::Serialize;
 

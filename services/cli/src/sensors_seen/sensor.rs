@@ -2,9 +2,10 @@
 
 use super::circle::{Interval, Sectors};
 use super::frame::{Frame, Sort};
-use super::timing::{Timing, quantile};
-use crate::report::round;
+use super::timing::Timing;
+use jink_control::figures::round;
 use jink_shared_types::orientation;
+use jink_shared_types::quantile::quantile;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::SECTORS;
 use jink_shared_types::{SampleHeader, Timestamp, topics};

@@ -1,6 +1,6 @@
 use super::{OrientationKey, Seen, SensorTable, judge, subject};
 use crate::findings::{Finding, Grade};
-use crate::known_space::KnownSpace;
+use jink_control::known_space::KnownSpace;
 use jink_shared_types::events::{AVOIDANCE_READY, EventSample, RANGEFINDER_LOST};
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::map::declared_as;

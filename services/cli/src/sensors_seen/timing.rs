@@ -1,5 +1,6 @@
 //! When samples come: how often, how regularly, how old, and whether their times can be true.
 
+use jink_shared_types::quantile::quantile;
 use jink_shared_types::{SampleHeader, Timestamp};
 
 /// A capture this much later than its publication (s) is no rounding: both come from one clock.
@@ -90,14 +91,6 @@ impl Timing {
             .collect();
         quantile(&off, 0.99)
     }
-}
-
-/// The `share` quantile; `None` of nothing.
-pub fn quantile(values: &[f64], share: f64) -> Option<f64> {
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    let at = (share * values.len().saturating_sub(1) as f64).round() as usize;
-    values.get(at).copied()
 }
 
 #[cfg(test)]

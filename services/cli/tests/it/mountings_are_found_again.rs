@@ -9,9 +9,9 @@ use jink_shared_types::frames::{Attitude, Velocity};
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Point, Timestamp};
-use jink_simulator::random::Random;
-use jink_simulator::sensors::{Output, Pose, PoseTrack, SensorKind, SensorRig, SensorSpec};
-use jink_simulator::world::{Cylinder, Obstacle, Scene, World, WorldKind, YawedBox};
+use jink_simulated_world::random::Random;
+use jink_simulated_world::sensors::{Output, Pose, PoseTrack, SensorKind, SensorRig, SensorSpec};
+use jink_simulated_world::world::{Cylinder, Obstacle, Scene, World, WorldKind, YawedBox};
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 

@@ -1,12 +1,12 @@
 //! Curves against PX4's evaluation of the ones it was sent.
 
-use super::report::Verdict;
+use super::report::ScenarioResult;
 use super::schema::{Node, Unreadable};
 use jink_shared_types::bezier::{derivative, derivative_scalar, evaluate, evaluate_scalar};
 use jink_shared_types::frames::wrap_pi;
 use nalgebra::Vector3;
 
-/// What the demand says: relative, and absolute for small numbers.
+/// The tolerance: relative, and absolute for small numbers.
 const SAME: f64 = 1e-4;
 
 /// A point of a curve, by its parameter from 0 to 1.
@@ -19,7 +19,7 @@ struct Sample {
 }
 
 /// Compares one.
-pub fn judge(scenario: &Node<'_>, verdict: &mut Verdict) -> Result<(), Unreadable> {
+pub fn judge(scenario: &Node<'_>, result: &mut ScenarioResult) -> Result<(), Unreadable> {
     let mut points = Vec::new();
     for point in scenario.get("control_points")?.list()? {
         points.push(Vector3::from(point.numbers::<3>()?));
@@ -35,25 +35,25 @@ pub fn judge(scenario: &Node<'_>, verdict: &mut Verdict) -> Result<(), Unreadabl
         None => match normalised(scenario)? {
             Some(t) => t,
             None if is_valid => {
-                verdict.wrong("PX4 evaluates it".to_owned());
+                result.wrong("PX4 evaluates it".to_owned());
                 return Ok(());
             }
             None => {
-                verdict.same();
+                result.same();
                 return Ok(());
             }
         },
     };
     if t.is_nan() && is_valid {
-        verdict.differs("no number is no time of a curve");
+        result.differs("no number is no time of a curve");
         return Ok(());
     }
     let sample = sample(&points, &yaws_rad, t);
     match (sample, is_valid) {
-        (None, false) => verdict.same(),
-        (None, true) => verdict.wrong("PX4 evaluates it".to_owned()),
-        (Some(_), false) => verdict.wrong("PX4 does not evaluate it".to_owned()),
-        (Some(sample), true) => compare(scenario, &expect, &sample, verdict)?,
+        (None, false) => result.same(),
+        (None, true) => result.wrong("PX4 evaluates it".to_owned()),
+        (Some(_), false) => result.wrong("PX4 does not evaluate it".to_owned()),
+        (Some(sample), true) => compare(scenario, &expect, &sample, result)?,
     }
     Ok(())
 }
@@ -118,7 +118,7 @@ fn compare(
     scenario: &Node<'_>,
     expect: &Node<'_>,
     sample: &Sample,
-    verdict: &mut Verdict,
+    result: &mut ScenarioResult,
 ) -> Result<(), Unreadable> {
     for (name, ours) in [
         ("position", &sample.position),
@@ -135,11 +135,11 @@ fn compare(
         });
         let is_no_number = |v: &Vector3<f64>| v.iter().any(|x| !x.is_finite());
         if is_same {
-            verdict.same();
+            result.same();
         } else if is_no_number(&px4) && !is_no_number(ours) {
-            verdict.differs("PX4's answer is no number");
+            result.differs("PX4's answer is no number");
         } else {
-            verdict.wrong(format!("{name} {ours:?}, PX4 {px4:?}"));
+            result.wrong(format!("{name} {ours:?}, PX4 {px4:?}"));
         }
     }
     let is_seam = match scenario.find("fragile") {
@@ -147,16 +147,16 @@ fn compare(
         None => false,
     };
     if is_seam {
-        verdict.fragile += 1;
+        result.fragile += 1;
         return Ok(());
     }
     let (yaw, rate) = (expect.get("yaw")?.number()?, expect.get("yaw_rate_dT")?.number()?);
     let is_yaw = wrap_pi(sample.yaw_rad - yaw).abs() <= SAME * 10.0;
     let is_rate = (sample.yaw_rate - rate).abs() <= SAME * (1.0 + rate.abs());
     if is_yaw && is_rate || yaw.is_nan() && sample.yaw_rad.is_nan() {
-        verdict.same();
+        result.same();
     } else {
-        verdict.wrong(format!(
+        result.wrong(format!(
             "heading {} at {}, PX4 {yaw} at {rate}",
             sample.yaw_rad, sample.yaw_rate
         ));

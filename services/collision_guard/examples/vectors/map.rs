@@ -1,11 +1,11 @@
 //! The sector ring against PX4's map.
 //!
-//! The ring must say what the messages say, worked out without it (`oracle.rs`). Where PX4 says something else, there must be a reason:
-//! one of a list, that the messages themselves bear out.
+//! The ring must agree with the messages, evaluated without it (`oracle.rs`). Where PX4 differs, there must be a
+//! reason: one of a list, confirmed by the messages themselves.
 
-use super::oracle::{Heard, Word, fused};
-use super::replay::{Answer, Message};
-use super::report::Verdict;
+use super::oracle::{ReceivedMessage, SectorReading, fused};
+use super::replay::{Message, ReplayedStep};
+use super::report::ScenarioResult;
 use super::schema::{BINS, Fragile, Node, Unreadable};
 use jink_shared_types::ring::SectorRing;
 
@@ -14,161 +14,171 @@ const UNKNOWN_CM: i64 = 65535;
 /// Whole centimetres on one side, metres on the other (cm).
 const SAME_CM: f64 = 1.01;
 
-/// Compares the ring of `answer` with the expectation of its step, after all that was `heard` so far.
+/// Compares the ring of `replayed` with the expectation of its step, after all messages `received` so far.
 pub fn judge(
     step: &Node<'_>,
-    answer: &Answer,
-    heard: &[Heard],
+    replayed: &ReplayedStep,
+    received: &[ReceivedMessage],
     fragile: &Fragile,
-    verdict: &mut Verdict,
+    result: &mut ScenarioResult,
 ) -> Result<(), Unreadable> {
     let expect = step.get("expect")?;
     let distances_cm = expect.get("map_cm")?.bins()?;
     let ranges_cm = expect.get("bin_max_range_cm")?.bins()?;
-    let scene = Scene { answer, heard };
+    let comparison = MapComparison { replayed, received };
     for bin in 0..BINS {
         if fragile.bins.contains(&bin) {
-            verdict.fragile += 1;
+            result.fragile += 1;
             continue;
         }
-        if let Some(what) = scene.is_unlike_what_was_told(bin) {
-            verdict.wrong(format!("bin {bin}: {what}"));
+        if let Some(what) = comparison.differs_from_messages(bin) {
+            result.wrong(format!("bin {bin}: {what}"));
             continue;
         }
         let px4 = if distances_cm[bin] == UNKNOWN_CM {
-            Word::Silent
+            SectorReading::Silent
         } else if distances_cm[bin] >= ranges_cm[bin] {
-            Word::Clear(distances_cm[bin] as f64)
+            SectorReading::Clear(distances_cm[bin] as f64)
         } else {
-            Word::Hit(distances_cm[bin] as f64)
+            SectorReading::Hit(distances_cm[bin] as f64)
         };
-        let ours = said(&answer.ring, bin);
+        let ours = said(&replayed.ring, bin);
         if is_same(ours, px4) {
-            verdict.same();
-        } else if let Some(reason) = scene.why(bin, ours, px4) {
-            verdict.differs(reason);
+            result.same();
+        } else if let Some(reason) = comparison.why(bin, ours, px4) {
+            result.differs(reason);
         } else {
-            verdict.wrong(format!("bin {bin}: {ours:?}, PX4 {px4:?}, and no reason"));
+            result.wrong(format!("bin {bin}: {ours:?}, PX4 {px4:?}, and no reason"));
         }
     }
     Ok(())
 }
 
-/// What the ring says of a sector.
-pub fn said(ring: &SectorRing, sector: usize) -> Word {
+/// The reading of a sector of the ring.
+pub fn said(ring: &SectorRing, sector: usize) -> SectorReading {
     let (distance_m, reach_m) = (ring.distance_m[sector], ring.range_max_m[sector]);
     if distance_m.is_nan() {
-        Word::Silent
+        SectorReading::Silent
     } else if distance_m.is_finite() {
-        Word::Hit(100.0 * f64::from(distance_m))
+        SectorReading::Hit(100.0 * f64::from(distance_m))
     } else {
-        Word::Clear(100.0 * f64::from(reach_m))
+        SectorReading::Clear(100.0 * f64::from(reach_m))
     }
 }
 
-fn is_same(a: Word, b: Word) -> bool {
+fn is_same(a: SectorReading, b: SectorReading) -> bool {
     match (a, b) {
-        (Word::Silent, Word::Silent) => true,
+        (SectorReading::Silent, SectorReading::Silent) => true,
         // How far it is free is the sensor's affair: PX4 counts with the range, we with what of it is horizontal.
-        (Word::Clear(_), Word::Clear(_)) => true,
-        (Word::Hit(a), Word::Hit(b)) => (a - b).abs() <= SAME_CM,
+        (SectorReading::Clear(_), SectorReading::Clear(_)) => true,
+        (SectorReading::Hit(a), SectorReading::Hit(b)) => (a - b).abs() <= SAME_CM,
         // An obstacle at the very end of the range.
-        (Word::Hit(a), Word::Clear(b)) | (Word::Clear(a), Word::Hit(b)) => (a - b).abs() <= SAME_CM,
-        (Word::Silent, _) | (_, Word::Silent) => false,
+        (SectorReading::Hit(a), SectorReading::Clear(b))
+        | (SectorReading::Clear(a), SectorReading::Hit(b)) => (a - b).abs() <= SAME_CM,
+        (SectorReading::Silent, _) | (_, SectorReading::Silent) => false,
     }
 }
 
-/// Whether the vehicle has turned since something was told that still counts.
-pub fn has_turned(answer: &Answer, heard: &[Heard]) -> bool {
-    Scene { answer, heard }.has_turned()
+/// Whether the vehicle has turned since something was reported that still counts.
+pub fn has_turned(replayed: &ReplayedStep, received: &[ReceivedMessage]) -> bool {
+    MapComparison { replayed, received }.has_turned()
 }
 
-struct Scene<'a> {
-    answer: &'a Answer,
-    heard: &'a [Heard],
+struct MapComparison<'a> {
+    replayed: &'a ReplayedStep,
+    received: &'a [ReceivedMessage],
 }
 
-impl Scene<'_> {
-    fn live(&self) -> impl Iterator<Item = &Heard> {
-        self.heard.iter().filter(|heard| heard.is_live(self.answer.now))
+impl MapComparison<'_> {
+    fn live(&self) -> impl Iterator<Item = &ReceivedMessage> {
+        self.received
+            .iter()
+            .filter(|received| received.is_live(self.replayed.now))
     }
 
-    fn told(&self, bin: usize) -> Word {
-        fused(self.heard, self.answer.now, bin, self.answer.yaw_rad)
+    fn reported(&self, bin: usize) -> SectorReading {
+        fused(self.received, self.replayed.now, bin, self.replayed.yaw_rad)
     }
 
-    /// Whether the vehicle has turned since something was told that still counts.
+    /// Whether the vehicle has turned since something was reported that still counts.
     fn has_turned(&self) -> bool {
-        !self.live().all(|heard| heard.is_unturned(self.answer.yaw_rad))
+        !self
+            .live()
+            .all(|received| received.is_unturned(self.replayed.yaw_rad))
     }
 
-    /// What is wrong with what the ring says, if it is not what was told. After a turn, places lie between bins: then a neighbour may
+    /// How the ring differs from the messages, if it does. After a turn, places lie between bins: then a neighbour may
     /// have it.
-    fn is_unlike_what_was_told(&self, bin: usize) -> Option<String> {
+    fn differs_from_messages(&self, bin: usize) -> Option<String> {
         let around = |bin: usize| [(bin + BINS - 1) % BINS, bin, (bin + 1) % BINS];
-        let (ours, told) = (said(&self.answer.ring, bin), self.told(bin));
+        let (ours, reported) = (said(&self.replayed.ring, bin), self.reported(bin));
         if !self.has_turned() {
-            let same = match (ours, told) {
-                (Word::Clear(a), Word::Clear(b)) => (a - b).abs() <= SAME_CM,
-                _ => is_same(ours, told),
+            let same = match (ours, reported) {
+                (SectorReading::Clear(a), SectorReading::Clear(b)) => (a - b).abs() <= SAME_CM,
+                _ => is_same(ours, reported),
             };
-            return (!same).then(|| format!("{ours:?}, and told was {told:?}"));
+            return (!same).then(|| format!("{ours:?}, and told was {reported:?}"));
         }
-        if let Word::Hit(told_cm) = told {
+        if let SectorReading::Hit(told_cm) = reported {
             let is_there = around(bin)
                 .into_iter()
-                .any(|bin| matches!(said(&self.answer.ring, bin), Word::Hit(cm) if cm <= told_cm + SAME_CM));
-            if !is_there && !self.is_seen_again_beside(bin, told) {
-                return Some(format!("turned: {ours:?}, and told was {told:?}"));
+                .any(|bin| matches!(said(&self.replayed.ring, bin), SectorReading::Hit(cm) if cm <= told_cm + SAME_CM));
+            if !is_there && !self.is_seen_again_beside(bin, reported) {
+                return Some(format!("turned: {ours:?}, and told was {reported:?}"));
             }
         }
-        let is_known = ours != Word::Silent;
-        let was_told = around(bin).into_iter().any(|bin| self.told(bin) != Word::Silent);
+        let is_known = ours != SectorReading::Silent;
+        let was_told = around(bin)
+            .into_iter()
+            .any(|bin| self.reported(bin) != SectorReading::Silent);
         (is_known && !was_told).then(|| format!("turned: {ours:?}, and nothing was told"))
     }
 
-    /// Whether the source of `told` has since said something of a bin beside it. Of two messages of one time the one that came last is
-    /// the newer, as for the ring.
-    fn is_seen_again_beside(&self, bin: usize, told: Word) -> bool {
-        let yaw_rad = self.answer.yaw_rad;
+    /// Whether the source of `reported` has since reported a bin beside it. Of two messages of one time the one that
+    /// came last is the newer, as for the ring.
+    fn is_seen_again_beside(&self, bin: usize, reported: SectorReading) -> bool {
+        let yaw_rad = self.replayed.yaw_rad;
         self.live()
             .enumerate()
-            .filter(|(_, heard)| heard.word(bin, yaw_rad) == told)
+            .filter(|(_, received)| received.reading_of(bin, yaw_rad) == reported)
             .all(|(came, by)| {
                 self.live().enumerate().any(|(came_later, newer)| {
                     let beside = [(bin + BINS - 1) % BINS, (bin + 1) % BINS];
                     newer.layer == by.layer
                         && (newer.at, came_later) > (by.at, came)
-                        && beside.iter().any(|bin| newer.word(*bin, yaw_rad) != Word::Silent)
+                        && beside
+                            .iter()
+                            .any(|bin| newer.reading_of(*bin, yaw_rad) != SectorReading::Silent)
                 })
             })
     }
 
-    /// Why PX4 says something else.
-    fn why(&self, bin: usize, ours: Word, px4: Word) -> Option<&'static str> {
+    /// Why PX4 differs.
+    fn why(&self, bin: usize, ours: SectorReading, px4: SectorReading) -> Option<&'static str> {
         let is_nearer = match (ours, px4) {
-            (Word::Hit(a), Word::Hit(b) | Word::Clear(b)) => a < b,
-            (Word::Hit(_), Word::Silent) => true,
+            (SectorReading::Hit(a), SectorReading::Hit(b) | SectorReading::Clear(b)) => a < b,
+            (SectorReading::Hit(_), SectorReading::Silent) => true,
             _ => false,
         };
         if self.has_turned() {
             return Some("it is kept where it was seen while the vehicle turns");
         }
         if is_nearer {
-            let is_too_near = self
-                .live()
-                .any(|heard| heard.words[bin] != Word::Silent && heard.px4[bin] == Word::Silent);
+            let is_too_near = self.live().any(|received| {
+                received.readings[bin] != SectorReading::Silent && received.px4[bin] == SectorReading::Silent
+            });
             return Some(if is_too_near {
                 "a reading below the minimum, or at a true direction, is an obstacle"
             } else {
                 "the nearest of all that is told counts"
             });
         }
-        if px4 == Word::Silent {
+        if px4 == SectorReading::Silent {
             // The oracle has it from a living source.
             return Some("a living source covers it");
         }
-        let sees_farther = matches!((ours, px4), (Word::Hit(ours), Word::Clear(px4)) if ours > px4);
+        let sees_farther =
+            matches!((ours, px4), (SectorReading::Hit(ours), SectorReading::Clear(px4)) if ours > px4);
         if sees_farther {
             return Some("where one sensor ends, another sees farther");
         }
@@ -176,35 +186,38 @@ impl Scene<'_> {
     }
 
     /// Why PX4's word is not ours, although it is the more careful one: it must come from somewhere.
-    fn why_not_as_near(&self, bin: usize, px4: Word) -> Option<&'static str> {
-        let says_so = |heard: &&Heard| is_same(heard.px4[bin], px4);
+    fn why_not_as_near(&self, bin: usize, px4: SectorReading) -> Option<&'static str> {
+        let says_so = |received: &&ReceivedMessage| is_same(received.px4[bin], px4);
         let newest = |layer: usize| {
             self.live()
-                .filter(|heard| heard.layer == layer && heard.words[bin] != Word::Silent)
-                .max_by_key(|heard| heard.at)
+                .filter(|received| received.layer == layer && received.readings[bin] != SectorReading::Silent)
+                .max_by_key(|received| received.at)
         };
-        let by = self.heard.iter().rev().find(says_so);
+        let by = self.received.iter().rev().find(says_so);
         if let Some(by) = by {
-            if !by.is_live(self.answer.now) {
+            if !by.is_live(self.replayed.now) {
                 return Some("older than half a second by its own time");
             }
-            if by.words[bin] == Word::Silent {
+            if by.readings[bin] == SectorReading::Silent {
                 return Some("a reading that is no number, or a direction that is none");
             }
             let is_newest = newest(by.layer).is_some_and(|newest| std::ptr::eq(newest, by));
             return (!is_newest).then_some("a newer reading of the same source says otherwise");
         }
         // PX4 reads a direction that is none as one: which, depends on its arithmetic.
-        if self.live().any(|heard| heard.row.is_none() && heard.is_refused()) {
+        if self
+            .live()
+            .any(|received| received.row.is_none() && received.is_refused())
+        {
             return Some("a reading that is no number, or a direction that is none");
         }
-        // Not told of this bin by any message: PX4 has put an element of a row where it is not.
+        // Not reported of this bin by any message: PX4 has put an element of a row where it is not.
         let by = self
-            .heard
+            .received
             .iter()
             .rev()
-            .find(|heard| heard.row.is_some_and(|row| row.holds(px4)))?;
-        Some(if by.is_live(self.answer.now) {
+            .find(|received| received.row.is_some_and(|row| row.holds(px4)))?;
+        Some(if by.is_live(self.replayed.now) {
             "an element of a row is not where PX4 puts it"
         } else {
             "older than half a second by its own time"
@@ -231,13 +244,13 @@ impl Row {
         }
     }
 
-    fn holds(&self, word: Word) -> bool {
+    fn holds(&self, reading_of: SectorReading) -> bool {
         self.distances_cm.iter().any(|cm| {
             let cm = f64::from(*cm);
-            match word {
-                Word::Silent => false,
-                Word::Hit(px4) => (cm - px4).abs() < 0.5,
-                Word::Clear(px4) => (cm - px4).abs() < 0.5 || cm > f64::from(self.max_cm),
+            match reading_of {
+                SectorReading::Silent => false,
+                SectorReading::Hit(px4) => (cm - px4).abs() < 0.5,
+                SectorReading::Clear(px4) => (cm - px4).abs() < 0.5 || cm > f64::from(self.max_cm),
             }
         })
     }

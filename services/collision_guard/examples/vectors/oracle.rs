@@ -1,4 +1,4 @@
-//! What the messages of a scenario say of a bin: worked out from the messages alone, by intervals of angles, without our ring.
+//! What the messages of a scenario say of a bin: processed out from the messages alone, by intervals of angles, without our ring.
 //!
 //! | message | touches a bin if |
 //! |---|---|
@@ -6,7 +6,7 @@
 //! | row | the element and the bin overlap by more than an edge, around the circle |
 
 use super::map::Row;
-use super::replay::{Message, Taken};
+use super::replay::{AcceptedMessage, Message};
 use super::schema::BINS;
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::ScanFrame;
@@ -19,20 +19,20 @@ const BIN_DEG: f64 = 5.0;
 /// Elements overlap a bin that they share more than this with (deg): rounding.
 const EDGE_DEG: f64 = 1e-3;
 
-/// What one message says of one bin.
+/// The reading of one message for one bin.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Word {
+pub enum SectorReading {
     /// Nothing.
     Silent,
-    /// Nothing stands there within this (cm).
+    /// No obstacle within this (cm).
     Clear(f64),
-    /// Something stands there (cm).
+    /// An obstacle (cm).
     Hit(f64),
 }
 
-/// A message with what it says.
+/// A message with its readings.
 #[derive(Clone, Debug)]
-pub struct Heard {
+pub struct ReceivedMessage {
     /// Whose it is.
     pub layer: usize,
     /// When it was sent.
@@ -40,31 +40,31 @@ pub struct Heard {
     /// Heading when it was taken (rad).
     pub yaw_rad: f64,
     /// Per bin, from that heading.
-    pub words: [Word; BINS],
+    pub readings: [SectorReading; BINS],
     /// The same as PX4 reads it, the side of the seam and the last element of a row aside.
-    pub px4: [Word; BINS],
+    pub px4: [SectorReading; BINS],
     /// The distances of a row.
     pub row: Option<Row>,
 }
 
-impl Heard {
-    /// What `taken` says.
-    pub fn of(taken: &Taken) -> Self {
-        let (_, _, yaw_rad) = taken.attitude.euler_angles();
-        let [ours, px4] = match &taken.message {
-            Message::Beam { .. } => beam(taken),
-            Message::Row { .. } => [row(taken, yaw_rad); 2],
+impl ReceivedMessage {
+    /// The readings of an accepted message.
+    pub fn of(accepted: &AcceptedMessage) -> Self {
+        let (_, _, yaw_rad) = accepted.attitude.euler_angles();
+        let [ours, px4] = match &accepted.message {
+            Message::Beam { .. } => beam(accepted),
+            Message::Row { .. } => [row(accepted, yaw_rad); 2],
         };
         Self {
-            layer: taken.layer,
-            at: taken.at,
+            layer: accepted.layer,
+            at: accepted.at,
             yaw_rad,
-            words: match taken.scan {
+            readings: match accepted.scan {
                 Some(_) => ours,
-                None => [Word::Silent; BINS],
+                None => [SectorReading::Silent; BINS],
             },
             px4,
-            row: Row::of(&taken.message),
+            row: Row::of(&accepted.message),
         }
     }
 
@@ -75,13 +75,17 @@ impl Heard {
 
     /// Whether PX4 reads something in it that is none.
     pub fn is_refused(&self) -> bool {
-        let is_silent = |words: &[Word; BINS]| words.iter().all(|word| *word == Word::Silent);
-        is_silent(&self.words) && !is_silent(&self.px4)
+        let is_silent = |readings: &[SectorReading; BINS]| {
+            readings
+                .iter()
+                .all(|reading_of| *reading_of == SectorReading::Silent)
+        };
+        is_silent(&self.readings) && !is_silent(&self.px4)
     }
 
-    /// What it says of the bin around `bin` from the heading `yaw_rad`.
-    pub fn word(&self, bin: usize, yaw_rad: f64) -> Word {
-        self.words[self.turned(bin, yaw_rad)]
+    /// Its reading of the bin around `bin` from the heading `yaw_rad`.
+    pub fn reading_of(&self, bin: usize, yaw_rad: f64) -> SectorReading {
+        self.readings[self.turned(bin, yaw_rad)]
     }
 
     /// The bin from its own heading that holds the centre of `bin` from `yaw_rad`.
@@ -97,14 +101,14 @@ impl Heard {
     }
 }
 
-fn row(taken: &Taken, yaw_rad: f64) -> [Word; BINS] {
-    let Message::Row { row, .. } = &taken.message else {
-        return [Word::Silent; BINS];
+fn row(accepted: &AcceptedMessage, yaw_rad: f64) -> [SectorReading; BINS] {
+    let Message::Row { row, .. } = &accepted.message else {
+        return [SectorReading::Silent; BINS];
     };
-    let mut words = [Word::Silent; BINS];
+    let mut readings = [SectorReading::Silent; BINS];
     let increment = f64::from(row.increment_deg);
     if !(increment > 0.0 && increment <= 360.0) {
-        return words;
+        return readings;
     }
     let elements = ((360.0 / increment + 1e-4) as usize).min(BINS);
     let north = if row.frame == ScanFrame::North {
@@ -116,32 +120,32 @@ fn row(taken: &Taken, yaw_rad: f64) -> [Word; BINS] {
         if *distance == u16::MAX {
             continue;
         }
-        let word = if *distance > row.max_cm {
-            Word::Clear(f64::from(row.max_cm) + 1.0)
+        let reading_of = if *distance > row.max_cm {
+            SectorReading::Clear(f64::from(row.max_cm) + 1.0)
         } else {
-            Word::Hit(f64::from(*distance))
+            SectorReading::Hit(f64::from(*distance))
         };
         let centre = f64::from(row.offset_deg) - north + element as f64 * increment;
-        for (bin, slot) in words.iter_mut().enumerate() {
+        for (bin, slot) in readings.iter_mut().enumerate() {
             let apart = (bin as f64 * BIN_DEG - centre).rem_euclid(360.0);
             let apart = apart.min(360.0 - apart);
             if apart < 0.5 * (increment + BIN_DEG) - EDGE_DEG {
-                *slot = nearer(*slot, word);
+                *slot = nearer(*slot, reading_of);
             }
         }
     }
-    words
+    readings
 }
 
-fn beam(taken: &Taken) -> [[Word; BINS]; 2] {
-    let Message::Beam { reading, .. } = &taken.message else {
-        return [[Word::Silent; BINS]; 2];
+fn beam(accepted: &AcceptedMessage) -> [[SectorReading; BINS]; 2] {
+    let Message::Beam { reading, .. } = &accepted.message else {
+        return [[SectorReading::Silent; BINS]; 2];
     };
     let reach_cm = 100.0 * f64::from(reading.range_max_m);
     let range_cm = 100.0 * f64::from(reading.range_m);
     let is_nothing = reading.range_m == -1.0 && reading.quality == 0;
     let is_clear = is_nothing || reading.range_m >= reading.range_max_m;
-    let flat = |v: &Vector3<f64>| (taken.attitude * v).xy().norm();
+    let flat = |v: &Vector3<f64>| (accepted.attitude * v).xy().norm();
     let level = |yaw_deg: f64| {
         let (y, x) = yaw_deg.to_radians().sin_cos();
         Vector3::new(x, y, 0.0)
@@ -150,32 +154,32 @@ fn beam(taken: &Taken) -> [[Word; BINS]; 2] {
         Some(axis) if is_clear || reading.range_m >= 0.0 => {
             let yaw_deg = axis.y.atan2(axis.x).to_degrees();
             let share = flat(&level(yaw_deg)).min(flat(&axis));
-            let word = if is_clear {
-                Word::Clear(reach_cm * share)
+            let reading_of = if is_clear {
+                SectorReading::Clear(reach_cm * share)
             } else {
-                Word::Hit(range_cm * share)
+                SectorReading::Hit(range_cm * share)
             };
-            touched(yaw_deg, reading.opening_rad, word)
+            touched(yaw_deg, reading.opening_rad, reading_of)
         }
-        _ => [Word::Silent; BINS],
+        _ => [SectorReading::Silent; BINS],
     };
     let yaw_deg = yaw_of_px4_deg(reading.orientation, reading.quaternion);
     let px4 = if is_clear || reading.range_m.is_nan() {
-        touched(yaw_deg, reading.opening_rad, Word::Clear(reach_cm))
+        touched(yaw_deg, reading.opening_rad, SectorReading::Clear(reach_cm))
     } else if reading.range_m > reading.range_min_m {
-        let word = Word::Hit(range_cm * flat(&level(yaw_deg)));
-        touched(yaw_deg, reading.opening_rad, word)
+        let reading_of = SectorReading::Hit(range_cm * flat(&level(yaw_deg)));
+        touched(yaw_deg, reading.opening_rad, reading_of)
     } else {
-        [Word::Silent; BINS]
+        [SectorReading::Silent; BINS]
     };
     [ours, px4]
 }
 
 /// `word` in every bin that has an angle in common with an opening around `yaw_deg`.
-fn touched(yaw_deg: f64, opening_rad: f32, word: Word) -> [Word; BINS] {
-    let mut words = [Word::Silent; BINS];
+fn touched(yaw_deg: f64, opening_rad: f32, reading_of: SectorReading) -> [SectorReading; BINS] {
+    let mut readings = [SectorReading::Silent; BINS];
     if !opening_rad.is_finite() || !yaw_deg.is_finite() {
-        return words;
+        return readings;
     }
     let half = 0.5 * f64::from(opening_rad).to_degrees().clamp(0.0, 360.0);
     let centre = yaw_deg.rem_euclid(360.0);
@@ -184,12 +188,12 @@ fn touched(yaw_deg: f64, opening_rad: f32, word: Word) -> [Word; BINS] {
         ((centre + half) / BIN_DEG).round() as i64,
     );
     for bin in first..=last {
-        words[bin.rem_euclid(BINS as i64) as usize] = word;
+        readings[bin.rem_euclid(BINS as i64) as usize] = reading_of;
     }
-    words
+    readings
 }
 
-/// The axis of a rangefinder in the body; `None` if nobody knows it or it looks up or down.
+/// The axis of a rangefinder in the body; `None` if it is not known or looks up or down.
 fn axis(code: u8, q: [f32; 4]) -> Option<Vector3<f64>> {
     let level = |yaw_deg: u32| {
         let (y, x) = f64::from(yaw_deg).to_radians().sin_cos();
@@ -229,28 +233,31 @@ fn yaw_of_px4_deg(code: u8, q: [f32; 4]) -> f64 {
     }
 }
 
-fn nearer(a: Word, b: Word) -> Word {
+fn nearer(a: SectorReading, b: SectorReading) -> SectorReading {
     match (a, b) {
-        (Word::Silent, word) | (word, Word::Silent) => word,
-        (Word::Hit(a), Word::Hit(b)) => Word::Hit(a.min(b)),
-        (Word::Hit(a), Word::Clear(_)) | (Word::Clear(_), Word::Hit(a)) => Word::Hit(a),
-        (Word::Clear(a), Word::Clear(b)) => Word::Clear(a.max(b)),
+        (SectorReading::Silent, reading_of) | (reading_of, SectorReading::Silent) => reading_of,
+        (SectorReading::Hit(a), SectorReading::Hit(b)) => SectorReading::Hit(a.min(b)),
+        (SectorReading::Hit(a), SectorReading::Clear(_))
+        | (SectorReading::Clear(_), SectorReading::Hit(a)) => SectorReading::Hit(a),
+        (SectorReading::Clear(a), SectorReading::Clear(b)) => SectorReading::Clear(a.max(b)),
     }
 }
 
-/// What all that was heard says of `bin` from the heading `yaw_rad`: of each source its newest word that is not silence, of all
-/// sources the nearest.
-pub fn fused(heard: &[Heard], now: Timestamp, bin: usize, yaw_rad: f64) -> Word {
-    let mut fused = Word::Silent;
+/// The reading of all received messages for `bin` from the heading `yaw_rad`: of each source its newest that is not
+/// silent, of all sources the nearest.
+pub fn fused(received: &[ReceivedMessage], now: Timestamp, bin: usize, yaw_rad: f64) -> SectorReading {
+    let mut fused = SectorReading::Silent;
     for layer in 0..=10 {
-        let newest = heard
+        let newest = received
             .iter()
-            .filter(|heard| heard.layer == layer && heard.is_live(now))
-            .filter(|heard| heard.word(bin, yaw_rad) != Word::Silent)
-            .max_by_key(|heard| heard.at);
+            .filter(|received| received.layer == layer && received.is_live(now))
+            .filter(|received| received.reading_of(bin, yaw_rad) != SectorReading::Silent)
+            .max_by_key(|received| received.at);
         fused = nearer(
             fused,
-            newest.map_or(Word::Silent, |heard| heard.word(bin, yaw_rad)),
+            newest.map_or(SectorReading::Silent, |received| {
+                received.reading_of(bin, yaw_rad)
+            }),
         );
     }
     fused

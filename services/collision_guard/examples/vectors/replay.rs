@@ -1,10 +1,11 @@
 //! A scenario, flown by our own ring and prevention.
 
 use super::schema::{BINS, Node, Unreadable};
-use jink_collision_guard::prevention::{Demand, Outcome, Prevention, PreventionConfig};
-use jink_collision_guard::ring::{Pose, Ring};
+use jink_collision_guard::prevention::{HorizontalSetpoint, Prevention, PreventionConfig, PreventionOutput};
+use jink_collision_guard::ring::Ring;
 use jink_shared_types::beams::{BeamReading, DistanceRow};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::{SampleHeader, Timestamp};
@@ -28,7 +29,7 @@ pub enum Message {
     Beam {
         /// Which one.
         instance: usize,
-        /// What it says.
+        /// Its reading.
         reading: BeamReading,
         /// When.
         at: Timestamp,
@@ -37,7 +38,7 @@ pub enum Message {
     Row {
         /// Frame as sent.
         frame: i64,
-        /// What it says; the frame in it is only right if `frame` is one that we know.
+        /// Its content; the frame in it is only right if `frame` is a known one.
         row: DistanceRow,
         /// When.
         at: Timestamp,
@@ -46,7 +47,7 @@ pub enum Message {
 
 /// A message that was taken in, as it was placed.
 #[derive(Clone, Debug)]
-pub struct Taken {
+pub struct AcceptedMessage {
     /// Its layer.
     pub layer: usize,
     /// It, as a scan; `None` if it was refused.
@@ -72,13 +73,13 @@ pub struct Replay {
 
 /// What came of a step.
 #[derive(Debug)]
-pub struct Answer {
+pub struct ReplayedStep {
     /// When.
     pub now: Timestamp,
     /// The ring.
     pub ring: SectorRing,
     /// The setpoint.
-    pub outcome: Outcome,
+    pub outcome: PreventionOutput,
     /// The setpoint that came.
     pub asked: Vector2<f64>,
     /// The velocity that came.
@@ -86,7 +87,7 @@ pub struct Answer {
     /// Heading (rad).
     pub yaw_rad: f64,
     /// What was taken in.
-    pub taken: Vec<Taken>,
+    pub accepted: Vec<AcceptedMessage>,
 }
 
 impl Replay {
@@ -94,7 +95,7 @@ impl Replay {
     pub fn new(scenario: &Node<'_>) -> Result<Self, Unreadable> {
         let config = read_config(None, &scenario.get("params")?)?;
         Ok(Self {
-            // PX4 knows no band and no hull: everything that is told counts.
+            // PX4 knows no band and no hull: everything that is reported counts.
             ring: Ring::from_params(&without_hull()),
             prevention: Prevention::new(config),
             config,
@@ -104,7 +105,7 @@ impl Replay {
     }
 
     /// One step.
-    pub fn step(&mut self, step: &Node<'_>) -> Result<Answer, Unreadable> {
+    pub fn step(&mut self, step: &Node<'_>) -> Result<ReplayedStep, Unreadable> {
         if let Some(params) = step.find("params") {
             self.config = read_config(Some(self.config), &params)?;
             self.prevention.configure(self.config);
@@ -118,14 +119,14 @@ impl Replay {
             }
         }
         self.note_messages(step)?;
-        let taken = if self.config.is_active() {
+        let accepted = if self.config.is_active() {
             self.take(now)
         } else {
             Vec::new()
         };
         let pose = Pose {
-            position: Vector3::zeros(),
-            attitude: self.attitude,
+            position_m: Vector3::zeros(),
+            local_q_body: self.attitude,
         };
         let mut ring = SectorRing::default();
         self.ring.ring_from(now, &pose, &mut ring);
@@ -133,15 +134,15 @@ impl Replay {
         let velocity = Vector2::from(step.get("velocity")?.numbers::<2>()?);
         let outcome = self
             .prevention
-            .step(now, &ring, Demand::Acceleration(asked), velocity);
-        Ok(Answer {
+            .step(now, &ring, HorizontalSetpoint::Acceleration(asked), velocity);
+        Ok(ReplayedStep {
             now,
             ring,
             outcome,
             asked,
             velocity,
             yaw_rad: pose.yaw_rad(),
-            taken,
+            accepted,
         })
     }
 
@@ -163,24 +164,24 @@ impl Replay {
         Ok(())
     }
 
-    fn take(&mut self, now: Timestamp) -> Vec<Taken> {
+    fn take(&mut self, now: Timestamp) -> Vec<AcceptedMessage> {
         let pose = Pose {
-            position: Vector3::zeros(),
-            attitude: self.attitude,
+            position_m: Vector3::zeros(),
+            local_q_body: self.attitude,
         };
         std::mem::take(&mut self.pending)
             .into_iter()
             .map(|message| {
                 let mut scan = RangeScan::default();
                 let (at, layer) = (time(&message), layer(&message));
-                // Messages are stamped when they arrive: none is newer than now, and who reads half a second late reads nothing.
+                // Messages are stamped when they arrive: none is newer than now, and half a second later none is read.
                 let is_current = at <= now && now.seconds_since(at) < KEPT_S;
                 let written = is_current && written(&message, &mut scan);
                 let header = SampleHeader::at(at);
-                let taken = written && self.ring.scan_from(layer, &scan, &header, &pose).is_ok();
-                Taken {
+                let accepted = written && self.ring.scan_from(layer, &scan, &header, &pose).is_ok();
+                AcceptedMessage {
                     layer,
-                    scan: taken.then_some(scan),
+                    scan: accepted.then_some(scan),
                     message,
                     at,
                     attitude: self.attitude,

@@ -8,7 +8,7 @@ const SHOWN: usize = 20;
 
 /// What came of one scenario.
 #[derive(Clone, Debug, Default)]
-pub struct Verdict {
+pub struct ScenarioResult {
     /// Outputs that were compared.
     pub compared: usize,
     /// Outputs that marks in the file except from comparison.
@@ -19,7 +19,7 @@ pub struct Verdict {
     pub wrong: Vec<String>,
 }
 
-impl Verdict {
+impl ScenarioResult {
     /// An output that is as PX4 has it.
     pub fn same(&mut self) {
         self.compared += 1;
@@ -52,27 +52,27 @@ struct Family {
 
 /// Everything.
 #[derive(Clone, Debug, Default)]
-pub struct Report {
+pub struct VectorReport {
     families: BTreeMap<String, Family>,
 }
 
-impl Report {
+impl VectorReport {
     /// Adds the verdict on scenario `id` of `family`.
-    pub fn add(&mut self, family: &str, id: &str, verdict: &Verdict) {
+    pub fn add(&mut self, family: &str, id: &str, result: &ScenarioResult) {
         let entry = self.families.entry(family.to_owned()).or_default();
         entry.scenarios += 1;
-        entry.compared += verdict.compared;
-        entry.fragile += verdict.fragile;
-        let differing: usize = verdict.by_design.values().sum();
-        entry.same += verdict.compared - differing - verdict.wrong.len();
-        for (reason, count) in &verdict.by_design {
+        entry.compared += result.compared;
+        entry.fragile += result.fragile;
+        let differing: usize = result.by_design.values().sum();
+        entry.same += result.compared - differing - result.wrong.len();
+        for (reason, count) in &result.by_design {
             let (scenarios, outputs) = entry.reasons.entry(reason).or_default();
             *scenarios += 1;
             *outputs += count;
         }
-        match verdict.wrong.first() {
+        match result.wrong.first() {
             Some(what) => entry.failing.push(format!("{id}: {what}")),
-            None if verdict.by_design.is_empty() => entry.exact += 1,
+            None if result.by_design.is_empty() => entry.exact += 1,
             None => {}
         }
     }
@@ -95,7 +95,7 @@ impl Report {
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for VectorReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,

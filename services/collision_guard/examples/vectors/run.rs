@@ -1,8 +1,8 @@
 //! Every scenario of a directory.
 
-use super::oracle::Heard;
+use super::oracle::ReceivedMessage;
 use super::replay::Replay;
-use super::report::{Report, Verdict};
+use super::report::{ScenarioResult, VectorReport};
 use super::schema::{Node, Unreadable, fragile};
 use super::{bezier, map, setpoint, units};
 use serde_json::Value;
@@ -32,7 +32,7 @@ impl fmt::Display for RunError {
 impl std::error::Error for RunError {}
 
 /// Judges every `.jsonl` file in `directory`.
-pub fn run(directory: &Path) -> Result<Report, RunError> {
+pub fn run(directory: &Path) -> Result<VectorReport, RunError> {
     let unopened = |cause| RunError::Unopened(directory.to_owned(), cause);
     let mut files = Vec::new();
     for entry in std::fs::read_dir(directory).map_err(unopened)? {
@@ -45,7 +45,7 @@ pub fn run(directory: &Path) -> Result<Report, RunError> {
     if files.is_empty() {
         return Err(RunError::Empty(directory.to_owned()));
     }
-    let mut report = Report::default();
+    let mut report = VectorReport::default();
     for file in files {
         let text = std::fs::read_to_string(&file).map_err(|cause| RunError::Unopened(file.clone(), cause))?;
         for (number, line) in text.lines().enumerate() {
@@ -55,37 +55,37 @@ pub fn run(directory: &Path) -> Result<Report, RunError> {
     Ok(report)
 }
 
-fn add(report: &mut Report, line: &str) -> Result<(), String> {
+fn add(report: &mut VectorReport, line: &str) -> Result<(), String> {
     let value: Value = serde_json::from_str(line).map_err(|error| error.to_string())?;
     let scenario = Node::root(&value);
-    let judged = || -> Result<(&str, &str, Verdict), Unreadable> {
+    let judged = || -> Result<(&str, &str, ScenarioResult), Unreadable> {
         let (family, id) = (scenario.get("family")?.text()?, scenario.get("id")?.text()?);
-        let mut verdict = Verdict::default();
+        let mut result = ScenarioResult::default();
         match family {
-            "bezier" => bezier::judge(&scenario, &mut verdict)?,
-            unit if unit.starts_with("unit_") => units::judge(unit, &scenario, &mut verdict)?,
-            _ => fly(&scenario, family == "setpoint_constraint", &mut verdict)?,
+            "bezier" => bezier::judge(&scenario, &mut result)?,
+            unit if unit.starts_with("unit_") => units::judge(unit, &scenario, &mut result)?,
+            _ => fly(&scenario, family == "setpoint_constraint", &mut result)?,
         }
-        Ok((family, id, verdict))
+        Ok((family, id, result))
     };
-    let (family, id, verdict) = judged().map_err(|error| error.to_string())?;
-    report.add(family, id, &verdict);
+    let (family, id, result) = judged().map_err(|error| error.to_string())?;
+    report.add(family, id, &result);
     Ok(())
 }
 
-fn fly(scenario: &Node<'_>, with_setpoint: bool, verdict: &mut Verdict) -> Result<(), Unreadable> {
+fn fly(scenario: &Node<'_>, with_setpoint: bool, result: &mut ScenarioResult) -> Result<(), Unreadable> {
     let mut replay = Replay::new(scenario)?;
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     for step in scenario.get("steps")?.list()? {
-        let answer = replay.step(&step)?;
-        heard.extend(answer.taken.iter().map(Heard::of));
+        let replayed = replay.step(&step)?;
+        received.extend(replayed.accepted.iter().map(ReceivedMessage::of));
         let fragile = fragile(&step)?;
         if replay.config.is_active() {
-            map::judge(&step, &answer, &heard, &fragile, verdict)?;
+            map::judge(&step, &replayed, &received, &fragile, result)?;
         }
         if with_setpoint {
-            let has_turned = map::has_turned(&answer, &heard);
-            setpoint::judge(&step, &answer, &replay.config, has_turned, &fragile, verdict)?;
+            let has_turned = map::has_turned(&replayed, &received);
+            setpoint::judge(&step, &replayed, &replay.config, has_turned, &fragile, result)?;
         }
     }
     Ok(())

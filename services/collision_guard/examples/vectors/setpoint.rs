@@ -4,19 +4,19 @@
 //! * Where PX4's own answer is one from which the vehicle stops in time, in every direction, ours is the same (see [`Law::binds`] for
 //!   the exceptions).
 //! * Elsewhere ours closes on nothing known faster than PX4's, unless by no more than PX4 grants toward the nearest obstacle, here for any:
-//!   `P (v_max - v . u) + S (setpoint . u)`, worked out here once more. What was seen a while ago is nearer by what the vehicle has flown
+//!   `P (v_max - v . u) + S (setpoint . u)`, processed out here once more. What was seen a while ago is nearer by what the vehicle has flown
 //!   since, as PX4 counts it, too; and the setpoint is the one that guidance makes of it on the map at hand, which is PX4's own
 //!   where both maps are the same.
 
 use super::map::said;
-use super::oracle::Word;
-use super::replay::Answer;
-use super::report::Verdict;
+use super::oracle::SectorReading;
+use super::replay::ReplayedStep;
+use super::report::ScenarioResult;
 use super::schema::{BINS, Fragile, Node, Unreadable};
 use jink_collision_guard::prevention::PreventionConfig;
 use nalgebra::Vector2;
 
-/// What the demand says: relative, and absolute for small ones.
+/// The tolerance: relative, and absolute for small ones.
 const SAME: f64 = 1e-3;
 /// A setpoint shorter than this is a centred stick (m/s2).
 const CENTRED: f64 = 1e-3;
@@ -26,57 +26,57 @@ const PERPENDICULAR: f64 = 0.0;
 /// Compares the setpoint of `answer` with the expectation of its step.
 pub fn judge(
     step: &Node<'_>,
-    answer: &Answer,
+    replayed: &ReplayedStep,
     config: &PreventionConfig,
     has_turned: bool,
     fragile: &Fragile,
-    verdict: &mut Verdict,
+    result: &mut ScenarioResult,
 ) -> Result<(), Unreadable> {
     if !fragile.bins.is_empty() || fragile.setpoint {
-        verdict.fragile += 1;
+        result.fragile += 1;
         return Ok(());
     }
     let expect = step.get("expect")?;
     let px4 = Vector2::from(expect.get("setpoint_out")?.numbers::<2>()?);
-    let ours = answer.outcome.setpoint;
+    let ours = replayed.outcome.setpoint;
     let is_active = expect.get("active")?.flag()?;
     let is_same = (ours - px4).norm() <= SAME * (1.0 + px4.norm());
     if !is_active {
-        let both_passed = ours == px4 || !answer.asked.iter().all(|x| x.is_finite()) || is_same;
+        let both_passed = ours == px4 || !replayed.asked.iter().all(|x| x.is_finite()) || is_same;
         if both_passed && !config.is_active() {
-            verdict.same();
+            result.same();
         } else {
-            verdict.wrong(format!("switched off: {ours:?} of {px4:?}"));
+            result.wrong(format!("switched off: {ours:?} of {px4:?}"));
         }
         return Ok(());
     }
     if !ours.iter().all(|x| x.is_finite()) {
-        verdict.wrong(format!("{ours:?} is no number"));
+        result.wrong(format!("{ours:?} is no number"));
         return Ok(());
     }
     if is_same {
-        verdict.same();
+        result.same();
         return Ok(());
     }
-    let law = Law::new(answer, config, expect)?;
+    let law = Law::new(replayed, config, expect)?;
     if let Some(reason) = law.out_of_the_ordinary(expect, &px4)? {
-        verdict.differs(reason);
+        result.differs(reason);
         return Ok(());
     }
     match law.closes_too_fast(&ours, &px4) {
         Some(TooFast { only_px4, .. }) if only_px4 && has_turned => {
-            verdict.differs("what PX4 carries along with the nose does not stand there");
+            result.differs("what PX4 carries along with the nose does not stand there");
             return Ok(());
         }
         Some(TooFast { what, .. }) => {
-            verdict.wrong(what);
+            result.wrong(what);
             return Ok(());
         }
         None => {}
     }
     match law.binds(&px4) {
-        Some(reason) => verdict.differs(reason),
-        None => verdict.wrong(format!("{ours:?}, and PX4's {px4:?} is safe")),
+        Some(reason) => result.differs(reason),
+        None => result.wrong(format!("{ours:?}, and PX4's {px4:?} is safe")),
     }
     Ok(())
 }
@@ -90,7 +90,7 @@ struct TooFast {
 
 /// What may be, for one step.
 struct Law<'a> {
-    answer: &'a Answer,
+    replayed: &'a ReplayedStep,
     config: &'a PreventionConfig,
     keep_m: f64,
     /// What guidance made of the setpoint: PX4's, or ours where it had another map.
@@ -102,25 +102,29 @@ struct Law<'a> {
 }
 
 impl<'a> Law<'a> {
-    fn new(answer: &'a Answer, config: &'a PreventionConfig, expect: Node<'a>) -> Result<Self, Unreadable> {
+    fn new(
+        replayed: &'a ReplayedStep,
+        config: &'a PreventionConfig,
+        expect: Node<'a>,
+    ) -> Result<Self, Unreadable> {
         let direction = |name| match expect.find(name) {
             Some(node) => node.numbers::<2>().map(Vector2::from).map(Some),
             None => Ok(None),
         };
-        let size = answer.asked.norm();
+        let size = replayed.asked.norm();
         let mut law = Self {
-            answer,
+            replayed,
             config,
-            keep_m: config.distance_m.max(f64::from(answer.ring.range_min_m)),
+            keep_m: config.distance_m.max(f64::from(replayed.ring.range_min_m)),
             demand: direction("guided_dir")?.unwrap_or_default() * size,
             px4_cm: expect.get("map_cm")?.bins()?,
             px4_reach_cm: expect.get("bin_max_range_cm")?.bins()?,
             nearest: direction("closest_dir")?,
         };
         if law.is_other_map() {
-            law.demand = match answer.outcome.guided {
+            law.demand = match replayed.outcome.guided {
                 Some(sector) if !law.asks_for(sector) => law.toward(sector) * size,
-                _ => answer.asked,
+                _ => replayed.asked,
             };
         }
         Ok(law)
@@ -129,11 +133,11 @@ impl<'a> Law<'a> {
     /// Whether the setpoint as it came points into `sector`, so that guidance left it as it is; the sector of a stick is the one that begins
     /// at its centre, as PX4 counts it.
     fn asks_for(&self, sector: usize) -> bool {
-        let bearing = self.answer.asked.y.atan2(self.answer.asked.x) - self.answer.yaw_rad;
+        let bearing = self.replayed.asked.y.atan2(self.replayed.asked.x) - self.replayed.yaw_rad;
         (bearing.to_degrees().rem_euclid(360.0) / 5.0) as usize % BINS == sector
     }
 
-    /// Whether the ring says other than PX4's map.
+    /// Whether the ring differs from PX4's map.
     fn is_other_map(&self) -> bool {
         (0..BINS).any(|bin| {
             let ours = self.reach_m(bin).map(|m| 100.0 * m);
@@ -147,29 +151,33 @@ impl<'a> Law<'a> {
     }
 
     fn toward(&self, bin: usize) -> Vector2<f64> {
-        let bearing_rad = self.answer.yaw_rad + (5.0 * bin as f64).to_radians();
+        let bearing_rad = self.replayed.yaw_rad + (5.0 * bin as f64).to_radians();
         Vector2::new(bearing_rad.cos(), bearing_rad.sin())
     }
 
     /// How far the ring knows a bin (m).
     fn reach_m(&self, bin: usize) -> Option<f64> {
-        match said(&self.answer.ring, bin) {
-            Word::Silent => None,
-            Word::Clear(cm) | Word::Hit(cm) => Some(cm / 100.0),
+        match said(&self.replayed.ring, bin) {
+            SectorReading::Silent => None,
+            SectorReading::Clear(cm) | SectorReading::Hit(cm) => Some(cm / 100.0),
         }
     }
 
     /// Time since the ring has seen something in a bin (s); none for what is free.
     fn age_s(&self, bin: usize) -> f64 {
-        match said(&self.answer.ring, bin) {
-            Word::Hit(_) => self.answer.now.seconds_since(self.answer.ring.seen[bin]).max(0.0),
-            Word::Clear(_) | Word::Silent => 0.0,
+        match said(&self.replayed.ring, bin) {
+            SectorReading::Hit(_) => self
+                .replayed
+                .now
+                .seconds_since(self.replayed.ring.seen[bin])
+                .max(0.0),
+            SectorReading::Clear(_) | SectorReading::Silent => 0.0,
         }
     }
 
     /// The acceleration toward something `distance_m` away in a bin that the vehicle can take back in time.
     fn can_be_taken_back(&self, bin: usize, distance_m: f64) -> f64 {
-        let closing = self.answer.velocity.dot(&self.toward(bin));
+        let closing = self.replayed.velocity.dot(&self.toward(bin));
         let flown = closing.max(0.0) * (self.config.delay_s + self.age_s(bin));
         let way = distance_m - self.keep_m - flown;
         // Rest after v^2 / 2a + v 2a / j: the positive root.
@@ -190,7 +198,7 @@ impl<'a> Law<'a> {
         px4: &Vector2<f64>,
     ) -> Result<Option<&'static str>, Unreadable> {
         let finite = |v: &Vector2<f64>| v.iter().all(|x| x.is_finite());
-        let reason = if !finite(&self.answer.asked) || !finite(&self.answer.velocity) {
+        let reason = if !finite(&self.replayed.asked) || !finite(&self.replayed.velocity) {
             Some("an input that is no number is no motion")
         } else if !finite(px4) {
             Some("PX4's answer is no number")
@@ -207,11 +215,11 @@ impl<'a> Law<'a> {
             let toward = self.toward(bin);
             let is_hit = self.px4_cm[bin] < self.px4_reach_cm[bin];
             let px4_m = is_hit.then_some(self.px4_cm[bin] as f64 / 100.0);
-            let ours_m = match said(&self.answer.ring, bin) {
-                Word::Hit(cm) => Some(cm / 100.0),
-                Word::Clear(_) | Word::Silent => None,
+            let ours_m = match said(&self.replayed.ring, bin) {
+                SectorReading::Hit(cm) => Some(cm / 100.0),
+                SectorReading::Clear(_) | SectorReading::Silent => None,
             };
-            // What the ring says counts: that it is not PX4's has its reason.
+            // The ring's reading counts: its difference from PX4's has its reason.
             let distance_m = ours_m.or(px4_m.filter(|_| self.reach_m(bin).is_none()))?;
             let (closes, px4_closes) = (ours.dot(&toward), px4.dot(&toward).max(0.0));
             let share = self.scale(distance_m) * self.demand.dot(&toward).max(0.0);
@@ -230,11 +238,11 @@ impl<'a> Law<'a> {
 
     /// Why ours must be another one than PX4's.
     fn binds(&self, px4: &Vector2<f64>) -> Option<&'static str> {
-        let size = self.answer.asked.norm();
-        let velocity = &self.answer.velocity;
+        let size = self.replayed.asked.norm();
+        let velocity = &self.replayed.velocity;
         let a = self.config.acceleration_mps2;
         let sector = |v: &Vector2<f64>| {
-            let bearing = (v.y.atan2(v.x) - self.answer.yaw_rad).to_degrees() / 5.0;
+            let bearing = (v.y.atan2(v.x) - self.replayed.yaw_rad).to_degrees() / 5.0;
             (bearing.round().rem_euclid(BINS as f64) as usize) % BINS
         };
         let is_unknown = |bin: usize| self.reach_m(bin % BINS).is_none();

@@ -1,19 +1,19 @@
 //! Single laws against PX4's: scale, speed, guidance. The rule by which PX4 lets a source into a bin is not ours: sources have bins of
 //! their own.
 
-use super::report::Verdict;
+use super::report::ScenarioResult;
 use super::schema::{BINS, Node, Unreadable};
-use jink_collision_guard::prevention::{Around, PreventionConfig, guide, scale, speed_limit};
+use jink_collision_guard::prevention::{PreventionConfig, SectorStates, guide, scale, speed_limit};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::Attitude;
 use jink_shared_types::ring::SectorRing;
 use nalgebra::{UnitQuaternion, Vector2};
 
-/// What the demand says: relative, and absolute for small numbers.
+/// The tolerance: relative, and absolute for small numbers.
 const SAME: f64 = 1e-3;
 
 /// Compares one.
-pub fn judge(family: &str, scenario: &Node<'_>, verdict: &mut Verdict) -> Result<(), Unreadable> {
+pub fn judge(family: &str, scenario: &Node<'_>, result: &mut ScenarioResult) -> Result<(), Unreadable> {
     let number = |name| scenario.get(name)?.number();
     let expect = scenario.get("expect")?;
     match family {
@@ -24,30 +24,30 @@ pub fn judge(family: &str, scenario: &Node<'_>, verdict: &mut Verdict) -> Result
                 ..plain()
             };
             let ours = scale(&config, number("min_keep_m")?, number("distance_m")?);
-            close("scale", ours, expect.get("scale")?.number()?, verdict);
+            close("scale", ours, expect.get("scale")?.number()?, result);
         }
         "unit_max_speed" => {
             let end_mps = number("final_speed")?;
             let (way_m, a, jerk) = (number("distance_m")?, number("accel")?, number("jerk")?);
-            // Who need not stop is as fast as one who has v^2 / 2a more way.
+            // A vehicle that need not stop is as fast as one that has v^2 / 2a more distance.
             let ours = speed_limit(way_m + end_mps * end_mps / (2.0 * a), a, jerk, 0.0).max(end_mps);
-            close("speed", ours, expect.get("speed")?.number()?, verdict);
+            close("speed", ours, expect.get("speed")?.number()?, result);
         }
-        "unit_guidance" => guidance(scenario, expect, verdict)?,
-        _ => verdict.differs("each source has its own sectors: there is no rule to let it in"),
+        "unit_guidance" => guidance(scenario, expect, result)?,
+        _ => result.differs("each source has its own sectors: there is no rule to let it in"),
     }
     Ok(())
 }
 
-fn close(what: &str, ours: f64, px4: f64, verdict: &mut Verdict) {
+fn close(what: &str, ours: f64, px4: f64, result: &mut ScenarioResult) {
     if (ours - px4).abs() <= SAME * (1.0 + px4.abs()) {
-        verdict.same();
+        result.same();
     } else {
-        verdict.wrong(format!("{what} {ours}, PX4 {px4}"));
+        result.wrong(format!("{what} {ours}, PX4 {px4}"));
     }
 }
 
-fn guidance(scenario: &Node<'_>, expect: Node<'_>, verdict: &mut Verdict) -> Result<(), Unreadable> {
+fn guidance(scenario: &Node<'_>, expect: Node<'_>, result: &mut ScenarioResult) -> Result<(), Unreadable> {
     let is_fragile = match scenario.find("fragile") {
         Some(fragile) => fragile
             .find("guided_bin")
@@ -55,7 +55,7 @@ fn guidance(scenario: &Node<'_>, expect: Node<'_>, verdict: &mut Verdict) -> Res
         None => false,
     };
     if is_fragile {
-        verdict.fragile += 1;
+        result.fragile += 1;
         return Ok(());
     }
     let config = PreventionConfig {
@@ -74,7 +74,7 @@ fn guidance(scenario: &Node<'_>, expect: Node<'_>, verdict: &mut Verdict) -> Res
         ..SectorRing::default()
     };
     let wanted = Vector2::from(scenario.get("setpoint")?.numbers::<2>()?);
-    let guided = guide(&config, &Around::of(&ring, now), wanted.normalize());
+    let guided = guide(&config, &SectorStates::of(&ring, now), wanted.normalize());
     let bins = [
         expect.get("original_bin")?.integer()?,
         expect.get("guided_bin")?.integer()?,
@@ -83,11 +83,11 @@ fn guidance(scenario: &Node<'_>, expect: Node<'_>, verdict: &mut Verdict) -> Res
     let direction = Vector2::from(expect.get("guided_dir")?.numbers::<2>()?);
     // PX4 calls a tiny negative angle bin 72.
     if ours.map(|bin| bin % 72) != bins.map(|bin| bin % 72) {
-        verdict.wrong(format!("sectors {ours:?}, PX4 {bins:?}"));
+        result.wrong(format!("sectors {ours:?}, PX4 {bins:?}"));
     } else if (guided.direction - direction).norm() > SAME {
-        verdict.wrong(format!("direction {:?}, PX4 {direction:?}", guided.direction));
+        result.wrong(format!("direction {:?}, PX4 {direction:?}", guided.direction));
     } else {
-        verdict.same();
+        result.same();
     }
     Ok(())
 }

@@ -1,41 +1,42 @@
-//! What a trajectory must be, whatever stands in its way: sound, within its own limits, at rest at its end, and a
+//! What a trajectory must be, independent of obstacles: sound, within its own limits, at rest at its end, and a
 //! continuation of what is being flown.
 //!
-//! Limits are tested on the control points of the derivatives: a curve lies in the hull of its control points, so a bound
-//! that holds for them holds for the curve (see [`jink_shared_types::bezier`]). The hull is larger than the curve; where it
-//! sticks out the curve is cut in halves, twice at most, which takes away fifteen sixteenths of the excess. By how much a limit
-//! may be exceeded is the generator's measure as well ([`jink_shared_types::motion::LIMIT_TOLERANCE`]).
+//! Limits are tested on the control points of the derivatives: a curve lies in the hull of its control points, so a
+//! bound that holds for them holds for the curve (see [`jink_shared_types::bezier`]). The hull is larger than the
+//! curve; where it exceeds a limit the curve is cut in halves, twice at most, which removes fifteen sixteenths of the
+//! excess. How much a limit may be exceeded is the same for the generator
+//! ([`jink_shared_types::motion::LIMIT_TOLERANCE`]).
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::bezier::{derivative, derivative_scalar, hull_keeps};
 use jink_shared_types::motion::{BezierPiece, GuardReason, MotionLimits, MotionState, Trajectory};
 use nalgebra::Vector3;
 
-/// How far two states that should be one may differ. The prefix of a new trajectory is cut out of the old one at times rounded
-/// to 0.1 ms (`Trajectory::take_prefix`): at 20 m/s, 15 m/s2 and 60 m/s3 that is 2 mm, 1.5 mm/s and 6 mm/s2. The
-/// tolerances allow ten times that, for sums and for generators that match the splice by iteration, and are still below what an
-/// autopilot's controller notices: its position noise, and a change of tilt by half a degree.
+/// How far two states that should be equal may differ. The prefix of a new trajectory is cut out of the old one at
+/// times rounded to 0.1 ms (`Trajectory::take_prefix`): at 20 m/s, 15 m/s2 and 60 m/s3 that is 2 mm, 1.5 mm/s and 6
+/// mm/s2. The tolerances allow ten times that, for sums and for generators that match the splice by iteration, and are
+/// still below what affects an autopilot's controller: its position noise, and a change of tilt by half a degree.
 const SAME_POSITION_M: f64 = 0.02;
 const SAME_VELOCITY_MPS: f64 = 0.05;
 const SAME_ACCELERATION_MPS2: f64 = 0.1;
 /// How often a curve is halved before its hull counts as its extent.
 const HALVINGS: u32 = 2;
-/// Pieces cut shorter than this (s) are numerical dust.
-const DUST_S: f64 = 1e-4;
-/// Limits beyond these are damage, not wishes: what the parameter table allows, and a jerk beyond any multicopter's.
-const SANE_SPEED_MPS: f64 = 25.0;
-const SANE_ACCELERATION_MPS2: f64 = 20.0;
-const SANE_JERK_MPS3: f64 = 500.0;
-const SANE_YAW_RATE_RADPS: f64 = 20.0;
+/// Pieces cut shorter than this (s) are rounding errors.
+const NEGLIGIBLE_S: f64 = 1e-4;
+/// Limits beyond these are damaged data: what the parameter table allows, and a jerk beyond any multicopter's.
+const PLAUSIBLE_SPEED_MPS: f64 = 25.0;
+const PLAUSIBLE_ACCELERATION_MPS2: f64 = 20.0;
+const PLAUSIBLE_JERK_MPS3: f64 = 500.0;
+const PLAUSIBLE_YAW_RATE_RADPS: f64 = 20.0;
 
-/// Whether `candidate` is a trajectory at all that keeps what it promises: sound, continuous from piece to piece, at rest at
-/// its end, and after its departure within its own limits.
+/// Whether `candidate` is a valid trajectory: sound, continuous from piece to piece, at rest at its end, and after its
+/// departure within its own limits.
 ///
 /// # Errors
 /// [`GuardReason::Unsound`] or, for a jump between pieces, [`GuardReason::Discontinuous`].
 pub fn examine(candidate: &Trajectory) -> Result<(), GuardReason> {
-    // Identity zero means "none": a successor could not say that it departs from it.
-    if !candidate.is_sound() || candidate.id == 0 || !are_sane(&candidate.limits) {
+    // Identity zero means "none": a successor could not name it as its base.
+    if !candidate.is_sound() || candidate.id == 0 || !are_plausible(&candidate.limits) {
         return Err(GuardReason::Unsound);
     }
     let pieces = candidate.pieces();
@@ -54,7 +55,7 @@ pub fn examine(candidate: &Trajectory) -> Result<(), GuardReason> {
     Ok(())
 }
 
-/// When `trajectory` leaves what was flown before.
+/// The time at which `trajectory` departs from what was flown before.
 pub fn departure(trajectory: &Trajectory) -> Timestamp {
     if trajectory.splice.is_set() {
         trajectory.splice
@@ -63,12 +64,12 @@ pub fn departure(trajectory: &Trajectory) -> Timestamp {
     }
 }
 
-/// Whether `candidate` does the same as `active` from `now` to its departure, and leaves it there without a jump.
+/// Whether `candidate` equals `active` from `now` to its departure, and departs there without a jump.
 ///
 /// # Errors
 /// [`GuardReason::Discontinuous`].
 pub fn joins(candidate: &Trajectory, active: &Trajectory, now: Timestamp) -> Result<(), GuardReason> {
-    /// A reader may switch at any moment up to the splice, so more than its two ends is compared.
+    /// A reader may switch at any time up to the splice, so more than both ends is compared.
     const COMPARED: usize = 5;
     let span_s = departure(candidate).seconds_since(now).max(0.0);
     for i in 0..COMPARED {
@@ -84,40 +85,40 @@ pub fn joins(candidate: &Trajectory, active: &Trajectory, now: Timestamp) -> Res
     Ok(())
 }
 
-/// Not true for anything that is not a number.
+/// False for NaN.
 fn are_same(a: &MotionState, b: &MotionState) -> bool {
     (a.position.vector() - b.position.vector()).norm() <= SAME_POSITION_M
         && (a.velocity.vector() - b.velocity.vector()).norm() <= SAME_VELOCITY_MPS
         && (a.acceleration.vector() - b.acceleration.vector()).norm() <= SAME_ACCELERATION_MPS2
 }
 
-fn are_sane(limits: &MotionLimits) -> bool {
+fn are_plausible(limits: &MotionLimits) -> bool {
     let positive = |value: f64, most: f64| value > 0.0 && value <= most;
-    positive(limits.speed_mps, SANE_SPEED_MPS)
-        && positive(limits.climb_mps, SANE_SPEED_MPS)
-        && positive(limits.descent_mps, SANE_SPEED_MPS)
-        && positive(limits.acceleration_mps2, SANE_ACCELERATION_MPS2)
-        && positive(limits.jerk_mps3, SANE_JERK_MPS3)
-        && (0.0..=SANE_YAW_RATE_RADPS).contains(&limits.yaw_rate_radps)
+    positive(limits.speed_mps, PLAUSIBLE_SPEED_MPS)
+        && positive(limits.climb_mps, PLAUSIBLE_SPEED_MPS)
+        && positive(limits.descent_mps, PLAUSIBLE_SPEED_MPS)
+        && positive(limits.acceleration_mps2, PLAUSIBLE_ACCELERATION_MPS2)
+        && positive(limits.jerk_mps3, PLAUSIBLE_JERK_MPS3)
+        && (0.0..=PLAUSIBLE_YAW_RATE_RADPS).contains(&limits.yaw_rate_radps)
 }
 
-/// Only what comes after the departure is judged: the prefix was judged when it was approved, perhaps under other limits. For
-/// the same reason the state at the departure may exceed a limit (a brake is harder than a plan); the rest must not
-/// exceed it further.
+/// Only what comes after the departure is checked: the prefix was checked when it was approved, perhaps under other
+/// limits. For the same reason the state at the departure may exceed a limit (a brake is harder than a plan); the rest
+/// must not exceed it further.
 fn keeps_its_limits(candidate: &Trajectory) -> bool {
     let skip_s = departure(candidate).seconds_since(candidate.start).max(0.0);
     let Some(start) = candidate.at(candidate.start.plus_seconds(skip_s)) else {
         return false;
     };
-    let bounds = Bounds::new(&candidate.limits, &start);
+    let bounds = AdmissionBounds::new(&candidate.limits, &start);
     let mut piece_start_s = 0.0;
     for piece in candidate.pieces() {
         let cut_s = skip_s - piece_start_s;
         piece_start_s += piece.duration_s;
-        if cut_s > piece.duration_s - DUST_S {
+        if cut_s > piece.duration_s - NEGLIGIBLE_S {
             continue;
         }
-        let after = if cut_s > DUST_S {
+        let after = if cut_s > NEGLIGIBLE_S {
             piece.split(cut_s).1
         } else {
             *piece
@@ -129,7 +130,7 @@ fn keeps_its_limits(candidate: &Trajectory) -> bool {
     true
 }
 
-struct Bounds {
+struct AdmissionBounds {
     speed_mps: f64,
     climb_mps: f64,
     descent_mps: f64,
@@ -138,7 +139,7 @@ struct Bounds {
     yaw_rate_radps: f64,
 }
 
-impl Bounds {
+impl AdmissionBounds {
     fn new(limits: &MotionLimits, start: &MotionState) -> Self {
         let bound = |limit: f64, inherited: f64| MotionLimits::allowed(limit.max(inherited));
         Self {

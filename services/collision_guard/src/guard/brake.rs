@@ -1,43 +1,44 @@
-//! The guard's own brake: from a state of motion to rest, straight ahead, as hard as it may.
+//! The guard's own brake: from a moving state to rest, straight ahead, as hard as allowed.
 //!
-//! Three phases of constant jerk: the acceleration is led to full braking against the direction of motion, held there, and
-//! led to zero as the speed vanishes. Each phase is a cubic, which a quintic between its ends reproduces exactly. From a
-//! steady speed `v` the way is `v a / 2j + v^2 / 2a`, what [`jink_shared_types::motion::stopping_distance_m`] counts on.
+//! Three phases of constant jerk: the acceleration is changed to full braking against the direction of motion, held,
+//! and changed to zero as the speed vanishes. Each phase is a cubic, which a quintic between its ends reproduces
+//! exactly. From a steady speed `v` the stopping distance is `v a / 2j + v^2 / 2a`, which
+//! [`jink_shared_types::motion::stopping_distance_m`] assumes.
 //!
-//! With an acceleration `a0` at the start (a curve, say) the first phase also has to get rid of that. During a phase of
-//! duration `t1` that changes the acceleration linearly from `a0` to `a1` the velocity becomes `v0 + a0 t1 / 2 + a1 t1 / 2`.
-//! It is parallel to `a1`, and the rest of the brake straight, if `a1` points against `v0 + a0 t1 / 2`; `t1` itself
-//! follows from `a1` and the jerk, so both are found by iteration.
+//! With an acceleration `a0` at the start (a curve, say) the first phase also has to remove that. During a phase of
+//! duration `t1` that changes the acceleration linearly from `a0` to `a1` the velocity becomes `v0 + a0 t1 / 2 + a1 t1
+//! / 2`. It is parallel to `a1`, and the rest of the brake straight, if `a1` points against `v0 + a0 t1 / 2`; `t1`
+//! itself follows from `a1` and the jerk, so both are found by iteration.
 
 use jink_shared_types::bezier::{End, derivative, quintic_between, split_scalar};
 use jink_shared_types::motion::{BezierPiece, MotionLimits, MotionState, Trajectory, TrajectoryMode};
 use jink_shared_types::{Coded, Flag, Timestamp};
 use nalgebra::Vector3;
 
-/// The brake begins this long after now (s): one period of a setpoint stream of 20 Hz, so that a reader that is at most one
-/// period late still finds itself on the common part. Longer wastes way, at the speed of flight.
+/// The brake begins this long after now (s): one period of a setpoint stream of 20 Hz, so that a reader that is at most
+/// one period late is still on the common part. A longer lead costs stopping distance.
 pub const LEAD_S: f64 = 0.05;
 /// Phases shorter than this (s) are left out: their derivatives would be noise.
 const SHORTEST_S: f64 = 2e-3;
 /// Halvings of the interval in which the deceleration is sought: a billionth of it remains.
 const BISECTIONS: u32 = 30;
 
-/// How hard the brake may be.
+/// The limits of a brake.
 #[derive(Clone, Copy, Debug)]
-pub struct Hardness {
+pub struct BrakeLimits {
     /// Deceleration (m/s2).
     pub deceleration_mps2: f64,
     /// Jerk (m/s3).
     pub jerk_mps3: f64,
 }
 
-/// Makes `out` the brake of `active`: what that does until `now` plus [`LEAD_S`], then to rest.
-pub fn brake(active: &Trajectory, now: Timestamp, hardness: Hardness, id: u64, out: &mut Trajectory) {
+/// Makes `out` the brake of `active`: the same until `now` plus [`LEAD_S`], then to rest.
+pub fn brake(active: &Trajectory, now: Timestamp, brake_limits: BrakeLimits, id: u64, out: &mut Trajectory) {
     let mut begin = now.plus_seconds(LEAD_S);
     let room = jink_shared_types::motion::TRAJECTORY_PIECES - PHASES;
     let fits = out.take_prefix(active, now, begin) && out.pieces().len() <= room;
     if !fits || out.len == 0 {
-        // Nothing to repeat (rest, or a start still to come), or pieces too small to keep: brake from now.
+        // Nothing to repeat (at rest, or not started yet), or pieces too small to keep: brake from now.
         out.len = 0;
         out.start = now;
         begin = now;
@@ -49,11 +50,13 @@ pub fn brake(active: &Trajectory, now: Timestamp, hardness: Hardness, id: u64, o
             (state, state.yaw_rad)
         }
     };
-    let hardness = Hardness {
-        deceleration_mps2: hardness.deceleration_mps2.max(present_deceleration_mps2(&start)),
-        ..hardness
+    let brake_limits = BrakeLimits {
+        deceleration_mps2: brake_limits
+            .deceleration_mps2
+            .max(present_deceleration_mps2(&start)),
+        ..brake_limits
     };
-    let legs = Legs::new(&start, hardness);
+    let legs = BrakePhases::new(&start, brake_limits);
     legs.append(&start, yaw_rad, out);
     out.id = id;
     out.base_id = active.id;
@@ -63,13 +66,13 @@ pub fn brake(active: &Trajectory, now: Timestamp, hardness: Hardness, id: u64, o
     out.limits.acceleration_mps2 = active
         .limits
         .acceleration_mps2
-        .max(hardness.deceleration_mps2)
+        .max(brake_limits.deceleration_mps2)
         .max(start.acceleration.vector().norm());
     out.mode = Coded::new(TrajectoryMode::Brake);
     out.reaches_goal = Flag::NO;
 }
 
-/// Who brakes harder already must not be made to brake less.
+/// A motion that brakes harder already must not brake less.
 fn present_deceleration_mps2(state: &MotionState) -> f64 {
     let velocity = state.velocity.vector();
     let speed_mps = velocity.norm();
@@ -80,28 +83,28 @@ fn present_deceleration_mps2(state: &MotionState) -> f64 {
     }
 }
 
-/// Most legs of a brake.
+/// Most phases of a brake.
 const PHASES: usize = 3;
 
-/// The legs of a brake: where each ends, and how long it takes.
-struct Legs {
+/// The phases of a brake: where each ends, and how long it takes.
+struct BrakePhases {
     ends: [End; PHASES],
     durations_s: [f64; PHASES],
     len: usize,
 }
 
-impl Legs {
-    fn new(start: &MotionState, hardness: Hardness) -> Self {
-        Self::three_phases(&start.end(), hardness)
-            .unwrap_or_else(|| Self::one_quintic(&start.end(), hardness))
+impl BrakePhases {
+    fn new(start: &MotionState, brake_limits: BrakeLimits) -> Self {
+        Self::three_phases(&start.end(), brake_limits)
+            .unwrap_or_else(|| Self::one_quintic(&start.end(), brake_limits))
     }
 
     /// `None` if the speed is too small for the phases to have a direction.
-    fn three_phases(start: &End, hardness: Hardness) -> Option<Self> {
-        let Hardness {
+    fn three_phases(start: &End, brake_limits: BrakeLimits) -> Option<Self> {
+        let BrakeLimits {
             deceleration_mps2,
             jerk_mps3,
-        } = hardness;
+        } = brake_limits;
         let mut lead_in = LeadIn::to(start, deceleration_mps2, jerk_mps3)?;
         if lead_in.spare_mps < 0.0 {
             let (mut low, mut high) = (0.0, deceleration_mps2);
@@ -137,17 +140,17 @@ impl Legs {
             }
         }
         legs.end_at_rest();
-        legs.keep(start, hardness).then_some(legs)
+        legs.keep(start, brake_limits).then_some(legs)
     }
 
     /// One quintic, for speeds too small for phases: as long as it takes to stay within the limits.
-    fn one_quintic(start: &End, hardness: Hardness) -> Self {
+    fn one_quintic(start: &End, brake_limits: BrakeLimits) -> Self {
         /// Doubled at most this often; from the shortest that is an hour, more than any state within the limits takes.
         const LENGTHENINGS: u32 = 60;
         let mut duration_s = 0.1;
         let mut legs = Self::quintic_of(start, duration_s);
         for _ in 0..LENGTHENINGS {
-            if legs.keep(start, hardness) {
+            if legs.keep(start, brake_limits) {
                 break;
             }
             duration_s *= 1.2;
@@ -157,7 +160,8 @@ impl Legs {
     }
 
     fn quintic_of(start: &End, duration_s: f64) -> Self {
-        // The end that a quintic reaches with the least jerk: half the way of its speed, and what its acceleration adds.
+        // The end that a quintic reaches with the least jerk: half of speed times duration, and what its acceleration
+        // adds.
         let end = End {
             position: start.position
                 + start.velocity * (0.5 * duration_s)
@@ -184,7 +188,7 @@ impl Legs {
         }
     }
 
-    /// What rounding and left-out phases leave of speed and acceleration ends here.
+    /// Speed and acceleration that rounding and omitted phases leave are set to zero.
     fn end_at_rest(&mut self) {
         if let Some(last) = self.len.checked_sub(1).and_then(|index| self.ends.get_mut(index)) {
             last.velocity = Vector3::zeros();
@@ -196,10 +200,10 @@ impl Legs {
         self.ends.iter().zip(self.durations_s).take(self.len)
     }
 
-    /// Whether no leg brakes harder than allowed, or than it starts with.
-    fn keep(&self, start: &End, hardness: Hardness) -> bool {
-        let most_mps2 = MotionLimits::allowed(hardness.deceleration_mps2.max(start.acceleration.norm()));
-        let most_mps3 = MotionLimits::allowed(hardness.jerk_mps3);
+    /// Whether no phase brakes harder than allowed, or than it starts with.
+    fn keep(&self, start: &End, brake_limits: BrakeLimits) -> bool {
+        let most_mps2 = MotionLimits::allowed(brake_limits.deceleration_mps2.max(start.acceleration.norm()));
+        let most_mps3 = MotionLimits::allowed(brake_limits.jerk_mps3);
         let mut from = *start;
         self.len > 0
             && self.legs().all(|(end, duration_s)| {
@@ -213,7 +217,7 @@ impl Legs {
             })
     }
 
-    /// Appends the legs to `out`. The heading runs out as the speed does.
+    /// Appends the phases to `out`. The yaw rate decays as the speed does.
     fn append(&self, start: &MotionState, yaw_rad: f64, out: &mut Trajectory) {
         let total_s: f64 = self.legs().map(|(_, duration_s)| duration_s).sum();
         let turn = |yaw_rad: f64, rate_radps: f64| End {
@@ -255,8 +259,8 @@ struct LeadIn {
 impl LeadIn {
     /// To a deceleration of `full_mps2`. `None` if no direction can be found.
     fn to(start: &End, full_mps2: f64, jerk_mps3: f64) -> Option<Self> {
-        /// The iteration contracts by `a a0 / (2 j v)` per round; where that is not well below one the speed is so small
-        /// that the caller has another way.
+        /// The iteration contracts by `a a0 / (2 j v)` per round; where that is not well below one the speed is so
+        /// small that the caller uses one quintic.
         const ROUNDS: usize = 24;
         let mut duration_s = 0.0;
         let mut deceleration = Vector3::zeros();

@@ -1,68 +1,68 @@
-//! How far the way along a trajectory is free, by what the ring knows now.
+//! How far a trajectory is free, by the ring as it is now.
 //!
 //! The reference is followed from now to its end in steps of at most [`STEP_M`]. It meets a conflict at the first place
 //!
-//! * that is nearer to an obstacle point than the clearance asked for (horizontally; the obstacles are the ring's points,
-//!   not the arcs of its sectors, so that sectors that are wide far away punish nobody), or
-//! * that nobody has seen to be free.
+//! * that is nearer to an obstacle point than the required clearance (horizontally; the obstacles are the ring's
+//!   points, not the arcs of its sectors, so that sectors that are wide far away do no harm), or
+//! * that was not seen to be free.
 //!
-//! A vehicle that is already nearer to something than it should be may leave: as long as it is too near, its way must not
-//! bring it nearer still.
+//! A vehicle that is already nearer to something than it should be may leave: as long as it is too near, its path must
+//! not bring it nearer.
 
-use crate::ring::{Outlook, SENSORS, SLOTS, Sight};
+use crate::ring::{RingQuery, SENSORS, SLOTS, Visibility};
 use jink_shared_types::bezier::{self, derivative};
 use jink_shared_types::motion::{BezierPiece, GuardReason, Trajectory, stopping_distance_m};
 use jink_shared_types::{Timestamp, motion::MotionState};
 
-/// Longest step along the way (m): an eighth of the smallest clearance that makes sense, so that between two steps the
+/// Longest step along the path (m): an eighth of the smallest reasonable clearance, so that between two steps the
 /// reference is at most 1 mm nearer to an obstacle point than at the nearer one of them.
 const STEP_M: f64 = 0.05;
-/// How far ahead is looked (m); beyond counts as unseen. No range sensor of a multicopter sees farther.
+/// How far ahead is checked (m); beyond counts as unseen. No range sensor of a multicopter sees farther.
 const FARTHEST_M: f64 = 60.0;
-/// Steps after which looking ends, and the rest counts as unseen: bounds the time that a senseless trajectory can take. A
-/// sensible one takes at most two steps for [`STEP_M`], the hull of its velocity being larger than its speed.
+/// Steps after which the check ends, and the rest counts as unseen: bounds the time for an implausible trajectory. A
+/// plausible one takes at most two steps for [`STEP_M`], because the hull of its velocity is larger than its speed.
 const STEPS: usize = 4_000;
-/// What a vehicle that is too near already may come nearer still (m): the noise of a lidar from one sweep to the next.
+/// How much nearer a vehicle that is too near already may come (m): the noise of a lidar from one sweep to the next.
 const LEAVING_SLACK_M: f64 = 0.05;
 
-/// What the guard demands of a way.
+/// What the guard requires of a path.
 #[derive(Clone, Copy, Debug)]
-pub struct Demand {
+pub struct LookaheadDemand {
     /// Clearance that the vehicle itself needs around the reference (m): so much has to be known to be free.
     pub clearance_m: f64,
     /// Distance between the reference and any obstacle point (m); not less than that.
-    pub kept_m: f64,
+    pub standoff_m: f64,
     /// Reaction time (s).
     pub delay_s: f64,
     /// Deceleration of the guard's own brake (m/s2).
     pub brake_mps2: f64,
-    /// For how long from now no brake must become necessary (s): zero for what is flown, more for what is new.
+    /// For how long from now no brake may become necessary (s): zero for the active trajectory, more for a new one.
     pub horizon_s: f64,
-    /// Whether places in the view of a sensor that has fallen silent count as unseen.
+    /// Whether places in the field of view of a sensor that no longer answers count as unseen.
     pub loss_counts: bool,
 }
 
-/// What is ahead.
+/// The result of following a trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Prospect {
-    /// Way to the first conflict (m); infinity for none.
-    pub free_way_m: f64,
+pub struct LookaheadResult {
+    /// Distance along the path to the first conflict (m); infinity for none.
+    pub free_distance_m: f64,
     /// What the conflict is; [`GuardReason::None`] for none.
     pub conflict: GuardReason,
-    /// Way needed to stop from the present speed (m).
+    /// Stopping distance from the present speed (m).
     pub stopping_m: f64,
-    /// Way that has to be free (m): to stop before the conflict from any moment within the horizon.
+    /// Distance that has to be free (m): to stop before the conflict from any time within the horizon.
     pub needed_m: f64,
 }
 
-impl Prospect {
-    /// Whether the conflict lies too near to stop before it.
+impl LookaheadResult {
+    /// Whether the conflict is too near to stop before it.
     pub fn is_blocked(&self) -> bool {
-        self.free_way_m < self.needed_m
+        self.free_distance_m < self.needed_m
     }
 }
 
-/// Looks ahead. Holds the memory for the obstacle points.
+/// Follows trajectories through the ring. Holds the memory for the obstacle points.
 #[derive(Clone, Debug)]
 pub struct Lookahead {
     /// Obstacle points relative to `anchor_m`, one array per axis so that they are compared several at a time.
@@ -72,7 +72,7 @@ pub struct Lookahead {
 }
 
 impl Lookahead {
-    /// With all its memory.
+    /// Allocates all its memory.
     pub fn new() -> Self {
         Self {
             north_m: Vec::with_capacity(SENSORS * SLOTS),
@@ -86,20 +86,20 @@ impl Lookahead {
         &mut self,
         now: Timestamp,
         trajectory: &Trajectory,
-        outlook: &Outlook<'_>,
-        demand: &Demand,
-    ) -> Prospect {
+        query: &RingQuery<'_>,
+        demand: &LookaheadDemand,
+    ) -> LookaheadResult {
         let Some(start) = trajectory.at(now) else {
-            return Prospect {
-                free_way_m: f64::INFINITY,
+            return LookaheadResult {
+                free_distance_m: f64::INFINITY,
                 conflict: GuardReason::None,
                 stopping_m: 0.0,
                 needed_m: 0.0,
             };
         };
-        self.gather(&start, outlook);
+        self.gather(&start, query);
         let stopping_m = stopping_m(&start, trajectory.limits.jerk_mps3, demand);
-        let mut walk = Walk {
+        let mut walk = PathWalk {
             way_m: 0.0,
             last: start.position.vector(),
             best_clearance_m: self.clearance_m([start.position.x_m, start.position.y_m]),
@@ -122,7 +122,7 @@ impl Lookahead {
             for step in 1..=steps {
                 let t_s = begin_s + step_s * step as f64;
                 ahead_s += step_s;
-                let conflict = self.step(&mut walk, piece, t_s, outlook, demand);
+                let conflict = self.step(&mut walk, piece, t_s, query, demand);
                 if conflict != GuardReason::None {
                     return walk.end(conflict, ahead_s <= demand.horizon_s, stopping_m);
                 }
@@ -131,8 +131,8 @@ impl Lookahead {
                 }
             }
         }
-        Prospect {
-            free_way_m: f64::INFINITY,
+        LookaheadResult {
+            free_distance_m: f64::INFINITY,
             conflict: GuardReason::None,
             stopping_m,
             needed_m: stopping_m,
@@ -141,11 +141,11 @@ impl Lookahead {
 
     fn step(
         &self,
-        walk: &mut Walk,
+        walk: &mut PathWalk,
         piece: &BezierPiece,
         t_s: f64,
-        outlook: &Outlook<'_>,
-        demand: &Demand,
+        query: &RingQuery<'_>,
+        demand: &LookaheadDemand,
     ) -> GuardReason {
         let position = bezier::evaluate(&piece.points(), t_s / piece.duration_s);
         walk.way_m += (position - walk.last).norm();
@@ -158,36 +158,36 @@ impl Lookahead {
         if walk.way_m > FARTHEST_M || walk.steps > STEPS {
             return GuardReason::Unseen;
         }
-        // Where the vehicle is, nothing else can be.
-        if outlook.is_here(place_m, demand.clearance_m) {
+        // Nothing else can be where the vehicle is.
+        if query.is_here(place_m, demand.clearance_m) {
             return GuardReason::None;
         }
-        match outlook.sight(place_m, position.z, demand.clearance_m) {
-            Sight::Free => GuardReason::None,
-            Sight::Lost if !demand.loss_counts => GuardReason::None,
-            Sight::Lost | Sight::Unseen => GuardReason::Unseen,
+        match query.visibility(place_m, position.z, demand.clearance_m) {
+            Visibility::Free => GuardReason::None,
+            Visibility::Lost if !demand.loss_counts => GuardReason::None,
+            Visibility::Lost | Visibility::Unseen => GuardReason::Unseen,
         }
     }
 
-    /// Whether the place (north, east) has the clearance asked for.
-    fn is_clear(&self, walk: &mut Walk, place_m: [f64; 2], demand: &Demand) -> bool {
+    /// Whether the place (north, east) has the required clearance.
+    fn is_clear(&self, walk: &mut PathWalk, place_m: [f64; 2], demand: &LookaheadDemand) -> bool {
         let clearance_m = self.clearance_m(place_m);
-        if walk.best_clearance_m < demand.kept_m {
+        if walk.best_clearance_m < demand.standoff_m {
             let asked_m = walk.best_clearance_m - LEAVING_SLACK_M;
             walk.best_clearance_m = walk.best_clearance_m.max(clearance_m);
             return clearance_m >= asked_m;
         }
-        // Nothing comes nearer faster than the way goes on: there is no need to look again before.
-        walk.clear_until_m = walk.way_m + clearance_m - demand.kept_m;
-        clearance_m >= demand.kept_m
+        // The clearance shrinks no faster than the path advances: it need not be computed again before.
+        walk.clear_until_m = walk.way_m + clearance_m - demand.standoff_m;
+        clearance_m >= demand.standoff_m
     }
 
-    fn gather(&mut self, start: &MotionState, outlook: &Outlook<'_>) {
+    fn gather(&mut self, start: &MotionState, query: &RingQuery<'_>) {
         self.anchor_m = [start.position.x_m, start.position.y_m];
         self.north_m.clear();
         self.east_m.clear();
-        // The iterator yields at most one point per slot and sensor: never more than there is room for.
-        for [north, east] in outlook.obstacles().take(SENSORS * SLOTS) {
+        // The iterator yields at most one point per slot and sensor: never more than the memory holds.
+        for [north, east] in query.obstacles().take(SENSORS * SLOTS) {
             self.north_m.push((north - self.anchor_m[0]) as f32);
             self.east_m.push((east - self.anchor_m[1]) as f32);
         }
@@ -210,12 +210,12 @@ impl Lookahead {
     }
 }
 
-struct Walk {
+struct PathWalk {
     way_m: f64,
     last: nalgebra::Vector3<f64>,
-    /// The greatest clearance so far, while it is less than asked for.
+    /// The greatest clearance so far, while it is less than required.
     best_clearance_m: f64,
-    /// No obstacle can be too near before the way has become this long (m).
+    /// No obstacle can be too near before the path has this length (m).
     clear_until_m: f64,
     steps: usize,
     /// Farthest place to which a stop from any moment within the horizon leads (m).
@@ -224,16 +224,16 @@ struct Walk {
     longest_stop_m: f64,
 }
 
-impl Walk {
-    fn must_stop_from(&mut self, state: &MotionState, jerk_mps3: f64, demand: &Demand) {
+impl PathWalk {
+    fn must_stop_from(&mut self, state: &MotionState, jerk_mps3: f64, demand: &LookaheadDemand) {
         let stop_m = stopping_m(state, jerk_mps3, demand);
         self.reach_m = self.reach_m.max(self.way_m + stop_m);
         self.longest_stop_m = self.longest_stop_m.max(stop_m);
     }
 
-    /// The end of what is unseen moves on with the vehicle, because it sees farther from there: the longest stop has to fit in
-    /// front of it. An obstacle stays: every stop has to end before it. What is met within the horizon leaves no room.
-    fn end(&self, conflict: GuardReason, is_within_horizon: bool, stopping_m: f64) -> Prospect {
+    /// The end of what was seen moves with the vehicle, because it sees farther from there: the longest stop has to fit
+    /// in front of it. An obstacle stays: every stop has to end before it. A conflict within the horizon always blocks.
+    fn end(&self, conflict: GuardReason, is_within_horizon: bool, stopping_m: f64) -> LookaheadResult {
         let needed_m = if is_within_horizon {
             f64::INFINITY
         } else if conflict == GuardReason::Obstacle {
@@ -241,8 +241,8 @@ impl Walk {
         } else {
             self.longest_stop_m
         };
-        Prospect {
-            free_way_m: self.way_m,
+        LookaheadResult {
+            free_distance_m: self.way_m,
             conflict,
             stopping_m,
             needed_m,
@@ -257,9 +257,9 @@ fn steps_for(piece: &BezierPiece, begin_s: f64) -> usize {
     ((longest_m / STEP_M).ceil() as usize).clamp(1, STEPS)
 }
 
-/// Way to stop from `state`. A reference that is still speeding up first has to give up its acceleration `a` with the jerk
-/// `j`: meanwhile it gains `a^2 / 2j` of speed, over a time `a / j`.
-fn stopping_m(state: &MotionState, jerk_mps3: f64, demand: &Demand) -> f64 {
+/// Stopping distance from `state`. A reference that is still speeding up first has to reduce its acceleration `a` with
+/// the jerk `j`: meanwhile it gains `a^2 / 2j` of speed, over a time `a / j`.
+fn stopping_m(state: &MotionState, jerk_mps3: f64, demand: &LookaheadDemand) -> f64 {
     let velocity = state.velocity.vector();
     let speed_mps = velocity.norm();
     let gain_mps2 = if speed_mps > 1e-6 {

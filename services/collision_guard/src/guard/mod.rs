@@ -1,45 +1,47 @@
-//! The guard: lets a trajectory pass, keeps the one before, or brakes.
+//! The guard: approves a new trajectory, keeps the one before, or brakes.
 //!
 //! | in | out |
 //! |---|---|
-//! | a new trajectory, if one has come | the trajectory that may leave, on every call |
-//! | vehicle state, with its age | verdict, reason, free way, stopping distance |
-//! | the [`Ring`] | [`News`] for the pilot, once per change |
+//! | a new trajectory, if one has come | the approved trajectory, on every call |
+//! | vehicle state, with its age | verdict, reason, free distance, stopping distance |
+//! | the [`Ring`] | [`StepEvents`] for the pilot, once per change |
 //!
-//! # What is let through
-//! A new trajectory passes if it is sound and within its own limits (`admission.rs`); departs from what is flown and joins it
-//! without a jump; comes before its splice; ranges and vehicle state are fresh; and its way is free as far as the guard would
-//! need to stop (`lookahead.rs`). Otherwise the one before goes on: it ends at rest, so refusing is always safe. A
-//! [`TrajectoryMode::Mirror`] passes always and ends what is flown. A stop (or brake) passes without fresh data: it is what one
-//! wants then.
+//! # What is approved
+//! A new trajectory passes if it is sound and within its own limits (`admission.rs`); departs from what is flown and
+//! joins it without a jump; comes before its splice; ranges and vehicle state are fresh; and its path is free for the
+//! distance that the guard would need to stop (`lookahead.rs`). Otherwise the one before continues: it ends at rest, so
+//! refusing is always safe. A [`TrajectoryMode::Mirror`] always passes and ends what is flown. A stop (or brake) passes
+//! without fresh data: it is what is needed then.
 //!
 //! # What is watched
-//! What is flown is followed at every step. If a conflict lies nearer than the stopping distance, it is replaced by its own
-//! brake (`brake.rs`), unless it comes to rest within a shorter way itself. The brake is flown until a trajectory that departs
-//! from it passes. Unknown sectors are a conflict, except those of a sensor that has fallen silent: what was approved was
-//! certified then, and runs on to its own stop.
+//! The active trajectory is followed at every step. If a conflict is nearer than the stopping distance, it is replaced
+//! by its own brake (`brake.rs`), unless it comes to rest within a shorter distance itself. The brake is flown until a
+//! trajectory that departs from it passes. Unknown sectors are a conflict, except those of a sensor that no longer
+//! answers: what was approved was certified then, and runs on to its own stop.
 //!
 //! # With collision prevention
-//! What a pilot asks for is judged setpoint by setpoint, because nobody knows what he wants next ([`crate::prevention`]). Of a trajectory
-//! all of it is known, up to the place where it comes to rest, and so the same promise is kept on the whole of it: never nearer to an
-//! obstacle than CP_DIST, and always slow enough to stop before. The stricter one of the guard's own demands and CP_DIST, CP_DELAY and
-//! MPC_ACC_HOR counts. Who is too near already may leave, and comes no nearer.
+//! What a pilot asks for is limited setpoint by setpoint, because the next setpoint is not known
+//! ([`crate::prevention`]). A trajectory is known up to the place where it comes to rest, and so the same promise is
+//! kept on the whole of it: never nearer to an obstacle than CP_DIST, and always slow enough to stop before. The
+//! stricter one of the guard's own parameters and CP_DIST, CP_DELAY and MPC_ACC_HOR counts. A vehicle that is too near
+//! already may leave, and comes no nearer.
 //!
 //! # After a restart
-//! A guard that has just started does not know what is flown. It approves nothing until a trajectory comes, and takes the
-//! first one that covers the present moment, has not departed yet, is near the measured position and velocity, and passes everything else. That is
-//! safe: up to its departure a trajectory repeats the approved one it was made from, so the vehicle is on it already, and
-//! what it adds is checked like anything new. One that has departed is refused: whatever is flown instead went elsewhere.
+//! A guard that has just started does not know what is flown. It approves nothing until a trajectory comes, and takes
+//! the first one that covers the present time, has not departed yet, is near the measured position and velocity, and
+//! passes everything else. That is safe: up to its departure a trajectory repeats the approved one it was made from, so
+//! the vehicle is on it already, and what it adds is checked like anything new. One that has departed is refused:
+//! another trajectory is flown instead.
 
 mod admission;
 mod brake;
 mod lookahead;
 
-use crate::news::News;
 use crate::prevention::PreventionConfig;
 use crate::ring::Ring;
+use crate::step_events::StepEvents;
 use admission::departure;
-use brake::Hardness;
+use brake::BrakeLimits;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::motion::{
     ApprovedTrajectory, GuardReason, MotionState, Trajectory, TrajectoryMode, Verdict,
@@ -47,36 +49,36 @@ use jink_shared_types::motion::{
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Reading, Timestamp};
-use lookahead::{Demand, Lookahead, Prospect};
+use lookahead::{Lookahead, LookaheadDemand, LookaheadResult};
 
-/// How far from the measured position a motion may start that continues none (m): an estimator's jump, a gust.
+/// How far from the measured position a motion without a base may start (m): an estimator's jump, a gust.
 const START_ERROR_M: f64 = 1.0;
-/// Added per speed (s): how old the measured position is by then, and how long the vehicle takes to follow.
+/// Added per speed (s): the age of the measured position, and the lag of the vehicle.
 const START_ERROR_S: f64 = 0.5;
-/// How far from the measured velocity it may start (m/s): what braking or speeding up with 3 m/s2 (PX4's MPC_ACC_HOR) makes
-/// in that time. A vehicle in motion is not told to be at rest.
+/// How far from the measured velocity it may start (m/s): the change of speed by 3 m/s2 (PX4's MPC_ACC_HOR) in that
+/// time. A trajectory that starts at rest is refused for a vehicle in motion.
 const START_ERROR_MPS: f64 = 1.5;
-/// A new trajectory must not need a brake for this long from now (s). Without that a start toward an obstacle would be
-/// approved, because who stands has no stopping distance, and braked when it has gained some speed: half a second later.
+/// A new trajectory must not need a brake for this long from now (s). Otherwise a start toward an obstacle would be
+/// approved, because a vehicle at rest has no stopping distance, and braked half a second later, at speed.
 const HORIZON_S: f64 = 1.0;
-/// A brake is made only if it comes to rest within this share of the way that the flown trajectory takes anyway.
-const WORTH_BRAKING: f64 = 0.98;
-/// Bit that marks identities made by the guard.
+/// A brake is made only if it comes to rest within this share of the distance that the active trajectory takes.
+const BRAKE_MAX_SHARE: f64 = 0.98;
+/// Bit that marks trajectory ids made by the guard.
 const GUARD_MADE: u64 = 1 << 63;
 
-/// What a user may tune.
+/// The guard's parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GuardConfig {
     /// Radius of the vehicle (m).
     pub vehicle_radius_m: f64,
-    /// Distance kept besides the radius (m).
+    /// Distance kept in addition to the radius (m).
     pub margin_m: f64,
-    /// Deceleration counted on and braked with (m/s2).
+    /// Deceleration of the brake, and assumed for the stopping distance (m/s2).
     pub brake_mps2: f64,
-    /// Reaction time counted on (s).
+    /// Assumed reaction time (s).
     pub delay_s: f64,
-    /// Distance between the vehicle's centre and any obstacle (m), where that is more than radius and margin.
-    pub kept_m: f64,
+    /// Standoff: distance between the vehicle's centre and any obstacle (m), where that is more than radius and margin.
+    pub standoff_m: f64,
 }
 
 impl GuardConfig {
@@ -87,7 +89,7 @@ impl GuardConfig {
             margin_m: params.get(&params::GD_MARGIN),
             brake_mps2: params.get(&params::GD_ACC_BRAKE),
             delay_s: params.get(&params::GD_DELAY),
-            kept_m: 0.0,
+            standoff_m: 0.0,
         };
         let prevention = PreventionConfig::from_params(params);
         if !prevention.is_active() {
@@ -96,26 +98,26 @@ impl GuardConfig {
         Self {
             brake_mps2: own.brake_mps2.min(prevention.acceleration_mps2),
             delay_s: own.delay_s.max(prevention.delay_s),
-            kept_m: prevention.distance_m,
+            standoff_m: prevention.distance_m,
             ..own
         }
     }
 }
 
-/// What one step works on.
+/// The inputs of one step.
 #[derive(Clone, Copy, Debug)]
 pub struct GuardInputs<'a> {
     /// A trajectory that has come since the last step.
     pub trajectory: Option<&'a Trajectory>,
     /// The vehicle's state.
     pub state: Reading<'a, VehicleState>,
-    /// What stands around.
+    /// The obstacles around.
     pub ring: &'a Ring,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Flown {
-    /// Nobody has told yet.
+    /// Not known yet.
     Unknown,
     /// The autopilot's own setpoints.
     Mirror,
@@ -131,7 +133,7 @@ pub struct Guard {
     brakes: u32,
     flown: Flown,
     active: Trajectory,
-    /// Where a brake is made before it replaces the active trajectory.
+    /// Memory for a brake before it replaces the active trajectory.
     draft: Trajectory,
     /// The active trajectory is the guard's own brake.
     is_braking: bool,
@@ -143,7 +145,7 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// A guard that knows nothing yet. `generation` tells this start of the process from others.
+    /// A guard without state. `generation` distinguishes this start of the process from others.
     pub fn new(config: GuardConfig, generation: u32) -> Self {
         Self {
             config,
@@ -160,59 +162,64 @@ impl Guard {
         }
     }
 
-    /// Takes new values from now on.
+    /// Uses new parameters from now on.
     pub fn configure(&mut self, config: GuardConfig) {
         self.config = config;
     }
 
-    /// One step: judges what is new, watches what is flown, tells in `out` what may leave.
+    /// One step: checks a new trajectory, watches the active one, and writes the approved one into `out`.
     ///
-    /// Verdict and reason are those of the last decision, and stay until the next one: a refusal is told until something passes or
-    /// a brake is made. Whether what leaves is a brake, its mode says. Without fresh ranges the free way is infinite: nothing is
-    /// known that ends it.
-    pub fn step(&mut self, now: Timestamp, inputs: &GuardInputs<'_>, out: &mut ApprovedTrajectory) -> News {
-        let mut news = News::default();
+    /// Verdict and reason are those of the last decision, and stay until the next one: a refusal is reported until
+    /// something passes or a brake is made. The mode says whether the approved trajectory is a brake. Without fresh
+    /// ranges the free distance is infinite: nothing is known that ends it.
+    pub fn step(
+        &mut self,
+        now: Timestamp,
+        inputs: &GuardInputs<'_>,
+        out: &mut ApprovedTrajectory,
+    ) -> StepEvents {
+        let mut step_events = StepEvents::default();
         let has_ranges = inputs.ring.is_fresh(now);
-        self.tell_ranges(has_ranges, &mut news);
+        self.report_ranges(has_ranges, &mut step_events);
 
-        let mut prospect = None;
+        let mut lookahead = None;
         if let Some(candidate) = inputs.trajectory.filter(|candidate| self.is_new(candidate)) {
             match self.judge(now, candidate, inputs, has_ranges) {
                 Ok(seen) => {
-                    self.take(candidate, &mut news);
-                    prospect = seen;
+                    self.take(candidate, &mut step_events);
+                    lookahead = seen;
                 }
                 Err(reason) => self.refuse(reason),
             }
         }
-        if self.flown == Flown::Active && has_ranges && prospect.is_none() {
+        if self.flown == Flown::Active && has_ranges && lookahead.is_none() {
             let seen = self.look(now, None, inputs.ring);
             if seen.is_blocked() {
-                self.brake(now, &seen, &mut news);
+                self.brake(now, &seen, &mut step_events);
             }
-            prospect = Some(seen);
+            lookahead = Some(seen);
         }
 
         out.trajectory = self.active;
-        out.free_way_m = prospect.map_or(f64::INFINITY, |seen| seen.free_way_m);
-        out.stopping_m = prospect.map_or(0.0, |seen| seen.stopping_m);
+        out.free_way_m = lookahead.map_or(f64::INFINITY, |seen| seen.free_distance_m);
+        out.stopping_m = lookahead.map_or(0.0, |seen| seen.stopping_m);
         out.verdict = Coded::new(self.verdict);
         out.reason = Coded::new(self.reason);
-        news
+        step_events
     }
 
     fn is_new(&self, candidate: &Trajectory) -> bool {
         self.flown != Flown::Active || candidate.id != self.active.id
     }
 
-    /// Whether `candidate` may be flown; what is ahead of it, if that could be looked at.
+    /// Whether `candidate` may be flown, and the result of the lookahead, if there was one.
     fn judge(
         &mut self,
         now: Timestamp,
         candidate: &Trajectory,
         inputs: &GuardInputs<'_>,
         has_ranges: bool,
-    ) -> Result<Option<Prospect>, GuardReason> {
+    ) -> Result<Option<LookaheadResult>, GuardReason> {
         let mode = candidate.mode.get();
         if mode == TrajectoryMode::Mirror {
             // A mirror carries no pieces; with pieces it is a damaged trajectory whose mode byte has become unreadable.
@@ -279,25 +286,24 @@ impl Guard {
         }
     }
 
-    /// What is ahead of `candidate`, or of what is flown.
-    fn look(&mut self, now: Timestamp, candidate: Option<&Trajectory>, ring: &Ring) -> Prospect {
+    /// Follows `candidate`, or the active trajectory, through the ring.
+    fn look(&mut self, now: Timestamp, candidate: Option<&Trajectory>, ring: &Ring) -> LookaheadResult {
         let clearance_m = self.config.vehicle_radius_m + self.config.margin_m;
-        let demand = Demand {
+        let demand = LookaheadDemand {
             clearance_m,
-            kept_m: clearance_m.max(self.config.kept_m),
+            standoff_m: clearance_m.max(self.config.standoff_m),
             delay_s: self.config.delay_s,
             brake_mps2: self.config.brake_mps2,
             horizon_s: if candidate.is_some() { HORIZON_S } else { 0.0 },
             loss_counts: candidate.is_some(),
         };
         let trajectory = candidate.unwrap_or(&self.active);
-        self.lookahead
-            .follow(now, trajectory, &ring.outlook(now), &demand)
+        self.lookahead.follow(now, trajectory, &ring.query(now), &demand)
     }
 
-    fn take(&mut self, candidate: &Trajectory, news: &mut News) {
+    fn take(&mut self, candidate: &Trajectory, step_events: &mut StepEvents) {
         if self.is_braking {
-            news.add(EventSample::new(&events::GUARD_RELEASED, "", [0.0; 2]));
+            step_events.add(EventSample::new(&events::GUARD_RELEASED, "", [0.0; 2]));
         }
         self.is_braking = false;
         self.active = *candidate;
@@ -319,18 +325,19 @@ impl Guard {
         self.reason = reason;
     }
 
-    /// Replaces the active trajectory by its brake, if that is of any use.
-    fn brake(&mut self, now: Timestamp, seen: &Prospect, news: &mut News) {
+    /// Replaces the active trajectory by its brake, if that is shorter.
+    fn brake(&mut self, now: Timestamp, seen: &LookaheadResult, step_events: &mut StepEvents) {
         if self.is_braking {
             return;
         }
         let id = GUARD_MADE | (u64::from(self.generation) << 32) | u64::from(self.brakes);
-        let hardness = Hardness {
+        let brake_limits = BrakeLimits {
             deceleration_mps2: self.config.brake_mps2,
             jerk_mps3: self.active.limits.jerk_mps3,
         };
-        brake::brake(&self.active, now, hardness, id, &mut self.draft);
-        if way_left_m(&self.draft, now) > WORTH_BRAKING * way_left_m(&self.active, now) {
+        brake::brake(&self.active, now, brake_limits, id, &mut self.draft);
+        if remaining_distance_m(&self.draft, now) > BRAKE_MAX_SHARE * remaining_distance_m(&self.active, now)
+        {
             return;
         }
         self.brakes = self.brakes.wrapping_add(1);
@@ -343,18 +350,18 @@ impl Guard {
         } else {
             "unseen"
         };
-        news.add(EventSample::new(
+        step_events.add(EventSample::new(
             &events::GUARD_BRAKED,
             what,
-            [seen.free_way_m, 0.0],
+            [seen.free_distance_m, 0.0],
         ));
     }
 
-    fn tell_ranges(&mut self, has_ranges: bool, news: &mut News) {
+    fn report_ranges(&mut self, has_ranges: bool, step_events: &mut StepEvents) {
         match (self.had_ranges, has_ranges) {
             (None, false) => return,
-            (Some(true), false) => news.add(EventSample::new(&events::RANGES_LOST, "", [0.0; 2])),
-            (Some(false), true) => news.add(EventSample::new(&events::RANGES_BACK, "", [0.0; 2])),
+            (Some(true), false) => step_events.add(EventSample::new(&events::RANGES_LOST, "", [0.0; 2])),
+            (Some(false), true) => step_events.add(EventSample::new(&events::RANGES_BACK, "", [0.0; 2])),
             (None | Some(true), true) | (Some(false), false) => {}
         }
         self.had_ranges = Some(has_ranges);
@@ -362,7 +369,7 @@ impl Guard {
 }
 
 fn is_usable(state: &VehicleState) -> bool {
-    /// No multicopter is faster: such a speed is damage, and must not excuse a start far away.
+    /// No multicopter is faster: such a speed is damaged data, and must not excuse a start far away.
     const FASTEST_MPS: f64 = 60.0;
     state.position_valid.is_set()
         && state.position.is_finite()
@@ -376,9 +383,9 @@ fn is_near(reference: &MotionState, state: &VehicleState) -> bool {
     error_m <= START_ERROR_M + START_ERROR_S * speed_mps && error_mps <= START_ERROR_MPS
 }
 
-/// Way that `trajectory` takes from `now` to rest (m).
-fn way_left_m(trajectory: &Trajectory, now: Timestamp) -> f64 {
-    /// Enough for a comparison: chords of a quintic piece miss less than one percent of its way.
+/// Distance that `trajectory` takes from `now` to rest (m).
+fn remaining_distance_m(trajectory: &Trajectory, now: Timestamp) -> f64 {
+    /// Enough for a comparison: chords of a quintic piece are less than one percent shorter than its path.
     const CHORDS: u32 = 16;
     let mut skip_s = now.seconds_since(trajectory.start).max(0.0);
     let mut way_m = 0.0;

@@ -1,11 +1,11 @@
-//! What a user may tune, under PX4's names.
+//! The parameters, under PX4's names.
 
 use jink_shared_types::params::{self, ParamSet};
 
 /// Parameters of collision prevention, as in PX4.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PreventionConfig {
-    /// `CP_DIST`: distance kept from everything (m); zero and below switch it off.
+    /// `CP_DIST`: distance kept from all obstacles (m); zero and below switch it off.
     pub distance_m: f64,
     /// `CP_DELAY`: time for which the vehicle goes on as it was before a setpoint takes effect (s).
     pub delay_s: f64,
@@ -21,7 +21,7 @@ pub struct PreventionConfig {
     pub jerk_mps3: f64,
     /// `MPC_ACC_HOR` (m/s2).
     pub acceleration_mps2: f64,
-    /// `MPC_XY_VEL_P_ACC`: acceleration for each m/s of wrong speed (1/s).
+    /// `MPC_XY_VEL_P_ACC`: acceleration for each m/s of velocity error (1/s).
     pub velocity_gain_per_s: f64,
 }
 

@@ -1,22 +1,22 @@
 //! How strongly a motion toward something is scaled, and how fast it may be.
 //!
-//! | law | says | source |
+//! | law | result | source |
 //! |---|---|---|
 //! | [`scale`] | the share of a demanded acceleration that is left at a distance | PX4, collision prevention as implemented |
-//! | [`speed_limit`] | the speed from which the vehicle comes to rest within a way | PX4, `computeMaxSpeedFromDistance` |
+//! | [`speed_limit`] | the speed from which the vehicle comes to rest within a distance | PX4, `computeMaxSpeedFromDistance` |
 
 use super::config::PreventionConfig;
 
-/// Share of a demanded acceleration that is left `distance_m` from something of which `keep_m` are to be kept: 1 far away,
-/// falling with the square to 0 at `keep_m`, and below that minus the missing metres, as PX4 has it: to be bounded by whoever
-/// uses it. Any distance, NaN included, gives a number that is not above 1.
+/// Share of a demanded acceleration that is left `distance_m` from an obstacle of which `keep_m` are to be kept: 1 far
+/// away, falling with the square to 0 at `keep_m`, and below that minus the missing metres, as in PX4: the caller has
+/// to bound it. Any distance, NaN included, gives a number that is not above 1.
 pub fn scale(config: &PreventionConfig, keep_m: f64, distance_m: f64) -> f64 {
     let beyond_m = distance_m - keep_m;
     if beyond_m <= 0.0 {
         return beyond_m;
     }
     let scale_m = keep_m.max(config.manual_mps / config.position_gain_per_s);
-    // A gain of zero makes the scale infinite, and NaN is smaller than nothing: both leave no authority.
+    // A gain of zero makes the scale infinite, and comparisons with NaN are false: the share is 0 for both.
     let share = beyond_m / scale_m;
     if share < 1.0 {
         share * share
@@ -27,10 +27,11 @@ pub fn scale(config: &PreventionConfig, keep_m: f64, distance_m: f64) -> f64 {
     }
 }
 
-/// Greatest speed (m/s) from which a vehicle comes to rest within `way_m` that changes its acceleration with `jerk_mps3`, brakes with
-/// `acceleration_mps2`, and flies on for `delay_s` before it does. Zero for no way.
+/// Greatest speed (m/s) from which a vehicle comes to rest within `way_m` that changes its acceleration with
+/// `jerk_mps3`, brakes with `acceleration_mps2`, and flies on for `delay_s` before it does. Zero for no distance.
 ///
-/// Rest is reached after `v delay + v 2 a / j + v^2 / (2 a)`: PX4's own approximation of jerk-limited braking, solved for `v`.
+/// Rest is reached after `v delay + v 2 a / j + v^2 / (2 a)`: PX4's own approximation of jerk-limited braking, solved
+/// for `v`.
 pub fn speed_limit(way_m: f64, acceleration_mps2: f64, jerk_mps3: f64, delay_s: f64) -> f64 {
     let a = acceleration_mps2;
     let b = 4.0 * a * a / jerk_mps3 + 2.0 * a * delay_s;

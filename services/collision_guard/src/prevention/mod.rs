@@ -1,15 +1,15 @@
-//! Collision prevention: a setpoint leaves only as far as it leads into nothing.
+//! Collision prevention: a setpoint is passed on only as far as it leads to no obstacle.
 //!
 //! | in | out |
 //! |---|---|
-//! | the sector ring | the setpoint as it may be flown ([`Outcome::setpoint`]) |
-//! | a horizontal setpoint, acceleration or velocity, local NED | what was done to it, and why ([`State`], [`Cause`]) |
+//! | the sector ring | the setpoint as it may be flown ([`PreventionOutput::setpoint`]) |
+//! | a horizontal setpoint, acceleration or velocity, local NED | what was done to it, and why ([`PreventionState`], [`PreventionCause`]) |
 //! | the horizontal velocity | whether the vehicle is to hold |
 //!
 //! # An acceleration
 //! 1. **Guidance** turns the setpoint toward a better direction nearby (`guidance.rs`), PX4's choice.
 //! 2. **Split**: what leads toward the nearest obstacle and what leads along it are scaled, PX4's law (`split.rs`).
-//! 3. **Compensation**: who is too fast for the way that is left is slowed, PX4's law for the sector that needs it most.
+//! 3. **Compensation**: a vehicle too fast for the distance that is left is slowed, PX4's law for the sector that needs it most.
 //! 4. **Limits**: the answer is the acceleration nearest to that which, for *every* sector `k` something is known of, keeps
 //!
 //!    ```text
@@ -18,118 +18,119 @@
 //!
 //!    where `u_k` is the sector's direction, `d_k` how far it is known, `v_max` the speed from which the vehicle still stops at CP_DIST
 //!    (`laws.rs`), `P` MPC_XY_VEL_P_ACC, `S` the scale. For a single obstacle ahead this is what 1 to 3 give already; the limits are there
-//!    for the second one, and a third (`halfplanes.rs`). The first summand makes "not faster than one can stop" a barrier
+//!    for the second one, and a third (`half_planes.rs`). The first summand makes "not faster than one can stop" a barrier
 //!    (Ames et al.: Control barrier functions, 2019): the excess dies away with the rate `P`.
 //! 5. The answer is not longer than MPC_ACC_HOR or the setpoint itself, whichever is longer.
 //!
-//! So it goes for an acceleration, which is what PX4's own collision prevention works on. Nothing of jink steers by accelerations, so this
-//! way is not flown: it is compared with what PX4 answered (`the_reference_vectors_are_met`), and kept for that. Guidance, the sectors,
-//! their times, and the speed from which one can stop are the same code in both ways, and only with accelerations PX4 has answers to
-//! compare them with.
+//! This is for an acceleration, the input of PX4's own collision prevention. Nothing in jink steers by accelerations, so this
+//! part is not flown: it is compared with PX4's results (`the_reference_vectors_are_met`), and kept for that. Guidance, the sectors,
+//! their times, and the speed from which the vehicle can stop are the same code for both inputs, and only for accelerations there are
+//! results of PX4 to compare with.
 //!
 //! # A velocity
-//! is what the pilot's sticks ask for where he steers through jink. It goes through 1, and then:
+//! is what the pilot's sticks ask for where he steers through jink. Step 1 applies to it, and then:
 //!
-//! 1. It is approached from the last answer no faster than the vehicle is to accelerate (`pace.rs`).
-//! 2. What a straight flight meets first is looked for (`outline.rs`). Along the normal there, the velocity must be one from which the vehicle
-//!    stops at CP_DIST, with `1 / P` besides CP_DELAY; the answer is the nearest velocity for which that holds, and 2 begins anew with it, until
-//!    nothing is met too fast. What is passed at CP_DIST or more does not count, so that the vehicle slides along walls with what of the
+//! 1. It is approached from the last answer no faster than the vehicle is to accelerate (`rate_limiter.rs`).
+//! 2. The first contact of a straight flight is computed (`outline.rs`). Along the normal there, the velocity must be one from which
+//!    the vehicle stops at CP_DIST, with `1 / P` in addition to CP_DELAY; the result is the nearest velocity for which that holds, and 2
+//!    is repeated with it, until no contact is too fast. What is passed at CP_DIST or more does not count, so that the vehicle slides along walls with what of the
 //!    demand leads along them.
-//! 3. What is small and stands alone is closed on as if it stood in the way, unless it is passed at three times CP_DIST: it may be a person
+//! 3. What is small and isolated limits the speed as if it stood in the path, unless it is passed at three times CP_DIST: it may be a person
 //!    who takes another step.
-//! 4. With the stick pushed, what has come nearer than CP_DIST is left again.
+//! 4. With the stick pushed, the vehicle retreats from what has come nearer than CP_DIST.
 //!
-//! What PX4 does otherwise, and why this does not, is one table in docs/collision_prevention.md. Nothing here allocates, and no input gives
-//! a number that is none: a setpoint that is none is a centred stick, and with a velocity that is none nothing moves.
+//! The differences to PX4, and their reasons, are one table in docs/collision_prevention.md. Nothing here allocates, and every
+//! result is a number: a setpoint that is NaN counts as a centred stick, and with a velocity that is NaN nothing moves.
 
-mod around;
 mod config;
+mod data_loss;
 mod guidance;
-mod halfplanes;
+mod half_planes;
 mod laws;
-mod loss;
 mod outline;
-mod pace;
+mod pilot_guard;
+mod rate_limiter;
+mod sector_states;
 mod split;
 #[cfg(test)]
 mod tests;
-mod watch;
 
-pub use around::{Around, Sight};
 pub use config::PreventionConfig;
-pub use guidance::{Guided, guide};
+pub use guidance::{GuidedDirection, guide};
 pub use laws::{scale, speed_limit};
-pub use watch::Watch;
+pub use pilot_guard::PilotGuard;
+pub use sector_states::{SectorState, SectorStates};
 
-use halfplanes::Limits;
+use data_loss::{DataLoss, DataLossAction};
+use half_planes::HalfPlanes;
 use jink_shared_types::Timestamp;
-pub use jink_shared_types::prevention::{PreventionCause as Cause, PreventionState as State};
+use jink_shared_types::prevention::{PreventionCause, PreventionState};
 use jink_shared_types::ring::{SECTORS, SectorRing};
-use loss::{Loss, Missing};
 use nalgebra::Vector2;
 use outline::Outline;
-use pace::{Pace, Step};
+use rate_limiter::{RateLimitStep, RateLimiter};
 use split::Split;
 
 /// A setpoint shorter than this is a centred stick (m/s2 or m/s): PX4's own limit.
 const CENTRED: f64 = 1e-3;
 /// The vehicle stands if it is slower (m/s): less than an estimator's noise.
 const STANDS_MPS: f64 = 0.05;
-/// Fastest retreat from what has come too near (m/s): a person walks with 1.4.
+/// Fastest retreat from an obstacle that has come too near (m/s): a person walks with 1.4.
 const RETREAT_MPS: f64 = 2.0;
-/// Contacts that one answer is moved past: two walls are enough for a corner, the rest is for what is ragged.
+/// Most contacts that one result is corrected for: two walls are enough for a corner, the rest is for irregular
+/// obstacles.
 const CONTACTS: usize = 8;
-/// Nobody asks for more (m/s2, m/s): beyond is damage.
-const SANE: f64 = 1e3;
+/// Largest plausible demand (m/s2, m/s): beyond, data are damaged.
+const PLAUSIBLE_MAX: f64 = 1e3;
 
-/// What is wanted, horizontally, local NED (north, east).
+/// A horizontal demand, local NED (north, east).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Demand {
+pub enum HorizontalSetpoint {
     /// An acceleration (m/s2).
     Acceleration(Vector2<f64>),
     /// A velocity (m/s).
     Velocity(Vector2<f64>),
 }
 
-/// The answer.
+/// The result of one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Outcome {
-    /// What may be flown, of the kind of the demand. Always finite, unless it is switched off: then it is what came.
+pub struct PreventionOutput {
+    /// What may be flown, of the kind of the demand. Always finite, except when switched off: then it is the demand.
     pub setpoint: Vector2<f64>,
     /// What was done.
-    pub state: State,
+    pub state: PreventionState,
     /// Why.
-    pub cause: Cause,
+    pub cause: PreventionCause,
     /// The nearest obstacle, or the nearest end of what is known: its sector and distance (m).
     pub nearest: Option<(usize, f64)>,
     /// The sector that guidance chose.
     pub guided: Option<usize>,
-    /// Nobody has seen anything, and the pilot has to know.
-    pub warns: bool,
+    /// No sensor has data, and the pilot has to be notified.
+    pub must_warn: bool,
 }
 
 /// Collision prevention.
 #[derive(Clone, Debug)]
 pub struct Prevention {
     config: PreventionConfig,
-    loss: Loss,
-    pace: Pace,
-    /// Sectors, from the nose, of which something was known since it was made.
+    data_loss: DataLoss,
+    rate_limiter: RateLimiter,
+    /// Sectors, from the nose, of which something was known since construction.
     ever_seen: [bool; SECTORS],
 }
 
 impl Prevention {
-    /// One that has seen nothing yet.
+    /// Without any data yet.
     pub fn new(config: PreventionConfig) -> Self {
         Self {
             config,
-            loss: Loss::default(),
-            pace: Pace::default(),
+            data_loss: DataLoss::default(),
+            rate_limiter: RateLimiter::default(),
             ever_seen: [false; SECTORS],
         }
     }
 
-    /// Takes new values from now on.
+    /// Uses new parameters from now on.
     pub fn configure(&mut self, config: PreventionConfig) {
         self.config = config;
     }
@@ -139,114 +140,122 @@ impl Prevention {
         &mut self,
         now: Timestamp,
         ring: &SectorRing,
-        demand: Demand,
+        demand: HorizontalSetpoint,
         velocity: Vector2<f64>,
-    ) -> Outcome {
-        let around = Around::of(ring, now);
-        let newest = ring.seen.iter().max().copied().filter(|_| around.has_data());
-        let missing = self.loss.note(now, &self.config, newest);
+    ) -> PreventionOutput {
+        let sectors = SectorStates::of(ring, now);
+        let newest = ring.seen.iter().max().copied().filter(|_| sectors.has_data());
+        let missing = self.data_loss.note(now, &self.config, newest);
         let asked = match demand {
-            Demand::Acceleration(wanted) | Demand::Velocity(wanted) => wanted,
+            HorizontalSetpoint::Acceleration(wanted) | HorizontalSetpoint::Velocity(wanted) => wanted,
         };
-        let mut outcome = Outcome {
+        let mut outcome = PreventionOutput {
             setpoint: asked,
-            state: State::Off,
-            cause: Cause::None,
-            nearest: around.nearest(),
+            state: PreventionState::Off,
+            cause: PreventionCause::None,
+            nearest: sectors.nearest(),
             guided: None,
-            warns: false,
+            must_warn: false,
         };
         if !self.config.is_active() {
             return outcome;
         }
-        for (seen, sight) in self.ever_seen.iter_mut().zip(&around.sights) {
-            *seen |= *sight != Sight::Unknown;
+        for (seen, state) in self.ever_seen.iter_mut().zip(&sectors.states) {
+            *seen |= *state != SectorState::Unknown;
         }
-        outcome.state = State::Free;
-        if !is_sane(&velocity) {
+        outcome.state = PreventionState::Free;
+        if !is_plausible(&velocity) {
             outcome.setpoint = Vector2::zeros();
-            outcome.state = State::Acting;
-            outcome.cause = Cause::BadInput;
+            outcome.state = PreventionState::Acting;
+            outcome.cause = PreventionCause::BadInput;
             return outcome;
         }
-        if missing != Missing::Nothing {
+        if missing != DataLossAction::Nothing {
             outcome.setpoint = match demand {
-                Demand::Acceleration(_) => {
+                HorizontalSetpoint::Acceleration(_) => {
                     let stopping = velocity * -self.config.velocity_gain_per_s;
                     stopping.cap_magnitude(self.config.acceleration_mps2)
                 }
-                Demand::Velocity(_) => Vector2::zeros(),
+                HorizontalSetpoint::Velocity(_) => Vector2::zeros(),
             };
-            outcome.cause = Cause::NoData;
-            outcome.warns = missing != Missing::Quiet;
-            outcome.state = if missing == Missing::Hold {
-                State::Hold
+            outcome.cause = PreventionCause::NoData;
+            outcome.must_warn = missing != DataLossAction::Quiet;
+            outcome.state = if missing == DataLossAction::Hold {
+                PreventionState::Hold
             } else {
-                State::Blind
+                PreventionState::Blind
             };
             return outcome;
         }
-        let wanted = if is_sane(&asked) { asked } else { Vector2::zeros() };
-        let keep_m = self.config.distance_m.max(around.range_min_m);
-        let scene = Scene {
+        let wanted = if is_plausible(&asked) {
+            asked
+        } else {
+            Vector2::zeros()
+        };
+        let keep_m = self.config.distance_m.max(sectors.range_min_m);
+        let scene = PreventionStep {
             config: &self.config,
-            around: &around,
+            sectors: &sectors,
             keep_m,
             allowed_unseen: std::array::from_fn(|sector| self.config.goes_unseen && !self.ever_seen[sector]),
         };
-        let pace = self.pace.at(now, &velocity);
+        let rate_limiter = self.rate_limiter.at(now, &velocity);
         let (setpoint, asked_now, cause, guided) = match demand {
-            Demand::Acceleration(_) => {
+            HorizontalSetpoint::Acceleration(_) => {
                 let (setpoint, cause, guided) = scene.acceleration(wanted, velocity);
                 (setpoint, asked, cause, guided)
             }
-            Demand::Velocity(_) => {
-                let asked_now = pace.toward(&wanted, self.config.acceleration_mps2);
-                let (setpoint, cause, guided) = scene.velocity(wanted, &pace);
-                self.pace = Pace::new(now, setpoint);
+            HorizontalSetpoint::Velocity(_) => {
+                let asked_now = rate_limiter.toward(&wanted, self.config.acceleration_mps2);
+                let (setpoint, cause, guided) = scene.velocity(wanted, &rate_limiter);
+                self.rate_limiter = RateLimiter::new(now, setpoint);
                 (setpoint, asked_now, cause, guided)
             }
         };
         outcome.setpoint = setpoint;
         outcome.guided = guided;
-        if (setpoint - asked_now).norm() > CENTRED || !is_sane(&asked) {
-            outcome.state = State::Acting;
-            outcome.cause = if is_sane(&asked) { cause } else { Cause::BadInput };
+        if (setpoint - asked_now).norm() > CENTRED || !is_plausible(&asked) {
+            outcome.state = PreventionState::Acting;
+            outcome.cause = if is_plausible(&asked) {
+                cause
+            } else {
+                PreventionCause::BadInput
+            };
         }
         outcome
     }
 }
 
-fn is_sane(vector: &Vector2<f64>) -> bool {
+fn is_plausible(vector: &Vector2<f64>) -> bool {
     // False for NaN.
-    vector.norm() < SANE
+    vector.norm() < PLAUSIBLE_MAX
 }
 
-/// One step's view.
-struct Scene<'a> {
+/// The inputs of one step.
+struct PreventionStep<'a> {
     config: &'a PreventionConfig,
-    around: &'a Around,
+    sectors: &'a SectorStates,
     keep_m: f64,
     allowed_unseen: [bool; SECTORS],
 }
 
-impl Scene<'_> {
+impl PreventionStep<'_> {
     fn acceleration(
         &self,
         wanted: Vector2<f64>,
         velocity: Vector2<f64>,
-    ) -> (Vector2<f64>, Cause, Option<usize>) {
+    ) -> (Vector2<f64>, PreventionCause, Option<usize>) {
         let size = wanted.norm();
         let (guided, demand) = self.guided(wanted, size);
         let mut answer = Vector2::zeros();
-        let mut cause = Cause::None;
+        let mut cause = PreventionCause::None;
         if size > CENTRED {
             answer = self.split().share(demand / size) * size;
             cause = self.why(&demand, guided.map(|guided| guided.1));
         }
         let compensation = self.compensation(&velocity);
-        let mut limits = Limits::default();
-        for (sector, toward, reach_m) in self.around.known() {
+        let mut limits = HalfPlanes::default();
+        for (sector, toward, reach_m) in self.sectors.known() {
             let closing_mps = velocity.dot(&toward);
             let room = self.config.velocity_gain_per_s
                 * (self.limit_mps(sector, reach_m, closing_mps) - closing_mps);
@@ -255,8 +264,8 @@ impl Scene<'_> {
         }
         let before = answer;
         answer = limits.nearest(answer + compensation);
-        if cause == Cause::None && (answer - before).norm() > CENTRED {
-            cause = Cause::Obstacle;
+        if cause == PreventionCause::None && (answer - before).norm() > CENTRED {
+            cause = PreventionCause::Obstacle;
         }
         let longest = self.config.acceleration_mps2.max(size);
         (
@@ -266,28 +275,32 @@ impl Scene<'_> {
         )
     }
 
-    fn velocity(&self, wanted: Vector2<f64>, pace: &Step) -> (Vector2<f64>, Cause, Option<usize>) {
+    fn velocity(
+        &self,
+        wanted: Vector2<f64>,
+        rate_limiter: &RateLimitStep,
+    ) -> (Vector2<f64>, PreventionCause, Option<usize>) {
         let size = wanted.norm();
         let (guided, demand) = self.guided(wanted, size);
         let cause = self.why(&demand, guided.map(|guided| guided.1));
         let target = demand * self.coverage(&demand);
-        let next = pace.toward(&target, self.config.acceleration_mps2);
+        let next = rate_limiter.toward(&target, self.config.acceleration_mps2);
         let answer = self.moderated(next * self.coverage(&next), size > CENTRED);
         let answer = answer * self.coverage(&answer);
         (answer, cause, guided.map(|guided| guided.0))
     }
 
-    /// The velocity nearest to `wanted` that leads into nothing faster than one can stop before it.
+    /// The velocity nearest to `wanted` from which the vehicle can stop before everything it leads to.
     fn moderated(&self, wanted: Vector2<f64>, is_pushed: bool) -> Vector2<f64> {
-        let outline = Outline::of(self.around, self.keep_m);
-        let mut limits = Limits::default();
+        let outline = Outline::of(self.sectors, self.keep_m);
+        let mut limits = HalfPlanes::default();
         if let Some(near) = outline.too_near().filter(|_| is_pushed) {
             limits.push(near.normal, self.closing_mps(near.room_m));
         }
-        for place in outline.lone() {
-            self.be_wary(place, &wanted, &mut limits);
+        for place in outline.isolated() {
+            self.limit_for_isolated(place, &wanted, &mut limits);
         }
-        // Between two obstacles the nearest velocity that keeps both limits may be any number to the side.
+        // Between two obstacles the nearest velocity within both limits may be arbitrarily large sideways.
         let longest_mps = wanted.norm().max(if is_pushed { RETREAT_MPS } else { 0.0 });
         let mut answer = limits.nearest(wanted).cap_magnitude(longest_mps);
         for _ in 0..CONTACTS {
@@ -305,7 +318,7 @@ impl Scene<'_> {
             limits.push(contact.normal, limit_mps);
             answer = limits.nearest(wanted).cap_magnitude(longest_mps);
         }
-        // Something else is met in every direction that was tried: slower in the last of them.
+        // There is a contact in every direction that was tried: slower in the last of them.
         let direction = answer.try_normalize(CENTRED).unwrap_or_default();
         match outline.first_contact(&direction) {
             Some(contact) => {
@@ -316,9 +329,9 @@ impl Scene<'_> {
         }
     }
 
-    /// What stands alone may step into the way: it is closed on as if it stood there, the less so the farther aside it is passed. From twice
-    /// CP_DIST aside it counts less, and at three times it not any more.
-    fn be_wary(&self, place: &Vector2<f64>, wanted: &Vector2<f64>, limits: &mut Limits) {
+    /// Something isolated may step into the path: the speed toward it is limited as if it stood there, the less so the
+    /// farther aside it is passed. From twice CP_DIST aside the limit is relaxed, and at three times there is none.
+    fn limit_for_isolated(&self, place: &Vector2<f64>, wanted: &Vector2<f64>, limits: &mut HalfPlanes) {
         let distance_m = place.norm();
         let speed_mps = wanted.norm();
         if distance_m <= CENTRED || speed_mps <= CENTRED || wanted.dot(place) <= 0.0 {
@@ -332,13 +345,14 @@ impl Scene<'_> {
         }
     }
 
-    /// Greatest speed toward something that may be approached by another `room_m` (m/s). What is too near is left again, with the same
-    /// gain with which wrong speeds are mended: with less of it a person who walks up was waited for.
+    /// Greatest speed toward something that may be approached by another `room_m` (m/s). From an obstacle that is too
+    /// near the vehicle retreats with the gain of the velocity controller: with a lower one it did not retreat from a
+    /// person who walked up.
     fn closing_mps(&self, room_m: f64) -> f64 {
         if room_m < 0.0 {
             return (self.config.velocity_gain_per_s * room_m).max(-RETREAT_MPS);
         }
-        // A velocity is reached with the time constant of the loop that follows it.
+        // A velocity is reached with the time constant of the velocity controller.
         let delay_s = self.config.delay_s + 1.0 / self.config.velocity_gain_per_s;
         speed_limit(
             room_m,
@@ -348,7 +362,7 @@ impl Scene<'_> {
         )
     }
 
-    /// Share of a velocity that leads into what is covered; a velocity that is none leads nowhere.
+    /// Share of a velocity that leads into known sectors; 1 for zero velocity.
     fn coverage(&self, velocity: &Vector2<f64>) -> f64 {
         let speed_mps = velocity.norm();
         if speed_mps > CENTRED {
@@ -361,61 +375,61 @@ impl Scene<'_> {
     fn split(&self) -> Split<'_> {
         Split {
             config: self.config,
-            around: self.around,
+            sectors: self.sectors,
             keep_m: self.keep_m,
             allowed_unseen: &self.allowed_unseen,
         }
     }
 
-    /// The sector that is better and whether it is another one; the demand turned there.
+    /// The sector that guidance chose and whether it is another one; the demand turned there.
     fn guided(&self, wanted: Vector2<f64>, size: f64) -> (Option<(usize, bool)>, Vector2<f64>) {
         if size <= CENTRED {
             return (None, Vector2::zeros());
         }
-        let guided = guide(self.config, self.around, wanted / size);
+        let guided = guide(self.config, self.sectors, wanted / size);
         (
             Some((guided.sector, guided.sector != guided.original)),
             guided.direction * size,
         )
     }
 
-    /// What acts on a demand, where something does.
-    fn why(&self, demand: &Vector2<f64>, was_turned: Option<bool>) -> Cause {
-        match self.around.sights[self.around.sector_toward(demand)] {
-            Sight::Unknown => Cause::Unseen,
-            _ if was_turned == Some(true) => Cause::Guided,
-            Sight::Clear { .. }
+    /// The cause of a change to a demand, if there is one.
+    fn why(&self, demand: &Vector2<f64>, was_turned: Option<bool>) -> PreventionCause {
+        match self.sectors.states[self.sectors.sector_toward(demand)] {
+            SectorState::Unknown => PreventionCause::Unseen,
+            _ if was_turned == Some(true) => PreventionCause::Guided,
+            SectorState::Clear { .. }
                 if self
-                    .around
+                    .sectors
                     .nearest()
                     .is_none_or(|(sector, _)| self.is_clear(sector)) =>
             {
-                Cause::Reach
+                PreventionCause::Reach
             }
-            Sight::Clear { .. } | Sight::Hit { .. } => Cause::Obstacle,
+            SectorState::Clear { .. } | SectorState::Hit { .. } => PreventionCause::Obstacle,
         }
     }
 
     fn is_clear(&self, sector: usize) -> bool {
-        matches!(self.around.sights[sector], Sight::Clear { .. })
+        matches!(self.sectors.states[sector], SectorState::Clear { .. })
     }
 
     /// Greatest speed toward a sector (m/s) of a vehicle that closes on it with `closing_mps`.
     fn limit_mps(&self, sector: usize, reach_m: f64, closing_mps: f64) -> f64 {
-        let age_s = match self.around.sights[sector] {
-            Sight::Hit { age_s, .. } => age_s,
-            Sight::Clear { .. } | Sight::Unknown => 0.0,
+        let age_s = match self.sectors.states[sector] {
+            SectorState::Hit { age_s, .. } => age_s,
+            SectorState::Clear { .. } | SectorState::Unknown => 0.0,
         };
         let flown_m = closing_mps.max(0.0) * (self.config.delay_s + age_s);
         let way_m = reach_m - self.keep_m - flown_m;
         speed_limit(way_m, self.config.acceleration_mps2, self.config.jerk_mps3, 0.0)
     }
 
-    /// What slows a vehicle that is too fast for one of the sectors: for the one that it is most too fast for.
+    /// The deceleration for the sector that the vehicle approaches most above its speed limit.
     fn compensation(&self, velocity: &Vector2<f64>) -> Vector2<f64> {
         let gain = self.config.velocity_gain_per_s;
         let mut worst = (0.0, Vector2::zeros());
-        for (sector, toward, reach_m) in self.around.known() {
+        for (sector, toward, reach_m) in self.sectors.known() {
             let closing_mps = velocity.dot(&toward).max(0.0);
             let needed = gain * (self.limit_mps(sector, reach_m, closing_mps) - closing_mps);
             if needed < worst.0 {
@@ -424,8 +438,9 @@ impl Scene<'_> {
         }
         let speed_mps = velocity.norm();
         if speed_mps > STANDS_MPS {
-            let sector = self.around.sector_toward(velocity);
-            let is_unseen = self.around.sights[sector] == Sight::Unknown && !self.allowed_unseen[sector];
+            let sector = self.sectors.sector_toward(velocity);
+            let is_unseen =
+                self.sectors.states[sector] == SectorState::Unknown && !self.allowed_unseen[sector];
             if is_unseen && -gain * speed_mps < worst.0 {
                 worst = (-gain * speed_mps, velocity / speed_mps);
             }

@@ -1,38 +1,38 @@
-//! What stands around as points and faces between them, and what a straight flight meets of it first.
+//! Obstacles as points and faces between them, and the first contact of a straight flight with them.
 //!
-//! A sector says how far its nearest hit is, not where in its 5 degrees. It is drawn where a wall would have it:
+//! A sector says how far its nearest hit is, not where in its 5 degrees. The hit is placed where a wall would have it:
 //!
-//! | sector | its hit is drawn |
+//! | sector | where its hit is placed |
 //! |---|---|
 //! | one of its neighbours ends nearer | at the edge to the nearer one: a wall that comes nearer on that side is nearest there |
 //! | it ends before both | at both edges, with a face between: it may be anywhere in there |
 //!
-//! Neighbours' hits less than twice the kept distance apart are joined by a face: nothing that keeps its distance from both passes
-//! between them. So are those that may belong to one wall ([`STEEP`]). With points alone, a flight along a wall would seem to close on every
-//! one of them, and one towards it to slip through.
+//! Neighbours' hits less than twice the standoff apart are joined by a face: nothing that keeps the standoff from both
+//! passes between them. So are those that may belong to one wall ([`STEEP`]). With points alone, a flight along a wall
+//! would seem to approach every one of them, and one towards it to pass between them.
 //!
-//! A disc of the kept distance that moves straight on meets a point or a face in a place with a normal. The way it may go on in this
-//! direction is what counts against the speed *along the normal*; what it passes beside does not count at all.
+//! A disc with the standoff as radius that moves straight on touches a point or a face at a place with a normal. The
+//! distance left in this direction limits the speed *along the normal*; what it passes beside does not count at all.
 //!
-//! What is small and stands alone may be a person who takes another step: it is told apart, for whoever is more careful with it.
+//! What is small and isolated may be a person who takes another step: it is listed separately, for a stricter limit.
 
-use super::around::{Around, Sight};
+use super::sector_states::{SectorState, SectorStates};
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS};
 use nalgebra::{Rotation2, Vector2};
 
 /// What is joined and not longer than this (m) may be a person, an animal, a vehicle: something that moves.
 const SMALL_M: f64 = 1.5;
-/// Hits of neighbouring sectors are joined up to so many times the width of a sector there: a wall that is seen at 10 degrees.
+/// Hits of neighbouring sectors are joined up to so many times the width of a sector there: a wall seen at 10 degrees.
 const STEEP: f64 = 6.0;
-/// A part of a unit vector shorter than this leads nowhere.
+/// A part of a unit vector shorter than this has no direction.
 const NONE: f64 = 1e-6;
 /// Most points: two for each sector.
 const POINTS: usize = 2 * SECTORS;
 
-/// What is met first.
+/// The first contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// From the vehicle towards what is met (unit vector), where it is met.
+    /// Unit vector from the vehicle towards the obstacle at the contact.
     pub normal: Vector2<f64>,
     /// How far the vehicle may still move along the normal (m); negative if it is too near already.
     pub room_m: f64,
@@ -44,7 +44,7 @@ struct Hit {
     place: Vector2<f64>,
     /// A face leads from here to the next one.
     is_joined: bool,
-    /// What stands there, and not the end of what is known.
+    /// An obstacle, not the end of what is known.
     is_solid: bool,
 }
 
@@ -53,15 +53,15 @@ struct Hit {
 pub struct Outline {
     hits: [Hit; POINTS],
     len: usize,
-    /// The nearest hits of what is small and stands alone.
-    lone: [Vector2<f64>; SECTORS],
-    lone_len: usize,
+    /// The nearest hits of what is small and isolated.
+    isolated: [Vector2<f64>; SECTORS],
+    isolated_len: usize,
     keep_m: f64,
 }
 
 impl Outline {
-    /// What `around` says, to be kept `keep_m` away from.
-    pub fn of(around: &Around, keep_m: f64) -> Self {
+    /// The outline of `sectors`, to be kept `keep_m` away from.
+    pub fn of(sectors: &SectorStates, keep_m: f64) -> Self {
         let nothing = Hit {
             place: Vector2::zeros(),
             is_joined: false,
@@ -70,14 +70,18 @@ impl Outline {
         let mut outline = Self {
             hits: [nothing; POINTS],
             len: 0,
-            lone: [Vector2::zeros(); SECTORS],
-            lone_len: 0,
+            isolated: [Vector2::zeros(); SECTORS],
+            isolated_len: 0,
             keep_m,
         };
-        for (sector, toward, reach_m) in around.known() {
-            let ends_at = |sector: usize| around.sights[sector % SECTORS].reach_m().unwrap_or(f64::INFINITY);
+        for (sector, toward, reach_m) in sectors.known() {
+            let ends_at = |sector: usize| {
+                sectors.states[sector % SECTORS]
+                    .reach_m()
+                    .unwrap_or(f64::INFINITY)
+            };
             let (left_m, right_m) = (ends_at(sector + SECTORS - 1), ends_at(sector + 1));
-            let is_solid = matches!(around.sights[sector], Sight::Hit { .. });
+            let is_solid = matches!(sectors.states[sector], SectorState::Hit { .. });
             let mut push = |aside: f64, is_joined: bool| {
                 let place = Rotation2::new(0.5 * aside * SECTOR_WIDTH_RAD) * toward * reach_m;
                 outline.push(Hit {
@@ -96,19 +100,19 @@ impl Outline {
             }
         }
         outline.join();
-        outline.find_lone(around);
+        outline.find_isolated(sectors);
         outline
     }
 
-    /// The nearest hits (m) of all that is small and stands alone.
-    pub fn lone(&self) -> &[Vector2<f64>] {
-        &self.lone[..self.lone_len]
+    /// The nearest hits (m) of everything small and isolated.
+    pub fn isolated(&self) -> &[Vector2<f64>] {
+        &self.isolated[..self.isolated_len]
     }
 
-    fn find_lone(&mut self, around: &Around) {
-        let place = |sector: usize| match around.sights[sector % SECTORS] {
-            Sight::Hit { distance_m, .. } => Some(around.directions[sector % SECTORS] * distance_m),
-            Sight::Clear { .. } | Sight::Unknown => None,
+    fn find_isolated(&mut self, sectors: &SectorStates) {
+        let place = |sector: usize| match sectors.states[sector % SECTORS] {
+            SectorState::Hit { distance_m, .. } => Some(sectors.directions[sector % SECTORS] * distance_m),
+            SectorState::Clear { .. } | SectorState::Unknown => None,
         };
         let keep_m = self.keep_m;
         let goes_on = |sector: usize| match (place(sector), place(sector + 1)) {
@@ -126,8 +130,8 @@ impl Outline {
                 }
             }
             if (end - begin).norm() <= SMALL_M {
-                self.lone[self.lone_len] = nearest;
-                self.lone_len += 1;
+                self.isolated[self.isolated_len] = nearest;
+                self.isolated_len += 1;
             }
         }
     }
@@ -155,7 +159,8 @@ impl Outline {
         })
     }
 
-    /// What a disc of the kept distance that moves along `direction` (a unit vector) meets first, if it meets anything.
+    /// The first contact of a disc with the standoff as radius that moves along `direction` (a unit vector), if there
+    /// is one.
     pub fn first_contact(&self, direction: &Vector2<f64>) -> Option<Contact> {
         let mut first: Option<(f64, Contact)> = None;
         let mut offer = |way_m: f64, contact: Contact| {
@@ -209,14 +214,14 @@ impl Outline {
             return None;
         }
         let room_m = distance_m - self.keep_m;
-        // Too near already: met at once, right where it is nearest.
+        // Too near already: a contact at once, where it is nearest.
         let way_m = room_m / slope;
         let centre = direction * way_m.max(0.0);
         let is_met = is_between(&centre, from, to);
         is_met.then_some((way_m, Contact { normal, room_m }))
     }
 
-    /// What of the obstacles is nearest, if one is nearer than the kept distance.
+    /// The nearest obstacle, if it is nearer than the standoff.
     pub fn too_near(&self) -> Option<Contact> {
         let hits = self.hits[..self.len].iter();
         let solid = hits.zip(self.parts()).filter(|(hit, _)| hit.is_solid);

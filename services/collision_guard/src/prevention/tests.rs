@@ -1,7 +1,8 @@
-use super::around::Around;
-use super::{Cause, Demand, Outcome, Prevention, PreventionConfig, State};
+use super::sector_states::SectorStates;
+use super::{HorizontalSetpoint, Prevention, PreventionConfig, PreventionOutput};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
+use jink_shared_types::prevention::{PreventionCause, PreventionState};
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, SectorRing, sector_bearing_rad, sector_of};
 use nalgebra::Vector2;
 use proptest::prelude::*;
@@ -57,7 +58,7 @@ fn walls(walls: &[(f64, f64)]) -> [f64; SECTORS] {
     })
 }
 
-/// Straight walls as a ring has them: a sector tells the nearest of what it holds.
+/// Straight walls as a ring has them: a sector reports the nearest of what it holds.
 fn seen_walls(walls: &[(f64, f64)]) -> [f64; SECTORS] {
     std::array::from_fn(|sector| {
         walls
@@ -91,7 +92,12 @@ fn polar(size: f64, bearing_rad: f64) -> Vector2<f64> {
     Vector2::new(size * bearing_rad.cos(), size * bearing_rad.sin())
 }
 
-fn step(config: PreventionConfig, ring: &SectorRing, demand: Demand, velocity: Vector2<f64>) -> Outcome {
+fn step(
+    config: PreventionConfig,
+    ring: &SectorRing,
+    demand: HorizontalSetpoint,
+    velocity: Vector2<f64>,
+) -> PreventionOutput {
     Prevention::new(config).step(now(), ring, demand, velocity)
 }
 
@@ -101,7 +107,7 @@ fn pushed(
     stick: Vector2<f64>,
     velocity: Vector2<f64>,
 ) -> Vector2<f64> {
-    step(config, ring, Demand::Acceleration(stick), velocity).setpoint
+    step(config, ring, HorizontalSetpoint::Acceleration(stick), velocity).setpoint
 }
 
 fn distances() -> impl Strategy<Value = [f64; SECTORS]> {
@@ -154,7 +160,7 @@ proptest! {
     ) {
         let ring = ring(distances.try_into().unwrap());
         let stick = Vector2::from(stick);
-        let demand = if by_velocity { Demand::Velocity(stick) } else { Demand::Acceleration(stick) };
+        let demand = if by_velocity { HorizontalSetpoint::Velocity(stick) } else { HorizontalSetpoint::Acceleration(stick) };
         let answer = step(config, &ring, demand, Vector2::from(velocity)).setpoint;
         let size = stick.norm();
         let asked = if size < 1e3 { size } else { 0.0 };
@@ -179,7 +185,7 @@ proptest! {
             let limit = super::speed_limit(way, config.acceleration_mps2, config.jerk_mps3, 0.0);
             let granted = super::scale(&config, config.distance_m, distance_m).max(0.0) * stick.dot(&toward).max(0.0);
             let may = (config.velocity_gain_per_s * (limit - closing) + granted).max(-config.acceleration_mps2);
-            // A bounded answer may be short of what is needed where obstacles on several sides need different things.
+            // A bounded result may be short of what is needed where obstacles on several sides need different things.
             if may >= 0.0 {
                 prop_assert!(answer.dot(&toward) <= may + 1e-3, "sector {}: {} of {}", sector, answer.dot(&toward), may);
             }
@@ -215,23 +221,24 @@ proptest! {
     /// Before a wall, whatever is asked for and however fast the vehicle is.
     #[test]
     fn a_velocity_is_one_from_which_one_can_stop(
-        bearing in 0.0..std::f64::consts::TAU, distance_m in 0.3..25.0f64, config in configs(), wish in plane(15.0), velocity in plane(8.0),
+        bearing in 0.0..std::f64::consts::TAU, distance_m in 0.3..25.0f64, config in configs(), desired in plane(15.0), velocity in plane(8.0),
     ) {
         let config = PreventionConfig { guide_rad: 0.0, ..config };
-        let answer = step(config, &ring(seen_walls(&[(bearing, distance_m)])), Demand::Velocity(wish), velocity).setpoint;
+        let answer = step(config, &ring(seen_walls(&[(bearing, distance_m)])), HorizontalSetpoint::Velocity(desired), velocity).setpoint;
         let v = answer.dot(&polar(1.0, bearing));
         let way = (distance_m - config.distance_m).max(0.0);
         let delay_s = config.delay_s + 1.0 / config.velocity_gain_per_s;
         let needed = v * delay_s + v * 2.0 * config.acceleration_mps2 / config.jerk_mps3 + v * v / (2.0 * config.acceleration_mps2);
         // Sectors hide where in their 5 degrees the wall is nearest, and a contact may be broken by what a centred stick is.
         prop_assert!(v <= 2e-3 || needed <= way + 0.01 + 0.01 * distance_m, "{} of {}", needed, way);
-        prop_assert!(answer.norm() <= wish.norm().max(velocity.norm()).max(super::RETREAT_MPS) + 1e-9);
+        prop_assert!(answer.norm() <= desired.norm().max(velocity.norm()).max(super::RETREAT_MPS) + 1e-9);
     }
 
-    /// Posts anywhere, a stick held anywhere, a vehicle that follows with a lag: it never comes nearer than CP_DIST, but for what a sector hides.
+    /// Posts anywhere, a stick held anywhere, a vehicle that follows with a lag: it never comes nearer than CP_DIST,
+    /// except for what a sector hides.
     #[test]
     fn who_follows_the_answers_keeps_the_distance(
-        posts in proptest::collection::vec((3.2..25.0f64, 0.0..std::f64::consts::TAU), 1..8), wish in plane(8.0),
+        posts in proptest::collection::vec((3.2..25.0f64, 0.0..std::f64::consts::TAU), 1..8), desired in plane(8.0),
     ) {
         let posts: Vec<_> = posts.into_iter().map(|(distance, bearing)| polar(distance, bearing)).collect();
         let (config, mut prevention) = (config(), Prevention::new(config()));
@@ -239,7 +246,7 @@ proptest! {
         for tick in 0..1_000 {
             let now = Timestamp::from_seconds(NOW_S + 0.02 * f64::from(tick));
             let ring = SectorRing { seen: [now; SECTORS], ..around_posts(&posts, &place) };
-            let answer = prevention.step(now, &ring, Demand::Velocity(wish), velocity).setpoint;
+            let answer = prevention.step(now, &ring, HorizontalSetpoint::Velocity(desired), velocity).setpoint;
             velocity += (answer - velocity) * config.velocity_gain_per_s * 0.02;
             place += velocity * 0.02;
             nearest_m = posts.iter().map(|post| (post - place).norm()).fold(nearest_m, f64::min);
@@ -269,9 +276,9 @@ proptest! {
 #[test]
 fn a_ring_that_does_not_say_where_its_sectors_point_says_nothing() {
     let mut lost = ring([f64::INFINITY; SECTORS]);
-    assert!(Around::of(&lost, now()).has_data());
+    assert!(SectorStates::of(&lost, now()).has_data());
     lost.attitude.w = f64::NAN;
-    assert!(!Around::of(&lost, now()).has_data());
+    assert!(!SectorStates::of(&lost, now()).has_data());
 }
 
 #[test]
@@ -280,11 +287,14 @@ fn far_from_everything_the_stick_is_what_is_flown() {
     let outcome = step(
         config(),
         &far,
-        Demand::Acceleration(polar(3.0, 0.7)),
+        HorizontalSetpoint::Acceleration(polar(3.0, 0.7)),
         Vector2::zeros(),
     );
     assert!((outcome.setpoint - polar(3.0, 0.7)).norm() < 1e-12);
-    assert_eq!((outcome.state, outcome.cause), (State::Free, Cause::None));
+    assert_eq!(
+        (outcome.state, outcome.cause),
+        (PreventionState::Free, PreventionCause::None)
+    );
 }
 
 #[test]
@@ -297,13 +307,16 @@ fn switched_off_it_passes_everything() {
     let outcome = step(
         off,
         &blind,
-        Demand::Acceleration(polar(3.0, 0.7)),
+        HorizontalSetpoint::Acceleration(polar(3.0, 0.7)),
         Vector2::zeros(),
     );
-    assert_eq!((outcome.setpoint, outcome.state), (polar(3.0, 0.7), State::Off));
+    assert_eq!(
+        (outcome.setpoint, outcome.state),
+        (polar(3.0, 0.7), PreventionState::Off)
+    );
 }
 
-/// In PX4 the second wall counts for nothing as soon as the stick is a hair past the perpendicular to the first.
+/// In PX4 the second wall does not count as soon as the stick is slightly past the perpendicular to the first.
 #[test]
 fn a_second_wall_counts_whichever_is_nearer() {
     let corner = ring(walls(&[(0.0, 1.5), (FRAC_PI_2, 1.7)]));
@@ -367,10 +380,13 @@ fn where_no_sensor_looks_nothing_moves_and_motion_there_is_braked() {
     let aside = step(
         config(),
         &ring,
-        Demand::Acceleration(polar(3.0, 1.5)),
+        HorizontalSetpoint::Acceleration(polar(3.0, 1.5)),
         Vector2::zeros(),
     );
-    assert_eq!((aside.setpoint, aside.cause), (Vector2::zeros(), Cause::Unseen));
+    assert_eq!(
+        (aside.setpoint, aside.cause),
+        (Vector2::zeros(), PreventionCause::Unseen)
+    );
     let ahead = pushed(config(), &ring, polar(3.0, 0.0), Vector2::zeros());
     assert!(ahead.x > 2.9, "{ahead}");
     let drifting = pushed(config(), &ring, Vector2::zeros(), polar(1.0, 1.5));
@@ -380,19 +396,19 @@ fn where_no_sensor_looks_nothing_moves_and_motion_there_is_braked() {
         ..config()
     };
     assert!(pushed(allowed, &ring, polar(3.0, 1.5), Vector2::zeros()).norm() > 2.9);
-    // What was seen once and is not any more is not "never seen".
+    // What was seen once and is no longer is not "never seen".
     let mut prevention = Prevention::new(allowed);
     let all = super::tests::ring([f64::INFINITY; SECTORS]);
     prevention.step(
         now(),
         &all,
-        Demand::Acceleration(Vector2::zeros()),
+        HorizontalSetpoint::Acceleration(Vector2::zeros()),
         Vector2::zeros(),
     );
     let lost = prevention.step(
         now(),
         &ring,
-        Demand::Acceleration(polar(3.0, 1.5)),
+        HorizontalSetpoint::Acceleration(polar(3.0, 1.5)),
         Vector2::zeros(),
     );
     assert_eq!(lost.setpoint, Vector2::zeros());
@@ -411,55 +427,65 @@ fn guidance_takes_the_better_side_and_never_one_without_data() {
     let outcome = step(
         guided,
         &ring(post),
-        Demand::Acceleration(polar(3.0, 0.01)),
+        HorizontalSetpoint::Acceleration(polar(3.0, 0.01)),
         Vector2::zeros(),
     );
-    assert_eq!((outcome.guided, outcome.cause), (Some(3), Cause::Guided));
+    assert_eq!(
+        (outcome.guided, outcome.cause),
+        (Some(3), PreventionCause::Guided)
+    );
     assert!(outcome.setpoint.y > 0.3, "{outcome:?}");
     post[2..20].fill(f64::NAN);
     let outcome = step(
         guided,
         &ring(post),
-        Demand::Acceleration(polar(3.0, 0.01)),
+        HorizontalSetpoint::Acceleration(polar(3.0, 0.01)),
         Vector2::zeros(),
     );
     assert!(outcome.guided.is_some_and(|sector| sector > 60), "{outcome:?}");
 }
 
 #[test]
-fn without_data_nothing_moves_then_the_pilot_is_told_then_the_vehicle_holds() {
+fn without_data_nothing_moves_then_the_pilot_is_notified_then_the_vehicle_holds() {
     let mut prevention = Prevention::new(config());
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     let seen = ring([f64::INFINITY; SECTORS]);
     let blind = ring([f64::NAN; SECTORS]);
     for tenth in 0..100 {
         let at_s = NOW_S + 0.1 * f64::from(tenth);
         // The ring calls its sectors unknown half a second after they were seen.
-        let around = if tenth <= 15 { &seen } else { &blind };
-        let mut around = *around;
+        let sectors = if tenth <= 15 { &seen } else { &blind };
+        let mut sectors = *sectors;
         if tenth <= 15 {
-            around.seen = [Timestamp::from_seconds(NOW_S + 0.1 * f64::from(tenth.min(10))); SECTORS];
+            sectors.seen = [Timestamp::from_seconds(NOW_S + 0.1 * f64::from(tenth.min(10))); SECTORS];
         }
         let outcome = prevention.step(
             Timestamp::from_seconds(at_s),
-            &around,
-            Demand::Acceleration(polar(3.0, 0.0)),
+            &sectors,
+            HorizontalSetpoint::Acceleration(polar(3.0, 0.0)),
             Vector2::zeros(),
         );
-        if told.last().map(|(_, state)| *state) != Some(outcome.state) {
-            told.push((tenth, outcome.state));
+        if reported.last().map(|(_, state)| *state) != Some(outcome.state) {
+            reported.push((tenth, outcome.state));
         }
-        if outcome.state != State::Free {
+        if outcome.state != PreventionState::Free {
             assert_eq!(outcome.setpoint, Vector2::zeros());
-            assert!(outcome.warns);
+            assert!(outcome.must_warn);
         }
     }
-    assert_eq!(told, [(0, State::Free), (16, State::Blind), (61, State::Hold)]);
+    assert_eq!(
+        reported,
+        [
+            (0, PreventionState::Free),
+            (16, PreventionState::Blind),
+            (61, PreventionState::Hold)
+        ]
+    );
 }
 
-/// As fast as one that is asked for from the start on: the setpoint begins there.
-fn flown(config: PreventionConfig, ring: &SectorRing, wish: Vector2<f64>) -> Vector2<f64> {
-    step(config, ring, Demand::Velocity(wish), wish).setpoint
+/// With the demanded velocity as the vehicle's own: the setpoint begins there.
+fn flown(config: PreventionConfig, ring: &SectorRing, desired: Vector2<f64>) -> Vector2<f64> {
+    step(config, ring, HorizontalSetpoint::Velocity(desired), desired).setpoint
 }
 
 #[test]
@@ -478,16 +504,16 @@ fn along_a_wall_nothing_is_lost_and_toward_it_nothing_is_left() {
 #[test]
 fn between_two_walls_nothing_is_lost() {
     let corridor = ring(seen_walls(&[(FRAC_PI_2, 2.2), (-FRAC_PI_2, 2.2)]));
-    let wish = polar(5.0, 0.0);
-    assert!((flown(config(), &corridor, wish) - wish).norm() < 0.05);
+    let desired = polar(5.0, 0.0);
+    assert!((flown(config(), &corridor, desired) - desired).norm() < 0.05);
 }
 
 #[test]
 fn what_stands_alone_beside_the_way_may_step_into_it() {
-    let wish = polar(5.0, 0.0);
+    let desired = polar(5.0, 0.0);
     let beside = |aside_m: f64| {
         let ring = around_posts(&[Vector2::new(4.0, aside_m)], &Vector2::zeros());
-        flown(config(), &ring, wish).norm()
+        flown(config(), &ring, desired).norm()
     };
     assert!(beside(3.0) < 3.5, "{}", beside(3.0));
     assert!(beside(6.5) > 4.99, "{}", beside(6.5));
@@ -505,7 +531,7 @@ fn what_came_too_near_is_left_while_the_stick_is_pushed() {
     let pushed = step(
         config(),
         &wall,
-        Demand::Velocity(polar(5.0, 0.0)),
+        HorizontalSetpoint::Velocity(polar(5.0, 0.0)),
         Vector2::zeros(),
     )
     .setpoint;
@@ -513,7 +539,7 @@ fn what_came_too_near_is_left_while_the_stick_is_pushed() {
     let centred = step(
         config(),
         &wall,
-        Demand::Velocity(Vector2::zeros()),
+        HorizontalSetpoint::Velocity(Vector2::zeros()),
         Vector2::zeros(),
     )
     .setpoint;

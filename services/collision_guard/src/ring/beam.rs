@@ -1,47 +1,48 @@
-//! Scans, single beams and rows of level distances: every reading an arc at one distance.
+//! Scans, single beams and rows of level distances: every reading is an arc at one distance.
 //!
 //! | sample | direction of an arc | distance |
 //! |---|---|---|
-//! | planar scan | that of its beam as the vehicle was tilted when it was measured | what of the range is horizontal |
-//! | single beam | that of its axis in the body, from the heading, as PX4 takes it | the same, or as if it looked along the body's plane, whichever is shorter |
-//! | row of level distances | as it says, from the heading or from north | as it says |
+//! | planar scan | that of its beam with the vehicle's tilt when it was measured | the horizontal part of the range |
+//! | single beam | that of its axis in the body, from the heading, as in PX4 | the same, or as if it looked along the body's plane, whichever is shorter |
+//! | row of level distances | as given, from the heading or from north | as given |
 //!
-//! None of them says at which height something stands, and a vehicle with nothing but such sensors tilts in order to fly. So tilt shortens
-//! what they see and never blinds them: a reading counts whether or not its end lies in the height band. What a tilted beam meets
-//! above or below, the ground among it, is an obstacle; nothing in its way is nothing at the vehicle's height. A beam mounted steeper than
-//! [`STEEPEST_RAD`] looks up or down, and tells nothing.
+//! None of them says at which height something is, and a vehicle with nothing but such sensors tilts in order to fly.
+//! So tilt shortens their ranges and never discards them: a reading counts whether or not its end lies in the height
+//! band. What a tilted beam hits above or below, including the ground, is an obstacle; a tilted beam without a hit
+//! counts as free at the vehicle's height. A beam mounted steeper than [`STEEPEST_RAD`] looks up or down, and is not
+//! used.
 //!
-//! A single beam is never taken to see the vehicle itself: nobody mounts it so, and "too near" must count. A scan may: its hits
-//! within the vehicle's radius tell nothing.
+//! A single beam is never taken to see the vehicle itself: it is not mounted like that, and "too near" must count. A
+//! scan may: its hits within the vehicle's radius are ignored.
 
 use super::bearing::{SLOTS, SLOTS_PER_SECTOR};
-use super::poses::Pose;
+use super::sensor_view::{SensorView, SlotHit};
 use super::sweep::BEYOND_ANY_SENSOR_M2;
-use super::view::{Hit, View};
 use jink_shared_types::Timestamp;
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ranges::{RangeScan, RayKind, STEEPEST_RAD, ScanFrame};
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS, sector_of};
 use nalgebra::{Rotation2, Vector2, Vector3};
 use std::f64::consts::TAU;
 
-/// Places on the border of two slots are put this far into theirs, in slots: 4e-7 rad, more than rounding moves them.
+/// Places on the border of two slots are moved this far into theirs, in slots: 4e-7 rad, more than rounding moves them.
 const INSIDE: f64 = 2e-5;
-/// Nothing is nearer than this (m): at zero there would be no direction.
+/// Smallest distance (m): at zero there would be no direction.
 const LEAST_M: f64 = 2e-3;
 
 /// When and from where a scan was taken.
 #[derive(Clone, Copy, Debug)]
-pub struct Span<'a> {
+pub struct ScanSpan<'a> {
     /// Its first beam.
     pub first: (Timestamp, &'a Pose),
-    /// Its last one: the view's place.
+    /// Its last one: the place of the view.
     pub last: (Timestamp, &'a Pose),
-    /// Within this a scan sees the vehicle (m).
-    pub hull_m: f64,
+    /// Hits of a scan within this radius are the vehicle itself (m).
+    pub vehicle_radius_m: f64,
 }
 
 /// An arc around a place, in the level frame of the view.
-struct Arc {
+struct RangeArc {
     /// Its centre (m): forward, right.
     centre_m: Vector2<f64>,
     /// From here clockwise ... (rad)
@@ -56,7 +57,7 @@ struct Arc {
 }
 
 /// Writes all beams of `scan` into `view`.
-pub fn collect(scan: &RangeScan, span: &Span<'_>, view: &mut View) {
+pub fn collect(scan: &RangeScan, span: &ScanSpan<'_>, view: &mut SensorView) {
     let (first, from) = span.first;
     let (last, to) = span.last;
     let duration_s = last.seconds_since(first);
@@ -65,7 +66,7 @@ pub fn collect(scan: &RangeScan, span: &Span<'_>, view: &mut View) {
     let width_rad = if width_rad > 0.0 { width_rad } else { 0.0 };
     let level = Rotation2::new(-to.yaw_rad());
     for (beam, range_m) in scan.ranges().iter().enumerate() {
-        let (range_m, kind) = meaning(*range_m, scan.range_max_m);
+        let (range_m, kind) = interpret(*range_m, scan.range_max_m);
         if kind == RayKind::Unknown {
             continue;
         }
@@ -80,15 +81,15 @@ pub fn collect(scan: &RangeScan, span: &Span<'_>, view: &mut View) {
         let Some(axis) = axis(scan, &pose, toward_rad) else {
             continue;
         };
-        let is_self = scan.beams > 1 && kind == RayKind::Hit && axis.end_m(range_m) < span.hull_m;
+        let is_self = scan.beams > 1 && kind == RayKind::Hit && axis.end_m(range_m) < span.vehicle_radius_m;
         if is_self && scan.frame.get() == ScanFrame::Body {
             continue;
         }
         let bearing_rad = axis.bearing_rad - to.yaw_rad();
-        paint(
+        write_arc(
             view,
-            &Arc {
-                centre_m: level * (axis.sensor_m.xy() + pose.position.xy() - to.position.xy()),
+            &RangeArc {
+                centre_m: level * (axis.sensor_m.xy() + pose.position_m.xy() - to.position_m.xy()),
                 from_rad: bearing_rad - 0.5 * width_rad,
                 width_rad,
                 distance_m: (range_m * axis.share).max(LEAST_M),
@@ -100,8 +101,8 @@ pub fn collect(scan: &RangeScan, span: &Span<'_>, view: &mut View) {
     }
 }
 
-/// What a range says, and how far that is (m).
-fn meaning(range_m: f32, range_max_m: f32) -> (f64, RayKind) {
+/// What a range means, and how far it is (m).
+fn interpret(range_m: f32, range_max_m: f32) -> (f64, RayKind) {
     if range_m.is_nan() || range_m < 0.0 {
         (0.0, RayKind::Unknown)
     } else if range_m > range_max_m {
@@ -112,26 +113,26 @@ fn meaning(range_m: f32, range_max_m: f32) -> (f64, RayKind) {
 }
 
 /// Where a beam points.
-struct Axis {
+struct BeamAxis {
     /// The sensor from the vehicle's centre, along local NED (m).
     sensor_m: Vector3<f64>,
     /// The beam, along local NED.
     along: Vector3<f64>,
     /// Direction (rad), clockwise from north.
     bearing_rad: f64,
-    /// Which part of the range is horizontal.
+    /// The horizontal share of the range.
     share: f64,
 }
 
-impl Axis {
+impl BeamAxis {
     /// Distance of the beam's end from the vehicle's centre (m).
     fn end_m(&self, range_m: f64) -> f64 {
         (self.sensor_m + self.along * range_m).norm()
     }
 }
 
-fn axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
-    let level = |bearing_rad: f64| Axis {
+fn axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<BeamAxis> {
+    let level = |bearing_rad: f64| BeamAxis {
         sensor_m: Vector3::zeros(),
         along: Vector3::new(bearing_rad.cos(), bearing_rad.sin(), 0.0),
         bearing_rad,
@@ -144,7 +145,7 @@ fn axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
     }
 }
 
-fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
+fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<BeamAxis> {
     let (sin, cos) = toward_rad.sin_cos();
     let in_body = scan.mounting.rotation()? * Vector3::new(cos, sin, 0.0);
     let flat = in_body.xy().norm();
@@ -153,11 +154,11 @@ fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
     if !looks_around {
         return None;
     }
-    let along = pose.attitude * in_body;
+    let along = pose.local_q_body * in_body;
     let share = along.xy().norm();
-    let sensor_m = pose.attitude * scan.origin.vector();
+    let sensor_m = pose.local_q_body * scan.origin.vector();
     if scan.beams > 1 {
-        return Some(Axis {
+        return Some(BeamAxis {
             sensor_m,
             along,
             bearing_rad: along.y.atan2(along.x),
@@ -165,16 +166,16 @@ fn body_axis(scan: &RangeScan, pose: &Pose, toward_rad: f64) -> Option<Axis> {
         });
     }
     let in_plane = Vector3::new(in_body.x / flat, in_body.y / flat, 0.0);
-    Some(Axis {
+    Some(BeamAxis {
         sensor_m,
         along,
         bearing_rad: pose.yaw_rad() + in_body.y.atan2(in_body.x),
-        share: share.min((pose.attitude * in_plane).xy().norm()),
+        share: share.min((pose.local_q_body * in_plane).xy().norm()),
     })
 }
 
 /// Writes `arc` into `view`: one place in every slot that it touches.
-fn paint(view: &mut View, arc: &Arc) {
+fn write_arc(view: &mut SensorView, arc: &RangeArc) {
     let slots = |bearing_rad: f64| bearing_rad / SECTOR_WIDTH_RAD * SLOTS_PER_SECTOR as f64;
     let (from, to) = (slots(arc.from_rad), slots(arc.from_rad + arc.width_rad));
     let first = from.floor();
@@ -189,10 +190,10 @@ fn paint(view: &mut View, arc: &Arc) {
     }
 }
 
-fn mark(view: &mut View, arc: &Arc, place_m: Vector2<f64>) {
+fn mark(view: &mut SensorView, arc: &RangeArc, place_m: Vector2<f64>) {
     let bearing_rad = place_m.y.atan2(place_m.x);
     let distance_m2 = place_m.norm_squared() as f32;
-    // False for NaN, too: broken coordinates say nothing.
+    // False for NaN, too: damaged coordinates are ignored.
     let is_a_place = distance_m2 < BEYOND_ANY_SENSOR_M2;
     if !is_a_place {
         return;
@@ -213,7 +214,7 @@ fn mark(view: &mut View, arc: &Arc, place_m: Vector2<f64>) {
     let hit = &mut view.hits[slot_of(bearing_rad)];
     let [forward_m, right_m] = hit.level_m;
     if distance_m2 < forward_m * forward_m + right_m * right_m {
-        *hit = Hit {
+        *hit = SlotHit {
             level_m: [place_m.x as f32, place_m.y as f32],
             seen: arc.seen,
         };

@@ -1,8 +1,8 @@
-//! Which sector a horizontal direction belongs to, in a handful of multiplications and without a branch, so that the
-//! compiler can do four points at a time.
+//! Which sector a horizontal direction belongs to, in a few multiplications and without a branch, so that the compiler
+//! can process four points at a time.
 //!
-//! Sectors are divided into four slots. Nearest hits are kept per slot: at the distance from which one has to brake, a
-//! sector is so wide that its nearest hit says little of where the obstacle ends sideways.
+//! Sectors are divided into four slots. Nearest hits are kept per slot: at the stopping distance a sector is so wide
+//! that its nearest hit says little of where the obstacle ends sideways.
 
 use jink_shared_types::ring::SECTORS;
 use std::f32::consts::{FRAC_PI_2, PI};

@@ -2,24 +2,24 @@
 //!
 //! An obstacle point inside the height band must never be missed, so every point is tested for it. How far a sector is
 //! free, in contrast, is the maximum over its rays: leaving rays out can only make it smaller. A large cloud has a
-//! thousand rays per sector, of which some [`KNOWLEDGE_RAYS`]` / 72` tell the same.
+//! thousand rays per sector, of which some [`KNOWLEDGE_RAYS`]` / 72` give the same result.
 
-use super::sweep::{Collector, NearBand, Sweep};
+use super::sweep::{NearBand, SectorCollector, SweepTransform};
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 
-/// About as many rays of a cloud are asked how far it is free: some sixty per sector. With a quarter of them a lidar of 64
-/// rows, 28 degrees up and down, loses its level row in some sectors, which are then known half as far as they could be; with
-/// eight times as many a cloud of 100 000 points costs twice the time.
+/// How many rays of a cloud are used for the free range, about: some sixty per sector. With a quarter of them a lidar
+/// of 64 rows, 28 degrees up and down, loses its level row in some sectors, which are then known half as far as they
+/// could be; with eight times as many a cloud of 100 000 points costs twice the time.
 const KNOWLEDGE_RAYS: usize = 4_096;
 /// Units of [`CloudPoint::offset_10us`] in a second.
 const OFFSETS_PER_S: f64 = 1e5;
 /// Points per chunk.
 const CHUNK: usize = 64;
-/// Points whose marks are looked at together, as the bytes of one number.
+/// Points whose marks are tested together, as the bytes of one number.
 const GROUP: usize = 8;
 /// Mark of a point that may lie in the height band.
 const NEAR: u8 = 1;
-/// Mark of a point that is asked how far it is free.
+/// Mark of a point that is used for the free range.
 const ASKED: u8 = 2;
 /// Golden ratio in 32-bit fixed point: multiples of it, modulo one, are spread evenly and follow no pattern that rows or
 /// columns of a sensor could have (Weyl's sequence), so that no row is always left out.
@@ -35,8 +35,8 @@ const SPREAD: [u32; CHUNK] = {
     spread
 };
 
-/// Adds what matters of `cloud` to `collector`.
-pub fn collect(cloud: &PointCloud, sweep: &Sweep, collector: &mut Collector) {
+/// Adds the relevant points of `cloud` to `collector`.
+pub fn collect(cloud: &PointCloud, sweep: &SweepTransform, collector: &mut SectorCollector) {
     let per_offset = if sweep.duration_s() > 0.0 {
         (1.0 / (OFFSETS_PER_S * sweep.duration_s())) as f32
     } else {
@@ -45,7 +45,7 @@ pub fn collect(cloud: &PointCloud, sweep: &Sweep, collector: &mut Collector) {
     let points = cloud.points();
     let share_asked = KNOWLEDGE_RAYS as f64 / points.len().max(1) as f64;
     let asked_below = (share_asked * f64::from(u32::MAX)) as u32;
-    let mut filter = Filter {
+    let mut filter = PointFilter {
         near_band: sweep.near_band(cloud.range_max_m),
         per_offset,
         asked_below,
@@ -60,16 +60,16 @@ pub fn collect(cloud: &PointCloud, sweep: &Sweep, collector: &mut Collector) {
     filter.pass(&last, sweep, collector);
 }
 
-/// Finds the points that matter. Loops over plain arrays without branches: see [`super::sweep`].
-struct Filter {
+/// Finds the relevant points. Loops over plain arrays without branches: see [`super::sweep`].
+struct PointFilter {
     near_band: NearBand,
     per_offset: f32,
     asked_below: u32,
     phase: u32,
 }
 
-impl Filter {
-    fn pass(&mut self, chunk: &[CloudPoint; CHUNK], sweep: &Sweep, collector: &mut Collector) {
+impl PointFilter {
+    fn pass(&mut self, chunk: &[CloudPoint; CHUNK], sweep: &SweepTransform, collector: &mut SectorCollector) {
         let mut wanted = [0u8; CHUNK];
         for i in 0..CHUNK {
             let point = &chunk[i];
@@ -81,7 +81,7 @@ impl Filter {
         }
         self.phase = self.phase.wrapping_add(GOLDEN.wrapping_mul(CHUNK as u32));
 
-        // Most points are not wanted: whole groups are passed over with one comparison.
+        // Most points are not needed: whole groups are skipped with one comparison.
         let (groups, _) = wanted.as_chunks::<GROUP>();
         for (group, members) in groups.iter().enumerate() {
             let mut marks = u64::from_le_bytes(*members);
@@ -95,7 +95,7 @@ impl Filter {
     }
 
     #[inline(always)]
-    fn push(&self, point: &CloudPoint, why: u8, sweep: &Sweep, collector: &mut Collector) {
+    fn push(&self, point: &CloudPoint, why: u8, sweep: &SweepTransform, collector: &mut SectorCollector) {
         let kind = point.kind.get();
         if why & ASKED != 0 || kind == RayKind::Hit {
             let end_m = [point.forward_m, point.right_m, point.down_m];

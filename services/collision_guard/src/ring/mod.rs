@@ -1,64 +1,67 @@
-//! The sector ring from raw ranges: what stands around the vehicle, and how far it is known to be free.
+//! The sector ring from raw ranges: obstacles around the vehicle, and how far it is known to be free.
 //!
 //! | in | out |
 //! |---|---|
 //! | vehicle states ([`Ring::vehicle`]) | |
-//! | point clouds and scans, per sensor ([`Ring::cloud`], [`Ring::scan`]) | [`SectorRing`] at any later moment ([`Ring::ring`]) |
-//! | | the [`Outlook`] on a path: obstacle points, and whether a place is known to be free |
+//! | point clouds and scans, per sensor ([`Ring::cloud`], [`Ring::scan`]) | [`SectorRing`] at any later time ([`Ring::ring`]) |
+//! | | the [`RingQuery`] for a path: obstacle points, and whether a place is known to be free |
 //!
-//! * One layer per sensor. Over layers the smallest distance to an obstacle wins; free is what any layer saw free. A cloud replaces its
-//!   layer. A scan, a beam or a row replaces what it sees again: sensors that turn tell a part at a time.
+//! * One layer per sensor. Over layers the smallest distance to an obstacle counts; free is what any layer saw free. A
+//!   cloud replaces its layer. A scan, a beam or a row replaces what it sees again: sensors that turn report a part at
+//!   a time.
 //! * Sectors are level: every ray is rotated by the attitude the vehicle had when it was measured (`sweep.rs`).
-//! * What a layer saw stays fixed in local NED. The ring at a later pose is recomputed from it: the vehicle has moved and
-//!   turned, the obstacles have not.
+//! * What a layer saw stays fixed in local NED. The ring at a later pose is recomputed from it: the vehicle has moved
+//!   and turned, the obstacles have not.
 //! * Only the height band around the vehicle counts. Hits above and below are no obstacles; a ray is known to be free
-//!   only as far as it stays inside the band. A hit within the vehicle's own radius is the vehicle: no obstacle, and its ray
-//!   tells nothing.
+//!   only as far as it stays inside the band. A hit within the vehicle's own radius is the vehicle: no obstacle, and
+//!   its ray is ignored.
 //! * Scans, single beams and rows of level distances count whatever the height of their ends (`beam.rs`).
-//! * A cloud captured longer ago than its sensor's deadline contributes nothing, nor do scans, beams and rows older than that and
-//!   than half a second: their sectors become unknown, and unknown is not free.
+//! * A cloud captured longer ago than its sensor's deadline contributes nothing, nor do scans, beams and rows older
+//!   than that and than half a second: their sectors become unknown, and unknown is not free.
 //!
-//! **Limit.** The ring is flat: it says nothing of what is above or below the band. For a motion that climbs or descends,
-//! an obstacle inside the band counts as a column of any height, and one outside the band does not count until the vehicle
-//! has come to its height. Vertical clearance is the planner's affair.
+//! **Limit.** The ring is flat: it does not cover what is above or below the band. For a motion that climbs or
+//! descends, an obstacle inside the band counts as a column of any height, and one outside the band does not count
+//! until the vehicle has come to its height. Vertical clearance is checked by the planner.
 
 mod beam;
 mod bearing;
 mod cloud;
-mod layer;
-mod memory;
-mod outlook;
 mod poses;
+mod query;
+mod sensor_layer;
+mod sensor_view;
 mod sweep;
-mod view;
+mod view_memory;
 
-pub use outlook::{Outlook, Sight};
-pub use poses::{Pose, PoseRefused};
+pub use poses::PoseRefused;
+pub use query::{RingQuery, Visibility};
 
 pub(crate) use bearing::SLOTS;
 
-use beam::Span;
+use beam::ScanSpan;
 use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::ring::{SECTORS, SectorRing, sector_bearing_rad, sector_of};
 use jink_shared_types::topics;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Point, SampleHeader, Timestamp};
-use layer::{Layer, Lifetimes};
-use memory::Memory;
 use poses::Poses;
+use sensor_layer::{Lifetimes, SensorLayer};
+use sensor_view::{SectorBorders, SensorView};
 use std::fmt;
-use sweep::{Collector, Hull, Sweep};
-use view::{Borders, View};
+use sweep::{Envelope, SectorCollector, SweepTransform};
+use view_memory::ViewMemory;
 
 pub use jink_shared_types::ranges::SENSORS;
 
-/// How long scans, beams and rows count at least (s): a sensor that turns comes back to its edges in that time, and PX4 keeps ranges as long.
-const SCAN_KEPT_S: f64 = 0.5;
-/// Longest sweep (s): what the 16-bit time offset of a cloud point can say.
+/// How long scans, beams and rows count at least (s): a sensor that turns comes back to its edges in that time, and PX4
+/// keeps ranges as long.
+const SCAN_LIFETIME_S: f64 = 0.5;
+/// Longest sweep (s): the range of the 16-bit time offset of a cloud point.
 const SWEEP_S: f64 = 0.655_35;
 
-/// Why ranges were not taken in.
+/// Why ranges were rejected.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RangeRefused {
     /// The sensor has no layer.
@@ -70,7 +73,7 @@ pub enum RangeRefused {
     },
     /// The sample contradicts itself: its reach is no positive number.
     BadReach {
-        /// What it says (m).
+        /// The reach in the sample (m).
         range_max_m: f32,
     },
     /// The sample contradicts itself: its first ray is later than its last, or more than a sweep earlier.
@@ -80,7 +83,7 @@ pub enum RangeRefused {
         /// Last ray.
         last: Timestamp,
     },
-    /// Nobody knows where the vehicle was when the rays were measured.
+    /// The vehicle's pose at the time of the rays is not known.
     NoPose {
         /// First ray.
         first: Timestamp,
@@ -114,27 +117,27 @@ impl std::error::Error for RangeRefused {}
 /// The sector ring.
 #[derive(Clone, Debug)]
 pub struct Ring {
-    hull: Hull,
+    envelope: Envelope,
     poses: Poses,
-    layers: Vec<Layer>,
-    memory: Memory,
-    collector: Collector,
-    borders: Borders,
+    layers: Vec<SensorLayer>,
+    memory: ViewMemory,
+    collector: SectorCollector,
+    borders: SectorBorders,
 }
 
 impl Ring {
     /// With the vehicle's radius and the height band of `params`.
     pub fn from_params(params: &ParamSet) -> Self {
         Self {
-            hull: Hull {
+            envelope: Envelope {
                 radius_m: params.get(&params::OA_VEH_RADIUS),
                 band_half_m: params.get(&params::GD_BAND),
             },
             poses: Poses::new(),
-            layers: vec![Layer::new(); SENSORS],
-            memory: Memory::new(),
-            collector: Collector::new(),
-            borders: Borders::new(),
+            layers: vec![SensorLayer::new(); SENSORS],
+            memory: ViewMemory::new(),
+            collector: SectorCollector::new(),
+            borders: SectorBorders::new(),
         }
     }
 
@@ -146,7 +149,7 @@ impl Ring {
     pub fn vehicle(&mut self, state: &VehicleState, header: &SampleHeader) -> Result<(), PoseRefused> {
         if self.poses.push(state, header)? {
             self.memory.clear();
-            self.layers.iter_mut().for_each(Layer::displace);
+            self.layers.iter_mut().for_each(SensorLayer::invalidate_places);
         }
         Ok(())
     }
@@ -167,7 +170,7 @@ impl Ring {
             header.capture
         };
         let deadline_s = header.deadline_ms(topics::RANGE_CLOUD.row.deadline_ms) * 1e-3;
-        let rays = Rays {
+        let rays = RangeSampleInfo {
             first,
             last: header.capture,
             sensor_m: cloud.origin,
@@ -184,7 +187,7 @@ impl Ring {
         let collector = &mut self.collector;
         let layer = &mut self.layers[sensor];
         let view = layer.replace(&to, rays.last, |view| collector.finish(&sweep, view));
-        self.memory.offer(sensor, view, rays.last);
+        self.memory.store_if_new(sensor, view, rays.last);
         Ok(())
     }
 
@@ -198,13 +201,13 @@ impl Ring {
         scan: &RangeScan,
         header: &SampleHeader,
     ) -> Result<(), RangeRefused> {
-        let rays = Rays::of_scan(scan, header);
+        let rays = RangeSampleInfo::of_scan(scan, header);
         let [from, to] = self.begin(sensor, &rays)?;
         self.take_scan(sensor, scan, &rays, &from, &to);
         Ok(())
     }
 
-    /// The same for a scan that was taken at once, at `pose`, whatever the vehicle's states say.
+    /// The same for a scan that was taken at once, at `pose`, independent of the vehicle's states.
     ///
     /// # Errors
     /// As [`Ring::scan`].
@@ -215,24 +218,24 @@ impl Ring {
         header: &SampleHeader,
         pose: &Pose,
     ) -> Result<(), RangeRefused> {
-        let rays = Rays::of_scan(scan, header);
+        let rays = RangeSampleInfo::of_scan(scan, header);
         self.admit(sensor, &rays)?;
         self.take_scan(sensor, scan, &rays, pose, pose);
         Ok(())
     }
 
-    fn take_scan(&mut self, sensor: usize, scan: &RangeScan, rays: &Rays, from: &Pose, to: &Pose) {
-        let span = Span {
+    fn take_scan(&mut self, sensor: usize, scan: &RangeScan, rays: &RangeSampleInfo, from: &Pose, to: &Pose) {
+        let span = ScanSpan {
             first: (rays.first, from),
             last: (rays.last, to),
-            hull_m: self.hull.radius_m,
+            vehicle_radius_m: self.envelope.radius_m,
         };
         let layer = &mut self.layers[sensor];
         let view = layer.add(to, rays.last, |view| beam::collect(scan, &span, view));
-        self.memory.offer(sensor, view, rays.last);
+        self.memory.store_if_new(sensor, view, rays.last);
     }
 
-    /// The ring as it looks from where the vehicle is at `now`. Without a pose everything is unknown.
+    /// The ring seen from the vehicle's pose at `now`. Without a pose everything is unknown.
     pub fn ring(&self, now: Timestamp, out: &mut SectorRing) {
         match self.poses.at(now) {
             Some(pose) => self.ring_from(now, &pose, out),
@@ -240,16 +243,16 @@ impl Ring {
         }
     }
 
-    /// The ring as it looks at `now` from `pose`, whatever the vehicle's states say.
+    /// The ring seen from `pose` at `now`, independent of the vehicle's states.
     pub fn ring_from(&self, now: Timestamp, pose: &Pose, out: &mut SectorRing) {
         *out = self.empty();
-        out.position = Point::from_vector(pose.position);
-        out.attitude = jink_shared_types::frames::Attitude::from_rotation(pose.attitude);
+        out.position = Point::from_vector(pose.position_m);
+        out.attitude = jink_shared_types::frames::Attitude::from_rotation(pose.local_q_body);
         let mut range_min_m = f32::INFINITY;
         for layer in &self.layers {
             for view in layer.views(now) {
                 range_min_m = range_min_m.min(layer.range_min_m);
-                self.add_free_ways(view, pose, out);
+                self.add_free_distances(view, pose, out);
                 add_hits(view, pose, out);
             }
         }
@@ -260,7 +263,7 @@ impl Ring {
 
     fn empty(&self) -> SectorRing {
         SectorRing {
-            band_half_m: self.hull.band_half_m as f32,
+            band_half_m: self.envelope.band_half_m as f32,
             ..SectorRing::default()
         }
     }
@@ -270,18 +273,18 @@ impl Ring {
         self.layers.iter().any(|layer| layer.is_arriving(now))
     }
 
-    /// What is known at `now` of places around.
-    pub fn outlook(&self, now: Timestamp) -> Outlook<'_> {
-        Outlook::new(self, now)
+    /// A query for places around at `now`.
+    pub fn query(&self, now: Timestamp) -> RingQuery<'_> {
+        RingQuery::new(self, now)
     }
 
     /// Radius of the vehicle (m).
     pub fn vehicle_radius_m(&self) -> f64 {
-        self.hull.radius_m
+        self.envelope.radius_m
     }
 
-    /// Where the vehicle was at the first and at the last of `rays`.
-    fn begin(&mut self, sensor: usize, rays: &Rays) -> Result<[Pose; 2], RangeRefused> {
+    /// The vehicle's poses at the first and at the last of `rays`.
+    fn begin(&mut self, sensor: usize, rays: &RangeSampleInfo) -> Result<[Pose; 2], RangeRefused> {
         self.admit(sensor, rays)?;
         let (first, last) = (rays.first, rays.last);
         match (self.poses.at(first), self.poses.at(last)) {
@@ -294,8 +297,8 @@ impl Ring {
         }
     }
 
-    /// Notes that the sensor is heard, unless the sample contradicts itself.
-    fn admit(&mut self, sensor: usize, rays: &Rays) -> Result<(), RangeRefused> {
+    /// Records that the sensor sends samples, unless the sample contradicts itself.
+    fn admit(&mut self, sensor: usize, rays: &RangeSampleInfo) -> Result<(), RangeRefused> {
         if !(rays.range_max_m > 0.0 && rays.range_max_m.is_finite()) {
             return Err(RangeRefused::BadReach {
                 range_max_m: rays.range_max_m,
@@ -309,37 +312,37 @@ impl Ring {
         let Some(layer) = self.layers.get_mut(sensor) else {
             return Err(RangeRefused::NoSuchSensor { sensor, sensors });
         };
-        layer.note_arrival(rays.last, rays.lifetimes);
+        layer.record_arrival(rays.last, rays.lifetimes);
         layer.range_min_m = rays.range_min_m.max(0.0);
         Ok(())
     }
 
-    fn sweep(&mut self, rays: &Rays, from: &Pose, to: &Pose) -> Sweep {
+    fn sweep(&mut self, rays: &RangeSampleInfo, from: &Pose, to: &Pose) -> SweepTransform {
         self.collector.start();
-        Sweep::new(
+        SweepTransform::new(
             (rays.first, from),
             (rays.last, to),
             rays.sensor_m.vector(),
             rays.range_max_m,
-            self.hull,
+            self.envelope,
         )
     }
 
-    fn add_free_ways(&self, view: &View, pose: &Pose, out: &mut SectorRing) {
-        let place_m = [pose.position.x, pose.position.y];
-        let trodden_m = self.hull.radius_m as f32;
+    fn add_free_distances(&self, view: &SensorView, pose: &Pose, out: &mut SectorRing) {
+        let place_m = [pose.position_m.x, pose.position_m.y];
+        let footprint_m = self.envelope.radius_m as f32;
         let yaw_rad = pose.yaw_rad();
         for sector in 0..SECTORS {
             let toward_rad = yaw_rad + sector_bearing_rad(sector);
-            let way = view.free_way_m(&self.borders, place_m, toward_rad, trodden_m);
+            let way = view.free_distance_m(&self.borders, place_m, toward_rad, footprint_m);
             let Some(way) = way else {
                 continue;
             };
             if way.way_m > out.range_max_m[sector] {
                 out.range_max_m[sector] = way.way_m;
             }
-            // What ends at an obstacle is not "nothing up to here", even if the obstacle's nearest point lies in the sector
-            // next to it by now.
+            // A free distance that ends at an obstacle is not "nothing up to here", even if the obstacle's nearest
+            // point lies in the next sector by now.
             let distance_m = if way.ends_at_obstacle {
                 way.way_m
             } else {
@@ -350,7 +353,7 @@ impl Ring {
     }
 }
 
-/// Notes a distance, if it is the smallest so far. NaN, still unknown, is not smaller than anything.
+/// Writes a distance, if it is the smallest so far. NaN, still unknown, is not smaller than anything.
 fn note(out: &mut SectorRing, sector: usize, distance_m: f32, seen: Timestamp) {
     let has_smaller = out.distance_m[sector] <= distance_m;
     if !has_smaller {
@@ -359,17 +362,17 @@ fn note(out: &mut SectorRing, sector: usize, distance_m: f32, seen: Timestamp) {
     }
 }
 
-fn add_hits(view: &View, pose: &Pose, out: &mut SectorRing) {
+fn add_hits(view: &SensorView, pose: &Pose, out: &mut SectorRing) {
     let yaw_rad = pose.yaw_rad();
     for (place_m, seen) in view.places() {
-        let (north, east) = (place_m[0] - pose.position.x, place_m[1] - pose.position.y);
+        let (north, east) = (place_m[0] - pose.position_m.x, place_m[1] - pose.position_m.y);
         let sector = sector_of(east.atan2(north) - yaw_rad);
         note(out, sector, north.hypot(east) as f32, seen);
     }
 }
 
 /// What clouds and scans have in common.
-struct Rays {
+struct RangeSampleInfo {
     first: Timestamp,
     last: Timestamp,
     sensor_m: Point<jink_shared_types::BodyFrd>,
@@ -378,7 +381,7 @@ struct Rays {
     lifetimes: Lifetimes,
 }
 
-impl Rays {
+impl RangeSampleInfo {
     fn of_scan(scan: &RangeScan, header: &SampleHeader) -> Self {
         let deadline_s = header.deadline_ms(topics::RANGE_SCAN.row.deadline_ms) * 1e-3;
         Self {
@@ -393,7 +396,7 @@ impl Rays {
             range_max_m: scan.range_max_m,
             lifetimes: Lifetimes {
                 deadline_s,
-                kept_s: deadline_s.max(SCAN_KEPT_S),
+                kept_s: deadline_s.max(SCAN_LIFETIME_S),
             },
         }
     }

@@ -1,51 +1,19 @@
-//! Where the vehicle was when a ray was measured: the last seconds of its poses, interpolated.
+//! Which vehicle states the guard believes, and how far from them a pose is still good enough for it.
 
 use jink_shared_types::Timestamp;
+use jink_shared_types::clock::Order;
+use jink_shared_types::pose_history::{Estimate, Pose, PoseHistory, Reach};
 use jink_shared_types::sample::SampleHeader;
 use jink_shared_types::vehicle::VehicleState;
-use nalgebra::{UnitQuaternion, Vector3};
 use std::fmt;
 
-/// Poses kept: 2.5 s at 50 Hz, more than a sweep and its way here take.
-const POSES: usize = 128;
-/// How far beyond the newest state a pose may be predicted from velocity and body rates (s): the state's own deadline and
-/// one period of it. At 5 m/s2 the prediction is then 6 cm wrong, less than the guard's margin.
-const PREDICTION_S: f64 = 0.15;
-/// Longest gap between two states that may be bridged by interpolation (s): at 5 m/s2 the error half way is 6 cm.
-const GAP_S: f64 = 0.3;
-/// A state this much older than the newest one is no late-comer but a new beginning: whoever stamped the newest one was wrong.
-const REWIND_S: f64 = 1.0;
-
-/// Position and attitude at one moment.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pose {
-    /// Local NED position (m).
-    pub position: Vector3<f64>,
-    /// `local_q_body`.
-    pub attitude: UnitQuaternion<f64>,
-}
-
-impl Pose {
-    /// The pose `share` (0 to 1) of the way to `other`.
-    pub fn toward(&self, other: &Self, share: f64) -> Self {
-        // The two quaternions of one rotation differ in sign: take the nearer one, or the mean would be nonsense.
-        let from = self.attitude;
-        let to = if from.coords.dot(&other.attitude.coords) < 0.0 {
-            UnitQuaternion::new_unchecked(-other.attitude.into_inner())
-        } else {
-            other.attitude
-        };
-        Self {
-            position: self.position.lerp(&other.position, share),
-            attitude: from.nlerp(&to, share),
-        }
-    }
-
-    /// Heading (rad), clockwise from north.
-    pub fn yaw_rad(&self) -> f64 {
-        jink_shared_types::frames::Attitude::from_rotation(self.attitude).yaw_rad()
-    }
-}
+const REACH: Reach = Reach {
+    // The state's own deadline and one period of it: at 5 m/s2 what is carried on from the newest one is then 6 cm wrong, less than the
+    // guard's margin.
+    state_s: 0.15,
+    // Both states within reach from anywhere between them.
+    gap_s: 0.3,
+};
 
 /// Why a vehicle state was not taken into the history.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,19 +43,10 @@ impl fmt::Display for PoseRefused {
 }
 impl std::error::Error for PoseRefused {}
 
-#[derive(Clone, Copy, Debug)]
-struct Entry {
-    time: Timestamp,
-    pose: Pose,
-    velocity: Vector3<f64>,
-    rates: Vector3<f64>,
-}
-
 /// The pose history.
 #[derive(Clone, Debug)]
 pub struct Poses {
-    entries: Vec<Entry>,
-    newest: usize,
+    history: PoseHistory,
     resets: Option<u32>,
 }
 
@@ -95,102 +54,42 @@ impl Poses {
     /// Empty, with all its memory.
     pub fn new() -> Self {
         Self {
-            entries: Vec::with_capacity(POSES),
-            newest: 0,
+            history: PoseHistory::new(REACH),
             resets: None,
         }
     }
 
-    /// Adds a state. `Ok(true)` if the estimator has moved its origin since the one before: everything that was placed in
-    /// local coordinates is then worthless, the history included.
+    /// Adds a state. `Ok(true)` if the estimator has moved its origin since the one before, or whoever stamped that one was wrong:
+    /// everything that was placed in local coordinates is then worthless, the history included.
     pub fn push(&mut self, state: &VehicleState, header: &SampleHeader) -> Result<bool, PoseRefused> {
-        let attitude = state.attitude.rotation();
-        let Some(attitude) = attitude.filter(|_| is_usable(state) && header.capture.is_set()) else {
-            return Err(PoseRefused::Invalid);
+        let capture = header.capture;
+        let estimate = Estimate::of(state).filter(|_| capture.is_set());
+        let estimate = estimate.ok_or(PoseRefused::Invalid)?;
+        let newest = self.history.newest();
+        let reset = self.resets.is_some_and(|resets| resets != state.estimator_resets);
+        let moved = match Order::judge(capture, newest) {
+            Order::Newer => reset,
+            Order::ClockStep => true,
+            Order::Late if reset => true,
+            Order::Late => return Err(PoseRefused::OutOfOrder { capture, newest }),
         };
-        let mut moved = self.resets.is_some_and(|resets| resets != state.estimator_resets);
-        if let Some(newest) = self.entries.get(self.newest) {
-            let step_s = header.capture.seconds_since(newest.time);
-            if step_s <= 0.0 && step_s > -REWIND_S && !moved {
-                return Err(PoseRefused::OutOfOrder {
-                    capture: header.capture,
-                    newest: newest.time,
-                });
-            }
-            moved |= step_s <= 0.0;
-        }
         self.resets = Some(state.estimator_resets);
         if moved {
-            self.entries.clear();
-            self.newest = 0;
+            self.history.clear();
         }
-        let rates = state.rates.vector();
-        let entry = Entry {
-            time: header.capture,
-            pose: Pose {
-                position: state.position.vector(),
-                attitude,
-            },
-            velocity: state.velocity.vector(),
-            rates,
-        };
-        if self.entries.len() < POSES {
-            self.newest = self.entries.len();
-            self.entries.push(entry);
-        } else {
-            self.newest = (self.newest + 1) % POSES;
-            self.entries[self.newest] = entry;
-        }
+        self.history.push(estimate, capture);
         Ok(moved)
     }
 
     /// When the newest state was valid.
     pub fn newest(&self) -> Timestamp {
-        self.entries
-            .get(self.newest)
-            .map_or(Timestamp::NEVER, |entry| entry.time)
+        self.history.newest()
     }
 
-    /// The pose at `time`: between two states interpolated, shortly after the newest one predicted, otherwise `None`.
+    /// The pose at `time`; nothing if the states do not say.
     pub fn at(&self, time: Timestamp) -> Option<Pose> {
-        let newest = self.entries.get(self.newest)?;
-        let ahead_s = time.seconds_since(newest.time);
-        if ahead_s >= 0.0 {
-            return (ahead_s <= PREDICTION_S).then(|| Pose {
-                position: newest.pose.position + newest.velocity * ahead_s,
-                attitude: newest.pose.attitude * UnitQuaternion::from_scaled_axis(newest.rates * ahead_s),
-            });
-        }
-        let mut later = newest;
-        for back in 1..self.entries.len() {
-            let index = (self.newest + self.entries.len() - back) % self.entries.len();
-            let earlier = &self.entries[index];
-            if earlier.time <= time {
-                return between(earlier, later, time);
-            }
-            later = earlier;
-        }
-        None
+        self.history.at(time)
     }
-}
-
-fn between(earlier: &Entry, later: &Entry, time: Timestamp) -> Option<Pose> {
-    let gap_s = later.time.seconds_since(earlier.time);
-    if gap_s > GAP_S {
-        return None;
-    }
-    let share = time.seconds_since(earlier.time) / gap_s;
-    Some(earlier.pose.toward(&later.pose, share))
-}
-
-fn is_usable(state: &VehicleState) -> bool {
-    /// Farther from the origin than this, or faster, no multicopter is: keeps sums far from overflow.
-    const SANE: f64 = 1e6;
-    let rates = state.rates.vector();
-    state.position_valid.is_set()
-        && state.position.vector().norm() < SANE
-        && state.velocity.vector().norm() < SANE
-        && rates.norm() < SANE
 }
 
 #[cfg(test)]
@@ -225,13 +124,13 @@ mod tests {
         }
         for t in [14.0, 14.507, 15.99] {
             let pose = poses.at(Timestamp::from_seconds(t)).unwrap();
-            assert!((pose.position.x - 2.0 * t).abs() < 1e-6);
+            assert!((pose.position_m.x - 2.0 * t).abs() < 1e-6);
             let expected = jink_shared_types::frames::wrap_pi(t);
             assert!((jink_shared_types::frames::wrap_pi(pose.yaw_rad() - expected)).abs() < 1e-4);
         }
         let ahead = poses.at(Timestamp::from_seconds(16.05)).unwrap();
         assert!(
-            (ahead.position.x - 32.1).abs() < 1e-6,
+            (ahead.position_m.x - 32.1).abs() < 1e-6,
             "predicted with its velocity"
         );
         assert!(poses.at(Timestamp::from_seconds(16.3)).is_none(), "too far ahead");

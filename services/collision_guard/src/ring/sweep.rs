@@ -1,38 +1,38 @@
-//! From rays to sectors: takes the ends of rays in the body frame, corrects each for the motion of the vehicle since it was
-//! measured, and keeps per sector the farthest free range and per slot of a sector the nearest hit.
+//! From rays to sectors: takes the ends of rays in the body frame, corrects each for the motion of the vehicle since it
+//! was measured, and keeps per sector the farthest free range and per slot of a sector the nearest hit.
 //!
 //! | in | out |
 //! |---|---|
 //! | poses at the first and at the last ray, sensor origin and range | |
-//! | ray ends in the body frame with their share of the sweep's time | sectors and hits of a [`View`] |
+//! | ray ends in the body frame with their share of the sweep's time | sectors and hits of a [`SensorView`] |
 //!
-//! The level frame has its origin and heading where the vehicle was at the last ray. The transformation from body to
-//! level is interpolated linearly between first and last ray: at 1 rad/s a sweep of 0.1 s turns by 0.1 rad, and the chord
-//! of that arc misses it by at most 0.1^2 / 8 of the range, 1 cm at 10 m.
+//! The level frame has its origin and heading at the vehicle's pose at the last ray. The transformation from body to
+//! level is interpolated linearly between first and last ray: at 1 rad/s a sweep of 0.1 s turns by 0.1 rad, and the
+//! chord of that arc misses it by at most 0.1^2 / 8 of the range, 1 cm at 10 m.
 //!
-//! A ray tells its sector how far it is free: horizontally, as long as the ray stays inside the height band. A ray that
-//! leaves the band through its top or bottom tells nothing of what comes behind.
+//! A ray determines how far its sector is free: horizontally, as long as the ray stays inside the height band. A ray
+//! that leaves the band through its top or bottom says nothing about what is beyond.
 //!
 //! A hundred thousand points have to pass in half a millisecond, 12 cycles each. So rays are taken in blocks, each step
-//! is a loop without branches over plain arrays, which the compiler turns into vector instructions, and only the last step,
-//! two comparisons per ray, is scalar.
+//! is a loop without branches over plain arrays, which the compiler turns into vector instructions, and only the last
+//! step, two comparisons per ray, is scalar.
 
 use super::bearing::{BINS, SECTOR_BINS, bearing_sectors, bin_of, sector_bin, sector_of_bin, slot_of_bin};
-use super::poses::Pose;
-use super::view::{Hit, View};
+use super::sensor_view::{SensorView, SlotHit};
 use jink_shared_types::Timestamp;
+use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ranges::RayKind;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 /// Rays per block: long enough to hide the loops' ends, short enough for the first-level cache.
 const BLOCK: usize = 64;
 
-/// Squared range that no sensor has (m2): coordinates beyond are damage.
+/// Squared range that no sensor has (m2): coordinates beyond are damaged.
 pub(super) const BEYOND_ANY_SENSOR_M2: f32 = 1e10;
 
-/// How the rays of one sensor sample become points of the level frame.
+/// Transforms the rays of one sensor sample into points of the level frame.
 #[derive(Clone, Debug)]
-pub struct Sweep {
+pub struct SweepTransform {
     /// Rows of the rotation from body to level at the first ray, and what is added up to the last.
     turn: [[f32; 3]; 3],
     turn_rate: [[f32; 3]; 3],
@@ -51,37 +51,37 @@ pub struct Sweep {
 
 /// What does not change from sample to sample.
 #[derive(Clone, Copy, Debug)]
-pub struct Hull {
+pub struct Envelope {
     /// Radius within which a hit is the vehicle itself (m).
     pub radius_m: f64,
     /// Half height of the band that counts (m).
     pub band_half_m: f64,
 }
 
-impl Sweep {
+impl SweepTransform {
     /// Rays measured from `first` to `last`, by a sensor at `sensor_m` in the body that sees as far as `range_max_m`.
     pub fn new(
         first: (Timestamp, &Pose),
         last: (Timestamp, &Pose),
         sensor_m: Vector3<f64>,
         range_max_m: f32,
-        hull: Hull,
+        envelope: Envelope,
     ) -> Self {
         let level_q_local = Rotation3::from_axis_angle(&Vector3::z_axis(), -last.1.yaw_rad());
-        let turn = |pose: &Pose| (level_q_local * pose.attitude.to_rotation_matrix()).into_inner();
+        let turn = |pose: &Pose| (level_q_local * pose.local_q_body.to_rotation_matrix()).into_inner();
         let (turn_first, turn_last) = (turn(first.1), turn(last.1));
-        let shift = level_q_local * (first.1.position - last.1.position);
+        let shift = level_q_local * (first.1.position_m - last.1.position_m);
         let sensor_first = turn_first * sensor_m + shift;
         let sensor_last = turn_last * sensor_m;
-        let in_band = sensor_first.z.abs().max(sensor_last.z.abs()) < hull.band_half_m;
+        let in_band = sensor_first.z.abs().max(sensor_last.z.abs()) < envelope.band_half_m;
         Self {
             turn: rows(&turn_first),
             turn_rate: rows(&(turn_last - turn_first)),
             shift_m: components(&shift),
             sensor_m: components(&sensor_first),
             sensor_rate_m: components(&(sensor_last - sensor_first)),
-            band_m: hull.band_half_m as f32,
-            self_m2: (hull.radius_m * hull.radius_m) as f32,
+            band_m: envelope.band_half_m as f32,
+            self_m2: (envelope.radius_m * envelope.radius_m) as f32,
             reach_m2: if in_band { range_max_m * range_max_m } else { 0.0 },
             first: first.0,
             duration_s: last.0.seconds_since(first.0).max(0.0),
@@ -93,7 +93,8 @@ impl Sweep {
         self.duration_s
     }
 
-    /// A quick test for places that may lie inside the band, at any time of the sweep, for rays up to `range_max_m` long.
+    /// A fast test for places that may lie inside the band, at any time of the sweep, for rays up to `range_max_m`
+    /// long.
     pub fn near_band(&self, range_max_m: f32) -> NearBand {
         let (row, rate) = (self.turn[2], self.turn_rate[2]);
         let middle = |i: usize| row[i] + 0.5 * rate[i];
@@ -121,7 +122,7 @@ impl Sweep {
     }
 }
 
-/// The height of a body-frame place with the attitude of half way, and how far it may be wrong.
+/// The height of a body-frame place with the attitude in the middle of the sweep, and its error bound.
 #[derive(Clone, Copy, Debug)]
 pub struct NearBand {
     row: [f32; 3],
@@ -146,7 +147,7 @@ fn components(v: &Vector3<f64>) -> [f32; 3] {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Nearest {
+struct NearestHit {
     m2: f32,
     forward_m: f32,
     right_m: f32,
@@ -154,14 +155,14 @@ struct Nearest {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Farthest {
+struct FarthestRay {
     m2: f32,
     share: f32,
 }
 
-/// Rays of one block, and what each step makes of them.
+/// Rays of one block, and the results of each step.
 #[derive(Clone, Debug)]
-struct Block {
+struct RayBlock {
     len: usize,
     x_m: [f32; BLOCK],
     y_m: [f32; BLOCK],
@@ -176,18 +177,18 @@ struct Block {
 
 /// Collects the rays of one sensor sample. Holds all its memory.
 #[derive(Clone, Debug)]
-pub struct Collector {
-    block: Block,
-    nearest: [Nearest; BINS],
-    farthest: [Farthest; SECTOR_BINS],
+pub struct SectorCollector {
+    block: RayBlock,
+    nearest: [NearestHit; BINS],
+    farthest: [FarthestRay; SECTOR_BINS],
 }
 
-impl Collector {
+impl SectorCollector {
     /// Empty.
     pub fn new() -> Self {
         let zero = [0.0; BLOCK];
         Self {
-            block: Block {
+            block: RayBlock {
                 len: 0,
                 x_m: zero,
                 y_m: zero,
@@ -212,7 +213,7 @@ impl Collector {
 
     /// Adds the ray that ends at `end_m` in the body frame, `share` (0 to 1) of the way from first to last ray.
     #[inline(always)]
-    pub fn push(&mut self, sweep: &Sweep, end_m: [f32; 3], share: f32, kind: RayKind) {
+    pub fn push(&mut self, sweep: &SweepTransform, end_m: [f32; 3], share: f32, kind: RayKind) {
         let block = &mut self.block;
         // Slots beyond `len` are written, but never read: an unknown ray costs no branch.
         let slot = block.len % BLOCK;
@@ -228,7 +229,7 @@ impl Collector {
     }
 
     /// Ends the sample: writes sectors and hits into `view`, which is empty.
-    pub fn finish(&mut self, sweep: &Sweep, view: &mut View) {
+    pub fn finish(&mut self, sweep: &SweepTransform, view: &mut SensorView) {
         self.flush(sweep);
         for (bin, farthest) in self.farthest.iter().enumerate() {
             let sector = &mut view.sectors[sector_of_bin(bin)];
@@ -241,7 +242,7 @@ impl Collector {
             let hit = &mut view.hits[slot_of_bin(bin)];
             let [forward_m, right_m] = hit.level_m;
             if nearest.m2 < forward_m * forward_m + right_m * right_m {
-                *hit = Hit {
+                *hit = SlotHit {
                     level_m: [nearest.forward_m, nearest.right_m],
                     seen: sweep.time_of(nearest.share),
                 };
@@ -254,14 +255,14 @@ impl Collector {
         }
     }
 
-    fn flush(&mut self, sweep: &Sweep) {
+    fn flush(&mut self, sweep: &SweepTransform) {
         self.block.turn_to_level(sweep);
         self.block.measure(sweep);
         let block = &self.block;
         for i in 0..block.len.min(BLOCK) {
             let bin = block.bin[i] as usize % BINS;
             if block.near_m2[i] < self.nearest[bin].m2 {
-                self.nearest[bin] = Nearest {
+                self.nearest[bin] = NearestHit {
                     m2: block.near_m2[i],
                     forward_m: block.x_m[i],
                     right_m: block.y_m[i],
@@ -270,7 +271,7 @@ impl Collector {
             }
             let farthest = &mut self.farthest[sector_bin(bin)];
             if block.known_m2[i] > farthest.m2 {
-                *farthest = Farthest {
+                *farthest = FarthestRay {
                     m2: block.known_m2[i],
                     share: block.share[i],
                 };
@@ -280,18 +281,18 @@ impl Collector {
     }
 }
 
-const NOTHING_NEAR: Nearest = Nearest {
+const NOTHING_NEAR: NearestHit = NearestHit {
     m2: f32::INFINITY,
     forward_m: 0.0,
     right_m: 0.0,
     share: 0.0,
 };
 
-const NOTHING_KNOWN: Farthest = Farthest { m2: 0.0, share: 0.0 };
+const NOTHING_KNOWN: FarthestRay = FarthestRay { m2: 0.0, share: 0.0 };
 
-impl Block {
+impl RayBlock {
     /// Turns body coordinates into level ones, in place.
-    fn turn_to_level(&mut self, sweep: &Sweep) {
+    fn turn_to_level(&mut self, sweep: &SweepTransform) {
         for i in 0..BLOCK {
             let end_m = [self.x_m[i], self.y_m[i], self.z_m[i]];
             let share = self.share[i];
@@ -302,7 +303,7 @@ impl Block {
     }
 
     /// Per ray: the sector's bin, the squared distance if it is an obstacle, the squared range it knows to be free.
-    fn measure(&mut self, sweep: &Sweep) {
+    fn measure(&mut self, sweep: &SweepTransform) {
         let band = sweep.band_m;
         for i in 0..BLOCK {
             let (x, y, z, share) = (self.x_m[i], self.y_m[i], self.z_m[i], self.share[i]);
@@ -328,7 +329,7 @@ impl Block {
             } else {
                 sweep.reach_m2
             };
-            // Both comparisons are false for NaN, and no sensor reaches infinity: broken coordinates say nothing.
+            // Both comparisons are false for NaN, and no sensor reaches infinity: damaged coordinates are ignored.
             let known = !is_self && seen_m2 > sweep.self_m2 && flat_m2 < BEYOND_ANY_SENSOR_M2;
             self.known_m2[i] = if known { reached_m2 } else { 0.0 };
             self.bin[i] = bin_of(bearing_sectors(x, y));
@@ -338,9 +339,9 @@ impl Block {
 
 #[cfg(test)]
 mod tests {
-    use super::{Hull, Sweep};
-    use crate::ring::poses::Pose;
+    use super::{Envelope, SweepTransform};
     use jink_shared_types::Timestamp;
+    use jink_shared_types::pose_history::Pose;
     use nalgebra::{UnitQuaternion, Vector3};
     use proptest::prelude::*;
 
@@ -353,8 +354,8 @@ mod tests {
             -0.5..0.5f64,
         )
             .prop_map(|(roll, pitch, yaw, x, z)| Pose {
-                position: Vector3::new(x, 0.0, z),
-                attitude: UnitQuaternion::from_euler_angles(roll, pitch, yaw),
+                position_m: Vector3::new(x, 0.0, z),
+                local_q_body: UnitQuaternion::from_euler_angles(roll, pitch, yaw),
             })
     }
 
@@ -367,9 +368,9 @@ mod tests {
             first in pose(), last in pose(), azimuth in -3.2..3.2f32, down in -0.3..0.3f32,
             range in 0.5..20.0f32, share in 0.0..=1.0f32,
         ) {
-            let hull = Hull { radius_m: 0.3, band_half_m: 0.5 };
+            let envelope = Envelope { radius_m: 0.3, band_half_m: 0.5 };
             let times = [Timestamp::from_seconds(1.0), Timestamp::from_seconds(1.1)];
-            let sweep = Sweep::new((times[0], &first), (times[1], &last), Vector3::new(0.1, 0.0, -0.1), 20.0, hull);
+            let sweep = SweepTransform::new((times[0], &first), (times[1], &last), Vector3::new(0.1, 0.0, -0.1), 20.0, envelope);
             let end_m = [range * azimuth.cos() * down.cos(), range * azimuth.sin() * down.cos(), range * down.sin()];
             let height_m = sweep.level_component(2, end_m, share);
             let is_inside = height_m.abs() < 0.499;

@@ -1,7 +1,7 @@
 //! A scanning sensor that publishes its sweep in parts: each replaces the same part of the sweep before, and nothing else.
 
-use crate::common::{Place, fly, ring, time, view};
-use jink_collision_guard::ring::{Ring, Sight};
+use crate::common::{VehiclePose, fly, ring, time, view};
+use jink_collision_guard::ring::{Ring, Visibility};
 use jink_shared_types::SampleHeader;
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::sector_of;
@@ -40,7 +40,12 @@ fn towards(ring: &Ring, deg: f64, at_s: f64) -> f32 {
 
 fn hovering() -> Ring {
     let mut ring = ring();
-    fly(&mut ring, &|_| Place::at(0.0, 0.0), NOW_S - 1.0, NOW_S + 1.0);
+    fly(
+        &mut ring,
+        &|_| VehiclePose::at(0.0, 0.0),
+        NOW_S - 1.0,
+        NOW_S + 1.0,
+    );
     ring
 }
 
@@ -90,18 +95,18 @@ fn a_part_that_has_grown_old_is_unknown_and_its_sensor_is_not_lost() {
     assert!(towards(&ring, 22.5, now_s).is_nan());
     assert!((towards(&ring, 67.5, now_s) - 4.0).abs() < 0.05);
     // Behind the wall that stood there: nobody has seen it.
-    let outlook = ring.outlook(time(now_s));
+    let query = ring.query(time(now_s));
     let direction = 22.5f64.to_radians();
     assert_eq!(
-        outlook.sight([5.0 * direction.cos(), 5.0 * direction.sin()], 0.0, 0.3),
-        Sight::Unseen
+        query.visibility([5.0 * direction.cos(), 5.0 * direction.sin()], 0.0, 0.3),
+        Visibility::Unseen
     );
     // When the sensor falls silent, all its parts are lost.
     let late_s = NOW_S + 1.2;
-    let outlook = ring.outlook(time(late_s));
+    let query = ring.query(time(late_s));
     assert_eq!(
-        outlook.sight([5.0 * direction.cos(), 5.0 * direction.sin()], 0.0, 0.3),
-        Sight::Lost
+        query.visibility([5.0 * direction.cos(), 5.0 * direction.sin()], 0.0, 0.3),
+        Visibility::Lost
     );
 }
 

@@ -1,7 +1,7 @@
-//! The laws of planar scans: what a 2-D lidar says of a direction is in the sectors of that direction, in no other, however the
-//! vehicle is turned, tilted and moving, and as long as it counts.
+//! The laws of planar scans: the reading of a 2-D lidar in a direction is in the sectors of that direction, in no
+//! other, however the vehicle is turned, tilted and moving, and as long as it counts.
 
-use crate::common::{Place, fly, ring, time, view};
+use crate::common::{VehiclePose, fly, ring, time, view};
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::SampleHeader;
 use jink_shared_types::frames::{Attitude, Mounting, wrap_pi};
@@ -41,7 +41,7 @@ fn turn(range_m: f32) -> RangeScan {
 
 fn at_rest(yaw_rad: f64) -> Ring {
     let mut ring = ring();
-    let place = Place::at(0.0, 0.0).turned(0.0, 0.0, yaw_rad);
+    let place = VehiclePose::at(0.0, 0.0).turned(0.0, 0.0, yaw_rad);
     fly(&mut ring, &|_| place, NOW_S - 0.2, NOW_S + 1.0);
     ring
 }
@@ -59,8 +59,8 @@ fn is_on_border(bearing_rad: f64) -> bool {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
-    /// The obstacle is an upright line: a tilted beam meets it above or below the vehicle, and tells how far away it stands. Of a
-    /// vehicle that has moved by `moved_m`, directions beside the beam may be told shorter by what the rim of its sector, five
+    /// The obstacle is an upright line: a tilted beam meets it above or below the vehicle, and reports how far away it stands. Of a
+    /// vehicle that has moved by `moved_m`, directions beside the beam may be reported shorter by what the rim of its sector, five
     /// degrees wide, is nearer from there: at most 0.15 of `moved_m`.
     #[test]
     fn an_obstacle_is_where_it_was_seen_whatever_the_vehicle_does(
@@ -74,10 +74,10 @@ proptest! {
         let place = |t: f64| {
             let passed_s = t - NOW_S;
             let turned = UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad + turn_radps * passed_s);
-            Place {
+            VehiclePose {
                 velocity: Vector3::new(north, east, 0.0) * speed_mps,
                 attitude: lean * turned,
-                ..Place::at(north * speed_mps * passed_s, east * speed_mps * passed_s)
+                ..VehiclePose::at(north * speed_mps * passed_s, east * speed_mps * passed_s)
             }
         };
         let mut ring = ring();
@@ -152,7 +152,7 @@ proptest! {
             show(&mut ring, 0, &turn(range_m), NOW_S);
             let mut part = scan(sector_bearing_rad(first), SECTOR_WIDTH_RAD, 0.0, &vec![answer_m; count]);
             part.beam_width_rad -= 1e-4;
-            // Of the same sensor it is news, of another one it is no contradiction.
+            // For the same sensor it is newer data, for another one it is no contradiction.
             show(&mut ring, usize::from(is_other), &part, NOW_S + 0.05);
             let seen = view(&ring, NOW_S + 0.05);
             for sector in 0..SECTORS {
@@ -184,7 +184,8 @@ proptest! {
         }
     }
 
-    /// A vehicle is never quite where it was: by 3 cm it looks past the border of what is known into the next sector at most.
+    /// A vehicle never returns exactly: 3 cm off, it sees past the border of what is known into the next sector at
+    /// most.
     #[test]
     fn what_nobody_looked_at_stays_unknown_when_the_vehicle_has_moved_a_little(
         first in 0..SECTORS, count in 2..50usize, range_m in 1.0..11.0f32,
@@ -193,7 +194,7 @@ proptest! {
         let (east, north) = course_rad.sin_cos();
         let place = |t: f64| {
             let moved_m = if t > NOW_S + 0.01 { moved_m } else { 0.0 };
-            Place::at(north * moved_m, east * moved_m).turned(0.0, 0.0, yaw_rad)
+            VehiclePose::at(north * moved_m, east * moved_m).turned(0.0, 0.0, yaw_rad)
         };
         let mut ring = ring();
         fly(&mut ring, &place, NOW_S - 0.2, NOW_S + 0.1);

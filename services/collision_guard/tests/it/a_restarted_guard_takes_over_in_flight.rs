@@ -1,6 +1,6 @@
-//! A guard that has just started holds until it can tell what is flown, and takes it over without a jump.
+//! A guard that has just started holds until it knows what is flown, and takes it over without a jump.
 
-use crate::common::{Place, World, guard, looking, on, step, straight, successor, time};
+use crate::common::{VehiclePose, World, guard, looking, on, step, straight, successor, time};
 use jink_collision_guard::guard::Guard;
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::motion::{GuardReason, Trajectory, Verdict};
@@ -45,7 +45,7 @@ fn it_takes_none_that_has_departed_already() {
 fn it_takes_none_that_the_vehicle_is_not_on() {
     let t = NOW_S + 3.0;
     let (mut guard, ring, _, next) = restarted(t);
-    let (out, _) = step(&mut guard, t, Some(&next), &ring, Place::at(0.0, 0.0));
+    let (out, _) = step(&mut guard, t, Some(&next), &ring, VehiclePose::at(0.0, 0.0));
     assert_eq!(
         (out.verdict.get(), out.reason.get()),
         (Verdict::Hold, GuardReason::Discontinuous)

@@ -1,7 +1,7 @@
-//! A way planned with 0.4 m more clearance than the guard demands is flown at 3 m/s without a brake, though parts of it
-//! are hidden behind the cylinders it winds around.
+//! A path planned with 0.4 m more clearance than the guard requires is flown at 3 m/s without a brake, though parts of
+//! it are hidden behind the cylinders it winds around.
 
-use crate::common::{DOWN_M, Lidar, Random, World, fly, guard, limits, on, ring, step, time};
+use crate::common::{DOWN_M, Lidar, World, fly, guard, limits, on, random, ring, step, time};
 use jink_shared_types::Coded;
 use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::motion::{BezierPiece, Trajectory, TrajectoryMode, Verdict};
@@ -13,7 +13,7 @@ const CYLINDER_M: f64 = 0.3;
 /// Radius 0.3, margin 0.1, and the 0.4 more.
 const ASIDE_M: f64 = CYLINDER_M + 0.4 + 0.4;
 
-/// Cylinders every `spacing` metres along a line, and the way that passes them left and right in turns.
+/// Cylinders every `spacing` metres along a line, and the path that passes them left and right in turns.
 fn slalom(spacing_m: f64, gates: usize) -> (World, Trajectory) {
     let world = World(
         (0..gates)
@@ -64,10 +64,10 @@ fn slalom(spacing_m: f64, gates: usize) -> (World, Trajectory) {
     (world, way)
 }
 
-/// Flies the slalom; a new trajectory with the same way every `replan_s`, if given. Returns the steps taken.
+/// Flies the slalom; a new trajectory along the same path every `replan_s`, if given. Returns the steps taken.
 fn fly_through(spacing_m: f64, lidar: &Lidar, seed: u64, replan_s: Option<f64>) -> u32 {
     let (world, mut way) = slalom(spacing_m, 14);
-    let mut random = Random(seed);
+    let mut random = random(seed);
     let mut guard = guard();
     let mut ring = ring();
     let mut steps = 0;
@@ -98,7 +98,7 @@ fn fly_through(spacing_m: f64, lidar: &Lidar, seed: u64, replan_s: Option<f64>) 
             next_plan_s = t + replan_s.unwrap_or(0.0);
         }
         let here = place(t);
-        let (out, news) = step(&mut guard, t, candidate.as_ref(), &ring, here);
+        let (out, step_events) = step(&mut guard, t, candidate.as_ref(), &ring, here);
         assert_eq!(
             out.verdict.get(),
             Verdict::Passed,
@@ -109,7 +109,7 @@ fn fly_through(spacing_m: f64, lidar: &Lidar, seed: u64, replan_s: Option<f64>) 
             out.free_way_m,
             out.stopping_m
         );
-        assert!(news.events().is_empty());
+        assert!(step_events.events().is_empty());
         way = out.trajectory;
         steps += 1;
     }

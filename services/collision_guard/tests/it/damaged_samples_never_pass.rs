@@ -2,7 +2,9 @@
 #![allow(unsafe_code, reason = "damage is made by writing bytes over samples")]
 
 use crate::common;
-use crate::common::{Place, World, beam, hovering_guard, look, on, points, ring, step, straight, time, view};
+use crate::common::{
+    VehiclePose, World, beam, hovering_guard, look, on, points, ring, step, straight, time, view,
+};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::motion::{Trajectory, TrajectoryMode, Verdict};
 use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind};
@@ -75,14 +77,14 @@ proptest! {
         let (mut guard, ring) = hovering_guard(NOW_S);
         let first = straight(7, NOW_S, 2.0, 2.0, 10.0);
         if while_flying {
-            step(&mut guard, NOW_S, Some(&first), &ring, Place::at(0.0, 0.0));
+            step(&mut guard, NOW_S, Some(&first), &ring, VehiclePose::at(0.0, 0.0));
         }
         let t = NOW_S + 0.1;
         let mut candidate = first;
         (candidate.id, candidate.base_id) = (8, if while_flying { 7 } else { 0 });
         candidate.splice = time(t + 0.1);
         damage(&mut candidate, offset, &bytes);
-        let (out, _) = step(&mut guard, t, Some(&candidate), &ring, Place::at(0.0, 0.0));
+        let (out, _) = step(&mut guard, t, Some(&candidate), &ring, VehiclePose::at(0.0, 0.0));
         if out.trajectory.mode.get() != TrajectoryMode::Mirror {
             prop_assert!(is_finite(&out.trajectory));
             let end = out.trajectory.at(out.trajectory.end().plus_seconds(1.0)).unwrap();
@@ -91,17 +93,17 @@ proptest! {
             prop_assert_eq!(out.trajectory.len, 0);
         }
         // And the step after that.
-        step(&mut guard, t + 0.05, None, &ring, Place::at(0.0, 0.0));
+        step(&mut guard, t + 0.05, None, &ring, VehiclePose::at(0.0, 0.0));
     }
 
     #[test]
     fn a_damaged_state_neither_panics_nor_passes_anything(offset in any::<usize>(), bytes in bytes()) {
-        let mut state = Place::at(0.0, 0.0).state();
+        let mut state = VehiclePose::at(0.0, 0.0).state();
         damage(&mut state, offset, &bytes);
         let mut ring = ring();
-        let _refused = ring.vehicle(&state, &SampleHeader::at(time(NOW_S - 0.3)));
+        let _ = ring.vehicle(&state, &SampleHeader::at(time(NOW_S - 0.3)));
         // Sound states heal it, though the damaged one may count as another origin.
-        look(&mut ring, &World::default(), Place::at(0.0, 0.0), NOW_S);
+        look(&mut ring, &World::default(), VehiclePose::at(0.0, 0.0), NOW_S);
         prop_assert!(ring.is_fresh(time(NOW_S)));
         let start = straight(7, NOW_S, 2.0, 2.0, 10.0);
         let header = SampleHeader::at(time(NOW_S));
@@ -123,23 +125,23 @@ proptest! {
         let mut header = SampleHeader::at(Timestamp::from_ns(capture));
         header.publish = Timestamp::from_ns(publish);
         let mut ring = ring();
-        let _refused = ring.vehicle(&Place::at(0.0, 0.0).state(), &header);
+        let _ = ring.vehicle(&VehiclePose::at(0.0, 0.0).state(), &header);
         let (cloud, _) = points(&[([4.0, 0.0, 0.0], RayKind::Hit)], 20.0, NOW_S);
-        let _refused = ring.cloud(0, &cloud, &header);
+        let _ = ring.cloud(0, &cloud, &header);
         view(&ring, NOW_S);
         // Two seconds, so that even a stamp shortly before now is overtaken.
-        look(&mut ring, &World(vec![[5.0, 0.0, 0.3]]), Place::at(0.0, 0.0), NOW_S);
-        look(&mut ring, &World(vec![[5.0, 0.0, 0.3]]), Place::at(0.0, 0.0), NOW_S + 2.0);
+        look(&mut ring, &World(vec![[5.0, 0.0, 0.3]]), VehiclePose::at(0.0, 0.0), NOW_S);
+        look(&mut ring, &World(vec![[5.0, 0.0, 0.3]]), VehiclePose::at(0.0, 0.0), NOW_S + 2.0);
         prop_assert!((view(&ring, NOW_S + 2.0).distance_m[0] - 4.7).abs() < 0.05);
     }
 
     #[test]
     fn a_damaged_scan_opens_no_space_beyond_its_reach(offset in 0..200usize, bytes in bytes()) {
         let mut ring = ring();
-        look(&mut ring, &World(vec![[5.0, 0.0, 0.3]]), Place::at(0.0, 0.0), NOW_S);
+        look(&mut ring, &World(vec![[5.0, 0.0, 0.3]]), VehiclePose::at(0.0, 0.0), NOW_S);
         let mut scan: RangeScan = beam(4.0, 0.2, 1.0);
         damage(&mut scan, offset, &bytes);
-        let _refused = ring.scan(1, &scan, &SampleHeader::at(time(NOW_S)));
+        let _ = ring.scan(1, &scan, &SampleHeader::at(time(NOW_S)));
         let seen = view(&ring, NOW_S);
         prop_assert!(seen.distance_m[0] <= 4.75, "the other sensor's obstacle stays");
         for range in seen.range_max_m {
@@ -154,17 +156,17 @@ proptest! {
     #[test]
     fn a_damaged_cloud_opens_no_space_beyond_its_reach(offset in 0..1_000usize, bytes in bytes()) {
         let mut ring = ring();
-        look(&mut ring, &World(vec![[5.0, 0.0, 0.3]]), Place::at(0.0, 0.0), NOW_S);
+        look(&mut ring, &World(vec![[5.0, 0.0, 0.3]]), VehiclePose::at(0.0, 0.0), NOW_S);
         let ends: Vec<_> = (0..50).map(|i| ([3.0, 0.1 * f64::from(i), 0.0], RayKind::Hit)).collect();
         let (mut cloud, header) = points(&ends, 20.0, NOW_S);
         damage::<PointCloud>(&mut cloud, offset, &bytes);
-        let _refused = ring.cloud(1, &cloud, &header);
+        let _ = ring.cloud(1, &cloud, &header);
         let seen = view(&ring, NOW_S);
         prop_assert!(seen.distance_m[0] <= 4.75, "the other sensor's obstacle stays");
         for range in seen.range_max_m {
             prop_assert!(range.is_finite() && f64::from(range) <= f64::from(cloud.range_max_m).max(12.1));
         }
-        for [north, east] in ring.outlook(time(NOW_S)).obstacles() {
+        for [north, east] in ring.query(time(NOW_S)).obstacles() {
             prop_assert!(north.is_finite() && east.is_finite());
         }
     }

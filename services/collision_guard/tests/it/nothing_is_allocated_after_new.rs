@@ -1,9 +1,9 @@
 //! The hot path allocates nothing: not for states, clouds, scans, rings, refusals, brakes.
 
-use crate::common::{Lidar, Random, World, beam, fly, guard, on, ring, straight, time};
+use crate::common::{Lidar, World, beam, fly, guard, on, random, ring, straight, time};
 use allocation_counter::measure;
 use jink_collision_guard::guard::GuardInputs;
-use jink_collision_guard::prevention::{PreventionConfig, Watch};
+use jink_collision_guard::prevention::{PilotGuard, PreventionConfig};
 use jink_shared_types::motion::{ApprovedTrajectory, GuardReason, Verdict};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::prevention::{PilotDemand, PreventionState};
@@ -25,13 +25,13 @@ fn a_flight_with_everything_in_it_allocates_nothing() {
     let mut flown = first;
     let mut params = ParamSet::default();
     params.set("CP_DIST", 2.0).unwrap();
-    let mut watch = Watch::new(PreventionConfig::from_params(&params));
+    let mut watch = PilotGuard::new(PreventionConfig::from_params(&params));
     let mut states = Vec::with_capacity(1_000);
     for i in 0..140_u32 {
         let t = 10.0 + 0.05 * f64::from(i);
         let place = move |t: f64| on(&flown, t);
         // Made outside the count: worlds and clouds are the test's own.
-        let (cloud, header) = Lidar::default().sweep(&world, &place, t, &mut Random(u64::from(i)));
+        let (cloud, header) = Lidar::default().sweep(&world, &place, t, &mut random(u64::from(i)));
         let single = beam(6.0, 0.4, 1.0);
         let state = place(t).state();
         let state_header = SampleHeader::at(time(t));

@@ -2,10 +2,10 @@
 
 use crate::common;
 use crate::common::{
-    Lidar, Place, Random, World, end, fly, guard, hovering_guard, look, looking, on, step, straight, time,
-    trajectory,
+    Lidar, VehiclePose, World, end, fly, guard, hovering_guard, look, looking, on, random, step, straight,
+    time, trajectory,
 };
-use jink_collision_guard::News;
+use jink_collision_guard::StepEvents;
 use jink_collision_guard::guard::{Guard, GuardConfig};
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::bezier::{derivative, quintic_between};
@@ -26,7 +26,7 @@ const CLEARANCE_M: f64 = 0.4;
 
 fn started(first: &Trajectory) -> (Guard, Ring) {
     let (mut guard, ring) = hovering_guard(NOW_S);
-    let (out, _) = step(&mut guard, NOW_S, Some(first), &ring, Place::at(0.0, 0.0));
+    let (out, _) = step(&mut guard, NOW_S, Some(first), &ring, VehiclePose::at(0.0, 0.0));
     assert_eq!(out.verdict, Verdict::Passed, "{:?}", out.reason);
     (guard, ring)
 }
@@ -37,9 +37,11 @@ fn follow(
     ring: &mut Ring,
     world: &dyn Fn(f64) -> World,
     until_s: f64,
-    mut each: impl FnMut(f64, &ApprovedTrajectory, &News),
+    mut each: impl FnMut(f64, &ApprovedTrajectory, &StepEvents),
 ) {
-    let mut flown = step(guard, NOW_S, None, ring, Place::at(0.0, 0.0)).0.trajectory;
+    let mut flown = step(guard, NOW_S, None, ring, VehiclePose::at(0.0, 0.0))
+        .0
+        .trajectory;
     let mut t = NOW_S;
     let mut sweep = 0;
     while t < until_s {
@@ -54,12 +56,12 @@ fn follow(
                 ..Lidar::default()
             };
             let at = NOW_S + 0.1 * f64::from(sweep);
-            let (cloud, header) = lidar.sweep(&world(at), &place, at, &mut Random(sweep as u64));
+            let (cloud, header) = lidar.sweep(&world(at), &place, at, &mut random(sweep as u64));
             ring.cloud(0, &cloud, &header).unwrap();
         }
-        let (out, news) = step(guard, t, None, ring, place(t));
+        let (out, step_events) = step(guard, t, None, ring, place(t));
         flown = out.trajectory;
-        each(t, &out, &news);
+        each(t, &out, &step_events);
     }
 }
 
@@ -121,7 +123,7 @@ fn an_obstacle_that_appears_within_the_stopping_distance_is_braked_for_in_one_st
     let t = t + 0.1;
     let place = on(&first, t);
     look(&mut ring, &world, place, t);
-    let (out, news) = step(&mut guard, t, None, &ring, place);
+    let (out, step_events) = step(&mut guard, t, None, &ring, place);
     assert_eq!(
         (out.verdict.get(), out.reason.get()),
         (Verdict::Braked, GuardReason::Obstacle)
@@ -134,7 +136,7 @@ fn an_obstacle_that_appears_within_the_stopping_distance_is_braked_for_in_one_st
         3,
         "the guard's generation"
     );
-    let event = news.events()[0];
+    let event = step_events.events()[0];
     assert_eq!(
         (event.id, event.name.as_str()),
         (events::GUARD_BRAKED.id, "obstacle")
@@ -142,9 +144,9 @@ fn an_obstacle_that_appears_within_the_stopping_distance_is_braked_for_in_one_st
     assert!((event.numbers[0] - out.free_way_m).abs() < 1e-9);
 
     // Told once, and not braked again.
-    let (again, news) = step(&mut guard, t + 0.03, None, &ring, place);
+    let (again, step_events) = step(&mut guard, t + 0.03, None, &ring, place);
     assert_eq!(again.trajectory, out.trajectory);
-    assert!(news.events().is_empty());
+    assert!(step_events.events().is_empty());
 }
 
 #[test]
@@ -179,7 +181,7 @@ fn with_collision_prevention_a_guard_brake_ends_before_the_distance_to_keep() {
     let mut params = ParamSet::default();
     params.set("CP_DIST", KEPT_M).unwrap();
     let first = straight(7, NOW_S, 3.0, 2.0, 20.0);
-    // Not in the way of the hull, but nearer to it than is to be kept.
+    // Not in the path of the vehicle's radius, but nearer to it than the standoff.
     let world = World(vec![[16.0, 1.5, 0.3]]);
     let (mut guard, mut ring) = started(&first);
     follow(
@@ -227,7 +229,7 @@ fn a_planned_stop_before_a_wall_is_not_braked() {
         &mut ring,
         &|_| world.clone(),
         NOW_S + 9.0,
-        |t, out, news| {
+        |t, out, step_events| {
             assert_eq!(
                 out.verdict,
                 Verdict::Passed,
@@ -235,16 +237,22 @@ fn a_planned_stop_before_a_wall_is_not_braked() {
                 out.reason,
                 out.free_way_m
             );
-            assert!(news.events().is_empty());
+            assert!(step_events.events().is_empty());
         },
     );
 }
 
 #[test]
 fn a_start_toward_a_near_obstacle_is_refused_not_approved_and_braked() {
-    let ring = looking(&World(vec![[1.5, 0.0, 0.5]]), Place::at(0.0, 0.0), NOW_S);
+    let ring = looking(&World(vec![[1.5, 0.0, 0.5]]), VehiclePose::at(0.0, 0.0), NOW_S);
     let start = straight(7, NOW_S, 2.0, 1.5, 6.0);
-    let (out, _) = step(&mut guard(), NOW_S, Some(&start), &ring, Place::at(0.0, 0.0));
+    let (out, _) = step(
+        &mut guard(),
+        NOW_S,
+        Some(&start),
+        &ring,
+        VehiclePose::at(0.0, 0.0),
+    );
     assert_eq!(
         (out.verdict.get(), out.reason.get()),
         (Verdict::Hold, GuardReason::Obstacle)
@@ -254,7 +262,7 @@ fn a_start_toward_a_near_obstacle_is_refused_not_approved_and_braked() {
 #[test]
 fn who_is_too_near_may_leave_but_not_come_nearer() {
     // 0.35 m from the surface: less than the 0.4 m demanded.
-    let ring = looking(&World(vec![[1.35, 0.0, 1.0]]), Place::at(0.0, 0.0), NOW_S);
+    let ring = looking(&World(vec![[1.35, 0.0, 1.0]]), VehiclePose::at(0.0, 0.0), NOW_S);
     let rest = end([0.0, 0.0], [0.0, 0.0]);
     for (to, verdict) in [
         ([-3.0, 0.0], Verdict::Passed),
@@ -263,7 +271,13 @@ fn who_is_too_near_may_leave_but_not_come_nearer() {
         ([1.0, 3.0], Verdict::Hold),
     ] {
         let start = trajectory(7, NOW_S, rest, &[(end(to, [0.0, 0.0]), 3.0)]);
-        let (out, _) = step(&mut guard(), NOW_S, Some(&start), &ring, Place::at(0.0, 0.0));
+        let (out, _) = step(
+            &mut guard(),
+            NOW_S,
+            Some(&start),
+            &ring,
+            VehiclePose::at(0.0, 0.0),
+        );
         assert_eq!(out.verdict, verdict, "to {to:?}: {:?}", out.reason);
     }
 }
@@ -294,7 +308,7 @@ fn the_brake_is_flown_until_something_that_departs_from_it_passes() {
     );
     assert_eq!(out.trajectory.id, brake.id);
 
-    // What departs from the brake does, when the way is free again.
+    // A trajectory that departs from the brake passes when its path is free again.
     let t = t + 0.1;
     let place = on(&brake, t);
     look(&mut ring, &World::default(), place, t);
@@ -311,14 +325,14 @@ fn the_brake_is_flown_until_something_that_departs_from_it_passes() {
     let from = brake.at(splice).unwrap().end();
     let to = end([from.position.x + 8.0, 0.0], [0.0, 0.0]);
     assert!(next.push(BezierPiece::new(&quintic_between(&from, &to, 6.0), [0.0; 6], 6.0)));
-    let (out, news) = step(&mut guard, t, Some(&next), &ring, place);
+    let (out, step_events) = step(&mut guard, t, Some(&next), &ring, place);
     assert_eq!(
         (out.verdict.get(), out.trajectory.id),
         (Verdict::Passed, 9),
         "{:?}",
         out.reason
     );
-    assert_eq!(news.events()[0].id, events::GUARD_RELEASED.id);
+    assert_eq!(step_events.events()[0].id, events::GUARD_RELEASED.id);
 }
 
 #[test]
@@ -328,7 +342,7 @@ fn a_stop_that_is_shorter_than_the_guard_s_brake_is_left_alone() {
     let mut stop = trajectory(7, NOW_S, from, &[(end([1.75, 0.0], [0.0, 0.0]), 1.2)]);
     stop.mode = Coded::new(TrajectoryMode::Stop);
     stop.limits.jerk_mps3 = 20.0;
-    let ring = looking(&World::default(), Place::at(0.0, 0.0), NOW_S);
+    let ring = looking(&World::default(), VehiclePose::at(0.0, 0.0), NOW_S);
     let mut guard = guard();
     let (out, _) = step(&mut guard, NOW_S, Some(&stop), &ring, on(&stop, NOW_S));
     assert_eq!(out.verdict, Verdict::Passed, "{:?}", out.reason);
@@ -343,7 +357,7 @@ fn a_stop_that_is_shorter_than_the_guard_s_brake_is_left_alone() {
 
 #[test]
 fn a_changed_parameter_counts_from_the_next_step() {
-    // 0.6 m from the surface of a tree beside the way: enough for the default margin of 0.1, not for 0.5.
+    // 0.6 m from the surface of a tree beside the path: enough for the default margin of 0.1, not for 0.5.
     let first = straight(7, NOW_S, 3.0, 2.0, 40.0);
     let (mut guard, mut ring) = started(&first);
     let t = NOW_S + 4.0;
@@ -393,7 +407,7 @@ proptest! {
         let (out, _) = step(&mut guard, t, None, &ring, place);
         let now = first.at(time(t)).unwrap().velocity.vector().norm();
         let stopping = stopping_distance_m(now, 0.35, 2.0, 12.0);
-        // Where the straight way first comes within the clearance, or never.
+        // Where the straight path first comes within the clearance, or never.
         let reach = obstacle[2] + CLEARANCE_M;
         let conflict = obstacle[0] - (reach * reach - obstacle[1] * obstacle[1]).max(0.0).sqrt();
         let crosses = obstacle[1].abs() < reach;
@@ -442,12 +456,12 @@ proptest! {
         first.limits.descent_mps = 20.0;
         first.limits.acceleration_mps2 = 8.0;
         first.limits.jerk_mps3 = jerk;
-        let moving = Place { velocity: v, ..Place::at(0.0, 0.0) };
+        let moving = VehiclePose { velocity: v, ..VehiclePose::at(0.0, 0.0) };
         let ring = looking(&World::default(), moving, NOW_S);
         let mut guard = guard();
         let (out, _) = step(&mut guard, NOW_S, Some(&first), &ring, moving);
         prop_assume!(out.verdict == Verdict::Passed);
-        // Something stands where it will be in 0.8 s: nearer than any stopping distance.
+        // An obstacle where it will be in 0.8 s: nearer than any stopping distance.
         let t = NOW_S + since;
         let place = on(&first, t);
         let ahead = first.at(time(t + 0.8)).unwrap().position;

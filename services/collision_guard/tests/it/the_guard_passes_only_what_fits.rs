@@ -1,8 +1,9 @@
-//! What joins what is flown, in time, within its limits and on fresh data, passes; everything else is refused with its reason,
-//! and what was flown goes on.
+//! What joins what is flown, in time, within its limits and on fresh data, passes; everything else is refused with its
+//! reason, and what was flown continues.
 
 use crate::common::{
-    Place, World, end, guard, hovering_guard, look, on, ring, step, straight, successor, time, trajectory,
+    VehiclePose, World, end, guard, hovering_guard, look, on, ring, step, straight, successor, time,
+    trajectory,
 };
 use jink_collision_guard::guard::{Guard, GuardInputs};
 use jink_collision_guard::ring::Ring;
@@ -15,9 +16,9 @@ const NOW_S: f64 = 10.0;
 fn flying() -> (Guard, Ring, Trajectory) {
     let (mut guard, ring) = hovering_guard(NOW_S);
     let first = straight(7, NOW_S, 3.0, 2.0, 30.0);
-    let (out, news) = step(&mut guard, NOW_S, Some(&first), &ring, Place::at(0.0, 0.0));
+    let (out, step_events) = step(&mut guard, NOW_S, Some(&first), &ring, VehiclePose::at(0.0, 0.0));
     assert_eq!(out.verdict, Verdict::Passed, "{:?}", out.reason);
-    assert!(news.events().is_empty());
+    assert!(step_events.events().is_empty());
     (guard, ring, first)
 }
 
@@ -66,10 +67,10 @@ fn a_successor_that_fits_passes() {
 }
 
 #[test]
-fn what_is_approved_is_told_on_every_call_and_rests_after_its_end() {
+fn what_is_approved_is_published_on_every_call_and_rests_after_its_end() {
     let (mut guard, ring, first) = flying();
     for t in [NOW_S + 0.1, NOW_S + 100.0] {
-        let (out, _) = step(&mut guard, t, None, &ring, Place::at(0.0, 0.0));
+        let (out, _) = step(&mut guard, t, None, &ring, VehiclePose::at(0.0, 0.0));
         assert_eq!(out.trajectory, first);
     }
     let rest = first.at(time(NOW_S + 100.0)).unwrap();
@@ -77,7 +78,7 @@ fn what_is_approved_is_told_on_every_call_and_rests_after_its_end() {
 }
 
 #[test]
-fn the_same_trajectory_again_is_no_news() {
+fn the_same_trajectory_again_is_nothing_new() {
     let (mut guard, ring, first) = flying();
     let (out, _) = step(
         &mut guard,
@@ -244,7 +245,13 @@ fn a_motion_from_rest_must_start_where_the_vehicle_is() {
         (0.9, (Verdict::Passed, GuardReason::None)),
         (1.1, (Verdict::Hold, GuardReason::Discontinuous)),
     ] {
-        let (out, _) = step(&mut guard.clone(), NOW_S, Some(&start), &ring, Place::at(x, 0.0));
+        let (out, _) = step(
+            &mut guard.clone(),
+            NOW_S,
+            Some(&start),
+            &ring,
+            VehiclePose::at(x, 0.0),
+        );
         assert_eq!((out.verdict.get(), out.reason.get()), expected, "{x} m away");
     }
 }
@@ -252,9 +259,9 @@ fn a_motion_from_rest_must_start_where_the_vehicle_is() {
 #[test]
 fn a_motion_that_continues_none_must_start_as_the_vehicle_moves() {
     let (guard, ring) = hovering_guard(NOW_S);
-    let moving = Place {
+    let moving = VehiclePose {
         velocity: nalgebra::Vector3::new(2.0, 0.0, 0.0),
-        ..Place::at(0.0, 0.0)
+        ..VehiclePose::at(0.0, 0.0)
     };
     let stop = |speed: f64| {
         let to_rest = [(end([speed, 0.0], [0.0, 0.0]), 2.0)];
@@ -275,7 +282,7 @@ fn a_motion_that_continues_none_must_start_as_the_vehicle_moves() {
 fn from_rest_again_after_the_end() {
     let (mut guard, mut ring, first) = flying();
     let t = first.end().seconds() + 1.0;
-    let place = Place::at(30.0, 0.0);
+    let place = VehiclePose::at(30.0, 0.0);
     look(&mut ring, &World::default(), place, t);
     let again = trajectory(
         9,
@@ -364,7 +371,7 @@ fn a_mirror_with_pieces_is_no_mirror() {
 }
 
 #[test]
-fn lost_and_returned_ranges_are_told_once_each() {
+fn lost_and_returned_ranges_are_reported_once_each() {
     let (mut guard, mut ring, first) = flying();
     let mut told = Vec::new();
     for i in 1..40 {
@@ -372,8 +379,8 @@ fn lost_and_returned_ranges_are_told_once_each() {
         if i > 25 {
             look(&mut ring, &World::default(), on(&first, t), t);
         }
-        let (_, news) = step(&mut guard, t, None, &ring, on(&first, t));
-        told.extend(news.events().iter().map(|event| event.id));
+        let (_, step_events) = step(&mut guard, t, None, &ring, on(&first, t));
+        told.extend(step_events.events().iter().map(|event| event.id));
     }
     assert_eq!(told, [events::RANGES_LOST.id, events::RANGES_BACK.id]);
 }
@@ -381,7 +388,7 @@ fn lost_and_returned_ranges_are_told_once_each() {
 #[test]
 fn a_guard_that_has_never_had_ranges_does_not_complain_of_losing_them() {
     let mut guard = guard();
-    let (out, news) = step(&mut guard, NOW_S, None, &ring(), Place::at(0.0, 0.0));
-    assert!(news.events().is_empty());
+    let (out, step_events) = step(&mut guard, NOW_S, None, &ring(), VehiclePose::at(0.0, 0.0));
+    assert!(step_events.events().is_empty());
     assert_eq!((out.verdict.get(), out.trajectory.len), (Verdict::Hold, 0));
 }

@@ -23,7 +23,7 @@ mod units;
 
 use std::path::{Path, PathBuf};
 
-fn judged(directory: &Path) -> report::Report {
+fn judged(directory: &Path) -> report::VectorReport {
     let report = run::run(directory).unwrap();
     println!("{}\n{report}", directory.display());
     assert_eq!(report.failing(), 0, "\n{report}");
@@ -42,7 +42,8 @@ fn the_committed_sample() {
     assert!(sample.scenarios() > 150, "{}", sample.scenarios());
     let own = judged(&crate_folder().join("tests/data"));
     assert!(own.scenarios() > 28, "{}", own.scenarios());
-    // Rows under a turning vehicle, and rows that know little: PX4's map has things where nothing is, seldom in the way.
+    // Rows under a turning vehicle, and rows with few known elements: PX4's map has obstacles where nothing is, seldom
+    // in the path.
     let carried = own.outputs("what PX4 carries along with the nose does not stand there");
     assert!((1..=6).contains(&carried), "{carried}");
 }

@@ -1,7 +1,7 @@
 //! Sectors are level, turn with the vehicle, and hold the smallest distance; obstacles stay where they are.
 
 use crate::common;
-use crate::common::{Lidar, Place, Random, World, beam, fly, points, ring, time, view};
+use crate::common::{Lidar, VehiclePose, World, beam, fly, points, random, ring, time, view};
 use jink_shared_types::SampleHeader;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::RayKind::{Clear, Hit, Unknown};
@@ -11,7 +11,7 @@ use std::f64::consts::PI;
 
 const NOW_S: f64 = 10.0;
 
-fn at_rest(place: Place) -> jink_collision_guard::ring::Ring {
+fn at_rest(place: VehiclePose) -> jink_collision_guard::ring::Ring {
     let mut ring = ring();
     fly(&mut ring, &|_| place, NOW_S - 0.2, NOW_S);
     ring
@@ -19,7 +19,7 @@ fn at_rest(place: Place) -> jink_collision_guard::ring::Ring {
 
 #[test]
 fn the_nearest_hit_of_a_sector_counts_and_the_seam_is_round() {
-    let mut ring = at_rest(Place::at(0.0, 0.0));
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
     let (cloud, header) = points(
         &[
             ([5.0, 0.2, 0.0], Hit),
@@ -44,7 +44,7 @@ fn the_nearest_hit_of_a_sector_counts_and_the_seam_is_round() {
 
 #[test]
 fn a_clear_ray_makes_its_sector_free_as_far_as_the_sensor_reaches() {
-    let mut ring = at_rest(Place::at(0.0, 0.0));
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
     let (cloud, header) = points(
         &[([0.0, 15.0, 0.0], Clear), ([-4.0, 0.0, 0.0], Unknown)],
         15.0,
@@ -58,9 +58,9 @@ fn a_clear_ray_makes_its_sector_free_as_far_as_the_sensor_reaches() {
 }
 
 #[test]
-fn a_ray_that_leaves_the_height_band_tells_nothing_of_what_comes_behind() {
-    let mut ring = at_rest(Place::at(0.0, 0.0));
-    // The band is half a metre: this ray leaves it at a third of its way.
+fn a_ray_that_leaves_the_height_band_says_nothing_about_what_is_beyond() {
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
+    // The band is half a metre: this ray leaves it at a third of its length.
     let (cloud, header) = points(
         &[
             ([12.0, 0.0, 1.5], Hit),
@@ -84,7 +84,7 @@ fn a_ray_that_leaves_the_height_band_tells_nothing_of_what_comes_behind() {
 
 #[test]
 fn a_hit_on_the_vehicle_itself_is_neither_obstacle_nor_knowledge() {
-    let mut ring = at_rest(Place::at(0.0, 0.0));
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
     let (cloud, header) = points(&[([0.2, 0.0, 0.1], Hit), ([0.0, 0.31, 0.0], Hit)], 20.0, NOW_S);
     ring.cloud(0, &cloud, &header).unwrap();
     let seen = view(&ring, NOW_S);
@@ -101,7 +101,7 @@ fn what_stands_level_is_seen_level_however_the_vehicle_tilts() {
         (-0.2, 0.2, 1.0),
         (0.1, 0.3, -2.5),
     ] {
-        let place = Place::at(0.0, 0.0).turned(roll, pitch, yaw);
+        let place = VehiclePose::at(0.0, 0.0).turned(roll, pitch, yaw);
         let ring = common::looking(&world, place, NOW_S);
         let seen = view(&ring, NOW_S);
         let north = seen.distance_m[sector_of(-yaw)];
@@ -115,13 +115,13 @@ fn what_stands_level_is_seen_level_however_the_vehicle_tilts() {
 
 #[test]
 fn obstacles_stay_where_they_are_while_the_vehicle_moves_and_turns() {
-    let mut ring = at_rest(Place::at(0.0, 0.0));
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
     let (cloud, header) = points(&[([6.0, 0.0, 0.0], Hit), ([0.0, 8.0, 0.0], Clear)], 8.0, NOW_S);
     ring.cloud(0, &cloud, &header).unwrap();
     // In the next 0.2 s it moves 1 m north and 1 m east and turns by 90 degrees.
     let place = |t: f64| {
         let share = ((t - NOW_S) / 0.2).clamp(0.0, 1.0);
-        Place::at(share, share).turned(0.0, 0.0, share * PI / 2.0)
+        VehiclePose::at(share, share).turned(0.0, 0.0, share * PI / 2.0)
     };
     fly(&mut ring, &place, NOW_S + 0.02, NOW_S + 0.2);
     let seen = view(&ring, NOW_S + 0.2);
@@ -139,18 +139,18 @@ fn obstacles_stay_where_they_are_while_the_vehicle_moves_and_turns() {
 #[test]
 fn rays_of_a_long_sweep_are_placed_where_the_vehicle_was_then() {
     let world = World(vec![[6.0, 0.5, 0.2], [-5.0, -2.0, 0.2], [1.0, 6.0, 0.2]]);
-    let place = |t: f64| Place {
+    let place = |t: f64| VehiclePose {
         velocity: nalgebra::Vector3::new(4.0, -2.0, 0.0),
         rates: nalgebra::Vector3::new(0.0, 0.0, 1.0),
-        ..Place::at(4.0 * (t - NOW_S), -2.0 * (t - NOW_S)).turned(0.1, -0.1, t - NOW_S)
+        ..VehiclePose::at(4.0 * (t - NOW_S), -2.0 * (t - NOW_S)).turned(0.1, -0.1, t - NOW_S)
     };
     let mut ring = ring();
     fly(&mut ring, &place, NOW_S - 0.3, NOW_S + 0.1);
-    let (cloud, header) = Lidar::default().sweep(&world, &place, NOW_S, &mut Random(1));
+    let (cloud, header) = Lidar::default().sweep(&world, &place, NOW_S, &mut random(1));
     ring.cloud(0, &cloud, &header).unwrap();
-    let outlook = ring.outlook(time(NOW_S + 0.1));
+    let query = ring.query(time(NOW_S + 0.1));
     let mut found = 0;
-    for [x, y] in outlook.obstacles() {
+    for [x, y] in query.obstacles() {
         let error = world.clearance_m(x, y).abs();
         assert!(error < 0.03, "({x}, {y}) is {error} from any surface");
         found += 1;
@@ -160,7 +160,7 @@ fn rays_of_a_long_sweep_are_placed_where_the_vehicle_was_then() {
 
 #[test]
 fn where_two_sensors_overlap_the_smaller_distance_counts() {
-    let mut ring = at_rest(Place::at(0.0, 0.0));
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
     for (sensor, range) in [(0, 7.0), (1, 4.0), (2, 9.0)] {
         let (cloud, header) = points(&[([range, 0.0, 0.0], Hit)], 20.0, NOW_S);
         ring.cloud(sensor, &cloud, &header).unwrap();
@@ -175,10 +175,15 @@ fn where_two_sensors_overlap_the_smaller_distance_counts() {
 
 #[test]
 fn a_dead_sensor_leaves_its_sectors_unknown_not_free() {
-    let mut ring = at_rest(Place::at(0.0, 0.0));
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
     let (clear, header) = points(&[([20.0, 0.0, 0.0], Clear)], 20.0, NOW_S);
     ring.cloud(0, &clear, &header).unwrap();
-    fly(&mut ring, &|_| Place::at(0.0, 0.0), NOW_S + 0.02, NOW_S + 0.3);
+    fly(
+        &mut ring,
+        &|_| VehiclePose::at(0.0, 0.0),
+        NOW_S + 0.02,
+        NOW_S + 0.3,
+    );
     let (right, header) = points(&[([0.0, 6.0, 0.0], Hit)], 20.0, NOW_S + 0.2);
     ring.cloud(1, &right, &header).unwrap();
     let before = view(&ring, NOW_S + 0.24);
@@ -203,10 +208,10 @@ fn without_a_pose_nothing_is_known() {
 
 #[test]
 fn a_moved_origin_drops_everything_seen_before() {
-    let mut ring = at_rest(Place::at(0.0, 0.0));
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
     let (cloud, header) = points(&[([4.0, 0.0, 0.0], Hit)], 20.0, NOW_S);
     ring.cloud(0, &cloud, &header).unwrap();
-    let mut state = Place::at(50.0, 0.0).state();
+    let mut state = VehiclePose::at(50.0, 0.0).state();
     state.estimator_resets = 1;
     ring.vehicle(&state, &SampleHeader::at(time(NOW_S + 0.02)))
         .unwrap();
@@ -216,7 +221,7 @@ fn a_moved_origin_drops_everything_seen_before() {
 
 #[test]
 fn a_range_below_the_sensor_s_shortest_is_an_obstacle_there() {
-    let mut ring = at_rest(Place::at(0.0, 0.0));
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
     let mut scan = beam(0.5, 0.0, 0.0);
     scan.range_min_m = 0.8;
     ring.scan(0, &scan, &SampleHeader::at(time(NOW_S))).unwrap();
@@ -225,7 +230,7 @@ fn a_range_below_the_sensor_s_shortest_is_an_obstacle_there() {
 
 #[test]
 fn a_beam_that_sees_nothing_is_free_and_a_beam_that_knows_nothing_is_not() {
-    let mut ring = at_rest(Place::at(0.0, 0.0));
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
     let header = SampleHeader::at(time(NOW_S));
     ring.scan(0, &beam(f32::INFINITY, 0.0, 0.0), &header).unwrap();
     ring.scan(1, &beam(f32::NAN, 0.0, PI), &header).unwrap();
@@ -244,8 +249,13 @@ fn every_sector_of_a_full_turn_is_known_nearly_as_far_as_the_sensor_reaches() {
         range_max_m: 20.0,
         ..Lidar::default()
     };
-    let mut ring = at_rest(Place::at(0.0, 0.0));
-    let (cloud, header) = lidar.sweep(&World::default(), &|_| Place::at(0.0, 0.0), NOW_S, &mut Random(1));
+    let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
+    let (cloud, header) = lidar.sweep(
+        &World::default(),
+        &|_| VehiclePose::at(0.0, 0.0),
+        NOW_S,
+        &mut random(1),
+    );
     ring.cloud(0, &cloud, &header).unwrap();
     let seen = view(&ring, NOW_S);
     for sector in 0..SECTORS {
@@ -266,7 +276,7 @@ proptest! {
     ) {
         let yaw = sector_bearing_rad(turns);
         let (east, north) = sector_bearing_rad(bearing).sin_cos();
-        let mut ring = at_rest(Place::at(0.0, 0.0).turned(0.0, 0.0, yaw));
+        let mut ring = at_rest(VehiclePose::at(0.0, 0.0).turned(0.0, 0.0, yaw));
         // The same place in the world, as the turned vehicle sees it.
         let (right, forward) = (sector_bearing_rad(bearing) - yaw).sin_cos();
         let (cloud, header) = points(&[([forward * range, right * range, 0.0], Hit)], 20.0, NOW_S);
@@ -274,7 +284,7 @@ proptest! {
         let seen = view(&ring, NOW_S);
         let sector = (bearing + SECTORS - turns) % SECTORS;
         prop_assert!((f64::from(seen.distance_m[sector]) - range).abs() < 1e-3);
-        let place = ring.outlook(time(NOW_S)).obstacles().next().unwrap();
+        let place = ring.query(time(NOW_S)).obstacles().next().unwrap();
         prop_assert!((place[0] - north * range).hypot(place[1] - east * range) < 1e-4);
     }
 
@@ -282,7 +292,7 @@ proptest! {
     fn a_wide_beam_fills_every_sector_it_overlaps_and_no_other(
         toward in -PI..PI, width in 0.01..1.2f64, range in 1.0..9.0f64,
     ) {
-        let mut ring = at_rest(Place::at(0.0, 0.0));
+        let mut ring = at_rest(VehiclePose::at(0.0, 0.0));
         ring.scan(0, &beam(range as f32, width, toward), &SampleHeader::at(time(NOW_S))).unwrap();
         let seen = view(&ring, NOW_S);
         for sector in 0..SECTORS {
@@ -301,7 +311,7 @@ proptest! {
         places in proptest::collection::vec((0.5..15.0f64, -PI..PI, -0.45..0.45f64), 1..40),
         roll in -0.3..0.3f64, pitch in -0.3..0.3f64, yaw in -PI..PI,
     ) {
-        let place = Place::at(3.0, -2.0).turned(roll, pitch, yaw);
+        let place = VehiclePose::at(3.0, -2.0).turned(roll, pitch, yaw);
         let mut ring = at_rest(place);
         let ends: Vec<_> = places
             .iter()
@@ -325,17 +335,17 @@ proptest! {
 }
 
 #[test]
-fn inside_a_fence_no_direction_is_told_clear_however_the_vehicle_moves_after_the_sweep() {
+fn inside_a_fence_no_direction_is_reported_clear_however_the_vehicle_moves_after_the_sweep() {
     let fence: Vec<_> = (0..72)
         .map(|i| {
             let (y, x) = sector_bearing_rad(i).sin_cos();
             [6.0 * x, 6.0 * y, 0.5]
         })
         .collect();
-    let mut ring = common::looking(&World(fence), Place::at(0.0, 0.0), NOW_S);
+    let mut ring = common::looking(&World(fence), VehiclePose::at(0.0, 0.0), NOW_S);
     let place = |t: f64| {
         let share = (t - NOW_S) / 0.2;
-        Place::at(0.7 * share, -0.4 * share).turned(0.0, 0.0, 0.8 * share)
+        VehiclePose::at(0.7 * share, -0.4 * share).turned(0.0, 0.0, 0.8 * share)
     };
     for i in 1..=10 {
         let t = NOW_S + 0.02 * f64::from(i);
@@ -355,7 +365,7 @@ fn the_band_is_the_parameter_s() {
     let mut params = ParamSet::default();
     params.set("GD_BAND", 2.0).unwrap();
     let mut ring = jink_collision_guard::ring::Ring::from_params(&params);
-    fly(&mut ring, &|_| Place::at(0.0, 0.0), NOW_S - 0.2, NOW_S);
+    fly(&mut ring, &|_| VehiclePose::at(0.0, 0.0), NOW_S - 0.2, NOW_S);
     let (cloud, header) = points(&[([5.0, 0.0, 1.5], Hit)], 20.0, NOW_S);
     ring.cloud(0, &cloud, &header).unwrap();
     let seen = view(&ring, NOW_S);

@@ -1,6 +1,7 @@
 //! Two guards and rings that get the same inputs answer the same, to the bit.
 
-use crate::common::{Lidar, Random, World, fly, guard, on, ring, step, straight, time};
+use crate::common::{Lidar, World, fly, guard, on, random, ring, step, straight, time};
+use jink_shared_types::hash;
 use jink_shared_types::ring::SectorRing;
 
 /// FNV-1a over the bits of everything a flight answers.
@@ -11,26 +12,22 @@ fn fingerprint(seed: u64) -> u64 {
         sigma_m: 0.03,
         ..Lidar::default()
     };
-    let mut random = Random(seed);
+    let mut random = random(seed);
     let (mut guard, mut ring) = (guard(), ring());
     let mut flown = first;
-    let mut hash = 0xcbf2_9ce4_8422_2325_u64;
-    let mut add = |bits: u64| {
-        for byte in bits.to_le_bytes() {
-            hash = (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
-        }
-    };
+    let mut hash = hash::START;
+    let mut add = |bits: u64| hash = hash::number(hash, bits);
     for i in 0..100 {
         let t = 10.0 + 0.1 * f64::from(i);
         let place = |t: f64| on(&flown, t);
         fly(&mut ring, &place, t - 0.2, t);
         let (cloud, header) = lidar.sweep(&world, &place, t, &mut random);
         ring.cloud(0, &cloud, &header).unwrap();
-        let (out, news) = step(&mut guard, t, (i == 0).then_some(&first), &ring, place(t));
+        let (out, step_events) = step(&mut guard, t, (i == 0).then_some(&first), &ring, place(t));
         add(out.free_way_m.to_bits());
         add(out.stopping_m.to_bits());
         add(out.trajectory.id);
-        add(news.events().len() as u64);
+        add(step_events.events().len() as u64);
         for piece in out.trajectory.pieces() {
             add(piece.duration_s.to_bits());
             for point in piece.position {

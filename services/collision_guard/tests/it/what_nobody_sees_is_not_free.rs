@@ -2,25 +2,31 @@
 //! approved while it was well.
 
 use crate::common::{
-    Lidar, Place, Random, World, end, fly, guard, hovering_guard, on, ring, step, straight, time, trajectory,
+    Lidar, VehiclePose, World, end, fly, guard, hovering_guard, on, random, ring, step, straight, time,
+    trajectory,
 };
 use jink_shared_types::motion::{GuardReason, Verdict, stopping_distance_m};
 
 const NOW_S: f64 = 10.0;
 
 #[test]
-fn a_way_beyond_what_the_sensor_sees_is_braked_as_unseen() {
+fn a_path_beyond_what_the_sensor_sees_is_braked_as_unseen() {
     let lidar = Lidar {
         range_max_m: 3.5,
         ..Lidar::default()
     };
     let first = straight(7, NOW_S, 3.0, 2.0, 20.0);
     let mut ring = ring();
-    fly(&mut ring, &|_| Place::at(0.0, 0.0), NOW_S - 0.2, NOW_S);
-    let (cloud, header) = lidar.sweep(&World::default(), &|_| Place::at(0.0, 0.0), NOW_S, &mut Random(1));
+    fly(&mut ring, &|_| VehiclePose::at(0.0, 0.0), NOW_S - 0.2, NOW_S);
+    let (cloud, header) = lidar.sweep(
+        &World::default(),
+        &|_| VehiclePose::at(0.0, 0.0),
+        NOW_S,
+        &mut random(1),
+    );
     ring.cloud(0, &cloud, &header).unwrap();
     let mut guard = guard();
-    let (out, _) = step(&mut guard, NOW_S, Some(&first), &ring, Place::at(0.0, 0.0));
+    let (out, _) = step(&mut guard, NOW_S, Some(&first), &ring, VehiclePose::at(0.0, 0.0));
     assert_eq!(out.verdict, Verdict::Passed);
     assert!((out.free_way_m - 3.5).abs() < 0.1, "{}", out.free_way_m);
     let mut reason = GuardReason::None;
@@ -28,11 +34,11 @@ fn a_way_beyond_what_the_sensor_sees_is_braked_as_unseen() {
         let t = NOW_S + 0.05 * f64::from(i);
         let place = |t: f64| on(&first, t);
         fly(&mut ring, &place, t - 0.04, t);
-        let (cloud, header) = lidar.sweep(&World::default(), &place, t, &mut Random(1));
+        let (cloud, header) = lidar.sweep(&World::default(), &place, t, &mut random(1));
         ring.cloud(0, &cloud, &header).unwrap();
-        let (out, news) = step(&mut guard, t, None, &ring, place(t));
+        let (out, step_events) = step(&mut guard, t, None, &ring, place(t));
         if out.verdict == Verdict::Braked {
-            assert_eq!(news.events()[0].name.as_str(), "unseen");
+            assert_eq!(step_events.events()[0].name.as_str(), "unseen");
             reason = out.reason.get();
             break;
         }
@@ -52,10 +58,10 @@ fn a_start_into_a_sector_without_data_is_refused() {
         half_width_rad: 0.75,
         ..Lidar::default()
     };
-    let place = Place::at(0.0, 0.0);
+    let place = VehiclePose::at(0.0, 0.0);
     let mut ring = ring();
     fly(&mut ring, &|_| place, NOW_S - 0.2, NOW_S);
-    let (cloud, header) = lidar.sweep(&World::default(), &|_| place, NOW_S, &mut Random(1));
+    let (cloud, header) = lidar.sweep(&World::default(), &|_| place, NOW_S, &mut random(1));
     ring.cloud(0, &cloud, &header).unwrap();
     let rest = end([0.0, 0.0], [0.0, 0.0]);
     for (to, verdict, reason) in [
@@ -79,7 +85,7 @@ fn what_a_camera_has_seen_counts_for_a_while_after_it_has_turned_away() {
         half_width_rad: 0.75,
         ..Lidar::default()
     };
-    let north = Place::at(0.0, 0.0);
+    let north = VehiclePose::at(0.0, 0.0);
     let east = north.turned(0.0, 0.0, 1.6);
     let beside = World(vec![[0.8, 0.6, 0.3]]);
     let rest = end([0.0, 0.0], [0.0, 0.0]);
@@ -91,9 +97,9 @@ fn what_a_camera_has_seen_counts_for_a_while_after_it_has_turned_away() {
         (beside, 1.0, Verdict::Hold),
     ] {
         let mut ring = ring();
-        let mut show = |place: Place, t: f64| {
+        let mut show = |place: VehiclePose, t: f64| {
             fly(&mut ring, &|_| place, t - 0.2, t);
-            let (cloud, header) = lidar.sweep(&world, &|_| place, t, &mut Random(1));
+            let (cloud, header) = lidar.sweep(&world, &|_| place, t, &mut random(1));
             ring.cloud(0, &cloud, &header).unwrap();
         };
         show(north, NOW_S);
@@ -111,7 +117,7 @@ fn what_a_camera_has_seen_counts_for_a_while_after_it_has_turned_away() {
 
 #[test]
 fn a_dead_sensor_does_not_brake_what_was_approved_but_blocks_what_is_new() {
-    // One sensor looks ahead, the other back; the one that looks ahead dies.
+    // One sensor covers ahead, the other back; the one ahead no longer answers.
     let half = Lidar {
         half_width_rad: 1.5,
         ..Lidar::default()
@@ -125,18 +131,18 @@ fn a_dead_sensor_does_not_brake_what_was_approved_but_blocks_what_is_new() {
         let backward = |t: f64| place(t).turned(0.0, 0.0, std::f64::consts::PI);
         fly(&mut ring, &place, t - 0.2, t);
         if i < 20 {
-            let (cloud, header) = half.sweep(&World::default(), &place, t, &mut Random(1));
+            let (cloud, header) = half.sweep(&World::default(), &place, t, &mut random(1));
             ring.cloud(0, &cloud, &header).unwrap();
         }
-        let (mut cloud, header) = half.sweep(&World::default(), &backward, t, &mut Random(1));
+        let (mut cloud, header) = half.sweep(&World::default(), &backward, t, &mut random(1));
         for point in &mut cloud.points {
             (point.forward_m, point.right_m) = (-point.forward_m, -point.right_m);
         }
         ring.cloud(1, &cloud, &header).unwrap();
         let candidate = (i == 0).then_some(&first);
-        let (out, news) = step(&mut guard, t, candidate, &ring, place(t));
+        let (out, step_events) = step(&mut guard, t, candidate, &ring, place(t));
         assert_eq!(out.verdict, Verdict::Passed, "{:?} at {t}", out.reason);
-        assert!(news.events().is_empty());
+        assert!(step_events.events().is_empty());
     }
     let t = NOW_S + 3.95;
     let mut next = first;
@@ -152,7 +158,7 @@ fn a_dead_sensor_does_not_brake_what_was_approved_but_blocks_what_is_new() {
 fn ranges_that_stop_altogether_brake_nothing() {
     let first = straight(7, NOW_S, 3.0, 2.0, 30.0);
     let (mut guard, ring) = hovering_guard(NOW_S);
-    step(&mut guard, NOW_S, Some(&first), &ring, Place::at(0.0, 0.0));
+    step(&mut guard, NOW_S, Some(&first), &ring, VehiclePose::at(0.0, 0.0));
     for i in 1..200 {
         let t = NOW_S + 0.1 * f64::from(i);
         let (out, _) = step(&mut guard, t, None, &ring, on(&first, t));

@@ -1,5 +1,5 @@
 use super::{DepthCameraSpec, SensorTable};
-use crate::mistake::Mistake;
+use crate::config_error::DepthConfigError;
 use nalgebra::Vector3;
 
 fn tables(text: &str) -> Vec<SensorTable> {
@@ -7,7 +7,7 @@ fn tables(text: &str) -> Vec<SensorTable> {
     file["sensor"].clone().try_into().unwrap()
 }
 
-fn read(keys: &str) -> Result<DepthCameraSpec, Mistake> {
+fn read(keys: &str) -> Result<DepthCameraSpec, DepthConfigError> {
     let text = format!(
         "[[sensor]]\nname = \"ground\"\nkind = \"rangefinder\"\nbaud = 7\n\
          [[sensor]]\nname = \"front\"\nkind = \"depth_camera\"\n{keys}"
@@ -171,7 +171,7 @@ fn every_mistake_names_the_sensor_the_key_and_what_is_possible() {
 }
 
 #[test]
-fn a_sensor_that_is_not_there_or_of_another_kind_is_said_to_be_so() {
+fn a_sensor_that_is_not_there_or_of_another_kind_is_reported_as_such() {
     let two = tables(
         "[[sensor]]\nname = \"lidar\"\nkind = \"lidar_3d\"\n[[sensor]]\nname = \"front\"\nkind = \"depth_camera\"\n",
     );

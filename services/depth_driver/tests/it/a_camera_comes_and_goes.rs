@@ -1,4 +1,5 @@
-//! A device file of FUSE in the camera's place: streamed from, unplugged, plugged in again, and with every fault that a camera has.
+//! A device file of FUSE in the camera's place: streamed from, unplugged, plugged in again, and with every fault that a
+//! camera has.
 
 use crate::camera;
 use crate::camera::device::{Fault, VideoDevice};
@@ -6,7 +7,7 @@ use crate::camera::images::small;
 use fuser::Errno;
 use jink_depth_driver::camera::Camera;
 use jink_depth_driver::v4l2::Wanted;
-use jink_depth_driver::{Counters, Driver, News};
+use jink_depth_driver::{DepthCameraChange, DepthCameraCounters, DepthCameraDriver};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::PointCloud;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -24,7 +25,7 @@ struct Rig {
     // Dropped before the device: a file that is open keeps its mount busy.
     camera: Camera,
     device: VideoDevice,
-    driver: Driver,
+    driver: DepthCameraDriver,
     cloud: Box<PointCloud>,
     clouds: u32,
     captures: Vec<Timestamp>,
@@ -41,7 +42,7 @@ impl Rig {
         };
         Some(Self {
             camera: Camera::new(&device.path(), wanted),
-            driver: Driver::new(spec),
+            driver: DepthCameraDriver::new(spec),
             device,
             cloud: PointCloud::boxed(),
             clouds: 0,
@@ -68,7 +69,7 @@ impl Rig {
         error.replace(&self.device.path(), "PATH")
     }
 
-    /// Waits until the kernel says that there is something to be read, and reads.
+    /// Waits until the descriptor is readable, and reads.
     fn read(&mut self) {
         let patience = Timespec {
             tv_sec: 60,
@@ -108,7 +109,7 @@ impl Rig {
         self.read();
     }
 
-    fn counters(&mut self) -> Counters {
+    fn counters(&mut self) -> DepthCameraCounters {
         self.driver.counters(now())
     }
 
@@ -366,18 +367,18 @@ fn damaged_short_and_undated_images_are_counted_and_survived() {
 fn a_frozen_image_is_not_published_and_reported_once() {
     let Some(mut rig) = Rig::new("frozen") else { return };
     rig.open();
-    assert_eq!(rig.driver.news(now()), None);
+    assert_eq!(rig.driver.take_change(now()), None);
     rig.captured(1_000, Fault::default());
     for _ in 0..20 {
         rig.captured(1_000, Fault::default());
     }
     assert_eq!((rig.clouds, rig.counters().repeated), (1, 20));
-    assert_eq!(rig.driver.news(now()), None);
+    assert_eq!(rig.driver.take_change(now()), None);
     let later = now().plus_seconds(1.5);
-    assert_eq!(rig.driver.news(later), Some(News::Lost));
-    assert_eq!(rig.driver.news(later.plus_seconds(9.0)), None);
+    assert_eq!(rig.driver.take_change(later), Some(DepthCameraChange::Lost));
+    assert_eq!(rig.driver.take_change(later.plus_seconds(9.0)), None);
     rig.captured(1_001, Fault::default());
-    assert_eq!(rig.driver.news(now()), Some(News::Back));
+    assert_eq!(rig.driver.take_change(now()), Some(DepthCameraChange::Back));
     assert_eq!(rig.clouds, 2);
 }
 

@@ -49,7 +49,8 @@ proptest! {
         for (pixel, (before, after)) in image.iter().zip(&out).enumerate() {
             let hangs = !is_one_surface(*before, near) && !is_one_surface(*before, far);
             if hangs && *after != 0 {
-                // A square of its own with neighbours along the edge makes it a surface only if it has two columns; it has one.
+                // A square of its own with neighbours along the edge makes it a surface only if it has two columns; it
+                // has one.
                 prop_assert!(false, "pixel {pixel}: {before} between {near} and {far}");
             }
             if *before == near || *before == far {
@@ -99,7 +100,8 @@ proptest! {
 
 #[test]
 fn ground_that_is_looked_at_at_a_grazing_angle_stays_up_to_the_horizon() {
-    // Camera 0.5 m above level ground, focal length 447 px, rows below the horizon: 1/z grows by 1/(447 * 0.5) a row, 0.0045 per m.
+    // Camera 0.5 m above level ground, focal length 447 px, rows below the horizon: 1/z grows by 1/(447 * 0.5) a row,
+    // 0.0045 per m.
     let image: Vec<u16> = (0..WIDTH * HEIGHT)
         .map(|pixel| (447.0 * 500.0 / (4 + pixel / WIDTH) as f64) as u16)
         .collect();

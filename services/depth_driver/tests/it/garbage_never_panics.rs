@@ -3,7 +3,7 @@
 use crate::camera::images;
 use crate::camera::images::small;
 use jink_depth_driver::config::SensorTable;
-use jink_depth_driver::{DepthCameraSpec, Driver, Image};
+use jink_depth_driver::{DepthCameraDriver, DepthCameraSpec, Image};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::{PointCloud, RayKind};
 use proptest::prelude::*;
@@ -23,7 +23,7 @@ proptest! {
     #[test]
     fn whatever_is_dequeued_is_survived(images in prop::collection::vec(garbage(), 1..20)) {
         let spec = small("range_max_m = 30\n");
-        let mut driver = Driver::new(spec);
+        let mut driver = DepthCameraDriver::new(spec);
         let mut cloud = PointCloud::boxed();
         let mut count = 0;
         for (bytes, row_bytes, arrived, stamp, sequence, is_damaged) in &images {
@@ -39,7 +39,7 @@ proptest! {
                 view.write(&mut cloud);
                 count += 1;
             });
-            driver.news(Timestamp::from_ns(*arrived));
+            driver.take_change(Timestamp::from_ns(*arrived));
             let counters = driver.counters(Timestamp::from_ns(*arrived));
             prop_assert_eq!(counters.good, count);
             if count > 0 {

@@ -2,7 +2,7 @@
 
 use crate::camera::images::{bytes, image, small};
 use allocation_counter::measure;
-use jink_depth_driver::{Driver, Image};
+use jink_depth_driver::{DepthCameraDriver, Image};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::PointCloud;
 
@@ -10,7 +10,7 @@ use jink_shared_types::ranges::PointCloud;
 fn a_minute_of_images_with_every_fault() {
     let spec = small("k1 = 0.05\n");
     let walls: Vec<Vec<u8>> = (0..900).map(|index| bytes(&vec![1_000 + index; 1_200])).collect();
-    let mut driver = Driver::new(spec.clone());
+    let mut driver = DepthCameraDriver::new(spec.clone());
     let mut cloud = PointCloud::boxed();
     let mut clouds = 0;
     let allocations = measure(|| {
@@ -36,7 +36,7 @@ fn a_minute_of_images_with_every_fault() {
                 });
             }
             let now = Timestamp::from_ns((1_000 + u64::from(index) * 66) * 1_000_000);
-            driver.news(now);
+            driver.take_change(now);
             driver.counters(now);
             if index % 300 == 0 {
                 driver.connected();

@@ -1,4 +1,5 @@
-//! Laws of the projection: a plane comes back as that plane for any mounting, lens and block size; what is unknown stays unknown.
+//! Laws of the projection: a plane comes back as that plane for any mounting, lens and block size; what is unknown
+//! stays unknown.
 
 use crate::camera::images::{cloud_of, small, with_bins};
 use jink_depth_driver::projection::{Distortion, Intrinsics, Projection};
@@ -15,8 +16,8 @@ fn of_kind(cloud: &PointCloud, kind: RayKind) -> usize {
     points.filter(|point| point.kind.get() == kind).count()
 }
 
-/// Depths (mm) of the plane at `distance_m` along `normal` in the sensor's axes, seen with the intrinsics given; 0 where it is not met
-/// or farther than Z16 goes.
+/// Depths (mm) of the plane at `distance_m` along `normal` in the sensor's axes, seen with the intrinsics given; 0
+/// where it is not met or farther than Z16 goes.
 fn plane(
     size_px: [u16; 2],
     seen: impl Fn([f64; 2]) -> [f64; 2],

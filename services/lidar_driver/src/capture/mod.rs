@@ -1,7 +1,8 @@
 //! Recorded packets: UDP datagrams out of a pcap or pcapng file, with the time at which they were recorded.
 //!
-//! The file formats are read by pcap-parser, the headers between the link and UDP, and fragments of IP packets, by etherparse. A file
-//! that was cut off ends where it is cut; whatever is no whole UDP datagram is counted and passed over.
+//! The file formats are read by pcap-parser, the headers between the link and UDP, and fragments of IP packets, by
+//! etherparse. A file that was cut off ends where it is cut; whatever is no whole UDP datagram is counted and passed
+//! over.
 
 mod network;
 
@@ -23,7 +24,7 @@ pub enum CaptureError {
     Open {
         /// Its path.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
     /// It is no pcap or pcapng file.
@@ -113,7 +114,7 @@ impl fmt::Debug for Capture {
 }
 
 /// What a block of the file was.
-enum Step {
+enum ReadStep {
     /// A packet, whose datagram, if it completed one, lies in the network part.
     Packet(Option<(u64, UdpAddress)>),
     Nothing,
@@ -152,15 +153,15 @@ impl Capture {
     pub fn next_datagram(&mut self) -> Result<Option<Datagram<'_>>, CaptureError> {
         loop {
             match self.step()? {
-                Step::Packet(Some((time_ns, address))) => {
+                ReadStep::Packet(Some((time_ns, address))) => {
                     return Ok(Some(Datagram {
                         time_ns,
                         address,
                         payload: self.network.payload(),
                     }));
                 }
-                Step::Packet(None) | Step::Nothing => {}
-                Step::End => return Ok(None),
+                ReadStep::Packet(None) | ReadStep::Nothing => {}
+                ReadStep::End => return Ok(None),
             }
         }
     }
@@ -175,7 +176,7 @@ impl Capture {
         self.network.skipped()
     }
 
-    fn step(&mut self) -> Result<Step, CaptureError> {
+    fn step(&mut self) -> Result<ReadStep, CaptureError> {
         let Self {
             path,
             reader,
@@ -192,10 +193,10 @@ impl Capture {
                 *consumed += length as u64;
                 return Ok(step);
             }
-            Err(PcapError::Eof) => return Ok(Step::End),
+            Err(PcapError::Eof) => return Ok(ReadStep::End),
             Err(PcapError::Incomplete(_)) => true,
             // The file ends within a block: what is whole has been read.
-            Err(PcapError::UnexpectedEof) => return Ok(Step::End),
+            Err(PcapError::UnexpectedEof) => return Ok(ReadStep::End),
             Err(error) => {
                 let (path, cause) = (path.clone(), explain(&error));
                 return Err(CaptureError::Damaged {
@@ -206,11 +207,11 @@ impl Capture {
             }
         };
         if incomplete && reader.reader_exhausted() {
-            return Ok(Step::End);
+            return Ok(ReadStep::End);
         }
         let refilled = reader.refill().map_err(|error| explain(&error));
         refilled
-            .map(|()| Step::Nothing)
+            .map(|()| ReadStep::Nothing)
             .map_err(|cause| CaptureError::Damaged {
                 path: path.clone(),
                 at: *consumed,
@@ -235,15 +236,15 @@ fn take(
     path: &Path,
     interfaces: &mut Vec<Interface>,
     network: &mut Network,
-) -> Result<Step, CaptureError> {
+) -> Result<ReadStep, CaptureError> {
     let packet = |interface: Option<&Interface>, units: u64, data: &[u8], network: &mut Network| {
         let Some(interface) = interface else {
             network.count_malformed();
-            return Step::Packet(None);
+            return ReadStep::Packet(None);
         };
         let time_ns = nanoseconds(units, interface);
         let address = network.packet(interface.link, data);
-        Step::Packet(address.map(|address| (time_ns, address)))
+        ReadStep::Packet(address.map(|address| (time_ns, address)))
     };
     Ok(match block {
         PcapBlockOwned::LegacyHeader(header) => {
@@ -260,7 +261,7 @@ fn take(
                     offset_s: 0,
                 },
             )?);
-            Step::Nothing
+            ReadStep::Nothing
         }
         PcapBlockOwned::Legacy(block) => {
             let interface = interfaces.first();
@@ -270,7 +271,7 @@ fn take(
         }
         PcapBlockOwned::NG(Block::SectionHeader(_)) => {
             interfaces.clear();
-            Step::Nothing
+            ReadStep::Nothing
         }
         PcapBlockOwned::NG(Block::InterfaceDescription(description)) => {
             interfaces.push(supported(
@@ -281,7 +282,7 @@ fn take(
                     offset_s: description.ts_offset(),
                 },
             )?);
-            Step::Nothing
+            ReadStep::Nothing
         }
         PcapBlockOwned::NG(Block::EnhancedPacket(block)) => {
             let units = u64::from(block.ts_high) << 32 | u64::from(block.ts_low);
@@ -297,7 +298,7 @@ fn take(
             let length = (block.origlen as usize).min(block.data.len());
             packet(interfaces.first(), 0, &block.data[..length], network)
         }
-        PcapBlockOwned::NG(_) => Step::Nothing,
+        PcapBlockOwned::NG(_) => ReadStep::Nothing,
     })
 }
 

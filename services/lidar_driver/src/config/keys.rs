@@ -1,16 +1,12 @@
 //! One table, key by key.
 
-use super::{
-    CloudSpec, Device, KINDS, LidarSpec, Mistake, NoReturn, Returns, Sector, SensorTable, models_of,
-};
-use crate::models::{self, Connection, Model, NetworkProtocol};
+use super::{CloudSpec, Device, KINDS, LidarSpec, Mistake, NoReturn, Returns, Sector, models_of};
+use crate::models::{self, Connection, LidarModel, NetworkProtocol};
+use jink_runtime::config::sensor_table::{SensorKeys, number_of};
 use jink_shared_types::Point;
-use jink_shared_types::frames::Mounting;
-use jink_shared_types::orientation::{self, Orientation};
 use jink_shared_types::ranges::SCAN_BEAMS;
-use jink_shared_types::suggestion::nearest;
 use std::net::IpAddr;
-use std::ops::RangeInclusive;
+use std::ops::Deref;
 use std::path::PathBuf;
 use toml::Value;
 
@@ -63,14 +59,19 @@ const SIMULATED: &[&str] = &[
 const SECTORS: usize = 16;
 
 /// One table, with what its errors need.
-pub(super) struct Keys<'a> {
-    pub sensor: &'a str,
-    pub table: &'a SensorTable,
+pub(super) struct Keys<'a>(pub SensorKeys<'a>);
+
+impl<'a> Deref for Keys<'a> {
+    type Target = SensorKeys<'a>;
+
+    fn deref(&self) -> &Self::Target {
+        &self.0
+    }
 }
 
 impl Keys<'_> {
     pub fn spec(&self) -> Result<LidarSpec, Mistake> {
-        let kind = self.check_names()?;
+        let kind = self.check_names(&KINDS, "lidar", KEYS, SIMULATED)?;
         let model = self.model(kind)?;
         let device = self.device(model)?;
         self.check_keys(model, &device)?;
@@ -117,30 +118,8 @@ impl Keys<'_> {
         Ok(spec)
     }
 
-    fn check_names(&self) -> Result<&'static str, Mistake> {
-        let kind = self.table.get("kind").and_then(Value::as_str).unwrap_or_default();
-        let Some(kind) = KINDS.into_iter().find(|known| *known == kind) else {
-            return Err(Mistake::OtherKind {
-                sensor: self.sensor.to_owned(),
-                kind: kind.to_owned(),
-            });
-        };
-        let known = |key: &str| KEYS.contains(&key) || SIMULATED.contains(&key);
-        match self.table.keys().find(|key| !known(key)) {
-            None => Ok(kind),
-            Some(key) => Err(Mistake::UnknownKey {
-                sensor: self.sensor.to_owned(),
-                key: key.clone(),
-                nearest: nearest(key, KEYS.iter().copied()),
-            }),
-        }
-    }
-
-    fn model(&self, kind: &str) -> Result<&'static Model, Mistake> {
-        let value = self
-            .table
-            .get("model")
-            .ok_or_else(|| self.missing("model", models_of(kind)))?;
+    fn model(&self, kind: &str) -> Result<&'static LidarModel, Mistake> {
+        let value = self.given("model", || models_of(kind))?;
         let model = value.as_str().and_then(models::find);
         let model = model.ok_or_else(|| self.not_possible("model", value, models_of(kind)))?;
         if model.kind() == kind {
@@ -153,7 +132,7 @@ impl Keys<'_> {
         })
     }
 
-    fn device(&self, model: &Model) -> Result<Device, Mistake> {
+    fn device(&self, model: &LidarModel) -> Result<Device, Mistake> {
         let network = matches!(model.connection, Connection::Network(_));
         let possible = || {
             if network {
@@ -165,10 +144,7 @@ impl Keys<'_> {
                 "the path of a serial port, e.g. \"/dev/ttyUSB0\"".to_owned()
             }
         };
-        let value = self
-            .table
-            .get("device")
-            .ok_or_else(|| self.missing("device", possible()))?;
+        let value = self.given("device", possible)?;
         let text = value.as_str().unwrap_or_default();
         let device = if network {
             let udp = text.strip_prefix("udp:").and_then(|address| address.parse().ok());
@@ -197,7 +173,7 @@ impl Keys<'_> {
     }
 
     /// Keys that only some models or devices have.
-    fn check_keys(&self, model: &'static Model, device: &Device) -> Result<(), Mistake> {
+    fn check_keys(&self, model: &'static LidarModel, device: &Device) -> Result<(), Mistake> {
         let network = matches!(model.connection, Connection::Network(_));
         let ouster = model.connection == Connection::Network(NetworkProtocol::Ouster);
         let livox = matches!(
@@ -243,7 +219,7 @@ impl Keys<'_> {
                 sensor: self.sensor.to_owned(),
                 key,
                 model: model.name,
-                possible,
+                possible: possible.to_owned(),
             }),
         }
     }
@@ -259,19 +235,15 @@ impl Keys<'_> {
         Err(self.missing("metadata", possible.to_owned()))
     }
 
-    /// A range that is looked at lies within the device's.
-    fn ranges(&self, model: &Model) -> Result<[f64; 2], Mistake> {
+    /// The configured range lies within the device's.
+    fn ranges(&self, model: &LidarModel) -> Result<[f64; 2], Mistake> {
         let min_m = self.number("range_min_m", model.range_min_m, 0.0..=10.0)?;
         let max_m = self.number("range_max_m", model.range_max_m, 0.5..=model.range_max_m)?;
         if min_m < max_m {
             return Ok([min_m, max_m]);
         }
-        Err(Mistake::NotPossible {
-            sensor: self.sensor.to_owned(),
-            key: "range_max_m",
-            value: max_m.to_string(),
-            possible: format!("more than range_min_m = {min_m}, up to {}", model.range_max_m),
-        })
+        let possible = format!("more than range_min_m = {min_m}, up to {}", model.range_max_m);
+        Err(self.not_possible("range_max_m", max_m, possible))
     }
 
     fn blind(&self) -> Result<Vec<Sector>, Mistake> {
@@ -303,52 +275,6 @@ impl Keys<'_> {
         })
     }
 
-    fn mounting(&self) -> Result<Mounting, Mistake> {
-        let turn = |key| self.number(key, 0.0, -360.0..=360.0);
-        let written = orientation::Written {
-            orientation: self.orientation()?,
-            turns_deg: [turn("yaw_deg")?, turn("pitch_deg")?, turn("roll_deg")?],
-            quaternion: self.quaternion()?,
-        };
-        written
-            .body_q_sensor()
-            .map(Mounting::from_rotation)
-            .map_err(|contradiction| Mistake::Mounting {
-                sensor: self.sensor.to_owned(),
-                contradiction,
-            })
-    }
-
-    fn orientation(&self) -> Result<Option<&'static Orientation>, Mistake> {
-        let Some(value) = self.table.get("orientation") else {
-            return Ok(None);
-        };
-        let found = match value {
-            Value::String(name) => orientation::by_name(name),
-            Value::Integer(code) => orientation::by_code(*code),
-            _ => None,
-        };
-        found.map(Some).ok_or_else(|| {
-            let rows = orientation::TABLE
-                .iter()
-                .map(|row| format!("{} ({})", row.name, row.code));
-            self.not_possible("orientation", value, rows.collect::<Vec<_>>().join(", "))
-        })
-    }
-
-    fn quaternion(&self) -> Result<Option<[f64; 4]>, Mistake> {
-        let Some(value) = self.table.get("quaternion") else {
-            return Ok(None);
-        };
-        let numbers: Option<Vec<f64>> = value
-            .as_array()
-            .and_then(|list| list.iter().map(number_of).collect());
-        numbers
-            .and_then(|numbers| <[f64; 4]>::try_from(numbers).ok())
-            .map(Some)
-            .ok_or_else(|| self.not_possible("quaternion", value, "[w, x, y, z], four numbers".to_owned()))
-    }
-
     fn address(&self, key: &'static str) -> Result<Option<IpAddr>, Mistake> {
         let Some(value) = self.table.get(key) else {
             return Ok(None);
@@ -368,7 +294,7 @@ impl Keys<'_> {
             .ok_or_else(|| self.not_possible(key, value, "the whole path of a file".to_owned()))
     }
 
-    /// What the word given for `key` means; the first one stands for none.
+    /// The meaning of the word given for `key`; the first one stands for none.
     fn word<T: Copy>(&self, key: &'static str, words: &[(&str, T)]) -> Result<T, Mistake> {
         let value = self.table.get(key);
         let found = match value {
@@ -378,46 +304,7 @@ impl Keys<'_> {
         found.map(|(_, meaning)| *meaning).ok_or_else(|| {
             let possible: Vec<String> = words.iter().map(|(word, _)| format!("{word:?}")).collect();
             let value = value.map(ToString::to_string).unwrap_or_default();
-            Mistake::NotPossible {
-                sensor: self.sensor.to_owned(),
-                key,
-                value,
-                possible: possible.join(", "),
-            }
+            self.not_possible(key, value, possible.join(", "))
         })
     }
-
-    /// The number given for `key` or its default, if it lies within `limits`.
-    fn number(&self, key: &'static str, default: f64, limits: RangeInclusive<f64>) -> Result<f64, Mistake> {
-        let Some(value) = self.table.get(key) else {
-            return Ok(default);
-        };
-        number_of(value)
-            .filter(|number| limits.contains(number))
-            .ok_or_else(|| self.not_possible(key, value, format!("{} to {}", limits.start(), limits.end())))
-    }
-
-    fn missing(&self, key: &'static str, possible: String) -> Mistake {
-        Mistake::Missing {
-            sensor: self.sensor.to_owned(),
-            key,
-            possible,
-        }
-    }
-
-    fn not_possible(&self, key: &'static str, value: &Value, possible: String) -> Mistake {
-        Mistake::NotPossible {
-            sensor: self.sensor.to_owned(),
-            key,
-            value: value.to_string(),
-            possible,
-        }
-    }
-}
-
-/// A number, whole or not.
-fn number_of(value: &Value) -> Option<f64> {
-    value
-        .as_float()
-        .or_else(|| value.as_integer().map(|whole| whole as f64))
 }

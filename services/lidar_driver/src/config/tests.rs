@@ -136,7 +136,7 @@ fn every_mistake_names_the_sensor_the_key_and_what_is_possible() {
 }
 
 #[test]
-fn a_sensor_that_is_not_there_or_of_another_kind_is_said_to_be_so() {
+fn a_sensor_that_is_not_there_or_of_another_kind_is_reported_as_such() {
     let two = tables(
         "[[sensor]]\nname = \"top\"\nkind = \"lidar_3d\"\n[[sensor]]\nname = \"front\"\nkind = \"rangefinder\"\n",
     );

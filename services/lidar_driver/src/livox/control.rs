@@ -11,16 +11,17 @@
 //!
 //! A set-up is repeated every second as long as no points come, so that a sensor that was switched off is set up anew.
 //!
-//! Sources: the communication protocols of the Mid-360 (chapters "Control Command", "CMD Details") and of the first SDK (V1.3.0).
+//! Sources: the communication protocols of the Mid-360 (chapters "Control Command", "CMD Details") and of the first SDK
+//! (V1.3.0).
 
-use super::crc::{SDK1_CRC16_START, SDK1_CRC32_START, ccitt_false, crc32, mcrf4xx};
+use super::crc::{SDK1_CRC16, SDK1_CRC32, SDK2_CRC16, SDK2_CRC32};
 use crate::decode::{bytes_at, u16_at, u32_at};
 use jink_shared_types::Timestamp;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 /// Between two attempts, and between two heartbeats (s).
 const PERIOD_S: f64 = 1.0;
-/// Silence (s) after which a sensor is set up anew.
+/// SilenceMonitor (s) after which a sensor is set up anew.
 const SILENCE_S: f64 = 1.0;
 /// Longest message that is sent.
 const MESSAGE_BYTES: usize = 64;
@@ -57,14 +58,14 @@ const BROADCAST: u8 = 2;
 
 /// Which protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Version {
+pub enum SdkVersion {
     /// The Avia's.
     First,
     /// The Mid-360's.
     Second,
 }
 
-/// Who is addressed, and as what.
+/// The addresses of sensor and host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Addresses {
     /// The sensor, if the configuration names it.
@@ -79,14 +80,14 @@ pub struct Addresses {
 
 /// A message to be sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Message {
+pub struct ControlMessage {
     bytes: [u8; MESSAGE_BYTES],
     length: usize,
-    /// To whom.
+    /// Its destination.
     pub to: SocketAddr,
 }
 
-impl Message {
+impl ControlMessage {
     /// What is sent.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes[..self.length]
@@ -95,7 +96,7 @@ impl Message {
 
 /// What the sensor has answered that is worth a line in the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Answer {
+pub enum ControlReply {
     /// A sensor was found at this address.
     Found(Ipv4Addr),
     /// It refuses a command with this code.
@@ -105,7 +106,7 @@ pub enum Answer {
         /// The key that is wrong, in the second protocol; the command in the first.
         of: u16,
     },
-    /// It does as it is told.
+    /// It has accepted the command.
     Accepted,
 }
 
@@ -115,7 +116,7 @@ const STEPS: [&[u8]; 2] = [&[SDK1_HANDSHAKE, SDK1_COORDINATES, SDK1_SAMPLE], &[0
 /// Sets one sensor up and keeps it sending.
 #[derive(Clone, Copy, Debug)]
 pub struct Control {
-    version: Version,
+    version: SdkVersion,
     addresses: Addresses,
     /// Where its commands go.
     sensor: Option<SocketAddr>,
@@ -129,8 +130,8 @@ pub struct Control {
 
 impl Control {
     /// Nothing has been sent yet.
-    pub fn new(version: Version, addresses: Addresses) -> Self {
-        let usual = if version == Version::First {
+    pub fn new(version: SdkVersion, addresses: Addresses) -> Self {
+        let usual = if version == SdkVersion::First {
             SDK1_CONTROL_PORT
         } else {
             SDK2_CONTROL_PORT
@@ -168,45 +169,45 @@ impl Control {
         self.due
     }
 
-    /// What is to be sent now; ask again until there is nothing. `silent_s`: how long no points have come.
-    pub fn next(&mut self, now: Timestamp, silent_s: f64) -> Option<Message> {
+    /// The next message to send now; `None` when there are none left. `silent_s`: how long no points have come.
+    pub fn next(&mut self, now: Timestamp, silent_s: f64) -> Option<ControlMessage> {
         if now < self.due {
             return None;
         }
         let Some((sensor, host)) = self.sensor.zip(self.host) else {
             self.due = now.plus_seconds(PERIOD_S);
             let broadcast = SocketAddr::new(IpAddr::V4(Ipv4Addr::BROADCAST), SDK2_SEARCH_PORT);
-            let searches = self.version == Version::Second && self.sensor.is_none();
+            let searches = self.version == SdkVersion::Second && self.sensor.is_none();
             return searches.then(|| self.second(SDK2_SEARCH, &[], broadcast));
         };
         if silent_s < SILENCE_S {
             self.step = 0;
             self.due = now.plus_seconds(PERIOD_S);
-            return (self.version == Version::First).then(|| self.first(SDK1_HEARTBEAT, &[], sensor));
+            return (self.version == SdkVersion::First).then(|| self.first(SDK1_HEARTBEAT, &[], sensor));
         }
-        let steps = STEPS[usize::from(self.version == Version::Second)];
+        let steps = STEPS[usize::from(self.version == SdkVersion::Second)];
         let command = steps.get(self.step).copied();
         self.step = (self.step + 1) % (steps.len() + 1);
         // After the last command of the set-up the sensor needs time to begin.
         let Some(command) = command else {
             self.due = now.plus_seconds(PERIOD_S);
-            return (self.version == Version::First).then(|| self.first(SDK1_HEARTBEAT, &[], sensor));
+            return (self.version == SdkVersion::First).then(|| self.first(SDK1_HEARTBEAT, &[], sensor));
         };
         Some(match self.version {
-            Version::Second => self.set_up(host, sensor),
-            Version::First => self.first_command(command, host, sensor),
+            SdkVersion::Second => self.set_up(host, sensor),
+            SdkVersion::First => self.first_command(command, host, sensor),
         })
     }
 
     /// Takes a datagram that came from `source` to the port for commands, or for broadcasts.
-    pub fn received(&mut self, source: IpAddr, bytes: &[u8]) -> Option<Answer> {
+    pub fn received(&mut self, source: IpAddr, bytes: &[u8]) -> Option<ControlReply> {
         match self.version {
-            Version::Second => self.second_received(bytes),
-            Version::First => self.first_received(source, bytes),
+            SdkVersion::Second => self.second_received(bytes),
+            SdkVersion::First => self.first_received(source, bytes),
         }
     }
 
-    fn set_up(&mut self, host: Ipv4Addr, sensor: SocketAddr) -> Message {
+    fn set_up(&mut self, host: Ipv4Addr, sensor: SocketAddr) -> ControlMessage {
         let mut data = [0; 27];
         let mut at = 4;
         data[0] = 3;
@@ -229,7 +230,7 @@ impl Control {
         self.second(SDK2_SET, &data[..at], sensor)
     }
 
-    fn first_command(&mut self, command: u8, host: Ipv4Addr, sensor: SocketAddr) -> Message {
+    fn first_command(&mut self, command: u8, host: Ipv4Addr, sensor: SocketAddr) -> ControlMessage {
         match command {
             SDK1_HANDSHAKE => {
                 let mut data = [0; 10];
@@ -250,7 +251,7 @@ impl Control {
     }
 
     /// A command of the second protocol.
-    fn second(&mut self, command: u16, data: &[u8], to: SocketAddr) -> Message {
+    fn second(&mut self, command: u16, data: &[u8], to: SocketAddr) -> ControlMessage {
         let mut bytes = [0; MESSAGE_BYTES];
         let length = SDK2_HEAD + data.len();
         bytes[0] = START;
@@ -258,25 +259,29 @@ impl Control {
         bytes[4..8].copy_from_slice(&u32::from(self.numbered()).to_le_bytes());
         bytes[8..10].copy_from_slice(&command.to_le_bytes());
         bytes[10] = COMMAND;
-        let crc = ccitt_false(&bytes[..18]);
+        let crc = SDK2_CRC16.checksum(&bytes[..18]);
         bytes[18..20].copy_from_slice(&crc.to_le_bytes());
-        let crc = if data.is_empty() { 0 } else { crc32(data, 0) };
+        let crc = if data.is_empty() {
+            0
+        } else {
+            SDK2_CRC32.checksum(data)
+        };
         bytes[20..24].copy_from_slice(&crc.to_le_bytes());
         bytes[SDK2_HEAD..length].copy_from_slice(data);
-        Message { bytes, length, to }
+        ControlMessage { bytes, length, to }
     }
 
-    fn second_received(&mut self, bytes: &[u8]) -> Option<Answer> {
+    fn second_received(&mut self, bytes: &[u8]) -> Option<ControlReply> {
         let length = usize::from(u16_at(bytes, 2));
         let sound = bytes.len() >= SDK2_HEAD
             && bytes[0] == START
             && length == bytes.len()
-            && u16_at(bytes, 18) == ccitt_false(&bytes[..18]);
+            && u16_at(bytes, 18) == SDK2_CRC16.checksum(&bytes[..18]);
         if !sound || bytes[10] != ACKNOWLEDGEMENT {
             return None;
         }
         let data = &bytes[SDK2_HEAD..];
-        if !data.is_empty() && u32_at(bytes, 20) != crc32(data, 0) {
+        if !data.is_empty() && u32_at(bytes, 20) != SDK2_CRC32.checksum(data) {
             return None;
         }
         match u16_at(bytes, 8) {
@@ -289,7 +294,7 @@ impl Control {
                 let sensor = Ipv4Addr::from(bytes_at::<4>(data, 18));
                 self.sensor = Some(SocketAddr::new(IpAddr::V4(sensor), u16_at(data, 22)));
                 self.due = Timestamp::NEVER;
-                Some(Answer::Found(sensor))
+                Some(ControlReply::Found(sensor))
             }
             SDK2_SET if data.len() >= 3 => Some(answered(data[0], u16_at(data, 1))),
             _ => None,
@@ -297,7 +302,7 @@ impl Control {
     }
 
     /// A command of the first protocol.
-    fn first(&mut self, command: u8, data: &[u8], to: SocketAddr) -> Message {
+    fn first(&mut self, command: u8, data: &[u8], to: SocketAddr) -> ControlMessage {
         let mut bytes = [0; MESSAGE_BYTES];
         let length = SDK1_HEAD + data.len() + SDK1_FOOT;
         bytes[0] = START;
@@ -305,23 +310,23 @@ impl Control {
         bytes[2..4].copy_from_slice(&(length as u16).to_le_bytes());
         bytes[4] = COMMAND;
         bytes[5..7].copy_from_slice(&self.numbered().to_le_bytes());
-        let crc = mcrf4xx(&bytes[..7], SDK1_CRC16_START);
+        let crc = SDK1_CRC16.checksum(&bytes[..7]);
         bytes[7..9].copy_from_slice(&crc.to_le_bytes());
         bytes[10] = command;
         bytes[SDK1_HEAD..SDK1_HEAD + data.len()].copy_from_slice(data);
-        let crc = crc32(&bytes[..length - SDK1_FOOT], SDK1_CRC32_START);
+        let crc = SDK1_CRC32.checksum(&bytes[..length - SDK1_FOOT]);
         bytes[length - SDK1_FOOT..length].copy_from_slice(&crc.to_le_bytes());
-        Message { bytes, length, to }
+        ControlMessage { bytes, length, to }
     }
 
-    fn first_received(&mut self, source: IpAddr, bytes: &[u8]) -> Option<Answer> {
+    fn first_received(&mut self, source: IpAddr, bytes: &[u8]) -> Option<ControlReply> {
         let length = usize::from(u16_at(bytes, 2));
         let sound = bytes.len() >= SDK1_HEAD + SDK1_FOOT
             && bytes[0] == START
             && length == bytes.len()
-            && u16_at(bytes, 7) == mcrf4xx(&bytes[..7], SDK1_CRC16_START)
-            && u32_at(bytes, length - SDK1_FOOT) == crc32(&bytes[..length - SDK1_FOOT], SDK1_CRC32_START);
-        // Only the general set of commands is spoken here.
+            && u16_at(bytes, 7) == SDK1_CRC16.checksum(&bytes[..7])
+            && u32_at(bytes, length - SDK1_FOOT) == SDK1_CRC32.checksum(&bytes[..length - SDK1_FOOT]);
+        // Only the general set of commands is implemented.
         if !sound || bytes[9] != 0 {
             return None;
         }
@@ -330,7 +335,7 @@ impl Control {
             (BROADCAST, SDK1_BROADCAST, IpAddr::V4(sensor)) if self.sensor.is_none() => {
                 self.sensor = Some(SocketAddr::new(source, SDK1_CONTROL_PORT));
                 self.due = Timestamp::NEVER;
-                Some(Answer::Found(sensor))
+                Some(ControlReply::Found(sensor))
             }
             (ACKNOWLEDGEMENT, SDK1_HEARTBEAT, _) => None,
             (ACKNOWLEDGEMENT, command, _) if length > SDK1_HEAD + SDK1_FOOT => {
@@ -346,10 +351,10 @@ impl Control {
     }
 }
 
-fn answered(code: u8, of: u16) -> Answer {
+fn answered(code: u8, of: u16) -> ControlReply {
     if code == 0 {
-        Answer::Accepted
+        ControlReply::Accepted
     } else {
-        Answer::Refused { code, of }
+        ControlReply::Refused { code, of }
     }
 }

@@ -2,76 +2,49 @@
 //!
 //! | protocol | head | data |
 //! |---|---|---|
-//! | second | CRC-16/CCITT-FALSE | CRC-32 of Ethernet |
+//! | second | CRC-16/CCITT-FALSE (IBM-3740) | CRC-32 of Ethernet |
 //! | first | CRC-16/MCRF4XX that starts at 0x4C49 | CRC-32 of Ethernet that starts at 0x564F580A |
 //!
 //! Source: the communication protocols of the Mid-360 and of the first SDK, "CRC Algorithm".
 
-/// Start of the first protocol's checksums.
-pub const SDK1_CRC16_START: u16 = 0x4C49;
-/// The same of its CRC-32.
-pub const SDK1_CRC32_START: u32 = 0x564F_580A;
+use crc::{Algorithm, CRC_16_IBM_3740, CRC_16_MCRF4XX, CRC_32_ISO_HDLC, Crc, NoTable};
 
-/// CRC-16 of CCITT, most significant bit first, starting at 0xFFFF.
-pub fn ccitt_false(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0xFFFF, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc: u16, _| {
-            if crc & 0x8000 == 0 {
-                crc << 1
-            } else {
-                crc << 1 ^ 0x1021
-            }
-        })
-    })
-}
+/// Of the second protocol's head.
+pub static SDK2_CRC16: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_IBM_3740);
+/// Of the second protocol's data.
+pub static SDK2_CRC32: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// Of the first protocol's head.
+pub static SDK1_CRC16: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&SDK1_CRC16_ALGORITHM);
+/// Of the whole frame of the first protocol.
+pub static SDK1_CRC32: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&SDK1_CRC32_ALGORITHM);
 
-/// CRC-16 of CCITT, least significant bit first, starting at `start`.
-pub fn mcrf4xx(bytes: &[u8], start: u16) -> u16 {
-    bytes.iter().fold(start, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(*byte), |crc: u16, _| {
-            if crc & 1 == 0 { crc >> 1 } else { crc >> 1 ^ 0x8408 }
-        })
-    })
-}
-
-const CRC32: [u32; 256] = table();
-
-const fn table() -> [u32; 256] {
-    let mut table = [0; 256];
-    let mut byte = 0;
-    while byte < 256 {
-        let mut crc = byte as u32;
-        let mut bit = 0;
-        while bit < 8 {
-            crc = if crc & 1 == 1 {
-                crc >> 1 ^ 0xEDB8_8320
-            } else {
-                crc >> 1
-            };
-            bit += 1;
-        }
-        table[byte] = crc;
-        byte += 1;
-    }
-    table
-}
-
-/// CRC-32 of Ethernet; `start` is zero there.
-pub fn crc32(bytes: &[u8], start: u32) -> u32 {
-    !bytes.iter().fold(!start, |crc, byte| {
-        CRC32[((crc ^ u32::from(*byte)) & 0xFF) as usize] ^ crc >> 8
-    })
-}
+const SDK1_CRC16_ALGORITHM: Algorithm<u16> = Algorithm {
+    init: 0x4C49_u16.reverse_bits(),
+    check: 0xAB4E,
+    ..CRC_16_MCRF4XX
+};
+/// Its start goes into the register inverted.
+const SDK1_CRC32_ALGORITHM: Algorithm<u32> = Algorithm {
+    init: (!0x564F_580A_u32).reverse_bits(),
+    check: 0xB08D_B5B1,
+    ..CRC_32_ISO_HDLC
+};
 
 #[cfg(test)]
 mod tests {
-    use super::{ccitt_false, crc32, mcrf4xx};
+    use super::{SDK1_CRC16, SDK1_CRC32, SDK2_CRC16, SDK2_CRC32};
 
     #[test]
     fn they_are_those_of_the_catalogue() {
         // Check values of the catalogue of parametrised CRC algorithms.
-        assert_eq!(ccitt_false(b"123456789"), 0x29B1);
-        assert_eq!(mcrf4xx(b"123456789", 0xFFFF), 0x6F91);
-        assert_eq!(crc32(b"123456789", 0), 0xCBF4_3926);
+        assert_eq!(SDK2_CRC16.checksum(b"123456789"), 0x29B1);
+        assert_eq!(SDK2_CRC32.checksum(b"123456789"), 0xCBF4_3926);
+    }
+
+    #[test]
+    fn those_of_the_first_protocol_start_where_it_says() {
+        let digits = b"123456789";
+        assert_eq!(SDK1_CRC16.checksum(digits), SDK1_CRC16.algorithm.check);
+        assert_eq!(SDK1_CRC32.checksum(digits), SDK1_CRC32.algorithm.check);
     }
 }

@@ -17,7 +17,7 @@ use crate::decode::Item;
 
 /// Cuts a stream without turns into scans of equal length by the stamps of its packets.
 #[derive(Clone, Copy, Debug)]
-struct Cutter {
+struct ScanSplitter {
     period_ns: u64,
     /// When the present scan began (ns, the sensor's clock).
     begun_ns: Option<u64>,
@@ -26,7 +26,7 @@ struct Cutter {
     lost: u32,
 }
 
-impl Cutter {
+impl ScanSplitter {
     fn new(rate_hz: f64) -> Self {
         Self {
             period_ns: (1e9 / rate_hz.max(0.1)) as u64,

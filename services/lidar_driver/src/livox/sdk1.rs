@@ -18,12 +18,13 @@
 //! | 6 inertial | 1 | 24 | - |
 //! | 7, 8 three returns | 30 | 42, 22 | 3 |
 //!
-//! An Avia fires 240,000 pulses a second; point i is of laser i modulo 6. A point at the origin is no return, and so is one whose tag
-//! calls it noise with high confidence.
+//! An Avia fires 240,000 pulses a second; point i is of laser i modulo 6. A point at the origin is no return, and so is
+//! one whose tag calls it noise with high confidence.
 //!
-//! **What can be detected.** Point data carry neither a checksum nor a number: lengths, types and stamps that do not fit are.
+//! **What can be detected.** Point data carry neither a checksum nor a number: lengths, types and stamps that do not
+//! fit are.
 
-use super::{Cutter, polar, spherical};
+use super::{ScanSplitter, polar, spherical};
 use crate::decode::{Decode, Echo, Fault, Item, Ray, i32_at, u16_at, u32_at, u64_at};
 
 /// Head of a packet (bytes).
@@ -42,7 +43,7 @@ const STEP_NS: u64 = 1_000_000_000;
 
 /// One data type.
 #[derive(Clone, Copy, Debug)]
-struct Layout {
+struct PointLayout {
     points: usize,
     bytes: usize,
     returns: u8,
@@ -50,7 +51,7 @@ struct Layout {
     tagged: bool,
 }
 
-fn layout(data_type: u8) -> Option<Layout> {
+fn layout(data_type: u8) -> Option<PointLayout> {
     let (points, bytes, returns) = match data_type {
         0 => (100, 13, 1),
         1 => (100, 9, 1),
@@ -62,7 +63,7 @@ fn layout(data_type: u8) -> Option<Layout> {
         8 => (30, 22, 3),
         _ => return None,
     };
-    Some(Layout {
+    Some(PointLayout {
         points,
         bytes,
         returns,
@@ -74,7 +75,7 @@ fn layout(data_type: u8) -> Option<Layout> {
 /// Decodes the packets of one sensor.
 #[derive(Clone, Debug)]
 pub struct Livox1 {
-    cutter: Cutter,
+    cutter: ScanSplitter,
     last_ns: Option<u64>,
 }
 
@@ -82,7 +83,7 @@ impl Livox1 {
     /// For `rate_hz` scans per second.
     pub fn new(rate_hz: f64) -> Self {
         Self {
-            cutter: Cutter::new(rate_hz),
+            cutter: ScanSplitter::new(rate_hz),
             last_ns: None,
         }
     }
@@ -121,7 +122,7 @@ fn stamp_ns(bytes: &[u8]) -> u64 {
 }
 
 /// Range (m), direction and tag of return `index` of the point at `at`.
-fn answer(bytes: &[u8], layout: &Layout, at: usize, index: usize) -> (Option<(f32, [f32; 3])>, u8) {
+fn answer(bytes: &[u8], layout: &PointLayout, at: usize, index: usize) -> (Option<(f32, [f32; 3])>, u8) {
     // Of two and three returns the spherical angles stand once, before them.
     let shared = if layout.spherical && layout.returns > 1 {
         4

@@ -12,13 +12,15 @@
 //! | 8 | time of the first point (ns) |
 //! | n | points: 14, 8 or 10 bytes, reflectivity and tag at their ends |
 //!
-//! The points of a packet are evenly spread over its time. Point i is of laser i modulo 4. A point at the origin is no return, and
-//! so is one whose tag gives it the lowest confidence of being a thing at all (rain, fog, dust, or between two edges).
+//! The points of a packet are evenly spread over its time. Point i is of laser i modulo 4. A point at the origin is no
+//! return, and so is one whose tag gives it the lowest confidence of being a thing at all (rain, fog, dust, or between
+//! two edges).
 //!
-//! **What can be detected.** Any damage behind the head where the firmware fills in the CRC; a packet whose CRC is zero is believed.
+//! **What can be detected.** Any damage behind the head where the firmware fills in the CRC; a packet whose CRC is zero
+//! is accepted.
 
-use super::crc::crc32;
-use super::{Cutter, polar, spherical};
+use super::crc::SDK2_CRC32;
+use super::{ScanSplitter, polar, spherical};
 use crate::decode::{Decode, Echo, Fault, Item, Ray, i16_at, i32_at, u16_at, u32_at, u64_at};
 
 /// Head of a packet (bytes), and where its parts begin.
@@ -29,8 +31,8 @@ const STAMP_AT: usize = 28;
 const LINES: u32 = 4;
 /// Most points of a packet: a datagram of Ethernet.
 const POINTS: usize = 128;
-/// Packets in a row whose CRC must agree before one that does not counts as damaged: a firmware that computes it otherwise is believed
-/// rather than refused.
+/// Packets in a row whose CRC must agree before one that does not counts as damaged: a firmware that computes it
+/// otherwise is believed rather than refused.
 const AGREEING: u32 = 16;
 /// Lowest confidence in one of the three fields of a tag.
 const LOW_CONFIDENCE: u8 = 2;
@@ -38,7 +40,7 @@ const LOW_CONFIDENCE: u8 = 2;
 /// Decodes the packets of one sensor.
 #[derive(Clone, Debug)]
 pub struct Livox2 {
-    cutter: Cutter,
+    cutter: ScanSplitter,
     /// Number of the next packet.
     next: Option<u16>,
     agreed: u32,
@@ -48,7 +50,7 @@ impl Livox2 {
     /// For `rate_hz` scans per second.
     pub fn new(rate_hz: f64) -> Self {
         Self {
-            cutter: Cutter::new(rate_hz),
+            cutter: ScanSplitter::new(rate_hz),
             next: None,
             agreed: 0,
         }
@@ -78,7 +80,7 @@ impl Livox2 {
         }
         let said = u32_at(bytes, CRC_AT);
         if said != 0 {
-            if said == crc32(&bytes[STAMP_AT..], 0) {
+            if said == SDK2_CRC32.checksum(&bytes[STAMP_AT..]) {
                 self.agreed = self.agreed.saturating_add(1);
             } else if self.agreed >= AGREEING {
                 return Err(Fault::Damaged);

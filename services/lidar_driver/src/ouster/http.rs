@@ -1,4 +1,5 @@
-//! The sensor's HTTP API: its metadata, and where it sends its packets (firmware user manual, "HTTP API Reference Guide").
+//! The sensor's HTTP API: its metadata, and where it sends its packets (firmware user manual, "HTTP API Reference
+//! Guide").
 //!
 //! | request | for |
 //! |---|---|
@@ -19,14 +20,14 @@ const PATIENCE: Duration = Duration::from_secs(3);
 /// Longest answer that is read (bytes): metadata have some ten thousand.
 const ANSWER_BYTES: u64 = 1 << 20;
 
-/// Why the sensor cannot be asked.
+/// Why a request to the sensor failed.
 #[derive(Debug)]
 pub enum HttpError {
     /// It cannot be reached, or falls silent.
     Connection {
         /// Its address.
         sensor: SocketAddr,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
     /// What answers is no HTTP server.
@@ -38,7 +39,7 @@ pub enum HttpError {
     Status {
         /// Its address.
         sensor: SocketAddr,
-        /// What was asked for.
+        /// The path requested.
         path: &'static str,
         /// The status line.
         status: String,

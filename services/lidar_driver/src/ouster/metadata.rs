@@ -1,8 +1,9 @@
 //! The metadata of an Ouster sensor: the geometry of its beams, and what its packets look like.
 //!
-//! Two layouts exist: that of firmware before 2.4 and of old tools (everything in one object), and the nested one that the sensor's
-//! HTTP API answers with (`beam_intrinsics`, `lidar_intrinsics`, `lidar_data_format`, `config_params`, `sensor_info`). What old files
-//! do not say follows from the firmware manual: sixteen columns in a packet of profile LEGACY, and the offsets of the model.
+//! Two layouts exist: that of firmware before 2.4 and of old tools (everything in one object), and the nested one that
+//! the sensor's HTTP API answers with (`beam_intrinsics`, `lidar_intrinsics`, `lidar_data_format`, `config_params`,
+//! `sensor_info`). What old files do not contain follows from the firmware manual: sixteen columns in a packet of
+//! profile LEGACY, and the offsets of the model.
 
 use super::profile::{Header, PROFILES, Profile};
 use serde_json::{Map, Value};
@@ -12,17 +13,18 @@ use std::fmt;
 const ROWS: usize = 256;
 const COLUMNS: usize = 4_096;
 
-/// Position of the lidar frame above the sensor frame (mm) where the metadata do not say it (hardware user manual, second generation).
+/// Position of the lidar frame above the sensor frame (mm) where the metadata do not contain it (hardware user manual,
+/// second generation).
 const LIDAR_HEIGHT_MM: f64 = 36.18;
 
 /// What is known of one sensor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metadata {
-    /// Its product line, e.g. OS-1-128; empty if it is not said.
+    /// Its product line, e.g. OS-1-128; empty if not given.
     pub product: String,
-    /// Its serial number; zero if it is not said.
+    /// Its serial number; zero if not given.
     pub serial: u64,
-    /// UDP port to which it sends lidar packets, if it is said.
+    /// UDP port to which it sends lidar packets, if given.
     pub port: Option<u16>,
     /// Pixels of its packets.
     pub profile: Profile,
@@ -55,7 +57,7 @@ pub struct Metadata {
 pub enum MetadataError {
     /// The text is no JSON object.
     NotJson {
-        /// What the reader says.
+        /// The parser's error.
         cause: String,
     },
     /// A key is missing, and nothing can stand for it.
@@ -67,9 +69,9 @@ pub enum MetadataError {
     NotPossible {
         /// The key.
         key: &'static str,
-        /// What it says.
+        /// Its value.
         value: String,
-        /// What it may say.
+        /// The possible values.
         possible: String,
     },
 }
@@ -334,7 +336,7 @@ impl Keys<'_> {
             let matrix = self.matrix("beam_to_lidar_transform", value)?;
             return Ok([matrix[3], matrix[11]]);
         }
-        // Where old metadata say nothing: the figures of the hardware manuals.
+        // Where old metadata have no value: the figures of the hardware manuals.
         let of_model = match product.get(..4) {
             Some("OS-0") => 27.67,
             Some("OS-1") => 15.806,

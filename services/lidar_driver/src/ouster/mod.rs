@@ -1,7 +1,7 @@
 //! Ouster OS0, OS1, OS2: packets of every UDP profile, by the metadata of the sensor.
 //!
-//! Sources: Ouster's firmware user manual ("Lidar Data Packet Format", "Calculating XYZ Points from the Lidar Data") and its hardware
-//! manuals; the SDK of the maker was read to compare, and decodes the recordings in the tests.
+//! Sources: Ouster's firmware user manual ("Lidar Data Packet Format", "Calculating XYZ Points from the Lidar Data")
+//! and its hardware manuals; the vendor's SDK was read to compare, and decodes the recordings in the tests.
 //!
 //! | part | LEGACY | the others | FUSA |
 //! |---|---|---|---|
@@ -9,15 +9,17 @@
 //! | column | 16 bytes, pixels, 4 bytes of status | 12 bytes, pixels | 12 bytes, pixels |
 //! | foot | none | 32 bytes, the last 8 a CRC-64 where the firmware has one | 32 bytes |
 //!
-//! **Position** of a range r in column m of row i, in the lidar frame, with the encoder's angle e = 2 pi (1 - m / columns), the beam's
-//! azimuth a = -azimuth_i and altitude p, beams beginning at (b, 0, h) and n = |(b, h)|:
+//! **Position** of a range r in column m of row i, in the lidar frame, with the encoder's angle e = 2 pi (1 - m /
+//! columns), the beam's azimuth a = -azimuth_i and altitude p, beams beginning at (b, 0, h) and n = |(b, h)|:
 //!
 //! x = (r - n) cos(e + a) cos(p) + b cos(e), y = (r - n) sin(e + a) cos(p) + b sin(e), z = (r - n) sin(p) + h
 //!
-//! and from there to the sensor frame with `lidar_to_sensor_transform`. The sensor frame is x away from the connector, y left, z up.
+//! and from there to the sensor frame with `lidar_to_sensor_transform`. The sensor frame is x away from the connector,
+//! y left, z up.
 //!
-//! **What can be detected.** With the CRC-64 any damage. Without it (LEGACY, FUSA, firmware before 2.5): another length,
-//! columns that do not follow each other, stamps that run backwards; a damaged range cannot be told from a sound one.
+//! **What can be detected.** With the CRC-64 any damage. Without it (LEGACY, FUSA, firmware before 2.5): another
+//! length, columns that do not follow each other, stamps that run backwards; a damaged range cannot be told from a
+//! sound one.
 
 pub mod crc64;
 pub mod http;
@@ -39,7 +41,8 @@ const IMU_BYTES: usize = 48;
 const LIDAR_PACKET: u16 = 1;
 /// Other types of packets: inertial data, zones.
 const OTHER_PACKETS: std::ops::RangeInclusive<u16> = 2..=4;
-/// What stands in the place of the CRC in packets of firmware that computes none (seen in recordings of 2.2 and of 2.3).
+/// What stands in the place of the CRC in packets of firmware that computes none (seen in recordings of 2.2 and of
+/// 2.3).
 const NO_CRC: [u64; 2] = [0, 0xDEAD_BEEF_0000_C0DE];
 /// Frames by which a sound stream may go ahead: whole frames may be lost.
 const FRAMES_AHEAD: u32 = 3;
@@ -58,7 +61,7 @@ struct Row {
 
 /// The frame that is being received.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Frame {
+struct OusterFrame {
     id: u32,
     /// Columns that have come.
     columns: usize,
@@ -80,7 +83,7 @@ pub struct Ouster {
     packet_bytes: usize,
     column_bytes: usize,
     column_head_bytes: usize,
-    frame: Option<Frame>,
+    frame: Option<OusterFrame>,
     /// Columns of the frame that have come, a bit for each.
     seen: Vec<u64>,
     /// A frame id that follows none; true if the next packet has it, too.
@@ -164,7 +167,7 @@ impl Ouster {
         status & 1 == 1
     }
 
-    /// Frame id of a packet of the right kind, sound as far as can be told.
+    /// OusterFrame id of a packet of the right kind, sound as far as can be told.
     fn check(&self, bytes: &[u8]) -> Result<u32, Fault> {
         let header = self.metadata.header;
         if bytes.len() != self.packet_bytes {
@@ -255,7 +258,7 @@ impl Ouster {
             if behind <= FRAMES_BEHIND {
                 return Err(Fault::Late);
             }
-            // A damaged id, or a sensor that has started anew: then the next packet says the same.
+            // A damaged id, or a sensor that has restarted: then the next packet has the same id.
             self.jumped_to = Some(id);
             return Err(Fault::Damaged);
         }
@@ -265,7 +268,7 @@ impl Ouster {
     }
 
     fn begin(&mut self, id: u32) {
-        self.frame = Some(Frame {
+        self.frame = Some(OusterFrame {
             id,
             columns: 0,
             ended: false,

@@ -7,18 +7,18 @@ use std::time::Duration;
 
 /// Port of the sensor's web server.
 const HTTP_PORT: u16 = 80;
-/// First pause before the sensor is asked again, and the longest one.
+/// First pause before the request is repeated, and the longest one.
 const PAUSE: [Duration; 2] = [Duration::from_millis(500), Duration::from_secs(8)];
 
 /// A request that is under way.
 #[derive(Debug)]
-pub struct Request {
+pub struct MetadataRequest {
     answer: Receiver<Metadata>,
 }
 
-impl Request {
-    /// Begins to ask the sensor at `sensor`, whose packets shall go to `port` of this computer; `control_port` zero is the usual one.
-    /// `None` where no thread can be started.
+impl MetadataRequest {
+    /// Begins the requests to the sensor at `sensor`, whose packets shall go to `port` of this computer; `control_port`
+    /// zero is the usual one. `None` where no thread can be started.
     pub fn begin(sensor: IpAddr, host: Option<IpAddr>, port: u16, control_port: u16) -> Option<Self> {
         let address = SocketAddr::new(
             sensor,
@@ -35,7 +35,7 @@ impl Request {
             loop {
                 match http::set_up(address, host, port) {
                     Ok(metadata) => {
-                        let _nobody_waits = sender.send(metadata);
+                        let _ = sender.send(metadata);
                         return;
                     }
                     Err(error) => {

@@ -1,20 +1,21 @@
-//! The step of a scanner: bytes that arrived become scans, silence becomes news.
+//! The step of a scanner: received bytes become scans, silence becomes a change to report.
 //!
-//! **Time.** A byte that was read at some moment has been on the line before: the last one for the time of one byte, each one before it
-//! for one byte longer. What a USB adapter keeps back (an FTDI chip up to 16 ms) cannot be seen from here.
+//! **Time.** A byte that was read at some moment has been on the line before: the last one for the time of one byte,
+//! each one before it for one byte longer. What a USB adapter keeps back (an FTDI chip up to 16 ms) cannot be seen from
+//! here.
 
 use super::ldrobot::Ldrobot;
 use super::rplidar::{Rplidar, Setup};
 use super::turn::Turn;
-use super::{Sample, Tally};
+use super::{Sample, SampleCounts};
 use crate::config::{Device, LidarSpec};
-use crate::counters::{Counters, News, Rate, Silence};
+use crate::counters::{LidarChange, LidarCounters, Rate, SilenceMonitor};
 use crate::models::SerialProtocol;
 use jink_shared_types::Timestamp;
 
 /// Bits of a byte on the line: a start and a stop bit besides its own eight.
 const BITS_PER_BYTE: f64 = 10.0;
-/// Silence (s) after which a scanner is set up anew.
+/// SilenceMonitor (s) after which a scanner is set up anew.
 const SILENCE_S: f64 = 1.0;
 
 #[derive(Clone, Debug)]
@@ -22,7 +23,7 @@ const SILENCE_S: f64 = 1.0;
     clippy::large_enum_variant,
     reason = "there is one in a process: a box would save nothing"
 )]
-enum Protocol {
+enum ScannerProtocol {
     Ldrobot(Ldrobot),
     Rplidar(Rplidar, Setup),
 }
@@ -32,11 +33,11 @@ enum Protocol {
 pub struct ScannerDriver {
     spec: LidarSpec,
     byte_s: f64,
-    protocol: Protocol,
+    protocol: ScannerProtocol,
     turn: Turn,
     published: u64,
     newest: Timestamp,
-    silence: Silence,
+    silence: SilenceMonitor,
     rate: Rate,
 }
 
@@ -50,15 +51,15 @@ impl ScannerDriver {
         Self {
             byte_s: BITS_PER_BYTE / f64::from(baud.max(1)),
             protocol: match protocol {
-                SerialProtocol::Ldrobot => Protocol::Ldrobot(Ldrobot::default()),
+                SerialProtocol::Ldrobot => ScannerProtocol::Ldrobot(Ldrobot::default()),
                 SerialProtocol::Rplidar { motor_pwm, .. } => {
-                    Protocol::Rplidar(Rplidar::default(), Setup::new(motor_pwm))
+                    ScannerProtocol::Rplidar(Rplidar::default(), Setup::new(motor_pwm))
                 }
             },
             turn: Turn::new(&spec.cloud, spec.beams),
             published: 0,
             newest: Timestamp::NEVER,
-            silence: Silence::default(),
+            silence: SilenceMonitor::default(),
             rate: Rate::default(),
             spec,
         }
@@ -69,13 +70,13 @@ impl ScannerDriver {
         &self.spec
     }
 
-    /// The port was opened at `now`: what was begun before is forgotten, the set-up begins.
+    /// The port was opened at `now`: unfinished frames and scans are dropped, the set-up begins.
     pub fn connected(&mut self, now: Timestamp) {
         self.turn.clear();
         self.newest = Timestamp::NEVER;
         match &mut self.protocol {
-            Protocol::Ldrobot(decoder) => decoder.interrupted(),
-            Protocol::Rplidar(decoder, setup) => {
+            ScannerProtocol::Ldrobot(decoder) => decoder.interrupted(),
+            ScannerProtocol::Rplidar(decoder, setup) => {
                 decoder.interrupted();
                 setup.begin(now);
             }
@@ -111,23 +112,23 @@ impl ScannerDriver {
             let behind = (bytes.len() - 1 - index) as f64;
             let end = arrived.plus_seconds(-behind * *byte_s);
             match protocol {
-                Protocol::Ldrobot(decoder) => decoder.push(end, *byte, &mut take),
-                Protocol::Rplidar(decoder, _) => decoder.push(end, *byte, &mut take),
+                ScannerProtocol::Ldrobot(decoder) => decoder.push(end, *byte, &mut take),
+                ScannerProtocol::Rplidar(decoder, _) => decoder.push(end, *byte, &mut take),
             }
         }
-        if let Protocol::Rplidar(decoder, setup) = protocol
+        if let ScannerProtocol::Rplidar(decoder, setup) = protocol
             && decoder.take_protection_stop()
         {
             setup.reset(arrived);
         }
     }
 
-    /// What is to be written to the scanner now, if anything; ask again until there is nothing.
+    /// The next bytes to write to the scanner now; `None` when there are none left.
     pub fn next_write(&mut self, now: Timestamp) -> Option<&[u8]> {
         let silent = self.silence.is_silent(now, SILENCE_S);
         match &mut self.protocol {
-            Protocol::Ldrobot(_) => None,
-            Protocol::Rplidar(decoder, setup) => {
+            ScannerProtocol::Ldrobot(_) => None,
+            ScannerProtocol::Rplidar(decoder, setup) => {
                 let write = setup.next_write(now, silent);
                 // Whatever was on the line before is answered no more.
                 if write.is_some_and(|bytes| bytes.len() != 6) {
@@ -141,33 +142,33 @@ impl ScannerDriver {
     /// When [`Self::next_write`] may have something even if nothing arrives.
     pub fn due(&self) -> Timestamp {
         match &self.protocol {
-            Protocol::Ldrobot(_) => Timestamp::from_ns(u64::MAX),
-            Protocol::Rplidar(_, setup) => setup.due(),
+            ScannerProtocol::Ldrobot(_) => Timestamp::from_ns(u64::MAX),
+            ScannerProtocol::Rplidar(_, setup) => setup.due(),
         }
     }
 
     /// Whether the scanner has fallen silent, or measures again; once per change.
-    pub fn news(&mut self, now: Timestamp) -> Option<News> {
-        self.silence.news(now)
+    pub fn take_change(&mut self, now: Timestamp) -> Option<LidarChange> {
+        self.silence.take_change(now)
     }
 
     /// What has become of its bytes, with the rate since the last look.
-    pub fn counters(&mut self, now: Timestamp) -> Counters {
-        let Tally {
+    pub fn counters(&mut self, now: Timestamp) -> LidarCounters {
+        let SampleCounts {
             good,
             damaged,
             skipped_bytes,
         } = match &self.protocol {
-            Protocol::Ldrobot(decoder) => decoder.tally(),
-            Protocol::Rplidar(decoder, _) => decoder.tally(),
+            ScannerProtocol::Ldrobot(decoder) => decoder.tally(),
+            ScannerProtocol::Rplidar(decoder, _) => decoder.tally(),
         };
-        Counters {
+        LidarCounters {
             published: self.published,
             good,
             damaged,
             other: skipped_bytes,
             rate_hz: self.rate.look(now, self.published),
-            ..Counters::default()
+            ..LidarCounters::default()
         }
     }
 }

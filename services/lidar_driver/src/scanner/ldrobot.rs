@@ -12,11 +12,12 @@
 //! | 2 | time (ms), up to 30000 |
 //! | 1 | CRC-8, polynomial 0x4D |
 //!
-//! Angles count clockwise. A range of zero is no return. A damaged packet passes its eight bits once in 256 times; what then still
-//! contradicts the speed is dropped, too.
+//! Angles count clockwise. A range of zero is no return. A damaged packet passes its eight bits once in 256 times; what
+//! then still contradicts the speed is dropped, too.
 
-use super::{Sample, Tally, Window};
+use super::{Sample, SampleCounts, SlidingWindow};
 use crate::decode::u16_at;
+use crc::{Algorithm, Crc};
 use jink_shared_types::Timestamp;
 
 /// Length of a packet.
@@ -24,50 +25,37 @@ pub const PACKET_BYTES: usize = 47;
 const HEAD: [u8; 2] = [0x54, 0x2C];
 const SAMPLES: usize = 12;
 const TURN_CDEG: u32 = 36_000;
-/// Slowest and fastest turn that is believed (deg/s): 1 to 20 Hz.
+/// Slowest and fastest turn that is accepted (deg/s): 1 to 20 Hz.
 const SPEED_DPS: std::ops::RangeInclusive<u16> = 360..=7_200;
 /// Most samples that a packet may stretch over (0.01 deg): an LD06 at 15 Hz makes 1.2 deg between two.
 const SPAN_CDEG: u32 = 2_000;
 
-const CRC8: [u8; 256] = table();
+static CRC8: Crc<u8> = Crc::<u8>::new(&LDROBOT);
 
-const fn table() -> [u8; 256] {
-    let mut table = [0; 256];
-    let mut byte = 0;
-    while byte < 256 {
-        let mut crc = byte as u8;
-        let mut bit = 0;
-        while bit < 8 {
-            crc = if crc & 0x80 == 0 {
-                crc << 1
-            } else {
-                crc << 1 ^ 0x4D
-            };
-            bit += 1;
-        }
-        table[byte] = crc;
-        byte += 1;
-    }
-    table
-}
-
-/// CRC-8 with polynomial 0x4D, most significant bit first.
-pub fn crc8(bytes: &[u8]) -> u8 {
-    bytes.iter().fold(0, |crc, byte| CRC8[usize::from(crc ^ byte)])
-}
+/// Most significant bit first.
+const LDROBOT: Algorithm<u8> = Algorithm {
+    width: 8,
+    poly: 0x4D,
+    init: 0,
+    refin: false,
+    refout: false,
+    xorout: 0,
+    check: 0xC3,
+    residue: 0,
+};
 
 /// Byte stream to samples.
 #[derive(Clone, Debug)]
 pub struct Ldrobot {
-    window: Window,
-    tally: Tally,
+    window: SlidingWindow,
+    tally: SampleCounts,
 }
 
 impl Default for Ldrobot {
     fn default() -> Self {
         Self {
-            window: Window::EMPTY,
-            tally: Tally::default(),
+            window: SlidingWindow::EMPTY,
+            tally: SampleCounts::default(),
         }
     }
 }
@@ -75,11 +63,11 @@ impl Default for Ldrobot {
 impl Ldrobot {
     /// The line was interrupted.
     pub fn interrupted(&mut self) {
-        self.window = Window::EMPTY;
+        self.window = SlidingWindow::EMPTY;
     }
 
     /// What has become of the bytes.
-    pub fn tally(&self) -> Tally {
+    pub fn tally(&self) -> SampleCounts {
         self.tally
     }
 
@@ -97,7 +85,9 @@ impl Ldrobot {
             if bytes.len() < PACKET_BYTES {
                 return;
             }
-            if crc8(&bytes[..PACKET_BYTES - 1]) == bytes[PACKET_BYTES - 1] && samples(bytes, end, sink) {
+            if CRC8.checksum(&bytes[..PACKET_BYTES - 1]) == bytes[PACKET_BYTES - 1]
+                && samples(bytes, end, sink)
+            {
                 self.tally.good += 1;
                 self.window.drop_first(PACKET_BYTES);
             } else {
@@ -131,7 +121,7 @@ fn samples(packet: &[u8], end: Timestamp, sink: &mut dyn FnMut(Sample)) -> bool 
 
 #[cfg(test)]
 mod tests {
-    use super::crc8;
+    use super::CRC8;
 
     #[test]
     fn the_checksum_is_that_of_the_manual() {
@@ -141,6 +131,6 @@ mod tests {
             0x00, 0xE3, 0xD3, 0x00, 0xE4, 0xD0, 0x00, 0xE9, 0xCD, 0x00, 0xE4, 0xCA, 0x00, 0xE2, 0xC7, 0x00,
             0xE9, 0xC5, 0x00, 0xE5, 0xC2, 0x00, 0xE5, 0xC0, 0x00, 0xE5, 0xBE, 0x82, 0x3A, 0x1A, 0x50,
         ];
-        assert_eq!(crc8(&packet[..46]), packet[46]);
+        assert_eq!(CRC8.checksum(&packet[..46]), packet[46]);
     }
 }

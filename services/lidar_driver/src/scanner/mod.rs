@@ -27,7 +27,7 @@ pub struct Sample {
 
 /// What has become of the bytes of a line.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct SampleCounts {
     /// Frames that were read.
     pub good: u64,
     /// What looked like a frame and was none.
@@ -41,12 +41,12 @@ const FRAME_BYTES: usize = 96;
 
 /// Bytes that may become a frame.
 #[derive(Clone, Copy, Debug)]
-struct Window {
+struct SlidingWindow {
     bytes: [u8; FRAME_BYTES],
     length: usize,
 }
 
-impl Window {
+impl SlidingWindow {
     const EMPTY: Self = Self {
         bytes: [0; FRAME_BYTES],
         length: 0,

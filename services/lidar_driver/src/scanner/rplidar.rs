@@ -1,4 +1,4 @@
-//! SLAMTEC RPLIDAR A1, A2, A3, S1, S2, C1: answers to SCAN and EXPRESS_SCAN, and the set-up that asks for them.
+//! SLAMTEC RPLIDAR A1, A2, A3, S1, S2, C1: responses to SCAN and EXPRESS_SCAN, and the set-up that requests them.
 //!
 //! Source: SLAMTEC RPLIDAR interface protocol and application notes, "Measurement Commands Response".
 //!
@@ -8,8 +8,8 @@
 //! | 0x82 to EXPRESS_SCAN | 84 | 0xA, 0x5 and eight bits of checksum; angle of its first sample (1/64 deg); 16 x 2 samples: range (mm), angle correction (1/8 deg) |
 //! | 0x85 to EXPRESS_SCAN | 84 | the same head; 40 samples: range (mm) |
 //!
-//! A capsule says where it begins; where it ends says the next one, so it is read when that has come. Angles count clockwise. A range of
-//! zero is an invalid sample.
+//! A capsule contains where it begins; where it ends the next one contains, so it is read when that has come. Angles
+//! count clockwise. A range of zero is an invalid sample.
 //!
 //! | when | what is written |
 //! |---|---|
@@ -17,10 +17,10 @@
 //! | no samples for three seconds | the same, with SCAN, then EXPRESS_SCAN again: not every firmware has both |
 //! | the scanner reports a protection stop | RESET, then the same |
 //!
-//! **What can be detected.** Capsules carry an exclusive or of eight bits, single samples three bits; capsules that would turn by more
-//! than a sixth of a turn, or half as much again as the one before, are dropped, too.
+//! **What can be detected.** Capsules carry an exclusive or of eight bits, single samples three bits; capsules that
+//! would turn by more than a sixth of a turn, or half as much again as the one before, are dropped, too.
 
-use super::{Sample, Tally, Window};
+use super::{Sample, SampleCounts, SlidingWindow};
 use crate::decode::u16_at;
 use jink_shared_types::Timestamp;
 
@@ -69,24 +69,24 @@ enum Mode {
 /// Byte stream to samples.
 #[derive(Clone, Debug)]
 pub struct Rplidar {
-    window: Window,
+    window: SlidingWindow,
     mode: Mode,
     /// The capsule before, and when it ended.
     before: Option<([u8; CAPSULE_BYTES], Timestamp)>,
     /// How far the capsule before turned (1/64 deg): one that turns much farther has lost its neighbour.
     span_q6: Option<u32>,
-    tally: Tally,
+    tally: SampleCounts,
     protection_stop: bool,
 }
 
 impl Default for Rplidar {
     fn default() -> Self {
         Self {
-            window: Window::EMPTY,
+            window: SlidingWindow::EMPTY,
             mode: Mode::Descriptor,
             before: None,
             span_q6: None,
-            tally: Tally::default(),
+            tally: SampleCounts::default(),
             protection_stop: false,
         }
     }
@@ -103,13 +103,13 @@ enum Head {
 impl Rplidar {
     /// The line was interrupted, or the scanner set up anew: an answer begins with its descriptor.
     pub fn interrupted(&mut self) {
-        self.window = Window::EMPTY;
+        self.window = SlidingWindow::EMPTY;
         self.mode = Mode::Descriptor;
         self.before = None;
     }
 
     /// What has become of the bytes.
-    pub fn tally(&self) -> Tally {
+    pub fn tally(&self) -> SampleCounts {
         self.tally
     }
 
@@ -162,7 +162,7 @@ impl Rplidar {
         if bytes.len() < DESCRIPTOR_BYTES {
             return Head::TooFew;
         }
-        // Thirty bits of length, two that say whether there is one answer or many.
+        // Thirty bits of length, two for one response or many.
         let length = u32::from_le_bytes([bytes[2], bytes[3], bytes[4], bytes[5]]) & 0x3FFF_FFFF;
         self.mode = match (bytes[6], length) {
             HEALTH => Mode::Health,
@@ -286,7 +286,7 @@ fn dense_samples(
 
 /// Commands of the set-up, in their order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Step {
+enum SetupStep {
     Reset,
     Stop,
     Health,
@@ -299,7 +299,7 @@ enum Step {
 #[derive(Clone, Debug)]
 pub struct Setup {
     motor_pwm: Option<u16>,
-    step: Step,
+    step: SetupStep,
     due: Timestamp,
     /// SCAN instead of EXPRESS_SCAN this time.
     plain: bool,
@@ -311,7 +311,7 @@ impl Setup {
     pub fn new(motor_pwm: Option<u16>) -> Self {
         Self {
             motor_pwm,
-            step: Step::Stop,
+            step: SetupStep::Stop,
             due: Timestamp::NEVER,
             plain: false,
             command: [0; 9],
@@ -320,13 +320,13 @@ impl Setup {
 
     /// The port was opened at `now`.
     pub fn begin(&mut self, now: Timestamp) {
-        self.step = Step::Stop;
+        self.step = SetupStep::Stop;
         self.due = now;
     }
 
     /// The scanner has stopped to protect itself.
     pub fn reset(&mut self, now: Timestamp) {
-        self.step = Step::Reset;
+        self.step = SetupStep::Reset;
         self.due = now;
     }
 
@@ -335,27 +335,32 @@ impl Setup {
         self.due
     }
 
-    /// What is to be written now, if anything, and whether the answer to it begins with a descriptor; ask again until there is
+    /// The next request to write now, and whether the response to it begins with a descriptor; `None` when there is
     /// nothing. `silent`: no samples have come for a while.
     pub fn next_write(&mut self, now: Timestamp, silent: bool) -> Option<&[u8]> {
         if now < self.due {
             return None;
         }
         let (command, length, next, pause_s) = match self.step {
-            Step::Reset => (plain(RESET), 2, Step::Stop, RESET_PAUSE_S),
-            Step::Stop => (plain(STOP), 2, Step::Health, PAUSE_S),
-            Step::Health => (plain(GET_HEALTH), 2, Step::Motor, PAUSE_S),
-            Step::Motor => {
-                self.step = Step::Scan;
+            SetupStep::Reset => (plain(RESET), 2, SetupStep::Stop, RESET_PAUSE_S),
+            SetupStep::Stop => (plain(STOP), 2, SetupStep::Health, PAUSE_S),
+            SetupStep::Health => (plain(GET_HEALTH), 2, SetupStep::Motor, PAUSE_S),
+            SetupStep::Motor => {
+                self.step = SetupStep::Scan;
                 let Some(pwm) = self.motor_pwm else {
                     return self.next_write(now, silent);
                 };
                 let [low, high] = pwm.to_le_bytes();
-                (with_data(SET_MOTOR_PWM, &[low, high]), 6, Step::Scan, PAUSE_S)
+                (
+                    with_data(SET_MOTOR_PWM, &[low, high]),
+                    6,
+                    SetupStep::Scan,
+                    PAUSE_S,
+                )
             }
-            Step::Scan if self.plain => (plain(SCAN), 2, Step::Wait, PATIENCE_S),
-            Step::Scan => (with_data(EXPRESS_SCAN, &[0; 5]), 9, Step::Wait, PATIENCE_S),
-            Step::Wait => {
+            SetupStep::Scan if self.plain => (plain(SCAN), 2, SetupStep::Wait, PATIENCE_S),
+            SetupStep::Scan => (with_data(EXPRESS_SCAN, &[0; 5]), 9, SetupStep::Wait, PATIENCE_S),
+            SetupStep::Wait => {
                 self.due = now.plus_seconds(1.0);
                 if silent {
                     self.plain = !self.plain;

@@ -1,7 +1,8 @@
 //! The samples of one turn become one scan: beams at equal angles, clockwise from the scanner's front.
 //!
-//! Of what falls into a beam the nearest counts. A sample beyond `range_max_m` says that there is nothing up to there, an invalid one
-//! nothing at all, or the same where the table declares `no_return = "clear"`; a beam is free only if every sample in it says so.
+//! Of what falls into a beam the nearest counts. A sample beyond `range_max_m` means that there is nothing up to there,
+//! an invalid one leaves it unknown, or means the same where the table declares `no_return = "clear"`; a beam is free
+//! only if every sample in it is.
 
 use super::Sample;
 use crate::config::{CloudSpec, NoReturn};
@@ -18,13 +19,13 @@ const WRAP_DEG: f32 = 180.0;
 
 /// What is known of one beam.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Beam {
+struct ScannerBeam {
     nearest_m: f32,
     free: bool,
     unknown: bool,
 }
 
-const NOTHING: Beam = Beam {
+const NOTHING: ScannerBeam = ScannerBeam {
     nearest_m: f32::INFINITY,
     free: false,
     unknown: false,
@@ -34,11 +35,12 @@ const NOTHING: Beam = Beam {
 #[derive(Clone, Debug)]
 pub struct Turn {
     spec: CloudSpec,
-    beams: Vec<Beam>,
+    beams: Vec<ScannerBeam>,
     samples: u32,
     first: Timestamp,
     last: Timestamp,
-    /// Greatest angle so far (deg): that of the turn at hand, zero where it has just begun, nothing where nobody knows.
+    /// Greatest angle so far (deg): that of the present turn, zero where it has just begun, `None` where it is not
+    /// known.
     last_deg: Option<f32>,
 }
 
@@ -135,8 +137,8 @@ impl Turn {
     }
 }
 
-impl Beam {
-    /// As a scan says it (m).
+impl ScannerBeam {
+    /// The range as in a scan (m).
     fn range_m(&self) -> f32 {
         match self {
             Self { nearest_m, .. } if nearest_m.is_finite() => *nearest_m,

@@ -1,8 +1,9 @@
-//! Packets made after the VLP-16 manual come to the points that velodyne-decoder makes of them, and to the ranges that went in.
+//! Packets made after the VLP-16 manual come to the points that velodyne-decoder makes of them, and to the ranges that
+//! went in.
 
 use crate::common::{Oracle, Row, Scratch, ethernet, ipv4, pcap, rows};
 use crate::encoder::vlp16;
-use jink_lidar_driver::dump::{Request, Summary, dump};
+use jink_lidar_driver::dump::{DumpRequest, Summary, dump};
 use std::path::Path;
 
 /// Two turns and a half at 10 Hz, as a recording. Of every firing and laser another range.
@@ -36,7 +37,7 @@ fn recording(path: &Path, dual: bool, product: u8) {
 
 fn dumped(folder: &Scratch, pcap: &Path, model: Option<&str>) -> (Vec<Row>, Summary) {
     let csv = folder.path("out.csv");
-    let request = Request {
+    let request = DumpRequest {
         pcap: pcap.to_owned(),
         metadata: None,
         model: model.map(str::to_owned),
@@ -61,7 +62,7 @@ fn single_and_dual_returns_of_both_models_are_where_velodyne_decoder_puts_them()
         recording(&path, dual, product);
         let (ours, _) = dumped(&folder, &path, None);
         let theirs = rows(&oracle.run("with_velodyne_decoder.py", &[&path, Path::new(model)]));
-        // Scans are cut elsewhere, and a pair of equal returns is told once there: each point of theirs is one of ours.
+        // Scans are cut elsewhere, and a pair of equal returns counts once there: each point of theirs is one of ours.
         let key = |row: &Row| {
             (
                 row.key[1],
@@ -133,7 +134,7 @@ fn another_product_a_position_packet_and_a_wrong_model_are_passed_over() {
     let folder = Scratch::new("vlp_other");
     let path = folder.path("in.pcap");
     recording(&path, false, 0x21);
-    let request = Request {
+    let request = DumpRequest {
         pcap: path.clone(),
         metadata: None,
         model: Some("vlp16".to_owned()),

@@ -1,4 +1,5 @@
-//! The HTTP API: metadata are read, the destination is set where it differs, and whatever else answers gets one clear sentence.
+//! The HTTP API: metadata are read, the destination is set where it differs, and whatever else answers gets one clear
+//! sentence.
 
 use crate::encoder::ouster_metadata;
 use jink_lidar_driver::ouster::http::set_up;
@@ -6,7 +7,7 @@ use std::io::{Read, Write};
 use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 use std::sync::mpsc::{Receiver, channel};
 
-/// A web server that answers each request with what `answer` makes of it; the requests come out of the channel.
+/// A web server that answers each request with `answer` of it; the requests come out of the channel.
 fn server(answer: impl Fn(&str, usize) -> String + Send + 'static) -> (SocketAddr, Receiver<String>) {
     let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
     let address = listener.local_addr().unwrap();

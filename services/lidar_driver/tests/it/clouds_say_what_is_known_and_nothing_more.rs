@@ -1,8 +1,9 @@
-//! From packets to clouds: mounting, time, limits, missing answers, several answers, and frames that are too large for a cloud.
+//! From packets to clouds: mounting, time, limits, missing answers, several answers, and frames that are too large for
+//! a cloud.
 
 use crate::encoder::{ouster_metadata, ouster_standard, spec, vlp16};
 use jink_lidar_driver::ouster::Metadata;
-use jink_lidar_driver::{CloudAssembler, Decoder, Driver, News};
+use jink_lidar_driver::{CloudAssembler, Decoder, LidarChange, NetworkLidarDriver};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::{CLOUD_POINTS, PointCloud, RayKind};
 use std::net::{IpAddr, Ipv4Addr};
@@ -30,11 +31,11 @@ fn take(published: &mut Vec<Published>) -> impl FnMut(&CloudAssembler) + '_ {
     }
 }
 
-fn ouster(rows: usize, columns: usize, keys: &str) -> Driver {
+fn ouster(rows: usize, columns: usize, keys: &str) -> NetworkLidarDriver {
     let metadata = Metadata::parse(&ouster_metadata(rows, columns, "RNG19_RFL8_SIG16_NIR16")).unwrap();
     let keys = format!("metadata = \"/x\"\n{keys}");
     let spec = spec("lidar_3d", "ouster", "udp:127.0.0.1:0", &keys);
-    Driver::new(spec, Some(Decoder::ouster(metadata)))
+    NetworkLidarDriver::new(spec, Some(Decoder::ouster(metadata)))
 }
 
 /// A packet of frame `frame` that begins with column `first`, and when it arrives.
@@ -44,7 +45,11 @@ fn packet(frame: u16, first: usize, range_mm: &dyn Fn(usize, usize) -> u32) -> (
     (arrived, ouster_standard(frame, first, ROWS, stamp_ns, range_mm))
 }
 
-fn flown(driver: &mut Driver, frames: u16, range_mm: &dyn Fn(usize, usize) -> u32) -> Vec<Published> {
+fn flown(
+    driver: &mut NetworkLidarDriver,
+    frames: u16,
+    range_mm: &dyn Fn(usize, usize) -> u32,
+) -> Vec<Published> {
     let mut published = Vec::new();
     for frame in 0..frames {
         for first in (0..COLUMNS).step_by(16) {
@@ -73,7 +78,8 @@ fn a_frame_is_a_cloud_in_the_body_frame_with_the_time_of_every_point() {
             let (row, column) = (index % ROWS, index / ROWS);
             let offset_us = f64::from(point.offset_10us) * 10.0;
             assert!((offset_us - column as f64 * 97.656).abs() <= 10.0);
-            // By the formula of the manual, in degrees: the lidar's frame is turned half about its vertical axis in the sensor's.
+            // By the formula of the manual, in degrees: the lidar's frame is turned half about its vertical axis in the
+            // sensor's.
             let elevation = (20.0 - 40.0 * row as f64 / ROWS as f64).to_radians();
             let encoder = (360.0 * (1.0 - column as f64 / COLUMNS as f64)).to_radians();
             let azimuth = encoder - [4.2f64, 1.4, -1.4, -4.2][row % 4].to_radians();
@@ -147,7 +153,7 @@ fn of_two_returns_the_nearer_counts_or_the_strongest_or_both() {
         ("returns = \"both\"\n", vec![8.0, 5.0]),
     ] {
         let spec = spec("lidar_3d", "vlp16", "udp:127.0.0.1:0", keys);
-        let mut driver = Driver::new(spec.clone(), Decoder::of(spec.network().unwrap(), 10.0));
+        let mut driver = NetworkLidarDriver::new(spec.clone(), Decoder::of(spec.network().unwrap(), 10.0));
         let mut published = Vec::new();
         for index in 0..3u32 {
             let bytes = vlp16(
@@ -265,7 +271,7 @@ fn lost_doubled_late_foreign_and_damaged_packets_are_counted_and_survived() {
 fn a_sensor_that_falls_silent_is_reported_once_and_so_is_its_return() {
     let mut driver = ouster(ROWS, COLUMNS, "");
     let begin = Timestamp::from_seconds(5.0);
-    assert_eq!(driver.news(begin), None);
+    assert_eq!(driver.take_change(begin), None);
     let mut news = Vec::new();
     for ms in 0..6_000u64 {
         let now = begin.plus_seconds(ms as f64 * 1e-3);
@@ -273,11 +279,12 @@ fn a_sensor_that_falls_silent_is_reported_once_and_so_is_its_return() {
             let (_, bytes) = packet((ms / 32) as u16, (ms % 32) as usize * 16, &|_, _| 3_000);
             driver.datagram(now, SENSOR, &bytes, &mut |_| {});
         }
-        news.extend(driver.news(now).map(|news| (ms, news)));
+        news.extend(driver.take_change(now).map(|news| (ms, news)));
     }
     assert_eq!(news.len(), 2, "{news:?}");
     assert!(
-        matches!(news[0], (2_000..=2_002, News::Lost)) && matches!(news[1], (4_000..=4_002, News::Back)),
+        matches!(news[0], (2_000..=2_002, LidarChange::Lost))
+            && matches!(news[1], (4_000..=4_002, LidarChange::Back)),
         "{news:?}"
     );
 }
@@ -286,7 +293,7 @@ fn a_sensor_that_falls_silent_is_reported_once_and_so_is_its_return() {
 fn a_narrow_window_is_published_when_its_last_column_has_come() {
     let text = ouster_metadata(ROWS, COLUMNS, "RNG19_RFL8_SIG16_NIR16").replace("[0, 511]", "[480, 31]");
     let spec = spec("lidar_3d", "ouster", "udp:127.0.0.1:0", "metadata = \"/x\"\n");
-    let mut driver = Driver::new(spec, Some(Decoder::ouster(Metadata::parse(&text).unwrap())));
+    let mut driver = NetworkLidarDriver::new(spec, Some(Decoder::ouster(Metadata::parse(&text).unwrap())));
     let mut published = Vec::new();
     for first in [480, 496, 0, 16] {
         assert!(published.is_empty());

@@ -2,7 +2,7 @@
 
 use crate::encoder::{crc16, crc32, livox1, livox2};
 use jink_lidar_driver::decode::{Decode, Fault, Item, Ray};
-use jink_lidar_driver::livox::control::{Addresses, Answer, Control, Version};
+use jink_lidar_driver::livox::control::{Addresses, Control, ControlReply, SdkVersion};
 use jink_lidar_driver::livox::sdk1::Livox1;
 use jink_lidar_driver::livox::sdk2::Livox2;
 use jink_shared_types::Timestamp;
@@ -204,7 +204,7 @@ fn addresses(sensor: Option<Ipv4Addr>) -> Addresses {
 fn a_mid360_is_found_and_told_where_to_send_until_points_come() {
     let host = Ipv4Addr::new(192, 168, 1, 50);
     let sensor = Ipv4Addr::new(192, 168, 1, 112);
-    let mut control = Control::new(Version::Second, addresses(None));
+    let mut control = Control::new(SdkVersion::Second, addresses(None));
     let now = Timestamp::from_seconds(10.0);
     let search = control.next(now, 1.0).unwrap();
     assert_eq!(
@@ -221,7 +221,7 @@ fn a_mid360_is_found_and_told_where_to_send_until_points_come() {
     assert_eq!(control.received(sensor.into(), &damaged), None);
     assert_eq!(
         control.received(sensor.into(), &answer2(0, &found)),
-        Some(Answer::Found(sensor))
+        Some(ControlReply::Found(sensor))
     );
     control.set_host(host);
     for second in 1..4 {
@@ -244,11 +244,11 @@ fn a_mid360_is_found_and_told_where_to_send_until_points_come() {
     );
     assert_eq!(
         control.received(sensor.into(), &answer2(0x0100, &[0, 0, 0])),
-        Some(Answer::Accepted)
+        Some(ControlReply::Accepted)
     );
     assert_eq!(
         control.received(sensor.into(), &answer2(0x0100, &[3, 6, 0])),
-        Some(Answer::Refused { code: 3, of: 6 })
+        Some(ControlReply::Refused { code: 3, of: 6 })
     );
 }
 
@@ -282,12 +282,12 @@ fn message1(kind: u8, command: u8, data: &[u8]) -> Vec<u8> {
 #[test]
 fn an_avia_is_shaken_hands_with_started_and_kept_awake() {
     let sensor = Ipv4Addr::new(192, 168, 1, 119);
-    let mut control = Control::new(Version::First, addresses(None));
+    let mut control = Control::new(SdkVersion::First, addresses(None));
     let now = Timestamp::from_seconds(10.0);
     assert!(control.next(now, 1.0).is_none(), "it announces itself");
     assert_eq!(
         control.received(sensor.into(), &message1(2, 0, b"3JEDK1234567890\0\x07\0\0")),
-        Some(Answer::Found(sensor))
+        Some(ControlReply::Found(sensor))
     );
     control.set_host(Ipv4Addr::new(192, 168, 1, 50));
     let mut said = Vec::new();

@@ -4,7 +4,7 @@ use crate::encoder::{ldrobot, livox1, livox2, ouster_metadata, ouster_standard, 
 use allocation_counter::measure;
 use jink_lidar_driver::models::{self, Connection};
 use jink_lidar_driver::ouster::Metadata;
-use jink_lidar_driver::{CloudAssembler, Decoder, Driver, ScannerDriver, Turn};
+use jink_lidar_driver::{CloudAssembler, Decoder, NetworkLidarDriver, ScannerDriver, Turn};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use std::net::{IpAddr, Ipv4Addr};
@@ -50,7 +50,7 @@ fn seconds_of_every_network_protocol_with_damage_in_them() {
         let decoder = Decoder::of(spec.network().unwrap(), 10.0).unwrap_or_else(|| {
             Decoder::ouster(Metadata::parse(&ouster_metadata(16, 512, "RNG19_RFL8_SIG16_NIR16")).unwrap())
         });
-        let mut driver = Driver::new(spec, Some(decoder));
+        let mut driver = NetworkLidarDriver::new(spec, Some(decoder));
         let mut cloud = PointCloud::boxed();
         let mut clouds = 0;
         let allocations = measure(|| {
@@ -62,7 +62,7 @@ fn seconds_of_every_network_protocol_with_damage_in_them() {
                 };
                 driver.datagram(now, source, packet, &mut publish);
                 driver.tick(now, &mut publish);
-                driver.news(now);
+                driver.take_change(now);
                 driver.counters(now);
             }
         });
@@ -94,7 +94,7 @@ fn seconds_of_a_scanner_and_of_one_that_never_answers() {
                     scans += 1;
                 });
                 while driver.next_write(now).is_some() {}
-                driver.news(now);
+                driver.take_change(now);
                 driver.counters(now);
             }
         });

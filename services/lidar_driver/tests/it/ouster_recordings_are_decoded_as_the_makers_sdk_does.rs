@@ -1,14 +1,15 @@
-//! Every return of recordings of real Ouster sensors comes out where the maker's SDK puts it: range, direction, number.
+//! Every return of recordings of real Ouster sensors comes out where the vendor's SDK puts it: range, direction,
+//! number.
 
 use crate::common::{Oracle, Row, Scratch, here, rows, shared};
-use jink_lidar_driver::dump::{Request, dump};
+use jink_lidar_driver::dump::{DumpRequest, dump};
 use std::path::Path;
 
 /// The table of a recording, as the dump writes it.
 fn dumped(name: &str, pcap: &Path, metadata: &Path) -> Vec<Row> {
     let folder = Scratch::new(name);
     let csv = folder.path("out.csv");
-    let request = Request {
+    let request = DumpRequest {
         pcap: pcap.to_owned(),
         metadata: Some(metadata.to_owned()),
         model: None,
@@ -22,7 +23,8 @@ fn dumped(name: &str, pcap: &Path, metadata: &Path) -> Vec<Row> {
     rows
 }
 
-/// Number of returns, and the sums of range, x, y and z (m), of the returns of each recording as ouster-sdk 1.0.1 decodes it.
+/// Number of returns, and the sums of range, x, y and z (m), of the returns of each recording as ouster-sdk 1.0.1
+/// decodes it.
 const DECODED_BY_THE_SDK: [(&str, &str, usize, [f64; 4]); 7] = [
     (
         "shot_limiting_test",
@@ -116,7 +118,7 @@ fn every_return_of_a_sensor_with_two_returns_is_where_the_sdk_puts_it() {
     }
 }
 
-/// Compares point by point with the SDK; says so where there is none.
+/// Compares point by point with the SDK; reports where there is none.
 fn compared(name: &str, pcap: &Path, metadata: &Path) {
     let Some(oracle) = Oracle::find() else {
         return;

@@ -100,7 +100,7 @@ fn fragments_in_any_order_make_the_datagram_and_a_missing_one_makes_none() {
 }
 
 #[test]
-fn a_file_that_was_cut_off_ends_where_it_was_cut_and_one_that_is_none_is_said_to_be_so() {
+fn a_file_that_was_cut_off_ends_where_it_was_cut_and_one_that_is_none_is_reported_as_such() {
     let folder = Scratch::new("cut");
     let bytes = pcap(false, false, 1, &frames(&|ip| ethernet(ip, 0)));
     let path = folder.path("cut");

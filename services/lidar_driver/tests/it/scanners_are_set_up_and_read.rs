@@ -1,13 +1,13 @@
-//! Scanners as their manuals describe them: every range comes back in its beam, RPLIDARs are told to scan, and what is damaged is
-//! dropped.
+//! Scanners as their manuals describe them: every range comes back in its beam, RPLIDARs are told to scan, and what is
+//! damaged is dropped.
 
-use crate::encoder::{
-    Random, ldrobot, rplidar_capsule, rplidar_dense, rplidar_descriptor, rplidar_sample, spec,
-};
+use crate::encoder::{ldrobot, rplidar_capsule, rplidar_dense, rplidar_descriptor, rplidar_sample, spec};
 use jink_lidar_driver::models::{self, Connection};
 use jink_lidar_driver::{ScannerDriver, Turn};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::RangeScan;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 
 fn driver(model: &str, keys: &str) -> ScannerDriver {
     let Connection::Serial(protocol) = models::find(model).unwrap().connection else {
@@ -16,7 +16,8 @@ fn driver(model: &str, keys: &str) -> ScannerDriver {
     ScannerDriver::new(spec("lidar_2d", model, "/dev/x", keys), protocol)
 }
 
-/// What stands around the scanner (mm): different in every direction, nothing behind, something beyond a 12 m range on the left.
+/// What stands around the scanner (mm): different in every direction, nothing behind, something beyond a 12 m range on
+/// the left.
 fn range_mm(angle_deg: f64) -> u16 {
     match angle_deg {
         170.0..190.0 => 0,
@@ -203,7 +204,7 @@ fn an_rplidar_that_stays_silent_is_asked_again_in_the_other_way_and_one_that_pro
 
 #[test]
 fn garbage_and_damage_on_the_line_never_panic_and_pass_as_seldom_as_eight_bits_allow() {
-    let mut random = Random(7);
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(7);
     for (model, wire) in [
         ("ld06", ldrobot_wire(0.8, 10.0, 40_000)),
         ("rplidar_a1", (0..400).flat_map(|_| rplidar_wire(0x82)).collect()),
@@ -218,13 +219,13 @@ fn garbage_and_damage_on_the_line_never_panic_and_pass_as_seldom_as_eight_bits_a
             let mut bytes = bytes.clone();
             for byte in &mut bytes {
                 // A descriptor that is lost is another story: the scanner is set up anew.
-                if bytes_may_break(index) && random.once_in(100) {
-                    *byte = random.next() as u8;
+                if bytes_may_break(index) && random.random_ratio(1, 100) {
+                    *byte = random.random();
                     damaged += 1;
                 }
             }
-            if random.once_in(50) {
-                bytes.truncate(random.below(bytes.len() as u64 + 1) as usize);
+            if random.random_ratio(1, 50) {
+                bytes.truncate(random.random_range(0..=bytes.len()));
             }
             time_s += bytes.len() as f64 * 1e-4;
             driver.bytes(Timestamp::from_seconds(time_s), &bytes, &mut |turn: &Turn| {

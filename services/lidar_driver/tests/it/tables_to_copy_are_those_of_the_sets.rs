@@ -1,4 +1,5 @@
-//! The page of each sensor has the table of its set, with the keys of a real device, and the drivers take it as the page says.
+//! The page of each sensor has the table of its set, with the keys of a real device, and the drivers take it as the
+//! page says.
 
 use jink_lidar_driver::config::{LidarSpec, SensorTable};
 use jink_runtime::config::{Config, sensor_sets};

@@ -1,7 +1,7 @@
-//! ArduCopter's parameters that bear on what jink does.
+//! ArduCopter's parameters that affect what jink does.
 
 use super::{is_absent, speed, value};
-use crate::Interview;
+use crate::ActiveProbe;
 use crate::finding::Finding;
 use crate::limits::{
     ANGLE_MAX_MIN_DEG, FAST_MPS, GUID_TIMEOUT_MAX_S, GUID_TIMEOUT_MIN_S, PSC_JERK_MIN_MPS3, WP_ACC_MIN_MPS2,
@@ -19,18 +19,18 @@ const PROXIMITY_BY_MAVLINK: f64 = 2.0;
 const BY_PROXIMITY: i64 = 1 << 1;
 
 /// For `ardupilot_guided`.
-pub(super) fn guided(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
-    if let Some(timeout_s) = value(interview, "GUID_TIMEOUT") {
+pub(super) fn guided(probe: &ActiveProbe, speed_max_mps: f64, findings: &mut Vec<Finding>) {
+    if let Some(timeout_s) = value(probe, "GUID_TIMEOUT") {
         findings.push(timeout(timeout_s));
-    } else if is_absent(interview, "GUID_TIMEOUT") {
+    } else if is_absent(probe, "GUID_TIMEOUT") {
         findings.push(Finding::warning(
             "GUID_TIMEOUT",
             "this ArduCopter has no GUID_TIMEOUT: if the board dies, the last setpoint is flown on for 3 s",
             "update the firmware, and set GUID_TIMEOUT to 0.5",
         ));
     }
-    options(value(interview, "GUID_OPTIONS"), findings);
-    let limit = renamed(interview, ["WPNAV_SPEED", "WP_SPD"], 0.01);
+    options(value(probe, "GUID_OPTIONS"), findings);
+    let limit = renamed(probe, ["WPNAV_SPEED", "WP_SPD"], 0.01);
     let name = limit.map_or("WPNAV_SPEED", |(name, _)| name);
     speed(
         name,
@@ -38,30 +38,30 @@ pub(super) fn guided(interview: &Interview, speed_max_mps: f64, findings: &mut V
         speed_max_mps,
         findings,
     );
-    tracking(interview, speed_max_mps, findings);
-    if value(interview, "MIS_RESTART").is_some_and(|now| now != 0.0) {
+    tracking(probe, speed_max_mps, findings);
+    if value(probe, "MIS_RESTART").is_some_and(|now| now != 0.0) {
         findings.push(Finding::warning(
             "MIS_RESTART",
             "MIS_RESTART = 1: whenever AUTO is chosen the mission begins at its first item again, also when jink gives it back for landing",
             "set MIS_RESTART to 0",
         ));
     }
-    match value(interview, "PRX1_TYPE") {
-        Some(PROXIMITY_BY_MAVLINK) => proximity(interview, findings),
+    match value(probe, "PRX1_TYPE") {
+        Some(PROXIMITY_BY_MAVLINK) => proximity(probe, findings),
         Some(_) => findings.push(Finding::good(
             "PRX1_TYPE",
             "the autopilot does not use jink's obstacle maps (PRX1_TYPE is not 2): in LOITER nothing keeps the pilot from obstacles",
         )),
         None => {}
     }
-    if value(interview, "OA_TYPE").is_some_and(|now| now != 0.0) {
+    if value(probe, "OA_TYPE").is_some_and(|now| now != 0.0) {
         findings.push(Finding::warning(
             "OA_TYPE",
             "the autopilot plans ways around obstacles itself in AUTO, before jink takes the mission over",
             "set OA_TYPE to 0",
         ));
     }
-    if value(interview, "FS_GCS_ENABLE").is_some_and(|now| now != 0.0) {
+    if value(probe, "FS_GCS_ENABLE").is_some_and(|now| now != 0.0) {
         findings.push(Finding::warning(
             "FS_GCS_ENABLE",
             "when the ground station is lost the autopilot leaves GUIDED within 5 s and flies by itself, unguarded, whether or not jink goes on",
@@ -72,16 +72,16 @@ pub(super) fn guided(interview: &Interview, speed_max_mps: f64, findings: &mut V
 
 /// A parameter under its old name, in units of `old_unit`, or under its new one, in SI units or degrees.
 pub(super) fn renamed(
-    interview: &Interview,
+    probe: &ActiveProbe,
     [old, new]: [&'static str; 2],
     old_unit: f64,
 ) -> Option<(&'static str, f64)> {
-    let of_old = value(interview, old).map(|number| (old, number * old_unit));
-    of_old.or_else(|| value(interview, new).map(|number| (new, number)))
+    let of_old = value(probe, old).map(|number| (old, number * old_unit));
+    of_old.or_else(|| value(probe, new).map(|number| (new, number)))
 }
 
 /// Errors against the setpoints are corrected within these limits.
-fn tracking(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
+fn tracking(probe: &ActiveProbe, speed_max_mps: f64, findings: &mut Vec<Finding>) {
     let is_fast = speed_max_mps > FAST_MPS;
     for (names, old_unit, [least, least_fast], unit) in [
         (["WPNAV_ACCEL", "WP_ACC"], 0.01, WP_ACC_MIN_MPS2, "m/s2"),
@@ -89,8 +89,7 @@ fn tracking(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Findin
         (["ANGLE_MAX", "ATC_ANGLE_MAX"], 0.01, ANGLE_MAX_MIN_DEG, "degrees"),
     ] {
         let least = if is_fast { least_fast } else { least };
-        let Some((name, now)) = renamed(interview, names, old_unit).filter(|(_, now)| *now < least - 1e-6)
-        else {
+        let Some((name, now)) = renamed(probe, names, old_unit).filter(|(_, now)| *now < least - 1e-6) else {
             continue;
         };
         let in_its_unit = if name == names[0] { least / old_unit } else { least };
@@ -106,9 +105,9 @@ fn tracking(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Findin
 }
 
 /// What makes of obstacle maps an avoidance for the pilot.
-fn proximity(interview: &Interview, findings: &mut Vec<Finding>) {
-    let avoids = value(interview, "AVOID_ENABLE").is_none_or(|set| set as i64 & BY_PROXIMITY != 0);
-    let filter_hz = value(interview, "PRX_FILT").unwrap_or(0.0);
+fn proximity(probe: &ActiveProbe, findings: &mut Vec<Finding>) {
+    let avoids = value(probe, "AVOID_ENABLE").is_none_or(|set| set as i64 & BY_PROXIMITY != 0);
+    let filter_hz = value(probe, "PRX_FILT").unwrap_or(0.0);
     if !avoids {
         findings.push(Finding::warning(
             "AVOID_ENABLE",

@@ -3,27 +3,27 @@
 use super::arducopter::renamed;
 use super::value;
 use crate::finding::Finding;
-use crate::{Braking, Interview};
+use crate::{ActiveProbe, Braking};
 use jink_mavlink_link::fit::{OVERRIDE_BITS, OVERRIDE_IN_OFFBOARD, OVERRIDE_SPEED};
 use jink_mavlink_link::profile_name::ProfileName;
 
 /// For the profiles that follow setpoints.
 pub(super) fn judge(
-    interview: &Interview,
+    probe: &ActiveProbe,
     profile: Option<ProfileName>,
     braking: Braking,
     findings: &mut Vec<Finding>,
 ) {
     match profile {
-        Some(ProfileName::Px4Offboard) => sticks_end_offboard(interview, findings),
-        Some(ProfileName::ArdupilotGuided) => brakes_as_expected(interview, braking, findings),
+        Some(ProfileName::Px4Offboard) => sticks_end_offboard(probe, findings),
+        Some(ProfileName::ArdupilotGuided) => brakes_as_expected(probe, braking, findings),
         Some(ProfileName::Px4Trajectory | ProfileName::Px4Deviation) | None => {}
     }
 }
 
 /// In assisted flight the sticks move all the time.
-fn sticks_end_offboard(interview: &Interview, findings: &mut Vec<Finding>) {
-    if let Some(speed) = value(interview, OVERRIDE_SPEED).filter(|speed| *speed >= 0.0) {
+fn sticks_end_offboard(probe: &ActiveProbe, findings: &mut Vec<Finding>) {
+    if let Some(speed) = value(probe, OVERRIDE_SPEED).filter(|speed| *speed >= 0.0) {
         findings.push(Finding::warning(
             OVERRIDE_SPEED,
             format!(
@@ -32,9 +32,7 @@ fn sticks_end_offboard(interview: &Interview, findings: &mut Vec<Finding>) {
             format!("set {OVERRIDE_SPEED} to -1, or OA_ASSIST_CH to 0"),
         ));
     }
-    if let Some(bits) =
-        value(interview, OVERRIDE_BITS).filter(|bits| *bits as i64 & OVERRIDE_IN_OFFBOARD != 0)
-    {
+    if let Some(bits) = value(probe, OVERRIDE_BITS).filter(|bits| *bits as i64 & OVERRIDE_IN_OFFBOARD != 0) {
         let without = bits as i64 & !OVERRIDE_IN_OFFBOARD;
         findings.push(Finding::warning(
             OVERRIDE_BITS,
@@ -45,7 +43,7 @@ fn sticks_end_offboard(interview: &Interview, findings: &mut Vec<Finding>) {
 }
 
 /// ArduCopter shapes velocities within these; collision prevention must not count on more.
-fn brakes_as_expected(interview: &Interview, braking: Braking, findings: &mut Vec<Finding>) {
+fn brakes_as_expected(probe: &ActiveProbe, braking: Braking, findings: &mut Vec<Finding>) {
     for (names, old_unit, ours, expected, unit) in [
         (
             ["WPNAV_ACCEL", "WP_ACC"],
@@ -62,9 +60,7 @@ fn brakes_as_expected(interview: &Interview, braking: Braking, findings: &mut Ve
             "m/s3",
         ),
     ] {
-        if let Some((name, now)) =
-            renamed(interview, names, old_unit).filter(|(_, now)| *now < expected - 1e-6)
-        {
+        if let Some((name, now)) = renamed(probe, names, old_unit).filter(|(_, now)| *now < expected - 1e-6) {
             findings.push(Finding::warning(
                 name,
                 format!("{name} lets ArduCopter brake with {now:.1} {unit}, and collision prevention counts on {ours} = {expected:.1}: assisted flight stops too late"),

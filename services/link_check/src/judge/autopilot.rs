@@ -1,40 +1,36 @@
-//! Who is there: an autopilot, one only, the right one, of a make, a kind and a version that fit, and does it answer.
+//! The autopilot: one, only one, the right one, of a type, a vehicle and a version that fit, and whether it answers.
 
 use super::is_absent;
+use crate::active_probe::ProbeResult;
 use crate::finding::Finding;
-use crate::heard::Sender;
-use crate::interview::Answer;
 use crate::limits::SILENT_S;
-use crate::{Examination, Interview, kind_name, make_name};
+use crate::observations::ObservedSender;
+use crate::{ActiveProbe, LinkCheck, autopilot_name, vehicle_type_name};
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::fit::{DEVIATION_SWITCH, MatchingProfile, TRAJECTORY_SWITCH};
-use jink_mavlink_link::make::Make;
 use jink_mavlink_link::profile_name::{ProfileChoice, ProfileName};
 use jink_mavlink_link::version::{fitting, is_too_old};
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{MavModeFlag, MavType};
 
-/// Answers the interview if its answers mean something: if it was the right autopilot that was asked.
+/// Returns the probe if its results mean something: if the right autopilot was probed.
 pub(super) fn judge<'a>(
-    examination: &'a Examination,
+    check: &'a LinkCheck,
     now: Timestamp,
     findings: &mut Vec<Finding>,
-) -> Option<&'a Interview> {
-    let systems = examination.autopilots();
-    let Some(interview) = examination
-        .interview
-        .as_ref()
-        .filter(|_| !is_ambiguous(examination, &systems))
-    else {
-        findings.extend(nobody(examination, &systems));
+) -> Option<&'a ActiveProbe> {
+    let systems = check.autopilots();
+    let Some(probe) = check.probe.as_ref().filter(|_| !is_ambiguous(check, &systems)) else {
+        findings.extend(missing_autopilot(check, &systems));
         return None;
     };
-    if now.seconds_since(interview.last) > SILENT_S {
+    if now.seconds_since(probe.last) > SILENT_S {
         findings.push(Finding::blocker(
             "autopilot",
             format!(
                 "the autopilot (system {}) was heard and is silent for {:.0} s",
-                interview.system_id(),
-                now.seconds_since(interview.last)
+                probe.system_id(),
+                now.seconds_since(probe.last)
             ),
             "check its power and the line, then look again",
         ));
@@ -42,25 +38,25 @@ pub(super) fn judge<'a>(
     }
     findings.push(Finding::good(
         "autopilot",
-        format!("{} is heard", examination.subject()),
+        format!("{} is heard", check.subject()),
     ));
-    let profile = profile(examination, interview, findings);
-    vehicle(interview, findings);
-    let fits = profile.is_some_and(|profile| version(profile, interview, findings));
-    fits.then_some(interview)
+    let profile = profile(check, probe, findings);
+    vehicle(probe, findings);
+    let fits = profile.is_some_and(|profile| version(profile, probe, findings));
+    fits.then_some(probe)
 }
 
-fn is_ambiguous(examination: &Examination, systems: &[u32]) -> bool {
-    examination.plan.system_id.is_none() && systems.len() > 1
+fn is_ambiguous(check: &LinkCheck, systems: &[u32]) -> bool {
+    check.plan.system_id.is_none() && systems.len() > 1
 }
 
-/// Why nobody could be asked; nothing, where a finding about the link says it already.
-fn nobody(examination: &Examination, systems: &[u32]) -> Option<Finding> {
+/// Why no autopilot could be probed; `None` where a finding about the link explains it.
+fn missing_autopilot(check: &LinkCheck, systems: &[u32]) -> Option<Finding> {
     let list = |systems: &[u32]| {
         let names: Vec<_> = systems.iter().map(u32::to_string).collect();
         names.join(" and ")
     };
-    if let (Some(wanted), Some(first)) = (examination.plan.system_id, systems.first()) {
+    if let (Some(wanted), Some(first)) = (check.plan.system_id, systems.first()) {
         return Some(Finding::blocker(
             "system id",
             format!(
@@ -73,7 +69,7 @@ fn nobody(examination: &Examination, systems: &[u32]) -> Option<Finding> {
             ),
         ));
     }
-    if is_ambiguous(examination, systems) {
+    if is_ambiguous(check, systems) {
         return Some(Finding::blocker(
             "system id",
             format!(
@@ -83,50 +79,46 @@ fn nobody(examination: &Examination, systems: &[u32]) -> Option<Finding> {
             "set link.system_id to that of this vehicle; every vehicle needs a system id of its own",
         ));
     }
-    let listened = |sender: &&Sender| examination.plan.looks_on(sender.link);
-    let heard: Vec<_> = examination
-        .heard
+    let is_on_link = |sender: &&ObservedSender| check.plan.expects_autopilot_on(sender.link);
+    let names: Vec<_> = check
+        .observations
         .senders()
         .iter()
-        .filter(listened)
-        .map(Sender::words)
+        .filter(is_on_link)
+        .map(ObservedSender::words)
         .collect();
-    if heard.is_empty() {
+    if names.is_empty() {
         return None;
     }
     Some(Finding::blocker(
         "autopilot",
         format!(
             "MAVLink arrives, but no autopilot's heartbeat: only {}",
-            heard.join(", ")
+            names.join(", ")
         ),
         "connect jink to the autopilot itself, or let the router between pass on the autopilot's messages (component 1)",
     ))
 }
 
-/// The profile that is examined, if it is for this make of autopilot.
-fn profile(
-    examination: &Examination,
-    interview: &Interview,
-    findings: &mut Vec<Finding>,
-) -> Option<ProfileName> {
-    let Some(make) = interview.make() else {
+/// The profile that is checked, if it is for this type of autopilot.
+fn profile(check: &LinkCheck, probe: &ActiveProbe, findings: &mut Vec<Finding>) -> Option<ProfileName> {
+    let Some(autopilot_type) = probe.autopilot_type() else {
         findings.push(Finding::blocker(
             "profile",
             format!(
                 "the autopilot is neither PX4 nor ArduPilot ({:?})",
-                interview.heartbeat.autopilot
+                probe.heartbeat.autopilot
             ),
             "jink flies with PX4 and with ArduCopter",
         ));
         return None;
     };
-    let Some(profile) = examination.profile else {
-        findings.push(not_chosen(examination));
+    let Some(profile) = check.profile else {
+        findings.push(not_chosen(check));
         return None;
     };
-    if make == profile.make() {
-        if examination.plan.profile == ProfileChoice::Auto {
+    if autopilot_type == profile.autopilot_type() {
+        if check.plan.profile == ProfileChoice::Auto {
             findings.push(Finding::good(
                 "profile",
                 format!("link.profile = \"auto\" chooses \"{}\"", profile.name()),
@@ -134,17 +126,17 @@ fn profile(
         }
         return Some(profile);
     }
-    let fitting = match make {
-        Make::Px4 => "auto, or to px4_offboard, or px4_trajectory for PX4 1.11 to 1.15",
-        Make::ArduPilot => "auto, or to ardupilot_guided",
+    let fitting = match autopilot_type {
+        AutopilotType::Px4 => "auto, or to px4_offboard, or px4_trajectory for PX4 1.11 to 1.15",
+        AutopilotType::ArduPilot => "auto, or to ardupilot_guided",
     };
     findings.push(Finding::blocker(
         "profile",
         format!(
             "the autopilot is {}, and link.profile = \"{}\" is for {}",
-            make_name(Some(make)),
+            autopilot_name(Some(autopilot_type)),
             profile.name(),
-            make_name(Some(profile.make()))
+            autopilot_name(Some(profile.autopilot_type()))
         ),
         format!("set link.profile to {fitting}"),
     ));
@@ -152,9 +144,9 @@ fn profile(
 }
 
 /// Why none was chosen.
-fn not_chosen(examination: &Examination) -> Finding {
+fn not_chosen(check: &LinkCheck) -> Finding {
     let about = "profile";
-    match examination.fit.matching_profile() {
+    match check.fit.matching_profile() {
         MatchingProfile::None => Finding::blocker(
             about,
             "no profile is for this version of the autopilot's firmware",
@@ -171,8 +163,8 @@ fn not_chosen(examination: &Examination) -> Finding {
     }
 }
 
-fn vehicle(interview: &Interview, findings: &mut Vec<Finding>) {
-    let heartbeat = &interview.heartbeat;
+fn vehicle(probe: &ActiveProbe, findings: &mut Vec<Finding>) {
+    let heartbeat = &probe.heartbeat;
     let is_multicopter = matches!(
         heartbeat.mavtype,
         MavType::MAV_TYPE_QUADROTOR
@@ -186,7 +178,7 @@ fn vehicle(interview: &Interview, findings: &mut Vec<Finding>) {
     if !is_multicopter {
         findings.push(Finding::blocker(
             "vehicle",
-            format!("the vehicle is no multicopter: {}", kind_name(heartbeat.mavtype)),
+            format!("the vehicle is no multicopter: {}", vehicle_type_name(heartbeat.mavtype)),
             "jink flies multicopters only; if this is one, correct the autopilot's airframe (PX4 MAV_TYPE, ArduPilot FRAME_CLASS)",
         ));
     }
@@ -203,14 +195,14 @@ fn vehicle(interview: &Interview, findings: &mut Vec<Finding>) {
 }
 
 /// Whether the profile fits the version, as far as it is known.
-fn version(profile: ProfileName, interview: &Interview, findings: &mut Vec<Finding>) -> bool {
-    let name = make_name(interview.make());
+fn version(profile: ProfileName, probe: &ActiveProbe, findings: &mut Vec<Finding>) -> bool {
+    let name = autopilot_name(probe.autopilot_type());
     let ((major, minor), last) = fitting(profile);
     let span = match last {
         Some((_, last)) => format!("{name} {major}.{minor} to {major}.{last}"),
         None => format!("{name} {major}.{minor} and later"),
     };
-    if let Some(version) = interview.version {
+    if let Some(version) = probe.version {
         if is_too_old(version, profile) {
             findings.push(Finding::blocker(
                 "version",
@@ -236,7 +228,7 @@ fn version(profile: ProfileName, interview: &Interview, findings: &mut Vec<Findi
             )));
             return false;
         }
-    } else if interview.answers() > 0 {
+    } else if probe.answers() > 0 {
         findings.push(Finding::warning(
             "version",
             format!(
@@ -247,21 +239,21 @@ fn version(profile: ProfileName, interview: &Interview, findings: &mut Vec<Findi
         ));
     }
     if profile == ProfileName::Px4Trajectory {
-        if interview.desired_path() == Answer::Refused {
+        if probe.desired_path() == ProbeResult::Denied {
             findings.push(no_trajectories(
                 "this PX4 refuses TRAJECTORY_REPRESENTATION_WAYPOINTS: it has no trajectory interface"
                     .to_owned(),
             ));
             return false;
         }
-        if is_absent(interview, "COM_OBS_AVOID") {
+        if is_absent(probe, "COM_OBS_AVOID") {
             findings.push(no_trajectories(
                 "this PX4 has no parameter COM_OBS_AVOID: it has no trajectory interface".to_owned(),
             ));
             return false;
         }
     }
-    if let Some(version) = interview.version {
+    if let Some(version) = probe.version {
         findings.push(Finding::good(
             "version",
             format!("{name} {version} fits \"{}\" ({span})", profile.name()),
@@ -278,17 +270,17 @@ fn no_trajectories(is: String) -> Finding {
     )
 }
 
-/// Whether what we ask reaches it.
-pub(super) fn answers(examination: &Examination, interview: &Interview, findings: &mut Vec<Finding>) {
-    let signs = examination.lines.iter().any(|line| line.counts.signed > 0);
-    if interview.answers() == 0 && !signs {
+/// Whether our requests reach it.
+pub(super) fn answers(check: &LinkCheck, probe: &ActiveProbe, findings: &mut Vec<Finding>) {
+    let signs = check.link_states.iter().any(|line| line.counts.signed > 0);
+    if probe.answers() == 0 && !signs {
         findings.push(Finding::blocker(
             "answers",
             "the autopilot is heard, but answers nothing: it does not hear us",
             "check the wire from the board's TX to the autopilot's RX, and routers on the way; if the autopilot requires signatures, set \
              link.signing and link.key_file",
         ));
-    } else if interview.answers() > 0 && !interview.reads_parameters() {
+    } else if probe.answers() > 0 && !probe.reads_parameters() {
         findings.push(Finding::warning(
             "parameters",
             "the autopilot tells no parameter: they could not be judged",

@@ -1,62 +1,62 @@
-//! From what was heard to findings, in the order of causes.
+//! From observations to findings, in the order of causes.
 
 mod arducopter;
 mod assist;
 mod autopilot;
-mod line;
+mod link;
 mod px4;
 mod streams;
 
+use super::active_probe::ProbeResult;
 use super::finding::Finding;
-use super::heard::Sender;
-use super::interview::Answer;
-use super::{Examination, Interview};
+use super::observations::ObservedSender;
+use super::{ActiveProbe, LinkCheck};
 use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_mavlink_link::profile_name::ProfileName;
 use jink_shared_types::Timestamp;
 
 /// All findings.
-pub(super) fn judge(examination: &Examination, now: Timestamp) -> Vec<Finding> {
+pub(super) fn judge(check: &LinkCheck, now: Timestamp) -> Vec<Finding> {
     let mut findings = Vec::new();
-    line::judge(examination, &mut findings);
-    let interview = autopilot::judge(examination, now, &mut findings);
-    if let Some(interview) = interview {
-        autopilot::answers(examination, interview, &mut findings);
-        if interview.answers() > 0 {
-            streams::judge(interview, &mut findings);
-            streams::time(interview, &mut findings);
-            let speed_max_mps = examination.plan.speed_max_mps;
-            match examination.profile {
-                Some(ProfileName::Px4Trajectory) => px4::trajectory(interview, speed_max_mps, &mut findings),
-                Some(ProfileName::Px4Offboard) => px4::offboard(interview, speed_max_mps, &mut findings),
-                Some(ProfileName::Px4Deviation) => px4::deviation(interview, speed_max_mps, &mut findings),
+    link::judge(check, &mut findings);
+    let probe = autopilot::judge(check, now, &mut findings);
+    if let Some(probe) = probe {
+        autopilot::answers(check, probe, &mut findings);
+        if probe.answers() > 0 {
+            streams::judge(probe, &mut findings);
+            streams::time(probe, &mut findings);
+            let speed_max_mps = check.plan.speed_max_mps;
+            match check.profile {
+                Some(ProfileName::Px4Trajectory) => px4::trajectory(probe, speed_max_mps, &mut findings),
+                Some(ProfileName::Px4Offboard) => px4::offboard(probe, speed_max_mps, &mut findings),
+                Some(ProfileName::Px4Deviation) => px4::deviation(probe, speed_max_mps, &mut findings),
                 Some(ProfileName::ArdupilotGuided) => {
-                    arducopter::guided(interview, speed_max_mps, &mut findings);
+                    arducopter::guided(probe, speed_max_mps, &mut findings);
                 }
                 None => {}
             }
-            if let Some(braking) = examination.plan.assist {
-                assist::judge(interview, examination.profile, braking, &mut findings);
+            if let Some(braking) = check.plan.assist {
+                assist::judge(probe, check.profile, braking, &mut findings);
             }
         }
     }
-    others(examination, &mut findings);
+    others(check, &mut findings);
     findings
 }
 
-/// Whoever does what jink is about to do.
-fn others(examination: &Examination, findings: &mut Vec<Finding>) {
-    let system_id = examination.interview.as_ref().map(Interview::system_id);
-    let senders = examination.heard.senders();
-    let is_avoidance = |sender: &&Sender| {
+/// Other senders that do what jink is about to do.
+fn others(check: &LinkCheck, findings: &mut Vec<Finding>) {
+    let system_id = check.probe.as_ref().map(ActiveProbe::system_id);
+    let senders = check.observations.senders();
+    let is_avoidance = |sender: &&ObservedSender| {
         sender.component_id == COMPONENT_AVOIDANCE && Some(sender.system_id) == system_id.map(u32::from)
     };
-    if let Some(rival) = senders.iter().find(is_avoidance) {
+    if let Some(other) = senders.iter().find(is_avoidance) {
         findings.push(Finding::blocker(
             "other senders",
             format!(
                 "somebody else speaks as obstacle avoidance ({}/{}), which is jink's own component",
-                rival.system_id, rival.component_id
+                other.system_id, other.component_id
             ),
             "end the other program (a second jink, MAVROS with an avoidance node, a script); the autopilot must hear one only",
         ));
@@ -78,17 +78,20 @@ fn others(examination: &Examination, findings: &mut Vec<Finding>) {
 }
 
 /// The value of a parameter, or a warning that it could not be read where others could.
-fn value(interview: &Interview, name: &'static str) -> Option<f64> {
-    match interview.parameter(name) {
-        Answer::Value(value) => Some(value),
-        Answer::Open | Answer::None | Answer::Refused | Answer::Granted => None,
+fn value(probe: &ActiveProbe, name: &'static str) -> Option<f64> {
+    match probe.parameter(name) {
+        ProbeResult::Value(value) => Some(value),
+        ProbeResult::Pending | ProbeResult::Unanswered | ProbeResult::Denied | ProbeResult::Accepted => None,
     }
 }
 
 /// Whether the firmware has no parameter of this name: others are answered, this one is not.
-fn is_absent(interview: &Interview, name: &'static str) -> bool {
-    let unanswered = matches!(interview.parameter(name), Answer::None | Answer::Refused);
-    unanswered && interview.reads_parameters()
+fn is_absent(probe: &ActiveProbe, name: &'static str) -> bool {
+    let unanswered = matches!(
+        probe.parameter(name),
+        ProbeResult::Unanswered | ProbeResult::Denied
+    );
+    unanswered && probe.reads_parameters()
 }
 
 /// That the autopilot flies as fast as jink plans.

@@ -1,7 +1,7 @@
-//! PX4's parameters that bear on what jink does.
+//! PX4's parameters that affect what jink does.
 
 use super::{is_absent, speed, value};
-use crate::Interview;
+use crate::ActiveProbe;
 use crate::finding::Finding;
 use crate::limits::{
     COM_OF_LOSS_T_MAX_S, COM_OF_LOSS_T_MIN_S, EAV_TIMEOUT_MIN_S, MPC_ACC_HOR_MIN_MPS2,
@@ -10,14 +10,15 @@ use crate::limits::{
 
 /// The first version in which collision prevention acts in the default Position mode.
 const CP_IN_EVERY_POSITION_MODE: (u8, u8) = (1, 16);
-/// The demand for Hold after trajectories have stopped is addressed to this system, whatever the vehicle's own is (PX4's source).
+/// The demand for Hold after trajectories have stopped is addressed to this system, whatever the vehicle's own is
+/// (PX4's source).
 const HOLDS_BY_ITSELF: u8 = 1;
 /// MPC_POS_MODE: by acceleration, the default.
 const POS_MODE_BY_ACCELERATION: f64 = 4.0;
 
 /// For `px4_trajectory`.
-pub(super) fn trajectory(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
-    match value(interview, "COM_OBS_AVOID") {
+pub(super) fn trajectory(probe: &ActiveProbe, speed_max_mps: f64, findings: &mut Vec<Finding>) {
+    match value(probe, "COM_OBS_AVOID") {
         Some(0.0) => findings.push(Finding::blocker(
             "COM_OBS_AVOID",
             "COM_OBS_AVOID = 0: PX4 flies its missions without asking jink",
@@ -29,7 +30,7 @@ pub(super) fn trajectory(interview: &Interview, speed_max_mps: f64, findings: &m
         )),
         None => {}
     }
-    let system_id = interview.system_id();
+    let system_id = probe.system_id();
     if system_id != HOLDS_BY_ITSELF {
         findings.push(Finding::warning(
             "MAV_SYS_ID",
@@ -39,7 +40,7 @@ pub(super) fn trajectory(interview: &Interview, speed_max_mps: f64, findings: &m
     }
     speed(
         "MPC_XY_CRUISE",
-        value(interview, "MPC_XY_CRUISE"),
+        value(probe, "MPC_XY_CRUISE"),
         speed_max_mps,
         findings,
     );
@@ -47,7 +48,7 @@ pub(super) fn trajectory(interview: &Interview, speed_max_mps: f64, findings: &m
         ("MPC_ACC_HOR", MPC_ACC_HOR_MIN_MPS2, "m/s2"),
         ("MPC_JERK_AUTO", MPC_JERK_AUTO_MIN_MPS3, "m/s3"),
     ] {
-        if let Some(now) = value(interview, name).filter(|now| *now < least) {
+        if let Some(now) = value(probe, name).filter(|now| *now < least) {
             findings.push(Finding::warning(
                 name,
                 format!(
@@ -57,46 +58,46 @@ pub(super) fn trajectory(interview: &Interview, speed_max_mps: f64, findings: &m
             ));
         }
     }
-    acceptance_radius(interview, findings);
-    let ignored = value(interview, "MPC_POS_MODE") == Some(POS_MODE_BY_ACCELERATION)
-        && interview
+    acceptance_radius(probe, findings);
+    let ignored = value(probe, "MPC_POS_MODE") == Some(POS_MODE_BY_ACCELERATION)
+        && probe
             .version
             .is_some_and(|version| version.numbers() < CP_IN_EVERY_POSITION_MODE);
-    collision_prevention(interview, ignored, findings);
+    collision_prevention(probe, ignored, findings);
 }
 
 /// For `px4_offboard`.
-pub(super) fn offboard(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
-    if value(interview, "COM_OBS_AVOID").is_some_and(|now| now != 0.0) {
+pub(super) fn offboard(probe: &ActiveProbe, speed_max_mps: f64, findings: &mut Vec<Finding>) {
+    if value(probe, "COM_OBS_AVOID").is_some_and(|now| now != 0.0) {
         findings.push(Finding::blocker(
             "COM_OBS_AVOID",
             "COM_OBS_AVOID = 1: in automatic modes PX4 waits for trajectories, which \"px4_offboard\" does not send, and falls to Hold",
             "set COM_OBS_AVOID to 0, or link.profile to \"px4_trajectory\"",
         ));
     }
-    if let Some(loss_s) = value(interview, "COM_OF_LOSS_T") {
+    if let Some(loss_s) = value(probe, "COM_OF_LOSS_T") {
         findings.push(loss_time(loss_s));
     }
-    let without_sticks = value(interview, "COM_OBL_ACT");
+    let without_sticks = value(probe, "COM_OBL_ACT");
     if let Some(action) = without_sticks {
         findings.push(loss_action_without_sticks(action));
     }
-    if let Some(action) = value(interview, "COM_OBL_RC_ACT") {
+    if let Some(action) = value(probe, "COM_OBL_RC_ACT") {
         findings.push(loss_action(action, without_sticks.is_some()));
-    } else if is_absent(interview, "COM_OBL_RC_ACT") {
+    } else if is_absent(probe, "COM_OBL_RC_ACT") {
         findings.push(Finding::warning(
             "COM_OBL_RC_ACT",
             "this PX4 has no COM_OBL_RC_ACT: what follows when jink falls silent is not known",
             "look up what this version does when OFFBOARD setpoints stop",
         ));
     }
-    speed_and_pilot(interview, speed_max_mps, findings);
+    speed_and_pilot(probe, speed_max_mps, findings);
 }
 
 /// For `px4_deviation`.
-pub(super) fn deviation(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
+pub(super) fn deviation(probe: &ActiveProbe, speed_max_mps: f64, findings: &mut Vec<Finding>) {
     let about = "EAV_EN";
-    match value(interview, about) {
+    match value(probe, about) {
         Some(0.0) => findings.push(Finding::blocker(
             about,
             "EAV_EN = 0: PX4 flies its missions without looking at what jink sends",
@@ -106,35 +107,35 @@ pub(super) fn deviation(interview: &Interview, speed_max_mps: f64, findings: &mu
             about,
             "EAV_EN = 1: PX4 takes velocities and accelerations in its missions",
         )),
-        None if is_absent(interview, about) => findings.push(Finding::blocker(
+        None if is_absent(probe, about) => findings.push(Finding::blocker(
             about,
             "this PX4 has no EAV_EN: it takes setpoints in OFFBOARD only",
             "set link.profile to \"px4_offboard\", or install a PX4 with external avoidance",
         )),
         None => {}
     }
-    if let Some(timeout_s) = value(interview, "EAV_TIMEOUT") {
+    if let Some(timeout_s) = value(probe, "EAV_TIMEOUT") {
         findings.push(eav_timeout(timeout_s));
     }
-    acceptance_radius(interview, findings);
-    speed_and_pilot(interview, speed_max_mps, findings);
+    acceptance_radius(probe, findings);
+    speed_and_pilot(probe, speed_max_mps, findings);
 }
 
 /// What both profiles need that send velocities: that they may be flown, and what keeps a pilot from obstacles.
-fn speed_and_pilot(interview: &Interview, speed_max_mps: f64, findings: &mut Vec<Finding>) {
+fn speed_and_pilot(probe: &ActiveProbe, speed_max_mps: f64, findings: &mut Vec<Finding>) {
     speed(
         "MPC_XY_VEL_MAX",
-        value(interview, "MPC_XY_VEL_MAX"),
+        value(probe, "MPC_XY_VEL_MAX"),
         speed_max_mps,
         findings,
     );
-    collision_prevention(interview, false, findings);
+    collision_prevention(probe, false, findings);
 }
 
 /// How far off PX4 counts an item as reached, where PX4 itself flies the mission.
-fn acceptance_radius(interview: &Interview, findings: &mut Vec<Finding>) {
+fn acceptance_radius(probe: &ActiveProbe, findings: &mut Vec<Finding>) {
     let about = "NAV_ACC_RAD";
-    let Some(radius_m) = value(interview, about).filter(|radius_m| *radius_m > NAV_ACC_RAD_MAX_M) else {
+    let Some(radius_m) = value(probe, about).filter(|radius_m| *radius_m > NAV_ACC_RAD_MAX_M) else {
         return;
     };
     findings.push(Finding::warning(
@@ -180,7 +181,7 @@ fn loss_time(loss_s: f64) -> Finding {
     }
 }
 
-/// What PX4 up to 1.13 does when the board dies and no sticks are heard; later ones have COM_OBL_RC_ACT only.
+/// What PX4 up to 1.13 does when the board dies and no sticks are received; later ones have COM_OBL_RC_ACT only.
 fn loss_action_without_sticks(action: f64) -> Finding {
     let about = "COM_OBL_ACT";
     let then = match action as i64 {
@@ -237,9 +238,9 @@ fn loss_action(action: f64, with_sticks_only: bool) -> Finding {
     )
 }
 
-/// PX4's own, for manual flight. It lives on the obstacle maps that jink sends.
-fn collision_prevention(interview: &Interview, ignored: bool, findings: &mut Vec<Finding>) {
-    let Some(distance_m) = value(interview, "CP_DIST") else {
+/// PX4's own, for manual flight. It needs the obstacle maps that jink sends.
+fn collision_prevention(probe: &ActiveProbe, ignored: bool, findings: &mut Vec<Finding>) {
+    let Some(distance_m) = value(probe, "CP_DIST") else {
         return;
     };
     let about = "CP_DIST";

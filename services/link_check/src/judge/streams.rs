@@ -1,9 +1,9 @@
-//! The messages jink lives on, and the time.
+//! The messages that jink needs, and the time.
 
-use crate::Interview;
+use crate::ActiveProbe;
 use crate::finding::Finding;
 use crate::limits::{PX4_ROUND_TRIP_MAX_S, STATE_RATE_MIN_HZ};
-use jink_mavlink_link::make::Make;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::streams::StreamRate;
 #[allow(deprecated)] // Of the trajectory interface.
 use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
@@ -55,8 +55,8 @@ fn name(message_id: u32) -> &'static str {
     MavMessage::default_message_from_id(message_id).map_or("a message", |message| message.message_name())
 }
 
-pub(super) fn judge(interview: &Interview, findings: &mut Vec<Finding>) {
-    let rates: Vec<StreamRate> = interview.streams().collect();
+pub(super) fn judge(probe: &ActiveProbe, findings: &mut Vec<Finding>) {
+    let rates: Vec<StreamRate> = probe.streams().collect();
     let mut good = Vec::new();
     for rate in &rates {
         // PX4 sends it while it flies to a place; on the ground there is none.
@@ -74,9 +74,9 @@ pub(super) fn judge(interview: &Interview, findings: &mut Vec<Finding>) {
                 false => name(rate.message_id).to_owned(),
             });
         } else if rate.came_hz == 0.0 {
-            findings.push(missing(interview, rate));
+            findings.push(missing(probe, rate));
         } else {
-            findings.push(slow(interview, rate));
+            findings.push(slow(probe, rate));
         }
     }
     if rates.is_empty() {
@@ -93,7 +93,7 @@ pub(super) fn judge(interview: &Interview, findings: &mut Vec<Finding>) {
     }
 }
 
-fn missing(interview: &Interview, rate: &StreamRate) -> Finding {
+fn missing(probe: &ActiveProbe, rate: &StreamRate) -> Finding {
     let name = name(rate.message_id);
     let is = format!(
         "{name} does not come, and not when asked for; it tells {}",
@@ -105,8 +105,8 @@ fn missing(interview: &Interview, rate: &StreamRate) -> Finding {
         "home is set with the first position: wait for it, then look again"
     } else if rate.message_id == CURRENT_MODE_DATA::ID {
         "PX4 before 1.15 does not know it, and tells its mode once a second: update the firmware, or give changes of mode that second"
-    } else if interview.make() == Some(Make::Px4) {
-        // In Onboard mode everything of this comes; a network's port is in that mode by itself.
+    } else if probe.autopilot_type() == Some(AutopilotType::Px4) {
+        // In Onboard mode all these come; a network's port is in that mode by itself.
         "set the MAVLink mode of this port to Onboard (MAV_1_MODE = 2) and restart the autopilot"
     } else {
         "let nothing between jink and the autopilot filter it, and update the firmware if it does not know the message"
@@ -117,7 +117,7 @@ fn missing(interview: &Interview, rate: &StreamRate) -> Finding {
     }
 }
 
-fn slow(interview: &Interview, rate: &StreamRate) -> Finding {
+fn slow(probe: &ActiveProbe, rate: &StreamRate) -> Finding {
     let name = name(rate.message_id);
     let is = format!(
         "{name} comes {:.1} times a second, and {:.0} are needed; it tells {}",
@@ -125,8 +125,8 @@ fn slow(interview: &Interview, rate: &StreamRate) -> Finding {
         rate.needed_hz,
         purpose(rate.message_id)
     );
-    let remedy = match interview.make() {
-        Some(Make::Px4) => {
+    let remedy = match probe.autopilot_type() {
+        Some(AutopilotType::Px4) => {
             "give the port more: SER_TEL2_BAUD = 921600 (and link.address the same), MAV_1_RATE = 0, MAV_1_MODE = 2 (Onboard)"
         }
         _ => {
@@ -139,8 +139,8 @@ fn slow(interview: &Interview, rate: &StreamRate) -> Finding {
     }
 }
 
-pub(super) fn time(interview: &Interview, findings: &mut Vec<Finding>) {
-    let clock = interview.clock();
+pub(super) fn time(probe: &ActiveProbe, findings: &mut Vec<Finding>) {
+    let clock = probe.clock();
     let about = "TIMESYNC";
     let round_trip_s = clock.round_trip_ns() as f64 * 1e-9;
     if clock.samples() == 0 {
@@ -158,7 +158,7 @@ pub(super) fn time(interview: &Interview, findings: &mut Vec<Finding>) {
             ),
             "look longer (--seconds 30); if it stays so, the autopilot's clock jumps, or the line is too slow or too unsteady",
         ));
-    } else if interview.make() == Some(Make::Px4) && round_trip_s > PX4_ROUND_TRIP_MAX_S {
+    } else if probe.autopilot_type() == Some(AutopilotType::Px4) && round_trip_s > PX4_ROUND_TRIP_MAX_S {
         findings.push(Finding::warning(
             about,
             format!(

@@ -1,14 +1,14 @@
 //! Every finding by its own sentence, on a scripted autopilot and a clock that is only counted.
 
 mod cases;
-mod scene;
+mod scripted_autopilot;
 
-use super::{Finding, Grade};
+use super::{Finding, Severity};
 use cases::cases;
 use jink_mavlink_link::profile_name::ProfileName;
 use mavlink::dialects::ardupilotmega::{MavMessage, MavType};
 use proptest::prelude::*;
-use scene::{Scene, good};
+use scripted_autopilot::{ScriptedAutopilot, good};
 
 const PROFILES: [ProfileName; 4] = [
     ProfileName::Px4Trajectory,
@@ -18,13 +18,13 @@ const PROFILES: [ProfileName; 4] = [
 ];
 
 #[test]
-fn where_everything_is_as_it_should_be_nothing_else_is_told_and_it_ends_soon() {
+fn where_everything_is_as_it_should_be_nothing_else_is_reported_and_it_ends_soon() {
     for profile in PROFILES {
-        let (findings, _, seconds) = good(profile).play();
+        let (findings, _, seconds) = good(profile).run();
         for finding in &findings {
             assert_eq!(
                 (finding.grade, finding.remedy.as_str()),
-                (Grade::Good, ""),
+                (Severity::Good, ""),
                 "{finding:?}"
             );
         }
@@ -34,20 +34,20 @@ fn where_everything_is_as_it_should_be_nothing_else_is_told_and_it_ends_soon() {
 }
 
 #[test]
-fn every_fault_is_told_by_its_own_sentence_with_what_to_do() {
+fn every_fault_is_reported_by_its_own_sentence_with_what_to_do() {
     let mut wrong = Vec::new();
-    for (sentence, profile, spoil, grade) in cases() {
-        let mut scene = good(profile);
-        spoil(&mut scene);
-        let (findings, _, _) = scene.play();
-        let told: Vec<_> = findings
+    for (sentence, profile, break_it, grade) in cases() {
+        let mut script = good(profile);
+        break_it(&mut script);
+        let (findings, _, _) = script.run();
+        let reported: Vec<_> = findings
             .iter()
             .filter(|finding| finding.is.contains(sentence))
             .collect();
         let fits = |finding: &&Finding| {
-            finding.grade == grade && finding.remedy.is_empty() == (grade == Grade::Good)
+            finding.grade == grade && finding.remedy.is_empty() == (grade == Severity::Good)
         };
-        if told.len() != 1 || !told.iter().all(fits) {
+        if reported.len() != 1 || !reported.iter().all(fits) {
             wrong.push((sentence, findings));
         }
     }
@@ -55,26 +55,26 @@ fn every_fault_is_told_by_its_own_sentence_with_what_to_do() {
 }
 
 #[test]
-fn no_fault_is_told_where_there_is_none() {
+fn no_fault_is_reported_where_there_is_none() {
     let good: Vec<_> = PROFILES
         .into_iter()
-        .flat_map(|profile| good(profile).play().0)
+        .flat_map(|profile| good(profile).run().0)
         .collect();
     for (sentence, _, _, grade) in cases() {
-        let told = good.iter().any(|finding| finding.is.contains(sentence));
-        assert_eq!(told, grade == Grade::Good, "{sentence}");
+        let reported = good.iter().any(|finding| finding.is.contains(sentence));
+        assert_eq!(reported, grade == Severity::Good, "{sentence}");
     }
 }
 
 #[test]
-fn what_follows_from_a_fault_is_not_told_beside_it() {
+fn what_follows_from_a_fault_is_not_reported_beside_it() {
     let mut wrong = Vec::new();
-    for (sentence, profile, spoil, grade) in cases() {
-        let mut scene = good(profile);
-        spoil(&mut scene);
-        let (mut findings, _, _) = scene.play();
-        findings.retain(|finding| finding.grade == Grade::Blocker);
-        if findings.len() != usize::from(grade == Grade::Blocker) {
+    for (sentence, profile, break_it, grade) in cases() {
+        let mut script = good(profile);
+        break_it(&mut script);
+        let (mut findings, _, _) = script.run();
+        findings.retain(|finding| finding.grade == Severity::Blocker);
+        if findings.len() != usize::from(grade == Severity::Blocker) {
             wrong.push((sentence, findings));
         }
     }
@@ -82,18 +82,18 @@ fn what_follows_from_a_fault_is_not_told_beside_it() {
 }
 
 #[test]
-fn it_never_sends_a_setpoint_changes_a_mode_or_speaks_as_avoidance() {
-    let greets = |scene: &Scene| {
-        let (_, said, _) = scene.play();
+fn it_never_sends_a_setpoint_changes_a_mode_or_poses_as_avoidance() {
+    let heartbeats_of = |script: &ScriptedAutopilot| {
+        let (_, sent, _) = script.run();
         let mut heartbeats = 0;
-        for (component_id, message) in said {
+        for (component_id, message) in sent {
             assert_eq!(component_id, 191);
             match message {
-                MavMessage::HEARTBEAT(beat) => {
-                    assert_eq!(beat.mavtype, MavType::MAV_TYPE_ONBOARD_CONTROLLER);
+                MavMessage::HEARTBEAT(heartbeat) => {
+                    assert_eq!(heartbeat.mavtype, MavType::MAV_TYPE_ONBOARD_CONTROLLER);
                     heartbeats += 1;
                 }
-                // What they ask for is checked by the script that answers.
+                // The script that answers checks their content.
                 MavMessage::COMMAND_LONG(_) | MavMessage::PARAM_REQUEST_READ(_) => {}
                 MavMessage::TIMESYNC(sync) => assert_eq!(sync.tc1, 0),
                 other => panic!("{other:?}"),
@@ -101,41 +101,41 @@ fn it_never_sends_a_setpoint_changes_a_mode_or_speaks_as_avoidance() {
         }
         heartbeats
     };
-    for (_, profile, spoil, _) in cases() {
-        let mut scene = good(profile);
-        spoil(&mut scene);
-        greets(&scene);
+    for (_, profile, break_it, _) in cases() {
+        let mut script = good(profile);
+        break_it(&mut script);
+        heartbeats_of(&script);
     }
     let mut alone = good(ProfileName::Px4Trajectory);
-    alone.nobody();
-    assert_eq!(greets(&alone), 16, "once a second while nobody is heard");
+    alone.remove_autopilot();
+    assert_eq!(heartbeats_of(&alone), 16, "once a second while nobody is heard");
     assert!(
-        greets(&good(ProfileName::Px4Trajectory)) <= 2,
+        heartbeats_of(&good(ProfileName::Px4Trajectory)) <= 2,
         "and not once somebody is"
     );
 }
 
 #[test]
-fn the_vehicle_of_somebody_else_is_asked_nothing() {
-    let mut scene = good(ProfileName::Px4Trajectory);
-    scene.link("system_id = 7\n");
-    let (_, said, _) = scene.play();
+fn another_vehicle_is_asked_nothing() {
+    let mut script = good(ProfileName::Px4Trajectory);
+    script.link("system_id = 7\n");
+    let (_, sent, _) = script.run();
     assert!(
-        said.iter()
+        sent.iter()
             .all(|(_, message)| matches!(message, MavMessage::HEARTBEAT(_)))
     );
 }
 
 #[test]
 fn a_ground_stations_link_is_never_taken_for_the_autopilots() {
-    let mut scene = good(ProfileName::Px4Trajectory);
-    scene.link("[[link.also]]\nname = \"ground\"\naddress = \"udpin:14550\"\n");
-    let (findings, _, _) = scene.play();
+    let mut script = good(ProfileName::Px4Trajectory);
+    script.link("[[link.also]]\nname = \"ground\"\naddress = \"udpin:14550\"\n");
+    let (findings, _, _) = script.run();
     let ground = findings
         .iter()
         .find(|finding| finding.about == "link ground")
         .unwrap();
-    assert_eq!(ground.grade, Grade::Good);
+    assert_eq!(ground.grade, Severity::Good);
     assert!(
         ground.is.contains("nobody speaks on udpin:127.0.0.1:14550 yet"),
         "{ground:?}"
@@ -143,19 +143,19 @@ fn a_ground_stations_link_is_never_taken_for_the_autopilots() {
 }
 
 proptest! {
-    /// Whatever parameters say, the examination ends with a verdict in which every fault has a remedy.
+    /// Whatever parameters say, the check ends with a verdict in which every fault has a remedy.
     #[test]
     fn no_value_of_a_parameter_upsets_it(
         which in 0..3usize,
         values in proptest::collection::vec(any::<f32>(), 6),
     ) {
-        let mut scene = good(PROFILES[which]);
-        for ((_, value), drawn) in scene.parameters.iter_mut().zip(values) {
+        let mut script = good(PROFILES[which]);
+        for ((_, value), drawn) in script.parameters.iter_mut().zip(values) {
             *value = f64::from(drawn);
         }
-        let (findings, _, _) = scene.play();
+        let (findings, _, _) = script.run();
         for finding in findings {
-            prop_assert_eq!(finding.remedy.is_empty(), finding.grade == Grade::Good, "{:?}", finding);
+            prop_assert_eq!(finding.remedy.is_empty(), finding.grade == Severity::Good, "{:?}", finding);
         }
     }
 }

@@ -6,9 +6,9 @@
 //! | ArduPilot | `RCMAP_*`; `RCn_MIN`, `_TRIM`, `_MAX`, `_REVERSED` of the four channels | what RC_CHANNELS means |
 
 use super::sticks::{CHANNELS, RcAxis, RcCalibration};
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::encoding::Encoding;
 use jink_mavlink_link::fit::{OVERRIDE_BITS, OVERRIDE_IN_OFFBOARD, OVERRIDE_SPEED};
-use jink_mavlink_link::make::Make;
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, PARAM_REQUEST_READ_DATA, PARAM_VALUE_DATA};
 
@@ -84,19 +84,21 @@ impl AutopilotFacts {
     }
 
     /// What keeps a pilot from being assisted by an autopilot of this make, in words for the text that says so.
-    pub fn hindrance(&self, make: Make) -> Option<&'static str> {
+    pub fn hindrance(&self, make: AutopilotType) -> Option<&'static str> {
         match make {
-            Make::Px4 if self.px4[0].is_some_and(|speed| speed >= 0.0) => Some("set MAN_OVERRIDE_SPD -1"),
-            Make::Px4 if self.px4[1].is_some_and(|bits| bits as i64 & OVERRIDE_IN_OFFBOARD != 0) => {
+            AutopilotType::Px4 if self.px4[0].is_some_and(|speed| speed >= 0.0) => {
+                Some("set MAN_OVERRIDE_SPD -1")
+            }
+            AutopilotType::Px4 if self.px4[1].is_some_and(|bits| bits as i64 & OVERRIDE_IN_OFFBOARD != 0) => {
                 Some("COM_RC_OVERRIDE bit 1")
             }
-            Make::ArduPilot if self.calibration.is_none() => Some("RC parameters not read"),
-            Make::Px4 | Make::ArduPilot => None,
+            AutopilotType::ArduPilot if self.calibration.is_none() => Some("RC parameters not read"),
+            AutopilotType::Px4 | AutopilotType::ArduPilot => None,
         }
     }
 
     /// The next question to the autopilot `target`, if one is due.
-    pub fn question(&mut self, now: Timestamp, make: Make, target: (u8, u8)) -> Option<MavMessage> {
+    pub fn question(&mut self, now: Timestamp, make: AutopilotType, target: (u8, u8)) -> Option<MavMessage> {
         if now < self.due || self.is_settled(make) {
             return None;
         }
@@ -120,7 +122,7 @@ impl AutopilotFacts {
     }
 
     /// When [`Self::question`] has something to say next; `None`: nothing is open.
-    pub fn next_wake(&self, make: Make) -> Option<Timestamp> {
+    pub fn next_wake(&self, make: AutopilotType) -> Option<Timestamp> {
         (!self.is_settled(make)).then_some(self.due)
     }
 
@@ -131,23 +133,23 @@ impl AutopilotFacts {
         self.px4 = [None; PX4.len()];
     }
 
-    fn is_settled(&self, make: Make) -> bool {
+    fn is_settled(&self, make: AutopilotType) -> bool {
         match make {
-            Make::Px4 => self.px4.iter().any(Option::is_some) || self.rounds >= ROUNDS,
-            Make::ArduPilot => self.calibration.is_some(),
+            AutopilotType::Px4 => self.px4.iter().any(Option::is_some) || self.rounds >= ROUNDS,
+            AutopilotType::ArduPilot => self.calibration.is_some(),
         }
     }
 
-    fn questions(make: Make) -> usize {
+    fn questions(make: AutopilotType) -> usize {
         match make {
-            Make::Px4 => PX4.len(),
-            Make::ArduPilot => MAPS.len() * (1 + ENDS.len()),
+            AutopilotType::Px4 => PX4.len(),
+            AutopilotType::ArduPilot => MAPS.len() * (1 + ENDS.len()),
         }
     }
 
     /// The name of the parameter behind `question`, if it is open and can be asked for by now.
-    fn open_question(&self, make: Make, question: usize) -> Option<String> {
-        if make == Make::Px4 {
+    fn open_question(&self, make: AutopilotType, question: usize) -> Option<String> {
+        if make == AutopilotType::Px4 {
             let is_open = self.px4.get(question)?.is_none();
             return is_open.then(|| PX4[question].to_owned());
         }
@@ -186,7 +188,7 @@ impl AutopilotFacts {
 #[cfg(test)]
 mod tests {
     use super::AutopilotFacts;
-    use jink_mavlink_link::make::Make;
+    use jink_mavlink_link::autopilot_type::AutopilotType;
     use jink_shared_types::Timestamp;
     use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, MavParamType, PARAM_VALUE_DATA};
 
@@ -202,7 +204,11 @@ mod tests {
     }
 
     /// Asks for 10 s of an autopilot that answers with `value` where it knows one.
-    fn converse(facts: &mut AutopilotFacts, make: Make, value: impl Fn(&str) -> Option<f32>) -> Vec<String> {
+    fn converse(
+        facts: &mut AutopilotFacts,
+        make: AutopilotType,
+        value: impl Fn(&str) -> Option<f32>,
+    ) -> Vec<String> {
         let mut asked = Vec::new();
         for i in 0..1000 {
             let now = Timestamp::from_seconds(10.0 + f64::from(i) * 0.01);
@@ -220,8 +226,11 @@ mod tests {
     #[test]
     fn the_channels_are_read_whichever_they_are_mapped_to() {
         let mut facts = AutopilotFacts::default();
-        assert_eq!(facts.hindrance(Make::ArduPilot), Some("RC parameters not read"));
-        let asked = converse(&mut facts, Make::ArduPilot, |name| {
+        assert_eq!(
+            facts.hindrance(AutopilotType::ArduPilot),
+            Some("RC parameters not read")
+        );
+        let asked = converse(&mut facts, AutopilotType::ArduPilot, |name| {
             Some(match name {
                 "RCMAP_ROLL" => 1.0,
                 "RCMAP_PITCH" => 2.0,
@@ -235,7 +244,7 @@ mod tests {
             })
         });
         assert_eq!(asked.len(), 20, "each once: {asked:?}");
-        assert_eq!(facts.hindrance(Make::ArduPilot), None);
+        assert_eq!(facts.hindrance(AutopilotType::ArduPilot), None);
         let throttle = facts.calibration().unwrap().axes[2];
         assert_eq!((throttle.channel, throttle.is_reversed), (8, true));
     }
@@ -243,9 +252,9 @@ mod tests {
     #[test]
     fn a_px4_that_lets_sticks_end_offboard_hinders_and_one_that_says_nothing_does_not() {
         let mut facts = AutopilotFacts::default();
-        let asked = converse(&mut facts, Make::Px4, |_| None);
+        let asked = converse(&mut facts, AutopilotType::Px4, |_| None);
         assert!(asked.len() <= 10, "it is given up: {asked:?}");
-        assert_eq!(facts.hindrance(Make::Px4), None);
+        assert_eq!(facts.hindrance(AutopilotType::Px4), None);
         for (name, value, hinders) in [
             ("MAN_OVERRIDE_SPD", 1.0, true),
             ("MAN_OVERRIDE_SPD", 0.0, true),
@@ -255,7 +264,11 @@ mod tests {
         ] {
             let mut facts = AutopilotFacts::default();
             facts.take(COPTER, &told(name, value));
-            assert_eq!(facts.hindrance(Make::Px4).is_some(), hinders, "{name} = {value}");
+            assert_eq!(
+                facts.hindrance(AutopilotType::Px4).is_some(),
+                hinders,
+                "{name} = {value}"
+            );
         }
     }
 }

@@ -13,7 +13,7 @@
 
 use crate::profile::position_target::NO_PLACE_NOR_HEADING;
 use crate::vehicle::Present;
-use jink_mavlink_link::make::Make;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::message::COMPONENT_AUTOPILOT;
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
@@ -114,7 +114,7 @@ impl AssistedMotion {
     }
 
     /// The setpoint for now.
-    pub fn setpoint(&mut self, demand: &MotionDemand, make: Make, system_id: u8) -> MavMessage {
+    pub fn setpoint(&mut self, demand: &MotionDemand, make: AutopilotType, system_id: u8) -> MavMessage {
         let passed_s = self.begin(demand);
         self.hold(demand);
         self.climb(demand, passed_s);
@@ -187,7 +187,7 @@ impl AssistedMotion {
         }
     }
 
-    fn message(&self, demand: &MotionDemand, make: Make, system_id: u8) -> MavMessage {
+    fn message(&self, demand: &MotionDemand, make: AutopilotType, system_id: u8) -> MavMessage {
         // What came through shared memory may be damaged: no number, no motion.
         let velocity = demand.velocity.map(finite);
         let (place, velocity) = match &self.held {
@@ -196,10 +196,10 @@ impl AssistedMotion {
         };
         let mut type_mask = match (self.held.is_some(), make) {
             (true, _) => Mask::empty(),
-            (false, Make::Px4) => {
+            (false, AutopilotType::Px4) => {
                 Mask::POSITION_TARGET_TYPEMASK_X_IGNORE | Mask::POSITION_TARGET_TYPEMASK_Y_IGNORE
             }
-            (false, Make::ArduPilot) => NO_PLACE_NOR_HEADING & !HEADING,
+            (false, AutopilotType::ArduPilot) => NO_PLACE_NOR_HEADING & !HEADING,
         };
         if self.yaw_rad.is_none() {
             type_mask |= Mask::POSITION_TARGET_TYPEMASK_YAW_IGNORE;
@@ -237,7 +237,7 @@ fn finite(number: f64) -> f64 {
 mod tests {
     use super::{AssistedMotion, HeightLimits, MotionDemand};
     use crate::vehicle::Present;
-    use jink_mavlink_link::make::Make;
+    use jink_mavlink_link::autopilot_type::AutopilotType;
     use jink_shared_types::Timestamp;
     use mavlink::dialects::ardupilotmega::{MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
     use nalgebra::{Vector2, Vector3};
@@ -273,7 +273,7 @@ mod tests {
     fn sent(
         motion: &mut AssistedMotion,
         demand: &MotionDemand,
-        make: Make,
+        make: AutopilotType,
     ) -> SET_POSITION_TARGET_LOCAL_NED_DATA {
         match motion.setpoint(demand, make, 7) {
             MavMessage::SET_POSITION_TARGET_LOCAL_NED(target) => target,
@@ -283,7 +283,7 @@ mod tests {
 
     #[test]
     fn released_sticks_hold_the_place_where_it_came_to_rest() {
-        for make in [Make::Px4, Make::ArduPilot] {
+        for make in [AutopilotType::Px4, AutopilotType::ArduPilot] {
             let mut motion = AssistedMotion::default();
             let moving = demand(10.0, Vector2::new(2.0, 0.0));
             assert_eq!(sent(&mut motion, &moving, make).vx, 2.0);
@@ -323,7 +323,7 @@ mod tests {
                 let mut demand = demand(10.0 + 0.02 * f64::from(i), Vector2::zeros());
                 demand.climb_mps = climb_mps;
                 demand.heights.above_home_m = Some(above_m);
-                vz = sent(&mut motion, &demand, Make::Px4).vz;
+                vz = sent(&mut motion, &demand, AutopilotType::Px4).vz;
             }
             assert!((f64::from(vz) + ends_mps).abs() < 1e-6, "{above_m} m: {vz}");
         }
@@ -334,12 +334,12 @@ mod tests {
         let mut motion = AssistedMotion::default();
         let mut turning = demand(10.0, Vector2::zeros());
         turning.turn_radps = 0.5;
-        let target = sent(&mut motion, &turning, Make::Px4);
+        let target = sent(&mut motion, &turning, AutopilotType::Px4);
         assert_eq!((target.yaw_rate, target.type_mask.bits() & 0x400), (0.5, 0x400));
         for i in 1..=30 {
             let mut released = demand(10.0 + 0.02 * f64::from(i), Vector2::zeros());
             released.vehicle.yaw_rad = 1.3;
-            let target = sent(&mut motion, &released, Make::Px4);
+            let target = sent(&mut motion, &released, AutopilotType::Px4);
             let has_heading = target.type_mask.bits() & 0x400 == 0;
             assert_eq!(has_heading, i >= 25, "{i}");
             assert!(!has_heading || (target.yaw - 1.3).abs() < 1e-6 && target.yaw_rate == 0.0);
@@ -352,7 +352,7 @@ mod tests {
             steps in proptest::collection::vec(
                 (0.0..0.8f64, -9.0..9.0f64, -9.0..9.0f64, prop_oneof![Just(f64::NAN), -3.0..3.0f64], -2.0..2.0f64, any::<bool>()), 1..60),
         ) {
-            for (make, masks) in [(Make::Px4, PX4_MASKS), (Make::ArduPilot, COPTER_MASKS)] {
+            for (make, masks) in [(AutopilotType::Px4, PX4_MASKS), (AutopilotType::ArduPilot, COPTER_MASKS)] {
                 let mut motion = AssistedMotion::default();
                 let mut now_s = 10.0;
                 for (passed_s, north, east, odd, turn, is_steered) in &steps {

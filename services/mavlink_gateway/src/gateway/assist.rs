@@ -12,7 +12,7 @@ use crate::avoidance::ranges_flow;
 use crate::executive::Demand;
 use crate::executive::record::LandedState;
 use crate::io::{Inputs, Outputs};
-use jink_mavlink_link::make::Make;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Outgoing, Receipt};
 use jink_shared_types::Timestamp;
 use jink_shared_types::link::AssistState;
@@ -89,7 +89,7 @@ impl AssistedFlight {
     }
 
     /// When its next question to the autopilot is due.
-    fn next_wake(&self, make: Make) -> Option<Timestamp> {
+    fn next_wake(&self, make: AutopilotType) -> Option<Timestamp> {
         self.facts.next_wake(make)
     }
 }
@@ -97,7 +97,7 @@ impl AssistedFlight {
 impl Gateway {
     /// Takes the remote control's channels: ArduPilot's sticks, and the switch.
     pub(super) fn take_channels(&mut self, channels: &RC_CHANNELS_DATA, received: Timestamp) {
-        if self.config.profile.make() == Make::ArduPilot
+        if self.config.profile.autopilot_type() == AutopilotType::ArduPilot
             && let Some(calibration) = self.assist.facts.calibration()
         {
             self.steering
@@ -181,15 +181,15 @@ impl Gateway {
     }
 
     /// Has the sticks and the switch come, and asks for parameters.
-    fn prepare_assist(&mut self, now: Timestamp, make: Make, system_id: u8, outputs: &mut Outputs) {
+    fn prepare_assist(&mut self, now: Timestamp, make: AutopilotType, system_id: u8, outputs: &mut Outputs) {
         match make {
-            Make::Px4 => {
+            AutopilotType::Px4 => {
                 self.streams.need_sticks(MANUAL_CONTROL_DATA::ID, STICKS_HZ);
                 if self.params().get(&OA_ASSIST_CH) > 0.0 {
                     self.streams.need_sticks(RC_CHANNELS_DATA::ID, SWITCH_HZ);
                 }
             }
-            Make::ArduPilot => self.streams.need_sticks(RC_CHANNELS_DATA::ID, STICKS_HZ),
+            AutopilotType::ArduPilot => self.streams.need_sticks(RC_CHANNELS_DATA::ID, STICKS_HZ),
         }
         if let Some(question) = self
             .assist
@@ -206,7 +206,7 @@ impl Gateway {
             return;
         };
         // That of the profile, which fits: a gateway that is started again in flight does not wait for a heartbeat.
-        let make = self.config.profile.make();
+        let make = self.config.profile.autopilot_type();
         let params = self.params();
         let [full_mps, climb_mps, descent_mps] =
             [&MPC_VEL_MANUAL, &OA_SPD_CLIMB, &OA_SPD_DESC].map(|row| params.get(row));

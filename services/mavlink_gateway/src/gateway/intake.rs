@@ -11,8 +11,8 @@ use crate::note::Note;
 use crate::vehicle::AttitudeNews;
 use jink_mavlink_link::clock_map::ClockMap;
 use jink_mavlink_link::clock_map::nanoseconds;
-use jink_mavlink_link::latch::{is_autopilot, speaks_as_autopilot};
 use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Content, Destination, Outgoing, Received};
+use jink_mavlink_link::vehicle_selector::{is_autopilot, is_from_autopilot};
 use jink_shared_types::Timestamp;
 use mavlink::Message;
 use mavlink::dialects::ardupilotmega::{MavMessage, TIMESYNC_DATA};
@@ -30,11 +30,11 @@ impl Gateway {
             && !self.config.ground_station_links.contains(received.link)
             && let Ok(system_id) = u8::try_from(header.system_id)
         {
-            if speaks_as_autopilot(message) {
-                self.latch.hear(system_id, received.time);
+            if is_from_autopilot(message) {
+                self.latch.observe(system_id, received.time);
             }
             if self.latch.system_id(now) == Some(system_id)
-                && self.latch.is_heard_on(received.link, received.time)
+                && self.latch.is_selected_link(received.link, received.time)
             {
                 self.wire.status.received += 1;
                 self.vehicle.heard(received.time);
@@ -100,7 +100,6 @@ impl Gateway {
         match message {
             MavMessage::HEARTBEAT(heartbeat) if is_autopilot(heartbeat) => {
                 self.vehicle.take_heartbeat(heartbeat);
-                self.desk.hear_autopilot(heartbeat);
             }
             MavMessage::LOCAL_POSITION_NED(position) => {
                 let mapped = self.clock.map_ms(position.time_boot_ms, time);
@@ -170,7 +169,7 @@ impl Gateway {
             return;
         }
         if sync.tc1 != 0 {
-            self.clock.answer(received.time, sync.tc1, sync.ts1);
+            self.clock.on_response(received.time, sync.tc1, sync.ts1);
             return;
         }
         let spares = self.spares_radio(now);

@@ -10,7 +10,7 @@ use crate::executive::{Demand, Executive, FlightGoal, Intent, Part, PilotText, S
 use crate::io::Outputs;
 use crate::note::Note;
 use crate::profile::pilot::Nearness;
-use jink_mavlink_link::make::Make;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Content, Received};
 use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::events::{EventSample, MODE_REFUSED};
@@ -173,7 +173,7 @@ impl Gateway {
         let mode = self.mode_for_missions();
         let in_air = self.vehicle.has_taken_off();
         let lets_fly_unguarded = self.params().get(&OA_UNGUARDED) > 0.0;
-        let first_item = u16::from(self.vehicle.make() == Some(Make::ArduPilot));
+        let first_item = u16::from(self.vehicle.make() == Some(AutopilotType::ArduPilot));
         let Some(flight) = &mut self.mission else { return };
         let before = std::mem::replace(&mut flight.mode, mode);
         // A mission may have been changed while nobody looked.
@@ -255,7 +255,7 @@ impl Gateway {
 
     pub(super) fn tell_pilot(&mut self, now: Timestamp, news: &PilotText, outputs: &mut Outputs) {
         let sample = EventSample::new(news.event, news.name, [news.number, 0.0]);
-        self.texts.push(now, &sample);
+        self.ground.take_event(now, &sample);
         outputs.tell(sample);
     }
 
@@ -287,7 +287,7 @@ impl Gateway {
     /// An older PX4 tells its mode once a second, and flies to a station's place itself until it is known that it does: in flight its
     /// heartbeat is asked for.
     fn ask_for_mode(&mut self, now: Timestamp, target: (u8, u8), outputs: &mut Outputs) {
-        let is_px4 = self.vehicle.make() == Some(Make::Px4);
+        let is_px4 = self.vehicle.make() == Some(AutopilotType::Px4);
         let is_followed = matches!(self.vehicle.mode(), NavMode::Offboard | NavMode::Hold);
         let is_flown = self.config.profile.flies_the_mission() && self.vehicle.has_taken_off();
         let Some(flight) = &mut self.mission else { return };
@@ -300,7 +300,7 @@ impl Gateway {
 
     /// PX4's target in Hold.
     pub(super) fn take_target(&mut self, now: Timestamp, target: (i32, i32), height_m: f32) {
-        let px4 = self.vehicle.make() == Some(Make::Px4) && self.vehicle.mode() == NavMode::Hold;
+        let px4 = self.vehicle.make() == Some(AutopilotType::Px4) && self.vehicle.mode() == NavMode::Hold;
         let Some((flight, present)) = self
             .mission
             .as_mut()
@@ -322,7 +322,7 @@ impl Gateway {
     /// A station on a link of ours asks ArduCopter to go to a place: seen before it is overwritten.
     pub(super) fn overhear(&mut self, now: Timestamp, received: &Received) {
         let follows = self.vehicle.mode() == NavMode::Offboard;
-        let copter = self.vehicle.make() == Some(Make::ArduPilot);
+        let copter = self.vehicle.make() == Some(AutopilotType::ArduPilot);
         let Content::Message(message) = &received.content else {
             return;
         };
@@ -364,7 +364,7 @@ impl Gateway {
         let autopilot = (system_id, COMPONENT_AUTOPILOT);
         // PX4 shows an item that is chosen by this message in every mode, one that is chosen by command in its mission only; older
         // versions know the message only.
-        if let (Demand::Current(seq), Make::Px4) = (demand, make) {
+        if let (Demand::Current(seq), AutopilotType::Px4) = (demand, make) {
             let message = MavMessage::MISSION_SET_CURRENT(MISSION_SET_CURRENT_DATA {
                 seq,
                 target_system: autopilot.0,
@@ -406,7 +406,11 @@ fn is_same(a: &DesiredPath, b: &DesiredPath) -> bool {
 }
 
 /// The command that asks for it.
-fn command(demand: Demand, make: Make, (target_system, target_component): (u8, u8)) -> Option<MavMessage> {
+fn command(
+    demand: Demand,
+    make: AutopilotType,
+    (target_system, target_component): (u8, u8),
+) -> Option<MavMessage> {
     let mode = |mode| {
         let (main, sub) = make.mode_numbers(mode)?;
         let custom = MavModeFlag::MAV_MODE_FLAG_CUSTOM_MODE_ENABLED.bits();

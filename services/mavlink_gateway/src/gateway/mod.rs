@@ -14,7 +14,6 @@ use crate::avoidance::{self, Heartbeats, Input};
 use crate::blockage::Blockage;
 use crate::config::GatewayConfig;
 use crate::desired::VerticalMotions;
-use crate::desk::Desk;
 use crate::executive::Part;
 use crate::executive::record::LandedState;
 use crate::io::{Inputs, Outputs};
@@ -23,18 +22,18 @@ use crate::profile::pilot::is_for_flying;
 use crate::profile::{Profile, Situation};
 use crate::radio_share::{REPEATED_HZ, RadioShare};
 use crate::ranges::RangeSources;
-use crate::texts::Texts;
 use crate::vehicle::VehicleTracker;
 use crate::wire::Wire;
 use assist::AssistedFlight;
 use controlled_stop::ControlledStop;
-use jink_mavlink_link::budget::Class;
+use jink_ground_services::{Answers, GroundServices};
+use jink_mavlink_link::budget::TrafficClass;
 use jink_mavlink_link::clock_map::{ClockMap, SEARCHING_HZ, nanoseconds};
-use jink_mavlink_link::latch::Latch;
 use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Destination, Outgoing, Receipt};
-use jink_mavlink_link::router::Us;
+use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::streams::Streams;
 use jink_mavlink_link::ticker::Ticker;
+use jink_mavlink_link::vehicle_selector::VehicleSelector;
 use jink_shared_types::events::{
     AUTOPILOT_FOUND, AUTOPILOT_LOST, Event, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN,
 };
@@ -82,7 +81,7 @@ pub struct Gateway {
     /// Somebody is about to end jink.
     controlled_stop: Option<ControlledStop>,
     unguarded_mode: UnguardedMode,
-    latch: Latch,
+    latch: VehicleSelector,
     clock: ClockMap,
     vehicle: VehicleTracker,
     desired: Option<DesiredPath>,
@@ -109,13 +108,13 @@ pub struct Gateway {
     /// The next one does not.
     is_hastened: bool,
     heartbeats: Heartbeats,
-    desk: Desk,
+    ground: GroundServices,
+    answers: Answers,
     steering: Steering,
     assist: AssistedFlight,
     sources: RangeSources,
     radio: RadioShare,
     streams: Streams,
-    texts: Texts,
     wire: Wire,
     setpoints: Ticker,
     obstacles: Ticker,
@@ -133,7 +132,7 @@ impl Gateway {
             profile_check: ProfileCheck::new(config.chooses_profile, config.is_proven),
             controlled_stop: None,
             unguarded_mode: UnguardedMode::default(),
-            latch: Latch::new(config.system_id),
+            latch: VehicleSelector::new(config.system_id),
             clock: ClockMap::default(),
             vehicle: VehicleTracker::default(),
             desired: None,
@@ -156,13 +155,13 @@ impl Gateway {
             last_hastened: Timestamp::NEVER,
             is_hastened: false,
             heartbeats: Heartbeats::default(),
-            desk: Desk::new(&ParamSet::default()),
+            ground: GroundServices::new(&ParamSet::default(), 0),
+            answers: Answers::default(),
             steering: Steering::default(),
             assist: AssistedFlight::default(),
             sources: RangeSources::default(),
             radio: RadioShare::default(),
             streams: Streams::new(config.profile),
-            texts: Texts::default(),
             wire: Wire::default(),
             setpoints: Ticker::new(config.setpoint_rate_hz),
             obstacles: Ticker::new(OBSTACLES_HZ),
@@ -207,7 +206,7 @@ impl Gateway {
             if event.id == GOAL_BLOCKED.id {
                 self.take_blocked_goal(now, event, outputs);
             } else {
-                self.texts.push(now, event);
+                self.ground.take_event(now, event);
             }
         }
         self.watch_profile(now, outputs);
@@ -232,10 +231,7 @@ impl Gateway {
     pub fn next_wake(&self, now: Timestamp) -> Timestamp {
         let with_computer = self.config.computer_component_id.is_some();
         let mut wake = self.heartbeats.next_wake(with_computer).min(self.status_due);
-        wake = wake.min(self.desk.next_wake());
-        if let Some(line) = self.texts.next_wake() {
-            wake = wake.min(line);
-        }
+        wake = wake.min(self.ground.next_wake());
         if self.was_alive {
             wake = wake.min(self.vehicle.alive_until().plus_seconds(1e-3));
         }
@@ -272,7 +268,7 @@ impl Gateway {
 
     /// Whether another gateway speaks on this link: its time synchronisation is learned from as well.
     pub fn listen_only(&mut self, only: bool) {
-        self.clock.overhear(only);
+        self.clock.accept_foreign_answers(only);
     }
 
     /// The link on which our autopilot is heard; the first one before it was.
@@ -304,8 +300,8 @@ impl Gateway {
     }
 
     /// Who we are on the links.
-    pub fn us(&self, now: Timestamp) -> Us {
-        Us {
+    pub fn us(&self, now: Timestamp) -> OwnIds {
+        OwnIds {
             system_id: self.latch.system_id(now),
             components: [
                 self.config.component_id,
@@ -359,7 +355,7 @@ impl Gateway {
 
     fn tell(&mut self, now: Timestamp, event: &Event, number: f64, outputs: &mut Outputs) {
         let sample = EventSample::new(event, "", [number, 0.0]);
-        self.texts.push(now, &sample);
+        self.ground.take_event(now, &sample);
         outputs.tell(sample);
     }
 
@@ -506,9 +502,6 @@ impl Gateway {
                 ..self.outgoing(now, Body::Message(heartbeat))
             });
         }
-        while let Some(line) = self.texts.next(now) {
-            outputs.send(self.outgoing(now, Body::Message(line)));
-        }
         let Some(system_id) = self.latch.system_id(now) else {
             return;
         };
@@ -579,27 +572,7 @@ impl Gateway {
     }
 
     fn outgoing(&self, now: Timestamp, body: Body) -> Outgoing {
-        Outgoing {
-            system_id: self
-                .latch
-                .system_id(now)
-                .unwrap_or_else(|| self.latch.greeting_id()),
-            component_id: self.config.component_id,
-            to: self.destination(&body),
-            body,
-            receipt: Receipt::Plain,
-        }
-    }
-
-    /// Setpoints, requests and time stamps are the autopilot's; answers go where their addressee is; the rest is for everybody.
-    fn destination(&self, body: &Body) -> Destination {
-        let target = body.target();
-        let names_another = target.system_id != 0 && target.component_id != COMPONENT_AUTOPILOT;
-        match Class::of(body.message_id()) {
-            Class::Setpoint => Destination::Link(self.autopilot_link()),
-            Class::Answer if !names_another => Destination::Link(self.autopilot_link()),
-            _ => Destination::Everyone,
-        }
+        outgoing_of(&self.latch, &self.config, now, body)
     }
 
     fn link_status(&mut self, now: Timestamp, inputs: &Inputs<'_>) -> &LinkStatus {
@@ -622,5 +595,27 @@ impl Gateway {
         status.round_trip_us = u32::try_from(self.clock.round_trip_ns() / 1000).unwrap_or(u32::MAX);
         status.timesync_samples = self.clock.samples();
         status
+    }
+}
+
+/// A message of the avoidance component, on its way to whom it is for.
+fn outgoing_of(selector: &VehicleSelector, config: &GatewayConfig, now: Timestamp, body: Body) -> Outgoing {
+    Outgoing {
+        system_id: selector.system_id(now).unwrap_or_else(|| selector.default_id()),
+        component_id: config.component_id,
+        to: destination(&body, selector.link()),
+        body,
+        receipt: Receipt::Plain,
+    }
+}
+
+/// Setpoints, requests and time stamps are the autopilot's; answers go where their addressee is; the rest is for everybody.
+fn destination(body: &Body, autopilot_link: u8) -> Destination {
+    let target = body.target();
+    let names_another = target.system_id != 0 && target.component_id != COMPONENT_AUTOPILOT;
+    match TrafficClass::of(body.message_id()) {
+        TrafficClass::Setpoint => Destination::Link(autopilot_link),
+        TrafficClass::Answer if !names_another => Destination::Link(autopilot_link),
+        _ => Destination::Everyone,
     }
 }

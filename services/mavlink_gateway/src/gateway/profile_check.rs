@@ -159,7 +159,7 @@ impl Gateway {
 
     fn tell_named(&mut self, now: Timestamp, event: &Event, name: &str, outputs: &mut Outputs) {
         let sample = EventSample::new(event, name, [0.0; 2]);
-        self.texts.push(now, &sample);
+        self.ground.take_event(now, &sample);
         outputs.tell(sample);
     }
 

@@ -11,7 +11,7 @@ use super::mission::MissionFlight;
 use crate::blockage::Remedy;
 use crate::executive::Demand;
 use crate::io::Outputs;
-use jink_mavlink_link::make::Make;
+use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{Event, EventSample, ITEM_BLOCKED, SETPOINTS_FOLLOWED, SETPOINTS_IGNORED};
 use jink_shared_types::vehicle::NavMode;
@@ -67,7 +67,7 @@ impl Gateway {
             && self.vehicle.has_taken_off()
             && now.seconds_since(self.last_setpoint) <= SENT_S
             && self.last_setpoint.is_set();
-        let copter = self.vehicle.make() == Some(Make::ArduPilot);
+        let copter = self.vehicle.make() == Some(AutopilotType::ArduPilot);
         let Some(flight) = self.mission.as_mut().filter(|_| copter) else {
             return;
         };
@@ -101,7 +101,7 @@ impl Gateway {
         let is_item = flies_item || mode == NavMode::Mission;
         match self.current_item.filter(|_| is_item) {
             Some((item, total)) => self.help_with_item(now, item, total, outputs),
-            None if self.blockage.is_news(goal) => self.texts.push(now, event),
+            None if self.blockage.is_news(goal) => self.ground.take_event(now, event),
             None => {}
         }
     }
@@ -112,14 +112,14 @@ impl Gateway {
         };
         let next = item.saturating_add(1);
         // ArduPilot's item 0 is home, and does not count.
-        let home = u16::from(self.vehicle.make() == Some(Make::ArduPilot));
+        let home = u16::from(self.vehicle.make() == Some(AutopilotType::ArduPilot));
         // Behind the last item there is nothing to go on to.
         let remedy = match remedy {
             Remedy::Skip if total.is_some_and(|total| next >= total + home) => Remedy::Stop,
             remedy => remedy,
         };
         let event = EventSample::new(&ITEM_BLOCKED, remedy.word(), [f64::from(item), 0.0]);
-        self.texts.push(now, &event);
+        self.ground.take_event(now, &event);
         outputs.tell(event);
         let flies_it = self.config.profile.flies_the_mission();
         match (remedy, self.mission.as_mut().filter(|_| flies_it)) {

@@ -3,12 +3,12 @@
 mod kept;
 mod opening;
 
-use crate::board::Board;
 use crate::ranges::{RangeSources, SensorTable};
 use crate::{
     Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileChoice, Receipt,
     Received, Representation,
 };
+use jink_ground_services::board::Board;
 use jink_mavlink_link::link::Progress;
 use jink_mavlink_link::links::Links;
 use jink_runtime::service::WATCHED_FDS;
@@ -132,8 +132,7 @@ impl Service for GatewayService {
             gateway: Gateway::new(config)
                 .resuming(ports.clock().now(), flight.read())
                 .with_range_sources(sources)
-                .with_params(&ports.config().params)
-                .with_board_id(board_id()),
+                .with_params(&ports.config().params, board_id()),
             links,
             outputs: Outputs::default(),
             received: Vec::with_capacity(MESSAGES_MAX),
@@ -169,16 +168,16 @@ impl Service for GatewayService {
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        if self.links.holds() && !self.claim.is_due(now) {
+        if self.links.is_owner() && !self.claim.is_due(now) {
             self.release();
         }
         // What the former holder has read is its own to answer, also if the link passes over behind it.
-        let speaks = self.links.holds();
+        let speaks = self.links.is_owner();
         self.claim.declare(speaks);
         self.gateway.listen_only(!speaks);
         let progress = self.receive(now);
         self.news.clear();
-        for event in self.links.news() {
+        for event in self.links.take_events() {
             cycle.events.publish(now, &event);
             self.news.push(event);
         }
@@ -237,7 +236,7 @@ impl Service for GatewayService {
         if let Some(change) = self.claim.changes_at().filter(|change| *change > now) {
             wake = wake.min(change);
         }
-        if self.links.is_orphaned() {
+        if self.links.has_lost_owner() {
             wake = wake.min(now.plus_seconds(ORPHAN_LOOKS_S));
         }
         Wake::at(wake)
@@ -261,7 +260,7 @@ impl GatewayService {
     /// Goes on where the former holder of the links has stopped, if it has passed them on or died. Returns whether this
     /// instance speaks from now on.
     fn take_over(&mut self, now: Timestamp) -> bool {
-        if let Some(baton) = self.links.take_baton() {
+        if let Some(baton) = self.links.take_handover_state() {
             match (Baton::of_bytes(&baton), self.links.encoder()) {
                 (Some(baton), Some(encoder)) => {
                     let stamps = baton.hand_to(now, &mut self.gateway, encoder);
@@ -272,9 +271,9 @@ impl GatewayService {
             tracing::info!("the link was passed on to this instance");
             return true;
         }
-        let left_alone = self.links.is_orphaned() && self.claim.is_due(now);
+        let left_alone = self.links.has_lost_owner() && self.claim.is_due(now);
         if left_alone {
-            self.links.take();
+            self.links.take_over();
             self.gateway.go_on_at_once(now);
             tracing::info!("the link is taken over from an instance that has died");
         }

@@ -3,7 +3,7 @@
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; the profile is for the versions before.
 
 use crate::support::*;
-use jink_mavlink_gateway::computer::BoardReading;
+use jink_ground_services::computer::BoardReading;
 use jink_mavlink_gateway::{Body, Encoder, GatewayConfig, ProfileName};
 use jink_shared_types::Timestamp;
 use jink_shared_types::motion::Verdict;

@@ -3,7 +3,7 @@
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on.
 
 use jink_mavlink_gateway::{Body, Encoder};
-use jink_mavlink_link::budget::{Budget, Change, Class};
+use jink_mavlink_link::budget::{Budget, CapacityChange, TrafficClass};
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::*;
 
@@ -13,7 +13,7 @@ const SECONDS: u32 = 30;
 /// One message that is sent at a rate.
 struct Stream {
     name: &'static str,
-    class: Class,
+    class: TrafficClass,
     bytes: usize,
     rate_hz: f64,
 }
@@ -24,7 +24,7 @@ impl Stream {
         let body = Body::Message(message);
         Self {
             name,
-            class: Class::of(body.message_id()),
+            class: TrafficClass::of(body.message_id()),
             bytes: Encoder::new().encode(1, 196, &body).len(),
             rate_hz,
         }
@@ -71,7 +71,7 @@ fn always() -> Vec<Stream> {
         Stream::new("PARAM_VALUE", parameter, 2.0),
         Stream {
             name: "forwarded",
-            class: Class::Forwarded,
+            class: TrafficClass::Forwarded,
             bytes: 40,
             rate_hz: 10.0,
         },
@@ -100,7 +100,7 @@ fn setpoints() -> [Stream; 3] {
 }
 
 /// Rates that get through (Hz), after a second of warming up, and what is told.
-fn carried(rate_bps: f64, streams: &[Stream]) -> (Vec<f64>, Vec<Change>) {
+fn carried(rate_bps: f64, streams: &[Stream]) -> (Vec<f64>, Vec<CapacityChange>) {
     let mut budget = Budget::new(rate_bps);
     let mut due_s: Vec<_> = streams.iter().map(|_| 0.0).collect();
     let mut sent = vec![0.0; streams.len()];
@@ -149,10 +149,10 @@ fn of_57600_and_921600_bits_per_second() {
             println!("  {rate_bps:.0} B/s: {changes:?}");
             for (stream, sent_hz) in streams.iter().zip(sent) {
                 let what = format!("{name} at {rate_bps} B/s: {} {sent_hz:.1} Hz", stream.name);
-                if stream.class <= Class::Setpoint || *rate_bps > 6000.0 {
+                if stream.class <= TrafficClass::Setpoint || *rate_bps > 6000.0 {
                     assert!(*sent_hz >= 0.99 * stream.rate_hz - 0.1, "{what}");
                 }
-                if stream.class == Class::Obstacles && name != "WAYPOINTS" {
+                if stream.class == TrafficClass::Obstacles && name != "WAYPOINTS" {
                     assert!(*sent_hz >= 4.85, "{what}");
                 }
             }

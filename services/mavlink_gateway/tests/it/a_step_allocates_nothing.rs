@@ -11,11 +11,11 @@ use jink_mavlink_gateway::{
     Body, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outgoing, Outputs, ProfileName,
     Receipt, Received,
 };
-use jink_mavlink_link::budget::Class;
+use jink_mavlink_link::budget::TrafficClass;
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::link::Link;
 use jink_mavlink_link::links::{LinkSetup, Links};
-use jink_mavlink_link::router::Us;
+use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::signing::Key;
 use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::motion::{ApprovedTrajectory, Verdict};
@@ -28,6 +28,8 @@ use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::{Message, calculate_crc};
 use nalgebra::Vector3;
+use rand::{Rng, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 use std::net::UdpSocket;
 
 /// One second of an autopilot's messages as bytes, per 10 ms.
@@ -161,7 +163,7 @@ fn an_assisted_flight_asks_the_allocator_for_nothing() {
         }),
     };
     let mut gateway = Gateway::new(config)
-        .with_params(&params)
+        .with_params(&params, 0)
         .resuming(at(0.0), Some(record));
     let mut outputs = Outputs::default();
     let mut prevented = Sample::new(
@@ -272,13 +274,8 @@ fn links() -> (Links, Vec<UdpSocket>) {
 
 /// Frames of every type with any payload, and garbage between them.
 fn anything() -> Vec<u8> {
-    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut next = move || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        state.to_le_bytes()
-    };
+    let mut random = Xoshiro256PlusPlus::seed_from_u64(1);
+    let mut next = move || random.next_u64().to_le_bytes();
     let mut stream = Vec::new();
     for id in MavMessage::all_ids().iter().chain(&[60_000, 0x00fd_fdfd]) {
         for _ in 0..4 {
@@ -321,7 +318,7 @@ fn whatever_bytes_come_they_cost_no_memory() {
 #[test]
 fn from_link_to_link_without_the_allocator() {
     let (mut links, peers) = links();
-    let us = Us {
+    let us = OwnIds {
         system_id: Some(1),
         components: [196, 191],
     };
@@ -372,7 +369,7 @@ fn from_link_to_link_without_the_allocator() {
     assert!(heard >= 500 && sent >= 400, "{heard} heard, {sent} sent");
     assert!(report.links[0].forwarded >= 500, "{report:?}");
     assert!(
-        report.links[2].dropped[Class::Forwarded as usize] > 0,
+        report.links[2].dropped[TrafficClass::Forwarded as usize] > 0,
         "{report:?}"
     );
 }

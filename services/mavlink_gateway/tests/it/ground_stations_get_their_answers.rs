@@ -2,7 +2,7 @@
 #![allow(deprecated)] // Ground stations still ask for PROTOCOL_VERSION.
 
 use crate::support::*;
-use jink_mavlink_gateway::computer::BoardReading;
+use jink_ground_services::computer::BoardReading;
 use jink_mavlink_gateway::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
 use jink_parameter_server::ParameterServer;
 use jink_shared_types::params::{OA_ALT_MAX, OA_SPD_MAX, OA_YAW_MODE, Param, TABLE};

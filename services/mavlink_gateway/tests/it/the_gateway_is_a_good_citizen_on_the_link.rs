@@ -1,7 +1,7 @@
 //! Who is listened to, who is answered, and how often what is said.
 
 use crate::support::*;
-use jink_mavlink_gateway::computer::BoardReading;
+use jink_ground_services::computer::BoardReading;
 use jink_mavlink_gateway::{
     COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, Destination, GatewayConfig, Receipt,
 };

@@ -4,42 +4,34 @@
 //! are in `fuzz/`.
 
 use crate::harness;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_xoshiro::Xoshiro256PlusPlus;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::time::{Duration, Instant};
 
 /// Bytes of the longest story.
 const LONGEST: usize = 6000;
 
-/// A generator of 64 bits (xorshift64*): small, seeded, and good enough to choose bytes.
-struct Generator(u64);
+/// Tells stories by lot.
+struct Generator(Xoshiro256PlusPlus);
 
 impl Generator {
-    fn next(&mut self) -> u64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
-    }
-
     /// Short stories are as likely as long ones.
     fn story(&mut self, longest: usize) -> Vec<u8> {
-        let len = (longest >> (self.next() % 8)).max(1);
-        let len = 1 + self.next() as usize % len;
-        let mut story: Vec<u8> = (0..len.div_ceil(8))
-            .flat_map(|_| self.next().to_le_bytes())
-            .collect();
-        story.truncate(len);
+        let len = (longest >> self.0.random_range(0..8)).max(1);
+        let mut story = vec![0; self.0.random_range(1..=len)];
+        self.0.fill_bytes(&mut story);
         story
     }
 
     /// A story like `before`, with some bytes changed, left out or told twice.
     fn variation(&mut self, before: &[u8]) -> Vec<u8> {
         let mut story = before.to_vec();
-        for _ in 0..=self.next() % 8 {
-            let at = self.next() as usize % story.len();
-            match self.next() % 4 {
-                0 => story[at] = self.next() as u8,
-                1 => story[at] ^= 1 << (self.next() % 8),
+        for _ in 0..self.0.random_range(1..=8) {
+            let at = self.0.random_range(0..story.len());
+            match self.0.random_range(0..4) {
+                0 => story[at] = self.0.random(),
+                1 => story[at] ^= 1 << self.0.random_range(0..8),
                 2 if story.len() > 1 => drop(story.remove(at)),
                 _ => {
                     let again = story[at..story.len().min(at + 16)].to_vec();
@@ -56,7 +48,7 @@ fn tell(book: &str, stories: u64, longest: usize, laws: fn(&[u8])) {
     let began = Instant::now();
     let told = std::env::var("JINK_FUZZ_SECONDS").ok();
     let patience = told.map(|seconds| Duration::from_secs_f64(seconds.parse().expect("a number of seconds")));
-    let mut generator = Generator(0x006a_696e_6b00_0001);
+    let mut generator = Generator(Xoshiro256PlusPlus::seed_from_u64(1));
     let (mut count, mut bytes) = (0, 0);
     let mut story = Vec::new();
     while count < stories || patience.is_some_and(|patience| began.elapsed() < patience) {

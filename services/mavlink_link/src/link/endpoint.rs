@@ -10,20 +10,20 @@ pub const ACCEPTED_FORMS: &str = "udpin:[HOST:]PORT (listen), udpout:HOST:PORT (
 /// Bytes of a path in `sockaddr_un` (unix(7)), without the zero at its end.
 const UNIX_PATH_MAX: usize = 107;
 
-/// Without a host a listening link hears this machine only: a network must be asked for by name (0.0.0.0).
+/// Without a host a listening link receives from this machine only: a network must be asked for by name (0.0.0.0).
 const LISTEN_HOST: &str = "127.0.0.1";
 
 /// One end of a link.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Endpoint {
-    /// Bind, and answer whoever speaks as an autopilot.
+    /// Bind, and reply to the last sender that is an autopilot.
     UdpIn {
         /// Own address: name or number.
         host: String,
         /// Own port.
         port: u16,
     },
-    /// Speak to this address from a port of the system's choice.
+    /// Send to this address from a port of the system's choice.
     UdpOut {
         /// Peer: name or number.
         host: String,
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_listener_without_a_host_hears_this_machine_only() {
+    fn a_listener_without_a_host_accepts_this_machine_only() {
         for text in ["udpin:14540", "udpin::14540", "udpin://127.0.0.1:14540"] {
             assert_eq!(
                 text.parse::<Endpoint>().unwrap().to_string(),

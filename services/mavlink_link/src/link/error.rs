@@ -1,6 +1,7 @@
 //! What can go wrong with a link, with what the operator needs to put it right.
 
 use super::endpoint::Endpoint;
+use jink_runtime::serial::SerialError;
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -12,7 +13,7 @@ pub enum LinkError {
     Resolve {
         /// The link.
         endpoint: Endpoint,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// Another program holds the port.
@@ -22,44 +23,27 @@ pub enum LinkError {
         /// The port.
         port: u16,
     },
-    /// The device file does not exist.
-    NoDevice {
-        /// Its path.
-        path: String,
-    },
-    /// The device may not be opened.
-    Permission {
-        /// Its path.
-        path: String,
-    },
-    /// The file is no serial port, or does not take this speed.
-    NotSerial {
-        /// Its path.
-        path: String,
-        /// The speed asked for (bit/s).
-        baud: u32,
-        /// What the system says.
-        source: io::Error,
-    },
+    /// The serial port is not open.
+    Serial(SerialError),
     /// Anything else while opening.
     Open {
         /// The link.
         endpoint: Endpoint,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// The socket over which a link passes to another process could not be made, or nobody listens there.
     Handover {
         /// Its path.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// The link was open and broke.
     Lost {
         /// The link.
         endpoint: Endpoint,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
 }
@@ -73,21 +57,7 @@ impl fmt::Display for LinkError {
                 "{endpoint}: port {port} is taken by another program (a second jink, MAVROS, MAVSDK, a router?); \
                  `ss -lpn | grep :{port}` names it"
             ),
-            LinkError::NoDevice { path } => {
-                write!(
-                    f,
-                    "{path}: no such device; is it plugged in, and is the name right?"
-                )
-            }
-            LinkError::Permission { path } => {
-                write!(
-                    f,
-                    "{path}: permission denied; the user must be in the group dialout"
-                )
-            }
-            LinkError::NotSerial { path, baud, source } => {
-                write!(f, "{path}: no serial port that runs at {baud} bit/s: {source}")
-            }
+            LinkError::Serial(error) => write!(f, "{error}"),
             LinkError::Open { endpoint, source } => write!(f, "{endpoint}: cannot open: {source}"),
             LinkError::Handover { path, source } => {
                 write!(f, "{}: no handover of the link: {source}", path.display())
@@ -101,13 +71,11 @@ impl std::error::Error for LinkError {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
         match self {
             LinkError::Resolve { source, .. }
-            | LinkError::NotSerial { source, .. }
             | LinkError::Open { source, .. }
             | LinkError::Handover { source, .. }
             | LinkError::Lost { source, .. } => Some(source),
-            LinkError::AddressInUse { .. } | LinkError::NoDevice { .. } | LinkError::Permission { .. } => {
-                None
-            }
+            LinkError::Serial(SerialError::NotSerial { source, .. }) => Some(source),
+            LinkError::AddressInUse { .. } | LinkError::Serial(_) => None,
         }
     }
 }

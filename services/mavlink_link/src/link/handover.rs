@@ -1,20 +1,20 @@
-//! A link that passes from one process to another: its descriptors over a local socket, and every byte that came in.
+//! Handover of a link from one process to another: its descriptors over a local socket, and every byte received.
 //!
-//! The process that holds the link listens at a path in the instance's folder. A second one (a candidate of a swap, a
-//! hot shadow) connects as a guest and is sent, in this order:
+//! The process that owns the link listens at a path in the instance's folder. A second one (a candidate of a swap, a
+//! hot shadow) connects as the standby and receives, in this order:
 //!
-//! | letter | content | when |
+//! | message | content | when |
 //! |---|---|---|
-//! | link | the open descriptors (`SCM_RIGHTS`), and whom a UDP socket answers | at once, and whenever the link is opened again |
+//! | link | the open descriptors (`SCM_RIGHTS`), and the peer of a UDP socket | at once, and whenever the link is opened again |
 //! | stream, datagram | bytes with the time they were read, and their sender | at every read |
-//! | released | what the holder has not handed to the kernel yet, and the caller's baton | when ownership passes on, as the last one |
+//! | released | bytes that the owner has not written yet, and the caller's state | at the handover, as the last one |
 //!
-//! Only the holder reads from and writes to the link; the guest lives on the letters, so it is as warm as the
-//! holder. After the last letter the two change their parts on the same connection. What the kernel has received
-//! meanwhile waits in the descriptor that both have: no byte is read twice, none is lost. If the holder dies the
-//! connection ends; the guest then holds all it needs to go on ([`super::Link::take`]).
+//! Only the owner reads from and writes to the link. The standby reads these messages and so knows all that the owner
+//! knows. After the last message the two swap their roles on the same connection. What the kernel has received
+//! meanwhile waits in the descriptor that both have: no byte is read twice, none is lost. If the owner dies the
+//! connection ends; the standby then has all it needs to take over ([`super::Link::take_over`]).
 
-use super::transport::{Kind, Parts};
+use super::transport::{TransportKind, TransportParts};
 use jink_shared_types::Timestamp;
 use rustix::io::Errno;
 use rustix::net::{
@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 
 /// Descriptors of one link: a listener and its client.
 const FDS: usize = 2;
-/// Bytes of a letter beside the chunk: tag, time, length and text of an address, with room to spare.
+/// Bytes of a message beside the chunk: tag, time, length and text of an address, and some to spare.
 const EXTRA_BYTES: usize = 128;
 
 const LINK: u8 = b'L';
@@ -37,25 +37,25 @@ const STREAM: u8 = b'S';
 const DATAGRAM: u8 = b'D';
 const RELEASED: u8 = b'R';
 
-/// What a guest is told.
+/// What a standby receives.
 #[derive(Debug)]
-pub(super) enum Letter {
+pub(super) enum HandoverMessage {
     /// Nothing now.
     Nothing,
     /// The link's descriptors; `None` while the link is lost.
-    Link(Option<Parts<OwnedFd>>),
-    /// Bytes of a stream, read at a time, in the letter box.
+    Link(Option<TransportParts<OwnedFd>>),
+    /// Bytes of a stream and the time at which they were read; the range is in the message buffer.
     Stream(Timestamp, std::ops::Range<usize>),
     /// A datagram and its sender.
     Datagram(Timestamp, Option<SocketAddr>, std::ops::Range<usize>),
     /// The link is the reader's from now on.
     Released {
-        /// What the former holder wanted the next one to know.
-        baton: std::ops::Range<usize>,
+        /// The former owner's handover state.
+        state: std::ops::Range<usize>,
         /// Bytes accepted for sending and not yet taken by the kernel.
         unsent: std::ops::Range<usize>,
     },
-    /// The other side is gone.
+    /// The connection is closed.
     Gone,
 }
 
@@ -65,49 +65,49 @@ pub(super) struct Handover {
     path: PathBuf,
     listener: Option<OwnedFd>,
     peer: Option<OwnedFd>,
-    is_guest: bool,
+    is_standby: bool,
 }
 
 impl Handover {
-    /// The holder's side: listens at `path`. A listener left there by a dead process is replaced.
+    /// The owner's side: listens at `path`. A listener left there by a dead process is replaced.
     pub(super) fn host(path: &Path) -> io::Result<Self> {
         Ok(Self {
             listener: Some(listen(path)?),
             path: path.to_owned(),
             peer: None,
-            is_guest: false,
+            is_standby: false,
         })
     }
 
-    /// The guest's side: connects to the holder at `path`.
+    /// The standby's side: connects to the owner at `path`.
     pub(super) fn join(path: &Path) -> io::Result<Self> {
         Ok(Self {
             path: path.to_owned(),
             listener: None,
             peer: Some(connect(path)?),
-            is_guest: true,
+            is_standby: true,
         })
     }
 
-    /// The guest's side before there is a holder.
+    /// The standby's side before there is an owner.
     pub(super) fn wait(path: &Path) -> Self {
         Self {
             path: path.to_owned(),
             listener: None,
             peer: None,
-            is_guest: true,
+            is_standby: true,
         }
     }
 
-    /// Holds no more, without anybody who goes on.
+    /// Gives the link up without a successor.
     pub(super) fn let_go(&mut self) {
-        self.is_guest = true;
+        self.is_standby = true;
         self.listener = None;
         self.peer = None;
     }
 
-    pub(super) fn is_guest(&self) -> bool {
-        self.is_guest
+    pub(super) fn is_standby(&self) -> bool {
+        self.is_standby
     }
 
     /// Whether the other side is there.
@@ -115,23 +115,23 @@ impl Handover {
         self.peer.is_some()
     }
 
-    /// Of a guest: connects again to whoever holds the link now.
-    pub(super) fn rejoin(&mut self) -> bool {
+    /// Of a standby: connects again to the present owner.
+    pub(super) fn reconnect(&mut self) -> bool {
         self.peer = connect(&self.path).ok();
         self.peer.is_some()
     }
 
-    /// Becomes the holder; the other side, if there is one, is the guest from now on.
-    pub(super) fn become_holder(&mut self) {
-        self.is_guest = false;
-        // Without a listener there will be no next guest, and the flight goes on.
+    /// Becomes the owner; the other side, if connected, is the standby from now on.
+    pub(super) fn become_owner(&mut self) {
+        self.is_standby = false;
+        // Without a listener there can be no next standby; the flight continues.
         match listen(&self.path) {
             Ok(listener) => self.listener = Some(listener),
             Err(error) => tracing::warn!("no handover at {}: {error}", self.path.display()),
         }
     }
 
-    /// Accepts a guest, if one is waiting and there is none: its first letters are the caller's.
+    /// Accepts a standby, if one is waiting and there is none; the caller sends its first messages.
     pub(super) fn accept(&mut self) -> bool {
         let Some(listener) = self.listener.as_ref().filter(|_| self.peer.is_none()) else {
             return false;
@@ -141,9 +141,9 @@ impl Handover {
         self.peer.is_some()
     }
 
-    /// Whether the guest has gone; a guest sends nothing, so anything readable is its end.
-    pub(super) fn notice_departure(&mut self) {
-        if let Some(peer) = self.peer.as_ref().filter(|_| !self.is_guest) {
+    /// Detects that the standby has gone; a standby sends nothing, so anything readable is the end of the connection.
+    pub(super) fn detect_disconnect(&mut self) {
+        if let Some(peer) = self.peer.as_ref().filter(|_| !self.is_standby) {
             let mut nothing = [0u8; 1];
             match rustix::net::recv(peer, &mut nothing[..], RecvFlags::DONTWAIT) {
                 Err(Errno::AGAIN | Errno::INTR) => {}
@@ -152,24 +152,27 @@ impl Handover {
         }
     }
 
-    /// What to watch: a guest its letters, a holder its door and its guest's departure.
+    /// The descriptors to watch: a standby's messages; of an owner the listening socket and its standby's disconnect.
     pub(super) fn fds(&self) -> [Option<BorrowedFd<'_>>; 2] {
-        let door = self.listener.as_ref().filter(|_| self.peer.is_none());
-        [self.peer.as_ref().map(AsFd::as_fd), door.map(AsFd::as_fd)]
+        let handover_socket = self.listener.as_ref().filter(|_| self.peer.is_none());
+        [
+            self.peer.as_ref().map(AsFd::as_fd),
+            handover_socket.map(AsFd::as_fd),
+        ]
     }
 
-    pub(super) fn send_link(&mut self, parts: Option<&Parts<BorrowedFd<'_>>>) {
+    pub(super) fn send_link(&mut self, parts: Option<&TransportParts<BorrowedFd<'_>>>) {
         let (kind, fds, address) = match parts {
             Some(parts) => (parts.kind as u8, parts.fds.as_slice(), parts.peer),
             None => (0, &[][..], None),
         };
         let address = text(address);
         let head = [LINK, kind, address.len() as u8];
-        let _goes = self.send(&[&head, address.as_bytes()], fds);
+        let _ = self.send(&[&head, address.as_bytes()], fds);
     }
 
     pub(super) fn send_stream(&mut self, time: Timestamp, bytes: &[u8]) {
-        let _goes = self.send(&[&[STREAM], &time.ns.to_le_bytes(), bytes], &[]);
+        let _ = self.send(&[&[STREAM], &time.ns.to_le_bytes(), bytes], &[]);
     }
 
     pub(super) fn send_datagram(&mut self, time: Timestamp, sender: Option<SocketAddr>, bytes: &[u8]) {
@@ -178,7 +181,7 @@ impl Handover {
         }
         let sender = text(sender);
         let head = [sender.len() as u8];
-        let _goes = self.send(
+        let _ = self.send(
             &[
                 &[DATAGRAM],
                 &time.ns.to_le_bytes(),
@@ -190,17 +193,17 @@ impl Handover {
         );
     }
 
-    /// The last letter. Returns whether the other side has it: then this side is the guest.
-    pub(super) fn release(&mut self, baton: &[u8], unsent: &[u8]) -> bool {
-        let released = self.send(&[&[RELEASED, baton.len() as u8], baton, unsent], &[]);
+    /// Sends the last message. Returns whether the other side has it: then this side is the standby.
+    pub(super) fn release(&mut self, state: &[u8], unsent: &[u8]) -> bool {
+        let released = self.send(&[&[RELEASED, state.len() as u8], state, unsent], &[]);
         if released {
-            self.is_guest = true;
+            self.is_standby = true;
             self.listener = None;
         }
         released
     }
 
-    /// A guest that does not read falls out: the link waits for nobody.
+    /// A standby that does not read is disconnected: the link never waits for it.
     fn send(&mut self, parts: &[&[u8]], fds: &[BorrowedFd<'_>]) -> bool {
         let Some(peer) = &self.peer else { return false };
         let slices: Vec<IoSlice<'_>> = parts.iter().map(|part| IoSlice::new(part)).collect();
@@ -223,69 +226,69 @@ impl Handover {
         sent.is_ok()
     }
 
-    /// The next letter of a guest; its bytes are in `letter_box` at the ranges told.
-    pub(super) fn next_letter(&mut self, letter_box: &mut [u8]) -> Letter {
+    /// The next message of a standby; its bytes are in `message_buffer` at the ranges returned.
+    pub(super) fn next_message(&mut self, message_buffer: &mut [u8]) -> HandoverMessage {
         let Some(peer) = &self.peer else {
-            return Letter::Gone;
+            return HandoverMessage::Gone;
         };
         let mut space = [MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(FDS))];
         let mut control = RecvAncillaryBuffer::new(&mut space);
         let flags = RecvFlags::DONTWAIT | RecvFlags::CMSG_CLOEXEC;
-        let mut into = [IoSliceMut::new(letter_box)];
+        let mut into = [IoSliceMut::new(message_buffer)];
         let length = match rustix::net::recvmsg(peer, &mut into, &mut control, flags) {
             Ok(message) if message.bytes > 0 => message.bytes,
-            Err(Errno::AGAIN | Errno::INTR) => return Letter::Nothing,
+            Err(Errno::AGAIN | Errno::INTR) => return HandoverMessage::Nothing,
             _ => {
                 self.peer = None;
-                return Letter::Gone;
+                return HandoverMessage::Gone;
             }
         };
         let fds = control.drain().filter_map(|message| match message {
             RecvAncillaryMessage::ScmRights(fds) => Some(fds),
             _ => None,
         });
-        let letter = read(&letter_box[..length], fds.flatten().collect());
-        letter.unwrap_or_else(|| {
+        let message = read(&message_buffer[..length], fds.flatten().collect());
+        message.unwrap_or_else(|| {
             tracing::warn!("a letter about the link that cannot be read: another version?");
             self.peer = None;
-            Letter::Gone
+            HandoverMessage::Gone
         })
     }
 }
 
-/// Size of a letter box for chunks of `chunk_bytes`.
-pub(super) fn letter_box(chunk_bytes: usize) -> Box<[u8]> {
+/// A message buffer for chunks of `chunk_bytes`.
+pub(super) fn message_buffer(chunk_bytes: usize) -> Box<[u8]> {
     vec![0; chunk_bytes + EXTRA_BYTES].into_boxed_slice()
 }
 
-fn read(letter: &[u8], fds: Vec<OwnedFd>) -> Option<Letter> {
+fn read(message: &[u8], fds: Vec<OwnedFd>) -> Option<HandoverMessage> {
     let time = || {
-        let bytes = letter.get(1..9)?.try_into().ok()?;
+        let bytes = message.get(1..9)?.try_into().ok()?;
         Some(Timestamp::from_ns(u64::from_le_bytes(bytes)))
     };
     let address = |at: usize| {
-        let end = at + 1 + usize::from(*letter.get(at)?);
-        let text = std::str::from_utf8(letter.get(at + 1..end)?).ok()?;
+        let end = at + 1 + usize::from(*message.get(at)?);
+        let text = std::str::from_utf8(message.get(at + 1..end)?).ok()?;
         Some((text.parse().ok(), end))
     };
-    match *letter.first()? {
-        LINK if letter.get(1)? == &0 => Some(Letter::Link(None)),
-        LINK => Some(Letter::Link(Some(Parts {
-            kind: Kind::of(*letter.get(1)?)?,
+    match *message.first()? {
+        LINK if message.get(1)? == &0 => Some(HandoverMessage::Link(None)),
+        LINK => Some(HandoverMessage::Link(Some(TransportParts {
+            kind: TransportKind::of(*message.get(1)?)?,
             fds,
             peer: address(2)?.0,
         }))),
-        STREAM => Some(Letter::Stream(time()?, 9..letter.len())),
+        STREAM => Some(HandoverMessage::Stream(time()?, 9..message.len())),
         DATAGRAM => {
             let (sender, begin) = address(9)?;
-            Some(Letter::Datagram(time()?, sender, begin..letter.len()))
+            Some(HandoverMessage::Datagram(time()?, sender, begin..message.len()))
         }
         RELEASED => {
-            let begin = 2 + usize::from(*letter.get(1)?);
-            letter.get(begin..)?;
-            Some(Letter::Released {
-                baton: 2..begin,
-                unsent: begin..letter.len(),
+            let begin = 2 + usize::from(*message.get(1)?);
+            message.get(begin..)?;
+            Some(HandoverMessage::Released {
+                state: 2..begin,
+                unsent: begin..message.len(),
             })
         }
         _ => None,
@@ -330,9 +333,9 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_letter_of_any_bytes_is_read_or_refused(letter in proptest::collection::vec(any::<u8>(), 0..200)) {
-            if let Some(super::Letter::Released { baton, unsent }) = read(&letter, Vec::new()) {
-                prop_assert!(letter.get(baton).is_some() && letter.get(unsent).is_some());
+        fn a_handover_message_of_any_bytes_is_read_or_rejected(message in proptest::collection::vec(any::<u8>(), 0..200)) {
+            if let Some(super::HandoverMessage::Released { state, unsent }) = read(&message, Vec::new()) {
+                prop_assert!(message.get(state).is_some() && message.get(unsent).is_some());
             }
         }
     }

@@ -8,25 +8,25 @@
 //!
 //! Nothing that the other side sends closes a link: malformed bytes are counted, refused datagrams are ignored. A lost
 //! stream (unplugged serial port, closed connection) is opened again with a growing pause; the caller sees one error
-//! per loss and per failed attempt, for its log, and a new [`Link::generation`] when another descriptor must be watched.
+//! per loss and per failed attempt, for its log, and a new [`Link::generation`] when another descriptor must be
+//! watched.
 //!
-//! A link can be shared with a second process that is to have it next ([`Link::share`], [`Link::join`],
-//! [`Link::release`]): the second one hears everything, and not a byte is lost or doubled when it passes on.
+//! A link can be shared with a second process that will take it over ([`Link::share`], [`Link::join`],
+//! [`Link::release`]): the standby receives everything, and no byte is lost or doubled at the handover.
 
 mod backlog;
 mod endpoint;
 mod error;
 mod handover;
-mod serial;
 mod transport;
 
 pub use endpoint::{ACCEPTED_FORMS, Endpoint, EndpointError};
 pub use error::LinkError;
 pub use transport::Sent;
 
-use crate::frame::{Frame, Splitter};
+use crate::frame::{MavlinkFrame, Splitter};
 use crate::message::{COMPONENT_AUTOPILOT, Content, Received};
-use handover::{Handover, Letter};
+use handover::{Handover, HandoverMessage};
 use jink_shared_types::Timestamp;
 use std::net::IpAddr;
 use std::os::fd::BorrowedFd;
@@ -41,8 +41,8 @@ const CHUNKS_PER_CALL: usize = 32;
 const RETRY_FIRST_S: f64 = 0.1;
 /// Longest pause (s): a plugged-in cable should be noticed at once by human standards.
 const RETRY_LONGEST_S: f64 = 1.0;
-/// Pause before a guest whose holder is gone looks for the next one (s).
-const REJOIN_S: f64 = 0.1;
+/// Pause before a standby whose owner is gone looks for the next one (s).
+const RECONNECT_S: f64 = 0.1;
 
 /// Whether a call to [`Link::receive`] took everything.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -64,34 +64,34 @@ pub struct LinkCounters {
     pub unsent: u64,
     /// Times the link was opened again.
     pub reopened: u64,
-    /// Datagrams and connections of those who are not among the peers.
-    pub strangers: u64,
+    /// Datagrams and connections from addresses that are not among the peers.
+    pub unknown_peers: u64,
 }
 
 /// What becomes of the frames that a link receives.
-pub trait Intake {
-    /// Whether `frame` is to be heard at all; asked before anything else is done with it.
-    fn admits(&mut self, frame: &Frame<'_>) -> bool;
+pub trait FrameFilter {
+    /// Whether `frame` is accepted at all; called before anything else is done with it.
+    fn admits(&mut self, frame: &MavlinkFrame<'_>) -> bool;
     /// Whether a message is wanted here; `content` is `None` if it cannot be decoded.
-    fn wants(&mut self, frame: &Frame<'_>, content: Option<&Content>) -> bool;
+    fn wants(&mut self, frame: &MavlinkFrame<'_>, content: Option<&Content>) -> bool;
 }
 
-/// Takes every message.
-struct Everything;
+/// Accepts every message.
+struct AcceptAll;
 
-impl Intake for Everything {
-    fn admits(&mut self, _: &Frame<'_>) -> bool {
+impl FrameFilter for AcceptAll {
+    fn admits(&mut self, _: &MavlinkFrame<'_>) -> bool {
         true
     }
-    fn wants(&mut self, _: &Frame<'_>, _: Option<&Content>) -> bool {
+    fn wants(&mut self, _: &MavlinkFrame<'_>, _: Option<&Content>) -> bool {
         true
     }
 }
 
-/// Whom a listening UDP link answers.
+/// Where a listening UDP link replies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Answers {
-    /// The last sender that spoke as an autopilot: a ground station on the same port changes nothing.
+pub enum ReplyPolicy {
+    /// The last sender that is an autopilot: a ground station on the same port changes nothing.
     Autopilot,
     /// The last sender of an intact message.
     Anybody,
@@ -109,12 +109,12 @@ pub struct Link {
     retry_at: Timestamp,
     retry_pause_s: f64,
     handover: Option<Handover>,
-    letter_box: Box<[u8]>,
+    message_buffer: Box<[u8]>,
     /// When the bytes in the splitter were read.
     read_at: Timestamp,
-    baton: Option<Vec<u8>>,
+    handover_state: Option<Vec<u8>>,
     index: u8,
-    answers: Answers,
+    reply_policy: ReplyPolicy,
     peers: Vec<IpAddr>,
     /// It is opened again when it is lost.
     reopens: bool,
@@ -141,11 +141,11 @@ impl Link {
             retry_at: Timestamp::NEVER,
             retry_pause_s: RETRY_FIRST_S,
             handover: None,
-            letter_box: Box::default(),
+            message_buffer: Box::default(),
             read_at: Timestamp::NEVER,
-            baton: None,
+            handover_state: None,
             index: 0,
-            answers: Answers::Autopilot,
+            reply_policy: ReplyPolicy::Autopilot,
             peers: Vec::new(),
             reopens: true,
         }
@@ -171,14 +171,14 @@ impl Link {
         self
     }
 
-    /// With another rule for whom a listening UDP link answers than [`Answers::Autopilot`].
+    /// Sets where a listening UDP link replies; the default is [`ReplyPolicy::Autopilot`].
     #[must_use]
-    pub fn answering(mut self, answers: Answers) -> Self {
-        self.answers = answers;
+    pub fn with_reply_policy(mut self, reply_policy: ReplyPolicy) -> Self {
+        self.reply_policy = reply_policy;
         self
     }
 
-    /// Listening to nobody but `peers`, unless that is empty.
+    /// Receives only from `peers`, unless that is empty.
     #[must_use]
     pub fn with_peers(mut self, peers: Vec<IpAddr>) -> Self {
         self.peers = peers;
@@ -195,14 +195,14 @@ impl Link {
             source,
         })?;
         self.handover = Some(handover);
-        self.letter_box = handover::letter_box(CHUNK_BYTES);
+        self.message_buffer = handover::message_buffer(CHUNK_BYTES);
         Ok(())
     }
 
-    /// Joins the link that another process shares at `path`: hears what it hears, says nothing.
+    /// Joins the link that another process shares at `path`: receives what the owner receives, and never sends.
     ///
     /// # Errors
-    /// [`LinkError::Handover`] if nobody shares a link there.
+    /// [`LinkError::Handover`] if no process shares a link there.
     pub fn join(endpoint: Endpoint, path: &Path) -> Result<Self, LinkError> {
         let handover = Handover::join(path).map_err(|source| LinkError::Handover {
             path: path.to_owned(),
@@ -210,21 +210,22 @@ impl Link {
         })?;
         Ok(Self {
             handover: Some(handover),
-            letter_box: handover::letter_box(CHUNK_BYTES),
+            message_buffer: handover::message_buffer(CHUNK_BYTES),
             ..Self::new(endpoint, None)
         })
     }
 
-    /// As [`Self::join`], and if nobody shares the link yet, as soon as somebody does.
+    /// As [`Self::join`]; if no process shares the link yet, it joins as soon as one does.
     pub fn join_later(endpoint: Endpoint, path: &Path) -> Self {
-        Self::join(endpoint.clone(), path).unwrap_or_else(|_nobody_yet| Self {
+        Self::join(endpoint.clone(), path).unwrap_or_else(|_| Self {
             handover: Some(Handover::wait(path)),
-            letter_box: handover::letter_box(CHUNK_BYTES),
+            message_buffer: handover::message_buffer(CHUNK_BYTES),
             ..Self::new(endpoint, None)
         })
     }
 
-    /// Closes the link and listens to whoever opens it next: for when nobody takes what is released.
+    /// Closes the link and becomes the standby of whichever process opens it next: for when no process takes what is
+    /// released.
     pub fn let_go(&mut self) {
         if let Some(handover) = &mut self.handover {
             handover.let_go();
@@ -233,14 +234,14 @@ impl Link {
         }
     }
 
-    /// Whether this process reads and writes the link; if not, it only hears what the holder hears.
-    pub fn holds(&self) -> bool {
-        !self.handover.as_ref().is_some_and(Handover::is_guest)
+    /// Whether this process reads and writes the link; if not, it is the standby and receives what the owner reads.
+    pub fn is_owner(&self) -> bool {
+        !self.handover.as_ref().is_some_and(Handover::is_standby)
     }
 
-    /// Passes the link on, with `baton` (at most 255 bytes) for the next holder. Returns whether there was somebody to
-    /// take it; this process hears on then.
-    pub fn release(&mut self, baton: &[u8]) -> bool {
+    /// Hands the link over, with `state` (at most 255 bytes) for the next owner. Returns whether a process took it;
+    /// this one then stays as the standby.
+    pub fn release(&mut self, state: &[u8]) -> bool {
         let Self {
             transport, handover, ..
         } = self;
@@ -248,7 +249,7 @@ impl Link {
         let unsent = backlog.as_ref().map_or(&[][..], |backlog| backlog.bytes());
         let released = handover
             .as_mut()
-            .is_some_and(|handover| handover.release(baton, unsent));
+            .is_some_and(|handover| handover.release(state, unsent));
         if released {
             self.generation += 1;
             if let Some(backlog) = &mut backlog {
@@ -258,28 +259,28 @@ impl Link {
         released
     }
 
-    /// What the former holder wanted this one to know; once, after it has passed the link on.
-    pub fn take_baton(&mut self) -> Option<Vec<u8>> {
-        self.baton.take()
+    /// The handover state of the former owner; `Some` once, after it has handed the link over.
+    pub fn take_handover_state(&mut self) -> Option<Vec<u8>> {
+        self.handover_state.take()
     }
 
-    /// Whether this process hears nothing because the holder is gone.
-    pub fn is_orphaned(&self) -> bool {
-        !self.holds() && self.handover.as_ref().is_some_and(|one| !one.has_peer())
+    /// Whether this process receives nothing because the owner is gone.
+    pub fn has_lost_owner(&self) -> bool {
+        !self.is_owner() && self.handover.as_ref().is_some_and(|one| !one.has_peer())
     }
 
-    /// Goes on with the link of a holder that has died. Only for whom the control record names the owner.
-    pub fn take(&mut self) {
+    /// Takes the link of a dead owner over. Only for the process that the control record names as the owner.
+    pub fn take_over(&mut self) {
         if let Some(handover) = &mut self.handover {
-            handover.become_holder();
+            handover.become_owner();
             self.generation += 1;
         }
     }
 
     /// The descriptors to watch. While the link is lost call [`Self::receive`] at [`Self::next_wake`].
     pub fn fds(&self) -> [Option<BorrowedFd<'_>>; 3] {
-        let [peer, door] = self.handover.as_ref().map_or([None; 2], Handover::fds);
-        [self.fd().filter(|_| self.holds()), peer, door]
+        let [peer, handover_socket] = self.handover.as_ref().map_or([None; 2], Handover::fds);
+        [self.fd().filter(|_| self.is_owner()), peer, handover_socket]
     }
 
     /// The link's own descriptor; `None` while it is lost.
@@ -292,10 +293,10 @@ impl Link {
         self.generation
     }
 
-    /// When a lost link will be opened, or its next holder be looked for, again.
+    /// When to reopen a lost link, or to look for its next owner.
     pub fn next_wake(&self) -> Option<Timestamp> {
-        let lost = self.holds() && self.transport.is_none() && self.reopens;
-        (lost || self.is_orphaned()).then_some(self.retry_at)
+        let lost = self.is_owner() && self.transport.is_none() && self.reopens;
+        (lost || self.has_lost_owner()).then_some(self.retry_at)
     }
 
     /// What was counted so far.
@@ -306,8 +307,8 @@ impl Link {
         }
     }
 
-    /// Reads until nothing is left or `messages` has no spare capacity; nothing is allocated. The
-    /// time of reception is read from `clock` after each read: the autopilot's clock is measured with it.
+    /// Reads until nothing is left or `messages` has no spare capacity; nothing is allocated. The time of reception is
+    /// read from `clock` after each read: the autopilot's clock is measured with it.
     ///
     /// # Errors
     /// [`LinkError`] if the link was lost just now or could not be opened again; it will be tried again.
@@ -316,10 +317,10 @@ impl Link {
         clock: impl Fn() -> Timestamp,
         messages: &mut Vec<Received>,
     ) -> Result<Progress, LinkError> {
-        self.receive_through(clock, messages, &mut Everything)
+        self.receive_through(clock, messages, &mut AcceptAll)
     }
 
-    /// As [`Self::receive`], with `intake` deciding about each frame.
+    /// As [`Self::receive`], with `filter` deciding about each frame.
     ///
     /// # Errors
     /// The same.
@@ -327,15 +328,15 @@ impl Link {
         &mut self,
         clock: impl Fn() -> Timestamp,
         messages: &mut Vec<Received>,
-        intake: &mut impl Intake,
+        filter: &mut impl FrameFilter,
     ) -> Result<Progress, LinkError> {
-        if !self.holds() {
-            return Ok(self.overhear(clock(), messages, intake));
+        if !self.is_owner() {
+            return Ok(self.receive_as_standby(clock(), messages, filter));
         }
-        self.look_after_guest(clock());
+        self.serve_standby(clock());
         self.reopen_if_due(clock())?;
         for _ in 0..CHUNKS_PER_CALL {
-            if self.take_frames(messages, intake) == Progress::More {
+            if self.take_frames(messages, filter) == Progress::More {
                 return Ok(Progress::More);
             }
             let Some(transport) = &mut self.transport else {
@@ -361,8 +362,8 @@ impl Link {
                     }
                 }
                 Ok(Chunk::Nothing) => return Ok(Progress::Drained),
-                Ok(Chunk::Stranger) => self.counters.strangers += 1,
-                Ok(Chunk::Moved) => {
+                Ok(Chunk::UnknownPeer) => self.counters.unknown_peers += 1,
+                Ok(Chunk::DescriptorChanged) => {
                     self.splitter.reset();
                     self.generation += 1;
                     self.send_link();
@@ -373,19 +374,19 @@ impl Link {
         Ok(Progress::More)
     }
 
-    /// Tells the guest what the link is made of now.
+    /// Sends the standby the descriptors that the link has now.
     fn send_link(&mut self) {
         if let Some(handover) = &mut self.handover {
             handover.send_link(self.transport.as_ref().map(Transport::parts).as_ref());
         }
     }
 
-    /// Lets a guest in, with what it needs to begin in the middle of a stream.
-    fn look_after_guest(&mut self, now: Timestamp) {
+    /// Accepts a standby and sends it what it needs to start in the middle of a stream.
+    fn serve_standby(&mut self, now: Timestamp) {
         let Some(handover) = &mut self.handover else {
             return;
         };
-        handover.notice_departure();
+        handover.detect_disconnect();
         if handover.accept() {
             handover.send_link(self.transport.as_ref().map(Transport::parts).as_ref());
             if self.splitter.pending() > 0 {
@@ -394,54 +395,55 @@ impl Link {
         }
     }
 
-    /// Of a guest: reads letters instead of the link, until none is left, `messages` is full, or the link is its own.
-    fn overhear(
+    /// Of a standby: reads handover messages instead of the link, until none is left, `messages` is full, or it owns
+    /// the link.
+    fn receive_as_standby(
         &mut self,
         now: Timestamp,
         messages: &mut Vec<Received>,
-        intake: &mut impl Intake,
+        filter: &mut impl FrameFilter,
     ) -> Progress {
         for _ in 0..CHUNKS_PER_CALL {
-            if self.take_frames(messages, intake) == Progress::More {
+            if self.take_frames(messages, filter) == Progress::More {
                 return Progress::More;
             }
             let Some(handover) = &mut self.handover else {
                 return Progress::Drained;
             };
             if !handover.has_peer() {
-                if now >= self.retry_at && !handover.rejoin() {
-                    self.retry_at = now.plus_seconds(REJOIN_S);
+                if now >= self.retry_at && !handover.reconnect() {
+                    self.retry_at = now.plus_seconds(RECONNECT_S);
                 }
                 return Progress::Drained;
             }
-            match handover.next_letter(&mut self.letter_box) {
-                Letter::Nothing => return Progress::Drained,
-                Letter::Link(parts) => {
+            match handover.next_message(&mut self.message_buffer) {
+                HandoverMessage::Nothing => return Progress::Drained,
+                HandoverMessage::Link(parts) => {
                     self.splitter.reset();
                     self.transport = parts.and_then(Transport::of_parts);
                 }
-                Letter::Stream(time, range) => {
+                HandoverMessage::Stream(time, range) => {
                     self.read_at = time;
-                    self.splitter.push(&self.letter_box[range]);
+                    self.splitter.push(&self.message_buffer[range]);
                 }
-                Letter::Datagram(time, sender, range) => {
+                HandoverMessage::Datagram(time, sender, range) => {
                     self.read_at = time;
                     if let Some(transport) = &mut self.transport {
-                        transport.heard_of(sender);
+                        transport.set_last_sender(sender);
                     }
-                    self.splitter.load_datagram(&self.letter_box[range]);
+                    self.splitter.load_datagram(&self.message_buffer[range]);
                 }
-                Letter::Released { baton, unsent } => {
+                HandoverMessage::Released { state, unsent } => {
                     if let Some(backlog) = self.transport.as_mut().and_then(Transport::backlog) {
-                        backlog.replace(&self.letter_box[unsent]);
+                        backlog.replace(&self.message_buffer[unsent]);
                     }
-                    self.baton = Some(self.letter_box[baton].to_vec());
-                    self.take();
-                    // What was read by the former holder is the former holder's; what comes now is this one's.
+                    self.handover_state = Some(self.message_buffer[state].to_vec());
+                    self.take_over();
+                    // The former owner handles what it has read; this process handles what comes from now on.
                     return Progress::More;
                 }
-                Letter::Gone => {
-                    self.retry_at = now.plus_seconds(REJOIN_S);
+                HandoverMessage::Gone => {
+                    self.retry_at = now.plus_seconds(RECONNECT_S);
                     return Progress::Drained;
                 }
             }
@@ -454,8 +456,8 @@ impl Link {
     /// # Errors
     /// [`LinkError::Lost`] if the link broke; it will be opened again.
     pub fn send(&mut self, now: Timestamp, frame: &[u8]) -> Result<Sent, LinkError> {
-        let holds = self.holds();
-        let Some(transport) = self.transport.as_mut().filter(|_| holds) else {
+        let is_owner = self.is_owner();
+        let Some(transport) = self.transport.as_mut().filter(|_| is_owner) else {
             self.counters.unsent += 1;
             return Ok(Sent::NoPeer);
         };
@@ -469,25 +471,25 @@ impl Link {
         }
     }
 
-    fn take_frames(&mut self, messages: &mut Vec<Received>, intake: &mut impl Intake) -> Progress {
+    fn take_frames(&mut self, messages: &mut Vec<Received>, filter: &mut impl FrameFilter) -> Progress {
         while messages.len() < messages.capacity() {
             let Some(frame) = self.splitter.next_frame() else {
                 return Progress::Drained;
             };
-            if !intake.admits(&frame) {
+            if !filter.admits(&frame) {
                 continue;
             }
             let is_peer =
-                self.answers == Answers::Anybody || frame.header.component_id == COMPONENT_AUTOPILOT;
+                self.reply_policy == ReplyPolicy::Anybody || frame.header.component_id == COMPONENT_AUTOPILOT;
             if frame.is_verified
                 && is_peer
                 && let Some(transport) = &mut self.transport
             {
-                transport.last_sender_is_peer();
+                transport.set_peer_to_last_sender();
             }
             let content = Content::of(&frame).filter(|_| frame.is_verified);
             self.counters.undecodable += u64::from(frame.is_verified && content.is_none());
-            if intake.wants(&frame, content.as_ref())
+            if filter.wants(&frame, content.as_ref())
                 && let Some(content) = content
             {
                 messages.push(Received {

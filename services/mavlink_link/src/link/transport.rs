@@ -3,8 +3,9 @@
 use super::backlog::Backlog;
 use super::endpoint::{Endpoint, UNIX_ANSWER};
 use super::error::LinkError;
-use super::serial;
+use jink_runtime::serial;
 use rustix::net::{AddressFamily, SocketFlags, SocketType};
+use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -29,7 +30,7 @@ pub enum Sent {
 /// An open transport.
 #[derive(Debug)]
 pub(super) enum Transport {
-    /// Answers the last sender that spoke as the one the link is for.
+    /// Replies to the last sender that is of the kind the link is for.
     UdpIn {
         socket: UdpSocket,
         peer: Option<SocketAddr>,
@@ -41,14 +42,14 @@ pub(super) enum Transport {
         client: Option<(TcpStream, Backlog)>,
     },
     TcpOut(TcpStream, Backlog),
-    Serial(OwnedFd, Backlog),
+    Serial(File, Backlog),
     Unix(UnixDatagram),
 }
 
-/// Kinds of open transports, as told to another process.
+/// Kinds of open transports, as numbered in a handover message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
-pub(super) enum Kind {
+pub(super) enum TransportKind {
     UdpIn = 1,
     UdpOut = 2,
     TcpIn = 3,
@@ -57,7 +58,7 @@ pub(super) enum Kind {
     Unix = 6,
 }
 
-impl Kind {
+impl TransportKind {
     pub(super) fn of(number: u8) -> Option<Self> {
         [
             Self::UdpIn,
@@ -74,11 +75,11 @@ impl Kind {
 
 /// What an open transport is made of.
 #[derive(Debug)]
-pub(super) struct Parts<Fd> {
-    pub(super) kind: Kind,
+pub(super) struct TransportParts<Fd> {
+    pub(super) kind: TransportKind,
     /// The descriptor; for a listener its client's as well, if there is one.
     pub(super) fds: Vec<Fd>,
-    /// Whom a listening UDP socket answers.
+    /// The peer to which a listening UDP socket replies.
     pub(super) peer: Option<SocketAddr>,
 }
 
@@ -90,10 +91,10 @@ pub(super) enum Chunk {
     Datagram(usize),
     /// Nothing now.
     Nothing,
-    /// Something of somebody who is not among the peers; it is gone.
-    Stranger,
+    /// Something from an address that is not among the peers; it is dropped.
+    UnknownPeer,
     /// Another file descriptor has to be watched from now on.
-    Moved,
+    DescriptorChanged,
 }
 
 impl Transport {
@@ -126,7 +127,8 @@ impl Transport {
                 Ok(Transport::TcpOut(stream, Backlog::default()))
             }
             Endpoint::Serial { path, baud } => {
-                serial::open(path, *baud).map(|fd| Transport::Serial(fd, Backlog::default()))
+                let fd = serial::open(path, *baud).map_err(LinkError::Serial)?;
+                Ok(Transport::Serial(fd.into(), Backlog::default()))
             }
             Endpoint::Unix { path } => {
                 connect_unix(path)
@@ -157,14 +159,14 @@ impl Transport {
     }
 
     /// What another process needs to have the same transport.
-    pub(super) fn parts(&self) -> Parts<BorrowedFd<'_>> {
+    pub(super) fn parts(&self) -> TransportParts<BorrowedFd<'_>> {
         let (kind, peer) = match self {
-            Transport::UdpIn { peer, .. } => (Kind::UdpIn, *peer),
-            Transport::UdpOut(_) => (Kind::UdpOut, None),
-            Transport::TcpIn { .. } => (Kind::TcpIn, None),
-            Transport::TcpOut(..) => (Kind::TcpOut, None),
-            Transport::Serial(..) => (Kind::Serial, None),
-            Transport::Unix(_) => (Kind::Unix, None),
+            Transport::UdpIn { peer, .. } => (TransportKind::UdpIn, *peer),
+            Transport::UdpOut(_) => (TransportKind::UdpOut, None),
+            Transport::TcpIn { .. } => (TransportKind::TcpIn, None),
+            Transport::TcpOut(..) => (TransportKind::TcpOut, None),
+            Transport::Serial(..) => (TransportKind::Serial, None),
+            Transport::Unix(_) => (TransportKind::Unix, None),
         };
         let mut fds = vec![self.fd()];
         if let Transport::TcpIn { listener, client } = self
@@ -172,30 +174,30 @@ impl Transport {
         {
             fds.insert(0, listener.as_fd());
         }
-        Parts { kind, fds, peer }
+        TransportParts { kind, fds, peer }
     }
 
     /// The transport of another process; `None` if its parts do not fit together.
-    pub(super) fn of_parts(parts: Parts<OwnedFd>) -> Option<Self> {
+    pub(super) fn of_parts(parts: TransportParts<OwnedFd>) -> Option<Self> {
         let peer = parts.peer;
         let mut fds = parts.fds.into_iter();
         let fd = fds.next()?;
         Some(match parts.kind {
-            Kind::UdpIn => Transport::UdpIn {
+            TransportKind::UdpIn => Transport::UdpIn {
                 socket: UdpSocket::from(fd),
                 peer,
                 last_sender: None,
             },
-            Kind::UdpOut => Transport::UdpOut(UdpSocket::from(fd)),
-            Kind::TcpIn => Transport::TcpIn {
+            TransportKind::UdpOut => Transport::UdpOut(UdpSocket::from(fd)),
+            TransportKind::TcpIn => Transport::TcpIn {
                 listener: TcpListener::from(fd),
                 client: fds
                     .next()
                     .map(|client| (TcpStream::from(client), Backlog::default())),
             },
-            Kind::TcpOut => Transport::TcpOut(TcpStream::from(fd), Backlog::default()),
-            Kind::Serial => Transport::Serial(fd, Backlog::default()),
-            Kind::Unix => Transport::Unix(UnixDatagram::from(fd)),
+            TransportKind::TcpOut => Transport::TcpOut(TcpStream::from(fd), Backlog::default()),
+            TransportKind::Serial => Transport::Serial(fd.into(), Backlog::default()),
+            TransportKind::Unix => Transport::Unix(UnixDatagram::from(fd)),
         })
     }
 
@@ -217,20 +219,20 @@ impl Transport {
     }
 
     /// Another process has read a datagram of `sender` from this transport.
-    pub(super) fn heard_of(&mut self, sender: Option<SocketAddr>) {
+    pub(super) fn set_last_sender(&mut self, sender: Option<SocketAddr>) {
         if let Transport::UdpIn { last_sender, .. } = self {
             *last_sender = sender;
         }
     }
 
-    /// Reads what is there. On listening transports only `peers` are heard, everybody if it is empty. Errors are fatal for
-    /// the transport.
+    /// Reads what is there. Listening transports receive only from `peers`, from any if it is empty. Errors are fatal
+    /// for the transport.
     pub(super) fn read(&mut self, chunk: &mut [u8], peers: &[IpAddr]) -> io::Result<Chunk> {
         match self {
             Transport::UdpIn {
                 socket, last_sender, ..
             } => match socket.recv_from(chunk) {
-                Ok((_, sender)) if !is_peer(peers, sender) => Ok(Chunk::Stranger),
+                Ok((_, sender)) if !is_peer(peers, sender) => Ok(Chunk::UnknownPeer),
                 Ok((len, sender)) => {
                     *last_sender = Some(sender);
                     Ok(Chunk::Datagram(len))
@@ -246,15 +248,15 @@ impl Transport {
                     let read = backlog.flush(stream).and_then(|()| stream_read(stream, chunk));
                     if read.is_err() {
                         *client = None;
-                        return Ok(Chunk::Moved);
+                        return Ok(Chunk::DescriptorChanged);
                     }
                     read
                 }
                 None => accept(listener).map(|accepted| match accepted {
-                    Some((_, from)) if !is_peer(peers, from) => Chunk::Stranger,
+                    Some((_, from)) if !is_peer(peers, from) => Chunk::UnknownPeer,
                     Some((stream, _)) => {
                         *client = Some((stream, Backlog::default()));
-                        Chunk::Moved
+                        Chunk::DescriptorChanged
                     }
                     None => Chunk::Nothing,
                 }),
@@ -263,10 +265,9 @@ impl Transport {
                 backlog.flush(stream)?;
                 stream_read(stream, chunk)
             }
-            Transport::Serial(fd, backlog) => {
-                let mut port = serial::Port(&*fd);
-                backlog.flush(&mut port)?;
-                stream_read(&mut port, chunk)
+            Transport::Serial(port, backlog) => {
+                backlog.flush(port)?;
+                stream_read(port, chunk)
             }
             Transport::Unix(socket) => match socket.recv(chunk) {
                 Ok(len) => Ok(Chunk::Datagram(len)),
@@ -293,8 +294,8 @@ impl Transport {
                 None => Ok(Sent::NoPeer),
             },
             Transport::TcpOut(stream, backlog) => backlog.write(stream, frame),
-            Transport::Serial(fd, backlog) => backlog.write(&mut serial::Port(&*fd), frame),
-            // Its other side is one socket: if that is gone, another one has to be looked for.
+            Transport::Serial(port, backlog) => backlog.write(port, frame),
+            // Its other side is one socket: if that is gone, another one has to be found.
             Transport::Unix(socket) => match socket.send(frame) {
                 Ok(_) => Ok(Sent::Yes),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(Sent::Busy),
@@ -304,7 +305,7 @@ impl Transport {
     }
 
     /// The datagram just read came from the one this link is for: answers go there.
-    pub(super) fn last_sender_is_peer(&mut self) {
+    pub(super) fn set_peer_to_last_sender(&mut self) {
         if let Transport::UdpIn {
             peer,
             last_sender: Some(sender),
@@ -376,7 +377,8 @@ fn connect_unix(path: &str) -> io::Result<UnixDatagram> {
     Ok(socket)
 }
 
-/// Starts a connection without waiting for it: until it stands reads bring nothing, and a failure shows as a read error.
+/// Starts a connection without waiting for it: until it stands reads bring nothing, and a failure shows as a read
+/// error.
 fn connect_tcp(peer: SocketAddr) -> io::Result<TcpStream> {
     let family = if peer.is_ipv4() {
         AddressFamily::INET
@@ -394,7 +396,7 @@ fn connect_tcp(peer: SocketAddr) -> io::Result<TcpStream> {
     Ok(stream)
 }
 
-/// Frames leave at once, and a peer that is gone without a word is noticed.
+/// Frames leave at once, and a peer that vanishes without closing is detected.
 fn tune(stream: &TcpStream) -> io::Result<()> {
     stream.set_nodelay(true)?;
     Ok(rustix::net::sockopt::set_tcp_user_timeout(
@@ -419,7 +421,7 @@ fn accept(listener: &TcpListener) -> io::Result<Option<(TcpStream, SocketAddr)>>
     }
 }
 
-/// A socket for both families tells IPv4 addresses in the form of IPv6.
+/// A socket for both families reports IPv4 addresses in the form of IPv6.
 fn is_peer(peers: &[IpAddr], sender: SocketAddr) -> bool {
     peers.is_empty() || peers.contains(&sender.ip().to_canonical())
 }

@@ -1,12 +1,12 @@
 //! One link with what belongs to it alone: its numbering, its budget, its counters.
 
 use super::LinkSetup;
-use crate::budget::{Budget, Change, Class};
+use crate::budget::{Budget, CapacityChange, TrafficClass};
 use crate::encoder::Encoder;
 use crate::link::{Link, LinkError, Sent};
 use crate::message::Outgoing;
 use crate::signing::stamps::{self, StampKeeper};
-use crate::signing::{Refusal, SIGNATURE_BYTES, SIGNED_FRAME_MAX, sign};
+use crate::signing::{SIGNATURE_BYTES, SIGNED_FRAME_MAX, SignatureRefusal, sign};
 use crate::tlog::Tlog;
 use jink_runtime::config::Signing;
 use jink_shared_types::Timestamp;
@@ -18,7 +18,7 @@ use jink_shared_types::link::LinkTraffic;
 #[derive(Debug)]
 pub(super) struct Member {
     pub(super) link: Link,
-    pub(super) rules: Rules,
+    pub(super) rules: LinkRules,
     pub(super) encoder: Encoder,
     name: String,
     budget: Option<Budget>,
@@ -28,17 +28,17 @@ pub(super) struct Member {
 
 /// What a link asks of what comes in, and what it has counted.
 #[derive(Debug)]
-pub(super) struct Rules {
+pub(super) struct LinkRules {
     pub(super) setup: LinkSetup,
     pub(super) traffic: LinkTraffic,
 }
 
-impl Rules {
-    pub(super) fn count(&mut self, refusal: Refusal) {
+impl LinkRules {
+    pub(super) fn count(&mut self, refusal: SignatureRefusal) {
         let counter = match refusal {
-            Refusal::Signature => &mut self.traffic.signature_refused,
-            Refusal::Replayed => &mut self.traffic.replayed,
-            Refusal::Unsigned => &mut self.traffic.unsigned_refused,
+            SignatureRefusal::Signature => &mut self.traffic.signature_refused,
+            SignatureRefusal::Replayed => &mut self.traffic.replayed,
+            SignatureRefusal::Unsigned => &mut self.traffic.unsigned_refused,
         };
         *counter += 1;
     }
@@ -53,7 +53,7 @@ impl Member {
             budget: setup.rate_bps.map(Budget::new),
             signed: Box::new([0; SIGNED_FRAME_MAX]),
             is_lost: false,
-            rules: Rules {
+            rules: LinkRules {
                 traffic: LinkTraffic {
                     name: Name::new(&setup.name),
                     ..LinkTraffic::default()
@@ -66,7 +66,7 @@ impl Member {
     pub(super) fn traffic(&self) -> LinkTraffic {
         let counters = self.link.counters();
         LinkTraffic {
-            strangers: counters.strangers,
+            strangers: counters.unknown_peers,
             garbage_bytes: counters.garbage_bytes,
             reopened: counters.reopened,
             ..self.rules.traffic
@@ -81,7 +81,7 @@ impl Member {
         stamps: Option<&mut StampKeeper>,
         log: Option<&mut Tlog>,
     ) -> bool {
-        let class = Class::of(message.body.message_id());
+        let class = TrafficClass::of(message.body.message_id());
         let frame = self
             .encoder
             .encode(message.system_id, message.component_id, &message.body);
@@ -104,7 +104,7 @@ impl Member {
                 .and_then(|stamps| stamps.take(stamps::wall()))
                 .and_then(|stamp| sign(frame, key, self.rules.setup.link_id, stamp, &mut self.signed)),
         };
-        // A broken link shows at the next reception, where it is told and reopened.
+        // A broken link shows at the next reception, where it is logged and reopened.
         let sent = bytes
             .filter(|bytes| matches!(self.link.send(now, bytes), Ok(Sent::Yes)))
             .inspect(|bytes| {
@@ -122,7 +122,7 @@ impl Member {
 
     /// Sends what came in on another link, as it is, if the budget allows it.
     pub(super) fn pass_on(&mut self, now: Timestamp, frame: &[u8]) {
-        let class = Class::Forwarded;
+        let class = TrafficClass::Forwarded;
         if let Some(budget) = &mut self.budget
             && !budget.admits(now, class, frame.len())
         {
@@ -138,17 +138,17 @@ impl Member {
     /// Whether the link has become too slow, or fast enough again.
     pub(super) fn judge(&mut self, now: Timestamp) -> Option<EventSample> {
         let event = match self.budget.as_mut()?.judge(now)? {
-            Change::Slow {
+            CapacityChange::Slow {
                 carries_bps,
                 needed_bps,
             } => EventSample::new(&LINK_SLOW, &self.name, [carries_bps.round(), needed_bps.round()]),
-            Change::FastAgain => EventSample::new(&LINK_FAST_AGAIN, &self.name, [0.0; 2]),
+            CapacityChange::FastAgain => EventSample::new(&LINK_FAST_AGAIN, &self.name, [0.0; 2]),
         };
         Some(event)
     }
 
     /// Logs a lost link once, and its return once.
-    pub(super) fn tell(&mut self, lost: Option<&LinkError>) {
+    pub(super) fn log_state(&mut self, lost: Option<&LinkError>) {
         match lost {
             Some(cause) if !self.is_lost => tracing::warn!("link {}: {cause}", self.name),
             None if self.is_lost && self.link.fd().is_some() => {
@@ -156,6 +156,6 @@ impl Member {
             }
             _ => {}
         }
-        self.is_lost = lost.is_some() || self.link.holds() && self.link.fd().is_none();
+        self.is_lost = lost.is_some() || self.link.is_owner() && self.link.fd().is_none();
     }
 }

@@ -1,48 +1,49 @@
-//! All links of the gateway: the autopilot's, and those of whoever else is to hear and to be heard.
+//! All links of the gateway: the one to the autopilot, and those to ground stations and other components.
 //!
 //! | in | out |
 //! |---|---|
-//! | [`LinkSetup`]s, the autopilot's first | open links; one that is lost opens itself again and keeps nobody waiting |
-//! | what comes in on any link ([`Links::receive`]) | messages for us; the others are passed on by [`crate::router`] |
-//! | messages of ours ([`Links::send`]) | bytes on every link they are for, numbered, signed and within its budget |
+//! | [`LinkSetup`]s, the autopilot's first | open links; a lost link reopens by itself and delays no other |
+//! | frames received on any link ([`Links::receive`]) | messages addressed to us; [`crate::router`] forwards the others |
+//! | messages to send ([`Links::send`]) | bytes on every link they are for, numbered, signed and within its budget |
 //!
-//! The rules of a frame, in this order: a sender that is no peer is not heard; a signature that is not as the link asks for
-//! refuses the frame; what is left teaches the router, is passed on unchanged, and is handled if it is for us.
+//! Each frame passes these checks in order: frames of senders that are no peer are dropped; frames whose signature is
+//! not what the link requires are rejected; the rest updates the router, is forwarded unchanged, and is handled if
+//! addressed to us.
 //!
-//! A second process may listen and go on later, as with one [`Link`]: each link has a door of its own, and the first one
-//! carries what the next process needs to know.
+//! A second process may receive and take over later, as with one [`Link`]: each link has its own handover socket, and
+//! the carries what the next process needs to know.
 
+mod forward_queue;
 mod member;
 mod setup;
-mod transit;
 
 pub use setup::{LinkSetup, SetupCause, SetupError};
 
-use crate::budget::Class;
+use crate::budget::TrafficClass;
 use crate::encoder::Encoder;
 use crate::encoder::{sequences_of_bytes, sequences_to_bytes};
-use crate::frame::Frame;
-use crate::link::{Endpoint, Intake, Link, LinkError, Progress};
+use crate::frame::MavlinkFrame;
+use crate::link::{Endpoint, FrameFilter, Link, LinkError, Progress};
 use crate::message::{Content, Destination, Outgoing, Received};
-use crate::router::{LinkSet, Router, Sender, Us};
+use crate::router::{LinkSet, OwnIds, Router, Sender};
 use crate::signing::Verifier;
 use crate::signing::stamps::{self, StampKeeper, Stamps};
 use crate::tlog::Tlog;
+use forward_queue::ForwardQueue;
 use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::EventSample;
 use jink_shared_types::link::{LINKS, LinkTraffic};
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{MavMessage, SETUP_SIGNING_DATA};
-use member::{Member, Rules};
+use member::{LinkRules, Member};
 use std::os::fd::BorrowedFd;
 use std::path::{Path, PathBuf};
-use transit::Transit;
 
 /// Descriptors of all links.
 pub const LINK_FDS: usize = 3 * LINKS;
-/// Changes of links that wait to be told.
-const NEWS: usize = 2 * LINKS;
+/// Pending events about links.
+const EVENTS_MAX: usize = 2 * LINKS;
 
 /// What all links have counted.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -64,78 +65,82 @@ impl LinksReport {
 #[derive(Debug)]
 pub struct Links {
     members: Vec<Member>,
-    hall: Hall,
+    shared: LinkShared,
     stamps: Option<StampKeeper>,
-    news: Vec<EventSample>,
+    events: Vec<EventSample>,
 }
 
 /// What all links share while they receive.
 #[derive(Debug)]
-struct Hall {
+struct LinkShared {
     router: Router,
     verifier: Verifier,
-    transit: Transit,
+    forward_queue: ForwardQueue,
     log: Option<Tlog>,
 }
 
-/// The intake of one link.
-struct Gate<'a> {
-    hall: &'a mut Hall,
-    rules: &'a mut Rules,
+/// The filter of one link.
+struct LinkFilter<'a> {
+    shared: &'a mut LinkShared,
+    rules: &'a mut LinkRules,
     origin: u8,
-    /// Whether this process passes on and logs what it hears.
-    holds: bool,
-    us: Us,
+    /// Whether this process owns the link: only the owner forwards and logs what it receives.
+    is_owner: bool,
+    us: OwnIds,
     our_stamp: u64,
 }
 
 impl Links {
-    /// Opens all links and lets a second process join each at its door. The first one must open; the others may be
-    /// found later.
+    /// Opens all links and lets a second process join each at its handover socket. The first one must open; the others
+    /// may be found later.
     ///
     /// # Errors
-    /// [`LinkError`] of the first link, or of a door.
+    /// [`LinkError`] of the first link, or of a handover socket.
     pub fn open(
         setups: Vec<LinkSetup>,
-        doors: &[PathBuf],
+        handover_sockets: &[PathBuf],
         first: impl FnOnce(&LinkSetup) -> Result<Link, LinkError>,
     ) -> Result<Self, LinkError> {
         let mut first = Some(first);
-        Self::build(setups, doors, |setup, door| {
+        Self::build(setups, handover_sockets, |setup, handover_socket| {
             let mut link = match first.take() {
                 Some(first) => first(setup)?,
                 None => with_numeric(setup, Link::lost),
             };
-            link.share(door)?;
+            link.share(handover_socket)?;
             Ok(link)
         })
     }
 
-    /// Joins the links that another process holds.
+    /// Joins the links that another process owns.
     ///
     /// # Errors
     /// [`LinkError::Handover`] if nobody shares the first link.
-    pub fn join(setups: Vec<LinkSetup>, doors: &[PathBuf]) -> Result<Self, LinkError> {
+    pub fn join(setups: Vec<LinkSetup>, handover_sockets: &[PathBuf]) -> Result<Self, LinkError> {
         let mut is_first = true;
-        Self::build(setups, doors, |setup, door| {
+        Self::build(setups, handover_sockets, |setup, handover_socket| {
             if std::mem::take(&mut is_first) {
-                Link::join(setup.endpoint.clone(), door)
+                Link::join(setup.endpoint.clone(), handover_socket)
             } else {
-                Ok(with_numeric(setup, |endpoint| Link::join_later(endpoint, door)))
+                Ok(with_numeric(setup, |endpoint| {
+                    Link::join_later(endpoint, handover_socket)
+                }))
             }
         })
     }
 
     fn build(
         setups: Vec<LinkSetup>,
-        doors: &[PathBuf],
+        handover_sockets: &[PathBuf],
         mut open: impl FnMut(&LinkSetup, &Path) -> Result<Link, LinkError>,
     ) -> Result<Self, LinkError> {
         let several = setups.len() > 1;
         let mut members = Vec::with_capacity(LINKS);
-        for (index, (setup, door)) in setups.into_iter().zip(doors).enumerate().take(LINKS) {
-            let mut link = open(&setup, door)?
-                .answering(setup.answers())
+        for (index, (setup, handover_socket)) in
+            setups.into_iter().zip(handover_sockets).enumerate().take(LINKS)
+        {
+            let mut link = open(&setup, handover_socket)?
+                .with_reply_policy(setup.reply_policy())
                 .with_peers(setup.peers.clone());
             if several {
                 link = link.among_others(index as u8);
@@ -143,34 +148,34 @@ impl Links {
             members.push(Member::new(link, setup));
         }
         Ok(Self {
-            hall: Hall {
+            shared: LinkShared {
                 router: Router::new(members.len()),
                 verifier: Verifier::default(),
-                transit: Transit::default(),
+                forward_queue: ForwardQueue::default(),
                 log: None,
             },
             members,
             stamps: None,
-            news: Vec::with_capacity(NEWS),
+            events: Vec::with_capacity(EVENTS_MAX),
         })
     }
 
-    /// Writes everything that is heard and sent to `log`.
+    /// Writes everything that is received and sent to `log`.
     pub fn record(&mut self, log: Tlog) {
-        self.hall.log = Some(log);
+        self.shared.log = Some(log);
     }
 
     /// Signs with stamps whose bound is kept at `path`, where a link asks for signatures.
     ///
     /// # Errors
-    /// What the system says about the file.
+    /// The system's error about the file.
     pub fn sign_with_stamps_at(&mut self, path: &Path) -> std::io::Result<()> {
         let signs = |member: &Member| member.rules.setup.signing != Signing::Off;
         if !self.members.iter().any(signs) {
             return Ok(());
         }
         let mut keeper = StampKeeper::open(path)?;
-        if self.holds() {
+        if self.is_owner() {
             keeper.begin(stamps::wall())?;
         }
         self.stamps = Some(keeper);
@@ -198,41 +203,41 @@ impl Links {
         })
     }
 
-    /// Whether this process speaks: whether it holds the first link.
-    pub fn holds(&self) -> bool {
-        self.members.first().is_some_and(|first| first.link.holds())
+    /// Whether this process owns the first link, and so sends.
+    pub fn is_owner(&self) -> bool {
+        self.members.first().is_some_and(|first| first.link.is_owner())
     }
 
-    /// Takes in what has come on all links, the first one first. Messages for `us` end in `messages`, up to its capacity;
-    /// the rest goes where it belongs.
+    /// Receives on all links, the first one first. Messages addressed to `us` are appended to `messages`, up to its
+    /// capacity; the rest goes where it belongs.
     pub fn receive(
         &mut self,
         clock: impl Fn() -> Timestamp + Copy,
-        us: Us,
+        us: OwnIds,
         messages: &mut Vec<Received>,
     ) -> Progress {
-        let speaks = self.holds();
+        let is_owner = self.is_owner();
         let mut progress = Progress::Drained;
         for origin in 0..self.members.len() {
             let member = &mut self.members[origin];
-            if speaks && member.link.is_orphaned() {
-                member.link.take();
+            if is_owner && member.link.has_lost_owner() {
+                member.link.take_over();
             }
-            let mut gate = Gate {
-                holds: member.link.holds(),
-                hall: &mut self.hall,
+            let mut filter = LinkFilter {
+                is_owner: member.link.is_owner(),
+                shared: &mut self.shared,
                 rules: &mut member.rules,
                 origin: origin as u8,
                 us,
                 our_stamp: self.stamps.as_ref().map_or(0, |stamps| stamps.stamps().next()),
             };
-            let answer = member.link.receive_through(clock, messages, &mut gate);
-            member.tell(answer.as_ref().err());
+            let answer = member.link.receive_through(clock, messages, &mut filter);
+            member.log_state(answer.as_ref().err());
             if origin > 0
                 && let Some(sequences) = member
                     .link
-                    .take_baton()
-                    .and_then(|baton| sequences_of_bytes(&baton))
+                    .take_handover_state()
+                    .and_then(|state| sequences_of_bytes(&state))
             {
                 member.encoder.go_on_from(sequences);
             }
@@ -242,32 +247,33 @@ impl Links {
             self.pass_on(clock());
         }
         let now = clock();
-        let room = NEWS - self.news.len();
+        let room = EVENTS_MAX - self.events.len();
         let changes = self.members.iter_mut().filter_map(|member| member.judge(now));
-        self.news.extend(changes.take(room));
+        self.events.extend(changes.take(room));
         progress
     }
 
     fn pass_on(&mut self, now: Timestamp) {
-        for (to, frame) in self.hall.transit.frames() {
+        for (to, frame) in self.shared.forward_queue.frames() {
             for (index, member) in (0..).zip(&mut self.members) {
                 if to.contains(index) {
                     member.pass_on(now, frame);
                 }
             }
         }
-        self.hall.transit.clear();
+        self.shared.forward_queue.clear();
     }
 
     /// Sends a message of ours over every link it is for. Returns the links that have it.
     pub fn send(&mut self, now: Timestamp, message: &Outgoing) -> LinkSet {
         let to = match message.to {
             Destination::Link(index) => LinkSet::default().with(index),
-            Destination::Everyone => self.hall.router.reaches(message.body.target()),
+            Destination::Everyone => self.shared.router.links_to(message.body.target()),
         };
         let mut sent = LinkSet::default();
         for (index, member) in (0..).zip(&mut self.members) {
-            if to.contains(index) && member.send(now, message, self.stamps.as_mut(), self.hall.log.as_mut()) {
+            if to.contains(index) && member.send(now, message, self.stamps.as_mut(), self.shared.log.as_mut())
+            {
                 sent = sent.with(index);
             }
         }
@@ -275,20 +281,20 @@ impl Links {
     }
 
     /// What has changed about the links since the last call.
-    pub fn news(&mut self) -> impl Iterator<Item = EventSample> {
-        self.news.drain(..)
+    pub fn take_events(&mut self) -> impl Iterator<Item = EventSample> {
+        self.events.drain(..)
     }
 
-    /// Passes all links on, the first one with `baton`. Returns whether there was somebody to take it; this process hears
-    /// on then.
-    pub fn release(&mut self, baton: &[u8]) -> bool {
+    /// Hands all links over, the first one with `state`. Returns whether a process took it; this one then stays as the
+    /// standby.
+    pub fn release(&mut self, state: &[u8]) -> bool {
         let Some((first, others)) = self.members.split_first_mut() else {
             return false;
         };
-        if !first.link.release(baton) {
+        if !first.link.release(state) {
             return false;
         }
-        for member in others.iter_mut().filter(|member| member.link.holds()) {
+        for member in others.iter_mut().filter(|member| member.link.is_owner()) {
             if !member
                 .link
                 .release(&sequences_to_bytes(member.encoder.sequences()))
@@ -299,28 +305,30 @@ impl Links {
         true
     }
 
-    /// What the former holder wanted this one to know; once, after it has passed the links on.
-    pub fn take_baton(&mut self) -> Option<Vec<u8>> {
-        self.members.first_mut()?.link.take_baton()
+    /// The handover state of the former owner; `Some` once, after it has handed the links over.
+    pub fn take_handover_state(&mut self) -> Option<Vec<u8>> {
+        self.members.first_mut()?.link.take_handover_state()
     }
 
-    /// Signs on where the former holder has stopped.
+    /// Continues signing after the last stamp of the former owner.
     pub fn go_on_from(&mut self, stamps: Stamps) {
         if let Some(keeper) = &mut self.stamps {
             keeper.go_on_from(stamps);
         }
     }
 
-    /// Whether this process hears nothing on the first link because its holder is gone.
-    pub fn is_orphaned(&self) -> bool {
-        self.members.first().is_some_and(|first| first.link.is_orphaned())
+    /// Whether this process receives nothing on the first link because its owner is gone.
+    pub fn has_lost_owner(&self) -> bool {
+        self.members
+            .first()
+            .is_some_and(|first| first.link.has_lost_owner())
     }
 
-    /// Goes on with the links of a holder that has died. Only for whom the control record names the owner.
-    pub fn take(&mut self) {
+    /// Takes the links of a dead owner over. Only for the process that the control record names as the owner.
+    pub fn take_over(&mut self) {
         for member in &mut self.members {
-            if member.link.is_orphaned() {
-                member.link.take();
+            if member.link.has_lost_owner() {
+                member.link.take_over();
             }
         }
         if let Some(keeper) = &mut self.stamps
@@ -339,7 +347,7 @@ impl Links {
         fds
     }
 
-    /// When a lost link will be opened, or its next holder be looked for, again.
+    /// When to reopen a lost link, or to look for its next owner.
     pub fn next_wake(&self) -> Option<Timestamp> {
         self.members
             .iter()
@@ -364,15 +372,15 @@ impl Links {
         let mut report = LinksReport::default();
         for (index, (link, member)) in report.links.iter_mut().zip(&self.members).enumerate() {
             *link = member.traffic();
-            link.dropped[Class::Forwarded as usize] += self.hall.transit.lost[index];
+            link.dropped[TrafficClass::Forwarded as usize] += self.shared.forward_queue.lost[index];
             report.undecodable += member.link.counters().undecodable;
         }
         report
     }
 }
 
-/// A link to the endpoint with a number for its host. If its name has none now the link stays closed: to ask for it again
-/// and again would keep the autopilot waiting.
+/// A link to the endpoint with a number for its host. If its name has none now the link stays closed: to ask for it
+/// again and again would keep the autopilot waiting.
 fn with_numeric(setup: &LinkSetup, link: impl FnOnce(Endpoint) -> Link) -> Link {
     match setup.numeric_endpoint() {
         Ok(endpoint) => link(endpoint),
@@ -386,18 +394,18 @@ fn with_numeric(setup: &LinkSetup, link: impl FnOnce(Endpoint) -> Link) -> Link 
     }
 }
 
-impl Intake for Gate<'_> {
-    fn admits(&mut self, frame: &Frame<'_>) -> bool {
+impl FrameFilter for LinkFilter<'_> {
+    fn admits(&mut self, frame: &MavlinkFrame<'_>) -> bool {
         let setup = &self.rules.setup;
         let verified = self
-            .hall
+            .shared
             .verifier
             .verify(frame, setup.signing, setup.key.as_ref(), self.our_stamp);
         match verified {
             Ok(()) => {
-                // The log is read by many, a key by nobody.
+                // Many may read the log; keys are not written to it.
                 let is_key = frame.message_id == SETUP_SIGNING_DATA::ID;
-                if let Some(log) = self.hall.log.as_mut().filter(|_| self.holds && !is_key) {
+                if let Some(log) = self.shared.log.as_mut().filter(|_| self.is_owner && !is_key) {
                     log.add(frame.bytes);
                 }
                 true
@@ -409,7 +417,7 @@ impl Intake for Gate<'_> {
         }
     }
 
-    fn wants(&mut self, frame: &Frame<'_>, content: Option<&Content>) -> bool {
+    fn wants(&mut self, frame: &MavlinkFrame<'_>, content: Option<&Content>) -> bool {
         let sender = Sender {
             system_id: frame.header.system_id,
             component_id: frame.header.component_id,
@@ -417,18 +425,18 @@ impl Intake for Gate<'_> {
         if self.us.sent(sender) {
             return false;
         }
-        let router = &mut self.hall.router;
+        let router = &mut self.shared.router;
         if frame.is_verified {
             router.learn(self.origin, sender);
         }
         if let Some(Content::Message(MavMessage::SYSTEM_TIME(time))) = content {
-            router.hear_clock(self.origin, sender, time.time_boot_ms);
+            router.on_system_time(self.origin, sender, time.time_boot_ms);
         }
         let target = content.map(Content::target).unwrap_or_default();
-        if self.holds {
-            let to = router.passes_to(self.origin, frame.message_id, target);
-            self.hall.transit.add(to, frame.bytes);
+        if self.is_owner {
+            let to = router.forwards_to(self.origin, frame.message_id, target);
+            self.shared.forward_queue.add(to, frame.bytes);
         }
-        self.us.are_meant(target)
+        self.us.accepts(target)
     }
 }

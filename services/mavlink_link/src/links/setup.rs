@@ -1,6 +1,6 @@
 //! One link as the configuration describes it, checked.
 
-use crate::link::{Answers, Endpoint, EndpointError};
+use crate::link::{Endpoint, EndpointError, ReplyPolicy};
 use crate::signing::{Key, KeyError};
 use jink_runtime::config::{LinkRow, Purpose, Signing};
 use std::fmt;
@@ -25,7 +25,7 @@ pub struct LinkSetup {
     pub key: Option<Key>,
     /// Its number in our signatures.
     pub link_id: u8,
-    /// Who is heard; empty = everybody.
+    /// Addresses from which the link receives; empty = any.
     pub peers: Vec<IpAddr>,
     /// What it carries (bytes/s); `None` = as much as comes.
     pub rate_bps: Option<f64>,
@@ -49,7 +49,7 @@ pub enum SetupCause {
     NoKeyFile,
     /// The key cannot be had.
     Key(KeyError),
-    /// Peers where nobody else can speak.
+    /// Peers on a link that can have only one.
     NeedlessPeers,
 }
 
@@ -113,7 +113,7 @@ impl LinkSetup {
         let rate_bps = match (row.bytes_per_s, &endpoint) {
             (0, Endpoint::Serial { baud, .. }) => Some(f64::from(*baud) / BITS_PER_BYTE),
             (0, _) => None,
-            (told, _) => Some(f64::from(told)),
+            (configured, _) => Some(f64::from(configured)),
         };
         Ok(Self {
             name: row.name.clone(),
@@ -127,7 +127,7 @@ impl LinkSetup {
         })
     }
 
-    /// Whether anybody on the network can speak on it.
+    /// Whether any host on the network can send on it.
     pub fn is_exposed(&self) -> bool {
         let host = match &self.endpoint {
             Endpoint::UdpIn { host, .. } | Endpoint::TcpIn { host, .. } => host,
@@ -142,16 +142,16 @@ impl LinkSetup {
         !stays_here && self.peers.is_empty() && self.signing != Signing::Require
     }
 
-    /// Whom a listening UDP link answers.
-    pub fn answers(&self) -> Answers {
+    /// Where the link replies if it is a listening UDP link.
+    pub fn reply_policy(&self) -> ReplyPolicy {
         match self.purpose {
-            Purpose::Autopilot => Answers::Autopilot,
-            Purpose::GroundStation => Answers::Anybody,
+            Purpose::Autopilot => ReplyPolicy::Autopilot,
+            Purpose::GroundStation => ReplyPolicy::Anybody,
         }
     }
 
-    /// The endpoint with a number for its host's name. A name is looked up once, at the start: to ask for it again whenever
-    /// a link is lost would keep the autopilot waiting.
+    /// The endpoint with a number for its host's name. A name is looked up once, at the start: to ask for it again
+    /// whenever a link is lost would keep the autopilot waiting.
     pub(super) fn numeric_endpoint(&self) -> std::io::Result<Endpoint> {
         let mut endpoint = self.endpoint.clone();
         let (host, port) = match &mut endpoint {
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_with_its_key() {
+    fn what_is_wrong_is_reported_with_its_key() {
         for (text, said) in [
             (
                 "[link]\naddress = \"udp:1\"\n".to_owned(),

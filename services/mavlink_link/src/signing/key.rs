@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 const KEY_BYTES: usize = 32;
 /// Begins a line that is hashed to the key, as ground stations do with what the user types.
 const PASSPHRASE: &[u8] = b"passphrase:";
-/// Bytes read of a key file at most: nobody types a longer passphrase.
+/// Bytes read of a key file at most: no passphrase is longer.
 const FILE_MAX: u64 = 1024;
 
 /// A secret key. It is never printed.
@@ -32,7 +32,7 @@ pub enum KeyError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: io::Error,
     },
     /// Others may read or change it.
@@ -42,7 +42,7 @@ pub enum KeyError {
         /// Its permissions.
         mode: u32,
     },
-    /// It belongs to somebody else.
+    /// It belongs to another user.
     NotOurs {
         /// The file.
         path: PathBuf,
@@ -100,7 +100,7 @@ impl Key {
             path: path.to_owned(),
             source,
         };
-        // Something that is no file, a pipe say, must not keep the start waiting.
+        // Something that is no file, such as a pipe, must not block the start.
         let flags = OFlags::RDONLY | OFlags::CLOEXEC | OFlags::NONBLOCK;
         let fd = rustix::fs::open(path, flags, Mode::empty()).map_err(|error| read(error.into()))?;
         let file = File::from(fd);

@@ -1,4 +1,4 @@
-//! Signatures of MAVLink 2: who does not know the key can neither command nor be heard.
+//! Signatures of MAVLink 2: without the key no sender can command, and its messages are rejected.
 //!
 //! | in | out |
 //! |---|---|
@@ -6,12 +6,12 @@
 //! | a frame as received, what the link asks for | whether it is taken, or why not ([`Verifier::verify`]) |
 //!
 //! A signature is the first 48 bits of SHA-256 over the key, the whole frame with its checksum, the link id and a stamp
-//! of 48 bits, 10 us since 2015. Stamps of one sender on one of its links only ever grow, so what was recorded cannot be
-//! played back; a sender not heard before may be a minute behind the newest stamp seen, no more. RADIO_STATUS comes from
-//! the modem itself, which has no key: it is taken without a signature everywhere.
+//! of 48 bits, 10 us since 2015. Stamps of one sender on one of its links only ever grow, so what was recorded cannot
+//! be played back; a new sender may be a minute behind the newest stamp seen, no more. RADIO_STATUS comes from the
+//! modem itself, which has no key: it is taken without a signature everywhere.
 //!
-//! The crate `mavlink` can sign as well, but reads the system's clock itself and starts with no memory: its stamps repeat when
-//! the clock goes back over a restart. Those of [`stamps::Stamps`] never do.
+//! The crate `mavlink` can sign as well, but reads the system's clock itself and starts with no memory: its stamps
+//! repeat when the clock goes back over a restart. Those of [`stamps::Stamps`] never do.
 //!
 //! Source: MAVLink guide, "Message Signing".
 
@@ -20,7 +20,7 @@ pub mod stamps;
 
 pub use key::{Key, KeyError};
 
-use crate::frame::Frame;
+use crate::frame::MavlinkFrame;
 use jink_runtime::config::Signing;
 use mavlink::dialects::ardupilotmega::{MavMessage, RADIO_STATUS_DATA};
 use mavlink::{MAV_STX_V2, Message, MessageData, calculate_crc, consts};
@@ -32,17 +32,17 @@ pub const SIGNATURE_BYTES: usize = consts::v2::SIGNATURE_SIZE;
 pub const SIGNED_FRAME_MAX: usize = consts::MAX_FRAME_SIZE;
 /// Bytes of it that are the hash; the others are link id and stamp.
 const HASH_BYTES: usize = 6;
-/// How far a sender not heard before may be behind the newest stamp: a minute.
+/// How far a new sender may be behind the newest stamp: a minute.
 const NEW_STREAM_BEHIND: u64 = 60 * stamps::PER_SECOND;
 /// Senders remembered, each link of theirs by itself.
 const STREAMS: usize = 64;
 
 /// Why a frame is not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
+pub enum SignatureRefusal {
     /// The signature does not fit the key.
     Signature,
-    /// Signed, but its stamp is not newer than what was heard.
+    /// Signed, but its stamp is not newer than the last one received.
     Replayed,
     /// Not signed.
     Unsigned,
@@ -85,17 +85,17 @@ fn hash(key: &Key, signed_part: &[u8]) -> [u8; HASH_BYTES] {
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Stream {
+struct SignedStream {
     system_id: u32,
     component_id: u8,
     link_id: u8,
     stamp: u64,
 }
 
-/// What was heard so far, on all links together: what was recorded on one cannot be played back on another.
+/// The stamps received so far, on all links together: what was recorded on one cannot be played back on another.
 #[derive(Clone, Debug)]
 pub struct Verifier {
-    streams: Vec<Stream>,
+    streams: Vec<SignedStream>,
     newest: u64,
 }
 
@@ -109,42 +109,42 @@ impl Default for Verifier {
 }
 
 impl Verifier {
-    /// Whether `frame` is taken on a link that asks for `signing` with `key`. `ours` is our own next stamp.
+    /// Whether `frame` is accepted on a link that asks for `signing` with `key`. `ours` is our own next stamp.
     ///
     /// # Errors
-    /// [`Refusal`].
+    /// [`SignatureRefusal`].
     pub fn verify(
         &mut self,
-        frame: &Frame<'_>,
+        frame: &MavlinkFrame<'_>,
         signing: Signing,
         key: Option<&Key>,
         ours: u64,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), SignatureRefusal> {
         if signing == Signing::Off || frame.message_id == RADIO_STATUS_DATA::ID && frame.is_verified {
             return Ok(());
         }
         let (Some(signature), Some(key)) = (frame.signature(), key) else {
             return match signing {
-                Signing::Require => Err(Refusal::Unsigned),
+                Signing::Require => Err(SignatureRefusal::Unsigned),
                 Signing::Accept | Signing::Off => Ok(()),
             };
         };
-        let (told, signed_part) = (
+        let (received, signed_part) = (
             &signature[SIGNATURE_BYTES - HASH_BYTES..],
             &frame.bytes[..frame.bytes.len() - HASH_BYTES],
         );
-        // All bytes are looked at, so that the time it takes tells nothing about how many fit.
+        // All bytes are compared, so that the time it takes reveals nothing about how many fit.
         let differences = hash(key, signed_part)
             .iter()
-            .zip(told)
-            .fold(0, |sum, (ours, told)| sum | (ours ^ told));
+            .zip(received)
+            .fold(0, |sum, (ours, received)| sum | (ours ^ received));
         if differences != 0 {
-            return Err(Refusal::Signature);
+            return Err(SignatureRefusal::Signature);
         }
         let mut stamp = [0; 8];
         stamp[..6].copy_from_slice(&signature[1..7]);
         self.newest = self.newest.max(ours);
-        self.take(Stream {
+        self.take(SignedStream {
             system_id: frame.header.system_id,
             component_id: frame.header.component_id,
             link_id: signature[0],
@@ -152,28 +152,28 @@ impl Verifier {
         })
     }
 
-    fn take(&mut self, heard: Stream) -> Result<(), Refusal> {
-        let is_it = |stream: &Stream| {
+    fn take(&mut self, received: SignedStream) -> Result<(), SignatureRefusal> {
+        let is_it = |stream: &SignedStream| {
             (stream.system_id, stream.component_id, stream.link_id)
-                == (heard.system_id, heard.component_id, heard.link_id)
+                == (received.system_id, received.component_id, received.link_id)
         };
         let oldest_new = self.newest.saturating_sub(NEW_STREAM_BEHIND);
         match self.streams.iter_mut().find(|stream| is_it(stream)) {
-            Some(known) if heard.stamp <= known.stamp => return Err(Refusal::Replayed),
-            Some(known) => known.stamp = heard.stamp,
-            None if heard.stamp < oldest_new => return Err(Refusal::Replayed),
+            Some(known) if received.stamp <= known.stamp => return Err(SignatureRefusal::Replayed),
+            Some(known) => known.stamp = received.stamp,
+            None if received.stamp < oldest_new => return Err(SignatureRefusal::Replayed),
             None => {
                 if self.streams.len() == STREAMS {
                     // Whoever is forgotten here is too far behind to be played back.
                     self.streams.retain(|stream| stream.stamp >= oldest_new);
                 }
                 if self.streams.len() == STREAMS {
-                    return Err(Refusal::Replayed);
+                    return Err(SignatureRefusal::Replayed);
                 }
-                self.streams.push(heard);
+                self.streams.push(received);
             }
         }
-        self.newest = self.newest.max(heard.stamp);
+        self.newest = self.newest.max(received.stamp);
         Ok(())
     }
 }
@@ -181,7 +181,7 @@ impl Verifier {
 #[cfg(test)]
 mod tests {
     use super::stamps::PER_SECOND;
-    use super::{Key, Refusal, SIGNED_FRAME_MAX, Verifier, sign};
+    use super::{Key, SIGNED_FRAME_MAX, SignatureRefusal, Verifier, sign};
     use crate::encoder::Encoder;
     use crate::frame::Splitter;
     use crate::message::Body;
@@ -215,7 +215,7 @@ mod tests {
         bytes: &[u8],
         signing: Signing,
         key: &Key,
-    ) -> Option<Result<(), Refusal>> {
+    ) -> Option<Result<(), SignatureRefusal>> {
         let mut splitter = Splitter::new();
         splitter.load_datagram(bytes);
         let frame = splitter.next_frame()?;
@@ -232,7 +232,7 @@ mod tests {
         for (bytes, signing, taken) in [
             (&attitude(1), Signing::Off, Ok(())),
             (&attitude(1), Signing::Accept, Ok(())),
-            (&attitude(1), Signing::Require, Err(Refusal::Unsigned)),
+            (&attitude(1), Signing::Require, Err(SignatureRefusal::Unsigned)),
             (&radio, Signing::Require, Ok(())),
         ] {
             assert_eq!(
@@ -244,15 +244,15 @@ mod tests {
     }
 
     #[test]
-    fn who_was_not_heard_before_may_be_a_minute_behind_and_no_more() {
+    fn a_new_sender_may_be_a_minute_behind_and_no_more() {
         let (key, minute) = (key(7), 60 * PER_SECOND);
         let mut verifier = Verifier::default();
         let now = 1_000 * PER_SECOND;
         for (link_id, stamp, taken) in [
             (0, now, Ok(())),
             (1, now - minute, Ok(())),
-            (2, now - minute - 1, Err(Refusal::Replayed)),
-            (0, now, Err(Refusal::Replayed)),
+            (2, now - minute - 1, Err(SignatureRefusal::Replayed)),
+            (0, now, Err(SignatureRefusal::Replayed)),
             (1, now - minute + 1, Ok(())),
         ] {
             let bytes = signed(&attitude(1), &key, link_id, stamp);
@@ -284,7 +284,7 @@ mod tests {
         }
         assert_eq!(
             verify(&mut verifier, &first, Signing::Require, &key),
-            Some(Err(Refusal::Replayed))
+            Some(Err(SignatureRefusal::Replayed))
         );
     }
 
@@ -299,9 +299,9 @@ mod tests {
             let bytes = signed(&attitude(time), &right, link_id, stamp);
             for signing in [Signing::Accept, Signing::Require] {
                 let mut verifier = Verifier::default();
-                prop_assert_eq!(verify(&mut verifier, &bytes, signing, &wrong), Some(Err(Refusal::Signature)));
+                prop_assert_eq!(verify(&mut verifier, &bytes, signing, &wrong), Some(Err(SignatureRefusal::Signature)));
                 prop_assert_eq!(verify(&mut verifier, &bytes, signing, &right), Some(Ok(())));
-                prop_assert_eq!(verify(&mut verifier, &bytes, signing, &right), Some(Err(Refusal::Replayed)));
+                prop_assert_eq!(verify(&mut verifier, &bytes, signing, &right), Some(Err(SignatureRefusal::Replayed)));
             }
         }
 

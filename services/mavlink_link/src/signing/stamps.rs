@@ -1,13 +1,15 @@
-//! The stamps in our signatures: they never repeat and never go back, whatever the clock does and whoever is restarted.
+//! The stamps in our signatures: they never repeat and never go back, whatever the clock does and whichever process
+//! restarts.
 //!
 //! | in | out |
 //! |---|---|
 //! | wall clock | the next stamp ([`Stamps::take`]) |
 //! | a bound that is stored | that many stamps are free to be used ([`Stamps::reserved`]) |
 //!
-//! Only stamps below a bound in a file are used; whoever starts next begins at that bound. The bound is a minute ahead, so the
-//! file is written about once a minute. No more than that: a sender that is more than a minute behind the newest stamp of
-//! its peers is refused by them when it is new, and after a crash we are ahead of everybody by what was reserved.
+//! Only stamps below a bound in a file are used; the next process starts at that bound. The bound is a minute ahead, so
+//! the file is written about once a minute. No more than that: a sender that is more than a minute behind the newest
+//! stamp of its peers is refused by them when it is new, and after a crash we are ahead of everybody by what was
+//! reserved.
 
 use jink_runtime::realtime::{Scheduling, schedule};
 use std::fs::File;
@@ -27,8 +29,8 @@ const END: u64 = 1 << 48;
 const BEGIN_S: u64 = 1_420_070_400;
 /// How far ahead of the clock a bound is set.
 const AHEAD: u64 = 60 * PER_SECOND;
-/// How many stamps are reserved at least, where ours are ahead of the clock already: then each message takes one, and this is
-/// a minute of more messages than any link carries.
+/// How many stamps are reserved at least, where ours are ahead of the clock already: then each message takes one, and
+/// this is a minute of more messages than any link carries.
 const AT_LEAST: u64 = PER_SECOND;
 /// The next bound is asked for when so much is left: what a disk takes, and the second that is kept for a slower one.
 const LEFT: u64 = 2 * PER_SECOND;
@@ -49,7 +51,7 @@ pub struct Stamps {
 }
 
 impl Stamps {
-    /// Begins at `stored`, the bound of whoever signed before; nothing is reserved yet.
+    /// Begins at `stored`, the bound of the process that signed before; nothing is reserved yet.
     pub fn begin(stored: u64) -> Self {
         Self {
             next: stored,
@@ -62,9 +64,9 @@ impl Stamps {
         self.next
     }
 
-    /// A stamp that nobody has used or will use; `None` = nothing is reserved. It follows the clock up to a second before the
-    /// bound. That second is kept: if the disk takes long, or the clock has jumped, each message takes one stamp of it,
-    /// and nothing falls silent.
+    /// A stamp that no process has used or will use; `None` = nothing is reserved. It follows the clock up to a second
+    /// before the bound. That second is kept: if the disk takes long, or the clock has jumped, each message takes one
+    /// stamp of it, and signing never stops.
     pub fn take(&mut self, wall: u64) -> Option<u64> {
         let bound = self.bound.min(END);
         let stamp = self.next.max(wall.min(bound.saturating_sub(AT_LEAST)));
@@ -87,7 +89,7 @@ impl Stamps {
         self.bound = self.bound.max(bound);
     }
 
-    /// As bytes, for the one who signs next.
+    /// As bytes, for the next process that signs.
     pub fn to_bytes(self) -> [u8; 16] {
         let mut bytes = [0; 16];
         bytes[..8].copy_from_slice(&self.next.to_le_bytes());
@@ -118,10 +120,11 @@ pub struct StampKeeper {
 }
 
 impl StampKeeper {
-    /// Keeps the bound in the file at `path`. Nothing is reserved, so that one who only listens changes nothing.
+    /// Keeps the bound in the file at `path`. Nothing is reserved, so that a process that only receives changes
+    /// nothing.
     ///
     /// # Errors
-    /// What the system says about the file or the thread.
+    /// The system's error about the file or the thread.
     pub fn open(path: &Path) -> io::Result<Self> {
         let stored = Arc::new(AtomicU64::new(0));
         let (writer, wanted) = sync_channel(1);
@@ -129,11 +132,12 @@ impl StampKeeper {
         std::thread::Builder::new()
             .name("stamps".to_owned())
             .spawn(move || {
-                // What writes to a disk is in no hurry, whatever the gateway itself was given.
-                let _stays_as_it_is = schedule(0, Scheduling::Ordinary);
+                // Writing to a disk is not urgent, whatever priority the gateway itself has. On failure it keeps that
+                // priority.
+                let _ = schedule(0, Scheduling::Ordinary);
                 for bound in wanted {
                     if let Err(error) = store(&file, bound, Durable::Yes) {
-                        // To fall silent in flight would be worse than a stamp that a later start may use again.
+                        // To stop sending in flight would be worse than a stamp that a later start may use again.
                         tracing::error!("{}: the bound of stamps is not stored: {error}", file.display());
                     }
                     done.store(bound, Ordering::Release);
@@ -148,10 +152,11 @@ impl StampKeeper {
         })
     }
 
-    /// Signs from now on, after nobody or after one who has died: begins behind everything that may have been used.
+    /// Signs from now on, as the first process or after one that died: begins behind everything that may have been
+    /// used.
     ///
     /// # Errors
-    /// What the system says about the file.
+    /// The system's error about the file.
     pub fn begin(&mut self, wall: u64) -> io::Result<()> {
         self.stamps = Stamps::begin(load(&self.path)?.max(self.stamps.next));
         if let Some(bound) = self.stamps.wants(wall) {
@@ -162,7 +167,7 @@ impl StampKeeper {
         Ok(())
     }
 
-    /// Signs from now on, after one who has told where it stopped.
+    /// Signs from now on, from the stamps of the process that stopped.
     pub fn go_on_from(&mut self, stamps: Stamps) {
         self.stamps = Stamps {
             next: stamps.next.max(self.stamps.next),
@@ -226,7 +231,7 @@ mod tests {
 
     /// What happens to a signer.
     #[derive(Clone, Copy, Debug)]
-    enum Event {
+    enum SignerEvent {
         /// It signs after so many stamps of time.
         Signs(u64),
         /// Its clock goes back.
@@ -235,11 +240,11 @@ mod tests {
         Restarts,
     }
 
-    fn event() -> impl Strategy<Value = Event> {
+    fn event() -> impl Strategy<Value = SignerEvent> {
         prop_oneof![
-            8 => (0..3 * PER_SECOND).prop_map(Event::Signs),
-            1 => (0..1000 * PER_SECOND).prop_map(Event::ClockBack),
-            1 => Just(Event::Restarts),
+            8 => (0..3 * PER_SECOND).prop_map(SignerEvent::Signs),
+            1 => (0..1000 * PER_SECOND).prop_map(SignerEvent::ClockBack),
+            1 => Just(SignerEvent::Restarts),
         ]
     }
 
@@ -282,7 +287,7 @@ mod tests {
             let mut stamps = Stamps::begin(stored);
             for event in events {
                 match event {
-                    Event::Signs(pause) => {
+                    SignerEvent::Signs(pause) => {
                         wall += pause;
                         if let Some(bound) = stamps.wants(wall) {
                             stored = bound;
@@ -292,8 +297,8 @@ mod tests {
                         prop_assert!(stamp.is_some() && stamp > last, "{:?} after {:?}", stamp, last);
                         last = stamp;
                     }
-                    Event::ClockBack(by) => wall = wall.saturating_sub(by),
-                    Event::Restarts => stamps = Stamps::begin(stored),
+                    SignerEvent::ClockBack(by) => wall = wall.saturating_sub(by),
+                    SignerEvent::Restarts => stamps = Stamps::begin(stored),
                 }
             }
         }
@@ -337,7 +342,7 @@ mod tests {
     #[test]
     fn the_next_one_begins_behind_everything_that_the_last_may_have_used() {
         let path = std::env::temp_dir().join(format!("jink_stamps_{}", std::process::id()));
-        let _none = std::fs::remove_file(&path);
+        let _ = std::fs::remove_file(&path);
         let now = wall();
         // 2020 or later: unit and epoch are right.
         assert!(now > 5 * 365 * 86_400 * PER_SECOND);

@@ -36,20 +36,20 @@ fn number(received: &Received) -> u32 {
 }
 
 /// A place of its own for each handover.
-fn door() -> PathBuf {
+fn handover_socket() -> PathBuf {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     let count = COUNT.fetch_add(1, Ordering::Relaxed);
     std::env::temp_dir().join(format!("jink-handover-{}-{count}", std::process::id()))
 }
 
 /// The autopilot's end of a link.
-enum Autopilot {
+enum AutopilotEnd {
     Udp(UdpSocket, u16),
     Serial(OwnedFd),
     Tcp(TcpStream),
 }
 
-impl Autopilot {
+impl AutopilotEnd {
     /// An end of each kind, and the link to it.
     fn open(kind: usize) -> (Self, Link) {
         match kind {
@@ -118,34 +118,34 @@ impl Autopilot {
 }
 
 /// One process with its end of the shared link.
-struct Process {
+struct LinkProcess {
     link: Link,
     messages: Vec<Received>,
     /// Heard while holding the link, and in all.
     handled: Vec<u32>,
-    heard: Vec<u32>,
+    received: Vec<u32>,
 }
 
-impl Process {
+impl LinkProcess {
     fn new(link: Link) -> Self {
         Self {
             link,
             messages: Vec::with_capacity(8),
             handled: Vec::new(),
-            heard: Vec::new(),
+            received: Vec::new(),
         }
     }
 
     fn poll(&mut self) {
         loop {
-            let holds = self.link.holds();
+            let is_owner = self.link.is_owner();
             self.messages.clear();
             let progress = self.link.receive(clock, &mut self.messages).unwrap();
-            self.heard.extend(self.messages.iter().map(number));
-            if holds {
+            self.received.extend(self.messages.iter().map(number));
+            if is_owner {
                 self.handled.extend(self.messages.iter().map(number));
             }
-            let _nothing_to_say = self.link.take_baton();
+            let _ = self.link.take_handover_state();
             if progress == Progress::Drained {
                 return;
             }
@@ -159,23 +159,23 @@ fn clock() -> Timestamp {
 
 /// What happens next.
 #[derive(Clone, Copy, Debug)]
-enum Event {
+enum LinkEvent {
     /// The autopilot sends a message; of a stream only this many bytes of it are written now.
     Arrives(usize),
     /// One of the two processes looks.
     Looks(bool),
-    /// The holder sends a message.
+    /// The owner sends a message.
     Sends,
     /// The link passes on.
     Passes,
 }
 
-fn event() -> impl Strategy<Value = Event> {
+fn event() -> impl Strategy<Value = LinkEvent> {
     prop_oneof![
-        4 => (0..60usize).prop_map(Event::Arrives),
-        3 => any::<bool>().prop_map(Event::Looks),
-        2 => Just(Event::Sends),
-        1 => Just(Event::Passes),
+        4 => (0..60usize).prop_map(LinkEvent::Arrives),
+        3 => any::<bool>().prop_map(LinkEvent::Looks),
+        2 => Just(LinkEvent::Sends),
+        1 => Just(LinkEvent::Passes),
     ]
 }
 
@@ -187,43 +187,43 @@ proptest! {
         kind in 0..3usize,
         events in proptest::collection::vec(event(), 1..80),
     ) {
-        let door = door();
-        let (mut autopilot, mut link) = Autopilot::open(kind);
-        link.share(&door).unwrap();
-        let guest = Link::join("udpin:1".parse().unwrap(), &door).unwrap();
-        let mut processes = [Process::new(link), Process::new(guest)];
+        let handover_socket = handover_socket();
+        let (mut autopilot, mut link) = AutopilotEnd::open(kind);
+        link.share(&handover_socket).unwrap();
+        let standby = Link::join("udpin:1".parse().unwrap(), &handover_socket).unwrap();
+        let mut processes = [LinkProcess::new(link), LinkProcess::new(standby)];
         // The autopilot is known before anything else happens: it has spoken.
         autopilot.write(&frame(1, 0));
         let started = Instant::now();
-        while processes[0].heard.is_empty() {
+        while processes[0].received.is_empty() {
             processes[0].poll();
             prop_assert!(started.elapsed() < WATCHDOG);
         }
         let (mut sent, mut answered, mut received) = (1u32, 0u32, Vec::new());
         let mut waiting = Vec::new();
         for event in events {
-            let holder = usize::from(!processes[0].link.holds());
+            let owner = usize::from(!processes[0].link.is_owner());
             match event {
-                Event::Arrives(cut) => {
+                LinkEvent::Arrives(cut) => {
                     waiting.extend(frame(1, sent));
                     sent += 1;
                     let now = if autopilot.is_stream() { waiting.len().min(cut) } else { waiting.len() };
                     autopilot.write(&waiting.drain(..now).collect::<Vec<_>>());
                 }
-                Event::Looks(which) => processes[usize::from(which)].poll(),
-                Event::Sends => {
+                LinkEvent::Looks(which) => processes[usize::from(which)].poll(),
+                LinkEvent::Sends => {
                     let bytes = frame(196, answered);
-                    prop_assert_eq!(processes[holder].link.send(clock(), &bytes).unwrap(), Sent::Yes);
-                    let mute = processes[1 - holder].link.send(clock(), &bytes).unwrap();
+                    prop_assert_eq!(processes[owner].link.send(clock(), &bytes).unwrap(), Sent::Yes);
+                    let mute = processes[1 - owner].link.send(clock(), &bytes).unwrap();
                     prop_assert_eq!(mute, Sent::NoPeer);
                     answered += 1;
                 }
-                Event::Passes => {
-                    // The holder lets a guest in when it looks.
-                    processes[holder].poll();
-                    prop_assert!(processes[holder].link.release(&[7]));
-                    processes[1 - holder].poll();
-                    prop_assert!(processes[1 - holder].link.holds() && !processes[holder].link.holds());
+                LinkEvent::Passes => {
+                    // The owner lets a standby in when it looks.
+                    processes[owner].poll();
+                    prop_assert!(processes[owner].link.release(&[7]));
+                    processes[1 - owner].poll();
+                    prop_assert!(processes[1 - owner].link.is_owner() && !processes[owner].link.is_owner());
                 }
             }
             autopilot.read(&mut received);
@@ -233,13 +233,13 @@ proptest! {
         }
         let all = (0..sent).collect::<Vec<_>>();
         let answers = (0..answered).flat_map(|n| frame(196, n)).collect::<Vec<_>>();
-        while processes.iter().any(|one| one.heard.len() < all.len()) || received.len() < answers.len() {
-            processes.iter_mut().for_each(Process::poll);
+        while processes.iter().any(|one| one.received.len() < all.len()) || received.len() < answers.len() {
+            processes.iter_mut().for_each(LinkProcess::poll);
             autopilot.read(&mut received);
-            prop_assert!(started.elapsed() < WATCHDOG, "{:?} of {}", processes.each_ref().map(|one| &one.heard), sent);
+            prop_assert!(started.elapsed() < WATCHDOG, "{:?} of {}", processes.each_ref().map(|one| &one.received), sent);
         }
         for process in &processes {
-            prop_assert_eq!(&process.heard, &all);
+            prop_assert_eq!(&process.received, &all);
         }
         let mut handled = processes.iter().flat_map(|one| one.handled.clone()).collect::<Vec<_>>();
         handled.sort_unstable();
@@ -249,49 +249,49 @@ proptest! {
 }
 
 #[test]
-fn who_hears_goes_on_when_the_holder_dies_and_the_next_one_can_join_it() {
-    let door = door();
-    let (mut autopilot, mut link) = Autopilot::open(0);
-    link.share(&door).unwrap();
-    let mut guest = Process::new(Link::join("udpin:1".parse().unwrap(), &door).unwrap());
+fn a_standby_takes_over_when_the_owner_dies_and_the_next_one_can_join_it() {
+    let handover_socket = handover_socket();
+    let (mut autopilot, mut link) = AutopilotEnd::open(0);
+    link.share(&handover_socket).unwrap();
+    let mut standby = LinkProcess::new(Link::join("udpin:1".parse().unwrap(), &handover_socket).unwrap());
     autopilot.write(&frame(1, 0));
-    let mut holder = Process::new(link);
+    let mut owner = LinkProcess::new(link);
     until("both hear", || {
-        holder.poll();
-        guest.poll();
-        guest.heard == [0]
+        owner.poll();
+        standby.poll();
+        standby.received == [0]
     });
-    drop(holder);
+    drop(owner);
     autopilot.write(&frame(1, 1));
-    until("the guest is alone", || {
-        guest.poll();
-        guest.link.is_orphaned()
+    until("the standby is alone", || {
+        standby.poll();
+        standby.link.has_lost_owner()
     });
-    assert_eq!(guest.heard, [0]);
-    guest.link.take();
+    assert_eq!(standby.received, [0]);
+    standby.link.take_over();
     until("what came meanwhile", || {
-        guest.poll();
-        guest.handled == [1]
+        standby.poll();
+        standby.handled == [1]
     });
-    assert_eq!(guest.link.send(clock(), &frame(196, 5)).unwrap(), Sent::Yes);
+    assert_eq!(standby.link.send(clock(), &frame(196, 5)).unwrap(), Sent::Yes);
     let mut answer = Vec::new();
     until("the answer", || {
         autopilot.read(&mut answer);
         !answer.is_empty()
     });
     assert_eq!(answer, frame(196, 5));
-    let mut next = Process::new(Link::join("udpin:1".parse().unwrap(), &door).unwrap());
+    let mut next = LinkProcess::new(Link::join("udpin:1".parse().unwrap(), &handover_socket).unwrap());
     autopilot.write(&frame(1, 2));
     until("the next one hears", || {
-        guest.poll();
+        standby.poll();
         next.poll();
-        next.heard == [2]
+        next.received == [2]
     });
 }
 
 #[test]
 fn nobody_can_join_where_no_link_is_shared() {
-    let error = Link::join("udpin:1".parse().unwrap(), &door()).unwrap_err();
+    let error = Link::join("udpin:1".parse().unwrap(), &handover_socket()).unwrap_err();
     assert!(error.to_string().contains("no handover of the link"), "{error}");
 }
 

@@ -1,8 +1,9 @@
-//! Links: no input closes them, losses heal by themselves, and every refusal says what to do.
+//! Links: no input closes them, lost links reopen by themselves, and every error names the remedy.
 
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::link::{Endpoint, Link, LinkError, Progress, Sent};
 use jink_mavlink_link::message::{Body, Content, Received};
+use jink_runtime::serial::SerialError;
 use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{ATTITUDE_QUATERNION_DATA, HEARTBEAT_DATA, MavMessage};
 use rustix::pty::OpenptFlags;
@@ -32,14 +33,14 @@ fn number(received: &Received) -> Option<u32> {
 }
 
 /// A link with a clock that runs as fast as the test asks.
-struct Bench {
+struct LinkBench {
     link: Link,
     now: Timestamp,
     messages: Vec<Received>,
     errors: Vec<LinkError>,
 }
 
-impl Bench {
+impl LinkBench {
     fn open(endpoint: &str) -> Self {
         Self {
             link: Link::open(endpoint.parse().unwrap()).unwrap(),
@@ -92,7 +93,7 @@ fn free_udp_port() -> u16 {
 #[test]
 fn a_listening_udp_link_answers_the_last_sender_that_spoke_as_an_autopilot() {
     let port = free_udp_port();
-    let mut bench = Bench::open(&format!("udpin:127.0.0.1:{port}"));
+    let mut bench = LinkBench::open(&format!("udpin:127.0.0.1:{port}"));
     assert_eq!(bench.link.send(bench.now, &frame(196, 1)).unwrap(), Sent::NoPeer);
     let autopilot = UdpSocket::bind("127.0.0.1:0").unwrap();
     let station = UdpSocket::bind("127.0.0.1:0").unwrap();
@@ -110,7 +111,7 @@ fn a_listening_udp_link_answers_the_last_sender_that_spoke_as_an_autopilot() {
 #[test]
 fn malformed_datagrams_never_close_a_link() {
     let port = free_udp_port();
-    let mut bench = Bench::open(&format!("udpin:{port}"));
+    let mut bench = LinkBench::open(&format!("udpin:{port}"));
     let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
     let whole = frame(1, 5);
     for datagram in [
@@ -132,7 +133,7 @@ fn malformed_datagrams_never_close_a_link() {
 #[test]
 fn a_peer_that_is_not_up_yet_is_not_fatal() {
     let port = free_udp_port();
-    let mut bench = Bench::open(&format!("udpout:127.0.0.1:{port}"));
+    let mut bench = LinkBench::open(&format!("udpout:127.0.0.1:{port}"));
     for n in 0..20 {
         bench.link.send(bench.now, &frame(196, n)).unwrap();
         assert!(bench.poll().is_empty());
@@ -152,8 +153,8 @@ fn a_peer_that_is_not_up_yet_is_not_fatal() {
 
 #[test]
 fn a_taken_port_is_named_with_a_hint() {
-    let holder = UdpSocket::bind("127.0.0.1:0").unwrap();
-    let port = holder.local_addr().unwrap().port();
+    let owner = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let port = owner.local_addr().unwrap().port();
     let error = Link::open(format!("udpin:{port}").parse().unwrap()).unwrap_err();
     let text = error.to_string();
     assert!(matches!(error, LinkError::AddressInUse { .. }));
@@ -167,10 +168,13 @@ fn a_taken_port_is_named_with_a_hint() {
 fn a_missing_device_is_named() {
     let endpoint: Endpoint = "serial:/dev/tty-not-here:57600".parse().unwrap();
     let error = Link::open(endpoint).unwrap_err();
-    assert!(matches!(error, LinkError::NoDevice { .. }));
+    assert!(matches!(error, LinkError::Serial(SerialError::NoDevice { .. })));
     assert!(error.to_string().contains("/dev/tty-not-here"));
     let error = Link::open("serial:/dev/null:57600".parse().unwrap()).unwrap_err();
-    assert!(matches!(error, LinkError::NotSerial { .. }), "{error}");
+    assert!(
+        matches!(error, LinkError::Serial(SerialError::NotSerial { .. })),
+        "{error}"
+    );
     let error = Link::open("udpout:no-such-host.invalid:14580".parse().unwrap()).unwrap_err();
     assert!(matches!(error, LinkError::Resolve { .. }), "{error}");
 }
@@ -182,7 +186,7 @@ fn a_tcp_server_that_comes_late_and_restarts_is_found_again() {
         .local_addr()
         .unwrap()
         .port();
-    let mut bench = Bench::open(&format!("tcpout:127.0.0.1:{port}"));
+    let mut bench = LinkBench::open(&format!("tcpout:127.0.0.1:{port}"));
     bench.until("a refused connection", |bench, _| !bench.errors.is_empty());
     for round in 0..2u32 {
         let server = TcpListener::bind(("127.0.0.1", port)).unwrap();
@@ -218,7 +222,7 @@ fn a_tcp_listener_serves_one_client_after_the_other() {
         .local_addr()
         .unwrap()
         .port();
-    let mut bench = Bench::open(&format!("tcpin:{port}"));
+    let mut bench = LinkBench::open(&format!("tcpin:{port}"));
     for n in 0..3 {
         let mut client = TcpStream::connect(("127.0.0.1", port)).unwrap();
         client.write_all(&frame(1, n)).unwrap();
@@ -245,7 +249,7 @@ fn pseudo_terminal() -> (OwnedFd, String) {
 #[test]
 fn every_byte_passes_a_serial_port_unchanged() {
     let (control, path) = pseudo_terminal();
-    let mut bench = Bench::open(&format!("serial:{path}:921600"));
+    let mut bench = LinkBench::open(&format!("serial:{path}:921600"));
     assert!(bench.poll().is_empty(), "an idle port is not a lost one");
     // 0x0a0d1104: line ends, XON and end-of-file, which a port in text mode would eat.
     let numbers = [0x0a0d_1104, 0x1113_1a03, 0x7f00_ff0d];
@@ -271,7 +275,7 @@ fn a_serial_port_that_is_unplugged_and_plugged_in_again_goes_on() {
         control
     };
     let control = plug_in();
-    let mut bench = Bench::open(&format!("serial:{}:57600", device.display()));
+    let mut bench = LinkBench::open(&format!("serial:{}:57600", device.display()));
     rustix::io::write(&control, &frame(1, 1)).unwrap();
     bench.until("the first message", |_, numbers| numbers == [1]);
     drop(control);
@@ -281,7 +285,10 @@ fn a_serial_port_that_is_unplugged_and_plugged_in_again_goes_on() {
     assert_eq!(bench.link.send(bench.now, &frame(196, 1)).unwrap(), Sent::NoPeer);
     assert!(bench.link.next_wake().is_some());
     bench.until("an attempt", |bench, _| bench.errors.len() > 1);
-    assert!(matches!(bench.errors[1], LinkError::NoDevice { .. }));
+    assert!(matches!(
+        bench.errors[1],
+        LinkError::Serial(SerialError::NoDevice { .. })
+    ));
     let control = plug_in();
     bench.until("the port again", |bench, _| bench.link.fd().is_some());
     rustix::io::write(&control, &frame(1, 2)).unwrap();
@@ -292,7 +299,7 @@ fn a_serial_port_that_is_unplugged_and_plugged_in_again_goes_on() {
 #[test]
 fn a_heartbeat_with_an_unknown_value_is_counted_not_fatal() {
     let port = free_udp_port();
-    let mut bench = Bench::open(&format!("udpin:{port}"));
+    let mut bench = LinkBench::open(&format!("udpin:{port}"));
     let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
     let heartbeat = MavMessage::HEARTBEAT(HEARTBEAT_DATA::default());
     let mut bytes = Encoder::new().encode(1, 1, &Body::Message(heartbeat)).to_vec();
@@ -318,7 +325,7 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        let _left = std::fs::remove_dir_all(&self.0);
+        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
@@ -331,7 +338,7 @@ fn a_socket_of_this_machine_carries_both_ways_and_is_found_again() {
     assert!(matches!(refused, LinkError::Open { .. }), "{refused}");
 
     let autopilot = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
-    let mut bench = Bench::open(&endpoint);
+    let mut bench = LinkBench::open(&endpoint);
     let ours = folder.0.join("autopilot.jink");
     for n in 0..3 {
         autopilot.send_to(&frame(1, n), &ours).unwrap();

@@ -1,11 +1,12 @@
-//! Several links at once, over real sockets and pseudo-terminals: whatever is for somebody else is passed on unchanged, what
-//! is for us is heard, what is ours reaches whom it is for, and a link that is lost or strange costs the others nothing.
+//! Several links at once, over real sockets and pseudo-terminals: whatever is for somebody else is passed on unchanged,
+//! what is for us is received, what is ours reaches whom it is for, and a link that is lost or strange costs the others
+//! nothing.
 
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::link::{Link, Progress};
 use jink_mavlink_link::links::{LinkSetup, Links};
 use jink_mavlink_link::message::{Body, Content, Destination, Outgoing, Receipt, Received};
-use jink_mavlink_link::router::Us;
+use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign};
 use jink_mavlink_link::tlog::Tlog;
 use jink_runtime::config::{Purpose, Signing};
@@ -21,7 +22,7 @@ use std::time::{Duration, Instant};
 /// Patience with the kernel; nothing here takes anywhere near as long.
 const WATCHDOG: Duration = Duration::from_secs(20);
 
-const US: Us = Us {
+const US: OwnIds = OwnIds {
     system_id: Some(1),
     components: [196, 191],
 };
@@ -87,29 +88,29 @@ impl Peer {
         Self { socket, port }
     }
 
-    fn say(&self, bytes: &[u8]) {
+    fn send(&self, bytes: &[u8]) {
         self.socket.send_to(bytes, ("127.0.0.1", self.port)).unwrap();
     }
 
-    fn hear(&self) -> Vec<Vec<u8>> {
-        let mut heard = Vec::new();
+    fn receive(&self) -> Vec<Vec<u8>> {
+        let mut received = Vec::new();
         let mut datagram = [0; 2000];
         while let Ok(len) = self.socket.recv(&mut datagram) {
-            heard.push(datagram[..len].to_vec());
+            received.push(datagram[..len].to_vec());
         }
-        heard
+        received
     }
 }
 
 /// Links over UDP with somebody at the other end of each.
-struct Bench {
+struct NetworkBench {
     links: Links,
-    doors: Vec<PathBuf>,
+    handover_sockets: Vec<PathBuf>,
     peers: Vec<Peer>,
     received: Vec<Received>,
 }
 
-impl Bench {
+impl NetworkBench {
     fn new(change: impl FnOnce(&mut Vec<LinkSetup>)) -> Self {
         let ports: Vec<_> = (0..3).map(|_| free_udp_port()).collect();
         let names = [
@@ -123,28 +124,31 @@ impl Bench {
             .map(|((name, purpose), port)| setup(name, &format!("udpin:{port}"), *purpose))
             .collect();
         change(&mut setups);
-        let doors: Vec<_> = setups.iter().map(|_| own_path("door")).collect();
+        let handover_sockets: Vec<_> = setups.iter().map(|_| own_path("handover_socket")).collect();
         Self {
-            links: Links::open(setups, &doors, |first| Link::open(first.endpoint.clone())).unwrap(),
-            doors,
+            links: Links::open(setups, &handover_sockets, |first| {
+                Link::open(first.endpoint.clone())
+            })
+            .unwrap(),
+            handover_sockets,
             peers: ports.into_iter().map(Peer::new).collect(),
             received: Vec::with_capacity(64),
         }
     }
 
     /// Everybody has spoken once: the autopilot 1/1, a station 255/190, a camera 1/100.
-    fn acquainted(change: impl FnOnce(&mut Vec<LinkSetup>)) -> Self {
+    fn introduced(change: impl FnOnce(&mut Vec<LinkSetup>)) -> Self {
         let mut bench = Self::new(change);
         // The extra links open at the first reception.
         bench.poll();
         for (peer, (system, component)) in [(1, 1), (255, 190), (1, 100)].into_iter().enumerate() {
-            bench.peers[peer].say(&bytes(system, component, attitude(0)));
+            bench.peers[peer].send(&bytes(system, component, attitude(0)));
             bench.until("an introduction", |bench| bench.received.len() == 1);
         }
         bench.until("the last introduction is passed on", |bench| {
-            !bench.peers[0].hear().is_empty()
+            !bench.peers[0].receive().is_empty()
         });
-        bench.peers.iter().for_each(|peer| drop(peer.hear()));
+        bench.peers.iter().for_each(|peer| drop(peer.receive()));
         bench
     }
 
@@ -165,24 +169,24 @@ impl Bench {
         }
     }
 
-    /// `frame` comes from peer `from`, and after it something for all: answers who heard it, and whether we did.
+    /// `frame` comes from peer `from`, and after it something for all: answers who received it, and whether we did.
     fn passes(&mut self, from: usize, frame: &[u8]) -> (Vec<usize>, bool) {
         let sender = [(1, 1), (255, 190), (1, 100)][from];
         let end = bytes(sender.0, sender.1, attitude(99));
-        self.peers[from].say(frame);
-        self.peers[from].say(&end);
-        let (mut heard, mut ours) = (vec![Vec::new(); 3], 0);
+        self.peers[from].send(frame);
+        self.peers[from].send(&end);
+        let (mut received, mut ours) = (vec![Vec::new(); 3], 0);
         self.until("the message behind it", |bench| {
             ours += bench.received.len();
-            for (all, peer) in heard.iter_mut().zip(&bench.peers) {
-                all.extend(peer.hear());
+            for (all, peer) in received.iter_mut().zip(&bench.peers) {
+                all.extend(peer.receive());
             }
             (0..3)
                 .filter(|peer| *peer != from)
-                .all(|peer| heard[peer].contains(&end))
+                .all(|peer| received[peer].contains(&end))
         });
-        assert!(heard[from].is_empty(), "sent back: {heard:?}");
-        let who = (0..3).filter(|peer| heard[*peer].iter().any(|one| one == frame));
+        assert!(received[from].is_empty(), "sent back: {received:?}");
+        let who = (0..3).filter(|peer| received[*peer].iter().any(|one| one == frame));
         (who.collect(), ours == 2)
     }
 
@@ -215,8 +219,8 @@ fn foreign(payload: &[u8]) -> Vec<u8> {
 }
 
 #[test]
-fn what_is_for_others_is_passed_on_unchanged_and_what_is_for_us_is_heard() {
-    let mut bench = Bench::acquainted(|_| {});
+fn what_is_for_others_is_passed_on_unchanged_and_what_is_for_us_is_received() {
+    let mut bench = NetworkBench::introduced(|_| {});
     let mut v1 = MAVLinkV1MessageRaw::new();
     let station = MavHeader {
         system_id: 255,
@@ -252,8 +256,8 @@ fn what_is_for_others_is_passed_on_unchanged_and_what_is_for_us_is_heard() {
         ("a foreign frame", 1, foreign(&[1, 2, 0xfd, 4]), vec![0, 2], false),
         ("our own, come back", 1, bytes(1, 196, attitude(7)), vec![], false),
     ] {
-        let (heard, heard_by_us) = bench.passes(from, &frame);
-        assert_eq!((heard, heard_by_us), (to, ours), "{what}");
+        let (received, received_here) = bench.passes(from, &frame);
+        assert_eq!((received, received_here), (to, ours), "{what}");
     }
     let report = bench.links.report();
     assert_eq!(report.garbage_bytes(), 0);
@@ -262,7 +266,7 @@ fn what_is_for_others_is_passed_on_unchanged_and_what_is_for_us_is_heard() {
 
 #[test]
 fn what_is_ours_reaches_whom_it_is_for() {
-    let mut bench = Bench::acquainted(|_| {});
+    let mut bench = NetworkBench::introduced(|_| {});
     assert_eq!(bench.send(Destination::Everyone, attitude(1)), [0, 1, 2]);
     assert_eq!(bench.send(Destination::Link(0), attitude(2)), [0]);
     assert_eq!(bench.send(Destination::Everyone, command(255, 190)), [1]);
@@ -270,21 +274,21 @@ fn what_is_ours_reaches_whom_it_is_for() {
     assert!(bench.send(Destination::Everyone, command(88, 1)).is_empty());
     // Each link counts for itself: nobody sees a gap in the numbers.
     let numbers = bench.peers.iter().map(|peer| {
-        let heard = peer.hear();
-        heard.iter().map(|frame| frame[4]).collect::<Vec<_>>()
+        let received = peer.receive();
+        received.iter().map(|frame| frame[4]).collect::<Vec<_>>()
     });
     assert_eq!(numbers.collect::<Vec<_>>(), [vec![0, 1], vec![0, 1], vec![0, 1]]);
 }
 
 #[test]
-fn the_telemetry_log_holds_what_is_heard_and_said_on_every_link_once_and_no_key() {
-    let mut bench = Bench::acquainted(|_| {});
+fn the_telemetry_log_holds_what_is_received_and_sent_on_every_link_once_and_no_key() {
+    let mut bench = NetworkBench::introduced(|_| {});
     let folder = own_path("tlog");
     let log = Tlog::begin(&folder, 1).unwrap();
     let path = log.path().to_owned();
     bench.links.record(log);
     let (autopilots, stations) = (bytes(1, 1, attitude(5)), bytes(255, 190, command(1, 1)));
-    let _both_are_passed_on = (bench.passes(0, &autopilots), bench.passes(1, &stations));
+    let _ = (bench.passes(0, &autopilots), bench.passes(1, &stations));
     let secret_key = *b"a key that somebody has set here";
     let setup = MavMessage::SETUP_SIGNING(SETUP_SIGNING_DATA {
         target_system: 1,
@@ -292,7 +296,7 @@ fn the_telemetry_log_holds_what_is_heard_and_said_on_every_link_once_and_no_key(
         secret_key,
         ..SETUP_SIGNING_DATA::default()
     });
-    let _is_passed_on_to_nobody = bench.passes(1, &bytes(255, 190, setup));
+    let _ = bench.passes(1, &bytes(255, 190, setup));
     bench.send(Destination::Link(0), attitude(6));
     bench.send(Destination::Link(2), attitude(7));
     drop(bench);
@@ -320,16 +324,16 @@ fn the_telemetry_log_holds_what_is_heard_and_said_on_every_link_once_and_no_key(
 #[test]
 fn a_lost_link_costs_the_others_nothing_and_comes_back_by_itself() {
     let device = own_path("tty");
-    let mut bench = Bench::new(|setups| {
+    let mut bench = NetworkBench::new(|setups| {
         let endpoint = format!("serial:{}:57600", device.display());
         setups[2].endpoint = endpoint.parse().unwrap();
     });
     // It is not plugged in, and everything else works.
-    bench.peers[0].say(&bytes(1, 1, attitude(1)));
+    bench.peers[0].send(&bytes(1, 1, attitude(1)));
     bench.until("the autopilot's message", |bench| bench.received.len() == 1);
-    bench.peers[1].say(&bytes(255, 190, command(1, 1)));
+    bench.peers[1].send(&bytes(255, 190, command(1, 1)));
     bench.until("the station's message at the autopilot", |bench| {
-        !bench.peers[0].hear().is_empty()
+        !bench.peers[0].receive().is_empty()
     });
     assert_eq!(bench.send(Destination::Everyone, attitude(1)), [0, 1]);
     assert!(bench.links.next_wake().is_some());
@@ -342,7 +346,7 @@ fn a_lost_link_costs_the_others_nothing_and_comes_back_by_itself() {
             .unwrap()
             .into_string()
             .unwrap();
-        let _first = std::fs::remove_file(&device);
+        let _ = std::fs::remove_file(&device);
         std::os::unix::fs::symlink(path, &device).unwrap();
         control
     };
@@ -367,18 +371,18 @@ fn a_lost_link_costs_the_others_nothing_and_comes_back_by_itself() {
 }
 
 #[test]
-fn only_peers_are_heard_where_peers_are_named() {
-    let mut bench = Bench::new(|setups| setups[1].peers = vec!["127.0.0.2".parse().unwrap()]);
+fn only_peers_are_received_where_peers_are_named() {
+    let mut bench = NetworkBench::new(|setups| setups[1].peers = vec!["127.0.0.2".parse().unwrap()]);
     bench.poll();
     let port = bench.peers[1].port;
     let friend = UdpSocket::bind("127.0.0.2:0").unwrap();
-    bench.peers[1].say(&bytes(255, 190, attitude(1)));
+    bench.peers[1].send(&bytes(255, 190, attitude(1)));
     friend
         .send_to(&bytes(255, 190, attitude(2)), ("127.0.0.1", port))
         .unwrap();
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     bench.until("the peer's message", |bench| {
-        heard.extend(
+        received.extend(
             bench
                 .received
                 .iter()
@@ -387,20 +391,20 @@ fn only_peers_are_heard_where_peers_are_named() {
                     _ => None,
                 }),
         );
-        heard == [2]
+        received == [2]
     });
     assert_eq!(bench.links.report().links[1].strangers, 1);
     // Nothing is sent to who is no peer.
     bench.send(Destination::Link(1), attitude(3));
-    assert!(bench.peers[1].hear().is_empty());
+    assert!(bench.peers[1].receive().is_empty());
 }
 
 #[test]
-fn where_signatures_are_required_only_who_has_the_key_is_heard() {
+fn where_signatures_are_required_only_frames_with_the_key_are_accepted() {
     let (right, wrong) = ([5; 32], [6; 32]);
     let key = |bytes: &[u8; 32]| Key::of_bytes(bytes).unwrap();
     let stamps = own_path("stamps");
-    let mut bench = Bench::new(|setups| {
+    let mut bench = NetworkBench::new(|setups| {
         setups[1].signing = Signing::Require;
         setups[1].key = Some(key(&right));
         setups[1].link_id = 4;
@@ -410,31 +414,31 @@ fn where_signatures_are_required_only_who_has_the_key_is_heard() {
     let now = jink_mavlink_link::signing::stamps::wall();
     let mut into = [0; SIGNED_FRAME_MAX];
     let frame = bytes(255, 190, attitude(1));
-    bench.peers[1].say(&frame);
-    bench.peers[1].say(sign(&frame, &key(&wrong), 0, now, &mut into).unwrap());
+    bench.peers[1].send(&frame);
+    bench.peers[1].send(sign(&frame, &key(&wrong), 0, now, &mut into).unwrap());
     let good = sign(&frame, &key(&right), 0, now, &mut into).unwrap().to_vec();
-    bench.peers[1].say(&good);
-    bench.peers[1].say(&good);
-    let mut heard = 0;
+    bench.peers[1].send(&good);
+    bench.peers[1].send(&good);
+    let mut received = 0;
     bench.until("all four", |bench| {
-        heard += bench.received.len();
+        received += bench.received.len();
         bench.links.report().links[1].replayed == 1
     });
     let traffic = bench.links.report().links[1];
     assert_eq!(
-        (heard, traffic.unsigned_refused, traffic.signature_refused),
+        (received, traffic.unsigned_refused, traffic.signature_refused),
         (1, 1, 1),
         "{traffic:?}"
     );
     // We sign there, and nowhere else; the stamps grow.
-    bench.peers[0].say(&bytes(1, 1, attitude(1)));
+    bench.peers[0].send(&bytes(1, 1, attitude(1)));
     bench.until("the autopilot", |bench| !bench.received.is_empty());
     for n in 0..3 {
         assert_eq!(bench.send(Destination::Everyone, attitude(n)), [0, 1]);
     }
     let is_signed = |frame: &Vec<u8>| frame[2] == 1;
-    assert!(bench.peers[0].hear().iter().all(|frame| !is_signed(frame)));
-    let signed = bench.peers[1].hear();
+    assert!(bench.peers[0].receive().iter().all(|frame| !is_signed(frame)));
+    let signed = bench.peers[1].receive();
     let ours: Vec<_> = signed.iter().filter(|frame| frame[6] == 196).collect();
     assert!(ours.len() == 3 && ours.iter().all(|frame| is_signed(frame)));
     let stamp = |frame: &[u8]| {
@@ -450,9 +454,9 @@ fn where_signatures_are_required_only_who_has_the_key_is_heard() {
 }
 
 #[test]
-fn a_slow_link_is_given_what_it_carries_and_says_so() {
-    let mut bench = Bench::new(|setups| setups[0].rate_bps = Some(1000.0));
-    bench.peers[0].say(&bytes(1, 1, attitude(1)));
+fn a_slow_link_is_given_what_it_carries_and_reports_it() {
+    let mut bench = NetworkBench::new(|setups| setups[0].rate_bps = Some(1000.0));
+    bench.peers[0].send(&bytes(1, 1, attitude(1)));
     bench.until("the autopilot", |bench| !bench.received.is_empty());
     let curve = || {
         #[allow(deprecated)]
@@ -460,7 +464,7 @@ fn a_slow_link_is_given_what_it_carries_and_says_so() {
             valid_points: 5,
             ..TRAJECTORY_REPRESENTATION_BEZIER_DATA::default()
         });
-        Bench::outgoing(Destination::Link(0), message)
+        NetworkBench::outgoing(Destination::Link(0), message)
     };
     let mut events = Vec::new();
     let start = jink_runtime::now();
@@ -469,8 +473,8 @@ fn a_slow_link_is_given_what_it_carries_and_says_so() {
         let now = start.plus_seconds(f64::from(tick) * 0.05);
         bench.links.send(now, &curve());
         bench.received.clear();
-        let _all = bench.links.receive(|| now, US, &mut bench.received);
-        events.extend(bench.links.news().map(|event| event.text()));
+        let _ = bench.links.receive(|| now, US, &mut bench.received);
+        events.extend(bench.links.take_events().map(|event| event.text()));
     }
     // 2420 B/s, one curve more or less in the two seconds that were judged.
     let [event] = &events[..] else {
@@ -488,48 +492,48 @@ fn a_slow_link_is_given_what_it_carries_and_says_so() {
 
 #[test]
 fn all_links_pass_on_together_and_their_numbers_go_on() {
-    let mut bench = Bench::acquainted(|_| {});
+    let mut bench = NetworkBench::introduced(|_| {});
     let setups = ["autopilot", "ground", "camera"].map(|name| {
-        // A guest has no use for addresses: it is given the open links.
+        // A standby has no use for addresses: it is given the open links.
         setup(name, "udpin:1", Purpose::GroundStation)
     });
-    let mut guest = Links::join(setups.to_vec(), &bench.doors).unwrap();
-    let mut heard = Vec::with_capacity(64);
+    let mut standby = Links::join(setups.to_vec(), &bench.handover_sockets).unwrap();
+    let mut received = Vec::with_capacity(64);
     bench.send(Destination::Everyone, attitude(1));
-    assert!(!guest.holds());
-    bench.peers[0].say(&bytes(1, 1, attitude(2)));
-    bench.until("both hear", |_| {
-        let _all = guest.receive(jink_runtime::now, US, &mut heard);
-        heard.len() == 1
+    assert!(!standby.is_owner());
+    bench.peers[0].send(&bytes(1, 1, attitude(2)));
+    bench.until("both receive", |_| {
+        let _ = standby.receive(jink_runtime::now, US, &mut received);
+        received.len() == 1
     });
-    bench.until("the camera hears it", |bench| bench.peers[2].hear().len() >= 2);
-    bench.peers.iter().for_each(|peer| drop(peer.hear()));
-    assert!(bench.links.release(b"a baton") && !bench.links.holds());
+    bench.until("the camera hears it", |bench| bench.peers[2].receive().len() >= 2);
+    bench.peers.iter().for_each(|peer| drop(peer.receive()));
+    assert!(bench.links.release(b"a state") && !bench.links.is_owner());
     let started = Instant::now();
-    while !guest.holds() {
+    while !standby.is_owner() {
         assert!(started.elapsed() < WATCHDOG);
-        let _all = guest.receive(jink_runtime::now, US, &mut heard);
+        let _ = standby.receive(jink_runtime::now, US, &mut received);
     }
-    assert_eq!(guest.take_baton().unwrap(), b"a baton");
-    let _all = guest.receive(jink_runtime::now, US, &mut heard);
-    let message = Bench::outgoing(Destination::Everyone, attitude(3));
-    let sent = guest.send(jink_runtime::now(), &message);
+    assert_eq!(standby.take_handover_state().unwrap(), b"a state");
+    let _ = standby.receive(jink_runtime::now, US, &mut received);
+    let message = NetworkBench::outgoing(Destination::Everyone, attitude(3));
+    let sent = standby.send(jink_runtime::now(), &message);
     assert!((0..3).all(|link| sent.contains(link)));
-    // On the first link the baton's owner carries the numbers on; on the others they carry themselves on.
+    // On the first link the state's owner carries the numbers on; on the others they carry themselves on.
     for peer in &bench.peers[1..] {
-        assert_eq!(peer.hear().last().unwrap()[4], 1);
+        assert_eq!(peer.receive().last().unwrap()[4], 1);
     }
-    // What is passed on is passed on by the new holder, once.
-    bench.peers[0].say(&bytes(1, 1, attitude(4)));
+    // What is passed on is passed on by the new owner, once.
+    bench.peers[0].send(&bytes(1, 1, attitude(4)));
     let mut count = 0;
     bench.until("it is passed on", |bench| {
-        let _all = guest.receive(jink_runtime::now, US, &mut heard);
-        count += bench.peers[1].hear().len();
+        let _ = standby.receive(jink_runtime::now, US, &mut received);
+        count += bench.peers[1].receive().len();
         count > 0
     });
     std::thread::sleep(Duration::from_millis(20));
     bench.poll();
-    assert!(count == 1 && bench.peers[1].hear().is_empty());
+    assert!(count == 1 && bench.peers[1].receive().is_empty());
 }
 
 proptest! {

@@ -1,46 +1,47 @@
-//! Whether what a sensor says can be true, watched in flight.
+//! Whether a sensor's data can be true, checked in flight.
 //!
-//! | fault | what shows it | what follows |
+//! | fault | symptom | consequence |
 //! |---|---|---|
-//! | stuck | the same data to the last bit while the vehicle moves, or for 2.5 s; frames whose time stands still ([`repeat`]) | the frames are not entered, so the sensor expires |
-//! | wrong scale, mirrored, wrong mounting | under motion, what the sensor has seen before stands in space that it now looks through, and does not once ranges are multiplied, left and right exchanged, or the sensor turned ([`motion`]) | a text |
-//! | wrong rate | frames a second against the sensor's table ([`rate`]) | a text |
+//! | stuck | the same data to the last bit while the vehicle moves, or for 2.5 s; frames with the same time ([`repeat_check`]) | the frames are not entered, so the sensor expires |
+//! | wrong scale, mirrored, wrong mounting | under motion, what the sensor has seen before lies in space that its rays now pass through, and does not after ranges are scaled, left and right exchanged, or the sensor rotated ([`motion_check`]) | an event |
+//! | wrong rate | frames per second against the sensor's table ([`rate_check`]) | an event |
 //!
 //! Before arming, ranges are not fresh while any sensor has a fault.
 //!
-//! What motion cannot show is not found: left and right exchanged while the vehicle only flies straight on, a factor while it
-//! only turns, an error of position of some decimetres. A frame is looked at only now and then, and then only a part of its rays; a search for the
-//! fault is spread over frames. Everything is allocated at the start.
+//! Faults that motion cannot show are not found: left and right exchanged while the vehicle only flies straight on, a
+//! factor while it only turns, an error of position of some decimetres. Only some frames are checked, and of those only
+//! a part of their rays; a search for the fault is spread over frames. Everything is allocated at the start.
 
-mod image;
-mod motion;
-mod rate;
-mod repeat;
+mod motion_check;
+mod range_image;
+mod rate_check;
+mod repeat_check;
 
-use crate::poses::{Pose, PoseHistory, SweepPoses};
+use crate::poses::{Pose, SweepPoses};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::faults::{FaultBits, SensorFault, with_fault};
+use jink_shared_types::pose_history::PoseHistory;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
-use motion::{Cause, Motion};
+use motion_check::{FaultCause, MotionCheck};
 use nalgebra::UnitQuaternion;
-use rate::Rate;
-use repeat::{Print, Repeat};
+use rate_check::RateCheck;
+use repeat_check::{FrameFingerprint, RepeatCheck};
 use std::f32::consts::PI;
 
-/// A fault with its numbers, as the event about it has them.
+/// A fault with its numbers, as in its event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorFinding {
     /// Number of the sensor.
     pub sensor: usize,
-    /// What is wrong, or [`SensorFault::Unknown`] where something was and is not any more.
+    /// The fault, or [`SensorFault::Unknown`] when the last one has ended.
     pub fault: SensorFault,
-    /// Scale: metres said and metres true; mounting: an angle (deg); rate: frames per second as they come and as they should (Hz).
+    /// Scale: measured and true metres; mounting: an angle (deg); rate: measured and expected frames per second (Hz).
     pub numbers: [f64; 2],
 }
 
 impl SensorFinding {
-    /// For the pilot, about the sensor called `name`.
+    /// The event for the pilot about the sensor called `name`.
     pub fn event(&self, name: &str) -> EventSample {
         let event = match self.fault {
             SensorFault::Stuck => &events::SENSOR_STUCK,
@@ -56,24 +57,24 @@ impl SensorFinding {
 
 /// One sensor.
 struct SensorHealth {
-    repeat: Repeat,
-    rate: Rate,
-    motion: Motion,
+    repeat: RepeatCheck,
+    rate: RateCheck,
+    motion: MotionCheck,
     /// The fault last reported.
     reported: SensorFault,
 }
 
 impl SensorHealth {
-    /// The gravest fault now, and its numbers.
+    /// The most severe fault now, and its numbers.
     fn fault(&self) -> (SensorFault, [f64; 2]) {
         if self.repeat.is_stuck() {
             return (SensorFault::Stuck, [0.0; 2]);
         }
         match self.motion.cause() {
-            Some(Cause::Scale(factor)) => return (SensorFault::WrongScale, shown(factor)),
-            Some(Cause::Mirrored) => return (SensorFault::Mirrored, [0.0; 2]),
-            Some(Cause::Turned(angle_deg)) => return (SensorFault::WrongMounting, [angle_deg, 0.0]),
-            Some(Cause::Unexplained) => return (SensorFault::WrongMounting, [0.0; 2]),
+            Some(FaultCause::Scale(factor)) => return (SensorFault::WrongScale, shown(factor)),
+            Some(FaultCause::Mirrored) => return (SensorFault::Mirrored, [0.0; 2]),
+            Some(FaultCause::Turned(angle_deg)) => return (SensorFault::WrongMounting, [angle_deg, 0.0]),
+            Some(FaultCause::Unexplained) => return (SensorFault::WrongMounting, [0.0; 2]),
             None => {}
         }
         match self.rate.wrong_hz() {
@@ -83,7 +84,7 @@ impl SensorHealth {
     }
 }
 
-/// A factor as metres said and metres true, neither below one.
+/// A factor as measured and true metres, neither below one.
 fn shown(factor: f64) -> [f64; 2] {
     if factor < 1.0 {
         [1.0, 1.0 / factor]
@@ -98,12 +99,12 @@ pub(crate) struct Health {
 }
 
 impl Health {
-    /// Of sensors with these rates (Hz); zero where the table does not say.
+    /// For sensors with these rates (Hz); zero where the table does not say.
     pub fn new(rates_hz: &[f64]) -> Self {
         let sensors = rates_hz.iter().map(|rate_hz| SensorHealth {
-            repeat: Repeat::default(),
-            rate: Rate::new(*rate_hz),
-            motion: Motion::new(),
+            repeat: RepeatCheck::default(),
+            rate: RateCheck::new(*rate_hz),
+            motion: MotionCheck::new(),
             reported: SensorFault::Unknown,
         });
         Self {
@@ -111,22 +112,22 @@ impl Health {
         }
     }
 
-    /// The vehicle's poses are those of another frame now.
+    /// Earlier poses belong to another local frame now.
     pub fn forget_poses(&mut self) {
         for sensor in &mut self.sensors {
-            sensor.motion.forget();
+            sensor.motion.clear();
             sensor.repeat.forget_pose();
         }
     }
 
-    /// A frame of `sensor` came that was captured at `capture`, no later than the one captured at `newest`.
+    /// A frame of `sensor` was captured at `capture`, no later than the one captured at `newest`.
     pub fn late(&mut self, sensor: usize, capture: Timestamp, newest: Timestamp) {
         if let Some(sensor) = self.sensors.get_mut(sensor).filter(|_| capture == newest) {
-            sensor.repeat.stands_still();
+            sensor.repeat.count_same_time();
         }
     }
 
-    /// Takes note of a cloud; whether it may be entered.
+    /// Records a cloud; whether it may be entered.
     pub fn accepts_cloud(
         &mut self,
         sensor: usize,
@@ -136,11 +137,13 @@ impl Health {
     ) -> bool {
         self.sensors.get_mut(sensor).is_some_and(|sensor| {
             sensor.rate.take(capture, false);
-            sensor.repeat.accepts(Print::of_cloud(cloud), capture, pose)
+            sensor
+                .repeat
+                .accepts(FrameFingerprint::of_cloud(cloud), capture, pose)
         })
     }
 
-    /// Takes note of a scan; whether it may be entered.
+    /// Records a scan; whether it may be entered.
     pub fn accepts_scan(
         &mut self,
         sensor: usize,
@@ -151,7 +154,9 @@ impl Health {
         self.sensors.get_mut(sensor).is_some_and(|sensor| {
             let turned_rad = scan.beams as f32 * scan.angle_step_rad.abs();
             sensor.rate.take(capture, scan.beams > 1 && turned_rad < PI);
-            sensor.repeat.accepts(Print::of_scan(scan), capture, pose)
+            sensor
+                .repeat
+                .accepts(FrameFingerprint::of_scan(scan), capture, pose)
         })
     }
 
@@ -169,7 +174,7 @@ impl Health {
         }
     }
 
-    /// The same of a scan of many beams whose mounting is `body_q_sensor`.
+    /// The same for a scan of many beams whose mounting is `body_q_sensor`.
     pub fn scan(
         &mut self,
         sensor: usize,
@@ -184,14 +189,14 @@ impl Health {
         }
     }
 
-    /// What judges the motion of a sensor, and the pose at `capture`, if a frame of then is to be compared.
+    /// The motion check of a sensor, and the pose at `capture`, if a frame of that time is to be compared.
     fn due(
         &mut self,
         sensor: usize,
         capture: Timestamp,
         history: &PoseHistory,
-    ) -> Option<(&mut Motion, Pose)> {
-        let pose = history.at(capture)?;
+    ) -> Option<(&mut MotionCheck, Pose)> {
+        let pose = history.at(capture).map(Pose::from)?;
         let motion = &mut self.sensors.get_mut(sensor)?.motion;
         motion.advance();
         motion.wants(&pose, capture).then_some((motion, pose))

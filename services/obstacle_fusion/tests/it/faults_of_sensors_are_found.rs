@@ -1,9 +1,9 @@
-//! Faults of sensors are found within some frames of a flight with turns, and where there is none nobody speaks of one.
+//! Faults of sensors are found within some frames of a flight with turns, and where there is none, none is reported.
 
-use crate::flights::{Flown, Sample, Way, fly, set};
+use crate::flights::{FlightPath, Flown, SensorSample, fly, set};
 use jink_lidar_driver::capture::Capture;
 use jink_lidar_driver::ouster::Metadata;
-use jink_lidar_driver::{CloudAssembler, Decoder, Driver, LidarSpec};
+use jink_lidar_driver::{CloudAssembler, Decoder, LidarSpec, NetworkLidarDriver};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_runtime::config::sensor_sets;
 use jink_shared_types::faults::SensorFault;
@@ -12,7 +12,7 @@ use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Flag, SampleHeader, Timestamp};
-use jink_simulator::world::{World, WorldKind};
+use jink_simulated_world::world::{World, WorldKind};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::{Path, PathBuf};
@@ -21,8 +21,8 @@ fn world(name: &str) -> World {
     World::generate(name.parse::<WorldKind>().unwrap(), 1).unwrap()
 }
 
-/// Every point of `cloud` where `matrix` takes its way from the sensor.
-fn spoilt_cloud(cloud: &mut PointCloud, matrix: &Matrix3<f64>) {
+/// Transforms every point of `cloud` by `matrix` about the sensor.
+fn transformed_cloud(cloud: &mut PointCloud, matrix: &Matrix3<f64>) {
     let origin = cloud.origin.vector();
     let count = cloud.len as usize;
     for point in &mut cloud.points[..count] {
@@ -41,10 +41,10 @@ fn turned_scan(scan: &mut RangeScan, turn: &UnitQuaternion<f64>) {
 }
 
 /// A flight of the set called `name` through the forest with `fault` on every frame of its first sensor.
-fn flown(name: &str, mut fault: impl FnMut(u64, Sample<'_>, &mut SampleHeader) -> u32) -> Flown {
+fn flown(name: &str, mut fault: impl FnMut(u64, SensorSample<'_>, &mut SampleHeader) -> u32) -> Flown {
     let world = world("forest");
-    let way = Way::through(&world);
-    fly(&world, &set(name), &way, 16.0, |number, sample, header| {
+    let path = FlightPath::through(&world);
+    fly(&world, &set(name), &path, 16.0, |number, sample, header| {
         fault(number, sample, header)
     })
 }
@@ -61,8 +61,8 @@ fn a_clean_flight_of_any_set_through_forest_and_corridor_shows_no_fault() {
     for name in sensor_sets::names() {
         for kind in ["forest", "corridor"] {
             let world = world(kind);
-            let way = Way::through(&world);
-            let flown = fly(&world, &set(name), &way, 16.0, |_, _, _| 1);
+            let path = FlightPath::through(&world);
+            let flown = fly(&world, &set(name), &path, 16.0, |_, _, _| 1);
             println!("{name} {kind}: {} frames, {:?}", flown.frames, flown.findings);
             assert!(flown.frames > 50);
             assert_eq!(flown.findings, [], "{name} {kind}");
@@ -76,10 +76,10 @@ fn a_mirrored_lidar_is_found_within_100_frames_of_a_flight_that_turns() {
     for name in ["mid360", "os0", "os1", "sphere", "vlp16", "rplidar"] {
         let flown = flown(name, |_, sample, _| {
             match sample {
-                Sample::Cloud(cloud) => {
-                    spoilt_cloud(cloud, &Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0)));
+                SensorSample::Cloud(cloud) => {
+                    transformed_cloud(cloud, &Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0)));
                 }
-                Sample::Scan(scan) => {
+                SensorSample::Scan(scan) => {
                     scan.angle_first_rad = -scan.angle_first_rad;
                     scan.angle_step_rad = -scan.angle_step_rad;
                 }
@@ -88,7 +88,7 @@ fn a_mirrored_lidar_is_found_within_100_frames_of_a_flight_that_turns() {
         });
         println!("{name} mirrored: {:?}", flown.findings);
         let found = first(&flown);
-        // A fan as high as it is deep looks, mirrored, as if it hung upside down.
+        // A fan as high as it is deep looks, mirrored, as if it were mounted upside down.
         let is_found = match found {
             Some((frame, SensorFault::Mirrored, _)) => frame <= 100,
             Some((frame, SensorFault::WrongMounting, [turned_deg, _])) => {
@@ -101,13 +101,13 @@ fn a_mirrored_lidar_is_found_within_100_frames_of_a_flight_that_turns() {
 }
 
 #[test]
-fn ranges_in_wrong_units_are_found_within_125_frames_and_the_factor_is_said() {
+fn ranges_in_wrong_units_are_found_within_125_frames_and_the_factor_is_reported() {
     for name in ["mid360", "os0", "vlp16", "d435", "rplidar"] {
         for factor in [3.280_84, 0.304_8, 1_000.0, 0.001] {
             let flown = flown(name, |_, sample, _| {
                 match sample {
-                    Sample::Cloud(cloud) => spoilt_cloud(cloud, &(Matrix3::identity() * factor)),
-                    Sample::Scan(scan) => {
+                    SensorSample::Cloud(cloud) => transformed_cloud(cloud, &(Matrix3::identity() * factor)),
+                    SensorSample::Scan(scan) => {
                         for range_m in &mut scan.range_m {
                             *range_m *= factor as f32;
                         }
@@ -143,8 +143,10 @@ fn a_sensor_turned_by_30_degrees_is_found_within_150_frames() {
             let turn = UnitQuaternion::from_axis_angle(&axis, 30f64.to_radians());
             let flown = flown(name, |_, sample, _| {
                 match sample {
-                    Sample::Cloud(cloud) => spoilt_cloud(cloud, &Rotation3::from(turn).into_inner()),
-                    Sample::Scan(scan) => turned_scan(scan, &turn),
+                    SensorSample::Cloud(cloud) => {
+                        transformed_cloud(cloud, &Rotation3::from(turn).into_inner())
+                    }
+                    SensorSample::Scan(scan) => turned_scan(scan, &turn),
                 }
                 1
             });
@@ -168,17 +170,17 @@ fn a_stuck_sensor_opens_no_space_from_its_first_repetition_on_and_expires() {
         let (mut kept_cloud, mut kept_scan) = (PointCloud::boxed(), RangeScan::default());
         let flown = flown(name, |number, sample, header| {
             match sample {
-                Sample::Cloud(cloud) if number <= ONSET => {
+                SensorSample::Cloud(cloud) if number <= ONSET => {
                     kept_cloud.points.copy_from_slice(&cloud.points);
                     kept_cloud.len = cloud.len;
                 }
-                Sample::Cloud(cloud) => {
+                SensorSample::Cloud(cloud) => {
                     cloud.points.copy_from_slice(&kept_cloud.points);
                     cloud.len = kept_cloud.len;
                     cloud.first_point = header.capture;
                 }
-                Sample::Scan(scan) if number <= ONSET => kept_scan.range_m = scan.range_m,
-                Sample::Scan(scan) => scan.range_m = kept_scan.range_m,
+                SensorSample::Scan(scan) if number <= ONSET => kept_scan.range_m = scan.range_m,
+                SensorSample::Scan(scan) => scan.range_m = kept_scan.range_m,
             }
             1
         });
@@ -222,15 +224,15 @@ fn a_time_that_stands_still_is_found_within_six_frames() {
 }
 
 #[test]
-fn too_many_and_too_few_frames_are_found_within_7_seconds_and_said_with_both_rates() {
+fn too_many_and_too_few_frames_are_found_within_7_seconds_and_reported_with_both_rates() {
     let world = world("forest");
-    let way = Way::through(&world);
+    let path = FlightPath::through(&world);
     let mut specs = set("mid360");
     specs[0].rate_hz = Some(10.0);
-    let right = fly(&world, &specs, &way, 9.0, |_, _, _| 1);
+    let right = fly(&world, &specs, &path, 9.0, |_, _, _| 1);
     assert_eq!(right.findings, []);
     for (times, expected_hz) in [([2, 2, 2], 20.0), ([0, 0, 1], 3.33)] {
-        let flown = fly(&world, &specs, &way, 16.0, |number, _, _| {
+        let flown = fly(&world, &specs, &path, 16.0, |number, _, _| {
             times[number as usize % 3]
         });
         let found = first(&flown);
@@ -243,7 +245,7 @@ fn too_many_and_too_few_frames_are_found_within_7_seconds_and_said_with_both_rat
     }
 }
 
-/// A file of ../shared beside the checkout; says so where there is none.
+/// A file of ../shared beside the checkout; reports where there is none.
 fn shared(path: &str) -> Option<PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR"));
     let places = ["../../../shared", "../../../../shared"].map(|place| here.join(place).join(path));
@@ -265,7 +267,7 @@ fn recorded() -> Option<Vec<(Timestamp, Box<PointCloud>)>> {
         "name = \"top\"\nkind = \"lidar_3d\"\nmodel = \"ouster\"\ndevice = \"pcap:/x\"\nmetadata = \"/x\"\n";
     let table = table.parse::<toml::Table>().unwrap().into_iter().collect();
     let spec = LidarSpec::find(&[table], "top").unwrap();
-    let mut driver = Driver::new(spec, Some(Decoder::ouster(metadata)));
+    let mut driver = NetworkLidarDriver::new(spec, Some(Decoder::ouster(metadata)));
     let mut capture = Capture::open(&pcap).unwrap();
     let mut scans = Vec::new();
     let mut publish = |assembler: &CloudAssembler| {

@@ -2,7 +2,7 @@
 //! free: the vehicle rests in a closed room, so that every cell beyond its walls must stay closed.
 
 use crate::world;
-use crate::world::{Lidar, Motion, Shape, at, header};
+use crate::world::{Lidar, Obstacle, VehicleMotion, at, header};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::layout::Layout;
@@ -17,23 +17,23 @@ use proptest::prelude::*;
 /// Half edge of the room (m); its walls are 2 m thick and nothing is behind them.
 const ROOM_M: f64 = 3.1;
 
-fn room() -> Vec<Shape> {
+fn room() -> Vec<Obstacle> {
     let wall = |axis: usize, side: f64| {
         let mut center_m = Vector3::new(0.0, 0.0, -2.0);
         center_m[axis] += side * (ROOM_M + 1.0);
         let mut half_m = Vector3::repeat(ROOM_M + 2.0);
         half_m[axis] = 1.0;
-        Shape::Block { center_m, half_m }
+        Obstacle::Block { center_m, half_m }
     };
     (0..3)
         .flat_map(|axis| [wall(axis, 1.0), wall(axis, -1.0)])
         .collect()
 }
 
-fn motion() -> Motion {
-    Motion {
+fn motion() -> VehicleMotion {
+    VehicleMotion {
         attitude: UnitQuaternion::from_euler_angles(0.1, -0.2, 0.7),
-        ..Motion::still(Vector3::new(0.3, -0.4, -2.2))
+        ..VehicleMotion::still(Vector3::new(0.3, -0.4, -2.2))
     }
 }
 
@@ -84,10 +84,10 @@ fn inputs(t_s: f64) -> Inputs {
     }
 }
 
-type Spoil = fn(&mut Inputs, f64, usize);
+type Corruption = fn(&mut Inputs, f64, usize);
 
-/// One entry per float field; the number says which point or beam where there are many.
-const FLOATS: &[Spoil] = &[
+/// One entry per float field; the number selects the point or beam where there are many.
+const FLOATS: &[Corruption] = &[
     |i, bad, _| i.state.position.x_m = bad,
     |i, bad, _| i.state.position.z_m = bad,
     |i, bad, _| i.state.velocity.x_mps = bad,
@@ -195,11 +195,11 @@ fn free_outside_of_the_room(map: &LocalMap) -> usize {
         .count()
 }
 
-fn fly(spoil: impl Fn(&mut Inputs)) -> (Fusion, Box<LocalMap>) {
+fn fly(corrupt: impl Fn(&mut Inputs)) -> (Fusion, Box<LocalMap>) {
     let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 2));
     update(&mut fusion, &inputs(0.0));
     let mut spoilt = inputs(0.1);
-    spoil(&mut spoilt);
+    corrupt(&mut spoilt);
     update(&mut fusion, &spoilt);
     update(&mut fusion, &inputs(0.2));
     let mut map = LocalMap::boxed();

@@ -1,6 +1,6 @@
 //! A sweep takes a tenth of a second: every point is placed where the vehicle was when that point was measured.
 
-use crate::world::{Lidar, Motion, Shape, at, distance_m, header, known};
+use crate::world::{Lidar, Obstacle, VehicleMotion, at, distance_m, header, known};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, center_of};
 use jink_shared_types::params::ParamSet;
@@ -9,36 +9,36 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 const SWEEP_S: f64 = 0.1;
 
-fn scene() -> Vec<Shape> {
+fn scene() -> Vec<Obstacle> {
     vec![
-        Shape::Ball {
+        Obstacle::Sphere {
             center_m: Vector3::new(5.0, 1.0, -2.0),
             radius_m: 1.0,
         },
-        Shape::Ball {
+        Obstacle::Sphere {
             center_m: Vector3::new(-3.0, 4.0, -3.0),
             radius_m: 1.5,
         },
-        Shape::Post {
+        Obstacle::Post {
             north_m: 1.0,
             east_m: -4.0,
             radius_m: 0.4,
         },
-        Shape::Block {
+        Obstacle::Block {
             center_m: Vector3::new(-6.0, -2.0, -2.0),
             half_m: Vector3::new(0.5, 3.0, 3.0),
         },
-        Shape::Ground { down_m: 0.5 },
+        Obstacle::Ground { down_m: 0.5 },
     ]
 }
 
 /// A banked turn at 6 m/s and 2 rad/s, at the origin's height half-way through the sweep.
-fn turning(t_s: f64) -> Motion {
+fn turning(t_s: f64) -> VehicleMotion {
     let angle_rad = 2.0 * (t_s - 0.5 * SWEEP_S);
     let (sin, cos) = angle_rad.sin_cos();
     let attitude = UnitQuaternion::from_euler_angles(0.0, 0.0, angle_rad)
         * UnitQuaternion::from_euler_angles(0.5, -0.2, 0.0);
-    Motion {
+    VehicleMotion {
         position_m: Vector3::new(3.0 * sin, 3.0 * (1.0 - cos), -2.0),
         velocity_mps: Vector3::new(6.0 * cos, 6.0 * sin, 0.0),
         attitude,
@@ -46,12 +46,16 @@ fn turning(t_s: f64) -> Motion {
     }
 }
 
-fn still(_: f64) -> Motion {
-    Motion::still(Vector3::new(0.0, 0.0, -2.0))
+fn still(_: f64) -> VehicleMotion {
+    VehicleMotion::still(Vector3::new(0.0, 0.0, -2.0))
 }
 
 /// The map of one sweep that ends at `SWEEP_S`; states at 50 Hz, the last one `blind_s` before the end of the sweep.
-fn map_of(motion: impl Fn(f64) -> Motion, blind_s: f64, spoil: impl Fn(&mut PointCloud)) -> Box<LocalMap> {
+fn map_of(
+    motion: impl Fn(f64) -> VehicleMotion,
+    blind_s: f64,
+    corrupt: impl Fn(&mut PointCloud),
+) -> Box<LocalMap> {
     let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));
     for i in -5..=5 {
         let t_s = f64::from(i) * 0.02;
@@ -69,7 +73,7 @@ fn map_of(motion: impl Fn(f64) -> Motion, blind_s: f64, spoil: impl Fn(&mut Poin
     };
     let mut cloud = PointCloud::boxed();
     lidar.sweep(&scene(), &motion, SWEEP_S, 0, &mut cloud);
-    spoil(&mut cloud);
+    corrupt(&mut cloud);
     fusion.cloud(0, &cloud, &header(SWEEP_S));
     let mut map = LocalMap::boxed();
     fusion.write(at(SWEEP_S), &mut map);

@@ -1,6 +1,6 @@
 //! The hot path allocates nothing: a counting allocator sees every call between construction and the last map.
 
-use crate::world::{Lidar, Motion, at, forest, header};
+use crate::world::{Lidar, VehicleMotion, at, forest, header};
 use allocation_counter::measure;
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::LocalMap;
@@ -17,9 +17,9 @@ fn states_clouds_scans_and_maps_allocate_nothing() {
         sweep_s: 0.1,
         ..Lidar::default()
     };
-    let motion = |t_s: f64| Motion {
+    let motion = |t_s: f64| VehicleMotion {
         velocity_mps: Vector3::new(8.0, 0.0, 0.0),
-        ..Motion::still(Vector3::new(8.0 * t_s, 0.0, -2.0))
+        ..VehicleMotion::still(Vector3::new(8.0 * t_s, 0.0, -2.0))
     };
     let clouds: Vec<_> = (1..=10)
         .map(|sweep| {

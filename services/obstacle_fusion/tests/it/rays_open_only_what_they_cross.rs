@@ -1,42 +1,44 @@
 //! Noiseless sweeps of analytic worlds: occupied cells are at surfaces, free cells are outside of obstacles and in
-//! sight, and what stands behind an obstacle stays unknown.
+//! sight, and the space behind an obstacle stays unknown.
 
 use crate::world;
-use crate::world::{Lidar, Motion, Random, Shape, at, cells, distance_m, header, known};
+use crate::world::{Lidar, Obstacle, VehicleMotion, at, cells, distance_m, header, known};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, center_of};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use nalgebra::Vector3;
 use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 /// A cell with a point on a surface has its centre within half a diagonal of it; f32 coordinates add micrometres.
 const HALF_DIAGONAL_M: f64 = 0.5 * CELL_M * 1.732_050_9 + 1e-5;
 
 /// Some obstacles, none within 1.5 m of the north axis, where the vehicle is.
-fn random_world(seed: u64) -> Vec<Shape> {
-    let mut random = Random(seed);
+fn random_world(seed: u64) -> Vec<Obstacle> {
+    let mut random = SplitMix64::seed_from_u64(seed);
     let mut world = Vec::new();
     while world.len() < 7 {
         let center_m = Vector3::new(
-            random.between(-9.0, 9.0),
-            random.between(-9.0, 9.0),
-            random.between(-6.0, 2.0),
+            random.random_range(-9.0..9.0),
+            random.random_range(-9.0..9.0),
+            random.random_range(-6.0..2.0),
         );
-        let size_m = random.between(0.05, 1.5);
-        let shape = match random.bits() % 3 {
-            0 => Shape::Post {
+        let size_m = random.random_range(0.05..1.5);
+        let shape = match random.random_range(0..3) {
+            0 => Obstacle::Post {
                 north_m: center_m.x,
                 east_m: center_m.y,
                 radius_m: 0.3 * size_m,
             },
-            1 => Shape::Ball {
+            1 => Obstacle::Sphere {
                 center_m,
                 radius_m: size_m,
             },
-            _ => Shape::Block {
+            _ => Obstacle::Block {
                 center_m,
-                half_m: Vector3::new(size_m, random.between(0.05, 1.5), size_m),
+                half_m: Vector3::new(size_m, random.random_range(0.05..1.5), size_m),
             },
         };
         let clear_m = (-15..=15).map(|i| shape.distance_m(&Vector3::new(f64::from(i) * 0.3, 0.0, -2.0)));
@@ -44,14 +46,14 @@ fn random_world(seed: u64) -> Vec<Shape> {
             world.push(shape);
         }
     }
-    world.push(Shape::Ground {
-        down_m: random.between(0.0, 3.0),
+    world.push(Obstacle::Ground {
+        down_m: random.random_range(0.0..3.0),
     });
     world
 }
 
 /// The map after sweeps from each of `stands` in turn.
-fn map_from(world: &[Shape], stands: &[Vector3<f64>], rays: usize) -> Box<LocalMap> {
+fn map_from(world: &[Obstacle], stands: &[Vector3<f64>], rays: usize) -> Box<LocalMap> {
     let lidar = Lidar {
         rays,
         range_max_m: 15.0,
@@ -63,7 +65,7 @@ fn map_from(world: &[Shape], stands: &[Vector3<f64>], rays: usize) -> Box<LocalM
     let mut map = LocalMap::boxed();
     for (sweep, stand) in stands.iter().enumerate() {
         let t_s = sweep as f64 * 0.1;
-        let motion = Motion::still(*stand);
+        let motion = VehicleMotion::still(*stand);
         fusion.vehicle(&motion.state(), &header(t_s));
         lidar.sweep(world, |_| motion, t_s, sweep, &mut cloud);
         fusion.cloud(0, &cloud, &header(t_s));
@@ -74,7 +76,7 @@ fn map_from(world: &[Shape], stands: &[Vector3<f64>], rays: usize) -> Box<LocalM
 
 /// Whether the convex `shape` hides all of `cell` from `eye_m`: the shadow of a convex body is convex, so that a cell
 /// with all its corners in it is in it.
-fn hides(shape: &Shape, eye_m: &Vector3<f64>, cell: Cell) -> bool {
+fn hides(shape: &Obstacle, eye_m: &Vector3<f64>, cell: Cell) -> bool {
     let low_m = center_of(cell).vector().add_scalar(-0.5 * CELL_M);
     (0..8).all(|corner| {
         let offset_m = Vector3::new(corner & 1, corner >> 1 & 1, corner >> 2 & 1).cast::<f64>() * CELL_M;
@@ -90,9 +92,9 @@ proptest! {
     #[test]
     fn occupied_is_at_a_surface_and_free_is_outside(seed in any::<u64>()) {
         let world = random_world(seed);
-        let mut random = Random(!seed);
+        let mut random = SplitMix64::seed_from_u64(!seed);
         let stands: Vec<_> = (0..4)
-            .map(|_| Vector3::new(random.between(-4.0, 4.0), random.between(-0.3, 0.3), random.between(-2.2, -1.8)))
+            .map(|_| Vector3::new(random.random_range(-4.0..4.0), random.random_range(-0.3..0.3), random.random_range(-2.2..-1.8)))
             .collect();
         let map = map_from(&world, &stands, 8_000);
         prop_assert!(map.occupied_cells > 200 && map.known_cells > 20_000);
@@ -123,7 +125,7 @@ proptest! {
 
 #[test]
 fn a_wall_is_seen_and_the_room_behind_it_is_not() {
-    let wall = Shape::Block {
+    let wall = Obstacle::Block {
         center_m: Vector3::new(5.6, 0.0, -2.0),
         half_m: Vector3::new(0.5, 4.0, 4.0),
     };
@@ -158,7 +160,7 @@ fn below_the_shortest_range_a_point_is_an_obstacle_and_clears_nothing() {
         (RayKind::Unknown, 0, 0),
     ] {
         let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));
-        let motion = Motion::still(Vector3::new(0.0, 0.0, -2.0));
+        let motion = VehicleMotion::still(Vector3::new(0.0, 0.0, -2.0));
         fusion.vehicle(&motion.state(), &header(0.0));
         let mut map = LocalMap::boxed();
         let mut cloud = PointCloud::boxed();
@@ -180,14 +182,14 @@ fn below_the_shortest_range_a_point_is_an_obstacle_and_clears_nothing() {
 
 #[test]
 fn beyond_the_carve_range_a_hit_is_a_hit_and_its_ray_clears_up_to_the_carve_range() {
-    let far = Shape::Block {
+    let far = Obstacle::Block {
         center_m: Vector3::new(10.6, 0.0, -2.0),
         half_m: Vector3::new(0.5, 9.0, 9.0),
     };
     let mut params = ParamSet::default();
     assert!(params.set("OA_CARVE_RNG", 6.0).is_ok());
     let mut fusion = Fusion::new(FusionConfig::from_params(&params, 1));
-    let motion = Motion::still(Vector3::new(0.0, 0.0, -2.0));
+    let motion = VehicleMotion::still(Vector3::new(0.0, 0.0, -2.0));
     let mut cloud = PointCloud::boxed();
     let lidar = Lidar {
         rays: 60_000,
@@ -217,7 +219,7 @@ fn a_lidar_that_repeats_itself_on_a_hovering_vehicle_leaves_nothing_out_for_long
         rays: 20_000,
         ..Lidar::default()
     };
-    let motion = Motion::still(Vector3::new(0.0, 0.0, -2.0));
+    let motion = VehicleMotion::still(Vector3::new(0.0, 0.0, -2.0));
     let mut cloud = PointCloud::boxed();
     lidar.sweep(&random_world(5), |_| motion, 0.0, 0, &mut cloud);
     let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));

@@ -1,7 +1,7 @@
 //! A silent, blind or covered sensor does not count as one, and a reset of the estimator leaves nothing of the map.
 
 use crate::world;
-use crate::world::{Lidar, Motion, Shape, at, header};
+use crate::world::{Lidar, Obstacle, VehicleMotion, at, header};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
@@ -10,10 +10,10 @@ use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Flag, Timestamp};
 use nalgebra::Vector3;
 
-const GROUND: [Shape; 1] = [Shape::Ground { down_m: 0.0 }];
+const GROUND: [Obstacle; 1] = [Obstacle::Ground { down_m: 0.0 }];
 
-fn resting() -> Motion {
-    Motion::still(Vector3::new(0.0, 0.0, -2.0))
+fn resting() -> VehicleMotion {
+    VehicleMotion::still(Vector3::new(0.0, 0.0, -2.0))
 }
 
 fn cloud() -> Box<PointCloud> {
@@ -195,9 +195,9 @@ fn reset_by(jump_m: Vector3<f64>, yaw_rad: f64, at_s: f64) -> (Fusion, Box<Local
     let mut fusion = fusion(1);
     fusion.cloud(0, &cloud(), &header(0.5));
     let before = written(&fusion, at(0.5));
-    let moved = Motion {
+    let moved = VehicleMotion {
         attitude: nalgebra::UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad),
-        ..Motion::still(resting().position_m + jump_m)
+        ..VehicleMotion::still(resting().position_m + jump_m)
     };
     let state = VehicleState {
         estimator_resets: 1,

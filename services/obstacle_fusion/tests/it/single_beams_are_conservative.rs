@@ -1,6 +1,6 @@
-//! Planar scans and single beams: what a wide beam says is read in the way that leaves least room.
+//! Planar scans and single beams: a wide beam is interpreted in the way that leaves the least free space.
 
-use crate::world::{Motion, at, header, known};
+use crate::world::{VehicleMotion, at, header, known};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::frames::{Mounting, Point};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, center_of};
@@ -29,7 +29,10 @@ fn beam(range_m: f32, width_rad: f32, mounting: UnitQuaternion<f64>) -> RangeSca
 
 fn map_of(scan: &RangeScan) -> (Box<LocalMap>, Fusion) {
     let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));
-    fusion.vehicle(&Motion::still(Vector3::new(0.1, 0.1, -2.1)).state(), &header(0.0));
+    fusion.vehicle(
+        &VehicleMotion::still(Vector3::new(0.1, 0.1, -2.1)).state(),
+        &header(0.0),
+    );
     fusion.scan(0, scan, &header(0.0));
     let mut map = LocalMap::boxed();
     fusion.write(at(0.0), &mut map);
@@ -133,7 +136,7 @@ fn a_cap_that_reaches_into_the_vehicle_is_no_obstacle_there() {
     assert!(params.set("OA_VEH_RADIUS", 1.0).is_ok());
     let mut fusion = Fusion::new(FusionConfig::from_params(&params, 1));
     let body_m = Vector3::new(0.1, 0.1, -2.1);
-    fusion.vehicle(&Motion::still(body_m).state(), &header(0.0));
+    fusion.vehicle(&VehicleMotion::still(body_m).state(), &header(0.0));
     let mut scan = beam(1.0, 1.5, UnitQuaternion::identity());
     scan.origin = Point::new(-0.3, -1.0, 0.0);
     fusion.scan(0, &scan, &header(0.0));
@@ -167,13 +170,13 @@ fn infinity_clears_to_the_sensors_range_and_no_further_than_the_carve_range() {
 
 #[test]
 fn a_scan_turns_clockwise_and_its_beams_have_their_own_times() {
-    // A quarter turn in 100 beams of 1 ms, on a vehicle that moves north at 5 m/s; a wall 5 m east of it all the way.
+    // A quarter turn in 100 beams of 1 ms, on a vehicle that moves north at 5 m/s; a wall 5 m east of its whole path.
     let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));
     for i in 0..=5 {
         let t_s = f64::from(i) * 0.02;
-        let motion = Motion {
+        let motion = VehicleMotion {
             velocity_mps: Vector3::new(5.0, 0.0, 0.0),
-            ..Motion::still(Vector3::new(0.05 + 5.0 * t_s, 0.1, -2.1))
+            ..VehicleMotion::still(Vector3::new(0.05 + 5.0 * t_s, 0.1, -2.1))
         };
         fusion.vehicle(&motion.state(), &header(t_s));
     }

@@ -1,7 +1,7 @@
 //! Evidence over several frames: a single miss never clears a thin post, a removed obstacle is cleared, and every
 //! order of hits and misses keeps a post that one frame in seven sees.
 
-use crate::world::{Lidar, Motion, Shape, at, header};
+use crate::world::{Lidar, Obstacle, VehicleMotion, at, header};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::{Cell, LocalMap, cell_of};
 use jink_shared_types::params::ParamSet;
@@ -10,14 +10,14 @@ use jink_shared_types::{LocalNed, Point};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
-struct Bench {
+struct TestFusion {
     fusion: Fusion,
     map: Box<LocalMap>,
     cloud: Box<PointCloud>,
     sweep: usize,
 }
 
-impl Bench {
+impl TestFusion {
     fn new() -> Self {
         let mut cloud = PointCloud::boxed();
         cloud.range_min_m = 0.1;
@@ -42,7 +42,7 @@ impl Bench {
         &self.map
     }
 
-    /// A frame of a single ray to 4 m ahead: a hit, or a look past it to 8 m.
+    /// A frame of a single ray to 4 m ahead: a hit, or a miss with a hit at 8 m.
     fn single_ray(&mut self, hit: bool) -> &LocalMap {
         self.frame(|cloud, _, _| {
             cloud.len = 0;
@@ -57,8 +57,8 @@ impl Bench {
     }
 }
 
-fn resting() -> Motion {
-    Motion::still(Vector3::new(0.0, 0.0, -2.0))
+fn resting() -> VehicleMotion {
+    VehicleMotion::still(Vector3::new(0.0, 0.0, -2.0))
 }
 
 fn post_cell() -> Cell {
@@ -67,12 +67,12 @@ fn post_cell() -> Cell {
 
 #[test]
 fn a_removed_post_is_cleared_after_several_frames() {
-    let post = Shape::Post {
+    let post = Obstacle::Post {
         north_m: 4.0,
         east_m: 0.5,
         radius_m: 0.2,
     };
-    let wall = Shape::Block {
+    let wall = Obstacle::Block {
         center_m: Vector3::new(8.0, 0.0, -2.0),
         half_m: Vector3::new(0.3, 9.0, 9.0),
     };
@@ -81,7 +81,7 @@ fn a_removed_post_is_cleared_after_several_frames() {
         range_max_m: 20.0,
         ..Lidar::default()
     };
-    let mut bench = Bench::new();
+    let mut bench = TestFusion::new();
     let place: Vec<Cell> = (15..=24)
         .flat_map(|x| (-2..=6).flat_map(move |y| (-15..-5).map(move |z| [x, y, z])))
         .collect();
@@ -109,7 +109,7 @@ fn a_removed_post_is_cleared_after_several_frames() {
 #[test]
 fn a_single_miss_does_not_clear_a_thin_post() {
     for free_frames_before in [0, 30] {
-        let mut bench = Bench::new();
+        let mut bench = TestFusion::new();
         for _ in 0..free_frames_before {
             assert!(!bench.single_ray(false).is_occupied(post_cell()));
         }
@@ -123,7 +123,7 @@ proptest! {
 
     #[test]
     fn a_post_seen_by_one_frame_in_seven_never_disappears(gaps in prop::collection::vec(0..=6usize, 1..12)) {
-        let mut bench = Bench::new();
+        let mut bench = TestFusion::new();
         for misses in gaps {
             prop_assert!(bench.single_ray(true).is_occupied(post_cell()));
             for _ in 0..misses {
@@ -135,7 +135,7 @@ proptest! {
 
 #[test]
 fn a_false_hit_in_open_space_goes_away() {
-    let mut bench = Bench::new();
+    let mut bench = TestFusion::new();
     for _ in 0..20 {
         assert!(!bench.single_ray(false).is_occupied(post_cell()));
     }
@@ -146,10 +146,10 @@ fn a_false_hit_in_open_space_goes_away() {
 
 #[test]
 fn hovering_beside_a_post_in_the_blind_zone_does_not_wear_it_away() {
-    // Seen once from afar, then in a cell that the vehicle's ball covers in part, inside the sensor's shortest range.
-    let mut bench = Bench::new();
+    // Seen once from afar, then in a cell that the vehicle's sphere covers in part, inside the sensor's shortest range.
+    let mut bench = TestFusion::new();
     assert!(bench.single_ray(true).is_occupied(post_cell()));
-    let beside = Motion::still(Vector3::new(4.1 - 0.25, 0.1, -1.9));
+    let beside = VehicleMotion::still(Vector3::new(4.1 - 0.25, 0.1, -1.9));
     for i in 0..100 {
         let t_s = 1.0 + f64::from(i) * 0.1;
         bench.fusion.vehicle(&beside.state(), &header(t_s));
@@ -166,7 +166,7 @@ fn hovering_beside_a_post_in_the_blind_zone_does_not_wear_it_away() {
 
 #[test]
 fn the_vehicles_own_parts_are_not_obstacles() {
-    let mut bench = Bench::new();
+    let mut bench = TestFusion::new();
     let map = bench.frame(|cloud, _, _| {
         cloud.len = 0;
         for (forward_m, right_m) in [(0.25, 0.0), (0.0, -0.29), (0.1, 0.1)] {
@@ -204,8 +204,8 @@ fn near_cell() -> Cell {
     cell_of(Point::<LocalNed>::from_vector(resting().position_m + NEAR))
 }
 
-impl Bench {
-    /// A lidar that hits what stands near in nearly every frame.
+impl TestFusion {
+    /// A lidar that hits near obstacles in nearly every frame.
     fn of_lidar() -> Self {
         let mut config = FusionConfig::from_params(&ParamSet::default(), 1);
         config.declared[0].repeats_hits = true;
@@ -215,7 +215,7 @@ impl Bench {
         }
     }
 
-    /// A frame that looks through the near cell.
+    /// A frame whose rays pass through the near cell.
     fn looked_through(&mut self) -> &LocalMap {
         self.frame(|cloud, _, _| {
             cloud.len = 0;
@@ -251,7 +251,7 @@ impl Bench {
 
 #[test]
 fn a_lidars_hit_near_the_vehicle_that_does_not_come_again_is_withdrawn() {
-    let mut bench = Bench::of_lidar();
+    let mut bench = TestFusion::of_lidar();
     bench.near_hit(false);
     assert!(bench.near_hit(true).is_occupied(near_cell()));
     for _ in 0..7 {
@@ -262,7 +262,7 @@ fn a_lidars_hit_near_the_vehicle_that_does_not_come_again_is_withdrawn() {
     }
     assert!(!bench.map.is_occupied(near_cell()) && !bench.map.is_free(near_cell()));
     // What was free before is free again.
-    let mut bench = Bench::of_lidar();
+    let mut bench = TestFusion::of_lidar();
     assert!(bench.looked_through().is_free(near_cell()));
     assert!(bench.near_hit(true).is_occupied(near_cell()));
     for _ in 0..10 {
@@ -270,7 +270,7 @@ fn a_lidars_hit_near_the_vehicle_that_does_not_come_again_is_withdrawn() {
     }
     assert!(bench.map.is_free(near_cell()));
     // A camera loses a blank surface; a scan leaves its plane.
-    let mut bench = Bench::new();
+    let mut bench = TestFusion::new();
     bench.near_hit(true);
     for _ in 0..60 {
         assert!(bench.near_hit(false).is_occupied(near_cell()));
@@ -279,7 +279,7 @@ fn a_lidars_hit_near_the_vehicle_that_does_not_come_again_is_withdrawn() {
 
 #[test]
 fn a_hit_that_has_come_four_times_is_not_withdrawn() {
-    let mut bench = Bench::of_lidar();
+    let mut bench = TestFusion::of_lidar();
     for _ in 0..4 {
         assert!(bench.near_hit(true).is_occupied(near_cell()));
         for _ in 0..6 {
@@ -293,8 +293,8 @@ fn a_hit_that_has_come_four_times_is_not_withdrawn() {
 
 #[test]
 fn a_hit_is_not_withdrawn_where_the_lidar_cannot_see_it() {
-    let from_above = Motion::still(resting().position_m + Vector3::new(0.9, 0.1, -1.0));
-    type Change = fn(&mut Bench, Motion, f64);
+    let from_above = VehicleMotion::still(resting().position_m + Vector3::new(0.9, 0.1, -1.0));
+    type Change = fn(&mut TestFusion, VehicleMotion, f64);
     let changes: [(&str, Change); 3] = [
         ("below its view", |bench, above, t_s| {
             bench.fusion.vehicle(&above.state(), &header(t_s));
@@ -315,7 +315,7 @@ fn a_hit_is_not_withdrawn_where_the_lidar_cannot_see_it() {
         }),
     ];
     for (why, change) in changes {
-        let mut bench = Bench::of_lidar();
+        let mut bench = TestFusion::of_lidar();
         bench.near_hit(false);
         bench.near_hit(true);
         for frame in 0..60 {

@@ -1,16 +1,18 @@
 //! The same inputs give the same map, to the bit, whatever ran before in the process.
 
-use crate::world::{Lidar, Motion, Random, at, forest, header};
+use crate::world::{Lidar, VehicleMotion, at, forest, header};
 use jink_obstacle_fusion::{Counters, Fusion, FusionConfig};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::PointCloud;
 use nalgebra::{UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 fn flight(seed: u64) -> (Box<LocalMap>, Counters) {
     let world = forest(40.0, seed);
-    let mut random = Random(seed);
-    let motion = |t_s: f64| Motion {
+    let mut random = SplitMix64::seed_from_u64(seed);
+    let motion = |t_s: f64| VehicleMotion {
         position_m: Vector3::new(-5.0 + 6.0 * t_s, 0.4 * t_s.sin(), -2.0),
         velocity_mps: Vector3::new(6.0, 0.4 * t_s.cos(), 0.0),
         attitude: UnitQuaternion::from_euler_angles(0.1 * t_s, -0.2, t_s),
@@ -27,12 +29,12 @@ fn flight(seed: u64) -> (Box<LocalMap>, Counters) {
     for sweep in 0..15 {
         let start_s = sweep as f64 * 0.1;
         for i in 0..5 {
-            let t_s = start_s + f64::from(i) * 0.02 + random.between(0.0, 0.01);
+            let t_s = start_s + f64::from(i) * 0.02 + random.random_range(0.0..0.01);
             fusion.vehicle(&motion(t_s).state(), &header(t_s));
         }
         lidar.sweep(&world, motion, start_s + 0.1, sweep, &mut cloud);
         for point in &mut cloud.points[..8_000] {
-            point.forward_m += random.between(-0.03, 0.03) as f32;
+            point.forward_m += random.random_range(-0.03..0.03) as f32;
         }
         fusion.cloud(0, &cloud, &header(start_s + 0.1));
         fusion.write(at(start_s + 0.1), &mut map);

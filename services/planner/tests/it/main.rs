@@ -1,6 +1,6 @@
 //! What the planner promises, in one binary: it links once.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-mod a_proposed_way_is_flown_only_as_far_as_it_is_certified;
+mod a_proposed_path_is_flown_only_as_far_as_it_is_certified;
 mod common;
 mod nothing_is_planned_that_does_not_end_in_known_free_space;

@@ -49,7 +49,7 @@ fn planner() -> Planner {
     Planner::new(&ParamSet::default(), 1)
 }
 
-/// A trajectory that flies straight north at 2 m/s for `length_m` and then stops dead (for re-checks only).
+/// A trajectory that flies straight north at 2 m/s for `length_m` and then stops at once (for re-checks only).
 fn flying_north(length_m: f64) -> ApprovedTrajectory {
     let speed = 2.0;
     let duration_s = length_m / speed;
@@ -58,7 +58,7 @@ fn flying_north(length_m: f64) -> ApprovedTrajectory {
         id: 77,
         start: now().plus_seconds(-0.05),
         mode: Coded::new(TrajectoryMode::Plan),
-        limits: jink_planner::gears::gears(&ParamSet::default())[0],
+        limits: jink_planner::speed_tiers::speed_tiers(&ParamSet::default())[0],
         ..Trajectory::default()
     };
     assert!(trajectory.push(BezierPiece::new(&points, [0.0; 6], duration_s)));
@@ -99,11 +99,11 @@ fn a_vehicle_that_nobody_has_planned_for_is_taken_over_as_it_moves() {
     let taken_over = |speed_mps: f64, desired: &DesiredPath| {
         let mut planner = planner();
         let route = answer(&mut planner, Some(&map), Some(&moving(speed_mps)), desired, None);
-        let told = planner
+        let reported = planner
             .events()
             .iter()
             .any(|event| event.id == events::CERTIFICATE_LOST.id);
-        (route, told)
+        (route, reported)
     };
     let (planned, _) = taken_over(2.0, &to(8.0, 0.0));
     assert_eq!((planned.mode.get(), planned.base_id), (RouteMode::Plan, 0));
@@ -112,13 +112,16 @@ fn a_vehicle_that_nobody_has_planned_for_is_taken_over_as_it_moves() {
     assert!((planned.start.position.x_m - ahead_m).abs() < 1e-9);
     assert!(planned.must_leave.is_set(), "if no curve is found it is stopped");
 
-    let (stopped, told) = taken_over(4.0, &to(8.0, 0.0));
+    let (stopped, reported) = taken_over(4.0, &to(8.0, 0.0));
     assert_eq!(stopped.mode.get(), RouteMode::Stop, "too fast to plan for");
     assert_eq!(stopped.stop.at(0.0).velocity.vector().x, 4.0);
-    assert!(!told, "the stop ends in known-free space");
-    let (stopped, told) = taken_over(9.0, &to(8.0, 0.0));
+    assert!(!reported, "the stop ends in known-free space");
+    let (stopped, reported) = taken_over(9.0, &to(8.0, 0.0));
     assert_eq!(stopped.mode.get(), RouteMode::Stop);
-    assert!(told, "too fast to stop in what is known: the pilot hears of it");
+    assert!(
+        reported,
+        "too fast to stop in what is known: the pilot hears of it"
+    );
 
     let (slow, _) = taken_over(0.3, &to(8.0, 0.0));
     assert_eq!(
@@ -187,7 +190,7 @@ fn a_target_is_planned_to_in_every_automatic_mode() {
         let route = answer(&mut planner(), Some(&map), Some(&state), &desired, None);
         assert_eq!(route.mode.get(), RouteMode::Plan, "{mode}");
         assert!(route.target_is_goal.is_set(), "{mode}");
-        // What was wanted in the mode before is no wish.
+        // The desired path of the mode before does not count.
         let route = answer(&mut planner(), Some(&map), Some(&hovering()), &desired, None);
         let expected = if mode == NavMode::Mission {
             RouteMode::Plan
@@ -236,7 +239,7 @@ fn who_is_to_rest_at_a_place_that_is_passed_stops_first_and_stops_once() {
 }
 
 #[test]
-fn before_the_mode_is_told_what_is_flown_goes_on() {
+fn before_the_mode_is_known_what_is_flown_goes_on() {
     let map = map(10.0, |_| false);
     let untold = VehicleState {
         mode: Coded::new(NavMode::Unknown),
@@ -276,7 +279,7 @@ fn without_map_ranges_state_or_position_nothing_new_is_committed() {
 }
 
 #[test]
-fn with_a_silent_sensor_it_goes_on_slower_and_tells_once() {
+fn with_a_silent_sensor_it_goes_on_slower_and_reports_once() {
     let mut map = map(10.0, |_| false);
     let mut planner = planner().with_sensors(2);
     let mut speed_and_events = |map: &LocalMap, publish_s: f64| {
@@ -302,20 +305,20 @@ fn with_a_silent_sensor_it_goes_on_slower_and_tells_once() {
         let mut route = Route::default();
         planner.step(now(), &inputs, &mut route);
         assert_eq!(route.mode.get(), RouteMode::Plan);
-        let told: Vec<u16> = planner.events().iter().map(|event| event.id).collect();
-        (route.limits.speed_mps, told)
+        let reported: Vec<u16> = planner.events().iter().map(|event| event.id).collect();
+        (route.limits.speed_mps, reported)
     };
     map.live_sensors = 2;
-    let (full_mps, told) = speed_and_events(&map, 0.0);
-    assert!(told.is_empty());
+    let (full_mps, reported) = speed_and_events(&map, 0.0);
+    assert!(reported.is_empty());
     map.live_sensors = 1;
-    let (slow_mps, told) = speed_and_events(&map, 0.1);
-    assert_eq!(told, [events::SENSOR_LOST.id]);
+    let (slow_mps, reported) = speed_and_events(&map, 0.1);
+    assert_eq!(reported, [events::SENSOR_LOST.id]);
     assert!(slow_mps <= 0.5 * full_mps);
     assert!(speed_and_events(&map, 0.2).1.is_empty());
     map.live_sensors = 2;
-    let (again_mps, told) = speed_and_events(&map, 0.3);
-    assert_eq!((again_mps, told), (full_mps, vec![events::SENSOR_BACK.id]));
+    let (again_mps, reported) = speed_and_events(&map, 0.3);
+    assert_eq!((again_mps, reported), (full_mps, vec![events::SENSOR_BACK.id]));
 }
 
 #[test]
@@ -353,7 +356,7 @@ fn a_new_obstacle_on_the_committed_way_is_evaded_or_stopped_for() {
 }
 
 #[test]
-fn a_wall_out_of_nowhere_is_braked_for_and_said() {
+fn a_wall_out_of_nowhere_is_braked_for_and_reported() {
     let wall = map(11.0, |p| (p.x - 1.4).abs() < 0.2);
     let mut state = hovering();
     state.velocity = Velocity::new(2.0, 0.0, 0.0);
@@ -386,7 +389,7 @@ fn a_parameter_changed_in_flight_counts_from_the_next_plan_and_nothing_is_forgot
     for (name, value) in [("OA_SPD_MAX", 1.5), ("OA_ALT_MAX", 2.0), ("OA_YAW_MODE", 0.0)] {
         params.set(name, value).unwrap();
     }
-    planner.retune(&params);
+    planner.on_params_changed(&params);
     let next = answer(&mut planner, Some(&map), Some(&hovering()), &to(8.0, 0.0), None);
     assert_eq!(next.mode.get(), RouteMode::Plan);
     assert_eq!((first.limits.speed_mps, next.limits.speed_mps), (3.0, 1.5));
@@ -401,7 +404,7 @@ fn who_flies_faster_than_a_new_limit_keeps_the_commitment_that_ends_at_rest() {
     let flown = flying_north(6.0);
     let mut params = ParamSet::default();
     params.set("OA_SPD_MAX", 0.5).unwrap();
-    planner.retune(&params);
+    planner.on_params_changed(&params);
     let route = answer(
         &mut planner,
         Some(&map),
@@ -434,12 +437,12 @@ fn heights_that_contradict_each_other_do_not_stop_the_planner() {
     params.set("OA_ALT_MIN", 50.0).unwrap();
     params.set("OA_ALT_MAX", 2.0).unwrap();
     let mut planner = planner();
-    planner.retune(&params);
+    planner.on_params_changed(&params);
     let route = answer(&mut planner, Some(&map), Some(&hovering()), &to(4.0, 0.0), None);
     assert_eq!(route.goal.z_m, -2.0);
 }
 
-/// Between two walls, so long that there is no way back out of them near.
+/// Between two walls, so long that there is no path out of them near.
 fn between_walls(first: i32, cells: i32) -> Box<LocalMap> {
     map(9.0, |p| {
         let [_, y, _] = cell_of(Point::<LocalNed>::from_vector(p));
@@ -460,17 +463,17 @@ fn six_cells_between_two_walls_are_enough_and_five_are_not() {
         assert_eq!(route.mode.get(), RouteMode::Plan, "from {east_m}");
         assert!(route.target.x_m > 3.0, "{:?}", route.target);
         let radius_m = 0.3 + 0.1 + route.limits.tube_m;
-        let (left_m, right_m) = (0.2 * f64::from(first), 0.2 * f64::from(first + 6));
+        let (remaining_m, right_m) = (0.2 * f64::from(first), 0.2 * f64::from(first + 6));
         for step in 0..10_000 {
             let [x, y, z] = [0.37, 0.71, 0.13].map(|stride| (f64::from(step) * stride).fract());
-            let p = Vector3::new(7.0 * x, left_m + 1.2 * y, -HEIGHT_M - 1.0 + 2.0 * z);
+            let p = Vector3::new(7.0 * x, remaining_m + 1.2 * y, -HEIGHT_M - 1.0 + 2.0 * z);
             if route
                 .corridor()
                 .iter()
                 .any(|polytope| polytope.depth_m(&p) >= 0.0)
             {
                 assert!(
-                    p.y - left_m > radius_m - 1e-6 && right_m - p.y > radius_m - 1e-6,
+                    p.y - remaining_m > radius_m - 1e-6 && right_m - p.y > radius_m - 1e-6,
                     "{p}"
                 );
             }
@@ -503,12 +506,12 @@ proptest! {
         let tree = |p: &Vector3<f64>| trees.iter().map(|(x, y)| (p.x - x).hypot(p.y - y)).fold(f64::MAX, f64::min);
         let map = map(10.0, |p| tree(&p) < 0.3);
         let route = answer(&mut planner(), Some(&map), Some(&hovering()), &to(goal.0, goal.1), None);
-        let keep_m = 0.3 + 0.1 + route.limits.tube_m;
+        let min_distance_m = 0.3 + 0.1 + route.limits.tube_m;
         for (x, y, z) in samples {
             let p = Vector3::new(x, y, z);
             if route.corridor().iter().any(|polytope| polytope.depth_m(&p) >= 0.0) {
-                prop_assert!(tree(&p) > 0.3 + keep_m - 0.15, "{p} is {} m from a tree", tree(&p));
-                prop_assert!((p - Vector3::new(0.0, 0.0, -HEIGHT_M)).norm() < 10.0 - keep_m + 0.2, "{p} is unknown");
+                prop_assert!(tree(&p) > 0.3 + min_distance_m - 0.15, "{p} is {} m from a tree", tree(&p));
+                prop_assert!((p - Vector3::new(0.0, 0.0, -HEIGHT_M)).norm() < 10.0 - min_distance_m + 0.2, "{p} is unknown");
             }
         }
         for (polytope, leg) in route.corridor().iter().zip(route.guide().windows(2)) {

@@ -49,7 +49,7 @@ fn everything_that_is_given_takes_effect() {
 
 #[test]
 fn every_mistake_names_the_sensor_the_key_and_what_is_possible() {
-    for (keys, said) in [
+    for (keys, reported) in [
         (
             "device = \"/dev/ttyS4\"\n",
             "sensor \"front\": `model` is missing; possible: sf45b, cm8jl65, tfmini, tfmini_s, tfmini_plus, tf_luna, sf11c, lw20c",
@@ -99,30 +99,30 @@ fn every_mistake_names_the_sensor_the_key_and_what_is_possible() {
             "sensor \"front\": quaternion = [1, 0, 0] is not possible; possible: [w, x, y, z], four numbers",
         ),
     ] {
-        assert_eq!(read(keys).unwrap_err().to_string(), said);
+        assert_eq!(read(keys).unwrap_err().to_string(), reported);
     }
-    let said = read(&format!("{SHORT}orientation = \"leftish\"\n"))
+    let reported = read(&format!("{SHORT}orientation = \"leftish\"\n"))
         .unwrap_err()
         .to_string();
     assert!(
-        said.contains("orientation = \"leftish\" is not possible; possible: forward (0), "),
-        "{said}"
+        reported.contains("orientation = \"leftish\" is not possible; possible: forward (0), "),
+        "{reported}"
     );
-    assert!(said.contains("down (25), custom (100)"), "{said}");
+    assert!(reported.contains("down (25), custom (100)"), "{reported}");
 }
 
 #[test]
-fn a_sensor_that_is_not_there_or_of_another_kind_is_said_to_be_so() {
+fn a_sensor_that_is_not_there_or_of_another_kind_is_reported_as_such() {
     let two = tables(
         "[[sensor]]\nname = \"lidar\"\nkind = \"lidar_3d\"\n[[sensor]]\nname = \"front\"\nkind = \"rangefinder\"\n",
     );
-    let said = |name| RangefinderSpec::find(&two, name).unwrap_err().to_string();
+    let reported = |name| RangefinderSpec::find(&two, name).unwrap_err().to_string();
     assert_eq!(
-        said("rear"),
+        reported("rear"),
         "there is no sensor \"rear\"; the configuration has lidar, front"
     );
     assert_eq!(
-        said("lidar"),
+        reported("lidar"),
         "sensor \"lidar\" is a lidar_3d; this driver is for the kind rangefinder"
     );
 }

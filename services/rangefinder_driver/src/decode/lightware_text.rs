@@ -1,17 +1,17 @@
-//! The text of LightWare's SF11/C and LW20/C (SF20/C): on the request `d` the distance in metres with two decimals, then carriage
-//! return and line feed, e.g. `98.67`. Both manuals list it as the legacy command of the serial port, and both autopilots
-//! have used it for years. The LW20's own command set (`?LD`, `ld,0:98.67`) is not spoken.
+//! The text of LightWare's SF11/C and LW20/C (SF20/C): on the request `d` the distance in metres with two decimals,
+//! then carriage return and line feed, e.g. `98.67`. Both manuals list it as the legacy command of the serial port, and
+//! both autopilots have used it for years. The LW20's own command set (`?LD`, `ld,0:98.67`) is not used.
 //!
 //! A lost signal is shown as a distance out of range (130.00 on the SF11/C, 160, 230 and 250 in other firmware) or as a
 //! negative number.
 //!
 //! There is no checksum. A line counts only whole and in this form, between two line feeds; the rest is up to
-//! [`crate::beam`], which believes nothing that was said only once.
+//! [`crate::beam_filter`], which accepts no value that came only once.
 //!
 //! Sources: LightWare, "SF11 product manual" (menu item n, appendix E), "LW20/SF20 product manual" (appendix C); PX4,
 //! `lightware_laser_serial`; ArduPilot, `AP_RangeFinder_LightWareSerial`, for the numbers that mean a lost signal.
 
-use super::{Answer, Frame, Item, Tally};
+use super::{DeviceFrame, FrameContent, FrameCounts, RangeReading};
 
 /// `-123.45` and the carriage return.
 const LINE_BYTES: usize = 8;
@@ -20,7 +20,7 @@ const LOST_CM: [i32; 4] = [13_000, 16_000, 23_000, 25_000];
 
 /// The line that is being read.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Line {
+pub(super) struct TextLine {
     bytes: [u8; LINE_BYTES],
     /// Bytes of the line so far, those beyond its longest form included.
     len: usize,
@@ -28,9 +28,9 @@ pub(super) struct Line {
     whole: bool,
 }
 
-impl Line {
+impl TextLine {
     /// Takes one byte, and reads the line that it ends.
-    pub fn push(&mut self, byte: u8, tally: &mut Tally, found: &mut impl FnMut(Frame)) {
+    pub fn push(&mut self, byte: u8, counts: &mut FrameCounts, found: &mut impl FnMut(DeviceFrame)) {
         if byte != b'\n' {
             if let Some(place) = self.bytes.get_mut(self.len) {
                 *place = byte;
@@ -41,18 +41,18 @@ impl Line {
         let text = self.bytes.get(..self.len).filter(|_| self.whole);
         match text.and_then(distance_cm) {
             Some(distance_cm) => {
-                tally.good += 1;
-                found(Frame {
+                counts.good += 1;
+                found(DeviceFrame {
                     bytes: self.len + 1,
-                    item: Item::Measured {
+                    item: FrameContent::Measured {
                         yaw_rad: 0.0,
                         answer: answer(distance_cm),
                     },
                 });
             }
             None => {
-                tally.damaged += u64::from(self.whole);
-                tally.skipped_bytes += self.len as u64 + 1;
+                counts.damaged += u64::from(self.whole);
+                counts.skipped_bytes += self.len as u64 + 1;
             }
         }
         *self = Self {
@@ -62,11 +62,11 @@ impl Line {
     }
 }
 
-fn answer(distance_cm: i32) -> Answer {
+fn answer(distance_cm: i32) -> RangeReading {
     if distance_cm < 0 || LOST_CM.contains(&distance_cm) {
-        Answer::Nothing
+        RangeReading::Nothing
     } else {
-        Answer::Distance(distance_cm as f32 * 0.01)
+        RangeReading::Distance(distance_cm as f32 * 0.01)
     }
 }
 

@@ -1,5 +1,6 @@
-//! Byte streams to answers. A decoder is fed byte by byte, allocates nothing, and is never lost: bytes that turn out to be no
-//! frame are looked at again from the second one on, so that a false start inside noise does not swallow the frame behind it.
+//! Byte streams to measurements. A decoder takes byte after byte, allocates nothing, and always recovers: bytes that
+//! turn out to be no frame are read again from the second one on, so that a false start inside noise does not swallow
+//! the frame behind it.
 //!
 //! | format | frame | redundancy |
 //! |---|---|---|
@@ -13,48 +14,49 @@ pub mod cm8jl65;
 pub mod lightware_text;
 pub mod sf45;
 
-use crate::devices::Protocol;
+use crate::devices::WireFormat;
 
 /// Longest frame of a binary format.
 const FRAME_BYTES: usize = 16;
 
-/// What a device says about one direction, before its range is looked at.
+/// A device's measurement in one direction, before it is compared with the configured range.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Answer {
+pub enum RangeReading {
     /// Something is at this distance (m).
     Distance(f32),
-    /// The device says that nothing answers within its range.
+    /// The device reports that nothing is within its range.
     Nothing,
-    /// The device says that its number is not to be believed: weak or saturated signal.
+    /// The device reports that its measurement is not reliable: weak or saturated signal.
     Unreliable,
 }
 
 /// What a frame holds.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Item {
+pub enum FrameContent {
     /// A measurement.
     Measured {
-        /// Direction in the plane of a scanning device (rad), positive clockwise seen from its upper side; 0 for others.
+        /// Direction in the plane of a scanning device (rad), positive clockwise seen from its upper side; 0 for
+        /// others.
         yaw_rad: f32,
-        /// What it says.
-        answer: Answer,
+        /// The measurement.
+        answer: RangeReading,
     },
-    /// The device has taken the command with this number.
+    /// The device has accepted the command with this number.
     Acknowledged(u8),
 }
 
 /// A frame that was read.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Frame {
+pub struct DeviceFrame {
     /// Its bytes on the wire; the last one is the byte that completed it.
     pub bytes: usize,
     /// What it holds.
-    pub item: Item,
+    pub item: FrameContent,
 }
 
 /// What became of the bytes so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Tally {
+pub struct FrameCounts {
     /// Frames that were read.
     pub good: u64,
     /// Things that looked like a frame and were none: a wrong checksum, a number out of form.
@@ -64,49 +66,49 @@ pub struct Tally {
 }
 
 /// What the bytes at the front of the buffer are.
-pub(crate) enum Verdict {
+pub(crate) enum FrameMatch {
     /// Not yet known.
     More,
     /// No beginning of a frame.
     Skip,
-    /// A frame by its looks, with a wrong checksum.
+    /// What looks like a frame, with a wrong checksum.
     Damaged,
     /// A frame.
-    Frame(Frame),
+    Frame(DeviceFrame),
 }
 
 /// Bytes that are not understood yet.
 #[derive(Clone, Debug, Default)]
-struct Slider {
+struct SlidingBuffer {
     bytes: [u8; FRAME_BYTES],
     len: usize,
 }
 
-impl Slider {
+impl SlidingBuffer {
     /// Takes one byte, and reads what it completes.
     fn push(
         &mut self,
         byte: u8,
-        judge: impl Fn(&[u8]) -> Verdict,
-        tally: &mut Tally,
-        found: &mut impl FnMut(Frame),
+        judge: impl Fn(&[u8]) -> FrameMatch,
+        counts: &mut FrameCounts,
+        found: &mut impl FnMut(DeviceFrame),
     ) {
         if self.len == FRAME_BYTES {
             // No format waits for so many bytes; kept as a bound all the same.
-            self.forget(1, tally);
+            self.forget(1, counts);
         }
         self.bytes[self.len] = byte;
         self.len += 1;
         while self.len > 0 {
             match judge(&self.bytes[..self.len]) {
-                Verdict::More => return,
-                Verdict::Skip => self.forget(1, tally),
-                Verdict::Damaged => {
-                    tally.damaged += 1;
-                    self.forget(1, tally);
+                FrameMatch::More => return,
+                FrameMatch::Skip => self.forget(1, counts),
+                FrameMatch::Damaged => {
+                    counts.damaged += 1;
+                    self.forget(1, counts);
                 }
-                Verdict::Frame(frame) => {
-                    tally.good += 1;
+                FrameMatch::Frame(frame) => {
+                    counts.good += 1;
                     self.shift(frame.bytes);
                     found(frame);
                 }
@@ -114,8 +116,8 @@ impl Slider {
         }
     }
 
-    fn forget(&mut self, count: usize, tally: &mut Tally) {
-        tally.skipped_bytes += count as u64;
+    fn forget(&mut self, count: usize, counts: &mut FrameCounts) {
+        counts.skipped_bytes += count as u64;
         self.shift(count);
     }
 
@@ -127,60 +129,63 @@ impl Slider {
 }
 
 #[derive(Clone, Debug)]
-enum Format {
-    Sf45(Slider),
-    Cm8jl65(Slider),
-    Benewake(Slider, benewake::Rules),
-    LightwareText(lightware_text::Line),
+enum FormatDecoder {
+    Sf45(SlidingBuffer),
+    Cm8jl65(SlidingBuffer),
+    Benewake(SlidingBuffer, benewake::SignalLimits),
+    LightwareText(lightware_text::TextLine),
 }
 
 /// The decoder of one device.
 #[derive(Clone, Debug)]
 pub struct Decoder {
-    format: Format,
-    tally: Tally,
+    format: FormatDecoder,
+    counts: FrameCounts,
 }
 
 impl Decoder {
-    /// For devices that speak `protocol`; nothing read yet.
-    pub fn new(protocol: Protocol) -> Self {
-        let format = match protocol {
-            Protocol::Sf45 => Format::Sf45(Slider::default()),
-            Protocol::Cm8jl65 => Format::Cm8jl65(Slider::default()),
-            Protocol::Benewake(rules) => Format::Benewake(Slider::default(), rules),
-            Protocol::LightwareText => Format::LightwareText(lightware_text::Line::default()),
+    /// For devices that send `format`; nothing read yet.
+    pub fn new(format: WireFormat) -> Self {
+        let format = match format {
+            WireFormat::Sf45 => FormatDecoder::Sf45(SlidingBuffer::default()),
+            WireFormat::Cm8jl65 => FormatDecoder::Cm8jl65(SlidingBuffer::default()),
+            WireFormat::Benewake(rules) => FormatDecoder::Benewake(SlidingBuffer::default(), rules),
+            WireFormat::LightwareText => FormatDecoder::LightwareText(lightware_text::TextLine::default()),
         };
         Self {
             format,
-            tally: Tally::default(),
+            counts: FrameCounts::default(),
         }
     }
 
-    /// Takes one byte and hands every frame that it completes to `found`: mostly none, sometimes one; two only after damage.
-    pub fn push(&mut self, byte: u8, mut found: impl FnMut(Frame)) {
-        let Self { format, tally } = self;
+    /// Takes one byte and hands every frame that it completes to `found`: mostly none, sometimes one; two only after
+    /// damage.
+    pub fn push(&mut self, byte: u8, mut found: impl FnMut(DeviceFrame)) {
+        let Self { format, counts } = self;
         match format {
-            Format::Sf45(slider) => slider.push(byte, sf45::judge, tally, &mut found),
-            Format::Cm8jl65(slider) => slider.push(byte, cm8jl65::judge, tally, &mut found),
-            Format::Benewake(slider, rules) => {
-                slider.push(byte, |bytes| benewake::judge(bytes, rules), tally, &mut found);
+            FormatDecoder::Sf45(buffer) => buffer.push(byte, sf45::judge, counts, &mut found),
+            FormatDecoder::Cm8jl65(buffer) => buffer.push(byte, cm8jl65::judge, counts, &mut found),
+            FormatDecoder::Benewake(buffer, rules) => {
+                buffer.push(byte, |bytes| benewake::judge(bytes, rules), counts, &mut found);
             }
-            Format::LightwareText(line) => line.push(byte, tally, &mut found),
+            FormatDecoder::LightwareText(line) => line.push(byte, counts, &mut found),
         }
     }
 
     /// What became of the bytes so far.
-    pub fn tally(&self) -> Tally {
-        self.tally
+    pub fn counts(&self) -> FrameCounts {
+        self.counts
     }
 
     /// The line was interrupted: what was begun will not be completed.
     pub fn interrupted(&mut self) {
         match &mut self.format {
-            Format::Sf45(slider) | Format::Cm8jl65(slider) | Format::Benewake(slider, _) => {
-                *slider = Slider::default();
+            FormatDecoder::Sf45(buffer)
+            | FormatDecoder::Cm8jl65(buffer)
+            | FormatDecoder::Benewake(buffer, _) => {
+                *buffer = SlidingBuffer::default();
             }
-            Format::LightwareText(line) => *line = lightware_text::Line::default(),
+            FormatDecoder::LightwareText(line) => *line = lightware_text::TextLine::default(),
         }
     }
 }

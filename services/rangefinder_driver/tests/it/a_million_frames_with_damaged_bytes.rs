@@ -1,15 +1,17 @@
-//! A long bad day: of a million frames per device one byte in a hundred is damaged, and some are lost or come twice. How many
-//! frames are read, how many readings are wrong, and what is left of those in the scans.
+//! A long run on a bad line: of a million frames per device one byte in a hundred is damaged, and some are lost or come
+//! twice. How many frames are read, how many readings are wrong, and what is left of those in the scans.
 
-use crate::encoder::{Random, benewake, cm8jl65, model, sf45, spec, text};
-use jink_rangefinder_driver::{Answer, Decoder, Driver, Item};
+use crate::encoder::{benewake, cm8jl65, model, sf45, spec, text};
+use jink_rangefinder_driver::{Decoder, FrameContent, RangeReading, RangefinderDriver};
 use jink_shared_types::Timestamp;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 const FRAMES: u64 = 1_000_000;
 /// One byte in this many is another one than was sent ...
-const DAMAGED: u64 = 100;
+const DAMAGED: u32 = 100;
 /// ... one in this many is missing, and one in this many is there twice.
-const LOST: u64 = 10_000;
+const LOST: u32 = 10_000;
 
 /// The distance of frame `index` (cm): to and fro between 0.5 and 5.5 m, 1 cm per frame, 1 m/s at 100 Hz.
 fn distance_cm(index: u64) -> i16 {
@@ -28,39 +30,39 @@ fn frame(name: &str, index: u64) -> Vec<u8> {
 }
 
 /// What comes out of the line for `sent`; whether it is what was sent.
-fn over_a_bad_line(sent: &[u8], random: &mut Random, out: &mut Vec<u8>) -> bool {
+fn over_a_bad_line(sent: &[u8], random: &mut SplitMix64, out: &mut Vec<u8>) -> bool {
     out.clear();
     for byte in sent {
-        if random.once_in(LOST) {
+        if random.random_ratio(1, LOST) {
             continue;
         }
-        let damage = if random.once_in(DAMAGED) {
-            1 + random.below(255) as u8
+        let damage = if random.random_ratio(1, DAMAGED) {
+            random.random_range(1..=255)
         } else {
             0
         };
         out.push(byte ^ damage);
-        if random.once_in(LOST) {
+        if random.random_ratio(1, LOST) {
             out.push(byte ^ damage);
         }
     }
     out == sent
 }
 
-struct Day {
+struct ReadingCounts {
     sound: u64,
     read: u64,
-    /// Readings that nobody sent within the last frames.
+    /// Readings that were not sent within the last frames.
     wrong: u64,
     damaged: u64,
 }
 
 /// A device that is decoded frame by frame.
-fn decode_all(name: &str, seed: u64) -> Day {
-    let mut random = Random(seed);
-    let mut decoder = Decoder::new(model(name).protocol);
+fn decode_all(name: &str, seed: u64) -> ReadingCounts {
+    let mut random = SplitMix64::seed_from_u64(seed);
+    let mut decoder = Decoder::new(model(name).format);
     let mut wire = Vec::new();
-    let mut day = Day {
+    let mut day = ReadingCounts {
         sound: 0,
         read: 0,
         wrong: 0,
@@ -70,7 +72,7 @@ fn decode_all(name: &str, seed: u64) -> Day {
         day.sound += u64::from(over_a_bad_line(&frame(name, index), &mut random, &mut wire));
         for byte in &wire {
             decoder.push(*byte, |frame| {
-                let Item::Measured { answer, .. } = frame.item else {
+                let FrameContent::Measured { answer, .. } = frame.item else {
                     day.wrong += 1;
                     return;
                 };
@@ -78,17 +80,17 @@ fn decode_all(name: &str, seed: u64) -> Day {
                 // A frame behind a false start is read with the next one.
                 let recent = index.saturating_sub(2)..=index;
                 let sent = recent.into_iter().any(|index| {
-                    matches!(answer, Answer::Distance(m) if (m - f32::from(distance_cm(index)) / 100.0).abs() < 1e-3)
+                    matches!(answer, RangeReading::Distance(m) if (m - f32::from(distance_cm(index)) / 100.0).abs() < 1e-3)
                 });
                 day.wrong += u64::from(!sent);
             });
         }
     }
-    day.damaged = decoder.tally().damaged;
+    day.damaged = decoder.counts().damaged;
     day
 }
 
-/// What the scans of a whole driver say.
+/// What a whole driver publishes.
 #[derive(Debug, Default)]
 struct Published {
     scans: u64,
@@ -102,15 +104,15 @@ struct Published {
     worst_m: f32,
 }
 
-/// A device that says something new every 10 ms, or every 25 ms what it has said before every other time.
-fn publish_all(name: &str, seed: u64, frame_ms: u64, said: u64) -> Published {
-    let mut random = Random(seed);
-    let mut driver = Driver::new(spec(name, "/dev/x", ""));
+/// A device that sends a new value every 10 ms, or every 25 ms the value before every other time.
+fn publish_all(name: &str, seed: u64, frame_ms: u64, copies: u64) -> Published {
+    let mut random = SplitMix64::seed_from_u64(seed);
+    let mut driver = RangefinderDriver::new(spec(name, "/dev/x", ""));
     let tolerance_m = (20.0 * 0.05 + 4.0 * driver.spec().sigma_m) as f32;
     let (mut wire, mut published) = (Vec::new(), Published::default());
     let (start_ns, frame_ns) = (1_000_000_000, frame_ms * 1_000_000);
     for index in 0..FRAMES {
-        over_a_bad_line(&frame(name, index / said), &mut random, &mut wire);
+        over_a_bad_line(&frame(name, index / copies), &mut random, &mut wire);
         let now = Timestamp::from_ns(start_ns + index * frame_ns);
         driver.bytes(now, &wire, &mut |view| {
             published.scans += 1;
@@ -119,7 +121,7 @@ fn publish_all(name: &str, seed: u64, frame_ms: u64, said: u64) -> Published {
                 return;
             }
             published.known += 1;
-            let at = (view.capture.ns + frame_ns / 2 - start_ns) / frame_ns / said;
+            let at = (view.capture.ns + frame_ns / 2 - start_ns) / frame_ns / copies;
             let sent = (at.saturating_sub(2)..=at + 2).map(|index| f32::from(distance_cm(index)) / 100.0);
             let (low_m, high_m) = sent.fold((f32::MAX, 0.0f32), |(low, high), m| (low.min(m), high.max(m)));
             let short_m = low_m - range_m;
@@ -132,16 +134,17 @@ fn publish_all(name: &str, seed: u64, frame_ms: u64, said: u64) -> Published {
     published
 }
 
-/// Readings that must be expected to slip through a sum of eight bits: two of the seven bytes behind the head are damaged, one
-/// of them of the distance, the others are not, and the two damages cancel in the sum, which one pair of 255 does.
+/// Readings that must be expected to slip through a sum of eight bits: two of the seven bytes behind the head are
+/// damaged, one of them of the distance, the others are not, and the two damages cancel in the sum, which one pair of
+/// 255 does.
 fn expected_behind_a_sum() -> f64 {
     let p = 1.0 / DAMAGED as f64;
     let pairs_with_distance = 11.0;
     FRAMES as f64 * pairs_with_distance * p.powi(2) * (1.0 - p).powi(7) / 255.0
 }
 
-/// The same behind a checksum of 16 bits over a frame of `bytes` whose first `head` bytes must be right: two damaged bytes
-/// further apart than the 16 bits of a burst, which is always found, and one checksum in 65536 right by chance.
+/// The same behind a checksum of 16 bits over a frame of `bytes` whose first `head` bytes must be right: two damaged
+/// bytes further apart than the 16 bits of a burst, which is always found, and one checksum in 65536 right by chance.
 fn expected_behind_a_crc(bytes: u32, head: u32) -> f64 {
     let p = 1.0 / DAMAGED as f64;
     let open = f64::from(bytes - head);
@@ -191,7 +194,7 @@ fn what_slips_through_a_sum_of_eight_bits_does_not_reach_a_scan() {
 }
 
 #[test]
-fn text_without_a_checksum_is_believed_only_when_said_twice() {
+fn text_without_a_checksum_is_accepted_only_when_sent_twice() {
     let day = decode_all("sf11c", 13);
     println!(
         "sf11c: {FRAMES} lines, {} sound, {} read, {} damaged, {} wrong",

@@ -3,22 +3,22 @@
 
 use crate::encoder::device::Device;
 use crate::encoder::spec;
-use jink_rangefinder_driver::Driver;
-use jink_rangefinder_driver::driver::News;
+use jink_rangefinder_driver::RangefinderDriver;
+use jink_rangefinder_driver::driver::RangefinderChange;
 use jink_shared_types::Timestamp;
 use jink_shared_types::layout::Layout;
 use jink_shared_types::ranges::RangeScan;
 
 const STEP_NS: u64 = 1_000_000;
 
-/// Driver and device over `ms` milliseconds; the scans, and what the pilot was told.
+/// Driver and device over `ms` milliseconds; the scans, and what was reported to the pilot.
 fn run(
-    driver: &mut Driver,
+    driver: &mut RangefinderDriver,
     device: &mut Device,
     start_ms: u64,
     ms: u64,
     connected: bool,
-) -> (Vec<RangeScan>, Vec<News>) {
+) -> (Vec<RangeScan>, Vec<RangefinderChange>) {
     let (mut scans, mut news) = (Vec::new(), Vec::new());
     for step in start_ms..start_ms + ms {
         let now = Timestamp::from_ns(1_000_000_000 + step * STEP_NS);
@@ -36,13 +36,13 @@ fn run(
             }
         }
         driver.tick(now, &mut publish);
-        news.extend(driver.news(now));
+        news.extend(driver.take_change(now));
     }
     (scans, news)
 }
 
-fn start() -> (Driver, Device) {
-    let mut driver = Driver::new(spec(
+fn start() -> (RangefinderDriver, Device) {
+    let mut driver = RangefinderDriver::new(spec(
         "sf45b",
         "/dev/x",
         "scan_low_deg = -120\nscan_high_deg = 90\nrange_max_m = 20\n",
@@ -52,7 +52,7 @@ fn start() -> (Driver, Device) {
 }
 
 #[test]
-fn it_is_told_everything_once_and_streams() {
+fn it_is_set_up_once_and_streams() {
     let (mut driver, mut device) = start();
     let (scans, news) = run(&mut driver, &mut device, 0, 2_000, true);
     assert_eq!(device.commands, [30, 27, 66, 85, 98, 99, 96, 30]);
@@ -89,7 +89,7 @@ fn parts_say_where_and_when_and_how_far() {
 }
 
 #[test]
-fn after_a_reset_it_is_set_up_again_and_nobody_is_told() {
+fn after_a_reset_it_is_set_up_again_and_nothing_is_reported() {
     let (mut driver, mut device) = start();
     run(&mut driver, &mut device, 0, 1_000, true);
     device.reset();
@@ -99,24 +99,30 @@ fn after_a_reset_it_is_set_up_again_and_nobody_is_told() {
 }
 
 #[test]
-fn silence_is_told_once_and_so_is_its_end() {
+fn silence_is_reported_once_and_so_is_its_end() {
     let (mut driver, mut device) = start();
     run(&mut driver, &mut device, 0, 1_000, true);
     let (_, lost) = run(&mut driver, &mut device, 1_000, 3_000, false);
-    assert_eq!(lost, [News::Lost]);
+    assert_eq!(lost, [RangefinderChange::Lost]);
     device.reset();
     driver.connected(Timestamp::from_ns(5_000_000_000));
     let (scans, back) = run(&mut driver, &mut device, 4_000, 1_000, true);
-    assert_eq!(back, [News::Back]);
+    assert_eq!(back, [RangefinderChange::Back]);
     assert!(scans.len() > 15);
 }
 
 #[test]
-fn a_sensor_that_never_speaks_is_told_too() {
+fn a_sensor_that_never_sends_is_reported_too() {
     let (mut driver, mut device) = start();
     let (scans, news) = run(&mut driver, &mut device, 0, 3_000, false);
     assert!(scans.is_empty() && device.commands.is_empty());
-    assert_eq!(news, [News::Lost]);
-    assert_eq!(News::Lost.event("front").text(), "jink: rangefinder front lost");
-    assert_eq!(News::Back.event("front").text(), "jink: rangefinder front back");
+    assert_eq!(news, [RangefinderChange::Lost]);
+    assert_eq!(
+        RangefinderChange::Lost.event("front").text(),
+        "jink: rangefinder front lost"
+    );
+    assert_eq!(
+        RangefinderChange::Back.event("front").text(),
+        "jink: rangefinder front back"
+    );
 }

@@ -1,10 +1,12 @@
 //! A pseudo-terminal in the port's place: read, unplugged, plugged in again under the same name.
 
 use crate::encoder::device::Device;
-use crate::encoder::{Random, benewake, spec};
-use jink_rangefinder_driver::Driver;
-use jink_rangefinder_driver::port::{Port, Read};
+use crate::encoder::{benewake, spec};
+use jink_rangefinder_driver::RangefinderDriver;
+use jink_runtime::serial::{Port, Read};
 use jink_shared_types::Timestamp;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::fs::{Mode, OFlags};
@@ -13,11 +15,11 @@ use rustix::termios::OptionalActions;
 use std::path::{Path, PathBuf};
 
 /// The device's end of a line.
-struct Line {
+struct PseudoTerminal {
     control: OwnedFd,
 }
 
-impl Line {
+impl PseudoTerminal {
     /// A new line, reachable under `link`.
     fn plug_in(link: &Path) -> Self {
         let control =
@@ -25,13 +27,13 @@ impl Line {
         rustix::pty::grantpt(&control).unwrap();
         rustix::pty::unlockpt(&control).unwrap();
         let name = rustix::pty::ptsname(&control, Vec::new()).unwrap();
-        let _none_before = std::fs::remove_file(link);
+        let _ = std::fs::remove_file(link);
         std::os::unix::fs::symlink(name.to_str().unwrap(), link).unwrap();
         Self { control }
     }
 
     /// The next `count` bytes that the driver has written.
-    fn hear(&self, count: usize) -> Vec<u8> {
+    fn read_written(&self, count: usize) -> Vec<u8> {
         let mut all = Vec::new();
         while all.len() < count {
             wait_for(self.control.as_fd());
@@ -43,7 +45,7 @@ impl Line {
         all
     }
 
-    fn say(&self, bytes: &[u8]) {
+    fn send(&self, bytes: &[u8]) {
         let mut rest = bytes;
         while !rest.is_empty() {
             let count = rustix::io::write(&self.control, rest).unwrap();
@@ -53,24 +55,24 @@ impl Line {
 }
 
 /// A path of this test's own that is removed again.
-struct Link(PathBuf);
+struct TemporaryPath(PathBuf);
 
-impl Link {
+impl TemporaryPath {
     fn new(test: &str) -> Self {
         Self(std::env::temp_dir().join(format!("jink_range_{test}_{}", std::process::id())))
     }
 }
 
-impl Drop for Link {
+impl Drop for TemporaryPath {
     fn drop(&mut self) {
-        let _gone_already = std::fs::remove_file(&self.0);
+        let _ = std::fs::remove_file(&self.0);
     }
 }
 
-/// Clock of a test: as fast as the test asks for it.
-struct Clock(u64);
+/// The clock of a test: as fast as the test asks for it.
+struct TestClock(u64);
 
-impl Clock {
+impl TestClock {
     fn step(&mut self) -> Timestamp {
         self.step_ms(10)
     }
@@ -119,18 +121,18 @@ fn until_lost(port: &mut Port, now: Timestamp) {
 
 #[test]
 fn unplugged_and_plugged_in_again_it_is_read_on() {
-    let link = Link::new("replug");
-    let mut clock = Clock(1_000_000_000);
+    let link = TemporaryPath::new("replug");
+    let mut clock = TestClock(1_000_000_000);
     let mut port = Port::new(link.0.to_str().unwrap(), 115_200);
     assert!(!port.open_if_due(clock.step()), "nothing is plugged in yet");
     for round in 0..3u8 {
-        let line = Line::plug_in(&link.0);
+        let line = PseudoTerminal::plug_in(&link.0);
         let mut tries = 0;
         while !port.open_if_due(clock.step()) {
             tries += 1;
             assert!(tries < 300, "round {round}: longer than the longest pause");
         }
-        line.say(&[round; 100]);
+        line.send(&[round; 100]);
         assert_eq!(read(&mut port, clock.step(), 100), [round; 100]);
         drop(line);
         until_lost(&mut port, clock.step());
@@ -144,16 +146,16 @@ fn unplugged_and_plugged_in_again_it_is_read_on() {
 
 #[test]
 fn a_scanning_device_is_set_up_again_each_time_it_is_plugged_in() {
-    let link = Link::new("scanner");
-    let mut clock = Clock(1_000_000_000);
-    let mut driver = Driver::new(spec(
+    let link = TemporaryPath::new("scanner");
+    let mut clock = TestClock(1_000_000_000);
+    let mut driver = RangefinderDriver::new(spec(
         "sf45b",
         link.0.to_str().unwrap(),
         "scan_low_deg = -90\nscan_high_deg = 90\n",
     ));
     let mut port = Port::new(&driver.spec().device.clone(), driver.spec().baud);
     for round in 0..3 {
-        let line = Line::plug_in(&link.0);
+        let line = PseudoTerminal::plug_in(&link.0);
         let mut device = Device::default();
         let (mut parts, mut said) = (0, 0);
         for _ in 0..2_000 {
@@ -165,10 +167,10 @@ fn a_scanning_device_is_set_up_again_each_time_it_is_plugged_in() {
             driver.bytes(now, &bytes, &mut |_| parts += 1);
             while let Some(bytes) = driver.next_write(now).filter(|_| port.is_open()) {
                 port.write(now, bytes);
-                device.take(&line.hear(bytes.len()));
+                device.take(&line.read_written(bytes.len()));
             }
             let answer = device.step();
-            line.say(&answer);
+            line.send(&answer);
             said = answer.len();
         }
         assert_eq!(device.commands, [30, 27, 66, 85, 98, 99, 96, 30], "round {round}");
@@ -180,7 +182,7 @@ fn a_scanning_device_is_set_up_again_each_time_it_is_plugged_in() {
 
 #[test]
 fn the_pauses_grow_to_two_seconds_and_not_further() {
-    let link = Link::new("pauses");
+    let link = TemporaryPath::new("pauses");
     let mut port = Port::new(link.0.to_str().unwrap(), 115_200);
     let mut now = Timestamp::from_seconds(1.0);
     let mut pauses = Vec::new();
@@ -194,9 +196,9 @@ fn the_pauses_grow_to_two_seconds_and_not_further() {
 
 #[test]
 fn what_waited_in_the_port_before_it_was_opened_is_old_and_dropped() {
-    let link = Link::new("old");
-    let line = Line::plug_in(&link.0);
-    line.say(b"old");
+    let link = TemporaryPath::new("old");
+    let line = PseudoTerminal::plug_in(&link.0);
+    line.send(b"old");
     // Somebody else sees that it has come.
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
     let witness = rustix::fs::open(&link.0, flags, Mode::empty()).unwrap();
@@ -204,10 +206,10 @@ fn what_waited_in_the_port_before_it_was_opened_is_old_and_dropped() {
     settings.make_raw();
     rustix::termios::tcsetattr(&witness, OptionalActions::Now, &settings).unwrap();
     wait_for(witness.as_fd());
-    let mut clock = Clock(1_000_000_000);
+    let mut clock = TestClock(1_000_000_000);
     let mut port = Port::new(link.0.to_str().unwrap(), 115_200);
     assert!(port.open_if_due(clock.step()));
-    line.say(b"new");
+    line.send(b"new");
     assert_eq!(read(&mut port, clock.step(), 3), b"new");
 }
 
@@ -220,28 +222,28 @@ fn a_file_that_is_no_serial_port_is_refused_and_tried_again() {
 
 #[test]
 fn frames_damaged_cut_and_mixed_up_on_a_line_come_out_as_what_was_sent_or_not_at_all() {
-    let link = Link::new("frames");
-    let line = Line::plug_in(&link.0);
-    let mut clock = Clock(1_000_000_000);
-    let mut driver = Driver::new(spec("tf_luna", link.0.to_str().unwrap(), ""));
+    let link = TemporaryPath::new("frames");
+    let line = PseudoTerminal::plug_in(&link.0);
+    let mut clock = TestClock(1_000_000_000);
+    let mut driver = RangefinderDriver::new(spec("tf_luna", link.0.to_str().unwrap(), ""));
     let mut port = Port::new(&driver.spec().device.clone(), driver.spec().baud);
     assert!(port.open_if_due(clock.step()));
     driver.connected(clock.step());
-    let mut random = Random(3);
+    let mut random = SplitMix64::seed_from_u64(3);
     let (mut scans, mut unknown) = (0, 0);
     for index in 0..2_000 {
         let mut frame = benewake(300, 500, 20.0);
-        match random.below(10) {
-            0 => frame[random.below(9) as usize] ^= 1 + random.below(255) as u8,
-            1 => frame.truncate(random.below(9) as usize),
+        match random.random_range(0..10) {
+            0 => frame[random.random_range(0..9)] ^= random.random_range(1..=255),
+            1 => frame.truncate(random.random_range(0..9)),
             2 => {
                 // The beginning of another program's frame between the bytes of this one.
-                let at = random.below(9) as usize;
-                frame.splice(at..at, [0x59, 0x59, random.next() as u8]);
+                let at = random.random_range(0..9);
+                frame.splice(at..at, [0x59, 0x59, random.random()]);
             }
             _ => {}
         }
-        line.say(&frame);
+        line.send(&frame);
         let now = clock.step();
         let bytes = read(&mut port, now, frame.len());
         driver.bytes(now, &bytes, &mut |view| {

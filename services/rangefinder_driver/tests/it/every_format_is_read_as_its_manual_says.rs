@@ -1,17 +1,17 @@
-//! Frames of every device, also its special answers, come out as what jink makes of them.
+//! Frames of every device, also its special values, come out as jink interprets them.
 
 use crate::encoder::{benewake, cm8jl65, decode, lightware_packet, model, sf45, spec, text};
-use jink_rangefinder_driver::decode::Answer::{Distance, Nothing, Unreliable};
-use jink_rangefinder_driver::{Answer, Item, Range};
+use jink_rangefinder_driver::decode::RangeReading::{Distance, Nothing, Unreliable};
+use jink_rangefinder_driver::{FrameContent, Range, RangeReading};
 use proptest::prelude::*;
 
-fn answers(name: &str, bytes: &[u8]) -> Vec<Answer> {
+fn answers(name: &str, bytes: &[u8]) -> Vec<RangeReading> {
     let items = decode(model(name), bytes);
     items
         .into_iter()
         .filter_map(|item| match item {
-            Item::Measured { answer, .. } => Some(answer),
-            Item::Acknowledged(_) => None,
+            FrameContent::Measured { answer, .. } => Some(answer),
+            FrameContent::Acknowledged(_) => None,
         })
         .collect()
 }
@@ -127,7 +127,7 @@ fn a_text_counts_only_in_its_one_form() {
 }
 
 #[test]
-fn an_acknowledgement_is_told_from_a_measurement_and_other_packets_are_passed_over() {
+fn an_acknowledgement_is_distinguished_from_a_measurement_and_other_packets_are_skipped() {
     let mut bytes = lightware_packet(30, false, &[5, 0, 0, 0]);
     bytes.extend(lightware_packet(0, false, b"SF45\0\0\0\0\0\0\0\0\0\0\0\0"));
     bytes.extend(lightware_packet(44, false, &[1, 0, 2, 0, 3, 0]));
@@ -135,8 +135,8 @@ fn an_acknowledgement_is_told_from_a_measurement_and_other_packets_are_passed_ov
     assert_eq!(
         decode(model("sf45b"), &bytes),
         [
-            Item::Acknowledged(30),
-            Item::Measured {
+            FrameContent::Acknowledged(30),
+            FrameContent::Measured {
                 yaw_rad: -std::f32::consts::FRAC_PI_2,
                 answer: Distance(3.21)
             }
@@ -149,10 +149,10 @@ proptest! {
     fn every_measurement_comes_back_as_it_was_sent(
         cm in 0..i16::MAX, yaw_cdeg in -16_000..16_000i16, mm in 0..u16::MAX, strength in 101..2_000u16, temperature in -20.0..60.0f32
     ) {
-        let near = |answer: &Answer, m: f32| matches!(answer, Distance(d) if (d - m).abs() <= 1e-5 * m.max(1.0));
+        let near = |answer: &RangeReading, m: f32| matches!(answer, Distance(d) if (d - m).abs() <= 1e-5 * m.max(1.0));
         let turned = |yaw_rad: &f32| (yaw_rad.to_degrees() - f32::from(yaw_cdeg) / 100.0).abs() < 1e-3;
         let items = decode(model("sf45b"), &sf45(cm, yaw_cdeg));
-        let is_same = matches!(&items[..], [Item::Measured { yaw_rad, answer }]
+        let is_same = matches!(&items[..], [FrameContent::Measured { yaw_rad, answer }]
             if near(answer, f32::from(cm) / 100.0) && turned(yaw_rad));
         prop_assert!(is_same, "{items:?}");
         let one = |name: &str, bytes: &[u8], m: f32| {

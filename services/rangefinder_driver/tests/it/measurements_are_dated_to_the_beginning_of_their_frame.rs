@@ -1,7 +1,8 @@
-//! Capture times come from the arrival of the bytes, less their time on the wire, however the bytes were cut up on their way.
+//! Capture times come from the arrival of the bytes, less their time on the wire, however the bytes were cut up on
+//! their way.
 
 use crate::encoder::{benewake, spec, text};
-use jink_rangefinder_driver::Driver;
+use jink_rangefinder_driver::RangefinderDriver;
 use jink_shared_types::Timestamp;
 use proptest::prelude::*;
 
@@ -14,8 +15,8 @@ fn at(ns: f64) -> Timestamp {
 proptest! {
     #[test]
     fn however_the_bytes_are_cut_up(cuts in prop::collection::vec(1..20usize, 1..60)) {
-        let mut driver = Driver::new(spec("tf_luna", "/dev/x", ""));
-        // A thousand frames a second for a fifth of a second; each distance tells its frame.
+        let mut driver = RangefinderDriver::new(spec("tf_luna", "/dev/x", ""));
+        // A thousand frames a second for a fifth of a second; each distance identifies its frame.
         let mut wire = Vec::new();
         for index in 0..200i16 {
             let begin_ns = f64::from(index) * 1e6;
@@ -44,7 +45,7 @@ proptest! {
 
 #[test]
 fn a_frame_read_alone_is_dated_to_the_bit() {
-    let mut driver = Driver::new(spec("tf_luna", "/dev/x", ""));
+    let mut driver = RangefinderDriver::new(spec("tf_luna", "/dev/x", ""));
     let mut captures = Vec::new();
     for index in 0..20 {
         let arrived = at(f64::from(index) * 10e6 + 9.0 * BYTE_NS);
@@ -61,7 +62,7 @@ fn a_frame_read_alone_is_dated_to_the_bit() {
 
 #[test]
 fn a_text_device_is_asked_and_its_answers_are_dated_alike() {
-    let mut driver = Driver::new(spec("sf11c", "/dev/x", ""));
+    let mut driver = RangefinderDriver::new(spec("sf11c", "/dev/x", ""));
     let (mut requests, mut scans, mut answer) = (0, Vec::new(), Vec::new());
     driver.connected(at(0.0));
     for ms in 0..1_000 {

@@ -1,8 +1,11 @@
-//! Whatever bytes come: nothing panics, nothing with a wrong checksum is read, and behind the noise the next frames are.
+//! Whatever bytes come: nothing panics, nothing with a wrong checksum is read, and behind the noise the next frames
+//! are.
 
-use crate::encoder::{Random, benewake, cm8jl65, decode, lightware_packet, sf45, text};
-use jink_rangefinder_driver::{Answer, Decoder, Item, devices};
+use crate::encoder::{benewake, cm8jl65, decode, lightware_packet, sf45, text};
+use jink_rangefinder_driver::{Decoder, FrameContent, RangeReading, devices};
 use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 /// Whether a frame with a right checksum ends at the end of `bytes`, by the manual's own arithmetic.
 fn ends_in_a_sound_frame(name: &str, bytes: &[u8]) -> bool {
@@ -58,15 +61,15 @@ fn two_frames(name: &str, cm: [i16; 2]) -> ([Vec<u8>; 2], [f32; 2]) {
     (frames, cm.map(|cm| f32::from(cm) / 100.0))
 }
 
-fn says(item: &Item, m: f32) -> bool {
-    matches!(item, Item::Measured { answer: Answer::Distance(d), .. } if (d - m).abs() < 1e-3)
+fn says(item: &FrameContent, m: f32) -> bool {
+    matches!(item, FrameContent::Measured { answer: RangeReading::Distance(d), .. } if (d - m).abs() < 1e-3)
 }
 
 proptest! {
     #[test]
     fn only_what_has_a_right_checksum_is_read(bytes in noise()) {
         for model in devices::TABLE {
-            let mut decoder = Decoder::new(model.protocol);
+            let mut decoder = Decoder::new(model.format);
             for end in 0..bytes.len() {
                 let mut frames = Vec::new();
                 decoder.push(bytes[end], |frame| frames.push(frame));
@@ -90,8 +93,8 @@ proptest! {
             let noise_alone = decode(model, &before).len();
             let swallowed = decode(model, &[&before[..], &frames[0]].concat()).len() > noise_alone
                 && !found.iter().any(|item| says(item, distances_m[0]));
-            // Text has no beginning of its own: what noise has left in a line spoils that line. A sum of eight bits lets one
-            // noise in 256 make a frame with the first bytes of a good one.
+            // Text has no beginning of its own: what noise has left in a line spoils that line. A sum of eight bits
+            // lets one noise in 256 make a frame with the first bytes of a good one.
             let is_text = matches!(model.name, "sf11c" | "lw20c");
             if !is_text && !swallowed {
                 prop_assert!(found.iter().any(|item| says(item, distances_m[0])), "{}: {:?}", model.name, found);
@@ -103,12 +106,12 @@ proptest! {
 #[test]
 fn millions_of_random_bytes_make_hardly_a_reading_and_no_panic() {
     for model in devices::TABLE {
-        let mut random = Random(7);
-        let mut decoder = Decoder::new(model.protocol);
+        let mut random = SplitMix64::seed_from_u64(7);
+        let mut decoder = Decoder::new(model.format);
         let mut found = 0u64;
         for _ in 0..2_000_000 {
             // Half of the bytes are such as frames begin with: chance alone would seldom get past them.
-            let byte = match random.below(16) {
+            let byte = match random.random_range(0..16) {
                 0 => 0x59,
                 1 => 0xAA,
                 2 => 0xA5,
@@ -116,17 +119,17 @@ fn millions_of_random_bytes_make_hardly_a_reading_and_no_panic() {
                 4 => b'\n',
                 5 => b'\r',
                 6 => b'.',
-                7 => b'0' + random.below(10) as u8,
-                _ => random.next() as u8,
+                7 => random.random_range(b'0'..=b'9'),
+                _ => random.random(),
             };
             decoder.push(byte, |_| found += 1);
         }
-        let tally = decoder.tally();
+        let counts = decoder.counts();
         println!(
             "{}: {found} readings, {} damaged, {} bytes skipped",
-            model.name, tally.damaged, tally.skipped_bytes
+            model.name, counts.damaged, counts.skipped_bytes
         );
-        assert_eq!(found, tally.good);
+        assert_eq!(found, counts.good);
         assert!(found < 200, "{}: {found}", model.name);
     }
 }

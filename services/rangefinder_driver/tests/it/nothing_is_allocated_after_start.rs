@@ -1,15 +1,17 @@
 //! The hot path allocates nothing: not for frames, noise, set-up, scans, parts of sweeps.
 
-use crate::encoder::{Random, benewake, cm8jl65, sf45, spec, text};
+use crate::encoder::{benewake, cm8jl65, sf45, spec, text};
 use allocation_counter::measure;
-use jink_rangefinder_driver::Driver;
+use jink_rangefinder_driver::RangefinderDriver;
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::RangeScan;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 #[test]
 fn a_minute_of_every_device_with_noise_in_it() {
     for name in ["sf45b", "cm8jl65", "tfmini", "tf_luna", "sf11c", "lw20c"] {
-        let mut random = Random(5);
+        let mut random = SplitMix64::seed_from_u64(5);
         let wires: Vec<Vec<u8>> = (0..6_000i16)
             .map(|index| {
                 let cm = 100 + index % 400;
@@ -19,13 +21,13 @@ fn a_minute_of_every_device_with_noise_in_it() {
                     "sf11c" | "lw20c" => text(cm.into()),
                     _ => benewake(cm, 800, 20.0),
                 };
-                if random.once_in(10) {
-                    wire.extend((0..random.below(20)).map(|_| random.next() as u8));
+                if random.random_ratio(1, 10) {
+                    wire.extend((0..random.random_range(0..20)).map(|_| random.random::<u8>()));
                 }
                 wire
             })
             .collect();
-        let mut driver = Driver::new(spec(name, "/dev/x", ""));
+        let mut driver = RangefinderDriver::new(spec(name, "/dev/x", ""));
         let mut scan = RangeScan::default();
         let mut scans = 0;
         let allocations = measure(|| {
@@ -41,7 +43,7 @@ fn a_minute_of_every_device_with_noise_in_it() {
                 driver.bytes(now, wire, &mut publish);
                 driver.tick(now, &mut publish);
                 while driver.next_write(now).is_some() {}
-                driver.news(now);
+                driver.take_change(now);
                 driver.counters(now);
             }
         });

@@ -1,14 +1,14 @@
 //! Virtual sensors as a process: frames rendered as soon as the pose at their end is known.
 
 use super::settings;
-use crate::sensors::{Output as Kind, Pose, PoseTrack, SensorRig};
-use crate::world::World;
 use jink_runtime::{Cycle, Input, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::frames::{Attitude, LocalNed, Point};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
+use jink_simulated_world::sensors::{Output as Kind, Pose, PoseTrack, SensorRig};
+use jink_simulated_world::world::World;
 use std::collections::{BTreeSet, VecDeque};
 use std::fmt;
 

@@ -1,10 +1,10 @@
 //! What all roles read from the configuration.
 
-use crate::sensors::SensorSpec;
-use crate::vehicle::wind::WindConfig;
-use crate::world::{World, WorldError, WorldKind, WorldSpec};
 use jink_runtime::config::{Config, Simulation};
 use jink_runtime::{Ports, StartError};
+use jink_simulated_world::sensors::SensorSpec;
+use jink_simulated_world::vehicle::wind::WindConfig;
+use jink_simulated_world::world::{World, WorldError, WorldKind, WorldSpec};
 use std::net::SocketAddr;
 
 /// The world the configuration names.

@@ -3,15 +3,16 @@
 use super::settings;
 use super::udp::Arrival;
 use super::wire::{Wire, Wires};
-use crate::autopilot::{Link, Packet};
-use crate::flyer::{Flyer, FlyerConfig};
-use crate::truth::Observer;
-use crate::vehicle::STEP_US;
-use crate::world::World;
+use crate::autopilot::AutopilotConfig;
+use jink_emulated_autopilot::Autopilot;
+use jink_emulated_autopilot::truth::Observer;
+use jink_emulated_autopilot::{Link, Packet};
 use jink_runtime::config::Config;
 use jink_runtime::{Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::{SampleHeader, Timestamp, params, topics};
+use jink_simulated_world::vehicle::STEP_US;
+use jink_simulated_world::world::World;
 use std::collections::VecDeque;
 use std::fmt;
 use std::os::fd::BorrowedFd;
@@ -27,7 +28,7 @@ const STEP_RATE_HZ: u32 = 1_000_000 / STEP_US as u32;
 /// The simulated aircraft.
 pub struct VehicleService {
     world: World,
-    autopilot: Box<dyn Flyer>,
+    autopilot: Box<dyn Autopilot>,
     observer: Observer,
     companion: Wire,
     ground_station: Option<Wire>,
@@ -106,7 +107,7 @@ impl Service for VehicleService {
 
 impl VehicleService {
     /// Puts another autopilot and another world in the place of those that the configuration names.
-    pub fn replace(&mut self, autopilot: Box<dyn Flyer>, world: World) {
+    pub fn replace(&mut self, autopilot: Box<dyn Autopilot>, world: World) {
         self.autopilot = autopilot;
         self.world = world;
     }
@@ -117,7 +118,7 @@ impl VehicleService {
     }
 
     /// The autopilot.
-    pub fn autopilot(&self) -> &dyn Flyer {
+    pub fn autopilot(&self) -> &dyn Autopilot {
         self.autopilot.as_ref()
     }
 
@@ -184,25 +185,25 @@ impl VehicleService {
 }
 
 /// The autopilot the configuration names; without a name the one that `link.profile` is for.
-fn autopilot(config: &Config) -> Result<Box<dyn Flyer>, StartError> {
+fn autopilot(config: &Config) -> Result<Box<dyn Autopilot>, StartError> {
     let name = match (config.simulation.autopilot.as_str(), config.link.profile.as_str()) {
         ("auto", "ardupilot_guided") => "ardupilot",
         ("auto", "px4_offboard" | "px4_deviation") => "px4_current",
         ("auto", _) => "px4",
         (name, _) => name,
     };
-    let mut flyer = FlyerConfig::named(name)
+    let mut autopilot = AutopilotConfig::named(name)
         .ok_or_else(|| StartError::Needs {
             what: format!("simulation.autopilot = {name:?}"),
-            cause: format!("there are: auto {}", FlyerConfig::NAMES.join(" ")),
+            cause: format!("there are: auto {}", AutopilotConfig::NAMES.join(" ")),
         })?
         .with_system_id(config.link.system_id.max(1));
     if (name, config.link.profile.as_str()) == ("px4_current", "px4_deviation") {
-        flyer = flyer.with_parameter("EAV_EN", 1.0);
+        autopilot = autopilot.with_parameter("EAV_EN", 1.0);
     }
-    flyer.vehicle_mut().seed = config.simulation.seed;
-    flyer.vehicle_mut().wind = settings::wind(&config.simulation);
-    flyer.build().map_err(|error| StartError::Needs {
+    autopilot.vehicle_mut().seed = config.simulation.seed;
+    autopilot.vehicle_mut().wind = settings::wind(&config.simulation);
+    autopilot.build().map_err(|error| StartError::Needs {
         what: "the autopilot".to_owned(),
         cause: error.to_string(),
     })

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | a folder: the source with a build inside, or the build | [`SitlBuild`]: program, start-up files, version, interfaces, profile |
 
-use crate::ground_station::Make;
+use jink_emulated_ground_station::Make;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -449,7 +449,7 @@ fn position(bytes: &[u8], pattern: &[u8]) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::{FindError, Interface, SitlBuild};
-    use crate::ground_station::Make;
+    use jink_emulated_ground_station::Make;
     use std::path::{Path, PathBuf};
 
     /// A folder of its own that goes with the test.

@@ -10,14 +10,14 @@
 //! In: HIL_ACTUATOR_CONTROLS, one for each HIL_SENSOR once lock-step runs (bit 0 of its `flags`). Source: PX4's simulator_mavlink
 //! module, and `simulator` before 1.14.
 
-use super::CONNECT_PATIENCE;
+use super::error::StartError;
 use super::instruments::{Fix, Instruments, Reading};
 use super::launch::{HOME_HEIGHT_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG};
 use super::options::SitlOptions;
 use super::quadrotor::{Quadrotor, QuadrotorConfig};
-use super::run::{Stage, StartError};
-use crate::vehicle::{GRAVITY_MPS2, STEP_S, STEP_US, VehicleTruth};
+use super::stage::{CONNECT_PATIENCE, Stage};
 use jink_shared_types::geo::{GlobalPoint, Projection};
+use jink_simulated_world::vehicle::{GRAVITY_MPS2, STEP_S, STEP_US, VehicleTruth};
 use mavlink::dialects::ardupilotmega::{
     HIL_ACTUATOR_CONTROLS_DATA, HIL_GPS_DATA, HIL_SENSOR_DATA, HIL_STATE_QUATERNION_DATA,
     HilActuatorControlsFlags, HilSensorUpdatedFlags, MavMessage,
@@ -352,8 +352,8 @@ mod tests {
     use super::{HEADER, commands, gps, messages, sensor};
     use crate::sitl::instruments::{Fix, Instruments, Pressure, Reading};
     use crate::sitl::quadrotor::{Quadrotor, QuadrotorConfig};
-    use crate::vehicle::{GRAVITY_MPS2, STEP_S};
     use jink_shared_types::geo::GlobalPoint;
+    use jink_simulated_world::vehicle::{GRAVITY_MPS2, STEP_S};
     use mavlink::dialects::ardupilotmega::{HilActuatorControlsFlags, MavMessage};
     use nalgebra::Vector3;
 

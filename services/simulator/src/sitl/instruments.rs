@@ -10,9 +10,9 @@
 //! gauss), without the vehicle's own. Air pressure is that of the standard atmosphere (ICAO, troposphere).
 
 use super::launch::{HOME_HEIGHT_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG};
-use crate::random::Random;
-use crate::vehicle::{STEP_S, VehicleTruth};
 use jink_shared_types::geo::{GlobalPoint, Projection};
+use jink_simulated_world::random::Random;
+use jink_simulated_world::vehicle::{STEP_S, VehicleTruth};
 use nalgebra::{Vector2, Vector3};
 use std::collections::VecDeque;
 
@@ -181,8 +181,8 @@ fn pressure(height_m: f64) -> Pressure {
 #[cfg(test)]
 mod tests {
     use super::{HOME_HEIGHT_M, Instruments, Reading};
-    use crate::vehicle::{GRAVITY_MPS2, Vehicle, VehicleConfig, VehicleTruth};
     use jink_shared_types::Velocity;
+    use jink_simulated_world::vehicle::{GRAVITY_MPS2, Vehicle, VehicleConfig, VehicleTruth};
     use nalgebra::Vector3;
 
     fn standing() -> VehicleTruth {

@@ -4,13 +4,13 @@
 //! Source: `libraries/SITL/examples/JSON/readme.md` of ArduPilot. Position and attitude are true ones; ArduPilot makes its GPS,
 //! barometer and compass of them, with errors of its own (`SIM_*` parameters).
 
-use super::CONNECT_PATIENCE;
+use super::error::StartError;
 use super::instruments::{ACCELEROMETER_SIGMA_MPS2, GYROSCOPE_SIGMA_RADPS};
 use super::options::SitlOptions;
 use super::quadrotor::{Quadrotor, QuadrotorConfig};
-use super::run::{Stage, StartError};
-use crate::random::Random;
-use crate::vehicle::{STEP_US, VehicleTruth};
+use super::stage::{CONNECT_PATIENCE, Stage};
+use jink_simulated_world::random::Random;
+use jink_simulated_world::vehicle::{STEP_US, VehicleTruth};
 use nalgebra::Vector3;
 use std::fmt::Write;
 use std::net::{Ipv4Addr, UdpSocket};
@@ -191,9 +191,9 @@ impl Json {
 #[cfg(test)]
 mod tests {
     use super::{JsonState, ServoPacket};
-    use crate::vehicle::{Vehicle, VehicleConfig};
     use jink_shared_types::frames::Attitude;
     use jink_shared_types::{Point, Velocity};
+    use jink_simulated_world::vehicle::{Vehicle, VehicleConfig};
     use nalgebra::{UnitQuaternion, Vector3};
     use proptest::prelude::*;
 

@@ -198,8 +198,8 @@ fn copter(
 #[cfg(test)]
 mod tests {
     use super::{Launch, launch};
-    use crate::ground_station::Make;
     use crate::sitl::{Interface, SitlBuild, SitlPorts};
+    use jink_emulated_ground_station::Make;
     use std::path::Path;
 
     fn start(make: Make, interface: Interface, parameters: &[(String, f64)]) -> Launch {

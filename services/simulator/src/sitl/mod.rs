@@ -26,6 +26,7 @@
 //! autopilot runs in lock-step with the physics, and both are paced to real time, as everything else of jink runs in it.
 
 mod build;
+mod error;
 pub mod hil;
 pub mod instruments;
 pub mod json;
@@ -37,15 +38,13 @@ pub mod quadrotor;
 mod relay;
 mod run;
 pub mod sih;
+mod stage;
 mod watch;
 
-use std::time::Duration;
-
-/// Longest time until an autopilot has spoken to its simulator: it needs a few seconds on a busy machine.
-const CONNECT_PATIENCE: Duration = Duration::from_secs(30);
-
 pub use build::{FindError, Interface, SitlBuild};
+pub use error::StartError;
 pub use options::{SitlOptions, Unsupported};
 pub use ports::{PortError, SitlPorts};
-pub use run::{Sitl, SitlSample, StartError};
+pub use run::Sitl;
+pub use stage::SitlSample;
 pub use watch::AutopilotState;

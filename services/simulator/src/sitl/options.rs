@@ -1,7 +1,7 @@
 //! What to start, and with what around it.
 
 use super::build::{Interface, SitlBuild};
-use crate::vehicle::wind::WindConfig;
+use jink_simulated_world::vehicle::wind::WindConfig;
 use std::fmt;
 use std::net::SocketAddr;
 use std::path::PathBuf;

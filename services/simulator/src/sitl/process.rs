@@ -1,7 +1,7 @@
 //! The autopilot as a process: a group of its own, its output in a log, and it never outlives the simulator.
 
+use super::error::StartError;
 use super::launch::Launch;
-use super::run::StartError;
 use rustix::process::{Pid, Signal, kill_process_group};
 use std::fs::File;
 use std::os::unix::process::CommandExt;

@@ -9,11 +9,11 @@
 //! the rotors' share in the plane of the rotors (R. Mahony, V. Kumar, P. Corke, "Multirotor Aerial Vehicles", 2012, section
 //! V). The ground holds the vehicle level and at rest until thrust exceeds weight. Semi-implicit Euler.
 
-use crate::random::Random;
-use crate::vehicle::wind::{Wind, WindConfig};
-use crate::vehicle::{GRAVITY_MPS2, STEP_S, VehicleTruth};
 use jink_shared_types::frames::{AngularRate, Attitude};
 use jink_shared_types::{Acceleration, Point, Velocity};
+use jink_simulated_world::random::Random;
+use jink_simulated_world::vehicle::wind::{Wind, WindConfig};
+use jink_simulated_world::vehicle::{GRAVITY_MPS2, STEP_S, VehicleTruth};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// Longest step of the integration (s): a quarter of the truth's.
@@ -261,8 +261,8 @@ impl Quadrotor {
 #[cfg(test)]
 mod tests {
     use super::{Quadrotor, QuadrotorConfig};
-    use crate::vehicle::wind::WindConfig;
-    use crate::vehicle::{GRAVITY_MPS2, STEP_S};
+    use jink_simulated_world::vehicle::wind::WindConfig;
+    use jink_simulated_world::vehicle::{GRAVITY_MPS2, STEP_S};
     use nalgebra::Vector3;
     use proptest::prelude::*;
 

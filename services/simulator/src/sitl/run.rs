@@ -1,86 +1,26 @@
-//! A running autopilot with its simulator: threads, clocks and the way of the truth to whoever wants it.
+//! A running autopilot with its simulator: ports, threads, how it is started and ended.
 
 use super::build::Interface;
+use super::error::StartError;
 use super::launch::{HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG, launch};
-use super::options::{SitlOptions, Unsupported};
+use super::options::SitlOptions;
 use super::ports::{PortError, SitlPorts};
 use super::process::{AutopilotProcess, LOG_FILE};
 use super::relay::{self, RelayLink};
-use super::watch::{AutopilotState, AutopilotWatch};
+use super::stage::{Shared, SitlSample, Stage, guard};
+use super::watch::AutopilotWatch;
 use super::{hil, json, sih};
-use crate::vehicle::{STEP_US, VehicleTruth};
-use jink_shared_types::Timestamp;
 use jink_shared_types::geo::GlobalPoint;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::collections::VecDeque;
-use std::fmt;
-use std::io::{Read, Write};
+use std::io::Read;
 use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError, mpsc};
+use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
 use std::time::Duration;
-
-/// Samples kept for a reader that does not come (4 s).
-const SAMPLES_MAX: usize = 1_000;
-/// More steps than this behind, the simulation goes on slower than real time instead of catching up: 200 ms.
-const CATCH_UP_STEPS: u64 = 50;
-/// Truth samples (Hz).
-const STEP_RATE_HZ: u32 = 1_000_000 / STEP_US as u32;
-
-/// Why a simulation does not start.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum StartError {
-    /// It cannot be simulated like that.
-    Unsupported(Unsupported),
-    /// A port is taken.
-    Port(PortError),
-    /// The system would not do something.
-    Io {
-        /// What.
-        what: String,
-        /// Why not.
-        cause: String,
-    },
-}
-
-impl fmt::Display for StartError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Unsupported(error) => write!(f, "{error}"),
-            Self::Port(error) => write!(f, "{error}"),
-            Self::Io { what, cause } => write!(f, "{what}: {cause}"),
-        }
-    }
-}
-impl std::error::Error for StartError {}
-impl From<Unsupported> for StartError {
-    fn from(error: Unsupported) -> Self {
-        Self::Unsupported(error)
-    }
-}
-impl From<PortError> for StartError {
-    fn from(error: PortError) -> Self {
-        Self::Port(error)
-    }
-}
-
-/// The truth at one moment, 250 times a second.
-#[derive(Clone, Copy, Debug)]
-pub struct SitlSample {
-    /// When, on the board's clock.
-    pub time: Timestamp,
-    /// Simulated time since the start (s).
-    pub time_s: f64,
-    /// Where the vehicle really is; local NED about its start.
-    pub truth: VehicleTruth,
-    /// What the autopilot says.
-    pub autopilot: AutopilotState,
-    /// By how much the simulation ran behind real time (s).
-    pub late_s: f64,
-}
 
 /// A running autopilot; it ends with this.
 pub struct Sitl {
@@ -90,15 +30,6 @@ pub struct Sitl {
     interface: Interface,
     log: PathBuf,
     threads: Vec<JoinHandle<()>>,
-}
-
-/// What the threads have in common.
-pub(super) struct Shared {
-    samples: Mutex<VecDeque<SitlSample>>,
-    ended: Mutex<Option<String>>,
-    stop: AtomicBool,
-    now_us: AtomicU64,
-    watch: Arc<Mutex<AutopilotWatch>>,
 }
 
 impl Sitl {
@@ -246,10 +177,6 @@ fn pair() -> Result<(UnixStream, UnixStream), StartError> {
     Ok((reader, writer))
 }
 
-fn guard<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 /// So often another instance is tried that somebody else took between the look and the binding.
 const TRIES: u32 = 10;
 
@@ -308,23 +235,13 @@ fn simulate(
         }
     };
     let _nobody_waits = started.send(Ok(()));
-    let mut stage = Stage {
-        shared,
-        wakes,
-        process,
-        begin: Timestamp::NEVER,
-        steps: 0,
-    };
+    let mut stage = Stage::new(shared, wakes, process);
     let result = match &mut simulation {
         Simulation::Hil(hil) => hil.run(&mut stage),
         Simulation::Sih(sih) => sih.run(&mut stage),
         Simulation::Json(json) => json.run(&mut stage),
     };
-    stage.process.stop();
-    if let Err(reason) = result {
-        *guard(&stage.shared.ended) = Some(reason);
-        stage.wake();
-    }
+    stage.end(result);
 }
 
 enum Simulation {
@@ -348,91 +265,5 @@ impl Simulation {
             Self::Sih(_) => Interface::Px4Sih,
             Self::Json(_) => Interface::ArduPilotJson,
         }
-    }
-}
-
-/// What every simulation does around its steps.
-pub(super) struct Stage {
-    shared: Arc<Shared>,
-    wakes: UnixStream,
-    process: AutopilotProcess,
-    begin: Timestamp,
-    steps: u64,
-}
-
-impl Stage {
-    /// Whether to go on; an error if the autopilot has died.
-    pub(super) fn goes_on(&mut self) -> Result<bool, String> {
-        if self.shared.stop.load(Ordering::Relaxed) {
-            return Ok(false);
-        }
-        match self.process.ended() {
-            None => Ok(true),
-            Some(status) => Err(format!(
-                "the autopilot's process ended ({status}); its log is {}; it ends: {}",
-                self.process.log().display(),
-                self.process.last_words()
-            )),
-        }
-    }
-
-    /// The text for an autopilot from which nothing comes.
-    pub(super) fn silence(&self, what: &str) -> String {
-        format!(
-            "{what}; the autopilot's log is {}; it ends: {}",
-            self.process.log().display(),
-            self.process.last_words()
-        )
-    }
-
-    /// Publishes the truth after [`STEP_US`] more, which the simulation has reached with `late_s`; waits until the step is due
-    /// in real time.
-    pub(super) fn pace(&mut self, truth: VehicleTruth) {
-        if !self.begin.is_set() {
-            // Sensor frames end on beats of the clock: a pose is there then.
-            self.begin = jink_runtime::now().next_beat(STEP_RATE_HZ);
-        }
-        self.steps += 1;
-        let now = jink_runtime::now();
-        let due_steps = now.ns_since(self.begin) / (STEP_US * 1_000);
-        if due_steps > self.steps + CATCH_UP_STEPS {
-            let behind = due_steps - self.steps - CATCH_UP_STEPS;
-            self.begin = self.begin.plus_seconds(behind as f64 * STEP_US as f64 * 1e-6);
-        }
-        let due = Timestamp::from_ns(self.begin.ns + self.steps * STEP_US * 1_000);
-        let wait_ns = due.ns_since(now);
-        if wait_ns > 0 {
-            std::thread::sleep(Duration::from_nanos(wait_ns));
-        }
-        let late_s = jink_runtime::now().seconds_since(due).max(0.0);
-        self.publish(due, self.steps as f64 * STEP_US as f64 * 1e-6, truth, late_s);
-    }
-
-    /// Publishes the truth at `time`.
-    pub(super) fn publish(&mut self, time: Timestamp, time_s: f64, truth: VehicleTruth, late_s: f64) {
-        self.shared.now_us.store((time_s * 1e6) as u64, Ordering::Relaxed);
-        let autopilot = {
-            let mut watch = relay::lock(&self.shared.watch);
-            watch.see_truth(time_s, truth.position, truth.on_ground);
-            *watch.state()
-        };
-        let mut samples = guard(&self.shared.samples);
-        if samples.len() >= SAMPLES_MAX {
-            samples.pop_front();
-        }
-        samples.push_back(SitlSample {
-            time,
-            time_s,
-            truth,
-            autopilot,
-            late_s,
-        });
-        drop(samples);
-        self.wake();
-    }
-
-    fn wake(&mut self) {
-        // A full pipe wakes as well.
-        let _full = self.wakes.write(&[0]);
     }
 }

@@ -3,13 +3,13 @@
 //! Its place comes in 1e-7 deg (11 mm) and its velocity in cm/s. PX4 paces itself to real time; its clock is mapped to the board's
 //! by the message that was least late so far.
 
-use super::CONNECT_PATIENCE;
+use super::error::StartError;
 use super::launch::{HOME_HEIGHT_M, HOME_LATITUDE_DEG, HOME_LONGITUDE_DEG};
-use super::run::{Stage, StartError};
-use crate::vehicle::VehicleTruth;
+use super::stage::{CONNECT_PATIENCE, Stage};
 use jink_shared_types::frames::{AngularRate, Attitude};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::{Acceleration, Point, Timestamp, Velocity};
+use jink_simulated_world::vehicle::VehicleTruth;
 use mavlink::MavlinkReader;
 use mavlink::dialects::ardupilotmega::{HIL_STATE_QUATERNION_DATA, MavMessage};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

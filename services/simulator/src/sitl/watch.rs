@@ -1,7 +1,7 @@
 //! What the autopilot says about itself on its links, and what arrives there: for the judge, without taking part.
 
-use crate::autopilot::{MissionProgress, SetpointStatistics};
-use crate::ground_station::Make;
+use jink_emulated_autopilot::{MissionProgress, SetpointStatistics};
+use jink_emulated_ground_station::Make;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
@@ -248,7 +248,7 @@ fn is_near(a: Point<LocalNed>, b: Point<LocalNed>, distance_m: f64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::AutopilotWatch;
-    use crate::ground_station::Make;
+    use jink_emulated_ground_station::Make;
     use jink_shared_types::Point;
     use jink_shared_types::geo::{GlobalPoint, Projection};
     use jink_shared_types::vehicle::NavMode;

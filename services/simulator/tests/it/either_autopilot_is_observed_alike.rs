@@ -1,71 +1,26 @@
 //! Who watches a flight need not know the make of the autopilot.
 
-use crate::support::copter::{CopterFlight, PVA, at, level, setpoint};
+use jink_emulated_arducopter::{ArduCopter, ArduCopterConfig};
+use jink_emulated_autopilot::Autopilot;
+use jink_emulated_px4::{Px4, Px4Config};
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ardupilot::Mode;
-use jink_simulator::autopilot::{Autopilot, AutopilotConfig};
-use jink_simulator::flyer::Flyer;
-use jink_simulator::truth::Observer;
-use jink_simulator::world::{World, WorldKind, WorldSpec};
-
-fn world() -> World {
-    World::from_spec(&WorldSpec {
-        kind: WorldKind::Empty,
-        seed: 1,
-        density_per_m2: None,
-    })
-    .unwrap()
-}
-
-#[test]
-fn the_truth_of_a_flight_in_guided_tells_mode_way_and_setpoints() {
-    let world = world();
-    let mut observer = Observer::new(0.3);
-    let mut flight = CopterFlight::airborne(&[]);
-    let mut truth = observer.observe(&flight.copter, &world);
-    for step in 0..200 {
-        let t = f64::from(step) * 0.02;
-        flight.companion(setpoint(PVA, at(1.5 * t, 0.0), level(1.5, 0.0), level(0.0, 0.0)));
-        for _ in 0..5 {
-            flight.step();
-            truth = observer.observe(&flight.copter, &world);
-        }
-    }
-    assert_eq!(truth.mode.get(), NavMode::Offboard);
-    assert!(truth.armed.is_set() && !truth.landed.is_set());
-    assert_eq!(truth.setpoints, 200);
-    assert!(truth.setpoint_gap_max_s < 15.0 && truth.flown_m > 4.0);
-}
 
 #[test]
 fn both_makes_step_by_4_ms_and_stand_until_they_are_told_otherwise() {
-    let px4 = Autopilot::new(AutopilotConfig::default()).unwrap();
-    let flyers: [Box<dyn Flyer>; 2] = [Box::new(px4), Box::new(CopterFlight::with(&[]).copter)];
-    for mut flyer in flyers {
+    let px4 = Px4::new(Px4Config::default()).unwrap();
+    let copter = ArduCopter::new(ArduCopterConfig::default()).unwrap();
+    let autopilots: [Box<dyn Autopilot>; 2] = [Box::new(px4), Box::new(copter)];
+    for mut autopilot in autopilots {
         let mut outbox = Vec::new();
         for _ in 0..500 {
-            flyer.step(&[], &mut outbox);
+            autopilot.step(&[], &mut outbox);
         }
-        assert!((flyer.time_s() - 2.0).abs() < 1e-9);
-        assert!(flyer.is_landed() && !flyer.is_armed());
+        assert!((autopilot.time_s() - 2.0).abs() < 1e-9);
+        assert!(autopilot.is_landed() && !autopilot.is_armed());
         assert_eq!(
-            (flyer.mode(), flyer.aborted(), flyer.hold_count()),
+            (autopilot.mode(), autopilot.aborted(), autopilot.hold_count()),
             (NavMode::Manual, None, 0)
         );
         assert!(outbox.len() >= 4, "heartbeats on both links");
     }
-}
-
-#[test]
-fn the_same_messages_give_the_same_flight_to_the_bit() {
-    let fly = || {
-        let mut flight = CopterFlight::airborne(&[]);
-        flight.stream(4.0, 50.0, |t| {
-            setpoint(PVA, at(2.0 * t, t.sin()), level(2.0, t.cos()), level(0.0, 0.0))
-        });
-        flight.set_mode(Mode::Rtl);
-        let sent = flight.collect(5.0, |packet| Some(packet.clone()));
-        (*flight.copter.truth(), sent)
-    };
-    assert_eq!(fly(), fly());
 }

@@ -17,8 +17,7 @@ fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
 fn every_test_the_documentation_names_exists() {
     let crate_folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut files = Vec::new();
-    sources(&crate_folder.join("src"), &mut files);
-    sources(&crate_folder.join("tests"), &mut files);
+    sources(crate_folder, &mut files);
     let code: String = files
         .iter()
         .map(|file| std::fs::read_to_string(file).unwrap())

@@ -1,39 +1,5 @@
-//! What the emulated autopilots, sensors and the ground station promise, in one binary: it links once.
+//! What holds for both emulated autopilots, and what the documentation says of them, in one binary: it links once.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-mod a_ground_station_flies_a_whole_mission;
-mod arducopter_arming;
-mod arducopter_failsafe;
-mod arducopter_guided;
-mod arducopter_link;
-mod arducopter_missions;
-mod arducopter_modes;
-mod arducopter_proximity;
-mod arducopter_steps_allocate_nothing;
-mod arducopter_tracking;
-mod collision_vectors;
 mod either_autopilot_is_observed_alike;
 mod every_test_the_documentation_names_exists;
-mod px4_bezier;
-mod px4_collision_prevention_alone;
-mod px4_collision_prevention_vectors;
-mod px4_current_collision_prevention;
-mod px4_current_external_avoidance;
-mod px4_current_flight;
-mod px4_current_in_flight;
-mod px4_current_links;
-mod px4_current_no_obstacle_data;
-mod px4_current_offboard;
-mod px4_current_pilot;
-mod px4_current_setpoints;
-mod px4_current_tracking;
-mod px4_desired_path;
-mod px4_flight;
-mod px4_heartbeat;
-mod px4_in_flight;
-mod px4_links;
-mod px4_replies;
-mod px4_steps_allocate_nothing;
-mod px4_stream_loss;
-mod px4_tracking;
-mod support;

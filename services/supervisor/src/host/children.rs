@@ -8,6 +8,7 @@ use super::cores::Cores;
 use super::log_file::LogFile;
 use super::record::{Entry, Record};
 use jink_runtime::Instance;
+use jink_runtime::procfs::ProcessStat;
 use jink_runtime::realtime::{STARTING_PRIORITY, Scheduling, schedule};
 use jink_shared_types::Timestamp;
 use jink_supervisor::supervision::{Adopted, Doing, Exit, Observation};
@@ -294,8 +295,8 @@ impl Children {
     /// What process `index` is doing, as the kernel says.
     pub fn examine(&mut self, index: usize) -> Option<Observation> {
         let slot = self.slots.get(index)?;
-        let stat = std::fs::read_to_string(format!("/proc/{}/stat", slot.running.as_ref()?.pid)).ok()?;
-        let Stat { doing, cpu_s, core } = Stat::read(&stat)?;
+        let ProcessStat { state, cpu_s, core } = ProcessStat::now(slot.running.as_ref()?.pid)?;
+        let doing = doing_of(state);
         let core_runs = self.cores.runs(core, jink_runtime::now());
         tracing::debug!(
             process = slot.row.rules.name,
@@ -415,63 +416,12 @@ fn exit_of(status: ExitStatus) -> Exit {
     }
 }
 
-/// What the kernel knows of a process.
-#[derive(Debug, PartialEq)]
-struct Stat {
-    doing: Doing,
-    /// CPU time it has used (s).
-    cpu_s: f64,
-    /// The core it runs on, or ran on last.
-    core: usize,
-}
-
-impl Stat {
-    /// Out of `/proc/<pid>/stat` (proc(5): behind the name in parentheses the state is the first field, user and system
-    /// time are the 12th and 13th, in hundredths of a second, the core is the 37th).
-    /// Waiting for a disk counts as runnable: it is the machine that is slow, and no signal would end it.
-    fn read(stat: &str) -> Option<Self> {
-        const TICKS_PER_S: f64 = 100.0;
-        let (_, fields) = stat.rsplit_once(") ")?;
-        let fields: Vec<&str> = fields.split(' ').collect();
-        let ticks = |index: usize| fields.get(index)?.parse::<f64>().ok();
-        let cpu_s = (ticks(11)? + ticks(12)?) / TICKS_PER_S;
-        let doing = match *fields.first()? {
-            "R" | "D" => Doing::Runnable,
-            "S" | "I" => Doing::Sleeping,
-            _ => Doing::Stopped,
-        };
-        let core = fields.get(36)?.trim().parse().ok()?;
-        Some(Self { doing, cpu_s, core })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{Doing, Stat};
-
-    #[test]
-    fn the_kernels_words_are_understood() {
-        let rest = "1 2 2 0 -1 4194304 100 0 0 0 12 30 0 0 20 0 1 0 100 1000 10 \
-                    0 0 0 0 0 0 0 0 0 0 0 0 0 17 3 0 0 0 0 0";
-        let seen = |doing| {
-            Some(Stat {
-                doing,
-                cpu_s: 0.42,
-                core: 3,
-            })
-        };
-        let read = |name: &str, letter: &str| Stat::read(&format!("7 ({name}) {letter} {rest}"));
-        assert_eq!(read("a (b) c", "R"), seen(Doing::Runnable));
-        for (letter, meaning) in [
-            ("D", Doing::Runnable),
-            ("S", Doing::Sleeping),
-            ("T", Doing::Stopped),
-            ("Z", Doing::Stopped),
-        ] {
-            assert_eq!(read("x", letter), seen(meaning));
-        }
-        assert_eq!(Stat::read(""), None);
-        let own = std::fs::read_to_string("/proc/self/stat").unwrap();
-        assert!(Stat::read(&own).is_some_and(|stat| (0.0..1e6).contains(&stat.cpu_s)));
+/// What a state of the kernel means. Waiting for a disk counts as runnable: it is the machine that is slow, and no signal would end
+/// it.
+fn doing_of(state: char) -> Doing {
+    match state {
+        'R' | 'D' => Doing::Runnable,
+        'S' | 'I' => Doing::Sleeping,
+        _ => Doing::Stopped,
     }
 }

@@ -2,9 +2,9 @@
 
 use super::{Process, Running, Source, Start, clearance, truth_wire};
 use crate::wire::{Reader, frames, note};
+use jink_emulated_ground_station::Make;
 use jink_mavlink_link::frame::Splitter;
 use jink_shared_types::geo::GlobalPoint;
-use jink_simulator::ground_station::Make;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{
     COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MavCmd,

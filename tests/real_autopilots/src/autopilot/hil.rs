@@ -2,8 +2,8 @@
 
 use super::{Running, Source, Start, clearance};
 use jink_shared_types::geo::Projection;
+use jink_simulated_world::vehicle::wind::WindConfig;
 use jink_simulator::sitl::{Interface, Sitl, SitlBuild, SitlOptions};
-use jink_simulator::vehicle::wind::WindConfig;
 use nalgebra::Vector2;
 use std::net::SocketAddr;
 use std::path::Path;

@@ -2,8 +2,8 @@
 
 use crate::flight::{Flight, Trouble};
 use crate::record::Record;
+use jink_emulated_ground_station::Make;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Make;
 
 type Done = Result<(), Trouble>;
 

@@ -4,8 +4,8 @@ use super::missions::{START, plain, through};
 use super::places::{free_near, hidden};
 use crate::flight::{Flight, HEIGHT_M, Trouble, height_m};
 use crate::mission::Place;
+use jink_emulated_ground_station::Make;
 use jink_shared_types::vehicle::NavMode;
-use jink_simulator::ground_station::Make;
 use mavlink::dialects::ardupilotmega::{MavCmd, MavResult};
 
 type Done = Result<(), Trouble>;

@@ -3,7 +3,7 @@
 use crate::flight::{Flight, HEIGHT_M, Trouble};
 use crate::mission::Place;
 use jink_shared_types::frames::Point;
-use jink_simulator::world::World;
+use jink_simulated_world::world::World;
 
 /// Room that a place needs for a vehicle to come to it (m).
 const ROOM_M: f64 = 1.4;

@@ -10,8 +10,9 @@ mod link;
 mod memory;
 mod sensors;
 
-use super::{EXIT_NOT_RUNNING, Problem};
 use jink_cli::findings::Findings;
+use jink_control::{EXIT_NOT_RUNNING, Problem};
+use jink_control::{say, sayln};
 use jink_runtime::Instance;
 use serde_json::{Map, Value};
 use std::io::{IsTerminal, Write};

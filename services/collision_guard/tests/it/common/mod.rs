@@ -5,7 +5,7 @@
     reason = "a helper that cannot do its work fails the test"
 )]
 
-use jink_collision_guard::News;
+use jink_collision_guard::StepEvents;
 use jink_collision_guard::guard::{Guard, GuardConfig, GuardInputs};
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::bezier::{End, quintic_between};
@@ -19,6 +19,8 @@ use jink_shared_types::sample::Stamped;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Flag, Point, Reading, Reserved, SampleHeader, Timestamp, Velocity};
 use nalgebra::{UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 /// Height at which everything flies, as down coordinate (m).
 pub const DOWN_M: f64 = -2.0;
@@ -27,35 +29,26 @@ pub fn time(seconds: f64) -> Timestamp {
     Timestamp::from_seconds(seconds)
 }
 
-/// SplitMix64 (Steele, Lea, Flood 2014).
-#[derive(Clone)]
-pub struct Random(pub u64);
+/// The random numbers of `seed`.
+pub fn random(seed: u64) -> SplitMix64 {
+    SplitMix64::seed_from_u64(seed)
+}
 
-impl Random {
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        (z ^ (z >> 31)) as f64 / 2.0_f64.powi(64)
-    }
-
-    /// Normal with standard deviation one, nearly: the sum of twelve uniform numbers.
-    pub fn normal(&mut self) -> f64 {
-        (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
-    }
+/// Normal with standard deviation one, nearly: the sum of twelve uniform numbers.
+fn normal(random: &mut SplitMix64) -> f64 {
+    (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0
 }
 
 /// Where the vehicle is.
 #[derive(Clone, Copy)]
-pub struct Place {
+pub struct VehiclePose {
     pub position: Vector3<f64>,
     pub velocity: Vector3<f64>,
     pub attitude: UnitQuaternion<f64>,
     pub rates: Vector3<f64>,
 }
 
-impl Place {
+impl VehiclePose {
     pub fn at(x_m: f64, y_m: f64) -> Self {
         Self {
             position: Vector3::new(x_m, y_m, DOWN_M),
@@ -150,9 +143,9 @@ impl Lidar {
     pub fn sweep(
         &self,
         world: &World,
-        place: &dyn Fn(f64) -> Place,
+        place: &dyn Fn(f64) -> VehiclePose,
         end_s: f64,
-        random: &mut Random,
+        random: &mut SplitMix64,
     ) -> (Box<PointCloud>, SampleHeader) {
         let mut cloud = PointCloud::boxed();
         cloud.first_point = time(end_s - self.sweep_s);
@@ -179,7 +172,7 @@ impl Lidar {
                 let (range, kind) = if range > self.range_max_m {
                     (self.range_max_m, RayKind::Clear)
                 } else {
-                    (range + self.sigma_m * random.normal(), RayKind::Hit)
+                    (range + self.sigma_m * normal(random), RayKind::Hit)
                 };
                 let end = along * range;
                 assert!(cloud.push(CloudPoint {
@@ -230,12 +223,12 @@ pub fn beam(range_m: f32, width_rad: f64, yaw_rad: f64) -> RangeScan {
 }
 
 /// Vehicle states at 50 Hz from `from_s` to `to_s`, both included.
-pub fn fly(ring: &mut Ring, place: &dyn Fn(f64) -> Place, from_s: f64, to_s: f64) {
+pub fn fly(ring: &mut Ring, place: &dyn Fn(f64) -> VehiclePose, from_s: f64, to_s: f64) {
     let steps = ((to_s - from_s) / 0.02).round() as u32;
     for i in 0..=steps {
         let t = from_s + 0.02 * f64::from(i);
         // Steps that overlap with an earlier call are late-comers: the ring refuses them, and knows them already.
-        let _known = ring.vehicle(&place(t).state(), &SampleHeader::at(time(t)));
+        let _ = ring.vehicle(&place(t).state(), &SampleHeader::at(time(t)));
     }
 }
 
@@ -251,16 +244,16 @@ pub fn view(ring: &Ring, at_s: f64) -> SectorRing {
 }
 
 /// A ring at rest at `place` at `at_s` that has just seen `world`.
-pub fn looking(world: &World, place: Place, at_s: f64) -> Ring {
+pub fn looking(world: &World, place: VehiclePose, at_s: f64) -> Ring {
     let mut ring = ring();
     look(&mut ring, world, place, at_s);
     ring
 }
 
 /// `ring` sees `world` from rest at `place` at `at_s`.
-pub fn look(ring: &mut Ring, world: &World, place: Place, at_s: f64) {
+pub fn look(ring: &mut Ring, world: &World, place: VehiclePose, at_s: f64) {
     fly(ring, &|_| place, at_s - 0.2, at_s);
-    let (cloud, header) = Lidar::default().sweep(world, &|_| place, at_s, &mut Random(1));
+    let (cloud, header) = Lidar::default().sweep(world, &|_| place, at_s, &mut random(1));
     ring.cloud(0, &cloud, &header).unwrap();
 }
 
@@ -345,10 +338,10 @@ pub fn successor(base: &Trajectory, id: u64, now_s: f64, splice_s: f64) -> Traje
 }
 
 /// The vehicle exactly on `trajectory`, tilted as its acceleration demands.
-pub fn on(trajectory: &Trajectory, t: f64) -> Place {
+pub fn on(trajectory: &Trajectory, t: f64) -> VehiclePose {
     let state = trajectory.at(time(t)).unwrap();
     let acceleration = state.acceleration.vector();
-    Place {
+    VehiclePose {
         position: state.position.vector(),
         velocity: state.velocity.vector(),
         attitude: UnitQuaternion::from_euler_angles(acceleration.y / 9.81, -acceleration.x / 9.81, 0.0),
@@ -366,8 +359,8 @@ pub fn step(
     at_s: f64,
     trajectory: Option<&Trajectory>,
     ring: &Ring,
-    place: Place,
-) -> (ApprovedTrajectory, News) {
+    place: VehiclePose,
+) -> (ApprovedTrajectory, StepEvents) {
     let (state, header) = (place.state(), SampleHeader::at(time(at_s)));
     let mut out = ApprovedTrajectory::default();
     let inputs = GuardInputs {
@@ -378,12 +371,15 @@ pub fn step(
         }),
         ring,
     };
-    let news = guard.step(time(at_s), &inputs, &mut out);
+    let step_events = guard.step(time(at_s), &inputs, &mut out);
     assert!(out.is_plausible(), "{out:?}");
-    (out, news)
+    (out, step_events)
 }
 
-/// What the guard answers to `candidate` when it flies nothing else and nothing stands around.
+/// A guard that flies nothing, in an empty world.
 pub fn hovering_guard(at_s: f64) -> (Guard, Ring) {
-    (guard(), looking(&World::default(), Place::at(0.0, 0.0), at_s))
+    (
+        guard(),
+        looking(&World::default(), VehiclePose::at(0.0, 0.0), at_s),
+    )
 }

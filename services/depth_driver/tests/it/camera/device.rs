@@ -1,5 +1,6 @@
-//! A depth camera's device file, made of FUSE: open, ioctl, mmap and poll of the driver go through the kernel, and what a camera
-//! would do is done here, with its faults. It keeps to the manual of V4L2 (Streaming I/O) as far as a driver can see.
+//! A depth camera's device file, made of FUSE: open, ioctl, mmap and poll of the driver go through the kernel, and what
+//! a camera would do is done here, with its faults. It keeps to the manual of V4L2 (Streaming I/O) as far as a driver
+//! can see.
 
 use fuser::{
     BackgroundSession, Config, Errno, FileAttr, FileHandle, FileType, Filesystem, FopenFlags, Generation,
@@ -51,14 +52,14 @@ pub struct State {
     pub fourcc: [u8; 4],
     /// Bytes between the end of a row and the beginning of the next.
     pub padding: u32,
-    /// The only rate it has (Hz); `None`: it has no say in it.
+    /// The only rate it has (Hz); `None`: it cannot set one.
     pub rate_hz: Option<u32>,
     /// Buffers that it grants, and whether they are too small.
     pub grants: u32,
     pub small_buffers: bool,
     /// Errors for ioctls by their number.
     pub refuses: Vec<(u32, Errno)>,
-    /// Whether it streams, and how often it was told to.
+    /// Whether it streams, and how often it was started.
     pub streams: bool,
     pub starts: u32,
     owner: Option<u64>,
@@ -106,7 +107,8 @@ pub struct VideoDevice {
 }
 
 impl VideoDevice {
-    /// A device with Z16 at `size_px` and 15 Hz. `None`, and said on standard error, where this machine has no FUSE for this user.
+    /// A device with Z16 at `size_px` and 15 Hz. `None`, and reported on standard error, where this machine has no FUSE
+    /// for this user.
     pub fn plug_in(role: &str, size_px: [u32; 2]) -> Option<Self> {
         let folder = std::env::temp_dir().join(format!("jink_v4l2_{role}_{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -144,7 +146,7 @@ impl VideoDevice {
                 eprintln!(
                     "NOT TESTED: no device file can be made of FUSE (/dev/fuse, and root or fusermount3): {error}"
                 );
-                let _left = std::fs::remove_dir(&folder);
+                let _ = std::fs::remove_dir(&folder);
                 None
             }
         }
@@ -195,7 +197,7 @@ impl VideoDevice {
         true
     }
 
-    /// It is unplugged: the file goes, and who has it open finds out.
+    /// It is unplugged: the file goes, and open descriptors fail.
     pub fn unplug(&self) {
         let mut state = lock(&self.state);
         state.plugged = false;
@@ -218,18 +220,18 @@ impl Drop for VideoDevice {
         let unmounted = self.session.take().map(BackgroundSession::umount_and_join);
         if unmounted.is_none_or(|result| result.is_err()) {
             // Somebody still has the file open: the mount goes with them.
-            let _gone = std::process::Command::new("umount")
+            let _ = std::process::Command::new("umount")
                 .arg("-l")
                 .arg(&self.folder)
                 .status();
         }
-        let _left = std::fs::remove_dir(&self.folder);
+        let _ = std::fs::remove_dir(&self.folder);
     }
 }
 
 fn wake(state: &mut State) {
     for waiting in state.waiting.drain(..) {
-        let _gone = waiting.notify();
+        let _ = waiting.notify();
     }
 }
 
@@ -293,7 +295,7 @@ impl Files {
         }
     }
 
-    /// What an ioctl comes to: the structure as it is after it.
+    /// The result of an ioctl: the structure as it is after it.
     fn call(&self, number: u32, file: u64, mut data: Vec<u8>) -> Result<Vec<u8>, Errno> {
         let mut state = lock(&self.state);
         if !state.plugged {

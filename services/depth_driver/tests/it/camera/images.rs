@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test uses a part")]
 
 use jink_depth_driver::config::SensorTable;
-use jink_depth_driver::{DepthCameraSpec, Driver, Image};
+use jink_depth_driver::{DepthCameraDriver, DepthCameraSpec, Image};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::PointCloud;
 
@@ -15,7 +15,8 @@ pub fn spec(keys: &str) -> DepthCameraSpec {
     DepthCameraSpec::find(&[table], "front").unwrap()
 }
 
-/// A camera with a small image and one point for each pixel: pinhole, focal lengths 40 px, principal point (19.5, 14.5).
+/// A camera with a small image and one point for each pixel: pinhole, focal lengths 40 px, principal point (19.5,
+/// 14.5).
 pub fn small(keys: &str) -> DepthCameraSpec {
     with_bins(1, keys)
 }
@@ -44,9 +45,9 @@ pub fn image<'a>(spec: &DepthCameraSpec, bytes: &'a [u8], sequence: u32, ms: u64
     }
 }
 
-/// The cloud that a new driver makes of one image.
+/// The cloud of one image from a new driver.
 pub fn cloud_of(spec: &DepthCameraSpec, depths: &[u16]) -> Box<PointCloud> {
-    let mut driver = Driver::new(spec.clone());
+    let mut driver = DepthCameraDriver::new(spec.clone());
     let mut cloud = PointCloud::boxed();
     let bytes = bytes(depths);
     driver.image(&image(spec, &bytes, 0, 0), &mut |view| view.write(&mut cloud));

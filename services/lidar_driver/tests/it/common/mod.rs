@@ -1,4 +1,5 @@
-//! What the tests share: tables of returns, scratch folders, recordings that are written, and the Python decoders to compare with.
+//! What the tests share: tables of returns, scratch folders, recordings that are written, and the Python decoders to
+//! compare with.
 #![allow(dead_code, reason = "every test uses a part")]
 #![allow(
     clippy::unwrap_used,
@@ -16,7 +17,7 @@ pub fn here(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
 }
 
-/// A file of ../shared beside the checkout; says so where there is none.
+/// A file of ../shared beside the checkout; reports where there is none.
 pub fn shared(path: &str) -> Option<PathBuf> {
     let found = here("../../../shared").join(path);
     let found = if found.is_file() {
@@ -91,7 +92,7 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        let _gone_already = std::fs::remove_dir_all(&self.0);
+        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
@@ -101,9 +102,9 @@ pub struct Oracle(PathBuf);
 static MAKING: Mutex<()> = Mutex::new(());
 
 impl Oracle {
-    /// Makes the environment if there is none; says so where that cannot be.
+    /// Makes the environment if there is none; reports where that is impossible.
     pub fn find() -> Option<Self> {
-        let _one_at_a_time = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
+        let _guard = MAKING.lock().unwrap_or_else(PoisonError::into_inner);
         let venv = here("../../target/python_lidar");
         let python = venv.join("bin/python");
         let works = || {

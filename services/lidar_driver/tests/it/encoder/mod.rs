@@ -1,5 +1,5 @@
-//! Sensors as their manuals describe them, written without a look at the decoders: checksums by long division of polynomials, packets
-//! byte by byte.
+//! Sensors as their manuals describe them, written without a look at the decoders: checksums by long division of
+//! polynomials, packets byte by byte.
 #![allow(dead_code, reason = "every test uses a part")]
 #![allow(
     clippy::unwrap_used,
@@ -10,27 +10,6 @@
 use jink_lidar_driver::LidarSpec;
 use jink_lidar_driver::config::SensorTable;
 
-/// A small generator (xorshift) that is the same everywhere.
-pub struct Random(pub u64);
-
-impl Random {
-    /// The next number.
-    pub fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0
-    }
-    /// A number below `count`.
-    pub fn below(&mut self, count: u64) -> u64 {
-        self.next() % count
-    }
-    /// Once in so many times.
-    pub fn once_in(&mut self, count: u64) -> bool {
-        self.below(count) == 0
-    }
-}
-
 /// The spec of a lidar called "top".
 pub fn spec(kind: &str, model: &str, device: &str, keys: &str) -> LidarSpec {
     let text =
@@ -39,7 +18,8 @@ pub fn spec(kind: &str, model: &str, device: &str, keys: &str) -> LidarSpec {
     LidarSpec::find(&[table], "top").unwrap()
 }
 
-/// Remainder of `message * x^width` divided by a polynomial, bit by bit; `reflected` takes the lowest bit of a byte first.
+/// Remainder of `message * x^width` divided by a polynomial, bit by bit; `reflected` takes the lowest bit of a byte
+/// first.
 fn remainder(message: &[u8], width: u32, polynomial: u128, start: u128, reflected: bool) -> u128 {
     let mask = (1u128 << width) - 1;
     let mut register = start & mask;

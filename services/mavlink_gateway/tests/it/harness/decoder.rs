@@ -91,7 +91,7 @@ fn take_all(splitter: &mut Splitter, stream: &[u8], found: &mut Vec<Found>, in_f
 }
 
 /// What a frame says can be said again in the same words.
-fn understand(frame: &jink_mavlink_link::frame::Frame<'_>) {
+fn understand(frame: &jink_mavlink_link::frame::MavlinkFrame<'_>) {
     assert!(
         frame
             .signature()

@@ -9,7 +9,7 @@ use jink_mavlink_gateway::{Body, Content, Destination, Outgoing, Receipt, Receiv
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::link::{Link, Progress};
 use jink_mavlink_link::links::{LinkSetup, Links};
-use jink_mavlink_link::router::{Sender, Target, Us};
+use jink_mavlink_link::router::{OwnIds, Sender, Target};
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign};
 use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::Timestamp;
@@ -22,7 +22,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 const LINKS: usize = 3;
-const US: Us = Us {
+const US: OwnIds = OwnIds {
     system_id: Some(1),
     components: [196, 191],
 };
@@ -316,7 +316,7 @@ impl Network {
                     heard[peer].push(frame.bytes.clone());
                 }
             }
-            if frame.content.is_some() && US.are_meant(target) {
+            if frame.content.is_some() && US.accepts(target) {
                 ours.push((frame.sender.system_id, frame.sender.component_id, from));
             }
         }

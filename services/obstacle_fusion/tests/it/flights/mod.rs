@@ -9,8 +9,8 @@ use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Flag, SampleHeader, Timestamp};
-use jink_simulator::sensors::{Output, Pose, PoseTrack, SensorRig, SensorSpec};
-use jink_simulator::world::World;
+use jink_simulated_world::sensors::{Output, Pose, PoseTrack, SensorRig, SensorSpec};
+use jink_simulated_world::world::World;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::time::Instant;
 
@@ -31,12 +31,12 @@ pub fn set(name: &str) -> Vec<SensorSpec> {
     toml::from_str::<Tables>(&set.text).unwrap().sensor
 }
 
-/// A way with turns: along the world's own, if it has one, with the nose along it, rolling and pitching.
-pub struct Way {
+/// A path with turns: along the world's own, if it has one, with the nose along it, rolling and pitching.
+pub struct FlightPath {
     corners: Vec<Vector3<f64>>,
 }
 
-impl Way {
+impl FlightPath {
     pub fn through(world: &World) -> Self {
         let corners = world.way(0.8).unwrap();
         Self {
@@ -56,7 +56,7 @@ impl Way {
             }
             rest_m -= leg.norm();
         }
-        // It looks to both sides of its way, and sways.
+        // It yaws to both sides of its path, and sways.
         let yaw_rad = 0.9 * (0.5 * t_s).sin();
         let attitude =
             UnitQuaternion::from_euler_angles(0.12 * (1.3 * t_s).sin(), 0.1 * (0.9 * t_s).cos(), yaw_rad);
@@ -86,20 +86,20 @@ impl Flown {
     }
 }
 
-/// A sample that may be spoilt: the number of the frame, the sample, its header.
-pub enum Sample<'a> {
+/// A sample that may be corrupted: the number of the frame, the sample, its header.
+pub enum SensorSample<'a> {
     Cloud(&'a mut PointCloud),
     Scan(&'a mut RangeScan),
 }
 
-/// Flies `specs` through `world` along `way` for `duration_s`; `spoil` gets the number of each frame of the first sensor, and says
-/// how often it is handed on.
+/// Flies `specs` through `world` along `path` for `duration_s`; `corrupt` gets the number of each frame of the first
+/// sensor, and returns how often it is entered.
 pub fn fly(
     world: &World,
     specs: &[SensorSpec],
-    way: &Way,
+    path: &FlightPath,
     duration_s: f64,
-    mut spoil: impl FnMut(u64, Sample<'_>, &mut SampleHeader) -> u32,
+    mut corrupt: impl FnMut(u64, SensorSample<'_>, &mut SampleHeader) -> u32,
 ) -> Flown {
     let mut config = FusionConfig::from_params(&ParamSet::default(), specs.len());
     for (declared, spec) in config.declared.iter_mut().zip(specs) {
@@ -117,9 +117,9 @@ pub fn fly(
     for step in 0..steps {
         let t_s = step as f64 * 0.004;
         now = Timestamp::from_seconds(START_S + t_s);
-        track.push(now, way.pose(t_s));
+        track.push(now, path.pose(t_s));
         if step % (STATE_S / 0.004) as u64 == 0 {
-            fusion.vehicle(&state(way, t_s), &SampleHeader::at(now));
+            fusion.vehicle(&state(path, t_s), &SampleHeader::at(now));
         }
         while let Some(frame) = rig.next_due(now) {
             let mut header = SampleHeader::at(frame.end);
@@ -131,10 +131,10 @@ pub fn fly(
             if frame.sensor == 0 {
                 frames += 1;
                 let sample = match frame.output {
-                    Output::Cloud => Sample::Cloud(&mut cloud),
-                    Output::Scan => Sample::Scan(&mut scan),
+                    Output::Cloud => SensorSample::Cloud(&mut cloud),
+                    Output::Scan => SensorSample::Scan(&mut scan),
                 };
-                times = spoil(frames, sample, &mut header);
+                times = corrupt(frames, sample, &mut header);
             }
             let begin = Instant::now();
             for _ in 0..times {
@@ -161,10 +161,10 @@ pub fn fly(
     }
 }
 
-/// What an estimator says of the vehicle: off by a slow drift of 0.3 m, and by a degree.
-fn state(way: &Way, t_s: f64) -> VehicleState {
+/// The estimator's state of the vehicle: off by a slow drift of 0.3 m, and by a degree.
+fn state(path: &FlightPath, t_s: f64) -> VehicleState {
     let estimate = |t_s: f64| {
-        let pose = way.pose(t_s);
+        let pose = path.pose(t_s);
         let drift = Vector3::new((0.6 * t_s).sin(), (0.5 * t_s).cos(), 0.3 * (0.4 * t_s).sin()) * 0.3;
         (pose.position.vector() + drift, pose.attitude)
     };

@@ -1,4 +1,4 @@
-//! A small analytic world and a lidar in it: what tests and the benchmark feed the map with.
+//! A small analytic world and a lidar in it, for tests and the benchmark.
 //!
 //! Every surface is given by a signed distance, positive outside, so that "how deep inside an obstacle" and "how far
 //! from any surface" are exact, and a ray ends where the distance is zero.
@@ -10,18 +10,20 @@ use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Flag, Reserved, SampleHeader, Timestamp};
 use nalgebra::{UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
 
 /// One obstacle, local NED.
 #[derive(Clone, Copy, Debug)]
-pub enum Shape {
+pub enum Obstacle {
     /// An upright post without ends: centre north and east, radius (m).
     Post {
         north_m: f64,
         east_m: f64,
         radius_m: f64,
     },
-    /// A ball: centre, radius (m).
-    Ball { center_m: Vector3<f64>, radius_m: f64 },
+    /// A sphere: centre, radius (m).
+    Sphere { center_m: Vector3<f64>, radius_m: f64 },
     /// An axis-parallel box: centre, half edges (m).
     Block {
         center_m: Vector3<f64>,
@@ -31,28 +33,28 @@ pub enum Shape {
     Ground { down_m: f64 },
 }
 
-impl Shape {
+impl Obstacle {
     /// Distance from the surface (m), negative inside. For a block's outside a lower bound is enough, and this is exact.
     pub fn distance_m(&self, p: &Vector3<f64>) -> f64 {
         match *self {
-            Shape::Post {
+            Obstacle::Post {
                 north_m,
                 east_m,
                 radius_m,
             } => (p.x - north_m).hypot(p.y - east_m) - radius_m,
-            Shape::Ball { center_m, radius_m } => (p - center_m).norm() - radius_m,
-            Shape::Block { center_m, half_m } => {
+            Obstacle::Sphere { center_m, radius_m } => (p - center_m).norm() - radius_m,
+            Obstacle::Block { center_m, half_m } => {
                 let outside = (p - center_m).abs() - half_m;
                 outside.map(|c| c.max(0.0)).norm() + outside.max().min(0.0)
             }
-            Shape::Ground { down_m } => down_m - p.z,
+            Obstacle::Ground { down_m } => down_m - p.z,
         }
     }
 
     /// Where the ray from `from` (outside) along unit vector `along` enters, if it does (m).
     fn entry_m(&self, from: &Vector3<f64>, along: &Vector3<f64>) -> Option<f64> {
         match *self {
-            Shape::Post {
+            Obstacle::Post {
                 north_m,
                 east_m,
                 radius_m,
@@ -63,7 +65,7 @@ impl Shape {
                 let c = offset_x * offset_x + offset_y * offset_y - radius_m * radius_m;
                 first_root(a, b, c)
             }
-            Shape::Ball { center_m, radius_m } => {
+            Obstacle::Sphere { center_m, radius_m } => {
                 let offset = from - center_m;
                 first_root(
                     1.0,
@@ -71,7 +73,7 @@ impl Shape {
                     offset.norm_squared() - radius_m * radius_m,
                 )
             }
-            Shape::Block { center_m, half_m } => {
+            Obstacle::Block { center_m, half_m } => {
                 let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
                 for axis in 0..3 {
                     let offset = from[axis] - center_m[axis];
@@ -82,7 +84,7 @@ impl Shape {
                 }
                 (enter < leave).then_some(enter)
             }
-            Shape::Ground { down_m } => (along.z > 0.0).then(|| (down_m - from.z) / along.z),
+            Obstacle::Ground { down_m } => (along.z > 0.0).then(|| (down_m - from.z) / along.z),
         }
     }
 }
@@ -95,7 +97,7 @@ fn first_root(a: f64, b: f64, c: f64) -> Option<f64> {
 }
 
 /// Distance from the nearest surface (m), negative inside an obstacle.
-pub fn distance_m(world: &[Shape], point_m: &Vector3<f64>) -> f64 {
+pub fn distance_m(world: &[Obstacle], point_m: &Vector3<f64>) -> f64 {
     world
         .iter()
         .map(|shape| shape.distance_m(point_m))
@@ -103,7 +105,7 @@ pub fn distance_m(world: &[Shape], point_m: &Vector3<f64>) -> f64 {
 }
 
 /// Range of the first surface from `from` along the unit vector `along` (m); infinity if there is none.
-pub fn cast_m(world: &[Shape], from: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
+pub fn cast_m(world: &[Obstacle], from: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
     world
         .iter()
         .filter_map(|shape| shape.entry_m(from, along))
@@ -112,7 +114,7 @@ pub fn cast_m(world: &[Shape], from: &Vector3<f64>, along: &Vector3<f64>) -> f64
 
 /// Where and how the vehicle is at one moment.
 #[derive(Clone, Copy, Debug)]
-pub struct Motion {
+pub struct VehicleMotion {
     /// Position in local NED (m).
     pub position_m: Vector3<f64>,
     /// Velocity in local NED (m/s).
@@ -123,7 +125,7 @@ pub struct Motion {
     pub rates_radps: Vector3<f64>,
 }
 
-impl Motion {
+impl VehicleMotion {
     /// At rest at `position_m`, level, heading north.
     pub fn still(position_m: Vector3<f64>) -> Self {
         Self {
@@ -201,8 +203,8 @@ impl Lidar {
     /// Sweep number `sweep`, ending at `end_s`, of a vehicle that moves as `motion` says (time in seconds).
     pub fn sweep(
         &self,
-        world: &[Shape],
-        motion: impl Fn(f64) -> Motion,
+        world: &[Obstacle],
+        motion: impl Fn(f64) -> VehicleMotion,
         end_s: f64,
         sweep: usize,
         cloud: &mut PointCloud,
@@ -251,36 +253,17 @@ pub fn known(map: &LocalMap) -> impl Iterator<Item = Cell> + '_ {
         .filter(|cell| test(&map.known, *cell))
 }
 
-/// SplitMix64 (Steele, Lea, Flood 2014): the small generator behind every random scene.
-pub struct Random(pub u64);
-
-impl Random {
-    /// The next 64 random bits.
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    /// A number from `low` to `high`.
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * (self.bits() >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
-
 /// Posts on a square of `edge_m` around the origin, one per 25 m2, none within 1.5 m of the north axis, on level ground
 /// at down 0.
-pub fn forest(edge_m: f64, seed: u64) -> Vec<Shape> {
-    let mut random = Random(seed);
-    let mut world = vec![Shape::Ground { down_m: 0.0 }];
+pub fn forest(edge_m: f64, seed: u64) -> Vec<Obstacle> {
+    let mut random = SplitMix64::seed_from_u64(seed);
+    let mut world = vec![Obstacle::Ground { down_m: 0.0 }];
     for _ in 0..(edge_m * edge_m / 25.0) as usize {
-        let north_m = random.between(-0.5 * edge_m, 0.5 * edge_m);
-        let east_m = random.between(-0.5 * edge_m, 0.5 * edge_m);
-        let radius_m = random.between(0.1, 0.4);
+        let north_m = random.random_range(-0.5 * edge_m..0.5 * edge_m);
+        let east_m = random.random_range(-0.5 * edge_m..0.5 * edge_m);
+        let radius_m = random.random_range(0.1..0.4);
         if east_m.abs() > 1.5 + radius_m {
-            world.push(Shape::Post {
+            world.push(Obstacle::Post {
                 north_m,
                 east_m,
                 radius_m,

@@ -3,7 +3,7 @@
 use super::{lightware_packet, sf45};
 use std::collections::BTreeMap;
 
-/// The device: takes commands, acknowledges them, streams once it is told to.
+/// The device: takes commands, acknowledges them, and streams once its stream is on.
 #[derive(Debug, Default)]
 pub struct Device {
     /// What was set, by command.

@@ -1,12 +1,13 @@
-//! Devices as their manuals describe them, written without a look at the decoders: checksums by long division of polynomials,
-//! frames byte by byte.
+//! Devices as their manuals describe them, written independently of the decoders: checksums by long division of
+//! polynomials, frames byte by byte.
 #![allow(dead_code, reason = "every test uses a part")]
 
 pub mod device;
 
-use jink_rangefinder_driver::{Decoder, Item, Model, RangefinderSpec, devices};
+use jink_rangefinder_driver::{Decoder, FrameContent, RangefinderModel, RangefinderSpec, devices};
 
-/// Remainder of the message times x^16 divided by x^16 + `poly`, the register starting at `start`; bits in the order given.
+/// Remainder of the message times x^16 divided by x^16 + `poly`, the register starting at `start`; bits in the order
+/// given.
 fn remainder(bits: impl Iterator<Item = bool>, poly: u32, start: u32) -> u16 {
     let mut register = start;
     for bit in bits {
@@ -73,32 +74,8 @@ pub fn text(distance_cm: i32) -> Vec<u8> {
     format!("{:.2}\r\n", f64::from(distance_cm) / 100.0).into_bytes()
 }
 
-/// Numbers that look random and are the same every time (SplitMix64).
-#[derive(Clone, Debug)]
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// From 0 to below `limit`.
-    pub fn below(&mut self, limit: u64) -> u64 {
-        self.next() % limit
-    }
-
-    /// True once in `times`.
-    pub fn once_in(&mut self, times: u64) -> bool {
-        self.below(times) == 0
-    }
-}
-
 /// The model called `name`.
-pub fn model(name: &str) -> &'static Model {
+pub fn model(name: &str) -> &'static RangefinderModel {
     devices::find(name).unwrap()
 }
 
@@ -113,8 +90,8 @@ pub fn spec(name: &str, device: &str, keys: &str) -> RangefinderSpec {
 }
 
 /// Everything that a decoder of `model` finds in `bytes`.
-pub fn decode(model: &Model, bytes: &[u8]) -> Vec<Item> {
-    let mut decoder = Decoder::new(model.protocol);
+pub fn decode(model: &RangefinderModel, bytes: &[u8]) -> Vec<FrameContent> {
+    let mut decoder = Decoder::new(model.format);
     let mut items = Vec::new();
     for byte in bytes {
         decoder.push(*byte, |frame| items.push(frame.item));

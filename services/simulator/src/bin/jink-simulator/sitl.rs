@@ -1,7 +1,7 @@
 //! `jink-simulator sitl`: what a folder offers as an autopilot in simulation.
 
 use clap::Parser;
-use jink_simulator::ground_station::Make;
+use jink_emulated_ground_station::Make;
 use jink_simulator::sitl::SitlBuild;
 use serde_json::json;
 use std::path::PathBuf;

@@ -1,8 +1,8 @@
 //! `jink-simulator world`: what stands in a world, so that anyone can judge a flight against the ground truth.
 
 use clap::Parser;
+use jink_simulated_world::world::World;
 use jink_simulator::service::settings;
-use jink_simulator::world::World;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 

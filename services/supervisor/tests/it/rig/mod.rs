@@ -197,8 +197,7 @@ pub fn send(pid: u32, signal: Signal) {
 }
 
 pub fn is_alive(pid: u32) -> bool {
-    let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
-    !state.is_empty() && !state.contains(") Z ")
+    jink_runtime::procfs::ProcessStat::now(pid).is_some_and(|stat| stat.state != 'Z')
 }
 
 impl Drop for Rig {

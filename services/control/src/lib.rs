@@ -1,0 +1,54 @@
+//! What every program needs that operates an instance of jink from outside: `jink`, and the programs of simulations beside it.
+//!
+//! | module | does |
+//! |---|---|
+//! | [`places`], [`beside`] | finds programs and configuration, becomes another program |
+//! | [`supervisor`], [`running`] | starts an instance; whether one runs, and stopping it |
+//! | [`request`] | asks its supervisor for a swap, a restart, a stop |
+//! | [`watch`], [`meter`], [`members`] | reads its topics |
+//! | [`narrate`], [`known_space`], [`figures`] | says what it does in words and figures |
+//! | [`worlds`], [`autopilot`], [`ports`] | virtual worlds and simulated autopilots, as values laid over the configuration |
+//! | [`Problem`], [`Interrupt`] | why a command ends |
+
+/// Like `print!`, but somebody who reads no further (`| head`) is no reason to end, least of all in the middle of a
+/// flight.
+#[macro_export]
+macro_rules! say {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let mut out = std::io::stdout().lock();
+        let _nobody_reads = write!(out, $($text)*).and_then(|()| out.flush());
+    }};
+}
+
+/// The same with the end of a line.
+#[macro_export]
+macro_rules! sayln {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let _nobody_reads = writeln!(std::io::stdout(), $($text)*);
+    }};
+}
+
+pub mod autopilot;
+pub mod beside;
+pub mod figures;
+mod interrupt;
+pub mod known_space;
+pub mod members;
+pub mod meter;
+pub mod narrate;
+pub mod places;
+pub mod ports;
+mod problem;
+pub mod request;
+pub mod running;
+pub mod supervisor;
+pub mod watch;
+pub mod worlds;
+
+pub use interrupt::Interrupt;
+pub use problem::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Problem};
+
+/// The instance of whoever names none.
+pub const DEFAULT_INSTANCE: &str = "default";

@@ -1,0 +1,47 @@
+//! Who the members of the families of topics are: sensors and processes.
+
+use jink_runtime::Instance;
+use jink_runtime::config::{Config, SensorOutput, process_names};
+use jink_shared_types::topics::{HEALTH, RANGE_CLOUD, RANGE_SCAN, TopicRow};
+
+/// Who the members of the families are.
+#[derive(Clone, Debug, Default)]
+pub struct Members {
+    /// Sensors that publish clouds.
+    pub clouds: Vec<String>,
+    /// Sensors that publish scans.
+    pub scans: Vec<String>,
+    /// Processes.
+    pub processes: Vec<String>,
+}
+
+impl Members {
+    /// Who they are in a running `instance`.
+    pub fn of_instance(instance: &Instance) -> Self {
+        let folder = instance.run_config();
+        let mut processes = process_names(&folder);
+        processes.push("supervisor".to_owned());
+        let sensors = Config::load(&folder)
+            .map(|config| config.sensors)
+            .unwrap_or_default();
+        let of = |output: SensorOutput| {
+            let publishing = sensors.iter().filter(|sensor| sensor.output == output);
+            publishing.map(|sensor| sensor.name.clone()).collect()
+        };
+        Self {
+            clouds: of(SensorOutput::Cloud),
+            scans: of(SensorOutput::Scan),
+            processes,
+        }
+    }
+
+    /// Members of the family of a row.
+    pub fn of(&self, row: &TopicRow) -> &[String] {
+        match row.name {
+            name if name == RANGE_CLOUD.row.name => &self.clouds,
+            name if name == RANGE_SCAN.row.name => &self.scans,
+            name if name == HEALTH.row.name => &self.processes,
+            _ => &[],
+        }
+    }
+}

@@ -1,0 +1,53 @@
+//! Where programs and configuration lie.
+
+use crate::Problem;
+use std::path::{Path, PathBuf};
+
+/// Folder of this program; the others lie beside it.
+pub fn program_folder() -> Result<PathBuf, Problem> {
+    let own = std::env::current_exe().map_err(Problem::io("own program"))?;
+    let folder = own.parent().map(Path::to_owned);
+    folder.ok_or_else(|| Problem::Other("jink's own program has no folder".to_owned()))
+}
+
+/// The program called `name` in `folder`.
+pub fn program(folder: &Path, name: &str) -> Result<PathBuf, Problem> {
+    let path = folder.join(name);
+    if path.is_file() {
+        return Ok(path);
+    }
+    let hint = "build it with `cargo build --release --workspace --bins`, or install the package";
+    Err(Problem::Other(format!("{} is missing: {hint}", path.display())))
+}
+
+/// The configuration folder: the one asked for, else ./config, else /etc/jink, else the `config` folder nearest above
+/// the program (a checkout).
+pub fn config_folder(asked_for: Option<&Path>) -> Result<PathBuf, Problem> {
+    if let Some(folder) = asked_for {
+        return Ok(folder.to_owned());
+    }
+    let program = program_folder()?;
+    let mut candidates = vec![PathBuf::from("config"), PathBuf::from("/etc/jink")];
+    candidates.extend(program.ancestors().map(|folder| folder.join("config")));
+    let found = candidates
+        .into_iter()
+        .find(|folder| folder.join(jink_runtime::config::CONFIG_FILE).is_file());
+    found.ok_or_else(|| {
+        Problem::Other(
+            "no configuration: neither ./config nor /etc/jink holds a jink.toml; give --config".to_owned(),
+        )
+    })
+}
+
+/// The checkout that `folder` lies in: the nearest one above with a Cargo.lock.
+pub fn workspace(folder: &Path) -> Result<PathBuf, Problem> {
+    let found = folder
+        .ancestors()
+        .find(|folder| folder.join("Cargo.lock").is_file());
+    found.map(Path::to_owned).ok_or_else(|| {
+        Problem::Other(format!(
+            "{} lies in no checkout: nothing to build",
+            folder.display()
+        ))
+    })
+}

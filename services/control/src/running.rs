@@ -1,0 +1,110 @@
+//! Whether an instance is up: its supervisor holds a lock that the kernel drops when it dies.
+
+use crate::Problem;
+use jink_runtime::Instance;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
+use std::fs::{File, TryLockError};
+use std::io::Read;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::fs::MetadataExt;
+use std::time::Duration;
+
+/// The supervisor of a running instance.
+#[derive(Debug)]
+pub struct RunningSupervisor {
+    /// Its process id.
+    pub pid: u32,
+    handle: OwnedFd,
+}
+
+/// Process id of the supervisor of `instance`, whichever user's it is; `None` if there is none.
+pub fn holder(instance: &Instance) -> Option<u32> {
+    let mut file = File::open(instance.lock_file()).ok()?;
+    held_by(&mut file).ok().flatten()
+}
+
+/// Process id of whoever holds the lock on `file`; `None` if nobody does, and for the instant between taking the lock and writing.
+fn held_by(file: &mut File) -> std::io::Result<Option<u32>> {
+    match file.try_lock_shared() {
+        Ok(()) => return Ok(None),
+        Err(TryLockError::Error(error)) => return Err(error),
+        Err(TryLockError::WouldBlock) => {}
+    }
+    let mut text = String::new();
+    file.read_to_string(&mut text)?;
+    Ok(text.trim().parse().ok())
+}
+
+/// The supervisor of `instance`, if there is one.
+///
+/// # Errors
+/// The instance is another user's: its memory and its processes are out of reach.
+pub fn find(instance: &Instance) -> Result<Option<RunningSupervisor>, Problem> {
+    let path = instance.lock_file();
+    let mut file = match File::open(&path) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+        other => other.map_err(Problem::io(path.display().to_string()))?,
+    };
+    let owner = file
+        .metadata()
+        .map_err(Problem::io(path.display().to_string()))?
+        .uid();
+    let us = rustix::process::geteuid();
+    if !us.is_root() && us.as_raw() != owner {
+        return Err(Problem::Other(format!(
+            "instance {instance} belongs to the user with id {owner}, and this is {}: try `sudo`, or be that user",
+            us.as_raw()
+        )));
+    }
+    let held_by = held_by(&mut file).map_err(Problem::io(path.display().to_string()))?;
+    // It may have ended meanwhile.
+    let pid = held_by.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?));
+    let Some(handle) = pid.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok()) else {
+        return Ok(None);
+    };
+    Ok(pid.map(|pid| RunningSupervisor {
+        pid: pid.as_raw_nonzero().get().unsigned_abs(),
+        handle,
+    }))
+}
+
+/// Whether a supervisor of `instance` was killed and left processes on record.
+pub fn has_orphans(instance: &Instance) -> bool {
+    instance.folder().join("processes").exists()
+}
+
+/// Whether nothing of `instance` runs any more.
+pub fn has_ended(instance: &Instance) -> bool {
+    holder(instance).is_none() && !has_orphans(instance)
+}
+
+impl RunningSupervisor {
+    /// Asks it to stop; answers whether it has ended within `patience`.
+    pub fn stop(&self, patience: Duration) -> Result<bool, Problem> {
+        self.signal(Signal::TERM);
+        self.has_ended_within(patience)
+    }
+
+    /// Ends it; its processes stay.
+    pub fn kill(&self) -> Result<bool, Problem> {
+        self.signal(Signal::KILL);
+        self.has_ended_within(Duration::from_secs(2))
+    }
+
+    fn signal(&self, signal: Signal) {
+        // It may have ended meanwhile, which is what is wanted.
+        let _gone_already = pidfd_send_signal(&self.handle, signal);
+    }
+
+    fn has_ended_within(&self, patience: Duration) -> Result<bool, Problem> {
+        let mut fds = [PollFd::from_borrowed_fd(self.handle.as_fd(), PollFlags::IN)];
+        let timeout = Timespec {
+            tv_sec: i64::try_from(patience.as_secs()).unwrap_or(i64::MAX),
+            tv_nsec: i64::from(patience.subsec_nanos()),
+        };
+        let ready = poll(&mut fds, Some(&timeout))
+            .map_err(|error| Problem::io("waiting for the supervisor")(error.into()))?;
+        Ok(ready > 0)
+    }
+}

@@ -1,0 +1,162 @@
+//! `jink demo`: a whole system in an instance of its own, a mission through a virtual world, faults on request, figures.
+
+use jink_control::{DEFAULT_INSTANCE, EXIT_PROBLEM, Interrupt, Problem, autopilot, places, say, sayln};
+use jink_lab::drill::{Drill, SUPERVISOR};
+use jink_lab::flight_log::Outcome;
+use jink_lab::picture::World;
+use jink_lab::rig::show::Show;
+use jink_lab::rig::{Flown, Plan, instance, usual_limit_s};
+use jink_runtime::Instance;
+use jink_runtime::config::process_names;
+use std::path::PathBuf;
+use std::process::{Command, ExitCode};
+
+/// What to fly.
+#[derive(Clone, Debug, clap::Args)]
+#[command(after_help = "\
+Names for --kill: planner, fusion, bezier, guard, gateway, sensor, supervisor, or any name of the process table.
+
+Exit codes: 0 the goal was reached without a collision; 1 otherwise.")]
+pub struct Args {
+    /// Build every program in release first
+    #[arg(long)]
+    build: bool,
+    /// Virtual world: forest, gap, corridor, utrap, building, empty, or FILE.toml
+    #[arg(long, default_value = "forest")]
+    world: String,
+    /// Seed of the world
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Trees per square metre
+    #[arg(long)]
+    density: Option<f64>,
+    /// Sensors instead of those of jink.toml: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (docs/sensors), several
+    /// with a plus between them, or FILE.toml with tables of sensors and parameters
+    #[arg(long, value_name = "NAME|FILE.toml")]
+    sensor: Option<String>,
+    /// Highest speed (m/s)
+    #[arg(long, value_name = "V")]
+    speed: Option<f64>,
+    /// Fly the way so often: there, back, there
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    legs: u32,
+    /// Kill a process so long after the start of the mission, e.g. planner@8s (repeatable)
+    #[arg(long = "kill", value_name = "NAME@TIMEs")]
+    kills: Vec<Drill>,
+    /// Longest flight (s) [default: 180 for each leg]
+    #[arg(long, value_name = "S")]
+    timeout: Option<f64>,
+    /// Draw the flight from above
+    #[arg(long, value_name = "FILE")]
+    svg: Option<PathBuf>,
+    /// Plain lines of progress even on a terminal
+    #[arg(long)]
+    headless: bool,
+    /// One JSON object with the figures as the last line
+    #[arg(long)]
+    json: bool,
+    /// Configuration folder; without it ./config, /etc/jink or that of the checkout
+    #[arg(long, value_name = "DIR")]
+    config: Option<PathBuf>,
+    /// Value laid over the configuration (repeatable)
+    #[arg(long = "set", value_name = "SECTION.KEY=VALUE")]
+    overrides: Vec<String>,
+    #[command(flatten)]
+    autopilot: autopilot::Args,
+}
+
+/// Logs are kept of so many flights that ended badly, the newest ones.
+const DEMONSTRATIONS_KEPT: usize = 10;
+
+impl Args {
+    fn plan(&self, programs: PathBuf) -> Result<Plan, Problem> {
+        let usual_s = usual_limit_s(self.legs, self.autopilot.is_sitl());
+        Ok(Plan {
+            programs,
+            config: places::config_folder(self.config.as_deref())?,
+            world: self.world.clone(),
+            seed: self.seed,
+            density: self.density,
+            sensors: self.sensor.clone(),
+            speed: self.speed,
+            legs: self.legs,
+            limit_s: self.timeout.unwrap_or(usual_s),
+            overrides: self.overrides.clone(),
+            autopilot: self.autopilot.clone(),
+            keeps_sensed: self.svg.is_some(),
+        })
+    }
+}
+
+/// Flies the demonstration, in an instance of its own unless `instance` names one.
+pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
+    let programs = if args.build {
+        build()?
+    } else {
+        places::program_folder()?
+    };
+    if let Some(file) = &args.svg {
+        // A flight later it would be too late to say so. What was drawn there stays until there is a new picture.
+        let opened = std::fs::File::options().create(true).append(true).open(file);
+        opened.map_err(Problem::io(format!("--svg {}", file.display())))?;
+    }
+    let plan = args.plan(programs)?;
+    let world = args.svg.as_ref().map(|_| plan.world()).transpose()?;
+    let mut names = process_names(&plan.config);
+    names.push(SUPERVISOR.to_owned());
+    Drill::check(&args.kills, &names).map_err(Problem::Other)?;
+    let interrupt = Interrupt::listen()?;
+    instance::remove_old(DEMONSTRATIONS_KEPT);
+    let instance = if instance.to_string() == DEFAULT_INSTANCE {
+        instance::own("")?
+    } else {
+        instance.clone()
+    };
+    let mut show = Show::new(args.headless);
+    let (flown, stopped) = plan.fly(&instance, args.kills.clone(), &mut show, &interrupt)?;
+    conclude(args, world.as_ref(), &flown)?;
+    let good = flown.outcome == Outcome::Goal;
+    match stopped {
+        Ok(_) if good => drop(std::fs::remove_dir_all(instance.folder())),
+        Ok(_) if instance.log_folder().is_dir() => eprintln!("logs: {}", instance.log_folder().display()),
+        Ok(_) => {}
+        Err(problem) => eprintln!("jink: {problem}"),
+    }
+    if args.json {
+        let json =
+            serde_json::to_string(&flown.summary).map_err(|error| Problem::Other(error.to_string()))?;
+        sayln!("{json}");
+    }
+    Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))
+}
+
+/// Builds the checkout that this program lies in; answers where the programs are then.
+fn build() -> Result<PathBuf, Problem> {
+    let own = places::program_folder()?;
+    let workspace = places::workspace(&own)?;
+    let status = Command::new("cargo")
+        .args(["build", "--release", "--workspace", "--bins"])
+        .current_dir(&workspace)
+        .status()
+        .map_err(Problem::io("cargo"))?;
+    if !status.success() {
+        return Err(Problem::Other(format!("the build failed ({status})")));
+    }
+    // Beside the folder of this build's own profile.
+    Ok(own.with_file_name("release"))
+}
+
+fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Problem> {
+    say!("{}", flown.summary.text());
+    match (world, &args.svg) {
+        (Some(_), Some(_)) if flown.log.course().is_empty() => {
+            sayln!("no picture: the vehicle was never armed");
+        }
+        (Some(world), Some(file)) => {
+            flown.draw(world, file)?;
+            sayln!("picture: {}", file.display());
+        }
+        _ => {}
+    }
+    Ok(())
+}

@@ -1,0 +1,18 @@
+//! Simulated flights of the real programs: flown, disturbed on purpose, measured and drawn. The program is `jink-lab`; `jink demo`
+//! and its kin find it beside `jink`. An aircraft needs none of it.
+//!
+//! | module | in | out |
+//! |---|---|---|
+//! | [`rig`] | what to fly, which faults to make | a whole system in an instance of its own, from start to stop: a flight |
+//! | [`flight_log`] | `sim/truth`, `link/status` | the course of a flight and its summary |
+//! | [`drill`] | `planner@8s`, or a seed | which fault to make to which process when |
+//! | [`handover`] | headers around a change of the producer | what was missing, doubled, out of order |
+//! | [`fault_matrix`] | the faults of many flights | figures by process, fault and phase |
+//! | [`picture`] | world, course, sensed points | the flight from above and over time as SVG |
+
+pub mod drill;
+pub mod fault_matrix;
+pub mod flight_log;
+pub mod handover;
+pub mod picture;
+pub mod rig;

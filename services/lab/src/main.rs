@@ -1,0 +1,67 @@
+//! `jink-lab`: simulated flights. `jink demo` is this program's `demo`, and so on.
+
+mod bench;
+mod chaos;
+mod demo;
+
+use clap::{Parser, Subcommand};
+use jink_control::{DEFAULT_INSTANCE, beside};
+use jink_runtime::Instance;
+use std::process::ExitCode;
+
+/// Simulated flights of jink
+#[derive(Debug, Parser)]
+#[command(
+    name = "jink",
+    version,
+    propagate_version = true,
+    arg_required_else_help = true
+)]
+struct Cli {
+    /// Which jink on this host (the demonstration takes one of its own)
+    #[arg(long, global = true, default_value = DEFAULT_INSTANCE)]
+    instance: Instance,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Fly a mission in a virtual world
+    Demo(demo::Args),
+    /// Fly missions with faults at random times
+    Chaos(chaos::Args),
+    /// Fly many missions in virtual worlds, faster than real time, and count
+    Campaign(beside::Args),
+    /// Drive a simulated pilot at walls, and plot how near he comes
+    Approach(beside::Args),
+    /// Measure parts of jink beside what others have
+    Bench(bench::Args),
+}
+
+fn main() -> ExitCode {
+    jink_runtime::descriptors::reserve();
+    let cli = Cli::parse();
+    // Also keeps the transport's own messages to what is wrong.
+    jink_runtime::logging::init("jink", tracing::Level::ERROR);
+    let outcome = match cli.command {
+        Command::Demo(args) => demo::run(&cli.instance, &args),
+        Command::Chaos(args) => chaos::run(&args),
+        // Flown in lock-step, which takes the libraries of all services: programs of their own.
+        Command::Campaign(args) => Err(beside::become_program(
+            "jink campaign",
+            "jink-campaign",
+            args.arguments,
+        )),
+        Command::Approach(args) => Err(beside::become_program(
+            "jink approach",
+            "jink-approach",
+            args.arguments,
+        )),
+        Command::Bench(args) => Err(bench::run(args)),
+    };
+    outcome.unwrap_or_else(|problem| {
+        eprintln!("jink: {problem}");
+        ExitCode::from(problem.exit_code())
+    })
+}

@@ -1,0 +1,350 @@
+//! Bit layers over the local map's window and their dilation by a structuring element.
+//!
+//! A layer holds one `u128` per row of cells. Addressing is modular like the map's, so that shifting along an axis is a
+//! rotation; what wraps over the window's seam is harmless because the outermost shell of cells always counts as
+//! unknown (see [`BitLayer::load_unsafe`]).
+//!
+//! Dilation is exact on the safe side: a cell is set if *any* point in it is nearer than the radius to *any* point of a
+//! set cell, so that a vehicle anywhere in an unset cell has at least the radius of clearance. What that loses to the
+//! size of cells is half as much in a layer of half cells, which covers the middle of the window
+//! ([`BitLayer::load_halves`]).
+
+use jink_shared_types::map::{CELL_M, Cell, LocalMap, Plane, ROWS, SIZE_X, SIZE_Y, SIZE_Z, bit_of, row_of};
+
+/// One bit per cell of the window.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BitLayer {
+    rows: Vec<u128>,
+}
+
+impl Default for BitLayer {
+    fn default() -> Self {
+        Self { rows: vec![0; ROWS] }
+    }
+}
+
+/// The row of a plane as one number.
+fn row(plane: &Plane, index: usize) -> u128 {
+    u128::from(plane[index][0]) | u128::from(plane[index][1]) << 64
+}
+
+/// The rows' index for local coordinates `y`, `z` (taken modulo the size).
+fn index_of(y: usize, z: usize) -> usize {
+    (z & (SIZE_Z - 1)) * SIZE_Y + (y & (SIZE_Y - 1))
+}
+
+impl BitLayer {
+    /// Adds the cells of another.
+    pub fn add(&mut self, other: &Self) {
+        for (row, more) in self.rows.iter_mut().zip(&other.rows) {
+            *row |= more;
+        }
+    }
+
+    /// Whether the bit of `cell` is set; the caller ensures that the cell is inside the window.
+    pub fn test(&self, cell: Cell) -> bool {
+        self.rows[row_of(cell)] >> bit_of(cell) & 1 == 1
+    }
+
+    /// Sets the bit of `cell`.
+    pub fn set(&mut self, cell: Cell) {
+        self.rows[row_of(cell)] |= 1 << bit_of(cell);
+    }
+
+    /// Unsets the bit of `cell`.
+    pub fn unset(&mut self, cell: Cell) {
+        self.rows[row_of(cell)] &= !(1 << bit_of(cell));
+    }
+
+    /// Unsets all bits.
+    pub fn clear(&mut self) {
+        self.rows.fill(0);
+    }
+
+    /// The row of cells with the `y` and `z` of `cell`.
+    pub fn row_at(&self, cell: Cell) -> u128 {
+        self.rows[row_of(cell)]
+    }
+
+    /// Becomes the occupied cells of `map`.
+    pub fn load_occupied(&mut self, map: &LocalMap) {
+        for (index, out) in self.rows.iter_mut().enumerate() {
+            *out = row(&map.occupied, index);
+        }
+    }
+
+    /// Becomes the declared cells of `map`.
+    pub fn load_declared(&mut self, map: &LocalMap) {
+        for (index, out) in self.rows.iter_mut().enumerate() {
+            *out = row(&map.declared, index);
+        }
+    }
+
+    /// Removes the cells of another.
+    pub fn remove(&mut self, other: &Self) {
+        for (row, less) in self.rows.iter_mut().zip(&other.rows) {
+            *row &= !less;
+        }
+    }
+
+    /// Copies another layer.
+    pub fn copy(&mut self, other: &Self) {
+        self.rows.copy_from_slice(&other.rows);
+    }
+
+    /// Becomes everything that is not known to be free: occupied, unknown, and the window's outermost shell, beyond
+    /// which nothing is known.
+    pub fn load_unsafe(&mut self, map: &LocalMap) {
+        for (index, out) in self.rows.iter_mut().enumerate() {
+            *out = row(&map.occupied, index) | !row(&map.known, index);
+        }
+        self.close_shell(map.min_cell);
+    }
+
+    /// Sets the outermost cells of the window that begins at `min_cell`.
+    pub fn close_shell(&mut self, min_cell: Cell) {
+        let first_x = bit_of(min_cell);
+        let last_x = (first_x + SIZE_X as u32 - 1) % SIZE_X as u32;
+        let shell_x = 1u128 << first_x | 1u128 << last_x;
+        let first_y = min_cell[1] as usize & (SIZE_Y - 1);
+        let last_y = (first_y + SIZE_Y - 1) & (SIZE_Y - 1);
+        let first_z = min_cell[2] as usize & (SIZE_Z - 1);
+        let last_z = (first_z + SIZE_Z - 1) & (SIZE_Z - 1);
+        for (index, out) in self.rows.iter_mut().enumerate() {
+            let (y, z) = (index % SIZE_Y, index / SIZE_Y);
+            *out = if y == first_y || y == last_y || z == first_z || z == last_z {
+                u128::MAX
+            } else {
+                *out | shell_x
+            };
+        }
+    }
+
+    /// Becomes the half cells of another layer's cells, from half cell `min_half` (even, at the first of a cell) on.
+    pub fn load_halves(&mut self, cells: &Self, min_half: Cell) {
+        for z in (min_half[2]..).take(SIZE_Z) {
+            for y in (min_half[1]..).take(SIZE_Y) {
+                let from = cells.rows[row_of([0, y >> 1, z >> 1])];
+                let first = bit_of([min_half[0] >> 1, 0, 0]);
+                let wide = twice_each(from.rotate_right(first) as u64);
+                self.rows[row_of([0, y, z])] = wide.rotate_left(bit_of([min_half[0], 0, 0]));
+            }
+        }
+    }
+}
+
+/// Every bit twice, in the same order.
+fn twice_each(bits: u64) -> u128 {
+    // Moves the halves of ever smaller groups apart (H. Warren, "Hacker's Delight", 7-2, shuffling bits).
+    let mut wide = u128::from(bits);
+    for (shift, mask) in [
+        (32, 0x0000_0000_ffff_ffff_0000_0000_ffff_ffff_u128),
+        (16, 0x0000_ffff_0000_ffff_0000_ffff_0000_ffff),
+        (8, 0x00ff_00ff_00ff_00ff_00ff_00ff_00ff_00ff),
+        (4, 0x0f0f_0f0f_0f0f_0f0f_0f0f_0f0f_0f0f_0f0f),
+        (2, 0x3333_3333_3333_3333_3333_3333_3333_3333),
+        (1, 0x5555_5555_5555_5555_5555_5555_5555_5555),
+    ] {
+        wide = (wide | wide << shift) & mask;
+    }
+    wide | wide << 1
+}
+
+/// Distance along an axis between two cells that are `offset` apart (m): of their nearest points.
+pub fn gap_m(offset: i32) -> f64 {
+    gap_cells(offset) * CELL_M
+}
+
+/// The same in cells.
+fn gap_cells(offset: i32) -> f64 {
+    f64::from((offset.abs() - 1).max(0))
+}
+
+/// A structuring element, a sphere or a sphere and a cylinder, as the widths of its rows, for bit-parallel dilation.
+#[derive(Clone, Debug)]
+pub struct StructuringElement {
+    /// Per half width (index): the row offsets `(dy, dz)` at which the element is that wide.
+    offsets: Vec<Vec<(usize, usize)>>,
+}
+
+impl StructuringElement {
+    /// A sphere of `radius_m`; every cell counts whose nearest point is nearer than that.
+    pub fn new(radius_m: f64) -> Self {
+        Self::of_cells(radius_m, CELL_M)
+    }
+
+    /// The same for a layer with cells of `cell_m`.
+    pub fn of_cells(radius_m: f64, cell_m: f64) -> Self {
+        Self::within(radius_m, cell_m, |level_m2, height_m| {
+            level_m2 + height_m * height_m < radius_m * radius_m
+        })
+    }
+
+    /// The same within an upright cylinder of `cylinder_m` and `half_height_m` around it.
+    pub fn in_cylinder(radius_m: f64, cylinder_m: f64, half_height_m: f64) -> Self {
+        Self::within(radius_m.max(cylinder_m), CELL_M, |level_m2, height_m| {
+            level_m2 + height_m * height_m < radius_m * radius_m
+                || level_m2 < cylinder_m * cylinder_m && height_m < half_height_m
+        })
+    }
+
+    /// An element no larger than `reach_m` that holds every cell for which `is_inside(horizontal distance squared,
+    /// height)`.
+    fn within(reach_m: f64, cell_m: f64, is_inside: impl Fn(f64, f64) -> bool) -> Self {
+        let gap_m = |offset: i32| gap_cells(offset) * cell_m;
+        let reach = (reach_m / cell_m).ceil() as i32 + 1;
+        let mut offsets = Vec::new();
+        for dz in -reach..=reach {
+            for dy in -reach..=reach {
+                let width = (0..=reach)
+                    .rev()
+                    .find(|dx| is_inside(gap_m(*dx).powi(2) + gap_m(dy).powi(2), gap_m(dz)));
+                if let Some(width) = width {
+                    let width = width as usize;
+                    if offsets.len() <= width {
+                        offsets.resize(width + 1, Vec::new());
+                    }
+                    let wrap = |d: i32, size: usize| d.rem_euclid(size as i32) as usize;
+                    offsets[width].push((wrap(dy, SIZE_Y), wrap(dz, SIZE_Z)));
+                }
+            }
+        }
+        Self { offsets }
+    }
+
+    /// Writes into `out` all cells that the element around a cell of `source` reaches; `scratch` is overwritten.
+    pub fn dilate(&self, source: &BitLayer, scratch: &mut BitLayer, out: &mut BitLayer) {
+        scratch.rows.copy_from_slice(&source.rows);
+        out.rows.fill(0);
+        for (width, offsets) in self.offsets.iter().enumerate() {
+            if width > 0 {
+                let shift = width as u32;
+                for (wide, narrow) in scratch.rows.iter_mut().zip(&source.rows) {
+                    *wide |= narrow.rotate_left(shift) | narrow.rotate_right(shift);
+                }
+            }
+            // Slice by slice: one slice and those around it stay in the nearest cache.
+            for (z, slice) in scratch.rows.chunks_exact(SIZE_Y).enumerate() {
+                if slice.iter().all(|row| *row == 0) {
+                    continue;
+                }
+                for (dy, dz) in offsets {
+                    let start = index_of(0, z + dz);
+                    or_shifted(slice, *dy, &mut out.rows[start..start + SIZE_Y]);
+                }
+            }
+        }
+    }
+}
+
+/// `out[y + dy] |= slice[y]`, in two parts so that the inner loops are straight.
+fn or_shifted(slice: &[u128], dy: usize, out: &mut [u128]) {
+    let (head, tail) = out.split_at_mut(dy);
+    let (low, high) = slice.split_at(SIZE_Y - dy);
+    for (a, b) in tail.iter_mut().zip(low) {
+        *a |= b;
+    }
+    for (a, b) in head.iter_mut().zip(high) {
+        *a |= b;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{BitLayer, StructuringElement};
+    use jink_shared_types::map::{CELL_M, Cell, LocalMap, set};
+    use proptest::prelude::*;
+
+    fn nearest_m(a: Cell, b: Cell, cell_m: f64) -> f64 {
+        (0..3)
+            .map(|axis| (f64::from((a[axis] - b[axis]).abs() - 1).max(0.0) * cell_m).powi(2))
+            .sum::<f64>()
+            .sqrt()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        #[test]
+        fn dilation_sets_exactly_the_cells_within_the_radius(
+            cells in proptest::collection::vec((-50..50i32, -50..50i32, -20..20i32), 1..6),
+            radius in 0.1..1.1f64,
+            cell_m in prop_oneof![Just(CELL_M), Just(0.5 * CELL_M)],
+        ) {
+            let mut source = BitLayer::default();
+            for (x, y, z) in &cells {
+                source.set([*x, *y, *z]);
+            }
+            let (mut scratch, mut out) = (BitLayer::default(), BitLayer::default());
+            StructuringElement::of_cells(radius, cell_m).dilate(&source, &mut scratch, &mut out);
+            for x in -60..60 {
+                for y in -60..60 {
+                    for z in -28..28 {
+                        let away_m = |(cx, cy, cz): &(i32, i32, i32)| nearest_m([x, y, z], [*cx, *cy, *cz], cell_m);
+                        let near = cells.iter().any(|cell| away_m(cell) < radius);
+                        prop_assert_eq!(out.test([x, y, z]), near, "{} {} {}", x, y, z);
+                    }
+                }
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        #[test]
+        fn half_cells_are_what_their_cells_are(
+            min in (-500..500i32, -500..500i32, -500..500i32),
+            set_cells in proptest::collection::vec((0..64i32, 0..64i32, 0..32i32), 1..40),
+        ) {
+            let min = [min.0, min.1, min.2];
+            let mut cells = BitLayer::default();
+            for (x, y, z) in &set_cells {
+                cells.set([min[0] + x, min[1] + y, min[2] + z]);
+            }
+            let mut halves = BitLayer::default();
+            let min_half = min.map(|cell| 2 * cell);
+            halves.load_halves(&cells, min_half);
+            for x in (min_half[0]..).take(128) {
+                for y in (min_half[1]..).take(128) {
+                    for z in (min_half[2]..).take(64) {
+                        let cell = [x, y, z].map(|half| half >> 1);
+                        prop_assert_eq!(halves.test([x, y, z]), cells.test(cell));
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_cylinder_reaches_farther_to_the_sides_and_no_higher() {
+        let mut source = BitLayer::default();
+        source.set([0, 0, 0]);
+        let (mut scratch, mut out) = (BitLayer::default(), BitLayer::default());
+        StructuringElement::in_cylinder(0.5, 2.0, 0.5).dilate(&source, &mut scratch, &mut out);
+        for x in -15..=15 {
+            for y in -15..=15 {
+                for z in -15..=15 {
+                    let level_m = nearest_m([x, y, 0], [0; 3], CELL_M);
+                    let height_m = nearest_m([0, 0, z], [0; 3], CELL_M);
+                    let inside = level_m < 2.0 && height_m < 0.5 || level_m.hypot(height_m) < 0.5;
+                    assert_eq!(out.test([x, y, z]), inside, "{x} {y} {z}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_known_free_is_unsafe_and_so_is_the_windows_shell() {
+        let mut map = LocalMap::boxed();
+        map.min_cell = [-64, -64, -32];
+        for x in -64..64 {
+            set(&mut map.known, [x, 0, 0]);
+        }
+        set(&mut map.occupied, [5, 0, 0]);
+        let mut bit_layer = BitLayer::default();
+        bit_layer.load_unsafe(&map);
+        assert!(!bit_layer.test([4, 0, 0]), "known and free");
+        assert!(bit_layer.test([5, 0, 0]), "occupied");
+        assert!(bit_layer.test([4, 1, 0]), "unknown");
+        assert!(bit_layer.test([-64, 0, 0]) && bit_layer.test([63, 0, 0]), "shell");
+    }
+}

@@ -1,0 +1,10 @@
+//! Flights of the emulated ArduCopter in lock-step, for tests and examples.
+
+#![allow(dead_code, deprecated)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+pub mod copter;
+pub mod copter_tracking;
+
+/// Steps a second.
+pub const STEPS_PER_S: f64 = 250.0;
