@@ -62,9 +62,9 @@ pub fn forest_flights() -> Flights {
                         let cell = forest();
                         let mut setup = setup(&cell, seed).unwrap();
                         setup.representation = representation;
-                        setup.autopilot = FlyerConfig::Px4(AutopilotConfig {
+                        setup.autopilot = AutopilotConfig::Px4(Px4Config {
                             firmware: Firmware::Trajectory(variant),
-                            ..AutopilotConfig::default()
+                            ..Px4Config::default()
                         });
                         let report = fly_as(setup, &cell).unwrap();
                         let what = format!("{representation:?} on {variant:?}: {report:?}");

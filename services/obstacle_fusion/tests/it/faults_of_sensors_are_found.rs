@@ -144,7 +144,7 @@ fn a_sensor_turned_by_30_degrees_is_found_within_150_frames() {
             let flown = flown(name, |_, sample, _| {
                 match sample {
                     SensorSample::Cloud(cloud) => {
-                        transformed_cloud(cloud, &Rotation3::from(turn).into_inner())
+                        transformed_cloud(cloud, &Rotation3::from(turn).into_inner());
                     }
                     SensorSample::Scan(scan) => turned_scan(scan, &turn),
                 }
