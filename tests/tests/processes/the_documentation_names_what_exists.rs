@@ -83,6 +83,16 @@ fn every_file_that_a_document_links_to_is_there() {
 }
 
 #[test]
+fn every_program_of_the_process_table_is_one_that_an_aircraft_is_said_to_need_or_not() {
+    let table = std::fs::read_to_string(workspace().join("config/services.toml")).unwrap();
+    let page = std::fs::read_to_string(workspace().join("docs/programs.md")).unwrap();
+    let programs = table.lines().filter_map(|line| line.strip_prefix("program = \""));
+    for program in programs.map(|rest| rest.trim_end_matches('"')) {
+        assert!(page.contains(&format!("`{program}`")), "docs/programs.md: {program}");
+    }
+}
+
+#[test]
 fn every_parameter_that_is_examined_is_explained_on_the_page_of_its_autopilot() {
     for (profile, page) in [
         (ProfileName::Px4Trajectory, "connect_px4_trajectory.md"),

@@ -1,6 +1,6 @@
 //! `jink ring`.
 
-use jink_cli::ring_view::RingView;
+use jink_cli::view::ring::RingView;
 use jink_control::watch::Watch;
 use jink_control::{EXIT_NOT_RUNNING, Problem, running};
 use jink_control::{say, sayln};

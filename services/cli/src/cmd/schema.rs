@@ -1,6 +1,6 @@
 //! `jink schema`: what the topics say, for people and for programs in other languages.
 
-use jink_cli::schema::{self, Schema};
+use jink_cli::view::schema::{self, Schema};
 use jink_control::Problem;
 use jink_control::say;
 use std::process::ExitCode;

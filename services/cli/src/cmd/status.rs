@@ -1,6 +1,6 @@
 //! `jink status`.
 
-use jink_cli::report::{PostMortem, Report, exit_code};
+use jink_cli::view::status::{PostMortem, Report, exit_code};
 use jink_control::watch::{SpaceWatch, Watch};
 use jink_control::{EXIT_NOT_RUNNING, Problem, running};
 use jink_control::{say, sayln};

@@ -1,8 +1,8 @@
 //! `jink top`.
 
-use jink_cli::beat::Beat;
-use jink_cli::report::Report;
-use jink_cli::top::{Rate, Screen};
+use jink_cli::view::beat::Beat;
+use jink_cli::view::status::Report;
+use jink_cli::view::top::{Rate, Screen};
 use jink_control::members::Members;
 use jink_control::meter::Meter;
 use jink_control::say;

@@ -1,9 +1,9 @@
 //! `jink topic`: which topics there are, how fast they come, what they say.
 
-use jink_cli::beat::Beat;
-use jink_cli::digest::{Digest, header_line};
-use jink_cli::sample_json;
-use jink_cli::topic_list::Listed;
+use jink_cli::view::beat::Beat;
+use jink_cli::view::digest::{Digest, header_line};
+use jink_cli::view::sample_json;
+use jink_cli::view::topics::Listed;
 use jink_control::members::Members;
 use jink_control::meter::Meter;
 use jink_control::watch::{PROGRAM, Watch};
@@ -143,7 +143,7 @@ fn list(instance: &Instance, json: bool) -> Result<ExitCode, Problem> {
         let json = serde_json::to_string(&listed).map_err(|error| Problem::Other(error.to_string()))?;
         sayln!("{json}");
     } else {
-        say!("{}", jink_cli::topic_list::table(&listed));
+        say!("{}", jink_cli::view::topics::table(&listed));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -3,7 +3,7 @@
 //!
 //! `cc`, `c++` and `python3` are needed; `.ci/run` installs them.
 
-use jink_cli::schema::Schema;
+use jink_cli::view::schema::Schema;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;

@@ -68,7 +68,7 @@ pub fn table(topics: &[Listed]) -> String {
         }))
         .collect();
     let mut out = String::new();
-    crate::report::write_table(&mut out, &rows);
+    crate::view::status::write_table(&mut out, &rows);
     out
 }
 

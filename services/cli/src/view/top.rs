@@ -1,7 +1,7 @@
 //! The live screen: services, hops, rates, news.
 
-use crate::beat::Beat;
-use crate::report::Report;
+use crate::view::beat::Beat;
+use crate::view::status::Report;
 use jink_shared_types::topics::TopicRow;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
@@ -291,8 +291,8 @@ fn heading<const N: usize>(cells: [Cell<'_>; N]) -> Row<'_> {
 #[cfg(test)]
 mod tests {
     use super::{Rate, Screen, wrapped};
-    use crate::beat::Beat;
-    use crate::report::Report;
+    use crate::view::beat::Beat;
+    use crate::view::status::Report;
     use jink_shared_types::coded::{Coded, Flag};
     use jink_shared_types::health::{Name, ServiceState, SystemStatus};
     use jink_shared_types::topics::LOCAL_MAP;

@@ -70,7 +70,7 @@ pub fn table(rows: &[Listed]) -> String {
         }))
         .collect();
     let mut out = String::new();
-    crate::report::write_table(&mut out, &lines);
+    crate::view::status::write_table(&mut out, &lines);
     out
 }
 

@@ -1,0 +1,11 @@
+//! What the commands show, as functions of what they have read.
+
+pub mod beat;
+pub mod digest;
+pub mod params;
+pub mod ring;
+pub mod sample_json;
+pub mod schema;
+pub mod status;
+pub mod top;
+pub mod topics;
