@@ -18,9 +18,9 @@ use jink_runtime::{Instance, Service, Session, Setup, StartError};
 use jink_shared_types::Timestamp;
 use jink_shared_types::health::{Health, ServiceState, SystemStatus};
 use jink_simulator::service::{SensorService, VehicleService};
-use jink_supervisor::shadow::{PROBATION_CYCLES, SwapNews};
-use jink_supervisor::shared::{PROGRAM, Shared};
-use jink_supervisor::supervision::{Action, Doing, Exit, Observation, Supervision};
+use jink_supervisor::shadow::{PROBATION_CYCLES, SwapProgress};
+use jink_supervisor::shared::{PROGRAM, SupervisorTopics};
+use jink_supervisor::supervision::{Action, Exit, Observation, ProcessActivity, Supervision};
 use jink_supervisor::table::{Mode, ProcessRow, ProcessTable, Start};
 use std::any::Any;
 use std::ffi::OsString;
@@ -127,13 +127,13 @@ pub struct Board {
     instance: Instance,
     places: Vec<Place>,
     supervision: Supervision,
-    shared: Shared,
+    shared: SupervisorTopics,
     observations: Vec<Observation>,
     actions: Vec<Action>,
     pids: u32,
     rig: Box<dyn Rig>,
     /// What was said about swaps, with the process.
-    pub swap_news: Vec<(String, SwapNews)>,
+    pub swap_news: Vec<(String, SwapProgress)>,
 }
 
 impl std::fmt::Debug for Board {
@@ -168,7 +168,7 @@ impl Board {
             })
             .collect();
         let names: Vec<&str> = places.iter().map(|place| place.row.rules.name.as_str()).collect();
-        let shared = Shared::open(Session::local(bus, PROGRAM), &config, &names, 1)
+        let shared = SupervisorTopics::open(Session::local(bus, PROGRAM), &config, &names, 1)
             .map_err(|error| error.to_string())?;
         let rules = places.iter().map(|place| place.row.rules.clone());
         let supervision = Supervision::new(rules, bus.now(), 1);
@@ -372,14 +372,14 @@ impl Board {
                 self.observations
                     .push(Observation::ShadowSpawned { process, pid });
             }
-            Action::Examine { process } => {
+            Action::Inspect { process } => {
                 let place = &self.places[process];
-                self.observations.push(Observation::Examined {
+                self.observations.push(Observation::Inspected {
                     process,
                     doing: if place.is_paused {
-                        Doing::Stopped
+                        ProcessActivity::Stopped
                     } else {
-                        Doing::Sleeping
+                        ProcessActivity::Sleeping
                     },
                     cpu_s: 0.0,
                     core_runs: true,
@@ -405,11 +405,11 @@ impl Board {
                 self.ended(process, SECOND, Exit::Signal(9));
             }
             Action::Promote { process } => self.places[process].running.swap(FIRST, SECOND),
-            Action::Tell { process, news } => {
+            Action::ReportSwap { process, progress } => {
                 let name = self.places[process].row.rules.name.clone();
                 self.swap_news.push((name, news));
             }
-            Action::Raise(event) => self.shared.raise(now, &event),
+            Action::PublishEvent(event) => self.shared.raise(now, &event),
             // The program is the same; there is nothing to clean up; the caller ends the flight.
             Action::Commit { .. } | Action::CleanUp | Action::End(_) => {}
         }

@@ -3,8 +3,8 @@
 //! A direction is given by its slopes `x` (to the right) and `y` (down) over the depth along the optical axis. A pixel
 //! in column `u` and row `v`, whose centre has these whole numbers as coordinates, shows the distorted slopes
 //!
-//! `u = fx x' + cx`, `v = fy y' + cy`, with `r^2 = x^2 + y^2`, `g = 1 + k1 r^2 + k2 r^4 + k3 r^6`, `x' = x g + 2 p1 x y
-//! + p2 (r^2 + 2 x^2)`, `y' = y g + p1 (r^2 + 2 y^2) + 2 p2 x y`
+//! `u = fx x' + cx`, `v = fy y' + cy`, with `r^2 = x^2 + y^2`, `g = 1 + k1 r^2 + k2 r^4 + k3 r^6`,
+//! `x' = x g + 2 p1 x y + p2 (r^2 + 2 x^2)`, `y' = y g + p1 (r^2 + 2 y^2) + 2 p2 x y`
 //!
 //! (OpenCV, "Camera Calibration and 3D Reconstruction"). The inverse is found by fixed-point iteration.
 

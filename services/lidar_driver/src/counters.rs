@@ -4,7 +4,7 @@ use crate::decode::Fault;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{EventSample, LIDAR_BACK, LIDAR_LOST};
 
-/// SilenceMonitor that is reported to the pilot (s), as of a rangefinder.
+/// Silence that is reported to the pilot (s), as of a rangefinder.
 const SILENCE_S: f64 = 1.0;
 
 /// Counts since the start.

@@ -20,7 +20,7 @@ use std::net::IpAddr;
 const PAUSE_S: f64 = 0.03;
 /// Datagrams in a row that are late or doubled after which the stream has begun anew: three frames of a lidar.
 const BEHIND: u32 = 200;
-/// SilenceMonitor (s) after which another sender may be the sensor.
+/// Silence (s) after which another sender may be the sensor.
 const SENDER_S: f64 = 1.0;
 
 /// One network lidar.

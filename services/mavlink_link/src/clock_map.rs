@@ -21,9 +21,9 @@
 
 use jink_shared_types::Timestamp;
 
-/// ReplyPolicy that are remembered: about six seconds at 10 Hz.
+/// Samples that are remembered: about six seconds at 10 Hz.
 const WINDOW: usize = 64;
-/// ReplyPolicy older than this (s) count no more: clocks that drift by 50 ppm are 0.4 ms apart by then.
+/// Samples older than this (s) count no more: clocks that drift by 50 ppm are 0.4 ms apart by then.
 const WINDOW_S: f64 = 8.0;
 /// Rate of requests until the estimate can be trusted, and while it is in doubt (Hz): the autopilot's own.
 pub const SEARCHING_HZ: f64 = 10.0;
@@ -32,7 +32,7 @@ pub const SEARCHING_HZ: f64 = 10.0;
 const FOLLOWING_HZ: f64 = 1.0;
 /// A clock whose rate differs by more than this (1) has jumped.
 const RATE_ERROR_MAX: f64 = 0.2;
-/// ReplyPolicy needed before the estimate is used: two seconds at 10 Hz, so that a few short round trips are among
+/// Samples needed before the estimate is used: two seconds at 10 Hz, so that a few short round trips are among
 /// them.
 const NEEDED: u32 = 20;
 /// How much longer than the shortest a round trip may be to count in the mean (ns).
@@ -118,7 +118,7 @@ impl ClockMap {
     }
 
     /// Processes a response received at `received`: the autopilot's clock `autopilot_ns`, and our request's time as it
-    /// was sent back. ReplyPolicy to requests that we did not send are ignored.
+    /// was sent back. Responses to requests that we did not send are ignored.
     pub fn on_response(&mut self, received: Timestamp, autopilot_ns: i64, echoed_ns: i64) {
         let Ok(sent_ns) = u64::try_from(echoed_ns) else {
             return;

@@ -1,4 +1,4 @@
-//! AcceptAll on the link in a file that ground stations and `mavlogdump.py` read: for each frame eight bytes of time,
+//! Everything on the link in a file that ground stations and `mavlogdump.py` read: for each frame eight bytes of time,
 //! big-endian microseconds since 1970, and the frame as it was on the wire.
 //!
 //! A thread writes; the link hands it copies and never waits. What the disk is too slow for is left out, and counted.

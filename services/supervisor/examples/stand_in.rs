@@ -1,7 +1,7 @@
 //! A service that does nothing and misbehaves on request: what the supervisor's tests start instead of real services.
 //!
-//! Arguments after `--`, all optional: `cannot_start`, `crash_after_ms=N`, `hang_after_ms=N` (from then on it is deaf to
-//! SIGTERM as well), `generations=N` (misbehaves only up to its Nth start).
+//! Arguments after `--`, all optional: `cannot_start`, `crash_after_ms=N`, `hang_after_ms=N` (from then on it is deaf
+//! to SIGTERM as well), `generations=N` (misbehaves only up to its Nth start).
 
 use jink_runtime::{Cycle, Ports, Service, StartError, Wake};
 use jink_shared_types::Timestamp;

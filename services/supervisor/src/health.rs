@@ -1,13 +1,13 @@
-//! Health of the whole, made of the states of its processes, and when the pilot is told.
+//! Health of the whole, made of the states of its processes, and when a change is reported to the pilot.
 //!
 //! Only essential processes count. In this order:
 //!
 //! | health | when |
 //! |---|---|
-//! | stopping | a stop was asked for |
+//! | stopping | a stop was requested |
 //! | failed | an essential process has been given up (and its row does not say that this may be ignored) |
 //! | healthy | every essential process is active |
-//! | degraded | one is dead, stopped on request, starting again, or says that it is degraded; or any lack after the system was healthy once |
+//! | degraded | one is dead, stopped on request, starting again, or reports that it is degraded; or any lack after the system was healthy once |
 //! | starting | otherwise: processes are being started, or stand by for inputs that have never come |
 //!
 //! A process that stands by works, but the chain does not: before the first flight that is a system still starting
@@ -17,9 +17,9 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, ServiceState};
 
-/// How long the system must be degraded before the pilot is told (s). A restart takes some 60 ms and has its own event; half
-/// a second is how long PX4 tolerates silence of its companion before it reacts itself.
-const TELL_AFTER_S: f64 = 0.5;
+/// How long the system must be degraded before it is reported to the pilot (s). A restart takes some 60 ms and has its
+/// own event; half a second is how long PX4 tolerates silence of its companion before it reacts itself.
+const REPORT_AFTER_S: f64 = 0.5;
 
 /// One process as far as the health of the whole depends on it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,53 +56,53 @@ pub fn judge<'a>(processes: impl Iterator<Item = View<'a>> + Clone, was_healthy:
     }
 }
 
-/// Tells the pilot once per change between ready and not ready.
+/// Reports each change between ready and not ready once to the pilot.
 #[derive(Clone, Debug)]
 pub struct Announcer {
-    told_ready: bool,
+    ready_reported: bool,
     lacking_since: Option<Timestamp>,
 }
 
 impl Default for Announcer {
-    /// Nothing told yet.
+    /// Nothing reported yet.
     fn default() -> Self {
         Self {
-            told_ready: false,
+            ready_reported: false,
             lacking_since: None,
         }
     }
 }
 
 impl Announcer {
-    /// What to tell at `now`; `culprit` is the first process that is not as it should be.
+    /// What to report at `now`; `culprit` is the first process that is not as it should be.
     pub fn update(&mut self, now: Timestamp, health: Health, culprit: &str) -> Option<EventSample> {
         match health {
             Health::Healthy => {
                 self.lacking_since = None;
-                let news = !self.told_ready;
-                self.told_ready = true;
-                news.then(|| EventSample::new(&events::AVOIDANCE_READY, "", [0.0; 2]))
+                let is_due = !self.ready_reported;
+                self.ready_reported = true;
+                is_due.then(|| EventSample::new(&events::AVOIDANCE_READY, "", [0.0; 2]))
             }
             Health::Starting | Health::Degraded => {
                 let since = *self.lacking_since.get_or_insert(now);
-                let news = self.told_ready && now.seconds_since(since) >= TELL_AFTER_S;
-                if news {
-                    self.told_ready = false;
+                let is_due = self.ready_reported && now.seconds_since(since) >= REPORT_AFTER_S;
+                if is_due {
+                    self.ready_reported = false;
                 }
-                news.then(|| EventSample::new(&events::AVOIDANCE_DEGRADED, culprit, [0.0; 2]))
+                is_due.then(|| EventSample::new(&events::AVOIDANCE_DEGRADED, culprit, [0.0; 2]))
             }
-            // Both have been told by other means: the event of the process given up, the request to stop.
+            // Both are reported otherwise: by the event of the process given up, by the request to stop.
             Health::Failed | Health::Stopping => {
-                self.told_ready = false;
+                self.ready_reported = false;
                 None
             }
         }
     }
 
-    /// When there may be something to tell without anything else happening.
+    /// When there may be something to report without anything else happening.
     pub fn due(&self) -> Option<Timestamp> {
-        let since = self.lacking_since.filter(|_| self.told_ready)?;
-        Some(since.plus_seconds(TELL_AFTER_S))
+        let since = self.lacking_since.filter(|_| self.ready_reported)?;
+        Some(since.plus_seconds(REPORT_AFTER_S))
     }
 }
 
@@ -166,18 +166,18 @@ mod tests {
     }
 
     #[test]
-    fn the_pilot_is_told_once_per_change_and_not_of_a_short_lack() {
+    fn a_change_is_reported_once_to_the_pilot_and_a_short_lack_is_not() {
         let mut announcer = Announcer::default();
         let at = |s: f64| Timestamp::from_seconds(10.0 + s);
-        let mut tell =
+        let mut report =
             |s: f64, health: Health| announcer.update(at(s), health, "planner").map(|event| event.id);
-        assert_eq!(tell(0.0, Health::Starting), None);
-        assert_eq!(tell(5.0, Health::Healthy), Some(events::AVOIDANCE_READY.id));
-        assert_eq!(tell(6.0, Health::Degraded), None, "a restart");
-        assert_eq!(tell(6.1, Health::Healthy), None);
-        assert_eq!(tell(7.0, Health::Degraded), None);
-        assert_eq!(tell(7.6, Health::Degraded), Some(events::AVOIDANCE_DEGRADED.id));
-        assert_eq!(tell(9.0, Health::Degraded), None, "told already");
-        assert_eq!(tell(9.5, Health::Healthy), Some(events::AVOIDANCE_READY.id));
+        assert_eq!(report(0.0, Health::Starting), None);
+        assert_eq!(report(5.0, Health::Healthy), Some(events::AVOIDANCE_READY.id));
+        assert_eq!(report(6.0, Health::Degraded), None, "a restart");
+        assert_eq!(report(6.1, Health::Healthy), None);
+        assert_eq!(report(7.0, Health::Degraded), None);
+        assert_eq!(report(7.6, Health::Degraded), Some(events::AVOIDANCE_DEGRADED.id));
+        assert_eq!(report(9.0, Health::Degraded), None, "told already");
+        assert_eq!(report(9.5, Health::Healthy), Some(events::AVOIDANCE_READY.id));
     }
 }

@@ -6,9 +6,9 @@
 //! | process table (`services.toml`) | what to start, in which order, and what to expect of it |
 //! | deaths, heartbeats, time | starts, signals, events, `system/status` |
 //!
-//! This library is the policy and starts nothing: [`table`] reads and checks the process table, [`policy`] says when a
-//! process may be restarted, [`supervision`] is the state machine, [`health`] judges the whole, [`shared`] has its topics. The program beside it
-//! (`main.rs`, `host/`) carries its decisions out.
+//! This library is the policy and starts nothing: [`table`] reads and checks the process table, [`policy`] decides when
+//! a process may be restarted, [`supervision`] is the state machine, [`health`] judges the whole, [`shared`] has its
+//! topics. The program beside it (`main.rs`, `host/`) carries its decisions out.
 //!
 //! The shape follows Erlang/OTP's supervisors (start order, reverse stop, restart intensity within a period); detection
 //! follows Linux (a death is seen through its pidfd) and the heartbeat contract in [`jink_shared_types::health`].

@@ -1,11 +1,12 @@
 //! `jink-supervisor`: one per instance; starts the processes of the table and keeps them running.
 //!
-//! Exit codes: 0 stopped on request (or nothing to sweep), 70 a process was given up whose row says that the system then
-//! stops, 78 the system cannot start: wrong configuration, another supervisor holds the instance, a process cannot start.
+//! Exit codes: 0 stopped on request (or nothing to sweep), 70 a process was given up whose row says that the system
+//! then stops, 78 the system cannot start: wrong configuration, another supervisor holds the instance, a process cannot
+//! start.
 //!
 //! The supervisor holds no flight data and its children do not depend on it: they write their logs to files, not into a
 //! pipe, so that a supervisor that is killed or stopped neither blocks nor ends anybody. After `kill -9` of the
-//! supervisor they fly on unsupervised; the next supervisor of the instance goes on with them, and
+//! supervisor they fly on unsupervised; the next supervisor of the instance adopts them, and
 //! `jink-supervisor --sweep` (which `jink down` uses) ends them.
 
 mod args;

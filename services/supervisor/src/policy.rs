@@ -3,7 +3,7 @@
 //! Two independent rules, as in Erlang/OTP with a back-off added: the *delay* grows with every death of a process that
 //! had not worked for a while, and the *intensity* bounds the restarts within any period. A process that crashes
 //! at once runs into the intensity; one that fails slowly (a device that is unplugged) settles at the longest delay and
-//! is tried for as long as the intensity allows for that rhythm.
+//! is tried for as long as the intensity allows for that interval.
 
 use jink_shared_types::Timestamp;
 use std::collections::VecDeque;
@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 /// with loading it.
 const SECOND_DELAY_S: f64 = 0.01;
 
-/// A process that lived this long had worked: its next start is not put off (s). A start takes a hundredth of it.
+/// A process that ran this long had worked: its next start is not put off (s). A start takes a hundredth of it.
 const STEADY_S: f64 = 1.0;
 
 /// How a process is restarted.
@@ -31,9 +31,9 @@ pub struct RestartRule {
 }
 
 impl Default for RestartRule {
-    /// At once, then 10, 20, 40 ms and so on up to 2 s; given up at the ninth death within 10 s. At the ceiling only five
-    /// restarts fit into a period, so what fails slowly is retried for ever, and what crashes at once is given up after
-    /// about 1.3 s.
+    /// At once, then 10, 20, 40 ms and so on up to 2 s; given up at the ninth death within 10 s. At the ceiling only
+    /// five restarts fit into a period, so what fails slowly is retried for ever, and what crashes at once is given up
+    /// after about 1.3 s.
     fn default() -> Self {
         Self {
             floor_s: 0.0,
@@ -59,7 +59,7 @@ impl RestartRule {
 
 /// What becomes of a process that has died.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Verdict {
+pub enum RestartDecision {
     /// Started again after this delay (s).
     RestartAfter(f64),
     /// Died more often than its rule allows.
@@ -74,16 +74,22 @@ pub struct RestartHistory {
 }
 
 impl RestartHistory {
-    /// Judges a death at `now` of a process that had lived for `lived_s`. `hopeless` says that trying again at once is
-    /// known to fail (the process said that it cannot start): then the longest delay applies.
-    pub fn died(&mut self, rule: &RestartRule, now: Timestamp, lived_s: f64, hopeless: bool) -> Verdict {
+    /// Judges a death at `now` of a process that had run for `lived_s`. `hopeless`: trying again at once is
+    /// known to fail (the process reported that it cannot start): then the longest delay applies.
+    pub fn died(
+        &mut self,
+        rule: &RestartRule,
+        now: Timestamp,
+        lived_s: f64,
+        hopeless: bool,
+    ) -> RestartDecision {
         if lived_s >= STEADY_S.min(rule.period_s) {
             self.streak = 0;
         }
         self.restarts
             .retain(|restart| now.seconds_since(*restart) < rule.period_s);
         if self.restarts.len() >= rule.intensity as usize {
-            return Verdict::GiveUp;
+            return RestartDecision::GiveUp;
         }
         let delay_s = if hopeless {
             rule.ceiling_s
@@ -91,7 +97,7 @@ impl RestartHistory {
             rule.delay_s(self.streak)
         };
         self.streak = self.streak.saturating_add(1);
-        Verdict::RestartAfter(delay_s)
+        RestartDecision::RestartAfter(delay_s)
     }
 
     /// Counts a restart at `now`.
@@ -102,7 +108,7 @@ impl RestartHistory {
 
 #[cfg(test)]
 mod tests {
-    use super::{RestartHistory, RestartRule, Verdict};
+    use super::{RestartDecision, RestartHistory, RestartRule};
     use jink_shared_types::Timestamp;
     use proptest::prelude::*;
 
@@ -135,8 +141,8 @@ mod tests {
             for lived_s in lives {
                 now = now.plus_seconds(lived_s);
                 match history.died(&rule, now, lived_s, false) {
-                    Verdict::GiveUp => break,
-                    Verdict::RestartAfter(delay_s) => now = now.plus_seconds(delay_s),
+                    RestartDecision::GiveUp => break,
+                    RestartDecision::RestartAfter(delay_s) => now = now.plus_seconds(delay_s),
                 }
                 history.restarted(now);
                 restarts.push(now);
@@ -155,11 +161,11 @@ mod tests {
             (0..1000).position(|_| {
                 now = now.plus_seconds(lived_s);
                 let verdict = history.died(&rule, now, lived_s, hopeless);
-                if let Verdict::RestartAfter(delay_s) = verdict {
+                if let RestartDecision::RestartAfter(delay_s) = verdict {
                     now = now.plus_seconds(delay_s);
                     history.restarted(now);
                 }
-                verdict == Verdict::GiveUp
+                verdict == RestartDecision::GiveUp
             })
         };
         assert_eq!(crash_loop(0.01, false), Some(8), "given up at the ninth death");
@@ -174,6 +180,9 @@ mod tests {
         for _ in 0..3 {
             history.died(&rule, now, 0.1, false);
         }
-        assert_eq!(history.died(&rule, now, 1.0, false), Verdict::RestartAfter(0.0));
+        assert_eq!(
+            history.died(&rule, now, 1.0, false),
+            RestartDecision::RestartAfter(0.0)
+        );
     }
 }

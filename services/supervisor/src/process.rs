@@ -1,9 +1,9 @@
-//! One process as the supervisor follows it: where it is in its life, what it last said, and what that means.
+//! One process as the supervisor follows it: its run state, its last heartbeat, and what that means.
 
 use crate::health::View;
 use crate::policy::RestartHistory;
 use crate::slowness::Slowness;
-use crate::table::{OnFailure, Rules};
+use crate::table::{OnFailure, ProcessRules};
 use jink_shared_types::Timestamp;
 use jink_shared_types::coded::{Coded, Flag};
 use jink_shared_types::health::{Heartbeat, Name, ProcessStatus, ReplaceReason, Role, ServiceState};
@@ -18,13 +18,13 @@ pub enum Exit {
     Signal(u8),
     /// It could not even be started.
     NotSpawned,
-    /// It was started by an earlier supervisor, and only its own parent learns how a process ends.
+    /// It was started by an earlier supervisor, and only its own parent is informed how a process ends.
     Unknown,
 }
 
 impl Exit {
-    /// As in [`ProcessStatus::last_exit`]; 127 for a program that could not be started, as in shells; 511 (no signal has
-    /// this number) if it is not known.
+    /// As in [`ProcessStatus::last_exit`]; 127 for a program that could not be started, as in shells; 511 (no signal
+    /// has this number) if it is not known.
     pub fn code(self) -> u32 {
         match self {
             Self::Code(code) => u32::from(code),
@@ -46,9 +46,9 @@ impl fmt::Display for Exit {
     }
 }
 
-/// Where a process is in its life.
+/// The run state of a process.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Life {
+pub(crate) enum RunState {
     /// Its turn to be started has not come.
     Waiting,
     /// Started, as far as known alive.
@@ -95,8 +95,8 @@ pub struct Adopted {
 /// One process.
 #[derive(Clone, Debug)]
 pub(crate) struct Process {
-    pub(crate) rules: Rules,
-    pub(crate) life: Life,
+    pub(crate) rules: ProcessRules,
+    pub(crate) run_state: RunState,
     pub(crate) history: RestartHistory,
     pub(crate) generation: u32,
     /// The newest generation given to any instance of it.
@@ -106,7 +106,7 @@ pub(crate) struct Process {
     pub(crate) pid: u32,
     pub(crate) reason: ReplaceReason,
     pub(crate) slowness: Slowness,
-    /// When late outputs were told last, and how many there had been.
+    /// When late outputs were reported last, and how many there had been.
     pub(crate) late_told: Timestamp,
     late_before: u64,
     pub(crate) started: Timestamp,
@@ -115,7 +115,7 @@ pub(crate) struct Process {
     /// Since when it has been missing, until it works again.
     pub(crate) missing_since: Option<Timestamp>,
     /// What it left in shared memory has not been removed.
-    pub(crate) left_behind: bool,
+    pub(crate) has_stale_resources: bool,
     /// It has reached its loop at least once.
     pub(crate) was_up: bool,
     /// Until then its silence has been explained.
@@ -129,14 +129,14 @@ pub(crate) struct Process {
 }
 
 impl Process {
-    pub(crate) fn new(rules: Rules) -> Self {
+    pub(crate) fn new(rules: ProcessRules) -> Self {
         Self {
             heartbeat: Heartbeat {
                 name: Name::new(&rules.name),
                 ..Heartbeat::default()
             },
             rules,
-            life: Life::Waiting,
+            run_state: RunState::Waiting,
             history: RestartHistory::default(),
             generation: 0,
             last_generation: 0,
@@ -149,7 +149,7 @@ impl Process {
             started: Timestamp::NEVER,
             watched_since: Timestamp::NEVER,
             missing_since: None,
-            left_behind: false,
+            has_stale_resources: false,
             was_up: false,
             excused_until: Timestamp::NEVER,
             heartbeat_time: Timestamp::NEVER,
@@ -169,7 +169,7 @@ impl Process {
         self.generation = self.next_generation();
         self.epoch = self.generation;
         self.slowness = Slowness::default();
-        self.life = Life::Running;
+        self.run_state = RunState::Running;
         self.started = now;
         self.watched_since = now;
         self.excused_until = Timestamp::NEVER;
@@ -189,7 +189,7 @@ impl Process {
         self.epoch = found.epoch;
         self.pid = found.pid;
         self.restarts = found.restarts;
-        self.life = Life::Running;
+        self.run_state = RunState::Running;
         self.started = found.started;
         self.last_exit = found.last_exit;
         self.reason = found.reason;
@@ -199,7 +199,7 @@ impl Process {
 
     /// Another instance has taken its place at `now`, after it had died.
     pub(crate) fn taken_over(&mut self, now: Timestamp) {
-        self.life = Life::Running;
+        self.run_state = RunState::Running;
         self.restarts += 1;
         self.reason = ReplaceReason::TakenOver;
         self.slowness = Slowness::default();
@@ -211,7 +211,7 @@ impl Process {
         self.heartbeat
     }
 
-    /// Outputs over their budget since this answered last with enough to be told; `None` = none.
+    /// Outputs over their budget since the last report, if there are enough to be reported; `None` = not enough.
     pub(crate) fn lateness(&mut self, beat: &Heartbeat) -> Option<u64> {
         let late = beat
             .late_outputs
@@ -223,8 +223,8 @@ impl Process {
         (late > 0).then_some(late)
     }
 
-    /// The pilot was told at `now` of `late` outputs over their budget in all.
-    pub(crate) fn told_late(&mut self, now: Timestamp, late: u64) {
+    /// `late` outputs over their budget in all were reported to the pilot at `now`.
+    pub(crate) fn late_reported(&mut self, now: Timestamp, late: u64) {
         self.late_told = now;
         self.late_before = late;
     }
@@ -236,9 +236,9 @@ impl Process {
         self.heartbeat.name = Name::new(&self.rules.name);
     }
 
-    /// What whoever comes after this supervisor must know of it.
+    /// What the next supervisor must know of it.
     pub(crate) fn as_adoptable(&self) -> Option<Adopted> {
-        (self.life == Life::Running && self.pid != 0).then_some(Adopted {
+        (self.run_state == RunState::Running && self.pid != 0).then_some(Adopted {
             generation: self.generation,
             last_generation: self.last_generation,
             epoch: self.epoch,
@@ -250,22 +250,22 @@ impl Process {
         })
     }
 
-    /// Whether it runs, and this supervisor has not heard of it yet.
+    /// Whether it runs, and this supervisor has not received a heartbeat of it yet.
     pub(crate) fn is_awaited(&self) -> bool {
-        self.life == Life::Running && !self.is_heard()
+        self.run_state == RunState::Running && !self.has_heartbeat()
     }
 
     /// It has died.
     pub(crate) fn end(&mut self, exit: Exit) {
         self.pid = 0;
         self.last_exit = exit.code();
-        self.left_behind = true;
+        self.has_stale_resources = true;
     }
 
-    /// Takes a heartbeat; answers how long the process had been missing (s) if this one ends that. A heartbeat may be read
-    /// after the death of its sender: then it is its last word, and says nothing about a replacement. Nor does one of a second
-    /// instance that has not yet learned that it is the owner.
-    pub(crate) fn heard(&mut self, heartbeat: &Heartbeat, time: Timestamp) -> Option<f64> {
+    /// Takes a heartbeat; answers how long the process had been missing (s) if this one ends that. A heartbeat may be
+    /// read after the death of its sender: then it is its last one, and shows nothing about a replacement. Nor does one
+    /// of a second instance that has not yet learned that it is the owner.
+    pub(crate) fn on_heartbeat(&mut self, heartbeat: &Heartbeat, time: Timestamp) -> Option<f64> {
         if heartbeat.generation != self.generation || self.generation == 0 {
             return None;
         }
@@ -273,12 +273,12 @@ impl Process {
         self.heartbeat.name = Name::new(&self.rules.name);
         self.heartbeat_time = time;
         self.was_up |= self.in_loop();
-        self.slowness.heard(heartbeat, time);
+        self.slowness.on_heartbeat(heartbeat, time);
         let works = matches!(
             heartbeat.state.get(),
             ServiceState::Active | ServiceState::Standby
         );
-        let back = works && heartbeat.role == Role::Owner && self.life == Life::Running;
+        let back = works && heartbeat.role == Role::Owner && self.run_state == RunState::Running;
         let missing_s = time.seconds_since(self.missing_since.filter(|_| back)?);
         self.missing_since = None;
         self.recovery_us = (missing_s * 1e6).max(0.0) as u32;
@@ -287,17 +287,17 @@ impl Process {
     }
 
     pub(crate) fn is_alive(&self) -> bool {
-        matches!(self.life, Life::Running | Life::Ending { .. })
+        matches!(self.run_state, RunState::Running | RunState::Ending { .. })
     }
 
-    /// It has been heard since its last start.
-    pub(crate) fn is_heard(&self) -> bool {
+    /// It has sent a heartbeat since its last start.
+    pub(crate) fn has_heartbeat(&self) -> bool {
         self.generation > 0 && self.heartbeat.generation == self.generation
     }
 
-    /// It has been heard from within its loop.
+    /// It has sent a heartbeat from within its loop.
     pub(crate) fn in_loop(&self) -> bool {
-        self.is_heard()
+        self.has_heartbeat()
             && matches!(
                 self.heartbeat.state.get(),
                 ServiceState::Standby | ServiceState::Active | ServiceState::Degraded
@@ -306,14 +306,14 @@ impl Process {
 
     /// How long it may be silent (s): the grace while it starts, the time-out of its heartbeat afterwards.
     pub(crate) fn silence_limit_s(&self) -> f64 {
-        if !self.is_heard() || self.heartbeat.state == ServiceState::Starting {
+        if !self.has_heartbeat() || self.heartbeat.state == ServiceState::Starting {
             self.rules.start_grace_s
         } else {
             self.rules.heartbeat_timeout_s
         }
     }
 
-    /// When its silence becomes suspicious. The grace runs from its start, whatever it has said before its loop.
+    /// When its silence becomes suspicious. The grace runs from its start, whatever it has sent before its loop.
     pub(crate) fn suspicious_from(&self) -> Timestamp {
         self.silent_since()
             .plus_seconds(self.silence_limit_s())
@@ -322,7 +322,7 @@ impl Process {
 
     /// Since when it has been silent.
     pub(crate) fn silent_since(&self) -> Timestamp {
-        if self.is_heard() && self.heartbeat.state != ServiceState::Starting {
+        if self.has_heartbeat() && self.heartbeat.state != ServiceState::Starting {
             self.heartbeat_time
         } else {
             self.watched_since
@@ -331,37 +331,39 @@ impl Process {
 
     /// CPU time it has used since its last heartbeat (s), of `cpu_s` in all.
     pub(crate) fn cpu_since_heartbeat_s(&self, cpu_s: f64) -> f64 {
-        if self.is_heard() {
+        if self.has_heartbeat() {
             cpu_s - f64::from(self.heartbeat.cpu_ms) * 1e-3
         } else {
             cpu_s
         }
     }
 
-    /// The next process of the table may be started: this one is heard, or not worth waiting for.
+    /// The next process of the table may be started: this one has sent a heartbeat, or is not worth waiting for.
     pub(crate) fn lets_next_start(&self, now: Timestamp) -> bool {
         let grace_over = now.seconds_since(self.started) >= self.rules.start_grace_s;
-        match self.life {
-            Life::Waiting => false,
-            Life::Running => !self.rules.essential || self.is_heard() || self.generation > 1 || grace_over,
-            Life::Ending { .. } | Life::Resting { .. } | Life::Down | Life::Failed => true,
+        match self.run_state {
+            RunState::Waiting => false,
+            RunState::Running => {
+                !self.rules.essential || self.has_heartbeat() || self.generation > 1 || grace_over
+            }
+            RunState::Ending { .. } | RunState::Resting { .. } | RunState::Down | RunState::Failed => true,
         }
     }
 
-    /// Its state as the supervisor judges it; `stopping` tells a death on request from another.
+    /// Its state as the supervisor judges it; `stopping` distinguishes a death on request from another.
     pub(crate) fn state(&self, stopping: bool) -> ServiceState {
-        match self.life {
-            Life::Waiting => ServiceState::Unknown,
-            Life::Running if self.is_heard() => match self.heartbeat.state.get() {
+        match self.run_state {
+            RunState::Waiting => ServiceState::Unknown,
+            RunState::Running if self.has_heartbeat() => match self.heartbeat.state.get() {
                 ServiceState::Active if self.slowness.is_degraded() => ServiceState::Degraded,
                 state => state,
             },
-            Life::Running => ServiceState::Starting,
-            Life::Ending { .. } if stopping => ServiceState::Stopping,
-            Life::Ending { .. } | Life::Resting { .. } => ServiceState::Dead,
-            Life::Down if stopping => ServiceState::Dead,
-            Life::Down => ServiceState::Stopped,
-            Life::Failed => ServiceState::Failed,
+            RunState::Running => ServiceState::Starting,
+            RunState::Ending { .. } if stopping => ServiceState::Stopping,
+            RunState::Ending { .. } | RunState::Resting { .. } => ServiceState::Dead,
+            RunState::Down if stopping => ServiceState::Dead,
+            RunState::Down => ServiceState::Stopped,
+            RunState::Failed => ServiceState::Failed,
         }
     }
 

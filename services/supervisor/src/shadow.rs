@@ -5,10 +5,10 @@
 //!
 //! | phase | ends well when | ends badly when |
 //! |---|---|---|
-//! | starting | the candidate is heard from its loop | it ends, or its start grace is over |
-//! | probation | it has run the cycles asked for, within budget, with outputs a consumer can use, about as many as the owner | it ends, falls silent, or [`Trial`] says no |
+//! | starting | the candidate sends a heartbeat from its loop | it ends, or its start grace is over |
+//! | probation | it has run the cycles requested, within budget, with outputs a consumer can use, about as many as the owner | it ends, falls silent, or fails the [`Trial`] |
 //! | switching | the moment written into the control record has passed | it ends: the owner keeps what it has |
-//! | watching | it has lived as owner for [`WATCH_S`] | it ends or hangs: the former owner takes back |
+//! | watching | it has run as owner for [`WATCH_S`] | it ends or hangs: the former owner takes back |
 //!
 //! A process whose row says `shadow = false` has no second instance: a swap ends it and starts the new program.
 
@@ -18,13 +18,13 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::health::{Heartbeat, ServiceState, SwapPhase};
 use std::fmt;
 
-/// Cycles of a probation unless the request says otherwise: five seconds at 10 Hz, so that rare cycles occur, too.
+/// Cycles of a probation by default: five seconds at 10 Hz, so that rare cycles occur, too.
 pub const PROBATION_CYCLES: u64 = 50;
-/// Shortest probation (s): two heartbeats would say too little about outputs.
+/// Shortest probation (s): two heartbeats would show too little about outputs.
 const PROBATION_MIN_S: f64 = 1.0;
 /// Longest probation (s): a candidate that has not run its cycles by then has nothing to do, or is stuck.
 const PROBATION_MAX_S: f64 = 60.0;
-/// Share of the probation's cycles that may be over budget: what a busy machine does to anybody.
+/// Share of the probation's cycles that may be over budget: what a busy machine causes for any process.
 const MISSES_SHARE: f64 = 0.05;
 /// A candidate must put out at least this share of what the owner puts out, and at most its inverse.
 const OUTPUTS_SHARE: f64 = 0.5;
@@ -37,17 +37,17 @@ pub const SWITCH_LEAD_S: f64 = 2.0 * HEARTBEAT_PERIOD_S;
 pub const SETTLE_S: f64 = 0.1;
 /// How long the former owner stands by (s).
 pub const WATCH_S: f64 = 2.0;
-/// A shadow that is silent for this many times its heartbeat time-out hangs. More patience than with an owner: nothing
+/// A shadow that is silent for this many times its heartbeat time-out hangs. More time than for an owner: nothing
 /// depends on it yet.
 const SILENT_TIMES: f64 = 5.0;
 
-/// Rates at which services put out meet this often (Hz): 10, 20, 30, 40, 50 Hz at the beats of 10 Hz.
+/// Rates at which services publish coincide this often (Hz): 10, 20, 30, 40, 50 Hz at the ticks of 10 Hz.
 const MEETING_RATE_HZ: u32 = 10;
 /// So long before the rates meet nothing is put out by a timer (s), and what came of the last meeting is done.
 const QUIET_BEFORE_S: f64 = 0.01;
 
-/// The first moment from `soonest` on at which a switch falls between the beats of all services, so that no output is due
-/// at the very moment that ownership changes.
+/// The first moment from `soonest` on at which a switch falls between the ticks of all services, so that no output is
+/// due at the very moment that ownership changes.
 pub(crate) fn quiet_moment(soonest: Timestamp) -> Timestamp {
     soonest
         .plus_seconds(QUIET_BEFORE_S)
@@ -59,7 +59,7 @@ pub(crate) fn quiet_moment(soonest: Timestamp) -> Timestamp {
 // One per process, never in a list: the largest variant may be large.
 #[allow(clippy::large_enum_variant)]
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Kind {
+pub(crate) enum ShadowRole {
     /// Takes over when the owner dies.
     Hot,
     /// Of a swap.
@@ -88,21 +88,21 @@ pub(crate) struct Swap {
 /// A second instance.
 #[derive(Clone, Debug)]
 pub(crate) struct Shadow {
-    pub(crate) kind: Kind,
+    pub(crate) role: ShadowRole,
     pub(crate) generation: u32,
     pub(crate) epoch: u32,
     pub(crate) pid: u32,
     pub(crate) started: Timestamp,
     pub(crate) heartbeat: Heartbeat,
     pub(crate) heartbeat_time: Timestamp,
-    /// It has been told to end.
+    /// It is to end.
     pub(crate) ending: bool,
 }
 
 impl Shadow {
-    pub(crate) fn new(kind: Kind, generation: u32, now: Timestamp) -> Self {
+    pub(crate) fn new(role: ShadowRole, generation: u32, now: Timestamp) -> Self {
         Self {
-            kind,
+            role,
             generation,
             epoch: generation,
             pid: 0,
@@ -114,7 +114,7 @@ impl Shadow {
     }
 
     /// Takes a heartbeat if it is this instance's.
-    pub(crate) fn heard(&mut self, heartbeat: &Heartbeat, time: Timestamp) -> bool {
+    pub(crate) fn on_heartbeat(&mut self, heartbeat: &Heartbeat, time: Timestamp) -> bool {
         let mine = heartbeat.generation == self.generation;
         if mine {
             self.heartbeat = *heartbeat;
@@ -123,7 +123,7 @@ impl Shadow {
         mine
     }
 
-    /// It has been heard from within its loop.
+    /// It has sent a heartbeat from within its loop.
     pub(crate) fn in_loop(&self) -> bool {
         matches!(
             self.heartbeat.state.get(),
@@ -142,20 +142,20 @@ impl Shadow {
     }
 
     pub(crate) fn phase(&self) -> SwapPhase {
-        match self.kind {
-            Kind::Hot => SwapPhase::Idle,
-            Kind::Candidate(swap) => swap.phase,
-            Kind::Former { .. } => SwapPhase::Watching,
+        match self.role {
+            ShadowRole::Hot => SwapPhase::Idle,
+            ShadowRole::Candidate(swap) => swap.phase,
+            ShadowRole::Former { .. } => SwapPhase::Watching,
         }
     }
 }
 
 /// What became of a swap, as far as it got.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum SwapNews {
+pub enum SwapProgress {
     /// The candidate is in its loop; the probation begins.
     Probation {
-        /// Cycles asked for.
+        /// Cycles requested.
         cycles: u64,
     },
     /// The probation was passed; ownership changes in so many seconds.
@@ -165,7 +165,7 @@ pub enum SwapNews {
     },
     /// The candidate owns.
     Switched,
-    /// The row says `shadow = false`: the old one is told to end, and the new one is started behind it.
+    /// The row has `shadow = false`: the old one is ended, and the new one is started behind it.
     Replaced,
     /// The swap is over and good.
     Done,
@@ -175,12 +175,12 @@ pub enum SwapNews {
         trial: Trial,
     },
     /// The owner was never touched.
-    Refused(Refusal),
+    Refused(SwapRefusal),
     /// The candidate failed as owner; the former one owns again.
-    RolledBack(Refusal),
+    RolledBack(SwapRefusal),
 }
 
-impl SwapNews {
+impl SwapProgress {
     /// Whether nothing comes after it.
     pub fn is_last(&self) -> bool {
         matches!(
@@ -189,13 +189,13 @@ impl SwapNews {
         )
     }
 
-    /// Whether it is good news.
+    /// Whether the swap is going well.
     pub fn is_good(&self) -> bool {
         !matches!(self, Self::Refused(_) | Self::RolledBack(_))
     }
 }
 
-impl fmt::Display for SwapNews {
+impl fmt::Display for SwapProgress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Probation { cycles } => write!(
@@ -220,12 +220,12 @@ impl fmt::Display for SwapNews {
 
 /// Why a swap failed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Refusal {
+pub enum SwapRefusal {
     /// Another swap of this process is under way.
     Busy,
     /// The process does not run.
     NotRunning,
-    /// A trial was asked for, and the process cannot have a second instance.
+    /// A trial was requested, and the process cannot have a second instance.
     NoShadow,
     /// The candidate ended.
     Ended(Exit),
@@ -247,7 +247,7 @@ pub enum Refusal {
     Stopping,
 }
 
-impl fmt::Display for Refusal {
+impl fmt::Display for SwapRefusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Busy => f.write_str("another swap of this process is under way"),
@@ -303,12 +303,12 @@ impl fmt::Display for Trial {
     }
 }
 
-/// What a probation says.
+/// The result of a probation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Judgement {
+pub(crate) enum TrialVerdict {
     Goes,
     Passed(Trial),
-    Failed(Refusal),
+    Failed(SwapRefusal),
 }
 
 impl Trial {
@@ -336,34 +336,34 @@ impl Trial {
 
 impl Swap {
     /// Judges a probation at `now`.
-    pub(crate) fn judge(&self, now: Timestamp, candidate: &Heartbeat, owner: &Heartbeat) -> Judgement {
+    pub(crate) fn judge(&self, now: Timestamp, candidate: &Heartbeat, owner: &Heartbeat) -> TrialVerdict {
         let Some(begin) = &self.begin else {
-            return Judgement::Goes;
+            return TrialVerdict::Goes;
         };
         let trial = Trial::between(begin, candidate, owner);
         let elapsed_s = now.seconds_since(self.since);
         let misses_max = 1 + (self.cycles.max(trial.cycles) as f64 * MISSES_SHARE) as u64;
         if trial.implausible > 0 {
-            Judgement::Failed(Refusal::Implausible(trial))
+            TrialVerdict::Failed(SwapRefusal::Implausible(trial))
         } else if trial.misses > misses_max {
-            Judgement::Failed(Refusal::OverBudget(trial))
+            TrialVerdict::Failed(SwapRefusal::OverBudget(trial))
         } else if trial.cycles >= self.cycles && elapsed_s >= PROBATION_MIN_S {
             if trial.outputs_agree() {
-                Judgement::Passed(trial)
+                TrialVerdict::Passed(trial)
             } else {
-                Judgement::Failed(Refusal::Outputs(trial))
+                TrialVerdict::Failed(SwapRefusal::Outputs(trial))
             }
         } else if elapsed_s > PROBATION_MAX_S {
-            Judgement::Failed(Refusal::TooFewCycles(trial))
+            TrialVerdict::Failed(SwapRefusal::TooFewCycles(trial))
         } else {
-            Judgement::Goes
+            TrialVerdict::Goes
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Judgement, PROBATION_CYCLES, Refusal, Swap, quiet_moment};
+    use super::{PROBATION_CYCLES, Swap, SwapRefusal, TrialVerdict, quiet_moment};
     use jink_shared_types::Timestamp;
     use jink_shared_types::health::{Heartbeat, SwapPhase};
 
@@ -391,7 +391,7 @@ mod tests {
         }
     }
 
-    fn judge(after_s: f64, candidate: Heartbeat, owner_outputs: u64) -> Judgement {
+    fn judge(after_s: f64, candidate: Heartbeat, owner_outputs: u64) -> TrialVerdict {
         let since = Timestamp::from_seconds(10.0);
         let swap = Swap {
             phase: SwapPhase::Probation,
@@ -407,10 +407,10 @@ mod tests {
 
     #[test]
     fn a_good_candidate_passes_after_its_cycles_and_not_before() {
-        assert_eq!(judge(5.0, beat(149, 7, 139, 0), 50), Judgement::Goes);
-        assert_eq!(judge(0.5, beat(160, 7, 150, 0), 60), Judgement::Goes);
+        assert_eq!(judge(5.0, beat(149, 7, 139, 0), 50), TrialVerdict::Goes);
+        assert_eq!(judge(0.5, beat(160, 7, 150, 0), 60), TrialVerdict::Goes);
         assert!(
-            matches!(judge(5.0, beat(150, 8, 140, 0), 50), Judgement::Passed(trial) if trial.misses == 1)
+            matches!(judge(5.0, beat(150, 8, 140, 0), 50), TrialVerdict::Passed(trial) if trial.misses == 1)
         );
     }
 
@@ -418,19 +418,22 @@ mod tests {
     fn a_slow_a_garbled_a_mute_and_an_idle_candidate_fail_for_their_own_reasons() {
         let slow = judge(2.0, beat(120, 11, 110, 0), 20);
         assert!(
-            matches!(slow, Judgement::Failed(Refusal::OverBudget(_))),
+            matches!(slow, TrialVerdict::Failed(SwapRefusal::OverBudget(_))),
             "{slow:?}"
         );
         let garbled = judge(0.2, beat(103, 7, 93, 1), 3);
         assert!(
-            matches!(garbled, Judgement::Failed(Refusal::Implausible(_))),
+            matches!(garbled, TrialVerdict::Failed(SwapRefusal::Implausible(_))),
             "{garbled:?}"
         );
         let mute = judge(5.0, beat(160, 7, 91, 0), 60);
-        assert!(matches!(mute, Judgement::Failed(Refusal::Outputs(_))), "{mute:?}");
+        assert!(
+            matches!(mute, TrialVerdict::Failed(SwapRefusal::Outputs(_))),
+            "{mute:?}"
+        );
         let idle = judge(61.0, beat(110, 7, 100, 0), 600);
         assert!(
-            matches!(idle, Judgement::Failed(Refusal::TooFewCycles(_))),
+            matches!(idle, TrialVerdict::Failed(SwapRefusal::TooFewCycles(_))),
             "{idle:?}"
         );
     }

@@ -1,5 +1,5 @@
-//! The supervisor's topics: it creates every topic and holds it open, so that a topic outlives the processes that use it; it
-//! reads heartbeats and publishes status, control record and events.
+//! The supervisor's topics: it creates every topic and holds it open, so that a topic outlives the processes that use
+//! it; it reads heartbeats and publishes status, control record and events.
 
 use crate::supervision::{Observation, Supervision};
 use jink_runtime::config::{Config, SensorOutput};
@@ -13,7 +13,7 @@ use jink_shared_types::health::{Heartbeat, Name, SystemStatus};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use std::fmt;
 
-/// How soon it is looked again whether adopted processes have been heard (s).
+/// How soon it is checked again whether adopted processes have sent heartbeats (s).
 const SETTLING_LOOK_S: f64 = 0.01;
 /// The supervisor in the topic table, and in its events.
 pub const PROGRAM: &str = "supervisor";
@@ -22,7 +22,7 @@ pub const PROGRAM: &str = "supervisor";
 const STATUS_PERIOD_S: f64 = 0.1;
 
 /// Ports and topics. Ports go before the session that they belong to.
-pub struct Shared {
+pub struct SupervisorTopics {
     heartbeats: Vec<Input<Heartbeat>>,
     events: Output<EventSample>,
     status: Output<SystemStatus>,
@@ -35,15 +35,15 @@ pub struct Shared {
     session: Session,
 }
 
-impl fmt::Debug for Shared {
+impl fmt::Debug for SupervisorTopics {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Shared({} processes)", self.heartbeats.len())
+        write!(f, "SupervisorTopics({} processes)", self.heartbeats.len())
     }
 }
 
-impl Shared {
-    /// Creates every topic that `processes` and the sensors of `config` can use.
-    /// `generation` tells this supervisor from those of the instance before it.
+impl SupervisorTopics {
+    /// Creates every topic that `processes` and the sensors of `config` can use. `generation` distinguishes this
+    /// supervisor from those of the instance before it.
     ///
     /// # Errors
     /// See [`OpenError`].
@@ -55,7 +55,7 @@ impl Shared {
     ) -> Result<Self, OpenError> {
         let mut heartbeats = Vec::new();
         for process in processes {
-            // A process and its shadow speak on the same topic.
+            // A process and its shadow publish on the same topic.
             heartbeats.push(session.input(topics::HEALTH, process)?.of_all_producers());
         }
         Ok(Self {
@@ -87,7 +87,7 @@ impl Shared {
 
     /// Publishes control record and status as `supervision` has them, if they are due or have changed.
     pub fn publish(&mut self, now: Timestamp, supervision: &Supervision, changed: bool) {
-        // Before the status: who has lost the right to speak learns it before anybody is told.
+        // Before the status: the former owner is informed that it is none before any reader is.
         let before = *self.control_sample;
         supervision.write_control(&mut self.control_sample);
         if before != *self.control_sample || now >= self.control_due {
@@ -108,7 +108,7 @@ impl Shared {
         self.status_due.min(self.control_due)
     }
 
-    /// Tells the pilot, and the log.
+    /// Publishes the event, and logs it.
     pub fn raise(&mut self, now: Timestamp, event: &EventSample) {
         let text = event.text();
         match event.severity.get() {

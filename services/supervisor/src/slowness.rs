@@ -1,8 +1,8 @@
 //! A process that is alive, in time with its heartbeats, and too slow: cycles over budget, graded.
 //!
 //! One slow cycle is counted and nothing else. What matters is how many there were in the last second; the numbers are
-//! in the process table. A process that is slow because it is given no CPU is told from one that needs too much: the
-//! first is not replaced, its replacement would wait for the same CPU and would have to start besides.
+//! in the process table. A process that is slow because it is given no CPU is distinguished from one that needs too
+//! much: the first is not replaced, its replacement would wait for the same CPU and would have to start besides.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::health::Heartbeat;
@@ -18,16 +18,16 @@ const HEARTBEATS: usize = 32;
 /// What so many misses within [`WINDOW_S`] lead to; 0 = never.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SlowRule {
-    /// The pilot is told.
+    /// It is reported to the pilot.
     pub event: u32,
-    /// The process counts as degraded, and the heartbeat to the autopilot says so.
+    /// The process counts as degraded, and the heartbeat to the autopilot reports it.
     pub degrade: u32,
     /// The process is replaced.
     pub replace: u32,
 }
 
 impl Default for SlowRule {
-    /// A cycle in 30 Hz or 10 Hz that is late now and then is none of the pilot's business; half of all cycles of a
+    /// A cycle in 30 Hz or 10 Hz that is late now and then is not reported to the pilot; half of all cycles of a
     /// 10 Hz service are; all of them mean that it does not work.
     fn default() -> Self {
         Self {
@@ -40,11 +40,11 @@ impl Default for SlowRule {
 
 /// How slow a process is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Grade {
+pub enum SlownessLevel {
     /// Not.
     #[default]
     Fine,
-    /// The pilot is to be told.
+    /// To be reported to the pilot.
     Event,
     /// It counts as degraded.
     Degraded,
@@ -56,12 +56,12 @@ pub enum Grade {
 #[derive(Clone, Debug, Default)]
 pub struct Slowness {
     beats: VecDeque<(Timestamp, u64, u32)>,
-    grade: Grade,
+    grade: SlownessLevel,
 }
 
 impl Slowness {
     /// Takes a heartbeat.
-    pub fn heard(&mut self, heartbeat: &Heartbeat, time: Timestamp) {
+    pub fn on_heartbeat(&mut self, heartbeat: &Heartbeat, time: Timestamp) {
         if self.beats.len() == HEARTBEATS {
             self.beats.pop_front();
         }
@@ -97,17 +97,17 @@ impl Slowness {
     }
 
     /// Judges by `rule`; the answer is a grade that is new and higher than before.
-    pub fn judge(&mut self, rule: &SlowRule) -> Option<Grade> {
+    pub fn judge(&mut self, rule: &SlowRule) -> Option<SlownessLevel> {
         let misses = self.misses();
         let reaches = |limit: u32| limit > 0 && misses >= limit;
         let grade = if reaches(rule.replace) && self.is_busy() {
-            Grade::Replace
+            SlownessLevel::Replace
         } else if reaches(rule.degrade) {
-            Grade::Degraded
+            SlownessLevel::Degraded
         } else if reaches(rule.event) {
-            Grade::Event
+            SlownessLevel::Event
         } else {
-            Grade::Fine
+            SlownessLevel::Fine
         };
         let rises = grade > self.grade;
         self.grade = grade;
@@ -116,18 +116,18 @@ impl Slowness {
 
     /// Whether it counts as degraded.
     pub fn is_degraded(&self) -> bool {
-        self.grade >= Grade::Degraded
+        self.grade >= SlownessLevel::Degraded
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Grade, SlowRule, Slowness};
+    use super::{SlowRule, Slowness, SlownessLevel};
     use jink_shared_types::Timestamp;
     use jink_shared_types::health::Heartbeat;
 
     /// Heartbeats every 50 ms, in each of which `misses` more cycles were late and `cpu_ms` more were used.
-    fn live(slowness: &mut Slowness, from: u32, beats: u32, misses: f64, cpu_ms: u32) -> Vec<Grade> {
+    fn live(slowness: &mut Slowness, from: u32, beats: u32, misses: f64, cpu_ms: u32) -> Vec<SlownessLevel> {
         let rule = SlowRule::default();
         (from..from + beats)
             .filter_map(|beat| {
@@ -136,17 +136,24 @@ mod tests {
                     cpu_ms: beat * cpu_ms,
                     ..Heartbeat::default()
                 };
-                slowness.heard(&heartbeat, Timestamp::from_seconds(10.0 + f64::from(beat) * 0.05));
+                slowness.on_heartbeat(&heartbeat, Timestamp::from_seconds(10.0 + f64::from(beat) * 0.05));
                 slowness.judge(&rule)
             })
             .collect()
     }
 
     #[test]
-    fn a_busy_process_that_misses_all_its_cycles_is_told_degraded_and_replaced_in_this_order() {
+    fn a_busy_process_that_misses_all_its_cycles_is_reported_degraded_and_replaced_in_this_order() {
         let mut slowness = Slowness::default();
         let grades = live(&mut slowness, 0, 40, 0.5, 45);
-        assert_eq!(grades, [Grade::Event, Grade::Degraded, Grade::Replace]);
+        assert_eq!(
+            grades,
+            [
+                SlownessLevel::Event,
+                SlownessLevel::Degraded,
+                SlownessLevel::Replace
+            ]
+        );
         assert!(slowness.is_degraded());
     }
 
@@ -155,15 +162,15 @@ mod tests {
         let mut slowness = Slowness::default();
         assert_eq!(
             live(&mut slowness, 0, 40, 0.5, 5),
-            [Grade::Event, Grade::Degraded]
+            [SlownessLevel::Event, SlownessLevel::Degraded]
         );
     }
 
     #[test]
-    fn a_miss_now_and_then_is_nobodys_business_and_recovery_is_noticed() {
+    fn a_miss_now_and_then_is_not_reported_and_recovery_is_noticed() {
         let mut slowness = Slowness::default();
         assert_eq!(live(&mut slowness, 0, 400, 0.05, 45), []);
-        assert_eq!(live(&mut slowness, 400, 40, 0.5, 45), [Grade::Replace]);
+        assert_eq!(live(&mut slowness, 400, 40, 0.5, 45), [SlownessLevel::Replace]);
         live(&mut slowness, 440, 40, 0.0, 45);
         assert!(!slowness.is_degraded());
     }

@@ -1,24 +1,24 @@
 //! The state machine: what was observed in, what to do out. It holds no handle and reads no clock.
 //!
-//! * Start: in table order, the next process as soon as the essential one before it has been heard or its grace is
-//!   over. An essential process that says it cannot start while the system is coming up ends the whole start: a wrong
-//!   configuration is shown to whoever starts the system, not retried.
-//! * Death: restart by [`crate::policy`]; what the dead left in shared memory is removed only after its replacement has been
-//!   started, because removing takes longer than starting.
-//! * Hang: silence longer than the row allows is answered with SIGKILL, unless the process wants to run and cannot, or its core
-//!   stands still. A supervisor that was itself not running for a
-//!   while judges nobody until everybody had time for a heartbeat.
+//! * Start: in table order, the next process as soon as the essential one before it has sent a heartbeat or its grace
+//!   is over. An essential process that reports that it cannot start while the system is coming up ends the whole
+//!   start: a wrong configuration is shown to the user at once, not retried.
+//! * Death: restart by [`crate::policy`]; what the dead left in shared memory is removed only after its replacement has
+//!   been started, because removing takes longer than starting.
+//! * Hang: silence longer than the row allows is answered with SIGKILL, unless the process wants to run and cannot, or
+//!   its core stands still. A supervisor that was itself not running for a while judges no process until each had time
+//!   for a heartbeat.
 //! * Stop: in reverse order, one at a time, SIGTERM and after a second SIGKILL.
 
 mod exchange;
-mod second;
+mod second_instance;
 
 use crate::health::{Announcer, judge};
-use crate::policy::Verdict;
-use crate::process::{Life, Process};
-use crate::shadow::{Refusal, Shadow};
-use crate::slowness::{Grade, WINDOW_S};
-use crate::table::{OnFailure, Rules};
+use crate::policy::RestartDecision;
+use crate::process::{Process, RunState};
+use crate::shadow::{Shadow, SwapRefusal};
+use crate::slowness::{SlownessLevel, WINDOW_S};
+use crate::table::{OnFailure, ProcessRules};
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
 use jink_runtime::service::EXIT_CANNOT_START;
 use jink_shared_types::coded::Coded;
@@ -27,34 +27,34 @@ use jink_shared_types::health::{
     Health, Heartbeat, PROCESSES, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
 };
 use jink_shared_types::{STAGE_NAMES, Timestamp};
-use second::Second;
+use second_instance::SecondInstance;
 
 pub use crate::process::{Adopted, Exit};
-pub use exchange::{Action, Doing, End, Observation};
+pub use exchange::{Action, End, Observation, ProcessActivity};
 
 /// From SIGTERM to SIGKILL (s): a service leaves its loop within a cycle, which is two orders of magnitude less.
 const PATIENCE_S: f64 = 1.0;
-/// How often a process that is starting is looked at (s): bounds how late the next one starts and a recovery is seen.
+/// How often a process that is starting is checked (s): bounds how late the next one starts and a recovery is seen.
 const LOOK_S: f64 = 0.01;
-/// A silent process that could run is starved if it has used less than this share of the time it may be silent: whoever
-/// loops without an end uses nearly all of it.
+/// A silent process that could run is starved if it has used less than this share of the time it may be silent: an
+/// endless loop uses nearly all of it.
 const STARVED_SHARE: f64 = 0.5;
-/// Starving is believed for this many times the silence allowed: at 100 ms a second and a half, within which a committed
-/// trajectory is still far from its end. Then the process is replaced after all.
+/// Starvation is accepted as the cause for this many times the silence allowed: at 100 ms a second and a half, within
+/// which a committed trajectory is still far from its end. Then the process is replaced after all.
 const STARVED_TIMES: f64 = 15.0;
-/// A sleeping process is believed to wait for a late timer for this many times the silence allowed: on a virtual machine
-/// one processor may stand still for 200 ms and every timer on it with it.
+/// A late timer is accepted as the cause of a sleeping process's silence for this many times the silence allowed: on a
+/// virtual machine one processor may stand still for 200 ms and every timer on it with it.
 const SLEEPING_TIMES: f64 = 2.5;
-/// How long one look at a silent process excuses its silence (s): it may have been stopped right after, and the first look
-/// finds out nothing yet about its core.
+/// How long one inspection of a silent process excuses its silence (s): it may have been stopped right after, and the
+/// first one finds out nothing yet about its core.
 const EXCUSE_S: f64 = 0.005;
-/// So many outputs over their end-to-end budget since the last word about it are worth a word.
+/// Late outputs are reported when so many are over their end-to-end budget since the last report.
 const LATE_MIN: u64 = 3;
-/// Between two words about late outputs of one process (s).
+/// Least time between two reports of late outputs of one process (s).
 const LATE_TOLD_AGAIN_S: f64 = 5.0;
-/// How long an adopted process is waited for before the status says that it is missing (s): three heartbeats.
+/// How long an adopted process is waited for before the status reports it missing (s): three heartbeats.
 const SETTLING_S: f64 = 0.15;
-/// A wake-up this much later than planned says that the whole machine stood still, not that a process hangs (s).
+/// A wake-up this much later than planned means that the whole machine stood still, not that a process hangs (s).
 const STALL_S: f64 = 0.02;
 
 /// The state machine over all processes.
@@ -63,9 +63,9 @@ pub struct Supervision {
     started: Timestamp,
     pid: u32,
     processes: Vec<Process>,
-    seconds: Vec<Second>,
+    second_instances: Vec<SecondInstance>,
     stopping: Option<End>,
-    /// Second instances are still to be told to end.
+    /// Second instances are still to be ended.
     ending_seconds: bool,
     ended: bool,
     up: bool,
@@ -82,13 +82,13 @@ pub struct Supervision {
 impl Supervision {
     /// A system of the given processes, in start order, none of them started; `pid` is the supervisor's own.
     /// Processes beyond [`PROCESSES`] are left out (the table refuses them).
-    pub fn new(rules: impl IntoIterator<Item = Rules>, now: Timestamp, pid: u32) -> Self {
+    pub fn new(rules: impl IntoIterator<Item = ProcessRules>, now: Timestamp, pid: u32) -> Self {
         let processes: Vec<Process> = rules.into_iter().take(PROCESSES).map(Process::new).collect();
         Self {
             started: now,
             pid,
             shown: Vec::with_capacity(processes.len()),
-            seconds: vec![Second::default(); processes.len()],
+            second_instances: vec![SecondInstance::default(); processes.len()],
             processes,
             stopping: None,
             ending_seconds: false,
@@ -111,8 +111,8 @@ impl Supervision {
         }
     }
 
-    /// Whether the status should wait: of adopted processes some have not been heard for the first time. Readers have the status of
-    /// the supervisor before meanwhile, and that is not stale yet.
+    /// Whether the status should wait: some adopted processes have not sent a heartbeat to this supervisor yet. Readers
+    /// have the status of the supervisor before meanwhile, and that is not stale yet.
     pub fn is_settling(&self, now: Timestamp) -> bool {
         let is_new = self
             .adopted_at
@@ -120,7 +120,7 @@ impl Supervision {
         is_new && self.stopping.is_none() && self.processes.iter().any(Process::is_awaited)
     }
 
-    /// What whoever comes after this supervisor must know of process `index`, if it runs.
+    /// What the next supervisor must know of process `index`, if it runs.
     pub fn adoptable(&self, index: usize) -> Option<Adopted> {
         self.processes.get(index)?.as_adoptable()
     }
@@ -137,9 +137,9 @@ impl Supervision {
         for observation in observations {
             self.observe(now, observation, actions);
         }
-        self.kill_the_stubborn(now, actions);
+        self.kill_unresponsive(now, actions);
         if std::mem::take(&mut self.ending_seconds) {
-            self.end_seconds(actions);
+            self.end_second_instances(actions);
         }
         if self.stopping.is_some() {
             self.stop_next(now, actions);
@@ -148,9 +148,9 @@ impl Supervision {
             self.judge_slowness(now, actions);
             self.judge_lateness(now, actions);
             self.start_due(now, actions);
-            self.step_seconds(now, actions);
+            self.step_second_instances(now, actions);
         }
-        self.remove_remains(actions);
+        self.clean_up_stale(actions);
         let changed = self.refresh(now, actions);
         self.expected = self.next_wake(now);
         changed
@@ -158,17 +158,22 @@ impl Supervision {
 
     /// When the machine wants to be stepped at the latest, if nothing is observed.
     pub fn next_wake(&self, now: Timestamp) -> Timestamp {
-        let of_processes = self.processes.iter().filter_map(|process| match process.life {
-            Life::Running if process.in_loop() => Some(process.suspicious_from().max(self.judge_from)),
-            Life::Running => Some(now.plus_seconds(LOOK_S)),
-            Life::Ending { kill_at, .. } => kill_at,
-            Life::Resting { until } => Some(until),
-            Life::Waiting | Life::Down | Life::Failed => None,
-        });
+        let of_processes = self
+            .processes
+            .iter()
+            .filter_map(|process| match process.run_state {
+                RunState::Running if process.in_loop() => {
+                    Some(process.suspicious_from().max(self.judge_from))
+                }
+                RunState::Running => Some(now.plus_seconds(LOOK_S)),
+                RunState::Ending { kill_at, .. } => kill_at,
+                RunState::Resting { until } => Some(until),
+                RunState::Waiting | RunState::Down | RunState::Failed => None,
+            });
         let never = Timestamp::from_ns(u64::MAX);
         of_processes
             .chain(self.announcer.due())
-            .chain(self.seconds_wake(now))
+            .chain(self.second_instances_wake(now))
             .min()
             .unwrap_or(never)
     }
@@ -205,7 +210,7 @@ impl Supervision {
             .processes
             .iter_mut()
             .zip(&self.processes)
-            .zip(&self.seconds);
+            .zip(&self.second_instances);
         for ((slot, process), second) in slots {
             *slot = process.status(self.stopping.is_some());
             if let Some(shadow) = &second.shadow {
@@ -229,29 +234,36 @@ impl Supervision {
                 heartbeat,
                 time,
             } => {
-                let shadow = self.seconds.get_mut(process).and_then(|one| one.shadow.as_mut());
-                if shadow.is_some_and(|shadow| shadow.heard(&heartbeat, time)) {
+                let shadow = self
+                    .second_instances
+                    .get_mut(process)
+                    .and_then(|one| one.shadow.as_mut());
+                if shadow.is_some_and(|shadow| shadow.on_heartbeat(&heartbeat, time)) {
                     return;
                 }
                 if let Some(process) = self.processes.get_mut(process)
-                    && let Some(missing_s) = process.heard(&heartbeat, time)
+                    && let Some(missing_s) = process.on_heartbeat(&heartbeat, time)
                 {
                     raise(actions, &events::PROCESS_RESTARTED, process, missing_s);
                 }
             }
-            Observation::Examined {
+            Observation::Inspected {
                 process,
-                doing,
+                activity,
                 cpu_s,
                 core_runs,
             } => {
                 // What a process does on a core that stands still is what it did when the core stopped.
-                let doing = (core_runs || doing == Doing::Stopped).then_some(doing);
-                self.examined(now, process, doing, cpu_s, actions);
+                let activity = (core_runs || activity == ProcessActivity::Stopped).then_some(activity);
+                self.inspected(now, process, activity, cpu_s, actions);
             }
             Observation::Died { process, exit } => self.died(now, process, exit, actions),
             Observation::ShadowSpawned { process, pid } => {
-                if let Some(shadow) = self.seconds.get_mut(process).and_then(|one| one.shadow.as_mut()) {
+                if let Some(shadow) = self
+                    .second_instances
+                    .get_mut(process)
+                    .and_then(|one| one.shadow.as_mut())
+                {
                     shadow.pid = pid;
                 }
             }
@@ -269,7 +281,7 @@ impl Supervision {
     /// Whether process `index` is down for good: stopped on request, or given up.
     pub fn is_down(&self, index: usize) -> bool {
         let process = self.processes.get(index);
-        process.is_some_and(|process| matches!(process.life, Life::Down | Life::Failed))
+        process.is_some_and(|process| matches!(process.run_state, RunState::Down | RunState::Failed))
     }
 
     fn restart_requested(&mut self, now: Timestamp, index: usize, actions: &mut Vec<Action>) {
@@ -277,10 +289,12 @@ impl Supervision {
             return;
         };
         process.reason = ReplaceReason::Asked;
-        match process.life {
-            Life::Running => end_to_start_again(process, index, now, actions),
-            Life::Resting { .. } | Life::Down | Life::Failed => process.life = Life::Resting { until: now },
-            Life::Waiting | Life::Ending { .. } => {}
+        match process.run_state {
+            RunState::Running => end_to_start_again(process, index, now, actions),
+            RunState::Resting { .. } | RunState::Down | RunState::Failed => {
+                process.run_state = RunState::Resting { until: now }
+            }
+            RunState::Waiting | RunState::Ending { .. } => {}
         }
     }
 
@@ -288,19 +302,19 @@ impl Supervision {
         if self.processes.get(index).is_none() {
             return;
         }
-        self.end_second_of(index, Refusal::Stopping, actions);
+        self.end_second_of(index, SwapRefusal::Stopping, actions);
         let process = &mut self.processes[index];
         process.reason = ReplaceReason::Asked;
-        match process.life {
-            Life::Running => terminate(process, index, now, actions),
-            Life::Ending { kill_at, .. } => {
-                process.life = Life::Ending {
+        match process.run_state {
+            RunState::Running => terminate(process, index, now, actions),
+            RunState::Ending { kill_at, .. } => {
+                process.run_state = RunState::Ending {
                     kill_at,
                     for_good: true,
                 };
             }
-            Life::Waiting | Life::Resting { .. } => process.life = Life::Down,
-            Life::Down | Life::Failed => {}
+            RunState::Waiting | RunState::Resting { .. } => process.run_state = RunState::Down,
+            RunState::Down | RunState::Failed => {}
         }
     }
 
@@ -310,12 +324,12 @@ impl Supervision {
             return;
         };
         process.end(exit);
-        let for_good = matches!(process.life, Life::Ending { for_good: true, .. });
+        let for_good = matches!(process.run_state, RunState::Ending { for_good: true, .. });
         if stopping || for_good {
-            process.life = Life::Down;
+            process.run_state = RunState::Down;
             return;
         }
-        let asked = matches!(process.life, Life::Ending { .. });
+        let asked = matches!(process.run_state, RunState::Ending { .. });
         process.missing_since.get_or_insert(now);
         if !asked {
             process.reason = ReplaceReason::Died;
@@ -327,13 +341,13 @@ impl Supervision {
             return;
         };
         if asked && matches!(process.reason, ReplaceReason::Asked | ReplaceReason::Swapped) {
-            process.life = Life::Resting { until: now };
+            process.run_state = RunState::Resting { until: now };
             return;
         }
         let lived_s = now.seconds_since(process.started);
         let cannot_start = exit == Exit::Code(EXIT_CANNOT_START) && lived_s < process.rules.start_grace_s;
         if cannot_start && coming_up && process.rules.essential {
-            process.life = Life::Failed;
+            process.run_state = RunState::Failed;
             self.begin_stop(End::CannotStart { process: index });
             return;
         }
@@ -341,13 +355,13 @@ impl Supervision {
             .history
             .died(&process.rules.restart, now, lived_s, cannot_start)
         {
-            Verdict::RestartAfter(delay_s) => {
-                process.life = Life::Resting {
+            RestartDecision::RestartAfter(delay_s) => {
+                process.run_state = RunState::Resting {
                     until: now.plus_seconds(delay_s),
                 };
             }
-            Verdict::GiveUp => {
-                process.life = Life::Failed;
+            RestartDecision::GiveUp => {
+                process.run_state = RunState::Failed;
                 raise(actions, &events::PROCESS_FAILED, process, 0.0);
                 match process.rules.on_failure {
                     OnFailure::Hold | OnFailure::Ignore => {}
@@ -365,8 +379,8 @@ impl Supervision {
         self.stopping = Some(end);
         self.ending_seconds = true;
         for process in &mut self.processes {
-            if matches!(process.life, Life::Waiting | Life::Resting { .. }) {
-                process.life = Life::Down;
+            if matches!(process.run_state, RunState::Waiting | RunState::Resting { .. }) {
+                process.run_state = RunState::Down;
             }
         }
     }
@@ -377,29 +391,29 @@ impl Supervision {
             if !process.rules.is_output {
                 continue;
             }
-            match process.life {
-                Life::Running => terminate(process, index, now, actions),
-                Life::Ending { kill_at, .. } => {
-                    process.life = Life::Ending {
+            match process.run_state {
+                RunState::Running => terminate(process, index, now, actions),
+                RunState::Ending { kill_at, .. } => {
+                    process.run_state = RunState::Ending {
                         kill_at,
                         for_good: true,
                     };
                 }
-                Life::Waiting | Life::Resting { .. } => process.life = Life::Down,
-                Life::Down | Life::Failed => {}
+                RunState::Waiting | RunState::Resting { .. } => process.run_state = RunState::Down,
+                RunState::Down | RunState::Failed => {}
             }
         }
     }
 
-    fn kill_the_stubborn(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
+    fn kill_unresponsive(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
         for (index, process) in self.processes.iter_mut().enumerate() {
-            if let Life::Ending {
+            if let RunState::Ending {
                 kill_at: Some(at),
                 for_good,
-            } = process.life
+            } = process.run_state
                 && now >= at
             {
-                process.life = Life::Ending {
+                process.run_state = RunState::Ending {
                     kill_at: None,
                     for_good,
                 };
@@ -414,12 +428,12 @@ impl Supervision {
         match (last_alive, self.stopping) {
             (Some(index), _) => {
                 let process = &mut self.processes[index];
-                if process.life == Life::Running {
+                if process.run_state == RunState::Running {
                     terminate(process, index, now, actions);
                 }
             }
             // Second instances have been killed: their deaths come by themselves.
-            (None, Some(_)) if self.seconds.iter().any(|second| second.shadow.is_some()) => {}
+            (None, Some(_)) if self.second_instances.iter().any(|second| second.shadow.is_some()) => {}
             (None, Some(end)) => {
                 self.ended = true;
                 actions.push(Action::End(end));
@@ -431,7 +445,7 @@ impl Supervision {
     /// Cycles over budget, graded by the process's own rule.
     fn judge_slowness(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
         for (index, process) in self.processes.iter_mut().enumerate() {
-            if process.life != Life::Running || !process.in_loop() {
+            if process.run_state != RunState::Running || !process.in_loop() {
                 continue;
             }
             let misses = process.slowness.misses();
@@ -440,13 +454,11 @@ impl Supervision {
             };
             let numbers = [f64::from(misses), WINDOW_S];
             match grade {
-                Grade::Fine => {}
-                Grade::Event | Grade::Degraded => actions.push(Action::Raise(EventSample::new(
-                    &events::PROCESS_SLOW,
-                    &process.rules.name,
-                    numbers,
-                ))),
-                Grade::Replace => {
+                SlownessLevel::Fine => {}
+                SlownessLevel::Event | SlownessLevel::Degraded => actions.push(Action::PublishEvent(
+                    EventSample::new(&events::PROCESS_SLOW, &process.rules.name, numbers),
+                )),
+                SlownessLevel::Replace => {
                     raise(actions, &events::PROCESS_TOO_SLOW, process, 0.0);
                     kill_for_replacement(now, index, process, ReplaceReason::Slow, actions);
                 }
@@ -454,7 +466,7 @@ impl Supervision {
         }
     }
 
-    /// Outputs older than their end-to-end budget: told with the stage that took most, at most once in a while.
+    /// Outputs older than their end-to-end budget: reported with the stage that took most, at most once in a while.
     fn judge_lateness(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
         for process in &mut self.processes {
             let beat = process.heartbeat();
@@ -464,10 +476,10 @@ impl Supervision {
             if now.seconds_since(process.late_told) < LATE_TOLD_AGAIN_S || late < LATE_MIN {
                 continue;
             }
-            process.told_late(now, beat.late_outputs);
+            process.late_reported(now, beat.late_outputs);
             let stage = STAGE_NAMES.get(usize::from(beat.late_stage)).unwrap_or(&"");
             let numbers = [beat.late_stage_us, beat.late_us].map(|us| (f64::from(us) * 1e-3).round());
-            actions.push(Action::Raise(EventSample::new(
+            actions.push(Action::PublishEvent(EventSample::new(
                 &events::OUTPUT_LATE,
                 stage,
                 numbers,
@@ -479,7 +491,8 @@ impl Supervision {
         if now < self.judge_from {
             return;
         }
-        let silent = |process: &Process| process.life == Life::Running && now > process.suspicious_from();
+        let silent =
+            |process: &Process| process.run_state == RunState::Running && now > process.suspicious_from();
         let in_loops = self.processes.iter().filter(|process| process.in_loop()).count();
         let silent_in_loops = self
             .processes
@@ -496,16 +509,16 @@ impl Supervision {
             if machine && process.in_loop() && silence_s < STARVED_TIMES * process.silence_limit_s() {
                 process.excused_until = now.plus_seconds(EXCUSE_S);
             } else {
-                actions.push(Action::Examine { process: index });
+                actions.push(Action::Inspect { process: index });
             }
         }
     }
 
-    fn examined(
+    fn inspected(
         &mut self,
         now: Timestamp,
         index: usize,
-        doing: Option<Doing>,
+        activity: Option<ProcessActivity>,
         cpu_s: f64,
         actions: &mut Vec<Action>,
     ) {
@@ -513,17 +526,17 @@ impl Supervision {
             return;
         };
         // A heartbeat, or its death, may have come before the answer.
-        if process.life != Life::Running || now <= process.suspicious_from() {
+        if process.run_state != RunState::Running || now <= process.suspicious_from() {
             return;
         }
         let limit_s = process.silence_limit_s();
         let silence_s = now.seconds_since(process.silent_since());
         let idle = process.cpu_since_heartbeat_s(cpu_s) < STARVED_SHARE * limit_s;
-        let excused_s = match doing {
+        let excused_s = match activity {
             None => STARVED_TIMES * limit_s,
-            Some(Doing::Runnable) if idle => STARVED_TIMES * limit_s,
-            Some(Doing::Sleeping) => SLEEPING_TIMES * limit_s,
-            Some(Doing::Runnable | Doing::Stopped) => 0.0,
+            Some(ProcessActivity::Runnable) if idle => STARVED_TIMES * limit_s,
+            Some(ProcessActivity::Sleeping) => SLEEPING_TIMES * limit_s,
+            Some(ProcessActivity::Runnable | ProcessActivity::Stopped) => 0.0,
         };
         if silence_s < excused_s {
             process.excused_until = now.plus_seconds(EXCUSE_S);
@@ -536,10 +549,10 @@ impl Supervision {
     fn start_due(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
         let mut before_lets_start = true;
         for (index, process) in self.processes.iter_mut().enumerate() {
-            let due = match process.life {
-                Life::Waiting => before_lets_start,
-                Life::Resting { until } => now >= until,
-                Life::Running | Life::Ending { .. } | Life::Down | Life::Failed => false,
+            let due = match process.run_state {
+                RunState::Waiting => before_lets_start,
+                RunState::Resting { until } => now >= until,
+                RunState::Running | RunState::Ending { .. } | RunState::Down | RunState::Failed => false,
             };
             if due {
                 process.start(now);
@@ -554,15 +567,18 @@ impl Supervision {
 
     /// Only after the replacement has been started, or when there will be none. When the whole system stops, its memory
     /// is wiped as a whole.
-    fn remove_remains(&mut self, actions: &mut Vec<Action>) {
+    fn clean_up_stale(&mut self, actions: &mut Vec<Action>) {
         let mut any = false;
-        for second in &mut self.seconds {
-            any |= second.take_remains();
+        for second in &mut self.second_instances {
+            any |= second.take_stale();
         }
         for process in &mut self.processes {
-            let settled = matches!(process.life, Life::Running | Life::Failed | Life::Down);
-            if process.left_behind && settled {
-                process.left_behind = false;
+            let settled = matches!(
+                process.run_state,
+                RunState::Running | RunState::Failed | RunState::Down
+            );
+            if process.has_stale_resources && settled {
+                process.has_stale_resources = false;
                 any = true;
             }
         }
@@ -575,7 +591,10 @@ impl Supervision {
         let stopping = self.stopping.is_some();
         let essential = || self.processes.iter().filter(|process| process.rules.essential);
         self.up |= essential().all(|process| process.was_up)
-            && self.processes.iter().all(|process| process.life != Life::Waiting);
+            && self
+                .processes
+                .iter()
+                .all(|process| process.run_state != RunState::Waiting);
         let health = if stopping {
             Health::Stopping
         } else {
@@ -589,12 +608,12 @@ impl Supervision {
             .find(|view| view.state != ServiceState::Active)
             .map_or("", |view| view.name);
         if let Some(event) = self.announcer.update(now, health, culprit) {
-            actions.push(Action::Raise(event));
+            actions.push(Action::PublishEvent(event));
         }
         let mut changed = health != self.health;
         self.health = health;
         self.was_healthy |= health == Health::Healthy;
-        for (index, (process, second)) in self.processes.iter().zip(&self.seconds).enumerate() {
+        for (index, (process, second)) in self.processes.iter().zip(&self.second_instances).enumerate() {
             let shadow = second.shadow.as_ref();
             let shown = (
                 process.state(stopping),
@@ -616,7 +635,7 @@ impl Supervision {
 }
 
 fn terminate(process: &mut Process, index: usize, now: Timestamp, actions: &mut Vec<Action>) {
-    process.life = Life::Ending {
+    process.run_state = RunState::Ending {
         kill_at: Some(now.plus_seconds(PATIENCE_S)),
         for_good: true,
     };
@@ -625,7 +644,7 @@ fn terminate(process: &mut Process, index: usize, now: Timestamp, actions: &mut 
 
 /// Asks a process to end, and starts it again at once when it has.
 fn end_to_start_again(process: &mut Process, index: usize, now: Timestamp, actions: &mut Vec<Action>) {
-    process.life = Life::Ending {
+    process.run_state = RunState::Ending {
         kill_at: Some(now.plus_seconds(PATIENCE_S)),
         for_good: false,
     };
@@ -642,7 +661,7 @@ fn kill_for_replacement(
 ) {
     process.reason = reason;
     process.missing_since.get_or_insert(now);
-    process.life = Life::Ending {
+    process.run_state = RunState::Ending {
         kill_at: None,
         for_good: false,
     };
@@ -652,7 +671,7 @@ fn kill_for_replacement(
 /// An event about a process with a duration in milliseconds.
 fn raise(actions: &mut Vec<Action>, event: &Event, process: &Process, seconds: f64) {
     let sample = EventSample::new(event, &process.rules.name, [(seconds * 1e3).round(), 0.0]);
-    actions.push(Action::Raise(sample));
+    actions.push(Action::PublishEvent(sample));
 }
 
 #[cfg(test)]

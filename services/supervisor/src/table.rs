@@ -5,27 +5,28 @@
 //! |---|---|---|
 //! | `name` | - | name in logs, status and commands; 1 to 20 lower-case letters, digits, underscores |
 //! | `program` | - | program beside the supervisor, or an absolute path |
-//! | `arguments` | `[]` | what this kind of service is told after `--` |
+//! | `arguments` | `[]` | arguments of this kind of service after `--` |
 //! | `arguments_external` | as `arguments` | the same where the autopilot is not the simulated one |
 //! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered) |
 //! | `per_sensor` | none | one process for each `[[sensor]]` of this kind that has a `device`; its name stands for `{sensor}` in `name` and `arguments` |
 //! | `publishes`, `reads` | none | topics that a process called `user_...` may use besides what is open to everybody ([`Foreign`]) |
-//! | `output` | `false` | it speaks to the autopilot: `on_failure = "stop_output"` stops it |
+//! | `output` | `false` | it sends to the autopilot: `on_failure = "stop_output"` stops it |
 //! | `essential` | `true` | the system cannot fly without it |
 //! | `cycle_budget_us` | `0` | longest cycle; 0 = none |
-//! | `end_to_end_ms` | `0` | oldest range data behind an output; older ones are told with the stage that ate the time; 0 = any |
+//! | `end_to_end_ms` | `0` | oldest range data behind an output; older ones are reported with the stage that took most of the time; 0 = any |
 //! | `slow` | `{ event = 3, degrade = 5, replace = 9 }` | what so many cycles over budget within a second lead to; 0 = never |
 //! | `shadow` | `true` | the program can run as a second instance that publishes nothing (`--shadow`); without it a swap ends the old one first |
 //! | `hot_shadow` | `false` | a second instance runs beside it and takes over when it dies |
-//! | `heartbeat_timeout_ms` | `100` | silence that counts as a hang: two heartbeat periods, so that one late beat is none |
-//! | `start_grace_ms` | `3000` | time from start to the first beat of its loop: opening devices may take that long |
+//! | `heartbeat_timeout_ms` | `100` | silence that counts as a hang: two heartbeat periods, so that one late heartbeat is none |
+//! | `start_grace_ms` | `3000` | time from start to the first heartbeat of its loop: opening devices may take that long |
 //! | `restart` | see [`RestartRule::default`] | `{ floor_ms, ceiling_ms, factor, intensity, period_s }` |
 //! | `on_failure` | `"hold"` | see [`OnFailure`] |
 //! | `core`, `priority`, `lock_memory` | none, `0`, `false` | CPU to stay on, SCHED_FIFO priority, pages kept in memory |
 //! | `log` | the supervisor's | `"error"`, `"warn"`, `"info"`, `"debug"`, `"trace"` |
 //!
 //! A `[defaults]` section may give any key but the first nine; a row wins over it. Whatever is not understood is
-//! refused with file, line and the nearest valid word. The same file declares topics of others, `[[topic]]` ([`Foreign`]).
+//! refused with file, line and the nearest valid word. The same file declares topics of others, `[[topic]]`
+//! ([`Foreign`]).
 
 mod check;
 
@@ -89,11 +90,11 @@ impl When {
 /// What happens when a process has been given up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnFailure {
-    /// The system counts as failed and everything else goes on: the committed stop is flown and the gateway keeps
+    /// The system counts as failed and everything else continues: the committed stop is flown and the gateway keeps
     /// the autopilot holding.
     Hold,
-    /// The system counts as failed and the row with `output = true` is stopped as well, so that the autopilot's own fail-safe for a
-    /// lost companion decides what happens next.
+    /// The system counts as failed and the row with `output = true` is stopped as well, so that the autopilot's own
+    /// fail-safe for a lost companion decides what happens next.
     StopOutput,
     /// Nothing: the system counts as degraded at most.
     Ignore,
@@ -103,12 +104,12 @@ pub enum OnFailure {
 
 /// One process as the state machine needs to know it.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Rules {
+pub struct ProcessRules {
     /// Name.
     pub name: String,
     /// The system cannot fly without it.
     pub essential: bool,
-    /// It speaks to the autopilot: [`OnFailure::StopOutput`] of another process stops it.
+    /// It sends to the autopilot: [`OnFailure::StopOutput`] of another process stops it.
     pub is_output: bool,
     /// Longest cycle (us); 0 = none.
     pub cycle_budget_us: u32,
@@ -134,7 +135,7 @@ pub struct Rules {
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProcessRow {
     /// What the state machine needs.
-    pub rules: Rules,
+    pub rules: ProcessRules,
     /// Program: a name beside the supervisor's own, or an absolute path.
     pub program: PathBuf,
     /// Arguments of this kind of service.
@@ -221,10 +222,12 @@ impl ProcessTable {
     }
 
     /// The rows that run in `mode`, with the arguments for it and with the full path of their programs, which must be
-    /// executable files: absolute, or in `folder`. What is there per sensor is there once for each of `sensors` that it is for.
+    /// executable files: absolute, or in `folder`. What is there per sensor is there once for each of `sensors` that it
+    /// is for.
     ///
     /// # Errors
-    /// [`ConfigError`] naming the line of the row, and the path that was tried, the name that is taken, or the output that it lacks.
+    /// [`ConfigError`] naming the line of the row, and the path that was tried, the name that is taken, or the output
+    /// that it lacks.
     pub fn select(
         &self,
         mode: Mode,
@@ -274,7 +277,7 @@ pub struct Start<'a> {
     pub log: tracing::Level,
     /// Which start of it this is.
     pub generation: u32,
-    /// It computes, but publishes nothing before the control record says so.
+    /// It computes, but publishes nothing until the control record makes it the owner.
     pub is_shadow: bool,
 }
 
@@ -338,8 +341,8 @@ impl ProcessRow {
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 struct File {
-    defaults: Written,
-    process: Vec<Spanned<Written>>,
+    defaults: WrittenRow,
+    process: Vec<Spanned<WrittenRow>>,
     /// Read by [`Foreign`].
     #[serde(rename = "topic")]
     _topics: Vec<IgnoredAny>,
@@ -348,7 +351,7 @@ struct File {
 /// A row, or the defaults, as written.
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-struct Written {
+struct WrittenRow {
     name: Option<Spanned<String>>,
     program: Option<Spanned<String>>,
     arguments: Option<Spanned<Vec<String>>>,
@@ -396,8 +399,8 @@ struct WrittenRestart {
 /// Makes an error of a place in the file and a sentence.
 type At<'a> = dyn Fn(usize, String) -> ConfigError + 'a;
 
-impl Written {
-    fn name_offset(&self, row: &Spanned<Written>) -> usize {
+impl WrittenRow {
+    fn name_offset(&self, row: &Spanned<WrittenRow>) -> usize {
         self.name
             .as_ref()
             .map_or(row.span().start, |name| name.span().start)

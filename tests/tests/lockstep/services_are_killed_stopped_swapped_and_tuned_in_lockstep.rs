@@ -5,7 +5,7 @@ use jink_emulated_ground_station::Outcome;
 use jink_shared_types::events;
 use jink_shared_types::health::Health;
 use jink_shared_types::vehicle::NavMode;
-use jink_supervisor::shadow::SwapNews;
+use jink_supervisor::shadow::SwapProgress;
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
@@ -121,7 +121,7 @@ pub fn swap_flights() -> Flights {
                     }
                 });
                 let news: Vec<_> = flight.board().swap_news.iter().map(|(_, news)| *news).collect();
-                let done = news.iter().filter(|news| **news == SwapNews::Done).count();
+                let done = news.iter().filter(|news| **news == SwapProgress::Done).count();
                 println!(
                     "{service}: {done} swaps, largest gap between setpoints {:.0} ms",
                     flight.truth().setpoint_gap_max_s * 1e3

@@ -21,7 +21,7 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
 /// Between two attempts, and between two heartbeats (s).
 const PERIOD_S: f64 = 1.0;
-/// SilenceMonitor (s) after which a sensor is set up anew.
+/// Silence (s) after which a sensor is set up anew.
 const SILENCE_S: f64 = 1.0;
 /// Longest message that is sent.
 const MESSAGE_BYTES: usize = 64;

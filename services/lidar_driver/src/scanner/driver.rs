@@ -15,7 +15,7 @@ use jink_shared_types::Timestamp;
 
 /// Bits of a byte on the line: a start and a stop bit besides its own eight.
 const BITS_PER_BYTE: f64 = 10.0;
-/// SilenceMonitor (s) after which a scanner is set up anew.
+/// Silence (s) after which a scanner is set up anew.
 const SILENCE_S: f64 = 1.0;
 
 #[derive(Clone, Debug)]

@@ -59,7 +59,7 @@ const RESET_PAUSE_S: f64 = 2.0;
 
 /// What the bytes after a descriptor are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Mode {
+enum ScanMode {
     Descriptor,
     Health,
     Samples,
@@ -70,7 +70,7 @@ enum Mode {
 #[derive(Clone, Debug)]
 pub struct Rplidar {
     window: SlidingWindow,
-    mode: Mode,
+    mode: ScanMode,
     /// The capsule before, and when it ended.
     before: Option<([u8; CAPSULE_BYTES], Timestamp)>,
     /// How far the capsule before turned (1/64 deg): one that turns much farther has lost its neighbour.
@@ -83,7 +83,7 @@ impl Default for Rplidar {
     fn default() -> Self {
         Self {
             window: SlidingWindow::EMPTY,
-            mode: Mode::Descriptor,
+            mode: ScanMode::Descriptor,
             before: None,
             span_q6: None,
             tally: SampleCounts::default(),
@@ -104,7 +104,7 @@ impl Rplidar {
     /// The line was interrupted, or the scanner set up anew: an answer begins with its descriptor.
     pub fn interrupted(&mut self) {
         self.window = SlidingWindow::EMPTY;
-        self.mode = Mode::Descriptor;
+        self.mode = ScanMode::Descriptor;
         self.before = None;
     }
 
@@ -143,15 +143,15 @@ impl Rplidar {
         let window = self.window;
         let bytes = window.bytes();
         match self.mode {
-            Mode::Descriptor => self.descriptor(bytes),
-            Mode::Health if bytes.len() < HEALTH.1 as usize => Head::TooFew,
-            Mode::Health => {
+            ScanMode::Descriptor => self.descriptor(bytes),
+            ScanMode::Health if bytes.len() < HEALTH.1 as usize => Head::TooFew,
+            ScanMode::Health => {
                 self.protection_stop |= bytes[0] == PROTECTION_STOP;
-                self.mode = Mode::Descriptor;
+                self.mode = ScanMode::Descriptor;
                 Head::Frame(HEALTH.1 as usize)
             }
-            Mode::Samples => self.sample(bytes, end, sink),
-            Mode::Capsules { dense } => self.capsule(bytes, end, dense, sink),
+            ScanMode::Samples => self.sample(bytes, end, sink),
+            ScanMode::Capsules { dense } => self.capsule(bytes, end, dense, sink),
         }
     }
 
@@ -165,10 +165,10 @@ impl Rplidar {
         // Thirty bits of length, two for one response or many.
         let length = u32::from_le_bytes([bytes[2], bytes[3], bytes[4], bytes[5]]) & 0x3FFF_FFFF;
         self.mode = match (bytes[6], length) {
-            HEALTH => Mode::Health,
-            SAMPLE => Mode::Samples,
-            CAPSULE => Mode::Capsules { dense: false },
-            DENSE => Mode::Capsules { dense: true },
+            HEALTH => ScanMode::Health,
+            SAMPLE => ScanMode::Samples,
+            CAPSULE => ScanMode::Capsules { dense: false },
+            DENSE => ScanMode::Capsules { dense: true },
             _ => return Head::Nothing,
         };
         Head::Frame(DESCRIPTOR_BYTES)

@@ -1,17 +1,17 @@
 //! Starting processes, signalling them, and learning that they have ended.
 //!
-//! A process is started ahead of ordinary programs, where this is permitted: a replacement that waits for a turn of
-//! the scheduler at every step takes twice as long. It gives that up after its first cycle, and loses it if it takes longer than
-//! a start should. Candidates of a swap are in no hurry, and nothing is known about them: they never have it.
+//! A process is started ahead of ordinary programs, where this is permitted: a replacement that waits for a turn of the
+//! scheduler at every step takes twice as long. It gives that up after its first cycle, and loses it if it takes longer
+//! than a start should. Candidates of a swap are in no hurry, and nothing is known about them: they never have it.
 
 use super::cores::Cores;
 use super::log_file::LogFile;
-use super::record::{Entry, Record};
+use super::record::{ProcessRecord, RecordEntry};
 use jink_runtime::Instance;
 use jink_runtime::procfs::ProcessStat;
 use jink_runtime::realtime::{STARTING_PRIORITY, Scheduling, schedule};
 use jink_shared_types::Timestamp;
-use jink_supervisor::supervision::{Adopted, Doing, Exit, Observation};
+use jink_supervisor::supervision::{Adopted, Exit, Observation, ProcessActivity};
 use jink_supervisor::table::{ProcessRow, Start};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, pidfd_open, pidfd_send_signal, waitpid};
@@ -28,7 +28,7 @@ const AHEAD_S: f64 = 0.05;
 /// SCHED_FIFO priority of the supervisor: above the processes that it starts.
 const OWN_PRIORITY: u8 = STARTING_PRIORITY + 1;
 
-/// What every process is told.
+/// The arguments of every process.
 #[derive(Clone, Debug)]
 pub struct Launch {
     instance: Instance,
@@ -55,7 +55,7 @@ impl Launch {
             generation,
             is_shadow: shadow,
         }));
-        // The service manager's socket is the supervisor's: a child that spoke to it would speak for the whole system.
+        // The service manager's socket is the supervisor's: a child that wrote to it would report for the whole system.
         for variable in ["NOTIFY_SOCKET", "WATCHDOG_USEC", "WATCHDOG_PID"] {
             command.env_remove(variable);
         }
@@ -68,7 +68,7 @@ impl Launch {
 /// A process that runs: a child, or one that an earlier supervisor has started.
 struct Running {
     pid: u32,
-    /// `None`: not ours, so how it ended cannot be learnt.
+    /// `None`: not our child, so how it ended is not known.
     child: Option<Child>,
     handle: OwnedFd,
     /// It has been started ahead of others, until then.
@@ -99,7 +99,7 @@ struct Slot {
     shadow_log: LogFile,
     running: Option<Running>,
     shadow: Option<Running>,
-    /// The program of a swap that was asked for.
+    /// The program of a requested swap.
     staged: Option<PathBuf>,
 }
 
@@ -107,13 +107,13 @@ struct Slot {
 pub struct Children {
     launch: Launch,
     slots: Vec<Slot>,
-    record: Record,
+    record: ProcessRecord,
     cores: Cores,
 }
 
 impl Children {
     /// None of them started.
-    pub fn new(launch: Launch, rows: Vec<ProcessRow>, record: Record) -> Self {
+    pub fn new(launch: Launch, rows: Vec<ProcessRow>, record: ProcessRecord) -> Self {
         let slots = rows
             .into_iter()
             .map(|row| Slot {
@@ -151,7 +151,7 @@ impl Children {
             if running.ahead_until.is_some_and(|until| now >= until) {
                 running.ahead_until = None;
                 // It may have ended meanwhile.
-                let _gone_already = schedule(running.pid, Scheduling::Ordinary);
+                let _ = schedule(running.pid, Scheduling::Ordinary);
             }
         }
     }
@@ -168,7 +168,7 @@ impl Children {
             priority => priority,
         };
         // Where this is refused it starts like any other program.
-        let _not_permitted = schedule(0, Scheduling::Fifo(ahead));
+        let _ = schedule(0, Scheduling::Fifo(ahead));
         let started = start(command, &mut slot.log);
         Self::hurry(true);
         match started {
@@ -201,7 +201,7 @@ impl Children {
         let program = staged.unwrap_or(&slot.row.program).clone();
         let command = self.launch.command(&slot.row, &program, generation, true);
         let name = &slot.row.rules.name;
-        // Its log is its own, so that its last words are told from those of the owner.
+        // Its log is its own, so that its last lines are not mixed with those of the owner.
         match start(command, &mut slot.shadow_log) {
             Ok(running) => {
                 let pid = running.pid;
@@ -275,14 +275,14 @@ impl Children {
     pub fn signal(&self, index: usize, signal: Signal) {
         if let Some(running) = self.slots.get(index).and_then(|slot| slot.running.as_ref()) {
             // It may have ended meanwhile; then that is what will be observed.
-            let _gone_already = pidfd_send_signal(&running.handle, signal);
+            let _ = pidfd_send_signal(&running.handle, signal);
         }
     }
 
     /// Kills the second instance of process `index`, if it runs.
     pub fn kill_shadow(&self, index: usize) {
         if let Some(shadow) = self.slots.get(index).and_then(|slot| slot.shadow.as_ref()) {
-            let _gone_already = pidfd_send_signal(&shadow.handle, Signal::KILL);
+            let _ = pidfd_send_signal(&shadow.handle, Signal::KILL);
         }
     }
 
@@ -292,23 +292,23 @@ impl Children {
         instances.flatten().map(|running| running.handle.as_fd())
     }
 
-    /// What process `index` is doing, as the kernel says.
-    pub fn examine(&mut self, index: usize) -> Option<Observation> {
+    /// What process `index` is doing, as the kernel reports it.
+    pub fn inspect(&mut self, index: usize) -> Option<Observation> {
         let slot = self.slots.get(index)?;
         let ProcessStat { state, cpu_s, core } = ProcessStat::now(slot.running.as_ref()?.pid)?;
-        let doing = doing_of(state);
+        let activity = activity_of(state);
         let core_runs = self.cores.runs(core, jink_runtime::now());
         tracing::debug!(
             process = slot.row.rules.name,
-            ?doing,
+            doing = ?activity,
             cpu_s,
             core,
             core_runs,
             "silent"
         );
-        Some(Observation::Examined {
+        Some(Observation::Inspected {
             process: index,
-            doing,
+            activity,
             cpu_s,
             core_runs,
         })
@@ -353,14 +353,14 @@ impl Children {
     pub fn limit_logs(&mut self) {
         for slot in &mut self.slots {
             // A log that is not there yet is short enough.
-            let _not_there_yet = (slot.log.limit(), slot.shadow_log.limit());
+            let _ = (slot.log.limit(), slot.shadow_log.limit());
         }
     }
 
-    /// Writes down what runs, for whoever comes after this supervisor; `adoptable` says what it must know of each.
+    /// Writes down what runs, for the next supervisor; `adoptable` is what it must know of each.
     pub fn write_record(&self, adoptable: impl Fn(usize) -> Option<Adopted>) {
         let entries = self.slots.iter().enumerate().flat_map(|(index, slot)| {
-            let entry = |pid: u32, found: Option<Adopted>| Entry {
+            let entry = |pid: u32, found: Option<Adopted>| RecordEntry {
                 name: slot.row.rules.name.clone(),
                 pid,
                 program: slot.row.program.clone(),
@@ -418,10 +418,10 @@ fn exit_of(status: ExitStatus) -> Exit {
 
 /// What a state of the kernel means. Waiting for a disk counts as runnable: it is the machine that is slow, and no signal would end
 /// it.
-fn doing_of(state: char) -> Doing {
+fn activity_of(state: char) -> ProcessActivity {
     match state {
-        'R' | 'D' => Doing::Runnable,
-        'S' | 'I' => Doing::Sleeping,
-        _ => Doing::Stopped,
+        'R' | 'D' => ProcessActivity::Runnable,
+        'S' | 'I' => ProcessActivity::Sleeping,
+        _ => ProcessActivity::Stopped,
     }
 }

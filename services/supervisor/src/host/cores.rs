@@ -1,7 +1,7 @@
 //! Whether a core runs at all. A virtual one is taken away by its host for hundreds of milliseconds at times: what is
 //! bound to happen on it does not happen, timers included, and the process that it was running seems to run on.
 //!
-//! One thread per core, bound to it and above everything that is supervised, answers when asked. It sleeps otherwise.
+//! One thread per core, bound to it and above everything that is supervised, answers requests. It sleeps otherwise.
 
 use jink_runtime::realtime::{Scheduling, bind_to_core, schedule};
 use jink_shared_types::Timestamp;
@@ -10,11 +10,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::{Builder, JoinHandle};
 
-/// An answer that took longer says that the core had stood still (s).
+/// An answer that took longer means that the core had stood still (s).
 const PROMPT_S: f64 = 0.004;
 /// After it has stood still: time for those on it to do what they are late with (s).
 const CATCH_UP_S: f64 = 0.05;
-/// An answer that is older says nothing about now (s); a silent process is looked at every 5 ms.
+/// An answer that is older means nothing now (s); a silent process is inspected every 5 ms.
 const TOO_OLD_S: f64 = 0.02;
 /// SCHED_FIFO priority: the highest, so that a process that hogs its core is not taken for a core that stands still.
 const PRIORITY: u8 = 99;
@@ -23,45 +23,45 @@ const STACK_BYTES: usize = 64 * 1024;
 
 /// The last question and the last answer, as clock times (ns).
 #[derive(Debug, Default)]
-struct Talk {
+struct CoreExchange {
     asked: AtomicU64,
     answered: AtomicU64,
 }
 
 /// What follows from them.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Finding {
+enum CoreState {
     /// It ran a moment ago.
     Runs,
     /// It does not answer, or did so late a moment ago.
     StandsStill,
-    /// It has to be asked first.
+    /// A request has to be sent first.
     Unknown,
 }
 
-impl Talk {
+impl CoreExchange {
     /// What is known at `now`.
-    fn finding(&self, now: Timestamp) -> Finding {
+    fn state(&self, now: Timestamp) -> CoreState {
         let at = |time: &AtomicU64| Timestamp::from_ns(time.load(Ordering::Acquire));
         let (asked, answered) = (at(&self.asked), at(&self.answered));
         if answered < asked {
-            return Finding::StandsStill;
+            return CoreState::StandsStill;
         }
         let age_s = now.seconds_since(answered);
         let was_late = answered.seconds_since(asked) > PROMPT_S;
         if !asked.is_set() || age_s > TOO_OLD_S || was_late && age_s > CATCH_UP_S {
-            Finding::Unknown
+            CoreState::Unknown
         } else if was_late {
-            Finding::StandsStill
+            CoreState::StandsStill
         } else {
-            Finding::Runs
+            CoreState::Runs
         }
     }
 }
 
 struct Core {
     number: usize,
-    talk: Arc<Talk>,
+    exchange: Arc<CoreExchange>,
     thread: JoinHandle<()>,
 }
 
@@ -87,16 +87,16 @@ impl Cores {
         }
     }
 
-    /// Whether `core` is known to run at `now`; if nothing is known, it is asked, and the next call knows more.
+    /// Whether `core` is known to run at `now`; if nothing is known, a request is sent, and the next call knows more.
     pub fn runs(&self, core: usize, now: Timestamp) -> bool {
         let Some(core) = self.cores.iter().find(|one| one.number == core) else {
             return true;
         };
-        match core.talk.finding(now) {
-            Finding::Runs => true,
-            Finding::StandsStill => false,
-            Finding::Unknown => {
-                core.talk
+        match core.exchange.state(now) {
+            CoreState::Runs => true,
+            CoreState::StandsStill => false,
+            CoreState::Unknown => {
+                core.exchange
                     .asked
                     .store(now.ns_since(Timestamp::NEVER), Ordering::Release);
                 core.thread.thread().unpark();
@@ -108,18 +108,22 @@ impl Cores {
 
 impl Core {
     fn watch(number: usize) -> std::io::Result<Self> {
-        let talk = Arc::new(Talk::default());
-        let answers = Arc::clone(&talk);
+        let exchange = Arc::new(CoreExchange::default());
+        let answers = Arc::clone(&exchange);
         let thread = Builder::new()
             .name(format!("core {number}"))
             .stack_size(STACK_BYTES)
             .spawn(move || answer(number, &answers))?;
-        Ok(Self { number, talk, thread })
+        Ok(Self {
+            number,
+            exchange,
+            thread,
+        })
     }
 }
 
 /// Lives as long as the process.
-fn answer(core: usize, talk: &Talk) {
+fn answer(core: usize, exchange: &CoreExchange) {
     if let Err(error) = bind_to_core(core) {
         tracing::debug!("core {core} is watched from elsewhere: {error}");
     }
@@ -128,50 +132,56 @@ fn answer(core: usize, talk: &Talk) {
     }
     loop {
         std::thread::park();
-        if talk.answered.load(Ordering::Acquire) < talk.asked.load(Ordering::Acquire) {
+        if exchange.answered.load(Ordering::Acquire) < exchange.asked.load(Ordering::Acquire) {
             let now = jink_runtime::now().ns_since(Timestamp::NEVER);
-            talk.answered.store(now, Ordering::Release);
+            exchange.answered.store(now, Ordering::Release);
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Cores, Finding, Talk};
+    use super::{CoreExchange, CoreState, Cores};
     use jink_shared_types::Timestamp;
     use std::sync::atomic::Ordering;
     use std::time::{Duration, Instant};
 
-    fn talk(asked_s: f64, answered_s: f64) -> Talk {
-        let talk = Talk::default();
-        talk.asked.store((asked_s * 1e9) as u64, Ordering::Relaxed);
-        talk.answered.store((answered_s * 1e9) as u64, Ordering::Relaxed);
-        talk
+    fn exchange(asked_s: f64, answered_s: f64) -> CoreExchange {
+        let exchange = CoreExchange::default();
+        exchange.asked.store((asked_s * 1e9) as u64, Ordering::Relaxed);
+        exchange
+            .answered
+            .store((answered_s * 1e9) as u64, Ordering::Relaxed);
+        exchange
     }
 
     #[test]
     fn a_core_runs_if_it_has_just_answered_at_once() {
         let at = Timestamp::from_seconds;
-        assert_eq!(Talk::default().finding(at(10.0)), Finding::Unknown, "never asked");
         assert_eq!(
-            talk(10.0, 0.0).finding(at(10.1)),
-            Finding::StandsStill,
+            CoreExchange::default().state(at(10.0)),
+            CoreState::Unknown,
+            "never asked"
+        );
+        assert_eq!(
+            exchange(10.0, 0.0).state(at(10.1)),
+            CoreState::StandsStill,
             "no answer"
         );
-        assert_eq!(talk(10.0, 10.0001).finding(at(10.01)), Finding::Runs);
+        assert_eq!(exchange(10.0, 10.0001).state(at(10.01)), CoreState::Runs);
         assert_eq!(
-            talk(10.0, 10.0001).finding(at(10.5)),
-            Finding::Unknown,
+            exchange(10.0, 10.0001).state(at(10.5)),
+            CoreState::Unknown,
             "long ago"
         );
         assert_eq!(
-            talk(10.0, 10.3).finding(at(10.31)),
-            Finding::StandsStill,
+            exchange(10.0, 10.3).state(at(10.31)),
+            CoreState::StandsStill,
             "it comes back from standing still, and those on it are late"
         );
         assert_eq!(
-            talk(10.0, 10.3).finding(at(10.4)),
-            Finding::Unknown,
+            exchange(10.0, 10.3).state(at(10.4)),
+            CoreState::Unknown,
             "they had their time"
         );
     }

@@ -37,7 +37,8 @@ impl LogFile {
         Ok(file)
     }
 
-    /// The last lines of the present generation, at most `count`, oldest first. JSON records are reduced to their message.
+    /// The last lines of the present generation, at most `count`, oldest first. JSON records are reduced to their
+    /// message.
     pub fn last_lines(&self, count: usize) -> Vec<String> {
         let text = self.tail().unwrap_or_default();
         let lines: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
@@ -55,7 +56,7 @@ impl LogFile {
     }
 
     /// Moves what has been written aside (`.log.1`, replacing what was there) if it is too much. The writer appends, so
-    /// it goes on at the beginning of the emptied file.
+    /// it continues at the beginning of the emptied file.
     pub fn limit(&mut self) -> std::io::Result<()> {
         if std::fs::metadata(&self.path)?.len() <= SIZE_MAX {
             return Ok(());

@@ -2,18 +2,18 @@
 //!
 //! | module | holds |
 //! |---|---|
-//! | [`claim`] | the lock that makes a supervisor the only one of its instance; removing the instance's memory |
-//! | [`record`] | which processes were started, for whoever comes after a killed supervisor |
+//! | [`instance_lock`] | the lock that makes a supervisor the only one of its instance; removing the instance's memory |
+//! | [`record`] | which processes were started, for the supervisor after a killed one |
 //! | [`children`], [`log_file`] | starting, signalling, reaping; what the processes write |
 //! | [`cores`] | whether a core runs at all, as a virtual one may not |
-//! | [`requests`] | what the command line asks for |
-//! | [`post_mortem`] | how a process ended, for whoever asks later |
+//! | [`requests`] | requests of the command line |
+//! | [`post_mortem`] | how a process ended, for later queries |
 //! | [`notify`] | systemd |
 //! | [`system`] | the loop |
 
 mod children;
-mod claim;
 mod cores;
+mod instance_lock;
 mod log_file;
 mod notify;
 mod post_mortem;
@@ -23,17 +23,17 @@ mod system;
 
 use crate::args::Args;
 use children::{Children, Launch};
-use claim::Claim;
+use instance_lock::InstanceLock;
 use jink_runtime::config::{CONFIG_FILE, Config, Foreign, PROCESS_FILE};
 use jink_runtime::service::EXIT_CANNOT_START;
 use jink_runtime::{Instance, Session};
 use jink_shared_types::Timestamp;
-use jink_supervisor::shared::{PROGRAM, Shared};
+use jink_supervisor::shared::{PROGRAM, SupervisorTopics};
 use jink_supervisor::supervision::{End, Supervision};
 use jink_supervisor::table::ProcessTable;
 use log_file::LogFile;
 use notify::Notifier;
-use record::{Living, Record};
+use record::{ProcessRecord, SurvivingProcess};
 use requests::Requests;
 use rustix::process::{Signal, pidfd_send_signal};
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -47,7 +47,7 @@ const EXIT_GAVE_UP: u8 = 70;
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Runs the system until it is stopped or cannot go on.
+/// Runs the system until it is stopped or fails.
 pub fn run(args: &Args) -> ExitCode {
     match start(args) {
         Ok(code) => code,
@@ -68,11 +68,11 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     )?;
     let rows = ProcessTable::load(&args.config)?.select(args.mode, &programs, &resolved.config.sensors)?;
 
-    let claim = Claim::take(&args.instance)?;
-    let record = Record::new(&args.instance);
-    let living = record.living();
-    let (config, rows) = if living.is_empty() {
-        claim.clear()?;
+    let lock = InstanceLock::take(&args.instance)?;
+    let record = ProcessRecord::new(&args.instance);
+    let surviving = record.surviving();
+    let (config, rows) = if surviving.is_empty() {
+        lock.clear()?;
         keep_configuration(args, &resolved.text)?;
         (resolved.config, rows)
     } else {
@@ -92,12 +92,12 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
     let names: Vec<&str> = rows.iter().map(|row| row.rules.name.as_str()).collect();
     let foreign = Foreign::load(&args.instance.run_config())?;
     let session = Session::open(&args.instance, PROGRAM)?.with(&foreign);
-    let shared = Shared::open(session, &config, &names, count_start(&args.instance)?)?;
+    let shared = SupervisorTopics::open(session, &config, &names, count_start(&args.instance)?)?;
     let rules = rows.iter().map(|row| row.rules.clone());
     let now = jink_runtime::now();
     let mut supervision = Supervision::new(rules, now, std::process::id());
     let mut children = Children::new(Launch::new(&args.instance, args.log), rows, record);
-    let adopted = adopt(living, &mut supervision, &mut children, now);
+    let adopted = adopt(surviving, &mut supervision, &mut children, now);
     tracing::info!(instance = %args.instance, config = %args.config.display(), adopted, "starting");
 
     let requests = Requests::listen(&args.instance)?;
@@ -111,25 +111,30 @@ fn start(args: &Args) -> Result<ExitCode, Failure> {
         args.instance.clone(),
     );
     if adopted > 0 {
-        system.tell_adopted(adopted);
+        system.report_adopted(adopted);
     }
     let end = system.run();
     let report = system.into_report();
     let code = conclude(end, &report.reason);
     if report.any_failed || end != End::Stopped || args.keep_logs {
-        let folder = claim.clear_but_logs()?;
+        let folder = lock.clear_but_logs()?;
         tracing::info!("logs are kept in {}", folder.display());
     } else {
-        claim.release()?;
+        lock.release()?;
     }
     Ok(code)
 }
 
-/// Goes on with what an earlier supervisor has started; answers how many. Second instances are ended: what they were for
-/// was known to that supervisor alone.
-fn adopt(living: Vec<Living>, supervision: &mut Supervision, children: &mut Children, now: Timestamp) -> u32 {
+/// Adopts what an earlier supervisor has started; returns how many. Second instances are ended: what they
+/// were for was known to that supervisor only.
+fn adopt(
+    surviving: Vec<SurvivingProcess>,
+    supervision: &mut Supervision,
+    children: &mut Children,
+    now: Timestamp,
+) -> u32 {
     let mut adopted = 0;
-    for Living { entry, handle } in living {
+    for SurvivingProcess { entry, handle } in surviving {
         match (entry.found, children.find(&entry.name)) {
             (Some(found), Some(index)) => {
                 tracing::info!(process = entry.name, pid = entry.pid, "adopted");
@@ -139,7 +144,7 @@ fn adopt(living: Vec<Living>, supervision: &mut Supervision, children: &mut Chil
             }
             _ => {
                 tracing::warn!(process = entry.name, pid = entry.pid, "ending what has no place");
-                let _gone_already = pidfd_send_signal(&handle, Signal::KILL);
+                let _ = pidfd_send_signal(&handle, Signal::KILL);
             }
         }
     }
@@ -203,9 +208,9 @@ fn conclude(end: End, reason: &str) -> ExitCode {
 /// Ends what a killed supervisor left running and removes its memory.
 pub fn sweep(instance: &Instance) -> ExitCode {
     let swept = || -> Result<usize, Failure> {
-        let claim = Claim::take(instance)?;
-        let ended = Record::new(instance).end_living()?;
-        claim.release()?;
+        let lock = InstanceLock::take(instance)?;
+        let ended = ProcessRecord::new(instance).end_surviving()?;
+        lock.release()?;
         Ok(ended)
     };
     match swept() {

@@ -1,11 +1,11 @@
-//! What the service manager is told, if there is one (`sd_notify(3)`): ready, alive, how it goes, stopping.
+//! What the service manager is notified, if there is one (`sd_notify(3)`): ready, alive, how it goes, stopping.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::health::Health;
 use jink_supervisor::supervision::Supervision;
 use sd_notify::NotifyState;
 
-/// The service manager's ear.
+/// The service manager's notification socket.
 #[derive(Debug)]
 pub struct Notifier {
     listening: bool,
@@ -13,7 +13,7 @@ pub struct Notifier {
     period_s: Option<f64>,
     due: Timestamp,
     ready: bool,
-    told: Option<Health>,
+    notified: Option<Health>,
 }
 
 impl Notifier {
@@ -24,11 +24,11 @@ impl Notifier {
             period_s: sd_notify::watchdog_enabled().map(|limit| limit.as_secs_f64() / 2.0),
             due: Timestamp::NEVER,
             ready: false,
-            told: None,
+            notified: None,
         }
     }
 
-    /// Says what there is to say about `supervision` at `now`.
+    /// Sends what is due about `supervision` at `now`.
     pub fn update(&mut self, now: Timestamp, supervision: &Supervision) {
         if !self.listening {
             return;
@@ -38,8 +38,8 @@ impl Notifier {
             send(&[NotifyState::Ready]);
         }
         let health = supervision.health();
-        if self.told != Some(health) {
-            self.told = Some(health);
+        if self.notified != Some(health) {
+            self.notified = Some(health);
             send(&[NotifyState::Status(&health.to_string())]);
             if health == Health::Stopping {
                 send(&[NotifyState::Stopping]);
@@ -53,7 +53,7 @@ impl Notifier {
         }
     }
 
-    /// When there is something to say at the latest.
+    /// When something is due at the latest.
     pub fn due(&self) -> Option<Timestamp> {
         self.period_s.filter(|_| self.listening).map(|_| self.due)
     }

@@ -1,4 +1,4 @@
-//! How a process ended, kept until it ends again or the system stops: exit, last words, last heartbeat, and where a
+//! How a process ended, kept until it ends again or the system stops: exit, last log lines, last heartbeat, and where a
 //! core dump would be. `jink status` shows it.
 
 use jink_runtime::Instance;
@@ -58,8 +58,8 @@ impl PostMortem {
         })
     }
 
-    /// Says it in the log.
-    pub fn tell(&self) {
+    /// Logs it.
+    pub fn log(&self) {
         tracing::error!(
             process = self.process,
             lived_s = self.lived_s,

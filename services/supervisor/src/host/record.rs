@@ -1,8 +1,8 @@
-//! Which processes were started, in a file of the instance's folder: one JSON object a line. A supervisor that was killed
-//! leaves its children flying; whoever comes after it finds them here, and goes on with them.
+//! Which processes were started, in a file of the instance's folder: one JSON object a line. A supervisor that was
+//! killed leaves its children flying; the next one finds them here, and adopts them.
 //!
 //! A number alone is no proof, process ids are used again: a process only counts as one of the instance's if its own
-//! command line says so.
+//! command line has so.
 
 use jink_runtime::Instance;
 use jink_supervisor::supervision::Adopted;
@@ -17,23 +17,23 @@ const PATIENCE_S: i64 = 1;
 
 /// One process on record.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Entry {
+pub struct RecordEntry {
     /// Its name in the process table.
     pub name: String,
     /// Its process id.
     pub pid: u32,
     /// Its program.
     pub program: PathBuf,
-    /// What a new supervisor must know to go on with it; `None` = a second instance, which is not gone on with.
+    /// What a new supervisor must know to adopt it; `None` = a second instance, which is not adopted.
     #[serde(with = "adoptable")]
     pub found: Option<Adopted>,
 }
 
 /// A process that outlived its supervisor.
 #[derive(Debug)]
-pub struct Living {
+pub struct SurvivingProcess {
     /// What is on record of it.
-    pub entry: Entry,
+    pub entry: RecordEntry,
     /// Its handle.
     pub handle: OwnedFd,
 }
@@ -81,7 +81,7 @@ mod adoptable {
 
 /// The file.
 #[derive(Debug)]
-pub struct Record {
+pub struct ProcessRecord {
     instance: Instance,
     path: PathBuf,
 }
@@ -92,10 +92,10 @@ fn path_of(instance: &Instance) -> PathBuf {
 
 /// Removes the record of `instance`.
 pub fn remove(instance: &Instance) {
-    let _not_there = std::fs::remove_file(path_of(instance));
+    let _ = std::fs::remove_file(path_of(instance));
 }
 
-impl Record {
+impl ProcessRecord {
     /// The record of `instance`.
     pub fn new(instance: &Instance) -> Self {
         Self {
@@ -105,7 +105,7 @@ impl Record {
     }
 
     /// Replaces the content, all or nothing.
-    pub fn write(&self, entries: &[Entry]) -> std::io::Result<()> {
+    pub fn write(&self, entries: &[RecordEntry]) -> std::io::Result<()> {
         let mut text = String::new();
         for entry in entries {
             text += &serde_json::to_string(entry).map_err(std::io::Error::other)?;
@@ -117,44 +117,45 @@ impl Record {
     }
 
     /// Ends every recorded process that is alive, last one first; answers how many.
-    pub fn end_living(&self) -> std::io::Result<usize> {
-        let living = self.living();
-        for one in living.iter().rev() {
+    pub fn end_surviving(&self) -> std::io::Result<usize> {
+        let surviving = self.surviving();
+        for one in surviving.iter().rev() {
             tracing::info!(process = one.entry.name, pid = one.entry.pid, "ending");
-            let _gone_already = pidfd_send_signal(&one.handle, Signal::TERM);
+            let _ = pidfd_send_signal(&one.handle, Signal::TERM);
             if !ended_within(&one.handle, PATIENCE_S)? {
-                let _gone_already = pidfd_send_signal(&one.handle, Signal::KILL);
+                let _ = pidfd_send_signal(&one.handle, Signal::KILL);
                 ended_within(&one.handle, PATIENCE_S)?;
             }
         }
-        Ok(living.len())
+        Ok(surviving.len())
     }
 
     /// Every recorded process that is alive.
-    pub fn living(&self) -> Vec<Living> {
+    pub fn surviving(&self) -> Vec<SurvivingProcess> {
         let text = std::fs::read_to_string(&self.path).unwrap_or_default();
         text.lines().filter_map(|line| self.find(line)).collect()
     }
 
-    fn find(&self, line: &str) -> Option<Living> {
-        let entry: Entry = serde_json::from_str(line).ok()?;
+    fn find(&self, line: &str) -> Option<SurvivingProcess> {
+        let entry: RecordEntry = serde_json::from_str(line).ok()?;
         // The handle first: what the command line then proves holds for the handle, whatever becomes of the number.
         let pid = Pid::from_raw(i32::try_from(entry.pid).ok()?)?;
         let handle = pidfd_open(pid, PidfdFlags::empty()).ok()?;
         let command_line = std::fs::read(format!("/proc/{}/cmdline", entry.pid)).ok()?;
-        is_of(&command_line, &self.instance.to_string(), &entry.name).then_some(Living { entry, handle })
+        is_of(&command_line, &self.instance.to_string(), &entry.name)
+            .then_some(SurvivingProcess { entry, handle })
     }
 }
 
 /// Whether a command line (arguments ended by zeros, as in /proc) is that of process `name` of `instance`.
 fn is_of(command_line: &[u8], instance: &str, name: &str) -> bool {
     let arguments: Vec<&[u8]> = command_line.split(|byte| *byte == 0).collect();
-    let says = |key: &str, value: &str| {
+    let has = |key: &str, value: &str| {
         arguments
             .windows(2)
             .any(|pair| pair == [key.as_bytes(), value.as_bytes()])
     };
-    says("--instance", instance) && says("--process", name)
+    has("--instance", instance) && has("--process", name)
 }
 
 fn ended_within(handle: &OwnedFd, seconds: i64) -> std::io::Result<bool> {

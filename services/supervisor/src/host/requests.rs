@@ -1,5 +1,5 @@
-//! Requests of the command line: a Unix socket in the instance's folder, one JSON object a line. Nothing here ever waits:
-//! a client that does not read loses its answers.
+//! Requests of the command line: a Unix socket in the instance's folder, one JSON object a line. Nothing here ever
+//! waits: a client that does not read loses its answers.
 
 use jink_runtime::Instance;
 use jink_runtime::request::{Answer, Request};
@@ -8,7 +8,7 @@ use std::os::fd::{AsFd, BorrowedFd};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::PathBuf;
 
-/// Clients at a time; one more is turned away.
+/// Clients at a time; one more is rejected.
 pub const CLIENTS: usize = 4;
 /// Longest request (bytes).
 const REQUEST_MAX: usize = 8 << 10;
@@ -17,11 +17,11 @@ const REQUEST_MAX: usize = 8 << 10;
 struct Client {
     stream: UnixStream,
     bytes: Vec<u8>,
-    /// The process whose news it waits for.
+    /// The process whose swap it waits for.
     process: Option<usize>,
 }
 
-/// The socket and whoever is connected.
+/// The socket and its clients.
 pub struct Requests {
     listener: UnixListener,
     path: PathBuf,
@@ -62,13 +62,13 @@ impl Requests {
                 Ok(None) => {}
                 Err(why) => {
                     if let Some(text) = why {
-                        client.say(&refusal(text));
+                        client.send(&refusal(text));
                     }
                     gone.push(number);
                 }
             }
         }
-        // From the end, so that the numbers before stay; a client that asked is never gone in the same breath.
+        // From the end, so that the numbers before stay; a client with a request is never removed in the same call.
         for number in gone.into_iter().rev() {
             self.clients.remove(number);
             for (other, _) in &mut requests {
@@ -80,27 +80,27 @@ impl Requests {
         requests
     }
 
-    /// Client `number` waits for the news of `process`.
+    /// Client `number` waits for the swap of `process`.
     pub fn wait_for(&mut self, number: usize, process: usize) {
         if let Some(client) = self.clients.get_mut(number) {
             client.process = Some(process);
         }
     }
 
-    /// Answers client `number` and lets it go.
+    /// Answers client `number` and ends its connection.
     pub fn conclude(&mut self, number: usize, answer: &Answer) {
         if let Some(client) = self.clients.get_mut(number) {
-            client.say(answer);
+            client.send(answer);
             client.process = None;
-            // It closes its end when it has read the last answer; until then it is asked nothing.
+            // It closes its end when it has read the last answer; until then its requests are ignored.
         }
     }
 
-    /// Tells everybody who waits for `process`.
-    pub fn tell(&mut self, process: usize, answer: &Answer) {
+    /// Sends `answer` to every client that waits for `process`.
+    pub fn notify(&mut self, process: usize, answer: &Answer) {
         for client in &mut self.clients {
             if client.process == Some(process) {
-                client.say(answer);
+                client.send(answer);
                 if answer.last {
                     client.process = None;
                 }
@@ -110,7 +110,7 @@ impl Requests {
 
     /// Removes the socket.
     pub fn close(&self) {
-        let _gone_already = std::fs::remove_file(&self.path);
+        let _ = std::fs::remove_file(&self.path);
     }
 
     fn accept(&mut self) {
@@ -121,7 +121,7 @@ impl Requests {
                 process: None,
             };
             if self.clients.len() == CLIENTS {
-                client.say(&refusal("too many requests at a time".to_owned()));
+                client.send(&refusal("too many requests at a time".to_owned()));
             } else if client.stream.set_nonblocking(true).is_ok() {
                 self.clients.push(client);
             }
@@ -129,7 +129,7 @@ impl Requests {
     }
 }
 
-/// An answer that says no.
+/// A negative answer.
 pub fn refusal(text: String) -> Answer {
     Answer {
         text,
@@ -139,7 +139,7 @@ pub fn refusal(text: String) -> Answer {
 }
 
 impl Client {
-    /// A whole request, or `None`; an error ends the client, with a text if there is somebody to read it.
+    /// A whole request, or `None`; an error ends the client, with a text if it still reads.
     fn read(&mut self) -> Result<Option<Request>, Option<String>> {
         let mut chunk = [0; 1024];
         loop {
@@ -163,13 +163,13 @@ impl Client {
             .map_err(|error| Some(format!("not understood: {error}")))
     }
 
-    fn say(&mut self, answer: &Answer) {
+    fn send(&mut self, answer: &Answer) {
         let Ok(mut line) = serde_json::to_vec(answer) else {
             return;
         };
         line.push(b'\n');
-        // Whoever does not read does not want to know.
-        let _lost = self.stream.write(&line);
+        // A client that does not read loses the answer.
+        let _ = self.stream.write(&line);
     }
 }
 
@@ -212,7 +212,7 @@ mod tests {
         for (text, last) in [("first", false), ("last", true)] {
             let text = text.to_owned();
             let good = true;
-            requests.tell(4, &Answer { text, last, good });
+            requests.notify(4, &Answer { text, last, good });
         }
         let mut lines = BufReader::new(client).lines();
         for wanted in ["first", "last"] {
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn nonsense_is_told_so_and_endless_nonsense_is_cut_off() {
+    fn nonsense_is_rejected_and_endless_nonsense_is_cut_off() {
         let (instance, mut requests) = listening("nonsense");
         for nonsense in [b"hello\n".to_vec(), vec![b'x'; 9_000]] {
             let mut client = UnixStream::connect(instance.request_socket()).unwrap();
@@ -233,7 +233,7 @@ mod tests {
             let mut reader = BufReader::new(client);
             while line.is_empty() {
                 assert!(requests.take().is_empty());
-                let _not_yet = reader.read_line(&mut line);
+                let _ = reader.read_line(&mut line);
             }
             let answer: Answer = serde_json::from_str(&line).unwrap();
             assert!(answer.last && !answer.good, "{answer:?}");

@@ -12,8 +12,8 @@ use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, PROCESSES};
 use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_shared_types::topics::FINGERPRINT;
-use jink_supervisor::shadow::{PROBATION_CYCLES, Refusal, SwapNews};
-use jink_supervisor::shared::{PROGRAM, Shared};
+use jink_supervisor::shadow::{PROBATION_CYCLES, SwapProgress, SwapRefusal};
+use jink_supervisor::shared::{PROGRAM, SupervisorTopics};
 use jink_supervisor::supervision::{Action, End, Exit, Observation, Supervision};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::Access;
@@ -31,7 +31,7 @@ const LOGS_PERIOD_S: f64 = 1.0;
 /// a start under way before that.
 const SWEEP_AGAIN_S: f64 = 15.0;
 
-/// The signal, both instances of every process, and whoever asks for something.
+/// The signal, both instances of every process, and the clients.
 const FDS: usize = 1 + 2 * PROCESSES + 1 + CLIENTS;
 
 /// What is known at the end.
@@ -47,10 +47,10 @@ pub struct Report {
 pub struct System {
     supervision: Supervision,
     children: Children,
-    shared: Shared,
+    shared: SupervisorTopics,
     notifier: Notifier,
     stop_signal: UnixStream,
-    /// Somebody has died: what it left in shared memory is to be removed.
+    /// A process has died: what it left in shared memory is to be removed.
     sweep_due: bool,
     requests: Requests,
     instance: Instance,
@@ -68,7 +68,7 @@ impl System {
     pub fn new(
         supervision: Supervision,
         children: Children,
-        shared: Shared,
+        shared: SupervisorTopics,
         notifier: Notifier,
         stop_signal: UnixStream,
         requests: Requests,
@@ -93,8 +93,8 @@ impl System {
         }
     }
 
-    /// Tells the pilot that an earlier supervisor's processes were found flying.
-    pub fn tell_adopted(&mut self, adopted: u32) {
+    /// Reports to the pilot that an earlier supervisor's processes were found flying.
+    pub fn report_adopted(&mut self, adopted: u32) {
         let event = EventSample::new(&events::SUPERVISOR_BACK, "", [f64::from(adopted), 0.0]);
         self.shared.raise(jink_runtime::now(), &event);
     }
@@ -108,7 +108,7 @@ impl System {
             let changed = self.supervision.step(now, &self.observations, &mut self.actions);
             self.observations.clear();
             if let Some(end) = self.act(now) {
-                self.bury();
+                self.log_ends();
                 self.publish(now, true);
                 self.requests.close();
                 return end;
@@ -120,10 +120,10 @@ impl System {
                 self.sweep_again = now.plus_seconds(SWEEP_AGAIN_S);
             }
             if let Some(program) = self.upgrade.take() {
-                self.become_another(&program);
+                self.exec_program(&program);
             }
             self.children.calm(now);
-            self.bury();
+            self.log_ends();
             self.notifier.update(now, &self.supervision);
             if now >= self.logs_due {
                 self.logs_due = now.plus_seconds(LOGS_PERIOD_S);
@@ -137,12 +137,12 @@ impl System {
                     };
                 }
             }
-            // What an action led to is to be looked at before anything else.
+            // The results of an action are processed before anything else.
             if self.observations.is_empty() {
                 self.sleep();
                 // Before deaths are looked for: a last heartbeat belongs before its sender's end.
                 self.shared.read_heartbeats(&mut self.observations);
-                self.look();
+                self.observe();
             }
         }
     }
@@ -155,7 +155,7 @@ impl System {
         swept
     }
 
-    /// Everything has ended: lets go of shared memory and tells how it went.
+    /// Everything has ended: releases shared memory and returns the report.
     pub fn into_report(self) -> Report {
         self.report
     }
@@ -174,33 +174,33 @@ impl System {
                     let spawned = self.children.spawn_shadow(process, generation, candidate);
                     self.observations.extend(spawned);
                 }
-                Action::Examine { process } => self.observations.extend(self.children.examine(process)),
+                Action::Inspect { process } => self.observations.extend(self.children.inspect(process)),
                 Action::Terminate { process } => self.children.signal(process, Signal::TERM),
                 Action::Kill { process } => self.children.signal(process, Signal::KILL),
                 Action::KillShadow { process } => self.children.kill_shadow(process),
                 Action::Promote { process } => self.children.promote(process),
                 Action::Commit { process } => self.children.commit(process),
-                Action::Tell { process, news } => self.tell(process, &news),
+                Action::ReportSwap { process, progress } => self.report_swap(process, &progress),
                 Action::CleanUp => self.sweep_due = true,
-                Action::Raise(event) => self.shared.raise(now, &event),
+                Action::PublishEvent(event) => self.shared.raise(now, &event),
                 Action::End(end) => return Some(end),
             }
         }
         None
     }
 
-    fn tell(&mut self, process: usize, news: &SwapNews) {
-        let mut text = news.to_string();
-        if let SwapNews::Refused(Refusal::Ended(_)) = news
+    fn report_swap(&mut self, process: usize, progress: &SwapProgress) {
+        let mut text = progress.to_string();
+        if let SwapProgress::Refused(SwapRefusal::Ended(_)) = progress
             && let Some(last) = self.children.last_shadow_lines(process).last()
         {
             text += &format!(": {last}");
-        } else if let SwapNews::Refused(Refusal::Ended(Exit::Code(0))) = news {
+        } else if let SwapProgress::Refused(SwapRefusal::Ended(Exit::Code(0))) = progress {
             text += " and without a word: is it this service's program?";
         }
         tracing::info!(process, "swap: {text}");
-        let (last, good) = (news.is_last(), news.is_good());
-        self.requests.tell(process, &Answer { text, last, good });
+        let (last, good) = (progress.is_last(), progress.is_good());
+        self.requests.notify(process, &Answer { text, last, good });
     }
 
     fn publish(&mut self, now: Timestamp, changed: bool) {
@@ -231,11 +231,11 @@ impl System {
             *slot = PollFd::from_borrowed_fd(handle, PollFlags::IN);
             used += 1;
         }
-        // Interrupted by a signal: as good as woken, everything is looked at anyway.
-        let _interrupted = poll(&mut fds[..used], Some(&timeout));
+        // A signal only means that the wait ends sooner: everything is checked anyway.
+        let _ = poll(&mut fds[..used], Some(&timeout));
     }
 
-    fn look(&mut self) {
+    fn observe(&mut self) {
         let mut signals = [0; 16];
         if self.stop_signal.read(&mut signals).is_ok_and(|count| count > 0) {
             tracing::info!("stop requested");
@@ -305,7 +305,7 @@ impl System {
                     |seen| matches!(seen, Observation::SwapRequested { process: other, .. } if *other == process),
                 );
                 if just_asked || self.supervision.is_swapping(process) {
-                    return Some(refusal(SwapNews::Refused(Refusal::Busy).to_string()));
+                    return Some(refusal(SwapProgress::Refused(SwapRefusal::Busy).to_string()));
                 }
                 self.children.stage(process, program.clone());
                 self.requests.wait_for(client, process);
@@ -359,14 +359,14 @@ impl System {
     }
 
     /// Goes on as another binary, in the same process: the children stay children. Returns only if that fails.
-    fn become_another(&mut self, program: &Path) {
+    fn exec_program(&mut self, program: &Path) {
         let supervision = &self.supervision;
         self.children.write_record(|index| supervision.adoptable(index));
         let error = Command::new(program).args(std::env::args_os().skip(1)).exec();
         tracing::error!("{} cannot be executed: {error}", program.display());
     }
 
-    /// Keeps what will be said about a death; saying it waits until the replacement has been started.
+    /// Keeps the report of a death; logging it waits until the replacement has been started.
     fn note_end(&mut self, process: usize, exit: Exit) {
         let now = jink_runtime::now();
         let Some((name, lived_s)) = self.supervision.describe(process, now) else {
@@ -390,10 +390,10 @@ impl System {
         }
     }
 
-    /// Says how processes have ended, with their last words.
-    fn bury(&mut self) {
+    /// Logs how processes have ended, with the last lines of their logs.
+    fn log_ends(&mut self) {
         for report in self.dead.drain(..) {
-            report.tell();
+            report.log();
             if let Err(error) = report.write(&self.instance) {
                 tracing::warn!("the post-mortem cannot be written: {error}");
             }
@@ -401,7 +401,7 @@ impl System {
     }
 }
 
-/// An answer that says that it is done.
+/// A positive answer.
 fn done(text: String) -> Answer {
     Answer {
         text,

@@ -1,7 +1,7 @@
-//! What the state machine is told, and what it asks for.
+//! Inputs and outputs of the state machine.
 
 use super::Exit;
-use crate::shadow::SwapNews;
+use crate::shadow::SwapProgress;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::Heartbeat;
@@ -18,7 +18,7 @@ pub enum Observation {
         /// When it was published.
         time: Timestamp,
     },
-    /// A process has been started as the machine asked.
+    /// A process has been started as the machine requested.
     Spawned {
         /// Which process.
         process: usize,
@@ -32,18 +32,18 @@ pub enum Observation {
         /// How.
         exit: Exit,
     },
-    /// What a silent process was found doing; the answer to [`Action::Examine`].
-    Examined {
+    /// What a silent process was found doing; the answer to [`Action::Inspect`].
+    Inspected {
         /// Which process.
         process: usize,
         /// What it does.
-        doing: Doing,
+        activity: ProcessActivity,
         /// CPU time it has used since its start (s).
         cpu_s: f64,
         /// The core it runs on, or ran on last, is known to run.
         core_runs: bool,
     },
-    /// The second instance of a process has been started as the machine asked.
+    /// The second instance of a process has been started as the machine requested.
     ShadowSpawned {
         /// Which process.
         process: usize,
@@ -57,7 +57,7 @@ pub enum Observation {
         /// How.
         exit: Exit,
     },
-    /// Somebody wants another binary (or the same one) to take the place of a process.
+    /// A request to replace a process by another binary (or the same one).
     SwapRequested {
         /// Which process.
         process: usize,
@@ -66,23 +66,23 @@ pub enum Observation {
         /// Nothing is to be changed.
         dry_run: bool,
     },
-    /// Somebody wants a process ended and started again, or started if it is down.
+    /// A request to end a process and start it again, or to start it if it is down.
     RestartRequested {
         /// Which process.
         process: usize,
     },
-    /// Somebody wants one process to end for good.
+    /// A request to end a process for good.
     EndRequested {
         /// Which process.
         process: usize,
     },
-    /// Somebody asked the system to stop.
+    /// A request to stop the system.
     StopRequested,
 }
 
-/// What a process is doing, as the kernel says.
+/// What a process is doing, as the kernel reports it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Doing {
+pub enum ProcessActivity {
     /// It runs, or would if it were given a CPU.
     Runnable,
     /// It waits for something: a lock, or a timer that a machine that stood still has not served yet.
@@ -107,7 +107,7 @@ pub enum Action {
         process: usize,
     },
     /// See what a silent process is doing.
-    Examine {
+    Inspect {
         /// Which process.
         process: usize,
     },
@@ -140,17 +140,17 @@ pub enum Action {
         /// Which process.
         process: usize,
     },
-    /// Tell whoever asked how a swap goes.
-    Tell {
+    /// Report to the client that requested a swap how it goes.
+    ReportSwap {
         /// Which process.
         process: usize,
-        /// What there is to tell.
-        news: SwapNews,
+        /// The step it has reached.
+        progress: SwapProgress,
     },
     /// Remove what dead processes left in shared memory.
     CleanUp,
-    /// Tell the pilot.
-    Raise(EventSample),
+    /// Publish an event, for the pilot among others.
+    PublishEvent(EventSample),
     /// Everything has ended: leave.
     End(End),
 }

@@ -1,6 +1,6 @@
 //! Makes a checked row of a written one.
 
-use super::{At, OnFailure, ProcessRow, Rules, When, Written, WrittenRestart, WrittenSlow, choose};
+use super::{At, OnFailure, ProcessRow, ProcessRules, When, WrittenRestart, WrittenRow, WrittenSlow, choose};
 use crate::policy::RestartRule;
 use crate::slowness::SlowRule;
 use jink_runtime::config::{
@@ -49,7 +49,7 @@ const LOG_LEVELS: [(&str, tracing::Level); 5] = [
     ("trace", tracing::Level::TRACE),
 ];
 
-/// Whether `path` is a file that may be executed by somebody.
+/// Whether `path` is an executable file.
 pub(super) fn is_executable(path: &Path) -> bool {
     std::fs::metadata(path).is_ok_and(|file| file.is_file() && file.permissions().mode() & 0o111 != 0)
 }
@@ -63,7 +63,7 @@ pub(super) fn size(rows: &[ProcessRow], at: &At<'_>) -> Result<(), ConfigError> 
     }
 }
 
-/// Who is to be stopped by `on_failure = "stop_output"` is among the rows: the autopilot's own fail-safe is counted on.
+/// The process that `on_failure = "stop_output"` stops is among the rows: the autopilot's own fail-safe is counted on.
 pub(super) fn output_is_there(rows: &[ProcessRow], file: &Path) -> Result<(), ConfigError> {
     let stops_it = |row: &&ProcessRow| row.rules.on_failure == OnFailure::StopOutput;
     match rows.iter().find(stops_it) {
@@ -79,7 +79,8 @@ pub(super) fn output_is_there(rows: &[ProcessRow], file: &Path) -> Result<(), Co
     }
 }
 
-/// Where sensors are real, each of `sensors` has somebody who measures: a driver of ours, a program of others, the autopilot.
+/// Where sensors are real, each of `sensors` is measured by something: a driver of ours, a program of others, the
+/// autopilot.
 pub(super) fn every_sensor_is_measured(rows: &[ProcessRow], sensors: &[Sensor]) -> Result<(), ConfigError> {
     let is_measured = |sensor: &&Sensor| {
         let topic = match sensor.output {
@@ -113,7 +114,8 @@ pub(super) fn every_sensor_is_measured(rows: &[ProcessRow], sensors: &[Sensor]) 
     })
 }
 
-/// A row that is about to join `others` has a name of its own and a place: what is there per sensor can have taken either.
+/// A row that is about to join `others` has a name of its own and a place: what is there per sensor can have taken
+/// either.
 pub(super) fn joins(row: &ProcessRow, others: &[ProcessRow], file: &Path) -> Result<(), ConfigError> {
     let name = &row.rules.name;
     let refused = |message: String| ConfigError {
@@ -172,8 +174,8 @@ pub(super) fn publishes(
 
 /// The row that starts at `line`, completed by `defaults`.
 pub(super) fn row(
-    written: &Spanned<Written>,
-    defaults: &Written,
+    written: &Spanned<WrittenRow>,
+    defaults: &WrittenRow,
     line: usize,
     at: &At<'_>,
 ) -> Result<ProcessRow, ConfigError> {
@@ -218,9 +220,10 @@ pub(super) fn row(
         let message = format!("{name:?} has `shadow = false`: it cannot have a hot shadow");
         return Err(at(hot.map_or(start, |hot| hot.span().start), message));
     }
-    let word = |of: fn(&Written) -> &Option<Spanned<String>>| of(written).as_ref().or(of(defaults).as_ref());
+    let word =
+        |of: fn(&WrittenRow) -> &Option<Spanned<String>>| of(written).as_ref().or(of(defaults).as_ref());
     Ok(ProcessRow {
-        rules: Rules {
+        rules: ProcessRules {
             is_output: written.output.as_ref().is_some_and(|output| *output.get_ref()),
             name,
             essential: written.essential.or(defaults.essential).unwrap_or(true),
@@ -261,7 +264,7 @@ fn list(written: &Option<Spanned<Vec<String>>>) -> Option<Vec<String>> {
     written.as_ref().map(|list| list.get_ref().clone())
 }
 
-fn name(written: &Written, start: usize, at: &At<'_>) -> Result<String, ConfigError> {
+fn name(written: &WrittenRow, start: usize, at: &At<'_>) -> Result<String, ConfigError> {
     let Some(name) = &written.name else {
         return Err(at(start, "a process needs a `name`".to_owned()));
     };
@@ -297,7 +300,7 @@ fn is_name(text: &str) -> bool {
 }
 
 /// The kind of the sensors that have such a process each.
-fn per_sensor(written: &Written, at: &At<'_>) -> Result<Option<String>, ConfigError> {
+fn per_sensor(written: &WrittenRow, at: &At<'_>) -> Result<Option<String>, ConfigError> {
     let Some(kind) = &written.per_sensor else {
         return Ok(None);
     };
@@ -309,7 +312,7 @@ fn per_sensor(written: &Written, at: &At<'_>) -> Result<Option<String>, ConfigEr
     choose("kind of sensor", kind, &kinds, at).map(|kind| Some(kind.to_owned()))
 }
 
-fn program(written: &Written, start: usize, name: &str, at: &At<'_>) -> Result<PathBuf, ConfigError> {
+fn program(written: &WrittenRow, start: usize, name: &str, at: &At<'_>) -> Result<PathBuf, ConfigError> {
     let Some(program) = &written.program else {
         return Err(at(start, format!("process {name:?} needs a `program`")));
     };
@@ -370,12 +373,12 @@ fn number(
     }
 }
 
-fn slow(written: &Written, defaults: &Written, at: &At<'_>) -> Result<SlowRule, ConfigError> {
+fn slow(written: &WrittenRow, defaults: &WrittenRow, at: &At<'_>) -> Result<SlowRule, ConfigError> {
     let [own, shared] = [&written.slow, &defaults.slow].map(|table| table.as_ref().map(Spanned::get_ref));
     let default = SlowRule::default();
     let none = None;
-    type Key = fn(&WrittenSlow) -> &Option<Spanned<i64>>;
-    let get = |key: &str, of: Key, default: u32| {
+    type RowKey = fn(&WrittenSlow) -> &Option<Spanned<i64>>;
+    let get = |key: &str, of: RowKey, default: u32| {
         let sources = [own, shared].map(|table| table.map_or(&none, of));
         let count = integer(key, sources, i64::from(default), 0..=1000, at)?;
         Ok::<u32, ConfigError>(u32::try_from(count).unwrap_or(default))
@@ -387,12 +390,12 @@ fn slow(written: &Written, defaults: &Written, at: &At<'_>) -> Result<SlowRule, 
     })
 }
 
-fn restart(written: &Written, defaults: &Written, at: &At<'_>) -> Result<RestartRule, ConfigError> {
+fn restart(written: &WrittenRow, defaults: &WrittenRow, at: &At<'_>) -> Result<RestartRule, ConfigError> {
     let [own, shared] =
         [&written.restart, &defaults.restart].map(|table| table.as_ref().map(Spanned::get_ref));
     let default = RestartRule::default();
-    type Key = fn(&WrittenRestart) -> &Option<Spanned<f64>>;
-    let get = |key: &str, of: Key, default: f64, range: RangeInclusive<f64>| {
+    type RowKey = fn(&WrittenRestart) -> &Option<Spanned<f64>>;
+    let get = |key: &str, of: RowKey, default: f64, range: RangeInclusive<f64>| {
         let sources = [own, shared].map(|table| table.and_then(|table| of(table).as_ref()));
         number(key, sources, default, range, at)
     };

@@ -275,8 +275,8 @@ fn a_row_per_sensor_is_there_for_each_that_is_plugged_in() {
     let table = parse(PER_SENSOR);
     let started = |mode: Mode, names: &[&str]| -> Vec<String> {
         let rows = table.select(mode, Path::new("/"), &sensors(names)).unwrap();
-        let told = |row: &ProcessRow| format!("{} {}", row.rules.name, row.arguments.join(" "));
-        rows.iter().map(told).collect()
+        let name_and_arguments = |row: &ProcessRow| format!("{} {}", row.rules.name, row.arguments.join(" "));
+        rows.iter().map(name_and_arguments).collect()
     };
     assert_eq!(
         started(Mode::Real, &["front", "left"]),

@@ -127,15 +127,15 @@ fn nothing_is_left_in_memory_after_a_stop() {
     let mut rig = Rig::new(&[row("one", "[]", "")]);
     rig.start();
     let pid = rig.wait_active("one").pid;
-    assert!(!rig.remains().is_empty());
+    assert!(!rig.stale_resources().is_empty());
     let (status, _) = rig.stop();
     assert!(status.success());
-    assert_eq!(rig.remains(), [""; 0]);
+    assert_eq!(rig.stale_resources(), [""; 0]);
     assert!(!is_alive(pid));
 }
 
 #[test]
-fn who_does_not_hear_sigterm_is_killed_at_a_stop() {
+fn a_process_that_ignores_sigterm_is_killed_at_a_stop() {
     let deaf = row("deaf", "[\"hang_after_ms=50\"]", "heartbeat_timeout_ms = 60000");
     let mut rig = Rig::new(&[row("one", "[]", ""), deaf]);
     rig.start();
@@ -146,7 +146,7 @@ fn who_does_not_hear_sigterm_is_killed_at_a_stop() {
 }
 
 #[test]
-fn a_second_supervisor_is_refused_and_told_by_whom() {
+fn a_second_supervisor_is_refused_with_the_id_of_the_first() {
     let mut rig = Rig::new(&[row("one", "[]", "")]);
     rig.start();
     let status = rig.wait_health(Health::Healthy);
@@ -171,7 +171,7 @@ fn a_malformed_table_or_setting_is_refused_with_its_place() {
         log.contains("services.toml:8: unknown key `esential`; did you mean `essential`?"),
         "{log}"
     );
-    assert!(rig.remains().is_empty(), "nothing has been created");
+    assert!(rig.stale_resources().is_empty(), "nothing has been created");
 
     let rig = Rig::new(&[row("one", "[]", "")]);
     let refused = rig
@@ -220,7 +220,7 @@ fn what_a_killed_supervisor_has_left_can_be_swept_away() {
     let swept = rig.command().arg("--sweep").status().unwrap();
     assert!(swept.success());
     wait_for("the end", || (!is_alive(pid)).then_some(()));
-    assert_eq!(rig.remains(), [""; 0]);
+    assert_eq!(rig.stale_resources(), [""; 0]);
 }
 
 #[test]
@@ -248,7 +248,7 @@ fn a_swap_goes_all_the_way_and_a_bad_candidate_leaves_the_owner_alone() {
     wait_for("the end of the old one", || (!is_alive(first.pid)).then_some(()));
     let (status, log) = rig.stop();
     assert!(status.success(), "{log}");
-    assert_eq!(rig.remains(), [""; 0]);
+    assert_eq!(rig.stale_resources(), [""; 0]);
 }
 
 #[test]
@@ -275,7 +275,7 @@ fn the_supervisor_itself_is_upgraded_and_nobody_notices() {
 }
 
 #[test]
-fn the_service_manager_hears_ready_alive_and_stopping() {
+fn the_service_manager_receives_ready_alive_and_stopping() {
     let mut rig = Rig::new(&[row("one", "[]", "")]);
     let path = rig.config.join("notify");
     let manager = UnixDatagram::bind(&path).unwrap();
@@ -283,14 +283,14 @@ fn the_service_manager_hears_ready_alive_and_stopping() {
     let mut command = rig.command();
     command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "200000");
     rig.start_as(command);
-    let mut heard = String::new();
+    let mut received = String::new();
     let mut hear_until = |wanted: &str| {
         let mut buffer = [0; 512];
-        while !heard.contains(wanted) {
+        while !received.contains(wanted) {
             let len = manager
                 .recv(&mut buffer)
-                .unwrap_or_else(|_| panic!("no {wanted} in {heard}"));
-            heard.push_str(std::str::from_utf8(&buffer[..len]).unwrap());
+                .unwrap_or_else(|_| panic!("no {wanted} in {received}"));
+            received.push_str(std::str::from_utf8(&buffer[..len]).unwrap());
         }
     };
     hear_until("READY=1\n");
@@ -300,5 +300,5 @@ fn the_service_manager_hears_ready_alive_and_stopping() {
     hear_until("STOPPING=1\n");
     let (status, _) = rig.ended();
     assert!(status.success());
-    assert!(heard.find("READY=1") < heard.find("STOPPING=1"));
+    assert!(received.find("READY=1") < received.find("STOPPING=1"));
 }

@@ -101,7 +101,7 @@ impl Rig {
         self.reconnect();
     }
 
-    /// Reads the status of whoever is supervisor now.
+    /// Reads the status of the present supervisor.
     pub fn reconnect(&mut self) {
         let session = Session::open(&self.instance, "cli").unwrap();
         self.status = Some(session.input(topics::SYSTEM_STATUS, "").unwrap());
@@ -136,7 +136,7 @@ impl Rig {
         })
     }
 
-    /// Asks the supervisor and answers with everything it says.
+    /// Sends a request to the supervisor and returns everything it answers.
     pub fn ask(&self, request: &Request) -> Vec<Answer> {
         let mut stream = wait_for("the socket", || {
             UnixStream::connect(self.instance.request_socket()).ok()
@@ -180,7 +180,7 @@ impl Rig {
     }
 
     /// What of the instance is left in shared memory.
-    pub fn remains(&self) -> Vec<String> {
+    pub fn stale_resources(&self) -> Vec<String> {
         let prefix = format!("jink_{}", self.instance);
         let names = std::fs::read_dir("/dev/shm").unwrap().flatten();
         names
@@ -203,11 +203,11 @@ pub fn is_alive(pid: u32) -> bool {
 impl Drop for Rig {
     fn drop(&mut self) {
         if let Some(mut supervisor) = self.supervisor.take() {
-            let _gone_already = supervisor.kill();
-            let _gone_already = supervisor.wait();
+            let _ = supervisor.kill();
+            let _ = supervisor.wait();
         }
         let swept = self.command().arg("--sweep").status();
-        let _gone_already = std::fs::remove_dir_all(&self.config);
+        let _ = std::fs::remove_dir_all(&self.config);
         assert!(std::thread::panicking() || swept.is_ok_and(|status| status.success()));
     }
 }

@@ -1,4 +1,4 @@
-//! The claim on an instance: a lock that the kernel drops when its holder dies, and the right to remove the instance's
+//! The lock on an instance: one that the kernel drops when its owner dies, and the right to remove the instance's
 //! memory that comes with it.
 
 use jink_runtime::Instance;
@@ -9,13 +9,13 @@ use std::os::unix::fs::MetadataExt;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Somebody who only looks whether the instance is up holds the lock for an instant: that passes.
+/// A command that only checks whether the instance is up holds the lock for an instant: that passes.
 const ATTEMPTS: u32 = 20;
 const PAUSE: Duration = Duration::from_millis(5);
 
 /// Why an instance cannot be had.
 #[derive(Debug)]
-pub enum ClaimError {
+pub enum InstanceLockError {
     /// Another supervisor holds it.
     Held {
         /// The instance.
@@ -32,7 +32,7 @@ pub enum ClaimError {
     },
 }
 
-impl fmt::Display for ClaimError {
+impl fmt::Display for InstanceLockError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Held { instance, pid } => write!(
@@ -43,20 +43,20 @@ impl fmt::Display for ClaimError {
         }
     }
 }
-impl std::error::Error for ClaimError {}
+impl std::error::Error for InstanceLockError {}
 
 /// Being the only supervisor of an instance, as long as this lives.
 #[derive(Debug)]
-pub struct Claim {
+pub struct InstanceLock {
     instance: Instance,
     _lock: File,
 }
 
-impl Claim {
-    /// Takes the instance, or says who has it.
-    pub fn take(instance: &Instance) -> Result<Self, ClaimError> {
+impl InstanceLock {
+    /// Locks the instance, or returns the process id of its owner.
+    pub fn take(instance: &Instance) -> Result<Self, InstanceLockError> {
         let path = instance.lock_file();
-        let failed = |cause: std::io::Error| ClaimError::Io {
+        let failed = |cause: std::io::Error| InstanceLockError::Io {
             path: path.clone(),
             cause,
         };
@@ -89,8 +89,8 @@ impl Claim {
             }
         }
         let mut pid = String::new();
-        let _unreadable = File::open(&path).and_then(|mut file| file.read_to_string(&mut pid));
-        Err(ClaimError::Held {
+        let _ = File::open(&path).and_then(|mut file| file.read_to_string(&mut pid));
+        Err(InstanceLockError::Held {
             instance: instance.to_string(),
             pid: pid.trim().to_owned(),
         })

@@ -1,45 +1,51 @@
-//! Second instances in the state machine: swaps, hot shadows, and who takes over when an owner dies. The rules are in
-//! [`crate::shadow`].
+//! Second instances in the state machine: swaps, hot shadows, and which instance takes over when an owner dies. The
+//! rules are in [`crate::shadow`].
 
 use super::{Action, Exit, LOOK_S, Supervision, end_to_start_again, raise};
-use crate::process::{Life, Process};
+use crate::process::{Process, RunState};
 use crate::shadow::{
-    Judgement, Kind, Refusal, SETTLE_S, SWITCH_LEAD_S, Shadow, Swap, SwapNews, WATCH_S, quiet_moment,
+    SETTLE_S, SWITCH_LEAD_S, Shadow, ShadowRole, Swap, SwapProgress, SwapRefusal, TrialVerdict, WATCH_S,
+    quiet_moment,
 };
 use jink_shared_types::Timestamp;
 use jink_shared_types::control::{Control, ControlEntry};
 use jink_shared_types::events;
 use jink_shared_types::health::{Name, ReplaceReason, SwapPhase};
 
-/// A hot shadow is started when its owner has lived this long (s): owners that die at once need no second victim.
+/// A hot shadow is started when its owner has run this long (s): where owners die at once, a shadow would die, too.
 const HOT_AFTER_S: f64 = 1.0;
 /// A hot shadow that has died is started again after this long (s).
 const HOT_AGAIN_S: f64 = 2.0;
 
 /// What belongs to the second instance of one process.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Second {
+pub(super) struct SecondInstance {
     pub(super) shadow: Option<Shadow>,
     /// A swap that waits for its place.
     wanted: Option<Swap>,
     /// No hot shadow before.
     not_before: Timestamp,
     /// What it left in shared memory has not been removed.
-    left_behind: bool,
+    has_stale_resources: bool,
 }
 
-impl Second {
-    /// Whether it has left something to be removed; asked once.
-    pub(super) fn take_remains(&mut self) -> bool {
-        std::mem::take(&mut self.left_behind)
+impl SecondInstance {
+    /// Whether it has left resources to be removed; true once.
+    pub(super) fn take_stale(&mut self) -> bool {
+        std::mem::take(&mut self.has_stale_resources)
     }
 }
 
 impl Supervision {
-    /// Writes who owns what.
+    /// Writes the owner of each process.
     pub fn write_control(&self, control: &mut Control) {
         control.len = self.processes.len() as u32;
-        for ((slot, process), second) in control.entries.iter_mut().zip(&self.processes).zip(&self.seconds) {
+        for ((slot, process), second) in control
+            .entries
+            .iter_mut()
+            .zip(&self.processes)
+            .zip(&self.second_instances)
+        {
             *slot = ControlEntry {
                 name: Name::new(&process.rules.name),
                 active: process.generation,
@@ -47,7 +53,7 @@ impl Supervision {
                 ..ControlEntry::default()
             };
             if let Some(shadow) = &second.shadow
-                && let Kind::Candidate(swap) = shadow.kind
+                && let ShadowRole::Candidate(swap) = shadow.role
                 && swap.phase == SwapPhase::Switching
             {
                 slot.next = shadow.generation;
@@ -59,8 +65,11 @@ impl Supervision {
 
     /// Whether a swap of process `index` is under way: another one is not even prepared then.
     pub fn is_swapping(&self, index: usize) -> bool {
-        self.seconds.get(index).is_some_and(|second| {
-            let busy = second.shadow.as_ref().is_some_and(|one| one.kind != Kind::Hot);
+        self.second_instances.get(index).is_some_and(|second| {
+            let busy = second
+                .shadow
+                .as_ref()
+                .is_some_and(|one| one.role != ShadowRole::Hot);
             busy || second.wanted.is_some()
         })
     }
@@ -74,30 +83,32 @@ impl Supervision {
         actions: &mut Vec<Action>,
     ) {
         let busy = self.is_swapping(index);
-        let (Some(process), Some(second)) = (self.processes.get_mut(index), self.seconds.get_mut(index))
-        else {
+        let (Some(process), Some(second)) = (
+            self.processes.get_mut(index),
+            self.second_instances.get_mut(index),
+        ) else {
             return;
         };
         let refusal = if self.stopping.is_some() {
-            Some(Refusal::Stopping)
+            Some(SwapRefusal::Stopping)
         } else if busy {
-            Some(Refusal::Busy)
-        } else if process.life != Life::Running || !process.in_loop() {
-            Some(Refusal::NotRunning)
+            Some(SwapRefusal::Busy)
+        } else if process.run_state != RunState::Running || !process.in_loop() {
+            Some(SwapRefusal::NotRunning)
         } else if dry_run && !process.rules.has_shadow {
-            Some(Refusal::NoShadow)
+            Some(SwapRefusal::NoShadow)
         } else {
             None
         };
         if let Some(refusal) = refusal {
-            tell(actions, index, SwapNews::Refused(refusal));
+            report_swap(actions, index, SwapProgress::Refused(refusal));
             return;
         }
         if !process.rules.has_shadow {
             process.reason = ReplaceReason::Swapped;
             end_to_start_again(process, index, now, actions);
             actions.push(Action::Commit { process: index });
-            tell(actions, index, SwapNews::Replaced);
+            report_swap(actions, index, SwapProgress::Replaced);
             return;
         }
         second.wanted = Some(Swap {
@@ -108,31 +119,31 @@ impl Supervision {
             begin: None,
             from: Timestamp::NEVER,
         });
-        // A hot shadow makes room.
+        // A hot shadow is ended first.
         end(second, index, actions);
     }
 
     /// Starts candidates and hot shadows, and moves swaps on.
-    pub(super) fn step_seconds(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
-        for index in 0..self.seconds.len() {
+    pub(super) fn step_second_instances(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
+        for index in 0..self.second_instances.len() {
             self.start_second(now, index, actions);
             self.step_second(now, index, actions);
         }
     }
 
     fn start_second(&mut self, now: Timestamp, index: usize, actions: &mut Vec<Action>) {
-        let (process, second) = (&mut self.processes[index], &mut self.seconds[index]);
+        let (process, second) = (&mut self.processes[index], &mut self.second_instances[index]);
         if second.shadow.is_some() {
             return;
         }
         let hot = process.rules.hot_shadow
-            && process.life == Life::Running
+            && process.run_state == RunState::Running
             && process.in_loop()
             && now.seconds_since(process.started) > HOT_AFTER_S
             && now >= second.not_before;
         let kind = match second.wanted.take() {
-            Some(swap) => Kind::Candidate(swap),
-            None if hot => Kind::Hot,
+            Some(swap) => ShadowRole::Candidate(swap),
+            None if hot => ShadowRole::Hot,
             None => return,
         };
         let generation = process.next_generation();
@@ -140,67 +151,71 @@ impl Supervision {
         actions.push(Action::SpawnShadow {
             process: index,
             generation,
-            candidate: kind != Kind::Hot,
+            candidate: kind != ShadowRole::Hot,
         });
     }
 
     fn step_second(&mut self, now: Timestamp, index: usize, actions: &mut Vec<Action>) {
-        let (process, second) = (&mut self.processes[index], &mut self.seconds[index]);
+        let (process, second) = (&mut self.processes[index], &mut self.second_instances[index]);
         let Some(shadow) = second.shadow.as_mut().filter(|shadow| !shadow.ending) else {
             return;
         };
         let silent = shadow.is_silent(now, process.rules.heartbeat_timeout_s);
-        let ownerless = process.life != Life::Running;
-        match &mut shadow.kind {
-            Kind::Candidate(_) if ownerless => refuse(process, second, index, Refusal::OwnerDied, actions),
-            Kind::Hot if silent => end(second, index, actions),
-            Kind::Hot => {}
-            Kind::Former { until } => {
+        let ownerless = process.run_state != RunState::Running;
+        match &mut shadow.role {
+            ShadowRole::Candidate(_) if ownerless => {
+                refuse(process, second, index, SwapRefusal::OwnerDied, actions)
+            }
+            ShadowRole::Hot if silent => end(second, index, actions),
+            ShadowRole::Hot => {}
+            ShadowRole::Former { until } => {
                 if now >= *until || silent {
                     actions.push(Action::Commit { process: index });
-                    tell(actions, index, SwapNews::Done);
+                    report_swap(actions, index, SwapProgress::Done);
                     raise(actions, &events::PROCESS_SWAPPED, process, 0.0);
                     end(second, index, actions);
                 }
             }
-            Kind::Candidate(_) if silent => refuse(process, second, index, Refusal::Silent, actions),
-            Kind::Candidate(swap) => match swap.phase {
+            ShadowRole::Candidate(_) if silent => {
+                refuse(process, second, index, SwapRefusal::Silent, actions)
+            }
+            ShadowRole::Candidate(swap) => match swap.phase {
                 SwapPhase::Starting => {
                     let cycles = swap.cycles;
                     if now.seconds_since(shadow.started) > process.rules.start_grace_s {
-                        refuse(process, second, index, Refusal::NeverUp, actions);
+                        refuse(process, second, index, SwapRefusal::NeverUp, actions);
                     } else if shadow.in_loop() {
                         let beats = (shadow.heartbeat, process.heartbeat());
-                        if let Kind::Candidate(swap) = &mut shadow.kind {
+                        if let ShadowRole::Candidate(swap) = &mut shadow.role {
                             swap.phase = SwapPhase::Probation;
                             swap.since = now;
                             swap.begin = Some(beats);
                         }
-                        tell(actions, index, SwapNews::Probation { cycles });
+                        report_swap(actions, index, SwapProgress::Probation { cycles });
                     }
                 }
                 SwapPhase::Probation => match swap.judge(now, &shadow.heartbeat, &process.heartbeat()) {
-                    Judgement::Goes => {}
-                    Judgement::Failed(refusal) => refuse(process, second, index, refusal, actions),
-                    Judgement::Passed(trial) if swap.dry_run => {
-                        tell(actions, index, SwapNews::DryRunPassed { trial });
+                    TrialVerdict::Goes => {}
+                    TrialVerdict::Failed(refusal) => refuse(process, second, index, refusal, actions),
+                    TrialVerdict::Passed(trial) if swap.dry_run => {
+                        report_swap(actions, index, SwapProgress::DryRunPassed { trial });
                         end(second, index, actions);
                     }
-                    Judgement::Passed(trial) => {
+                    TrialVerdict::Passed(trial) => {
                         swap.phase = SwapPhase::Switching;
                         swap.from = quiet_moment(now.plus_seconds(SWITCH_LEAD_S));
-                        tell(actions, index, SwapNews::Switching { trial });
+                        report_swap(actions, index, SwapProgress::Switching { trial });
                     }
                 },
                 SwapPhase::Switching => {
                     if now.seconds_since(swap.from) >= SETTLE_S {
                         exchange(process, shadow);
                         process.reason = ReplaceReason::Swapped;
-                        shadow.kind = Kind::Former {
+                        shadow.role = ShadowRole::Former {
                             until: now.plus_seconds(WATCH_S),
                         };
                         actions.push(Action::Promote { process: index });
-                        tell(actions, index, SwapNews::Switched);
+                        report_swap(actions, index, SwapProgress::Switched);
                     }
                 }
                 SwapPhase::Idle | SwapPhase::Watching => {}
@@ -216,28 +231,28 @@ impl Supervision {
         exit: Exit,
         actions: &mut Vec<Action>,
     ) -> bool {
-        let (process, second) = (&mut self.processes[index], &mut self.seconds[index]);
+        let (process, second) = (&mut self.processes[index], &mut self.second_instances[index]);
         let Some(mut shadow) = second.shadow.take_if(|shadow| shadow.is_ready()) else {
             return false;
         };
-        let kind = shadow.kind;
+        let kind = shadow.role;
         match kind {
-            Kind::Candidate(swap) if swap.phase != SwapPhase::Switching => {
+            ShadowRole::Candidate(swap) if swap.phase != SwapPhase::Switching => {
                 // It has not proven itself: an ordinary restart is the better choice.
                 second.shadow = Some(shadow);
-                refuse(process, second, index, Refusal::OwnerDied, actions);
+                refuse(process, second, index, SwapRefusal::OwnerDied, actions);
                 return false;
             }
-            Kind::Former { .. } => {
+            ShadowRole::Former { .. } => {
                 shadow.epoch = process.next_generation();
-                tell(actions, index, SwapNews::RolledBack(Refusal::Ended(exit)));
+                report_swap(actions, index, SwapProgress::RolledBack(SwapRefusal::Ended(exit)));
                 raise(actions, &events::SWAP_ROLLED_BACK, process, 0.0);
             }
-            Kind::Candidate(_) => {
+            ShadowRole::Candidate(_) => {
                 actions.push(Action::Commit { process: index });
-                tell(actions, index, SwapNews::Done);
+                report_swap(actions, index, SwapProgress::Done);
             }
-            Kind::Hot => {}
+            ShadowRole::Hot => {}
         }
         exchange(process, &mut shadow);
         process.taken_over(now);
@@ -254,43 +269,47 @@ impl Supervision {
         exit: Exit,
         actions: &mut Vec<Action>,
     ) {
-        let (Some(process), Some(second)) = (self.processes.get_mut(index), self.seconds.get_mut(index))
-        else {
+        let (Some(process), Some(second)) = (
+            self.processes.get_mut(index),
+            self.second_instances.get_mut(index),
+        ) else {
             return;
         };
         let Some(shadow) = second.shadow.take() else {
             return;
         };
-        second.left_behind = true;
+        second.has_stale_resources = true;
         second.not_before = now.plus_seconds(HOT_AGAIN_S);
         if shadow.ending {
             return;
         }
-        match shadow.kind {
-            Kind::Hot => {}
-            Kind::Candidate(swap) => turn_down(process, &swap, index, Refusal::Ended(exit), actions),
-            Kind::Former { .. } => {
+        match shadow.role {
+            ShadowRole::Hot => {}
+            ShadowRole::Candidate(swap) => {
+                turn_down(process, &swap, index, SwapRefusal::Ended(exit), actions)
+            }
+            ShadowRole::Former { .. } => {
                 actions.push(Action::Commit { process: index });
-                tell(actions, index, SwapNews::Done);
+                report_swap(actions, index, SwapProgress::Done);
                 raise(actions, &events::PROCESS_SWAPPED, process, 0.0);
             }
         }
     }
 
     /// Ends every second instance; swaps that are under way are over.
-    pub(super) fn end_seconds(&mut self, actions: &mut Vec<Action>) {
-        for index in 0..self.seconds.len() {
-            self.end_second_of(index, Refusal::Stopping, actions);
+    pub(super) fn end_second_instances(&mut self, actions: &mut Vec<Action>) {
+        for index in 0..self.second_instances.len() {
+            self.end_second_of(index, SwapRefusal::Stopping, actions);
         }
     }
 
     /// Ends the second instance of one process, because of `refusal` if it was a candidate.
-    pub(super) fn end_second_of(&mut self, index: usize, refusal: Refusal, actions: &mut Vec<Action>) {
-        let (process, second) = (&mut self.processes[index], &mut self.seconds[index]);
+    pub(super) fn end_second_of(&mut self, index: usize, refusal: SwapRefusal, actions: &mut Vec<Action>) {
+        let (process, second) = (&mut self.processes[index], &mut self.second_instances[index]);
         let candidate = second
             .shadow
             .as_ref()
-            .is_some_and(|one| !one.ending && matches!(one.kind, Kind::Candidate(_)));
+            .is_some_and(|one| !one.ending && matches!(one.role, ShadowRole::Candidate(_)));
         if second.wanted.take().is_some() || candidate {
             refuse(process, second, index, refusal, actions);
         } else {
@@ -298,10 +317,10 @@ impl Supervision {
         }
     }
 
-    /// When second instances want to be looked at again.
-    pub(super) fn seconds_wake(&self, now: Timestamp) -> Option<Timestamp> {
+    /// When second instances have to be stepped again.
+    pub(super) fn second_instances_wake(&self, now: Timestamp) -> Option<Timestamp> {
         let any = self
-            .seconds
+            .second_instances
             .iter()
             .any(|second| second.shadow.is_some() || second.wanted.is_some());
         any.then(|| now.plus_seconds(LOOK_S))
@@ -309,7 +328,7 @@ impl Supervision {
 }
 
 /// Ends the second instance, if there is one.
-fn end(second: &mut Second, index: usize, actions: &mut Vec<Action>) {
+fn end(second: &mut SecondInstance, index: usize, actions: &mut Vec<Action>) {
     if let Some(shadow) = second.shadow.as_mut().filter(|shadow| !shadow.ending) {
         shadow.ending = true;
         actions.push(Action::KillShadow { process: index });
@@ -318,36 +337,42 @@ fn end(second: &mut Second, index: usize, actions: &mut Vec<Action>) {
 
 fn refuse(
     process: &mut Process,
-    second: &mut Second,
+    second: &mut SecondInstance,
     index: usize,
-    refusal: Refusal,
+    refusal: SwapRefusal,
     actions: &mut Vec<Action>,
 ) {
-    match second.shadow.as_ref().map(|shadow| shadow.kind) {
-        Some(Kind::Candidate(swap)) => turn_down(process, &swap, index, refusal, actions),
+    match second.shadow.as_ref().map(|shadow| shadow.role) {
+        Some(ShadowRole::Candidate(swap)) => turn_down(process, &swap, index, refusal, actions),
         _ => {
-            tell(actions, index, SwapNews::Refused(refusal));
+            report_swap(actions, index, SwapProgress::Refused(refusal));
             raise(actions, &events::SWAP_REFUSED, process, 0.0);
         }
     }
     end(second, index, actions);
 }
 
-/// A candidate is not taken. If its moment had come already it may have spoken: then the owner goes on in a newer epoch, so
-/// that readers do not take its samples for older ones.
-fn turn_down(process: &mut Process, swap: &Swap, index: usize, refusal: Refusal, actions: &mut Vec<Action>) {
+/// A candidate is rejected. If its moment had come already it may have published: then the owner continues in a newer
+/// epoch, so that readers do not take its samples for older ones.
+fn turn_down(
+    process: &mut Process,
+    swap: &Swap,
+    index: usize,
+    refusal: SwapRefusal,
+    actions: &mut Vec<Action>,
+) {
     if swap.phase == SwapPhase::Switching {
         process.epoch = process.next_generation();
-        tell(actions, index, SwapNews::RolledBack(refusal));
+        report_swap(actions, index, SwapProgress::RolledBack(refusal));
         raise(actions, &events::SWAP_ROLLED_BACK, process, 0.0);
     } else {
-        tell(actions, index, SwapNews::Refused(refusal));
+        report_swap(actions, index, SwapProgress::Refused(refusal));
         raise(actions, &events::SWAP_REFUSED, process, 0.0);
     }
 }
 
-fn tell(actions: &mut Vec<Action>, process: usize, news: SwapNews) {
-    actions.push(Action::Tell { process, news });
+fn report_swap(actions: &mut Vec<Action>, process: usize, progress: SwapProgress) {
+    actions.push(Action::ReportSwap { process, progress });
 }
 
 /// Owner and second instance exchange their places.
