@@ -55,7 +55,7 @@ use contributions::Contributions;
 use far_window::FarWindow;
 use field_of_view::FieldOfViewEstimator;
 use frame_bits::{FrameBits, RayBatch};
-use health::Health;
+use health::SensorChecks;
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::layout::Layout;
@@ -89,7 +89,8 @@ pub struct FusionConfig {
     /// Start bubble: everything within this distance of the vehicle (m) is free on the ground and while it is above the
     /// place where it stood; zero: not declared.
     pub start_bubble_m: f64,
-    /// Lowest and highest height above home between which nothing hangs from above (m); the second not above the first: not declared.
+    /// Lowest and highest height above home between which nothing hangs from above (m); the second not above the first:
+    /// not declared.
     pub no_overhang_m: [f64; 2],
     /// [`LocalMap::epoch`] of the first map: a restarted process continues the count of its predecessor.
     pub first_epoch: u32,
@@ -126,7 +127,7 @@ impl FusionConfig {
 
 /// Counts of what was rejected, since construction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
+pub struct RejectedCounts {
     /// Vehicle states out of order, without a valid position, or with impossible numbers.
     pub states_refused: u64,
     /// Clouds and scans of unknown sensors, out of order, or with an impossible description.
@@ -150,12 +151,12 @@ pub struct Fusion {
     window: MapWindow,
     far: FarWindow,
     sensors: Contributions,
-    health: Health,
+    health: SensorChecks,
     /// Motors armed, by the newest state.
     armed: bool,
     view: FieldOfViewEstimator,
     transient_hits: TransientHits,
-    counters: Counters,
+    counters: RejectedCounts,
     /// Down coordinate of home (m); NaN unknown.
     home_down_m: f64,
     /// Something was seen hanging from above where it is declared that nothing does.
@@ -178,7 +179,7 @@ impl Fusion {
             window: MapWindow::new(),
             far: FarWindow::new(),
             sensors: Contributions::new(config.sensor_count),
-            health: Health::new(
+            health: SensorChecks::new(
                 &config.declared.map(|declared| declared.rate_hz)[..config.sensor_count.min(SENSORS)],
             ),
             armed: false,
@@ -187,7 +188,7 @@ impl Fusion {
             home_down_m: f64::NAN,
             overhang_seen: false,
             start: StartBubble::default(),
-            counters: Counters::default(),
+            counters: RejectedCounts::default(),
             estimator_resets: None,
             epoch: config.first_epoch,
             frames: 0,
@@ -494,7 +495,7 @@ impl Fusion {
     }
 
     /// The counts of what was rejected so far.
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> RejectedCounts {
         self.counters
     }
 }

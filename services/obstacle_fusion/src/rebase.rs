@@ -39,8 +39,8 @@ pub(crate) struct Estimate {
     pub rates_radps: Vector3<f64>,
 }
 
-/// By how much (m) the local coordinates of everything changed between `before` and `after`, `step_s` later; nothing if that is not
-/// known.
+/// By how much (m) the local coordinates of everything changed between `before` and `after`, `step_s` later; nothing if
+/// that is not known.
 pub(crate) fn known_jump_m(before: &Estimate, after: &Estimate, step_s: f64) -> Option<Vector3<f64>> {
     if !(step_s > 0.0 && step_s <= MAX_GAP_S) {
         return None;

@@ -1,13 +1,13 @@
 //! The same inputs give the same map, to the bit, whatever ran before in the process.
 
 use crate::world::{Lidar, Random, VehicleMotion, at, forest, header};
-use jink_obstacle_fusion::{Counters, Fusion, FusionConfig};
+use jink_obstacle_fusion::{Fusion, FusionConfig, RejectedCounts};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::PointCloud;
 use nalgebra::{UnitQuaternion, Vector3};
 
-fn flight(seed: u64) -> (Box<LocalMap>, Counters) {
+fn flight(seed: u64) -> (Box<LocalMap>, RejectedCounts) {
     let world = forest(40.0, seed);
     let mut random = Random(seed);
     let motion = |t_s: f64| VehicleMotion {
