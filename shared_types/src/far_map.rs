@@ -1,11 +1,12 @@
 //! The far map: a coarse window around the fine one ([`crate::map`]), for guidance.
 //!
-//! It reaches four times as far and remembers what the fine window has left behind, so that a path is chosen by the obstacles 50 m ahead,
-//! and a dead end is left for good. No motion is certified by it: a cell is occupied if anything in it is, and one that is
-//! not may still hold something that no ray has met.
+//! It reaches four times as far and remembers what the fine window has left behind, so that a path is chosen by the
+//! obstacles 50 m ahead, and a dead end is left for good. No motion is certified by it: a cell is occupied if anything
+//! in it is, and one that is not may still hold something that no ray has met.
 //!
-//! Cells have global indices: cell `i` of an axis covers `[i * FAR_CELL_M, (i + 1) * FAR_CELL_M)` of the local NED frame, two cells of
-//! the fine map. As there, a cell lives at its global index modulo the size, one bit per cell, x fastest.
+//! Cells have global indices: cell `i` of an axis covers `[i * FAR_CELL_M, (i + 1) * FAR_CELL_M)` of the local NED
+//! frame, two cells of the fine map. As there, a cell lives at its global index modulo the size, one bit per cell, x
+//! fastest.
 
 use crate::map::{CELL_M, Cell};
 
@@ -66,8 +67,8 @@ impl std::fmt::Debug for FarMap {
 }
 
 impl FarMap {
-    /// Whether its cells are as large as this build takes them to be. The cells themselves are not looked at: every bit pattern is a
-    /// map.
+    /// Whether its cells are as large as this build takes them to be. The cells themselves are not looked at: every bit
+    /// pattern is a map.
     pub fn is_consistent(&self) -> bool {
         self.cell_m == FAR_CELL_M
     }

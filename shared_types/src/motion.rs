@@ -123,8 +123,8 @@ crate::sample! {
     }
 }
 
-/// Acceleration (m/s^2) that a stop may reach: the hardest braking, PX4's MPC_ACC_HOR of 3, and half of it for what the vehicle
-/// accelerates when it begins to stop.
+/// Acceleration (m/s^2) that a stop may reach: the hardest braking, PX4's MPC_ACC_HOR of 3, and half of it for what the
+/// vehicle accelerates when it begins to stop.
 const STOP_ACCELERATION_MPS2: f64 = 4.5;
 /// Jerk (m/s^3) that a stop may reach: a straight one from steady flight is shaped with half of it.
 pub const STOP_JERK_MPS3: f64 = 12.0;
@@ -145,7 +145,8 @@ impl MotionLimits {
         limits.iter().all(|limit| limit.is_finite() && *limit >= 0.0)
     }
 
-    /// The limits of a stop out of a motion within these: harder than a plan, and not slower than `speed_mps` at its start.
+    /// The limits of a stop out of a motion within these: harder than a plan, and not slower than `speed_mps` at its
+    /// start.
     #[must_use]
     pub fn of_a_stop(self, speed_mps: f64) -> Self {
         Self {

@@ -11,8 +11,8 @@ use crate::reserved::Reserved;
 
 /// Most waypoints of a proposal.
 pub const PROPOSAL_WAYPOINTS: usize = 32;
-/// A coordinate is not larger than this (m): farther from the local origin a position in single precision, as autopilots
-/// send it, is coarser than 0.1 m.
+/// A coordinate is not larger than this (m): farther from the local origin a position in single precision, as
+/// autopilots send it, is coarser than 0.1 m.
 const COORDINATE_MAX_M: f64 = 1e6;
 /// A requested speed is not larger than this (m/s): faster multicopters are not planned for.
 const SPEED_MAX_MPS: f64 = 100.0;

@@ -12,14 +12,14 @@ const PEAK_OVER_MEAN: f64 = 1.875;
 
 /// The heading so far; pieces are added one after the other.
 #[derive(Clone, Copy, Debug)]
-pub struct Heading {
+pub struct HeadingProfile {
     yaw_rad: f64,
     rate_radps: f64,
     wanted_rad: f64,
     rate_max_radps: f64,
 }
 
-impl Heading {
+impl HeadingProfile {
     /// Starts at the heading of `start`; `wanted_rad` is kept throughout if finite, otherwise the curve's direction is
     /// followed; never faster than `rate_max_radps`.
     pub fn new(start: &MotionState, wanted_rad: f64, rate_max_radps: f64) -> Self {
@@ -51,11 +51,12 @@ impl Heading {
 
     /// The mean rates (rad/s) of a piece whose heading never turns faster than allowed, smallest first.
     ///
-    /// With the rate `r` at its start and the mean rate `r / 2 + q` the rate over a piece is `r g(u) + 30 q u^2 (1 - u)^2` with
+    /// With the rate `r` at its start and the mean rate `r / 2 + q` the rate over a piece is `r g(u) + 30 q u^2 (1 -
+    /// u)^2` with
     /// `g(u) = 1 - 3 u^2 + 2 u^3`, which falls from 1 to 0: with `q = 0` the rate only runs out. It stays above `-R` if
     /// `q >= -(R + r g) / (30 u^2 (1 - u)^2)` throughout and below `R` if `q <= (R - r + r (1 - g)) / (30 u^2 (1 - u)^2)`. The
-    /// denominator is at most 1.875, and over it `g` and `1 - g` are nowhere below a tenth: hence the bounds below, the same mirrored
-    /// for a negative `r`. A rate that is too fast already is not exceeded.
+    /// denominator is at most 1.875, and over it `g` and `1 - g` are nowhere below a tenth: hence the bounds below, the
+    /// same mirrored for a negative `r`. A rate that is too fast already is not exceeded.
     fn mean_rates(&self) -> [f64; 2] {
         let (rate, limit) = (self.rate_radps.abs(), self.rate_max_radps);
         let against = -limit / PEAK_OVER_MEAN - 0.1 * rate;
@@ -81,8 +82,8 @@ impl Heading {
     }
 }
 
-/// The control points (rad) and the duration (s) of a turn on the spot from the heading of `start` to `wanted_rad`, by the shorter way
-/// and never faster than `rate_max_radps`.
+/// The control points (rad) and the duration (s) of a turn on the spot from the heading of `start` to `wanted_rad`, by
+/// the shorter way and never faster than `rate_max_radps`.
 pub fn turn(start: &MotionState, wanted_rad: f64, rate_max_radps: f64) -> ([f64; QUINTIC], f64) {
     /// A turn that takes no time would divide by it (s).
     const SHORTEST_S: f64 = 0.3;
@@ -103,7 +104,7 @@ fn along(yaw_rad: f64, rate_radps: f64) -> End {
 
 #[cfg(test)]
 mod tests {
-    use super::Heading;
+    use super::HeadingProfile;
     use crate::HEADING_HALVINGS;
     use jink_shared_types::bezier::{derivative_scalar, evaluate_scalar, hull_keeps};
     use jink_shared_types::motion::{MotionLimits, MotionState};
@@ -119,7 +120,7 @@ mod tests {
             let start = MotionState { yaw_rad: yaw, yaw_rate_radps: rate, ..MotionState::default() };
             let direction = Vector3::new(direction.cos(), direction.sin(), 0.0);
             let points = std::array::from_fn(|i| direction * (i as f64 * duration * 0.4));
-            let mut heading = Heading::new(&start, f64::NAN, rate_max);
+            let mut heading = HeadingProfile::new(&start, f64::NAN, rate_max);
             let yaw_rad = heading.piece(&points, duration);
             let rates: [f64; 5] = derivative_scalar(&yaw_rad, duration);
             prop_assert!((rates[0] - rate).abs() < 1e-9 && rates[4].abs() < 1e-9);
@@ -157,7 +158,7 @@ mod tests {
             ..MotionState::default()
         };
         let points = std::array::from_fn(|i| Vector3::new(0.0, i as f64 * 0.01, 0.0));
-        let yaw_rad = Heading::new(&start, f64::NAN, 1.0).piece(&points, 1.0);
+        let yaw_rad = HeadingProfile::new(&start, f64::NAN, 1.0).piece(&points, 1.0);
         assert!(yaw_rad.iter().all(|yaw| (yaw - 0.7).abs() < 1e-12));
     }
 }

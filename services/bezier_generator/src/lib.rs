@@ -177,7 +177,7 @@ impl Generator {
         let prefix = out.len;
         let bounds = CertificateBounds::new(&route.limits, route.start.yaw_rate_radps);
         let mut heading =
-            heading::Heading::new(&route.start, route.goal_yaw_rad, route.limits.yaw_rate_radps);
+            heading::HeadingProfile::new(&route.start, route.goal_yaw_rad, route.limits.yaw_rate_radps);
         for (points, spec) in self.curves.iter().zip(specs) {
             let yaw_rad = heading.piece(points, spec.duration_s);
             let piece = BezierPiece::new(points, yaw_rad, spec.duration_s);

@@ -9,10 +9,10 @@
 //! c5 = p1                c4 = p1 - v1 T/5       c3 = p1 - 2 v1 T/5 + a1 T^2/20
 //! ```
 //!
-//! all linear in the variables. Every control point lies in the piece's polytope, the control points of the
-//! derivatives lie in balls of the limits' size (second-order cones): by the hull property the whole curve then does. The
-//! end is at rest, its position is free and drawn to the target; so a target that is too far for the time given costs
-//! but does not make the problem infeasible.
+//! all linear in the variables. Every control point lies in the piece's polytope, the control points of the derivatives
+//! lie in balls of the limits' size (second-order cones): by the hull property the whole curve then does. The end is at
+//! rest, its position is free and drawn to the target; so a target that is too far for the time given costs but does
+//! not make the problem infeasible.
 //!
 //! Objective: integral of the squared jerk, `T g' G g` with the control points `g` of the jerk and the Gram matrix of
 //! the quadratic Bernstein polynomials, plus the squared distance of the end from the target and a light pull of the

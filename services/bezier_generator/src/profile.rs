@@ -14,8 +14,8 @@ pub const PIECE_MIN_S: f64 = 0.25;
 /// Turns below this do not limit the speed (rad).
 const TURN_FREE_RAD: f64 = 0.05;
 
-/// Writes the duration (s) of every leg of the guide `vertices` into `durations_s` (one less than vertices), for a start
-/// with `start_velocity` (m/s) and an end at rest, within `speed_mps` and `acceleration_mps2`.
+/// Writes the duration (s) of every leg of the guide `vertices` into `durations_s` (one less than vertices), for a
+/// start with `start_velocity` (m/s) and an end at rest, within `speed_mps` and `acceleration_mps2`.
 pub fn durations(
     vertices: &[Vector3<f64>],
     start_velocity: &Vector3<f64>,
@@ -50,8 +50,8 @@ pub fn durations(
     }
 }
 
-/// The speed at which a turn from `before` to `after` needs no more than `a`, if the change of direction may take half of
-/// both legs.
+/// The speed at which a turn from `before` to `after` needs no more than `a`, if the change of direction may take half
+/// of both legs.
 fn turning_speed_mps(before: &Vector3<f64>, after: &Vector3<f64>, a: f64) -> f64 {
     let turn_rad = before.angle(after);
     if turn_rad < TURN_FREE_RAD {

@@ -1,4 +1,5 @@
-//! What one step of the guard costs: a flight at 3 m/s along a line of cylinders, with a new trajectory in every step and without.
+//! What one step of the guard costs: a flight at 3 m/s along a line of cylinders, with a new trajectory in every step
+//! and without.
 //!
 //! `cargo run --release -p jink-collision-guard --example guard_cost`
 

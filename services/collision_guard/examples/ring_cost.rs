@@ -2,8 +2,8 @@
 //!
 //! `cargo run --release -p jink-collision-guard --example ring_cost`
 //!
-//! Clouds come in the two orders that sensors have, azimuth by azimuth and row by row, and, as the worst case for caches
-//! and branch prediction, shuffled.
+//! Clouds come in the two orders that sensors have, azimuth by azimuth and row by row, and, as the worst case for
+//! caches and branch prediction, shuffled.
 
 use jink_collision_guard::ring::Ring;
 use jink_shared_types::frames::{AngularRate, Attitude};

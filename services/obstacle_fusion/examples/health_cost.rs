@@ -1,7 +1,7 @@
 //! What watching the sensors for faults costs: `cargo run --release -p jink-obstacle-fusion --example health_cost`.
 //!
-//! Flies each set of sensors through a rendered forest and prints percentiles of the time that the map takes for a frame; and the same of
-//! a mirrored sensor, with which a cause is searched most of the time.
+//! Flies each set of sensors through a rendered forest and prints percentiles of the time that the map takes for a
+//! frame; and the same of a mirrored sensor, with which a cause is searched most of the time.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 #[path = "../tests/it/flights/mod.rs"]

@@ -16,7 +16,7 @@ use jink_shared_types::quantile::quantiles;
 use jink_shared_types::ranges::PointCloud;
 use nalgebra::{UnitQuaternion, Vector3};
 use std::time::Instant;
-use world::{Lidar, Obstacle, VehicleMotion, at, forest, header};
+use world::{Lidar, VehicleMotion, WorldShape, at, forest, header};
 
 const SWEEP_S: f64 = 0.1;
 const SWEEPS: usize = 200;
@@ -63,7 +63,7 @@ fn run(rays: usize) {
             states += 1;
         }
         let here = motion(end_s).position_m;
-        let near: Vec<Obstacle> = world
+        let near: Vec<WorldShape> = world
             .iter()
             .filter(|shape| shape.distance_m(&here) < lidar.range_max_m + 1.0)
             .copied()

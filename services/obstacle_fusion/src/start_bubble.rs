@@ -9,9 +9,11 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::VehicleState;
 use nalgebra::Vector3;
 
-/// Farther aside than this (m) from where it stood, the vehicle has left its start. Copters in wind drift less while they climb.
+/// Farther aside than this (m) from where it stood, the vehicle has left its start. Copters in wind drift less while
+/// they climb.
 const ASIDE_M: f64 = 0.5;
-/// Slower than this (m/s) for so long (s), a vehicle in flight is at rest: PX4 pauses for a second between its take-off and a mission.
+/// Slower than this (m/s) for so long (s), a vehicle in flight is at rest: PX4 pauses for a second between its take-off
+/// and a mission.
 const REST_MPS: f64 = 0.1;
 const REST_S: f64 = 2.0;
 /// Lower than this (m) above the place where it stood, it has not taken off, whatever the autopilot says of the ground:

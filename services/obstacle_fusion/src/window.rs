@@ -281,8 +281,9 @@ impl MapWindow {
 
     /// Copies the planes out; returns how many cells are occupied and how many known.
     ///
-    /// Nothing hangs from above in the layers of cells `no_overhang` (smallest and largest global index, z counts downwards): where
-    /// a cell is free there, those above it up to the last layer are declared free, unless something was seen there.
+    /// Nothing hangs from above in the layers of cells `no_overhang` (smallest and largest global index, z counts
+    /// downwards): where a cell is free there, those above it up to the last layer are declared free, unless something
+    /// was seen there.
     pub fn write(&self, out: &mut LocalMap, no_overhang: Option<[i32; 2]>) -> (u32, u32) {
         let occupied = copy_plane(&self.occupied, &mut out.occupied);
         let known = copy_plane(&self.known, &mut out.known);

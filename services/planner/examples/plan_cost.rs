@@ -1,11 +1,11 @@
 //! What planning costs: `cargo run --release -p jink-planner --example plan_cost`.
 //!
-//! Synthetic forests (1 tree per 25 m2), everything within 10 m known. Prints the time to inflate a map for the highest speed tier and the time of
-//! a whole cycle with a new map: p50, p99 and maximum over all forests.
+//! Synthetic forests (1 tree per 25 m2), everything within 10 m known. Prints the time to inflate a map for the highest
+//! speed tier and the time of a whole cycle with a new map: p50, p99 and maximum over all forests.
 
 use jink_planner::configuration_space::{Clearance, ConfigurationSpace};
 use jink_planner::speed_tiers::speed_tiers;
-use jink_planner::{Inputs, Planner};
+use jink_planner::{Planner, PlannerInputs};
 use jink_shared_types::frames::Point;
 use jink_shared_types::map::{LocalMap, center_of, set};
 use jink_shared_types::motion::{Route, RouteMode};
@@ -86,7 +86,7 @@ fn main() {
             let now = Timestamp::from_seconds(10.0 + (seed * REPEATS + repeat) as f64);
             let header = SampleHeader::at(now);
             let mut route = Route::default();
-            let inputs = Inputs {
+            let inputs = PlannerInputs {
                 far: Reading::Never,
                 map: Reading::Fresh(Stamped {
                     sample: &map,

@@ -501,7 +501,8 @@ impl ConfigurationSpace {
         &self.hit[tier]
     }
 
-    /// The share of the segment from `a` to `b` at which the first cell of `tier` that `is_wanted` is entered; `None` if there is none.
+    /// The share of the segment from `a` to `b` at which the first cell of `tier` that `is_wanted` is entered; `None`
+    /// if there is none.
     pub fn first_in(
         &self,
         tier: usize,

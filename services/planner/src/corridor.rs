@@ -1,10 +1,10 @@
 //! Convex pieces of certified space around a guide.
 //!
-//! Around a segment that is known to be safe, every unsafe cell in the neighbourhood is cut off by the plane through its
-//! point nearest to the segment, at right angles to the line between the two: nearest cells first, and each plane takes
-//! all cells behind it along (S. Liu et al., "Planning Dynamically Feasible Trajectories for Quadrotors Using Safe
-//! Flight Corridors in 3-D Complex Environments", RA-L 2017, section III, with the segment itself as seed instead of
-//! an ellipsoid). The segment stays inside by construction: both are convex, so the plane separates them.
+//! Around a segment that is known to be safe, every unsafe cell in the neighbourhood is cut off by the plane through
+//! its point nearest to the segment, at right angles to the line between the two: nearest cells first, and each plane
+//! takes all cells behind it along (S. Liu et al., "Planning Dynamically Feasible Trajectories for Quadrotors Using
+//! Safe Flight Corridors in 3-D Complex Environments", RA-L 2017, section III, with the segment itself as seed instead
+//! of an ellipsoid). The segment stays inside by construction: both are convex, so the plane separates them.
 
 use crate::configuration_space::ConfigurationSpace;
 use jink_shared_types::map::SIZE_X;
@@ -177,8 +177,8 @@ fn nearest_on_segment(a: &Vector3<f64>, b: &Vector3<f64>, point: &Vector3<f64>) 
     a + way * ((point - a).dot(&way) / length2).clamp(0.0, 1.0)
 }
 
-/// The half-space that holds the segment and leaves out the cell of edge `cell_m` around `center`, through the cell's point nearest to
-/// the segment. `None` if the segment enters the cell.
+/// The half-space that holds the segment and leaves out the cell of edge `cell_m` around `center`, through the cell's
+/// point nearest to the segment. `None` if the segment enters the cell.
 ///
 /// The nearest pair is found by alternating projections onto the two convex sets (von Neumann; Cheney and Goldstein
 /// 1959), which converges for a box and a segment in a few rounds.
@@ -213,9 +213,9 @@ fn separate(cell_m: f64, a: &Vector3<f64>, b: &Vector3<f64>, center: &Vector3<f6
     })
 }
 
-/// The same for a segment that touches the cell without entering it: it runs along a face, as one does that starts on the border
-/// between two cells, or past an edge or a corner, as the diagonals between centres do. The plane is that of a face, or one through the
-/// segment that faces the cell.
+/// The same for a segment that touches the cell without entering it: it runs along a face, as one does that starts on
+/// the border between two cells, or past an edge or a corner, as the diagonals between centres do. The plane is that of
+/// a face, or one through the segment that faces the cell.
 fn separate_touching(
     cell_m: f64,
     a: &Vector3<f64>,

@@ -46,7 +46,7 @@ use crate::configuration_space::{Clearance, ConfigurationSpace};
 use crate::corridor::CorridorBuilder;
 use crate::guide::Guide;
 use crate::path_choice::{DEAD_END_S, PathChoice, is_near_enough};
-use crate::progress::{Obstruction, Progress};
+use crate::progress::{GoalProgress, Obstruction};
 use crate::proposals::Proposals;
 use crate::search::{Path, PathEnd, Search, SearchResult};
 use crate::sensor_coverage::SensorCoverage;
@@ -104,7 +104,7 @@ const HEIGHT_OFF_M: f64 = 0.7;
 
 /// The planner's inputs.
 #[derive(Clone, Copy, Debug)]
-pub struct Inputs<'a> {
+pub struct PlannerInputs<'a> {
     /// The newest map.
     pub map: Reading<'a, LocalMap>,
     /// Obstacles farther away, and what was seen before.
@@ -149,7 +149,7 @@ pub struct Planner {
     no_path_reported: bool,
     blocked_reported: bool,
     loss_reported_at: Timestamp,
-    progress: Progress,
+    progress: GoalProgress,
     /// Why the last plan did not reach the goal.
     obstruction: Option<Obstruction>,
     /// The reason that was reported when the goal counted as out of reach.
@@ -218,7 +218,7 @@ impl Planner {
             no_path_reported: false,
             blocked_reported: false,
             loss_reported_at: Timestamp::NEVER,
-            progress: Progress::new(params.get(&params::OA_BLOCKED_T)),
+            progress: GoalProgress::new(params.get(&params::OA_BLOCKED_T)),
             obstruction: None,
             blocked_by: None,
             remaining_m: None,
@@ -266,7 +266,7 @@ impl Planner {
     }
 
     /// One cycle at `now`; the result is written into `route`.
-    pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, route: &mut Route) {
+    pub fn step(&mut self, now: Timestamp, inputs: &PlannerInputs<'_>, route: &mut Route) {
         self.events.clear();
         let committed = inputs.approved.map(|approved| &approved.trajectory);
         self.proposals.begin_cycle(&inputs.proposal, committed);
@@ -278,7 +278,7 @@ impl Planner {
     }
 
     /// The cycle without the events about proposals. Returns whether plans to the goal are made.
-    fn advance(&mut self, now: Timestamp, inputs: &Inputs<'_>, route: &mut Route) -> bool {
+    fn advance(&mut self, now: Timestamp, inputs: &PlannerInputs<'_>, route: &mut Route) -> bool {
         self.route_id += 1;
         *route = Route {
             id: self.route_id,
@@ -373,7 +373,7 @@ impl Planner {
         self.planned_id != 0 && committed.is_some_and(|committed| committed.route_id == self.planned_id)
     }
 
-    fn load_map(&mut self, inputs: &Inputs<'_>) -> bool {
+    fn load_map(&mut self, inputs: &PlannerInputs<'_>) -> bool {
         let Some(map) = inputs.map.fresh() else {
             return false;
         };
@@ -388,7 +388,7 @@ impl Planner {
     }
 
     /// Updates the detours to `goal` from the far map, if there is one of the same epoch as the map.
-    fn update_detours(&mut self, inputs: &Inputs<'_>, departure: &Departure, goal: &Point<LocalNed>) {
+    fn update_detours(&mut self, inputs: &PlannerInputs<'_>, departure: &Departure, goal: &Point<LocalNed>) {
         let epoch = inputs.map.fresh().map(|map| map.sample.epoch);
         match inputs.far.fresh().filter(|far| Some(far.sample.epoch) == epoch) {
             Some(far) => {
@@ -423,7 +423,11 @@ impl Planner {
     }
 
     /// `None`: mirror. `Some(None)`: plan, but the desired path is stale. `Some(Some(_))`: plan.
-    fn desired_path(&mut self, state: &VehicleState, inputs: &Inputs<'_>) -> Option<Option<DesiredPath>> {
+    fn desired_path(
+        &mut self,
+        state: &VehicleState,
+        inputs: &PlannerInputs<'_>,
+    ) -> Option<Option<DesiredPath>> {
         let desired = inputs.desired.fresh();
         if let Some(desired) = &desired {
             self.follows_setpoints = desired.mode.get() == NavMode::Offboard;
@@ -455,8 +459,8 @@ impl Planner {
         )
     }
 
-    /// Smallest and largest down coordinate allowed (m). Never empty: two parameters that contradict each other leave the
-    /// greatest height.
+    /// Smallest and largest down coordinate allowed (m). Never empty: two parameters that contradict each other leave
+    /// the greatest height.
     fn down_range_m(&self, state: &VehicleState) -> (f64, f64) {
         let home_m = if state.home_down_m.is_finite() {
             state.home_down_m

@@ -52,7 +52,7 @@ impl Obstruction {
 
 /// Watches the progress toward one goal.
 #[derive(Clone, Copy, Debug)]
-pub struct Progress {
+pub struct GoalProgress {
     timeout_s: f64,
     goal: Option<Point<LocalNed>>,
     /// The smallest remaining cost so far (m), and when that was.
@@ -64,7 +64,7 @@ pub struct Progress {
     due: Timestamp,
 }
 
-impl Progress {
+impl GoalProgress {
     /// A goal is out of reach after `timeout_s` without progress.
     pub fn new(timeout_s: f64) -> Self {
         Self {
@@ -141,13 +141,13 @@ impl Progress {
 
 #[cfg(test)]
 mod tests {
-    use super::Progress;
+    use super::GoalProgress;
     use jink_shared_types::Timestamp;
     use jink_shared_types::frames::Point;
 
     /// When the goal was out of reach within 100 s, with `remaining_m` after each time.
     fn blocked(detour_mps: f64, remaining_m: impl Fn(f64) -> Option<f64>) -> Vec<f64> {
-        let mut progress = Progress::new(10.0);
+        let mut progress = GoalProgress::new(10.0);
         let goal = Point::new(1.0, 2.0, 3.0);
         let seconds = (0..1000).map(|i| f64::from(i) * 0.1);
         seconds
@@ -188,7 +188,7 @@ mod tests {
 
     #[test]
     fn another_goal_begins_anew() {
-        let mut progress = Progress::new(10.0);
+        let mut progress = GoalProgress::new(10.0);
         for i in 0..1000 {
             let goal = Point::new(f64::from(i / 50), 0.0, 0.0);
             let now = Timestamp::from_seconds(50.0 + 0.1 * f64::from(i));

@@ -22,8 +22,8 @@ use jink_shared_types::proposal::{Proposal, ProposalAnswer, ProposalVerdict};
 use jink_shared_types::vehicle::DesiredPath;
 use jink_shared_types::{Added, Coded, Reading, Timestamp};
 
-/// A goal that is this near to the desired one is the same (m): positions travel in single precision, and a program may have
-/// computed its own from a latitude and a longitude.
+/// A goal that is this near to the desired one is the same (m): positions travel in single precision, and a program may
+/// have computed its own from a latitude and a longitude.
 const SAME_GOAL_M: f64 = 0.5;
 /// A remaining cost that is smaller by this is progress (m), as in [`crate::progress`].
 const PROGRESS_M: f64 = 0.5;

@@ -8,8 +8,8 @@ use nalgebra::Vector3;
 
 /// A vehicle that is farther from the path does not join it (m): the path was made for another place.
 const JOIN_MAX_M: f64 = 5.0;
-/// How far ahead of its nearest point the path is joined (m), at rest, and in addition per speed (s): a vehicle in motion cannot
-/// turn at once.
+/// How far ahead of its nearest point the path is joined (m), at rest, and in addition per speed (s): a vehicle in
+/// motion cannot turn at once.
 const JOIN_AHEAD_M: f64 = 0.5;
 const JOIN_AHEAD_S: f64 = 0.8;
 /// How far a vehicle may have moved back or forward along the same path since the last plan (m).

@@ -350,8 +350,8 @@ impl Search {
         out.is_some()
     }
 
-    /// Puts into `places` what can be reached from `start` in `tier` by paths of `reach_m` at most, nearest first: every third
-    /// cell of each row and every second row, and `start` itself.
+    /// Puts into `places` what can be reached from `start` in `tier` by paths of `reach_m` at most, nearest first:
+    /// every third cell of each row and every second row, and `start` itself.
     pub fn reachable_cells(
         &mut self,
         space: &ConfigurationSpace,

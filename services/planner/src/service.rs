@@ -1,6 +1,6 @@
 //! The planner as a process: woken by maps, and 30 times a second at least.
 
-use crate::{Inputs, Planner};
+use crate::{Planner, PlannerInputs};
 use jink_runtime::{Checks, Cycle, Input, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::map::LocalMap;
@@ -65,7 +65,7 @@ impl Service for PlannerService {
         let map = self.map.latest(now);
         // A route made without a map has the header of no measurement.
         let header = map.fresh().map_or_else(SampleHeader::default, |map| *map.header);
-        let inputs = Inputs {
+        let inputs = PlannerInputs {
             map,
             far: self.far.latest(now),
             state: self.state.latest(now),

@@ -26,7 +26,8 @@ pub const SLOW_TIER: usize = TIERS - 3;
 
 /// Tracking error on a straight (m): 0.02 to 0.03 m measured, doubled for wind and for other airframes.
 const TUBE_BASE_M: f64 = 0.06;
-/// Corner cutting per commanded acceleration (m per m/s2): 0.50 m at 1.2 m/s2, and a tenth for airframes that follow less well.
+/// Corner cutting per commanded acceleration (m per m/s2): 0.50 m at 1.2 m/s2, and a tenth for airframes that follow
+/// less well.
 const TUBE_PER_ACCELERATION: f64 = 0.41;
 /// Overshoot of a stop per commanded deceleration (m per m/s2): 0.93 m at 2 m/s2, 1.37 m at 3 m/s2.
 pub const OVERSHOOT_PER_DECELERATION: f64 = 0.47;

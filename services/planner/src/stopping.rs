@@ -12,7 +12,8 @@ use jink_shared_types::{Coded, Flag, Timestamp};
 
 /// A lost certificate is not reported again within this time (s).
 const LOSS_REPORT_PERIOD_S: f64 = 10.0;
-/// Length of a smooth stop over v^2 / a: it lasts 1.5 v / a for a greatest deceleration a, at half the speed on average.
+/// Length of a smooth stop over v^2 / a: it lasts 1.5 v / a for a greatest deceleration a, at half the speed on
+/// average.
 const STOP_SHAPE: f64 = 0.75;
 
 impl Planner {

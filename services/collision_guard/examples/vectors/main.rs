@@ -1,5 +1,5 @@
-//! Reference vectors of PX4's collision prevention against ours: prints a report for each family; exit code 1 if a scenario fails, 2 if
-//! it cannot be run.
+//! Reference vectors of PX4's collision prevention against ours: prints a report for each family; exit code 1 if a
+//! scenario fails, 2 if it cannot be run.
 //!
 //! `cargo run --release -p jink-collision-guard --example vectors -- DIR`
 

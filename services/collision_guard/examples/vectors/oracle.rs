@@ -1,4 +1,5 @@
-//! What the messages of a scenario say of a bin: processed out from the messages alone, by intervals of angles, without our ring.
+//! What the messages of a scenario say of a bin: evaluated from the messages alone, by intervals of angles, without
+//! our ring.
 //!
 //! | message | touches a bin if |
 //! |---|---|

@@ -4,7 +4,7 @@
 //! * Where PX4's own answer is one from which the vehicle stops in time, in every direction, ours is the same (see [`Law::binds`] for
 //!   the exceptions).
 //! * Elsewhere ours closes on nothing known faster than PX4's, unless by no more than PX4 grants toward the nearest obstacle, here for any:
-//!   `P (v_max - v . u) + S (setpoint . u)`, processed out here once more. What was seen a while ago is nearer by what the vehicle has flown
+//!   `P (v_max - v . u) + S (setpoint . u)`, evaluated here once more. What was seen a while ago is nearer by what the vehicle has flown
 //!   since, as PX4 counts it, too; and the setpoint is the one that guidance makes of it on the map at hand, which is PX4's own
 //!   where both maps are the same.
 
@@ -130,8 +130,8 @@ impl<'a> Law<'a> {
         Ok(law)
     }
 
-    /// Whether the setpoint as it came points into `sector`, so that guidance left it as it is; the sector of a stick is the one that begins
-    /// at its centre, as PX4 counts it.
+    /// Whether the setpoint as it came points into `sector`, so that guidance left it as it is; the sector of a stick
+    /// is the one that begins at its centre, as PX4 counts it.
     fn asks_for(&self, sector: usize) -> bool {
         let bearing = self.replayed.asked.y.atan2(self.replayed.asked.x) - self.replayed.yaw_rad;
         (bearing.to_degrees().rem_euclid(360.0) / 5.0) as usize % BINS == sector

@@ -1,5 +1,5 @@
-//! Single laws against PX4's: scale, speed, guidance. The rule by which PX4 lets a source into a bin is not ours: sources have bins of
-//! their own.
+//! Single laws against PX4's: scale, speed, guidance. The rule by which PX4 lets a source into a bin is not ours:
+//! sources have bins of their own.
 
 use super::report::ScenarioResult;
 use super::schema::{BINS, Node, Unreadable};

@@ -116,7 +116,7 @@ pub struct GuardInputs<'a> {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Flown {
+enum FlownMotion {
     /// Not known yet.
     Unknown,
     /// The autopilot's own setpoints.
@@ -131,7 +131,7 @@ pub struct Guard {
     config: GuardConfig,
     generation: u32,
     brakes: u32,
-    flown: Flown,
+    flown: FlownMotion,
     active: Trajectory,
     /// Memory for a brake before it replaces the active trajectory.
     draft: Trajectory,
@@ -151,7 +151,7 @@ impl Guard {
             config,
             generation,
             brakes: 0,
-            flown: Flown::Unknown,
+            flown: FlownMotion::Unknown,
             active: Trajectory::default(),
             draft: Trajectory::default(),
             is_braking: false,
@@ -192,7 +192,7 @@ impl Guard {
                 Err(reason) => self.refuse(reason),
             }
         }
-        if self.flown == Flown::Active && has_ranges && lookahead.is_none() {
+        if self.flown == FlownMotion::Active && has_ranges && lookahead.is_none() {
             let seen = self.look(now, None, inputs.ring);
             if seen.is_blocked() {
                 self.brake(now, &seen, &mut step_events);
@@ -209,7 +209,7 @@ impl Guard {
     }
 
     fn is_new(&self, candidate: &Trajectory) -> bool {
-        self.flown != Flown::Active || candidate.id != self.active.id
+        self.flown != FlownMotion::Active || candidate.id != self.active.id
     }
 
     /// Whether `candidate` may be flown, and the result of the lookahead, if there was one.
@@ -263,15 +263,15 @@ impl Guard {
         } else {
             Err(GuardReason::Late)
         };
-        if self.flown == Flown::Active && candidate.base_id == self.active.id {
+        if self.flown == FlownMotion::Active && candidate.base_id == self.active.id {
             is_on_time?;
             return admission::joins(candidate, &self.active, now);
         }
         let from_rest = candidate.base_id == 0;
         let may_start = match self.flown {
-            Flown::Active => from_rest && self.active.end() <= departs,
-            Flown::Mirror => from_rest,
-            Flown::Unknown => from_rest || candidate.start <= now,
+            FlownMotion::Active => from_rest && self.active.end() <= departs,
+            FlownMotion::Mirror => from_rest,
+            FlownMotion::Unknown => from_rest || candidate.start <= now,
         };
         if !may_start {
             return Err(GuardReason::WrongBase);
@@ -308,16 +308,16 @@ impl Guard {
         self.is_braking = false;
         self.active = *candidate;
         self.flown = if candidate.mode == TrajectoryMode::Mirror {
-            Flown::Mirror
+            FlownMotion::Mirror
         } else {
-            Flown::Active
+            FlownMotion::Active
         };
         self.verdict = Verdict::Passed;
         self.reason = GuardReason::None;
     }
 
     fn refuse(&mut self, reason: GuardReason) {
-        self.verdict = if self.flown == Flown::Unknown {
+        self.verdict = if self.flown == FlownMotion::Unknown {
             Verdict::Hold
         } else {
             Verdict::Kept

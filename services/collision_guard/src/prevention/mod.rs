@@ -9,38 +9,41 @@
 //! # An acceleration
 //! 1. **Guidance** turns the setpoint toward a better direction nearby (`guidance.rs`), PX4's choice.
 //! 2. **Split**: what leads toward the nearest obstacle and what leads along it are scaled, PX4's law (`split.rs`).
-//! 3. **Compensation**: a vehicle too fast for the distance that is left is slowed, PX4's law for the sector that needs it most.
-//! 4. **Limits**: the answer is the acceleration nearest to that which, for *every* sector `k` something is known of, keeps
+//! 3. **Compensation**: a vehicle that is too fast for the distance that is left is slowed, PX4's law for the sector
+//!    that needs it most.
+//! 4. **Limits**: the result is the acceleration nearest to that which, for *every* known sector `k`, keeps
 //!
 //!    ```text
 //!    a . u_k <= P (v_max(d_k) - v . u_k) + max(S(d_k), 0) max(setpoint . u_k, 0)
 //!    ```
 //!
-//!    where `u_k` is the sector's direction, `d_k` how far it is known, `v_max` the speed from which the vehicle still stops at CP_DIST
-//!    (`laws.rs`), `P` MPC_XY_VEL_P_ACC, `S` the scale. For a single obstacle ahead this is what 1 to 3 give already; the limits are there
-//!    for the second one, and a third (`half_planes.rs`). The first summand makes "not faster than one can stop" a barrier
-//!    (Ames et al.: Control barrier functions, 2019): the excess dies away with the rate `P`.
-//! 5. The answer is not longer than MPC_ACC_HOR or the setpoint itself, whichever is longer.
+//!    where `u_k` is the sector's direction, `d_k` how far it is known, `v_max` the speed from which the vehicle still
+//!    stops at CP_DIST (`laws.rs`), `P` MPC_XY_VEL_P_ACC, `S` the scale. For a single obstacle ahead 1 to 3 give the
+//!    same result already; the limits are needed for a second one, and a third (`half_planes.rs`). The first summand
+//!    makes "not faster than one can stop" a barrier (Ames et al.: Control barrier functions, 2019): the excess decays
+//!    with the rate `P`.
+//! 5. The result is not longer than MPC_ACC_HOR or the setpoint itself, whichever is longer.
 //!
-//! This is for an acceleration, the input of PX4's own collision prevention. Nothing in jink steers by accelerations, so this
-//! part is not flown: it is compared with PX4's results (`the_reference_vectors_are_met`), and kept for that. Guidance, the sectors,
-//! their times, and the speed from which the vehicle can stop are the same code for both inputs, and only for accelerations there are
-//! results of PX4 to compare with.
+//! This is for an acceleration, the input of PX4's own collision prevention. Nothing in jink steers by accelerations,
+//! so this part is not flown: it is compared with PX4's results (`the_reference_vectors_are_met`), and kept for that.
+//! Guidance, the sectors, their times, and the speed from which the vehicle can stop are the same code for both inputs,
+//! and only for accelerations there are results of PX4 to compare with.
 //!
 //! # A velocity
-//! is what the pilot's sticks ask for where he steers through jink. Step 1 applies to it, and then:
+//! is what the pilot's sticks demand where he steers through jink. Step 1 applies to it, and then:
 //!
-//! 1. It is approached from the last answer no faster than the vehicle is to accelerate (`rate_limiter.rs`).
-//! 2. The first contact of a straight flight is computed (`outline.rs`). Along the normal there, the velocity must be one from which
-//!    the vehicle stops at CP_DIST, with `1 / P` in addition to CP_DELAY; the result is the nearest velocity for which that holds, and 2
-//!    is repeated with it, until no contact is too fast. What is passed at CP_DIST or more does not count, so that the vehicle slides along walls with what of the
-//!    demand leads along them.
-//! 3. What is small and isolated limits the speed as if it stood in the path, unless it is passed at three times CP_DIST: it may be a person
-//!    who takes another step.
+//! 1. It is approached from the last result no faster than the vehicle is to accelerate (`rate_limiter.rs`).
+//! 2. The first contact of a straight flight is computed (`outline.rs`). Along the normal there, the velocity must be
+//!    one from which the vehicle stops at CP_DIST, with `1 / P` in addition to CP_DELAY; the result is the nearest
+//!    velocity for which that holds, and 2 is repeated with it, until no contact is too fast. What is passed at CP_DIST
+//!    or more does not count, so that the vehicle slides along walls with the part of the demand along them.
+//! 3. What is small and isolated limits the speed as if it stood in the path, unless it is passed at three times
+//!    CP_DIST: it may be a person who takes another step.
 //! 4. With the stick pushed, the vehicle retreats from what has come nearer than CP_DIST.
 //!
-//! The differences to PX4, and their reasons, are one table in docs/collision_prevention.md. Nothing here allocates, and every
-//! result is a number: a setpoint that is NaN counts as a centred stick, and with a velocity that is NaN nothing moves.
+//! The differences to PX4, and their reasons, are one table in docs/collision_prevention.md. Nothing here allocates,
+//! and every result is a number: a setpoint that is NaN counts as a centred stick, and with a velocity that is NaN
+//! nothing moves.
 
 mod config;
 mod data_loss;

@@ -31,7 +31,7 @@ const POINTS: usize = 2 * SECTORS;
 
 /// The first contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Contact {
+pub struct FirstContact {
     /// Unit vector from the vehicle towards the obstacle at the contact.
     pub normal: Vector2<f64>,
     /// How far the vehicle may still move along the normal (m); negative if it is too near already.
@@ -40,7 +40,7 @@ pub struct Contact {
 
 /// One hit, seen from the vehicle (m).
 #[derive(Clone, Copy, Debug)]
-struct Hit {
+struct OutlinePoint {
     place: Vector2<f64>,
     /// A face leads from here to the next one.
     is_joined: bool,
@@ -51,7 +51,7 @@ struct Hit {
 /// All hits, clockwise.
 #[derive(Clone, Debug)]
 pub struct Outline {
-    hits: [Hit; POINTS],
+    hits: [OutlinePoint; POINTS],
     len: usize,
     /// The nearest hits of what is small and isolated.
     isolated: [Vector2<f64>; SECTORS],
@@ -62,7 +62,7 @@ pub struct Outline {
 impl Outline {
     /// The outline of `sectors`, to be kept `keep_m` away from.
     pub fn of(sectors: &SectorStates, keep_m: f64) -> Self {
-        let nothing = Hit {
+        let nothing = OutlinePoint {
             place: Vector2::zeros(),
             is_joined: false,
             is_solid: false,
@@ -84,7 +84,7 @@ impl Outline {
             let is_solid = matches!(sectors.states[sector], SectorState::Hit { .. });
             let mut push = |aside: f64, is_joined: bool| {
                 let place = Rotation2::new(0.5 * aside * SECTOR_WIDTH_RAD) * toward * reach_m;
-                outline.push(Hit {
+                outline.push(OutlinePoint {
                     place,
                     is_joined,
                     is_solid,
@@ -136,7 +136,7 @@ impl Outline {
         }
     }
 
-    fn push(&mut self, hit: Hit) {
+    fn push(&mut self, hit: OutlinePoint) {
         if let Some(slot) = self.hits.get_mut(self.len) {
             *slot = hit;
             self.len += 1;
@@ -161,9 +161,9 @@ impl Outline {
 
     /// The first contact of a disc with the standoff as radius that moves along `direction` (a unit vector), if there
     /// is one.
-    pub fn first_contact(&self, direction: &Vector2<f64>) -> Option<Contact> {
-        let mut first: Option<(f64, Contact)> = None;
-        let mut offer = |way_m: f64, contact: Contact| {
+    pub fn first_contact(&self, direction: &Vector2<f64>) -> Option<FirstContact> {
+        let mut first: Option<(f64, FirstContact)> = None;
+        let mut offer = |way_m: f64, contact: FirstContact| {
             if first.is_none_or(|(first_m, _)| way_m < first_m) {
                 first = Some((way_m, contact));
             }
@@ -179,13 +179,13 @@ impl Outline {
         first.map(|(_, contact)| contact)
     }
 
-    fn meet_point(&self, place: &Vector2<f64>, direction: &Vector2<f64>) -> Option<(f64, Contact)> {
+    fn meet_point(&self, place: &Vector2<f64>, direction: &Vector2<f64>) -> Option<(f64, FirstContact)> {
         let (ahead_m, distance_m) = (place.dot(direction), place.norm());
         if ahead_m <= NONE * distance_m {
             return None;
         }
         if distance_m <= self.keep_m {
-            let contact = Contact {
+            let contact = FirstContact {
                 normal: place / distance_m,
                 room_m: distance_m - self.keep_m,
             };
@@ -199,7 +199,7 @@ impl Outline {
         let way_m = ahead_m - half_m2.sqrt();
         let normal = (place - direction * way_m) / self.keep_m;
         let room_m = way_m * normal.dot(direction);
-        Some((way_m, Contact { normal, room_m }))
+        Some((way_m, FirstContact { normal, room_m }))
     }
 
     fn meet_face(
@@ -207,7 +207,7 @@ impl Outline {
         from: &Vector2<f64>,
         to: &Vector2<f64>,
         direction: &Vector2<f64>,
-    ) -> Option<(f64, Contact)> {
+    ) -> Option<(f64, FirstContact)> {
         let (normal, distance_m) = plane(from, to)?;
         let slope = normal.dot(direction);
         if slope <= NONE {
@@ -218,11 +218,11 @@ impl Outline {
         let way_m = room_m / slope;
         let centre = direction * way_m.max(0.0);
         let is_met = is_between(&centre, from, to);
-        is_met.then_some((way_m, Contact { normal, room_m }))
+        is_met.then_some((way_m, FirstContact { normal, room_m }))
     }
 
     /// The nearest obstacle, if it is nearer than the standoff.
-    pub fn too_near(&self) -> Option<Contact> {
+    pub fn too_near(&self) -> Option<FirstContact> {
         let hits = self.hits[..self.len].iter();
         let solid = hits.zip(self.parts()).filter(|(hit, _)| hit.is_solid);
         let nearest = solid
@@ -238,7 +238,7 @@ impl Outline {
             .flatten()
             .min_by(|a, b| a.1.total_cmp(&b.1))?;
         let room_m = nearest.1 - self.keep_m;
-        (room_m < 0.0).then_some(Contact {
+        (room_m < 0.0).then_some(FirstContact {
             normal: nearest.0,
             room_m,
         })
@@ -251,7 +251,8 @@ fn is_one(this: &Vector2<f64>, next: &Vector2<f64>, keep_m: f64) -> bool {
     (next - this).norm() < (2.0 * keep_m).max(STEEP * width_m)
 }
 
-/// The line through two places: its normal away from the vehicle, and how far it is (m). `None` for one that is no line.
+/// The line through two places: its normal away from the vehicle, and how far it is (m). `None` for one that is no
+/// line.
 fn plane(from: &Vector2<f64>, to: &Vector2<f64>) -> Option<(Vector2<f64>, f64)> {
     let along = (to - from).try_normalize(NONE)?;
     let normal = Vector2::new(along.y, -along.x);

@@ -229,7 +229,8 @@ proptest! {
         let way = (distance_m - config.distance_m).max(0.0);
         let delay_s = config.delay_s + 1.0 / config.velocity_gain_per_s;
         let needed = v * delay_s + v * 2.0 * config.acceleration_mps2 / config.jerk_mps3 + v * v / (2.0 * config.acceleration_mps2);
-        // Sectors hide where in their 5 degrees the wall is nearest, and a contact may be broken by what a centred stick is.
+        // Sectors hide where in their 5 degrees the wall is nearest, and a contact may be broken by what a centred
+        // stick is.
         prop_assert!(v <= 2e-3 || needed <= way + 0.01 + 0.01 * distance_m, "{} of {}", needed, way);
         prop_assert!(answer.norm() <= desired.norm().max(velocity.norm()).max(super::RETREAT_MPS) + 1e-9);
     }

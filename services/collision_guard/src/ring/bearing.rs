@@ -12,8 +12,8 @@ use std::f32::consts::{FRAC_PI_2, PI};
 pub const SLOTS_PER_SECTOR: usize = 4;
 /// Slots all around.
 pub const SLOTS: usize = SECTORS * SLOTS_PER_SECTOR;
-/// Bins of an accumulator: slots counted from straight ahead, to the left in two's complement, so a power of two. The slots
-/// of the sector straight behind have two bins each.
+/// Bins of an accumulator: slots counted from straight ahead, to the left in two's complement, so a power of two. The
+/// slots of the sector straight behind have two bins each.
 pub const BINS: usize = 512;
 /// Bins of an accumulator with one bin per sector.
 pub const SECTOR_BINS: usize = BINS / SLOTS_PER_SECTOR;
@@ -21,9 +21,9 @@ pub const SECTOR_BINS: usize = BINS / SLOTS_PER_SECTOR;
 /// Adding it to a small number moves the number, rounded, into the low bits of the sum: 1.5 * 2^23.
 const ROUNDING: f32 = 12_582_912.0;
 
-/// Bearing of `(forward, right)`, clockwise from forward, in units of sectors (5 degrees), -36 to 36. A zero vector points
-/// forward. The arc tangent is the polynomial of Abramowitz and Stegun 4.4.47: its error of at most 1e-5 rad is a 9000th
-/// of a sector.
+/// Bearing of `(forward, right)`, clockwise from forward, in units of sectors (5 degrees), -36 to 36. A zero vector
+/// points forward. The arc tangent is the polynomial of Abramowitz and Stegun 4.4.47: its error of at most 1e-5 rad is
+/// a 9000th of a sector.
 #[inline(always)]
 pub fn bearing_sectors(forward: f32, right: f32) -> f32 {
     let (ahead, aside) = (forward.abs(), right.abs());
@@ -42,7 +42,8 @@ pub fn bearing_sectors(forward: f32, right: f32) -> f32 {
 /// The accumulator bin of a bearing in units of sectors; anything for NaN, but always below [`BINS`].
 #[inline(always)]
 pub fn bin_of(bearing_sectors: f32) -> u32 {
-    // A sector reaches half a sector to either side of its bearing: its four slots are centred -3/8, -1/8, 1/8, 3/8 off.
+    // A sector reaches half a sector to either side of its bearing: its four slots are centred -3/8, -1/8, 1/8, 3/8
+    // off.
     let slot = SLOTS_PER_SECTOR as f32 * bearing_sectors + 1.5;
     (slot + ROUNDING).to_bits() & (BINS as u32 - 1)
 }

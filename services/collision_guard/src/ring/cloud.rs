@@ -21,8 +21,8 @@ const GROUP: usize = 8;
 const NEAR: u8 = 1;
 /// Mark of a point that is used for the free range.
 const ASKED: u8 = 2;
-/// Golden ratio in 32-bit fixed point: multiples of it, modulo one, are spread evenly and follow no pattern that rows or
-/// columns of a sensor could have (Weyl's sequence), so that no row is always left out.
+/// Golden ratio in 32-bit fixed point: multiples of it, modulo one, are spread evenly and follow no pattern that rows
+/// or columns of a sensor could have (Weyl's sequence), so that no row is always left out.
 const GOLDEN: u32 = 0x9e37_79b9;
 /// The first multiples of it.
 const SPREAD: [u32; CHUNK] = {

@@ -141,8 +141,8 @@ impl Ring {
         }
     }
 
-    /// Takes a vehicle state; ranges measured after it need it. If the estimator has moved its origin, everything seen so far
-    /// is dropped.
+    /// Takes a vehicle state; ranges measured after it need it. If the estimator has moved its origin, everything seen
+    /// so far is dropped.
     ///
     /// # Errors
     /// [`PoseRefused`] if the state is invalid or late; the history stays as it was.
@@ -191,7 +191,8 @@ impl Ring {
         Ok(())
     }
 
-    /// Takes a planar scan, a single beam or a row of distances of `sensor`. A beam as wide as several sectors fills them all.
+    /// Takes a planar scan, a single beam or a row of distances of `sensor`. A beam as wide as several sectors fills
+    /// them all.
     ///
     /// # Errors
     /// [`RangeRefused`]; what the sensor said before stays, and grows old.

@@ -1,4 +1,5 @@
-//! What one sensor saw at one moment: per sector how far it is free, per slot of a sector the nearest hit, fixed in local NED.
+//! What one sensor saw at one moment: per sector how far it is free, per slot of a sector the nearest hit, fixed in
+//! local NED.
 
 use super::bearing::{SLOTS, sector_toward};
 use jink_shared_types::Timestamp;
@@ -209,8 +210,8 @@ pub struct FreeDistance<'a> {
     pub sector: &'a ViewSector,
 }
 
-/// Where the ray from `start` along `along` leaves the circle of radius squared `radius_m2` around the origin (m); negative
-/// if it is outside for good.
+/// Where the ray from `start` along `along` leaves the circle of radius squared `radius_m2` around the origin (m);
+/// negative if it is outside for good.
 fn exit_m(start: [f32; 2], along: [f32; 2], radius_m2: f32) -> f32 {
     let forward = dot(start, along);
     let chord = forward * forward + radius_m2 - dot(start, start);

@@ -43,7 +43,8 @@ pub struct SweepTransform {
     sensor_rate_m: [f32; 3],
     band_m: f32,
     self_m2: f32,
-    /// Greatest squared range that counts as known free (m2): the sensor's reach, zero if the sensor lies outside the band.
+    /// Greatest squared range that counts as known free (m2): the sensor's reach, zero if the sensor lies outside the
+    /// band.
     reach_m2: f32,
     first: Timestamp,
     duration_s: f64,

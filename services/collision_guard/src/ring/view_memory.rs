@@ -95,8 +95,8 @@ impl ViewMemory {
         }
     }
 
-    /// Whether a view of the last [`VIEW_LIFETIME_S`] seconds, taken within `band_half_m` of the height `down_m`, saw the place (north,
-    /// east) free with `clearance_m` around it.
+    /// Whether a view of the last [`VIEW_LIFETIME_S`] seconds, taken within `band_half_m` of the height `down_m`, saw
+    /// the place (north, east) free with `clearance_m` around it.
     pub fn admits(
         &self,
         now: Timestamp,

@@ -1,4 +1,5 @@
-//! A scanning sensor that publishes its sweep in parts: each replaces the same part of the sweep before, and nothing else.
+//! A scanning sensor that publishes its sweep in parts: each replaces the same part of the sweep before, and nothing
+//! else.
 
 use crate::common::{VehiclePose, fly, ring, time, view};
 use jink_collision_guard::ring::{Ring, Visibility};

@@ -59,9 +59,9 @@ fn is_on_border(bearing_rad: f64) -> bool {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
-    /// The obstacle is an upright line: a tilted beam meets it above or below the vehicle, and reports how far away it stands. Of a
-    /// vehicle that has moved by `moved_m`, directions beside the beam may be reported shorter by what the rim of its sector, five
-    /// degrees wide, is nearer from there: at most 0.15 of `moved_m`.
+    /// The obstacle is an upright line: a tilted beam meets it above or below the vehicle, and reports how far away it
+    /// stands. Of a vehicle that has moved by `moved_m`, directions beside the beam may be reported shorter by what the
+    /// rim of its sector, five degrees wide, is nearer from there: at most 0.15 of `moved_m`.
     #[test]
     fn an_obstacle_is_where_it_was_seen_whatever_the_vehicle_does(
         yaw_rad in -PI..PI, tilt_rad in 0.0..FRAC_PI_6, lean_rad in -PI..PI, mounting_rad in -PI..PI,

@@ -411,7 +411,8 @@ proptest! {
         let reach = obstacle[2] + CLEARANCE_M;
         let conflict = obstacle[0] - (reach * reach - obstacle[1] * obstacle[1]).max(0.0).sqrt();
         let crosses = obstacle[1].abs() < reach;
-        // What counts is the nearest hit of each slot: it may lie a slot's width, a 45th of the distance, inside the edge.
+        // What counts is the nearest hit of each slot: it may lie a slot's width, a 45th of the distance, inside the
+        // edge.
         let seen_reach = reach - 0.02 - conflict.max(0.0) / 45.0;
         if crosses && obstacle[1].abs() < seen_reach && conflict < stopping - 0.3 {
             prop_assert_eq!(out.verdict.get(), Verdict::Braked);

@@ -1,4 +1,5 @@
-//! What PX4's own collision prevention answered, and what ours does: the same, or safer for a reason that the messages bear out.
+//! What PX4's own collision prevention answered, and what ours does: the same, or safer for a reason that the messages
+//! bear out.
 //!
 //! The whole set lies beside the project (`../shared/vectors`) where it is developed; a sample of it is committed.
 
@@ -34,8 +35,8 @@ fn crate_folder() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// The sample is the one that the emulated autopilot is held to, some curves, and scenarios made with the emulated autopilot
-/// (`px4_scenarios` of the simulator), whose seeds are in their names.
+/// The sample is the one that the emulated autopilot is held to, some curves, and scenarios made with the emulated
+/// autopilot (`px4_scenarios` of the simulator), whose seeds are in their names.
 #[test]
 fn the_committed_sample() {
     let sample = judged(&crate_folder().join("../simulator/tests/data/collision_prevention"));

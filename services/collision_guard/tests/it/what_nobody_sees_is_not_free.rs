@@ -1,5 +1,5 @@
-//! Space that no sensor sees, or saw a moment ago, is not flown into; but a sensor that falls silent stops nothing that was
-//! approved while it was well.
+//! Space that no sensor sees, or saw a moment ago, is not flown into; but a sensor that falls silent stops nothing that
+//! was approved while it was well.
 
 use crate::common::{
     Lidar, VehiclePose, World, end, fly, guard, hovering_guard, on, random, ring, step, straight, time,

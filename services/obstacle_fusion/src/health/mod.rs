@@ -94,11 +94,11 @@ fn shown(factor: f64) -> [f64; 2] {
 }
 
 /// All sensors.
-pub(crate) struct Health {
+pub(crate) struct SensorChecks {
     sensors: Vec<SensorHealth>,
 }
 
-impl Health {
+impl SensorChecks {
     /// For sensors with these rates (Hz); zero where the table does not say.
     pub fn new(rates_hz: &[f64]) -> Self {
         let sensors = rates_hz.iter().map(|rate_hz| SensorHealth {

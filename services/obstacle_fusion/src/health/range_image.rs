@@ -4,7 +4,8 @@ use jink_shared_types::sample::zeroed_box;
 use nalgebra::Vector3;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// Directions around, and from straight down to straight up: bins of 3 degrees. Coarser ones hide a trunk that stands beside its place.
+/// Directions around, and from straight down to straight up: bins of 3 degrees. Coarser ones hide a trunk that stands
+/// beside its place.
 const COLUMNS: usize = 120;
 const ROWS: usize = 60;
 const BINS: usize = COLUMNS * ROWS;

@@ -1,6 +1,6 @@
 //! Faults of sensors are found within some frames of a flight with turns, and where there is none, none is reported.
 
-use crate::flights::{FlightPath, Flown, SensorSample, fly, set};
+use crate::flights::{FlightPath, FlightResult, SensorSample, fly, set};
 use jink_lidar_driver::capture::Capture;
 use jink_lidar_driver::ouster::Metadata;
 use jink_lidar_driver::{CloudAssembler, Decoder, LidarSpec, NetworkLidarDriver};
@@ -41,7 +41,7 @@ fn turned_scan(scan: &mut RangeScan, turn: &UnitQuaternion<f64>) {
 }
 
 /// A flight of the set called `name` through the forest with `fault` on every frame of its first sensor.
-fn flown(name: &str, mut fault: impl FnMut(u64, SensorSample<'_>, &mut SampleHeader) -> u32) -> Flown {
+fn flown(name: &str, mut fault: impl FnMut(u64, SensorSample<'_>, &mut SampleHeader) -> u32) -> FlightResult {
     let world = world("forest");
     let path = FlightPath::through(&world);
     fly(&world, &set(name), &path, 16.0, |number, sample, header| {
@@ -50,7 +50,7 @@ fn flown(name: &str, mut fault: impl FnMut(u64, SensorSample<'_>, &mut SampleHea
 }
 
 /// The first fault found of the first sensor, and in which frame.
-fn first(flown: &Flown) -> Option<(u64, SensorFault, [f64; 2])> {
+fn first(flown: &FlightResult) -> Option<(u64, SensorFault, [f64; 2])> {
     let found = flown.findings.first()?;
     assert_eq!(found.1.sensor, 0);
     Some((found.0, found.1.fault, found.1.numbers))
@@ -131,9 +131,9 @@ fn ranges_in_wrong_units_are_found_within_125_frames_and_the_factor_is_reported(
 fn a_sensor_turned_by_30_degrees_is_found_within_150_frames() {
     for name in ["mid360", "os0", "vlp16", "d435", "rplidar"] {
         for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
-            // A fan of 30 degrees that is tilted sees little of what it saw before: there it may take longer, or never be.
-            // A Mid-360 that is rolled sees the sky on one side, which does not answer, and the ground on the other; of what a camera
-            // that is yawed sees it flies past little.
+            // A fan of 30 degrees that is tilted sees little of what it saw before: there it may take longer, or never
+            // be. A Mid-360 that is rolled sees the sky on one side, which does not answer, and the ground on the
+            // other; of what a camera that is yawed sees it flies past little.
             if matches!(name, "rplidar" | "vlp16") && axis != Vector3::z_axis()
                 || name == "mid360" && axis == Vector3::x_axis()
                 || name == "d435" && axis == Vector3::z_axis()

@@ -2,7 +2,7 @@
 //! free: the vehicle rests in a closed room, so that every cell beyond its walls must stay closed.
 
 use crate::world;
-use crate::world::{Lidar, Obstacle, VehicleMotion, at, header};
+use crate::world::{Lidar, VehicleMotion, WorldShape, at, header};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::frames::Mounting;
 use jink_shared_types::layout::Layout;
@@ -17,13 +17,13 @@ use proptest::prelude::*;
 /// Half edge of the room (m); its walls are 2 m thick and nothing is behind them.
 const ROOM_M: f64 = 3.1;
 
-fn room() -> Vec<Obstacle> {
+fn room() -> Vec<WorldShape> {
     let wall = |axis: usize, side: f64| {
         let mut center_m = Vector3::new(0.0, 0.0, -2.0);
         center_m[axis] += side * (ROOM_M + 1.0);
         let mut half_m = Vector3::repeat(ROOM_M + 2.0);
         half_m[axis] = 1.0;
-        Obstacle::Block { center_m, half_m }
+        WorldShape::Block { center_m, half_m }
     };
     (0..3)
         .flat_map(|axis| [wall(axis, 1.0), wall(axis, -1.0)])

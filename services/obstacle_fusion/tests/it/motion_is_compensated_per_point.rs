@@ -1,6 +1,6 @@
 //! A sweep takes a tenth of a second: every point is placed where the vehicle was when that point was measured.
 
-use crate::world::{Lidar, Obstacle, VehicleMotion, at, distance_m, header, known};
+use crate::world::{Lidar, VehicleMotion, WorldShape, at, distance_m, header, known};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, center_of};
 use jink_shared_types::params::ParamSet;
@@ -9,26 +9,26 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 const SWEEP_S: f64 = 0.1;
 
-fn scene() -> Vec<Obstacle> {
+fn scene() -> Vec<WorldShape> {
     vec![
-        Obstacle::Sphere {
+        WorldShape::Sphere {
             center_m: Vector3::new(5.0, 1.0, -2.0),
             radius_m: 1.0,
         },
-        Obstacle::Sphere {
+        WorldShape::Sphere {
             center_m: Vector3::new(-3.0, 4.0, -3.0),
             radius_m: 1.5,
         },
-        Obstacle::Post {
+        WorldShape::Post {
             north_m: 1.0,
             east_m: -4.0,
             radius_m: 0.4,
         },
-        Obstacle::Block {
+        WorldShape::Block {
             center_m: Vector3::new(-6.0, -2.0, -2.0),
             half_m: Vector3::new(0.5, 3.0, 3.0),
         },
-        Obstacle::Ground { down_m: 0.5 },
+        WorldShape::Ground { down_m: 0.5 },
     ]
 }
 

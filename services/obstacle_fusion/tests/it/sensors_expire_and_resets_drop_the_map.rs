@@ -1,7 +1,7 @@
 //! A silent, blind or covered sensor does not count as one, and a reset of the estimator leaves nothing of the map.
 
 use crate::world;
-use crate::world::{Lidar, Obstacle, VehicleMotion, at, header};
+use crate::world::{Lidar, VehicleMotion, WorldShape, at, header};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
@@ -10,7 +10,7 @@ use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Flag, Timestamp};
 use nalgebra::Vector3;
 
-const GROUND: [Obstacle; 1] = [Obstacle::Ground { down_m: 0.0 }];
+const GROUND: [WorldShape; 1] = [WorldShape::Ground { down_m: 0.0 }];
 
 fn resting() -> VehicleMotion {
     VehicleMotion::still(Vector3::new(0.0, 0.0, -2.0))

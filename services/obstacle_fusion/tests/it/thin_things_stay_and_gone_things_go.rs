@@ -1,7 +1,7 @@
 //! Evidence over several frames: a single miss never clears a thin post, a removed obstacle is cleared, and every
 //! order of hits and misses keeps a post that one frame in seven sees.
 
-use crate::world::{Lidar, Obstacle, VehicleMotion, at, header};
+use crate::world::{Lidar, VehicleMotion, WorldShape, at, header};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::{Cell, LocalMap, cell_of};
 use jink_shared_types::params::ParamSet;
@@ -67,12 +67,12 @@ fn post_cell() -> Cell {
 
 #[test]
 fn a_removed_post_is_cleared_after_several_frames() {
-    let post = Obstacle::Post {
+    let post = WorldShape::Post {
         north_m: 4.0,
         east_m: 0.5,
         radius_m: 0.2,
     };
-    let wall = Obstacle::Block {
+    let wall = WorldShape::Block {
         center_m: Vector3::new(8.0, 0.0, -2.0),
         half_m: Vector3::new(0.3, 9.0, 9.0),
     };
@@ -197,7 +197,8 @@ fn the_vehicles_own_parts_are_not_obstacles() {
     );
 }
 
-/// Where nothing answers from behind it: 1.1 m ahead, half a metre up. A hit there is withdrawn after 0.8 s, two at three metres.
+/// Where nothing answers from behind it: 1.1 m ahead, half a metre up. A hit there is withdrawn after 0.8 s, two at
+/// three metres.
 const NEAR: Vector3<f64> = Vector3::new(1.1, 0.1, -0.5);
 
 fn near_cell() -> Cell {

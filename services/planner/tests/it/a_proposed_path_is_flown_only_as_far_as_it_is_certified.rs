@@ -2,7 +2,7 @@
 //! path and reports why.
 
 use crate::common::{HEIGHT_M, hovering, map, now, to};
-use jink_planner::{Inputs, Planner};
+use jink_planner::{Planner, PlannerInputs};
 use jink_shared_types::events::{PROPOSAL_ENDED, PROPOSAL_FLOWN, PROPOSAL_REFUSED};
 use jink_shared_types::frames::{LocalNed, Point, Velocity};
 use jink_shared_types::layout::Layout;
@@ -47,7 +47,7 @@ impl TestPlanner {
         fn fresh<'a, T>(sample: &'a T, header: &'a SampleHeader) -> Reading<'a, T> {
             Reading::Fresh(Stamped { sample, header })
         }
-        let inputs = Inputs {
+        let inputs = PlannerInputs {
             far: Reading::Never,
             map: fresh(&*self.map, &header),
             state: fresh(&self.state, &header),

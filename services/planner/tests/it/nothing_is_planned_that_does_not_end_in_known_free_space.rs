@@ -1,7 +1,7 @@
 //! The planner's promises at its border: what it answers to which inputs.
 
 use crate::common::{HEIGHT_M, hovering, map, now, to};
-use jink_planner::{Inputs, Planner};
+use jink_planner::{Planner, PlannerInputs};
 use jink_shared_types::events;
 use jink_shared_types::frames::{LocalNed, Point, Velocity};
 use jink_shared_types::layout::Layout;
@@ -31,7 +31,7 @@ fn answer(
             Reading::Fresh(Stamped { sample, header })
         })
     }
-    let inputs = Inputs {
+    let inputs = PlannerInputs {
         far: Reading::Never,
         map: fresh(map, &header),
         state: fresh(state, &header),
@@ -285,7 +285,7 @@ fn with_a_silent_sensor_it_goes_on_slower_and_reports_once() {
     let mut speed_and_events = |map: &LocalMap, publish_s: f64| {
         let header = SampleHeader::at(now().plus_seconds(publish_s));
         let (state, desired) = (hovering(), to(4.0, 1.0));
-        let inputs = Inputs {
+        let inputs = PlannerInputs {
             far: Reading::Never,
             map: Reading::Fresh(Stamped {
                 sample: map,
@@ -452,7 +452,8 @@ fn between_walls(first: i32, cells: i32) -> Box<LocalMap> {
 
 #[test]
 fn six_cells_between_two_walls_are_enough_and_five_are_not() {
-    // In every cell of a corridor the vehicle keeps its radius and the tube from every cell that is occupied, to the millimetre.
+    // In every cell of a corridor the vehicle keeps its radius and the tube from every cell that is occupied, to the
+    // millimetre.
     for (first, east_m) in [(-3, 0.0), (-3, 0.05), (-3, -0.08), (4, 1.4), (-9, -1.25)] {
         let map = between_walls(first, 6);
         let state = VehicleState {

@@ -68,7 +68,7 @@ impl FlightPath {
 }
 
 /// What a flight has come to.
-pub struct Flown {
+pub struct FlightResult {
     /// Every change of a fault: number of the frame of the sensor, and what.
     pub findings: Vec<(u64, SensorFinding)>,
     pub frames: u64,
@@ -78,7 +78,7 @@ pub struct Flown {
     pub now: Timestamp,
 }
 
-impl Flown {
+impl FlightResult {
     pub fn map(&self) -> Box<LocalMap> {
         let mut map = LocalMap::boxed();
         self.fusion.write(self.now, &mut map);
@@ -100,7 +100,7 @@ pub fn fly(
     path: &FlightPath,
     duration_s: f64,
     mut corrupt: impl FnMut(u64, SensorSample<'_>, &mut SampleHeader) -> u32,
-) -> Flown {
+) -> FlightResult {
     let mut config = FusionConfig::from_params(&ParamSet::default(), specs.len());
     for (declared, spec) in config.declared.iter_mut().zip(specs) {
         declared.rate_hz = spec.rate_hz.unwrap_or(0.0);
@@ -152,7 +152,7 @@ pub fn fly(
             }
         }
     }
-    Flown {
+    FlightResult {
         findings,
         frames,
         frame_ms,
