@@ -88,7 +88,10 @@ fn every_program_of_the_process_table_is_one_that_an_aircraft_is_said_to_need_or
     let page = std::fs::read_to_string(workspace().join("docs/programs.md")).unwrap();
     let programs = table.lines().filter_map(|line| line.strip_prefix("program = \""));
     for program in programs.map(|rest| rest.trim_end_matches('"')) {
-        assert!(page.contains(&format!("`{program}`")), "docs/programs.md: {program}");
+        assert!(
+            page.contains(&format!("`{program}`")),
+            "docs/programs.md: {program}"
+        );
     }
 }
 
