@@ -133,7 +133,7 @@ pub struct Board {
     pids: u32,
     rig: Box<dyn Rig>,
     /// What was said about swaps, with the process.
-    pub swap_news: Vec<(String, SwapProgress)>,
+    pub swap_progress: Vec<(String, SwapProgress)>,
 }
 
 impl std::fmt::Debug for Board {
@@ -182,7 +182,7 @@ impl Board {
             actions: Vec::new(),
             pids: 1,
             rig: Box::new(rig),
-            swap_news: Vec::new(),
+            swap_progress: Vec::new(),
         })
     }
 
@@ -376,7 +376,7 @@ impl Board {
                 let place = &self.places[process];
                 self.observations.push(Observation::Inspected {
                     process,
-                    doing: if place.is_paused {
+                    activity: if place.is_paused {
                         ProcessActivity::Stopped
                     } else {
                         ProcessActivity::Sleeping
@@ -407,7 +407,7 @@ impl Board {
             Action::Promote { process } => self.places[process].running.swap(FIRST, SECOND),
             Action::ReportSwap { process, progress } => {
                 let name = self.places[process].row.rules.name.clone();
-                self.swap_news.push((name, news));
+                self.swap_progress.push((name, progress));
             }
             Action::PublishEvent(event) => self.shared.raise(now, &event),
             // The program is the same; there is nothing to clean up; the caller ends the flight.

@@ -55,7 +55,7 @@ use contributions::Contributions;
 use far_window::FarWindow;
 use field_of_view::FieldOfViewEstimator;
 use frame_bits::{FrameBits, RayBatch};
-use health::Health;
+use health::SensorChecks;
 use jink_shared_types::clock::Order;
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{BodyFrd, Point};
@@ -128,7 +128,7 @@ impl FusionConfig {
 
 /// Counts of what was rejected, since construction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
+pub struct RejectedCounts {
     /// Vehicle states out of order, without a valid position, or with impossible numbers.
     pub states_refused: u64,
     /// Clouds and scans of unknown sensors, out of order, or with an impossible description.
@@ -152,12 +152,12 @@ pub struct Fusion {
     window: MapWindow,
     far: FarWindow,
     sensors: Contributions,
-    health: Health,
+    health: SensorChecks,
     /// Motors armed, by the newest state.
     armed: bool,
     view: FieldOfViewEstimator,
     transient_hits: TransientHits,
-    counters: Counters,
+    counters: RejectedCounts,
     /// Down coordinate of home (m); NaN unknown.
     home_down_m: f64,
     /// Something was seen hanging from above where it is declared that nothing does.
@@ -180,7 +180,7 @@ impl Fusion {
             window: MapWindow::new(),
             far: FarWindow::new(),
             sensors: Contributions::new(config.sensor_count),
-            health: Health::new(
+            health: SensorChecks::new(
                 &config.declared.map(|declared| declared.rate_hz)[..config.sensor_count.min(SENSORS)],
             ),
             armed: false,
@@ -189,7 +189,7 @@ impl Fusion {
             home_down_m: f64::NAN,
             overhang_seen: false,
             start: StartBubble::default(),
-            counters: Counters::default(),
+            counters: RejectedCounts::default(),
             estimator_resets: None,
             epoch: config.first_epoch,
             frames: 0,
@@ -497,7 +497,7 @@ impl Fusion {
     }
 
     /// The counts of what was rejected so far.
-    pub fn counters(&self) -> Counters {
+    pub fn counters(&self) -> RejectedCounts {
         self.counters
     }
 }

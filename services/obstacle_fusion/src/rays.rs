@@ -12,7 +12,7 @@
 use crate::far_window::FarWindow;
 use crate::frame_bits::{FrameBits, GridOrigin, RayBatch};
 use crate::poses::{Pose, SweepPoses};
-use crate::{Counters, FusionConfig};
+use crate::{FusionConfig, RejectedCounts};
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::map::CELL_M;
 use jink_shared_types::pose_history::PoseHistory;
@@ -94,7 +94,7 @@ pub(crate) struct RayTracer<'a> {
     pub far: &'a mut FarWindow,
     /// The fine window's smallest corner, in fine cells from the far map's.
     pub far_offset: [f32; 3],
-    pub counters: &'a mut Counters,
+    pub counters: &'a mut RejectedCounts,
     /// Whether any ray has reported something of the surroundings.
     pub has_information: bool,
     pub sweep: &'a mut SweepPoses,

@@ -120,13 +120,13 @@ pub fn swap_flights() -> Flights {
                         flight.board().swap(service);
                     }
                 });
-                let news: Vec<_> = flight.board().swap_news.iter().map(|(_, news)| *news).collect();
-                let done = news.iter().filter(|news| **news == SwapProgress::Done).count();
+                let progress: Vec<_> = flight.board().swap_progress.iter().map(|(_, progress)| *progress).collect();
+                let done = progress.iter().filter(|step| **step == SwapProgress::Done).count();
                 println!(
                     "{service}: {done} swaps, largest gap between setpoints {:.0} ms",
                     flight.truth().setpoint_gap_max_s * 1e3
                 );
-                assert_eq!(done, 2, "{service}: {news:?}");
+                assert_eq!(done, 2, "{service}: {progress:?}");
                 assert_eq!(flight.count(&events::PROCESS_SWAPPED), 2, "{service}");
                 assert_eq!(flight.count(&events::PROCESS_RESTARTED), 0, "{service}");
                 // No more than without.

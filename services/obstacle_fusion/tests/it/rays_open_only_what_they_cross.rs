@@ -2,7 +2,7 @@
 //! sight, and the space behind an obstacle stays unknown.
 
 use crate::world;
-use crate::world::{Lidar, Obstacle, VehicleMotion, at, cells, distance_m, header, known};
+use crate::world::{Lidar, WorldShape, VehicleMotion, at, cells, distance_m, header, known};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, center_of};
 use jink_shared_types::params::ParamSet;
@@ -16,7 +16,7 @@ use rand_xoshiro::SplitMix64;
 const HALF_DIAGONAL_M: f64 = 0.5 * CELL_M * 1.732_050_9 + 1e-5;
 
 /// Some obstacles, none within 1.5 m of the north axis, where the vehicle is.
-fn random_world(seed: u64) -> Vec<Obstacle> {
+fn random_world(seed: u64) -> Vec<WorldShape> {
     let mut random = SplitMix64::seed_from_u64(seed);
     let mut world = Vec::new();
     while world.len() < 7 {
@@ -27,16 +27,16 @@ fn random_world(seed: u64) -> Vec<Obstacle> {
         );
         let size_m = random.random_range(0.05..1.5);
         let shape = match random.random_range(0..3) {
-            0 => Obstacle::Post {
+            0 => WorldShape::Post {
                 north_m: center_m.x,
                 east_m: center_m.y,
                 radius_m: 0.3 * size_m,
             },
-            1 => Obstacle::Sphere {
+            1 => WorldShape::Sphere {
                 center_m,
                 radius_m: size_m,
             },
-            _ => Obstacle::Block {
+            _ => WorldShape::Block {
                 center_m,
                 half_m: Vector3::new(size_m, random.random_range(0.05..1.5), size_m),
             },
@@ -46,14 +46,14 @@ fn random_world(seed: u64) -> Vec<Obstacle> {
             world.push(shape);
         }
     }
-    world.push(Obstacle::Ground {
+    world.push(WorldShape::Ground {
         down_m: random.random_range(0.0..3.0),
     });
     world
 }
 
 /// The map after sweeps from each of `stands` in turn.
-fn map_from(world: &[Obstacle], stands: &[Vector3<f64>], rays: usize) -> Box<LocalMap> {
+fn map_from(world: &[WorldShape], stands: &[Vector3<f64>], rays: usize) -> Box<LocalMap> {
     let lidar = Lidar {
         rays,
         range_max_m: 15.0,
@@ -76,7 +76,7 @@ fn map_from(world: &[Obstacle], stands: &[Vector3<f64>], rays: usize) -> Box<Loc
 
 /// Whether the convex `shape` hides all of `cell` from `eye_m`: the shadow of a convex body is convex, so that a cell
 /// with all its corners in it is in it.
-fn hides(shape: &Obstacle, eye_m: &Vector3<f64>, cell: Cell) -> bool {
+fn hides(shape: &WorldShape, eye_m: &Vector3<f64>, cell: Cell) -> bool {
     let low_m = center_of(cell).vector().add_scalar(-0.5 * CELL_M);
     (0..8).all(|corner| {
         let offset_m = Vector3::new(corner & 1, corner >> 1 & 1, corner >> 2 & 1).cast::<f64>() * CELL_M;
@@ -125,7 +125,7 @@ proptest! {
 
 #[test]
 fn a_wall_is_seen_and_the_room_behind_it_is_not() {
-    let wall = Obstacle::Block {
+    let wall = WorldShape::Block {
         center_m: Vector3::new(5.6, 0.0, -2.0),
         half_m: Vector3::new(0.5, 4.0, 4.0),
     };
@@ -182,7 +182,7 @@ fn below_the_shortest_range_a_point_is_an_obstacle_and_clears_nothing() {
 
 #[test]
 fn beyond_the_carve_range_a_hit_is_a_hit_and_its_ray_clears_up_to_the_carve_range() {
-    let far = Obstacle::Block {
+    let far = WorldShape::Block {
         center_m: Vector3::new(10.6, 0.0, -2.0),
         half_m: Vector3::new(0.5, 9.0, 9.0),
     };

@@ -1,7 +1,7 @@
 //! The same inputs give the same map, to the bit, whatever ran before in the process.
 
 use crate::world::{Lidar, VehicleMotion, at, forest, header};
-use jink_obstacle_fusion::{Counters, Fusion, FusionConfig};
+use jink_obstacle_fusion::{RejectedCounts, Fusion, FusionConfig};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::PointCloud;
@@ -9,7 +9,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::SplitMix64;
 
-fn flight(seed: u64) -> (Box<LocalMap>, Counters) {
+fn flight(seed: u64) -> (Box<LocalMap>, RejectedCounts) {
     let world = forest(40.0, seed);
     let mut random = SplitMix64::seed_from_u64(seed);
     let motion = |t_s: f64| VehicleMotion {

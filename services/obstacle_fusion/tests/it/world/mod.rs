@@ -15,7 +15,7 @@ use rand_xoshiro::SplitMix64;
 
 /// One obstacle, local NED.
 #[derive(Clone, Copy, Debug)]
-pub enum Obstacle {
+pub enum WorldShape {
     /// An upright post without ends: centre north and east, radius (m).
     Post {
         north_m: f64,
@@ -33,28 +33,28 @@ pub enum Obstacle {
     Ground { down_m: f64 },
 }
 
-impl Obstacle {
+impl WorldShape {
     /// Distance from the surface (m), negative inside. For a block's outside a lower bound is enough, and this is exact.
     pub fn distance_m(&self, p: &Vector3<f64>) -> f64 {
         match *self {
-            Obstacle::Post {
+            WorldShape::Post {
                 north_m,
                 east_m,
                 radius_m,
             } => (p.x - north_m).hypot(p.y - east_m) - radius_m,
-            Obstacle::Sphere { center_m, radius_m } => (p - center_m).norm() - radius_m,
-            Obstacle::Block { center_m, half_m } => {
+            WorldShape::Sphere { center_m, radius_m } => (p - center_m).norm() - radius_m,
+            WorldShape::Block { center_m, half_m } => {
                 let outside = (p - center_m).abs() - half_m;
                 outside.map(|c| c.max(0.0)).norm() + outside.max().min(0.0)
             }
-            Obstacle::Ground { down_m } => down_m - p.z,
+            WorldShape::Ground { down_m } => down_m - p.z,
         }
     }
 
     /// Where the ray from `from` (outside) along unit vector `along` enters, if it does (m).
     fn entry_m(&self, from: &Vector3<f64>, along: &Vector3<f64>) -> Option<f64> {
         match *self {
-            Obstacle::Post {
+            WorldShape::Post {
                 north_m,
                 east_m,
                 radius_m,
@@ -65,7 +65,7 @@ impl Obstacle {
                 let c = offset_x * offset_x + offset_y * offset_y - radius_m * radius_m;
                 first_root(a, b, c)
             }
-            Obstacle::Sphere { center_m, radius_m } => {
+            WorldShape::Sphere { center_m, radius_m } => {
                 let offset = from - center_m;
                 first_root(
                     1.0,
@@ -73,7 +73,7 @@ impl Obstacle {
                     offset.norm_squared() - radius_m * radius_m,
                 )
             }
-            Obstacle::Block { center_m, half_m } => {
+            WorldShape::Block { center_m, half_m } => {
                 let (mut enter, mut leave) = (0.0f64, f64::INFINITY);
                 for axis in 0..3 {
                     let offset = from[axis] - center_m[axis];
@@ -84,7 +84,7 @@ impl Obstacle {
                 }
                 (enter < leave).then_some(enter)
             }
-            Obstacle::Ground { down_m } => (along.z > 0.0).then(|| (down_m - from.z) / along.z),
+            WorldShape::Ground { down_m } => (along.z > 0.0).then(|| (down_m - from.z) / along.z),
         }
     }
 }
@@ -97,7 +97,7 @@ fn first_root(a: f64, b: f64, c: f64) -> Option<f64> {
 }
 
 /// Distance from the nearest surface (m), negative inside an obstacle.
-pub fn distance_m(world: &[Obstacle], point_m: &Vector3<f64>) -> f64 {
+pub fn distance_m(world: &[WorldShape], point_m: &Vector3<f64>) -> f64 {
     world
         .iter()
         .map(|shape| shape.distance_m(point_m))
@@ -105,7 +105,7 @@ pub fn distance_m(world: &[Obstacle], point_m: &Vector3<f64>) -> f64 {
 }
 
 /// Range of the first surface from `from` along the unit vector `along` (m); infinity if there is none.
-pub fn cast_m(world: &[Obstacle], from: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
+pub fn cast_m(world: &[WorldShape], from: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
     world
         .iter()
         .filter_map(|shape| shape.entry_m(from, along))
@@ -203,7 +203,7 @@ impl Lidar {
     /// Sweep number `sweep`, ending at `end_s`, of a vehicle that moves as `motion` says (time in seconds).
     pub fn sweep(
         &self,
-        world: &[Obstacle],
+        world: &[WorldShape],
         motion: impl Fn(f64) -> VehicleMotion,
         end_s: f64,
         sweep: usize,
@@ -255,15 +255,15 @@ pub fn known(map: &LocalMap) -> impl Iterator<Item = Cell> + '_ {
 
 /// Posts on a square of `edge_m` around the origin, one per 25 m2, none within 1.5 m of the north axis, on level ground
 /// at down 0.
-pub fn forest(edge_m: f64, seed: u64) -> Vec<Obstacle> {
+pub fn forest(edge_m: f64, seed: u64) -> Vec<WorldShape> {
     let mut random = SplitMix64::seed_from_u64(seed);
-    let mut world = vec![Obstacle::Ground { down_m: 0.0 }];
+    let mut world = vec![WorldShape::Ground { down_m: 0.0 }];
     for _ in 0..(edge_m * edge_m / 25.0) as usize {
         let north_m = random.random_range(-0.5 * edge_m..0.5 * edge_m);
         let east_m = random.random_range(-0.5 * edge_m..0.5 * edge_m);
         let radius_m = random.random_range(0.1..0.4);
         if east_m.abs() > 1.5 + radius_m {
-            world.push(Obstacle::Post {
+            world.push(WorldShape::Post {
                 north_m,
                 east_m,
                 radius_m,
