@@ -120,8 +120,16 @@ pub fn swap_flights() -> Flights {
                         flight.board().swap(service);
                     }
                 });
-                let progress: Vec<_> = flight.board().swap_progress.iter().map(|(_, progress)| *progress).collect();
-                let done = progress.iter().filter(|step| **step == SwapProgress::Done).count();
+                let progress: Vec<_> = flight
+                    .board()
+                    .swap_progress
+                    .iter()
+                    .map(|(_, progress)| *progress)
+                    .collect();
+                let done = progress
+                    .iter()
+                    .filter(|step| **step == SwapProgress::Done)
+                    .count();
                 println!(
                     "{service}: {done} swaps, largest gap between setpoints {:.0} ms",
                     flight.truth().setpoint_gap_max_s * 1e3

@@ -2,7 +2,7 @@
 //! sight, and the space behind an obstacle stays unknown.
 
 use crate::world;
-use crate::world::{Lidar, WorldShape, VehicleMotion, at, cells, distance_m, header, known};
+use crate::world::{Lidar, VehicleMotion, WorldShape, at, cells, distance_m, header, known};
 use jink_obstacle_fusion::{Fusion, FusionConfig};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, center_of};
 use jink_shared_types::params::ParamSet;

@@ -1,7 +1,7 @@
 //! The same inputs give the same map, to the bit, whatever ran before in the process.
 
 use crate::world::{Lidar, VehicleMotion, at, forest, header};
-use jink_obstacle_fusion::{RejectedCounts, Fusion, FusionConfig};
+use jink_obstacle_fusion::{Fusion, FusionConfig, RejectedCounts};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::PointCloud;
