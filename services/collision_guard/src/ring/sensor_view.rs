@@ -268,6 +268,7 @@ impl SectorBorders {
 #[cfg(test)]
 mod tests {
     use super::{FreeDistance, SectorBorders, SensorView, ViewSector};
+    use jink_shared_types::pose_history::Pose;
     use nalgebra::{UnitQuaternion, Vector3};
     use proptest::prelude::*;
 
