@@ -39,7 +39,7 @@ fn crate_folder() -> PathBuf {
 /// autopilot (`px4_scenarios` of the simulator), whose seeds are in their names.
 #[test]
 fn the_committed_sample() {
-    let sample = judged(&crate_folder().join("../simulator/tests/data/collision_prevention"));
+    let sample = judged(&crate_folder().join("../simulator/emulated_px4/tests/data/collision_prevention"));
     assert!(sample.scenarios() > 150, "{}", sample.scenarios());
     let own = judged(&crate_folder().join("tests/data"));
     assert!(own.scenarios() > 28, "{}", own.scenarios());
