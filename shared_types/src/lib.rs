@@ -30,6 +30,7 @@ pub mod far_map;
 pub mod faults;
 pub mod frames;
 pub mod geo;
+pub mod ground;
 pub mod hash;
 pub mod health;
 pub mod layout;

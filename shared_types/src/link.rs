@@ -58,6 +58,18 @@ crate::wire_enum! {
 }
 
 crate::wire_enum! {
+    /// Whose autopilot is on the link.
+    pub enum AutopilotMake {
+        /// Not known: nothing heard yet, or another make.
+        Unknown = 0 "not known",
+        /// PX4.
+        Px4 = 1 "PX4",
+        /// ArduPilot.
+        ArduPilot = 2 "ArduPilot",
+    }
+}
+
+crate::wire_enum! {
     /// Whether a pilot's sticks pass through the guard in OFFBOARD or GUIDED.
     pub enum AssistState {
         /// They do not.
@@ -142,8 +154,10 @@ crate::sample! {
         pub profile_fit: Coded<ProfileFit>,
         /// Whether a pilot is assisted.
         pub assist: Coded<AssistState>,
+        /// Whose autopilot it is.
+        pub autopilot: Coded<AutopilotMake>,
         /// Explicit padding, zero.
-        pub reserved: Reserved<2>,
+        pub reserved: Reserved<1>,
         /// By how much the autopilot's clock runs faster than the board's (ppm); zero where no difference shows.
         pub clock_rate_ppm: i32,
         /// Room for later fields, zero.

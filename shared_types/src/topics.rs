@@ -10,6 +10,7 @@
 use crate::control::Control;
 use crate::events::EventSample;
 use crate::far_map::FarMap;
+use crate::ground::{GroundAnswer, GroundRequest};
 use crate::hash;
 use crate::health::{Heartbeat, SystemStatus};
 use crate::layout::Layout;
@@ -307,9 +308,9 @@ topics! {
     HEALTH: Heartbeat = "health/*",
         from ["*"], to ["supervisor"],
         20.0 Hz, stale after 100.0 ms, buffer 4, logged true, wakes false;
-    /// News for the pilot, of every process.
+    /// Events for the pilot, of every process.
     EVENT: EventSample = "event",
-        from ["*"], to ["mavlink_gateway"],
+        from ["*"], to ["ground_services", "mavlink_gateway"],
         0.0 Hz, stale after 5000.0 ms, buffer 16, logged true, wakes false;
     /// Every process, and the health of the whole.
     SYSTEM_STATUS: SystemStatus = "system/status",
@@ -321,15 +322,23 @@ topics! {
         10.0 Hz, stale after 300.0 ms, buffer 2, logged true, wakes true;
     /// The gateway's counters.
     LINK_STATUS: LinkStatus = "link/status",
-        from ["mavlink_gateway"], to ["supervisor"],
+        from ["mavlink_gateway"], to ["supervisor", "ground_services"],
         5.0 Hz, stale after 600.0 ms, buffer 2, logged true, wakes false;
+    /// What ground stations ask of our components, apart from flying.
+    GROUND_REQUEST: GroundRequest = "mavlink/requests",
+        from ["mavlink_gateway"], to ["ground_services"],
+        0.0 Hz, stale after 500.0 ms, buffer 32, logged true, wakes true;
+    /// The answers, and what the gateway is asked to do for them.
+    GROUND_ANSWER: GroundAnswer = "mavlink/answers",
+        from ["ground_services"], to ["mavlink_gateway"],
+        0.0 Hz, stale after 500.0 ms, buffer 32, logged true, wakes true;
     /// The values of all parameters; services take the live ones at once.
     PARAMETERS: ParameterValues = "parameters",
         from ["parameter_server"], to ["*"],
         1.0 Hz, stale after 2500.0 ms, buffer 2, logged true, wakes true;
     /// A value that the command line or a ground station wants changed; the answer is in `parameters`.
     PARAMETER_CHANGE: ParameterChange = "parameters/change",
-        from ["cli", "mavlink_gateway"], to ["parameter_server"],
+        from ["cli", "ground_services"], to ["parameter_server"],
         0.0 Hz, stale after 5000.0 ms, buffer 4, logged true, wakes true;
     /// Somebody is about to end jink in flight: the vehicle is to be brought to rest and left to the autopilot.
     STOP_REQUEST: StopRequest = "vehicle/stop_request",

@@ -7,6 +7,7 @@
 use crate::proposer::ProposerService;
 use jink_bezier_generator::GeneratorService;
 use jink_collision_guard::GuardService;
+use jink_ground_services::GroundServicesService;
 use jink_mavlink_gateway::GatewayService;
 use jink_obstacle_fusion::FusionService;
 use jink_parameter_server::ParameterService;
@@ -82,6 +83,7 @@ fn member(
     match (program.to_str(), role) {
         (Some("jink-mavlink-gateway"), _) => start::<GatewayService>(bus, setup, config),
         (Some("jink-parameter-server"), _) => start::<ParameterService>(bus, setup, config),
+        (Some("jink-ground-services"), _) => start::<GroundServicesService>(bus, setup, config),
         (Some("jink-collision-guard"), _) => start::<GuardService>(bus, setup, config),
         (Some("jink-bezier-generator"), _) => start::<GeneratorService>(bus, setup, config),
         (Some("jink-planner"), _) => start::<PlannerService>(bus, setup, config),

@@ -552,6 +552,7 @@ impl LockStep {
             "obstacle_fusion",
             SENSORS,
             "parameter_server",
+            "ground_services",
         ]);
         self.radio.up(now_s);
         self.board.run([VEHICLE]);

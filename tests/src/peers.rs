@@ -308,7 +308,7 @@ fn end(child: &mut Child) {
     let _not_ours = child.wait();
 }
 
-/// The simulated autopilot, the gateway and the parameters, and nothing that flies.
+/// The simulated autopilot, the gateway, the parameters and the ground services, and nothing that flies.
 pub const GATEWAY_ONLY: &str = r#"
 [[process]]
 name = "simulator"
@@ -325,6 +325,13 @@ output = true
 [[process]]
 name = "parameter_server"
 program = "jink-parameter-server"
+essential = false
+on_failure = "ignore"
+shadow = false
+
+[[process]]
+name = "ground_services"
+program = "jink-ground-services"
 essential = false
 on_failure = "ignore"
 shadow = false

@@ -19,11 +19,11 @@
 
 #![allow(deprecated)] // PROTOCOL_VERSION and GET_MESSAGE_INTERVAL are going, ground stations that ask for them are not.
 
-use jink_mavlink_link::message::Content;
+use jink_mavlink_link::message::Command;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, COMPONENT_METADATA_DATA, HEARTBEAT_DATA, MESSAGE_INTERVAL_DATA, MavCmd,
-    MavMessage, MavResult, OBSTACLE_DISTANCE_DATA, ONBOARD_COMPUTER_STATUS_DATA, PROTOCOL_VERSION_DATA,
+    MavResult, OBSTACLE_DISTANCE_DATA, ONBOARD_COMPUTER_STATUS_DATA, PROTOCOL_VERSION_DATA,
     TIMESYNC_DATA,
 };
 
@@ -146,7 +146,7 @@ pub const MESSAGES: &[(Component, u32, Answerable, IntervalPolicy)] = &[
     ),
 ];
 
-/// A interval that was asked for.
+/// An interval that was asked for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MessageInterval {
     /// Our own.
@@ -185,66 +185,22 @@ pub struct CommandContext {
     pub restarting: bool,
 }
 
-/// A command, in whichever message it came.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Command {
-    /// Number.
-    pub command: u16,
-    /// First and second parameter; NaN if they could not be read.
-    pub params: [f32; 2],
-    /// Addressed system, 0 = all.
-    pub target_system: u8,
-    /// Addressed component, 0 = all.
-    pub target_component: u8,
-}
-
-impl Command {
-    /// The command in `content`, if it is one.
-    pub fn of(content: &Content) -> Option<Self> {
-        match content {
-            Content::Message(MavMessage::COMMAND_LONG(data)) => Some(Self {
-                command: data.command as u16,
-                params: [data.param1, data.param2],
-                target_system: data.target_system,
-                target_component: data.target_component,
-            }),
-            Content::Message(MavMessage::COMMAND_INT(data)) => Some(Self {
-                command: data.command as u16,
-                params: [data.param1, data.param2],
-                target_system: data.target_system,
-                target_component: data.target_component,
-            }),
-            Content::Message(_) => None,
-            Content::UnknownCommand {
-                command,
-                target_system,
-                target_component,
-            } => Some(Self {
-                command: *command,
-                params: [f32::NAN; 2],
-                target_system: *target_system,
-                target_component: *target_component,
-            }),
-        }
-    }
-
-    /// The result that is acknowledged, and what is to be done.
-    pub fn judge(&self, context: &CommandContext) -> (MavResult, CommandAction) {
-        let [first, second] = self.params;
-        let is = |command: MavCmd| self.command == command as u16;
-        if is(MavCmd::MAV_CMD_REQUEST_MESSAGE) {
-            request(context.component, first, second)
-        } else if is(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL) {
-            set_interval(context.component, first, second)
-        } else if is(MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL) {
-            report_interval(context.component, first)
-        } else if is(MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN) {
-            reboot(context, first, second)
-        } else if is(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) {
-            (MavResult::MAV_RESULT_DENIED, CommandAction::Nothing)
-        } else {
-            (MavResult::MAV_RESULT_UNSUPPORTED, CommandAction::Nothing)
-        }
+/// The result of a command that is acknowledged, and what is to be done.
+pub fn judge(command: &Command, context: &CommandContext) -> (MavResult, CommandAction) {
+    let [first, second] = command.params;
+    let is = |number: MavCmd| command.command == number as u16;
+    if is(MavCmd::MAV_CMD_REQUEST_MESSAGE) {
+        request(context.component, first, second)
+    } else if is(MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL) {
+        set_interval(context.component, first, second)
+    } else if is(MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL) {
+        report_interval(context.component, first)
+    } else if is(MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN) {
+        reboot(context, first, second)
+    } else if is(MavCmd::MAV_CMD_COMPONENT_ARM_DISARM) {
+        (MavResult::MAV_RESULT_DENIED, CommandAction::Nothing)
+    } else {
+        (MavResult::MAV_RESULT_UNSUPPORTED, CommandAction::Nothing)
     }
 }
 
@@ -360,7 +316,7 @@ mod tests {
             target_system: 1,
             target_component: 196,
         };
-        command.judge(&context)
+        super::judge(&command, &context)
     }
 
     #[test]
@@ -492,7 +448,7 @@ mod tests {
             let params = if is_small { small.map(f32::from) } else { bits.map(f32::from_bits) };
             let command = Command { command: numbers[known], params, target_system: 1, target_component: 196 };
             let component = if computer { Component::Computer } else { Component::Avoidance };
-            let (result, action) = command.judge(&CommandContext { component, armed, restarting });
+            let (result, action) = super::judge(&command, &CommandContext { component, armed, restarting });
             prop_assert!(result != MavResult::MAV_RESULT_IN_PROGRESS);
             if result != MavResult::MAV_RESULT_ACCEPTED {
                 prop_assert!(matches!(action, CommandAction::Nothing | CommandAction::ExplainRefusal));

@@ -1,149 +1,138 @@
 //! The answers themselves: one pure step from questions, events and readings to messages.
 
-use crate::commands::{Answerable, Command, CommandAction, CommandContext, Component, MessageInterval};
+use crate::commands::{
+    Answerable, CommandAction, CommandContext, Component, MessageInterval, judge,
+};
 use crate::computer::{self, BoardReading};
 use crate::files::{FileServer, Payload};
 use crate::parameters::{Parameters, Reply};
 use crate::texts::Texts;
 use crate::version;
 use jink_mavlink_link::encoding::Encoding;
-use jink_mavlink_link::message::{Body, CommandAck, Content};
+use jink_mavlink_link::exchange;
+use jink_mavlink_link::message::{Body, Command, CommandAck, Content};
 use jink_mavlink_link::ticker::Ticker;
-use jink_shared_types::Timestamp;
-use jink_shared_types::events::{EventSample, RESTART_REFUSED};
+use jink_shared_types::events::{EventSample, GOAL_BLOCKED, RESTART_REFUSED};
+use jink_shared_types::ground::{ANY_LINK, Armed, GroundAction, GroundAnswer, GroundRequest};
+use jink_shared_types::health::Name;
+use jink_shared_types::link::AutopilotMake;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::tuning::{ParameterChange, ParameterValues};
+use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::dialects::ardupilotmega::{
     FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage, MavResult,
 };
 
+/// The process that speaks to the autopilot, as it stands in its events.
+const GATEWAY: &str = "mavlink_gateway";
 /// Rate of ONBOARD_COMPUTER_STATUS (Hz): 250 bytes that an autopilot may pass on to a radio, of figures that change slowly.
 const COMPUTER_RATE_HZ: f64 = 0.2;
 /// From the acknowledgement of a restart to the restart (s): the answer has left, and the heartbeat of a vehicle that is armed
 /// right after it has arrived.
 const RESTART_AFTER_S: f64 = 0.5;
-/// Messages of one call at most: an acknowledgement, an error and a value; or four parts of a line with what else is due.
-const MESSAGES: usize = 16;
+/// Answers of one step at most, as many as the gateway's topic holds: further requests stay without one, and are asked again.
+const ANSWERS: usize = 32;
+/// Events of one step.
+const EVENTS: usize = 4;
 
-/// How a message names the component that it is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Named {
-    /// By its number.
-    Alone,
-    /// As one of all.
-    WithAll,
-}
-
-/// A message for one of our components.
+/// What goes into a step.
 #[derive(Clone, Copy, Debug)]
-pub struct Question<'a> {
-    /// What it says.
-    pub content: &'a Content,
-    /// System and component that sent it.
-    pub from: (u8, u8),
-    /// The link on which it came in.
-    pub link: u8,
-    /// The component of ours that answers.
-    pub component: Component,
-    /// How it is named.
-    pub named: Named,
+pub struct Inputs<'a> {
+    /// Messages for our components since the last step, oldest first.
+    pub requests: &'a [GroundRequest],
+    /// What has happened since the last step, with the names of the processes that tell it.
+    pub events: &'a [EventSample],
+    /// The values that the parameter server has in force, if it has published since the last step.
+    pub parameters: Option<&'a ParameterValues>,
+    /// Whose autopilot is on the link, as the gateway says.
+    pub autopilot: AutopilotMake,
+    /// A new reading of the board.
+    pub board: Option<BoardReading>,
 }
 
-/// Whether `content` is a message that is answered here, if it is addressed to one of our components.
-pub fn is_question(content: &Content) -> bool {
-    matches!(
-        content,
-        Content::UnknownCommand { .. }
-            | Content::Message(
-                MavMessage::COMMAND_LONG(_)
-                    | MavMessage::COMMAND_INT(_)
-                    | MavMessage::PARAM_REQUEST_LIST(_)
-                    | MavMessage::PARAM_REQUEST_READ(_)
-                    | MavMessage::PARAM_SET(_)
-                    | MavMessage::FILE_TRANSFER_PROTOCOL(_)
-            )
-    )
-}
-
-/// What the gateway knows and answers depend on.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LinkFacts {
-    /// How integers of parameters travel with this autopilot.
-    pub encoding: Encoding,
-    /// Whether the vehicle is armed; `None` before the first heartbeat.
-    pub armed: Option<bool>,
-    /// Period of OBSTACLE_DISTANCE (s); `None`: it is not sent.
-    pub obstacles_period_s: Option<f64>,
-    /// Period of TIMESYNC (s).
-    pub timesync_period_s: f64,
-    /// Periods of HEARTBEAT (s), of components 196 and 191.
-    pub heartbeat_periods_s: [f64; 2],
-}
-
-/// What the gateway itself is asked to do.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum GatewayRequest {
-    /// The next heartbeat of this component is sent at once.
-    SendHeartbeat(Component),
-    /// The next OBSTACLE_DISTANCE is sent at once.
-    SendObstacles,
-    /// The period of OBSTACLE_DISTANCE (s); `None`: the usual one.
-    ObstaclesPeriod(Option<f64>),
-    /// The gateway is started anew, if the vehicle is disarmed by then.
-    Restart,
-}
-
-/// A message of one of our components.
-#[derive(Clone, Debug)]
-pub struct Answer {
-    /// Who says it.
-    pub component: Component,
-    /// The link it goes to; `None`: where its addressee is, or everybody.
-    pub link: Option<u8>,
-    /// What it says.
-    pub body: Body,
-}
-
-/// What one call gives out; made once and used again.
+/// What a step gives out; made once and used again.
 #[derive(Debug)]
-pub struct Answers {
-    /// To be sent, in this order.
-    pub messages: Vec<Answer>,
-    /// For the gateway.
-    pub requests: Vec<GatewayRequest>,
+pub struct Outputs {
+    answers: Vec<GroundAnswer>,
+    events: Vec<EventSample>,
     /// For the parameter server.
     pub parameter_change: Option<ParameterChange>,
-    /// What happened, for all who read `event`; it is on its way to the pilot already.
-    pub events: Vec<EventSample>,
 }
 
-impl Default for Answers {
+impl Default for Outputs {
     fn default() -> Self {
         Self {
-            messages: Vec::with_capacity(MESSAGES),
-            requests: Vec::with_capacity(2),
+            answers: Vec::with_capacity(ANSWERS),
+            events: Vec::with_capacity(EVENTS),
             parameter_change: None,
-            events: Vec::with_capacity(1),
         }
     }
 }
 
-impl Answers {
-    /// Forgets what the last call gave out.
-    pub fn clear(&mut self) {
-        self.messages.clear();
-        self.requests.clear();
-        self.parameter_change = None;
-        self.events.clear();
+impl Outputs {
+    /// For the gateway, in this order.
+    pub fn answers(&self) -> &[GroundAnswer] {
+        &self.answers
     }
 
-    fn push(&mut self, component: Component, link: Option<u8>, body: Body) {
-        if self.messages.len() < MESSAGES {
-            self.messages.push(Answer {
-                component,
-                link,
-                body,
-            });
+    /// What happened here, for all who read `event`; it is on its way to the pilot already.
+    pub fn events(&self) -> &[EventSample] {
+        &self.events
+    }
+
+    fn clear(&mut self) {
+        self.answers.clear();
+        self.events.clear();
+        self.parameter_change = None;
+    }
+
+    fn push(&mut self, answer: GroundAnswer) {
+        if self.answers.len() < ANSWERS {
+            self.answers.push(answer);
+        }
+    }
+
+    fn send(&mut self, component: Component, link: Option<u8>, body: &Body) {
+        self.push(GroundAnswer {
+            message: exchange::of_body(body),
+            of_computer: Flag::from(component == Component::Computer),
+            link: link.unwrap_or(ANY_LINK),
+            ..GroundAnswer::default()
+        });
+    }
+
+    fn ask(&mut self, action: GroundAction, component: Component, period_us: u32) {
+        self.push(GroundAnswer {
+            action: Coded::new(action),
+            of_computer: Flag::from(component == Component::Computer),
+            period_us,
+            link: ANY_LINK,
+            ..GroundAnswer::default()
+        });
+    }
+}
+
+/// One request, understood.
+#[derive(Clone, Copy, Debug)]
+struct Question<'a> {
+    request: &'a GroundRequest,
+    component: Component,
+}
+
+impl Question<'_> {
+    fn from(&self) -> (u8, u8) {
+        (self.request.from_system, self.request.from_component)
+    }
+
+    fn link(&self) -> Option<u8> {
+        Some(self.request.link)
+    }
+
+    fn armed(&self) -> Option<bool> {
+        match self.request.armed.get() {
+            Armed::Unknown => None,
+            Armed::Disarmed => Some(false),
+            Armed::Armed => Some(true),
         }
     }
 }
@@ -180,56 +169,63 @@ impl GroundServices {
         self.parameters.set()
     }
 
-    /// Takes the values that the parameter server has in force, and answers who has asked for a change.
-    pub fn take_parameters(&mut self, values: &ParameterValues, answers: &mut Answers) {
-        let value = self.parameters.take_values(values);
-        reply(Reply { error: None, value }, answers);
-    }
-
-    /// Takes a new reading of the board.
-    pub fn take_board(&mut self, reading: BoardReading) {
-        self.board = Some(reading);
-    }
-
-    /// Takes an event for the pilot.
-    pub fn take_event(&mut self, now: Timestamp, event: &EventSample) {
-        self.texts.push(now, event);
-    }
-
-    /// Answers one question ([`is_question`]).
-    pub fn take(
-        &mut self,
-        now: Timestamp,
-        question: &Question<'_>,
-        facts: &LinkFacts,
-        answers: &mut Answers,
-    ) {
-        self.parameters.set_encoding(facts.encoding);
-        if let Some(command) = Command::of(question.content) {
-            self.execute(now, &command, question, facts, answers);
-            return;
+    /// One step: takes in what has come, gives out what is due. To be called whenever an input changes, and at the latest at
+    /// [`Self::next_wake`].
+    pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
+        outputs.clear();
+        self.parameters.set_encoding(encoding(inputs.autopilot));
+        if inputs.board.is_some() {
+            self.board = inputs.board;
         }
-        let Content::Message(message) = question.content else {
+        if let Some(values) = inputs.parameters {
+            let value = self.parameters.take_values(values);
+            reply(Reply { error: None, value }, outputs);
+        }
+        for event in inputs.events {
+            // Of a goal that is out of reach the planner tells the gateway, which knows whether it is still flown to.
+            if event.id != GOAL_BLOCKED.id || event.process == Name::new(GATEWAY) {
+                self.texts.push(now, event);
+            }
+        }
+        for request in inputs.requests {
+            let component = match request.for_computer.is_set() {
+                true => Component::Computer,
+                false => Component::Avoidance,
+            };
+            self.take(now, &Question { request, component }, outputs);
+        }
+        self.send_due(now, outputs);
+    }
+
+    /// Answers one question.
+    fn take(&mut self, now: Timestamp, question: &Question<'_>, outputs: &mut Outputs) {
+        let Some(content) = exchange::to_content(&question.request.message) else {
             return;
         };
-        let alone = question.named == Named::Alone;
+        self.parameters
+            .set_encoding(encoding(question.request.autopilot.get()));
+        if let Some(command) = Command::of(&content) {
+            self.execute(now, &command, question, outputs);
+            return;
+        }
+        let Content::Message(message) = &content else {
+            return;
+        };
+        let (from, named) = (question.from(), question.request.named.is_set());
         match message {
             MavMessage::PARAM_REQUEST_LIST(_) => self.parameters.request_list(),
             MavMessage::PARAM_REQUEST_READ(request) => {
-                reply(
-                    self.parameters.request_read(question.from, request, !alone),
-                    answers,
-                );
+                reply(self.parameters.request_read(from, request, !named), outputs);
             }
-            MavMessage::PARAM_SET(request) if alone => {
-                reply(self.parameters.request_set(now, question.from, request), answers);
+            MavMessage::PARAM_SET(request) if named => {
+                reply(self.parameters.request_set(now, from, request), outputs);
             }
-            MavMessage::FILE_TRANSFER_PROTOCOL(request) if alone => {
-                if let Some(payload) = self.files.take(now, question.from, &request.payload) {
-                    answers.push(
+            MavMessage::FILE_TRANSFER_PROTOCOL(request) if named => {
+                if let Some(payload) = self.files.take(now, from, &request.payload) {
+                    outputs.send(
                         Component::Avoidance,
-                        Some(question.link),
-                        file_transfer(question.from, payload),
+                        question.link(),
+                        &file_transfer(from, payload),
                     );
                 }
             }
@@ -238,34 +234,30 @@ impl GroundServices {
     }
 
     /// Gives out what is due of itself: lines of text, and of answers that have many parts the next one.
-    pub fn send_due(&mut self, now: Timestamp, facts: &LinkFacts, answers: &mut Answers) {
+    fn send_due(&mut self, now: Timestamp, outputs: &mut Outputs) {
         while let Some(line) = self.texts.next(now) {
-            answers.push(Component::Avoidance, None, Body::Message(line));
+            outputs.send(Component::Avoidance, None, &Body::Message(line));
         }
-        self.parameters.set_encoding(facts.encoding);
         let unanswered = self.parameters.give_up(now);
         for value in [unanswered, self.parameters.next(now)].into_iter().flatten() {
-            answers.push(
-                Component::Avoidance,
-                None,
-                Body::Message(MavMessage::PARAM_VALUE(value)),
-            );
+            let value = Body::Message(MavMessage::PARAM_VALUE(value));
+            outputs.send(Component::Avoidance, None, &value);
         }
-        answers.parameter_change = self.parameters.ask(now);
+        outputs.parameter_change = self.parameters.ask(now);
         if let Some((to, payload)) = self.files.next(now) {
-            answers.push(Component::Avoidance, None, file_transfer(to, payload));
+            outputs.send(Component::Avoidance, None, &file_transfer(to, payload));
         }
         let computer = self.board.is_some() && self.computer.as_mut().is_some_and(|due| due.take(now));
         if let Some(status) = self.computer_status(now).filter(|_| computer) {
-            answers.push(Component::Computer, None, Body::Message(status));
+            outputs.send(Component::Computer, None, &Body::Message(status));
         }
         if self.restart_at.is_some_and(|due| now >= due) {
             self.restart_at = None;
-            answers.requests.push(GatewayRequest::Restart);
+            outputs.ask(GroundAction::Restart, Component::Avoidance, 0);
         }
     }
 
-    /// When something is due next.
+    /// When something is due next. May lie in the past: then at once.
     pub fn next_wake(&self) -> Timestamp {
         let computer = self.computer.filter(|_| self.board.is_some());
         [
@@ -291,15 +283,17 @@ impl GroundServices {
         now: Timestamp,
         command: &Command,
         question: &Question<'_>,
-        facts: &LinkFacts,
-        answers: &mut Answers,
+        outputs: &mut Outputs,
     ) {
         let component = question.component;
-        let (mut result, action) = command.judge(&CommandContext {
-            component,
-            armed: facts.armed,
-            restarting: self.restart_at.is_some(),
-        });
+        let (mut result, action) = judge(
+            command,
+            &CommandContext {
+                component,
+                armed: question.armed(),
+                restarting: self.restart_at.is_some(),
+            },
+        );
         // The board has not been read in the first second.
         if action == CommandAction::Say(Answerable::Computer) && self.board.is_none() {
             result = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
@@ -307,12 +301,12 @@ impl GroundServices {
         let ack = Body::CommandAck(CommandAck {
             command: command.command,
             result,
-            target_system: question.from.0,
-            target_component: question.from.1,
+            target_system: question.request.from_system,
+            target_component: question.request.from_component,
         });
-        answers.push(component, Some(question.link), ack);
-        if let Some(message) = self.act(now, component, action, facts, answers) {
-            answers.push(component, Some(question.link), Body::Message(message));
+        outputs.send(component, question.link(), &ack);
+        if let Some(message) = self.act(now, question, action, outputs) {
+            outputs.send(component, question.link(), &Body::Message(message));
         }
     }
 
@@ -320,11 +314,11 @@ impl GroundServices {
     fn act(
         &mut self,
         now: Timestamp,
-        component: Component,
+        question: &Question<'_>,
         action: CommandAction,
-        facts: &LinkFacts,
-        answers: &mut Answers,
+        outputs: &mut Outputs,
     ) -> Option<MavMessage> {
+        let component = question.component;
         match action {
             CommandAction::Nothing => None,
             CommandAction::Restart => {
@@ -334,28 +328,30 @@ impl GroundServices {
             CommandAction::ExplainRefusal => {
                 let event = EventSample::new(&RESTART_REFUSED, "", [0.0; 2]);
                 self.texts.push(now, &event);
-                answers.events.push(event);
+                if outputs.events.len() < EVENTS {
+                    outputs.events.push(event);
+                }
                 None
             }
             CommandAction::ReportInterval(id, message) => {
-                let period_s = message.map_or(Some(0.0), |message| self.period_s(component, message, facts));
+                let period_us = message.map_or(Some(0), |message| self.period_us(question, message));
                 Some(MavMessage::MESSAGE_INTERVAL(MESSAGE_INTERVAL_DATA {
                     message_id: id as u16,
                     // 0 = it does not come by itself, -1 = it could, but does not.
-                    interval_us: period_s.map_or(-1, |period_s| (period_s * 1e6).round() as i32),
+                    interval_us: period_us.map_or(-1, |period_us| i32::try_from(period_us).unwrap_or(i32::MAX)),
                 }))
             }
             CommandAction::Set(message, interval) => {
-                self.set_interval(message, interval, answers);
+                self.set_interval(message, interval, outputs);
                 None
             }
             CommandAction::Say(message) => match message {
                 Answerable::Heartbeat => {
-                    answers.requests.push(GatewayRequest::SendHeartbeat(component));
+                    outputs.ask(GroundAction::Heartbeat, component, 0);
                     None
                 }
                 Answerable::Obstacles => {
-                    answers.requests.push(GatewayRequest::SendObstacles);
+                    outputs.ask(GroundAction::Obstacles, component, 0);
                     None
                 }
                 Answerable::Timesync => None,
@@ -371,15 +367,14 @@ impl GroundServices {
         }
     }
 
-    fn set_interval(&mut self, message: Answerable, interval: MessageInterval, answers: &mut Answers) {
+    fn set_interval(&mut self, message: Answerable, interval: MessageInterval, outputs: &mut Outputs) {
         match (message, interval) {
             (Answerable::Obstacles, MessageInterval::Usual) => {
-                answers.requests.push(GatewayRequest::ObstaclesPeriod(None));
+                outputs.ask(GroundAction::ObstaclePeriod, Component::Avoidance, 0);
             }
             (Answerable::Obstacles, MessageInterval::Period(period_s)) => {
-                answers
-                    .requests
-                    .push(GatewayRequest::ObstaclesPeriod(Some(period_s)));
+                let period_us = micros(period_s);
+                outputs.ask(GroundAction::ObstaclePeriod, Component::Avoidance, period_us);
             }
             (Answerable::Computer, interval) => {
                 self.computer = match interval {
@@ -393,23 +388,36 @@ impl GroundServices {
     }
 
     /// `None`: it is not sent.
-    fn period_s(&self, component: Component, message: Answerable, facts: &LinkFacts) -> Option<f64> {
+    fn period_us(&self, question: &Question<'_>, message: Answerable) -> Option<u32> {
+        let request = question.request;
         match message {
-            Answerable::Heartbeat => Some(facts.heartbeat_periods_s[component as usize]),
-            Answerable::Timesync => Some(facts.timesync_period_s),
-            Answerable::Obstacles => facts.obstacles_period_s,
-            Answerable::Computer => self.computer.map(|ticker| ticker.period_s()),
-            Answerable::Version | Answerable::Protocol | Answerable::Metadata => Some(0.0),
+            Answerable::Heartbeat => Some(request.heartbeat_periods_us[question.component as usize]),
+            Answerable::Timesync => Some(request.timesync_period_us),
+            Answerable::Obstacles => Some(request.obstacle_period_us).filter(|period_us| *period_us > 0),
+            Answerable::Computer => self.computer.map(|ticker| micros(ticker.period_s())),
+            Answerable::Version | Answerable::Protocol | Answerable::Metadata => Some(0),
         }
     }
 }
 
+/// How integers of parameters travel with this autopilot.
+fn encoding(autopilot: AutopilotMake) -> Encoding {
+    match autopilot {
+        AutopilotMake::ArduPilot => Encoding::CCast,
+        AutopilotMake::Px4 | AutopilotMake::Unknown => Encoding::Bytewise,
+    }
+}
+
+fn micros(period_s: f64) -> u32 {
+    (period_s * 1e6).round() as u32
+}
+
 /// An error goes to who asked, a value to everybody.
-fn reply(reply: Reply, answers: &mut Answers) {
+fn reply(reply: Reply, outputs: &mut Outputs) {
     let error = reply.error.map(MavMessage::PARAM_ERROR);
     let value = reply.value.map(MavMessage::PARAM_VALUE);
     for message in [error, value].into_iter().flatten() {
-        answers.push(Component::Avoidance, None, Body::Message(message));
+        outputs.send(Component::Avoidance, None, &Body::Message(message));
     }
 }
 

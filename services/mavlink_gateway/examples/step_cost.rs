@@ -72,6 +72,7 @@ fn main() {
             system: Reading::Never,
             events: &[],
             parameters: None,
+            answers: &[],
         };
         gateway.step(now, &inputs, &mut outputs);
         let stepped = Instant::now();

@@ -5,20 +5,23 @@ use crate::ranges::{Arrived, SCANS};
 use jink_mavlink_link::links::LinksReport;
 use jink_mavlink_link::message::{Outgoing, Received};
 use jink_shared_types::events::EventSample;
+use jink_shared_types::ground::{GroundAnswer, GroundRequest};
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ring::SectorRing;
-use jink_shared_types::tuning::{ParameterChange, ParameterValues};
+use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Reading, SampleHeader, Timestamp};
 
-/// Messages that fit into one step's output. Of its own accord the gateway sends at most twenty-six per step: a line of text
-/// in up to four parts and eight obstacles as points among them.
+/// Messages that fit into one step's output. Of its own accord the gateway sends at most twenty-two per step, eight obstacles as
+/// points among them.
 pub const OUTBOX: usize = 64;
 /// Part of it that answers may fill: a flood of requests must not push out a setpoint.
 const ANSWERS: usize = OUTBOX - 32;
+/// Requests for the ground services that fit into one step's output, as many as their topic holds: further ones are asked again.
+const REQUESTS: usize = 32;
 /// Events that fit into one step's output.
 const EVENTS: usize = 4;
 /// Lines for the log that fit into one step's output; of a flood the first are enough.
@@ -39,10 +42,12 @@ pub struct Inputs<'a> {
     pub ring: Reading<'a, SectorRing>,
     /// Health of the whole.
     pub system: Reading<'a, SystemStatus>,
-    /// News for the pilot since the last step.
+    /// What has happened in other processes since the last step.
     pub events: &'a [EventSample],
     /// The values that the parameter server has in force, if it has published since the last step.
     pub parameters: Option<&'a ParameterValues>,
+    /// What the ground services answer since the last step, oldest first.
+    pub answers: &'a [GroundAnswer],
 }
 
 /// Outputs of a step; made once and used again.
@@ -52,6 +57,7 @@ pub struct Outputs {
     scans: Vec<Arrived>,
     events: Vec<EventSample>,
     notes: Vec<Note>,
+    requests: Vec<GroundRequest>,
     /// Of a new trajectory that says what the autopilot flies already: nothing of it need be sent.
     pub told: Option<SampleHeader>,
     /// The vehicle's state with its time of validity, if there is a new one.
@@ -62,8 +68,6 @@ pub struct Outputs {
     pub pilot_demand: Option<(PilotDemand, Timestamp)>,
     /// The counters, when they are due for publication.
     pub link_status: Option<LinkStatus>,
-    /// What the parameter server is asked, as a ground station wants it.
-    pub parameter_change: Option<ParameterChange>,
     /// Somebody wants the gateway started anew, and may have it.
     pub restart: bool,
 }
@@ -75,12 +79,12 @@ impl Default for Outputs {
             scans: Vec::with_capacity(SCANS),
             events: Vec::with_capacity(EVENTS),
             notes: Vec::with_capacity(NOTES),
+            requests: Vec::with_capacity(REQUESTS),
             told: None,
             vehicle_state: None,
             desired_path: None,
             pilot_demand: None,
             link_status: None,
-            parameter_change: None,
             restart: false,
         }
     }
@@ -97,9 +101,14 @@ impl Outputs {
         &self.scans
     }
 
-    /// What the gateway itself has to tell; it is on its way to the pilot already.
+    /// What the gateway itself has to tell.
     pub fn events(&self) -> &[EventSample] {
         &self.events
+    }
+
+    /// What is asked of our components, apart from flying.
+    pub fn requests(&self) -> &[GroundRequest] {
+        &self.requests
     }
 
     /// What is to be said in the log.
@@ -112,12 +121,12 @@ impl Outputs {
         self.scans.clear();
         self.events.clear();
         self.notes.clear();
+        self.requests.clear();
         self.told = None;
         self.vehicle_state = None;
         self.desired_path = None;
         self.pilot_demand = None;
         self.link_status = None;
-        self.parameter_change = None;
         self.restart = false;
     }
 
@@ -132,6 +141,13 @@ impl Outputs {
     pub(crate) fn send(&mut self, message: Outgoing) {
         if self.messages.len() < OUTBOX {
             self.messages.push(message);
+        }
+    }
+
+    /// Adds a request for the ground services, unless there are too many.
+    pub(crate) fn ask(&mut self, request: GroundRequest) {
+        if self.requests.len() < REQUESTS {
+            self.requests.push(request);
         }
     }
 

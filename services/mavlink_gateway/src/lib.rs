@@ -1,4 +1,4 @@
-//! The only service that knows MAVLink: it keeps the autopilot in setpoints, whatever dies behind it.
+//! The only service that speaks to the autopilot: it keeps it in setpoints, whatever dies behind it.
 //!
 //! | in | out |
 //! |---|---|
@@ -8,11 +8,10 @@
 //! | where jink flies the mission: its items | changes of mode and of the current item ([`executive`]) |
 //! | `guard/ring` | OBSTACLE_DISTANCE, 15 Hz |
 //! | `system/status` | HEARTBEAT of component 196, honest |
-//! | `event` | STATUSTEXT |
 //! | TIMESYNC | answers; the autopilot's clock mapped to the board's |
 //! | where a pilot chooses assisted flight: his sticks, `guard/prevented` | `pilot/demand`, SET_POSITION_TARGET_LOCAL_NED ([`assist`]) |
-//! | commands, PARAM_*, FILE_TRANSFER_PROTOCOL, `parameters` | answers; `parameters/change` |
-//! | the board | ONBOARD_COMPUTER_STATUS of component 191 |
+//! | commands, PARAM_*, FILE_TRANSFER_PROTOCOL for our components | `mavlink/requests`: the ground services answer, in a process of their own |
+//! | `mavlink/answers` | those answers, STATUSTEXT, ONBOARD_COMPUTER_STATUS of component 191 |
 //!
 //! [`Gateway::step`] is pure; the links and their rules, frames and messages are those of [`jink_mavlink_link`]:
 //!
@@ -33,6 +32,7 @@
 //!     system: Reading::Never,
 //!     events: &[],
 //!     parameters: None,
+//!     answers: &[],
 //! };
 //! gateway.step(now, &inputs, &mut outputs);
 //! for message in outputs.messages() {

@@ -6,9 +6,9 @@
 //!
 //! Receivers count lost packets per system and component, so each of our components numbers its own messages.
 
-use crate::message::{Body, CommandAck};
-use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, MavMessage};
-use mavlink::{MAV_STX_V2, MavlinkVersion, Message, MessageData, calculate_crc, consts};
+use crate::message::Body;
+use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::{MAV_STX_V2, Message, calculate_crc, consts};
 
 /// Components that can be numbered on one link; more than the gateway sends as.
 pub const COMPONENTS: usize = 4;
@@ -52,18 +52,9 @@ impl Encoder {
     /// The bytes of `body` as sent by `system_id`/`component_id`, valid until the next call.
     pub fn encode(&mut self, system_id: u8, component_id: u8, body: &Body) -> &[u8] {
         let payload = &mut self.buffer[HEADER_BYTES..HEADER_BYTES + consts::MAX_PAYLOAD_LEN];
-        let (message_id, seed, payload_len) = match body {
-            Body::Message(message) => {
-                let message_id = message.message_id();
-                let len = message.ser(MavlinkVersion::V2, payload);
-                (message_id, MavMessage::extra_crc(message_id), len)
-            }
-            Body::CommandAck(ack) => (
-                COMMAND_ACK_DATA::ID,
-                COMMAND_ACK_DATA::EXTRA_CRC,
-                write_command_ack(ack, payload),
-            ),
-        };
+        let payload_len = body.write_payload(payload);
+        let message_id = body.message_id();
+        let seed = MavMessage::extra_crc(message_id);
         let id = message_id.to_le_bytes();
         let sequence = self.next_sequence(component_id);
         self.buffer[..HEADER_BYTES].copy_from_slice(&[
@@ -108,25 +99,6 @@ impl Encoder {
         *next = next.wrapping_add(1);
         sequence
     }
-}
-
-/// COMMAND_ACK by hand: the crate's type cannot carry the number of a command that its dialect does not know.
-fn write_command_ack(ack: &CommandAck, payload: &mut [u8]) -> usize {
-    let command = ack.command.to_le_bytes();
-    let fields = [
-        command[0],
-        command[1],
-        ack.result as u8,
-        0,
-        0,
-        0,
-        0,
-        0,
-        ack.target_system,
-        ack.target_component,
-    ];
-    payload[..fields.len()].copy_from_slice(&fields);
-    mavlink::utils::remove_trailing_zeroes(&fields)
 }
 
 /// The numbering of one link as bytes: what passes with every link but the first.

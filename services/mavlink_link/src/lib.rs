@@ -7,6 +7,7 @@
 //! | [`frame`], [`message`], [`encoder`] | frames out of bytes, messages out of frames, and back |
 //! | [`links`] | all links of a vehicle as one network: [`router`], [`budget`], [`signing`], [`tlog`] |
 //! | [`autopilot_type`], [`px4_mode`], [`version`], [`encoding`], [`vehicle_selector`] | which autopilot this is, and which of several is ours |
+//! | [`exchange`] | messages as samples, for the ground services |
 //! | [`streams`], [`clock_map`] | the messages it must send, and its clock against ours |
 //! | [`profile_name`], [`fit`] | the profiles, and which of them fits the autopilot |
 //!
@@ -17,6 +18,7 @@ pub mod budget;
 pub mod clock_map;
 pub mod encoder;
 pub mod encoding;
+pub mod exchange;
 pub mod fit;
 pub mod frame;
 pub mod link;

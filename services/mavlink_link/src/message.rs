@@ -6,11 +6,13 @@ use mavlink::dialects::ardupilotmega::{
     COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MavMessage, MavResult,
 };
 use mavlink::error::ParserError;
-use mavlink::{Message, MessageData, consts};
+use mavlink::{MavlinkVersion, Message, MessageData, consts};
 
 use crate::frame::MavlinkFrame;
 use crate::router::Target;
 
+/// Where the command's number is in COMMAND_LONG and COMMAND_INT: behind seven four-byte fields; then come its addressees.
+pub(crate) const COMMAND_AT: usize = 28;
 /// MAV_COMP_ID_AUTOPILOT1.
 pub const COMPONENT_AUTOPILOT: u8 = 1;
 /// MAV_COMP_ID_ONBOARD_COMPUTER.
@@ -52,9 +54,14 @@ pub enum Content {
 impl Content {
     /// The content of `frame`; `None` if it cannot be decoded.
     pub fn of(frame: &MavlinkFrame<'_>) -> Option<Self> {
-        match frame.decode() {
+        Self::of_payload(frame.version, frame.message_id, frame.payload)
+    }
+
+    /// The content of a frame with this payload; `None` if it cannot be decoded.
+    pub fn of_payload(version: MavlinkVersion, message_id: u32, payload: &[u8]) -> Option<Self> {
+        match MavMessage::parse(version, message_id, payload) {
             Ok(message) => Some(Self::Message(message)),
-            Err(ParserError::InvalidEnum { .. }) => Self::unknown_command(frame),
+            Err(ParserError::InvalidEnum { .. }) => Self::unknown_command(message_id, payload),
             Err(_) => None,
         }
     }
@@ -75,20 +82,62 @@ impl Content {
         }
     }
 
-    /// Reads the command number and the address from the raw payload. COMMAND_LONG and COMMAND_INT share the offsets:
-    /// seven four-byte fields, then command, target system and target component.
-    fn unknown_command(frame: &MavlinkFrame<'_>) -> Option<Self> {
-        const COMMAND_AT: usize = 28;
-        if frame.message_id != COMMAND_LONG_DATA::ID && frame.message_id != COMMAND_INT_DATA::ID {
+    /// Reads the command number and the address from the raw payload.
+    fn unknown_command(message_id: u32, bytes: &[u8]) -> Option<Self> {
+        if message_id != COMMAND_LONG_DATA::ID && message_id != COMMAND_INT_DATA::ID {
             return None;
         }
         let mut payload = [0; consts::MAX_PAYLOAD_LEN];
-        payload[..frame.payload.len()].copy_from_slice(frame.payload);
+        payload.get_mut(..bytes.len())?.copy_from_slice(bytes);
         Some(Self::UnknownCommand {
             command: u16::from_le_bytes([payload[COMMAND_AT], payload[COMMAND_AT + 1]]),
             target_system: payload[COMMAND_AT + 2],
             target_component: payload[COMMAND_AT + 3],
         })
+    }
+}
+
+/// A command, in whichever message it came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Command {
+    /// Number.
+    pub command: u16,
+    /// First and second parameter; NaN if they could not be read.
+    pub params: [f32; 2],
+    /// Addressed system, 0 = all.
+    pub target_system: u8,
+    /// Addressed component, 0 = all.
+    pub target_component: u8,
+}
+
+impl Command {
+    /// The command in `content`, if it is one.
+    pub fn of(content: &Content) -> Option<Self> {
+        match content {
+            Content::Message(MavMessage::COMMAND_LONG(data)) => Some(Self {
+                command: data.command as u16,
+                params: [data.param1, data.param2],
+                target_system: data.target_system,
+                target_component: data.target_component,
+            }),
+            Content::Message(MavMessage::COMMAND_INT(data)) => Some(Self {
+                command: data.command as u16,
+                params: [data.param1, data.param2],
+                target_system: data.target_system,
+                target_component: data.target_component,
+            }),
+            Content::Message(_) => None,
+            Content::UnknownCommand {
+                command,
+                target_system,
+                target_component,
+            } => Some(Self {
+                command: *command,
+                params: [f32::NAN; 2],
+                target_system: *target_system,
+                target_component: *target_component,
+            }),
+        }
     }
 }
 
@@ -125,6 +174,14 @@ impl Body {
         }
     }
 
+    /// Writes the payload of a MAVLink 2 frame, which fits into `payload`; its length (bytes).
+    pub fn write_payload(&self, payload: &mut [u8]) -> usize {
+        match self {
+            Self::Message(message) => message.ser(MavlinkVersion::V2, payload),
+            Self::CommandAck(ack) => write_command_ack(ack, payload),
+        }
+    }
+
     /// The addressee.
     pub fn target(&self) -> Target {
         match self {
@@ -138,6 +195,25 @@ impl Body {
             },
         }
     }
+}
+
+/// COMMAND_ACK by hand: the crate's type cannot carry the number of a command that its dialect does not know.
+fn write_command_ack(ack: &CommandAck, payload: &mut [u8]) -> usize {
+    let command = ack.command.to_le_bytes();
+    let fields = [
+        command[0],
+        command[1],
+        ack.result as u8,
+        0,
+        0,
+        0,
+        0,
+        0,
+        ack.target_system,
+        ack.target_component,
+    ];
+    payload[..fields.len()].copy_from_slice(&fields);
+    mavlink::utils::remove_trailing_zeroes(&fields)
 }
 
 /// Over which links a message leaves.

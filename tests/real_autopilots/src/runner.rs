@@ -168,6 +168,8 @@ pub fn programs() -> Result<PathBuf, String> {
         "jink-mavlink-gateway",
         "-p",
         "jink-parameter-server",
+        "-p",
+        "jink-ground-services",
     ]);
     build.args([
         "-p",

@@ -176,7 +176,7 @@ impl Gateway {
             if text.event.id == jink_shared_types::events::ASSIST_REFUSED.id {
                 self.assist.facts.ask_again(now);
             }
-            self.tell_pilot(now, &text, outputs);
+            Self::tell_pilot(&text, outputs);
         }
     }
 

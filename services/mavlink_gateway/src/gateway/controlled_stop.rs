@@ -11,7 +11,7 @@ use crate::executive::Demand;
 use crate::io::Outputs;
 use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::STOPPING_TO_END;
+use jink_shared_types::events::{EventSample, STOPPING_TO_END};
 use jink_shared_types::vehicle::NavMode;
 
 /// Slower than this (m/s) the vehicle counts as at rest.
@@ -44,7 +44,7 @@ impl Gateway {
         };
         if !controlled_stop.since.is_set() {
             controlled_stop.since = now;
-            self.tell(now, &STOPPING_TO_END, 0.0, outputs);
+            outputs.tell(EventSample::new(&STOPPING_TO_END, "", [0.0; 2]));
         }
         let mode = self.vehicle.mode();
         let present = self.vehicle.present(now);

@@ -147,7 +147,7 @@ impl Gateway {
             MavMessage::CURRENT_MODE(current) => self.vehicle.take_mode(current.custom_mode),
             MavMessage::COMMAND_ACK(ack) => {
                 self.streams.answered(now, ack);
-                self.take_mode_answer(now, ack, outputs);
+                self.take_mode_answer(ack, outputs);
             }
             _ => {}
         }

@@ -249,14 +249,12 @@ impl Gateway {
             self.demand(now, demand, outputs);
         }
         if let Some(news) = news {
-            self.tell_pilot(now, &news, outputs);
+            Self::tell_pilot(&news, outputs);
         }
     }
 
-    pub(super) fn tell_pilot(&mut self, now: Timestamp, news: &PilotText, outputs: &mut Outputs) {
-        let sample = EventSample::new(news.event, news.name, [news.number, 0.0]);
-        self.ground.take_event(now, &sample);
-        outputs.tell(sample);
+    pub(super) fn tell_pilot(text: &PilotText, outputs: &mut Outputs) {
+        outputs.tell(EventSample::new(text.event, text.name, [text.number, 0.0]));
     }
 
     /// What is to be known of this flight by a gateway that is started in it.
@@ -379,7 +377,7 @@ impl Gateway {
     }
 
     /// The answer to a demand; a refusal is told once.
-    pub(super) fn take_mode_answer(&mut self, now: Timestamp, ack: &COMMAND_ACK_DATA, outputs: &mut Outputs) {
+    pub(super) fn take_mode_answer(&mut self, ack: &COMMAND_ACK_DATA, outputs: &mut Outputs) {
         let Some(flight) = &mut self.mission else { return };
         if ack.command != MavCmd::MAV_CMD_DO_SET_MODE {
             return;
@@ -391,7 +389,8 @@ impl Gateway {
         let news = refused && !flight.was_refused;
         flight.was_refused = refused;
         if news {
-            self.tell(now, &MODE_REFUSED, f64::from(ack.result as u8), outputs);
+            let result = f64::from(ack.result as u8);
+            outputs.tell(EventSample::new(&MODE_REFUSED, "", [result, 0.0]));
         }
     }
 }

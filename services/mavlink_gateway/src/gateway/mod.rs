@@ -26,7 +26,6 @@ use crate::vehicle::VehicleTracker;
 use crate::wire::Wire;
 use assist::AssistedFlight;
 use controlled_stop::ControlledStop;
-use jink_ground_services::{Answers, GroundServices};
 use jink_mavlink_link::budget::TrafficClass;
 use jink_mavlink_link::clock_map::{ClockMap, SEARCHING_HZ, nanoseconds};
 use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Destination, Outgoing, Receipt};
@@ -35,7 +34,7 @@ use jink_mavlink_link::streams::Streams;
 use jink_mavlink_link::ticker::Ticker;
 use jink_mavlink_link::vehicle_selector::VehicleSelector;
 use jink_shared_types::events::{
-    AUTOPILOT_FOUND, AUTOPILOT_LOST, Event, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN,
+    AUTOPILOT_FOUND, AUTOPILOT_LOST, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN,
 };
 use jink_shared_types::health::Name;
 use jink_shared_types::link::{AvoidanceState, LinkStatus};
@@ -108,8 +107,7 @@ pub struct Gateway {
     /// The next one does not.
     is_hastened: bool,
     heartbeats: Heartbeats,
-    ground: GroundServices,
-    answers: Answers,
+    params: ParamSet,
     steering: Steering,
     assist: AssistedFlight,
     sources: RangeSources,
@@ -155,8 +153,7 @@ impl Gateway {
             last_hastened: Timestamp::NEVER,
             is_hastened: false,
             heartbeats: Heartbeats::default(),
-            ground: GroundServices::new(&ParamSet::default(), 0),
-            answers: Answers::default(),
+            params: ParamSet::default(),
             steering: Steering::default(),
             assist: AssistedFlight::default(),
             sources: RangeSources::default(),
@@ -196,18 +193,14 @@ impl Gateway {
     pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
         outputs.clear();
         if let Some(values) = inputs.parameters {
-            self.take_parameters(now, values, outputs);
+            values.apply_live(&mut self.params);
         }
         for received in inputs.messages {
             self.take(now, received, outputs);
         }
         self.notice_life(now, outputs);
-        for event in inputs.events {
-            if event.id == GOAL_BLOCKED.id {
-                self.take_blocked_goal(now, event, outputs);
-            } else {
-                self.ground.take_event(now, event);
-            }
+        for event in inputs.events.iter().filter(|event| event.id == GOAL_BLOCKED.id) {
+            self.take_blocked_goal(now, event, outputs);
         }
         self.watch_profile(now, outputs);
         self.judge(now, inputs);
@@ -219,8 +212,10 @@ impl Gateway {
             }
             self.fly(now, inputs, outputs);
         }
+        for answer in inputs.answers {
+            self.answer(now, answer, outputs);
+        }
         self.speak(now, inputs, outputs);
-        self.serve_due(now, outputs);
         if now >= self.status_due {
             self.status_due = now.next_beat(STATUS_RATE_HZ);
             outputs.link_status = Some(*self.link_status(now, inputs));
@@ -231,7 +226,6 @@ impl Gateway {
     pub fn next_wake(&self, now: Timestamp) -> Timestamp {
         let with_computer = self.config.computer_component_id.is_some();
         let mut wake = self.heartbeats.next_wake(with_computer).min(self.status_due);
-        wake = wake.min(self.ground.next_wake());
         if self.was_alive {
             wake = wake.min(self.vehicle.alive_until().plus_seconds(1e-3));
         }
@@ -345,18 +339,12 @@ impl Gateway {
             if let Some(flight) = &mut self.mission {
                 flight.read_anew(now);
             }
-            self.tell(now, &AUTOPILOT_FOUND, system_id, outputs);
+            outputs.tell(EventSample::new(&AUTOPILOT_FOUND, "", [system_id, 0.0]));
         } else {
             self.wire.interrupted();
-            self.tell(now, &AUTOPILOT_LOST, system_id, outputs);
+            outputs.tell(EventSample::new(&AUTOPILOT_LOST, "", [system_id, 0.0]));
             outputs.vehicle_state = self.vehicle_state(now);
         }
-    }
-
-    fn tell(&mut self, now: Timestamp, event: &Event, number: f64, outputs: &mut Outputs) {
-        let sample = EventSample::new(event, "", [number, 0.0]);
-        self.ground.take_event(now, &sample);
-        outputs.tell(sample);
     }
 
     fn judge(&mut self, now: Timestamp, inputs: &Inputs<'_>) {
@@ -548,7 +536,7 @@ impl Gateway {
         }
         self.footing_asked = (now, times.saturating_add(1));
         if times == LANDED_STATE_TRIES {
-            self.tell(now, &LANDED_UNKNOWN, 0.0, outputs);
+            outputs.tell(EventSample::new(&LANDED_UNKNOWN, "", [0.0; 2]));
         }
         self.request_message(now, EXTENDED_SYS_STATE_DATA::ID, target, outputs);
     }
@@ -578,7 +566,9 @@ impl Gateway {
     fn link_status(&mut self, now: Timestamp, inputs: &Inputs<'_>) -> &LinkStatus {
         let said: AvoidanceState = self.heartbeats.said();
         let [profile, suited] = self.profile_names();
+        let autopilot = self.autopilot_make();
         let status = &mut self.wire.status;
+        status.autopilot = Coded::new(autopilot);
         status.profile = Name::new(profile);
         status.matching_profile = Name::new(suited);
         status.profile_fit = Coded::new(self.profile_check.found());

@@ -141,11 +141,11 @@ impl Gateway {
             && let MatchingProfile::Profile(profile) = self.profile_check.fit.matching_profile()
         {
             self.choose(profile);
-            self.tell_named(now, &PROFILE_CHOSEN, profile.name(), outputs);
+            outputs.tell(EventSample::new(&PROFILE_CHOSEN, profile.name(), [0.0; 2]));
         }
         self.profile_check.judge(self.config.profile);
         if let Some((event, name)) = self.profile_check.news(now, self.config.profile) {
-            self.tell_named(now, event, name, outputs);
+            outputs.tell(EventSample::new(event, name, [0.0; 2]));
         }
         let target = (system_id, COMPONENT_AUTOPILOT);
         if let Some(question) = self
@@ -155,12 +155,6 @@ impl Gateway {
         {
             outputs.send(self.outgoing(now, Body::Message(question)));
         }
-    }
-
-    fn tell_named(&mut self, now: Timestamp, event: &Event, name: &str, outputs: &mut Outputs) {
-        let sample = EventSample::new(event, name, [0.0; 2]);
-        self.ground.take_event(now, &sample);
-        outputs.tell(sample);
     }
 
     /// From now on, and for the whole run.

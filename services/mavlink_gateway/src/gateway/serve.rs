@@ -1,149 +1,189 @@
-//! Whatever is asked of our components, apart from flying: passed on to the [`GroundServices`], and their answers sent.
+//! Whatever is asked of our components, apart from flying: passed on to the ground services, and their answers sent.
+//!
+//! | | |
+//! |---|---|
+//! | a command, a request for parameters or files, addressed to one of us | published for the ground services, with what the answer depends on |
+//! | their answer | sent as the component that was asked, if it is one of [`ANSWERED`]: they never speak a setpoint |
+//! | MAV_CMD_USER_1 | answered here ([`crate::assist`]) |
+
+#![allow(deprecated)] // Ground stations still ask for PROTOCOL_VERSION.
 
 use super::Gateway;
 use crate::avoidance::{AVOIDANCE_RATE_HZ, COMPUTER_RATE_HZ};
 use crate::io::Outputs;
-use jink_ground_services::computer::BoardReading;
-use jink_ground_services::{
-    Command, Component, GatewayRequest, GroundServices, LinkFacts, Named, Question, is_question,
-};
 use jink_mavlink_link::autopilot_type::AutopilotType;
-use jink_mavlink_link::encoding::Encoding;
-use jink_mavlink_link::message::{Body, CommandAck, Content, Destination, Outgoing, Received};
-use jink_shared_types::Timestamp;
+use jink_mavlink_link::exchange;
+use jink_mavlink_link::message::{Body, Command, CommandAck, Content, Destination, Outgoing, Received};
+use jink_shared_types::ground::{ANY_LINK, Armed, GroundAction, GroundAnswer, GroundRequest};
+use jink_shared_types::link::{AutopilotMake, LINKS};
 use jink_shared_types::params::ParamSet;
-use jink_shared_types::tuning::ParameterValues;
-use mavlink::dialects::ardupilotmega::{MavCmd, MavResult};
+use jink_shared_types::{Coded, Flag, Timestamp};
+use mavlink::MessageData;
+use mavlink::dialects::ardupilotmega::{
+    AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMPONENT_METADATA_DATA, FILE_TRANSFER_PROTOCOL_DATA,
+    MESSAGE_INTERVAL_DATA, MavCmd, MavMessage, MavResult, ONBOARD_COMPUTER_STATUS_DATA, PARAM_ERROR_DATA,
+    PARAM_VALUE_DATA, PROTOCOL_VERSION_DATA, STATUSTEXT_DATA,
+};
+
+/// What the ground services may have sent.
+const ANSWERED: [u32; 10] = [
+    COMMAND_ACK_DATA::ID,
+    PARAM_VALUE_DATA::ID,
+    PARAM_ERROR_DATA::ID,
+    FILE_TRANSFER_PROTOCOL_DATA::ID,
+    STATUSTEXT_DATA::ID,
+    ONBOARD_COMPUTER_STATUS_DATA::ID,
+    AUTOPILOT_VERSION_DATA::ID,
+    PROTOCOL_VERSION_DATA::ID,
+    COMPONENT_METADATA_DATA::ID,
+    MESSAGE_INTERVAL_DATA::ID,
+];
+/// Periods of OBSTACLE_DISTANCE that may be asked for (us).
+const OBSTACLE_PERIODS_US: [u32; 2] = [20_000, (1e6 / super::OBSTACLES_LEAST_HZ) as u32];
+
+/// Whether `content` is a message that is answered by whom it is addressed to.
+fn is_question(content: &Content) -> bool {
+    matches!(
+        content,
+        Content::UnknownCommand { .. }
+            | Content::Message(
+                MavMessage::COMMAND_LONG(_)
+                    | MavMessage::COMMAND_INT(_)
+                    | MavMessage::PARAM_REQUEST_LIST(_)
+                    | MavMessage::PARAM_REQUEST_READ(_)
+                    | MavMessage::PARAM_SET(_)
+                    | MavMessage::FILE_TRANSFER_PROTOCOL(_)
+            )
+    )
+}
+
+/// Which of our components a message is for, and how it says so.
+#[derive(Clone, Copy, Debug)]
+struct Addressed {
+    component_id: u8,
+    /// By its number, not as one of all.
+    named: bool,
+}
 
 impl Gateway {
-    /// With these values in force instead of the defaults, on the board with this number (0 = unknown).
+    /// With these values in force instead of the defaults.
     #[must_use]
-    pub fn with_params(mut self, params: &ParamSet, board_id: u64) -> Self {
-        self.ground = GroundServices::new(params, board_id);
+    pub fn with_params(mut self, params: &ParamSet) -> Self {
+        self.params.clone_from(params);
         self
     }
 
     /// The parameters in force.
     pub fn params(&self) -> &ParamSet {
-        self.ground.params()
+        &self.params
     }
 
-    /// Takes the values that the parameter server has in force, and answers who has asked for a change.
-    pub(super) fn take_parameters(
-        &mut self,
-        now: Timestamp,
-        values: &ParameterValues,
-        outputs: &mut Outputs,
-    ) {
-        self.answers.clear();
-        self.ground.take_parameters(values, &mut self.answers);
-        self.pass_on(now, Outputs::answer, outputs);
-    }
-
-    /// A new reading of the board.
-    pub fn notice_board(&mut self, reading: BoardReading) {
-        self.ground.take_board(reading);
-    }
-
-    /// Answers what is asked of one of our components; `false` if nothing is.
+    /// Passes on what is asked of one of our components; `false` if nothing is.
     pub(super) fn serve(&mut self, now: Timestamp, received: &Received, outputs: &mut Outputs) -> bool {
         if !is_question(&received.content) {
             return false;
         }
-        let Some((component, named)) = self.addressed(now, &received.content) else {
+        let Some(addressed) = self.addressed(now, &received.content) else {
             return false;
         };
-        if component == Component::Avoidance && self.switch_assist(now, received, outputs) {
+        let for_computer = addressed.component_id != self.config.component_id;
+        if !for_computer && self.switch_assist(now, received, outputs) {
             return true;
         }
-        let question = Question {
-            content: &received.content,
-            from: (received.header.system_id as u8, received.header.component_id),
+        let period_us = |rate_hz: f64| (1e6 / rate_hz).round() as u32;
+        outputs.ask(GroundRequest {
+            message: exchange::of_content(&received.content),
+            obstacle_period_us: self.obstacles_hz(now).map_or(0, period_us),
+            timesync_period_us: (self.timesync.period_s() * 1e6).round() as u32,
+            heartbeat_periods_us: [AVOIDANCE_RATE_HZ, COMPUTER_RATE_HZ].map(period_us),
+            from_system: received.header.system_id as u8,
+            from_component: received.header.component_id,
             link: received.link,
-            component,
-            named,
-        };
-        self.answers.clear();
-        let facts = self.link_facts(now);
-        self.ground.take(now, &question, &facts, &mut self.answers);
-        self.pass_on(now, Outputs::answer, outputs);
+            for_computer: Flag::from(for_computer),
+            named: Flag::from(addressed.named),
+            armed: Coded::new(match self.vehicle.armed() {
+                None => Armed::Unknown,
+                Some(false) => Armed::Disarmed,
+                Some(true) => Armed::Armed,
+            }),
+            autopilot: Coded::new(self.autopilot_make()),
+            ..GroundRequest::default()
+        });
         true
     }
 
-    /// What is due of the answers that come in many pieces, and what the board is told.
-    pub(super) fn serve_due(&mut self, now: Timestamp, outputs: &mut Outputs) {
-        self.answers.clear();
-        let facts = self.link_facts(now);
-        self.ground.send_due(now, &facts, &mut self.answers);
-        self.pass_on(now, Outputs::send, outputs);
-        outputs.parameter_change = self.answers.parameter_change;
+    /// Sends what the ground services answer, and does what they ask for.
+    pub(super) fn answer(&mut self, now: Timestamp, answer: &GroundAnswer, outputs: &mut Outputs) {
+        let of_computer = answer.of_computer.is_set();
+        match answer.action.get() {
+            GroundAction::Send => self.send_answer(now, answer, outputs),
+            GroundAction::Heartbeat => self.heartbeats.ask(now, of_computer),
+            GroundAction::Obstacles => self.obstacles.hasten(now),
+            GroundAction::ObstaclePeriod => {
+                let [shortest, longest] = OBSTACLE_PERIODS_US;
+                let asked = (answer.period_us > 0).then(|| answer.period_us.clamp(shortest, longest));
+                self.obstacles_period_s = asked.map(|period_us| f64::from(period_us) * 1e-6);
+            }
+            // A vehicle that was armed meanwhile keeps its gateway.
+            GroundAction::Restart => outputs.restart |= self.vehicle.armed() == Some(false),
+        }
     }
 
-    /// Sends the answers, and does what the ground services ask for.
-    fn pass_on(&mut self, now: Timestamp, push: fn(&mut Outputs, Outgoing), outputs: &mut Outputs) {
-        for answer in self.answers.messages.drain(..) {
-            let component_id = match answer.component {
-                Component::Avoidance => Some(self.config.component_id),
-                Component::Computer => self.config.computer_component_id,
-            };
-            let Some(component_id) = component_id else {
-                continue;
-            };
-            let to = match answer.link {
-                Some(link) => Destination::Link(link),
-                None => super::destination(&answer.body, self.latch.link()),
-            };
-            push(
-                outputs,
-                Outgoing {
-                    component_id,
-                    to,
-                    ..super::outgoing_of(&self.latch, &self.config, now, answer.body)
-                },
-            );
-        }
-        for event in self.answers.events.drain(..) {
-            outputs.tell(event);
-        }
-        for index in 0..self.answers.requests.len() {
-            match self.answers.requests[index] {
-                GatewayRequest::SendHeartbeat(component) => {
-                    self.heartbeats.ask(now, component == Component::Computer);
-                }
-                GatewayRequest::SendObstacles => self.obstacles.hasten(now),
-                GatewayRequest::ObstaclesPeriod(period_s) => self.obstacles_period_s = period_s,
-                // A vehicle that was armed meanwhile keeps its gateway.
-                GatewayRequest::Restart => outputs.restart = self.vehicle.armed() == Some(false),
-            }
+    fn send_answer(&self, now: Timestamp, answer: &GroundAnswer, outputs: &mut Outputs) {
+        let component_id = match answer.of_computer.is_set() {
+            false => Some(self.config.component_id),
+            true => self.config.computer_component_id,
+        };
+        let body = Some(&answer.message)
+            .filter(|message| ANSWERED.contains(&message.id))
+            .and_then(exchange::to_body);
+        let (Some(component_id), Some(body)) = (component_id, body) else {
+            return;
+        };
+        let to = match answer.link {
+            ANY_LINK => super::destination(&body, self.latch.link()),
+            link if usize::from(link) < LINKS => Destination::Link(link),
+            _ => return,
+        };
+        outputs.answer(Outgoing {
+            component_id,
+            to,
+            ..self.outgoing(now, body)
+        });
+    }
+
+    /// Whose autopilot is on the link.
+    pub(super) fn autopilot_make(&self) -> AutopilotMake {
+        match self.vehicle.make() {
+            None => AutopilotMake::Unknown,
+            Some(AutopilotType::Px4) => AutopilotMake::Px4,
+            Some(AutopilotType::ArduPilot) => AutopilotMake::ArduPilot,
         }
     }
 
     /// Which of our components is addressed, and how. Commands to all components are for the autopilot to answer.
-    fn addressed(&self, now: Timestamp, content: &Content) -> Option<(Component, Named)> {
+    fn addressed(&self, now: Timestamp, content: &Content) -> Option<Addressed> {
         let ours = self.latch.system_id(now)?;
         let target = content.target();
+        let is_ours = target.system_id == u32::from(ours);
+        let named = |component_id| Addressed {
+            component_id,
+            named: true,
+        };
+        let avoidance = self.config.component_id;
         if Command::of(content).is_some() {
-            return (target.system_id == u32::from(ours))
-                .then(|| self.component(target.component_id))?
-                .map(|component| (component, Named::Alone));
+            let ours = [Some(avoidance), self.config.computer_component_id];
+            let is_one = is_ours && ours.contains(&Some(target.component_id));
+            return is_one.then(|| named(target.component_id));
         }
         // Parameters and files are those of one component.
-        let is_ours = target.system_id == u32::from(ours);
         match target.component_id {
-            id if is_ours && id == self.config.component_id => Some((Component::Avoidance, Named::Alone)),
-            0 if is_ours || target.system_id == 0 => Some((Component::Avoidance, Named::WithAll)),
+            id if is_ours && id == avoidance => Some(named(id)),
+            0 if is_ours || target.system_id == 0 => Some(Addressed {
+                component_id: avoidance,
+                named: false,
+            }),
             _ => None,
-        }
-    }
-
-    /// Which of our components has this id.
-    fn component(&self, component_id: u8) -> Option<Component> {
-        if component_id == self.config.component_id {
-            Some(Component::Avoidance)
-        } else if Some(component_id) == self.config.computer_component_id {
-            Some(Component::Computer)
-        } else {
-            None
         }
     }
 
@@ -175,19 +215,5 @@ impl Gateway {
             ..self.outgoing(now, ack)
         });
         true
-    }
-
-    /// What answers depend on.
-    fn link_facts(&self, now: Timestamp) -> LinkFacts {
-        LinkFacts {
-            encoding: match self.vehicle.make() {
-                Some(AutopilotType::ArduPilot) => Encoding::CCast,
-                _ => Encoding::Bytewise,
-            },
-            armed: self.vehicle.armed(),
-            obstacles_period_s: self.obstacles_hz(now).map(|rate_hz| 1.0 / rate_hz),
-            timesync_period_s: self.timesync.period_s(),
-            heartbeat_periods_s: [1.0 / AVOIDANCE_RATE_HZ, 1.0 / COMPUTER_RATE_HZ],
-        }
     }
 }

@@ -97,7 +97,7 @@ impl Gateway {
             self.demand(now, demand, outputs);
         }
         if let Some(news) = news {
-            self.tell_pilot(now, &news, outputs);
+            Self::tell_pilot(&news, outputs);
         }
     }
 }

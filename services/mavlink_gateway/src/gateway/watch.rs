@@ -75,8 +75,8 @@ impl Gateway {
             .type_mask
             .contains(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE);
         flight.take_echo(now, echo);
-        if let Some(news) = flight.echoes.count(now, is_flown && empty) {
-            self.tell(now, news, 0.0, outputs);
+        if let Some(event) = flight.echoes.count(now, is_flown && empty) {
+            outputs.tell(EventSample::new(event, "", [0.0; 2]));
         }
     }
 
@@ -101,7 +101,7 @@ impl Gateway {
         let is_item = flies_item || mode == NavMode::Mission;
         match self.current_item.filter(|_| is_item) {
             Some((item, total)) => self.help_with_item(now, item, total, outputs),
-            None if self.blockage.is_news(goal) => self.ground.take_event(now, event),
+            None if self.blockage.is_news(goal) => outputs.tell(*event),
             None => {}
         }
     }
@@ -119,7 +119,6 @@ impl Gateway {
             remedy => remedy,
         };
         let event = EventSample::new(&ITEM_BLOCKED, remedy.word(), [f64::from(item), 0.0]);
-        self.ground.take_event(now, &event);
         outputs.tell(event);
         let flies_it = self.config.profile.flies_the_mission();
         match (remedy, self.mission.as_mut().filter(|_| flies_it)) {

@@ -8,13 +8,12 @@ use crate::{
     Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileChoice, Receipt,
     Received, Representation,
 };
-use jink_ground_services::board::Board;
 use jink_mavlink_link::link::Progress;
 use jink_mavlink_link::links::Links;
 use jink_runtime::service::WATCHED_FDS;
 use jink_runtime::{Claim, Clock, Cycle, Input, Latency, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::events::EventSample;
-use jink_shared_types::hash;
+use jink_shared_types::ground::{GroundAnswer, GroundRequest};
 use jink_shared_types::health::Name;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::{LinkStatus, StopRequest};
@@ -22,7 +21,7 @@ use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::SectorRing;
-use jink_shared_types::tuning::{ParameterChange, ParameterValues};
+use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use kept::{FlightFile, ProvenProfile};
@@ -36,11 +35,8 @@ const FAST_LINK_BPS: f64 = 46_000.0;
 const MESSAGES_MAX: usize = 256;
 /// How often an instance that hears nobody any more looks whether the link is its own now (s).
 const ORPHAN_LOOKS_S: f64 = 0.002;
-/// How far back from its start a gateway takes events that nobody may have said (s): longer than the gap that a killed gateway
-/// leaves, and shorter than what a pilot takes for old.
-const TOLD_BEFORE_S: f64 = 0.5;
-/// Events handled per cycle.
-const EVENTS_MAX: usize = 32;
+/// Events handled per cycle, and answers of the ground services.
+const INPUTS_MAX: usize = 32;
 
 /// The service: see [`crate`].
 pub struct GatewayService {
@@ -49,7 +45,7 @@ pub struct GatewayService {
     links: Links,
     outputs: Outputs,
     received: Vec<Received>,
-    news: Vec<EventSample>,
+    happened: Vec<EventSample>,
     approved: Input<ApprovedTrajectory>,
     prevented: Input<PreventedDemand>,
     ring: Input<SectorRing>,
@@ -63,12 +59,12 @@ pub struct GatewayService {
     /// One for each sensor that comes over MAVLink.
     scans: Vec<Output<RangeScan>>,
     status: Output<LinkStatus>,
-    /// Nothing that is needed to fly: without it the board stays unknown.
-    board: Option<Board>,
     parameters: Input<ParameterValues>,
     /// Sequence number of the parameters taken last.
     parameters_taken: Option<u64>,
-    changes: Output<ParameterChange>,
+    requests: Output<GroundRequest>,
+    answers: Input<GroundAnswer>,
+    answered: Vec<GroundAnswer>,
     stop_requests: Input<StopRequest>,
     latency: Latency,
     claim: Claim,
@@ -132,11 +128,11 @@ impl Service for GatewayService {
             gateway: Gateway::new(config)
                 .resuming(ports.clock().now(), flight.read())
                 .with_range_sources(sources)
-                .with_params(&ports.config().params, board_id()),
+                .with_params(&ports.config().params),
             links,
             outputs: Outputs::default(),
             received: Vec::with_capacity(MESSAGES_MAX),
-            news: Vec::with_capacity(EVENTS_MAX),
+            happened: Vec::with_capacity(INPUTS_MAX),
             approved: ports.trigger(topics::APPROVED)?,
             prevented: ports.input(topics::PREVENTED)?,
             ring: ports.input(topics::RING)?,
@@ -148,13 +144,11 @@ impl Service for GatewayService {
             pilot: ports.output(topics::PILOT_DEMAND)?,
             scans,
             status: ports.output(topics::LINK_STATUS)?,
-            // What else the board does is no part of a simulated flight.
-            board: (!ports.clock().is_virtual())
-                .then(|| Board::watch().ok())
-                .flatten(),
-            parameters: ports.trigger(topics::PARAMETERS)?,
+            parameters: ports.input(topics::PARAMETERS)?,
             parameters_taken: None,
-            changes: ports.output(topics::PARAMETER_CHANGE)?,
+            requests: ports.output(topics::GROUND_REQUEST)?,
+            answers: ports.trigger(topics::GROUND_ANSWER)?,
+            answered: Vec::with_capacity(INPUTS_MAX),
             // Each command that asks is a producer of its own.
             stop_requests: ports.input(topics::STOP_REQUEST)?.of_all_producers(),
             latency: ports.latency(),
@@ -176,17 +170,24 @@ impl Service for GatewayService {
         self.claim.declare(speaks);
         self.gateway.listen_only(!speaks);
         let progress = self.receive(now);
-        self.news.clear();
         for event in self.links.take_events() {
             cycle.events.publish(now, &event);
-            self.news.push(event);
         }
-        let since = self.begin.plus_seconds(-TOLD_BEFORE_S);
+        let begin = self.begin;
+        self.happened.clear();
+        let (happened, me) = (&mut self.happened, self.me);
         self.events.each(|event| {
-            // Its own are on their way already, and what came long before it has been said by the gateway before.
-            let is_news = event.sample.process != self.me && event.header.publish >= since;
-            if is_news && self.news.len() < EVENTS_MAX {
-                self.news.push(*event.sample);
+            let is_new = event.sample.process != me && event.header.publish >= begin;
+            if is_new && happened.len() < INPUTS_MAX {
+                happened.push(*event.sample);
+            }
+        });
+        self.answered.clear();
+        let answered = &mut self.answered;
+        self.answers.each(|answer| {
+            // What came before was the instance's before.
+            if answer.header.publish >= begin && answered.len() < INPUTS_MAX {
+                answered.push(*answer.sample);
             }
         });
         let parameters = self.parameters.latest(now).fresh();
@@ -195,9 +196,6 @@ impl Service for GatewayService {
             self.parameters_taken = Some(values.header.sequence);
         }
         self.stop_requests.each(|_| self.gateway.request_stop());
-        if let Some(reading) = self.board.as_ref().and_then(Board::news) {
-            self.gateway.notice_board(reading);
-        }
         let inputs = Inputs {
             messages: &self.received,
             link: self.links.report(),
@@ -205,8 +203,9 @@ impl Service for GatewayService {
             prevented: self.prevented.latest(now),
             ring: self.ring.latest(now),
             system: self.system.latest(now),
-            events: &self.news,
+            events: &self.happened,
             parameters: parameters.map(|values| values.sample),
+            answers: &self.answered,
         };
         self.gateway.step(now, &inputs, &mut self.outputs);
         if speaks {
@@ -330,20 +329,11 @@ impl GatewayService {
         if let Some((demand, capture)) = &self.outputs.pilot_demand {
             self.pilot.send(captured(*capture), demand);
         }
-        if let Some(change) = &self.outputs.parameter_change {
-            self.changes.send(SampleHeader::at(self.clock.now()), change);
+        for request in self.outputs.requests() {
+            self.requests.send(SampleHeader::at(self.clock.now()), request);
         }
         if let Some(status) = &self.outputs.link_status {
             self.status.send(SampleHeader::at(self.clock.now()), status);
         }
     }
-}
-
-/// Where Linux keeps a number of the installation.
-const MACHINE_ID: &str = "/etc/machine-id";
-
-/// A number of this board that does not give the installation's own away, which is to be kept confidential; 0 = unknown.
-fn board_id() -> u64 {
-    let salted = |id: String| hash::text(hash::text(hash::START, "jink board"), id.trim());
-    std::fs::read_to_string(MACHINE_ID).map_or(0, salted)
 }

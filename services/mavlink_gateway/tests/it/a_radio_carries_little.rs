@@ -52,7 +52,7 @@ fn answer(bench: &mut Bench, now_ns: i64) {
 /// `stays_s`.
 fn flown(config: GatewayConfig, way: Vector3<f64>, stays_s: f64) -> Bench {
     let mut bench = Bench::with(config);
-    bench.gateway.notice_board(BoardReading::default());
+    bench.ground.board = Some(BoardReading::default());
     let start = at(0.5);
     let mut id = 1;
     bench.fly(DURATION_S, |bench, t| {

@@ -114,6 +114,7 @@ fn from_bytes_to_bytes_without_the_allocator() {
             system: jink_shared_types::Reading::Never,
             events: &[],
             parameters: None,
+            answers: &[],
         };
         gateway.step(now, &inputs, &mut outputs);
         let mut sent = 0;
@@ -163,7 +164,7 @@ fn an_assisted_flight_asks_the_allocator_for_nothing() {
         }),
     };
     let mut gateway = Gateway::new(config)
-        .with_params(&params, 0)
+        .with_params(&params)
         .resuming(at(0.0), Some(record));
     let mut outputs = Outputs::default();
     let mut prevented = Sample::new(
@@ -220,6 +221,7 @@ fn an_assisted_flight_asks_the_allocator_for_nothing() {
                 system: jink_shared_types::Reading::Never,
                 events: &[],
                 parameters: None,
+                answers: &[],
             };
             gateway.step(now, &inputs, &mut outputs);
             for message in outputs.messages() {

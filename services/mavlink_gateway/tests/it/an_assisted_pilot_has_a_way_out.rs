@@ -60,7 +60,7 @@ impl Flight {
     /// In the air, in the pilot's mode, for as long as it takes to know all that is asked for.
     fn new(profile: ProfileName) -> Self {
         let mut bench = Bench::with(Self::config(profile));
-        bench.gateway = Gateway::new(Self::config(profile)).with_params(&Self::params(), 0);
+        bench.gateway = Gateway::new(Self::config(profile)).with_params(&Self::params());
         let mut flight = Self {
             bench,
             profile,
@@ -474,7 +474,7 @@ fn a_gateway_that_is_started_again_goes_on_from_the_record_and_only_from_it() {
         );
         for (record, goes_on) in [(record, true), (None, false)] {
             flight.bench.gateway = Gateway::new(Flight::config(profile))
-                .with_params(&Flight::params(), 0)
+                .with_params(&Flight::params())
                 .resuming(flight.bench.now, record);
             flight.mode = following(profile);
             flight.forget();

@@ -85,7 +85,7 @@ fn set(name: &str, param_value: f32, param_type: MavParamType) -> MavMessage {
 #[test]
 fn every_message_that_can_be_asked_for_comes_at_once() {
     let mut bench = acquainted(false);
-    bench.gateway.notice_board(BoardReading::default());
+    bench.ground.board = Some(BoardReading::default());
     bench.idle_until(bench.now.plus_seconds(0.3));
     for (component, message_id) in [
         (COMPONENT_AVOIDANCE, HEARTBEAT_DATA::ID),
@@ -126,7 +126,7 @@ fn a_board_that_nobody_has_read_yet_is_told_later() {
     ask(&mut bench, ask_for_it());
     assert_eq!(results(&bench), [MavResult::MAV_RESULT_TEMPORARILY_REJECTED]);
     bench.sent.clear();
-    bench.gateway.notice_board(BoardReading::default());
+    bench.ground.board = Some(BoardReading::default());
     ask(&mut bench, ask_for_it());
     assert_eq!(results(&bench), [MavResult::MAV_RESULT_ACCEPTED]);
 }
@@ -173,7 +173,7 @@ fn the_version_announces_what_is_true_of_each_component() {
         assert_eq!(avoidance, COMPONENT_AVOIDANCE);
         assert!(of_avoidance.contains(encoding | ftp) && !of_avoidance.contains(other));
         assert!(!of_computer.intersects(encoding | other | ftp));
-        assert_eq!(bench.gateway.params().get(&OA_YAW_MODE), 0.0);
+        assert_eq!(bench.ground.services.params().get(&OA_YAW_MODE), 0.0);
     }
 }
 
@@ -326,7 +326,7 @@ fn a_changed_parameter_is_told_to_everybody() {
     bench.step();
     let told: Vec<f32> = values(&bench).iter().map(|value| value.param_value).collect();
     assert_eq!(told, [4.5, 5.5]);
-    assert_eq!(bench.gateway.params().get(&OA_SPD_MAX), 5.5);
+    assert_eq!(bench.ground.services.params().get(&OA_SPD_MAX), 5.5);
     // Refused: an answer of both kinds.
     bench.sent.clear();
     ask(
@@ -360,7 +360,7 @@ fn without_the_parameters_owner_a_station_gets_the_value_that_stays() {
     assert_eq!(stays(&OA_SPD_MAX), [OA_SPD_MAX.default; 2]);
     assert_eq!(stays(&OA_ALT_MAX), [OA_ALT_MAX.default]);
     // It is back, and has what is asked from now on.
-    bench.server = Some(ParameterServer::new(bench.gateway.params()));
+    bench.server = Some(ParameterServer::new(bench.ground.services.params()));
     bench.sent.clear();
     ask(&mut bench, set("OA_SPD_MAX", 4.5, float));
     bench.step();
@@ -466,7 +466,7 @@ fn mavlink_crc(bytes: &[u8]) -> u32 {
 #[test]
 fn the_board_is_described_every_five_seconds_by_the_computer_component() {
     let mut bench = acquainted(false);
-    bench.gateway.notice_board(BoardReading {
+    bench.ground.board = Some(BoardReading {
         temperature_c: 55,
         ..BoardReading::default()
     });
@@ -528,7 +528,7 @@ proptest! {
             }
         });
         prop_assert!(bench.curves().len() > 25, "{} setpoints", bench.curves().len());
-        for (row, value) in bench.gateway.params().rows() {
+        for (row, value) in bench.ground.services.params().rows() {
             prop_assert!((row.min..=row.max).contains(&value));
         }
     }

@@ -482,7 +482,7 @@ fn who_speaks_as_an_autopilot_on_a_ground_stations_link_is_nobodys_autopilot() {
 #[allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
 fn the_autopilot_is_spoken_to_where_it_is_heard_and_whoever_asks_where_he_asked() {
     let mut bench = Bench::new();
-    bench.gateway.notice_board(BoardReading::default());
+    bench.ground.board = Some(BoardReading::default());
     bench.link = 1;
     bench.fly(2.0, |bench, t| {
         bench.link = 1;

@@ -1,6 +1,7 @@
-//! Files and parameters: whatever is asked, at most one answer comes back, to whom it belongs, and no value leaves its range.
+//! Files and parameters, asked of the ground services through a gateway: whatever is asked, at most one answer comes back, to whom it belongs, and no value leaves its range.
 
 use super::dice::Dice;
+use super::ground::Ground;
 use super::messages;
 use jink_mavlink_gateway::{
     Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, Content, Gateway, GatewayConfig, Inputs, Outputs,
@@ -25,6 +26,7 @@ const BURST: u8 = 15;
 struct Desk {
     gateway: Gateway,
     outputs: Outputs,
+    ground: Ground,
     now: Timestamp,
     said: Vec<MavMessage>,
     server: ParameterServer,
@@ -60,6 +62,7 @@ impl Desk {
         let mut desk = Self {
             gateway: Gateway::new(GatewayConfig::default()),
             outputs: Outputs::default(),
+            ground: Ground::new(),
             now: Timestamp::from_seconds(1000.0),
             said: Vec::new(),
             server: ParameterServer::new(&params::ParamSet::default()),
@@ -93,7 +96,7 @@ impl Desk {
     }
 
     fn step(&mut self, messages: &[Received]) {
-        let inputs = Inputs {
+        let inputs = |messages, answers| Inputs {
             messages,
             link: Default::default(),
             approved: Reading::Never,
@@ -101,11 +104,20 @@ impl Desk {
             ring: Reading::Never,
             system: Reading::Never,
             events: &[],
-            parameters: self.parameters.as_ref(),
+            parameters: None,
+            answers,
         };
-        self.gateway.step(self.now, &inputs, &mut self.outputs);
-        self.parameters = None;
-        if let Some(change) = &self.outputs.parameter_change {
+        self.gateway
+            .step(self.now, &inputs(messages, &[]), &mut self.outputs);
+        let parameters = self.parameters.take();
+        self.ground
+            .step(self.now, &self.outputs, &[], parameters.as_ref());
+        self.gateway.step(
+            self.now,
+            &inputs(&[], self.ground.outputs.answers()),
+            &mut self.outputs,
+        );
+        if let Some(change) = &self.ground.outputs.parameter_change {
             assert!(change.is_plausible(), "{change:?}");
             // Dead at times.
             if self.server_lives {
@@ -129,7 +141,7 @@ impl Desk {
             assert_eq!(usize::from(value.param_count), params::TABLE.len());
         }
         for row in params::TABLE {
-            let value = self.gateway.params().get(row);
+            let value = self.ground.services.params().get(row);
             assert!((row.min..=row.max).contains(&value), "{} = {value}", row.name);
         }
     }
@@ -194,10 +206,16 @@ impl Desk {
         }
     }
 
+    fn next_wake(&self) -> Timestamp {
+        self.gateway
+            .next_wake(self.now)
+            .min(self.ground.services.next_wake())
+    }
+
     fn wait(&mut self, seconds: f64) {
         let until = self.now.plus_seconds(seconds);
         loop {
-            let wake = self.gateway.next_wake(self.now).max(self.now);
+            let wake = self.next_wake().max(self.now);
             if wake > until {
                 break;
             }
@@ -207,7 +225,7 @@ impl Desk {
             let pieces = self.said.iter().filter_map(transfer).count();
             assert!(pieces <= 1, "{pieces} pieces at once");
             assert!(
-                self.gateway.next_wake(self.now) > self.now,
+                self.next_wake() > self.now,
                 "it would be woken without end"
             );
         }
@@ -219,7 +237,7 @@ impl Desk {
         self.wait(PATIENCE_S);
         let until = self.now.plus_seconds(2.0);
         while self.now < until {
-            self.now = self.gateway.next_wake(self.now);
+            self.now = self.next_wake();
             self.step(&[]);
             let pieces = self
                 .said

@@ -10,6 +10,7 @@
 //! | no more messages than fit; nothing wakes itself without end | every step |
 
 use super::dice::Dice;
+use super::ground::Ground;
 use super::messages;
 use jink_mavlink_gateway::{
     Baton, Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, Content, Encoder,
@@ -19,6 +20,7 @@ use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::signing::stamps::Stamps;
 use jink_shared_types::bezier::{self, End};
 use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::ground::{GroundAction, GroundAnswer, MavlinkMessage};
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, TrajectoryMode, Verdict};
@@ -26,7 +28,7 @@ use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::prevention::{PreventedDemand, PreventionState};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::tuning::ParameterValues;
-use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp, Velocity};
+use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped, Timestamp, Velocity};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
@@ -55,6 +57,7 @@ fn reading<T>(sample: &Sample<T>, now: Timestamp, deadline_ms: f64) -> Reading<'
 struct Story {
     config: GatewayConfig,
     gateway: Gateway,
+    ground: Ground,
     outputs: Outputs,
     ours: Encoder,
     splitter: Splitter,
@@ -67,6 +70,8 @@ struct Story {
     system: Sample<SystemStatus>,
     events: Vec<EventSample>,
     parameters: Option<ParameterValues>,
+    /// What the ground services have answered, or somebody in their name.
+    answers: Vec<GroundAnswer>,
     steps: usize,
     last_setpoint: Option<Timestamp>,
     /// Since when it has been known whose autopilot it is.
@@ -109,6 +114,7 @@ impl Story {
         Self {
             config,
             gateway: Gateway::new(config),
+            ground: Ground::new(),
             outputs: Outputs::default(),
             ours: Encoder::new(),
             splitter: Splitter::new(),
@@ -121,6 +127,7 @@ impl Story {
             system: None,
             events: Vec::new(),
             parameters: None,
+            answers: Vec::new(),
             steps: 0,
             last_setpoint: None,
             known_since: None,
@@ -330,17 +337,17 @@ impl Story {
         };
         let us = self.gateway.us(self.now);
         let is_ours = us.system_id == Some(targets.0) && targets.1 != 0 && us.components.contains(&targets.1);
-        self.queue(from, dice.below(3), command);
+        // What was asked before has its answer.
         self.step();
-        let acks: Vec<_> = self
-            .outputs
-            .messages()
-            .iter()
-            .filter_map(|sent| match &sent.body {
+        self.queue(from, dice.below(3), command);
+        let mut acks = Vec::new();
+        for _ in 0..2 {
+            self.step();
+            acks.extend(self.outputs.messages().iter().filter_map(|sent| match &sent.body {
                 Body::CommandAck(ack) => Some((sent.component_id, *ack)),
                 Body::Message(_) => None,
-            })
-            .collect();
+            }));
+        }
         assert_eq!(acks.len(), usize::from(is_ours), "to {targets:?}: {acks:?}");
         for (component, ack) in acks {
             assert_eq!((component, ack.command), (targets.1, number));
@@ -404,7 +411,7 @@ impl Story {
     }
 
     fn the_board_does_something(&mut self, dice: &mut Dice<'_>) {
-        match dice.below(4) {
+        match dice.below(5) {
             0 => {
                 let mut values = ParameterValues::of(self.gateway.params());
                 values.answered = dice.u64();
@@ -418,6 +425,7 @@ impl Story {
             }
             1 => self.gateway.listen_only(dice.once_in(2)),
             2 => self.gateway.go_on_at_once(self.now),
+            3 => self.somebody_speaks_for_the_ground_services(dice),
             _ => {
                 let baton = Baton::of(&self.gateway, &self.ours, Stamps::begin(dice.u64()));
                 let mut bytes = baton.to_bytes();
@@ -431,6 +439,33 @@ impl Story {
                 let _stamps = baton.hand_to(self.now, &mut self.gateway, &mut self.ours);
             }
         }
+    }
+
+    /// A ground service that has gone wrong may say anything; it is never a setpoint.
+    fn somebody_speaks_for_the_ground_services(&mut self, dice: &mut Dice<'_>) {
+        let mut message = MavlinkMessage {
+            id: dice.known_id(),
+            len: dice.byte(),
+            ..MavlinkMessage::default()
+        };
+        let bytes = dice.take(usize::from(message.len));
+        message.payload[..bytes.len()].copy_from_slice(bytes);
+        self.answers.push(GroundAnswer {
+            message,
+            period_us: dice.u32(),
+            action: Coded::new(dice.pick(&[
+                GroundAction::Send,
+                GroundAction::Send,
+                GroundAction::Heartbeat,
+                GroundAction::Obstacles,
+                GroundAction::ObstaclePeriod,
+                GroundAction::Restart,
+            ])),
+            link: dice.byte(),
+            of_computer: Flag::from(dice.once_in(2)),
+            ..GroundAnswer::default()
+        });
+        self.step();
     }
 
     /// Time passes, and the gateway is woken when it wants to be, a little late.
@@ -487,9 +522,14 @@ impl Story {
             system: reading(&self.system, self.now, 300.0),
             events: &self.events,
             parameters: self.parameters.as_ref(),
+            answers: &self.answers,
         };
         self.gateway.step(self.now, &inputs, &mut self.outputs);
+        self.ground
+            .step(self.now, &self.outputs, &self.events, self.parameters.as_ref());
         self.parameters = None;
+        self.answers.clear();
+        self.answers.extend(self.ground.outputs.answers());
         self.pending.clear();
         self.events.clear();
         assert!(self.outputs.messages().len() <= OUTBOX);
@@ -550,11 +590,14 @@ impl Story {
         if let Some(status) = &self.outputs.link_status {
             assert!(status.is_plausible(), "{status:?}");
         }
-        if let Some(change) = &self.outputs.parameter_change {
-            assert!(change.is_plausible(), "{change:?}");
+        for request in self.outputs.requests() {
+            assert!(request.is_plausible(), "{request:?}");
         }
         for arrived in self.outputs.scans() {
             assert!(arrived.scan.is_plausible(), "{:?}", arrived.scan);
+        }
+        for answer in self.ground.outputs.answers() {
+            assert!(answer.is_plausible(), "{answer:?}");
         }
         for row in params::TABLE {
             let value = self.gateway.params().get(row);

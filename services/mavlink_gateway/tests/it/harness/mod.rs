@@ -18,6 +18,7 @@ pub mod decoder;
 pub mod desk;
 pub mod dice;
 pub mod flight;
+pub mod ground;
 pub mod messages;
 pub mod network;
 pub mod storage;

@@ -3,6 +3,7 @@
 #![allow(dead_code)] // Every test file uses its own part of the bench.
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
 
+use crate::harness::ground::Ground;
 use jink_mavlink_gateway::{
     COMPONENT_AUTOPILOT, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Received,
 };
@@ -66,6 +67,9 @@ impl<T> Sample<T> {
 pub struct Bench {
     pub gateway: Gateway,
     pub outputs: Outputs,
+    /// What comes of the answers.
+    answered: Outputs,
+    pub ground: Ground,
     pub now: Timestamp,
     pub approved: Option<Sample<ApprovedTrajectory>>,
     pub ring: Option<Sample<SectorRing>>,
@@ -111,6 +115,8 @@ impl Bench {
         Self {
             gateway: Gateway::new(config),
             outputs: Outputs::default(),
+            answered: Outputs::default(),
+            ground: Ground::new(),
             now: at(0.0),
             approved: None,
             ring: None,
@@ -201,16 +207,52 @@ impl Bench {
             system: Sample::reading(&self.system, self.now, 300.0),
             events: &self.events,
             parameters: self.parameters.as_ref(),
+            answers: &[],
         };
         self.gateway.step(self.now, &inputs, &mut self.outputs);
-        self.parameters = None;
-        if let (Some(change), Some(server)) = (&self.outputs.parameter_change, &mut self.server) {
+        let parameters = self.parameters.take();
+        self.ground
+            .step(self.now, &self.outputs, &self.events, parameters.as_ref());
+        self.pending.clear();
+        self.events.clear();
+        let change = self.ground.outputs.parameter_change;
+        if let (Some(change), Some(server)) = (&change, &mut self.server) {
             server.take(change);
             self.parameters = Some(server.publish(self.now));
         }
-        self.pending.clear();
-        self.events.clear();
-        for outgoing in self.outputs.messages() {
+        self.log_what_is_sent(false);
+        if !self.ground.outputs.answers().is_empty() {
+            let inputs = Inputs {
+                messages: &[],
+                link: Default::default(),
+                approved: Sample::reading(&self.approved, self.now, 150.0),
+                prevented: Sample::reading(&self.prevented, self.now, 300.0),
+                ring: Sample::reading(&self.ring, self.now, 200.0),
+                system: Sample::reading(&self.system, self.now, 300.0),
+                events: &[],
+                parameters: None,
+                answers: self.ground.outputs.answers(),
+            };
+            self.gateway.step(self.now, &inputs, &mut self.answered);
+            self.outputs.restart |= self.answered.restart;
+            self.log_what_is_sent(true);
+        }
+        self.states.extend(self.outputs.vehicle_state);
+        self.paths.extend(self.outputs.desired_path);
+        self.status = self.outputs.link_status.or(self.status);
+        assert!(self.next_wake() > self.now, "it would be woken without end");
+    }
+
+    /// When something is due next.
+    pub fn next_wake(&self) -> Timestamp {
+        self.gateway
+            .next_wake(self.now)
+            .min(self.ground.services.next_wake())
+    }
+
+    fn log_what_is_sent(&mut self, answers: bool) {
+        let outputs = if answers { &self.answered } else { &self.outputs };
+        for outgoing in outputs.messages() {
             let bytes = self
                 .ours
                 .encode(outgoing.system_id, outgoing.component_id, &outgoing.body);
@@ -229,19 +271,12 @@ impl Bench {
             }
             self.gateway.wire(self.now, outgoing.receipt);
         }
-        self.states.extend(self.outputs.vehicle_state);
-        self.paths.extend(self.outputs.desired_path);
-        self.status = self.outputs.link_status.or(self.status);
-        assert!(
-            self.gateway.next_wake(self.now) > self.now,
-            "it would be woken without end"
-        );
     }
 
     /// Steps at every wake-up of the gateway until `until`, with nothing new from outside.
     pub fn idle_until(&mut self, until: Timestamp) {
         loop {
-            let wake = self.gateway.next_wake(self.now).max(self.now);
+            let wake = self.next_wake().max(self.now);
             if wake > until {
                 break;
             }

@@ -1,0 +1,55 @@
+//! The ground services beside a gateway, as their process runs them.
+
+use jink_ground_services::computer::BoardReading;
+use jink_ground_services::{GroundServices, Inputs, Outputs};
+use jink_shared_types::Timestamp;
+use jink_shared_types::events::EventSample;
+use jink_shared_types::health::Name;
+use jink_shared_types::link::{AutopilotMake, LinkStatus};
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::tuning::ParameterValues;
+
+pub struct Ground {
+    pub services: GroundServices,
+    pub outputs: Outputs,
+    /// What is read of the board next.
+    pub board: Option<BoardReading>,
+    autopilot: AutopilotMake,
+}
+
+impl Ground {
+    pub fn new() -> Self {
+        Self {
+            services: GroundServices::new(&ParamSet::default(), 0),
+            outputs: Outputs::default(),
+            board: None,
+            autopilot: AutopilotMake::Unknown,
+        }
+    }
+
+    /// One step with what a step of the gateway has put out, and with the events of others.
+    pub fn step(
+        &mut self,
+        now: Timestamp,
+        gateway: &jink_mavlink_gateway::Outputs,
+        events: &[EventSample],
+        parameters: Option<&ParameterValues>,
+    ) {
+        if let Some(LinkStatus { autopilot, .. }) = &gateway.link_status {
+            self.autopilot = autopilot.get();
+        }
+        let mut events = events.to_vec();
+        events.extend(gateway.events().iter().map(|event| EventSample {
+            process: Name::new("mavlink_gateway"),
+            ..*event
+        }));
+        let inputs = Inputs {
+            requests: gateway.requests(),
+            events: &events,
+            parameters,
+            autopilot: self.autopilot,
+            board: self.board.take(),
+        };
+        self.services.step(now, &inputs, &mut self.outputs);
+    }
+}
