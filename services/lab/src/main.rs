@@ -13,6 +13,7 @@ use std::process::ExitCode;
 #[derive(Debug, Parser)]
 #[command(
     name = "jink",
+    bin_name = "jink",
     version,
     propagate_version = true,
     arg_required_else_help = true

@@ -13,6 +13,7 @@ mod a_second_instance_takes_over_without_a_start;
 mod a_sensor_of_somebody_else_is_a_row;
 mod a_serial_line_of_57600_carries_a_flight;
 mod a_service_that_is_gone_is_made_up_for;
+mod a_storm_of_questions_is_not_felt;
 mod a_swap_and_a_dead_supervisor_are_not_felt;
 mod a_swapped_gateway_leaves_no_gap_on_any_link;
 mod bad_input_gets_one_clear_error;
