@@ -3,7 +3,6 @@
 //! Payloads travel as they are in MAVLink 2 frames. Addresses, sequence numbers, signatures and links are the gateway's business.
 
 use crate::coded::{Coded, Flag};
-use crate::link::AutopilotMake;
 use crate::reserved::Reserved;
 
 /// Longest payload of a MAVLink 2 frame (bytes).
@@ -83,8 +82,8 @@ crate::sample! {
         pub named: Flag,
         /// Whether the vehicle is armed.
         pub armed: Coded<Armed>,
-        /// Whose autopilot is on the link.
-        pub autopilot: Coded<AutopilotMake>,
+        /// Whole numbers travel in parameter messages as floats (PARAM_ENCODE_C_CAST), not as bytes.
+        pub param_c_cast: Flag,
         /// Explicit padding, zero.
         pub reserved: Reserved<1>,
     }

@@ -58,18 +58,6 @@ crate::wire_enum! {
 }
 
 crate::wire_enum! {
-    /// Whose autopilot is on the link.
-    pub enum AutopilotMake {
-        /// Not known: nothing heard yet, or another make.
-        Unknown = 0 "not known",
-        /// PX4.
-        Px4 = 1 "PX4",
-        /// ArduPilot.
-        ArduPilot = 2 "ArduPilot",
-    }
-}
-
-crate::wire_enum! {
     /// Whether a pilot's sticks pass through the guard in OFFBOARD or GUIDED.
     pub enum AssistState {
         /// They do not.
@@ -154,8 +142,9 @@ crate::sample! {
         pub profile_fit: Coded<ProfileFit>,
         /// Whether a pilot is assisted.
         pub assist: Coded<AssistState>,
-        /// Whose autopilot it is.
-        pub autopilot: Coded<AutopilotMake>,
+        /// Whole numbers travel in parameter messages as floats (PARAM_ENCODE_C_CAST, ArduPilot), not as bytes
+        /// (PARAM_ENCODE_BYTEWISE, PX4).
+        pub param_c_cast: Flag,
         /// Explicit padding, zero.
         pub reserved: Reserved<1>,
         /// By how much the autopilot's clock runs faster than the board's (ppm); zero where no difference shows.

@@ -15,7 +15,6 @@ use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::events::{EventSample, GOAL_BLOCKED, RESTART_REFUSED};
 use jink_shared_types::ground::{ANY_LINK, Armed, GroundAction, GroundAnswer, GroundRequest};
 use jink_shared_types::health::Name;
-use jink_shared_types::link::AutopilotMake;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::tuning::{ParameterChange, ParameterValues};
 use jink_shared_types::{Coded, Flag, Timestamp};
@@ -44,8 +43,8 @@ pub struct Inputs<'a> {
     pub events: &'a [EventSample],
     /// The values that the parameter server has in force, if it has published since the last step.
     pub parameters: Option<&'a ParameterValues>,
-    /// Whose autopilot is on the link, as the gateway says.
-    pub autopilot: AutopilotMake,
+    /// How whole numbers travel in parameter messages with the autopilot on the link.
+    pub encoding: Encoding,
     /// A new reading of the board.
     pub board: Option<BoardReading>,
 }
@@ -173,7 +172,7 @@ impl GroundServices {
     /// [`Self::next_wake`].
     pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
         outputs.clear();
-        self.parameters.set_encoding(encoding(inputs.autopilot));
+        self.parameters.set_encoding(inputs.encoding);
         if inputs.board.is_some() {
             self.board = inputs.board;
         }
@@ -203,7 +202,7 @@ impl GroundServices {
             return;
         };
         self.parameters
-            .set_encoding(encoding(question.request.autopilot.get()));
+            .set_encoding(Encoding::of_flag(question.request.param_c_cast));
         if let Some(command) = Command::of(&content) {
             self.execute(now, &command, question, outputs);
             return;
@@ -397,14 +396,6 @@ impl GroundServices {
             Answerable::Computer => self.computer.map(|ticker| micros(ticker.period_s())),
             Answerable::Version | Answerable::Protocol | Answerable::Metadata => Some(0),
         }
-    }
-}
-
-/// How integers of parameters travel with this autopilot.
-fn encoding(autopilot: AutopilotMake) -> Encoding {
-    match autopilot {
-        AutopilotMake::ArduPilot => Encoding::CCast,
-        AutopilotMake::Px4 | AutopilotMake::Unknown => Encoding::Bytewise,
     }
 }
 

@@ -2,12 +2,13 @@
 
 use crate::board::Board;
 use crate::{GroundServices, Inputs, Outputs};
+use jink_mavlink_link::encoding::Encoding;
 use jink_runtime::{Cycle, Input, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::ground::{GroundAnswer, GroundRequest};
 use jink_shared_types::hash;
 use jink_shared_types::health::Name;
-use jink_shared_types::link::{AutopilotMake, LinkStatus};
+use jink_shared_types::link::LinkStatus;
 use jink_shared_types::tuning::{ParameterChange, ParameterValues};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use std::fmt;
@@ -105,10 +106,10 @@ impl Service for GroundServicesService {
             requests: &self.asked,
             events: &self.happened,
             parameters: parameters.map(|values| values.sample),
-            autopilot: self
+            encoding: self
                 .link
                 .newest()
-                .map_or(AutopilotMake::Unknown, |link| link.sample.autopilot.get()),
+                .map_or_else(Encoding::default, |link| Encoding::of_flag(link.sample.param_c_cast)),
             board: self.board.as_ref().and_then(Board::news),
         };
         self.services.step(now, &inputs, &mut self.outputs);

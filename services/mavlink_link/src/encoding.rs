@@ -13,6 +13,7 @@
 //!
 //! Source: MAVLink developer guide, "Parameter Protocol", section "Parameter Encoding".
 
+use jink_shared_types::Flag;
 use jink_shared_types::params::ParamType;
 use mavlink::dialects::ardupilotmega::{MavAutopilot, MavParamType, MavProtocolCapability};
 
@@ -37,6 +38,19 @@ impl Encoding {
             MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA => Self::CCast,
             _ => Self::Bytewise,
         }
+    }
+
+    /// As samples say it.
+    pub fn of_flag(c_cast: Flag) -> Self {
+        match c_cast.is_set() {
+            true => Self::CCast,
+            false => Self::Bytewise,
+        }
+    }
+
+    /// As samples say it.
+    pub fn flag(self) -> Flag {
+        Flag::from(self == Self::CCast)
     }
 
     /// The flag that announces it.

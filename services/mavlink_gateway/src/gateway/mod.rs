@@ -566,9 +566,9 @@ impl Gateway {
     fn link_status(&mut self, now: Timestamp, inputs: &Inputs<'_>) -> &LinkStatus {
         let said: AvoidanceState = self.heartbeats.said();
         let [profile, suited] = self.profile_names();
-        let autopilot = self.autopilot_make();
+        let param_c_cast = self.encoding().flag();
         let status = &mut self.wire.status;
-        status.autopilot = Coded::new(autopilot);
+        status.param_c_cast = param_c_cast;
         status.profile = Name::new(profile);
         status.matching_profile = Name::new(suited);
         status.profile_fit = Coded::new(self.profile_check.found());

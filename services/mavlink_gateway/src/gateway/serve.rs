@@ -12,10 +12,11 @@ use super::Gateway;
 use crate::avoidance::{AVOIDANCE_RATE_HZ, COMPUTER_RATE_HZ};
 use crate::io::Outputs;
 use jink_mavlink_link::autopilot_type::AutopilotType;
+use jink_mavlink_link::encoding::Encoding;
 use jink_mavlink_link::exchange;
 use jink_mavlink_link::message::{Body, Command, CommandAck, Content, Destination, Outgoing, Received};
 use jink_shared_types::ground::{ANY_LINK, Armed, GroundAction, GroundAnswer, GroundRequest};
-use jink_shared_types::link::{AutopilotMake, LINKS};
+use jink_shared_types::link::LINKS;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::MessageData;
@@ -106,7 +107,7 @@ impl Gateway {
                 Some(false) => Armed::Disarmed,
                 Some(true) => Armed::Armed,
             }),
-            autopilot: Coded::new(self.autopilot_make()),
+            param_c_cast: self.encoding().flag(),
             ..GroundRequest::default()
         });
         true
@@ -152,12 +153,11 @@ impl Gateway {
         });
     }
 
-    /// Whose autopilot is on the link.
-    pub(super) fn autopilot_make(&self) -> AutopilotMake {
+    /// How whole numbers travel in parameter messages with this autopilot.
+    pub(super) fn encoding(&self) -> Encoding {
         match self.vehicle.make() {
-            None => AutopilotMake::Unknown,
-            Some(AutopilotType::Px4) => AutopilotMake::Px4,
-            Some(AutopilotType::ArduPilot) => AutopilotMake::ArduPilot,
+            Some(AutopilotType::ArduPilot) => Encoding::CCast,
+            Some(AutopilotType::Px4) | None => Encoding::Bytewise,
         }
     }
 

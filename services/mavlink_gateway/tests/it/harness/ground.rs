@@ -2,10 +2,10 @@
 
 use jink_ground_services::computer::BoardReading;
 use jink_ground_services::{GroundServices, Inputs, Outputs};
+use jink_mavlink_link::encoding::Encoding;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::Name;
-use jink_shared_types::link::{AutopilotMake, LinkStatus};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::tuning::ParameterValues;
 
@@ -14,7 +14,7 @@ pub struct Ground {
     pub outputs: Outputs,
     /// What is read of the board next.
     pub board: Option<BoardReading>,
-    autopilot: AutopilotMake,
+    encoding: Encoding,
 }
 
 impl Ground {
@@ -23,7 +23,7 @@ impl Ground {
             services: GroundServices::new(&ParamSet::default(), 0),
             outputs: Outputs::default(),
             board: None,
-            autopilot: AutopilotMake::Unknown,
+            encoding: Encoding::default(),
         }
     }
 
@@ -35,8 +35,8 @@ impl Ground {
         events: &[EventSample],
         parameters: Option<&ParameterValues>,
     ) {
-        if let Some(LinkStatus { autopilot, .. }) = &gateway.link_status {
-            self.autopilot = autopilot.get();
+        if let Some(status) = &gateway.link_status {
+            self.encoding = Encoding::of_flag(status.param_c_cast);
         }
         let mut events = events.to_vec();
         events.extend(gateway.events().iter().map(|event| EventSample {
@@ -47,7 +47,7 @@ impl Ground {
             requests: gateway.requests(),
             events: &events,
             parameters,
-            autopilot: self.autopilot,
+            encoding: self.encoding,
             board: self.board.take(),
         };
         self.services.step(now, &inputs, &mut self.outputs);
