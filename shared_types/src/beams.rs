@@ -154,7 +154,7 @@ impl BeamReading {
 
 /// A row of distances around the vehicle, as OBSTACLE_DISTANCE tells it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct DistanceRow {
+pub struct ObstacleDistance {
     /// What its angles count from: the heading, or north.
     pub frame: ScanFrame,
     /// Angle between elements (deg), clockwise.
@@ -169,7 +169,7 @@ pub struct DistanceRow {
     pub distances_cm: [u16; ROW],
 }
 
-impl DistanceRow {
+impl ObstacleDistance {
     /// Writes it into `scan`.
     ///
     /// # Errors
@@ -223,7 +223,7 @@ fn metres(cm: u16) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::{BeamReading, BeamRefused, DistanceRow, ROW};
+    use super::{BeamReading, BeamRefused, ObstacleDistance, ROW};
     use crate::ranges::{RangeScan, ScanFrame};
     use nalgebra::Vector3;
 
@@ -286,7 +286,7 @@ mod tests {
 
     #[test]
     fn a_row_is_one_turn_and_each_distance_means_what_it_says() {
-        let mut row = DistanceRow {
+        let mut row = ObstacleDistance {
             frame: ScanFrame::Level,
             increment_deg: 7.0,
             offset_deg: 725.0,
@@ -304,7 +304,7 @@ mod tests {
         assert!(scan.range_m[2].is_nan());
         assert!((scan.angle_first_rad.to_degrees() - 5.0).abs() < 1e-4);
         for increment_deg in [0.0, -5.0, f32::NAN, 400.0] {
-            let bad = DistanceRow { increment_deg, ..row };
+            let bad = ObstacleDistance { increment_deg, ..row };
             assert!(bad.write(&mut scan).is_err());
         }
     }

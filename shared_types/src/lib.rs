@@ -7,7 +7,7 @@
 //! | [`params`] | the parameter table: name, type, default, range, unit, help |
 //! | [`events`] | the event table: what pilots and logs are told |
 //! | [`mod@sample`] | the header every sample carries, and `Fresh / Stale / Never` |
-//! | [`vehicle`], [`ranges`], [`view`], [`map`], [`far_map`], [`ring`], [`motion`], [`proposal`], [`prevention`], [`health`], [`link`], [`tuning`], [`truth`] | the payloads |
+//! | [`vehicle`], [`ranges`], [`view`], [`map`], [`far_map`], [`ring`], [`motion`], [`proposal`], [`prevention`], [`health`], [`link`], [`param_messages`], [`truth`] | the payloads |
 //! | [`beams`] | range messages of other makers, as scans |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
 //! | [`pose_history`] | where the vehicle was at a moment between two of its states |
@@ -38,6 +38,7 @@ pub mod link;
 pub mod map;
 pub mod motion;
 pub mod orientation;
+pub mod param_messages;
 pub mod params;
 pub mod pose_history;
 pub mod prevention;
@@ -51,7 +52,6 @@ pub mod shape;
 pub mod suggestion;
 pub mod topics;
 pub mod truth;
-pub mod tuning;
 pub mod vehicle;
 pub mod view;
 

@@ -92,7 +92,7 @@ crate::sample! {
         /// Messages refused: not signed, where that is asked for.
         pub unsigned_refused: u64,
         /// Datagrams and connections of those who are not among the peers.
-        pub strangers: u64,
+        pub unknown_peers: u64,
         /// Bytes that belonged to no message.
         pub garbage_bytes: u64,
         /// Times the link was opened again.

@@ -2,18 +2,18 @@
 //! samples in this crate write is plausible.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-use jink_shared_types::beams::{BeamReading, DistanceRow, ROW};
+use jink_shared_types::beams::{BeamReading, ObstacleDistance, ROW};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Heartbeat, SystemStatus};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::map::{CELL_M, LocalMap};
+use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{PointCloud, RangeScan, ScanFrame};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::sample::zeroed_box;
 use jink_shared_types::shape::Shape;
 use jink_shared_types::topics::{self, TABLE, Topic, Visitor};
-use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Flag, Point};
 use proptest::prelude::*;
@@ -90,7 +90,7 @@ proptest! {
         increment_deg in prop_oneof![any::<f32>(), 0.0..360.0f32], offset_deg in any::<f32>(), min_cm in any::<u16>(),
         max_cm in any::<u16>(), distance_cm in any::<u16>(), is_north in any::<bool>(),
     ) {
-        let row = DistanceRow {
+        let row = ObstacleDistance {
             frame: if is_north { ScanFrame::North } else { ScanFrame::Level },
             increment_deg, offset_deg, min_cm, max_cm,
             distances_cm: [distance_cm; ROW],

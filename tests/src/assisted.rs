@@ -37,7 +37,7 @@ pub struct AssistedPilot {
     pairing: Pairing,
     is_switched_on: bool,
     /// His remote control is on.
-    pub is_heard: bool,
+    pub is_received: bool,
     next_s: f64,
 }
 
@@ -75,7 +75,7 @@ impl AssistedPilot {
             make: pairing.make,
             pairing,
             is_switched_on: false,
-            is_heard: true,
+            is_received: true,
             next_s: 0.0,
         };
         let begin_s = flight.truth().time_s;
@@ -99,7 +99,7 @@ impl AssistedPilot {
     pub fn step(&mut self, flight: &mut LockStep, sticks: Sticks) {
         flight.step();
         let now_s = flight.truth().time_s;
-        if self.is_heard && now_s >= self.next_s {
+        if self.is_received && now_s >= self.next_s {
             self.next_s = now_s + STICKS_PERIOD_S;
             flight.send(self.message(sticks));
         }

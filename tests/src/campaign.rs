@@ -298,8 +298,8 @@ pub fn fly_as(setup: FlightSetup, cell: &Cell) -> Result<FlightReport, String> {
 
 /// The last thing that was said in a flight about why it does not go on.
 fn reason(flight: &LockStep) -> String {
-    let told = flight.events.iter().rev().map(|(_, event)| event);
-    let mut causes = told.filter(|event| CAUSES.iter().any(|cause| cause.id == event.id));
+    let reported = flight.events.iter().rev().map(|(_, event)| event);
+    let mut causes = reported.filter(|event| CAUSES.iter().any(|cause| cause.id == event.id));
     causes
         .next()
         .map_or_else(|| "nothing was said".to_owned(), EventSample::text)

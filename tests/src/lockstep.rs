@@ -27,11 +27,11 @@ use jink_shared_types::health::Health;
 use jink_shared_types::link::{AssistState, LinkStatus};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, MotionState, Route, RouteMode, TrajectoryMode, Verdict};
+use jink_shared_types::param_messages::ParameterChange;
 use jink_shared_types::params::{OA_VEH_RADIUS, ParamSet};
 use jink_shared_types::prevention::PreventedDemand;
 use jink_shared_types::topics;
 use jink_shared_types::truth::SimTruth;
-use jink_shared_types::tuning::ParameterChange;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Timestamp};
 use jink_simulated_world::sensors::SensorSpec;
@@ -391,7 +391,7 @@ impl LockStep {
             .iter()
             .position(|row| row.name == name);
         let change = ParameterChange {
-            table: jink_shared_types::tuning::TABLE_HASH,
+            table: jink_shared_types::param_messages::TABLE_HASH,
             id: self.step + 1,
             value,
             row: row.map_or(u32::MAX, |row| row as u32),

@@ -87,7 +87,7 @@ impl Drop for OnUdp {
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             // A panic in there has been printed.
-            let _told = thread.join();
+            let _reported = thread.join();
         }
     }
 }
@@ -124,7 +124,7 @@ impl Mouth {
         let (mut steps, mut seconds) = (0u64, 0u64);
         let (mut inbox, mut outbox) = (Vec::new(), Vec::new());
         while !end.load(Ordering::Relaxed) {
-            self.hear(&mut inbox);
+            self.receive(&mut inbox);
             let due = begin.elapsed().as_micros() as u64 / STEP_US;
             while steps < due {
                 steps += 1;
@@ -147,7 +147,7 @@ impl Mouth {
         }
     }
 
-    fn hear(&mut self, inbox: &mut Vec<Packet>) {
+    fn receive(&mut self, inbox: &mut Vec<Packet>) {
         let mut datagram = [0; 2048];
         while let Ok(length) = self.socket.recv(&mut datagram) {
             self.splitter.load_datagram(&datagram[..length]);

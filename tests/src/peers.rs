@@ -173,7 +173,7 @@ impl Station {
     /// Sends one message; everything heard until all that was to be said about it has been said.
     pub fn send(&mut self, line: &str, kind: &str, fields: &Value, until: &Value) -> Vec<Value> {
         let order = json!({"do": "send", "line": line, "kind": kind, "fields": fields, "until": until});
-        heard(&self.ask(&order))
+        received(&self.ask(&order))
     }
 }
 
@@ -185,7 +185,7 @@ impl Drop for Station {
 }
 
 /// The messages in an answer.
-pub fn heard(answer: &Value) -> Vec<Value> {
+pub fn received(answer: &Value) -> Vec<Value> {
     answer["heard"].as_array().cloned().unwrap_or_default()
 }
 

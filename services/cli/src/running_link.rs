@@ -232,7 +232,7 @@ mod tests {
             garbage_bytes: 4000,
             ..silent
         };
-        let strangers = LinkStatus {
+        let unknown_peers = LinkStatus {
             ignored: 30,
             ..silent
         };
@@ -261,7 +261,12 @@ mod tests {
             (silent, 0, Grade::Blocker, "the autopilot is not heard"),
             (lost, 0, Grade::Blocker, "the autopilot is not heard"),
             (noise, 0, Grade::Blocker, "4000 bytes came, but no message"),
-            (strangers, 0, Grade::Blocker, "not of one autopilot that is ours"),
+            (
+                unknown_peers,
+                0,
+                Grade::Blocker,
+                "not of one autopilot that is ours",
+            ),
             (
                 keyless,
                 150,

@@ -113,7 +113,7 @@ impl Service for GuardService {
     }
 
     /// The ring keeps what it has seen: its radius and its band need a restart.
-    fn retune(&mut self, params: &ParamSet) {
+    fn on_params_changed(&mut self, params: &ParamSet) {
         self.guard.configure(GuardConfig::from_params(params));
         self.pilot_guard.configure(PreventionConfig::from_params(params));
     }

@@ -6,13 +6,13 @@ use jink_shared_types::health::{Health, ProcessStatus, ReplaceReason, ServiceSta
 /// Remembers what has been told.
 #[derive(Clone, Debug, Default)]
 pub struct Narrator {
-    told: Vec<Told>,
+    reported: Vec<Reported>,
     /// With whether the system stands by.
     health: Option<(Health, bool)>,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
-struct Told {
+struct Reported {
     started: bool,
     restarts: u32,
     recovery_us: u32,
@@ -21,12 +21,12 @@ struct Told {
 
 impl Narrator {
     /// What is new in `status` since the last call.
-    pub fn news(&mut self, status: &SystemStatus) -> Vec<String> {
+    pub fn update(&mut self, status: &SystemStatus) -> Vec<String> {
         let processes = status.processes();
-        self.told.resize(processes.len(), Told::default());
+        self.reported.resize(processes.len(), Reported::default());
         let mut lines = Vec::new();
-        for (told, process) in self.told.iter_mut().zip(processes) {
-            tell_process(told, process, &mut lines);
+        for (reported, process) in self.reported.iter_mut().zip(processes) {
+            report_process(reported, process, &mut lines);
         }
         // Who is to blame may change many times a second; that the health has changed is the news.
         let health = (status.health.get(), is_standing_by(status));
@@ -41,11 +41,11 @@ impl Narrator {
     }
 }
 
-fn tell_process(told: &mut Told, process: &ProcessStatus, lines: &mut Vec<String>) {
+fn report_process(reported: &mut Reported, process: &ProcessStatus, lines: &mut Vec<String>) {
     let name = process.heartbeat.name.as_str();
     let exit = exit_text(process.last_exit);
-    if process.restarts > told.restarts {
-        told.restarts = process.restarts;
+    if process.restarts > reported.restarts {
+        reported.restarts = process.restarts;
         let what_then = if process.reason == ReplaceReason::TakenOver {
             "its second instance took over"
         } else {
@@ -55,19 +55,19 @@ fn tell_process(told: &mut Told, process: &ProcessStatus, lines: &mut Vec<String
             "{name} ended with {exit}, {what_then} (restart {})",
             process.restarts
         ));
-    } else if process.pid != 0 && !told.started {
+    } else if process.pid != 0 && !reported.started {
         lines.push(format!("{name} started, process id {}", process.pid));
     }
-    told.started |= process.pid != 0;
-    if process.recovery_us != told.recovery_us {
-        told.recovery_us = process.recovery_us;
+    reported.started |= process.pid != 0;
+    if process.recovery_us != reported.recovery_us {
+        reported.recovery_us = process.recovery_us;
         lines.push(format!(
             "{name} works again after {:.0} ms",
             f64::from(process.recovery_us) * 1e-3
         ));
     }
-    if process.state == ServiceState::Failed && !told.failed {
-        told.failed = true;
+    if process.state == ServiceState::Failed && !reported.failed {
+        reported.failed = true;
         lines.push(format!("{name} ended with {exit} and was given up"));
     }
 }
@@ -140,13 +140,13 @@ mod tests {
     fn every_piece_of_news_is_told_once() {
         let mut narrator = Narrator::default();
         let mut now = status(Health::Starting, &[("planner", ServiceState::Starting)]);
-        assert_eq!(narrator.news(&now), ["planner started, process id 7"]);
-        assert!(narrator.news(&now).is_empty());
+        assert_eq!(narrator.update(&now), ["planner started, process id 7"]);
+        assert!(narrator.update(&now).is_empty());
         now = status(Health::Healthy, &[("planner", ServiceState::Active)]);
-        assert_eq!(narrator.news(&now), ["ready"]);
+        assert_eq!(narrator.update(&now), ["ready"]);
         now = status(Health::Degraded, &[("planner", ServiceState::Dead)]);
         now.processes[0].pid = 0;
-        assert_eq!(narrator.news(&now), ["degraded: planner"]);
+        assert_eq!(narrator.update(&now), ["degraded: planner"]);
         now = status(Health::Healthy, &[("planner", ServiceState::Active)]);
         now.processes[0].restarts = 1;
         now.processes[0].last_exit = 256 + 9;
@@ -156,8 +156,8 @@ mod tests {
             "planner works again after 58 ms",
             "ready",
         ];
-        assert_eq!(narrator.news(&now), expected);
-        assert!(narrator.news(&now).is_empty());
+        assert_eq!(narrator.update(&now), expected);
+        assert!(narrator.update(&now).is_empty());
     }
 
     #[test]
@@ -167,7 +167,7 @@ mod tests {
         now.processes[0].pid = 0;
         now.processes[0].last_exit = 1;
         assert_eq!(
-            narrator.news(&now),
+            narrator.update(&now),
             ["planner ended with code 1 and was given up", "failed: planner"]
         );
     }
@@ -180,8 +180,8 @@ mod tests {
         ];
         let waiting = status(Health::Starting, &states);
         assert!(is_standing_by(&waiting));
-        let news = Narrator::default().news(&waiting);
-        assert_eq!(news.last().unwrap(), "waiting for first inputs: planner");
+        let update = Narrator::default().update(&waiting);
+        assert_eq!(update.last().unwrap(), "waiting for first inputs: planner");
         let starting = status(Health::Starting, &[("gateway", ServiceState::Starting)]);
         assert!(!is_standing_by(&starting));
     }

@@ -6,7 +6,7 @@ use crate::config::{DepthCameraSpec, SensorTable};
 use crate::driver::DepthCameraDriver;
 use crate::v4l2::Wanted;
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Clock, Cycle, ExclusiveOwnership, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::PointCloud;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::fmt;
@@ -23,7 +23,7 @@ pub struct DepthCameraService {
     clock: Clock,
     camera: Camera,
     clouds: Output<PointCloud>,
-    claim: Claim,
+    exclusive_ownership: ExclusiveOwnership,
     standby_due: Timestamp,
     report_due: Timestamp,
 }
@@ -56,7 +56,7 @@ impl Service for DepthCameraService {
         Ok(Self {
             camera: Camera::new(&spec.device, wanted),
             clouds: ports.range_output(topics::RANGE_CLOUD, &spec.name, spec.rate_hz)?,
-            claim: ports.claim(),
+            exclusive_ownership: ports.exclusive_ownership(),
             clock: ports.clock(),
             driver: DepthCameraDriver::new(spec),
             standby_due: Timestamp::NEVER,
@@ -68,12 +68,15 @@ impl Service for DepthCameraService {
         let now = cycle.now;
         let look = now.next_beat(CHECK_HZ);
         // A stream has one reader: the next owner opens it when it owns the sensor.
-        let is_ours = self.claim.is_due(now);
-        self.claim.declare(is_ours);
+        let is_ours = self.exclusive_ownership.is_due(now);
+        self.exclusive_ownership.declare(is_ours);
         if !is_ours {
             self.camera.close();
             self.run_as_standby(now);
-            let change = self.claim.changes_at().filter(|change| *change > now);
+            let change = self
+                .exclusive_ownership
+                .changes_at()
+                .filter(|change| *change > now);
             return Wake::at(change.map_or(self.standby_due, |change| change.min(self.standby_due)));
         }
         if self.camera.open_if_due(now) {

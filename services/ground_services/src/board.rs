@@ -54,7 +54,7 @@ impl Board {
     }
 
     /// A reading that has not been taken yet.
-    pub fn news(&self) -> Option<BoardReading> {
+    pub fn update(&self) -> Option<BoardReading> {
         self.readings.try_recv().ok()
     }
 }
@@ -253,7 +253,7 @@ mod tests {
     #[test]
     fn readings_come_by_themselves() {
         let board = Board::watch().unwrap();
-        while board.news().is_none() {
+        while board.update().is_none() {
             std::thread::sleep(std::time::Duration::from_millis(5));
         }
     }

@@ -23,8 +23,7 @@ use jink_mavlink_link::message::Command;
 use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::{
     AUTOPILOT_VERSION_DATA, COMPONENT_METADATA_DATA, HEARTBEAT_DATA, MESSAGE_INTERVAL_DATA, MavCmd,
-    MavResult, OBSTACLE_DISTANCE_DATA, ONBOARD_COMPUTER_STATUS_DATA, PROTOCOL_VERSION_DATA,
-    TIMESYNC_DATA,
+    MavResult, OBSTACLE_DISTANCE_DATA, ONBOARD_COMPUTER_STATUS_DATA, PROTOCOL_VERSION_DATA, TIMESYNC_DATA,
 };
 
 /// Which of our components a command names.
@@ -426,14 +425,14 @@ mod tests {
             let id = *id as f32;
             let (_, action) = judge(context, MavCmd::MAV_CMD_REQUEST_MESSAGE, [id, f32::NAN]);
             assert!(action == CommandAction::Say(*message) || *message == Answerable::Timesync);
-            let told = (*policy != IntervalPolicy::OnRequest).then_some(*message);
+            let reported = (*policy != IntervalPolicy::OnRequest).then_some(*message);
             for (command, params) in [
                 (MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL, [id, 0.0]),
                 (MavCmd::MAV_CMD_REQUEST_MESSAGE, [244.0, id]),
             ] {
                 let (result, action) = judge(context, command, params);
                 assert_eq!(result, MavResult::MAV_RESULT_ACCEPTED);
-                assert_eq!(action, CommandAction::ReportInterval(id as u32, told));
+                assert_eq!(action, CommandAction::ReportInterval(id as u32, reported));
             }
         }
     }

@@ -1,8 +1,6 @@
 //! The answers themselves: one pure step from questions, events and readings to messages.
 
-use crate::commands::{
-    Answerable, CommandAction, CommandContext, Component, MessageInterval, judge,
-};
+use crate::commands::{Answerable, CommandAction, CommandContext, Component, MessageInterval, judge};
 use crate::computer::{self, BoardReading};
 use crate::files::{FileServer, Payload};
 use crate::parameters::{Parameters, Reply};
@@ -15,8 +13,8 @@ use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::events::{EventSample, GOAL_BLOCKED, RESTART_REFUSED};
 use jink_shared_types::ground::{ANY_LINK, Armed, GroundAction, GroundAnswer, GroundRequest};
 use jink_shared_types::health::Name;
+use jink_shared_types::param_messages::{ParameterChange, ParameterValues};
 use jink_shared_types::params::ParamSet;
-use jink_shared_types::tuning::{ParameterChange, ParameterValues};
 use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::dialects::ardupilotmega::{
     FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage, MavResult,
@@ -277,13 +275,7 @@ impl GroundServices {
         self.board.as_ref().map(|board| computer::message(now, board))
     }
 
-    fn execute(
-        &mut self,
-        now: Timestamp,
-        command: &Command,
-        question: &Question<'_>,
-        outputs: &mut Outputs,
-    ) {
+    fn execute(&mut self, now: Timestamp, command: &Command, question: &Question<'_>, outputs: &mut Outputs) {
         let component = question.component;
         let (mut result, action) = judge(
             command,
@@ -337,7 +329,8 @@ impl GroundServices {
                 Some(MavMessage::MESSAGE_INTERVAL(MESSAGE_INTERVAL_DATA {
                     message_id: id as u16,
                     // 0 = it does not come by itself, -1 = it could, but does not.
-                    interval_us: period_us.map_or(-1, |period_us| i32::try_from(period_us).unwrap_or(i32::MAX)),
+                    interval_us: period_us
+                        .map_or(-1, |period_us| i32::try_from(period_us).unwrap_or(i32::MAX)),
                 }))
             }
             CommandAction::Set(message, interval) => {

@@ -16,8 +16,8 @@
 
 use jink_mavlink_link::encoding::{Encoding, TooWide, wire_type};
 use jink_mavlink_link::ticker::Ticker;
+use jink_shared_types::param_messages::{PARAMETERS_MAX, ParameterChange, ParameterValues, table_of};
 use jink_shared_types::params::{Param, ParamSet, ParamType};
-use jink_shared_types::tuning::{PARAMETERS_MAX, ParameterChange, ParameterValues, table_of};
 use jink_shared_types::{Reserved, Timestamp};
 use mavlink::dialects::ardupilotmega::{
     MavParamError, MavParamType, PARAM_ERROR_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA,
@@ -283,8 +283,8 @@ fn error(
 mod tests {
     use super::{PATIENCE_S, Parameters, WAITING, name};
     use jink_shared_types::Timestamp;
+    use jink_shared_types::param_messages::{ParameterChange, ParameterValues};
     use jink_shared_types::params::{OA_SPD_MAX, OA_YAW_MODE, ParamSet, ParamType, TABLE};
-    use jink_shared_types::tuning::{ParameterChange, ParameterValues};
     use mavlink::dialects::ardupilotmega::{
         MavParamError, MavParamType, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
     };
@@ -332,8 +332,8 @@ mod tests {
         let change = parameters.ask(at(0.0)).unwrap();
         assert!(parameters.ask(at(0.1)).is_none());
         assert_eq!(parameters.set().get(&OA_SPD_MAX), OA_SPD_MAX.default);
-        let told = parameters.take_values(&answered(&parameters, &change)).unwrap();
-        assert_eq!(told.param_value, 4.5);
+        let reported = parameters.take_values(&answered(&parameters, &change)).unwrap();
+        assert_eq!(reported.param_value, 4.5);
         assert_eq!(parameters.set().get(&OA_SPD_MAX), 4.5);
         // Told once, and the repetition of the values is no news.
         assert!(parameters.take_values(&answered(&parameters, &change)).is_none());
@@ -387,10 +387,10 @@ mod tests {
         }];
         let mut parameters = Parameters::new(&ParamSet::declaring(&OWN));
         parameters.request_list();
-        let told: Vec<_> = (0..).map_while(|n| parameters.next(at(f64::from(n)))).collect();
-        let last = told.last().unwrap();
+        let reported: Vec<_> = (0..).map_while(|n| parameters.next(at(f64::from(n)))).collect();
+        let last = reported.last().unwrap();
         assert_eq!(
-            (told.len(), usize::from(last.param_count)),
+            (reported.len(), usize::from(last.param_count)),
             (TABLE.len() + 1, TABLE.len() + 1)
         );
         assert_eq!(last.param_id.to_str().unwrap(), "USR_SONAR_MAX");
@@ -465,8 +465,8 @@ mod tests {
             let reply = parameters.request_set(at(0.0), STATION, &set("OA_YAW_MODE", raw, kind));
             assert!(reply.error.is_none());
             let change = parameters.ask(at(0.0)).unwrap();
-            let told = parameters.take_values(&answered(&parameters, &change)).unwrap();
-            let bits = told.param_value.to_bits();
+            let reported = parameters.take_values(&answered(&parameters, &change)).unwrap();
+            let bits = reported.param_value.to_bits();
             assert_eq!(f64::from(bits), parameters.set().get(&OA_YAW_MODE));
         }
     }
@@ -474,7 +474,7 @@ mod tests {
     #[test]
     fn a_list_comes_whole_in_order_and_at_its_pace_and_a_new_request_starts_again() {
         let mut parameters = parameters();
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         parameters.request_list();
         let mut now = at(0.0);
         for tick in 0..4000u32 {
@@ -484,14 +484,15 @@ mod tests {
             }
             if let Some(value) = parameters.next(now) {
                 assert_eq!(usize::from(value.param_count), TABLE.len());
-                told.push((now, usize::from(value.param_index)));
+                reported.push((now, usize::from(value.param_index)));
             }
         }
-        let indices: Vec<usize> = told.iter().map(|(_, index)| *index).collect();
+        let indices: Vec<usize> = reported.iter().map(|(_, index)| *index).collect();
         let expected: Vec<usize> = (0..5).chain(0..TABLE.len()).collect();
         assert_eq!(indices, expected);
         assert!(
-            told.windows(2)
+            reported
+                .windows(2)
                 .all(|pair| pair[1].0.seconds_since(pair[0].0) > 0.0999)
         );
         assert!(parameters.next(now.plus_seconds(1.0)).is_none());

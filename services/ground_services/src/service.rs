@@ -9,7 +9,7 @@ use jink_shared_types::ground::{GroundAnswer, GroundRequest};
 use jink_shared_types::hash;
 use jink_shared_types::health::Name;
 use jink_shared_types::link::LinkStatus;
-use jink_shared_types::tuning::{ParameterChange, ParameterValues};
+use jink_shared_types::param_messages::{ParameterChange, ParameterValues};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use std::fmt;
 
@@ -106,11 +106,10 @@ impl Service for GroundServicesService {
             requests: &self.asked,
             events: &self.happened,
             parameters: parameters.map(|values| values.sample),
-            encoding: self
-                .link
-                .newest()
-                .map_or_else(Encoding::default, |link| Encoding::of_flag(link.sample.param_c_cast)),
-            board: self.board.as_ref().and_then(Board::news),
+            encoding: self.link.newest().map_or_else(Encoding::default, |link| {
+                Encoding::of_flag(link.sample.param_c_cast)
+            }),
+            board: self.board.as_ref().and_then(Board::update),
         };
         self.services.step(now, &inputs, &mut self.outputs);
         for answer in self.outputs.answers() {
@@ -122,11 +121,7 @@ impl Service for GroundServicesService {
         for event in self.outputs.events() {
             cycle.events.publish(now, event);
         }
-        Wake::at(
-            self.services
-                .next_wake()
-                .min(now.plus_seconds(EVENTS_EVERY_S)),
-        )
+        Wake::at(self.services.next_wake().min(now.plus_seconds(EVENTS_EVERY_S)))
     }
 }
 

@@ -345,9 +345,9 @@ mod tests {
                 .map(|(time_s, _)| time_s)
                 .collect()
         };
-        let near = |told: Vec<f64>, expected: &[f64]| {
-            let close = told.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.11);
-            assert!(told.len() == expected.len() && close, "{told:?}");
+        let near = |reported: Vec<f64>, expected: &[f64]| {
+            let close = reported.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.11);
+            assert!(reported.len() == expected.len() && close, "{reported:?}");
         };
         near(
             times(&[(1.0, &events::AVOIDANCE_READY)], "jink: avoidance ready"),

@@ -9,7 +9,7 @@ use crate::scanner::driver::ScannerDriver;
 use crate::scanner::turn::Turn;
 use jink_runtime::serial::{Port, Read};
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Clock, Cycle, ExclusiveOwnership, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::fmt;
@@ -49,7 +49,7 @@ pub struct LidarService {
     rate_hz: f64,
     interface: LidarInterface,
     clock: Clock,
-    claim: Claim,
+    exclusive_ownership: ExclusiveOwnership,
     standby_due: Timestamp,
     report_due: Timestamp,
 }
@@ -96,7 +96,7 @@ impl Service for LidarService {
             name,
             rate_hz,
             interface,
-            claim: ports.claim(),
+            exclusive_ownership: ports.exclusive_ownership(),
             clock: ports.clock(),
             standby_due: Timestamp::NEVER,
             report_due: Timestamp::NEVER,
@@ -107,12 +107,15 @@ impl Service for LidarService {
         let now = cycle.now;
         let look = now.next_beat(CHECK_HZ);
         // A port has one reader: the next owner opens it when it owns the sensor.
-        let is_ours = self.claim.is_due(now);
-        self.claim.declare(is_ours);
+        let is_ours = self.exclusive_ownership.is_due(now);
+        self.exclusive_ownership.declare(is_ours);
         if !is_ours {
             self.interface.close();
             self.run_as_standby(now);
-            let change = self.claim.changes_at().filter(|change| *change > now);
+            let change = self
+                .exclusive_ownership
+                .changes_at()
+                .filter(|change| *change > now);
             return Wake::at(change.map_or(self.standby_due, |change| change.min(self.standby_due)));
         }
         let due = self.interface.run(&self.clock, now);

@@ -38,7 +38,7 @@ pub struct Counts {
     /// Messages of autopilots that never came: their sequence numbers are missing.
     pub lost: u64,
     /// Datagrams and connections from addresses that are not among the peers.
-    pub strangers: u64,
+    pub unknown_peers: u64,
 }
 
 impl Counts {
@@ -52,7 +52,7 @@ impl Counts {
     pub fn with_link(self, link: LinkCounters) -> Self {
         Self {
             garbage_bytes: link.garbage_bytes,
-            strangers: link.unknown_peers,
+            unknown_peers: link.unknown_peers,
             ..self
         }
     }

@@ -127,7 +127,7 @@ impl Heartbeats {
         if said == AvoidanceState::Active && state != AvoidanceState::Termination {
             self.debounce_until.get_or_insert(now.plus_seconds(DEBOUNCE_S));
         }
-        self.avoidance.hasten(time.plus_seconds(SOONEST_S));
+        self.avoidance.schedule_early(time.plus_seconds(SOONEST_S));
     }
 
     fn avoidance_due(&self) -> Timestamp {
@@ -138,10 +138,10 @@ impl Heartbeats {
     /// Somebody wants to hear the avoidance heartbeat, or that of the computer, now.
     pub fn ask(&mut self, now: Timestamp, of_computer: bool) {
         if of_computer {
-            self.computer.hasten(now);
+            self.computer.schedule_early(now);
         } else {
             let soonest = self.said.map_or(now, |(_, time)| time.plus_seconds(SOONEST_S));
-            self.avoidance.hasten(soonest.max(now));
+            self.avoidance.schedule_early(soonest.max(now));
         }
     }
 

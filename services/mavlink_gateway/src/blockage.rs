@@ -50,9 +50,9 @@ impl Remedy {
 pub struct Blockage {
     remedy: Remedy,
     /// The item that was told of last.
-    told: Option<u16>,
+    reported: Option<u16>,
     /// The goal that is no item and was told of last.
-    told_goal: Option<Point<LocalNed>>,
+    reported_goal: Option<Point<LocalNed>>,
 }
 
 impl Blockage {
@@ -60,22 +60,22 @@ impl Blockage {
     pub fn new(remedy: Remedy) -> Self {
         Self {
             remedy,
-            told: None,
-            told_goal: None,
+            reported: None,
+            reported_goal: None,
         }
     }
 
     /// What to do about `item`, which is out of reach, or still is. Waiting is told once per item; a remedy that has not helped
     /// is due again.
     pub fn remedy(&mut self, item: u16) -> Option<Remedy> {
-        let before = self.told.replace(item);
+        let before = self.reported.replace(item);
         let repeats = before == Some(item) && self.remedy == Remedy::Wait;
         (!repeats).then_some(self.remedy)
     }
 
     /// Whether the pilot is to be told that `goal`, which is no item, is out of reach: once.
-    pub fn is_news(&mut self, goal: Point<LocalNed>) -> bool {
-        let before = self.told_goal.replace(goal);
+    pub fn is_new(&mut self, goal: Point<LocalNed>) -> bool {
+        let before = self.reported_goal.replace(goal);
         before.is_none_or(|before| (before.vector() - goal.vector()).norm() > SAME_GOAL_M)
     }
 }
@@ -105,7 +105,7 @@ mod tests {
     fn a_goal_that_is_no_item_is_told_once() {
         let mut blockage = Blockage::new(Remedy::Skip);
         let goals = [1.0, 1.0, 5.0, 5.05, 1.0].map(|x| Point::new(x, 0.0, -3.0));
-        let told = goals.map(|goal| blockage.is_news(goal));
-        assert_eq!(told, [true, false, true, false, true]);
+        let reported = goals.map(|goal| blockage.is_new(goal));
+        assert_eq!(reported, [true, false, true, false, true]);
     }
 }

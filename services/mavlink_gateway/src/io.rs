@@ -9,9 +9,9 @@ use jink_shared_types::ground::{GroundAnswer, GroundRequest};
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::ApprovedTrajectory;
+use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ring::SectorRing;
-use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Reading, SampleHeader, Timestamp};
 
@@ -59,7 +59,7 @@ pub struct Outputs {
     notes: Vec<Note>,
     requests: Vec<GroundRequest>,
     /// Of a new trajectory that says what the autopilot flies already: nothing of it need be sent.
-    pub told: Option<SampleHeader>,
+    pub reported: Option<SampleHeader>,
     /// The vehicle's state with its time of validity, if there is a new one.
     pub vehicle_state: Option<(VehicleState, Timestamp)>,
     /// What the autopilot wants, with its time of validity, if it was told anew.
@@ -80,7 +80,7 @@ impl Default for Outputs {
             events: Vec::with_capacity(EVENTS),
             notes: Vec::with_capacity(NOTES),
             requests: Vec::with_capacity(REQUESTS),
-            told: None,
+            reported: None,
             vehicle_state: None,
             desired_path: None,
             pilot_demand: None,
@@ -122,7 +122,7 @@ impl Outputs {
         self.events.clear();
         self.notes.clear();
         self.requests.clear();
-        self.told = None;
+        self.reported = None;
         self.vehicle_state = None;
         self.desired_path = None;
         self.pilot_demand = None;
@@ -163,7 +163,7 @@ impl Outputs {
         }
     }
 
-    pub(crate) fn tell(&mut self, event: EventSample) {
+    pub(crate) fn report(&mut self, event: EventSample) {
         if self.events.len() < EVENTS {
             self.events.push(event);
         }

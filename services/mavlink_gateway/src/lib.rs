@@ -50,12 +50,12 @@
 
 pub mod assist;
 mod avoidance;
-mod baton;
 mod blockage;
 mod config;
 mod desired;
 pub mod executive;
 mod gateway;
+mod handover;
 mod io;
 mod note;
 mod obstacles;
@@ -67,10 +67,10 @@ mod service;
 mod vehicle;
 mod wire;
 
-pub use baton::Baton;
 pub use blockage::Remedy;
 pub use config::GatewayConfig;
 pub use gateway::Gateway;
+pub use handover::HandoverState;
 pub use io::{Inputs, OUTBOX, Outputs};
 pub use jink_mavlink_link::encoder::Encoder;
 pub use jink_mavlink_link::message::{

@@ -81,15 +81,15 @@ fn fill(data: &mut OBSTACLE_DISTANCE_DATA, ring: &SectorRing) {
     let sectors = ring.distance_m.iter().zip(&ring.range_max_m).zip(&reaches_m);
     for (slot, ((distance_m, own_reach_m), reach_m)) in data.distances.iter_mut().zip(sectors) {
         let is_obstacle = *distance_m < *own_reach_m;
-        let told_cm = centimetres(if is_obstacle { *distance_m } else { *reach_m });
+        let reported_cm = centimetres(if is_obstacle { *distance_m } else { *reach_m });
         *slot = if distance_m.is_nan() {
             UNKNOWN_CM
-        } else if told_cm > data.max_distance || !is_obstacle && told_cm == data.max_distance {
+        } else if reported_cm > data.max_distance || !is_obstacle && reported_cm == data.max_distance {
             data.max_distance + 1
         } else if is_obstacle {
-            told_cm.max(data.min_distance)
+            reported_cm.max(data.min_distance)
         } else {
-            told_cm
+            reported_cm
         };
     }
 }
@@ -215,8 +215,8 @@ mod tests {
 
     #[test]
     fn the_reach_told_stays_while_the_ring_wavers() {
-        let told = |reach_m| sent(&ring(reach_m)).max_distance;
-        assert_eq!([11.95, 11.99, 12.0, 12.05].map(told), [1100; 4]);
+        let reported = |reach_m| sent(&ring(reach_m)).max_distance;
+        assert_eq!([11.95, 11.99, 12.0, 12.05].map(reported), [1100; 4]);
     }
 
     #[test]
@@ -251,12 +251,12 @@ mod tests {
 
     #[test]
     fn a_ring_that_knows_millimetres_knows_nothing() {
-        let told = sent(&ring(0.004));
-        assert!(told.distances.iter().all(|cm| *cm == UNKNOWN_CM));
+        let reported = sent(&ring(0.004));
+        assert!(reported.distances.iter().all(|cm| *cm == UNKNOWN_CM));
         for reach_m in [0.0, 0.004, 0.02, 0.1, 0.3, 0.6] {
-            let told = sent(&ring(reach_m));
+            let reported = sent(&ring(reach_m));
             assert!(
-                0 < told.min_distance && told.min_distance < told.max_distance,
+                0 < reported.min_distance && reported.min_distance < reported.max_distance,
                 "{reach_m}"
             );
         }
@@ -265,8 +265,8 @@ mod tests {
     #[test]
     fn a_stale_ring_is_sent_as_unknown() {
         for reading in [Reading::Stale { age_s: 0.4 }, Reading::Never] {
-            let told = message(Timestamp::from_seconds(3.1), reading, None);
-            let MavMessage::OBSTACLE_DISTANCE(data) = told else {
+            let reported = message(Timestamp::from_seconds(3.1), reading, None);
+            let MavMessage::OBSTACLE_DISTANCE(data) = reported else {
                 panic!("another message");
             };
             assert_eq!(data.distances, [65535; SECTORS]);
@@ -286,19 +286,19 @@ mod tests {
             let least_m = f64::from(data.min_distance) / 100.0;
             let seen_m = |sector: usize| f64::from(distances[sector].min(reaches[sector]).max(0.0));
             for i in 0..SECTORS {
-                let told_m = f64::from(data.distances[i].min(data.max_distance)) / 100.0;
+                let reported_m = f64::from(data.distances[i].min(data.max_distance)) / 100.0;
                 if distances[i].is_nan() {
                     prop_assert_eq!(data.distances[i], 65535);
                 } else if distances[i] < reaches[i] {
-                    prop_assert!(told_m <= f64::from(distances[i].max(0.0)).max(least_m) + 1e-3);
-                    prop_assert!(told_m >= least_m);
+                    prop_assert!(reported_m <= f64::from(distances[i].max(0.0)).max(least_m) + 1e-3);
+                    prop_assert!(reported_m >= least_m);
                 } else {
                     let sides = [[1, 1], [2, 1], [1, 2]];
                     let beside = sides.map(|[left, right]| {
                         seen_m((i + SECTORS - left) % SECTORS).min(seen_m((i + right) % SECTORS))
                     });
                     let farthest_m = beside.into_iter().fold(f64::from(reaches[i].max(0.0)), f64::max);
-                    prop_assert!(told_m <= farthest_m + 1e-3);
+                    prop_assert!(reported_m <= farthest_m + 1e-3);
                 }
             }
         }

@@ -42,7 +42,7 @@ impl Default for RadioShare {
 
 impl RadioShare {
     /// A heartbeat on the autopilot's link that is not the autopilot's.
-    pub fn overhear(&mut self, time: Timestamp, heartbeat: &HEARTBEAT_DATA) {
+    pub fn observe(&mut self, time: Timestamp, heartbeat: &HEARTBEAT_DATA) {
         if heartbeat.mavtype == MavType::MAV_TYPE_GCS {
             self.station = self.station.max(time);
         }

@@ -3,13 +3,13 @@
 //! | message | sensor of the configuration | becomes |
 //! |---|---|---|
 //! | DISTANCE_SENSOR of the autopilot | `kind = "autopilot_rangefinder"`, by its `id` | a single beam |
-//! | OBSTACLE_DISTANCE of anybody on the vehicle | `kind = "obstacle_row"`, by its `component` | a row of level distances |
+//! | OBSTACLE_DISTANCE of anybody on the vehicle | `kind = "obstacle_distance"`, by its `component` | a row of level distances |
 //!
 //! What is made of each reading is in [`jink_shared_types::beams`]. Ranges are dated to their arrival: DISTANCE_SENSOR has the autopilot's
 //! boot time, but the measurement is as old as the sensor behind it, which nobody tells; CP_DELAY and GD_DELAY allow for it.
 
 use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
-use jink_shared_types::beams::{BeamReading, BeamRefused, DistanceRow};
+use jink_shared_types::beams::{BeamReading, BeamRefused, ObstacleDistance};
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
 use jink_shared_types::{BodyFrd, Point, Timestamp};
 use mavlink::dialects::ardupilotmega::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_DATA};
@@ -255,7 +255,7 @@ impl RangeSources {
             MavFrame::MAV_FRAME_GLOBAL | MavFrame::MAV_FRAME_LOCAL_NED => ScanFrame::North,
             _ => return None,
         };
-        let row = DistanceRow {
+        let row = ObstacleDistance {
             frame,
             // The finer one counts, if it is given.
             increment_deg: if message.increment_f > 0.0 {

@@ -125,12 +125,12 @@ pub struct VehicleTracker {
     attitude_time: Timestamp,
     position_stamp: Stamp,
     attitude_stamp: Stamp,
-    heard: Timestamp,
+    received: Timestamp,
     make: Option<AutopilotType>,
     mode: NavMode,
     custom_mode: u32,
     heartbeat_mode: (NavMode, bool),
-    heartbeat_heard: bool,
+    heartbeat_received: bool,
     armed: bool,
     landed_state: LandedState,
     home_down_m: f64,
@@ -148,12 +148,12 @@ impl Default for VehicleTracker {
             attitude_time: Timestamp::NEVER,
             position_stamp: Stamp::default(),
             attitude_stamp: Stamp::default(),
-            heard: Timestamp::NEVER,
+            received: Timestamp::NEVER,
             make: None,
             mode: NavMode::Unknown,
             custom_mode: 0,
             heartbeat_mode: (NavMode::Unknown, true),
-            heartbeat_heard: false,
+            heartbeat_received: false,
             armed: false,
             landed_state: LandedState::Unknown,
             home_down_m: f64::NAN,
@@ -166,18 +166,18 @@ impl Default for VehicleTracker {
 
 impl VehicleTracker {
     /// Notes that the autopilot was heard.
-    pub fn heard(&mut self, received: Timestamp) {
-        self.heard = self.heard.max(received);
+    pub fn received(&mut self, received: Timestamp) {
+        self.received = self.received.max(received);
     }
 
     /// Whether the autopilot was heard within the last 1.5 s.
     pub fn is_alive(&self, now: Timestamp) -> bool {
-        self.heard.is_set() && now.seconds_since(self.heard) <= ALIVE_S
+        self.received.is_set() && now.seconds_since(self.received) <= ALIVE_S
     }
 
     /// When it stops being alive, if it is heard no more.
     pub fn alive_until(&self) -> Timestamp {
-        self.heard.plus_seconds(ALIVE_S)
+        self.received.plus_seconds(ALIVE_S)
     }
 
     /// Mode in force.
@@ -228,7 +228,7 @@ impl VehicleTracker {
 
     /// The same; `None` before a heartbeat was received.
     pub fn armed(&self) -> Option<bool> {
-        self.heartbeat_heard.then_some(self.armed)
+        self.heartbeat_received.then_some(self.armed)
     }
 
     /// Neither on the ground nor on its way up from it; not before that was told.
@@ -252,7 +252,7 @@ impl VehicleTracker {
     pub fn take_heartbeat(&mut self, heartbeat: &HEARTBEAT_DATA) {
         self.make = AutopilotType::of(heartbeat.autopilot);
         self.take_mode(heartbeat.custom_mode);
-        self.heartbeat_heard = true;
+        self.heartbeat_received = true;
         self.armed = heartbeat
             .base_mode
             .contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
@@ -288,8 +288,8 @@ impl VehicleTracker {
 
     /// Distance to the ground (m) and height above home (m), where they are known.
     pub fn heights_m(&self, now: Timestamp) -> [Option<f64>; 2] {
-        let (ground_m, told) = self.ground;
-        let is_fresh = now.seconds_since(told) <= GROUND_VALID_S;
+        let (ground_m, reported) = self.ground;
+        let is_fresh = now.seconds_since(reported) <= GROUND_VALID_S;
         let above_home_m = self.fix.map(|fix| self.home_down_m - fix.position.z);
         [Some(ground_m).filter(|_| is_fresh), above_home_m].map(|height| height.filter(|m| m.is_finite()))
     }
@@ -415,7 +415,7 @@ impl VehicleTracker {
             landed: Flag::from(self.landed_state == LandedState::OnGround),
             position_valid: Flag::from(alive && self.is_position_valid(now)),
             autopilot_alive: Flag::from(alive),
-            mode_pending: Flag::from(!self.heartbeat_heard),
+            mode_pending: Flag::from(!self.heartbeat_received),
             position_time: fix.time,
             ..VehicleState::default()
         };

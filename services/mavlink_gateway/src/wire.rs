@@ -58,7 +58,7 @@ impl Wire {
     }
 
     /// Another gateway has sent up to here.
-    pub fn go_on_from(&mut self, last_setpoint: Timestamp) {
+    pub fn resume_from(&mut self, last_setpoint: Timestamp) {
         self.last_setpoint = last_setpoint;
     }
 

@@ -45,7 +45,7 @@ impl Encoder {
     }
 
     /// Continues the numbers of another encoder.
-    pub fn go_on_from(&mut self, sequences: [(u8, u8); COMPONENTS]) {
+    pub fn resume_from(&mut self, sequences: [(u8, u8); COMPONENTS]) {
         self.sequences = sequences;
     }
 

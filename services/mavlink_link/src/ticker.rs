@@ -59,12 +59,12 @@ impl Ticker {
     }
 
     /// The schedule continues from `last`, when another process took it.
-    pub fn go_on_from(&mut self, last: Timestamp) {
+    pub fn resume_from(&mut self, last: Timestamp) {
         self.due = last.plus_seconds(self.period_s);
     }
 
     /// Makes it due at `time`, if that is earlier.
-    pub fn hasten(&mut self, time: Timestamp) {
+    pub fn schedule_early(&mut self, time: Timestamp) {
         self.due = self.due.min(time);
     }
 }

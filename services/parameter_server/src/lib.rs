@@ -13,8 +13,8 @@ mod service;
 pub use service::ParameterService;
 
 use jink_shared_types::Timestamp;
+use jink_shared_types::param_messages::{ParameterChange, ParameterValues};
 use jink_shared_types::params::ParamSet;
-use jink_shared_types::tuning::{ParameterChange, ParameterValues};
 
 /// How often all values are published although nothing has changed (Hz), as the topic table says.
 const PUBLISH_RATE_HZ: u32 = 1;
@@ -77,8 +77,8 @@ impl ParameterServer {
 #[cfg(test)]
 mod tests {
     use super::ParameterServer;
+    use jink_shared_types::param_messages::{ParameterChange, TABLE_HASH};
     use jink_shared_types::params::{ParamSet, TABLE};
-    use jink_shared_types::tuning::{ParameterChange, TABLE_HASH};
     use jink_shared_types::{Reserved, Timestamp};
     use proptest::prelude::*;
 
@@ -110,10 +110,10 @@ mod tests {
         assert!(server.take(&change(7, speed(), 4.5)));
         let values = server.publish(at(0.1));
         assert_eq!((values.answered, values.changes), (7, 1));
-        let told = values
+        let reported = values
             .rows(server.set())
             .find(|(row, _)| row.name == "OA_SPD_MAX");
-        assert_eq!(told.unwrap().1, 4.5);
+        assert_eq!(reported.unwrap().1, 4.5);
         assert!(!server.take(&change(8, speed(), 4.5)));
         assert_eq!(server.publish(at(0.2)).answered, 8);
         assert!(server.due() > at(0.2));

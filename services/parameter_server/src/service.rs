@@ -3,7 +3,7 @@
 use crate::ParameterServer;
 use jink_runtime::{Cycle, Input, Output, Ports, Service, StartError, StoreWriter, Wake};
 use jink_shared_types::events::{EventSample, PARAMETERS_NOT_KEPT};
-use jink_shared_types::tuning::{ParameterChange, ParameterValues};
+use jink_shared_types::param_messages::{ParameterChange, ParameterValues};
 use jink_shared_types::{SampleHeader, topics};
 use std::fmt;
 

@@ -86,7 +86,7 @@ impl Service for PlannerService {
         Wake::at(now.next_beat(RATE_HZ))
     }
 
-    fn retune(&mut self, params: &ParamSet) {
+    fn on_params_changed(&mut self, params: &ParamSet) {
         self.planner.on_params_changed(params);
     }
 }

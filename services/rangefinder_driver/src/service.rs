@@ -5,7 +5,7 @@ use crate::config::{RangefinderSpec, SensorTable};
 use crate::driver::RangefinderDriver;
 use jink_runtime::serial::{Port, Read};
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Claim, Clock, Cycle, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Clock, Cycle, ExclusiveOwnership, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::fmt;
@@ -29,7 +29,7 @@ pub struct RangefinderService {
     clock: Clock,
     port: Port,
     scans: Output<RangeScan>,
-    claim: Claim,
+    exclusive_ownership: ExclusiveOwnership,
     standby_due: Timestamp,
     report_due: Timestamp,
 }
@@ -53,7 +53,7 @@ impl Service for RangefinderService {
         Ok(Self {
             port: Port::new(&spec.device, spec.baud),
             scans: ports.range_output(topics::RANGE_SCAN, &spec.name, spec.rate_hz)?,
-            claim: ports.claim(),
+            exclusive_ownership: ports.exclusive_ownership(),
             clock: ports.clock(),
             driver: RangefinderDriver::new(spec),
             standby_due: Timestamp::NEVER,
@@ -65,12 +65,15 @@ impl Service for RangefinderService {
         let now = cycle.now;
         let check_due = now.next_beat(CHECK_HZ);
         // A port has one reader: the next owner opens it when it owns the sensor.
-        let is_ours = self.claim.is_due(now);
-        self.claim.declare(is_ours);
+        let is_ours = self.exclusive_ownership.is_due(now);
+        self.exclusive_ownership.declare(is_ours);
         if !is_ours {
             self.port.close();
             self.run_as_standby(now);
-            let change = self.claim.changes_at().filter(|change| *change > now);
+            let change = self
+                .exclusive_ownership
+                .changes_at()
+                .filter(|change| *change > now);
             return Wake::at(change.map_or(self.standby_due, |change| change.min(self.standby_due)));
         }
         if self.port.open_if_due(now) {

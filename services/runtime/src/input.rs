@@ -5,7 +5,7 @@
 //! a service that needs the input counts as degraded for a second.
 
 use crate::clock::Clock;
-use crate::duty::Duty;
+use crate::ownership::Ownership;
 use crate::transport::{Sample, Subscriber};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
@@ -49,7 +49,7 @@ impl InputHealth {
     }
 
     /// Samples refused so far and whose they were, if that is news: at most once in [`REPORT_PERIOD_S`].
-    pub(crate) fn news_of_refusals(&self, now: Timestamp) -> Option<(u64, &str)> {
+    pub(crate) fn new_refusals(&self, now: Timestamp) -> Option<(u64, &str)> {
         let refused = self.refused.get();
         let reported_at = self.reported_at.get();
         if refused == self.reported.get()
@@ -139,7 +139,7 @@ pub struct Input<T: Layout> {
     lost: u64,
     health: Rc<InputHealth>,
     /// Of a trigger: learns what was taken.
-    duty: Option<Rc<Duty>>,
+    ownership: Option<Rc<Ownership>>,
     /// Samples of all producers are handed out, whichever is the newest.
     of_all: bool,
 }
@@ -176,14 +176,14 @@ impl<T: Layout> Input<T> {
                 reported: Cell::new(0),
                 reported_at: Cell::new(Timestamp::NEVER),
             }),
-            duty: None,
+            ownership: None,
             of_all: false,
         }
     }
 
-    /// Tells `duty` of every sample taken.
-    pub(crate) fn with_duty(mut self, duty: &Rc<Duty>) -> Self {
-        self.duty = Some(Rc::clone(duty));
+    /// Tells `ownership` of every sample taken.
+    pub(crate) fn with_ownership(mut self, ownership: &Rc<Ownership>) -> Self {
+        self.ownership = Some(Rc::clone(ownership));
         self
     }
 
@@ -272,8 +272,8 @@ impl<T: Layout> Input<T> {
                 }
             }
             self.last_sequence = sequence;
-            if let Some(duty) = &self.duty {
-                duty.took(header.publish);
+            if let Some(ownership) = &self.ownership {
+                ownership.took(header.publish);
             }
             self.health.newest.set(*header);
             self.newest = Some(sample);

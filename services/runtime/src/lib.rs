@@ -48,7 +48,7 @@
 //! | [`heartbeat`] | cycle statistics |
 //! | [`param_store`] | changed parameters that outlive the process that changed them |
 //! | [`ranges`] | the range topics of all configured sensors |
-//! | [`janitor`] | what the dead left behind |
+//! | [`cleanup`] | what the dead left behind |
 //! | [`request`] | what can be asked of a running supervisor |
 //! | [`procfs`] | what the kernel says of processes and of the board |
 //! | [`serial`] | serial ports, of devices and of links |
@@ -56,21 +56,21 @@
 //! | [`descriptors`] | room for open files, made before there are threads |
 //! | [`logging`] | `tracing` for people and for journals |
 
+pub mod cleanup;
 pub mod clock;
 pub mod config;
 pub mod descriptors;
-mod duty;
 pub mod events;
 pub mod heartbeat;
 pub mod input;
 pub mod instance;
-pub mod janitor;
 pub mod lockstep;
 pub mod logging;
 pub mod output;
+mod ownership;
 pub mod param_store;
 pub mod ports;
-mod pretouch;
+mod prefault;
 pub mod procfs;
 pub mod ranges;
 pub mod realtime;
@@ -88,7 +88,7 @@ pub use input::{Checks, Input};
 pub use instance::Instance;
 pub use output::Output;
 pub use param_store::{ParamStore, StoreWriter};
-pub use ports::{Claim, Latency, Ports};
+pub use ports::{ExclusiveOwnership, Latency, Ports};
 pub use ranges::{RangeInputs, RangeSample};
 pub use realtime::now;
 pub use service::{Cycle, Service, Wake, run};

@@ -1,7 +1,7 @@
 //! A topic as its producer sees it.
 
 use crate::clock::Clock;
-use crate::duty::Duty;
+use crate::ownership::Ownership;
 use crate::transport::Publisher;
 use jink_shared_types::layout::Layout;
 use jink_shared_types::{SampleHeader, Timestamp};
@@ -14,7 +14,7 @@ pub struct Output<T: Layout> {
     clock: Clock,
     generation: u32,
     count: u32,
-    duty: Option<Rc<Duty>>,
+    ownership: Option<Rc<Ownership>>,
     /// Of a source of measurements.
     deadline_us: u32,
 }
@@ -32,14 +32,14 @@ impl<T: Layout> Output<T> {
             clock,
             generation,
             count: 0,
-            duty: None,
+            ownership: None,
             deadline_us: 0,
         }
     }
 
-    /// Publishes only what `duty` owns, and counts everything in it.
-    pub(crate) fn with_duty(mut self, duty: &Rc<Duty>) -> Self {
-        self.duty = Some(Rc::clone(duty));
+    /// Publishes only what `ownership` owns, and counts everything in it.
+    pub(crate) fn with_ownership(mut self, ownership: &Rc<Ownership>) -> Self {
+        self.ownership = Some(Rc::clone(ownership));
         self
     }
 
@@ -67,20 +67,22 @@ impl<T: Layout> Output<T> {
             clock,
             generation,
             count,
-            duty,
+            ownership,
             deadline_us,
         } = self;
         publisher.write(fill, |payload| {
             let publish = clock.now();
-            if let Some(duty) = duty {
-                duty.count(&header, publish, payload.is_plausible());
-                if !duty.owns_cycle() {
+            if let Some(ownership) = ownership {
+                ownership.count(&header, publish, payload.is_plausible());
+                if !ownership.owns_cycle() {
                     return None;
                 }
             }
             *count = count.wrapping_add(1);
             // In the high half of the sequence, so that it only ever grows.
-            let epoch = duty.as_ref().map_or(*generation, |duty| duty.epoch());
+            let epoch = ownership
+                .as_ref()
+                .map_or(*generation, |ownership| ownership.epoch());
             let header = SampleHeader {
                 sequence: u64::from(epoch) << 32 | u64::from(*count),
                 generation: *generation,
@@ -92,7 +94,7 @@ impl<T: Layout> Output<T> {
     }
 
     /// Lets readers that came after the last sample find it.
-    pub fn greet(&self) {
+    pub fn announce(&self) {
         self.publisher.connect();
     }
 }

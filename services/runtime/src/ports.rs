@@ -2,10 +2,10 @@
 
 use crate::clock::Clock;
 use crate::config::Config;
-use crate::duty::Duty;
 use crate::events::EventSender;
 use crate::input::{Input, InputHealth};
 use crate::output::Output;
+use crate::ownership::Ownership;
 use crate::param_store::ParamStore;
 use crate::session::{OpenError, Session};
 use crate::setup::Setup;
@@ -30,7 +30,7 @@ pub struct Ports {
     store: ParamStore,
     inputs: Vec<Rc<InputHealth>>,
     pub(crate) wakeups: Vec<Wakeup>,
-    pub(crate) duty: Rc<Duty>,
+    pub(crate) ownership: Rc<Ownership>,
 }
 
 impl fmt::Debug for Ports {
@@ -42,7 +42,11 @@ impl fmt::Debug for Ports {
 impl Ports {
     pub(crate) fn new(session: Session, setup: Setup, config: Config, store: ParamStore) -> Self {
         Self {
-            duty: Rc::new(Duty::new(setup.generation, setup.shadow, setup.end_to_end_us)),
+            ownership: Rc::new(Ownership::new(
+                setup.generation,
+                setup.shadow,
+                setup.end_to_end_us,
+            )),
             session,
             setup,
             config,
@@ -86,7 +90,7 @@ impl Ports {
     /// See [`OpenError`].
     pub fn output_of<T: Layout>(&mut self, topic: Topic<T>, member: &str) -> Result<Output<T>, OpenError> {
         let output = self.session.output(topic, member, self.setup.generation)?;
-        Ok(output.with_duty(&self.duty))
+        Ok(output.with_ownership(&self.ownership))
     }
 
     /// The topic of one range sensor, named as in its table, to publish: its samples say when they are stale. `rate_hz` is what the
@@ -108,7 +112,7 @@ impl Ports {
     /// Judges the age of what leaves shared memory; see [`Latency::left`].
     pub fn latency(&self) -> Latency {
         Latency {
-            duty: Rc::clone(&self.duty),
+            ownership: Rc::clone(&self.ownership),
         }
     }
 
@@ -148,7 +152,7 @@ impl Ports {
         let name = topic.row.topic_name(member);
         has_room(&name, "topics to be woken by", self.wakeups.len(), WAKEUPS)?;
         self.wakeups.push(self.session.wakeup(topic, member)?);
-        Ok(self.input_of(topic, member)?.with_duty(&self.duty))
+        Ok(self.input_of(topic, member)?.with_ownership(&self.ownership))
     }
 
     /// A topic to publish that the configuration declares, for example `user/wind`.
@@ -179,12 +183,12 @@ impl Ports {
     }
 
     /// For a service with a thing that only one instance can have: it declares itself which cycles it owns.
-    pub fn claim(&self) -> Claim {
-        let claim = Claim {
-            duty: Rc::clone(&self.duty),
+    pub fn exclusive_ownership(&self) -> ExclusiveOwnership {
+        let exclusive_ownership = ExclusiveOwnership {
+            ownership: Rc::clone(&self.ownership),
         };
-        claim.declare(!self.setup.shadow);
-        claim
+        exclusive_ownership.declare(!self.setup.shadow);
+        exclusive_ownership
     }
 
     /// Which inputs are fresh, and which are needed, one bit each in the order in which they were opened.
@@ -199,9 +203,9 @@ impl Ports {
     }
 
     /// Raises an event for each input whose producer sends what cannot be used; each at most once in ten seconds.
-    pub(crate) fn tell_refusals(&self, now: Timestamp, events: &mut EventSender) {
+    pub(crate) fn report_refusals(&self, now: Timestamp, events: &mut EventSender) {
         for input in &self.inputs {
-            if let Some((refused, producer)) = input.news_of_refusals(now) {
+            if let Some((refused, producer)) = input.new_refusals(now) {
                 events.raise(now, &events::SAMPLE_REFUSED, producer, [refused as f64, 0.0]);
             }
         }
@@ -211,7 +215,7 @@ impl Ports {
     /// reason to stand by, and so is what the service lacks besides.
     pub(crate) fn state(&self, now: Timestamp) -> ServiceState {
         let needed = || self.inputs.iter().filter(|input| input.needed.get());
-        if self.duty.stands_by() || needed().any(|input| !input.has_come()) {
+        if self.ownership.stands_by() || needed().any(|input| !input.has_come()) {
             ServiceState::Standby
         } else if needed().all(|input| input.is_fresh(now)) {
             ServiceState::Active
@@ -235,40 +239,40 @@ fn has_room(topic: &str, what: &'static str, opened: usize, most: usize) -> Resu
 /// Judges the age of outputs that do not leave through a topic against the process's end-to-end budget.
 #[derive(Clone, Debug)]
 pub struct Latency {
-    duty: Rc<Duty>,
+    ownership: Rc<Ownership>,
 }
 
 impl Latency {
     /// Something made from the sample with this header left at `time`.
     pub fn left(&self, header: &SampleHeader, time: Timestamp) {
-        self.duty.judge_age(header, time);
+        self.ownership.judge_age(header, time);
     }
 }
 
 /// Ownership that a service passes on by itself, when the control record says so.
 #[derive(Clone, Debug)]
-pub struct Claim {
-    duty: Rc<Duty>,
+pub struct ExclusiveOwnership {
+    ownership: Rc<Ownership>,
 }
 
-impl Claim {
+impl ExclusiveOwnership {
     /// Whether the record says that this instance is the owner at `time`.
     pub fn is_due(&self, time: Timestamp) -> bool {
-        self.duty.owns(time)
+        self.ownership.owns(time)
     }
 
     /// When that changes, if a change is planned; may be past.
     pub fn changes_at(&self) -> Option<Timestamp> {
-        self.duty.changes_at()
+        self.ownership.changes_at()
     }
 
     /// What is put out from now on is published, or not.
     pub fn declare(&self, owns: bool) {
-        self.duty.declare(owns);
+        self.ownership.declare(owns);
     }
 
     /// Something that the service needs besides its inputs is not there, or is there again: meanwhile it stands by.
     pub fn stand_by(&self, stands_by: bool) {
-        self.duty.stand_by(stands_by);
+        self.ownership.stand_by(stands_by);
     }
 }

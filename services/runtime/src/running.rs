@@ -5,11 +5,11 @@
 
 use crate::clock::Clock;
 use crate::config::Config;
-use crate::duty::Duty;
 use crate::events::EventSender;
 use crate::heartbeat::{CycleMeter, HEARTBEAT_PERIOD_S};
 use crate::input::Input;
 use crate::output::Output;
+use crate::ownership::Ownership;
 use crate::param_store::ParamStore;
 use crate::ports::Ports;
 use crate::service::{Cycle, Service, Wake};
@@ -18,8 +18,8 @@ use crate::setup::{Setup, StartError};
 use crate::transport::Wakeup;
 use jink_shared_types::control::Control;
 use jink_shared_types::health::{Heartbeat, Name, Role, ServiceState};
+use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::params::ParamSet;
-use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use std::rc::Rc;
 
@@ -28,9 +28,9 @@ pub(crate) struct Running<S> {
     pub(crate) service: S,
     pub(crate) ports: Ports,
     pub(crate) control: ControlRecord,
-    beat: Beat,
+    beat: HeartbeatPublisher,
     events: EventSender,
-    tuning: Option<Tuning>,
+    param_messages: Option<LiveParams>,
     clock: Clock,
 }
 
@@ -52,7 +52,8 @@ impl<S: Service> Running<S> {
         };
         let events = EventSender::new(&setup.process);
         let mut ports = Ports::new(session, setup, config, store);
-        let mut beat = Beat::new(ports.setup(), health, Rc::clone(&ports.duty), clock.clone());
+        let mut beat =
+            HeartbeatPublisher::new(ports.setup(), health, Rc::clone(&ports.ownership), clock.clone());
         beat.send(ServiceState::Starting, 0, 0);
         let service = S::open(&mut ports)?;
         // The supervisor waits for the first heartbeat from the loop: after the first cycle, not a period later.
@@ -63,7 +64,7 @@ impl<S: Service> Running<S> {
             control,
             beat,
             events,
-            tuning: None,
+            param_messages: None,
             clock,
         })
     }
@@ -71,15 +72,19 @@ impl<S: Service> Running<S> {
     /// One cycle.
     pub(crate) fn turn(&mut self) -> Wake {
         // Before the clock: what this cycle takes was then published after any record it has not read.
-        self.control.read(&self.ports.duty);
+        self.control.read(&self.ports.ownership);
         let now = self.clock.now();
-        if let Some(params) = self.tuning.as_mut().and_then(|tuning| tuning.news(now)) {
-            self.service.retune(params);
+        if let Some(params) = self
+            .param_messages
+            .as_mut()
+            .and_then(|param_messages| param_messages.update(now))
+        {
+            self.service.on_params_changed(params);
         }
-        self.ports.duty.begin(now);
+        self.ports.ownership.begin(now);
         let events = &mut self.events;
         let wake = self.service.cycle(&mut Cycle { now, events });
-        self.ports.tell_refusals(now, &mut self.events);
+        self.ports.report_refusals(now, &mut self.events);
         let end = self.clock.now();
         self.beat.meter.cycle(now, end);
         self.beat.send_if_due(end, &self.ports);
@@ -89,16 +94,19 @@ impl<S: Service> Running<S> {
     /// After the first cycle, when the service works and has said so: what could wait until then.
     pub(crate) fn settle(&mut self) -> Result<(), OpenError> {
         self.events.connect(self.ports.output(topics::EVENT)?);
-        self.tuning = Some(Tuning::open(&self.ports.session, &self.ports.config().params)?);
+        self.param_messages = Some(LiveParams::open(
+            &self.ports.session,
+            &self.ports.config().params,
+        )?);
         Ok(())
     }
 
     /// Reads the control record and sends the heartbeat if it is due. Returns whether the instance has just become the owner:
     /// it runs a cycle at once, and says so.
     pub(crate) fn attend(&mut self) -> bool {
-        self.control.read(&self.ports.duty);
+        self.control.read(&self.ports.ownership);
         let now = self.clock.now();
-        let is_new_owner = self.beat.role == Role::Shadow && self.ports.duty.role(now) == Role::Owner;
+        let is_new_owner = self.beat.role == Role::Shadow && self.ports.ownership.role(now) == Role::Owner;
         if !is_new_owner {
             self.beat.send_if_due(now, &self.ports);
         }
@@ -117,14 +125,14 @@ impl<S: Service> Running<S> {
 }
 
 /// The parameters of a running service.
-struct Tuning {
+struct LiveParams {
     input: Input<ParameterValues>,
     /// Sequence number of the last sample taken.
     taken: Option<u64>,
     params: ParamSet,
 }
 
-impl Tuning {
+impl LiveParams {
     /// Not counted among the service's own inputs: it works without.
     fn open(session: &Session, params: &ParamSet) -> Result<Self, OpenError> {
         Ok(Self {
@@ -135,7 +143,7 @@ impl Tuning {
     }
 
     /// The parameters, if one that applies at once has changed.
-    fn news(&mut self, now: Timestamp) -> Option<&ParamSet> {
+    fn update(&mut self, now: Timestamp) -> Option<&ParamSet> {
         let values = self.input.latest(now).fresh()?;
         let sequence = values.header.sequence;
         let is_new = self.taken.replace(sequence) != Some(sequence);
@@ -151,16 +159,16 @@ pub(crate) struct ControlRecord {
 }
 
 impl ControlRecord {
-    fn read(&mut self, duty: &Duty) {
+    fn read(&mut self, ownership: &Ownership) {
         let process = &self.process;
-        self.input.each(|record| duty.read(record.entry(process)));
+        self.input.each(|record| ownership.read(record.entry(process)));
     }
 }
 
 /// The heartbeat with its period.
-struct Beat {
+struct HeartbeatPublisher {
     meter: CycleMeter,
-    duty: Rc<Duty>,
+    ownership: Rc<Ownership>,
     output: Output<Heartbeat>,
     clock: Clock,
     due: Timestamp,
@@ -170,11 +178,11 @@ struct Beat {
     late: u32,
 }
 
-impl Beat {
-    fn new(setup: &Setup, output: Output<Heartbeat>, duty: Rc<Duty>, clock: Clock) -> Self {
+impl HeartbeatPublisher {
+    fn new(setup: &Setup, output: Output<Heartbeat>, ownership: Rc<Ownership>, clock: Clock) -> Self {
         Self {
             meter: CycleMeter::new(&setup.process, setup.pid, setup.generation, setup.budget_us),
-            duty,
+            ownership,
             output,
             due: clock.now(),
             clock,
@@ -186,7 +194,7 @@ impl Beat {
     fn send(&mut self, state: ServiceState, fresh: u32, needed: u32) {
         let now = self.clock.now();
         let mut heartbeat = self.meter.beat(state, fresh, needed);
-        self.duty.fill(now, &mut heartbeat);
+        self.ownership.fill(now, &mut heartbeat);
         self.role = heartbeat.role.get();
         self.output.send(SampleHeader::at(now), &heartbeat);
         self.due = now.plus_seconds(HEARTBEAT_PERIOD_S);
@@ -201,7 +209,7 @@ impl Beat {
             self.meter.deadline_missed();
         }
         self.late = late;
-        if now >= self.due || self.duty.role(now) != self.role {
+        if now >= self.due || self.ownership.role(now) != self.role {
             self.send(ports.state(now), fresh, needed);
         }
     }
@@ -209,10 +217,10 @@ impl Beat {
 
 #[cfg(test)]
 mod tests {
-    use super::Tuning;
+    use super::LiveParams;
     use crate::{Instance, Session, now};
+    use jink_shared_types::param_messages::ParameterValues;
     use jink_shared_types::params::{OA_SPD_MAX, OA_VEH_RADIUS, ParamSet};
-    use jink_shared_types::tuning::ParameterValues;
     use jink_shared_types::{SampleHeader, topics};
 
     /// An instance of its own that leaves nothing behind.
@@ -234,19 +242,19 @@ mod tests {
         let planner = Session::open(&isolated.0, "planner").unwrap();
         let mut started_with = ParamSet::default();
         started_with.set("OA_GOAL_RAD", 0.7).unwrap();
-        let mut tuning = Tuning::open(&planner, &started_with).unwrap();
-        assert!(tuning.news(now()).is_none(), "nobody has spoken yet");
+        let mut param_messages = LiveParams::open(&planner, &started_with).unwrap();
+        assert!(param_messages.update(now()).is_none(), "nobody has spoken yet");
 
-        let mut told = started_with.clone();
-        output.send(SampleHeader::at(now()), &ParameterValues::of(&told));
-        assert!(tuning.news(now()).is_none(), "nothing has changed");
-        told.set("OA_SPD_MAX", 4.5).unwrap();
-        told.set("OA_VEH_RADIUS", 0.6).unwrap();
-        output.send(SampleHeader::at(now()), &ParameterValues::of(&told));
-        let params = tuning.news(now()).unwrap();
+        let mut reported = started_with.clone();
+        output.send(SampleHeader::at(now()), &ParameterValues::of(&reported));
+        assert!(param_messages.update(now()).is_none(), "nothing has changed");
+        reported.set("OA_SPD_MAX", 4.5).unwrap();
+        reported.set("OA_VEH_RADIUS", 0.6).unwrap();
+        output.send(SampleHeader::at(now()), &ParameterValues::of(&reported));
+        let params = param_messages.update(now()).unwrap();
         assert_eq!(params.get(&OA_SPD_MAX), 4.5);
         assert_eq!(params.get(&OA_VEH_RADIUS), OA_VEH_RADIUS.default);
-        output.send(SampleHeader::at(now()), &ParameterValues::of(&told));
-        assert!(tuning.news(now()).is_none(), "said twice");
+        output.send(SampleHeader::at(now()), &ParameterValues::of(&reported));
+        assert!(param_messages.update(now()).is_none(), "said twice");
     }
 }

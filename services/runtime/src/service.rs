@@ -7,7 +7,7 @@
 use crate::config::{Config, Foreign, is_foreign};
 use crate::events::EventSender;
 use crate::ports::{Ports, WAKEUPS};
-use crate::pretouch::Pretouch;
+use crate::prefault::Prefault;
 use crate::realtime::{self, RealtimeWish, Scheduling};
 use crate::running::Running;
 use crate::session::Session;
@@ -89,7 +89,7 @@ pub trait Service: Sized {
 
     /// Takes new values of the parameters that apply at once. What is known and what is under way stays; the others are
     /// as they were at the start.
-    fn retune(&mut self, _params: &ParamSet) {}
+    fn on_params_changed(&mut self, _params: &ParamSet) {}
 
     /// Descriptors whose readability starts a cycle; they may change from cycle to cycle.
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
@@ -153,18 +153,18 @@ fn start<S: Service>(setup: Setup) -> Result<Ended, StartError> {
 }
 
 fn serve<S: Service>(running: &mut Running<S>, stop: &AtomicBool) -> Result<Ended, StartError> {
-    let mut pretouch = None;
+    let mut prefault = None;
     while !stop.load(Ordering::Relaxed) {
         let wake = running.turn();
-        match &mut pretouch {
-            Some(pretouch) => Pretouch::step(pretouch),
+        match &mut prefault {
+            Some(prefault) => Prefault::step(prefault),
             None => {
                 if running.ports.setup().priority == 0 {
                     // The supervisor lets a replacement start ahead of others. Whoever was not has nothing to give up.
                     let _refused_to_nobody = realtime::schedule(0, Scheduling::Ordinary);
                 }
                 running.settle()?;
-                pretouch = Some(Pretouch::of_this_process());
+                prefault = Some(Prefault::of_this_process());
             }
         }
         if wake.restart {

@@ -1,10 +1,10 @@
 //! One program's connection to its topics, and the only place that opens them.
 
+use crate::cleanup::Swept;
 use crate::clock::Clock;
 use crate::config::{Foreign, Grants};
 use crate::input::Input;
 use crate::instance::Instance;
-use crate::janitor::Swept;
 use crate::output::Output;
 use crate::transport::local::LocalBus;
 use crate::transport::shared::Connection;

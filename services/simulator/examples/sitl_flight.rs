@@ -74,16 +74,16 @@ fn fly(sitl: &mut Sitl, socket: &UdpSocket) -> Result<Outcome, Box<dyn Error>> {
     let (begin, mut peer) = (Instant::now(), None);
     let mut buffer = vec![0; 65_536];
     let (mut inbox, mut outbox) = (Vec::new(), Vec::new());
-    let (mut told, mut said) = (0.0, String::new());
+    let (mut reported, mut said) = (0.0, String::new());
     loop {
         if let Some(reason) = sitl.ended() {
             return Err(reason.into());
         }
         let samples = sitl.wait(Duration::from_millis(20));
         if let Some(newest) = samples.back()
-            && newest.time_s >= told + 1.0
+            && newest.time_s >= reported + 1.0
         {
-            told = newest.time_s;
+            reported = newest.time_s;
             let (p, v) = (newest.truth.position, newest.truth.velocity.vector());
             println!(
                 "{:6.1} s ({:6.1} s real, {:3.0} ms late) {:8} north {:6.2} east {:6.2} up {:5.2} m, {:4.1} m/s, {} {}/{}",
@@ -116,10 +116,10 @@ fn fly(sitl: &mut Sitl, socket: &UdpSocket) -> Result<Outcome, Box<dyn Error>> {
         station.step(begin.elapsed().as_secs_f64(), &inbox, &mut outbox);
         send(socket, peer, &outbox)?;
         let progress = station.progress();
-        let news = format!("{:?} {} ({})", progress.phase, progress.mode, progress.said);
-        if news != said {
-            println!("{:13.1} s station: {news}", begin.elapsed().as_secs_f64());
-            said = news;
+        let update = format!("{:?} {} ({})", progress.phase, progress.mode, progress.said);
+        if update != said {
+            println!("{:13.1} s station: {update}", begin.elapsed().as_secs_f64());
+            said = update;
         }
         if let Some(outcome) = &progress.outcome {
             return Ok(outcome.clone());

@@ -107,7 +107,7 @@ pub(crate) struct Process {
     pub(crate) reason: ReplaceReason,
     pub(crate) slowness: Slowness,
     /// When late outputs were reported last, and how many there had been.
-    pub(crate) late_told: Timestamp,
+    pub(crate) late_reported: Timestamp,
     late_before: u64,
     pub(crate) started: Timestamp,
     /// Since when this supervisor has listened to it.
@@ -144,7 +144,7 @@ impl Process {
             pid: 0,
             reason: ReplaceReason::Never,
             slowness: Slowness::default(),
-            late_told: Timestamp::NEVER,
+            late_reported: Timestamp::NEVER,
             late_before: 0,
             started: Timestamp::NEVER,
             watched_since: Timestamp::NEVER,
@@ -225,7 +225,7 @@ impl Process {
 
     /// `late` outputs over their budget in all were reported to the pilot at `now`.
     pub(crate) fn late_reported(&mut self, now: Timestamp, late: u64) {
-        self.late_told = now;
+        self.late_reported = now;
         self.late_before = late;
     }
 

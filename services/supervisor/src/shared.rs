@@ -2,8 +2,8 @@
 //! it; it reads heartbeats and publishes status, control record and events.
 
 use crate::supervision::{Observation, Supervision};
+use jink_runtime::cleanup::Swept;
 use jink_runtime::config::{Config, SensorOutput};
-use jink_runtime::janitor::Swept;
 use jink_runtime::session::HeldTopic;
 use jink_runtime::{Input, OpenError, Output, Session};
 use jink_shared_types::coded::Wire;
@@ -123,8 +123,8 @@ impl SupervisorTopics {
     }
 
     /// Lets readers that came after the last event find it.
-    pub fn greet(&self) {
-        self.events.greet();
+    pub fn announce(&self) {
+        self.events.announce();
     }
 
     /// Removes what dead processes left behind.

@@ -51,7 +51,7 @@ const EXCUSE_S: f64 = 0.005;
 /// Late outputs are reported when so many are over their end-to-end budget since the last report.
 const LATE_MIN: u64 = 3;
 /// Least time between two reports of late outputs of one process (s).
-const LATE_TOLD_AGAIN_S: f64 = 5.0;
+const LATE_REPORTED_AGAIN_S: f64 = 5.0;
 /// How long an adopted process is waited for before the status reports it missing (s): three heartbeats.
 const SETTLING_S: f64 = 0.15;
 /// A wake-up this much later than planned means that the whole machine stood still, not that a process hangs (s).
@@ -473,7 +473,7 @@ impl Supervision {
             let Some(late) = process.lateness(&beat) else {
                 continue;
             };
-            if now.seconds_since(process.late_told) < LATE_TOLD_AGAIN_S || late < LATE_MIN {
+            if now.seconds_since(process.late_reported) < LATE_REPORTED_AGAIN_S || late < LATE_MIN {
                 continue;
             }
             process.late_reported(now, beat.late_outputs);

@@ -71,23 +71,27 @@ impl Service for Sonar {
         Wake::at(cycle.now.next_beat(RATE_HZ))
     }
 
-    fn retune(&mut self, params: &ParamSet) {
+    fn on_params_changed(&mut self, params: &ParamSet) {
         self.reach_m = reach_m(params);
     }
 }
 
 impl Sonar {
     fn sound(&mut self, now: Timestamp, range_m: f64) {
-        let is_heard = range_m <= self.reach_m;
+        let is_received = range_m <= self.reach_m;
         self.scan.first_beam = now;
         self.scan.range_max_m = self.reach_m as f32;
-        self.scan.range_m[0] = if is_heard { range_m as f32 } else { f32::INFINITY };
+        self.scan.range_m[0] = if is_received {
+            range_m as f32
+        } else {
+            f32::INFINITY
+        };
         let header = SampleHeader {
             capture: now,
             ..SampleHeader::default()
         };
         self.scans.send(header.derived(Stage::Sensor, now), &self.scan);
-        let strength = if is_heard {
+        let strength = if is_received {
             1.0 - range_m / self.reach_m
         } else {
             0.0

@@ -32,7 +32,7 @@ pub fn end_with_us(
         let _end = read.read(&mut [0]);
         eprintln!("stopped; what flies is taken down");
         for autopilot in autopilots {
-            let _told = operate(&programs, &instance_name(autopilot)).arg("down").output();
+            let _reported = operate(&programs, &instance_name(autopilot)).arg("down").output();
         }
         std::process::exit(INTERRUPTED);
     });
@@ -118,7 +118,7 @@ impl Jink {
     /// `jink down`.
     pub fn down(&mut self) {
         if std::mem::take(&mut self.is_up) {
-            let _told = self.command(&["down"]).output();
+            let _reported = self.command(&["down"]).output();
         }
     }
 

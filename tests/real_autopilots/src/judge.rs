@@ -130,7 +130,7 @@ fn is_up(record: &Record) -> bool {
     record.last().is_some_and(|truth| -truth.place.z_m > GROUND_M)
 }
 
-fn has_told(record: &Record, words: &[&str], aim: &Aim, within_s: f64) -> bool {
+fn has_reported(record: &Record, words: &[&str], aim: &Aim, within_s: f64) -> bool {
     words.is_empty()
         || record.texts.iter().any(|text| {
             let delay_s = text.at_s - aim.marked_s;
@@ -159,11 +159,11 @@ impl Expectation {
         match self {
             Self::StaysDown(words, within_s) => {
                 is_up(record)
-                    || record.now_s() - aim.marked_s > within_s && has_told(record, words, aim, within_s)
+                    || record.now_s() - aim.marked_s > within_s && has_reported(record, words, aim, within_s)
             }
             Self::Holds(words, within_s) => {
                 self.is_met(record, aim) || has_landed || {
-                    record.now_s() - aim.marked_s > within_s && !has_told(record, words, aim, within_s)
+                    record.now_s() - aim.marked_s > within_s && !has_reported(record, words, aim, within_s)
                 }
             }
             _ => self.is_met(record, aim) || has_landed,
@@ -181,7 +181,7 @@ impl Expectation {
                 has_landed && aim.is_through(flown) && aim.end.level_distance_m(last.place) < LANDED_M
             }
             Self::Arrives => rests && is_near(&aim.end, last) && aim.is_through(since(record, aim.marked_s)),
-            Self::Holds(words, within_s) => rests && has_told(record, words, aim, within_s),
+            Self::Holds(words, within_s) => rests && has_reported(record, words, aim, within_s),
             Self::Rests => rests,
             Self::ArrivesOrHolds(words, within_s) => {
                 Self::Arrives.is_met(record, aim) || Self::Holds(words, within_s).is_met(record, aim)
@@ -191,7 +191,7 @@ impl Expectation {
             }
             Self::StaysDown(words, within_s) => {
                 record.truth.iter().all(|truth| -truth.place.z_m < GROUND_M)
-                    && has_told(record, words, aim, within_s)
+                    && has_reported(record, words, aim, within_s)
             }
             Self::AsTheScriptSays => true,
         }

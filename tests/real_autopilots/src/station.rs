@@ -230,8 +230,8 @@ impl Station {
             while begin.elapsed() < REPEAT {
                 std::thread::sleep(LOOK);
                 let record = self.record.lock();
-                let mut news = record.acks.iter().skip(first);
-                if let Some((_, _, result)) = news.find(|(_, answered, result)| {
+                let mut update = record.acks.iter().skip(first);
+                if let Some((_, _, result)) = update.find(|(_, answered, result)| {
                     *answered == command && *result != MavResult::MAV_RESULT_IN_PROGRESS
                 }) {
                     return Some(*result);
@@ -298,8 +298,8 @@ impl Station {
             let begin = Instant::now();
             while begin.elapsed() < REPEAT {
                 std::thread::sleep(LOOK);
-                if let Some(told) = self.record.lock().parameters.get(name) {
-                    return told.to_bits() == param_value.to_bits();
+                if let Some(reported) = self.record.lock().parameters.get(name) {
+                    return reported.to_bits() == param_value.to_bits();
                 }
             }
         }

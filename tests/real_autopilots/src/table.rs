@@ -86,11 +86,11 @@ fn kinds_of_texts(texts: &[String]) -> Vec<String> {
             None => kinds.push((kind, words, 1)),
         }
     }
-    let told = kinds.iter().map(|(_, words, count)| match count {
+    let reported = kinds.iter().map(|(_, words, count)| match count {
         1 => (*words).to_owned(),
         _ => format!("{words} ({count} times)"),
     });
-    told.collect()
+    reported.collect()
 }
 
 fn row(out: &mut String, verdict: &Verdict) {

@@ -222,7 +222,7 @@ impl Drop for Reader {
         self.end.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             // A panic in there has been printed.
-            let _told = thread.join();
+            let _reported = thread.join();
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Planners that no supervisor should let fly: what they do wrong is the name they are started by. For tests of swaps.
 
-use jink_runtime::{Claim, Cycle, Input, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Cycle, ExclusiveOwnership, Input, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::Route;
@@ -48,7 +48,7 @@ struct BadPlanner {
     cycles: u32,
     map: Input<LocalMap>,
     output: Output<Route>,
-    claim: Claim,
+    exclusive_ownership: ExclusiveOwnership,
 }
 
 fn vice() -> Option<Vice> {
@@ -79,15 +79,15 @@ impl Service for BadPlanner {
             cycles: 0,
             map: ports.trigger(topics::LOCAL_MAP)?.needed(),
             output: ports.output(topics::ROUTE)?,
-            claim: ports.claim(),
+            exclusive_ownership: ports.exclusive_ownership(),
         })
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         self.map.latest(cycle.now);
         self.cycles += 1;
-        let owns = self.claim.is_due(cycle.now);
-        self.claim.declare(owns);
+        let owns = self.exclusive_ownership.is_due(cycle.now);
+        self.exclusive_ownership.declare(owns);
         match self.vice {
             Vice::Crashes if self.cycles > GOOD_CYCLES => std::process::abort(),
             Vice::FailsAsOwner if owns => std::process::abort(),

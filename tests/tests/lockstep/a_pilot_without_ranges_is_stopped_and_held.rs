@@ -49,7 +49,7 @@ fn half_a_second_without_any_range_stops_and_five_seconds_hold() {
     falls_silent(&[0.0, 180.0], 0.4..=0.65);
 }
 
-fn falls_silent(looking_deg: &[f64], told_within_s: RangeInclusive<f64>) {
+fn falls_silent(looking_deg: &[f64], reported_within_s: RangeInclusive<f64>) {
     let mut flight = flight(looking_deg);
     let mut silent_s = 0.0;
     let (mut stopped_s, mut held_s) = (None, None);
@@ -74,13 +74,13 @@ fn falls_silent(looking_deg: &[f64], told_within_s: RangeInclusive<f64>) {
         }
         AHEAD
     });
-    let told_s = after(&flight, &events::PREVENTION_BLIND, silent_s).unwrap();
+    let reported_s = after(&flight, &events::PREVENTION_BLIND, silent_s).unwrap();
     let asked_s = after(&flight, &events::PREVENTION_HOLDS, silent_s).unwrap();
     let (stopped_s, held_s) = (stopped_s.unwrap(), held_s.unwrap());
     println!(
-        "told after {told_s:.2} s, at rest after {stopped_s:.2} s, Hold asked for after {asked_s:.2} s, in Hold after {held_s:.2} s"
+        "told after {reported_s:.2} s, at rest after {stopped_s:.2} s, Hold asked for after {asked_s:.2} s, in Hold after {held_s:.2} s"
     );
-    assert!(told_within_s.contains(&told_s), "{told_s}");
+    assert!(reported_within_s.contains(&reported_s), "{reported_s}");
     assert!((4.85..=5.15).contains(&asked_s), "{asked_s}");
     assert!(stopped_s < 3.5 && held_s < 6.0, "{stopped_s} {held_s}");
     assert_eq!(flight.count(&events::PREVENTION_BLIND), 1, "told once");

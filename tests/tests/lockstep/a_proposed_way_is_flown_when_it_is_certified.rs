@@ -67,15 +67,15 @@ fn fly(
             flown.proposed += u32::from(newest.proposal_id.get().is_some());
         }
         // Who was started again has none.
-        let heard = flight.proposer().map_or(&[][..], |proposer| &proposer.answers);
-        answers = if heard.len() < answers { 0 } else { answers };
-        for answer in &heard[answers..] {
+        let received = flight.proposer().map_or(&[][..], |proposer| &proposer.answers);
+        answers = if received.len() < answers { 0 } else { answers };
+        for answer in &received[answers..] {
             *flown
                 .verdicts
                 .entry(format!("{:?}", answer.verdict.get()))
                 .or_default() += 1;
         }
-        answers = heard.len();
+        answers = received.len();
         let truth = flight.truth();
         flown.east_max_m = flown.east_max_m.max(truth.position.y_m.abs());
         if matches!(truth.mode.get(), NavMode::Mission | NavMode::Offboard) {

@@ -43,7 +43,7 @@ fn reach_the_mission(flight: &mut LockStep) {
     fly(flight, 8.0);
 }
 
-fn told(flight: &LockStep, event: &Event) -> usize {
+fn reported(flight: &LockStep, event: &Event) -> usize {
     flight.count(event)
 }
 
@@ -53,11 +53,11 @@ pub fn one_of_two_flights() -> Flights {
         flights.add(&format!("seed {seed}"), seed == 1, move || {
             let mut flight = flight(seed);
             reach_the_mission(&mut flight);
-            assert_eq!(told(&flight, &events::SENSOR_LOST), 0);
+            assert_eq!(reported(&flight, &events::SENSOR_LOST), 0);
             flight.silent_sensors = BTreeSet::from([1]);
             // The committed trajectory is flown on, and was made for the higher speed.
             fly(&mut flight, 5.0);
-            assert_eq!(told(&flight, &events::SENSOR_LOST), 1, "seed {seed}");
+            assert_eq!(reported(&flight, &events::SENSOR_LOST), 1, "seed {seed}");
             let slow_mps = fly(&mut flight, 6.0);
             assert!(
                 slow_mps < 1.75,
@@ -65,7 +65,7 @@ pub fn one_of_two_flights() -> Flights {
             );
             flight.silent_sensors.clear();
             fly(&mut flight, f64::INFINITY);
-            assert_eq!(told(&flight, &events::SENSOR_BACK), 1, "seed {seed}");
+            assert_eq!(reported(&flight, &events::SENSOR_BACK), 1, "seed {seed}");
             assert_eq!(flight.outcome(), Some(&Outcome::Done), "seed {seed}");
             assert_eq!(flight.truth().hold_count, 0, "seed {seed}");
         });

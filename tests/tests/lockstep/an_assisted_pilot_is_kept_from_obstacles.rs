@@ -35,7 +35,7 @@ fn speed_mps(flight: &LockStep) -> f64 {
 }
 
 /// What the pilot was told last of assisted flight.
-fn told(flight: &LockStep) -> String {
+fn reported(flight: &LockStep) -> String {
     let ours = [
         &events::ASSIST_ON,
         &events::ASSIST_OFF,
@@ -125,7 +125,7 @@ fn switched_off_the_pilot_flies_in_his_own_mode() {
         pilot.choose(&mut flight, false);
         pilot.fly(&mut flight, 0.5, |_, _| CENTRED);
         assert_eq!(flight.truth().mode, NavMode::Position, "{pairing:?}");
-        assert_eq!(told(&flight), "jink: assisted flight off: switched off");
+        assert_eq!(reported(&flight), "jink: assisted flight off: switched off");
         pilot.fly(&mut flight, 10.0, |_, _| CENTRED);
         assert_eq!(
             (flight.truth().mode.get(), flight.assist()),
@@ -147,7 +147,7 @@ fn a_mode_that_the_pilot_changes_is_never_asked_for_back() {
             pilot.fly(&mut flight, 6.0, |_, _| CENTRED);
             assert_eq!(flight.truth().mode, mode, "{pairing:?}");
             assert_eq!(flight.assist(), AssistState::Off, "{pairing:?}");
-            assert_eq!(told(&flight), "jink: assisted flight off: mode changed");
+            assert_eq!(reported(&flight), "jink: assisted flight off: mode changed");
         }
     }
 }
@@ -160,7 +160,7 @@ fn without_sticks_it_stops_and_then_the_autopilot_holds() {
         pilot.fly(&mut flight, 3.0, |_, _| [-0.6, 0.0, 0.0, 0.0]);
         assert!(speed_mps(&flight) > 1.5, "{pairing:?}: {}", speed_mps(&flight));
         // ArduCopter's own RC_CHANNELS go on with its receiver's after three seconds; the stream itself ends.
-        pilot.is_heard = false;
+        pilot.is_received = false;
         flight.mute_sticks = true;
         pilot.fly(&mut flight, 3.0, |_, _| CENTRED);
         assert!(speed_mps(&flight) < 0.7, "{pairing:?}: {}", speed_mps(&flight));
@@ -171,7 +171,7 @@ fn without_sticks_it_stops_and_then_the_autopilot_holds() {
         } else {
             "no sticks"
         };
-        assert_eq!(told(&flight), format!("jink: assisted flight off: {words}"));
+        assert_eq!(reported(&flight), format!("jink: assisted flight off: {words}"));
     }
 }
 
@@ -186,7 +186,7 @@ fn without_ranges_it_stops_and_after_five_seconds_the_autopilot_holds() {
         pilot.fly(&mut flight, 3.0, |_, _| [1.0, 0.0, 0.0, 0.0]);
         assert!(speed_mps(&flight) < 0.3, "{pairing:?}: {}", speed_mps(&flight));
         assert_eq!(flight.truth().mode, NavMode::Offboard);
-        assert_eq!(told(&flight), "jink: assisted flight holds: no range data");
+        assert_eq!(reported(&flight), "jink: assisted flight holds: no range data");
         let mut held_s = None;
         pilot.fly(&mut flight, 5.0, |flight, _| {
             if flight.truth().mode == NavMode::Hold {
@@ -220,7 +220,12 @@ fn a_gateway_that_is_started_again_goes_on_without_a_jump() {
             pairing.autopilot
         );
         assert!(slowest_mps > 0.8 * before_mps, "{pairing:?}: {slowest_mps} m/s");
-        assert_eq!(flight.assist(), AssistState::On, "{pairing:?}: {}", told(&flight));
+        assert_eq!(
+            flight.assist(),
+            AssistState::On,
+            "{pairing:?}: {}",
+            reported(&flight)
+        );
         assert_eq!(flight.truth().mode, NavMode::Offboard);
         // What was chosen may still be switched off, into the mode from before.
         pilot.choose(&mut flight, false);
@@ -229,7 +234,7 @@ fn a_gateway_that_is_started_again_goes_on_without_a_jump() {
             flight.truth().mode,
             NavMode::Position,
             "{pairing:?}: {}",
-            told(&flight)
+            reported(&flight)
         );
     }
 }
@@ -243,7 +248,7 @@ fn what_speaks_against_it_is_told_and_nothing_changes() {
         pilot.fly(&mut flight, 2.0, |_, _| CENTRED);
         assert_eq!(flight.truth().mode, NavMode::Position);
         assert_eq!(
-            told(&flight),
+            reported(&flight),
             "jink: no assisted flight: set CP_DIST",
             "{pairing:?}"
         );
@@ -256,5 +261,8 @@ fn what_speaks_against_it_is_told_and_nothing_changes() {
     pilot.choose(&mut flight, true);
     pilot.fly(&mut flight, 2.0, |_, _| CENTRED);
     assert_eq!(flight.truth().mode, NavMode::Position);
-    assert_eq!(told(&flight), "jink: no assisted flight: set MAN_OVERRIDE_SPD -1");
+    assert_eq!(
+        reported(&flight),
+        "jink: no assisted flight: set MAN_OVERRIDE_SPD -1"
+    );
 }

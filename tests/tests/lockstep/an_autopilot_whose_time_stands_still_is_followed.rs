@@ -37,8 +37,8 @@ fn a_moment_of_silence_at_arming_is_not_told() {
     };
     let mut flight = LockStep::new(paced(PX4_TRAJECTORY.forest(1).unwrap(), pace)).unwrap();
     assert!(flight.run_until(60.0, |f| f.truth().armed.is_set()));
-    let told = flight.count(&events::AVOIDANCE_DEGRADED);
+    let reported = flight.count(&events::AVOIDANCE_DEGRADED);
     flight.run(3.0);
-    assert_eq!(flight.count(&events::AVOIDANCE_DEGRADED), told);
+    assert_eq!(flight.count(&events::AVOIDANCE_DEGRADED), reported);
     assert!(flight.autopilot().is_armed());
 }

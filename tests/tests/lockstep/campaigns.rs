@@ -48,7 +48,7 @@ macro_rules! campaigns {
 
 fn main() -> ExitCode {
     let (part, arguments) = match part(std::env::args().collect()) {
-        Ok(told) => told,
+        Ok(reported) => reported,
         Err(error) => {
             eprintln!("campaigns: {error}");
             return ExitCode::from(2);
@@ -104,12 +104,12 @@ fn part(mut arguments: Vec<String>) -> Result<((usize, usize), Vec<String>), Str
     let Some(at) = arguments.iter().position(|argument| argument == "--part") else {
         return Ok(((1, 1), arguments));
     };
-    let told = arguments.get(at + 1).ok_or("--part needs I/N")?.clone();
+    let reported = arguments.get(at + 1).ok_or("--part needs I/N")?.clone();
     arguments.drain(at..=at + 1);
-    let numbers = told.split_once('/').and_then(|(number, of)| {
+    let numbers = reported.split_once('/').and_then(|(number, of)| {
         let numbers: (usize, usize) = (number.parse().ok()?, of.parse().ok()?);
         (1..=numbers.1).contains(&numbers.0).then_some(numbers)
     });
-    let numbers = numbers.ok_or_else(|| format!("--part {told}: expected I/N with 1 <= I <= N"))?;
+    let numbers = numbers.ok_or_else(|| format!("--part {reported}: expected I/N with 1 <= I <= N"))?;
     Ok((numbers, arguments))
 }

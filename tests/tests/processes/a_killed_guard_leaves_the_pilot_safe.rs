@@ -80,7 +80,7 @@ fn killed_again_and_again_at_full_stick_nothing_is_touched() {
         "the pilot's mode stays his"
     );
     // It saw obstacles: the stick alone would have led into them.
-    let told = system.jink(&[
+    let reported = system.jink(&[
         "topic",
         "echo",
         "guard/prevented",
@@ -89,5 +89,5 @@ fn killed_again_and_again_at_full_stick_nothing_is_touched() {
         "--timeout",
         "2",
     ]);
-    assert!(told.stdout.contains("nearest_m"), "{told:?}");
+    assert!(reported.stdout.contains("nearest_m"), "{reported:?}");
 }

@@ -89,34 +89,34 @@ fn check(port: u16, settings: &[&str], further: &[&str]) -> Answer {
 }
 
 /// What is told beside `pilot`, with `faults` and `settings`: in words, and the exit code.
-fn told(pilot: Pilot, faults: Faults, settings: &[&str]) -> Answer {
+fn reported(pilot: Pilot, faults: Faults, settings: &[&str]) -> Answer {
     let port = free_udp_port();
     let _speaks = OnUdp::begin(port, pilot, faults);
-    let told = check(port, settings, &[]);
-    println!("{}exit code {:?}\n", told.stdout, told.code);
-    told
+    let reported = check(port, settings, &[]);
+    println!("{}exit code {:?}\n", reported.stdout, reported.code);
+    reported
 }
 
 /// Asserts that `sentence` is told with `grade`, and the exit code that follows from it.
-fn assert_told(told: &Answer, grade: &str, sentence: &str) {
-    let line = told
+fn assert_reported(reported: &Answer, grade: &str, sentence: &str) {
+    let line = reported
         .stdout
         .lines()
         .find(|line| line.starts_with(grade) && line.contains(sentence));
-    assert!(line.is_some(), "no {grade} {sentence:?} in {told:?}");
+    assert!(line.is_some(), "no {grade} {sentence:?} in {reported:?}");
     match grade {
         "BLOCKER" => {
-            assert_eq!(told.code, Some(BLOCKED));
-            assert!(told.stdout.starts_with("NOT READY: "), "{told:?}");
-            let first = told.stdout.lines().nth(1).unwrap();
+            assert_eq!(reported.code, Some(BLOCKED));
+            assert!(reported.stdout.starts_with("NOT READY: "), "{reported:?}");
+            let first = reported.stdout.lines().nth(1).unwrap();
             assert!(
                 first.starts_with("Mend first: ") && first.contains(sentence),
                 "{first}"
             );
         }
         _ => {
-            assert_eq!(told.code, Some(READY), "{told:?}");
-            assert!(told.stdout.starts_with("READY: "), "{told:?}");
+            assert_eq!(reported.code, Some(READY), "{reported:?}");
+            assert!(reported.stdout.starts_with("READY: "), "{reported:?}");
         }
     }
 }
@@ -145,15 +145,15 @@ fn where_nothing_is_wrong_each_profile_is_ready() {
             "ArduPilot 4.7.0 (development), quadrotor, system 1",
         ),
     ] {
-        let told = told(pilot, Faults::default(), &[&format!("link.profile={profile}")]);
-        assert_eq!(told.code, Some(READY), "{told:?}");
+        let reported = reported(pilot, Faults::default(), &[&format!("link.profile={profile}")]);
+        assert_eq!(reported.code, Some(READY), "{reported:?}");
         assert_eq!(
-            told.stdout.lines().next().unwrap(),
+            reported.stdout.lines().next().unwrap(),
             format!("READY: {whom}; 0 warnings")
         );
         let waits = "listening for an autopilot (15 s at most)\n";
         assert_eq!(
-            told.stderr, waits,
+            reported.stderr, waits,
             "what is waited for, once; progress is for terminals"
         );
     }
@@ -164,7 +164,7 @@ fn a_line_that_brings_nothing_or_something_else_is_told_from_one_that_brings_mav
     let port = free_udp_port();
     let silent = check(port, &[], &["--seconds", "2"]);
     println!("{}", silent.stdout);
-    assert_told(
+    assert_reported(
         &silent,
         "BLOCKER",
         &format!("nothing arrives on udpin:127.0.0.1:{port}"),
@@ -174,14 +174,14 @@ fn a_line_that_brings_nothing_or_something_else_is_told_from_one_that_brings_mav
     let _noise = OnUdp::noise(port);
     let noise = check(port, &[], &["--seconds", "2"]);
     println!("{}", noise.stdout);
-    assert_told(&noise, "BLOCKER", "but no MAVLink message among them");
+    assert_reported(&noise, "BLOCKER", "but no MAVLink message among them");
 
     let old = Faults {
         version_1: true,
         ..Faults::default()
     };
-    assert_told(
-        &told(px4(1, &[]), old, &[]),
+    assert_reported(
+        &reported(px4(1, &[]), old, &[]),
         "BLOCKER",
         "the autopilot speaks MAVLink 1 only",
     );
@@ -190,8 +190,8 @@ fn a_line_that_brings_nothing_or_something_else_is_told_from_one_that_brings_mav
         is_deaf: true,
         ..Faults::default()
     };
-    assert_told(
-        &told(px4(1, &[]), deaf, &[]),
+    assert_reported(
+        &reported(px4(1, &[]), deaf, &[]),
         "BLOCKER",
         "the autopilot is heard, but answers nothing",
     );
@@ -204,23 +204,23 @@ fn whoever_is_not_the_one_autopilot_that_is_meant_is_named() {
         ..Faults::default()
     };
     let station = heartbeat(MavType::MAV_TYPE_GCS, MavAutopilot::MAV_AUTOPILOT_INVALID);
-    let alone = told(None, with(255, 190, station), &[]);
-    assert_told(
+    let alone = reported(None, with(255, 190, station), &[]);
+    assert_reported(
         &alone,
         "BLOCKER",
         "no autopilot's heartbeat: only a ground station (255/190)",
     );
 
-    let stranger = told(px4(3, &[]), Faults::default(), &["link.system_id=7"]);
-    assert_told(
-        &stranger,
+    let unknown_peer = reported(px4(3, &[]), Faults::default(), &["link.system_id=7"]);
+    assert_reported(
+        &unknown_peer,
         "BLOCKER",
         "link.system_id = 7, and the autopilot that is heard has system id 3",
     );
 
     let rival = heartbeat(MavType::MAV_TYPE_QUADROTOR, MavAutopilot::MAV_AUTOPILOT_PX4);
-    let two = told(px4(1, &[]), with(9, 1, rival), &[]);
-    assert_told(
+    let two = reported(px4(1, &[]), with(9, 1, rival), &[]);
+    assert_reported(
         &two,
         "BLOCKER",
         "are heard, and link.system_id = 0 does not say which one is meant",
@@ -230,8 +230,8 @@ fn whoever_is_not_the_one_autopilot_that_is_meant_is_named() {
         MavType::MAV_TYPE_ONBOARD_CONTROLLER,
         MavAutopilot::MAV_AUTOPILOT_INVALID,
     );
-    let other = told(px4(1, &[]), with(1, 196, companion), &[]);
-    assert_told(
+    let other = reported(px4(1, &[]), with(1, 196, companion), &[]);
+    assert_reported(
         &other,
         "BLOCKER",
         "somebody else speaks as obstacle avoidance (1/196)",
@@ -240,8 +240,8 @@ fn whoever_is_not_the_one_autopilot_that_is_meant_is_named() {
 
 #[test]
 fn a_profile_that_does_not_fit_make_or_version_is_told_with_the_one_that_does() {
-    let make = told(arducopter(&[]), Faults::default(), &[]);
-    assert_told(
+    let make = reported(arducopter(&[]), Faults::default(), &[]);
+    assert_reported(
         &make,
         "BLOCKER",
         "the autopilot is ArduPilot, and link.profile = \"px4_trajectory\" is for PX4",
@@ -251,8 +251,8 @@ fn a_profile_that_does_not_fit_make_or_version_is_told_with_the_one_that_does() 
             .contains("-> set link.profile to auto, or to ardupilot_guided")
     );
 
-    let version = told(current_px4(&[]), Faults::default(), &[]);
-    assert_told(
+    let version = reported(current_px4(&[]), Faults::default(), &[]);
+    assert_reported(
         &version,
         "BLOCKER",
         "PX4 1.17.0 (development) has no trajectory interface any more",
@@ -262,25 +262,25 @@ fn a_profile_that_does_not_fit_make_or_version_is_told_with_the_one_that_does() 
 
 #[test]
 fn parameters_that_keep_jink_from_flying_or_make_its_loss_dangerous_are_told() {
-    let off = told(px4(1, &[("COM_OBS_AVOID", 0.0)]), Faults::default(), &[]);
-    assert_told(
+    let off = reported(px4(1, &[("COM_OBS_AVOID", 0.0)]), Faults::default(), &[]);
+    assert_reported(
         &off,
         "BLOCKER",
         "COM_OBS_AVOID = 0: PX4 flies its missions without asking jink",
     );
 
     let guided = ["link.profile=ardupilot_guided"];
-    let long = told(arducopter(&[]), Faults::default(), &guided);
-    assert_told(&long, "warning", "GUID_TIMEOUT = 3.0 s is too long");
-    let short = told(arducopter(&[("GUID_TIMEOUT", 0.05)]), Faults::default(), &guided);
-    assert_told(&short, "BLOCKER", "GUID_TIMEOUT = 0.05 s is too short");
+    let long = reported(arducopter(&[]), Faults::default(), &guided);
+    assert_reported(&long, "warning", "GUID_TIMEOUT = 3.0 s is too long");
+    let short = reported(arducopter(&[("GUID_TIMEOUT", 0.05)]), Faults::default(), &guided);
+    assert_reported(&short, "BLOCKER", "GUID_TIMEOUT = 0.05 s is too short");
 
-    let motors = told(
+    let motors = reported(
         current_px4(&[("COM_OBL_RC_ACT", 7.0)]),
         Faults::default(),
         &["link.profile=px4_offboard"],
     );
-    assert_told(
+    assert_reported(
         &motors,
         "BLOCKER",
         "COM_OBL_RC_ACT = 7: if the board dies, PX4 stops the motors in the air",
@@ -293,8 +293,8 @@ fn streams_and_times_that_do_not_come_are_told_one_by_one() {
         lost: vec![id],
         ..Faults::default()
     };
-    let blind = told(px4(1, &[]), lost(LOCAL_POSITION_NED), &[]);
-    assert_told(
+    let blind = reported(px4(1, &[]), lost(LOCAL_POSITION_NED), &[]);
+    assert_reported(
         &blind,
         "BLOCKER",
         "LOCAL_POSITION_NED does not come, and not when asked for",
@@ -304,15 +304,15 @@ fn streams_and_times_that_do_not_come_are_told_one_by_one() {
         thinned: Some((ATTITUDE_QUATERNION, 10)),
         ..Faults::default()
     };
-    let slow = told(px4(1, &[]), slow, &[]);
-    assert_told(
+    let slow = reported(px4(1, &[]), slow, &[]);
+    assert_reported(
         &slow,
         "BLOCKER",
         "times a second, and 50 are needed; it tells how it is turned",
     );
 
-    let timeless = told(px4(1, &[]), lost(TIMESYNC), &[]);
-    assert_told(&timeless, "warning", "the autopilot does not answer TIMESYNC");
+    let timeless = reported(px4(1, &[]), lost(TIMESYNC), &[]);
+    assert_reported(&timeless, "warning", "the autopilot does not answer TIMESYNC");
 }
 
 #[test]
@@ -325,31 +325,34 @@ fn signatures_that_are_missing_or_of_another_key_are_told() {
     let key_file = format!("link.key_file={}", file.display());
     let require = ["link.signing=require", key_file.as_str()];
 
-    let unsigned = told(px4(1, &[]), Faults::default(), &require);
-    assert_told(&unsigned, "BLOCKER", "and what arrives is not signed");
+    let unsigned = reported(px4(1, &[]), Faults::default(), &require);
+    assert_reported(&unsigned, "BLOCKER", "and what arrives is not signed");
 
     let signing = |content: &[u8]| Faults {
         key: Key::of_bytes(content),
         ..Faults::default()
     };
-    let other = told(px4(1, &[]), signing(b"passphrase:another\n"), &require);
-    assert_told(
+    let other = reported(px4(1, &[]), signing(b"passphrase:another\n"), &require);
+    assert_reported(
         &other,
         "BLOCKER",
         "messages are signed with another key than link.key_file holds",
     );
 
-    let right = told(px4(1, &[]), signing(ours), &require);
-    assert_told(&right, "good", "the autopilot's signatures fit the key");
+    let right = reported(px4(1, &[]), signing(ours), &require);
+    assert_reported(&right, "good", "the autopilot's signatures fit the key");
 }
 
 #[test]
 fn scripts_get_the_same_as_json() {
     let port = free_udp_port();
     let _speaks = OnUdp::begin(port, px4(1, &[("COM_OBS_AVOID", 0.0)]), Faults::default());
-    let told = check(port, &[], &["--json"]);
-    let json: Value = serde_json::from_str(&told.stdout).unwrap();
-    assert_eq!((told.code, &json["ready"]), (Some(BLOCKED), &Value::Bool(false)));
+    let reported = check(port, &[], &["--json"]);
+    let json: Value = serde_json::from_str(&reported.stdout).unwrap();
+    assert_eq!(
+        (reported.code, &json["ready"]),
+        (Some(BLOCKED), &Value::Bool(false))
+    );
     assert_eq!(json["mend_first"]["about"], "COM_OBS_AVOID");
     assert!(json["findings"].as_array().unwrap().len() > 8, "{json}");
 }
@@ -380,13 +383,13 @@ fn wrong_usage_and_a_wrong_configuration_are_no_examination() {
             "did you mean `px4_trajectory`?",
         ),
     ] {
-        let told = check(port, settings, further);
+        let reported = check(port, settings, further);
         assert_eq!(
-            (told.code, told.stdout.as_str()),
+            (reported.code, reported.stdout.as_str()),
             (Some(WRONG_USAGE), ""),
-            "{told:?}"
+            "{reported:?}"
         );
-        assert!(told.stderr.contains(said), "{told:?}");
+        assert!(reported.stderr.contains(said), "{reported:?}");
     }
 }
 
@@ -394,9 +397,9 @@ fn wrong_usage_and_a_wrong_configuration_are_no_examination() {
 fn a_port_that_somebody_else_holds_is_a_blocker_with_his_trace() {
     let holder = std::net::UdpSocket::bind(("127.0.0.1", 0)).unwrap();
     let port = holder.local_addr().unwrap().port();
-    let told = check(port, &[], &[]);
-    assert_told(
-        &told,
+    let reported = check(port, &[], &[]);
+    assert_reported(
+        &reported,
         "BLOCKER",
         &format!("port {port} is taken by another program"),
     );
@@ -413,10 +416,10 @@ fn while_jink_runs_its_gateways_own_figures_are_shown() {
     );
     // Whether or not the address is named again.
     for further in [&["--set", address.as_str()][..], &[]] {
-        let told = system.jink(&[&["check", "link"], further].concat());
-        println!("{}exit code {:?}\n", told.stdout, told.code);
+        let reported = system.jink(&[&["check", "link"], further].concat());
+        println!("{}exit code {:?}\n", reported.stdout, reported.code);
         let held = format!("runs and holds udpin:127.0.0.1:{port}: this is what its gateway sees");
-        assert_told(&told, "good", &held);
-        assert_told(&told, "good", "system 1 is heard");
+        assert_reported(&reported, "good", &held);
+        assert_reported(&reported, "good", "system 1 is heard");
     }
 }

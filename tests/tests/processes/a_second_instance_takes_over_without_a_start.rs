@@ -44,7 +44,7 @@ fn each_service_in_one_flight() {
         assert_eq!(fault["survived"], true, "{fault}\n{}", flight.text);
     }
     for service in SERVICES {
-        let told = format!("{service} ended with signal 9, its second instance took over (restart 1)");
-        assert!(flight.text.contains(&told), "{service}\n{}", flight.text);
+        let reported = format!("{service} ended with signal 9, its second instance took over (restart 1)");
+        assert!(flight.text.contains(&reported), "{service}\n{}", flight.text);
     }
 }

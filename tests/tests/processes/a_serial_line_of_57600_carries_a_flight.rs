@@ -40,7 +40,7 @@ fn at_the_rates_that_are_promised() {
     let _autopilot = System::up("serial_ap", &[&world[..], &beside].concat());
     let jink = System::up("serial_co", &[&world[..], &["--link", &address]].concat());
 
-    let heard = answer(
+    let received = answer(
         Command::new(python)
             .arg(workspace().join("tests/peers/listener.py"))
             .args(["--autopilot-port", &relay.to_string()])
@@ -54,10 +54,13 @@ fn at_the_rates_that_are_promised() {
     let carried = line.close();
     let last = |text: &str| -> Value {
         let last = text.lines().last().unwrap_or_default();
-        serde_json::from_str(last).unwrap_or_else(|_| panic!("{text}\n{heard:?}"))
+        serde_json::from_str(last).unwrap_or_else(|_| panic!("{text}\n{received:?}"))
     };
-    let (figures, carried) = (last(&heard.stdout), last(&carried));
-    let text = format!("{}\n{figures:#}\n{carried:#}\n{:#}", heard.stderr, status["link"]);
+    let (figures, carried) = (last(&received.stdout), last(&carried));
+    let text = format!(
+        "{}\n{figures:#}\n{carried:#}\n{:#}",
+        received.stderr, status["link"]
+    );
     println!("{text}");
 
     assert_eq!(figures["outcome"], "done", "{text}");

@@ -68,8 +68,8 @@ fn parameters_are_read_tuned_and_kept_whoever_is_dead() {
         ],
     );
     let value = || {
-        let told = jink.jink(&["param", "get", "OA_SPD_MAX"]);
-        told.stdout.trim().parse::<f64>().ok()
+        let reported = jink.jink(&["param", "get", "OA_SPD_MAX"]);
+        reported.stdout.trim().parse::<f64>().ok()
     };
     let set = |text: &str| jink.jink(&["param", "set", "OA_SPD_MAX", text]);
     let stop = jink.jink(&["stop", "mavlink_gateway"]);

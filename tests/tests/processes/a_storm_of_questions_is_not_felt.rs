@@ -5,13 +5,15 @@
 
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::frame::Splitter;
-use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
+use jink_mavlink_link::message::{
+    Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER,
+};
 use jink_tests::peers::Network;
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{program, until};
+use mavlink::MessageData;
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::types::CharArray;
-use mavlink::MessageData;
 use std::collections::BTreeMap;
 use std::net::UdpSocket;
 use std::process::Stdio;
@@ -134,7 +136,11 @@ fn question(number: u64) -> MavMessage {
         6 => command(
             COMPONENT_AVOIDANCE,
             MavCmd::MAV_CMD_REQUEST_MESSAGE,
-            [AUTOPILOT_VERSION_DATA::ID, COMPONENT_METADATA_DATA::ID, HEARTBEAT_DATA::ID][turn as usize % 3] as f32,
+            [
+                AUTOPILOT_VERSION_DATA::ID,
+                COMPONENT_METADATA_DATA::ID,
+                HEARTBEAT_DATA::ID,
+            ][turn as usize % 3] as f32,
             0.0,
         ),
         7 => command(
@@ -192,7 +198,8 @@ fn files(turn: u64) -> MavMessage {
 
 #[test]
 fn however_often_the_ground_services_are_killed_under_it() {
-    let kills = std::env::var("JINK_STORM_KILLS").map_or(KILLS, |kills| kills.parse().expect("a number of kills"));
+    let kills =
+        std::env::var("JINK_STORM_KILLS").map_or(KILLS, |kills| kills.parse().expect("a number of kills"));
     let station = free_udp_port();
     let sets = [format!("simulation.ground_station_port={station}")];
     let jink = Network::up("storm", None, &[("ground", "")], &[&sets[0]]);

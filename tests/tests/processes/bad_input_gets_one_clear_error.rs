@@ -206,7 +206,7 @@ fn without_an_autopilot_it_stands_by_and_garbage_on_the_link_changes_nothing() {
     let link = format!("udpin:127.0.0.1:{port}");
     let jink = System::up("waiting", &["--link", &link, "--world", "forest"]);
     let before = jink.status();
-    assert_eq!(before["link"]["autopilot_heard"], false, "{before:#}");
+    assert_eq!(before["link"]["autopilot_alive"], false, "{before:#}");
     assert_eq!(before["health"], "starting", "{before:#}");
 
     let socket = UdpSocket::bind(("127.0.0.1", 0)).unwrap();
@@ -223,7 +223,7 @@ fn without_an_autopilot_it_stands_by_and_garbage_on_the_link_changes_nothing() {
             .collect();
         sent += socket.send_to(&bytes, ("127.0.0.1", port)).unwrap();
     }
-    let heard = loop {
+    let received = loop {
         let status = jink.status();
         // Datagrams that arrive faster than they are read are dropped by the kernel.
         if status["link"]["garbage_bytes"].as_u64().unwrap_or(0) > sent as u64 / 20 {
@@ -231,9 +231,9 @@ fn without_an_autopilot_it_stands_by_and_garbage_on_the_link_changes_nothing() {
         }
         std::thread::sleep(std::time::Duration::from_millis(50));
     };
-    assert_eq!(heard["link"]["autopilot_heard"], false, "{heard:#}");
-    for service in heard["services"].as_array().unwrap() {
-        assert_eq!(service["restarts"], 0, "{heard:#}");
+    assert_eq!(received["link"]["autopilot_alive"], false, "{received:#}");
+    for service in received["services"].as_array().unwrap() {
+        assert_eq!(service["restarts"], 0, "{received:#}");
     }
     let text = jink.jink(&["status"]);
     assert!(

@@ -161,10 +161,10 @@ fn a_depth_camera_in_python_is_seen_in_the_map() {
     let (system, _config) = with_sensor("cloudpy", &program, &[NAME]);
     until_the_wall_and_the_post_stand(&system);
     // The guard, the examination and the commands take it for a sensor like any other.
-    let told = system
+    let reported = system
         .jink(&["check", "sensors", "--seconds", "2", "--json"])
         .stdout;
-    let seen: serde_json::Value = serde_json::from_str(&told).unwrap();
+    let seen: serde_json::Value = serde_json::from_str(&reported).unwrap();
     let sensor = &seen["sensors"][0];
     assert_eq!(
         (&sensor["name"], &sensor["kind"]),

@@ -24,8 +24,8 @@ fn simulated(role: &str, further: &[&str]) -> System {
     System::up(role, &[&arguments[..], further].concat())
 }
 
-fn json(told: &Answer) -> Value {
-    serde_json::from_str(&told.stdout).unwrap_or_else(|error| panic!("{error}: {told:?}"))
+fn json(reported: &Answer) -> Value {
+    serde_json::from_str(&reported.stdout).unwrap_or_else(|error| panic!("{error}: {reported:?}"))
 }
 
 #[test]
@@ -94,7 +94,7 @@ fn topics_and_the_ring_are_read_by_machines() {
         ("range/cloud/lidar", "points"),
         ("system/status", "processes"),
     ] {
-        let told = jink.jink(&[
+        let reported = jink.jink(&[
             "topic",
             "echo",
             topic,
@@ -104,8 +104,8 @@ fn topics_and_the_ring_are_read_by_machines() {
             "--timeout",
             "20",
         ]);
-        assert_eq!(told.code, Some(0), "{topic}: {told:?}");
-        let samples: Vec<Value> = told
+        assert_eq!(reported.code, Some(0), "{topic}: {reported:?}");
+        let samples: Vec<Value> = reported
             .stdout
             .lines()
             .map(|line| serde_json::from_str(line).unwrap())
@@ -120,7 +120,7 @@ fn topics_and_the_ring_are_read_by_machines() {
         );
         let published = |sample: &Value| sample["header"]["publish"].as_f64().unwrap();
         assert!(published(before) < published(after), "{topic}");
-        assert!(!told.stdout.contains("reserved"), "{topic}");
+        assert!(!reported.stdout.contains("reserved"), "{topic}");
     }
     let ring = json(&jink.jink(&["ring", "--json"]));
     let bearings = ring["sectors"]
@@ -212,7 +212,7 @@ fn a_second_vehicle_finds_a_port_of_its_own() {
     )
     .unwrap();
     let instance = format!("t_second_{}", std::process::id());
-    let told = answer(&mut program(
+    let reported = answer(&mut program(
         "jink",
         &[
             "--instance",
@@ -228,18 +228,22 @@ fn a_second_vehicle_finds_a_port_of_its_own() {
         ],
     ));
     let down = answer(&mut program("jink", &["--instance", &instance, "down", "--now"]));
-    assert_eq!((told.code, down.code), (Some(0), Some(0)), "{told:?} {down:?}");
+    assert_eq!(
+        (reported.code, down.code),
+        (Some(0), Some(0)),
+        "{reported:?} {down:?}"
+    );
     assert!(
-        told.stdout.contains(&format!(
+        reported.stdout.contains(&format!(
             "port {port} is taken: this vehicle's autopilot speaks on port"
         )),
-        "{told:?}"
+        "{reported:?}"
     );
-    assert!(told.stdout.contains("is ready;"), "{told:?}");
+    assert!(reported.stdout.contains("is ready;"), "{reported:?}");
     // A good start says nothing that reads like a failure.
     assert!(
-        !told.stdout.contains("starting\n") && !told.stdout.contains("have not come"),
-        "{told:?}"
+        !reported.stdout.contains("starting\n") && !reported.stdout.contains("have not come"),
+        "{reported:?}"
     );
 }
 
@@ -285,12 +289,12 @@ fn another_user_is_told_at_once_whose_it_is() {
     ] {
         let mut command = jink.command(arguments);
         command.uid(NOBODY).gid(NOBODY);
-        let Ok(told) = command.output() else {
+        let Ok(reported) = command.output() else {
             eprintln!("NOT TESTED: another user may not run the programs of this folder");
             return;
         };
-        let said = String::from_utf8_lossy(&told.stderr).into_owned();
-        assert_eq!(told.status.code(), Some(1), "{arguments:?}: {said}");
+        let said = String::from_utf8_lossy(&reported.stderr).into_owned();
+        assert_eq!(reported.status.code(), Some(1), "{arguments:?}: {said}");
         assert!(
             said.contains("belongs to the user with id 0"),
             "{arguments:?}: {said}"

@@ -63,10 +63,10 @@ fn it_finds_reads_tunes_and_flies() {
     let all = tuned["all"].as_object().unwrap();
     assert_eq!(all.len(), known.len());
     for row in &known {
-        let told = all[row["name"].as_str().unwrap()].as_f64().unwrap();
+        let reported = all[row["name"].as_str().unwrap()].as_f64().unwrap();
         assert!(
-            (told - row["value"].as_f64().unwrap()).abs() < 1e-5,
-            "{row}: {told}"
+            (reported - row["value"].as_f64().unwrap()).abs() < 1e-5,
+            "{row}: {reported}"
         );
     }
     assert_eq!(

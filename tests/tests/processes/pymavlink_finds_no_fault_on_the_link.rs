@@ -99,7 +99,7 @@ fn listen(output: &str, waypoints: &[&str], tlog: Option<&str>) -> Option<(Value
     let sets = ["--link", &link, "--set", &output_set, "--set", &tlog_set];
     let jink = System::up(&format!("co_{output}"), &[&world[..], &sets].concat());
 
-    let heard = answer(
+    let received = answer(
         Command::new(python)
             .arg(workspace().join("tests/peers/listener.py"))
             .args(["--autopilot-port", &relay.to_string()])
@@ -108,9 +108,9 @@ fn listen(output: &str, waypoints: &[&str], tlog: Option<&str>) -> Option<(Value
             .args(["--world", &world_file.to_string_lossy()])
             .args(waypoints.iter().flat_map(|place| ["--waypoint", place])),
     );
-    let last = heard.stdout.lines().last().unwrap_or_default();
-    let figures: Value = serde_json::from_str(last).unwrap_or_else(|_| panic!("{heard:?}"));
-    let text = format!("{}\n{figures:#}\n{:#}", heard.stderr, jink.status());
+    let last = received.stdout.lines().last().unwrap_or_default();
+    let figures: Value = serde_json::from_str(last).unwrap_or_else(|_| panic!("{received:?}"));
+    let text = format!("{}\n{figures:#}\n{:#}", received.stderr, jink.status());
 
     assert_eq!(figures["outcome"], "done", "{text}");
     assert_eq!(figures["faults"], Value::Array(Vec::new()), "{text}");

@@ -1,7 +1,7 @@
 //! pymavlink asks the gateway over a link for ground stations whatever docs/mavlink.md says can be asked: parameters, commands,
 //! files. Every question gets its one answer, every refusal its reason, and what is told agrees with `jink param`.
 
-use jink_tests::peers::{GATEWAY_ONLY, Network, PYMAVLINK, Station, heard, of, python_or_say};
+use jink_tests::peers::{GATEWAY_ONLY, Network, PYMAVLINK, Station, of, python_or_say, received};
 use jink_tests::processes::{answer, until, workspace};
 use serde_json::{Value, json};
 use std::process::Command;
@@ -62,17 +62,17 @@ fn parameters_are_listed_read_and_set_as_the_board_knows_them() {
     let values = of(&said, AVOIDANCE, "PARAM_VALUE");
     assert_eq!(values.len(), count, "each once");
     for (index, row) in known.iter().enumerate() {
-        let told = values.iter().find(|told| told["param_index"] == index);
-        let told = told.unwrap_or_else(|| panic!("number {index} is missing"));
-        assert_eq!(told["param_id"], row["name"]);
-        assert_eq!(told["param_count"], count);
+        let reported = values.iter().find(|reported| reported["param_index"] == index);
+        let reported = reported.unwrap_or_else(|| panic!("number {index} is missing"));
+        assert_eq!(reported["param_id"], row["name"]);
+        assert_eq!(reported["param_count"], count);
         let kind = match row["kind"].as_str().unwrap() {
             "integer" => INT32,
             "boolean" => 1,
             _ => REAL32,
         };
-        assert_eq!(told["param_type"], kind, "{row}");
-        assert_eq!(as_f32(&told["value"]), as_f32(&row["value"]), "{row}");
+        assert_eq!(reported["param_type"], kind, "{row}");
+        assert_eq!(as_f32(&reported["value"]), as_f32(&row["value"]), "{row}");
     }
     println!("PARAM_REQUEST_LIST: {count} parameters, numbers, types and values as in `jink param list`");
 
@@ -81,14 +81,14 @@ fn parameters_are_listed_read_and_set_as_the_board_knows_them() {
         let read = json!({"target_system": VEHICLE, "target_component": AVOIDANCE, "param_id": name,
             "param_index": if by_number { json!(index) } else { json!(-1) }});
         let said = station.send("ground", "PARAM_REQUEST_READ", &read, &json!({}));
-        let told = of(&said, AVOIDANCE, "PARAM_VALUE");
-        assert_eq!(told.len(), 1, "{read}: {said:?}");
+        let reported = of(&said, AVOIDANCE, "PARAM_VALUE");
+        assert_eq!(reported.len(), 1, "{read}: {said:?}");
         let wanted = if by_number {
             known[index]["name"].clone()
         } else {
             json!(name)
         };
-        assert_eq!(told[0]["param_id"], wanted);
+        assert_eq!(reported[0]["param_id"], wanted);
     }
     for (index, name) in [(json!(-1), "NOT_THERE"), (json!(count), "")] {
         let read = json!({"target_system": VEHICLE, "target_component": AVOIDANCE, "param_id": name,
@@ -104,9 +104,9 @@ fn parameters_are_listed_read_and_set_as_the_board_knows_them() {
     for case in SETS {
         let order =
             json!({"do": "set", "line": "ground", "name": case.name, "value": case.value, "type": case.kind});
-        let said = heard(&station.ask(&order));
+        let said = received(&station.ask(&order));
         let errors: Vec<_> = of(&said, AVOIDANCE, "PARAM_ERROR");
-        let told = of(&said, AVOIDANCE, "PARAM_VALUE");
+        let reported = of(&said, AVOIDANCE, "PARAM_VALUE");
         match case.refused {
             None => assert!(errors.is_empty(), "{said:?}"),
             Some(reason) => {
@@ -120,11 +120,15 @@ fn parameters_are_listed_read_and_set_as_the_board_knows_them() {
             case.name, case.value, case.refused, case.in_force
         );
         let Some(in_force) = case.in_force else {
-            assert!(told.is_empty(), "{said:?}");
+            assert!(reported.is_empty(), "{said:?}");
             continue;
         };
-        assert_eq!(told.len(), 1, "{said:?}");
-        assert_eq!(as_f32(&told[0]["value"]), as_f32(&json!(in_force)), "{said:?}");
+        assert_eq!(reported.len(), 1, "{said:?}");
+        assert_eq!(
+            as_f32(&reported[0]["value"]),
+            as_f32(&json!(in_force)),
+            "{said:?}"
+        );
         let on_board = network.jink(&["param", "get", case.name]);
         let on_board: f64 = on_board
             .stdout
@@ -138,8 +142,12 @@ fn parameters_are_listed_read_and_set_as_the_board_knows_them() {
     let waits = json!({"do": "wait", "line": "ground", "kind": "PARAM_VALUE", "count": 1});
     let set = std::thread::scope(|scope| {
         let set = scope.spawn(|| network.jink(&["param", "set", "OA_SPD_MAX", "2.25"]));
-        let told = heard(&station.ask(&waits));
-        assert_eq!(of(&told, AVOIDANCE, "PARAM_VALUE")[0]["value"], 2.25, "{told:?}");
+        let reported = received(&station.ask(&waits));
+        assert_eq!(
+            of(&reported, AVOIDANCE, "PARAM_VALUE")[0]["value"],
+            2.25,
+            "{reported:?}"
+        );
         set.join().unwrap()
     });
     assert_eq!(set.code, Some(0), "{set:?}");
@@ -358,8 +366,8 @@ fn its_file_client_gets_the_metadata_and_whoever_wants_more_is_refused() {
     };
     let ask = json!({"target_system": VEHICLE, "target_component": AVOIDANCE, "command": REQUEST_MESSAGE, "param1": 397.0});
     let said = station.send("ground", "COMMAND_LONG", &ask, &json!({"COMPONENT_METADATA": 1}));
-    let told = of(&said, AVOIDANCE, "COMPONENT_METADATA")[0].clone();
-    let general = told["uri"].as_str().unwrap().strip_prefix("mftp://").unwrap();
+    let reported = of(&said, AVOIDANCE, "COMPONENT_METADATA")[0].clone();
+    let general = reported["uri"].as_str().unwrap().strip_prefix("mftp://").unwrap();
 
     let read = answer(
         Command::new(python_or_say(&PYMAVLINK).unwrap())
@@ -378,7 +386,7 @@ fn its_file_client_gets_the_metadata_and_whoever_wants_more_is_refused() {
     let text = |path: &str| -> Value {
         serde_json::from_str(found["files"][path]["text"].as_str().unwrap()).unwrap()
     };
-    assert_eq!(found["files"][general]["crc"], told["file_crc"], "{told}");
+    assert_eq!(found["files"][general]["crc"], reported["file_crc"], "{reported}");
     let index = text(general);
     let row = &index["metadataTypes"][0];
     assert_eq!(
@@ -390,23 +398,23 @@ fn its_file_client_gets_the_metadata_and_whoever_wants_more_is_refused() {
     let described = text("/parameters.json")["parameters"].as_array().unwrap().clone();
     let known = network.parameters();
     assert_eq!(described.len(), known.len());
-    for (row, told) in known.iter().zip(&described) {
-        assert_eq!(told["name"], row["name"]);
+    for (row, reported) in known.iter().zip(&described) {
+        assert_eq!(reported["name"], row["name"]);
         for (here, there) in [("min", "min"), ("max", "max"), ("default", "default")] {
             assert_eq!(
-                told[here].as_f64(),
+                reported[here].as_f64(),
                 row[there].as_f64(),
-                "{here} of {row}: {told}"
+                "{here} of {row}: {reported}"
             );
         }
-        let unit = told["units"].as_str().unwrap_or_default();
-        assert_eq!(unit, row["unit"].as_str().unwrap(), "{told}");
-        let restart = told["rebootRequired"].as_bool().unwrap_or(false);
-        assert_eq!(restart, row["apply"] != "live", "{told}");
+        let unit = reported["units"].as_str().unwrap_or_default();
+        assert_eq!(unit, row["unit"].as_str().unwrap(), "{reported}");
+        let restart = reported["rebootRequired"].as_bool().unwrap_or(false);
+        assert_eq!(restart, row["apply"] != "live", "{reported}");
     }
     println!(
         "files {listed:?}; checksum {:#010x} as COMPONENT_METADATA says; {} parameters as in `jink param list`",
-        told["file_crc"].as_u64().unwrap(),
+        reported["file_crc"].as_u64().unwrap(),
         described.len()
     );
     assert_ne!(found["refused"], 0, "{found}");

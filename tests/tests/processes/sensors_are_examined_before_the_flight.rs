@@ -18,13 +18,13 @@ const NOT_RUNNING: Option<i32> = Some(3);
 
 /// Examines for so long, and answers what the JSON says.
 fn examined(jink: &Handle, seconds: &str) -> (Value, Answer) {
-    let told = jink.jink(&["check", "sensors", "--seconds", seconds, "--json"]);
-    let json = serde_json::from_str(&told.stdout).unwrap_or(Value::Null);
-    (json, told)
+    let reported = jink.jink(&["check", "sensors", "--seconds", seconds, "--json"]);
+    let json = serde_json::from_str(&reported.stdout).unwrap_or(Value::Null);
+    (json, reported)
 }
 
 /// The sentences about `about` with `grade`.
-fn told<'a>(json: &'a Value, grade: &str, about: &str) -> Vec<&'a str> {
+fn reported<'a>(json: &'a Value, grade: &str, about: &str) -> Vec<&'a str> {
     let findings = json["findings"].as_array().unwrap();
     let matching = findings
         .iter()
@@ -62,7 +62,7 @@ fn rates_coverage_and_what_nobody_sees_are_told_of_a_vehicle_with_a_gap() {
     // The vehicle's position is known some seconds after the start.
     until("a guard that sees", || {
         json = examined(&jink, "2").0;
-        told(&json, "blocker", "vehicle/state").is_empty() && json["ring"]["known_deg"] == 270.0
+        reported(&json, "blocker", "vehicle/state").is_empty() && json["ring"]["known_deg"] == 270.0
     });
     let blind = serde_json::json!([
         {"from_deg": 92.5, "to_deg": 137.5},
@@ -70,7 +70,7 @@ fn rates_coverage_and_what_nobody_sees_are_told_of_a_vehicle_with_a_gap() {
     ]);
     assert_eq!(json["ring"]["blind"], blind, "{json:#}");
     let said = "blind: 92.5 to 137.5 deg (right, behind), 222.5 to 267.5 deg (behind, left); 270 deg known";
-    let warnings = told(&json, "warning", "blind");
+    let warnings = reported(&json, "warning", "blind");
     assert!(warnings.iter().any(|is| is.starts_with(said)), "{json:#}");
 
     let (front, rear) = (figures(&json, "front"), figures(&json, "rear"));
@@ -167,10 +167,10 @@ fn a_rangefinder_that_repeats_itself_is_stuck_and_one_that_is_unplugged_is_silen
     let mut json = Value::Null;
     until("both to speak", || {
         json = examined(&jink, "3").0;
-        let has_blocker = |name: &str| !told(&json, "blocker", name).is_empty();
+        let has_blocker = |name: &str| !reported(&json, "blocker", name).is_empty();
         has_blocker("lies") && !has_blocker("speaks")
     });
-    let stuck = told(&json, "blocker", "lies");
+    let stuck = reported(&json, "blocker", "lies");
     assert!(
         stuck
             .iter()
@@ -183,13 +183,13 @@ fn a_rangefinder_that_repeats_itself_is_stuck_and_one_that_is_unplugged_is_silen
         serde_json::json!([{"from_deg": 87.5, "to_deg": 92.5}])
     );
     // No autopilot is there.
-    assert_eq!(told(&json, "blocker", "vehicle/state").len(), 1, "{json:#}");
+    assert_eq!(reported(&json, "blocker", "vehicle/state").len(), 1, "{json:#}");
 
     speaks.unplug();
     let mut last = None;
     until("the silence", || {
         let (json, answer) = examined(&jink, "2");
-        let is_silent = told(&json, "blocker", "speaks")
+        let is_silent = reported(&json, "blocker", "speaks")
             .iter()
             .any(|is| is.starts_with("silent: nothing has come from it in 2 s"));
         last = Some((json, answer));
@@ -214,15 +214,15 @@ fn the_memory_that_the_topics_take_is_what_was_foretold() {
     let arguments: Vec<&str> = ["--world", "empty"].into_iter().chain(quiet).collect();
     let jink = System::up("memory", &arguments);
     until("good health", || jink.status()["health"] == "healthy");
-    let told = jink.jink(&["check", "memory", "--json"]);
-    assert_eq!(told.code, Some(0), "{told:?}");
-    let json: Value = serde_json::from_str(&told.stdout).unwrap();
+    let reported = jink.jink(&["check", "memory", "--json"]);
+    assert_eq!(reported.code, Some(0), "{reported:?}");
+    let json: Value = serde_json::from_str(&reported.stdout).unwrap();
     let bytes = |name: &str| json[name].as_f64().unwrap();
     let (needed, used) = (bytes("needed_bytes"), bytes("used_bytes"));
     // Besides samples there are the lists of who reads what.
     assert!((0.95..1.05).contains(&(used / needed)), "{used} of {needed}");
     assert!(used < 100e6, "{used}");
-    assert_eq!(told.code, jink.jink(&["check"]).code);
+    assert_eq!(reported.code, jink.jink(&["check"]).code);
 
     // Nor does any process wait for the kernel to make room for descriptors when somebody joins its topics.
     for service in jink.status()["services"].as_array().unwrap() {

@@ -2,7 +2,7 @@
 //! verify, that no stamp comes twice whatever becomes of the gateway, and that no key is ever passed on or written down.
 
 use jink_runtime::Instance;
-use jink_tests::peers::{GATEWAY_ONLY, Network, PYMAVLINK, Station, heard, of, python_or_say};
+use jink_tests::peers::{GATEWAY_ONLY, Network, PYMAVLINK, Station, of, python_or_say, received};
 use jink_tests::processes::{TempFolder, until};
 use serde_json::json;
 use std::os::unix::fs::PermissionsExt;
@@ -57,7 +57,7 @@ fn is_answered(station: &mut Station, line: &str, signed: &str) -> bool {
     let fields = json!({"target_system": 1, "target_component": 196, "command": 512, "param1": 300});
     let order =
         json!({"do": "send", "line": line, "kind": "COMMAND_LONG", "fields": fields, "signed": signed});
-    let said = heard(&station.ask(&order));
+    let said = received(&station.ask(&order));
     !of(&said, 196, "COMMAND_ACK").is_empty()
 }
 

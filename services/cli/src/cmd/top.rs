@@ -120,7 +120,7 @@ struct Live {
     watch: Watch,
     meters: Vec<(Meter, Beat)>,
     events: Input<EventSample>,
-    news: Vec<String>,
+    update: Vec<String>,
     screen: Option<Screen>,
 }
 
@@ -154,7 +154,7 @@ impl Live {
             watch,
             meters,
             events,
-            news: Vec::new(),
+            update: Vec::new(),
             screen: None,
         })
     }
@@ -166,7 +166,7 @@ impl Live {
         }
         self.events.each(|event| {
             let EventSample { process, .. } = event.sample;
-            self.news
+            self.update
                 .push(format!("{}: {}", process.as_str(), event.sample.text()));
         });
     }
@@ -192,18 +192,18 @@ impl Live {
                 beat: std::mem::take(beat),
             })
             .collect();
-        let (news, scrolled) = self
+        let (update, scrolled) = self
             .screen
             .take()
-            .map(|screen| (screen.news, screen.scrolled))
+            .map(|screen| (screen.update, screen.scrolled))
             .unwrap_or_default();
         let mut screen = Screen {
             report,
             rates,
-            news,
+            update,
             scrolled,
         };
-        self.news.drain(..).for_each(|line| screen.tell(line));
+        self.update.drain(..).for_each(|line| screen.report(line));
         self.screen = Some(screen);
     }
 }

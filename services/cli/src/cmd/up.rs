@@ -74,7 +74,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let mut standing_by_since = None;
     loop {
         if let Some(status) = watch.status() {
-            for line in narrator.news(&status) {
+            for line in narrator.update(&status) {
                 sayln!("{line}");
             }
             if status.health == Health::Stopping {

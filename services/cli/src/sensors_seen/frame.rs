@@ -18,7 +18,7 @@ const HASH: [u64; 2] = [0xcbf2_9ce4_8422_2325, 0x0000_0100_0000_01b3];
 
 /// What sort of sensor it comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Sort {
+pub enum SensorType {
     /// One beam.
     #[default]
     Beam,
@@ -34,7 +34,7 @@ pub enum Sort {
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Where it comes from.
-    pub sort: Sort,
+    pub sort: SensorType,
     /// Rays in it.
     pub rays: u64,
     /// Rays that say nothing.
@@ -60,7 +60,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    fn new(sort: Sort, reach_m: [f32; 2]) -> Self {
+    fn new(sort: SensorType, reach_m: [f32; 2]) -> Self {
         Self {
             sort,
             rays: 0,
@@ -80,9 +80,9 @@ impl Frame {
     /// Of `scan`, by a vehicle with heading `heading_rad`; what is nearer to its centre than `own_m` is the vehicle.
     pub fn of_scan(scan: &RangeScan, heading_rad: f64, own_m: f64) -> Self {
         let sort = match (scan.frame.get(), scan.beams) {
-            (ScanFrame::Level | ScanFrame::North, _) => Sort::Row,
-            (ScanFrame::Body, 0 | 1) => Sort::Beam,
-            (ScanFrame::Body, _) => Sort::Scan,
+            (ScanFrame::Level | ScanFrame::North, _) => SensorType::Row,
+            (ScanFrame::Body, 0 | 1) => SensorType::Beam,
+            (ScanFrame::Body, _) => SensorType::Scan,
         };
         let mut frame = Self::new(sort, [scan.range_min_m, scan.range_max_m]);
         let width_rad = f64::from(scan.beam_width_rad).max(0.0);
@@ -94,7 +94,7 @@ impl Frame {
                 continue;
             };
             let end_m = match sort {
-                Sort::Row => axis * f64::from(*range_m),
+                SensorType::Row => axis * f64::from(*range_m),
                 _ => scan.origin.vector() + axis * f64::from(*range_m),
             };
             let from_rad = axis.y.atan2(axis.x) - 0.5 * width_rad;
@@ -108,7 +108,7 @@ impl Frame {
 
     /// Of `cloud`, as above.
     pub fn of_cloud(cloud: &PointCloud, own_m: f64) -> Self {
-        let mut frame = Self::new(Sort::Cloud, [cloud.range_min_m, cloud.range_max_m]);
+        let mut frame = Self::new(SensorType::Cloud, [cloud.range_min_m, cloud.range_max_m]);
         let origin_m = cloud.origin.vector();
         let (mut low_rad, mut high_rad) = (f64::INFINITY, f64::NEG_INFINITY);
         for point in cloud.points() {
@@ -188,7 +188,7 @@ fn kind_of(range_m: f32, range_max_m: f32) -> RayKind {
 
 #[cfg(test)]
 mod tests {
-    use super::{Frame, Sort};
+    use super::{Frame, SensorType};
     use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, RayKind};
     use jink_shared_types::ring::{SECTORS, sector_of};
     use jink_shared_types::{Coded, Point};
@@ -219,7 +219,7 @@ mod tests {
             (frame.rays, frame.unknown, frame.hits, frame.too_near),
             (7, 2, 3, 2)
         );
-        assert_eq!(frame.sort, Sort::Scan);
+        assert_eq!(frame.sort, SensorType::Scan);
         assert_eq!(frame.one_range_m, None);
         assert_eq!(
             Frame::of_scan(&scan(0.0, &[3.0, f32::NAN, 3.0]), 0.0, 0.5).one_range_m,

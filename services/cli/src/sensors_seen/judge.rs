@@ -2,7 +2,7 @@
 
 use super::Seen;
 use super::circle::Sectors;
-use super::frame::Sort;
+use super::frame::SensorType;
 use super::ring::RingSeen;
 use super::sensor::{Rate, SensorSeen};
 use crate::findings::{Finding, Grade, of_events};
@@ -251,8 +251,8 @@ fn pace(sensor: &SensorSeen, seconds: f64, findings: &mut Vec<Finding>) {
         return;
     };
     let row = match sensor.sort {
-        Sort::Cloud => topics::RANGE_CLOUD.row,
-        Sort::Beam | Sort::Scan | Sort::Row => topics::RANGE_SCAN.row,
+        SensorType::Cloud => topics::RANGE_CLOUD.row,
+        SensorType::Beam | SensorType::Scan | SensorType::Row => topics::RANGE_SCAN.row,
     };
     if rate_hz < SLOW * least_hz {
         // Between two of them it counts as lost.
@@ -317,11 +317,11 @@ fn in_time(sensor: &SensorSeen) -> Finding {
 /// What its samples are called.
 fn samples(sensor: &SensorSeen) -> &'static str {
     match sensor.sort {
-        Sort::Beam => "readings",
-        Sort::Scan if sensor.is_in_parts() => "parts of its sweep",
-        Sort::Scan => "scans",
-        Sort::Row => "rows",
-        Sort::Cloud => "clouds",
+        SensorType::Beam => "readings",
+        SensorType::Scan if sensor.is_in_parts() => "parts of its sweep",
+        SensorType::Scan => "scans",
+        SensorType::Row => "rows",
+        SensorType::Cloud => "clouds",
     }
 }
 
@@ -335,8 +335,8 @@ fn credibility(sensor: &SensorSeen, findings: &mut Vec<Finding>) {
     if unknown == rays {
         // A single beam into the open sky may well get no answer; of many some do.
         let grade = match sensor.sort {
-            Sort::Beam => Grade::Warning,
-            Sort::Scan | Sort::Row | Sort::Cloud => Grade::Blocker,
+            SensorType::Beam => Grade::Warning,
+            SensorType::Scan | SensorType::Row | SensorType::Cloud => Grade::Blocker,
         };
         say(
             grade,
@@ -351,10 +351,10 @@ fn credibility(sensor: &SensorSeen, findings: &mut Vec<Finding>) {
             Grade::Warning,
             format!("{percent:.0} % of its readings are \"unknown\""),
             match sensor.sort {
-                Sort::Cloud => {
+                SensorType::Cloud => {
                     "rays into the ground under a vehicle that stands say so; otherwise dirt, direct sun, dark surfaces"
                 }
-                Sort::Beam | Sort::Scan | Sort::Row => {
+                SensorType::Beam | SensorType::Scan | SensorType::Row => {
                     "what is not known is not flown into: look for dirt, direct sun, dark or mirroring surfaces"
                 }
             },
@@ -381,7 +381,7 @@ fn credibility(sensor: &SensorSeen, findings: &mut Vec<Finding>) {
         return;
     }
     // Down at the ground under a vehicle that stands, or computed by somebody, it may be true.
-    let stuck = if looks_around && sensor.sort != Sort::Row {
+    let stuck = if looks_around && sensor.sort != SensorType::Row {
         Grade::Blocker
     } else {
         Grade::Warning
@@ -396,14 +396,14 @@ fn credibility(sensor: &SensorSeen, findings: &mut Vec<Finding>) {
             ),
             move_it,
         );
-    } else if let Some(told) = sensor
+    } else if let Some(reported) = sensor
         .frozen()
-        .filter(|told| *told > EQUAL_FRAMES_MAX && hits > EQUAL_MAX)
+        .filter(|reported| *reported > EQUAL_FRAMES_MAX && hits > EQUAL_MAX)
     {
         let what = samples(sensor);
         say(
             stuck,
-            format!("stuck: {told} {what} say the same, to the last bit; real ranges have noise"),
+            format!("stuck: {reported} {what} say the same, to the last bit; real ranges have noise"),
             move_it,
         );
     }
@@ -471,7 +471,7 @@ fn contradiction(one: &SensorSeen, other: &SensorSeen) -> Option<Finding> {
     let nearest =
         |distance: fn(&(usize, f64, f64)) -> f64| common.iter().map(distance).fold(f64::INFINITY, f64::min);
     // A beam tells the nearest of all that it is wide: only the nearest of the other can be compared with it.
-    let is_beam = one.sort == Sort::Beam || other.sort == Sort::Beam;
+    let is_beam = one.sort == SensorType::Beam || other.sort == SensorType::Beam;
     let differ =
         |one_m: f64, other_m: f64| are_far_apart((one_m, one.reach_m[1]), (other_m, other.reach_m[1]));
     let apart: Vec<&(usize, f64, f64)> = if is_beam {
@@ -490,7 +490,7 @@ fn contradiction(one: &SensorSeen, other: &SensorSeen) -> Option<Finding> {
             .map(|both| distance(both))
             .fold(f64::INFINITY, f64::min)
     };
-    let told = |distance_m: f64, reach_m: f32| match distance_m.is_finite() {
+    let reported = |distance_m: f64, reach_m: f32| match distance_m.is_finite() {
         true => format!("{distance_m:.1} m"),
         false => format!("nothing up to {reach_m:.1} m"),
     };
@@ -500,8 +500,8 @@ fn contradiction(one: &SensorSeen, other: &SensorSeen) -> Option<Finding> {
         &format!("{}, {}", one.table.name, other.table.name),
         format!(
             "contradict each other: {} and {} in the same direction, {}",
-            told(nearest_apart(|both| both.1), one.reach_m[1]),
-            told(nearest_apart(|both| both.2), other.reach_m[1]),
+            reported(nearest_apart(|both| both.1), one.reach_m[1]),
+            reported(nearest_apart(|both| both.2), other.reach_m[1]),
             Sectors::of(|sector| sectors.contains(&sector)).text()
         ),
         "one of them is mounted otherwise than configured (orientation, yaw_deg), or measures wrongly",

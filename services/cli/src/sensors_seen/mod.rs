@@ -18,7 +18,7 @@ mod sensor;
 mod timing;
 
 pub use circle::{Interval, Sectors};
-pub use frame::Sort;
+pub use frame::SensorType;
 pub use judge::{judge, subject};
 pub use ring::{RingFigures, RingSeen};
 pub use sensor::{OrientationKey, Rate, SensorFigures, SensorSeen, SensorTable};

@@ -1,7 +1,7 @@
 //! What one sensor has said over some time.
 
 use super::circle::{Interval, Sectors};
-use super::frame::{Frame, Sort};
+use super::frame::{Frame, SensorType};
 use super::timing::Timing;
 use jink_control::figures::round;
 use jink_shared_types::orientation;
@@ -110,7 +110,7 @@ pub struct SensorSeen {
     pub table: SensorTable,
     /// When its samples came.
     pub timing: Timing,
-    pub(super) sort: Sort,
+    pub(super) sort: SensorType,
     pub(super) rays: u64,
     pub(super) unknown: u64,
     pub(super) hits: u64,
@@ -120,7 +120,7 @@ pub struct SensorSeen {
     /// The range of every hit (m), as long as there is but one.
     pub(super) one_range_m: Option<f32>,
     /// Samples with obstacles in them, and how many of them said another thing than the one before.
-    told: u64,
+    reported: u64,
     changes: u64,
     fingerprint: u64,
     looks: Vec<Looks>,
@@ -132,7 +132,7 @@ impl SensorSeen {
         Self {
             table,
             timing: Timing::default(),
-            sort: Sort::default(),
+            sort: SensorType::default(),
             rays: 0,
             unknown: 0,
             hits: 0,
@@ -140,7 +140,7 @@ impl SensorSeen {
             reach_m: [0.0; 2],
             elevation_deg: None,
             one_range_m: None,
-            told: 0,
+            reported: 0,
             changes: 0,
             fingerprint: 0,
             looks: vec![Looks::default(); SECTORS],
@@ -170,7 +170,7 @@ impl SensorSeen {
                 .one_range_m
                 .filter(|one_m| is_first || self.one_range_m == Some(*one_m));
             self.hits += frame.hits;
-            self.told += 1;
+            self.reported += 1;
             self.changes += u64::from(!is_first && frame.fingerprint != self.fingerprint);
             self.fingerprint = frame.fingerprint;
         }
@@ -209,7 +209,7 @@ impl SensorSeen {
 
     /// Samples with obstacles in them that were all the same, to the last bit; `None` if they were not.
     pub(super) fn frozen(&self) -> Option<u64> {
-        (self.changes == 0).then_some(self.told)
+        (self.changes == 0).then_some(self.reported)
     }
 
     /// How often a second it comes back to a direction: the usual one of all directions. The same as its rate, unless it tells
@@ -224,7 +224,7 @@ impl SensorSeen {
     /// Whether it tells a part of its sweep at a time.
     pub fn is_in_parts(&self) -> bool {
         let most = self.looks_into().map(|looks| looks.count).max().unwrap_or(0);
-        self.sort == Sort::Scan && 4 * most < 3 * self.timing.samples()
+        self.sort == SensorType::Scan && 4 * most < 3 * self.timing.samples()
     }
 
     /// The longest time for which it did not look into one of its directions (s).

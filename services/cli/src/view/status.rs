@@ -155,7 +155,7 @@ pub struct Link {
     /// Age of these figures (ms).
     pub age_ms: f64,
     /// The autopilot has been heard within 1.5 s.
-    pub autopilot_heard: bool,
+    pub autopilot_alive: bool,
     /// Its MAVLink system id; 0 = not known.
     pub system_id: u8,
     /// What the avoidance heartbeat says.
@@ -409,7 +409,7 @@ impl Link {
         let us = |us: f64| round(us * 1e-3);
         Self {
             age_ms: round(now.seconds_since(link.header.publish) * 1e3),
-            autopilot_heard: link.sample.autopilot_alive.is_set(),
+            autopilot_alive: link.sample.autopilot_alive.is_set(),
             system_id: link.sample.system_id,
             avoidance: link.sample.avoidance.get().to_string(),
             profile: link.sample.profile.as_str().to_owned(),
@@ -433,7 +433,7 @@ impl Link {
 
     /// For people: who is heard, the clock, the setpoints, and the way from capture to wire.
     pub fn line(&self) -> String {
-        if !self.autopilot_heard {
+        if !self.autopilot_alive {
             return format!(
                 "link: the autopilot is not heard ({} bytes that are no MAVLink, {} messages of others)\n",
                 self.garbage_bytes, self.ignored

@@ -13,7 +13,7 @@ use ratatui::widgets::{Cell, Paragraph, Row, Table, Widget};
 /// A rate below this share of the declared one is marked.
 const SLOW_SHARE: f64 = 0.8;
 /// News that are kept.
-const NEWS: usize = 8;
+const UPDATE: usize = 8;
 /// From this width on the services are shown in all columns.
 const WIDE: u16 = 140;
 
@@ -36,7 +36,7 @@ pub struct Screen {
     /// Rates of topics.
     pub rates: Vec<Rate>,
     /// News, newest last.
-    pub news: Vec<String>,
+    pub update: Vec<String>,
     /// How many topics are scrolled away above the first that is shown.
     pub scrolled: usize,
 }
@@ -48,7 +48,7 @@ struct Areas {
     services: Rect,
     link: Rect,
     rates: Rect,
-    news: Rect,
+    update: Rect,
     foot: Rect,
 }
 
@@ -58,14 +58,14 @@ impl Areas {
         let services = lines(screen.report.services.len() + 1);
         let link = lines(screen.hops(area.width).len());
         let rates = lines(screen.rates.len() + 1);
-        let news = lines(screen.news.len()).max(1);
+        let update = lines(screen.update.len()).max(1);
         let spared = area.height.saturating_sub(2 + services + link);
-        let news = news.min(spared.saturating_sub(rates).max(1));
-        let [head, services, link, rates, news, foot] = Layout::vertical([
+        let update = update.min(spared.saturating_sub(rates).max(1));
+        let [head, services, link, rates, update, foot] = Layout::vertical([
             Constraint::Length(1),
             Constraint::Length(services),
             Constraint::Length(link.min(area.height.saturating_sub(services + 6))),
-            Constraint::Length(rates.min(spared.saturating_sub(news))),
+            Constraint::Length(rates.min(spared.saturating_sub(update))),
             Constraint::Min(0),
             Constraint::Length(1),
         ])
@@ -75,7 +75,7 @@ impl Areas {
             services,
             link,
             rates,
-            news,
+            update,
             foot,
         }
     }
@@ -88,11 +88,11 @@ impl Areas {
 
 impl Screen {
     /// Adds a piece of news; the oldest goes.
-    pub fn tell(&mut self, line: String) {
-        if self.news.len() == NEWS {
-            self.news.remove(0);
+    pub fn report(&mut self, line: String) {
+        if self.update.len() == UPDATE {
+            self.update.remove(0);
         }
-        self.news.push(line);
+        self.update.push(line);
     }
 
     /// Scrolls the topics by so many lines, as far as there are any.
@@ -129,7 +129,7 @@ impl Screen {
     }
 
     fn height(&self, width: u16) -> u16 {
-        let lines = 4 + self.report.services.len() + self.rates.len() + self.hops(width).len() + NEWS;
+        let lines = 4 + self.report.services.len() + self.rates.len() + self.hops(width).len() + UPDATE;
         u16::try_from(lines).unwrap_or(u16::MAX)
     }
 
@@ -143,12 +143,12 @@ impl Screen {
         let hops: Vec<Line<'_>> = self.hops(area.width).into_iter().map(Line::from).collect();
         Paragraph::new(hops).render(areas.link, buffer);
         self.rates().render(areas.rates, buffer);
-        let newest = self.news.len().saturating_sub(usize::from(areas.news.height));
-        let lines: Vec<Line<'_>> = self.news[newest..]
+        let newest = self.update.len().saturating_sub(usize::from(areas.update.height));
+        let lines: Vec<Line<'_>> = self.update[newest..]
             .iter()
             .map(|line| Line::from(line.as_str()))
             .collect();
-        Paragraph::new(lines).render(areas.news, buffer);
+        Paragraph::new(lines).render(areas.update, buffer);
         self.foot(areas.topics()).render(areas.foot, buffer);
     }
 
@@ -316,11 +316,11 @@ mod tests {
                 row: LOCAL_MAP.row,
                 beat,
             }],
-            news: Vec::new(),
+            update: Vec::new(),
             scrolled: 0,
         };
         for n in 0..20 {
-            screen.tell(format!("news {n}"));
+            screen.report(format!("news {n}"));
         }
         let text = screen.text(120);
         for part in [
@@ -355,7 +355,7 @@ mod tests {
         Screen {
             report: Report::new("default", Timestamp::from_seconds(5.0), &status, None, Vec::new()),
             rates: rates.collect(),
-            news: vec!["planner: restarted".to_owned()],
+            update: vec!["planner: restarted".to_owned()],
             scrolled: 0,
         }
     }

@@ -119,19 +119,19 @@ impl MapComparison<'_> {
             };
             return (!same).then(|| format!("{ours:?}, and told was {reported:?}"));
         }
-        if let SectorReading::Hit(told_cm) = reported {
+        if let SectorReading::Hit(reported_cm) = reported {
             let is_there = around(bin)
                 .into_iter()
-                .any(|bin| matches!(said(&self.replayed.ring, bin), SectorReading::Hit(cm) if cm <= told_cm + SAME_CM));
+                .any(|bin| matches!(said(&self.replayed.ring, bin), SectorReading::Hit(cm) if cm <= reported_cm + SAME_CM));
             if !is_there && !self.is_seen_again_beside(bin, reported) {
                 return Some(format!("turned: {ours:?}, and told was {reported:?}"));
             }
         }
         let is_known = ours != SectorReading::Silent;
-        let was_told = around(bin)
+        let was_reported = around(bin)
             .into_iter()
             .any(|bin| self.reported(bin) != SectorReading::Silent);
-        (is_known && !was_told).then(|| format!("turned: {ours:?}, and nothing was told"))
+        (is_known && !was_reported).then(|| format!("turned: {ours:?}, and nothing was told"))
     }
 
     /// Whether the source of `reported` has since reported a bin beside it. Of two messages of one time the one that

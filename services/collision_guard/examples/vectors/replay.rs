@@ -3,7 +3,7 @@
 use super::schema::{BINS, Node, Unreadable};
 use jink_collision_guard::prevention::{HorizontalSetpoint, Prevention, PreventionConfig, PreventionOutput};
 use jink_collision_guard::ring::Ring;
-use jink_shared_types::beams::{BeamReading, DistanceRow};
+use jink_shared_types::beams::{BeamReading, ObstacleDistance};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::pose_history::Pose;
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
@@ -39,7 +39,7 @@ pub enum Message {
         /// Frame as sent.
         frame: i64,
         /// Its content; the frame in it is only right if `frame` is a known one.
-        row: DistanceRow,
+        row: ObstacleDistance,
         /// When.
         at: Timestamp,
     },
@@ -241,7 +241,7 @@ fn read_row(node: &Node<'_>) -> Result<Message, Unreadable> {
     Ok(Message::Row {
         frame,
         at: micros(&node.get("t_us")?)?,
-        row: DistanceRow {
+        row: ObstacleDistance {
             frame: known.map_or(ScanFrame::Level, |(_, frame)| *frame),
             increment_deg: node.get("increment_deg")?.number()? as f32,
             offset_deg: node.get("angle_offset_deg")?.number()? as f32,

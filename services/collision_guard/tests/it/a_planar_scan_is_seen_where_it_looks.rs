@@ -103,11 +103,11 @@ proptest! {
         };
         let (now_rad, now_m) = from_here(bearing_rad);
         if !is_on_border(now_rad) {
-            let told_m = f64::from(seen.distance_m[sector_of(now_rad)]);
+            let reported_m = f64::from(seen.distance_m[sector_of(now_rad)]);
             // The beam is that wide: anywhere in it may be what it met.
             let aside_m = 0.5 * THIN_RAD * moved_m;
-            prop_assert!(told_m <= now_m + 1e-3 + aside_m, "{} m is told for {}", told_m, now_m);
-            prop_assert!(told_m >= now_m - 1e-3 - 0.15 * moved_m, "{} m is told for {}", told_m, now_m);
+            prop_assert!(reported_m <= now_m + 1e-3 + aside_m, "{} m is told for {}", reported_m, now_m);
+            prop_assert!(reported_m >= now_m - 1e-3 - 0.15 * moved_m, "{} m is told for {}", reported_m, now_m);
         }
         // The rim of the sector that the vehicle had there when it looked.
         let heading_rad = Attitude::from_rotation(attitude).yaw_rad();
@@ -137,9 +137,9 @@ proptest! {
         let surely: Vec<usize> = sectors_of_arc(from_rad + 1e-3, (whole_rad - 2e-3).max(0.0)).collect();
         let perhaps: Vec<usize> = sectors_of_arc(from_rad - 1e-3, whole_rad + 2e-3).collect();
         for sector in 0..SECTORS {
-            let told_m = seen.distance_m[sector];
-            prop_assert!(!surely.contains(&sector) || (told_m - range_m).abs() < 1e-3, "sector {}: {}", sector, told_m);
-            prop_assert!(perhaps.contains(&sector) || told_m.is_nan(), "sector {} is too much: {}", sector, told_m);
+            let reported_m = seen.distance_m[sector];
+            prop_assert!(!surely.contains(&sector) || (reported_m - range_m).abs() < 1e-3, "sector {}: {}", sector, reported_m);
+            prop_assert!(perhaps.contains(&sector) || reported_m.is_nan(), "sector {} is too much: {}", sector, reported_m);
         }
     }
 
@@ -158,9 +158,9 @@ proptest! {
             for sector in 0..SECTORS {
                 let is_own = (sector + SECTORS - first) % SECTORS < count;
                 let is_cleared = is_own && is_empty && !is_other;
-                let told_m = seen.distance_m[sector];
-                prop_assert!(if is_cleared { told_m == f32::INFINITY } else { (told_m - range_m).abs() < 1e-3 },
-                    "sector {}: {}", sector, told_m);
+                let reported_m = seen.distance_m[sector];
+                prop_assert!(if is_cleared { reported_m == f32::INFINITY } else { (reported_m - range_m).abs() < 1e-3 },
+                    "sector {}: {}", sector, reported_m);
             }
         }
     }

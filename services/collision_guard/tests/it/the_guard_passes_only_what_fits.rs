@@ -94,10 +94,10 @@ fn the_same_trajectory_again_is_nothing_new() {
 fn what_departs_from_another_one_is_refused() {
     let (mut guard, ring, first) = flying();
     let t = NOW_S + 0.2;
-    let mut stranger = successor(&first, 8, t, t + 0.15);
-    stranger.base_id = 6;
+    let mut unknown_peer = successor(&first, 8, t, t + 0.15);
+    unknown_peer.base_id = 6;
     assert_eq!(
-        refused(&mut guard, &ring, t, &stranger, &first),
+        refused(&mut guard, &ring, t, &unknown_peer, &first),
         GuardReason::WrongBase
     );
     let mut from_rest = straight(9, t, 1.0, 2.0, 3.0);
@@ -373,16 +373,16 @@ fn a_mirror_with_pieces_is_no_mirror() {
 #[test]
 fn lost_and_returned_ranges_are_reported_once_each() {
     let (mut guard, mut ring, first) = flying();
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     for i in 1..40 {
         let t = NOW_S + 0.05 * f64::from(i);
         if i > 25 {
             look(&mut ring, &World::default(), on(&first, t), t);
         }
         let (_, step_events) = step(&mut guard, t, None, &ring, on(&first, t));
-        told.extend(step_events.events().iter().map(|event| event.id));
+        reported.extend(step_events.events().iter().map(|event| event.id));
     }
-    assert_eq!(told, [events::RANGES_LOST.id, events::RANGES_BACK.id]);
+    assert_eq!(reported, [events::RANGES_LOST.id, events::RANGES_BACK.id]);
 }
 
 #[test]

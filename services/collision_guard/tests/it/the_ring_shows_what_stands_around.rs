@@ -327,8 +327,8 @@ proptest! {
         for (range, bearing, _) in &places {
             let to_border = (((bearing - yaw) / SECTOR_WIDTH_RAD).rem_euclid(1.0) - 0.5).abs();
             if to_border > 1e-3 {
-                let told = f64::from(seen.distance_m[sector_of(bearing - yaw)]);
-                prop_assert!(told <= range + 1e-3, "{} told for {}", told, range);
+                let reported = f64::from(seen.distance_m[sector_of(bearing - yaw)]);
+                prop_assert!(reported <= range + 1e-3, "{} told for {}", reported, range);
             }
         }
     }

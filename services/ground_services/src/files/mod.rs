@@ -61,7 +61,7 @@ struct Session {
     id: u8,
     peer: Peer,
     file: usize,
-    heard: Timestamp,
+    received: Timestamp,
     burst: Option<Burst>,
 }
 
@@ -155,7 +155,7 @@ impl FileServer {
                 && let Some(burst) = &mut session.burst
             {
                 let piece = piece(&self.files[session.file].bytes, burst);
-                session.heard = now;
+                session.received = now;
                 if piece.opcode != ACK || piece.burst_complete {
                     session.burst = None;
                 }
@@ -276,7 +276,7 @@ impl FileServer {
 
     /// A new session in a free place, or in that of one that is over.
     fn open(&mut self, now: Timestamp, peer: Peer, file: usize) -> Result<u8, Nak> {
-        let is_over = |session: &Session| now.seconds_since(session.heard) > SESSION_S;
+        let is_over = |session: &Session| now.seconds_since(session.received) > SESSION_S;
         let free = self
             .sessions
             .iter_mut()
@@ -288,7 +288,7 @@ impl FileServer {
             id,
             peer,
             file,
-            heard: now,
+            received: now,
             burst: None,
         });
         Ok(id)
@@ -300,7 +300,7 @@ impl FileServer {
         let places = self.sessions.iter().enumerate();
         let slot = places
             .filter_map(|(slot, session)| Some((slot, session.as_ref().filter(is_it)?)))
-            .max_by_key(|(_, session)| (session.heard, session.id));
+            .max_by_key(|(_, session)| (session.received, session.id));
         slot.map(|(slot, _)| slot).ok_or(Nak::InvalidSession)
     }
 
@@ -308,7 +308,7 @@ impl FileServer {
     fn used(&mut self, now: Timestamp, peer: Peer, id: u8) -> Result<&mut Session, Nak> {
         let slot = self.slot(peer, id)?;
         let session = self.sessions[slot].as_mut().ok_or(Nak::InvalidSession)?;
-        session.heard = now;
+        session.received = now;
         session.burst = None;
         Ok(session)
     }

@@ -182,8 +182,11 @@ fn sessions_run_out_and_come_back_and_belong_to_whoever_opened_them() {
         session: ids[0],
         ..request(91, op::READ)
     };
-    let stranger = server.take(at(1.0), (7, 7), &read.to_payload()).unwrap();
-    assert_eq!(refusal(&Packet::of(&stranger)), Some(Nak::InvalidSession as u8));
+    let unknown_peer = server.take(at(1.0), (7, 7), &read.to_payload()).unwrap();
+    assert_eq!(
+        refusal(&Packet::of(&unknown_peer)),
+        Some(Nak::InvalidSession as u8)
+    );
     assert_eq!(ask(&mut server, SESSION_S, read).opcode, ACK);
     let late = SESSION_S + 0.1;
     let again = ask(&mut server, late, open(92));
@@ -314,7 +317,7 @@ impl Client {
         content
     }
 
-    fn hear(&mut self, payload: &Payload) {
+    fn receive(&mut self, payload: &Payload) {
         let answer = Packet::of(payload);
         let expected = self
             .asked
@@ -401,7 +404,7 @@ proptest! {
                     back.send(s, piece);
                 }
                 for payload in back.arrived(s) {
-                    client.hear(&payload);
+                    client.receive(&payload);
                 }
             }
             prop_assert_eq!(client.content(), expected);

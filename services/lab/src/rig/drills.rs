@@ -110,7 +110,7 @@ impl Drills {
 
     /// Makes what is due and notices what has ended; answers what to tell of it.
     pub fn step(&mut self, view: &View<'_>) -> Vec<String> {
-        let mut news = Vec::new();
+        let mut update = Vec::new();
         let is_due = |drill: &Drill| {
             let time_s = match drill.since {
                 Since::Mission => view.mission_time_s,
@@ -122,20 +122,20 @@ impl Drills {
             std::mem::take(&mut self.planned).into_iter().partition(is_due);
         self.planned = planned;
         for drill in due {
-            news.push(self.begin(&drill, view));
+            update.push(self.begin(&drill, view));
         }
         self.looks += 1;
         let open = std::mem::take(&mut self.open);
         for mut one in open {
             one.look(self.looks, view);
             if one.is_over(view) {
-                news.push(one.record.line());
+                update.push(one.record.line());
                 self.done.push(one.record);
             } else {
                 self.open.push(one);
             }
         }
-        news
+        update
     }
 
     /// Listens to all topics of a process; to none if shared memory cannot be reached.

@@ -136,8 +136,8 @@ impl Flight {
         let begin = Instant::now();
         loop {
             self.look(show);
-            for line in pilot.news() {
-                show.news(&line);
+            for line in pilot.update() {
+                show.update(&line);
             }
             self.drill(show);
             if let Some(outcome) = self.trouble(supervisor, interrupt)? {
@@ -178,8 +178,8 @@ impl Flight {
             log.see_link(link.header.generation, link.sample);
         }
         if let Some(status) = self.watch.status() {
-            for line in self.narrator.news(&status) {
-                show.news(&line);
+            for line in self.narrator.update(&status) {
+                show.update(&line);
             }
             self.memory.look(&status);
             self.status = Some(status);
@@ -212,7 +212,7 @@ impl Flight {
                 gap_s,
             };
             for line in self.drills.step(&view) {
-                show.news(&line);
+                show.update(&line);
             }
         }
     }
@@ -273,7 +273,7 @@ impl Flight {
         let Some(status) = pilot_ended else {
             return Ok(None);
         };
-        pilot.news();
+        pilot.update();
         let reason = format!(
             "the ground station ended before the goal ({status}): {}",
             pilot.last_words()

@@ -106,7 +106,7 @@ impl Plan {
         ));
         overrides.extend(self.autopilot.overrides(build.as_ref(), false, &self.overrides)?);
         if let Some(build) = &build {
-            show.news(&build.text());
+            show.update(&build.text());
         }
         overrides.extend(self.speed.map(|speed| format!("params.OA_SPD_MAX={speed}")));
         overrides.extend(self.overrides.iter().cloned());

@@ -49,7 +49,7 @@ impl Pilot {
     }
 
     /// What it said since the last call, one piece of news per line.
-    pub fn news(&mut self) -> Vec<String> {
+    pub fn update(&mut self) -> Vec<String> {
         let lines: Vec<String> = self.lines.try_iter().map(|line| plain(&line)).collect();
         if let Some(last) = lines.last() {
             self.last_words.clone_from(last);

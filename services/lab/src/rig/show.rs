@@ -53,7 +53,7 @@ impl Show {
     }
 
     /// Shows something that stays.
-    pub fn news(&mut self, line: &str) {
+    pub fn update(&mut self, line: &str) {
         if self.silent {
             return;
         }

@@ -272,20 +272,20 @@ fn a_sensor_that_falls_silent_is_reported_once_and_so_is_its_return() {
     let mut driver = ouster(ROWS, COLUMNS, "");
     let begin = Timestamp::from_seconds(5.0);
     assert_eq!(driver.take_change(begin), None);
-    let mut news = Vec::new();
+    let mut update = Vec::new();
     for ms in 0..6_000u64 {
         let now = begin.plus_seconds(ms as f64 * 1e-3);
         if !(1_000..4_000).contains(&ms) {
             let (_, bytes) = packet((ms / 32) as u16, (ms % 32) as usize * 16, &|_, _| 3_000);
             driver.datagram(now, SENSOR, &bytes, &mut |_| {});
         }
-        news.extend(driver.take_change(now).map(|news| (ms, news)));
+        update.extend(driver.take_change(now).map(|update| (ms, update)));
     }
-    assert_eq!(news.len(), 2, "{news:?}");
+    assert_eq!(update.len(), 2, "{update:?}");
     assert!(
-        matches!(news[0], (2_000..=2_002, LidarChange::Lost))
-            && matches!(news[1], (4_000..=4_002, LidarChange::Back)),
-        "{news:?}"
+        matches!(update[0], (2_000..=2_002, LidarChange::Lost))
+            && matches!(update[1], (4_000..=4_002, LidarChange::Back)),
+        "{update:?}"
     );
 }
 

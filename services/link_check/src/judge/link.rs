@@ -72,12 +72,12 @@ fn open_remedy(endpoint: &Endpoint) -> &'static str {
 
 fn silent(about: String, setup: &LinkSetup, counts: &Counts) -> Finding {
     let endpoint = &setup.endpoint;
-    if counts.strangers > 0 {
+    if counts.unknown_peers > 0 {
         return Finding::blocker(
             about,
             format!(
                 "{} datagrams or connections on {endpoint} came from addresses that are not in link.peers, and none from one that is",
-                counts.strangers
+                counts.unknown_peers
             ),
             "add the autopilot's address to link.peers, or empty the list to hear everybody",
         );

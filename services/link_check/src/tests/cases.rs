@@ -35,7 +35,7 @@ pub(super) fn cases() -> Vec<Case> {
             |script| {
                 script.remove_autopilot();
                 script.counts = Counts {
-                    strangers: 3,
+                    unknown_peers: 3,
                     ..Counts::default()
                 };
             },

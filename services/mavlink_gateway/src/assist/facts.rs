@@ -40,10 +40,10 @@ pub struct AutopilotFacts {
 
 impl AutopilotFacts {
     /// Takes what the autopilot tells of a parameter.
-    pub fn take(&mut self, autopilot: MavAutopilot, told: &PARAM_VALUE_DATA) {
+    pub fn take(&mut self, autopilot: MavAutopilot, reported: &PARAM_VALUE_DATA) {
         let (Ok(name), Ok(value)) = (
-            told.param_id.to_str(),
-            Encoding::of(autopilot).take(told.param_type, told.param_value),
+            reported.param_id.to_str(),
+            Encoding::of(autopilot).take(reported.param_type, reported.param_value),
         ) else {
             return;
         };
@@ -194,7 +194,7 @@ mod tests {
 
     const COPTER: MavAutopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
 
-    fn told(name: &str, value: f32) -> PARAM_VALUE_DATA {
+    fn reported(name: &str, value: f32) -> PARAM_VALUE_DATA {
         PARAM_VALUE_DATA {
             param_id: name.into(),
             param_value: value,
@@ -215,7 +215,7 @@ mod tests {
             if let Some(MavMessage::PARAM_REQUEST_READ(question)) = facts.question(now, make, (1, 1)) {
                 let name = question.param_id.to_str().unwrap().to_owned();
                 if let Some(value) = value(&name) {
-                    facts.take(COPTER, &told(&name, value));
+                    facts.take(COPTER, &reported(&name, value));
                 }
                 asked.push(name);
             }
@@ -263,7 +263,7 @@ mod tests {
             ("COM_RC_OVERRIDE", 3.0, true),
         ] {
             let mut facts = AutopilotFacts::default();
-            facts.take(COPTER, &told(name, value));
+            facts.take(COPTER, &reported(name, value));
             assert_eq!(
                 facts.hindrance(AutopilotType::Px4).is_some(),
                 hinders,

@@ -265,7 +265,7 @@ impl Assist {
             return self.begin_leaving(scene.now, ModeRequest::Pilots(self.pilots_mode), None);
         }
         match (choice, self.refusal) {
-            (Some(true), Some(word)) => told(&ASSIST_REFUSED, word),
+            (Some(true), Some(word)) => reported(&ASSIST_REFUSED, word),
             (Some(true), None) => {
                 *self = Self {
                     phase: Phase::Engaging { since: scene.now },
@@ -295,7 +295,7 @@ impl Assist {
                     Some("switched off"),
                 );
             }
-            return told(&ASSIST_ON, "");
+            return reported(&ASSIST_ON, "");
         }
         let passed_s = scene.now.seconds_since(since);
         let word = if choice == Some(false) {
@@ -311,7 +311,7 @@ impl Assist {
         };
         if let Some(word) = word {
             self.end(scene.now);
-            return told(&ASSIST_REFUSED, word);
+            return reported(&ASSIST_REFUSED, word);
         }
         let is_watched = matches!(scene.guard, Some(PreventionState::Free | PreventionState::Acting));
         match is_watched && passed_s >= STREAM_S {
@@ -329,7 +329,7 @@ impl Assist {
             } else {
                 "disarmed"
             };
-            return told(&ASSIST_OFF, word);
+            return reported(&ASSIST_OFF, word);
         }
         let is_blind = !matches!(
             scene.guard,
@@ -372,8 +372,8 @@ impl Assist {
         }
         self.holds = holds;
         match holds {
-            Some(word) => told(&ASSIST_HOLDS, word),
-            None => told(&ASSIST_ON, ""),
+            Some(word) => reported(&ASSIST_HOLDS, word),
+            None => reported(&ASSIST_ON, ""),
         }
     }
 
@@ -433,7 +433,7 @@ impl Assist {
     }
 }
 
-fn told(event: &'static Event, name: &'static str) -> AssistIntent {
+fn reported(event: &'static Event, name: &'static str) -> AssistIntent {
     AssistIntent {
         request: None,
         text: Some(PilotText {

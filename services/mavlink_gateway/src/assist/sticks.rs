@@ -29,7 +29,7 @@ pub struct PilotSticks {
     up: f64,
     /// Turn to the right, -1 to 1.
     turn: f64,
-    heard: Timestamp,
+    received: Timestamp,
 }
 
 impl Default for PilotSticks {
@@ -38,7 +38,7 @@ impl Default for PilotSticks {
             level: Vector2::zeros(),
             up: 0.0,
             turn: 0.0,
-            heard: Timestamp::NEVER,
+            received: Timestamp::NEVER,
         }
     }
 }
@@ -77,12 +77,12 @@ impl PilotSticks {
         self.level = Vector2::new(beyond(forward), beyond(right)).cap_magnitude(1.0);
         self.up = self::beyond(up, THROTTLE_DEAD_ZONE);
         self.turn = beyond(turn);
-        self.heard = received;
+        self.received = received;
     }
 
     /// Time since they were heard (s); `None`: never.
     pub fn age_s(&self, now: Timestamp) -> Option<f64> {
-        self.heard.is_set().then(|| now.seconds_since(self.heard))
+        self.received.is_set().then(|| now.seconds_since(self.received))
     }
 
     /// Whether they are heard.

@@ -400,7 +400,7 @@ proptest! {
         steps in proptest::collection::vec((0..12u8, any::<bool>(), any::<bool>(), any::<bool>(), any::<bool>(), 0..4u8), 1..300),
     ) {
         let mut flight = Flight::engaged();
-        for (what, sees, hears, keeps, refuses, mode) in steps {
+        for (what, sees, receives, keeps, refuses, mode) in steps {
             match what {
                 0 => prop_assert_eq!(flight.assist.choose(false), Ok(())),
                 1 => flight.mode = [NavMode::Position, NavMode::Hold, NavMode::Return, NavMode::Offboard][usize::from(mode)],
@@ -412,7 +412,7 @@ proptest! {
             let (asked, streamed) = (flight.requests.len(), flight.assist.streams());
             flight.run(0.5, |scene| AssistScene {
                 guard: sees.then_some(PreventionState::Acting),
-                sticks_age_s: hears.then_some(0.1),
+                sticks_age_s: receives.then_some(0.1),
                 keeps_distance: keeps,
                 ..scene
             });

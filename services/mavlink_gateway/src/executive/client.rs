@@ -100,7 +100,7 @@ pub struct MissionClient {
     /// When the last one that was ended began.
     read_at: Timestamp,
     /// Number of items and identity of the mission, as MISSION_CURRENT told them last; what it counts differs from make to make.
-    told: (Option<u16>, Option<u32>),
+    reported: (Option<u16>, Option<u32>),
     note: Option<Note>,
 }
 
@@ -117,7 +117,7 @@ impl Default for MissionClient {
             version: 0,
             begun: Timestamp::NEVER,
             read_at: Timestamp::NEVER,
-            told: (None, None),
+            reported: (None, None),
             note: None,
         }
     }
@@ -150,7 +150,7 @@ impl MissionClient {
     /// In flight: notices a mission that was changed without a sign of it.
     pub fn watch(&mut self, now: Timestamp) {
         let period_s = (self.items.len() as f64 * WATCH_ITEM_S).max(WATCH_S);
-        let has_identity = self.told.1.is_some();
+        let has_identity = self.reported.1.is_some();
         if !has_identity && self.phase == Phase::Idle && now.seconds_since(self.begun) >= period_s {
             self.refresh(now);
         }
@@ -229,10 +229,10 @@ impl MissionClient {
             total => Some(total),
         };
         let id = (current.mission_id != 0).then_some(current.mission_id);
-        let (total_before, id_before) = self.told;
+        let (total_before, id_before) = self.reported;
         let other_length = total.zip(total_before).is_some_and(|(new, old)| new != old);
         let other_id = id.zip(id_before).is_some_and(|(new, old)| new != old);
-        self.told = (total.or(total_before), id.or(id_before));
+        self.reported = (total.or(total_before), id.or(id_before));
         if other_length || other_id {
             self.begin(now);
         }

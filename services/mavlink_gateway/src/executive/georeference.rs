@@ -57,7 +57,7 @@ pub struct Georeference {
     anchor: Option<Projection>,
     pairs: [Option<Fix>; PAIRS],
     next: usize,
-    told: Option<(Fix, Projection)>,
+    reported: Option<(Fix, Projection)>,
 }
 
 impl Georeference {
@@ -93,9 +93,9 @@ impl Georeference {
         });
         self.next = (self.next + 1) % PAIRS;
         if let Some(fix) = self.median()
-            && self.told.is_none_or(|(told, _)| !told.is_near(&fix))
+            && self.reported.is_none_or(|(reported, _)| !reported.is_near(&fix))
         {
-            self.told = Some((fix, Projection::new(anchor.to_global(fix.origin))));
+            self.reported = Some((fix, Projection::new(anchor.to_global(fix.origin))));
         }
     }
 
@@ -120,12 +120,12 @@ impl Georeference {
 
     /// Home in the local frame, as down coordinate (m).
     pub fn home_down_m(&self) -> Option<f64> {
-        self.told.map(|(fix, _)| fix.home_down_m)
+        self.reported.map(|(fix, _)| fix.home_down_m)
     }
 
     /// Whether places on the globe can be told.
     pub fn is_known(&self) -> bool {
-        self.told.is_some()
+        self.reported.is_some()
     }
 
     /// Where `item` lies in the local frame (m); `None` while the frame's place is not known, for a frame that needs the
@@ -144,7 +144,7 @@ impl Georeference {
             let level = Vector2::new(x, y).map(f64::from) * METRES_PER_UNIT;
             Vector3::new(level.x, level.y, height_m)
         } else {
-            let (fix, projection) = self.told?;
+            let (fix, projection) = self.reported?;
             let level = projection.to_local(GlobalPoint::from_e7(x, y));
             let zero_down_m = match frame {
                 MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT | MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT_INT => {

@@ -77,7 +77,7 @@ impl Executive {
         };
         if !is_there {
             self.flight_goal = FlightGoal::None;
-            self.tell(&NO_GOAL, "", 0.0);
+            self.report(&NO_GOAL, "", 0.0);
             return Intent::default();
         }
         self.leave(scene, last.sequence, Demand::Mission)
@@ -110,7 +110,7 @@ impl Executive {
             self.given_back = Some(GivenBack::at(sequence));
         }
         if self.times_asked(demand) >= super::TRIES {
-            self.tell(&NOT_GIVEN_BACK, "", f64::from(sequence));
+            self.report(&NOT_GIVEN_BACK, "", f64::from(sequence));
         }
         Intent::asking(self.ask(scene.now, demand))
     }
@@ -146,7 +146,7 @@ impl Executive {
         if waits {
             return Some(Intent::default());
         }
-        self.tell(&NOT_GIVEN_BACK, "", f64::from(given.sequence));
+        self.report(&NOT_GIVEN_BACK, "", f64::from(given.sequence));
         self.is_refused = true;
         Some(Intent::asking(self.ask(scene.now, Demand::Hold)))
     }

@@ -32,7 +32,7 @@ const SETTLED_S: f64 = 0.4;
 /// ... and after this long where every change of mode is told at once: meanwhile the autopilot flies there itself, unguarded.
 const SETTLED_AT_ONCE_S: f64 = 0.2;
 /// There the mode that a target belongs to is told within this time after it was seen first (s).
-const TOLD_AT_ONCE_S: f64 = 0.1;
+const REPORTED_AT_ONCE_S: f64 = 0.1;
 /// A vehicle that is this near (m) has arrived.
 const ARRIVED_M: f64 = 1.0;
 /// Slower than this counts as at rest (m/s).
@@ -68,12 +68,12 @@ pub struct GoToWatch {
     /// A far target in Hold, and when it was seen first.
     candidate: Option<Echo>,
     /// The autopilot has told its mode last.
-    mode_told: Timestamp,
+    mode_reported: Timestamp,
     /// It tells every change of its mode at once.
-    tells_at_once: bool,
+    reports_at_once: bool,
     /// A target of jink's own, at rest.
     resting: Option<Echo>,
-    heard: Timestamp,
+    received: Timestamp,
 }
 
 impl Default for GoToWatch {
@@ -86,10 +86,10 @@ impl Default for GoToWatch {
             may_be_old: true,
             entered: None,
             candidate: None,
-            mode_told: Timestamp::NEVER,
-            tells_at_once: false,
+            mode_reported: Timestamp::NEVER,
+            reports_at_once: false,
             resting: None,
-            heard: Timestamp::NEVER,
+            received: Timestamp::NEVER,
         }
     }
 }
@@ -110,7 +110,7 @@ impl GoToWatch {
             self.entered = None;
             self.candidate = None;
             self.resting = None;
-            self.heard = Timestamp::NEVER;
+            self.received = Timestamp::NEVER;
         }
         self.may_be_old |= !in_air;
         self.in_air = in_air;
@@ -133,7 +133,7 @@ impl GoToWatch {
         if self.mode != NavMode::Offboard || !self.in_air {
             return;
         }
-        self.heard = now;
+        self.received = now;
         let has = |ignored| !echo.type_mask.contains(ignored);
         let has_position = has(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE);
         let has_velocity = has(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_VX_IGNORE);
@@ -152,19 +152,19 @@ impl GoToWatch {
     }
 
     /// The autopilot has told its mode.
-    pub fn hear_mode(&mut self, now: Timestamp) {
-        self.mode_told = now;
+    pub fn receive_mode(&mut self, now: Timestamp) {
+        self.mode_reported = now;
     }
 
     /// Whether every change of the mode is told at once.
-    pub fn tells_at_once(&self) -> bool {
-        self.tells_at_once
+    pub fn reports_at_once(&self) -> bool {
+        self.reports_at_once
     }
 
     /// The same, in CURRENT_MODE, which comes at every change.
-    pub fn hear_current_mode(&mut self, now: Timestamp) {
-        self.hear_mode(now);
-        self.tells_at_once = true;
+    pub fn receive_current_mode(&mut self, now: Timestamp) {
+        self.receive_mode(now);
+        self.reports_at_once = true;
     }
 
     /// Where PX4 says that it flies to in Hold, and where the vehicle is. A target shows before the mode that it belongs to, which
@@ -176,7 +176,7 @@ impl GoToWatch {
         position: Vector3<f64>,
         speed_mps: f64,
     ) {
-        let settled_s = if self.tells_at_once {
+        let settled_s = if self.reports_at_once {
             SETTLED_AT_ONCE_S
         } else {
             SETTLED_S
@@ -207,9 +207,9 @@ impl GoToWatch {
             place: target,
             at: now,
         }));
-        let is_told = self.mode_told > candidate.at
-            || self.tells_at_once && now.seconds_since(candidate.at) >= TOLD_AT_ONCE_S;
-        if is_settled && is_told {
+        let is_reported = self.mode_reported > candidate.at
+            || self.reports_at_once && now.seconds_since(candidate.at) >= REPORTED_AT_ONCE_S;
+        if is_settled && is_reported {
             self.take_place(now, target);
         }
     }
@@ -223,7 +223,7 @@ impl GoToWatch {
     /// Whether it is not known yet what the autopilot flies to in the mode that it has just entered; not for long.
     pub fn is_waited_for(&self, now: Timestamp) -> bool {
         const ECHO_S: f64 = 0.4;
-        self.mode == NavMode::Offboard && !self.heard.is_set() && now.seconds_since(self.since) <= ECHO_S
+        self.mode == NavMode::Offboard && !self.received.is_set() && now.seconds_since(self.since) <= ECHO_S
     }
 }
 
@@ -246,7 +246,7 @@ impl Executive {
         let away_m = scene
             .position
             .map_or(0.0, |position| (go_to.place - position).norm());
-        self.tell(&GO_TO, "", away_m.round());
+        self.report(&GO_TO, "", away_m.round());
     }
 
     /// Whether the autopilot flies to a place while it should be flown there.
@@ -263,7 +263,7 @@ impl Executive {
             return Intent::default();
         };
         if !scene.ready {
-            self.tell(&UNGUARDED, "", 0.0);
+            self.report(&UNGUARDED, "", 0.0);
             return Intent::default();
         }
         Intent {
@@ -281,10 +281,12 @@ impl Executive {
         match self.flight_goal {
             FlightGoal::None => {
                 // A ground station's go-to that has changed the mode shows within this time.
-                let is_known = self.told.is_some_and(|told| told.event == &MISSION_CLEARED);
+                let is_known = self
+                    .reported
+                    .is_some_and(|reported| reported.event == &MISSION_CLEARED);
                 let is_due = scene.now.seconds_since(self.entered) > ENTERED_S && !is_known;
                 if scene.in_air && scene.armed && is_due {
-                    self.tell(&NO_GOAL, "", 0.0);
+                    self.report(&NO_GOAL, "", 0.0);
                 }
                 Intent::default()
             }
@@ -315,16 +317,16 @@ mod tests {
     use jink_shared_types::vehicle::NavMode;
     use nalgebra::Vector3;
 
-    /// Hovers in Hold; from 20 s on another target shows. `told_s` is when the mode is told, and which one.
-    fn seen(told: &[(f64, NavMode)]) -> bool {
+    /// Hovers in Hold; from 20 s on another target shows. `reported_s` is when the mode is told, and which one.
+    fn seen(reported: &[(f64, NavMode)]) -> bool {
         let mut watch = GoToWatch::default();
         let mut mode = NavMode::Hold;
         for tick in 0..300 {
             let s = 10.0 + f64::from(tick) * 0.1;
             let now = Timestamp::from_seconds(s);
-            if let Some((_, told)) = told.iter().find(|(at_s, _)| (at_s - s).abs() < 0.05) {
-                mode = *told;
-                watch.hear_mode(now);
+            if let Some((_, reported)) = reported.iter().find(|(at_s, _)| (at_s - s).abs() < 0.05) {
+                mode = *reported;
+                watch.receive_mode(now);
             }
             watch.notice(now, mode, true);
             let north_m = if s >= 20.0 { 60.0 } else { 0.0 };
@@ -339,15 +341,15 @@ mod tests {
     }
 
     /// Holds in flight at 10 s, and flies to another place at once, as after DO_REPOSITION. When that is known (s).
-    fn known_s(tells_at_once: bool) -> f64 {
+    fn known_s(reports_at_once: bool) -> f64 {
         let mut watch = GoToWatch::default();
         watch.notice(Timestamp::from_seconds(9.0), NavMode::Offboard, true);
         for tick in 0..300 {
             let now = Timestamp::from_seconds(10.0 + f64::from(tick) * 0.1);
-            if tells_at_once && tick == 0 {
-                watch.hear_current_mode(now);
+            if reports_at_once && tick == 0 {
+                watch.receive_current_mode(now);
             } else if tick % 10 == 0 {
-                watch.hear_mode(now);
+                watch.receive_mode(now);
             }
             watch.notice(now, NavMode::Hold, true);
             let target = Vector3::new(60.0, 0.0, -3.0);

@@ -138,10 +138,10 @@ impl Executive {
         let number = f64::from(item.sequence);
         self.preparing = None;
         if scene.lets_fly_unguarded {
-            self.tell(&ITEM_UNGUARDED, name, number);
+            self.report(&ITEM_UNGUARDED, name, number);
             return Intent::default();
         }
-        self.tell(&ITEM_HELD, name, number);
+        self.report(&ITEM_HELD, name, number);
         self.halt(scene)
     }
 
@@ -172,7 +172,7 @@ impl Executive {
         let before = *self.unguarded.get_or_insert(scene.now);
         if before.is_set() && scene.now.seconds_since(before) > UNGUARDED_S {
             self.unguarded = Some(Timestamp::NEVER);
-            self.tell(&UNGUARDED, "", 0.0);
+            self.report(&UNGUARDED, "", 0.0);
         }
     }
 
@@ -216,7 +216,7 @@ impl Executive {
         match (task, place(item)) {
             (Task::Visit { stay_s, is_spline }, Some(place)) => {
                 if is_spline {
-                    self.tell(&ITEM_STRAIGHT, "", f64::from(item.sequence));
+                    self.report(&ITEM_STRAIGHT, "", f64::from(item.sequence));
                 }
                 Target::Visit(place, stay_s)
             }
@@ -288,7 +288,7 @@ impl Executive {
             // Nobody has begun the mission.
             (None, Some(current)) if current < first && self.part == Part::WhenChosen => {
                 self.flight_goal = FlightGoal::None;
-                self.tell(&NO_GOAL, "", 0.0);
+                self.report(&NO_GOAL, "", 0.0);
                 return Intent::default();
             }
             (None, Some(current)) if current >= items.len() => return self.clear(),
@@ -355,11 +355,11 @@ impl Executive {
                 return self.leave(scene, item.sequence, demand);
             }
             Target::Unguarded(name) if scene.lets_fly_unguarded => {
-                self.tell(&ITEM_UNGUARDED, name, f64::from(item.sequence));
+                self.report(&ITEM_UNGUARDED, name, f64::from(item.sequence));
                 return self.leave(scene, item.sequence, Demand::Mission);
             }
             Target::Unguarded(name) => {
-                self.tell(&ITEM_HELD, name, f64::from(item.sequence));
+                self.report(&ITEM_HELD, name, f64::from(item.sequence));
                 return Intent::default();
             }
             _ => {}

@@ -52,7 +52,7 @@ const REQUESTED_MAX: usize = 4;
 /// A change of the current item this soon (s) after the mode was entered is the autopilot's own, from just before.
 const ENTERED_S: f64 = 1.0;
 /// Texts that wait to be sent; more of them in one step are left out.
-const NEWS_MAX: usize = 4;
+const UPDATES_MAX: usize = 4;
 
 /// What jink does about missions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -168,7 +168,7 @@ pub struct Intent {
     /// What is to be asked of the autopilot now.
     pub demand: Option<Demand>,
     /// What the pilot is to be told now.
-    pub news: Option<PilotText>,
+    pub update: Option<PilotText>,
     /// What is to be said in the log.
     pub note: Option<Note>,
     /// The mission is to be read anew before anything else happens.
@@ -226,8 +226,8 @@ pub struct Executive {
     is_reading: bool,
     go_to_serial: u32,
     /// What was told last: it is not repeated while nothing changes.
-    told: Option<PilotText>,
-    news: Vec<PilotText>,
+    reported: Option<PilotText>,
+    update: Vec<PilotText>,
 }
 
 impl Executive {
@@ -260,8 +260,8 @@ impl Executive {
             reads_again: false,
             is_reading: false,
             go_to_serial: 0,
-            told: None,
-            news: Vec::with_capacity(NEWS_MAX),
+            reported: None,
+            update: Vec::with_capacity(UPDATES_MAX),
         }
     }
 
@@ -286,13 +286,13 @@ impl Executive {
             NavMode::Hold if self.is_going(scene) => self.prepare_go_to(scene),
             _ => Intent::default(),
         };
-        let news = (!self.news.is_empty()).then(|| self.news.remove(0));
+        let update = (!self.update.is_empty()).then(|| self.update.remove(0));
         self.reads_again |= intent.read_again;
         // A request for an item goes first: an autopilot that is being read ignores it.
         let read_again = self.reads_again && !matches!(intent.demand, Some(Demand::Current(_)));
         self.reads_again &= !read_again;
         Intent {
-            news,
+            update,
             read_again,
             ..intent
         }
@@ -309,14 +309,14 @@ impl Executive {
         self.began_at = None;
         self.reached = None;
         self.leaving = None;
-        self.told = None;
+        self.reported = None;
     }
 
     /// Has it told to the pilot, unless that was the last thing he heard and nothing has changed.
-    fn tell(&mut self, event: &'static Event, name: &'static str, number: f64) {
-        let news = PilotText { event, name, number };
-        if self.told.replace(news) != Some(news) && self.news.len() < NEWS_MAX {
-            self.news.push(news);
+    fn report(&mut self, event: &'static Event, name: &'static str, number: f64) {
+        let update = PilotText { event, name, number };
+        if self.reported.replace(update) != Some(update) && self.update.len() < UPDATES_MAX {
+            self.update.push(update);
         }
     }
 

@@ -34,7 +34,7 @@ impl Executive {
         self.attempts = 0;
         self.unguarded = None;
         self.yielded = false;
-        self.told = None;
+        self.reported = None;
         self.halted = (before, scene.mode, asked) == (NavMode::Mission, NavMode::Hold, Some(Demand::Hold))
             && !self.is_refused;
         self.is_refused = false;
@@ -89,7 +89,7 @@ impl Executive {
         let is_meant = self.left.is_set() && scene.now.seconds_since(self.left) <= MEANT_S;
         self.yielded = is_meant;
         self.left = if is_meant { Timestamp::NEVER } else { scene.now };
-        self.tell(if is_meant { &LEFT_ALONE } else { &TAKEN_AGAIN }, "", 0.0);
+        self.report(if is_meant { &LEFT_ALONE } else { &TAKEN_AGAIN }, "", 0.0);
     }
 
     /// Another mission than before.
@@ -107,7 +107,7 @@ impl Executive {
             .is_some_and(|items| items.iter().skip(first).any(items::navigates));
         if has_items && scene.mode == NavMode::Offboard && self.flight_goal == FlightGoal::Mission {
             let current = scene.current.unwrap_or(0).max(scene.first_item);
-            self.tell(&MISSION_CHANGED, "", f64::from(current));
+            self.report(&MISSION_CHANGED, "", f64::from(current));
         }
     }
 
@@ -115,7 +115,7 @@ impl Executive {
     pub(super) fn clear(&mut self) -> Intent {
         self.flight_goal = FlightGoal::None;
         self.go_on_at(None);
-        self.tell(&MISSION_CLEARED, "", 0.0);
+        self.report(&MISSION_CLEARED, "", 0.0);
         Intent::default()
     }
 
@@ -153,7 +153,7 @@ impl Executive {
         let is_choice = scene.now.seconds_since(self.entered) > ENTERED_S && current >= scene.first_item;
         if is_choice && scene.mode == NavMode::Offboard && self.flight_goal == FlightGoal::Mission {
             self.asked = None;
-            self.tell(&ITEM_CHOSEN, "", f64::from(current));
+            self.report(&ITEM_CHOSEN, "", f64::from(current));
         }
     }
 }

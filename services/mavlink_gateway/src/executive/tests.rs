@@ -53,16 +53,16 @@ fn go_on(
     seen: &mut Scene<'_>,
     seconds: f64,
 ) -> (Vec<Demand>, Vec<&'static Event>) {
-    let (mut asked, mut told) = (Vec::new(), Vec::new());
+    let (mut asked, mut reported) = (Vec::new(), Vec::new());
     for _ in 0..(seconds * 50.0) as u32 {
         seen.now = seen.now.plus_seconds(0.02);
         seen.read_at = seen.now;
         let intent = executive.step(seen, place);
         asked.extend(intent.demand);
-        told.extend(intent.news.map(|news| news.event));
+        reported.extend(intent.update.map(|update| update.event));
     }
     asked.dedup();
-    (asked, told)
+    (asked, reported)
 }
 
 fn goal_m(intent: &Intent) -> Option<f64> {
@@ -204,13 +204,13 @@ fn a_mission_that_is_flown_while_jink_is_not_ready_is_told_once() {
     let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
     seen.ready = false;
-    let mut told = 0;
+    let mut reported = 0;
     for _ in 0..500 {
         seen.now = seen.now.plus_seconds(0.02);
-        let news = executive.step(&seen, place).news;
-        told += u32::from(news.is_some_and(|news| news.event == &events::UNGUARDED));
+        let update = executive.step(&seen, place).update;
+        reported += u32::from(update.is_some_and(|update| update.event == &events::UNGUARDED));
     }
-    assert_eq!(told, 1);
+    assert_eq!(reported, 1);
     // A landing is the autopilot's, and so is what is not to be taken over.
     for (part, current) in [(Part::TakesOver, 4), (Part::WhenChosen, 1)] {
         let mut executive = Executive::new(part);
@@ -218,7 +218,7 @@ fn a_mission_that_is_flown_while_jink_is_not_ready_is_told_once() {
         seen.position = at(40.0);
         for _ in 0..500 {
             seen.now = seen.now.plus_seconds(0.02);
-            assert_eq!(executive.step(&seen, place).news, None);
+            assert_eq!(executive.step(&seen, place).update, None);
         }
     }
 }
@@ -364,13 +364,16 @@ fn a_mission_chosen_out_of_the_mode_is_taken_over_again_unless_that_is_repeated(
     let (mut executive, mut seen) = taken_over(&items);
     go_on(&mut executive, &mut seen, 2.0);
     seen.mode = NavMode::Mission;
-    let (asked, told) = go_on(&mut executive, &mut seen, 0.1);
-    assert_eq!((asked, told), (vec![Demand::Follow], vec![&events::TAKEN_AGAIN]));
+    let (asked, reported) = go_on(&mut executive, &mut seen, 0.1);
+    assert_eq!(
+        (asked, reported),
+        (vec![Demand::Follow], vec![&events::TAKEN_AGAIN])
+    );
     seen.mode = NavMode::Offboard;
     go_on(&mut executive, &mut seen, 2.0);
     seen.mode = NavMode::Mission;
-    let (asked, told) = go_on(&mut executive, &mut seen, 5.0);
-    assert_eq!((asked, told), (vec![], vec![&events::LEFT_ALONE]));
+    let (asked, reported) = go_on(&mut executive, &mut seen, 5.0);
+    assert_eq!((asked, reported), (vec![], vec![&events::LEFT_ALONE]));
 }
 
 #[test]
@@ -415,8 +418,8 @@ fn nothing_that_nobody_asked_for_is_flown() {
     seen.mode = NavMode::Position;
     executive.step(&seen, place);
     seen.mode = NavMode::Offboard;
-    let (asked, told) = go_on(&mut executive, &mut seen, 5.0);
-    assert_eq!((asked, told), (vec![], vec![&events::NO_GOAL]));
+    let (asked, reported) = go_on(&mut executive, &mut seen, 5.0);
+    assert_eq!((asked, reported), (vec![], vec![&events::NO_GOAL]));
     assert_eq!(executive.step(&seen, place).path, None);
     // Where missions are flown when the mode is chosen, home is none.
     let mut executive = Executive::new(Part::WhenChosen);
@@ -436,8 +439,8 @@ fn the_item_that_somebody_chooses_is_flown_to() {
     let (mut executive, mut seen) = taken_over(&items);
     go_on(&mut executive, &mut seen, 2.0);
     seen.current = Some(3);
-    let (asked, told) = go_on(&mut executive, &mut seen, 0.1);
-    assert_eq!((asked, told), (vec![], vec![&events::ITEM_CHOSEN]));
+    let (asked, reported) = go_on(&mut executive, &mut seen, 0.1);
+    assert_eq!((asked, reported), (vec![], vec![&events::ITEM_CHOSEN]));
     assert_eq!(goal_m(&executive.step(&seen, place)), Some(40.0));
     seen.current = Some(1);
     assert_eq!(
@@ -450,8 +453,8 @@ fn the_item_that_somebody_chooses_is_flown_to() {
     let (asked, _) = go_on(&mut executive, &mut seen, 1.0);
     assert_eq!(asked, [Demand::Current(3)]);
     seen.current = Some(3);
-    let (_, told) = go_on(&mut executive, &mut seen, 1.0);
-    assert!(told.is_empty(), "{told:?}");
+    let (_, reported) = go_on(&mut executive, &mut seen, 1.0);
+    assert!(reported.is_empty(), "{reported:?}");
 }
 
 #[test]
@@ -466,8 +469,8 @@ fn a_mission_that_was_changed_is_flown_as_it_is_now_and_one_that_was_cleared_is_
         version: 2,
         ..seen
     };
-    let (_, told) = go_on(&mut executive, &mut seen, 0.1);
-    assert_eq!(told, [&events::MISSION_CHANGED]);
+    let (_, reported) = go_on(&mut executive, &mut seen, 0.1);
+    assert_eq!(reported, [&events::MISSION_CHANGED]);
     assert_eq!(goal_m(&executive.step(&seen, place)), Some(27.0));
     let mut seen = Scene {
         items: Some(&[]),
@@ -475,10 +478,10 @@ fn a_mission_that_was_changed_is_flown_as_it_is_now_and_one_that_was_cleared_is_
         current: Some(0),
         ..seen
     };
-    let (asked, told) = go_on(&mut executive, &mut seen, 2.0);
+    let (asked, reported) = go_on(&mut executive, &mut seen, 2.0);
     assert!(
-        asked.is_empty() && told.contains(&&events::MISSION_CLEARED),
-        "{told:?}"
+        asked.is_empty() && reported.contains(&&events::MISSION_CLEARED),
+        "{reported:?}"
     );
     assert_eq!(goal_m(&executive.step(&seen, place)), None);
 }
@@ -526,12 +529,12 @@ fn what_nobody_could_guard_is_held_and_told_unless_it_is_allowed() {
         go_on(&mut executive, &mut seen, 2.0);
         seen.position = at(20.0);
         seen.speed_mps = 0.0;
-        let (asked, told) = go_on(&mut executive, &mut seen, 5.0);
-        assert_eq!((asked, told), (vec![], vec![&events::ITEM_HELD]), "{other:?}");
+        let (asked, reported) = go_on(&mut executive, &mut seen, 5.0);
+        assert_eq!((asked, reported), (vec![], vec![&events::ITEM_HELD]), "{other:?}");
         seen.lets_fly_unguarded = true;
-        let (asked, told) = go_on(&mut executive, &mut seen, 3.0);
+        let (asked, reported) = go_on(&mut executive, &mut seen, 3.0);
         assert_eq!(asked, [Demand::Current(3), Demand::Mission], "{other:?}");
-        assert_eq!(told, [&events::ITEM_UNGUARDED]);
+        assert_eq!(reported, [&events::ITEM_UNGUARDED]);
         // In its mission it is held before it begins.
         let mut executive = Executive::new(Part::TakesOver);
         seen.mode = NavMode::Mission;
@@ -561,13 +564,13 @@ fn an_autopilot_that_starts_its_mission_anew_is_put_right_and_never_flies_a_seco
     let (asked, _) = go_on(&mut executive, &mut seen, 0.1);
     assert_eq!(asked, [Demand::Current(4)]);
     seen.current = Some(4);
-    let (asked, told) = go_on(&mut executive, &mut seen, 5.0);
-    assert!(asked.is_empty() && told.is_empty(), "{asked:?} {told:?}");
+    let (asked, reported) = go_on(&mut executive, &mut seen, 5.0);
+    assert!(asked.is_empty() && reported.is_empty(), "{asked:?} {reported:?}");
     // One that does not let itself be put right holds, and is left alone.
     seen.current = Some(1);
-    let (asked, told) = go_on(&mut stubborn, &mut seen, 8.0);
+    let (asked, reported) = go_on(&mut stubborn, &mut seen, 8.0);
     assert_eq!(asked, [Demand::Current(4), Demand::Hold]);
-    assert_eq!(told[0], &events::NOT_GIVEN_BACK);
+    assert_eq!(reported[0], &events::NOT_GIVEN_BACK);
     seen.mode = NavMode::Hold;
     let (asked, _) = go_on(&mut stubborn, &mut seen, 5.0);
     assert!(asked.is_empty(), "{asked:?}");

@@ -84,8 +84,8 @@ impl AssistedFlight {
     }
 
     /// Takes what the autopilot tells of a parameter.
-    pub(super) fn take_parameter(&mut self, autopilot: MavAutopilot, told: &PARAM_VALUE_DATA) {
-        self.facts.take(autopilot, told);
+    pub(super) fn take_parameter(&mut self, autopilot: MavAutopilot, reported: &PARAM_VALUE_DATA) {
+        self.facts.take(autopilot, reported);
     }
 
     /// When its next question to the autopilot is due.
@@ -110,7 +110,7 @@ impl Gateway {
             .and_then(|index| channels_us(channels).get(index).copied().flatten());
         if let Some(on) = self.assist.switch.take(raw_us) {
             // What speaks against it is told in the next step.
-            let _told = self.assist.choose(on);
+            let _reported = self.assist.choose(on);
         }
     }
 
@@ -132,7 +132,7 @@ impl Gateway {
     /// One step of it: asks for what is needed to be ready for it, and for the modes.
     pub(super) fn run_assist(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
         // Before the first heartbeat the modes' numbers mean nothing: until then what was resumed goes on.
-        let Some((system_id, make)) = self.latch.system_id(now).zip(self.vehicle.make()) else {
+        let Some((system_id, make)) = self.selector.system_id(now).zip(self.vehicle.make()) else {
             return;
         };
         if self.may_assist() && self.was_alive {
@@ -176,7 +176,7 @@ impl Gateway {
             if text.event.id == jink_shared_types::events::ASSIST_REFUSED.id {
                 self.assist.facts.ask_again(now);
             }
-            Self::tell_pilot(&text, outputs);
+            Self::notify_pilot(&text, outputs);
         }
     }
 
@@ -202,7 +202,8 @@ impl Gateway {
 
     /// The setpoint of an assisted flight, when it is due.
     pub(super) fn fly_assisted(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
-        let (Some(system_id), Some(vehicle)) = (self.latch.system_id(now), self.vehicle.present(now)) else {
+        let (Some(system_id), Some(vehicle)) = (self.selector.system_id(now), self.vehicle.present(now))
+        else {
             return;
         };
         // That of the profile, which fits: a gateway that is started again in flight does not wait for a heartbeat.

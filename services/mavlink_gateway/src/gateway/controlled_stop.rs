@@ -44,7 +44,7 @@ impl Gateway {
         };
         if !controlled_stop.since.is_set() {
             controlled_stop.since = now;
-            outputs.tell(EventSample::new(&STOPPING_TO_END, "", [0.0; 2]));
+            outputs.report(EventSample::new(&STOPPING_TO_END, "", [0.0; 2]));
         }
         let mode = self.vehicle.mode();
         let present = self.vehicle.present(now);

@@ -31,24 +31,24 @@ impl Gateway {
             && let Ok(system_id) = u8::try_from(header.system_id)
         {
             if is_from_autopilot(message) {
-                self.latch.observe(system_id, received.time);
+                self.selector.observe(system_id, received.time);
             }
-            if self.latch.system_id(now) == Some(system_id)
-                && self.latch.is_selected_link(received.link, received.time)
+            if self.selector.system_id(now) == Some(system_id)
+                && self.selector.is_selected_link(received.link, received.time)
             {
                 self.wire.status.received += 1;
-                self.vehicle.heard(received.time);
+                self.vehicle.received(received.time);
                 self.take_message(now, received, message, outputs);
                 return;
             }
         }
         if let Content::Message(MavMessage::HEARTBEAT(heartbeat)) = &received.content
-            && self.latch.system_id(now).is_some()
+            && self.selector.system_id(now).is_some()
             && received.link == self.autopilot_link()
         {
-            self.radio.overhear(received.time, heartbeat);
+            self.radio.observe(received.time, heartbeat);
         }
-        self.overhear(now, received);
+        self.observe(now, received);
         self.ignored += 1;
     }
 
@@ -58,7 +58,7 @@ impl Gateway {
         let Content::Message(message) = &received.content else {
             return;
         };
-        if self.latch.system_id(now).map(u32::from) != Some(header.system_id) {
+        if self.selector.system_id(now).map(u32::from) != Some(header.system_id) {
             return;
         }
         let arrived = match message {
@@ -139,9 +139,9 @@ impl Gateway {
             MavMessage::POSITION_TARGET_LOCAL_NED(echo) => self.take_echo(now, echo, outputs),
             MavMessage::MANUAL_CONTROL(control) => self.steering.sticks.take(control, time),
             MavMessage::RC_CHANNELS(channels) => self.take_channels(channels, time),
-            MavMessage::PARAM_VALUE(told) => {
+            MavMessage::PARAM_VALUE(reported) => {
                 if let Some(autopilot) = self.profile_check.fit.autopilot() {
-                    self.assist.take_parameter(autopilot, told);
+                    self.assist.take_parameter(autopilot, reported);
                 }
             }
             MavMessage::CURRENT_MODE(current) => self.vehicle.take_mode(current.custom_mode),
@@ -161,7 +161,7 @@ impl Gateway {
         sync: &TIMESYNC_DATA,
         outputs: &mut Outputs,
     ) {
-        let ours = self.latch.system_id(now).unwrap_or(0);
+        let ours = self.selector.system_id(now).unwrap_or(0);
         let for_another = |target: u8, own: u8| target != 0 && target != own;
         if for_another(sync.target_system, ours)
             || for_another(sync.target_component, self.config.component_id)
@@ -202,7 +202,7 @@ impl Gateway {
         self.desired = None;
         self.vertical_motions = VerticalMotions::default();
         self.current_item = None;
-        self.was_greeted = false;
+        self.was_announced = false;
         self.profile.reset();
         self.wire.interrupted();
     }

@@ -90,8 +90,8 @@ impl MissionFlight {
         match message {
             MavMessage::LOCAL_POSITION_NED(position) => self.georeference.take_local(position),
             MavMessage::GLOBAL_POSITION_INT(position) => self.georeference.take_global(position),
-            MavMessage::HEARTBEAT(_) => self.go_to.hear_mode(now),
-            MavMessage::CURRENT_MODE(_) => self.go_to.hear_current_mode(now),
+            MavMessage::HEARTBEAT(_) => self.go_to.receive_mode(now),
+            MavMessage::CURRENT_MODE(_) => self.go_to.receive_current_mode(now),
             MavMessage::HOME_POSITION(home) => self.home = Some((home.latitude, home.longitude)),
             _ => {}
         }
@@ -143,7 +143,7 @@ impl MissionFlight {
 
     /// Home in the local frame (m).
     fn home(&self, first_item: u16) -> Option<Vector3<f64>> {
-        let told = |(x, y)| self.georeference.locate(MavFrame::MAV_FRAME_GLOBAL, (x, y), 0.0);
+        let reported = |(x, y)| self.georeference.locate(MavFrame::MAV_FRAME_GLOBAL, (x, y), 0.0);
         // ArduPilot's item 0 is home.
         let item = self
             .client
@@ -151,8 +151,8 @@ impl MissionFlight {
             .and_then(<[_]>::first)
             .filter(|_| first_item > 0);
         match item {
-            Some(home) => told((home.x, home.y)),
-            None => self.home.and_then(told),
+            Some(home) => reported((home.x, home.y)),
+            None => self.home.and_then(reported),
         }
     }
 }
@@ -160,7 +160,7 @@ impl MissionFlight {
 impl Gateway {
     /// One step of the mission, if jink flies it.
     pub(super) fn run_mission(&mut self, now: Timestamp, outputs: &mut Outputs) {
-        let Some(system_id) = self.latch.system_id(now).filter(|_| self.was_alive) else {
+        let Some(system_id) = self.selector.system_id(now).filter(|_| self.was_alive) else {
             return;
         };
         if self.mission.is_some() {
@@ -212,7 +212,7 @@ impl Gateway {
         let Intent {
             path,
             demand,
-            news,
+            update,
             note,
             read_again,
         } = flight
@@ -248,13 +248,13 @@ impl Gateway {
         if let Some(demand) = demand {
             self.demand(now, demand, outputs);
         }
-        if let Some(news) = news {
-            Self::tell_pilot(&news, outputs);
+        if let Some(update) = update {
+            Self::notify_pilot(&update, outputs);
         }
     }
 
-    pub(super) fn tell_pilot(text: &PilotText, outputs: &mut Outputs) {
-        outputs.tell(EventSample::new(text.event, text.name, [text.number, 0.0]));
+    pub(super) fn notify_pilot(text: &PilotText, outputs: &mut Outputs) {
+        outputs.report(EventSample::new(text.event, text.name, [text.number, 0.0]));
     }
 
     /// What is to be known of this flight by a gateway that is started in it.
@@ -289,7 +289,7 @@ impl Gateway {
         let is_followed = matches!(self.vehicle.mode(), NavMode::Offboard | NavMode::Hold);
         let is_flown = self.config.profile.flies_the_mission() && self.vehicle.has_taken_off();
         let Some(flight) = &mut self.mission else { return };
-        let is_late = is_px4 && is_followed && is_flown && !flight.go_to.tells_at_once();
+        let is_late = is_px4 && is_followed && is_flown && !flight.go_to.reports_at_once();
         if !is_late || !flight.mode_questions.take(now) {
             return;
         }
@@ -318,7 +318,7 @@ impl Gateway {
     }
 
     /// A station on a link of ours asks ArduCopter to go to a place: seen before it is overwritten.
-    pub(super) fn overhear(&mut self, now: Timestamp, received: &Received) {
+    pub(super) fn observe(&mut self, now: Timestamp, received: &Received) {
         let follows = self.vehicle.mode() == NavMode::Offboard;
         let copter = self.vehicle.make() == Some(AutopilotType::ArduPilot);
         let Content::Message(message) = &received.content else {
@@ -357,7 +357,7 @@ impl Gateway {
 
     #[allow(deprecated)] // MISSION_SET_CURRENT is older than the command that replaces it, and so are the versions that need it.
     pub(super) fn demand(&mut self, now: Timestamp, demand: Demand, outputs: &mut Outputs) {
-        let target = self.latch.system_id(now).zip(self.vehicle.make());
+        let target = self.selector.system_id(now).zip(self.vehicle.make());
         let Some((system_id, make)) = target else { return };
         let autopilot = (system_id, COMPONENT_AUTOPILOT);
         // PX4 shows an item that is chosen by this message in every mode, one that is chosen by command in its mission only; older
@@ -386,11 +386,11 @@ impl Gateway {
         if refused {
             self.assist.note_refusal();
         }
-        let news = refused && !flight.was_refused;
+        let update = refused && !flight.was_refused;
         flight.was_refused = refused;
-        if news {
+        if update {
             let result = f64::from(ack.result as u8);
-            outputs.tell(EventSample::new(&MODE_REFUSED, "", [result, 0.0]));
+            outputs.report(EventSample::new(&MODE_REFUSED, "", [result, 0.0]));
         }
     }
 }

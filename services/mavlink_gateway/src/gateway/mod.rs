@@ -33,9 +33,7 @@ use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::streams::Streams;
 use jink_mavlink_link::ticker::Ticker;
 use jink_mavlink_link::vehicle_selector::VehicleSelector;
-use jink_shared_types::events::{
-    AUTOPILOT_FOUND, AUTOPILOT_LOST, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN,
-};
+use jink_shared_types::events::{AUTOPILOT_FOUND, AUTOPILOT_LOST, EventSample, GOAL_BLOCKED, LANDED_UNKNOWN};
 use jink_shared_types::health::Name;
 use jink_shared_types::link::{AvoidanceState, LinkStatus};
 use jink_shared_types::params::{GW_OBST_RATE, MPC_XY_P, ParamSet};
@@ -68,7 +66,7 @@ const STATUS_RATE_HZ: u32 = 5;
 const SOONEST_PERIODS: f64 = 0.05;
 /// Two setpoints that did not wait for the beat are this part of a period apart: 10 ms at 20 Hz, so that a burst of
 /// trajectories does not crowd a serial line.
-const HASTENED_APART_PERIODS: f64 = 0.2;
+const EARLY_APART_PERIODS: f64 = 0.2;
 
 /// The gateway between jink and one autopilot.
 #[derive(Debug)]
@@ -80,7 +78,7 @@ pub struct Gateway {
     /// Somebody is about to end jink.
     controlled_stop: Option<ControlledStop>,
     unguarded_mode: UnguardedMode,
-    latch: VehicleSelector,
+    selector: VehicleSelector,
     clock: ClockMap,
     vehicle: VehicleTracker,
     desired: Option<DesiredPath>,
@@ -99,13 +97,13 @@ pub struct Gateway {
     footing_asked: (Timestamp, u32),
     was_alive: bool,
     /// The autopilot has heard what comes before the first setpoint.
-    was_greeted: bool,
+    was_announced: bool,
     ignored: u64,
     last_setpoint: Timestamp,
     /// The last setpoint that did not wait for the beat.
-    last_hastened: Timestamp,
+    last_early: Timestamp,
     /// The next one does not.
-    is_hastened: bool,
+    is_early: bool,
     heartbeats: Heartbeats,
     params: ParamSet,
     steering: Steering,
@@ -130,7 +128,7 @@ impl Gateway {
             profile_check: ProfileCheck::new(config.chooses_profile, config.is_proven),
             controlled_stop: None,
             unguarded_mode: UnguardedMode::default(),
-            latch: VehicleSelector::new(config.system_id),
+            selector: VehicleSelector::new(config.system_id),
             clock: ClockMap::default(),
             vehicle: VehicleTracker::default(),
             desired: None,
@@ -147,11 +145,11 @@ impl Gateway {
             landed_state: Input::Missing,
             footing_asked: (Timestamp::NEVER, 0),
             was_alive: false,
-            was_greeted: false,
+            was_announced: false,
             ignored: 0,
             last_setpoint: Timestamp::NEVER,
-            last_hastened: Timestamp::NEVER,
-            is_hastened: false,
+            last_early: Timestamp::NEVER,
+            is_early: false,
             heartbeats: Heartbeats::default(),
             params: ParamSet::default(),
             steering: Steering::default(),
@@ -229,7 +227,7 @@ impl Gateway {
         if self.was_alive {
             wake = wake.min(self.vehicle.alive_until().plus_seconds(1e-3));
         }
-        if self.latch.system_id(now).is_some() {
+        if self.selector.system_id(now).is_some() {
             wake = wake.min(self.timesync.due());
             if self.obstacles_hz(now).is_some() {
                 wake = wake.min(self.obstacles.due());
@@ -257,7 +255,7 @@ impl Gateway {
 
     /// A second autopilot on the link, while it is not clear which one is ours: the configuration must name one.
     pub fn rival(&self, now: Timestamp) -> Option<u8> {
-        self.latch.rival(now)
+        self.selector.rival(now)
     }
 
     /// Whether another gateway speaks on this link: its time synchronisation is learned from as well.
@@ -267,7 +265,7 @@ impl Gateway {
 
     /// The link on which our autopilot is heard; the first one before it was.
     pub fn autopilot_link(&self) -> u8 {
-        self.latch.link()
+        self.selector.link()
     }
 
     /// Whether no setpoint is sent now because the vehicle is not in the air yet.
@@ -296,7 +294,7 @@ impl Gateway {
     /// Who we are on the links.
     pub fn us(&self, now: Timestamp) -> OwnIds {
         OwnIds {
-            system_id: self.latch.system_id(now),
+            system_id: self.selector.system_id(now),
             components: [
                 self.config.component_id,
                 self.config.computer_component_id.unwrap_or(0),
@@ -310,39 +308,39 @@ impl Gateway {
     }
 
     /// Speaks from now on, after another gateway whose last setpoint was sent then.
-    pub(crate) fn go_on_from(&mut self, last_setpoint: Timestamp) {
+    pub(crate) fn resume_from(&mut self, last_setpoint: Timestamp) {
         self.last_setpoint = last_setpoint;
-        self.setpoints.go_on_from(last_setpoint);
-        self.wire.go_on_from(last_setpoint);
+        self.setpoints.resume_from(last_setpoint);
+        self.wire.resume_from(last_setpoint);
     }
 
     /// Speaks from now on, after another gateway that has died: the next setpoint goes out at once.
-    pub fn go_on_at_once(&mut self, now: Timestamp) {
-        self.setpoints.hasten(now);
+    pub fn resume_now(&mut self, now: Timestamp) {
+        self.setpoints.schedule_early(now);
     }
 
     fn vehicle_state(&self, now: Timestamp) -> Option<(jink_shared_types::vehicle::VehicleState, Timestamp)> {
-        let system_id = self.latch.system_id(now).unwrap_or(0);
+        let system_id = self.selector.system_id(now).unwrap_or(0);
         self.vehicle.state(now, system_id)
     }
 
     /// Tells when the autopilot is heard for the first time, is lost, and is back; at a loss consumers get one last
     /// state that says so.
     fn notice_life(&mut self, now: Timestamp, outputs: &mut Outputs) {
-        let alive = self.vehicle.is_alive(now) && self.latch.system_id(now).is_some();
+        let alive = self.vehicle.is_alive(now) && self.selector.system_id(now).is_some();
         if alive == self.was_alive {
             return;
         }
         self.was_alive = alive;
-        let system_id = f64::from(self.latch.system_id(now).unwrap_or(0));
+        let system_id = f64::from(self.selector.system_id(now).unwrap_or(0));
         if alive {
             if let Some(flight) = &mut self.mission {
                 flight.read_anew(now);
             }
-            outputs.tell(EventSample::new(&AUTOPILOT_FOUND, "", [system_id, 0.0]));
+            outputs.report(EventSample::new(&AUTOPILOT_FOUND, "", [system_id, 0.0]));
         } else {
             self.wire.interrupted();
-            outputs.tell(EventSample::new(&AUTOPILOT_LOST, "", [system_id, 0.0]));
+            outputs.report(EventSample::new(&AUTOPILOT_LOST, "", [system_id, 0.0]));
             outputs.vehicle_state = self.vehicle_state(now);
         }
     }
@@ -353,8 +351,8 @@ impl Gateway {
         self.ranges.notice(avoidance::ranges_flow(now, inputs.ring));
         self.approved.notice(inputs.approved.is_fresh());
         // Without knowing whether the vehicle stands on the ground jink sends and asks for nothing.
-        let is_told = self.mission.is_none() || self.vehicle.landed_state() != LandedState::Unknown;
-        self.landed_state.notice(self.was_alive && is_told);
+        let is_reported = self.mission.is_none() || self.vehicle.landed_state() != LandedState::Unknown;
+        self.landed_state.notice(self.was_alive && is_reported);
         let needed = [
             self.position,
             self.ranges,
@@ -375,7 +373,7 @@ impl Gateway {
             self.fly_assisted(now, inputs, outputs);
             return;
         }
-        let Some(system_id) = self.latch.system_id(now) else {
+        let Some(system_id) = self.selector.system_id(now) else {
             return;
         };
         let mode = self.vehicle.mode();
@@ -412,13 +410,13 @@ impl Gateway {
             let soonest = self
                 .last_setpoint
                 .plus_seconds(SOONEST_PERIODS * period_s)
-                .max(self.last_hastened.plus_seconds(HASTENED_APART_PERIODS * period_s))
+                .max(self.last_early.plus_seconds(EARLY_APART_PERIODS * period_s))
                 .max(now);
-            self.is_hastened |= soonest < self.setpoints.due();
-            self.setpoints.hasten(soonest);
+            self.is_early |= soonest < self.setpoints.due();
+            self.setpoints.schedule_early(soonest);
         }
-        outputs.told = self.profile.told();
-        if let Some(header) = &outputs.told {
+        outputs.reported = self.profile.reported();
+        if let Some(header) = &outputs.reported {
             self.wire.known(now, header);
         }
         if situation.vehicle.is_none() || !self.setpoints.take(now) {
@@ -433,14 +431,14 @@ impl Gateway {
             self.wire.interrupted();
             return;
         };
-        if !std::mem::replace(&mut self.was_greeted, true)
-            && let Some(greeting) = self.profile.greeting()
+        if !std::mem::replace(&mut self.was_announced, true)
+            && let Some(announcement) = self.profile.announcement()
         {
-            outputs.send(self.outgoing(now, Body::Message(greeting)));
+            outputs.send(self.outgoing(now, Body::Message(announcement)));
         }
         self.last_setpoint = now;
-        if std::mem::take(&mut self.is_hastened) {
-            self.last_hastened = now;
+        if std::mem::take(&mut self.is_early) {
+            self.last_early = now;
         }
         let receipt = Receipt::Setpoint {
             first_of: setpoint.first_of,
@@ -490,7 +488,7 @@ impl Gateway {
                 ..self.outgoing(now, Body::Message(heartbeat))
             });
         }
-        let Some(system_id) = self.latch.system_id(now) else {
+        let Some(system_id) = self.selector.system_id(now) else {
             return;
         };
         let autopilot = (system_id, COMPONENT_AUTOPILOT);
@@ -536,7 +534,7 @@ impl Gateway {
         }
         self.footing_asked = (now, times.saturating_add(1));
         if times == LANDED_STATE_TRIES {
-            outputs.tell(EventSample::new(&LANDED_UNKNOWN, "", [0.0; 2]));
+            outputs.report(EventSample::new(&LANDED_UNKNOWN, "", [0.0; 2]));
         }
         self.request_message(now, EXTENDED_SYS_STATE_DATA::ID, target, outputs);
     }
@@ -560,7 +558,7 @@ impl Gateway {
     }
 
     fn outgoing(&self, now: Timestamp, body: Body) -> Outgoing {
-        outgoing_of(&self.latch, &self.config, now, body)
+        outgoing_of(&self.selector, &self.config, now, body)
     }
 
     fn link_status(&mut self, now: Timestamp, inputs: &Inputs<'_>) -> &LinkStatus {
@@ -576,7 +574,7 @@ impl Gateway {
         status.assist = Coded::new(self.assist.state());
         status.links = inputs.link.links;
         status.ignored = self.ignored + inputs.link.undecodable;
-        status.system_id = self.latch.system_id(now).unwrap_or(0);
+        status.system_id = self.selector.system_id(now).unwrap_or(0);
         status.timesync_converged = Flag::from(self.clock.is_converged());
         status.avoidance = Coded::new(said);
         status.autopilot_alive = Flag::from(self.was_alive);

@@ -41,7 +41,7 @@ pub(super) struct ProfileCheck {
     pub(super) input: Input,
     /// Since when the autopilot is heard and nothing is known.
     open_since: Option<Timestamp>,
-    told: Option<(u16, &'static str)>,
+    reported: Option<(u16, &'static str)>,
 }
 
 impl ProfileCheck {
@@ -59,7 +59,7 @@ impl ProfileCheck {
             },
             input: Input::Missing,
             open_since: None,
-            told: None,
+            reported: None,
         }
     }
 
@@ -96,7 +96,7 @@ impl ProfileCheck {
     }
 
     /// What there is to tell at `now`, if anything.
-    fn news(&mut self, now: Timestamp, profile: ProfileName) -> Option<(&'static Event, &'static str)> {
+    fn update(&mut self, now: Timestamp, profile: ProfileName) -> Option<(&'static Event, &'static str)> {
         let matching_profile = self.fit.matching_profile();
         let is_open = self.found == ProfileFit::Unknown
             || matches!(self.found, ProfileFit::OtherAutopilot | ProfileFit::NoInterface)
@@ -109,7 +109,7 @@ impl ProfileCheck {
             ProfileName::Px4Deviation => DEVIATION_SWITCH,
             _ => TRAJECTORY_SWITCH,
         };
-        let news = match (self.found, matching_profile) {
+        let update = match (self.found, matching_profile) {
             (ProfileFit::Fits, _) => None,
             (ProfileFit::SwitchedOff, _) => Some((&INTERFACE_OFF, switch)),
             (ProfileFit::Unknown, MatchingProfile::Open | MatchingProfile::Profile(_)) => {
@@ -121,19 +121,19 @@ impl ProfileCheck {
             (_, MatchingProfile::Open) => (now.seconds_since(since) >= PATIENCE_S)
                 .then_some((&PROFILE_UNFIT, ProfileName::Px4Offboard.name())),
         };
-        let told = news.map(|(event, name)| (event.id, name));
-        if self.found == ProfileFit::Unknown && news.is_none() || told == self.told {
+        let reported = update.map(|(event, name)| (event.id, name));
+        if self.found == ProfileFit::Unknown && update.is_none() || reported == self.reported {
             return None;
         }
-        self.told = told;
-        news
+        self.reported = reported;
+        update
     }
 }
 
 impl Gateway {
     /// Asks and finds out whether the profile fits, and chooses it where that is left to jink.
     pub(super) fn watch_profile(&mut self, now: Timestamp, outputs: &mut Outputs) {
-        let Some(system_id) = self.latch.system_id(now).filter(|_| self.was_alive) else {
+        let Some(system_id) = self.selector.system_id(now).filter(|_| self.was_alive) else {
             self.profile_check.open_since = None;
             return;
         };
@@ -141,11 +141,11 @@ impl Gateway {
             && let MatchingProfile::Profile(profile) = self.profile_check.fit.matching_profile()
         {
             self.choose(profile);
-            outputs.tell(EventSample::new(&PROFILE_CHOSEN, profile.name(), [0.0; 2]));
+            outputs.report(EventSample::new(&PROFILE_CHOSEN, profile.name(), [0.0; 2]));
         }
         self.profile_check.judge(self.config.profile);
-        if let Some((event, name)) = self.profile_check.news(now, self.config.profile) {
-            outputs.tell(EventSample::new(event, name, [0.0; 2]));
+        if let Some((event, name)) = self.profile_check.update(now, self.config.profile) {
+            outputs.report(EventSample::new(event, name, [0.0; 2]));
         }
         let target = (system_id, COMPONENT_AUTOPILOT);
         if let Some(question) = self

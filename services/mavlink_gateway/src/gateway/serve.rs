@@ -119,7 +119,7 @@ impl Gateway {
         match answer.action.get() {
             GroundAction::Send => self.send_answer(now, answer, outputs),
             GroundAction::Heartbeat => self.heartbeats.ask(now, of_computer),
-            GroundAction::Obstacles => self.obstacles.hasten(now),
+            GroundAction::Obstacles => self.obstacles.schedule_early(now),
             GroundAction::ObstaclePeriod => {
                 let [shortest, longest] = OBSTACLE_PERIODS_US;
                 let asked = (answer.period_us > 0).then(|| answer.period_us.clamp(shortest, longest));
@@ -142,7 +142,7 @@ impl Gateway {
             return;
         };
         let to = match answer.link {
-            ANY_LINK => super::destination(&body, self.latch.link()),
+            ANY_LINK => super::destination(&body, self.selector.link()),
             link if usize::from(link) < LINKS => Destination::Link(link),
             _ => return,
         };
@@ -163,7 +163,7 @@ impl Gateway {
 
     /// Which of our components is addressed, and how. Commands to all components are for the autopilot to answer.
     fn addressed(&self, now: Timestamp, content: &Content) -> Option<Addressed> {
-        let ours = self.latch.system_id(now)?;
+        let ours = self.selector.system_id(now)?;
         let target = content.target();
         let is_ours = target.system_id == u32::from(ours);
         let named = |component_id| Addressed {

@@ -91,7 +91,8 @@ impl Gateway {
 
     /// Tells the guard what the pilot wants, and the autopilot what of it may be flown.
     pub(super) fn steer(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
-        let (Some(system_id), Some(vehicle)) = (self.latch.system_id(now), self.vehicle.present(now)) else {
+        let (Some(system_id), Some(vehicle)) = (self.selector.system_id(now), self.vehicle.present(now))
+        else {
             return;
         };
         let full_mps = self.params().get(&MPC_VEL_MANUAL);

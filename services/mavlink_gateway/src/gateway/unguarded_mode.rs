@@ -25,7 +25,7 @@ pub(super) struct UnguardedMode {
     /// One was refused then.
     refused: Timestamp,
     is_meant: bool,
-    is_told: bool,
+    is_reported: bool,
     asked: Timestamp,
     tries: u32,
 }
@@ -36,7 +36,7 @@ impl Default for UnguardedMode {
             mode: NavMode::Unknown,
             refused: Timestamp::NEVER,
             is_meant: false,
-            is_told: false,
+            is_reported: false,
             asked: Timestamp::NEVER,
             tries: 0,
         }
@@ -54,7 +54,7 @@ impl UnguardedMode {
     ) -> (Option<Demand>, Option<PilotText>) {
         let is_unguarded = matches!(mode, NavMode::Orbit | NavMode::Follow | NavMode::Return);
         if std::mem::replace(&mut self.mode, mode) != mode {
-            self.is_told = false;
+            self.is_reported = false;
             self.tries = 0;
             if is_unguarded {
                 self.is_meant = self.refused.is_set() && now.seconds_since(self.refused) <= MEANT_S;
@@ -65,19 +65,19 @@ impl UnguardedMode {
             return (None, None);
         }
         let lets_fly = self.is_meant || is_allowed || mode == NavMode::Return;
-        let news = (!std::mem::replace(&mut self.is_told, true)).then_some(PilotText {
+        let update = (!std::mem::replace(&mut self.is_reported, true)).then_some(PilotText {
             event: if lets_fly { &MODE_UNGUARDED } else { &MODE_HELD },
             name: mode.name(),
             number: 0.0,
         });
         let is_due = self.tries == 0 || now.seconds_since(self.asked) >= REPEAT_S;
         if lets_fly || !is_due || self.tries >= TRIES {
-            return (None, news);
+            return (None, update);
         }
         self.refused = now;
         self.asked = now;
         self.tries += 1;
-        (Some(Demand::Hold), news)
+        (Some(Demand::Hold), update)
     }
 }
 
@@ -92,12 +92,12 @@ impl Gateway {
             return;
         }
         let is_allowed = self.params().get(&OA_UNGUARDED) > 0.0;
-        let (demand, news) = self.unguarded_mode.step(now, mode, flies, is_allowed);
+        let (demand, update) = self.unguarded_mode.step(now, mode, flies, is_allowed);
         if let Some(demand) = demand {
             self.demand(now, demand, outputs);
         }
-        if let Some(news) = news {
-            Self::tell_pilot(&news, outputs);
+        if let Some(update) = update {
+            Self::notify_pilot(&update, outputs);
         }
     }
 }
@@ -129,16 +129,16 @@ mod tests {
 
         /// How often Hold was asked for, and what was told.
         fn fly(&mut self, mode: NavMode, seconds: f64) -> (usize, Vec<&'static Event>) {
-            let (mut asked, mut told) = (0, Vec::new());
+            let (mut asked, mut reported) = (0, Vec::new());
             let end_s = self.s + seconds;
             while self.s < end_s {
                 self.s += 0.02;
                 let now = Timestamp::from_seconds(self.s);
-                let (demand, news) = self.watch.step(now, mode, self.flies, self.is_allowed);
+                let (demand, update) = self.watch.step(now, mode, self.flies, self.is_allowed);
                 asked += usize::from(demand == Some(Demand::Hold));
-                told.extend(news.map(|news| news.event));
+                reported.extend(update.map(|update| update.event));
             }
-            (asked, told)
+            (asked, reported)
         }
     }
 
@@ -166,8 +166,8 @@ mod tests {
 
     #[test]
     fn what_does_not_answer_is_asked_again_and_not_for_ever() {
-        let (asked, told) = Bench::new(true, false).fly(NavMode::Orbit, 60.0);
-        assert_eq!((asked, told), (10, vec![&MODE_HELD]));
+        let (asked, reported) = Bench::new(true, false).fly(NavMode::Orbit, 60.0);
+        assert_eq!((asked, reported), (10, vec![&MODE_HELD]));
     }
 
     #[test]

@@ -18,7 +18,7 @@ use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::{POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask};
 
 /// So many echoes in a row that show no position ...
-const ECHOES_TO_TELL: u32 = 3;
+const ECHOES_TO_REPORT: u32 = 3;
 /// ... for so long (s) count as a refusal: a mode has been entered by then.
 const EMPTY_S: f64 = 0.6;
 /// A setpoint this long ago (s) may be refused now; an older one is not what the autopilot flies.
@@ -32,7 +32,7 @@ const SAME_AWAY_M: f64 = 1.0;
 pub(super) struct Echoes {
     empty: u32,
     since: Timestamp,
-    is_told: bool,
+    is_reported: bool,
 }
 
 impl Echoes {
@@ -40,14 +40,14 @@ impl Echoes {
     fn count(&mut self, now: Timestamp, is_empty: bool) -> Option<&'static Event> {
         if !is_empty {
             self.empty = 0;
-            return std::mem::take(&mut self.is_told).then_some(&SETPOINTS_FOLLOWED);
+            return std::mem::take(&mut self.is_reported).then_some(&SETPOINTS_FOLLOWED);
         }
         if self.empty == 0 {
             self.since = now;
         }
         self.empty = self.empty.saturating_add(1);
-        let is_due = self.empty >= ECHOES_TO_TELL && now.seconds_since(self.since) >= EMPTY_S;
-        (is_due && !std::mem::replace(&mut self.is_told, is_due)).then_some(&SETPOINTS_IGNORED)
+        let is_due = self.empty >= ECHOES_TO_REPORT && now.seconds_since(self.since) >= EMPTY_S;
+        (is_due && !std::mem::replace(&mut self.is_reported, is_due)).then_some(&SETPOINTS_IGNORED)
     }
 }
 
@@ -76,7 +76,7 @@ impl Gateway {
             .contains(PositionTargetTypemask::POSITION_TARGET_TYPEMASK_X_IGNORE);
         flight.take_echo(now, echo);
         if let Some(event) = flight.echoes.count(now, is_flown && empty) {
-            outputs.tell(EventSample::new(event, "", [0.0; 2]));
+            outputs.report(EventSample::new(event, "", [0.0; 2]));
         }
     }
 
@@ -93,15 +93,15 @@ impl Gateway {
         };
         let goal = wish.points[1].position;
         let away_m = (goal.vector() - present.position).norm();
-        let is_told_of = (away_m - event.numbers[0]).abs() <= SAME_AWAY_M;
-        if !is_told_of {
+        let is_reported_of = (away_m - event.numbers[0]).abs() <= SAME_AWAY_M;
+        if !is_reported_of {
             return; // Something else is flown to by now.
         }
         let flies_item = self.mission.as_ref().is_some_and(MissionFlight::flies_an_item);
         let is_item = flies_item || mode == NavMode::Mission;
         match self.current_item.filter(|_| is_item) {
             Some((item, total)) => self.help_with_item(now, item, total, outputs),
-            None if self.blockage.is_news(goal) => outputs.tell(*event),
+            None if self.blockage.is_new(goal) => outputs.report(*event),
             None => {}
         }
     }
@@ -119,7 +119,7 @@ impl Gateway {
             remedy => remedy,
         };
         let event = EventSample::new(&ITEM_BLOCKED, remedy.word(), [f64::from(item), 0.0]);
-        outputs.tell(event);
+        outputs.report(event);
         let flies_it = self.config.profile.flies_the_mission();
         match (remedy, self.mission.as_mut().filter(|_| flies_it)) {
             (Remedy::Wait, _) => {}

@@ -56,8 +56,8 @@ impl Lead {
     ) {
         let step_s = now.seconds_since(std::mem::replace(&mut self.last, now));
         let hard_mps2 = acceleration.xy().norm();
-        let tells = hard_mps2 >= TELLING_MPS2 && error.norm() <= LARGEST_ERROR_M;
-        if !tells || !(0.0..=LONGEST_STEP_S).contains(&step_s) {
+        let reports = hard_mps2 >= TELLING_MPS2 && error.norm() <= LARGEST_ERROR_M;
+        if !reports || !(0.0..=LONGEST_STEP_S).contains(&step_s) {
             return;
         }
         let along_m = error.xy().dot(&acceleration.xy()) / hard_mps2;

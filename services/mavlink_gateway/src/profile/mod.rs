@@ -64,7 +64,7 @@ pub trait Profile: fmt::Debug + Send {
     fn observe(&mut self, situation: &Situation<'_>) -> bool;
 
     /// Of the trajectory observed last, if the autopilot flies what it says already, so that nothing of it need be sent.
-    fn told(&self) -> Option<SampleHeader> {
+    fn reported(&self) -> Option<SampleHeader> {
         None
     }
 
@@ -83,7 +83,7 @@ pub trait Profile: fmt::Debug + Send {
     }
 
     /// What an autopilot must hear once before the first setpoint.
-    fn greeting(&self) -> Option<MavMessage> {
+    fn announcement(&self) -> Option<MavMessage> {
         None
     }
 

@@ -44,7 +44,7 @@ const GROUND_SHARE: f64 = 0.3;
 /// into the ground, off the descent, and counts only nine tenths of a descent as one that ends on the ground.
 const INTO_GROUND_M: f64 = 2.0;
 /// What is flown until then (s) must have been told: longer than four beats of the slowest stream.
-const TOLD_AHEAD_S: f64 = 0.4;
+const REPORTED_AHEAD_S: f64 = 0.4;
 /// A trajectory longer than this (s) is none.
 const LONGEST_TRAJECTORY_S: f64 = 1e4;
 
@@ -134,7 +134,7 @@ pub struct Pilot {
     stop: Option<Stop>,
     flown: Box<Trajectory>,
     has_flown: bool,
-    news: Option<SampleHeader>,
+    update: Option<SampleHeader>,
     barred: Option<u64>,
     held: Option<Held>,
     mirrored: Option<Held>,
@@ -157,7 +157,7 @@ impl Pilot {
             stop: None,
             flown: Box::default(),
             has_flown: false,
-            news: None,
+            update: None,
             barred: None,
             held: None,
             mirrored: None,
@@ -190,7 +190,7 @@ impl Pilot {
 
     fn forget_flight(&mut self) {
         self.has_flown = false;
-        self.news = None;
+        self.update = None;
         self.held = None;
         self.mirrored = None;
         self.last = None;
@@ -211,7 +211,7 @@ impl Pilot {
             return false;
         };
         self.is_astray &= is_for_flying(&approved);
-        if !self.is_news(&approved) || !is_usable(&approved) {
+        if !self.is_new(&approved) || !is_usable(&approved) {
             return false;
         }
         // What only goes on from a reference that the vehicle has lost is as far away as that: it is planned anew first.
@@ -223,18 +223,18 @@ impl Pilot {
         self.has_flown = true;
         self.barred = None;
         self.is_astray = false;
-        self.news = Some(*approved.header);
+        self.update = Some(*approved.header);
         true
     }
 
     /// The new trajectory's header, if it says what was sent last: then nobody waits for it.
-    pub fn told(&mut self, now: Timestamp) -> Option<SampleHeader> {
+    pub fn reported(&mut self, now: Timestamp) -> Option<SampleHeader> {
         let sent = self.last?;
-        let is_told = sent.agrees_with(&self.flown, now, TOLD_AHEAD_S);
-        self.news.take_if(|_| is_told)
+        let is_reported = sent.agrees_with(&self.flown, now, REPORTED_AHEAD_S);
+        self.update.take_if(|_| is_reported)
     }
 
-    fn is_news(&self, approved: &ApprovedTrajectory) -> bool {
+    fn is_new(&self, approved: &ApprovedTrajectory) -> bool {
         let new = &approved.trajectory;
         let same = self.has_flown && new.id == self.flown.id && new.start == self.flown.start;
         !same && self.barred != Some(new.id)
@@ -282,7 +282,7 @@ impl Pilot {
     fn notice_astray(&mut self, vehicle: &Present, now: Timestamp) {
         if self.has_flown && self.lies_far(&self.flown, vehicle, now) {
             self.has_flown = false;
-            self.news = None;
+            self.update = None;
             self.last = None;
             self.barred = Some(self.flown.id);
             self.is_astray = true;
@@ -315,7 +315,7 @@ impl Pilot {
         Some(Decision {
             curve,
             source,
-            first_of: self.news.take().filter(|_| source == Source::Planned),
+            first_of: self.update.take().filter(|_| source == Source::Planned),
         })
     }
 

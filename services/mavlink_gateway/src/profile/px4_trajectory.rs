@@ -40,7 +40,7 @@ pub struct Px4Trajectory {
     representation: Representation,
     pilot: Pilot,
     /// The trajectory observed last, if the autopilot flies what it says already.
-    told: Option<SampleHeader>,
+    reported: Option<SampleHeader>,
 }
 
 impl Px4Trajectory {
@@ -48,7 +48,7 @@ impl Px4Trajectory {
     pub fn new(representation: Representation, horizon_s: f64, shortest_s: f64) -> Self {
         Self {
             representation,
-            told: None,
+            reported: None,
             pilot: Pilot::new(horizon_s, shortest_s),
         }
     }
@@ -76,15 +76,15 @@ impl Profile for Px4Trajectory {
     }
 
     fn observe(&mut self, situation: &Situation<'_>) -> bool {
-        let is_news = self.pilot.observe(situation);
-        self.told = (is_news && situation.spares_radio)
-            .then(|| self.pilot.told(situation.now))
+        let is_new = self.pilot.observe(situation);
+        self.reported = (is_new && situation.spares_radio)
+            .then(|| self.pilot.reported(situation.now))
             .flatten();
-        is_news && self.told.is_none()
+        is_new && self.reported.is_none()
     }
 
-    fn told(&self) -> Option<SampleHeader> {
-        self.told
+    fn reported(&self) -> Option<SampleHeader> {
+        self.reported
     }
 
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint> {
@@ -99,7 +99,7 @@ impl Profile for Px4Trajectory {
         })
     }
 
-    fn greeting(&self) -> Option<MavMessage> {
+    fn announcement(&self) -> Option<MavMessage> {
         let curves = self.representation == Representation::Bezier;
         curves.then(|| waypoint_message(Timestamp::NEVER, None))
     }

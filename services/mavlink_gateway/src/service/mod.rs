@@ -5,23 +5,25 @@ mod opening;
 
 use crate::ranges::{RangeSources, SensorTable};
 use crate::{
-    Baton, COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, Inputs, Outputs, ProfileChoice, Receipt,
-    Received, Representation,
+    COMPONENT_AVOIDANCE, Destination, Gateway, GatewayConfig, HandoverState, Inputs, Outputs, ProfileChoice,
+    Receipt, Received, Representation,
 };
 use jink_mavlink_link::link::Progress;
 use jink_mavlink_link::links::Links;
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Claim, Clock, Cycle, Input, Latency, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{
+    Clock, Cycle, ExclusiveOwnership, Input, Latency, Output, Ports, Service, StartError, Wake,
+};
 use jink_shared_types::events::EventSample;
 use jink_shared_types::ground::{GroundAnswer, GroundRequest};
 use jink_shared_types::health::Name;
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::{LinkStatus, StopRequest};
 use jink_shared_types::motion::ApprovedTrajectory;
+use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::SectorRing;
-use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{SampleHeader, Timestamp, topics};
 use kept::{FlightFile, ProvenProfile};
@@ -67,7 +69,7 @@ pub struct GatewayService {
     answered: Vec<GroundAnswer>,
     stop_requests: Input<StopRequest>,
     latency: Latency,
-    claim: Claim,
+    exclusive_ownership: ExclusiveOwnership,
     /// What the next gateway is to know of this flight.
     flight: FlightFile,
     /// What the next gateway of this run begins with.
@@ -152,7 +154,7 @@ impl Service for GatewayService {
             // Each command that asks is a producer of its own.
             stop_requests: ports.input(topics::STOP_REQUEST)?.of_all_producers(),
             latency: ports.latency(),
-            claim: ports.claim(),
+            exclusive_ownership: ports.exclusive_ownership(),
             flight,
             proven,
             begin: ports.clock().now(),
@@ -162,12 +164,12 @@ impl Service for GatewayService {
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        if self.links.is_owner() && !self.claim.is_due(now) {
+        if self.links.is_owner() && !self.exclusive_ownership.is_due(now) {
             self.release();
         }
         // What the former holder has read is its own to answer, also if the link passes over behind it.
         let speaks = self.links.is_owner();
-        self.claim.declare(speaks);
+        self.exclusive_ownership.declare(speaks);
         self.gateway.listen_only(!speaks);
         let progress = self.receive(now);
         for event in self.links.take_events() {
@@ -212,7 +214,7 @@ impl Service for GatewayService {
             self.send();
             self.flight.keep(now, self.gateway.record(now));
         }
-        self.claim.stand_by(!self.gateway.profile_fits());
+        self.exclusive_ownership.stand_by(!self.gateway.profile_fits());
         if speaks {
             self.proven.keep(self.gateway.proven_profile());
         }
@@ -232,7 +234,11 @@ impl Service for GatewayService {
         }
         let mut wake = self.gateway.next_wake(now);
         wake = wake.min(self.links.next_wake().unwrap_or(wake));
-        if let Some(change) = self.claim.changes_at().filter(|change| *change > now) {
+        if let Some(change) = self
+            .exclusive_ownership
+            .changes_at()
+            .filter(|change| *change > now)
+        {
             wake = wake.min(change);
         }
         if self.links.has_lost_owner() {
@@ -251,29 +257,29 @@ impl GatewayService {
     fn release(&mut self) {
         let stamps = self.links.stamps();
         if let Some(encoder) = self.links.encoder() {
-            let baton = Baton::of(&self.gateway, encoder, stamps).to_bytes();
-            self.links.release(&baton);
+            let handover = HandoverState::of(&self.gateway, encoder, stamps).to_bytes();
+            self.links.release(&handover);
         }
     }
 
     /// Goes on where the former holder of the links has stopped, if it has passed them on or died. Returns whether this
     /// instance speaks from now on.
     fn take_over(&mut self, now: Timestamp) -> bool {
-        if let Some(baton) = self.links.take_handover_state() {
-            match (Baton::of_bytes(&baton), self.links.encoder()) {
-                (Some(baton), Some(encoder)) => {
-                    let stamps = baton.hand_to(now, &mut self.gateway, encoder);
-                    self.links.go_on_from(stamps);
+        if let Some(handover) = self.links.take_handover_state() {
+            match (HandoverState::of_bytes(&handover), self.links.encoder()) {
+                (Some(handover), Some(encoder)) => {
+                    let stamps = handover.hand_to(now, &mut self.gateway, encoder);
+                    self.links.resume_from(stamps);
                 }
-                _ => self.gateway.go_on_at_once(now),
+                _ => self.gateway.resume_now(now),
             }
             tracing::info!("the link was passed on to this instance");
             return true;
         }
-        let left_alone = self.links.has_lost_owner() && self.claim.is_due(now);
+        let left_alone = self.links.has_lost_owner() && self.exclusive_ownership.is_due(now);
         if left_alone {
             self.links.take_over();
-            self.gateway.go_on_at_once(now);
+            self.gateway.resume_now(now);
             tracing::info!("the link is taken over from an instance that has died");
         }
         left_alone
@@ -287,7 +293,7 @@ impl GatewayService {
     }
 
     fn send(&mut self) {
-        if let Some(header) = &self.outputs.told {
+        if let Some(header) = &self.outputs.reported {
             self.latency.left(header, self.clock.now());
         }
         for message in self.outputs.messages() {

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// How long a restarted gateway waits for its port to be let go (s).
-const LET_GO_S: f64 = 0.3;
+const RELEASE_S: f64 = 0.3;
 
 /// Opens or joins all links of the configuration.
 pub(super) fn open_links(ports: &Ports) -> Result<Links, StartError> {
@@ -59,7 +59,7 @@ pub(super) fn open_links(ports: &Ports) -> Result<Links, StartError> {
 
 /// Opens the first link. At a restart a second instance that is just being ended may still have it for a moment.
 fn open(setup: &LinkSetup, generation: u32) -> Result<Link, LinkError> {
-    let patience = jink_runtime::now().plus_seconds(LET_GO_S);
+    let patience = jink_runtime::now().plus_seconds(RELEASE_S);
     loop {
         match Link::open(setup.endpoint.clone()) {
             Err(LinkError::AddressInUse { .. }) if generation > 1 && jink_runtime::now() < patience => {

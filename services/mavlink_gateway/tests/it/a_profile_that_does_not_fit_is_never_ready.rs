@@ -77,22 +77,22 @@ fn play(bench: &mut Bench, firmware: Firmware, seconds: f64) -> Seen {
             let MavMessage::HEARTBEAT(beat) = heartbeat(firmware.custom_mode, true) else {
                 return;
             };
-            bench.hear(MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+            bench.receive(MavMessage::HEARTBEAT(HEARTBEAT_DATA {
                 autopilot: firmware.autopilot,
                 ..beat
             }));
         }
         if tick.is_multiple_of(20) {
-            bench.hear(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
+            bench.receive(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
                 landed_state: MavLandedState::MAV_LANDED_STATE_IN_AIR,
                 ..EXTENDED_SYS_STATE_DATA::default()
             }));
         }
         if tick.is_multiple_of(3) {
-            bench.hear_position(Vector3::new(1.0, 2.0, -3.0), Vector3::zeros());
+            bench.receive_position(Vector3::new(1.0, 2.0, -3.0), Vector3::zeros());
         }
         if tick.is_multiple_of(2) {
-            bench.hear_attitude(0.3);
+            bench.receive_attitude(0.3);
         }
         bench.healthy(Health::Healthy);
         bench.ranges();
@@ -108,7 +108,7 @@ fn play(bench: &mut Bench, firmware: Firmware, seconds: f64) -> Seen {
                 }
                 MavMessage::PARAM_REQUEST_READ(request) if firmware.answers => {
                     if let Some(answer) = answer(firmware, request.param_id.to_str().unwrap()) {
-                        bench.hear(answer);
+                        bench.receive(answer);
                     }
                 }
                 message if is_setpoint(message.message_id()) => seen.setpoints += 1,
@@ -203,16 +203,16 @@ fn only_what_fits_becomes_active_and_sends_setpoints() {
             assert_eq!(is_active, fits, "{case}: {:?}", seen.states);
             if !fits {
                 assert_eq!((seen.setpoints, seen.modes), (0, 0), "{case}");
-                let told: Vec<_> = seen
+                let reported: Vec<_> = seen
                     .texts
                     .iter()
                     .filter(|text| text.contains("not ready"))
                     .collect();
-                assert!(!told.is_empty(), "{case}: {:?}", seen.texts);
-                let names_it = told
+                assert!(!reported.is_empty(), "{case}: {:?}", seen.texts);
+                let names_it = reported
                     .iter()
                     .all(|text| text.contains(right.name()) || text.contains(" to 1"));
-                assert!(names_it, "{case}: {told:?}");
+                assert!(names_it, "{case}: {reported:?}");
             }
         }
     }
@@ -271,7 +271,7 @@ fn a_switch_that_is_set_on_the_ground_makes_it_ready_and_one_that_is_cleared_end
     let seen = play(&mut bench, PX4_2021, 4.0);
     assert_eq!(seen.states.last(), Some(&MavState::MAV_STATE_ACTIVE));
     // PX4 tells everybody of a parameter that somebody has set.
-    bench.hear(answer(off, "COM_OBS_AVOID").unwrap());
+    bench.receive(answer(off, "COM_OBS_AVOID").unwrap());
     let seen = play(&mut bench, off, 2.0);
     assert_eq!(seen.states.last(), Some(&MavState::MAV_STATE_CRITICAL));
     assert!(seen.setpoints > 0, "what is under way is flown to its end");

@@ -40,7 +40,7 @@ fn answer(bench: &mut Bench, now_ns: i64) {
         })
         .collect();
     for ts1 in asked {
-        bench.hear(MavMessage::TIMESYNC(TIMESYNC_DATA {
+        bench.receive(MavMessage::TIMESYNC(TIMESYNC_DATA {
             tc1: now_ns,
             ts1,
             ..TIMESYNC_DATA::default()
@@ -59,11 +59,11 @@ fn flown(config: GatewayConfig, way: Vector3<f64>, stays_s: f64) -> Bench {
         let tick = (t * 100.0).round() as u32;
         bench.telemetry(t, MODE_MISSION, FROM, Vector3::zeros());
         if tick.is_multiple_of(100) && t < stays_s {
-            bench.hear_from(255, 190, station());
+            bench.receive_from(255, 190, station());
         }
         let now_ns = 1_000_000 * i64::from(bench.boot_ms(bench.now));
         if tick.is_multiple_of(10) {
-            bench.hear(MavMessage::TIMESYNC(TIMESYNC_DATA {
+            bench.receive(MavMessage::TIMESYNC(TIMESYNC_DATA {
                 ts1: now_ns,
                 ..TIMESYNC_DATA::default()
             }));
@@ -142,7 +142,7 @@ fn everything_goes_out_at_its_rate_while_none_is_heard_and_again_when_it_is_gone
 fn a_trajectory_that_leads_elsewhere_does_not_wait() {
     let mut bench = flown(GatewayConfig::default(), WAY, DURATION_S);
     for turn in 1..=20 {
-        bench.hear_from(255, 190, station());
+        bench.receive_from(255, 190, station());
         bench.idle_until(bench.now.plus_seconds(0.137));
         bench.telemetry(0.0, MODE_MISSION, FROM, Vector3::zeros());
         let aside = Vector3::new(0.0, f64::from(turn), 0.0);
@@ -153,7 +153,7 @@ fn a_trajectory_that_leads_elsewhere_does_not_wait() {
         );
         let asked = bench.now;
         bench.step();
-        assert!(bench.outputs.told.is_none());
+        assert!(bench.outputs.reported.is_none());
         bench.idle_until(bench.now.plus_seconds(0.02));
         let (sent, _) = bench.curves().pop().unwrap();
         let waited_s = sent.seconds_since(asked);
@@ -167,7 +167,7 @@ fn a_trajectory_that_leads_elsewhere_does_not_wait() {
             flight(2000 + turn as u64, start, FROM, aside, 2.0),
         );
         bench.step();
-        assert!(bench.outputs.told.is_some(), "{turn}");
+        assert!(bench.outputs.reported.is_some(), "{turn}");
     }
 }
 

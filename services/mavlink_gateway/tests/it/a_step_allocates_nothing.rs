@@ -347,7 +347,7 @@ fn from_link_to_link_without_the_allocator() {
     };
     let mut received: Vec<Received> = Vec::with_capacity(64);
     let mut datagram = [0; 512];
-    let (mut heard, mut sent) = (0, 0);
+    let (mut count, mut sent) = (0, 0);
     let mut carry = || {
         for _ in 0..100 {
             for (peer, frame) in peers.iter().zip(&frames) {
@@ -355,7 +355,7 @@ fn from_link_to_link_without_the_allocator() {
             }
             received.clear();
             let _more = links.receive(jink_runtime::now, us, &mut received);
-            heard += received.len();
+            count += received.len();
             let to = links.send(jink_runtime::now(), &own);
             sent += (0..3).filter(|link| to.contains(*link)).count();
             for peer in &peers {
@@ -368,7 +368,7 @@ fn from_link_to_link_without_the_allocator() {
     assert_eq!(allocated, 0);
     let report = links.report();
     // Two links have everything, the slow one what it carries.
-    assert!(heard >= 500 && sent >= 400, "{heard} heard, {sent} sent");
+    assert!(count >= 500 && sent >= 400, "{count} received, {sent} sent");
     assert!(report.links[0].forwarded >= 500, "{report:?}");
     assert!(
         report.links[2].dropped[TrafficClass::Forwarded as usize] > 0,

@@ -102,7 +102,7 @@ impl Flight {
     }
 
     fn command(&mut self, on: f32) {
-        self.bench.hear_from(
+        self.bench.receive_from(
             255,
             190,
             MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
@@ -134,30 +134,30 @@ impl Flight {
             if self.profile == ProfileName::ArdupilotGuided {
                 beat.autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
             }
-            bench.hear(MavMessage::HEARTBEAT(beat));
-            bench.hear(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
+            bench.receive(MavMessage::HEARTBEAT(beat));
+            bench.receive(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
                 landed_state: self.landed,
                 ..EXTENDED_SYS_STATE_DATA::default()
             }));
         }
         if tick.is_multiple_of(20) && self.profile == ProfileName::Px4Offboard {
-            bench.hear(MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
+            bench.receive(MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
                 custom_mode: self.mode,
                 ..CURRENT_MODE_DATA::default()
             }));
         }
         if tick.is_multiple_of(3) {
-            bench.hear_position(Vector3::new(1.0, 2.0, -5.0), Vector3::zeros());
+            bench.receive_position(Vector3::new(1.0, 2.0, -5.0), Vector3::zeros());
         }
         if tick.is_multiple_of(2) {
-            bench.hear_attitude(0.0);
+            bench.receive_attitude(0.0);
         }
         if tick.is_multiple_of(5) {
             bench.ranges();
             let pulse_us = |share: f64| (1500.0 + 500.0 * share) as u16;
             let [forward, up] = self.sticks.unwrap_or_default();
             if self.profile == ProfileName::ArdupilotGuided && self.sticks.is_some() {
-                bench.hear(MavMessage::RC_CHANNELS(RC_CHANNELS_DATA {
+                bench.receive(MavMessage::RC_CHANNELS(RC_CHANNELS_DATA {
                     chan1_raw: 1500,
                     chan2_raw: pulse_us(-forward),
                     chan3_raw: pulse_us(up),
@@ -167,12 +167,12 @@ impl Flight {
                     ..RC_CHANNELS_DATA::default()
                 }));
             } else if self.sticks.is_some() {
-                bench.hear(MavMessage::MANUAL_CONTROL(MANUAL_CONTROL_DATA {
+                bench.receive(MavMessage::MANUAL_CONTROL(MANUAL_CONTROL_DATA {
                     x: (1000.0 * forward) as i16,
                     z: (500.0 + 500.0 * up) as i16,
                     ..MANUAL_CONTROL_DATA::default()
                 }));
-                bench.hear(MavMessage::RC_CHANNELS(RC_CHANNELS_DATA {
+                bench.receive(MavMessage::RC_CHANNELS(RC_CHANNELS_DATA {
                     chan7_raw: self.switch_us,
                     chancount: 8,
                     ..RC_CHANNELS_DATA::default()
@@ -217,7 +217,7 @@ impl Flight {
                             panic!("a heartbeat")
                         };
                         self.bench
-                            .hear(MavMessage::HEARTBEAT(HEARTBEAT_DATA { autopilot, ..beat }));
+                            .receive(MavMessage::HEARTBEAT(HEARTBEAT_DATA { autopilot, ..beat }));
                     }
                 }
                 MavMessage::PARAM_REQUEST_READ(question) => self.answer(question.param_id.to_str().unwrap()),
@@ -239,7 +239,7 @@ impl Flight {
             _ if name.ends_with("_REVERSED") => 0.0,
             _ => return,
         };
-        self.bench.hear(MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
+        self.bench.receive(MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
             param_id: name.into(),
             param_value: value,
             param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
@@ -248,7 +248,7 @@ impl Flight {
     }
 
     fn set_parameter(&mut self, name: &str, value: f32) {
-        self.bench.hear_from(
+        self.bench.receive_from(
             255,
             190,
             MavMessage::PARAM_SET(PARAM_SET_DATA {
@@ -261,8 +261,8 @@ impl Flight {
         );
     }
 
-    fn told(&self, text: &str) -> bool {
-        self.texts.iter().any(|told| told == text)
+    fn reported(&self, text: &str) -> bool {
+        self.texts.iter().any(|reported| reported == text)
     }
 
     /// Setpoints have come without a gap.
@@ -305,7 +305,7 @@ fn chosen_by_command_it_streams_first_and_then_asks_for_the_mode_once() {
         flight.run(2.0);
         assert_eq!(flight.acks, [MavResult::MAV_RESULT_ACCEPTED]);
         assert_eq!(flight.asked, [following(profile)]);
-        assert!(flight.told("jink: assisted flight on"), "{:?}", flight.texts);
+        assert!(flight.reported("jink: assisted flight on"), "{:?}", flight.texts);
         assert!(flight.setpoints.len() > 90, "{profile:?}");
         flight.assert_streamed();
         // Numbers that mean nothing.
@@ -353,7 +353,7 @@ fn a_switch_chooses_it_and_must_be_down_first() {
         flight.forget();
         flight.mode = pilots(profile);
         flight.run(10.0);
-        assert!(flight.asked.is_empty() && flight.told("jink: assisted flight off: mode changed"));
+        assert!(flight.asked.is_empty() && flight.reported("jink: assisted flight off: mode changed"));
     }
 }
 
@@ -384,7 +384,7 @@ fn what_speaks_against_it_is_answered_and_told() {
                 "{word}"
             );
             assert!(
-                flight.told(&format!("jink: no assisted flight: {word}")),
+                flight.reported(&format!("jink: no assisted flight: {word}")),
                 "{word}: {:?}",
                 flight.texts
             );
@@ -429,7 +429,7 @@ fn every_exit_is_the_pilots_mode_or_hold_and_the_stream_lasts_until_it_is_there(
             };
             assert_eq!(flight.asked, [mode], "{profile:?} {word}");
             assert!(
-                flight.told(&format!("jink: assisted flight off: {word}")),
+                flight.reported(&format!("jink: assisted flight off: {word}")),
                 "{word}: {:?}",
                 flight.texts
             );

@@ -5,8 +5,8 @@ use crate::support::*;
 use jink_ground_services::computer::BoardReading;
 use jink_mavlink_gateway::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
 use jink_parameter_server::ParameterServer;
+use jink_shared_types::param_messages::{ParameterChange, TABLE_HASH};
 use jink_shared_types::params::{OA_ALT_MAX, OA_SPD_MAX, OA_YAW_MODE, Param, TABLE};
-use jink_shared_types::tuning::{ParameterChange, TABLE_HASH};
 use mavlink::dialects::ardupilotmega::*;
 use mavlink::types::CharArray;
 use mavlink::{Message, MessageData};
@@ -17,14 +17,14 @@ const STATION: (u8, u8) = (255, 190);
 /// A bench whose autopilot is known, with nothing logged yet.
 fn acquainted(armed: bool) -> Bench {
     let mut bench = Bench::new();
-    bench.hear_heartbeat(MODE_HOLD, armed);
+    bench.receive_heartbeat(MODE_HOLD, armed);
     bench.step();
     bench.sent.clear();
     bench
 }
 
 fn ask(bench: &mut Bench, message: MavMessage) {
-    bench.hear_from(STATION.0, STATION.1, message);
+    bench.receive_from(STATION.0, STATION.1, message);
     bench.step();
 }
 
@@ -146,7 +146,7 @@ fn the_version_announces_what_is_true_of_each_component() {
         ),
     ] {
         let mut bench = acquainted(false);
-        bench.hear(MavMessage::HEARTBEAT(HEARTBEAT_DATA {
+        bench.receive(MavMessage::HEARTBEAT(HEARTBEAT_DATA {
             mavtype: MavType::MAV_TYPE_QUADROTOR,
             autopilot,
             ..HEARTBEAT_DATA::default()
@@ -208,11 +208,11 @@ fn the_obstacle_map_comes_in_the_rhythm_that_was_asked_for_and_is_never_silenced
             COMPONENT_AVOIDANCE,
         ),
     );
-    let told = sent(&bench, |message| match message {
-        MavMessage::MESSAGE_INTERVAL(told) => Some((told.message_id, told.interval_us)),
+    let reported = sent(&bench, |message| match message {
+        MavMessage::MESSAGE_INTERVAL(reported) => Some((reported.message_id, reported.interval_us)),
         _ => None,
     });
-    assert_eq!(told, [(COMPONENT_AVOIDANCE, (330, 100_000))]);
+    assert_eq!(reported, [(COMPONENT_AVOIDANCE, (330, 100_000))]);
     ask(&mut bench, rhythm(0.0));
     assert!((19..=21).contains(&maps(&mut bench)));
 }
@@ -263,7 +263,7 @@ fn a_restart_waits_for_a_disarmed_vehicle_and_is_done_once() {
 
     let mut armed_since = acquainted(false);
     ask(&mut armed_since, reboot);
-    armed_since.hear_heartbeat(MODE_HOLD, true);
+    armed_since.receive_heartbeat(MODE_HOLD, true);
     assert_eq!(restarts(&mut armed_since), 0, "it took off before the restart");
 }
 
@@ -324,8 +324,8 @@ fn a_changed_parameter_is_told_to_everybody() {
     }));
     bench.parameters = Some(server.publish(bench.now));
     bench.step();
-    let told: Vec<f32> = values(&bench).iter().map(|value| value.param_value).collect();
-    assert_eq!(told, [4.5, 5.5]);
+    let reported: Vec<f32> = values(&bench).iter().map(|value| value.param_value).collect();
+    assert_eq!(reported, [4.5, 5.5]);
     assert_eq!(bench.ground.services.params().get(&OA_SPD_MAX), 5.5);
     // Refused: an answer of both kinds.
     bench.sent.clear();
@@ -351,9 +351,11 @@ fn without_the_parameters_owner_a_station_gets_the_value_that_stays() {
         ask(&mut bench, set(name, value, float));
     }
     bench.fly(1.5, |_, _| {});
-    let told: Vec<_> = values(&bench);
+    let reported: Vec<_> = values(&bench);
     let stays = |row: &Param| {
-        let named = told.iter().filter(|one| one.param_id.to_str() == Ok(row.name));
+        let named = reported
+            .iter()
+            .filter(|one| one.param_id.to_str() == Ok(row.name));
         named.map(|one| f64::from(one.param_value)).collect::<Vec<_>>()
     };
     // The first was with the owner when he died; the third came behind it.
@@ -472,11 +474,11 @@ fn the_board_is_described_every_five_seconds_by_the_computer_component() {
     });
     bench.step();
     bench.idle_until(bench.now.plus_seconds(22.5));
-    let told = sent(&bench, |message| match message {
+    let reported = sent(&bench, |message| match message {
         MavMessage::ONBOARD_COMPUTER_STATUS(status) => Some(status.temperature_board),
         _ => None,
     });
-    assert_eq!(told, [(COMPONENT_ONBOARD_COMPUTER, 55); 5]);
+    assert_eq!(reported, [(COMPONENT_ONBOARD_COMPUTER, 55); 5]);
 }
 
 /// Messages to us with anything in every field.
@@ -521,7 +523,7 @@ proptest! {
             if t > 0.5 && let Some(frame) = frames.next() {
                 let acks = results(bench).len();
                 bench.step();
-                bench.hear_bytes(&frame);
+                bench.receive_bytes(&frame);
                 bench.step();
                 let is_command = matches!(frame[7], 75 | 76);
                 assert!(results(bench).len() - acks <= usize::from(is_command));

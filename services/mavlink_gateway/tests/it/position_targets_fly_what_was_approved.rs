@@ -4,8 +4,8 @@ use crate::support::*;
 use jink_mavlink_gateway::{GatewayConfig, ProfileName};
 use jink_shared_types::Timestamp;
 use jink_shared_types::motion::Verdict;
+use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::params::ParamSet;
-use jink_shared_types::tuning::ParameterValues;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
 use proptest::prelude::*;
@@ -25,7 +25,7 @@ fn bench(profile: ProfileName) -> Bench {
 }
 
 /// As [`Bench::telemetry`], of the make that belongs to the profile.
-fn tell(
+fn report(
     bench: &mut Bench,
     profile: ProfileName,
     t: f64,
@@ -41,19 +41,19 @@ fn tell(
         if profile == ProfileName::ArdupilotGuided {
             beat.autopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
         }
-        bench.hear(MavMessage::HEARTBEAT(beat));
+        bench.receive(MavMessage::HEARTBEAT(beat));
     }
     if tick.is_multiple_of(20) {
-        bench.hear(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
+        bench.receive(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
             landed_state: MavLandedState::MAV_LANDED_STATE_IN_AIR,
             ..EXTENDED_SYS_STATE_DATA::default()
         }));
     }
     if tick.is_multiple_of(3) {
-        bench.hear_position(position, velocity);
+        bench.receive_position(position, velocity);
     }
     if tick.is_multiple_of(2) {
-        bench.hear_attitude(0.3);
+        bench.receive_attitude(0.3);
     }
 }
 
@@ -89,7 +89,7 @@ fn an_approved_trajectory_is_sent_fifty_times_a_second_with_all_that_moves_it() 
     for (profile, mode) in BOTH {
         let mut bench = bench(profile);
         bench.fly(1.0, |bench, t| {
-            tell(bench, profile, t, mode, HERE, Vector3::zeros());
+            report(bench, profile, t, mode, HERE, Vector3::zeros());
             bench.approve(Verdict::Passed, mirror());
         });
         let begin = bench.now;
@@ -97,7 +97,7 @@ fn an_approved_trajectory_is_sent_fifty_times_a_second_with_all_that_moves_it() 
         bench.approve(Verdict::Passed, plan);
         bench.fly(2.5, |bench, t| {
             let there = plan.at(bench.now).unwrap();
-            tell(
+            report(
                 bench,
                 profile,
                 t,
@@ -144,7 +144,7 @@ fn the_lead_is_learned_with_the_position_gain_that_is_set_on_the_autopilot() {
         let mut bench = bench(profile);
         bench.parameters = Some(ParameterValues::of(&params));
         bench.fly(1.0, |bench, t| {
-            tell(bench, profile, t, MODE_OFFBOARD, HERE, Vector3::zeros());
+            report(bench, profile, t, MODE_OFFBOARD, HERE, Vector3::zeros());
             bench.approve(Verdict::Passed, mirror());
         });
         let begin = bench.now;
@@ -153,7 +153,7 @@ fn the_lead_is_learned_with_the_position_gain_that_is_set_on_the_autopilot() {
         bench.fly(1.5, |bench, t| {
             let there = plan.at(bench.now).unwrap();
             let behind = there.position.vector() - 0.2 * Vector3::x();
-            tell(bench, profile, t, MODE_OFFBOARD, behind, there.velocity.vector());
+            report(bench, profile, t, MODE_OFFBOARD, behind, there.velocity.vector());
             bench.approved.as_mut().unwrap().header.publish = bench.now;
         });
         let (time, target) = sent(&bench).pop().unwrap();
@@ -201,7 +201,7 @@ fn a_mode_that_is_entered_in_motion_without_a_plan_begins_with_a_smooth_stop() {
                 .map(|(_, target)| vectors(target));
             let (position, velocity) =
                 stopped.map_or((speed * t, speed), |[position, velocity, _]| (position, velocity));
-            tell(bench, profile, t, custom_mode, position, velocity);
+            report(bench, profile, t, custom_mode, position, velocity);
         });
         let entered = entered.unwrap();
         let stop: Vec<_> = sent(&bench)
@@ -234,7 +234,7 @@ fn while_somebody_else_flies_the_setpoint_is_where_the_vehicle_is_or_there_is_no
         let velocity = Vector3::new(2.0, 1.0, 0.0);
         let begin = bench.now;
         bench.fly(3.0, |bench, t| {
-            tell(bench, profile, t, mode, HERE + velocity * t, velocity);
+            report(bench, profile, t, mode, HERE + velocity * t, velocity);
             bench.approve(
                 Verdict::Passed,
                 flight(9, begin, HERE, Vector3::new(-30.0, 0.0, 0.0), 9.0),
@@ -263,7 +263,7 @@ fn a_plan_that_lies_far_from_the_vehicle_is_not_flown_and_a_new_one_is_wanted() 
     let begin = bench.now;
     let far = HERE + Vector3::new(6.0, 0.0, 0.0);
     bench.fly(2.0, |bench, t| {
-        tell(bench, profile, t, mode, HERE, Vector3::zeros());
+        report(bench, profile, t, mode, HERE, Vector3::zeros());
         bench.approve(
             Verdict::Passed,
             flight(9, begin, far, Vector3::new(8.0, 0.0, 0.0), 6.0),
@@ -278,7 +278,7 @@ fn a_plan_that_lies_far_from_the_vehicle_is_not_flown_and_a_new_one_is_wanted() 
     // From here it is flown again.
     let begin = bench.now;
     bench.fly(1.0, |bench, t| {
-        tell(bench, profile, t, mode, HERE, Vector3::zeros());
+        report(bench, profile, t, mode, HERE, Vector3::zeros());
         bench.approve(
             Verdict::Passed,
             flight(10, begin, HERE, Vector3::new(1.0, 0.0, 0.0), 6.0),
@@ -294,11 +294,11 @@ fn setpoints_that_the_autopilot_ignores_are_told_once_and_their_return_once() {
     let mut bench = bench(profile);
     let mut texts = Vec::new();
     bench.fly(12.0, |bench, t| {
-        tell(bench, profile, t, mode, HERE, Vector3::zeros());
+        report(bench, profile, t, mode, HERE, Vector3::zeros());
         if ((t * 100.0).round() as u32).is_multiple_of(20) {
             let stopped = PositionTargetTypemask::from_bits_truncate(3079);
             let followed = PositionTargetTypemask::from_bits_truncate(3072);
-            bench.hear(MavMessage::POSITION_TARGET_LOCAL_NED(
+            bench.receive(MavMessage::POSITION_TARGET_LOCAL_NED(
                 POSITION_TARGET_LOCAL_NED_DATA {
                     type_mask: if (2.0..8.0).contains(&t) {
                         stopped
@@ -353,7 +353,7 @@ proptest! {
         let mut bench = bench(profile);
         for (i, (mode, position, velocity, way, duration_s, approves)) in ticks.into_iter().enumerate() {
             let now = bench.now;
-            tell(&mut bench, profile, if i % 7 == 0 { 0.0 } else { 0.06 }, mode, position, velocity);
+            report(&mut bench, profile, if i % 7 == 0 { 0.0 } else { 0.06 }, mode, position, velocity);
             if approves {
                 bench.approve(Verdict::Passed, flight(i as u64 + 1, now, position, way, duration_s));
             }

@@ -56,7 +56,7 @@ fn row(distance_cm: u16) -> MavMessage {
 /// What one step makes of messages, each from a system and a component: number of the sensor and its nearest range.
 fn taken(bench: &mut Bench, messages: &[(u8, u8, MavMessage)]) -> Vec<(usize, f32)> {
     for (system, component, message) in messages {
-        bench.hear_from(*system, *component, message.clone());
+        bench.receive_from(*system, *component, message.clone());
     }
     bench.step();
     let nearest = |scan: &RangeScan| {

@@ -24,7 +24,7 @@ fn in_mode(custom_mode: u32, wanted: Option<MavMessage>) -> Bench {
         if ((t * 100.0).round() as u32).is_multiple_of(20)
             && let Some(wanted) = &wanted
         {
-            bench.hear(wanted.clone());
+            bench.receive(wanted.clone());
         }
         bench.approve(Verdict::Passed, mirror());
     });
@@ -130,10 +130,10 @@ fn setpoints_come_unasked_disarmed_and_in_every_mode() {
         bench.fly(2.0, |bench, t| {
             let tick = (t * 100.0).round() as u32;
             if tick.is_multiple_of(100) {
-                bench.hear_heartbeat(mode, false);
+                bench.receive_heartbeat(mode, false);
             }
             if tick.is_multiple_of(3) {
-                bench.hear_position(HERE, still());
+                bench.receive_position(HERE, still());
             }
         });
         assert!(
@@ -238,7 +238,7 @@ fn without_a_wanted_heading_the_present_one_is_kept_and_drift_is_not_chased() {
     let mut bench = in_mode(MODE_HOLD, Some(wanted));
     bench.fly(1.0, |bench, t| {
         bench.telemetry(t, MODE_HOLD, HERE, still());
-        bench.hear_attitude(0.3 + t);
+        bench.receive_attitude(0.3 + t);
     });
     for yaw in bench.last_curve().pos_yaw {
         assert!((yaw - 0.3).abs() < 1e-5, "{yaw}");
@@ -295,7 +295,7 @@ fn between_mode_entry_and_the_first_plan_the_raw_waypoint_is_never_flown() {
             bench.fly(1.0, |bench, t| {
                 bench.telemetry(t, heartbeat, HERE, still());
                 if ((t * 100.0).round() as u32).is_multiple_of(20) {
-                    bench.hear(path_to(FAR, COMMAND_NONE));
+                    bench.receive(path_to(FAR, COMMAND_NONE));
                 }
                 match approval {
                     0 => bench.approve(Verdict::Passed, mirror()),
@@ -309,8 +309,8 @@ fn between_mode_entry_and_the_first_plan_the_raw_waypoint_is_never_flown() {
                 }
             }
             bench.approve(Verdict::Passed, flight(3, bench.now, HERE, FAR - HERE, 20.0));
-            bench.hear_heartbeat(MODE_MISSION, true);
-            bench.hear(path_to(FAR, COMMAND_NONE));
+            bench.receive_heartbeat(MODE_MISSION, true);
+            bench.receive(path_to(FAR, COMMAND_NONE));
             bench.step();
             bench.idle_until(bench.now.plus_seconds(0.1));
             let ahead = control_points(&bench.last_curve())[4] - HERE;
@@ -330,8 +330,8 @@ fn a_mission_is_entered_at_the_last_target_if_that_is_near_else_where_the_vehicl
     ] {
         let mut bench = in_mode(MODE_TAKEOFF, Some(path_to(target, COMMAND_TAKEOFF)));
         assert_constant_at(&bench, target, 1e-5);
-        bench.hear_heartbeat(MODE_MISSION, true);
-        bench.hear(path_to(FAR, COMMAND_NONE));
+        bench.receive_heartbeat(MODE_MISSION, true);
+        bench.receive(path_to(FAR, COMMAND_NONE));
         bench.step();
         bench.idle_until(bench.now.plus_seconds(0.12));
         assert_constant_at(&bench, expected, 1e-5);
@@ -349,7 +349,7 @@ fn when_guard_and_planner_die_the_last_trajectory_is_flown_to_its_end_and_held_t
         let there = plan.at(bench.now).unwrap();
         bench.telemetry(t, MODE_MISSION, there.position.vector(), there.velocity.vector());
         if ((t * 100.0).round() as u32).is_multiple_of(20) {
-            bench.hear(path_to(FAR, COMMAND_NONE));
+            bench.receive(path_to(FAR, COMMAND_NONE));
         }
         if t > 0.1 {
             let (_, curve) = bench.curves().pop().unwrap();
@@ -393,7 +393,7 @@ fn a_trajectory_of_a_flight_that_is_over_is_never_begun() {
     let entered = bench.now;
     bench.fly(2.0, |bench, t| {
         bench.telemetry(t, MODE_MISSION, elsewhere, still());
-        bench.hear(path_to(FAR, COMMAND_NONE));
+        bench.receive(path_to(FAR, COMMAND_NONE));
         renew(bench);
     });
     for (_, curve) in bench.curves().iter().filter(|(time, _)| *time >= entered) {
@@ -454,7 +454,7 @@ fn a_restarted_gateway_goes_on_with_the_flight_without_braking_first() {
         let there = plan.at(bench.now).unwrap();
         let tick = (t * 100.0).round() as u32;
         if tick.is_multiple_of(3) {
-            bench.hear_position(there.position.vector(), there.velocity.vector());
+            bench.receive_position(there.position.vector(), there.velocity.vector());
         }
         if tick >= 3 {
             bench.approve(Verdict::Passed, plan);

@@ -42,7 +42,7 @@ fn command(command: MavCmd, param1: f32, target_system: u8, target_component: u8
 /// A bench whose autopilot is known, with nothing logged yet.
 fn acquainted() -> Bench {
     let mut bench = Bench::new();
-    bench.hear_heartbeat(MODE_HOLD, false);
+    bench.receive_heartbeat(MODE_HOLD, false);
     bench.step();
     bench.sent.clear();
     bench
@@ -51,10 +51,10 @@ fn acquainted() -> Bench {
 #[test]
 fn only_the_autopilot_is_believed_and_the_rest_is_counted() {
     let mut bench = acquainted();
-    bench.hear_position(Vector3::new(1.0, 0.0, 0.0), still());
-    bench.hear_attitude(0.0);
+    bench.receive_position(Vector3::new(1.0, 0.0, 0.0), still());
+    bench.receive_attitude(0.0);
     bench.step();
-    let told = bench.states.len();
+    let reported = bench.states.len();
     let intruder = MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
         time_boot_ms: 60_100,
         x: 99.0,
@@ -80,13 +80,13 @@ fn only_the_autopilot_is_believed_and_the_rest_is_counted() {
     ] {
         // The second autopilot comes after the doubtful first seconds.
         bench.now = bench.now.plus_seconds(4.0);
-        bench.hear_from(system, component, message);
+        bench.receive_from(system, component, message);
         bench.step();
     }
-    bench.hear_attitude(0.0);
+    bench.receive_attitude(0.0);
     bench.step();
     let (state, _) = *bench.states.last().unwrap();
-    assert!(bench.states.len() > told);
+    assert!(bench.states.len() > reported);
     assert_eq!(state.mode, jink_shared_types::vehicle::NavMode::Hold);
     assert!((state.position.x_m - 1.0).abs() < 1e-6);
     bench.idle_until(bench.now.plus_seconds(0.3));
@@ -103,7 +103,7 @@ fn two_autopilots_at_the_start_get_no_setpoint_until_one_is_named() {
         });
         bench.fly(3.0, |bench, t| {
             bench.telemetry(t, MODE_HOLD, still(), still());
-            bench.hear_from(9, 1, heartbeat(MODE_HOLD, false));
+            bench.receive_from(9, 1, heartbeat(MODE_HOLD, false));
         });
         bench
     };
@@ -120,7 +120,7 @@ fn a_request_for_our_time_is_answered_at_once_with_its_own_stamp() {
     let mut bench = acquainted();
     bench.now = at(0.1234567);
     let ts1 = 987_654_321_000;
-    bench.hear(MavMessage::TIMESYNC(TIMESYNC_DATA {
+    bench.receive(MavMessage::TIMESYNC(TIMESYNC_DATA {
         tc1: 0,
         ts1,
         ..TIMESYNC_DATA::default()
@@ -132,7 +132,7 @@ fn a_request_for_our_time_is_answered_at_once_with_its_own_stamp() {
     assert_eq!((answer.tc1, answer.ts1), (bench.now.ns as i64, ts1));
     assert_eq!((answer.target_system, answer.target_component), (1, 1));
     bench.sent.clear();
-    bench.hear(MavMessage::TIMESYNC(TIMESYNC_DATA {
+    bench.receive(MavMessage::TIMESYNC(TIMESYNC_DATA {
         tc1: 0,
         ts1,
         target_system: 7,
@@ -163,14 +163,14 @@ fn every_command_to_us_gets_exactly_one_answer() {
         (MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL, MavResult::MAV_RESULT_DENIED),
     ];
     for (i, (cmd, result)) in refused.into_iter().enumerate() {
-        bench.hear_from(255, 190, command(cmd, 0.0, SYSTEM, COMPONENT_AVOIDANCE));
+        bench.receive_from(255, 190, command(cmd, 0.0, SYSTEM, COMPONENT_AVOIDANCE));
         bench.step();
         let (component, ack) = acks(&bench)[i].clone();
         assert_eq!((component, ack.command), (COMPONENT_AVOIDANCE, cmd));
         assert_eq!(ack.result, result);
         assert_eq!((ack.target_system, ack.target_component), (255, 190));
     }
-    bench.hear_from(
+    bench.receive_from(
         255,
         190,
         MavMessage::COMMAND_INT(COMMAND_INT_DATA {
@@ -189,7 +189,7 @@ fn every_command_to_us_gets_exactly_one_answer() {
 fn commands_to_others_and_to_all_are_not_ours_to_answer() {
     let mut bench = acquainted();
     for (system, component) in [(SYSTEM, 1), (SYSTEM, 0), (0, 0), (7, COMPONENT_AVOIDANCE)] {
-        bench.hear_from(
+        bench.receive_from(
             255,
             190,
             command(MavCmd::MAV_CMD_REQUEST_MESSAGE, 148.0, system, component),
@@ -202,7 +202,7 @@ fn commands_to_others_and_to_all_are_not_ours_to_answer() {
 #[test]
 fn whoever_asks_for_our_version_gets_it() {
     let mut bench = acquainted();
-    bench.hear_from(
+    bench.receive_from(
         255,
         190,
         command(
@@ -305,7 +305,7 @@ fn the_obstacle_map_goes_out_as_often_as_the_autopilot_needs_it_with_or_without_
     assert!((19..=21).contains(&maps.len()), "{}", maps.len());
     assert!(maps.iter().all(|map| map.distances == [u16::MAX; 72]));
     assert_eq!(bench.status.unwrap().obstacle_distances, maps.len() as u64);
-    bench.hear(MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
+    bench.receive(MavMessage::PARAM_VALUE(PARAM_VALUE_DATA {
         param_id: "CP_DIST".into(),
         param_value: 4.0,
         param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
@@ -421,12 +421,12 @@ fn a_px4_that_tells_changes_of_its_mode_late_is_asked_for_it_in_flight() {
                 } else {
                     MavLandedState::MAV_LANDED_STATE_ON_GROUND
                 };
-                bench.hear(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
+                bench.receive(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
                     landed_state,
                     ..EXTENDED_SYS_STATE_DATA::default()
                 }));
                 if has_current_mode {
-                    bench.hear(MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
+                    bench.receive(MavMessage::CURRENT_MODE(CURRENT_MODE_DATA {
                         custom_mode: MODE_OFFBOARD,
                         ..CURRENT_MODE_DATA::default()
                     }));
@@ -469,11 +469,11 @@ fn who_speaks_as_an_autopilot_on_a_ground_stations_link_is_nobodys_autopilot() {
         ..GatewayConfig::default()
     });
     bench.link = 1;
-    bench.hear_heartbeat(MODE_MISSION, true);
+    bench.receive_heartbeat(MODE_MISSION, true);
     bench.step();
     assert_eq!(bench.gateway.us(bench.now).system_id, None);
     bench.link = 0;
-    bench.hear_heartbeat(MODE_MISSION, true);
+    bench.receive_heartbeat(MODE_MISSION, true);
     bench.step();
     assert_eq!(bench.gateway.us(bench.now).system_id, Some(SYSTEM));
 }
@@ -490,7 +490,7 @@ fn the_autopilot_is_spoken_to_where_it_is_heard_and_whoever_asks_where_he_asked(
         if t == 1.0 {
             bench.link = 2;
             let asked = command(MavCmd::MAV_CMD_DO_SET_SERVO, 0.0, SYSTEM, 196);
-            bench.hear_from(255, 190, asked);
+            bench.receive_from(255, 190, asked);
         }
     });
     assert_eq!(bench.gateway.autopilot_link(), 1);

@@ -68,7 +68,9 @@ fn taken(bench: &Bench, representation: Representation) -> Vec<Taken> {
                 }
             }
             // The one that takes back what another companion has left.
-            MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(greeting) if greeting.valid_points == 0 => {
+            MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(announcement)
+                if announcement.valid_points == 0 =>
+            {
                 assert!(representation == Representation::Bezier && all.is_empty());
                 continue;
             }
@@ -114,7 +116,7 @@ fn answered<'a>(
         if ((t * 100.0).round() as u32).is_multiple_of(20)
             && let Some(wanted) = wanted
         {
-            bench.hear(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(wanted.clone()));
+            bench.receive(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(wanted.clone()));
         }
         approve(bench);
     });
@@ -288,13 +290,13 @@ fn the_stream_is_there_before_a_mode_is_entered_and_goes_on_through_every_change
         for (from, before) in &modes {
             for (to, after) in &modes {
                 for (mode, asked) in [(from, before), (to, after)] {
-                    bench.hear_heartbeat(*mode, true);
+                    bench.receive_heartbeat(*mode, true);
                     if let Some(asked) = asked {
-                        bench.hear(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(asked.clone()));
+                        bench.receive(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(asked.clone()));
                     }
                     bench.fly(0.3, |bench, _| {
-                        bench.hear_position(HERE, Vector3::zeros());
-                        bench.hear_attitude(0.3);
+                        bench.receive_position(HERE, Vector3::zeros());
+                        bench.receive_attitude(0.3);
                     });
                 }
             }
@@ -332,7 +334,7 @@ fn a_curve_starts_in_the_clock_that_timesync_is_answered_in_converged_or_not() {
             .collect();
         for ts1 in asked {
             let boot_ns = i64::from(bench.boot_ms(bench.now)) * 1_000_000;
-            bench.hear(MavMessage::TIMESYNC(TIMESYNC_DATA {
+            bench.receive(MavMessage::TIMESYNC(TIMESYNC_DATA {
                 tc1: boot_ns - 1_000_000,
                 ts1,
                 ..TIMESYNC_DATA::default()
@@ -350,7 +352,7 @@ fn a_curve_starts_in_the_clock_that_timesync_is_answered_in_converged_or_not() {
             }
         }
         bench.sent.clear();
-        bench.hear(MavMessage::TIMESYNC(TIMESYNC_DATA {
+        bench.receive(MavMessage::TIMESYNC(TIMESYNC_DATA {
             ts1: 77,
             ..TIMESYNC_DATA::default()
         }));

@@ -3,7 +3,7 @@
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
 
 use crate::support::*;
-use jink_mavlink_gateway::{Baton, Encoder};
+use jink_mavlink_gateway::{Encoder, HandoverState};
 use jink_mavlink_link::signing::stamps::Stamps;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::Health;
@@ -87,11 +87,11 @@ fn happening() -> impl Strategy<Value = Happening> {
 
 fn let_happen(bench: &mut Bench, happening: &Happening) {
     match happening {
-        Happening::Heartbeat(mode) => bench.hear_heartbeat(*mode, true),
+        Happening::Heartbeat(mode) => bench.receive_heartbeat(*mode, true),
         Happening::Position(x, v) => {
-            bench.hear_position(Vector3::new(*x, 1.0, -2.0), Vector3::new(*v, 0.0, 0.0));
+            bench.receive_position(Vector3::new(*x, 1.0, -2.0), Vector3::new(*v, 0.0, 0.0));
         }
-        Happening::Attitude(yaw) => bench.hear_attitude(*yaw),
+        Happening::Attitude(yaw) => bench.receive_attitude(*yaw),
         Happening::Wish(command, x, v, valid) => {
             let mut data = waypoints([(Vector3::new(f64::from(*x), 2.0, -5.0), *command); 3]);
             data.vel_z[0] = *v;
@@ -100,7 +100,7 @@ fn let_happen(bench: &mut Bench, happening: &Happening) {
             if command % 3 == 0 {
                 data.pos_z[0] = f32::NAN;
             }
-            bench.hear(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(data));
+            bench.receive(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(data));
         }
         Happening::Mirror => bench.approve(Verdict::Passed, mirror()),
         Happening::NothingApproved => bench.approve(Verdict::Hold, Trajectory::default()),
@@ -162,8 +162,8 @@ fn let_happen(bench: &mut Bench, happening: &Happening) {
                 ..EventSample::new(row, "planner", [*n; 2])
             });
         }
-        Happening::Bytes(bytes) => bench.hear_bytes(bytes),
-        Happening::Timesync(tc1, ts1) => bench.hear(MavMessage::TIMESYNC(TIMESYNC_DATA {
+        Happening::Bytes(bytes) => bench.receive_bytes(bytes),
+        Happening::Timesync(tc1, ts1) => bench.receive(MavMessage::TIMESYNC(TIMESYNC_DATA {
             tc1: *tc1,
             ts1: *ts1,
             ..TIMESYNC_DATA::default()
@@ -175,7 +175,7 @@ fn let_happen(bench: &mut Bench, happening: &Happening) {
             payload.extend_from_slice(&[*system, *component, 0]);
             let crc = mavlink::calculate_crc(&payload[1..], 152);
             payload.extend_from_slice(&crc.to_le_bytes());
-            bench.hear_bytes(&payload);
+            bench.receive_bytes(&payload);
         }
         Happening::ClockOfTheAutopilot(ms) => bench.boot_ms_at_zero = *ms,
     }
@@ -190,7 +190,7 @@ proptest! {
         lateness in 0.0..0.45f64,
     ) {
         let mut bench = Bench::new();
-        bench.hear_position(Vector3::new(1.0, 1.0, -2.0), Vector3::zeros());
+        bench.receive_position(Vector3::new(1.0, 1.0, -2.0), Vector3::zeros());
         bench.step();
         for (happening, pause_ms) in story {
             let until = bench.now.plus_seconds(pause_ms as f64 * 1e-3);
@@ -207,9 +207,9 @@ proptest! {
             let_happen(&mut bench, &happening);
             if matches!(happening, Happening::ClockOfTheAutopilot(_)) {
                 // A new start of the autopilot: its first position ends the only excuse for silence.
-                bench.hear_position(Vector3::zeros(), Vector3::zeros());
+                bench.receive_position(Vector3::zeros(), Vector3::zeros());
                 bench.step();
-                bench.hear_position(Vector3::zeros(), Vector3::zeros());
+                bench.receive_position(Vector3::zeros(), Vector3::zeros());
             }
             bench.step();
         }
@@ -241,7 +241,7 @@ proptest! {
         let far = Vector3::new(60.0, 0.0, -5.0);
         bench.fly(0.5, |bench, t| {
             bench.telemetry(t, MODE_MISSION, here, Vector3::zeros());
-            bench.hear(wish([(far, COMMAND_NONE); 3]));
+            bench.receive(wish([(far, COMMAND_NONE); 3]));
             bench.approve(Verdict::Hold, Trajectory::default());
         });
         let plan = flight(11, bench.now, here, Vector3::new(way.0, way.1, way.2), 6.0);
@@ -258,7 +258,7 @@ proptest! {
                 bench.approved.as_mut().unwrap().header.publish = bench.now;
             }
             if !silent(t, 2) && ((t * 100.0).round() as u32).is_multiple_of(20) {
-                bench.hear(wish([(far, COMMAND_NONE); 3]));
+                bench.receive(wish([(far, COMMAND_NONE); 3]));
             }
             bench.now = bench.now.plus_seconds(lateness * 0.01);
         });
@@ -284,7 +284,7 @@ fn a_flood_of_requests_does_not_push_out_a_setpoint() {
     while bench.now.seconds_since(began) < 1.0 {
         bench.now = bench.gateway.next_wake(bench.now);
         for _ in 0..200 {
-            bench.hear(MavMessage::TIMESYNC(TIMESYNC_DATA {
+            bench.receive(MavMessage::TIMESYNC(TIMESYNC_DATA {
                 ts1: 5,
                 ..TIMESYNC_DATA::default()
             }));
@@ -332,10 +332,10 @@ fn a_baton_with_a_time_to_come_does_not_silence_the_next_one() {
         bench.telemetry(t, MODE_HOLD, Vector3::zeros(), Vector3::zeros());
     });
     let mut encoder = Encoder::new();
-    let mut bytes = Baton::of(&bench.gateway, &encoder, Stamps::default()).to_bytes();
+    let mut bytes = HandoverState::of(&bench.gateway, &encoder, Stamps::default()).to_bytes();
     bytes[..8].copy_from_slice(&u64::MAX.to_le_bytes());
-    let baton = Baton::of_bytes(&bytes).unwrap();
-    baton.hand_to(bench.now, &mut bench.gateway, &mut encoder);
+    let handover = HandoverState::of_bytes(&bytes).unwrap();
+    handover.hand_to(bench.now, &mut bench.gateway, &mut encoder);
     let before = bench.curves().len();
     bench.idle_until(bench.now.plus_seconds(1.0));
     assert!(bench.curves().len() - before >= 19);

@@ -13,10 +13,10 @@ fn newest(bench: &Bench) -> VehicleState {
     bench.states.last().expect("a state was told").0
 }
 
-fn hear_all(bench: &mut Bench) {
-    bench.hear_heartbeat(MODE_HOLD, true);
-    bench.hear_position(Vector3::new(1.0, 2.0, -3.0), Vector3::new(2.0, 0.0, 0.0));
-    bench.hear_attitude(0.5);
+fn receive_all(bench: &mut Bench) {
+    bench.receive_heartbeat(MODE_HOLD, true);
+    bench.receive_position(Vector3::new(1.0, 2.0, -3.0), Vector3::new(2.0, 0.0, 0.0));
+    bench.receive_attitude(0.5);
 }
 
 #[test]
@@ -26,10 +26,10 @@ fn every_attitude_gives_one_state_with_the_position_carried_to_its_time() {
     bench.fly(2.0, |bench, t| {
         let tick = (t * 100.0).round() as u32;
         if tick.is_multiple_of(3) {
-            bench.hear_position(velocity * t, velocity);
+            bench.receive_position(velocity * t, velocity);
         }
         if tick.is_multiple_of(2) {
-            bench.hear_attitude(0.5);
+            bench.receive_attitude(0.5);
         }
     });
     assert_eq!(bench.states.len(), 100);
@@ -49,34 +49,34 @@ fn every_attitude_gives_one_state_with_the_position_carried_to_its_time() {
 #[test]
 fn slow_messages_fill_in_the_rest() {
     let mut bench = Bench::new();
-    hear_all(&mut bench);
+    receive_all(&mut bench);
     bench.step();
     let state = newest(&bench);
     assert!(state.home_down_m.is_nan() && state.ground_distance_m.is_nan() && !state.landed.is_set());
     assert_eq!(state.mode, NavMode::Hold);
-    bench.hear(MavMessage::HOME_POSITION(HOME_POSITION_DATA {
+    bench.receive(MavMessage::HOME_POSITION(HOME_POSITION_DATA {
         z: 0.75,
         ..HOME_POSITION_DATA::default()
     }));
-    bench.hear(MavMessage::ALTITUDE(ALTITUDE_DATA {
+    bench.receive(MavMessage::ALTITUDE(ALTITUDE_DATA {
         bottom_clearance: 4.5,
         ..ALTITUDE_DATA::default()
     }));
-    bench.hear(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
+    bench.receive(MavMessage::EXTENDED_SYS_STATE(EXTENDED_SYS_STATE_DATA {
         landed_state: MavLandedState::MAV_LANDED_STATE_ON_GROUND,
         ..EXTENDED_SYS_STATE_DATA::default()
     }));
-    hear_all(&mut bench);
+    receive_all(&mut bench);
     bench.step();
     let state = newest(&bench);
     assert_eq!((state.home_down_m, state.ground_distance_m), (0.75, 4.5));
     assert!(state.landed.is_set() && state.armed.is_set());
     for unknown in [f32::NAN, -1.0] {
-        bench.hear(MavMessage::ALTITUDE(ALTITUDE_DATA {
+        bench.receive(MavMessage::ALTITUDE(ALTITUDE_DATA {
             bottom_clearance: unknown,
             ..ALTITUDE_DATA::default()
         }));
-        hear_all(&mut bench);
+        receive_all(&mut bench);
         bench.step();
         assert!(newest(&bench).ground_distance_m.is_nan());
     }
@@ -85,7 +85,7 @@ fn slow_messages_fill_in_the_rest() {
 #[test]
 fn an_old_ground_distance_is_not_told() {
     let mut bench = Bench::new();
-    bench.hear(MavMessage::ALTITUDE(ALTITUDE_DATA {
+    bench.receive(MavMessage::ALTITUDE(ALTITUDE_DATA {
         bottom_clearance: 4.5,
         ..ALTITUDE_DATA::default()
     }));
@@ -112,8 +112,8 @@ proptest! {
             let jumped = if i >= 30 { jump } else { 0.0 };
             // Some messages are lost, but not those around the jump.
             if !(5..5 + lost).contains(&i) {
-                bench.hear_position(Vector3::new(x + jumped, 0.0, 0.0), Vector3::new(v, 0.0, 0.0));
-                bench.hear_attitude(0.0);
+                bench.receive_position(Vector3::new(x + jumped, 0.0, 0.0), Vector3::new(v, 0.0, 0.0));
+                bench.receive_attitude(0.0);
             }
             bench.step();
         }
@@ -124,14 +124,14 @@ proptest! {
 #[test]
 fn nonsense_never_becomes_a_state() {
     let mut bench = Bench::new();
-    hear_all(&mut bench);
+    receive_all(&mut bench);
     bench.step();
     let before = newest(&bench);
     for bad in [f64::NAN, f64::INFINITY, 1e9] {
         bench.now = bench.now.plus_seconds(0.02);
-        bench.hear_position(Vector3::new(bad, 0.0, 0.0), Vector3::zeros());
-        bench.hear_position(Vector3::zeros(), Vector3::new(0.0, bad, 0.0));
-        bench.hear(MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
+        bench.receive_position(Vector3::new(bad, 0.0, 0.0), Vector3::zeros());
+        bench.receive_position(Vector3::zeros(), Vector3::new(0.0, bad, 0.0));
+        bench.receive(MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
             time_boot_ms: bench.boot_ms(bench.now),
             q1: bad as f32,
             ..ATTITUDE_QUATERNION_DATA::default()
@@ -139,7 +139,7 @@ fn nonsense_never_becomes_a_state() {
         bench.step();
     }
     assert_eq!(bench.states.len(), 1);
-    bench.hear_attitude(0.5);
+    bench.receive_attitude(0.5);
     bench.step();
     assert_eq!(newest(&bench).position_time, before.position_time);
 }
@@ -147,11 +147,11 @@ fn nonsense_never_becomes_a_state() {
 #[test]
 fn an_old_position_is_no_longer_valid() {
     let mut bench = Bench::new();
-    hear_all(&mut bench);
+    receive_all(&mut bench);
     bench.step();
     assert!(newest(&bench).position_valid.is_set());
     bench.now = at(0.6);
-    bench.hear_attitude(0.5);
+    bench.receive_attitude(0.5);
     bench.step();
     assert!(!newest(&bench).position_valid.is_set());
     let carried_m = newest(&bench).position.x_m - 1.0;
@@ -161,15 +161,15 @@ fn an_old_position_is_no_longer_valid() {
 #[test]
 fn the_loss_of_the_autopilot_is_told_once_and_its_return_too() {
     let mut bench = Bench::new();
-    hear_all(&mut bench);
+    receive_all(&mut bench);
     bench.step();
-    let told = bench.states.len();
+    let reported = bench.states.len();
     bench.idle_until(at(5.0));
-    assert_eq!(bench.states.len(), told + 1);
-    let (state, _) = bench.states[told];
+    assert_eq!(bench.states.len(), reported + 1);
+    let (state, _) = bench.states[reported];
     assert!(!state.autopilot_alive.is_set() && !state.position_valid.is_set());
     assert!(!bench.status.unwrap().autopilot_alive.is_set());
-    hear_all(&mut bench);
+    receive_all(&mut bench);
     bench.step();
     assert!(newest(&bench).autopilot_alive.is_set());
     bench.idle_until(at(6.0));
@@ -212,14 +212,14 @@ fn a_restarted_autopilot_begins_a_new_clock_and_new_coordinates() {
 #[test]
 fn late_packets_are_left_out() {
     let mut bench = Bench::new();
-    hear_all(&mut bench);
+    receive_all(&mut bench);
     bench.step();
-    let told = bench.states.len();
+    let reported = bench.states.len();
     bench.boot_ms_at_zero -= 200;
-    bench.hear_attitude(2.0);
-    bench.hear_position(Vector3::new(50.0, 0.0, 0.0), Vector3::zeros());
+    bench.receive_attitude(2.0);
+    bench.receive_position(Vector3::new(50.0, 0.0, 0.0), Vector3::zeros());
     bench.step();
-    assert_eq!(bench.states.len(), told);
+    assert_eq!(bench.states.len(), reported);
 }
 
 #[test]
@@ -230,12 +230,12 @@ fn time_stamps_are_mapped_through_timesync_once_it_has_converged() {
         bench.idle_until(at(f64::from(i) / 100.0));
         // The attitude was taken 30 ms before it arrives: reception alone cannot know that.
         let time_boot_ms = bench.boot_ms(bench.now.plus_seconds(-0.030));
-        bench.hear(MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
+        bench.receive(MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
             time_boot_ms,
             q1: 1.0,
             ..ATTITUDE_QUATERNION_DATA::default()
         }));
-        bench.hear(MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
+        bench.receive(MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
             time_boot_ms,
             ..LOCAL_POSITION_NED_DATA::default()
         }));
@@ -250,7 +250,7 @@ fn time_stamps_are_mapped_through_timesync_once_it_has_converged() {
             .collect();
         for (asked, ts1) in requests {
             let middle_s = asked.seconds_since(at(0.0)) + 0.5 * bench.now.seconds_since(asked);
-            bench.hear(MavMessage::TIMESYNC(TIMESYNC_DATA {
+            bench.receive(MavMessage::TIMESYNC(TIMESYNC_DATA {
                 tc1: (f64::from(bench.boot_ms_at_zero) * 1e6 + middle_s * 1e9) as i64,
                 ts1,
                 ..TIMESYNC_DATA::default()
@@ -278,9 +278,9 @@ fn time_stamps_are_mapped_through_timesync_once_it_has_converged() {
 #[test]
 fn the_desired_path_keeps_what_was_not_given_as_nan() {
     let mut bench = Bench::new();
-    bench.hear_heartbeat(MODE_MISSION, true);
+    bench.receive_heartbeat(MODE_MISSION, true);
     let points = [1.0, 2.0, 3.0].map(|x| (Vector3::new(x, 0.0, -5.0), COMMAND_NONE));
-    bench.hear(wish(points));
+    bench.receive(wish(points));
     bench.step();
     let (path, _) = bench.paths[0];
     assert_eq!(path.mode, NavMode::Mission);
@@ -297,12 +297,12 @@ fn the_desired_path_keeps_what_was_not_given_as_nan() {
 #[test]
 fn a_landing_has_no_goal_far_below_the_ground() {
     let mut bench = Bench::new();
-    bench.hear_heartbeat(MODE_LAND, true);
+    bench.receive_heartbeat(MODE_LAND, true);
     let below = Vector3::new(1.0, 2.0, 488.0);
     let mut data = waypoints([(below, COMMAND_LAND); 3]);
     data.pos_z[0] = f32::NAN;
     data.vel_z[0] = 1.0;
-    bench.hear(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(data));
+    bench.receive(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(data));
     bench.step();
     let (path, _) = bench.paths[0];
     assert!(path.points.iter().all(|point| point.position.z_m.is_nan()));
@@ -322,16 +322,16 @@ fn a_mode_is_known_before_the_heartbeat_tells() {
         (MODE_MISSION, COMMAND_LOITER, NavMode::Mission),
     ] {
         let mut bench = Bench::new();
-        bench.hear_heartbeat(heartbeat, true);
-        bench.hear(wish([(Vector3::new(9.0, 0.0, -5.0), command); 3]));
-        bench.hear_position(Vector3::zeros(), Vector3::zeros());
-        bench.hear_attitude(0.0);
+        bench.receive_heartbeat(heartbeat, true);
+        bench.receive(wish([(Vector3::new(9.0, 0.0, -5.0), command); 3]));
+        bench.receive_position(Vector3::zeros(), Vector3::zeros());
+        bench.receive_attitude(0.0);
         bench.step();
         assert_eq!(bench.paths[0].0.mode, mode);
         assert_eq!(newest(&bench).mode, mode);
         // The heartbeat has the last word.
-        bench.hear_heartbeat(heartbeat, true);
-        bench.hear_attitude(0.0);
+        bench.receive_heartbeat(heartbeat, true);
+        bench.receive_attitude(0.0);
         bench.step();
         assert_eq!(newest(&bench).mode, jink_mode(heartbeat));
     }

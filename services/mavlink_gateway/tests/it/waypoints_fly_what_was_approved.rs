@@ -30,7 +30,7 @@ fn in_mode(custom_mode: u32, wanted: Option<&Waypoints>) -> Bench {
         if ((t * 100.0).round() as u32).is_multiple_of(20)
             && let Some(wanted) = wanted
         {
-            bench.hear(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(wanted.clone()));
+            bench.receive(MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(wanted.clone()));
         }
         bench.approve(Verdict::Passed, mirror());
     });

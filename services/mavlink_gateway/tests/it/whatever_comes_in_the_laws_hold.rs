@@ -44,10 +44,11 @@ impl Generator {
 }
 
 /// Tells `stories` stories, or as many as there is time for, and names the one that breaks a law.
-fn tell(book: &str, stories: u64, longest: usize, laws: fn(&[u8])) {
+fn report(book: &str, stories: u64, longest: usize, laws: fn(&[u8])) {
     let began = Instant::now();
-    let told = std::env::var("JINK_FUZZ_SECONDS").ok();
-    let patience = told.map(|seconds| Duration::from_secs_f64(seconds.parse().expect("a number of seconds")));
+    let reported = std::env::var("JINK_FUZZ_SECONDS").ok();
+    let patience =
+        reported.map(|seconds| Duration::from_secs_f64(seconds.parse().expect("a number of seconds")));
     let mut generator = Generator(Xoshiro256PlusPlus::seed_from_u64(1));
     let (mut count, mut bytes) = (0, 0);
     let mut story = Vec::new();
@@ -76,26 +77,26 @@ fn tell(book: &str, stories: u64, longest: usize, laws: fn(&[u8])) {
 
 #[test]
 fn every_intact_frame_comes_out_however_the_bytes_are_cut() {
-    tell("decoder", 30_000, LONGEST, harness::decoder::laws);
+    report("decoder", 30_000, LONGEST, harness::decoder::laws);
 }
 
 #[test]
 fn what_is_sent_may_be_flown_and_it_never_falls_silent() {
-    tell("flight", 8000, LONGEST, harness::flight::laws);
+    report("flight", 8000, LONGEST, harness::flight::laws);
 }
 
 #[test]
 fn what_comes_in_goes_where_the_rules_say_and_nowhere_else() {
-    tell("network", 8000, 2000, harness::network::laws);
+    report("network", 8000, 2000, harness::network::laws);
 }
 
 #[test]
 fn whatever_is_asked_is_answered_once_and_changes_nothing_it_should_not() {
-    tell("desk", 3000, 2000, harness::desk::laws);
+    report("desk", 3000, 2000, harness::desk::laws);
 }
 
 #[test]
 fn damaged_batons_keys_and_stamps_are_refused_or_made_the_best_of() {
-    tell("storage", 100_000, 600, harness::storage::laws);
-    tell("files", 500, 2000, harness::storage::laws_of_files);
+    report("storage", 100_000, 600, harness::storage::laws);
+    report("files", 500, 2000, harness::storage::laws_of_files);
 }

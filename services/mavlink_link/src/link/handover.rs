@@ -100,7 +100,7 @@ impl Handover {
     }
 
     /// Gives the link up without a successor.
-    pub(super) fn let_go(&mut self) {
+    pub(super) fn abandon(&mut self) {
         self.is_standby = true;
         self.listener = None;
         self.peer = None;

@@ -226,9 +226,9 @@ impl Link {
 
     /// Closes the link and becomes the standby of whichever process opens it next: for when no process takes what is
     /// released.
-    pub fn let_go(&mut self) {
+    pub fn abandon(&mut self) {
         if let Some(handover) = &mut self.handover {
-            handover.let_go();
+            handover.abandon();
             self.transport = None;
             self.generation += 1;
         }

@@ -66,7 +66,7 @@ impl Member {
     pub(super) fn traffic(&self) -> LinkTraffic {
         let counters = self.link.counters();
         LinkTraffic {
-            strangers: counters.unknown_peers,
+            unknown_peers: counters.unknown_peers,
             garbage_bytes: counters.garbage_bytes,
             reopened: counters.reopened,
             ..self.rules.traffic

@@ -239,7 +239,7 @@ impl Links {
                     .take_handover_state()
                     .and_then(|state| sequences_of_bytes(&state))
             {
-                member.encoder.go_on_from(sequences);
+                member.encoder.resume_from(sequences);
             }
             if answer.is_ok_and(|answer| answer == Progress::More) {
                 progress = Progress::More;
@@ -299,7 +299,7 @@ impl Links {
                 .link
                 .release(&sequences_to_bytes(member.encoder.sequences()))
             {
-                member.link.let_go();
+                member.link.abandon();
             }
         }
         true
@@ -311,9 +311,9 @@ impl Links {
     }
 
     /// Continues signing after the last stamp of the former owner.
-    pub fn go_on_from(&mut self, stamps: Stamps) {
+    pub fn resume_from(&mut self, stamps: Stamps) {
         if let Some(keeper) = &mut self.stamps {
-            keeper.go_on_from(stamps);
+            keeper.resume_from(stamps);
         }
     }
 

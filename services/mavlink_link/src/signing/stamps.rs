@@ -168,7 +168,7 @@ impl StampKeeper {
     }
 
     /// Signs from now on, from the stamps of the process that stopped.
-    pub fn go_on_from(&mut self, stamps: Stamps) {
+    pub fn resume_from(&mut self, stamps: Stamps) {
         self.stamps = Stamps {
             next: stamps.next.max(self.stamps.next),
             ..stamps

@@ -393,7 +393,7 @@ fn only_peers_are_received_where_peers_are_named() {
         );
         received == [2]
     });
-    assert_eq!(bench.links.report().links[1].strangers, 1);
+    assert_eq!(bench.links.report().links[1].unknown_peers, 1);
     // Nothing is sent to who is no peer.
     bench.send(Destination::Link(1), attitude(3));
     assert!(bench.peers[1].receive().is_empty());

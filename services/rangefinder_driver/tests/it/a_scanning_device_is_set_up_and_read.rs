@@ -19,7 +19,7 @@ fn run(
     ms: u64,
     connected: bool,
 ) -> (Vec<RangeScan>, Vec<RangefinderChange>) {
-    let (mut scans, mut news) = (Vec::new(), Vec::new());
+    let (mut scans, mut update) = (Vec::new(), Vec::new());
     for step in start_ms..start_ms + ms {
         let now = Timestamp::from_ns(1_000_000_000 + step * STEP_NS);
         let mut publish = |view: &jink_rangefinder_driver::ScanView<'_>| {
@@ -36,9 +36,9 @@ fn run(
             }
         }
         driver.tick(now, &mut publish);
-        news.extend(driver.take_change(now));
+        update.extend(driver.take_change(now));
     }
-    (scans, news)
+    (scans, update)
 }
 
 fn start() -> (RangefinderDriver, Device) {
@@ -54,14 +54,14 @@ fn start() -> (RangefinderDriver, Device) {
 #[test]
 fn it_is_set_up_once_and_streams() {
     let (mut driver, mut device) = start();
-    let (scans, news) = run(&mut driver, &mut device, 0, 2_000, true);
+    let (scans, update) = run(&mut driver, &mut device, 0, 2_000, true);
     assert_eq!(device.commands, [30, 27, 66, 85, 98, 99, 96, 30]);
     assert_eq!((device.float(98), device.float(99)), (-120.0, 90.0));
     assert_eq!(
         (&device.settings[&66][..], &device.settings[&96][..]),
         (&[7][..], &[1][..])
     );
-    assert!(news.is_empty(), "{news:?}");
+    assert!(update.is_empty(), "{update:?}");
     // 1600 deg/s: an eighth takes 28 ms; some 70 parts in two seconds.
     assert!(scans.len() > 60, "{}", scans.len());
 }
@@ -93,9 +93,9 @@ fn after_a_reset_it_is_set_up_again_and_nothing_is_reported() {
     let (mut driver, mut device) = start();
     run(&mut driver, &mut device, 0, 1_000, true);
     device.reset();
-    let (scans, news) = run(&mut driver, &mut device, 1_000, 1_500, true);
+    let (scans, update) = run(&mut driver, &mut device, 1_000, 1_500, true);
     assert_eq!(device.commands, [30, 27, 66, 85, 98, 99, 96, 30]);
-    assert!(scans.len() > 20 && news.is_empty(), "{news:?}");
+    assert!(scans.len() > 20 && update.is_empty(), "{update:?}");
 }
 
 #[test]
@@ -114,9 +114,9 @@ fn silence_is_reported_once_and_so_is_its_end() {
 #[test]
 fn a_sensor_that_never_sends_is_reported_too() {
     let (mut driver, mut device) = start();
-    let (scans, news) = run(&mut driver, &mut device, 0, 3_000, false);
+    let (scans, update) = run(&mut driver, &mut device, 0, 3_000, false);
     assert!(scans.is_empty() && device.commands.is_empty());
-    assert_eq!(news, [RangefinderChange::Lost]);
+    assert_eq!(update, [RangefinderChange::Lost]);
     assert_eq!(
         RangefinderChange::Lost.event("front").text(),
         "jink: rangefinder front lost"

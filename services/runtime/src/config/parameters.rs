@@ -11,8 +11,8 @@
 
 use super::ConfigError;
 use super::foreign::leaked;
+use jink_shared_types::param_messages::PARAMETERS_MAX;
 use jink_shared_types::params::{Apply, Param, ParamType, TABLE, USER_PARAMETERS};
-use jink_shared_types::tuning::PARAMETERS_MAX;
 use serde::Deserialize;
 use toml::Spanned;
 

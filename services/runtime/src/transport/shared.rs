@@ -4,8 +4,8 @@
 //! loses the oldest sample, it never blocks the writer. A dead reader therefore cannot stop a flight.
 #![allow(unsafe_code)]
 
+use crate::cleanup::{self, Swept};
 use crate::instance::Instance;
-use crate::janitor::{self, Swept};
 use crate::session::OpenError;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::port::listener::Listener;
@@ -158,7 +158,7 @@ impl Connection {
     }
 
     pub(crate) fn clean_up_dead(&self) -> Swept {
-        janitor::sweep(&self.instance, self.node.config())
+        cleanup::sweep(&self.instance, self.node.config())
     }
 
     fn pub_sub<T: Layout>(&self, topic: &Topic<T>, name: &str) -> Result<PubSubFactory<T>, OpenError> {

@@ -62,8 +62,8 @@ fn a_priority_is_inherited_only_where_that_is_wanted() {
     let child_of = |scheduling| {
         std::thread::spawn(move || {
             schedule(0, scheduling)?;
-            let told = Command::new("cat").arg("/proc/self/stat").output()?;
-            Ok::<_, std::io::Error>(policy(&String::from_utf8_lossy(&told.stdout)))
+            let reported = Command::new("cat").arg("/proc/self/stat").output()?;
+            Ok::<_, std::io::Error>(policy(&String::from_utf8_lossy(&reported.stdout)))
         })
         .join()
         .unwrap()

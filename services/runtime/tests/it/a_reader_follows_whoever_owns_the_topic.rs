@@ -105,14 +105,14 @@ proptest! {
         let bus = LocalBus::new(at(0));
         let mut outputs: Vec<_> = (1..=PRODUCERS).map(|generation| planner(&bus, generation)).collect();
         let mut input = reader(&bus).of_all_producers();
-        let (mut now_ms, mut heard) = (0, Vec::new());
+        let (mut now_ms, mut received) = (0, Vec::new());
         for (id, (producer, pause_ms)) in steps.iter().enumerate() {
             now_ms += pause_ms;
             bus.set_clock(at(now_ms));
             send(&mut outputs[*producer as usize], &bus, id as u64);
-            input.each(|route| heard.push(route.id));
+            input.each(|route| received.push(route.id));
         }
-        prop_assert_eq!(heard, (0..steps.len() as u64).collect::<Vec<_>>());
+        prop_assert_eq!(received, (0..steps.len() as u64).collect::<Vec<_>>());
         prop_assert_eq!(input.lost(), 0);
     }
 }

@@ -1,7 +1,7 @@
 //! What a sweep may remove: what belongs to a node of this instance, says nothing of being alive, and is too old to be a node that is
 //! just being created.
 
-use jink_runtime::janitor::{self, BEING_CREATED};
+use jink_runtime::cleanup::{self, BEING_CREATED};
 use jink_runtime::{Instance, Session, now};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::{SampleHeader, topics};
@@ -51,25 +51,25 @@ const OLD: Duration = BEING_CREATED.saturating_add(Duration::from_secs(60));
 fn what_nobody_knows_goes_when_it_is_old_and_stays_while_it_may_be_being_created() {
     let isolated = Isolated::new("sweep");
     let session = Session::open(&isolated.0, "supervisor").unwrap();
-    let own = janitor::node_count(&isolated.0);
+    let own = cleanup::node_count(&isolated.0);
     let abandoned = isolated.remains(123_456_789, OLD);
     let young = isolated.remains(987_654_321, Duration::ZERO);
     // Half of it is young: somebody is at it.
     let [folder, monitor] = isolated.remains(555_555, OLD);
     made_older(&monitor, Duration::ZERO);
-    assert_eq!(janitor::node_count(&isolated.0), own + 3);
+    assert_eq!(cleanup::node_count(&isolated.0), own + 3);
     let swept = session.clean_up_dead();
     assert_eq!((swept.zombies, swept.cleaned), (1, 0), "{swept:?}");
     assert!(abandoned.iter().all(|path| !path.exists()));
     assert!(young.iter().all(|path| path.exists()));
     assert!(folder.exists() && monitor.exists());
-    assert_eq!(janitor::node_count(&isolated.0), own + 2);
+    assert_eq!(cleanup::node_count(&isolated.0), own + 2);
     // In time they go, too; and nothing is counted twice.
     for path in young.iter().chain([&folder, &monitor]) {
         made_older(path, OLD);
     }
     assert_eq!(session.clean_up_dead().zombies, 2);
-    assert_eq!(session.clean_up_dead(), janitor::Swept::default());
+    assert_eq!(session.clean_up_dead(), cleanup::Swept::default());
 }
 
 #[test]
@@ -85,9 +85,9 @@ fn whoever_lives_is_left_alone_however_old_and_so_is_what_is_no_nodes() {
     for entry in std::fs::read_dir(&nodes).unwrap() {
         made_older(&entry.unwrap().path(), OLD);
     }
-    let living = janitor::node_count(&isolated.0);
-    assert_eq!(supervisor.clean_up_dead(), janitor::Swept::default());
-    assert_eq!(janitor::node_count(&isolated.0), living);
+    let living = cleanup::node_count(&isolated.0);
+    assert_eq!(supervisor.clean_up_dead(), cleanup::Swept::default());
+    assert_eq!(cleanup::node_count(&isolated.0), living);
     assert!(notes.exists());
     output.send(SampleHeader::at(now()), &LinkStatus::default());
     assert!(input.latest(now()).is_fresh());
@@ -99,6 +99,6 @@ fn another_instance_is_none_of_its_business() {
     let session = Session::open(&ours.0, "supervisor").unwrap();
     let _their_folders = Session::open(&theirs.0, "supervisor").unwrap();
     let remains = theirs.remains(123_456_789, OLD);
-    assert_eq!(session.clean_up_dead(), janitor::Swept::default());
+    assert_eq!(session.clean_up_dead(), cleanup::Swept::default());
     assert!(remains.iter().all(|path| path.exists()));
 }

@@ -91,7 +91,7 @@ fn a_late_reader_finds_the_last_sample_of_a_live_producer() {
         output.send(SampleHeader::at(now()), &status(7));
         let reader = place.open("supervisor");
         let mut input = reader.input(topics::LINK_STATUS, "").unwrap();
-        output.greet();
+        output.announce();
         let value = input.latest(now()).fresh().map(|sample| sample.setpoints);
         assert_eq!(value, Some(7));
     });

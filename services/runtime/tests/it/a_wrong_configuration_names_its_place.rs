@@ -36,16 +36,16 @@ autopilot = "px4"
 /// What refuses says: one line, the file, a line that there is.
 fn is_an_answer(text: &str) -> Result<(), TestCaseError> {
     if let Err(error) = Config::parse(Path::new("jink.toml"), text) {
-        let told = error.to_string();
-        prop_assert!(told.starts_with("jink.toml:"), "{}", told);
-        prop_assert!(!told.contains('\n'), "{}", told);
+        let reported = error.to_string();
+        prop_assert!(reported.starts_with("jink.toml:"), "{}", reported);
+        prop_assert!(!reported.contains('\n'), "{}", reported);
         let lines = text.split('\n').count();
         prop_assert!(
             (1..=lines).contains(&error.line),
             "{} of {} lines: {}",
             error.line,
             lines,
-            told
+            reported
         );
     }
     Ok(())
@@ -61,12 +61,12 @@ fn the_whole_is_read() {
 fn a_folder_without_a_configuration_is_named() {
     let folder = std::env::temp_dir().join(format!("jink_no_config_{}", std::process::id()));
     let error = Config::load(&folder).unwrap_err();
-    let told = error.to_string();
+    let reported = error.to_string();
     assert!(
-        told.contains(&folder.display().to_string()) && told.contains("jink.toml"),
-        "{told}"
+        reported.contains(&folder.display().to_string()) && reported.contains("jink.toml"),
+        "{reported}"
     );
-    assert!(told.contains("cannot be read: "), "{told}");
+    assert!(reported.contains("cannot be read: "), "{reported}");
     // Whoever asks only for names of processes is told of none.
     assert!(config::process_names(&folder).is_empty());
 }
@@ -76,9 +76,9 @@ fn a_file_that_is_no_text_is_refused() {
     let folder = std::env::temp_dir().join(format!("jink_no_text_{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(folder.join("jink.toml"), [0xff, 0xfe, 0x00]).unwrap();
-    let told = Config::load(&folder).unwrap_err().to_string();
+    let reported = Config::load(&folder).unwrap_err().to_string();
     std::fs::remove_dir_all(&folder).unwrap();
-    assert!(told.contains("jink.toml: cannot be read: "), "{told}");
+    assert!(reported.contains("jink.toml: cannot be read: "), "{reported}");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Processes killed at any moment of their start leave nothing in memory that a sweep would not remove.
 
-use jink_runtime::{Instance, Session, janitor, now};
+use jink_runtime::{Instance, Session, cleanup, now};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::{SampleHeader, topics};
 use std::process::{Command, Stdio};
@@ -37,7 +37,7 @@ fn whenever_they_are_killed() {
         supervisor.hold(topics::APPROVED, "").unwrap(),
     ];
     let kills: u64 = std::env::var(KILLS).map_or(60, |kills| kills.parse().unwrap());
-    let mut swept = janitor::Swept::default();
+    let mut swept = cleanup::Swept::default();
     let mut most = 0;
     for n in 0..kills {
         let mut child = Command::new(std::env::current_exe().unwrap())
@@ -50,7 +50,7 @@ fn whenever_they_are_killed() {
         std::thread::sleep(Duration::from_micros(100 * (n % 80)));
         child.kill().unwrap();
         child.wait().unwrap();
-        most = most.max(janitor::node_count(&instance));
+        most = most.max(cleanup::node_count(&instance));
         let now = supervisor.clean_up_dead();
         swept.cleaned += now.cleaned;
         swept.zombies += now.zombies;
@@ -61,7 +61,7 @@ fn whenever_they_are_killed() {
         swept.zombies
     );
     // The abandoned folders of nodes that nobody knows are left until they are old: at most the last few.
-    let left = janitor::node_count(&instance);
+    let left = cleanup::node_count(&instance);
     assert!(
         left <= 1 + kills as usize / 10,
         "{left} nodes of {kills} are left"

@@ -157,7 +157,7 @@ enum Event {
     /// The second instance becomes the owner, so long after the lead (ms).
     Switch(u64),
     /// The former owner goes for good.
-    LetGo,
+    Release,
     /// An instance is not run for so long (ms): the owner, or another one.
     Stall { owner: bool, ms: u64 },
     /// The owner is killed; that is noticed so long after (ms).
@@ -327,7 +327,7 @@ impl<S: Watched> World<S> {
                     self.publish_record();
                 }
             }
-            Event::LetGo if self.entry.next == 0 => {
+            Event::Release if self.entry.next == 0 => {
                 if let Some(other) = self.other() {
                     self.kill(other, 0);
                 }
@@ -534,7 +534,7 @@ fn planned() -> impl Strategy<Value = Vec<Event>> {
         (1..250u64).prop_map(Event::Wait),
         Just(Event::Shadow),
         (0..120u64).prop_map(Event::Switch),
-        Just(Event::LetGo),
+        Just(Event::Release),
     ];
     prop::collection::vec(event, 1..30)
 }
@@ -545,7 +545,7 @@ fn anything() -> impl Strategy<Value = Vec<Event>> {
         3 => (1..200u64).prop_map(Event::Wait),
         3 => Just(Event::Shadow),
         2 => (0..120u64).prop_map(Event::Switch),
-        1 => Just(Event::LetGo),
+        1 => Just(Event::Release),
         2 => (any::<bool>(), 1..STALL_MS).prop_map(|(owner, ms)| Event::Stall { owner, ms }),
         2 => (0..NOTICE_MS).prop_map(|notice_ms| Event::Kill { notice_ms }),
         1 => (0..NOTICE_MS).prop_map(|notice_ms| Event::KillOther { notice_ms }),

@@ -164,7 +164,7 @@ fn a_service_is_degraded_for_a_second_and_the_pilot_is_told_by_whom() {
     let watching = Session::local(&bus, "supervisor");
     let mut health = watching.input(topics::HEALTH, "bezier_generator").unwrap();
     let gateway = Session::local(&bus, "mavlink_gateway");
-    let mut told = gateway.input(topics::EVENT, "").unwrap();
+    let mut reported = gateway.input(topics::EVENT, "").unwrap();
     let mut texts = Vec::new();
     let mut states = Vec::new();
     for step in 0..250_u32 {
@@ -176,7 +176,7 @@ fn a_service_is_degraded_for_a_second_and_the_pilot_is_told_by_whom() {
         if let Reading::Fresh(heartbeat) = health.latest(bus.now()) {
             states.push((time_s, heartbeat.state.get()));
         }
-        told.each(|event| {
+        reported.each(|event| {
             if event.id == events::SAMPLE_REFUSED.id {
                 texts.push(EventSample::text(event.sample));
             }

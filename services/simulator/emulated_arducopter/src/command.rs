@@ -78,7 +78,7 @@ impl ArduCopter {
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => {
                 self.set_interval(link, command.param1 as u32, f64::from(command.param2), outbox)
             }
-            MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL => self.tell_interval(link, command.param1 as u32, outbox),
+            MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL => self.report_interval(link, command.param1 as u32, outbox),
             MavCmd::MAV_CMD_REQUEST_MESSAGE => self.send_once(link, command.param1 as u32, outbox),
             MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES => {
                 self.send_once(link, Stream::AutopilotVersion as u32, outbox)
@@ -215,7 +215,7 @@ impl ArduCopter {
         MavResult::MAV_RESULT_DENIED
     }
 
-    fn tell_interval(&mut self, link: Link, id: u32, outbox: &mut Vec<Packet>) -> MavResult {
+    fn report_interval(&mut self, link: Link, id: u32, outbox: &mut Vec<Packet>) -> MavResult {
         let message = messages::message_interval(id, self.streams.interval_us(link, id));
         self.wire.send(outbox, link, message);
         MavResult::MAV_RESULT_ACCEPTED

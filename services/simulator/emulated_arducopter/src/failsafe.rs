@@ -17,15 +17,15 @@ pub enum Change {
 /// The watch over the ground station.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GroundStationWatch {
-    heard_us: Option<u64>,
+    received_us: Option<u64>,
     lost: bool,
 }
 
 impl GroundStationWatch {
     /// A heartbeat of system `system` came.
-    pub fn hear(&mut self, now_us: u64, system: u32, ground_station: f64) {
+    pub fn receive(&mut self, now_us: u64, system: u32, ground_station: f64) {
         if f64::from(system) == ground_station {
-            self.heard_us = Some(now_us);
+            self.received_us = Some(now_us);
         }
     }
 
@@ -36,11 +36,11 @@ impl GroundStationWatch {
 
     /// One step. `enabled`: FS_GCS_ENABLE.
     pub fn step(&mut self, now_us: u64, enabled: bool, timeout_s: f64) -> Change {
-        let Some(heard_us) = self.heard_us.filter(|_| enabled) else {
+        let Some(received_us) = self.received_us.filter(|_| enabled) else {
             self.lost = false;
             return Change::None;
         };
-        let lost = (now_us - heard_us) as f64 * 1e-6 > timeout_s;
+        let lost = (now_us - received_us) as f64 * 1e-6 > timeout_s;
         let change = match (self.lost, lost) {
             (false, true) => Change::Lost,
             (true, false) => Change::Back,

@@ -37,7 +37,7 @@ struct Face {
 #[derive(Clone, Debug)]
 pub struct Proximity {
     enabled: bool,
-    heard_us: Option<u64>,
+    received_us: Option<u64>,
     faces: [Option<Face>; SECTORS],
     /// Nearest of each sector in the group of OBSTACLE_DISTANCE_3D being received, and its time stamp.
     group: [Option<(f64, f64)>; SECTORS],
@@ -50,7 +50,7 @@ impl Proximity {
     pub fn new(parameters: &Parameters) -> Self {
         Self {
             enabled: parameters.get(P::PRX1_TYPE) == TYPE_MAVLINK,
-            heard_us: None,
+            received_us: None,
             faces: [None; SECTORS],
             group: [None; SECTORS],
             group_boot_ms: 0,
@@ -65,7 +65,7 @@ impl Proximity {
 
     /// Whether its data can be used.
     pub fn is_healthy(&self, now_us: u64) -> bool {
-        self.enabled && self.heard_us.is_some_and(|at_us| now_us - at_us < HEALTHY_US)
+        self.enabled && self.received_us.is_some_and(|at_us| now_us - at_us < HEALTHY_US)
     }
 
     /// Takes a scan.
@@ -73,7 +73,7 @@ impl Proximity {
         if !self.enabled {
             return;
         }
-        self.heard_us = Some(now_us);
+        self.received_us = Some(now_us);
         let width_deg = if message.increment_f > 0.0 {
             f64::from(message.increment_f)
         } else if message.increment > 0 {
@@ -102,7 +102,7 @@ impl Proximity {
         if !self.enabled {
             return;
         }
-        self.heard_us = Some(now_us);
+        self.received_us = Some(now_us);
         if message.frame != MavFrame::MAV_FRAME_BODY_FRD {
             return;
         }

@@ -67,7 +67,8 @@ impl ArduCopter {
         match &packet.message {
             MavMessage::HEARTBEAT(_) => {
                 let station = self.parameters.get(P::MAV_GCS_SYSID);
-                self.station.hear(self.now_us, packet.header.system_id, station);
+                self.station
+                    .receive(self.now_us, packet.header.system_id, station);
             }
             MavMessage::TIMESYNC(message) if message.tc1 == 0 => {
                 let answer = messages::timesync_answer(self.now_us, message.ts1);

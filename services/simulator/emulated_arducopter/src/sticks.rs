@@ -21,14 +21,14 @@ const DEAD: f64 = 0.06;
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sticks {
     overrides: [Option<u16>; CHANNELS],
-    heard_us: u64,
+    received_us: u64,
     now_us: u64,
 }
 
 impl Sticks {
     /// Takes overrides.
     pub fn receive(&mut self, now_us: u64, message: &RC_CHANNELS_OVERRIDE_DATA) {
-        self.heard_us = now_us;
+        self.received_us = now_us;
         let channels = [
             message.chan1_raw,
             message.chan2_raw,
@@ -55,7 +55,7 @@ impl Sticks {
 
     /// Channel `index` as it counts (us).
     pub fn raw_us(&self, index: usize) -> u16 {
-        let fresh = self.now_us - self.heard_us < OVERRIDE_US;
+        let fresh = self.now_us - self.received_us < OVERRIDE_US;
         let own = self.overrides[index].filter(|_| fresh);
         own.unwrap_or(RECEIVER_US[index])
     }

@@ -38,7 +38,7 @@ impl Partner {
 struct Upload {
     partner: Partner,
     count: u16,
-    heard_us: u64,
+    received_us: u64,
     asked_us: u64,
 }
 
@@ -130,7 +130,7 @@ impl MissionProtocol {
     /// Repeats requests and gives up on silence.
     pub fn step(&mut self, now_us: u64, wire: &mut Wire, outbox: &mut Vec<Packet>) {
         let Some(mut upload) = self.upload else { return };
-        if now_us - upload.heard_us > GIVE_UP_US {
+        if now_us - upload.received_us > GIVE_UP_US {
             self.upload = None;
             let cancelled = MavMissionResult::MAV_MISSION_OPERATION_CANCELLED;
             let kind = MavMissionType::MAV_MISSION_TYPE_MISSION;
@@ -174,7 +174,7 @@ impl MissionProtocol {
         self.upload = Some(Upload {
             partner,
             count: count.count,
-            heard_us: now_us,
+            received_us: now_us,
             asked_us: now_us,
         });
         self.ask(partner, wire, outbox);
@@ -204,7 +204,7 @@ impl MissionProtocol {
             return MissionChange::None;
         }
         self.received.push(item.clone());
-        upload.heard_us = now_us;
+        upload.received_us = now_us;
         upload.asked_us = now_us;
         self.upload = Some(upload);
         if self.received.len() < usize::from(upload.count) {

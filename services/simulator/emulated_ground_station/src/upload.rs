@@ -12,7 +12,7 @@ const SILENCE_S: f64 = 1.5;
 pub(super) struct Upload {
     items: Vec<MISSION_ITEM_INT_DATA>,
     target_system: u8,
-    heard_s: f64,
+    received_s: f64,
     result: Option<u32>,
 }
 
@@ -21,7 +21,7 @@ impl Upload {
         Self {
             items,
             target_system,
-            heard_s: f64::NEG_INFINITY,
+            received_s: f64::NEG_INFINITY,
             result: None,
         }
     }
@@ -33,10 +33,10 @@ impl Upload {
 
     /// The announcement, at the start and after silence.
     pub(super) fn announce(&mut self, now_s: f64) -> Option<MavMessage> {
-        if now_s - self.heard_s < SILENCE_S {
+        if now_s - self.received_s < SILENCE_S {
             return None;
         }
-        self.heard_s = now_s;
+        self.received_s = now_s;
         Some(MavMessage::MISSION_COUNT(MISSION_COUNT_DATA {
             count: self.items.len() as u16,
             target_system: self.target_system,
@@ -52,13 +52,13 @@ impl Upload {
         let wanted = match message {
             MavMessage::MISSION_REQUEST_INT(request) => request.seq,
             MavMessage::MISSION_REQUEST(request) => request.seq,
-            MavMessage::MISSION_ACK(ack) if self.heard_s.is_finite() => {
+            MavMessage::MISSION_ACK(ack) if self.received_s.is_finite() => {
                 self.result = Some(ack.mavtype as u32);
                 return None;
             }
             _ => return None,
         };
-        self.heard_s = now_s;
+        self.received_s = now_s;
         let item = self.items.get(usize::from(wanted))?;
         Some(MavMessage::MISSION_ITEM_INT(item.clone()))
     }

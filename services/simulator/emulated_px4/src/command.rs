@@ -85,7 +85,7 @@ impl Px4 {
                     false => R::MAV_RESULT_FAILED,
                 }
             }
-            MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL => self.tell_interval(link, command.param1 as u32, outbox),
+            MavCmd::MAV_CMD_GET_MESSAGE_INTERVAL => self.report_interval(link, command.param1 as u32, outbox),
             MavCmd::MAV_CMD_REQUEST_MESSAGE => self.send_once(link, command.param1 as u32, outbox),
             MavCmd::MAV_CMD_GET_HOME_POSITION => self.send_once(link, Stream::HomePosition as u32, outbox),
             MavCmd::MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES => {
@@ -184,7 +184,7 @@ impl Px4 {
         }
     }
 
-    fn tell_interval(&mut self, link: Link, id: u32, outbox: &mut Vec<Packet>) -> MavResult {
+    fn report_interval(&mut self, link: Link, id: u32, outbox: &mut Vec<Packet>) -> MavResult {
         let message = messages::message_interval(id, self.streams.interval_us(link, id));
         self.wire.send(outbox, link, message);
         MavResult::MAV_RESULT_ACCEPTED

@@ -142,12 +142,12 @@ impl Commander {
     }
 
     /// Sticks were heard.
-    pub fn hear_sticks(&mut self, now_us: u64) {
+    pub fn receive_sticks(&mut self, now_us: u64) {
         self.sticks_us = Some(now_us);
     }
 
     /// A heartbeat of somebody else was heard.
-    pub fn hear_heartbeat(&mut self, now_us: u64, own_system_id: u8, heartbeat: &ForeignHeartbeat) {
+    pub fn receive_heartbeat(&mut self, now_us: u64, own_system_id: u8, heartbeat: &ForeignHeartbeat) {
         self.companion.receive(now_us, own_system_id, heartbeat);
     }
 

@@ -93,8 +93,8 @@ impl CompanionHealth {
             return;
         }
         match heartbeat.kind {
-            TYPE_ONBOARD_CONTROLLER => self.controller.hear(now_us),
-            TYPE_GROUND_STATION => self.ground_station.hear(now_us),
+            TYPE_ONBOARD_CONTROLLER => self.controller.receive(now_us),
+            TYPE_GROUND_STATION => self.ground_station.receive(now_us),
             _ => {}
         }
         if self.firmware.has_trajectory_interface() && heartbeat.component_id == COMPONENT_AVOIDANCE {

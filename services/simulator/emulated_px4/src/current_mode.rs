@@ -17,33 +17,33 @@ const PUBLISH_US: u64 = 20_000;
 /// Whether there is something new to say, for each link.
 #[derive(Clone, Debug, Default)]
 pub struct ModeNews {
-    told: Option<(NavMode, NavMode)>,
+    reported: Option<(NavMode, NavMode)>,
     published_us: u64,
     /// From when on there is news.
-    news_us: [Option<u64>; 2],
+    update_us: [Option<u64>; 2],
 }
 
 impl ModeNews {
     /// Looks at the modes once a step.
     pub fn step(&mut self, now_us: u64, mode: NavMode, intended: NavMode) {
-        let changed = self.told.replace((mode, intended)) != Some((mode, intended));
+        let changed = self.reported.replace((mode, intended)) != Some((mode, intended));
         if !changed && now_us - self.published_us < STATUS_PERIOD_US {
             return;
         }
         self.published_us = now_us;
-        for news_us in &mut self.news_us {
-            news_us.get_or_insert(now_us + PUBLISH_US);
+        for update_us in &mut self.update_us {
+            update_us.get_or_insert(now_us + PUBLISH_US);
         }
     }
 
     /// Whether `link` has not heard the latest.
     pub fn is_due(&self, now_us: u64, link: Link) -> bool {
-        self.news_us[link as usize].is_some_and(|from_us| now_us >= from_us)
+        self.update_us[link as usize].is_some_and(|from_us| now_us >= from_us)
     }
 
     /// `link` has heard it.
-    pub fn told(&mut self, link: Link) {
-        self.news_us[link as usize] = None;
+    pub fn reported(&mut self, link: Link) {
+        self.update_us[link as usize] = None;
     }
 }
 
@@ -77,20 +77,20 @@ mod tests {
 
     #[test]
     fn there_is_news_twice_a_second_and_shortly_after_a_change() {
-        let mut news = ModeNews::default();
-        let mut heard_us = Vec::new();
+        let mut update = ModeNews::default();
+        let mut received_us = Vec::new();
         for now_us in (0..2_000_000u64).step_by(4_000) {
             let mode = if now_us < 700_000 {
                 NavMode::Hold
             } else {
                 NavMode::Mission
             };
-            news.step(now_us, mode, mode);
-            if news.is_due(now_us, Link::Companion) {
-                news.told(Link::Companion);
-                heard_us.push(now_us);
+            update.step(now_us, mode, mode);
+            if update.is_due(now_us, Link::Companion) {
+                update.reported(Link::Companion);
+                received_us.push(now_us);
             }
         }
-        assert_eq!(heard_us, [20_000, 520_000, 720_000, 1_220_000, 1_720_000]);
+        assert_eq!(received_us, [20_000, 520_000, 720_000, 1_220_000, 1_720_000]);
     }
 }

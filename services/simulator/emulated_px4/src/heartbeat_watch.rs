@@ -21,15 +21,15 @@ pub enum Change {
 /// One peer. Nobody is missed before he was heard.
 #[derive(Clone, Debug, Default)]
 pub struct HeartbeatWatch {
-    heard_us: Option<u64>,
+    received_us: Option<u64>,
     lost: bool,
     back_since_us: Option<u64>,
 }
 
 impl HeartbeatWatch {
     /// A heartbeat came.
-    pub fn hear(&mut self, now_us: u64) {
-        self.heard_us = Some(now_us);
+    pub fn receive(&mut self, now_us: u64) {
+        self.received_us = Some(now_us);
         if self.lost {
             self.back_since_us.get_or_insert(now_us);
         }
@@ -51,7 +51,7 @@ impl HeartbeatWatch {
             self.back_since_us = None;
             return Some(Change::Back);
         }
-        if now_us - self.heard_us? <= patience.loss_us {
+        if now_us - self.received_us? <= patience.loss_us {
             return None;
         }
         self.lost = true;
@@ -73,7 +73,7 @@ mod tests {
         let mut changes = Vec::new();
         for now_us in (0..40_000_000u64).step_by(4_000) {
             if now_us % 500_000 == 0 && (1_000_000..=5_000_000).contains(&now_us) || now_us >= 20_000_000 {
-                watch.hear(now_us);
+                watch.receive(now_us);
             }
             changes.extend(watch.check(now_us, &patience).map(|change| (now_us, change)));
         }

@@ -51,7 +51,7 @@ impl Px4 {
                     state: heartbeat.system_status as u8,
                 };
                 self.commander
-                    .hear_heartbeat(self.now_us, self.config.system_id, &heartbeat);
+                    .receive_heartbeat(self.now_us, self.config.system_id, &heartbeat);
             }
             MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(message) if interface => {
                 self.receive_waypoints(message);
@@ -136,9 +136,9 @@ impl Px4 {
 
     fn receive_sticks(&mut self, message: &MANUAL_CONTROL_DATA, outbox: &mut Vec<Packet>) {
         self.sticks = Sticks::from_message(message);
-        self.commander.hear_sticks(self.now_us);
+        self.commander.receive_sticks(self.now_us);
         let limit_per_s = self.parameters.get(Parameter::MAN_OVERRIDE_SPD);
-        let fast = self.stick_speed.hear(self.now_us, message, limit_per_s);
+        let fast = self.stick_speed.receive(self.now_us, message, limit_per_s);
         if fast && self.commander.take_over(self.is_ready()) {
             let text = "Pilot took over using sticks";
             self.wire.say(outbox, MavSeverity::MAV_SEVERITY_INFO, text);

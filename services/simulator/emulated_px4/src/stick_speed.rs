@@ -20,7 +20,7 @@ pub struct StickSpeed {
 
 impl StickSpeed {
     /// Takes a message; `true` if the pilot takes over. `limit_per_s`: MAN_OVERRIDE_SPD, not positive = never.
-    pub fn hear(&mut self, now_us: u64, message: &MANUAL_CONTROL_DATA, limit_per_s: f64) -> bool {
+    pub fn receive(&mut self, now_us: u64, message: &MANUAL_CONTROL_DATA, limit_per_s: f64) -> bool {
         let share = |value: i16| f64::from(value) / 1_000.0;
         let sticks = [
             share(message.x),
@@ -62,7 +62,7 @@ mod tests {
                 z: 500,
                 ..MANUAL_CONTROL_DATA::default()
             };
-            taken |= speed.hear((time_s * 1e6) as u64, &message, 1.0);
+            taken |= speed.receive((time_s * 1e6) as u64, &message, 1.0);
         }
         taken
     }
@@ -84,6 +84,6 @@ mod tests {
             z: 500,
             ..MANUAL_CONTROL_DATA::default()
         };
-        assert!((0..100u64).all(|i| !speed.hear(i * 20_000, &held, 1.0)));
+        assert!((0..100u64).all(|i| !speed.receive(i * 20_000, &held, 1.0)));
     }
 }

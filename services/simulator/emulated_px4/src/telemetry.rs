@@ -23,12 +23,12 @@ impl Px4 {
     /// Sends what is due.
     pub(super) fn send_streams(&mut self, outbox: &mut Vec<Packet>) {
         let (mode, intended) = (self.commander.mode(), self.commander.intended());
-        self.mode_news.step(self.now_us, mode, intended);
+        self.mode_update.step(self.now_us, mode, intended);
         for index in 0..Streams::COUNT {
             let Some((link, stream)) = self.streams.due(index, self.now_us) else {
                 continue;
             };
-            if stream == Stream::CurrentMode && !self.mode_news.is_due(self.now_us, link) {
+            if stream == Stream::CurrentMode && !self.mode_update.is_due(self.now_us, link) {
                 continue;
             }
             let message = self.message(stream);
@@ -37,7 +37,7 @@ impl Px4 {
                 self.wire.send(outbox, link, message);
             }
             if stream == Stream::CurrentMode {
-                self.mode_news.told(link);
+                self.mode_update.reported(link);
             }
         }
         while let Some(seq) = self.reached_items.pop_front() {

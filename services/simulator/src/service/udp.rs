@@ -198,7 +198,7 @@ mod tests {
         let address = receiver.socket.local_addr().unwrap();
         let sender = MavUdp::open(anywhere, Some(address)).unwrap();
         // The kernel begins to stamp a while after it was asked to, and the test may be interrupted anywhere.
-        let told = (0..50).any(|_| {
+        let reported = (0..50).any(|_| {
             let before = jink_runtime::now();
             sender.send(
                 &MavHeader::default(),
@@ -213,6 +213,6 @@ mod tests {
             let came = arrivals[0].time;
             came.plus_seconds(1e-3) >= before && came <= after.plus_seconds(1e-3)
         });
-        assert!(told);
+        assert!(reported);
     }
 }

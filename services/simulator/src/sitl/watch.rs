@@ -21,7 +21,7 @@ const ROUNDING_M: f64 = 0.1;
 #[derive(Clone, Copy, Debug)]
 pub struct AutopilotState {
     /// It has been heard.
-    pub heard: bool,
+    pub received: bool,
     /// Mode.
     pub mode: NavMode,
     /// Motors armed.
@@ -39,7 +39,7 @@ pub struct AutopilotState {
 impl Default for AutopilotState {
     fn default() -> Self {
         Self {
-            heard: false,
+            received: false,
             mode: NavMode::Unknown,
             armed: false,
             landed: true,
@@ -101,7 +101,7 @@ impl AutopilotWatch {
         }
         match message {
             MavMessage::HEARTBEAT(beat) => {
-                self.state.heard = true;
+                self.state.received = true;
                 self.state.armed = beat.base_mode.contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
                 self.note_mode(now_s, self.make.mode(beat.custom_mode));
             }

@@ -134,7 +134,7 @@ impl Children {
     }
 
     /// Puts the supervisor itself ahead of ordinary programs, where this is permitted, or back among them.
-    pub fn hurry(yes: bool) {
+    pub fn raise_priority(yes: bool) {
         let scheduling = if yes {
             Scheduling::FifoItself(OWN_PRIORITY)
         } else {
@@ -146,7 +146,7 @@ impl Children {
     }
 
     /// Ends the precedence of processes whose start takes too long.
-    pub fn calm(&mut self, now: Timestamp) {
+    pub fn restore_priority(&mut self, now: Timestamp) {
         for running in self.slots.iter_mut().filter_map(|slot| slot.running.as_mut()) {
             if running.ahead_until.is_some_and(|until| now >= until) {
                 running.ahead_until = None;
@@ -170,7 +170,7 @@ impl Children {
         // Where this is refused it starts like any other program.
         let _ = schedule(0, Scheduling::Fifo(ahead));
         let started = start(command, &mut slot.log);
-        Self::hurry(true);
+        Self::raise_priority(true);
         match started {
             Ok(mut running) => {
                 running.ahead_until =

@@ -5,7 +5,7 @@ use super::notify::Notifier;
 use super::post_mortem::PostMortem;
 use super::requests::{CLIENTS, Requests, refusal};
 use jink_runtime::Instance;
-use jink_runtime::janitor::Swept;
+use jink_runtime::cleanup::Swept;
 use jink_runtime::request::{Answer, Request};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
@@ -101,7 +101,7 @@ impl System {
 
     /// Runs until everything has ended.
     pub fn run(&mut self) -> End {
-        Children::hurry(true);
+        Children::raise_priority(true);
         loop {
             let now = jink_runtime::now();
             self.actions.clear();
@@ -122,13 +122,13 @@ impl System {
             if let Some(program) = self.upgrade.take() {
                 self.exec_program(&program);
             }
-            self.children.calm(now);
+            self.children.restore_priority(now);
             self.log_ends();
             self.notifier.update(now, &self.supervision);
             if now >= self.logs_due {
                 self.logs_due = now.plus_seconds(LOGS_PERIOD_S);
                 self.children.limit_logs();
-                self.shared.greet();
+                self.shared.announce();
                 if self.sweep_again.is_set() && now >= self.sweep_again {
                     let swept = self.clean_up();
                     self.sweep_again = match swept.left {
@@ -149,9 +149,9 @@ impl System {
 
     /// Takes long: it is done like any other program's work.
     fn clean_up(&self) -> Swept {
-        Children::hurry(false);
+        Children::raise_priority(false);
         let swept = self.shared.clean_up();
-        Children::hurry(true);
+        Children::raise_priority(true);
         swept
     }
 

@@ -328,9 +328,9 @@ fn a_sensor_that_nobody_measures_with_is_refused_where_sensors_are_real() {
         select(&plain, Mode::Real, &format!("{unplugged}\ndevice = \"/dev/x\"")),
         Ok(2)
     );
-    for heard in ["autopilot_rangefinder", "obstacle_row"] {
-        let heard = format!("name = \"below\"\nkind = \"{heard}\"");
-        assert_eq!(select(&plain, Mode::Real, &heard), Ok(1));
+    for received in ["autopilot_rangefinder", "obstacle_row"] {
+        let received = format!("name = \"below\"\nkind = \"{received}\"");
+        assert_eq!(select(&plain, Mode::Real, &received), Ok(1));
     }
 }
 

@@ -284,7 +284,7 @@ fn the_service_manager_receives_ready_alive_and_stopping() {
     command.env("NOTIFY_SOCKET", &path).env("WATCHDOG_USEC", "200000");
     rig.start_as(command);
     let mut received = String::new();
-    let mut hear_until = |wanted: &str| {
+    let mut receive_until = |wanted: &str| {
         let mut buffer = [0; 512];
         while !received.contains(wanted) {
             let len = manager
@@ -293,11 +293,11 @@ fn the_service_manager_receives_ready_alive_and_stopping() {
             received.push_str(std::str::from_utf8(&buffer[..len]).unwrap());
         }
     };
-    hear_until("READY=1\n");
-    hear_until("STATUS=healthy\n");
-    hear_until("WATCHDOG=1\n");
+    receive_until("READY=1\n");
+    receive_until("STATUS=healthy\n");
+    receive_until("WATCHDOG=1\n");
     rig.signal_supervisor(Signal::TERM);
-    hear_until("STOPPING=1\n");
+    receive_until("STOPPING=1\n");
     let (status, _) = rig.ended();
     assert!(status.success());
     assert!(received.find("READY=1") < received.find("STOPPING=1"));

@@ -49,7 +49,7 @@ fn steer_until(
     })
 }
 
-fn has_told(words: &'static str, since_s: f64) -> impl Fn(&Record) -> bool {
+fn has_reported(words: &'static str, since_s: f64) -> impl Fn(&Record) -> bool {
     move |record| {
         let mut texts = record.texts.iter();
         texts.any(|text| text.is_jinks && text.at_s >= since_s && text.text.contains(words))
@@ -76,7 +76,7 @@ fn choose(flight: &Flight, on: bool) -> Done {
         true => ("assisted flight on", NavMode::Offboard),
         false => ("assisted flight off", NavMode::Position),
     };
-    steer_until(flight, words, 5.0, CENTRED, has_told(words, since_s))?;
+    steer_until(flight, words, 5.0, CENTRED, has_reported(words, since_s))?;
     steer_until(flight, name(mode), 3.0, CENTRED, |record| {
         record.mode().mode == mode
     })
@@ -149,7 +149,7 @@ pub fn mode_changed(flight: &mut Flight) -> Done {
             "off: mode changed",
             3.0,
             CENTRED,
-            has_told("off: mode changed", since_s),
+            has_reported("off: mode changed", since_s),
         )?;
         steer(flight, 5.0, |_| CENTRED)?;
         in_mode(flight, mode)?;
@@ -196,7 +196,7 @@ pub fn sticks_lost(flight: &mut Flight) -> Done {
         Make::ArduCopter => NavMode::Return,
     };
     flight.wait_mode(mode, 10.0)?;
-    flight.wait("text", 3.0, has_told("assisted flight off", since_s))?;
+    flight.wait("text", 3.0, has_reported("assisted flight off", since_s))?;
     flight.watch(4.0)?;
     flight.wait_mode(mode, 0.5)
 }

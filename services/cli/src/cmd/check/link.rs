@@ -187,7 +187,7 @@ fn look_at_running(instance: &Instance, address: &str) -> Result<Outcome, Proble
     let mut states = session.input(topics::VEHICLE_STATE, "")?;
     let mut events = session.input(topics::EVENT, "")?.of_all_producers();
     let (mut first, mut last): (Option<Box<LinkStatus>>, Option<Box<LinkStatus>>) = (None, None);
-    let (mut count, mut told) = (0, Vec::new());
+    let (mut count, mut reported) = (0, Vec::new());
     let begin = Instant::now();
     // What had come before is not of this time.
     states.each(|_| {});
@@ -200,7 +200,7 @@ fn look_at_running(instance: &Instance, address: &str) -> Result<Outcome, Proble
             last = Some(status);
         });
         states.each(|_| count += 1);
-        events.each(|event| told.push(*event.sample));
+        events.each(|event| reported.push(*event.sample));
         std::thread::sleep(LOOK);
     }
     let seconds = begin.elapsed().as_secs_f64();
@@ -214,7 +214,7 @@ fn look_at_running(instance: &Instance, address: &str) -> Result<Outcome, Proble
         figures: first.as_deref().zip(last.as_deref()),
         seconds,
         states: count,
-        events: &told,
+        events: &reported,
     }));
     let findings = Findings {
         findings,

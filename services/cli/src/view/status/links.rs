@@ -22,7 +22,7 @@ pub struct LinkFigures {
     /// Messages that were not let in.
     pub refused: Refused,
     /// Datagrams and connections of those who are not among the peers.
-    pub strangers: u64,
+    pub unknown_peers: u64,
     /// Bytes that belonged to no message.
     pub garbage_bytes: u64,
     /// Times the link was opened again.
@@ -65,7 +65,7 @@ impl LinkFigures {
                 replayed: link.replayed,
                 unsigned: link.unsigned_refused,
             },
-            strangers: link.strangers,
+            unknown_peers: link.unknown_peers,
             garbage_bytes: link.garbage_bytes,
             reopened: link.reopened,
         }
@@ -75,7 +75,7 @@ impl LinkFigures {
     fn has_trouble(&self) -> bool {
         self.dropped.values().any(|count| *count > 0)
             || self.refused != Refused::NOTHING
-            || self.strangers > 0
+            || self.unknown_peers > 0
     }
 
     /// For people: a line per link. Nothing if there is but one and all is well: the line of the autopilot says it all.
@@ -103,7 +103,7 @@ impl LinkFigures {
             (self.refused.wrong_signature, "wrongly signed"),
             (self.refused.replayed, "played back"),
             (self.refused.unsigned, "unsigned"),
-            (self.strangers, "of strangers"),
+            (self.unknown_peers, "of unknown peers"),
         ];
         let parts = [
             counted("passed on", &[(self.forwarded, "")]),

@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn every_misfit_has_a_sentence_and_a_remedy() {
-        let told = |profile: &str, suited: &str, fit| {
+        let reported = |profile: &str, suited: &str, fit| {
             unfit(&LinkStatus {
                 profile: Name::new(profile),
                 matching_profile: Name::new(suited),
@@ -69,14 +69,14 @@ mod tests {
             })
             .map(|parts| parts.join(" -> "))
         };
-        assert_eq!(told("px4_offboard", "px4_offboard", ProfileFit::Fits), None);
+        assert_eq!(reported("px4_offboard", "px4_offboard", ProfileFit::Fits), None);
         assert_eq!(
-            told("px4_trajectory", "px4_offboard", ProfileFit::NoInterface).unwrap(),
+            reported("px4_trajectory", "px4_offboard", ProfileFit::NoInterface).unwrap(),
             "this firmware lacks the interface of profile \"px4_trajectory\" (COM_OBS_AVOID) -> set link.profile to auto or \
              px4_offboard, and start jink again"
         );
         assert_eq!(
-            told("px4_deviation", "px4_offboard", ProfileFit::SwitchedOff).unwrap(),
+            reported("px4_deviation", "px4_offboard", ProfileFit::SwitchedOff).unwrap(),
             "EAV_EN = 0: the autopilot flies its missions without asking jink -> set EAV_EN to 1"
         );
         for fit in [
@@ -85,7 +85,7 @@ mod tests {
             ProfileFit::OtherInterface,
             ProfileFit::TooOld,
         ] {
-            assert!(told("px4_offboard", "", fit).is_some(), "{fit}");
+            assert!(reported("px4_offboard", "", fit).is_some(), "{fit}");
         }
     }
 }

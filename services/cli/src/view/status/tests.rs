@@ -165,7 +165,7 @@ fn every_link_says_what_it_carries_and_what_was_left_out_or_refused() {
         signature_refused: 1,
         replayed: 2,
         unsigned_refused: 3,
-        strangers: 4,
+        unknown_peers: 4,
         reopened: 5,
         ..LinkTraffic::default()
     };
@@ -174,14 +174,14 @@ fn every_link_says_what_it_carries_and_what_was_left_out_or_refused() {
     let (text, json) = linked(&[ground]);
     let wanted = "      autopilot  5000 B/s sent since its start\n      \
                   ground     0 B/s sent since its start; passed on 7; left out 12 obstacles, 1 forwarded; \
-                  refused 1 wrongly signed, 2 played back, 3 unsigned, 4 of strangers; opened again 5 times\n";
+                  refused 1 wrongly signed, 2 played back, 3 unsigned, 4 of unknown peers; opened again 5 times\n";
     assert!(text.ends_with(wanted), "{text}");
     let ground = &json["link"]["links"][1];
     assert_eq!(ground["name"], "ground");
     assert_eq!(ground["dropped"].as_object().unwrap().len(), CLASSES.len());
     assert_eq!(ground["dropped"]["obstacles"], 12);
     assert_eq!(ground["refused"]["replayed"], 2);
-    assert_eq!(ground["strangers"], 4);
+    assert_eq!(ground["unknown_peers"], 4);
 }
 
 #[test]
@@ -226,8 +226,8 @@ fn who_ended_is_shown_with_its_last_words() {
         ..report(None)
     }
     .text(1_000.0);
-    let told = "planner (start 2, process id 77) ended 12 s ago with signal 11, after 1 min 5 s and 1950 cycles, active then\n";
-    assert!(text.contains(told), "{text}");
+    let reported = "planner (start 2, process id 77) ended 12 s ago with signal 11, after 1 min 5 s and 1950 cycles, active then\n";
+    assert!(text.contains(reported), "{text}");
     assert!(
         text.ends_with("core_pattern is \"core\"\n      | line 3\n      | line 4\n      | line 5\n"),
         "{text}"

@@ -110,8 +110,8 @@ fn understand(frame: &jink_mavlink_link::frame::MavlinkFrame<'_>) {
         let said = say(message);
         let mut again = Splitter::new();
         again.load_datagram(&said);
-        let heard = again.next_frame().expect("what we say is intact");
-        let meant = heard.decode().expect("what we say is understood");
+        let received = again.next_frame().expect("what we say is intact");
+        let meant = received.decode().expect("what we say is understood");
         assert_eq!(say(meant), said);
     }
 }

@@ -9,8 +9,8 @@ use jink_mavlink_gateway::{
 };
 use jink_parameter_server::ParameterServer;
 use jink_shared_types::layout::Layout;
+use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::params;
-use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::{Reading, Timestamp};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
@@ -78,11 +78,11 @@ impl Desk {
             autopilot,
             ..HEARTBEAT_DATA::default()
         });
-        desk.hear((1, COMPONENT_AUTOPILOT), heartbeat);
+        desk.receive((1, COMPONENT_AUTOPILOT), heartbeat);
         desk
     }
 
-    fn hear(&mut self, (system, component_id): (u8, u8), message: MavMessage) {
+    fn receive(&mut self, (system, component_id): (u8, u8), message: MavMessage) {
         self.step(&[Received {
             header: MavHeader {
                 system_id: u32::from(system),
@@ -148,7 +148,7 @@ impl Desk {
 
     fn asks_for_parameters(&mut self, client: (u8, u8), message: MavMessage) {
         let is_list = matches!(message, MavMessage::PARAM_REQUEST_LIST(_));
-        self.hear(client, message);
+        self.receive(client, message);
         let errors: Vec<_> = self
             .said
             .iter()
@@ -171,7 +171,7 @@ impl Desk {
         };
         let request = request.payload;
         let opcode = request[3];
-        self.hear(client, message);
+        self.receive(client, message);
         let number = u16::from_le_bytes([request[0], request[1]]).wrapping_add(1);
         let answers: Vec<_> = self
             .said
@@ -224,10 +224,7 @@ impl Desk {
             self.judge_transfers();
             let pieces = self.said.iter().filter_map(transfer).count();
             assert!(pieces <= 1, "{pieces} pieces at once");
-            assert!(
-                self.next_wake() > self.now,
-                "it would be woken without end"
-            );
+            assert!(self.next_wake() > self.now, "it would be woken without end");
         }
         self.now = until;
     }

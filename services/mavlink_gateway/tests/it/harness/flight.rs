@@ -13,8 +13,9 @@ use super::dice::Dice;
 use super::ground::Ground;
 use super::messages;
 use jink_mavlink_gateway::{
-    Baton, Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, Content, Encoder,
-    Gateway, GatewayConfig, Inputs, OUTBOX, Outputs, ProfileName, Receipt, Received, Remedy, Representation,
+    Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER, Content, Encoder, Gateway,
+    GatewayConfig, HandoverState, Inputs, OUTBOX, Outputs, ProfileName, Receipt, Received, Remedy,
+    Representation,
 };
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::signing::stamps::Stamps;
@@ -24,10 +25,10 @@ use jink_shared_types::ground::{GroundAction, GroundAnswer, MavlinkMessage};
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, TrajectoryMode, Verdict};
+use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::prevention::{PreventedDemand, PreventionState};
 use jink_shared_types::ring::SectorRing;
-use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped, Timestamp, Velocity};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
@@ -343,10 +344,15 @@ impl Story {
         let mut acks = Vec::new();
         for _ in 0..2 {
             self.step();
-            acks.extend(self.outputs.messages().iter().filter_map(|sent| match &sent.body {
-                Body::CommandAck(ack) => Some((sent.component_id, *ack)),
-                Body::Message(_) => None,
-            }));
+            acks.extend(
+                self.outputs
+                    .messages()
+                    .iter()
+                    .filter_map(|sent| match &sent.body {
+                        Body::CommandAck(ack) => Some((sent.component_id, *ack)),
+                        Body::Message(_) => None,
+                    }),
+            );
         }
         assert_eq!(acks.len(), usize::from(is_ours), "to {targets:?}: {acks:?}");
         for (component, ack) in acks {
@@ -424,19 +430,19 @@ impl Story {
                 self.parameters = Some(values);
             }
             1 => self.gateway.listen_only(dice.once_in(2)),
-            2 => self.gateway.go_on_at_once(self.now),
+            2 => self.gateway.resume_now(self.now),
             3 => self.somebody_speaks_for_the_ground_services(dice),
             _ => {
-                let baton = Baton::of(&self.gateway, &self.ours, Stamps::begin(dice.u64()));
-                let mut bytes = baton.to_bytes();
+                let handover = HandoverState::of(&self.gateway, &self.ours, Stamps::begin(dice.u64()));
+                let mut bytes = handover.to_bytes();
                 if dice.once_in(2) {
-                    let told = dice.take(bytes.len());
-                    bytes[..told.len()].copy_from_slice(told);
+                    let reported = dice.take(bytes.len());
+                    bytes[..reported.len()].copy_from_slice(reported);
                     // A wrong time may cost a beat, no more.
                     self.last_setpoint = self.last_setpoint.map(|_| self.now);
                 }
-                let baton = Baton::of_bytes(&bytes).expect("its length is right");
-                let _stamps = baton.hand_to(self.now, &mut self.gateway, &mut self.ours);
+                let handover = HandoverState::of_bytes(&bytes).expect("its length is right");
+                let _stamps = handover.hand_to(self.now, &mut self.gateway, &mut self.ours);
             }
         }
     }
@@ -633,9 +639,9 @@ fn judge_setpoint(config: &GatewayConfig, now: Timestamp, is_setpoint: bool, mes
         (MavMessage::TRAJECTORY_REPRESENTATION_BEZIER(curve), Px4Trajectory, Bezier) => {
             judge_curve(now, curve);
         }
-        (MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(greeting), Px4Trajectory, Bezier) => {
-            assert!(!is_setpoint && greeting.valid_points == 0, "{greeting:?}");
-            assert!(greeting.pos_x.iter().all(|x| x.is_nan()), "{greeting:?}");
+        (MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(announcement), Px4Trajectory, Bezier) => {
+            assert!(!is_setpoint && announcement.valid_points == 0, "{announcement:?}");
+            assert!(announcement.pos_x.iter().all(|x| x.is_nan()), "{announcement:?}");
         }
         (MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(waypoints), Px4Trajectory, Waypoints) => {
             judge_waypoints(waypoints);

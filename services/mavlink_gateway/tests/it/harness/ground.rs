@@ -6,8 +6,8 @@ use jink_mavlink_link::encoding::Encoding;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::EventSample;
 use jink_shared_types::health::Name;
+use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::params::ParamSet;
-use jink_shared_types::tuning::ParameterValues;
 
 pub struct Ground {
     pub services: GroundServices,

@@ -158,7 +158,7 @@ impl Network {
             network.poll();
             network.account(index, &hello);
             for peer in 0..LINKS {
-                drop(network.hear(peer));
+                drop(network.receive(peer));
             }
         }
         network
@@ -179,9 +179,9 @@ impl Network {
         }
         self.say(from, &datagram);
         self.poll();
-        let (heard, ours) = self.account(from, &datagram);
-        for (peer, expected) in heard.into_iter().enumerate() {
-            assert_eq!(self.hear(peer), expected, "link {peer}, from link {from}");
+        let (received, ours) = self.account(from, &datagram);
+        for (peer, expected) in received.into_iter().enumerate() {
+            assert_eq!(self.receive(peer), expected, "link {peer}, from link {from}");
         }
         let received: Vec<_> = self
             .received
@@ -291,16 +291,16 @@ impl Network {
             // Nobody keeps stamps here, so nothing of ours may leave where signatures are asked for.
             let expected = meant && self.signing[peer] == Signing::Off;
             assert_eq!(sent.contains(peer as u8), expected, "link {peer}");
-            let heard = self.hear(peer);
-            assert_eq!(heard.len(), usize::from(expected), "link {peer}");
-            self.said.extend(heard);
+            let received = self.receive(peer);
+            assert_eq!(received.len(), usize::from(expected), "link {peer}");
+            self.said.extend(received);
         }
     }
 
     /// What the model expects of `datagram`: what each peer hears, and who is heard by us.
     #[allow(clippy::type_complexity)]
     fn account(&mut self, from: usize, datagram: &[u8]) -> ([Vec<Vec<u8>>; LINKS], Vec<(u32, u8, usize)>) {
-        let mut heard = [(); LINKS].map(|()| Vec::new());
+        let mut received = [(); LINKS].map(|()| Vec::new());
         let mut ours = Vec::new();
         for frame in frames(datagram) {
             let admitted = self.model.admits(self.signing[from], &frame);
@@ -313,14 +313,14 @@ impl Network {
             let target = frame.content.as_ref().map(Content::target).unwrap_or_default();
             for peer in self.model.reaches(target) {
                 if peer != from && frame.message_id != SETUP_SIGNING_DATA::ID {
-                    heard[peer].push(frame.bytes.clone());
+                    received[peer].push(frame.bytes.clone());
                 }
             }
             if frame.content.is_some() && US.accepts(target) {
                 ours.push((frame.sender.system_id, frame.sender.component_id, from));
             }
         }
-        (heard, ours)
+        (received, ours)
     }
 
     fn say(&self, peer: usize, bytes: &[u8]) {
@@ -329,13 +329,13 @@ impl Network {
             .unwrap();
     }
 
-    fn hear(&self, peer: usize) -> Vec<Vec<u8>> {
-        let mut heard = Vec::new();
+    fn receive(&self, peer: usize) -> Vec<Vec<u8>> {
+        let mut received = Vec::new();
         let mut datagram = [0; 2000];
         while let Ok(len) = self.peers[peer].recv(&mut datagram) {
-            heard.push(datagram[..len].to_vec());
+            received.push(datagram[..len].to_vec());
         }
-        heard
+        received
     }
 
     fn poll(&mut self) {

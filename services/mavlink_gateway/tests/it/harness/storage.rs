@@ -1,7 +1,7 @@
 //! What lies in files and what one gateway tells the next: damaged, it is refused or made the best of, and never a crash.
 
 use super::dice::Dice;
-use jink_mavlink_gateway::{Baton, Encoder, Gateway, GatewayConfig};
+use jink_mavlink_gateway::{Encoder, Gateway, GatewayConfig, HandoverState};
 use jink_mavlink_link::signing::Key;
 use jink_mavlink_link::signing::stamps::{StampKeeper, Stamps, wall};
 use jink_mavlink_link::tlog::Tlog;
@@ -23,7 +23,7 @@ fn own_path(what: &str) -> PathBuf {
 pub fn laws(data: &[u8]) {
     let mut dice = Dice::new(data);
     match dice.below(3) {
-        0 => baton(&mut dice),
+        0 => handover(&mut dice),
         1 => key(dice.take(2000)),
         _ => stamps(&mut dice),
     }
@@ -38,20 +38,20 @@ pub fn laws_of_files(data: &[u8]) {
     }
 }
 
-fn baton(dice: &mut Dice<'_>) {
+fn handover(dice: &mut Dice<'_>) {
     let len = if dice.once_in(4) {
         usize::from(dice.byte())
     } else {
         32
     };
     let bytes = dice.take(len);
-    let Some(baton) = Baton::of_bytes(bytes) else {
+    let Some(handover) = HandoverState::of_bytes(bytes) else {
         return;
     };
-    assert_eq!(baton.to_bytes()[..], *bytes);
+    assert_eq!(handover.to_bytes()[..], *bytes);
     let now = Timestamp::from_seconds(f64::from(dice.u32()));
     let (mut gateway, mut encoder) = (Gateway::new(GatewayConfig::default()), Encoder::new());
-    signs(baton.hand_to(now, &mut gateway, &mut encoder), dice);
+    signs(handover.hand_to(now, &mut gateway, &mut encoder), dice);
 }
 
 fn key(content: &[u8]) {

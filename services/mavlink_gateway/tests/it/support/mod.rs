@@ -14,10 +14,10 @@ use jink_shared_types::events::EventSample;
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, TrajectoryMode, Verdict};
+use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::prevention::PreventedDemand;
 use jink_shared_types::ring::SectorRing;
-use jink_shared_types::tuning::ParameterValues;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp};
 use mavlink::MessageData;
@@ -145,13 +145,13 @@ impl Bench {
     }
 
     /// Queues a message from `system`/`component`, through real bytes.
-    pub fn hear_from(&mut self, system: u8, component: u8, message: MavMessage) {
+    pub fn receive_from(&mut self, system: u8, component: u8, message: MavMessage) {
         let body = jink_mavlink_gateway::Body::Message(message);
         let bytes = self.autopilot.encode(system, component, &body).to_vec();
-        self.hear_bytes(&bytes);
+        self.receive_bytes(&bytes);
     }
 
-    pub fn hear_bytes(&mut self, bytes: &[u8]) {
+    pub fn receive_bytes(&mut self, bytes: &[u8]) {
         self.splitter.load_datagram(bytes);
         while let Some(frame) = self.splitter.next_frame() {
             if let Some(content) = Content::of(&frame) {
@@ -165,17 +165,17 @@ impl Bench {
         }
     }
 
-    pub fn hear(&mut self, message: MavMessage) {
-        self.hear_from(SYSTEM, COMPONENT_AUTOPILOT, message);
+    pub fn receive(&mut self, message: MavMessage) {
+        self.receive_from(SYSTEM, COMPONENT_AUTOPILOT, message);
     }
 
-    pub fn hear_heartbeat(&mut self, custom_mode: u32, armed: bool) {
-        self.hear(heartbeat(custom_mode, armed));
+    pub fn receive_heartbeat(&mut self, custom_mode: u32, armed: bool) {
+        self.receive(heartbeat(custom_mode, armed));
     }
 
-    pub fn hear_position(&mut self, position: Vector3<f64>, velocity: Vector3<f64>) {
+    pub fn receive_position(&mut self, position: Vector3<f64>, velocity: Vector3<f64>) {
         let time_boot_ms = self.boot_ms(self.now);
-        self.hear(MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
+        self.receive(MavMessage::LOCAL_POSITION_NED(LOCAL_POSITION_NED_DATA {
             time_boot_ms,
             x: position.x as f32,
             y: position.y as f32,
@@ -186,9 +186,9 @@ impl Bench {
         }));
     }
 
-    pub fn hear_attitude(&mut self, yaw_rad: f64) {
+    pub fn receive_attitude(&mut self, yaw_rad: f64) {
         let time_boot_ms = self.boot_ms(self.now);
-        self.hear(MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
+        self.receive(MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
             time_boot_ms,
             q1: (yaw_rad / 2.0).cos() as f32,
             q4: (yaw_rad / 2.0).sin() as f32,
@@ -302,13 +302,13 @@ impl Bench {
     pub fn telemetry(&mut self, t: f64, custom_mode: u32, position: Vector3<f64>, velocity: Vector3<f64>) {
         let tick = (t * 100.0).round() as u32;
         if tick.is_multiple_of(100) {
-            self.hear_heartbeat(custom_mode, true);
+            self.receive_heartbeat(custom_mode, true);
         }
         if tick.is_multiple_of(3) {
-            self.hear_position(position, velocity);
+            self.receive_position(position, velocity);
         }
         if tick.is_multiple_of(2) {
-            self.hear_attitude(0.3);
+            self.receive_attitude(0.3);
         }
     }
 

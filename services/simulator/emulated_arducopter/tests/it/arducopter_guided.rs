@@ -34,7 +34,7 @@ fn every_whole_mask_is_flown_with_every_heading_and_told_by_its_submode() {
         (VELOCITY_ACCELERATION, STOPPED),
         (ACCELERATION, 3_135),
     ];
-    for (mask, told) in rows {
+    for (mask, reported) in rows {
         for heading in [0, 1_024, 2_048, 3_072] {
             let mut flight = CopterFlight::airborne(&[]);
             let mask = (mask & !3_072) | heading;
@@ -42,7 +42,7 @@ fn every_whole_mask_is_flown_with_every_heading_and_told_by_its_submode() {
                 setpoint(mask, at(1.0 + t, 0.0), level(1.0, 0.0), level(0.5, 0.0))
             });
             assert!(flight.position().x > 0.3, "{mask}: {}", flight.position().x);
-            assert_eq!(flight.target().type_mask.bits(), told, "{mask}");
+            assert_eq!(flight.target().type_mask.bits(), reported, "{mask}");
         }
     }
 }
@@ -289,7 +289,7 @@ fn a_target_is_extrapolated_and_then_frozen_without_speed() {
 
 #[test]
 fn anybody_may_send_to_any_component_of_this_system_and_not_to_another() {
-    for (system, component, to, heard) in [
+    for (system, component, to, received) in [
         (1, 195, (1, 1), true),
         (2, 1, (1, 190), true),
         (255, 190, (1, 191), true),
@@ -310,7 +310,11 @@ fn anybody_may_send_to_any_component_of_this_system_and_not_to_another() {
             MavMessage::SET_POSITION_TARGET_LOCAL_NED(message),
         );
         flight.run(2.0);
-        assert_eq!(flight.position().x > 0.5, heard, "{system}/{component} to {to:?}");
+        assert_eq!(
+            flight.position().x > 0.5,
+            received,
+            "{system}/{component} to {to:?}"
+        );
     }
 }
 

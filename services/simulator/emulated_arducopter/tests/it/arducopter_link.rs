@@ -19,16 +19,16 @@ fn ids(flight: &mut CopterFlight, link: Link, seconds: f64) -> Vec<u32> {
 }
 
 fn count(ids: &[u32], id: u32) -> usize {
-    ids.iter().filter(|heard| **heard == id).count()
+    ids.iter().filter(|received| **received == id).count()
 }
 
 #[test]
 fn nobody_asking_a_link_carries_a_heartbeat_a_second_and_a_timesync_request_every_ten() {
     for link in Link::ALL {
         let mut flight = CopterFlight::with(&[]);
-        let heard = ids(&mut flight, link, 60.0);
-        assert_eq!((count(&heard, 0), count(&heard, 111)), (60, 6));
-        assert_eq!(heard.len(), 66);
+        let received = ids(&mut flight, link, 60.0);
+        assert_eq!((count(&received, 0), count(&received, 111)), (60, 6));
+        assert_eq!(received.len(), 66);
     }
 }
 
@@ -51,15 +51,15 @@ fn an_interval_asked_for_is_kept_on_that_link_only() {
         flight.run(6.0);
         assert_eq!(flight.want(Link::Companion, id, rate_hz), ACCEPTED);
         let mut other = 0;
-        let heard = flight.collect(10.0, |packet| {
+        let received = flight.collect(10.0, |packet| {
             let own = packet.message.message_id() == id;
             other += usize::from(own && packet.link == Link::GroundStation);
             (own && packet.link == Link::Companion).then_some(())
         });
         assert!(
-            (heard.len() as f64 - 10.0 * rate_hz).abs() <= 2.0,
+            (received.len() as f64 - 10.0 * rate_hz).abs() <= 2.0,
             "{id}: {}",
-            heard.len()
+            received.len()
         );
         let leaked = if id == 0 { 10 } else { 0 };
         assert_eq!(other, leaked, "{id}");
@@ -93,7 +93,7 @@ fn a_message_can_be_asked_for_once() {
         let asked = [id as f32, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let result = flight.ask(MavCmd::MAV_CMD_REQUEST_MESSAGE, asked);
         let sent = flight
-            .heard
+            .received
             .iter()
             .any(|packet| packet.message.message_id() == id);
         (result, sent)
@@ -120,15 +120,15 @@ fn a_data_stream_is_everything_at_its_rate() {
         start_stop: 1,
         ..REQUEST_DATA_STREAM_DATA::default()
     }));
-    let heard = ids(&mut flight, Link::Companion, 10.0);
+    let received = ids(&mut flight, Link::Companion, 10.0);
     for id in [1, 24, 30, 32, 33, 42, 65, 74, 85] {
         assert!(
-            (39..=41).contains(&count(&heard, id)),
+            (39..=41).contains(&count(&received, id)),
             "{id}: {}",
-            count(&heard, id)
+            count(&received, id)
         );
     }
-    assert_eq!(count(&heard, 0), 10);
+    assert_eq!(count(&received, 0), 10);
 }
 
 #[test]
@@ -142,7 +142,7 @@ fn a_timesync_request_is_answered_with_the_boot_time_of_the_telemetry() {
     }));
     let now_ns = (flight.now_s() * 1e9).round() as i64;
     flight.step();
-    let answer = flight.heard.iter().find_map(|packet| match &packet.message {
+    let answer = flight.received.iter().find_map(|packet| match &packet.message {
         MavMessage::TIMESYNC(answer) if answer.tc1 != 0 => Some((answer.tc1, answer.ts1)),
         _ => None,
     });
@@ -155,7 +155,7 @@ fn parameters_travel_as_the_numbers_they_are() {
     let mut flight = CopterFlight::with(&[]);
     flight.set("WPNAV_ACCEL", 300.0);
     flight.set("FS_GCS_ENABLE", 1.0);
-    let told: Vec<(String, f32, MavParamType)> = flight.collect(0.1, |packet| match &packet.message {
+    let reported: Vec<(String, f32, MavParamType)> = flight.collect(0.1, |packet| match &packet.message {
         MavMessage::PARAM_VALUE(v) if packet.link == Link::Companion => Some((
             v.param_id.to_str().unwrap().to_owned(),
             v.param_value,
@@ -166,7 +166,7 @@ fn parameters_travel_as_the_numbers_they_are() {
     let real = MavParamType::MAV_PARAM_TYPE_REAL32;
     let byte = MavParamType::MAV_PARAM_TYPE_INT8;
     assert_eq!(
-        told,
+        reported,
         [
             ("WPNAV_ACCEL".to_owned(), 300.0, real),
             ("FS_GCS_ENABLE".to_owned(), 1.0, byte)
@@ -216,7 +216,7 @@ fn a_mission_comes_back_with_home_in_front_and_relative_heights_in_frame_3() {
     for _ in 0..200 {
         flight.step();
         let mut wanted = None;
-        for packet in &flight.heard {
+        for packet in &flight.received {
             match &packet.message {
                 MavMessage::MISSION_REQUEST_INT(request) => wanted = Some(request.seq),
                 MavMessage::MISSION_ACK(ack) => result = Some(ack.mavtype),
@@ -250,7 +250,7 @@ fn a_mission_comes_back_with_home_in_front_and_relative_heights_in_frame_3() {
     }));
     flight.step();
     let counts: Vec<u16> = flight
-        .heard
+        .received
         .iter()
         .filter_map(|packet| match &packet.message {
             MavMessage::MISSION_COUNT(count) if packet.header.component_id == 1 => Some(count.count),
@@ -259,7 +259,7 @@ fn a_mission_comes_back_with_home_in_front_and_relative_heights_in_frame_3() {
         .collect();
     assert_eq!(counts, [4, 0]);
     let items: Vec<(u16, MavFrame, f32)> = flight
-        .heard
+        .received
         .iter()
         .filter_map(|packet| match &packet.message {
             MavMessage::MISSION_ITEM_INT(item) => Some((item.seq, item.frame, item.z)),
@@ -282,7 +282,7 @@ fn each_link_hears_the_heartbeats_of_the_other() {
     flight.station(MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()));
     flight.step();
     let forwarded: Vec<(Link, u32)> = flight
-        .heard
+        .received
         .iter()
         .filter(|packet| packet.header.component_id != 1)
         .map(|packet| (packet.link, packet.header.system_id))

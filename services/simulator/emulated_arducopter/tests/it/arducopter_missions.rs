@@ -19,13 +19,13 @@ fn first(param: f32) -> [f32; 7] {
 /// MISSION_CURRENT as the companion hears it: item, items, state.
 fn current(flight: &mut CopterFlight) -> (u16, u16, MissionState) {
     flight.ask(MavCmd::MAV_CMD_REQUEST_MESSAGE, first(42.0));
-    let told = flight.heard.iter().find_map(|packet| match &packet.message {
+    let reported = flight.received.iter().find_map(|packet| match &packet.message {
         MavMessage::MISSION_CURRENT(current) => Some(current.clone()),
         _ => None,
     });
-    let told = told.expect("MISSION_CURRENT");
-    assert_eq!(told.mission_id, 0, "it never tells which mission");
-    (told.seq, told.total, told.mission_state)
+    let reported = reported.expect("MISSION_CURRENT");
+    assert_eq!(reported.mission_id, 0, "it never tells which mission");
+    (reported.seq, reported.total, reported.mission_state)
 }
 
 fn in_guided() -> CopterFlight {
@@ -96,10 +96,16 @@ fn another_mission_of_the_same_length_is_told_to_its_sender_only() {
         })
         .collect();
     flight.texts.clear();
-    let mut heard = Vec::new();
+    let mut received = Vec::new();
     flight.upload(&other);
-    heard.extend(flight.heard.iter().filter(|p| p.link == Link::Companion).cloned());
-    let texts = heard
+    received.extend(
+        flight
+            .received
+            .iter()
+            .filter(|p| p.link == Link::Companion)
+            .cloned(),
+    );
+    let texts = received
         .iter()
         .filter(|packet| matches!(packet.message, MavMessage::STATUSTEXT(_)))
         .count();
@@ -120,7 +126,7 @@ fn a_mission_that_is_flown_takes_another_one_at_once_and_cannot_be_cleared() {
         mission_type: MavMissionType::MAV_MISSION_TYPE_MISSION,
     }));
     flight.step();
-    let refused = flight.heard.iter().any(|packet| {
+    let refused = flight.received.iter().any(|packet| {
         matches!(&packet.message, MavMessage::MISSION_ACK(ack) if ack.mavtype == MavMissionResult::MAV_MISSION_ERROR)
     });
     assert!(refused);
@@ -233,7 +239,7 @@ fn a_place_to_go_to_is_taken_in_guided_and_shows_in_the_reported_target_only() {
     flight.station(go_to(0.0));
     flight.step();
     let forwarded = flight
-        .heard
+        .received
         .iter()
         .any(|packet| packet.link == Link::Companion && matches!(packet.message, MavMessage::COMMAND_INT(_)));
     assert!(!forwarded);
@@ -262,7 +268,7 @@ fn a_setpoint_of_a_station_passes_to_other_links_only_if_no_component_is_named()
         }
         flight.station(message);
         flight.step();
-        let passed = flight.heard.iter().any(|packet| {
+        let passed = flight.received.iter().any(|packet| {
             packet.link == Link::Companion
                 && matches!(packet.message, MavMessage::SET_POSITION_TARGET_LOCAL_NED(_))
         });
@@ -288,11 +294,11 @@ fn the_landed_state_is_told_through_a_take_off_in_guided() {
     flight.run(6.0);
     let state = |flight: &mut CopterFlight| {
         flight.ask(MavCmd::MAV_CMD_REQUEST_MESSAGE, first(245.0));
-        let told = flight.heard.iter().find_map(|packet| match &packet.message {
+        let reported = flight.received.iter().find_map(|packet| match &packet.message {
             MavMessage::EXTENDED_SYS_STATE(state) => Some(state.landed_state),
             _ => None,
         });
-        told.expect("EXTENDED_SYS_STATE")
+        reported.expect("EXTENDED_SYS_STATE")
     };
     assert_eq!(state(&mut flight), MavLandedState::MAV_LANDED_STATE_ON_GROUND);
     flight.set_mode(Mode::Guided);
@@ -320,11 +326,11 @@ fn a_link_that_does_not_forward_keeps_everything_of_the_companion_to_itself() {
             MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()),
         );
         flight.step();
-        let heard = flight
-            .heard
+        let received = flight
+            .received
             .iter()
             .filter(|packet| packet.link == Link::GroundStation && packet.header.component_id == 196)
             .count();
-        assert_eq!(heard, expected, "options {options}");
+        assert_eq!(received, expected, "options {options}");
     }
 }

@@ -28,8 +28,8 @@ fn a_companion_may_set_every_mode_and_the_heartbeat_tells_it_at_once() {
     flight.upload(&square());
     for mode in [Mode::Loiter, Mode::Brake, Mode::Auto, Mode::Guided] {
         assert_eq!(flight.set_mode(mode), ACCEPTED);
-        let told: Vec<(Link, u32)> = flight
-            .heard
+        let reported: Vec<(Link, u32)> = flight
+            .received
             .iter()
             .filter_map(|packet| match &packet.message {
                 MavMessage::HEARTBEAT(beat) => {
@@ -40,7 +40,7 @@ fn a_companion_may_set_every_mode_and_the_heartbeat_tells_it_at_once() {
             })
             .collect();
         for link in Link::ALL {
-            assert!(told.contains(&(link, mode.custom())), "{mode:?} {told:?}");
+            assert!(reported.contains(&(link, mode.custom())), "{mode:?} {reported:?}");
         }
     }
     flight.companion(MavMessage::SET_MODE(SET_MODE_DATA {

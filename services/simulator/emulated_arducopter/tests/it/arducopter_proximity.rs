@@ -67,19 +67,19 @@ fn airborne(parameters: &[(&str, f64)]) -> CopterFlight {
     flight
 }
 
-/// How near to the wall it came while `tell` told of it at `rate_hz` and `act` flew (m); negative = through it.
+/// How near to the wall it came while `report` told of it at `rate_hz` and `act` flew (m); negative = through it.
 fn closest(
     flight: &mut CopterFlight,
     seconds: f64,
     rate_hz: f64,
-    tell: impl Fn(&CopterFlight) -> MavMessage,
+    report: impl Fn(&CopterFlight) -> MavMessage,
     mut act: impl FnMut(&mut CopterFlight),
 ) -> f64 {
     let mut closest_m = f64::INFINITY;
     let every = (250.0 / rate_hz) as usize;
     for step in 0..(seconds * 250.0) as usize {
         if step % every == 0 {
-            let message = tell(flight);
+            let message = report(flight);
             flight.companion(message);
         }
         if step % 5 == 0 {
@@ -159,7 +159,7 @@ fn sectors_come_back_as_distance_sensors() {
         [132.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
     );
     let sectors: Vec<(u8, u8, u16)> = flight
-        .heard
+        .received
         .iter()
         .filter_map(|packet| match &packet.message {
             MavMessage::DISTANCE_SENSOR(m) => Some((m.id, m.orientation as u8, m.current_distance)),

@@ -30,8 +30,8 @@ fn a_step_in_guided_allocates_nothing() {
     let allocated = measure(|| {
         for step in 0..2_000 {
             outbox.clear();
-            let heard = if step % 5 == 0 { &inbox[..] } else { &[] };
-            flight.copter.step(heard, &mut outbox);
+            let received = if step % 5 == 0 { &inbox[..] } else { &[] };
+            flight.copter.step(received, &mut outbox);
             sent += outbox.len();
         }
     })

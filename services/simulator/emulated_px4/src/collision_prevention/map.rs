@@ -74,7 +74,7 @@ pub(super) fn whole_cm(cm: f32) -> u16 {
 
 impl Map {
     /// A sensor spoke: its time and range count for the whole map, whatever comes of its reading.
-    pub(super) fn hear(&mut self, time_us: u64, min_cm: u16, max_cm: u16) {
+    pub(super) fn receive(&mut self, time_us: u64, min_cm: u16, max_cm: u16) {
         self.time_us = self.time_us.max(time_us);
         self.min_cm = self.min_cm.min(min_cm);
         self.max_cm = self.max_cm.max(max_cm);

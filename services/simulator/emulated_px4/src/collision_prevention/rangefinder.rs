@@ -75,7 +75,7 @@ pub(super) fn ingest(map: &mut Map, now_us: u64, reading: &DistanceSensor, attit
         return;
     }
     let cut_cm = |m: f32| (100.0 * m) as i32 as u16;
-    map.hear(reading.time_us, cut_cm(reading.min_m), cut_cm(reading.max_m));
+    map.receive(reading.time_us, cut_cm(reading.min_m), cut_cm(reading.max_m));
     let Some(mut distance_m) = usable_m(reading) else {
         return;
     };

@@ -43,7 +43,7 @@ pub(super) fn ingest(map: &mut Map, now_us: u64, message: &ObstacleDistance, yaw
     if now_us.wrapping_sub(message.time_us) >= TIMEOUT_US || !usable {
         return None;
     }
-    map.hear(message.time_us, message.min_cm, message.max_cm);
+    map.receive(message.time_us, message.min_cm, message.max_cm);
     let offset_deg = match message.frame {
         frame::BODY_FRD => message.offset_deg,
         frame::GLOBAL | frame::LOCAL_NED => message.offset_deg - degrees(yaw_rad),

@@ -6,7 +6,7 @@
 use crate::support;
 use crate::support::current::ask_for;
 use crate::support::obstacles::{
-    FORWARD, KEEP_4_M, RELEASED, cruising, in_position, in_position_with_drag, open_air, push, scan, tell,
+    FORWARD, KEEP_4_M, RELEASED, cruising, in_position, in_position_with_drag, open_air, push, report, scan,
     wall, wall_with_gap, within,
 };
 use crate::support::tracking_current::{HEAVY, LIGHT};
@@ -179,7 +179,7 @@ fn body_and_north_frames_are_both_right_whatever_the_heading() {
             };
             flight.from(Link::GroundStation, 255, 190, MavMessage::MANUAL_CONTROL(turn));
             let seen = scan(&flight, &open_air, frame);
-            tell(&mut flight, seen);
+            report(&mut flight, seen);
             flight.run(0.02);
         }
         let start = north_east(&flight);
@@ -191,7 +191,7 @@ fn body_and_north_frames_are_both_right_whatever_the_heading() {
         };
         for _ in 0..200 {
             let seen = scan(&flight, &world, frame);
-            tell(&mut flight, seen);
+            report(&mut flight, seen);
             push(&mut flight, 0.1, FORWARD, None, |_| {});
         }
         east_wall_m - north_east(&flight).1
@@ -209,7 +209,7 @@ fn body_and_north_frames_are_both_right_whatever_the_heading() {
 fn an_unsupported_frame_is_told_at_every_message_and_moves_nothing() {
     let mut flight = in_position(&[KEEP_4_M]);
     let start = north_east(&flight);
-    let told = |f: &Flight| {
+    let reported = |f: &Flight| {
         let texts = f.texts.iter();
         texts
             .filter(|t| *t == "Obstacle message received in unsupported frame 4")
@@ -218,19 +218,19 @@ fn an_unsupported_frame_is_told_at_every_message_and_moves_nothing() {
     for _ in 0..10 {
         let mut seen = scan(&flight, &open_air, MavFrame::MAV_FRAME_BODY_FRD);
         seen.frame = MavFrame::MAV_FRAME_LOCAL_ENU;
-        tell(&mut flight, seen);
+        report(&mut flight, seen);
         push(&mut flight, 0.1, FORWARD, None, |_| {});
     }
-    assert_eq!(told(&flight), 10);
+    assert_eq!(reported(&flight), 10);
     assert!((north_east(&flight).0 - start.0).abs() < 0.2);
 }
 
 #[test]
 fn the_fused_map_comes_back_at_10_hz_in_position_mode_only() {
-    let heard = |flight: &mut Flight, link: Link| {
+    let received = |flight: &mut Flight, link: Link| {
         let mut maps = Vec::new();
         push(flight, 4.0, RELEASED, Some((0.1, &wall(30.0))), |f| {
-            maps.extend(f.heard.iter().filter_map(|p| match &p.message {
+            maps.extend(f.received.iter().filter_map(|p| match &p.message {
                 MavMessage::OBSTACLE_DISTANCE(m) if p.link == link && p.header.component_id == 1 => {
                     Some(m.clone())
                 }
@@ -240,7 +240,7 @@ fn the_fused_map_comes_back_at_10_hz_in_position_mode_only() {
         maps
     };
     let mut flight = in_position(&[KEEP_4_M]);
-    let maps = heard(&mut flight, Link::Companion);
+    let maps = received(&mut flight, Link::Companion);
     assert!((38..=41).contains(&maps.len()), "{}", maps.len());
     let last = maps.last().unwrap();
     assert_eq!(last.frame, MavFrame::MAV_FRAME_BODY_FRD);
@@ -250,12 +250,12 @@ fn the_fused_map_comes_back_at_10_hz_in_position_mode_only() {
     );
     assert_eq!((last.min_distance, last.max_distance), (20, 1_500));
     assert_eq!(last.distances, [1_501; 72]);
-    let maps = heard(&mut flight, Link::GroundStation);
+    let maps = received(&mut flight, Link::GroundStation);
     assert!((3..=5).contains(&maps.len()), "{}", maps.len());
     assert_eq!(flight.set_mode(NavMode::Hold), MavResult::MAV_RESULT_ACCEPTED);
     flight.run(0.2);
-    assert!(heard(&mut flight, Link::Companion).is_empty());
-    assert!(heard(&mut in_position(&[]), Link::Companion).is_empty());
+    assert!(received(&mut flight, Link::Companion).is_empty());
+    assert!(received(&mut in_position(&[]), Link::Companion).is_empty());
     assert_eq!(ask_for(&mut flight, 330, 0.05), MavResult::MAV_RESULT_ACCEPTED);
 }
 
@@ -295,7 +295,7 @@ fn in_offboard_it_does_nothing_whatever_is_near() {
     place.x += 8.0;
     for _ in 0..200 {
         let seen = scan(&flight, &wall(start + 3.0), MavFrame::MAV_FRAME_BODY_FRD);
-        tell(&mut flight, seen);
+        report(&mut flight, seen);
         support::current::stream(&mut flight, &place, 0.05, 0.05);
     }
     assert!(within(north_east(&flight).0 - start, 8.0, 0.1));

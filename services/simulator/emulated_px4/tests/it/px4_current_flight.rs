@@ -16,7 +16,7 @@ const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
 fn mission_current(flight: &mut Flight) -> MISSION_CURRENT_DATA {
     let mut last = None;
     flight.run_until(1.1, |f| {
-        for packet in f.heard.iter().filter(|p| p.link == Link::Companion) {
+        for packet in f.received.iter().filter(|p| p.link == Link::Companion) {
             if let MavMessage::MISSION_CURRENT(current) = &packet.message {
                 last = Some(current.clone());
             }
@@ -70,7 +70,7 @@ fn a_mission_goes_on_at_its_item_after_a_companion_has_flown_offboard() {
     assert_eq!(flight.set_mode(NavMode::Mission), ACCEPTED);
     let mut reached = Vec::new();
     assert!(flight.run_until(40.0, |f| {
-        for packet in f.heard.iter().filter(|p| p.link == Link::Companion) {
+        for packet in f.received.iter().filter(|p| p.link == Link::Companion) {
             if let MavMessage::MISSION_ITEM_REACHED(item) = &packet.message {
                 reached.push(item.seq);
             }
@@ -117,15 +117,15 @@ fn mission_current_says_how_many_items_there_are_and_how_far_it_has_come() {
 fn both_ways_to_set_the_current_item_are_taken_and_answered_with_mission_current() {
     let mut flight = holding(&[]);
     flight.upload(&[[30.0, 0.0, -5.0], [40.0, 0.0, -5.0], [50.0, 0.0, -5.0]]);
-    let told = |f: &Flight| {
-        f.heard.iter().find_map(|p| match &p.message {
+    let reported = |f: &Flight| {
+        f.received.iter().find_map(|p| match &p.message {
             MavMessage::MISSION_CURRENT(current) => Some(current.seq),
             _ => None,
         })
     };
     let set = MavCmd::MAV_CMD_DO_SET_MISSION_CURRENT;
     assert_eq!(flight.ask(set, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), ACCEPTED);
-    assert_eq!(told(&flight), Some(2));
+    assert_eq!(reported(&flight), Some(2));
     assert_eq!(flight.autopilot.mission().current, 2);
     let message = MavMessage::MISSION_SET_CURRENT(MISSION_SET_CURRENT_DATA {
         seq: 1,
@@ -134,7 +134,7 @@ fn both_ways_to_set_the_current_item_are_taken_and_answered_with_mission_current
     });
     flight.from(Link::GroundStation, 255, 190, message);
     flight.step();
-    assert_eq!(told(&flight), Some(1));
+    assert_eq!(reported(&flight), Some(1));
     assert_eq!(flight.autopilot.mission().current, 1);
     assert_eq!(
         flight.ask(set, [3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]),

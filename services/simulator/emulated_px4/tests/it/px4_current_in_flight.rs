@@ -19,7 +19,7 @@ const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
 fn go_to(flight: &mut Flight, place: Vector3<f64>, flags: f32) -> Option<MavResult> {
     flight.from(Link::GroundStation, 255, 190, reposition(place, flags));
     flight.step();
-    flight.heard.iter().find_map(|packet| match &packet.message {
+    flight.received.iter().find_map(|packet| match &packet.message {
         MavMessage::COMMAND_ACK(ack) => Some(ack.result),
         _ => None,
     })
@@ -29,7 +29,7 @@ fn go_to(flight: &mut Flight, place: Vector3<f64>, flags: f32) -> Option<MavResu
 fn last<T>(flight: &mut Flight, pick: impl Fn(&MavMessage) -> Option<T>) -> Option<T> {
     let mut last = None;
     flight.run_until(1.1, |f| {
-        for packet in f.heard.iter().filter(|p| p.link == Link::Companion) {
+        for packet in f.received.iter().filter(|p| p.link == Link::Companion) {
             last = pick(&packet.message).or(last.take());
         }
         false
@@ -38,15 +38,15 @@ fn last<T>(flight: &mut Flight, pick: impl Fn(&MavMessage) -> Option<T>) -> Opti
 }
 
 fn current(flight: &mut Flight) -> MISSION_CURRENT_DATA {
-    let told = last(flight, |message| match message {
+    let reported = last(flight, |message| match message {
         MavMessage::MISSION_CURRENT(current) => Some(current.clone()),
         _ => None,
     });
-    told.expect("MISSION_CURRENT at 1 Hz")
+    reported.expect("MISSION_CURRENT at 1 Hz")
 }
 
 /// The waypoint being flown as POSITION_TARGET_GLOBAL_INT tells it, north and east (m).
-fn told_target(flight: &mut Flight) -> Option<(f64, f64)> {
+fn reported_target(flight: &mut Flight) -> Option<(f64, f64)> {
     let origin = Projection::new(Px4Config::default().origin);
     last(flight, |message| match message {
         MavMessage::POSITION_TARGET_GLOBAL_INT(target) => {
@@ -62,7 +62,7 @@ fn a_place_to_go_to_shows_as_the_global_target_and_in_offboard_there_is_none() {
     let mut flight = holding(&[]);
     let place = Vector3::new(15.0, 10.0, -4.0);
     assert_eq!(go_to(&mut flight, place, 1.0), Some(ACCEPTED));
-    let (north, east) = told_target(&mut flight).expect("a target");
+    let (north, east) = reported_target(&mut flight).expect("a target");
     assert!((north - 15.0).abs() < 0.05 && (east - 10.0).abs() < 0.05);
     flight.run(12.0);
     assert!((position(&flight) - place).norm() < 0.3);
@@ -70,7 +70,7 @@ fn a_place_to_go_to_shows_as_the_global_target_and_in_offboard_there_is_none() {
     let mut flight = staying(&[]);
     let (mut targets, place) = (0, support::current::here(&flight));
     support::current::stream(&mut flight, &place, 0.05, 0.5);
-    for packet in &flight.heard {
+    for packet in &flight.received {
         targets += usize::from(matches!(
             packet.message,
             MavMessage::POSITION_TARGET_GLOBAL_INT(_)

@@ -4,7 +4,7 @@
 
 use crate::support;
 use crate::support::Flight;
-use crate::support::current::{ask_for, here, holding, on_ground, send, staying, stream, told_modes};
+use crate::support::current::{ask_for, here, holding, on_ground, reported_modes, send, staying, stream};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_px4::{Px4, Px4Config};
@@ -20,7 +20,7 @@ const FAILED: MavResult = MavResult::MAV_RESULT_FAILED;
 fn counted(flight: &mut Flight, seconds: f64) -> BTreeMap<&'static str, i32> {
     let mut counts = BTreeMap::new();
     flight.run_until(seconds, |f| {
-        let own = f.heard.iter().filter(|p| p.link == Link::Companion);
+        let own = f.received.iter().filter(|p| p.link == Link::Companion);
         for packet in own.filter(|p| p.header.component_id == 1) {
             *counts.entry(packet.message.message_name()).or_insert(0) += 1;
         }
@@ -66,15 +66,15 @@ fn odometry_says_what_local_position_says() {
     flight
         .autopilot
         .jump_estimate(nalgebra::Vector3::new(0.5, 0.0, 0.0));
-    let mut heard = None;
+    let mut received = None;
     flight.run_until(0.2, |f| {
-        heard = f.heard.iter().find_map(|p| match &p.message {
+        received = f.received.iter().find_map(|p| match &p.message {
             MavMessage::ODOMETRY(o) => Some((o.clone(), *f.autopilot.estimate())),
             _ => None,
         });
-        heard.is_some()
+        received.is_some()
     });
-    let (odometry, estimate) = heard.expect("ODOMETRY at 30 Hz");
+    let (odometry, estimate) = received.expect("ODOMETRY at 30 Hz");
     assert_eq!(odometry.x, estimate.position.x_m as f32);
     assert_eq!(odometry.vx, estimate.velocity.x_mps as f32);
     assert!(odometry.vx > 3.0);
@@ -87,18 +87,18 @@ fn current_mode_tells_changes_at_once_only_to_those_who_ask_for_it() {
     let mut flight = holding(&[]);
     assert_eq!(ask_for(&mut flight, 436, 0.02), MavResult::MAV_RESULT_ACCEPTED);
     let counts = counted(&mut flight, 8.0);
-    let told = counts.get("CURRENT_MODE").copied().unwrap_or(0);
-    assert!((15..=17).contains(&told), "twice a second: {told}");
+    let reported = counts.get("CURRENT_MODE").copied().unwrap_or(0);
+    assert!((15..=17).contains(&reported), "twice a second: {reported}");
     flight.set_mode(NavMode::Land);
     let from_s = flight.now_s();
-    assert!(flight.run_until(1.0, |f| told_modes(f) == Some((NavMode::Land, NavMode::Land))));
+    assert!(flight.run_until(1.0, |f| reported_modes(f) == Some((NavMode::Land, NavMode::Land))));
     assert!(flight.now_s() - from_s < 0.05);
 
     let mut flight = holding(&[]);
-    assert!(flight.run_until(3.0, |f| told_modes(f).is_some()));
+    assert!(flight.run_until(3.0, |f| reported_modes(f).is_some()));
     flight.set_mode(NavMode::Land);
     let from_s = flight.now_s();
-    assert!(flight.run_until(3.0, |f| told_modes(f).is_some()));
+    assert!(flight.run_until(3.0, |f| reported_modes(f).is_some()));
     assert!(flight.now_s() - from_s > 1.0, "at its own 0.5 Hz");
 }
 
@@ -144,7 +144,7 @@ fn nobody_needs_a_companion_to_arm_and_the_avoidance_bit_is_never_set() {
         assert_eq!(flight.arm(), MavResult::MAV_RESULT_ACCEPTED);
         let mut looked = 0;
         flight.run_until(4.0, |f| {
-            for packet in &f.heard {
+            for packet in &f.received {
                 if let MavMessage::SYS_STATUS(s) = &packet.message {
                     looked += 1;
                     let present = s.onboard_control_sensors_present;
@@ -233,7 +233,7 @@ fn timesync_is_answered_and_changes_no_stamp_of_the_autopilots_own() {
     let mut stamps = 0;
     flight.run_until(1.0, |f| {
         let now_us = (f.now_s() * 1e6).round() as u64;
-        for packet in f.heard.iter().filter(|p| p.header.component_id == 1) {
+        for packet in f.received.iter().filter(|p| p.header.component_id == 1) {
             match &packet.message {
                 MavMessage::TIMESYNC(t) => answered |= t.ts1 == 4_711 && t.tc1 / 1_000_000_000 == 62,
                 MavMessage::ODOMETRY(o) => {

@@ -5,7 +5,7 @@
 
 use crate::support;
 use crate::support::obstacles::{
-    FORWARD, KEEP_4_M, RELEASED, cruising, enter_position, in_position, open_air, push, scan, tell, within,
+    FORWARD, KEEP_4_M, RELEASED, cruising, enter_position, in_position, open_air, push, report, scan, within,
 };
 use crate::support::tracking_current::LIGHT;
 use crate::support::{Flight, north_east, speed};
@@ -54,7 +54,7 @@ fn nothing_but_unknown_distances_keep_it_in_place_and_in_position_mode() {
     for _ in 0..90 {
         let mut unknown = scan(&flight, &open_air, MavFrame::MAV_FRAME_BODY_FRD);
         unknown.distances = [u16::MAX; 72];
-        tell(&mut flight, unknown);
+        report(&mut flight, unknown);
         push(&mut flight, 0.1, FORWARD, None, |_| {});
     }
     let end = north_east(&flight);
@@ -127,7 +127,7 @@ fn nothing_but_a_bin_below_the_minimum_freezes_the_sticks_until_the_mode_is_ente
     let mut near = scan(&flight, &open_air, MavFrame::MAV_FRAME_BODY_FRD);
     near.distances = [u16::MAX; 72];
     near.distances[36] = 15;
-    tell(&mut flight, near);
+    report(&mut flight, near);
     push(&mut flight, 0.1, FORWARD, None, |_| {});
     let frozen = north_east(&flight);
     push(&mut flight, 8.0, FORWARD, Some((0.1, &open_air)), |_| {});

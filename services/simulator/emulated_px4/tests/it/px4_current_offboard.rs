@@ -6,7 +6,8 @@ use crate::support;
 use crate::support::Flight;
 use crate::support::current::{Speech, here};
 use crate::support::current::{
-    ask_for, cruise_north, holding, lift, on_ground, place, send, staying, stick, stream, told_modes, watch,
+    ask_for, cruise_north, holding, lift, on_ground, place, reported_modes, send, staying, stick, stream,
+    watch,
 };
 use jink_emulated_autopilot::Autopilot;
 use jink_shared_types::vehicle::NavMode;
@@ -18,20 +19,20 @@ const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
 const REJECTED: MavResult = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
 
 /// Runs until CURRENT_MODE tells of a mode other than `before`: how long that took (s), and which.
-fn until_told(flight: &mut Flight, before: NavMode, sticks: bool) -> (f64, NavMode) {
+fn until_reported(flight: &mut Flight, before: NavMode, sticks: bool) -> (f64, NavMode) {
     let from_s = flight.now_s();
-    let mut told = None;
+    let mut reported = None;
     for step in 0..5_000 {
         if sticks && step % 12 == 0 {
             stick(flight, 0);
         }
         flight.step();
-        told = told_modes(flight).filter(|(mode, _)| *mode != before);
-        if told.is_some() {
+        reported = reported_modes(flight).filter(|(mode, _)| *mode != before);
+        if reported.is_some() {
             break;
         }
     }
-    (flight.now_s() - from_s, told.expect("another mode").0)
+    (flight.now_s() - from_s, reported.expect("another mode").0)
 }
 
 /// In OFFBOARD with the stream, CURRENT_MODE asked for at 50 Hz.
@@ -62,7 +63,7 @@ fn in_the_air_one_setpoint_younger_than_the_loss_time_opens_offboard() {
     let from_s = flight.now_s();
     assert_eq!(flight.set_mode(NavMode::Offboard), ACCEPTED);
     assert!(flight.run_until(1.0, |f| {
-        told_modes(f).is_some_and(|(mode, _)| mode == NavMode::Offboard)
+        reported_modes(f).is_some_and(|(mode, _)| mode == NavMode::Offboard)
     }));
     let seen_s = flight.now_s() - from_s;
     assert!((0.015..=0.035).contains(&seen_s), "{seen_s}");
@@ -123,7 +124,7 @@ fn a_stopped_stream_is_a_return_after_a_second_without_sticks_and_position_mode_
         let stay = here(&flight);
         send(&mut flight, &stay);
         flight.step();
-        let (after_s, mode) = until_told(&mut flight, NavMode::Offboard, sticks);
+        let (after_s, mode) = until_reported(&mut flight, NavMode::Offboard, sticks);
         assert!((1.01..=1.13).contains(&after_s), "{after_s}");
         assert_eq!(
             mode,
@@ -152,7 +153,7 @@ fn com_obl_rc_act_5_holds_and_com_of_loss_t_shortens_the_wait() {
         let stay = here(&flight);
         send(&mut flight, &stay);
         flight.step();
-        let (after_s, mode) = until_told(&mut flight, NavMode::Offboard, false);
+        let (after_s, mode) = until_reported(&mut flight, NavMode::Offboard, false);
         assert!(expected.contains(&after_s), "{after_s}");
         assert_eq!(mode, NavMode::Hold);
         assert!(flight.texts.iter().any(|t| t == "Failsafe activated"));
@@ -174,10 +175,10 @@ fn the_stream_coming_back_re_enters_offboard_by_itself_however_late() {
         watch(&mut flight, 0.2, sticks, |_| {});
         watch(&mut flight, silence_s, sticks, |_| {});
         assert_eq!(flight.autopilot.mode(), meanwhile);
-        flight.run_until(1.0, |f| told_modes(f).is_some());
+        flight.run_until(1.0, |f| reported_modes(f).is_some());
         let stay = here(&flight);
         send(&mut flight, &stay);
-        let (after_s, mode) = until_told(&mut flight, meanwhile, sticks);
+        let (after_s, mode) = until_reported(&mut flight, meanwhile, sticks);
         assert_eq!(mode, NavMode::Offboard);
         assert!((0.025..=0.055).contains(&after_s), "{after_s}");
     }

@@ -63,7 +63,7 @@ fn a_whole_flight_without_companion_takes_off_flies_lands_and_disarms() {
     let (mut peak, mut reached) = (0.0f64, Vec::new());
     let done = flight.run_until(40.0, |f| {
         peak = peak.max(f.autopilot.truth().velocity.vector().xy().norm());
-        for packet in f.heard.iter().filter(|p| p.link == Link::GroundStation) {
+        for packet in f.received.iter().filter(|p| p.link == Link::GroundStation) {
             if let MavMessage::MISSION_ITEM_REACHED(item) = &packet.message {
                 reached.push(item.seq);
             }
@@ -189,7 +189,7 @@ fn the_same_packets_in_the_same_steps_are_the_same_flight_to_the_bit() {
             track.push([truth.position.x_m, truth.position.y_m, truth.position.z_m].map(f64::to_bits));
         }
         // As text, because a field that is not given equals nothing.
-        (track, format!("{:?} {:?}", flight.heard, flight.desired))
+        (track, format!("{:?} {:?}", flight.received, flight.desired))
     };
     assert_eq!(fly(), fly());
 }

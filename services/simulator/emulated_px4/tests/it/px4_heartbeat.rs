@@ -15,7 +15,7 @@ const DENIED: &str = "Arming denied! Avoidance system not ready";
 fn avoidance_bits(flight: &mut Flight) -> (bool, bool, bool) {
     let mut bits = None;
     flight.run_until(1.0, |f| {
-        for packet in f.heard.iter().filter(|p| p.link == Link::Companion) {
+        for packet in f.received.iter().filter(|p| p.link == Link::Companion) {
             if let MavMessage::SYS_STATUS(status) = &packet.message {
                 bits = Some((
                     status.onboard_control_sensors_present.contains(AVOIDANCE),
@@ -151,7 +151,7 @@ fn armed_in_manual_without_sticks_is_a_failsafe() {
     );
     assert_ne!(flight.autopilot.mode(), NavMode::Manual);
     let critical = flight.run_until(2.0, |f| {
-        f.heard.iter().any(|p| {
+        f.received.iter().any(|p| {
             matches!(&p.message, MavMessage::HEARTBEAT(h)
                 if p.header.component_id == 1 && h.system_status == MavState::MAV_STATE_CRITICAL)
         })

@@ -35,7 +35,7 @@ fn holding_with(parameters: &[(&str, f64)]) -> Flight {
 fn current(flight: &mut Flight) -> Option<u16> {
     let mut last = None;
     flight.run_until(1.1, |f| {
-        for packet in f.heard.iter().filter(|p| p.link == Link::Companion) {
+        for packet in f.received.iter().filter(|p| p.link == Link::Companion) {
             if let MavMessage::MISSION_CURRENT(current) = &packet.message {
                 last = Some(current.seq);
             }
@@ -222,7 +222,7 @@ fn at_arming_it_stands_still_for_a_moment_and_then_goes_on() {
     let (mut silent, mut longest) = (0, 0);
     for _ in 0..250 {
         flight.step();
-        silent = if flight.heard.is_empty() { silent + 1 } else { 0 };
+        silent = if flight.received.is_empty() { silent + 1 } else { 0 };
         longest = longest.max(silent);
     }
     assert!((30..45).contains(&longest), "{longest} steps of 4 ms");

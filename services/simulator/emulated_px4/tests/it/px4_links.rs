@@ -42,7 +42,7 @@ fn the_companions_link_has_the_observed_rates() {
     let seconds: i32 = 8;
     flight.run_until(f64::from(seconds), |f| {
         for packet in f
-            .heard
+            .received
             .iter()
             .filter(|p| p.link == Link::Companion && p.header.component_id == 1)
         {
@@ -89,15 +89,15 @@ fn forwarded(parameters: &[(&'static str, f64)]) -> [bool; 2] {
     flight.from(Link::GroundStation, 255, 190, beat);
     flight.companion(196, support::no_waypoint());
     flight.step();
-    let heard = |link, system, component| {
+    let received = |link, system, component| {
         flight
-            .heard
+            .received
             .iter()
             .any(|p| p.link == link && (p.header.system_id, p.header.component_id) == (system, component))
     };
     [
-        heard(Link::Companion, 255, 190),
-        heard(Link::GroundStation, 1, 196),
+        received(Link::Companion, 255, 190),
+        received(Link::GroundStation, 1, 196),
     ]
 }
 
@@ -146,7 +146,7 @@ fn a_mission_survives_upload_and_download_and_bad_items_are_refused() {
     });
     flight.from(Link::GroundStation, 255, 190, request);
     flight.step();
-    let downloaded = flight.heard.iter().find_map(|p| match &p.message {
+    let downloaded = flight.received.iter().find_map(|p| match &p.message {
         MavMessage::MISSION_ITEM_INT(item) => Some(item.clone()),
         _ => None,
     });
@@ -179,7 +179,7 @@ fn a_lost_item_is_asked_for_again() {
     flight.from(Link::GroundStation, 255, 190, count);
     let mut requests = 0;
     let cancelled = flight.run_until(8.0, |f| {
-        f.heard.iter().any(|p| {
+        f.received.iter().any(|p| {
             requests += usize::from(matches!(p.message, MavMessage::MISSION_REQUEST_INT(_)));
             matches!(&p.message, MavMessage::MISSION_ACK(a)
                 if a.mavtype == MavMissionResult::MAV_MISSION_OPERATION_CANCELLED)
@@ -203,7 +203,7 @@ fn parameters_are_listed_read_and_set_with_integers_as_bits() {
     flight.from(Link::GroundStation, 255, 190, list);
     let mut seen = Vec::new();
     flight.run_until(1.0, |f| {
-        for packet in f.heard.iter().filter(|p| p.link == Link::GroundStation) {
+        for packet in f.received.iter().filter(|p| p.link == Link::GroundStation) {
             if let MavMessage::PARAM_VALUE(value) = &packet.message {
                 assert_eq!(usize::from(value.param_index), seen.len());
                 seen.push((value.param_id.to_str().unwrap().to_owned(), value.param_count));
@@ -251,7 +251,7 @@ fn a_timesync_request_is_answered_with_the_boot_time() {
     });
     flight.companion(196, request);
     flight.step();
-    let answered = flight.heard.iter().any(|p| {
+    let answered = flight.received.iter().any(|p| {
         matches!(&p.message, MavMessage::TIMESYNC(t)
             if t.ts1 == 4_711 && t.tc1 == 1_000_000_000)
     });

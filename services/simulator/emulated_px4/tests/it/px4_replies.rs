@@ -122,7 +122,7 @@ fn speed_is_clipped_to_cruise() {
         flight.companion(196, waypoint(UNSET, [8.0, 0.0, 0.0], NO_YAW));
         for _ in 0..25 {
             flight.step();
-            for packet in &flight.heard {
+            for packet in &flight.received {
                 if let MavMessage::POSITION_TARGET_LOCAL_NED(target) = &packet.message {
                     setpoint_max = setpoint_max.max(target.vx.hypot(target.vy));
                 }
@@ -178,7 +178,7 @@ fn an_axis_without_position_and_velocity_goes_to_the_controller_raw() {
     });
     let mut target = None;
     flight.run_until(0.3, |f| {
-        target = f.heard.iter().find_map(|p| match &p.message {
+        target = f.received.iter().find_map(|p| match &p.message {
             MavMessage::POSITION_TARGET_LOCAL_NED(t) => Some(t.clone()),
             _ => None,
         });

@@ -29,8 +29,8 @@ fn a_step_in_flight_allocates_nothing() {
     let allocated = measure(|| {
         for step in 0..2_000 {
             outbox.clear();
-            let heard = if step % 12 == 0 { &inbox[..] } else { &[] };
-            flight.autopilot.step(heard, &mut outbox);
+            let received = if step % 12 == 0 { &inbox[..] } else { &[] };
+            flight.autopilot.step(received, &mut outbox);
             sent += outbox.len();
         }
     })
@@ -58,12 +58,12 @@ fn a_step_in_offboard_allocates_nothing_and_neither_do_loss_return_and_refusals(
     let allocated = measure(|| {
         for step in 0..4_000 {
             outbox.clear();
-            let heard = match step {
+            let received = match step {
                 0..1_000 | 3_000.. if step % 5 == 0 => &good[..],
                 2_000 => &empty[..],
                 _ => &[],
             };
-            flight.autopilot.step(heard, &mut outbox);
+            flight.autopilot.step(received, &mut outbox);
             texts += outbox
                 .iter()
                 .filter(|p| matches!(p.message, MavMessage::STATUSTEXT(_)))
@@ -109,13 +109,13 @@ fn a_step_under_sticks_among_obstacles_allocates_nothing() {
     let allocated = measure(|| {
         for step in 0..4_000 {
             outbox.clear();
-            let heard = match step % 25 {
+            let received = match step % 25 {
                 0 | 12 => &stick[..],
                 5 if step < 2_000 => &scans[..1],
                 6 if step < 2_000 => &scans[1..],
                 _ => &[],
             };
-            flight.autopilot.step(heard, &mut outbox);
+            flight.autopilot.step(received, &mut outbox);
             let fused = |p: &&Packet| {
                 p.header.component_id == 1 && matches!(p.message, MavMessage::OBSTACLE_DISTANCE(_))
             };

@@ -149,7 +149,7 @@ fn fly(plan: FlightPlan, link: &mut MavUdp) -> Outcome {
     let mut station = GroundStation::new(plan);
     let begin = Instant::now();
     let (mut arrivals, mut inbox, mut outbox) = (Vec::new(), Vec::new(), Vec::new());
-    let mut told = String::new();
+    let mut reported = String::new();
     loop {
         inbox.clear();
         outbox.clear();
@@ -164,9 +164,9 @@ fn fly(plan: FlightPlan, link: &mut MavUdp) -> Outcome {
             link.send(header, message);
         }
         let text = words(station.progress());
-        if text != told {
+        if text != reported {
             println!("{}", line(station.progress(), &text));
-            told = text;
+            reported = text;
         }
         if let Some(outcome) = station.progress().outcome.clone() {
             return outcome;

@@ -28,7 +28,7 @@ pub struct CopterFlight {
     /// The autopilot.
     pub copter: ArduCopter,
     /// Everything it sent in the last step.
-    pub heard: Vec<Packet>,
+    pub received: Vec<Packet>,
     /// Sent to it in the next step.
     pub inbox: Vec<Packet>,
     /// Texts heard on the ground station's link.
@@ -60,7 +60,7 @@ impl CopterFlight {
     pub fn new(config: ArduCopterConfig) -> Self {
         Self {
             copter: ArduCopter::new(config).expect("known parameters"),
-            heard: Vec::with_capacity(256),
+            received: Vec::with_capacity(256),
             inbox: Vec::with_capacity(64),
             texts: Vec::new(),
         }
@@ -157,7 +157,7 @@ impl CopterFlight {
         });
         self.from(link, 1, 191, message);
         self.step();
-        self.heard
+        self.received
             .iter()
             .find_map(|packet| match &packet.message {
                 MavMessage::COMMAND_ACK(ack) if packet.link == link && ack.command == command => {
@@ -231,11 +231,11 @@ impl CopterFlight {
     /// One step of 4 ms.
     pub fn step(&mut self) {
         let inbox = std::mem::take(&mut self.inbox);
-        self.heard.clear();
-        self.copter.step(&inbox, &mut self.heard);
+        self.received.clear();
+        self.copter.step(&inbox, &mut self.received);
         self.inbox = inbox;
         self.inbox.clear();
-        for packet in &self.heard {
+        for packet in &self.received {
             if let (MavMessage::STATUSTEXT(text), Link::GroundStation) = (&packet.message, packet.link) {
                 self.texts.push(text.text.to_str().unwrap_or("").to_owned());
             }
@@ -277,7 +277,7 @@ impl CopterFlight {
         let mut picked = Vec::new();
         for _ in 0..(seconds * STEPS_PER_S).round() as usize {
             self.step();
-            picked.extend(self.heard.iter().filter_map(&mut pick));
+            picked.extend(self.received.iter().filter_map(&mut pick));
         }
         picked
     }
@@ -293,7 +293,7 @@ impl CopterFlight {
         for _ in 0..2_000 {
             self.step();
             let mut wanted = None;
-            for packet in &self.heard {
+            for packet in &self.received {
                 match &packet.message {
                     MavMessage::MISSION_REQUEST_INT(request) => wanted = Some(request.seq),
                     MavMessage::MISSION_ACK(ack) => return ack.mavtype,
@@ -313,7 +313,7 @@ impl CopterFlight {
     pub fn target(&mut self) -> POSITION_TARGET_LOCAL_NED_DATA {
         let asked = [85.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         self.ask(MavCmd::MAV_CMD_REQUEST_MESSAGE, asked);
-        self.heard
+        self.received
             .iter()
             .find_map(|packet| match &packet.message {
                 MavMessage::POSITION_TARGET_LOCAL_NED(target) => Some(target.clone()),

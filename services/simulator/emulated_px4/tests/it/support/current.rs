@@ -198,7 +198,7 @@ pub fn ask_for(flight: &mut Flight, id: u32, interval_s: f64) -> MavResult {
     flight.companion(196, message);
     for _ in 0..10 {
         flight.step();
-        for packet in &flight.heard {
+        for packet in &flight.received {
             if let MavMessage::COMMAND_ACK(ack) = &packet.message {
                 return ack.result;
             }
@@ -208,10 +208,10 @@ pub fn ask_for(flight: &mut Flight, id: u32, interval_s: f64) -> MavResult {
 }
 
 /// The modes that the companion's link tells in this step: in force and intended.
-pub fn told_modes(flight: &Flight) -> Option<(NavMode, NavMode)> {
+pub fn reported_modes(flight: &Flight) -> Option<(NavMode, NavMode)> {
     let mode =
         |custom| jink_emulated_autopilot::modes::px4::mode_of_custom(custom).unwrap_or(NavMode::Unknown);
-    flight.heard.iter().find_map(|p| match &p.message {
+    flight.received.iter().find_map(|p| match &p.message {
         MavMessage::CURRENT_MODE(m) if p.link == Link::Companion => {
             Some((mode(m.custom_mode), mode(m.intended_custom_mode)))
         }

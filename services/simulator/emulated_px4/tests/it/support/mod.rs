@@ -62,7 +62,7 @@ pub struct Flight {
     /// The autopilot.
     pub autopilot: Px4,
     /// Everything it sent in the last step.
-    pub heard: Vec<Packet>,
+    pub received: Vec<Packet>,
     /// Sent to it in the next step.
     pub inbox: Vec<Packet>,
     /// Companion's heartbeat: component, type, state; sent at 2 Hz.
@@ -85,7 +85,7 @@ impl Flight {
     pub fn new(config: Px4Config) -> Self {
         Self {
             autopilot: Px4::new(config).expect("known parameters"),
-            heard: Vec::with_capacity(256),
+            received: Vec::with_capacity(256),
             inbox: Vec::with_capacity(64),
             heartbeat: Some((
                 196,
@@ -156,7 +156,7 @@ impl Flight {
         self.command(command, parameters);
         for _ in 0..250 {
             self.step();
-            for packet in &self.heard {
+            for packet in &self.received {
                 if let MavMessage::COMMAND_ACK(ack) = &packet.message
                     && ack.command == command
                 {
@@ -212,7 +212,7 @@ impl Flight {
         for _ in 0..2_000 {
             self.step();
             let mut requested = None;
-            for packet in &self.heard {
+            for packet in &self.received {
                 match &packet.message {
                     MavMessage::MISSION_REQUEST_INT(request) => requested = Some(request.seq),
                     MavMessage::MISSION_ACK(ack) => return ack.mavtype,
@@ -271,8 +271,8 @@ impl Flight {
     pub fn step(&mut self) {
         self.talk();
         let inbox = std::mem::take(&mut self.inbox);
-        self.heard.clear();
-        self.autopilot.step(&inbox, &mut self.heard);
+        self.received.clear();
+        self.autopilot.step(&inbox, &mut self.received);
         self.inbox = inbox;
         self.inbox.clear();
         self.listen();
@@ -304,7 +304,7 @@ impl Flight {
     fn listen(&mut self) {
         let now_s = self.now_s();
         let mut replies = Vec::new();
-        for packet in &self.heard {
+        for packet in &self.received {
             match &packet.message {
                 MavMessage::TRAJECTORY_REPRESENTATION_WAYPOINTS(desired)
                     if packet.header.component_id == 1 && packet.link == Link::Companion =>

@@ -111,7 +111,7 @@ pub fn scan(flight: &Flight, world: World, frame: MavFrame) -> OBSTACLE_DISTANCE
 }
 
 /// Tells the autopilot.
-pub fn tell(flight: &mut Flight, scan: OBSTACLE_DISTANCE_DATA) {
+pub fn report(flight: &mut Flight, scan: OBSTACLE_DISTANCE_DATA) {
     flight.companion(196, MavMessage::OBSTACLE_DISTANCE(scan));
 }
 
@@ -131,7 +131,7 @@ pub fn push(
             && step % (interval_s * STEPS_PER_S).round() as usize == 0
         {
             let seen = scan(flight, world, MavFrame::MAV_FRAME_BODY_FRD);
-            tell(flight, seen);
+            report(flight, seen);
         }
         flight.step();
         look(flight);

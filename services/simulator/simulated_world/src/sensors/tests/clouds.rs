@@ -117,8 +117,8 @@ fn clear_means_clear_up_to_the_range_and_unknown_says_nothing() {
             for point in cloud.points() {
                 match point.kind.get() {
                     RayKind::Clear => {
-                        let (truth, told_m) = truth_m(&world, &track, &cloud, point);
-                        assert!((told_m - max_m).abs() < 1e-5);
+                        let (truth, reported_m) = truth_m(&world, &track, &cloud, point);
+                        assert!((reported_m - max_m).abs() < 1e-5);
                         // The stored direction has 32 bits: at a silhouette it may just meet what the ray missed.
                         let inside = truth.is_some() && {
                             let pose = track.at(time_of(&cloud, point)).unwrap();
@@ -131,8 +131,8 @@ fn clear_means_clear_up_to_the_range_and_unknown_says_nothing() {
                         assert!(!inside, "{point:?} {truth:?}");
                     }
                     RayKind::Hit => {
-                        let (_, told_m) = truth_m(&world, &track, &cloud, point);
-                        assert!(told_m <= max_m + 1e-5);
+                        let (_, reported_m) = truth_m(&world, &track, &cloud, point);
+                        assert!(reported_m <= max_m + 1e-5);
                     }
                     RayKind::Unknown => {
                         unknowns += 1;

@@ -10,12 +10,12 @@ const SLICE_BYTES: usize = 512 * 1024;
 
 /// Private memory of this process that may not have been touched yet.
 #[derive(Debug, Default)]
-pub(crate) struct Pretouch {
+pub(crate) struct Prefault {
     /// Begin and length of mappings, in pages' borders.
     ranges: Vec<(usize, usize)>,
 }
 
-impl Pretouch {
+impl Prefault {
     /// Everything private and writable that is mapped now. Empty where the kernel does not say.
     pub(crate) fn of_this_process() -> Self {
         let maps = std::fs::read_to_string("/proc/self/maps").unwrap_or_default();
@@ -55,7 +55,7 @@ fn private(line: &str) -> Option<(usize, usize)> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Pretouch, private};
+    use super::{Prefault, private};
 
     #[test]
     fn memory_of_ones_own_is_told_from_files_shared_memory_and_code() {
@@ -82,9 +82,9 @@ mod tests {
         let used = std::hint::black_box(vec![7u8; 1 << 20]);
         let resident_kib = || crate::procfs::resident_kib(std::process::id()).unwrap();
         let before_kib = resident_kib();
-        let mut pretouch = Pretouch::of_this_process();
-        while !pretouch.ranges.is_empty() {
-            pretouch.step();
+        let mut prefault = Prefault::of_this_process();
+        while !prefault.ranges.is_empty() {
+            prefault.step();
         }
         assert!(
             resident_kib() > before_kib + BYTES as u64 / 1024 / 2,

@@ -6,7 +6,7 @@
 //! have to wait for the record.
 //!
 //! Where only one instance can have a thing at a time (a socket, a serial port), the service passes it on by itself when
-//! the record says so, and declares which cycles are its own ([`crate::Claim`]).
+//! the record says so, and declares which cycles are its own ([`crate::ExclusiveOwnership`]).
 
 use jink_shared_types::control::ControlEntry;
 use jink_shared_types::health::{Heartbeat, Role};
@@ -15,7 +15,7 @@ use std::cell::Cell;
 
 /// One instance's duty, shared by its inputs, its outputs and its loop.
 #[derive(Debug)]
-pub(crate) struct Duty {
+pub(crate) struct Ownership {
     generation: u32,
     shadow: bool,
     budget_us: u32,
@@ -38,7 +38,7 @@ struct Late {
     stage_us: u32,
 }
 
-impl Duty {
+impl Ownership {
     /// Of an instance started as `generation`, as a shadow or not, whose outputs may be `budget_us` old (0 = any age).
     pub(crate) fn new(generation: u32, shadow: bool, budget_us: u32) -> Self {
         Self {
@@ -122,8 +122,8 @@ impl Duty {
 
     /// The high half of this instance's sequence numbers.
     pub(crate) fn epoch(&self) -> u32 {
-        let told = self.entry.get().and_then(|entry| entry.epoch_of(self.generation));
-        told.unwrap_or(0).max(self.generation)
+        let reported = self.entry.get().and_then(|entry| entry.epoch_of(self.generation));
+        reported.unwrap_or(0).max(self.generation)
     }
 
     /// Counts an output that is complete at `end`.
@@ -196,7 +196,7 @@ fn microseconds(end: Timestamp, begin: Timestamp) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::Duty;
+    use super::Ownership;
     use jink_shared_types::control::ControlEntry;
     use jink_shared_types::health::{Heartbeat, Name, Role};
     use jink_shared_types::{SampleHeader, Stage, StageTime, Timestamp};
@@ -228,7 +228,7 @@ mod tests {
         ) {
             // The new one wakes at each input, the old one when it likes.
             let record = entry(1, 2, from);
-            let (old, new) = (Duty::new(1, false, 0), Duty::new(2, true, 0));
+            let (old, new) = (Ownership::new(1, false, 0), Ownership::new(2, true, 0));
             old.read(Some(&record));
             new.read(Some(&record));
             let mut answered: Vec<u64> = Vec::new();
@@ -257,9 +257,9 @@ mod tests {
 
     #[test]
     fn without_a_record_an_instance_goes_by_how_it_was_started() {
-        let (speaks, is_silent) = (Duty::new(3, false, 0), Duty::new(3, true, 0));
-        for duty in [&speaks, &is_silent] {
-            duty.begin(at(5));
+        let (speaks, is_silent) = (Ownership::new(3, false, 0), Ownership::new(3, true, 0));
+        for ownership in [&speaks, &is_silent] {
+            ownership.begin(at(5));
         }
         assert!(speaks.owns_cycle() && !is_silent.owns_cycle());
         // A record of earlier generations says nothing about a restart.
@@ -272,19 +272,19 @@ mod tests {
 
     #[test]
     fn what_is_passed_on_by_hand_is_owned_as_declared() {
-        let duty = Duty::new(1, false, 0);
-        duty.declare(true);
-        duty.read(Some(&entry(1, 2, 10)));
-        duty.begin(at(20));
-        assert!(duty.owns_cycle() && !duty.owns(at(20)));
-        assert_eq!(duty.changes_at(), Some(at(10)));
-        duty.declare(false);
-        assert!(!duty.owns_cycle());
+        let ownership = Ownership::new(1, false, 0);
+        ownership.declare(true);
+        ownership.read(Some(&entry(1, 2, 10)));
+        ownership.begin(at(20));
+        assert!(ownership.owns_cycle() && !ownership.owns(at(20)));
+        assert_eq!(ownership.changes_at(), Some(at(10)));
+        ownership.declare(false);
+        assert!(!ownership.owns_cycle());
     }
 
     #[test]
     fn who_takes_back_a_failed_switch_speaks_in_a_newer_epoch() {
-        let former = Duty::new(1, false, 0);
+        let former = Ownership::new(1, false, 0);
         former.read(Some(&entry(2, 0, 0)));
         assert!(!former.owns(at(5)));
         former.read(Some(&ControlEntry {
@@ -297,7 +297,7 @@ mod tests {
 
     #[test]
     fn a_late_output_names_the_stage_that_took_longest() {
-        let duty = Duty::new(1, false, 20_000);
+        let ownership = Ownership::new(1, false, 20_000);
         let mut header = SampleHeader {
             capture: at(0),
             ..SampleHeader::default()
@@ -312,10 +312,10 @@ mod tests {
                 end: at(end),
             };
         }
-        duty.count(&header, at(31), true);
-        duty.count(&SampleHeader::at(at(0)), at(90), false);
+        ownership.count(&header, at(31), true);
+        ownership.count(&SampleHeader::at(at(0)), at(90), false);
         let mut beat = Heartbeat::default();
-        duty.fill(at(40), &mut beat);
+        ownership.fill(at(40), &mut beat);
         assert_eq!(
             (beat.outputs, beat.late_outputs, beat.implausible_outputs),
             (2, 1, 1)

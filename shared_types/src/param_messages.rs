@@ -146,10 +146,10 @@ mod tests {
 
     #[test]
     fn only_live_rows_take_effect_and_only_once() {
-        let mut told = ParamSet::default();
-        told.set("OA_SPD_MAX", 5.0).unwrap();
-        told.set("OA_VEH_RADIUS", 0.5).unwrap();
-        let sample = ParameterValues::of(&told);
+        let mut reported = ParamSet::default();
+        reported.set("OA_SPD_MAX", 5.0).unwrap();
+        reported.set("OA_VEH_RADIUS", 0.5).unwrap();
+        let sample = ParameterValues::of(&reported);
         let mut set = ParamSet::default();
         assert!(sample.apply_live(&mut set));
         assert_eq!(
@@ -166,10 +166,10 @@ mod tests {
             default: 1.0,
             ..OA_SPD_MAX
         }];
-        let mut told = ParamSet::declaring(&OWN);
-        told.set("USR_A", 2.0).unwrap();
-        told.set("OA_SPD_MAX", 5.0).unwrap();
-        let sample = ParameterValues::of(&told);
+        let mut reported = ParamSet::declaring(&OWN);
+        reported.set("USR_A", 2.0).unwrap();
+        reported.set("OA_SPD_MAX", 5.0).unwrap();
+        let sample = ParameterValues::of(&reported);
         let mut same = ParamSet::declaring(&OWN);
         assert!(sample.apply_live(&mut same));
         assert_eq!((same.named("USR_A"), same.get(&OA_SPD_MAX)), (Some(2.0), 5.0));

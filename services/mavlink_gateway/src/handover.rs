@@ -12,7 +12,7 @@ const BYTES: usize = 8 + 16 + SEQUENCES_BYTES;
 
 /// The state that only the speaker has: everything else a listener has learned as well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Baton {
+pub struct HandoverState {
     /// When the last setpoint was sent.
     last_setpoint: Timestamp,
     /// Per component: its next sequence number on the first link.
@@ -21,7 +21,7 @@ pub struct Baton {
     stamps: Stamps,
 }
 
-impl Baton {
+impl HandoverState {
     /// Of the gateway that has spoken so far.
     pub fn of(gateway: &Gateway, encoder: &Encoder, stamps: Stamps) -> Self {
         Self {
@@ -34,8 +34,8 @@ impl Baton {
     /// Handed to the gateway that speaks from `now` on; the stamps are for its links.
     pub fn hand_to(self, now: Timestamp, gateway: &mut Gateway, encoder: &mut Encoder) -> Stamps {
         // The time of a damaged baton would keep the next one silent until then.
-        gateway.go_on_from(self.last_setpoint.min(now));
-        encoder.go_on_from(self.sequences);
+        gateway.resume_from(self.last_setpoint.min(now));
+        encoder.resume_from(self.sequences);
         self.stamps
     }
 
@@ -62,14 +62,14 @@ impl Baton {
 
 #[cfg(test)]
 mod tests {
-    use super::{BYTES, Baton};
+    use super::{BYTES, HandoverState};
     use proptest::prelude::*;
 
     proptest! {
         #[test]
         fn a_baton_survives_its_bytes_and_other_lengths_are_refused(bytes in proptest::collection::vec(any::<u8>(), 0..64)) {
-            match Baton::of_bytes(&bytes) {
-                Some(baton) => prop_assert_eq!(&baton.to_bytes()[..], &bytes[..]),
+            match HandoverState::of_bytes(&bytes) {
+                Some(handover) => prop_assert_eq!(&handover.to_bytes()[..], &bytes[..]),
                 None => prop_assert_ne!(bytes.len(), BYTES),
             }
         }
