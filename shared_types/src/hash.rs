@@ -1,4 +1,4 @@
-//! FNV-1a: a small hash that can be computed at compile time and that is the same in every build. It tells builds
+//! FNV-1a: a small hash that can be computed at compile time and that is the same in every build. It reports builds
 //! apart, it keeps nobody out. Source: Fowler, Noll, Vo, "The FNV hash".
 
 /// Where a hash begins.

@@ -99,9 +99,9 @@ pub struct FaultRecord {
     pub at_s: f64,
     /// In which mode of the autopilot.
     pub phase: String,
-    /// The process works (again): of a kill or a stop that its replacement was heard, of a swap that it was made.
+    /// The process works (again): of a kill or a stop that its replacement was received, of a swap that it was made.
     pub survived: bool,
-    /// Of a hang: from its begin until it was seen (ms), as far as looking fifty times a second can tell.
+    /// Of a hang: from its begin until it was seen (ms), as far as looking fifty times a second can report.
     pub detection_ms: Option<f64>,
     /// Until the first heartbeat of the replacement's loop (ms): of a kill from the signal on, of a hang from its detection.
     pub recovery_ms: Option<f64>,
@@ -152,7 +152,7 @@ struct Stream {
     gap_s: f64,
 }
 
-/// What was heard of the flight so far.
+/// What was known the flight so far.
 #[derive(Clone, Debug, Default)]
 pub struct FlightLog {
     course: Vec<CoursePoint>,

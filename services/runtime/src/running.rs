@@ -172,7 +172,7 @@ struct HeartbeatPublisher {
     output: Output<Heartbeat>,
     clock: Clock,
     due: Timestamp,
-    /// As it was told last.
+    /// As it was reported last.
     role: Role,
     /// Needed inputs that are late.
     late: u32,

@@ -1,4 +1,4 @@
-//! No ranges, no motion: half a second after the last one the pilot's sticks move nothing, and he is told; after five the autopilot is
+//! No ranges, no motion: half a second after the last one the pilot's sticks move nothing, and he is notified; after five the autopilot is
 //! asked for Hold. Of several sensors a dead one leaves directions that nobody covers, and nobody flies there.
 
 use jink_shared_types::events::{self, Event};

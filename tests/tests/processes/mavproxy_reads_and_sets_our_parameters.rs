@@ -1,4 +1,4 @@
-//! MAVProxy on the gateway's link for ground stations: it lists, reads and sets the parameters of component 196, hears all
+//! MAVProxy on the gateway's link for ground stations: it lists, reads and sets the parameters of component 196, receives all
 //! components, and its telemetry log and ours can be read by its makers' tools without a bad byte.
 
 use jink_tests::peers::{GATEWAY_ONLY, MAVPROXY, Network, Terminal, python_or_say};

@@ -167,7 +167,7 @@ impl Ouster {
         status & 1 == 1
     }
 
-    /// Frame id of a packet of the right kind, sound as far as can be told.
+    /// Frame id of a packet of the right kind, sound as far as can be reported.
     fn check(&self, bytes: &[u8]) -> Result<u32, Fault> {
         let header = self.metadata.header;
         if bytes.len() != self.packet_bytes {

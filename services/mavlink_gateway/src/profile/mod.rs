@@ -1,4 +1,4 @@
-//! How setpoints are spoken: one trait, chosen by configuration, never mixed within one flight.
+//! How setpoints are sent: one trait, chosen by configuration, never mixed within one flight.
 
 pub mod curve;
 pub mod lead;
@@ -69,7 +69,7 @@ pub trait Profile: fmt::Debug + Send {
     }
 
     /// The setpoint for now; `None` only while no position was ever known, for a moment after the start in which the
-    /// guard may yet be heard, and before the vehicle is in the air if it [waits for that](Profile::waits_for_air).
+    /// guard may yet be received, and before the vehicle is in the air if it [waits for that](Profile::waits_for_air).
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint>;
 
     /// Whether nothing is sent before the vehicle is in the air: the first setpoint would break its take-off off.
@@ -82,7 +82,7 @@ pub trait Profile: fmt::Debug + Send {
         Nearness::Apart
     }
 
-    /// What an autopilot must hear once before the first setpoint.
+    /// What an autopilot must receive once before the first setpoint.
     fn announcement(&self) -> Option<MavMessage> {
         None
     }
@@ -91,7 +91,7 @@ pub trait Profile: fmt::Debug + Send {
     fn reset(&mut self);
 }
 
-/// The profile of that name; where it speaks in curves, these last `horizon_s`, or down to `shortest_s`.
+/// The profile of that name; where it sends in curves, these last `horizon_s`, or down to `shortest_s`.
 pub fn build(
     profile: ProfileName,
     representation: Representation,

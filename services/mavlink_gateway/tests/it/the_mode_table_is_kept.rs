@@ -260,7 +260,7 @@ fn where_nobody_listens_the_stream_stays_at_the_vehicle() {
             let all = answered(representation, mode, None, 2.0, |bench| {
                 bench.approve(Verdict::Passed, plan);
             });
-            // Until the first heartbeat is heard the mode is not known; it is heard with the first position.
+            // Until the first heartbeat is received the mode is not known; it is seen with the first position.
             assert!(
                 all.iter().all(|one| (one.position - HERE).norm() <= 0.5),
                 "{mode:#x}"

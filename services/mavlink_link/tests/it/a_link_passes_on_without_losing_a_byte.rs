@@ -121,7 +121,7 @@ impl AutopilotEnd {
 struct LinkProcess {
     link: Link,
     messages: Vec<Received>,
-    /// Heard while holding the link, and in all.
+    /// Received while holding the link, and in all.
     handled: Vec<u32>,
     received: Vec<u32>,
 }
@@ -192,7 +192,7 @@ proptest! {
         link.share(&handover_socket).unwrap();
         let standby = Link::join("udpin:1".parse().unwrap(), &handover_socket).unwrap();
         let mut processes = [LinkProcess::new(link), LinkProcess::new(standby)];
-        // The autopilot is known before anything else happens: it has spoken.
+        // The autopilot is known before anything else happens: it has sent.
         autopilot.write(&frame(1, 0));
         let started = Instant::now();
         while processes[0].received.is_empty() {

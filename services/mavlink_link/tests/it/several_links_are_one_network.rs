@@ -136,7 +136,7 @@ impl NetworkBench {
         }
     }
 
-    /// Everybody has spoken once: the autopilot 1/1, a station 255/190, a camera 1/100.
+    /// Everybody has sent once: the autopilot 1/1, a station 255/190, a camera 1/100.
     fn introduced(change: impl FnOnce(&mut Vec<LinkSetup>)) -> Self {
         let mut bench = Self::new(change);
         // The extra links open at the first reception.

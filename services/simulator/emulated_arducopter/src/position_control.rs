@@ -161,7 +161,7 @@ impl PositionControl {
         &self.desired
     }
 
-    /// Puts the reference's horizontal part where it is told.
+    /// Puts the reference's horizontal part where it is reported.
     pub fn set_horizontal(
         &mut self,
         position: Vector2<f64>,

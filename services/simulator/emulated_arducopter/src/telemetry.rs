@@ -245,7 +245,7 @@ impl ArduCopter {
         })
     }
 
-    /// What GUIDED follows, told by submode; nothing in other modes.
+    /// What GUIDED follows, reported by submode; nothing in other modes.
     fn position_target(&self) -> Option<MavMessage> {
         if self.mode != Mode::Guided {
             return None;

@@ -23,7 +23,7 @@ const LOOK: Timespec = Timespec {
 /// One link: the end at the autopilot and the end at the companion or station.
 pub struct RelayLink {
     autopilot: UdpSocket,
-    /// Where the autopilot speaks from, once it has spoken.
+    /// Where the autopilot sends from, once it has sent.
     autopilot_at: Option<SocketAddr>,
     other: UdpSocket,
     other_at: SocketAddr,

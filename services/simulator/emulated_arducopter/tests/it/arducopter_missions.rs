@@ -1,4 +1,4 @@
-//! What the mission is to ArduCopter: which item is current, what others hear of it, and items that are no plain waypoints.
+//! What the mission is to ArduCopter: which item is current, what others receive of it, and items that are no plain waypoints.
 
 #![allow(deprecated)]
 
@@ -16,7 +16,7 @@ fn first(param: f32) -> [f32; 7] {
     [param, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 }
 
-/// MISSION_CURRENT as the companion hears it: item, items, state.
+/// MISSION_CURRENT as the companion receives it: item, items, state.
 fn current(flight: &mut CopterFlight) -> (u16, u16, MissionState) {
     flight.ask(MavCmd::MAV_CMD_REQUEST_MESSAGE, first(42.0));
     let reported = flight.received.iter().find_map(|packet| match &packet.message {
@@ -216,7 +216,7 @@ fn splines_and_turns_are_items_that_lead_somewhere() {
     }
 }
 
-/// A click on the map: others on the link see nothing of it but the target that is told.
+/// A click on the map: others on the link see nothing of it but the target that is reported.
 #[test]
 fn a_place_to_go_to_is_taken_in_guided_and_shows_in_the_reported_target_only() {
     let mut flight = in_guided();

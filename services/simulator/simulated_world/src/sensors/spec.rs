@@ -169,7 +169,7 @@ pub struct SensorSpec {
     /// As [`Self::device`].
     #[serde(skip_serializing)]
     pub blind_deg: Option<IgnoredAny>,
-    /// As [`Self::device`]: for what the gateway hears.
+    /// As [`Self::device`]: for what the gateway receives.
     #[serde(skip_serializing)]
     pub id: Option<IgnoredAny>,
     /// As [`Self::id`].

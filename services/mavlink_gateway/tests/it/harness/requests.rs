@@ -23,7 +23,7 @@ const ACK: u8 = 128;
 const NAK: u8 = 129;
 const BURST: u8 = 15;
 
-struct Desk {
+struct Requests {
     gateway: Gateway,
     outputs: Outputs,
     ground: Ground,
@@ -34,10 +34,10 @@ struct Desk {
     parameters: Option<ParameterValues>,
 }
 
-/// Runs the laws of the desk.
+/// Runs the laws of the requests.
 pub fn laws(data: &[u8]) {
     let mut dice = Dice::new(data);
-    let mut desk = Desk::begin(dice.once_in(2));
+    let mut requests = Requests::begin(dice.once_in(2));
     while !dice.is_empty() {
         let client = dice.pick(&CLIENTS);
         let target = (
@@ -45,21 +45,21 @@ pub fn laws(data: &[u8]) {
             dice.pick(&[COMPONENT_AVOIDANCE, COMPONENT_AVOIDANCE, 0, 191]),
         );
         match dice.below(4) {
-            0 => desk.asks_for_parameters(client, messages::parameter(&mut dice, target)),
-            1 | 2 => desk.asks_for_files(client, target, messages::files(&mut dice, target)),
+            0 => requests.asks_for_parameters(client, messages::parameter(&mut dice, target)),
+            1 | 2 => requests.asks_for_files(client, target, messages::files(&mut dice, target)),
             _ => {
-                desk.server_lives = !dice.once_in(4);
-                desk.wait(f64::from(dice.byte()) * 0.02);
+                requests.server_lives = !dice.once_in(4);
+                requests.wait(f64::from(dice.byte()) * 0.02);
             }
         }
     }
-    desk.comes_to_rest();
+    requests.comes_to_rest();
 }
 
-impl Desk {
-    /// An autopilot has been heard, of one make or the other.
+impl Requests {
+    /// An autopilot has been seen, of one make or the other.
     fn begin(copter: bool) -> Self {
-        let mut desk = Self {
+        let mut requests = Self {
             gateway: Gateway::new(GatewayConfig::default()),
             outputs: Outputs::default(),
             ground: Ground::new(),
@@ -78,8 +78,8 @@ impl Desk {
             autopilot,
             ..HEARTBEAT_DATA::default()
         });
-        desk.receive((1, COMPONENT_AUTOPILOT), heartbeat);
-        desk
+        requests.receive((1, COMPONENT_AUTOPILOT), heartbeat);
+        requests
     }
 
     fn receive(&mut self, (system, component_id): (u8, u8), message: MavMessage) {

@@ -4,4 +4,4 @@
 #[path = "../../tests/it/harness/mod.rs"]
 mod harness;
 
-libfuzzer_sys::fuzz_target!(|data: &[u8]| harness::desk::laws(data));
+libfuzzer_sys::fuzz_target!(|data: &[u8]| harness::requests::laws(data));
