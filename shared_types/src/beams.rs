@@ -1,4 +1,4 @@
-//! What rangefinders and companions report an autopilot, as scans: the fields of MAVLink's DISTANCE_SENSOR and OBSTACLE_DISTANCE, and what
+//! What rangefinders and companions report to an autopilot, as scans: the fields of MAVLink's DISTANCE_SENSOR and OBSTACLE_DISTANCE, and what
 //! is made of them.
 //!
 //! | reported | taken as |

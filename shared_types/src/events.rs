@@ -1,4 +1,4 @@
-//! The event table: what pilots and logs are reported, once per change of state.
+//! The event table: what is reported to pilots and logs, once per change of state.
 
 use crate::coded::Coded;
 use crate::health::Name;
@@ -78,7 +78,7 @@ events! {
     GUARD_RELEASED = 13, Notice, "jink: guard released", "None.";
     /// The estimator's position jumped.
     ESTIMATOR_RESET = 14, Warning, "jink: position reset, map dropped", "Watch the estimator.";
-    /// The autopilot is not seen.
+    /// The autopilot is not seen any more.
     AUTOPILOT_LOST = 15, Critical, "jink: autopilot not heard", "Check the link.";
     /// The autopilot is seen.
     AUTOPILOT_FOUND = 16, Info, "jink: autopilot heard, system {0}", "None.";
@@ -196,7 +196,7 @@ events! {
     SAMPLE_REFUSED = 86, Warning, "jink: {0} samples of {name} refused", "Look at its log; swap or restart it.";
     /// With what the sensors see no motion can be certified; the name says what is missing.
     SENSORS_UNFIT = 87, Warning, "jink: cannot plan: nobody sees {name}", "jink check sensors says what would help.";
-    /// The vehicle is armed, and what it may fly through stands in part on a declaration of the user; the name reports on which.
+    /// The vehicle is armed, and what it may fly through stands in part on a declaration of the user; the name says on which.
     DECLARED = 88, Notice, "jink: declared: {name}", "Make sure that it holds where the vehicle flies.";
     /// A depth camera is unplugged, sends nothing, or sends the same image again and again.
     DEPTH_CAMERA_LOST = 90, Warning, "jink: depth camera {name} lost", "Land soon; look at its plug and its power.";

@@ -116,7 +116,7 @@ crate::sample! {
         pub setpoints: u64,
         /// Largest time between two setpoints (us).
         pub setpoint_gap_max_us: u32,
-        /// The autopilot's system id; 0 = not received.
+        /// The autopilot's system id; 0 = not seen.
         pub system_id: u8,
         /// The autopilot's clock is mapped.
         pub timesync_converged: Flag,

@@ -42,7 +42,7 @@ unsafe impl<const N: usize> Layout for Reserved<N> {
     const SHAPE: Shape = Shape::Reserved(N);
 }
 
-/// A field in bytes that were [`Reserved`] once. A value whose bytes are all zero cannot be told from an absent one:
+/// A field in bytes that were [`Reserved`] once. A value whose bytes are all zero cannot be distinguished from an absent one:
 /// choose a representation in which zero says the same as "not given".
 #[repr(transparent)]
 #[derive(Clone, Copy, PartialEq, Eq)]

@@ -304,7 +304,7 @@ pub struct LockStep {
     pub silent_sensors: BTreeSet<usize>,
     /// The ground station says nothing: somebody else commands.
     pub silent_station: bool,
-    /// The companion receives of no sticks.
+    /// The companion receives no sticks.
     pub mute_sticks: bool,
     /// How long scans are under way from their sensor, and what their stamps say.
     pub scan_delay: ScanDelay,

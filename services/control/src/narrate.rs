@@ -28,7 +28,7 @@ impl Narrator {
         for (reported, process) in self.reported.iter_mut().zip(processes) {
             report_process(reported, process, &mut lines);
         }
-        // Who is to blame may change many times a second; that the health has changed is the changes.
+        // Who is to blame may change many times a second; only a change of the health is reported.
         let health = (status.health.get(), is_standing_by(status));
         if self.health != Some(health) {
             self.health = Some(health);

@@ -148,7 +148,7 @@ pub struct GroundServices {
 }
 
 impl GroundServices {
-    /// With these parameters in force, and a number that tells this board from others (0 = unknown).
+    /// With these parameters in force, and a number that distinguishes this board from others (0 = unknown).
     pub fn new(params: &ParamSet, board_id: u64) -> Self {
         Self {
             parameters: Parameters::new(params),
@@ -179,7 +179,7 @@ impl GroundServices {
             reply(Reply { error: None, value }, outputs);
         }
         for event in inputs.events {
-            // Of a goal that is out of reach the planner reports the gateway, which knows whether it is still flown to.
+            // The planner reports a goal out of reach to the gateway, which knows whether it is still flown to.
             if event.id != GOAL_BLOCKED.id || event.process == Name::new(GATEWAY) {
                 self.texts.push(now, event);
             }

@@ -135,7 +135,7 @@ impl Heartbeats {
         self.debounce_until.map_or(due, |until| due.max(until))
     }
 
-    /// Somebody wants to receive the avoidance heartbeat, or that of the computer, now.
+    /// Somebody asks for the avoidance heartbeat, or that of the computer, now.
     pub fn ask(&mut self, now: Timestamp, of_computer: bool) {
         if of_computer {
             self.computer.schedule_early(now);

@@ -3,8 +3,8 @@
 //!
 //! | the planner says | done, by OA_BLOCKED |
 //! |---|---|
-//! | the item that is flown to has been out of reach for OA_BLOCKED_T | 0: reported; 1: the next item is made current, or the mission stopped at the last one; 2: the mission is stopped (hold) |
-//! | the same of a goal that is no item | reported |
+//! | the item that is flown to has been out of reach for OA_BLOCKED_T | 0: the pilot is notified; 1: the next item is made current, or the mission stopped at the last one; 2: the mission is stopped (hold) |
+//! | the same of a goal that is no item | the pilot is notified |
 //!
 //! The planner alone knows whether the way becomes shorter; the vehicle rests meanwhile.
 
@@ -35,7 +35,7 @@ impl Remedy {
         }
     }
 
-    /// How the pilot is notified.
+    /// The word for it in the text to the pilot.
     pub fn word(self) -> &'static str {
         match self {
             Remedy::Wait => "waiting",
@@ -49,9 +49,9 @@ impl Remedy {
 #[derive(Clone, Copy, Debug)]
 pub struct Blockage {
     remedy: Remedy,
-    /// The item that was notified of last.
+    /// The item that was reported last.
     reported: Option<u16>,
-    /// The goal that is no item and was notified of last.
+    /// The goal that is no item and was reported last.
     reported_goal: Option<Point<LocalNed>>,
 }
 
@@ -65,7 +65,7 @@ impl Blockage {
         }
     }
 
-    /// What to do about `item`, which is out of reach, or still is. Waiting is notified once per item; a remedy that has not helped
+    /// What to do about `item`, which is out of reach, or still is. Waiting is reported once per item; a remedy that has not helped
     /// is due again.
     pub fn remedy(&mut self, item: u16) -> Option<Remedy> {
         let before = self.reported.replace(item);

@@ -1,4 +1,4 @@
-//! What the gateway is notified at its start.
+//! What the gateway is given at its start.
 
 use crate::blockage::Remedy;
 use crate::profile::{self, Profile};

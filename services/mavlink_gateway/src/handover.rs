@@ -1,4 +1,4 @@
-//! What one gateway reports the next when it passes the link on: where its numbering and its beat are.
+//! What one gateway sends to the next when it passes the link on: where its numbering and its beat are.
 
 use crate::gateway::Gateway;
 use jink_mavlink_link::encoder::{

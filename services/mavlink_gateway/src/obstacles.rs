@@ -17,8 +17,8 @@
 //! The message is sent in any case: to PX4 every bin that is reported "unknown" blocks motion at once, while silence does so only
 //! after half a second. (To ArduPilot "unknown" is free; it stops at neither.)
 //!
-//! ArduPilot keeps the nearest obstacle of each eighth of the circle, and takes for the eighth ahead whatever is notified of it last.
-//! To it the sectors are told from the border of that eighth on (`angle_offset`), so that each eighth is reported in one piece. It reads
+//! ArduPilot keeps the nearest obstacle of each eighth of the circle, and takes for the eighth ahead whatever is reported of it last.
+//! To it the sectors are reported from the border of that eighth on (`angle_offset`), so that each eighth is reported in one piece. It reads
 //! OBSTACLE_DISTANCE as fixed to the body whatever its `frame` says; so it is, here.
 
 use jink_mavlink_link::autopilot_type::AutopilotType;

@@ -193,7 +193,7 @@ impl RangeSources {
         self.sources.iter().map(|source| source.name.as_str())
     }
 
-    /// How often the autopilot is to report of its rangefinders (Hz), if one of them is ours.
+    /// How often the autopilot is to report its rangefinders (Hz), if one of them is ours.
     pub fn rate_hz(&self) -> Option<f64> {
         let is_beam = |source: &Source| matches!(source.from, From::Rangefinder(_));
         self.sources.iter().any(is_beam).then_some(RATE_HZ)
@@ -207,7 +207,7 @@ impl RangeSources {
     /// Takes a reading of one of the autopilot's rangefinders; `None` if it is not configured.
     ///
     /// # Errors
-    /// [`BeamRefused`] if nobody can report where it looks, or how far.
+    /// [`BeamRefused`] if it is not known where it looks, or how far.
     pub fn take_beam(
         &self,
         message: &DISTANCE_SENSOR_DATA,

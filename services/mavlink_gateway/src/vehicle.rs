@@ -216,7 +216,7 @@ impl VehicleTracker {
             .is_some_and(|fix| now.seconds_since(fix.time) <= POSITION_VALID_S)
     }
 
-    /// Whose firmware it is; `None` not received yet, or not known here.
+    /// Whose firmware it is; `None` not seen yet, or not known here.
     pub fn make(&self) -> Option<AutopilotType> {
         self.make
     }
@@ -258,7 +258,7 @@ impl VehicleTracker {
             .contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
     }
 
-    /// Takes a mode as it is numbered by the make that was received.
+    /// Takes a mode as it is numbered by the make that was seen.
     pub fn take_mode(&mut self, custom_mode: u32) {
         self.custom_mode = custom_mode;
         // Another make's numbers mean something else.

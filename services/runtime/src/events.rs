@@ -35,7 +35,7 @@ impl EventSender {
         }
     }
 
-    /// Reports everybody that `event` happened at `now`, about `name`, with `numbers`.
+    /// Publishes that `event` happened at `now`, about `name`, with `numbers`.
     pub fn raise(&mut self, now: Timestamp, event: &Event, name: &str, numbers: [f64; 2]) {
         self.publish(now, &EventSample::new(event, name, numbers));
     }

@@ -181,14 +181,14 @@ impl<T: Layout> Input<T> {
         }
     }
 
-    /// Reports `ownership` of every sample taken.
+    /// Reports every sample taken to `ownership`.
     pub(crate) fn with_ownership(mut self, ownership: &Rc<Ownership>) -> Self {
         self.ownership = Some(Rc::clone(ownership));
         self
     }
 
     /// Hands out the samples of every producer, not only those of the newest one: for topics on which an instance and
-    /// its shadow both send.
+    /// its shadow both publish.
     pub fn of_all_producers(mut self) -> Self {
         self.of_all = true;
         self
@@ -211,7 +211,7 @@ impl<T: Layout> Input<T> {
         &self.name
     }
 
-    /// Samples that were overwritten before they could be read; not counted where several producers send at once.
+    /// Samples that were overwritten before they could be read; not counted where several producers publish at once.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -250,7 +250,7 @@ impl<T: Layout> Input<T> {
 
     /// Moves to the next unread sample that can be used. Samples of a producer that has been replaced may arrive after those of
     /// its successor: what does not advance the sequence is dropped, as long as the newest sample is fresh. After that whoever
-    /// sends counts, so that a sequence number from nowhere silences nobody for longer.
+    /// publishes counts, so that a sequence number from nowhere silences nobody for longer.
     fn receive(&mut self) -> Option<()> {
         loop {
             let sample = self.subscriber.receive()?;

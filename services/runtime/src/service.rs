@@ -46,7 +46,7 @@ impl Wake {
     }
 
     /// At `time`. For what is put out at a fixed rate: [`Timestamp::next_beat`], so that a second instance of the service keeps
-    /// the same time and its takeover is not received.
+    /// the same time and its takeover is not noticed.
     pub fn at(time: Timestamp) -> Self {
         Self {
             at: time,

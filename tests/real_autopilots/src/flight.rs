@@ -74,7 +74,7 @@ pub struct Means {
     pub config: PathBuf,
     /// Folder for the flight's files.
     pub folder: PathBuf,
-    /// Tells flights side by side apart.
+    /// Distinguishes flights side by side.
     pub instance: u16,
     /// Keep what the processes wrote.
     pub keeps_logs: bool,

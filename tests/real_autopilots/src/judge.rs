@@ -40,7 +40,7 @@ pub enum Expectation {
     Arrives,
     /// Lands at the aim.
     Lands,
-    /// Reports one of the texts within so many seconds of the mark, and rests in the air.
+    /// Sends one of the texts within so many seconds of the mark, and rests in the air.
     Holds(&'static [&'static str], f64),
     /// Rests where it is, with or without a word.
     Rests,
@@ -48,7 +48,7 @@ pub enum Expectation {
     ArrivesOrHolds(&'static [&'static str], f64),
     /// Either [`Expectation::Goal`] or [`Expectation::Holds`].
     GoalOrHolds(&'static [&'static str], f64),
-    /// Never leaves the ground, and one of the texts is reported.
+    /// Never leaves the ground, and one of the texts is sent.
     StaysDown(&'static [&'static str], f64),
     /// Nothing but what the script itself has asked for: the script's end is the flight's.
     AsTheScriptSays,
@@ -80,7 +80,7 @@ pub struct Aim {
     pub through: Vec<Place>,
     /// Places that must not be come to after the mark.
     pub never: Vec<Place>,
-    /// Words that must not be reported.
+    /// Words that must not be sent.
     pub unsaid: Vec<&'static str>,
     /// When the event came that the expectation is about (s).
     pub marked_s: f64,
@@ -352,7 +352,7 @@ pub fn verdict(
     verdict
 }
 
-/// A place that it should not have come to, a text that should not have been reported.
+/// A place that it should not have come to, a text that should not have been sent.
 fn broken_rule(record: &Record, aim: &Aim) -> Option<String> {
     let flown = since(record, aim.marked_s);
     let came = aim

@@ -117,7 +117,7 @@ const EMPTY: World = ("empty", 1);
 const HELD: &[&str] = &["unguarded", "held", "holding"];
 /// What is reported when there is nothing to fly to.
 const WAITS: &[&str] = &["waits for mission or go-to"];
-/// What is notified about a place out of reach.
+/// What is reported about a place out of reach.
 const BLOCKED: &[&str] = &["blocked", "no path", "impossible", "out of reach"];
 /// So that a flight need not wait half a minute.
 const SOON: &[&str] = &["params.OA_BLOCKED_T=8"];

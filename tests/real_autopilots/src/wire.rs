@@ -22,7 +22,7 @@ use std::time::Duration;
 /// How long a reader waits before it looks whether the flight is over.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// A UDP port on loopback and who talks to it.
+/// A UDP port on loopback and who sends to it.
 #[derive(Debug)]
 pub struct Wire {
     socket: UdpSocket,
@@ -39,7 +39,7 @@ impl Wire {
         Self::bound(port, None)
     }
 
-    /// At `port`, speaking to `to`.
+    /// At `port`, sending to `to`.
     ///
     /// # Errors
     /// If the port is taken.
@@ -58,7 +58,7 @@ impl Wire {
         })
     }
 
-    /// The next datagram; `None` if none came in a while. Whoever sent it is addressed from now on.
+    /// The next datagram; `None` if none came in a while. Whoever sent it is answered from now on.
     pub fn receive(&self, buffer: &mut [u8]) -> Option<usize> {
         let (length, from) = self.socket.recv_from(buffer).ok()?;
         *self.peer.lock().unwrap_or_else(PoisonError::into_inner) = Some(from);

@@ -34,7 +34,7 @@ fn speed_mps(flight: &LockStep) -> f64 {
     flight.truth().velocity.vector().norm()
 }
 
-/// What the pilot was notified last of assisted flight.
+/// What was reported to the pilot last about assisted flight.
 fn reported(flight: &LockStep) -> String {
     let ours = [
         &events::ASSIST_ON,

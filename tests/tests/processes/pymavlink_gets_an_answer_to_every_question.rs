@@ -40,7 +40,7 @@ fn acquainted(role: &str) -> Option<(Network, Station)> {
     Some((network, station))
 }
 
-/// What was reported to a link of 32-bit floats.
+/// What was sent to a link of 32-bit floats.
 fn as_f32(value: &Value) -> Value {
     json!(f64::from(value.as_f64().unwrap() as f32))
 }
@@ -138,7 +138,7 @@ fn parameters_are_listed_read_and_set_as_the_board_knows_them() {
         assert!((on_board - in_force).abs() < 1e-6, "{}: {on_board}", case.name);
     }
 
-    // A change made on the board is notified to ground stations without being asked for.
+    // A change made on the board is sent to ground stations without being asked for.
     let waits = json!({"do": "wait", "line": "ground", "kind": "PARAM_VALUE", "count": 1});
     let set = std::thread::scope(|scope| {
         let set = scope.spawn(|| network.jink(&["param", "set", "OA_SPD_MAX", "2.25"]));

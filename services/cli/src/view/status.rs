@@ -107,7 +107,7 @@ pub struct Service {
     pub state: String,
     /// The system cannot fly without it.
     pub essential: bool,
-    /// Which start of it this is; 0 = never received.
+    /// Which start of it this is; 0 = never seen.
     pub generation: u32,
     /// Time since this start (s); `None` if it does not run.
     pub uptime_s: Option<f64>,
@@ -431,7 +431,7 @@ impl Link {
         }
     }
 
-    /// For people: who is received, the clock, the setpoints, and the way from capture to wire.
+    /// For people: which autopilot is seen, the clock, the setpoints, and the way from capture to wire.
     pub fn line(&self) -> String {
         if !self.autopilot_alive {
             return format!(

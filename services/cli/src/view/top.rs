@@ -1,4 +1,4 @@
-//! The live screen: services, hops, rates, changes.
+//! The live screen: services, hops, rates, events.
 
 use crate::view::beat::Beat;
 use crate::view::status::Report;
@@ -87,7 +87,7 @@ impl Areas {
 }
 
 impl Screen {
-    /// Adds a event; the oldest goes.
+    /// Adds an event; the oldest goes.
     pub fn report(&mut self, line: String) {
         if self.update.len() == UPDATE {
             self.update.remove(0);
@@ -335,7 +335,7 @@ mod tests {
         assert!(!text.contains("news 11\n"), "{text}");
     }
 
-    /// Eight services with long names and process ids, thirty topics, changes.
+    /// Eight services with long names and process ids, thirty topics, events.
     fn crowded() -> Screen {
         let mut status = SystemStatus {
             len: 8,

@@ -268,7 +268,7 @@ impl Open {
                 }
                 self.record.survived = works;
                 let recovery_ms = |now: ProcessStatus| match (now.recovery_us, self.record.fault) {
-                    // Nobody measures it: as far as looking fifty times a second can report.
+                    // Nobody measures it: as far as looking fifty times a second can show.
                     (0, _) => round((time_s - self.begin_s) * 1e3),
                     (_, Fault::Kill) => round(now.back.seconds_since(self.begin) * 1e3),
                     (us, _) => f64::from(us) * 1e-3,

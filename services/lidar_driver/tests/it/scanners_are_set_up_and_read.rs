@@ -1,4 +1,4 @@
-//! Scanners as their manuals describe them: every range comes back in its beam, RPLIDARs are reported to scan, and what is
+//! Scanners as their manuals describe them: every range comes back in its beam, RPLIDARs are commanded to scan, and what is
 //! damaged is dropped.
 
 use crate::encoder::{ldrobot, rplidar_capsule, rplidar_dense, rplidar_descriptor, rplidar_sample, spec};

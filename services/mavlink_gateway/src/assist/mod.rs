@@ -6,7 +6,7 @@
 //! | seen | asked of the autopilot | sent meanwhile |
 //! |---|---|---|
 //! | chosen, and nothing prevents it | the mode that follows setpoints, `STREAM_S` after the stream has begun | what the guard allows of the sticks, as later on |
-//! | chosen, and something does | nothing; the pilot is notified what | nothing |
+//! | chosen, and something does | nothing; the reason is sent to the pilot | nothing |
 //! | the autopilot does not change for `ENGAGE_S`, or refuses | nothing more; the pilot is notified | nothing |
 //! | switched off | the pilot's mode: the one in which he chose it | what the guard allows of the sticks |
 //! | the mode changes, by whomever | nothing: he has it | nothing |
@@ -98,7 +98,7 @@ pub struct AssistScene {
     pub fits: bool,
     /// CP_DIST is above zero.
     pub keeps_distance: bool,
-    /// What of the autopilot's parameters prevents it.
+    /// Which of the autopilot's parameters prevents it.
     pub hindrance: Option<&'static str>,
     /// Time since the sticks were received (s); `None`: never.
     pub sticks_age_s: Option<f64>,
@@ -141,7 +141,7 @@ impl AssistScene {
 pub struct AssistIntent {
     /// The mode to be asked for now.
     pub request: Option<ModeRequest>,
-    /// What the pilot is to be reported now.
+    /// What is to be sent to the pilot now.
     pub text: Option<PilotText>,
 }
 
@@ -160,7 +160,7 @@ pub struct Assist {
     ended: Timestamp,
     /// Without ranges since then.
     blind_since: Option<Timestamp>,
-    /// Resumed then: sticks and guard have not been received since.
+    /// Resumed then: nothing of sticks and guard has been received since.
     resumed: Timestamp,
     holds: Option<&'static str>,
     /// What spoke against it at the last step.

@@ -11,7 +11,7 @@ use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, RC_CHANNELS_DATA};
 use nalgebra::{Rotation2, Vector2};
 
-/// Sticks that are known less recently than this (s) are lost: the autopilot's own limit for a lost remote control.
+/// Sticks that were received longer ago than this (s) are lost: the autopilot's own limit for a lost remote control.
 pub const STICKS_KEPT_S: f64 = 0.5;
 /// A stick this near to its centre is there (share of its way): PX4's MAN_DEADZONE.
 const DEAD_ZONE: f64 = 0.1;

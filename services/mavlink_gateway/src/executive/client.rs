@@ -1,11 +1,11 @@
 //! The autopilot's mission, read over MAVLink's mission protocol: for the profiles in which jink flies it itself.
 //!
-//! | reported | done |
+//! | in | done |
 //! |---|---|
 //! | [`MissionClient::begin`], [`MissionClient::refresh`] | MISSION_REQUEST_LIST, then MISSION_REQUEST_INT for each item, MISSION_ACK at the end |
 //! | an answer that does not come | the request is repeated, five times, then the whole is tried again later |
 //! | MISSION_CURRENT reports another length or identity than before; MISSION_ACK for somebody else; "Flight plan received" | the mission is read anew |
-//! | nothing, in flight, from an autopilot that gives missions no identity ([`MissionClient::watch`]) | the mission is read anew again and again: ArduPilot reports only the uploader of a new one |
+//! | nothing, in flight, from an autopilot that gives missions no identity ([`MissionClient::watch`]) | the mission is read anew again and again: ArduPilot notifies only the uploader of a new one |
 //!
 //! Source: MAVLink developer guide, "Mission Protocol", with its time-outs.
 

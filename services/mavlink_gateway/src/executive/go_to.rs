@@ -23,7 +23,7 @@ use nalgebra::Vector3;
 const SAME_M: f64 = 0.3;
 /// The same target after this long (s) was asked for once more.
 const AGAIN_S: f64 = 2.0;
-/// A vehicle that is reported to hold comes back to a place that is not farther than this from it (m) ...
+/// A vehicle that is commanded to hold comes back to a place that is not farther than this from it (m) ...
 const HOLDS_WITHIN_M: f64 = 4.0;
 /// ... and, while it moves, than the way of a stop with this deceleration (m/s2).
 const STOP_MPS2: f64 = 1.0;

@@ -376,7 +376,7 @@ impl Gateway {
         }
     }
 
-    /// The answer to a demand; a refusal is notified once.
+    /// The answer to a demand; a refusal is reported once.
     pub(super) fn take_mode_answer(&mut self, ack: &COMMAND_ACK_DATA, outputs: &mut Outputs) {
         let Some(flight) = &mut self.mission else { return };
         if ack.command != MavCmd::MAV_CMD_DO_SET_MODE {

@@ -96,7 +96,7 @@ pub struct Gateway {
     /// When that was asked for last, and how often.
     footing_asked: (Timestamp, u32),
     was_alive: bool,
-    /// The autopilot has received what comes before the first setpoint.
+    /// The autopilot was sent what comes before the first setpoint.
     was_announced: bool,
     ignored: u64,
     last_setpoint: Timestamp,
@@ -307,14 +307,14 @@ impl Gateway {
         self.last_setpoint
     }
 
-    /// Speaks from now on, after another gateway whose last setpoint was sent then.
+    /// Sends from now on, after another gateway whose last setpoint was sent then.
     pub(crate) fn resume_from(&mut self, last_setpoint: Timestamp) {
         self.last_setpoint = last_setpoint;
         self.setpoints.resume_from(last_setpoint);
         self.wire.resume_from(last_setpoint);
     }
 
-    /// Speaks from now on, after another gateway that has died: the next setpoint goes out at once.
+    /// Sends from now on, after another gateway that has died: the next setpoint goes out at once.
     pub fn resume_now(&mut self, now: Timestamp) {
         self.setpoints.schedule_early(now);
     }

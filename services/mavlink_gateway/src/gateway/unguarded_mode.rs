@@ -2,7 +2,7 @@
 //!
 //! | chosen in flight | jink |
 //! |---|---|
-//! | a circle, follow me, once | asks for Hold, and reports the pilot |
+//! | a circle, follow me, once | asks for Hold, and notifies the pilot |
 //! | again within ten seconds, or with OA_UNGUARDED | lets it fly, and reports that |
 //! | return: the pilot's way out, or the autopilot's own | lets it fly, and reports that |
 //! | with `link.takes_missions` switched off; follow me and return of a PX4 that asks its companion for the way | nothing |

@@ -270,7 +270,7 @@ fn a_switch_that_is_set_on_the_ground_makes_it_ready_and_one_that_is_cleared_end
     );
     let seen = play(&mut bench, PX4_2021, 4.0);
     assert_eq!(seen.states.last(), Some(&MavState::MAV_STATE_ACTIVE));
-    // PX4 reports everybody of a parameter that somebody has set.
+    // PX4 notifies everybody of a parameter that somebody has set.
     bench.receive(answer(off, "COM_OBS_AVOID").unwrap());
     let seen = play(&mut bench, off, 2.0);
     assert_eq!(seen.states.last(), Some(&MavState::MAV_STATE_CRITICAL));

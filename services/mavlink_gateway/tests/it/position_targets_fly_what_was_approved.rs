@@ -184,7 +184,7 @@ fn a_mode_that_is_entered_in_motion_without_a_plan_begins_with_a_smooth_stop() {
             0.0
         };
         bench.fly(3.0 + waits_s, |bench, t| {
-            // The vehicle does as it is reported, from the moment on in which the mode is reported.
+            // The vehicle follows its commands from the moment in which the mode is reported.
             let custom_mode = if t < 1.0 {
                 if profile == ProfileName::Px4Offboard {
                     MODE_POSITION

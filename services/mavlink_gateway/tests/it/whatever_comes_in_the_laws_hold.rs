@@ -1,6 +1,6 @@
 //! The laws of [`harness`] under bytes of a seeded generator: the same stories at every run, some seconds of them.
 //!
-//! `JINK_FUZZ_SECONDS` reports further stories for so many seconds per book of laws. Targets that look for new stories by themselves
+//! `JINK_FUZZ_SECONDS` runs further stories for so many seconds per book of laws. Targets that look for new stories by themselves
 //! are in `fuzz/`.
 
 use crate::harness;
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// Bytes of the longest story.
 const LONGEST: usize = 6000;
 
-/// Reports stories by lot.
+/// Generates stories: random sequences of bytes.
 struct Generator(Xoshiro256PlusPlus);
 
 impl Generator {
@@ -24,7 +24,7 @@ impl Generator {
         story
     }
 
-    /// A story like `before`, with some bytes changed, left out or reported twice.
+    /// A story like `before`, with some bytes changed, left out or repeated.
     fn variation(&mut self, before: &[u8]) -> Vec<u8> {
         let mut story = before.to_vec();
         for _ in 0..self.0.random_range(1..=8) {
@@ -43,7 +43,7 @@ impl Generator {
     }
 }
 
-/// Reports `stories` stories, or as many as there is time for, and names the one that breaks a law.
+/// Runs `stories` random sequences, or as many as there is time for, and names the one that breaks a law.
 fn report(book: &str, stories: u64, longest: usize, laws: fn(&[u8])) {
     let began = Instant::now();
     let reported = std::env::var("JINK_FUZZ_SECONDS").ok();

@@ -1,4 +1,4 @@
-//! `[link]` and `[[link.also]]`: where the autopilot is, and who else receives and is received.
+//! `[link]` and `[[link.also]]`: where the autopilot is, and who else is connected.
 //!
 //! | table | link | its name |
 //! |---|---|---|
@@ -26,7 +26,7 @@ pub struct Link {
     /// How setpoints are sent: `px4_trajectory`, `px4_offboard`, `px4_deviation` or `ardupilot_guided`; `auto` = the one that
     /// is for the autopilot on the link.
     pub profile: String,
-    /// In which message `px4_trajectory` sends: `bezier` or `waypoints`.
+    /// The message that `px4_trajectory` sends: `bezier` or `waypoints`.
     pub output: String,
     /// Missions that the autopilot flies are taken over, where it only follows setpoints.
     pub takes_missions: bool,
@@ -42,7 +42,7 @@ pub struct Link {
     pub key_file: String,
     /// The number of this link in its signatures.
     pub link_id: u8,
-    /// Who is received on a listening link; empty = everybody.
+    /// From whom messages are accepted on a listening link; empty = everybody.
     pub peers: Vec<IpAddr>,
     /// What the link carries (bytes/s); 0 = a serial port's speed, or no limit.
     pub bytes_per_s: u32,
@@ -105,7 +105,7 @@ pub enum Purpose {
     /// Ground stations and other components: whoever sends there is never taken for our autopilot.
     #[default]
     GroundStation,
-    /// The autopilot, too: received there when it is silent on the link where it was seen before.
+    /// The autopilot, too: accepted there when it is silent on the link where it was seen before.
     Autopilot,
 }
 
@@ -139,9 +139,9 @@ pub struct LinkRow {
     pub key_file: String,
     /// Its number in signatures.
     pub link_id: u8,
-    /// Who is received.
+    /// From whom messages are accepted.
     pub peers: Vec<IpAddr>,
-    /// What it carries (bytes/s); 0 = not reported.
+    /// What it carries (bytes/s); 0 = not given.
     pub bytes_per_s: u32,
 }
 

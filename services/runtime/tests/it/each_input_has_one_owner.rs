@@ -373,7 +373,7 @@ impl<S: Watched> World<S> {
             .or_else(|| self.other());
         self.switched_ms = None;
         match left {
-            // Whoever is left may have to follow one who has sent: it goes on in a newer epoch.
+            // Whoever is left may have to follow one that has published: it goes on in a newer epoch.
             Some(left) => {
                 self.entry = ControlEntry {
                     active: left,

@@ -69,7 +69,7 @@ use std::collections::VecDeque;
 use sticks::Sticks;
 use streams::Streams;
 
-/// What an autopilot is notified at its start.
+/// What an autopilot is given at its start.
 #[derive(Clone, Debug)]
 pub struct ArduCopterConfig {
     /// MAVLink system id.

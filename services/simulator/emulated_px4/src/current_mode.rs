@@ -19,7 +19,7 @@ const PUBLISH_US: u64 = 20_000;
 pub struct ModeNews {
     reported: Option<(NavMode, NavMode)>,
     published_us: u64,
-    /// From when on there is new.
+    /// From when on a change is to be sent.
     update_us: [Option<u64>; 2],
 }
 

@@ -66,7 +66,7 @@ impl Wires {
     /// Opens them as the configuration says.
     ///
     /// # Errors
-    /// The port or path is taken, or the link is of a kind that a simulated autopilot does not send on.
+    /// The port or path is taken, or the link is of a kind that a simulated autopilot does not support.
     pub fn open(ports: &Ports) -> Result<Self, StartError> {
         let config = ports.config();
         if let Some(path) = config.link.address.strip_prefix("unix:") {

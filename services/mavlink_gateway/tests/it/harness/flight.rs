@@ -34,7 +34,7 @@ use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
 
-/// Steps of a story, so that none is reported for ever.
+/// Steps of a story, so that none lasts for ever.
 const STEPS_MAX: usize = 3000;
 /// Whose autopilot it is, unless another one was there before.
 const SYSTEM: u8 = 1;

@@ -6,7 +6,7 @@
 //! | [`flight`] | a story: messages of any kind, trajectories, losses and pauses, in every profile |
 //! | [`network`] | frames from several links, signed well, badly, twice or not at all |
 //! | [`requests`] | requests for files and parameters |
-//! | [`storage`] | the content of files, and what one gateway reports the next |
+//! | [`storage`] | the content of files, and what one gateway sends to the next |
 //!
 //! The same functions are run by a bounded test with bytes of a seeded generator, and by the targets of `fuzz/`, which look for
 //! bytes that lead somewhere new.

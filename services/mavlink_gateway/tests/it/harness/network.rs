@@ -1,7 +1,7 @@
 //! Several links: what comes in goes where a plain model of MAVLink's rules says, byte by byte, and nowhere else.
 //!
-//! The model is the rules in their simplest form: who was received where, which stamps each signer has used. So nothing goes back where
-//! it came from, no key travels, no frame of ours is passed on, and who is refused is not received.
+//! The model is the rules in their simplest form: which sender was seen where, which stamps each signer has used. So nothing goes back where
+//! it came from, no key travels, no frame of ours is passed on, and whatever is refused has no effect.
 
 use super::dice::Dice;
 use super::messages;
@@ -297,7 +297,7 @@ impl Network {
         }
     }
 
-    /// What the model expects of `datagram`: what each peer receives, and who is received by us.
+    /// What the model expects of `datagram`: what each peer receives, and whose messages we receive.
     #[allow(clippy::type_complexity)]
     fn account(&mut self, from: usize, datagram: &[u8]) -> ([Vec<Vec<u8>>; LINKS], Vec<(u32, u8, usize)>) {
         let mut received = [(); LINKS].map(|()| Vec::new());

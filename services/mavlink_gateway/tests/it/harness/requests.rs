@@ -34,7 +34,7 @@ struct Requests {
     parameters: Option<ParameterValues>,
 }
 
-/// Runs the laws of the requests.
+/// Runs the laws of requests.
 pub fn laws(data: &[u8]) {
     let mut dice = Dice::new(data);
     let mut requests = Requests::begin(dice.once_in(2));

@@ -81,7 +81,7 @@ pub struct Bench {
     pub paths: Vec<(DesiredPath, Timestamp)>,
     pub status: Option<LinkStatus>,
     pub boot_ms_at_zero: u32,
-    /// The link on which what is received comes in.
+    /// The link on which messages are received.
     pub link: u8,
     /// The owner of the parameters; `None` = it is dead.
     pub server: Option<ParameterServer>,

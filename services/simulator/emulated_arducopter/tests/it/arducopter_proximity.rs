@@ -67,7 +67,7 @@ fn airborne(parameters: &[(&str, f64)]) -> CopterFlight {
     flight
 }
 
-/// How near to the wall it came while `report` reported of it at `rate_hz` and `act` flew (m); negative = through it.
+/// How near to the wall it came while `report` reported it at `rate_hz` and `act` flew (m); negative = through it.
 fn closest(
     flight: &mut CopterFlight,
     seconds: f64,

@@ -118,7 +118,7 @@ pub fn enter_offboard(flight: &mut Flight) {
     assert_eq!(flight.autopilot.mode(), NavMode::Offboard);
 }
 
-/// How a moving companion sends.
+/// What a moving companion sends.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Speech {
     /// Position, velocity and acceleration.
