@@ -1,5 +1,5 @@
-//! What rangefinders and companions report to an autopilot, as scans: the fields of MAVLink's DISTANCE_SENSOR and OBSTACLE_DISTANCE, and what
-//! is made of them.
+//! What rangefinders and companions report to an autopilot, as scans: the fields of MAVLink's DISTANCE_SENSOR and
+//! OBSTACLE_DISTANCE, and what is made of them.
 //!
 //! | reported | taken as |
 //! |---|---|
@@ -189,7 +189,7 @@ impl ObstacleDistance {
         // One turn and no more. A little over a whole number of elements is rounding.
         let beams = ((360.0 / increment_deg + 1e-4).floor() as usize).clamp(1, ROW);
         let increment_rad = increment_deg.to_radians();
-        // "Nothing" is reported as one more than the maximum, and PX4 counts with that number. So do we, to agree with it.
+        // "Nothing" is reported as one more than the maximum. PX4 counts with that number, and so do we.
         let is_clear = |cm: &u16| *cm > self.max_cm && *cm != UNKNOWN_CM;
         let reach_cm = if self.distances_cm[..beams].iter().any(is_clear) {
             self.max_cm.saturating_add(1)

@@ -140,7 +140,7 @@ events! {
     RANGEFINDER_LOST = 44, Warning, "jink: rangefinder {name} lost", "Land soon; look at its plug and its power.";
     /// It measures again.
     RANGEFINDER_BACK = 45, Notice, "jink: rangefinder {name} back", "None.";
-    /// The vehicle has come no nearer to what it flies to for OA_BLOCKED_T; the name says why, the number how far away it is.
+    /// The vehicle has come no nearer to its goal for OA_BLOCKED_T; the name says why, the number how far away it is.
     GOAL_BLOCKED = 46, Warning, "jink: goal {0} m off: {name}", "Choose another goal, or fly by hand.";
     /// A lidar is unplugged, or sends nothing.
     LIDAR_LOST = 47, Warning, "jink: lidar {name} lost", "Land soon; look at its cable and its power.";
@@ -196,7 +196,7 @@ events! {
     SAMPLE_REFUSED = 86, Warning, "jink: {0} samples of {name} refused", "Look at its log; swap or restart it.";
     /// With what the sensors see no motion can be certified; the name says what is missing.
     SENSORS_UNFIT = 87, Warning, "jink: cannot plan: nobody sees {name}", "jink check sensors says what would help.";
-    /// The vehicle is armed, and what it may fly through stands in part on a declaration of the user; the name says on which.
+    /// The vehicle is armed, and part of the free space rests on a declaration of the user; the name says on which.
     DECLARED = 88, Notice, "jink: declared: {name}", "Make sure that it holds where the vehicle flies.";
     /// A depth camera is unplugged, sends nothing, or sends the same image again and again.
     DEPTH_CAMERA_LOST = 90, Warning, "jink: depth camera {name} lost", "Land soon; look at its plug and its power.";

@@ -1,4 +1,4 @@
-//! An emulated autopilot that sends over UDP from a thread of its own, in real time, with faults of its line and company.
+//! An emulated autopilot on UDP in a thread of its own, in real time, with faults of its line and company.
 //!
 //! | in | out |
 //! |---|---|

@@ -65,8 +65,8 @@ impl Blockage {
         }
     }
 
-    /// What to do about `item`, which is out of reach, or still is. Waiting is reported once per item; a remedy that has not helped
-    /// is due again.
+    /// What to do about `item`, which is out of reach, or still is. Waiting is reported once per item; a remedy that
+    /// has not helped is due again.
     pub fn remedy(&mut self, item: u16) -> Option<Remedy> {
         let before = self.reported.replace(item);
         let repeats = before == Some(item) && self.remedy == Remedy::Wait;

@@ -12,14 +12,16 @@
 //! rise or fall leave the height band. A gap of one or two sectors between two that look farther is reported as those.
 //!
 //! `max_distance` stays the same from message to message, as stations and PX4 expect of a sensor (PX4 lets nothing clear an obstacle
-//! that was reported with another `max_distance`): the reach of the farthest-seeing sector, less a twentieth, in steps of half a metre.
+//! that was reported with another `max_distance`): the reach of the farthest-seeing sector, less a twentieth, in steps
+//! of half a metre.
 //!
-//! The message is sent in any case: to PX4 every bin that is reported "unknown" blocks motion at once, while silence does so only
-//! after half a second. (To ArduPilot "unknown" is free; it stops at neither.)
+//! The message is sent in any case: to PX4 every bin that is reported "unknown" blocks motion at once, while silence
+//! does so only after half a second. (To ArduPilot "unknown" is free; it stops at neither.)
 //!
-//! ArduPilot keeps the nearest obstacle of each eighth of the circle, and takes for the eighth ahead whatever is reported of it last.
-//! To it the sectors are reported from the border of that eighth on (`angle_offset`), so that each eighth is reported in one piece. It reads
-//! OBSTACLE_DISTANCE as fixed to the body whatever its `frame` says; so it is, here.
+//! ArduPilot keeps the nearest obstacle of each eighth of the circle, and takes for the eighth ahead whatever is
+//! reported of it last. To it the sectors are reported from the border of that eighth on (`angle_offset`), so that each
+//! eighth is reported in one piece. It reads OBSTACLE_DISTANCE as fixed to the body whatever its `frame` says; so it
+//! is, here.
 
 use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::ring::{SECTORS, SectorRing};

@@ -6,7 +6,8 @@
 //! | OBSTACLE_DISTANCE of anybody on the vehicle | `kind = "obstacle_distance"`, by its `component` | a row of level distances |
 //!
 //! What is made of each reading is in [`jink_shared_types::beams`]. Ranges are dated to their arrival: DISTANCE_SENSOR has the autopilot's
-//! boot time, but the measurement is as old as the sensor behind it, which nobody reports; CP_DELAY and GD_DELAY allow for it.
+//! boot time, but the measurement is as old as the sensor behind it, which nobody reports; CP_DELAY and GD_DELAY allow
+//! for it.
 
 use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_shared_types::beams::{BeamReading, BeamRefused, ObstacleDistance};

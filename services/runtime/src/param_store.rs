@@ -7,8 +7,8 @@
 //!
 //! The file holds only what differs from the configuration. It is written beside its place, synchronised and renamed, so
 //! that a reader finds the old file or the new one and never half of one; and by a thread of its own, because a memory card
-//! may take longer for that than a setpoint may wait. A file that cannot be read is moved aside and reported once: no stored
-//! value is worth a vehicle that does not start.
+//! may take longer for that than a setpoint may wait. A file that cannot be read is moved aside and reported once: no
+//! stored value is worth a vehicle that does not start.
 
 use crate::config::Config;
 use crate::instance::Instance;

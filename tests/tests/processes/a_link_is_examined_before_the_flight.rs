@@ -1,5 +1,5 @@
-//! `jink check link` as a user runs it, against emulated autopilots over UDP: each fault is reported by its own sentence and exit
-//! code, and where there is none, jink is ready.
+//! `jink check link` as a user runs it, against emulated autopilots over UDP: each fault is reported by its own
+//! sentence and exit code, and where there is none, jink is ready.
 
 use jink_emulated_arducopter::{ArduCopter, ArduCopterConfig};
 use jink_emulated_autopilot::Autopilot;

@@ -8,8 +8,8 @@ use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind, ScanFrame};
 use jink_shared_types::ring::{SECTORS, sector_of, sectors_of_arc};
 use nalgebra::Vector3;
 
-/// Rays of a cloud up to this far above or below the vehicle's horizon count for it (rad): 10 degrees. A steeper one leaves the guard's
-/// band of half a metre within 3 m, and the ground under a vehicle that stands is not the horizon.
+/// Rays of a cloud up to this far above or below the vehicle's horizon count for it (rad): 10 degrees. A steeper one
+/// leaves the guard's band of half a metre within 3 m, and the ground under a vehicle that stands is not the horizon.
 const HORIZON_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 /// Readings up to this far above the shortest range (m) are at it: what lies in front of a sensor reads as that, with its noise.
 const NEAR_M: f64 = 0.02;

@@ -51,7 +51,7 @@ pub enum Rate {
 }
 
 impl SensorTable {
-    /// Whether straight ahead lies within its field of view, as its table says that it is mounted. A single beam has hardly any.
+    /// Whether straight ahead lies within its field of view, as its table mounts it. A single beam has hardly any.
     pub fn looks_ahead(&self) -> bool {
         // Half of the narrowest field of view of its kind (deg): 87 of a RealSense D435, 70 of a Livox Avia, 320 of an SF45.
         let half_deg = match (self.kind.as_str(), self.model.as_deref()) {
@@ -212,8 +212,8 @@ impl SensorSeen {
         (self.changes == 0).then_some(self.reported)
     }
 
-    /// How often a second it comes back to a direction: the usual one of all directions. The same as its rate, unless it reports
-    /// a part of its sweep at a time.
+    /// How often a second it comes back to a direction: the usual one of all directions. The same as its rate, unless
+    /// it reports a part of its sweep at a time.
     pub fn sweeps_hz(&self) -> Option<f64> {
         let span_s = self.timing.span_s();
         let counts: Vec<f64> = self.looks_into().map(|looks| looks.count as f64).collect();

@@ -18,8 +18,8 @@
 //! y left, z up.
 //!
 //! **What can be detected.** With the CRC-64 any damage. Without it (LEGACY, FUSA, firmware before 2.5): another
-//! length, columns that do not follow each other, stamps that run backwards; a damaged range cannot be distinguished from a
-//! sound one.
+//! length, columns that do not follow each other, stamps that run backwards; a damaged range cannot be distinguished
+//! from a sound one.
 
 pub mod crc64;
 pub mod http;

@@ -90,7 +90,7 @@ impl PilotSticks {
         self.age_s(now).is_some_and(|age_s| age_s <= STICKS_KEPT_S)
     }
 
-    /// Where the pilot wants to go (north, east, m/s), with `full_mps` at full stick; nowhere, if they are not received.
+    /// Where the pilot wants to go (north, east, m/s), with `full_mps` at full stick; nowhere if they are not received.
     pub fn velocity(&self, now: Timestamp, yaw_rad: f64, full_mps: f64) -> Vector2<f64> {
         if !self.is_fresh(now) {
             return Vector2::zeros();

@@ -99,7 +99,8 @@ pub struct MissionClient {
     begun: Timestamp,
     /// When the last one that was ended began.
     read_at: Timestamp,
-    /// Number of items and identity of the mission, as MISSION_CURRENT reported them last; what it counts differs from make to make.
+    /// Number of items and identity of the mission, as MISSION_CURRENT reported them last; what it counts differs from
+    /// make to make.
     reported: (Option<u16>, Option<u32>),
     note: Option<Note>,
 }
@@ -326,8 +327,8 @@ impl MissionClient {
     }
 }
 
-/// Whether two readings are of the same mission; a number that is not given (NaN) equals itself. What ArduPilot reports as item 0
-/// is home, and moves by itself.
+/// Whether two readings are of the same mission; a number that is not given (NaN) equals itself. What ArduPilot reports
+/// as item 0 is home, and moves by itself.
 fn is_same(a: &[Item], b: &[Item]) -> bool {
     let bits = |item: &Item| (item.params.map(f32::to_bits), item.z_m.to_bits());
     let same = |(a, b): (&Item, &Item)| {

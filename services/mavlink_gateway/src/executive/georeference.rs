@@ -1,4 +1,4 @@
-//! Where the local frame lies on the globe, learned from the two positions that the autopilot reports: local and global.
+//! Where the local frame lies on the globe, learned from the autopilot's two positions, local and global.
 //!
 //! | in | out |
 //! |---|---|

@@ -29,7 +29,8 @@ const HOLDS_WITHIN_M: f64 = 4.0;
 const STOP_MPS2: f64 = 1.0;
 /// A target that still shows after this long in Hold (s) is not that of the mode before ...
 const SETTLED_S: f64 = 0.4;
-/// ... and after this long where every change of mode is reported at once: meanwhile the autopilot flies there itself, unguarded.
+/// ... and after this long where every change of mode is reported at once: meanwhile the autopilot flies there itself,
+/// unguarded.
 const SETTLED_AT_ONCE_S: f64 = 0.2;
 /// There the mode that a target belongs to is reported within this time after it was seen first (s).
 const REPORTED_AT_ONCE_S: f64 = 0.1;

@@ -29,7 +29,8 @@ use nalgebra::Vector3;
 
 /// Rate at which the wish is repeated (Hz), as the topic table says.
 const WISH_RATE_HZ: f64 = 5.0;
-/// An autopilot that does not report changes of its mode at once is asked for it this often (Hz): within that time it may fly a metre.
+/// An autopilot that does not report changes of its mode at once is asked for it this often (Hz): within that time it
+/// may fly a metre.
 const MODE_QUESTIONS_HZ: f64 = 5.0;
 
 /// A mission of ten items over a slow link is read within this time (s); a trajectory that is committed ends at rest about as soon.
@@ -282,8 +283,8 @@ impl Gateway {
         self
     }
 
-    /// An older PX4 reports its mode once a second, and flies to a station's place itself until it is known that it does: in flight its
-    /// heartbeat is asked for.
+    /// An older PX4 reports its mode once a second, and flies to a station's place itself until it is known that it
+    /// does: in flight its heartbeat is asked for.
     fn ask_for_mode(&mut self, now: Timestamp, target: (u8, u8), outputs: &mut Outputs) {
         let is_px4 = self.vehicle.make() == Some(AutopilotType::Px4);
         let is_followed = matches!(self.vehicle.mode(), NavMode::Offboard | NavMode::Hold);

@@ -61,7 +61,8 @@ impl Default for Steering {
 }
 
 impl Steering {
-    /// Sends the guard what the pilot wants (north, east, m/s), when that is due, and answers what it allows of it; `None`: it is silent.
+    /// Sends the guard what the pilot wants (north, east, m/s), when that is due, and answers what it allows of it;
+    /// `None`: it is silent.
     pub(super) fn ask_guard(
         &mut self,
         now: Timestamp,

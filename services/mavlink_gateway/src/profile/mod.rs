@@ -69,7 +69,8 @@ pub trait Profile: fmt::Debug + Send {
     }
 
     /// The setpoint for now; `None` only while no position was ever known, for a moment after the start in which the
-    /// guard's samples may yet arrive, and before the vehicle is in the air if it [waits for that](Profile::waits_for_air).
+    /// guard's samples may yet arrive, and before the vehicle is in the air if it
+    /// [waits for that](Profile::waits_for_air).
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint>;
 
     /// Whether nothing is sent before the vehicle is in the air: the first setpoint would break its take-off off.

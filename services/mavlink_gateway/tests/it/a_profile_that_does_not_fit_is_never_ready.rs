@@ -1,5 +1,5 @@
-//! Whether the profile is for the autopilot on the link: found out before the first setpoint, reported with the right one, and
-//! chosen by jink where that is left to it.
+//! Whether the profile is for the autopilot on the link: found out before the first setpoint, reported with the right
+//! one, and chosen by jink where that is left to it.
 
 use crate::support::*;
 use jink_mavlink_gateway::{GatewayConfig, ProfileName};

@@ -273,7 +273,7 @@ fn a_plan_that_lies_far_from_the_vehicle_is_not_flown_and_a_new_one_is_wanted() 
         assert_rules(&target);
         assert!((vectors(&target)[0] - HERE).norm() < 0.1);
     }
-    let wish = bench.paths.last().expect("the planner is told").0;
+    let wish = bench.paths.last().expect("the planner is notified").0;
     assert!(!wish.wants_planning());
     // From here it is flown again.
     let begin = bench.now;

@@ -1,7 +1,7 @@
 //! The laws of [`harness`] under bytes of a seeded generator: the same stories at every run, some seconds of them.
 //!
-//! `JINK_FUZZ_SECONDS` runs further stories for so many seconds per book of laws. Targets that look for new stories by themselves
-//! are in `fuzz/`.
+//! `JINK_FUZZ_SECONDS` runs further stories for so many seconds per book of laws. Targets that look for new stories by
+//! themselves are in `fuzz/`.
 
 use crate::harness;
 use rand::{Rng, RngExt, SeedableRng};

@@ -506,7 +506,7 @@ fn all_links_pass_on_together_and_their_numbers_go_on() {
         let _ = standby.receive(jink_runtime::now, US, &mut received);
         received.len() == 1
     });
-    bench.until("the camera hears it", |bench| bench.peers[2].receive().len() >= 2);
+    bench.until("the camera receives it", |bench| bench.peers[2].receive().len() >= 2);
     bench.peers.iter().for_each(|peer| drop(peer.receive()));
     assert!(bench.links.release(b"a state") && !bench.links.is_owner());
     let started = Instant::now();

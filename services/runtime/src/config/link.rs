@@ -23,8 +23,8 @@ const NAME_MAX: usize = 15;
 pub struct Link {
     /// `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT`, `tcpin:...`, `tcpout:...`, `serial:DEVICE:BAUD` or `unix:PATH`.
     pub address: String,
-    /// How setpoints are sent: `px4_trajectory`, `px4_offboard`, `px4_deviation` or `ardupilot_guided`; `auto` = the one that
-    /// is for the autopilot on the link.
+    /// How setpoints are sent: `px4_trajectory`, `px4_offboard`, `px4_deviation` or `ardupilot_guided`; `auto` = the
+    /// one that is for the autopilot on the link.
     pub profile: String,
     /// The message that `px4_trajectory` sends: `bezier` or `waypoints`.
     pub output: String,

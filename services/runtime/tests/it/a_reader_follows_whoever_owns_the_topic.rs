@@ -60,8 +60,8 @@ proptest! {
         prop_assert_eq!(handed_out + input.lost(), sent - before);
     }
 
-    /// Whoever has the highest sequence number is followed while he is fresh; when he falls silent it is whoever publishes. Nothing old is
-    /// handed out after something new, unless the new one was stale.
+    /// Whoever has the highest sequence number is followed while he is fresh; when he falls silent it is whoever
+    /// publishes. Nothing old is handed out after something new, unless the new one was stale.
     #[test]
     fn the_newest_producer_is_followed_while_it_is_fresh(
         steps in prop::collection::vec((0..PRODUCERS, 0..30_u64), 1..80)

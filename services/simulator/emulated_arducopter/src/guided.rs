@@ -32,7 +32,7 @@ pub enum Submode {
 }
 
 impl Submode {
-    /// `type_mask` with which POSITION_TARGET_LOCAL_NED reports it: the only way to notice that a setpoint was not taken.
+    /// `type_mask` with which POSITION_TARGET_LOCAL_NED reports it: the only sign that a setpoint was not taken.
     pub fn mask(self) -> Mask {
         yaw_bits()
             | match self {

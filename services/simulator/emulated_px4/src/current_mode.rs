@@ -1,8 +1,8 @@
 //! CURRENT_MODE: the mode in force and the one that was asked for.
 //!
 //! PX4 sends it only when its commander has published its status since the last time: twice a second, and after every
-//! change. So somebody who asks for it at a high rate sees changes at once and receives little in between, and somebody who
-//! does not ask sees them up to two seconds late.
+//! change. So somebody who asks for it at a high rate sees changes at once and receives little in between, and somebody
+//! who does not ask sees them up to two seconds late.
 
 use jink_emulated_autopilot::link::Link;
 use jink_emulated_autopilot::modes::px4::custom_mode;

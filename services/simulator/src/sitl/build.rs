@@ -183,7 +183,8 @@ const PX4_BUILD: &str = "px4_sitl_default";
 const COPTER_PROGRAMS: [&str; 3] = ["build/sitl/bin/arducopter", "bin/arducopter", "arducopter"];
 /// Where the default parameters lie below ArduPilot's source folder.
 const COPTER_PARAMETERS: &str = "Tools/autotest/default_params/copter.parm";
-/// PX4's models that this simulator can be the vehicle of, newest name first, and the modules that implement its interface.
+/// PX4's models that this simulator can be the vehicle of, newest name first, and the modules that implement its
+/// interface.
 const HIL_MODELS: [&str; 2] = ["none_iris", "iris"];
 const HIL_MODULES: [&str; 2] = ["px4-simulator_mavlink", "px4-simulator"];
 /// PX4's built-in quadrotor, and the modules that simulate it.

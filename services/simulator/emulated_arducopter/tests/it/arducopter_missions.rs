@@ -1,4 +1,5 @@
-//! What the mission is to ArduCopter: which item is current, what others receive of it, and items that are no plain waypoints.
+//! What the mission is to ArduCopter: which item is current, what others receive of it, and items that are no plain
+//! waypoints.
 
 #![allow(deprecated)]
 
@@ -24,7 +25,7 @@ fn current(flight: &mut CopterFlight) -> (u16, u16, MissionState) {
         _ => None,
     });
     let reported = reported.expect("MISSION_CURRENT");
-    assert_eq!(reported.mission_id, 0, "it never tells which mission");
+    assert_eq!(reported.mission_id, 0, "it never reports which mission");
     (reported.seq, reported.total, reported.mission_state)
 }
 
