@@ -169,7 +169,7 @@ pub enum CommandAction {
     ReportInterval(u32, Option<Answerable>),
     /// The gateway is started anew.
     Restart,
-    /// Whoever asked is notified why there is no restart.
+    /// Whoever asked is informed why there is no restart.
     ExplainRefusal,
 }
 

@@ -51,7 +51,7 @@ pub enum Rate {
 }
 
 impl SensorTable {
-    /// Whether straight ahead lies within its field of view, as its table mounts it. A single beam has hardly any.
+    /// Whether straight ahead lies within its field of view, mounted as its table says. A single beam has hardly any.
     pub fn looks_ahead(&self) -> bool {
         // Half of the narrowest field of view of its kind (deg): 87 of a RealSense D435, 70 of a Livox Avia, 320 of an SF45.
         let half_deg = match (self.kind.as_str(), self.model.as_deref()) {

@@ -160,7 +160,7 @@ pub struct Assist {
     ended: Timestamp,
     /// Without ranges since then.
     blind_since: Option<Timestamp>,
-    /// Resumed then: nothing of sticks and guard has been received since.
+    /// Resumed then: neither sticks nor samples of the guard have been received since.
     resumed: Timestamp,
     holds: Option<&'static str>,
     /// What spoke against it at the last step.

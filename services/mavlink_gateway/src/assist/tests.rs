@@ -378,7 +378,7 @@ fn a_gateway_that_is_started_again_goes_on_and_gives_the_mode_back() {
         .assist
         .resume(Timestamp::from_seconds(flight.time_s), POSITION);
     flight.mode = NavMode::Offboard;
-    // For a moment it has received nothing of sticks and guard.
+    // For a moment it has received neither sticks nor samples of the guard.
     flight.run(0.3, |scene| AssistScene {
         sticks_age_s: None,
         guard: None,

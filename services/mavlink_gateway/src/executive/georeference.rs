@@ -123,7 +123,7 @@ impl Georeference {
         self.reported.map(|(fix, _)| fix.home_down_m)
     }
 
-    /// Whether places on the globe can be converted.
+    /// Whether places on the globe can be converted to the local frame.
     pub fn is_known(&self) -> bool {
         self.reported.is_some()
     }

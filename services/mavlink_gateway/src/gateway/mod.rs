@@ -263,7 +263,7 @@ impl Gateway {
         self.clock.accept_foreign_answers(only);
     }
 
-    /// The link on which our autopilot is seen; the first one before it was.
+    /// The link on which our autopilot is seen; the first one as long as it is not.
     pub fn autopilot_link(&self) -> u8 {
         self.selector.link()
     }

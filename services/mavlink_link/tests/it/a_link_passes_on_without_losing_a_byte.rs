@@ -192,7 +192,7 @@ proptest! {
         link.share(&handover_socket).unwrap();
         let standby = Link::join("udpin:1".parse().unwrap(), &handover_socket).unwrap();
         let mut processes = [LinkProcess::new(link), LinkProcess::new(standby)];
-        // The autopilot is known before anything else happens: it has sent.
+        // The autopilot is known before anything else happens: it has sent a frame.
         autopilot.write(&frame(1, 0));
         let started = Instant::now();
         while processes[0].received.is_empty() {

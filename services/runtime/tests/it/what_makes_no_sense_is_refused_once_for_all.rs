@@ -1,5 +1,5 @@
 //! What comes over a topic is looked at before a service gets it: stamps in the future, numbers that make no sense, sequence numbers
-//! from nowhere. The service goes on with what it has, counts as degraded, and the pilot is notified of whose they are.
+//! from nowhere. The service goes on with what it has, counts as degraded, and the pilot is informed whose they are.
 
 use clap::Parser;
 use jink_runtime::config::Config;

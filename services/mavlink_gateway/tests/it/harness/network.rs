@@ -1,7 +1,7 @@
 //! Several links: what comes in goes where a plain model of MAVLink's rules says, byte by byte, and nowhere else.
 //!
 //! The model is the rules in their simplest form: which sender was seen where, which stamps each signer has used. So
-//! nothing goes back where it came from, no key travels, no frame of ours is passed on, and what is refused has no effect.
+//! nothing goes back where it came from, no key travels, no frame of ours is passed on, and refused frames are ignored.
 
 use super::dice::Dice;
 use super::messages;
