@@ -9,7 +9,7 @@
 //!
 //! Autopilots take every distance up to `max_distance` for an obstacle: PX4 steers and brakes for it. So the last row is for directions
 //! in which the sensor really sees less far. Single sectors end sooner only because no beam happens to run level there: beams that
-//! rise or fall leave the height band. A gap of one or two sectors between two that look farther is reported like those.
+//! rise or fall leave the height band. A gap of one or two sectors between two that look farther is reported like them.
 //!
 //! `max_distance` stays the same from message to message, as stations and PX4 expect of a sensor (PX4 lets nothing clear an obstacle
 //! that was reported with another `max_distance`): the reach of the farthest-seeing sector, less a twentieth, in steps
