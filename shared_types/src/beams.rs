@@ -1,7 +1,7 @@
-//! What rangefinders and companions tell an autopilot, as scans: the fields of MAVLink's DISTANCE_SENSOR and OBSTACLE_DISTANCE, and what
-//! is made of them.
+//! What rangefinders and companions report to an autopilot, as scans: the fields of MAVLink's DISTANCE_SENSOR and
+//! OBSTACLE_DISTANCE, and what is made of them.
 //!
-//! | told | taken as |
+//! | reported | taken as |
 //! |---|---|
 //! | a range between minimum and maximum | an obstacle |
 //! | a range below the minimum, zero included | an obstacle there: too near is not nothing |
@@ -75,7 +75,7 @@ impl fmt::Display for BeamRefused {
 }
 impl std::error::Error for BeamRefused {}
 
-/// One reading of a rangefinder, as DISTANCE_SENSOR tells it.
+/// One reading of a rangefinder, as DISTANCE_SENSOR reports it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeamReading {
     /// Shortest range it measures (m).
@@ -152,7 +152,7 @@ impl BeamReading {
     }
 }
 
-/// A row of distances around the vehicle, as OBSTACLE_DISTANCE tells it.
+/// A row of distances around the vehicle, as OBSTACLE_DISTANCE reports it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ObstacleDistance {
     /// What its angles count from: the heading, or north.
@@ -189,7 +189,7 @@ impl ObstacleDistance {
         // One turn and no more. A little over a whole number of elements is rounding.
         let beams = ((360.0 / increment_deg + 1e-4).floor() as usize).clamp(1, ROW);
         let increment_rad = increment_deg.to_radians();
-        // "Nothing" is told as one more than the maximum, and PX4 counts with that number. So do we, to agree with it.
+        // "Nothing" is reported as one more than the maximum. PX4 counts with that number, and so do we.
         let is_clear = |cm: &u16| *cm > self.max_cm && *cm != UNKNOWN_CM;
         let reach_cm = if self.distances_cm[..beams].iter().any(is_clear) {
             self.max_cm.saturating_add(1)

@@ -80,9 +80,9 @@ pub fn split_scalar<const N: usize>(points: &[f64; N], u: f64) -> ([f64; N], [f6
     )
 }
 
-/// Whether the whole curve keeps the convex condition `keeps`, as far as its hull tells. The hull is larger than the curve: where
-/// it sticks out the curve is cut in halves, at most `halvings` times, each of which takes away three quarters of the excess. Never
-/// true for a curve that breaks the condition somewhere.
+/// Whether the whole curve keeps the convex condition `keeps`, as far as its hull shows. The hull is larger than the
+/// curve: where it sticks out the curve is cut in halves, at most `halvings` times, each of which takes away three
+/// quarters of the excess. Never true for a curve that breaks the condition somewhere.
 pub fn hull_keeps<const N: usize>(
     points: &[Vector3<f64>; N],
     halvings: u32,

@@ -1,4 +1,4 @@
-//! The event table: what pilots and logs are told, once per change of state.
+//! The event table: what is reported to pilots and logs, once per change of state.
 
 use crate::coded::Coded;
 use crate::health::Name;
@@ -78,9 +78,9 @@ events! {
     GUARD_RELEASED = 13, Notice, "jink: guard released", "None.";
     /// The estimator's position jumped.
     ESTIMATOR_RESET = 14, Warning, "jink: position reset, map dropped", "Watch the estimator.";
-    /// The autopilot is not heard.
+    /// The autopilot is not seen any more.
     AUTOPILOT_LOST = 15, Critical, "jink: autopilot not heard", "Check the link.";
-    /// The autopilot is heard.
+    /// The autopilot is seen.
     AUTOPILOT_FOUND = 16, Info, "jink: autopilot heard, system {0}", "None.";
     /// Cycles of a process are over budget.
     PROCESS_SLOW = 17, Warning, "jink: {name} slow, {0} late in {1} s", "Reduce the load; look at its log.";
@@ -104,7 +104,7 @@ events! {
     SENSOR_BACK = 26, Notice, "jink: all range sensors back", "None.";
     /// The autopilot refuses the mode in which it follows setpoints, or the mission that is given back; the number is the MAV_RESULT.
     MODE_REFUSED = 27, Warning, "jink: autopilot refused the mode, {0}", "Read the autopilot's own text; fly by hand or try again.";
-    /// A mission item cannot be reached; the name tells what is done about it.
+    /// A mission item cannot be reached; the name says what is done about it.
     ITEM_BLOCKED = 28, Warning, "jink: item {0} blocked, {name}", "Choose another way or another item.";
     /// The autopilot is in the mode that follows setpoints and does not follow them.
     SETPOINTS_IGNORED = 29, Error, "jink: autopilot ignores setpoints", "Take over; check the autopilot's log and version.";
@@ -112,7 +112,7 @@ events! {
     SETPOINTS_FOLLOWED = 30, Notice, "jink: autopilot follows setpoints again", "None.";
     /// The autopilot flies its mission itself, in a profile in which jink should.
     UNGUARDED = 31, Warning, "jink: mission flown without avoidance", "Hold, or fly by hand; see what jink is waiting for.";
-    /// Collision prevention turns or slows what the pilot wants; the name tells why, the number how near it is.
+    /// Collision prevention turns or slows what the pilot wants; the name says why, the number how near it is.
     PREVENTION_ACTS = 32, Warning, "jink: prevention: {name}, {0} m", "Steer elsewhere.";
     /// It does nothing any more.
     PREVENTION_RESTS = 33, Info, "jink: prevention released", "None.";
@@ -122,11 +122,11 @@ events! {
     PREVENTION_HOLDS = 35, Critical, "jink: no range data, asking for Hold", "Look at the sensors; land.";
     /// A pilot's sticks pass through the guard from now on, or again.
     ASSIST_ON = 36, Info, "jink: assisted flight on", "None.";
-    /// They do not any more; the name tells why. The autopilot is in its own mode, or asked for it.
+    /// They do not any more; the name says why. The autopilot is in its own mode, or asked for it.
     ASSIST_OFF = 37, Notice, "jink: assisted flight off: {name}", "Fly by hand; without sticks look at the remote control.";
-    /// It was chosen, and something speaks against it; the name tells what.
+    /// It was chosen, and something prevents it; the name says what.
     ASSIST_REFUSED = 38, Warning, "jink: no assisted flight: {name}", "Mend that, and choose it again.";
-    /// The vehicle holds its place while something is missing; the name tells what.
+    /// The vehicle holds its place while something is missing; the name says what.
     ASSIST_HOLDS = 39, Critical, "jink: assisted flight holds: {name}", "Change the mode, or wait for Hold.";
     /// Somebody wanted the gateway restarted in flight.
     RESTART_REFUSED = 40, Warning, "jink: restart refused, vehicle is armed", "Land and disarm first.";
@@ -140,13 +140,13 @@ events! {
     RANGEFINDER_LOST = 44, Warning, "jink: rangefinder {name} lost", "Land soon; look at its plug and its power.";
     /// It measures again.
     RANGEFINDER_BACK = 45, Notice, "jink: rangefinder {name} back", "None.";
-    /// The vehicle has come no nearer to what it flies to for OA_BLOCKED_T; the name tells why, the number how far away it is.
+    /// The vehicle has come no nearer to its goal for OA_BLOCKED_T; the name says why, the number how far away it is.
     GOAL_BLOCKED = 46, Warning, "jink: goal {0} m off: {name}", "Choose another goal, or fly by hand.";
     /// A lidar is unplugged, or sends nothing.
     LIDAR_LOST = 47, Warning, "jink: lidar {name} lost", "Land soon; look at its cable and its power.";
     /// It measures again.
     LIDAR_BACK = 48, Notice, "jink: lidar {name} back", "None.";
-    /// The current mission item is a motion that cannot be guarded, and is not begun; the name tells which.
+    /// The current mission item is a motion that cannot be guarded, and is not begun; the name says which.
     ITEM_HELD = 50, Warning, "jink: item {0} {name}: unguarded, held", "Choose another item, fly it by hand, or set OA_UNGUARDED.";
     /// The same, and OA_UNGUARDED lets the autopilot fly it.
     ITEM_UNGUARDED = 51, Warning, "jink: item {0} {name} flown unguarded", "Watch it; hold if something is in the way.";
@@ -170,13 +170,13 @@ events! {
     TAKEN_AGAIN = 60, Notice, "jink: takes over again; repeat to fly alone", "Choose the mission mode once more to fly without jink.";
     /// No setpoint is sent, because the autopilot does not say whether the vehicle stands on the ground.
     LANDED_UNKNOWN = 61, Warning, "jink: landed state not told, no setpoints", "Let the autopilot send EXTENDED_SYS_STATE.";
-    /// Somebody chose a mode of the autopilot's whose motion cannot be guarded, in flight; the name tells which.
+    /// Somebody chose a mode of the autopilot's whose motion cannot be guarded, in flight; the name says which.
     MODE_HELD = 62, Warning, "jink: {name}: unguarded, held", "Fly it by hand, choose it once more to mean it, or set OA_UNGUARDED.";
     /// The same, and it is let fly.
     MODE_UNGUARDED = 63, Warning, "jink: {name} flown unguarded", "Watch it; hold if something is in the way.";
     /// Routes are made of what another program proposes, from now on or again.
     PROPOSAL_FLOWN = 70, Info, "jink: flies a proposed way", "None.";
-    /// What another program proposes is not flown; the name tells why. The planner's own way is.
+    /// What another program proposes is not flown; the name says why. The planner's own way is.
     PROPOSAL_REFUSED = 71, Notice, "jink: proposed way refused: {name}", "Look at plan/proposal_answer: where and why.";
     /// Nobody proposes anything any more, or the way is at its end: the planner's own way is flown.
     PROPOSAL_ENDED = 72, Info, "jink: proposed way ended, own way", "None.";
@@ -194,9 +194,9 @@ events! {
     STOPPING_TO_END = 85, Warning, "jink: ending, stopping the vehicle", "Be ready to take over: nobody looks for obstacles soon.";
     /// Samples of a process, or on a topic, have stamps in the future or numbers that make no sense; nobody reads them.
     SAMPLE_REFUSED = 86, Warning, "jink: {0} samples of {name} refused", "Look at its log; swap or restart it.";
-    /// With what the sensors see no motion can be certified; the name tells what is missing.
+    /// With what the sensors see no motion can be certified; the name says what is missing.
     SENSORS_UNFIT = 87, Warning, "jink: cannot plan: nobody sees {name}", "jink check sensors says what would help.";
-    /// The vehicle is armed, and what it may fly through stands in part on a declaration of the user; the name tells on which.
+    /// The vehicle is armed, and part of the free space rests on a declaration of the user; the name says on which.
     DECLARED = 88, Notice, "jink: declared: {name}", "Make sure that it holds where the vehicle flies.";
     /// A depth camera is unplugged, sends nothing, or sends the same image again and again.
     DEPTH_CAMERA_LOST = 90, Warning, "jink: depth camera {name} lost", "Land soon; look at its plug and its power.";

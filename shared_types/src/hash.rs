@@ -1,5 +1,5 @@
-//! FNV-1a: a small hash that can be computed at compile time and that is the same in every build. It tells builds
-//! apart, it keeps nobody out. Source: Fowler, Noll, Vo, "The FNV hash".
+//! FNV-1a: a small hash that can be computed at compile time and that is the same in every build. It distinguishes
+//! builds; it keeps nobody out. Source: Fowler, Noll, Vo, "The FNV hash".
 
 /// Where a hash begins.
 pub const START: u64 = 0xcbf2_9ce4_8422_2325;

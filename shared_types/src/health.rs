@@ -56,7 +56,7 @@ impl std::fmt::Debug for Name {
 crate::wire_enum! {
     /// State of a service, as it says itself.
     pub enum ServiceState {
-        /// Not heard of.
+        /// Not seen yet.
         Unknown = 0 "unknown",
         /// Opening topics, not yet in its loop.
         Starting = 1 "starting",

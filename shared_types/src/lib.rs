@@ -5,7 +5,7 @@
 //! |---|---|
 //! | [`topics`] | the topic table: name, payload, producer, consumers, rate, deadline |
 //! | [`params`] | the parameter table: name, type, default, range, unit, help |
-//! | [`events`] | the event table: what pilots and logs are told |
+//! | [`events`] | the event table: what is reported to pilots and logs |
 //! | [`mod@sample`] | the header every sample carries, and `Fresh / Stale / Never` |
 //! | [`vehicle`], [`ranges`], [`view`], [`map`], [`far_map`], [`ring`], [`motion`], [`proposal`], [`prevention`], [`health`], [`link`], [`param_messages`], [`truth`] | the payloads |
 //! | [`beams`] | range messages of other makers, as scans |

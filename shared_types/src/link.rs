@@ -87,7 +87,7 @@ crate::sample! {
         pub forwarded: u64,
         /// Messages refused: the signature does not fit the key.
         pub signature_refused: u64,
-        /// Messages refused: signed, but not newer than what was heard.
+        /// Messages refused: signed, but not newer than what was received.
         pub replayed: u64,
         /// Messages refused: not signed, where that is asked for.
         pub unsigned_refused: u64,
@@ -116,13 +116,13 @@ crate::sample! {
         pub setpoints: u64,
         /// Largest time between two setpoints (us).
         pub setpoint_gap_max_us: u32,
-        /// The autopilot's system id; 0 = not heard.
+        /// The autopilot's system id; 0 = not seen.
         pub system_id: u8,
         /// The autopilot's clock is mapped.
         pub timesync_converged: Flag,
         /// State in our heartbeat.
         pub avoidance: Coded<AvoidanceState>,
-        /// The autopilot has been heard within 1.5 s.
+        /// The autopilot has been seen within 1.5 s.
         pub autopilot_alive: Flag,
         /// Autopilot clock minus board clock (ns).
         pub clock_offset_ns: i64,
@@ -134,7 +134,7 @@ crate::sample! {
         pub desired_paths: u64,
         /// OBSTACLE_DISTANCE sent.
         pub obstacle_distances: u64,
-        /// How setpoints are spoken; empty = not chosen yet.
+        /// How setpoints are sent; empty = not chosen yet.
         pub profile: Name,
         /// The profile that is for this autopilot; empty = not known, or there is none.
         pub matching_profile: Name,

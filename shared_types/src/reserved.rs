@@ -42,8 +42,8 @@ unsafe impl<const N: usize> Layout for Reserved<N> {
     const SHAPE: Shape = Shape::Reserved(N);
 }
 
-/// A field in bytes that were [`Reserved`] once. A value whose bytes are all zero cannot be told from an absent one:
-/// choose a representation in which zero says the same as "not given".
+/// A field in bytes that were [`Reserved`] once. A value whose bytes are all zero cannot be distinguished from an
+/// absent one: choose a representation in which zero says the same as "not given".
 #[repr(transparent)]
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Added<T>(T);

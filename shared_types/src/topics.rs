@@ -30,7 +30,7 @@ use std::marker::PhantomData;
 
 /// Publishers of a topic: active, shadow, and one dead that has not been cleaned up yet.
 pub const MAX_PUBLISHERS: usize = 3;
-/// The same of a topic on which every process speaks.
+/// The same of a topic on which every process publishes.
 const MAX_PUBLISHERS_SHARED: usize = 40;
 /// Readers besides the programs of the row: a recorder, command line tools, and a program that has died and is not cleaned up yet.
 const SPECTATORS: usize = 8;

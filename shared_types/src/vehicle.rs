@@ -71,10 +71,10 @@ crate::sample! {
         pub landed: Flag,
         /// Horizontal and vertical position may be used.
         pub position_valid: Flag,
-        /// The autopilot has been heard within the last 1.5 s.
+        /// The autopilot has been seen within the last 1.5 s.
         pub autopilot_alive: Flag,
-        /// No heartbeat has told mode and arming yet (for at most a second after a start of the gateway): what they say
-        /// here means nothing, and what is being flown goes on.
+        /// No heartbeat has reported mode and arming yet (for at most a second after a start of the gateway): what they
+        /// say here means nothing, and what is being flown goes on.
         pub mode_pending: Flag,
         /// Explicit padding, zero.
         pub reserved: Reserved<5>,

@@ -249,7 +249,7 @@ impl Board {
         }
     }
 
-    /// The supervisor's turn: it sees what has happened, decides, and starts, ends and tells.
+    /// The supervisor's turn: it sees what has happened, decides, and starts, ends and reports.
     pub fn supervise(&mut self) {
         let now = self.bus.now();
         self.shared.read_heartbeats(&mut self.observations);

@@ -88,7 +88,7 @@ pub struct FlightSetup {
     pub sensors: Vec<SensorSpec>,
     /// The autopilot.
     pub autopilot: AutopilotConfig,
-    /// How the gateway speaks to it.
+    /// How the gateway talks to it.
     pub profile: ProfileName,
     /// In which message.
     pub representation: Representation,
@@ -146,7 +146,7 @@ impl Folder {
 
 impl Drop for Folder {
     fn drop(&mut self) {
-        // What is left is told by whoever looks for left-overs.
+        // What is left is reported by whoever looks for left-overs.
         let _left = std::fs::remove_dir_all(self.0.folder());
     }
 }
@@ -304,7 +304,7 @@ pub struct LockStep {
     pub silent_sensors: BTreeSet<usize>,
     /// The ground station says nothing: somebody else commands.
     pub silent_station: bool,
-    /// The companion hears of no sticks.
+    /// The companion receives no sticks.
     pub mute_sticks: bool,
     /// How long scans are under way from their sensor, and what their stamps say.
     pub scan_delay: ScanDelay,

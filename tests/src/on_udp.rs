@@ -1,8 +1,8 @@
-//! An emulated autopilot that speaks over UDP from a thread of its own, in real time, with faults of its line and company.
+//! An emulated autopilot on UDP in a thread of its own, in real time, with faults of its line and company.
 //!
 //! | in | out |
 //! |---|---|
-//! | an autopilot, [`Faults`], the port on this machine that it speaks to | datagrams, until this is dropped |
+//! | an autopilot, [`Faults`], the port on this machine that it talks to | datagrams, until this is dropped |
 // A harness for tests: without its thread and port there is nothing to test.
 #![allow(clippy::expect_used)]
 
@@ -21,10 +21,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// What is wrong with the line, and who else speaks on it.
+/// What is wrong with the line, and who else sends on it.
 #[derive(Clone, Debug, Default)]
 pub struct Faults {
-    /// The autopilot hears nothing.
+    /// The autopilot receives nothing.
     pub is_deaf: bool,
     /// Message types that do not come through.
     pub lost: Vec<u32>,
@@ -46,7 +46,7 @@ pub struct OnUdp {
 }
 
 impl OnUdp {
-    /// `autopilot`, if there is one, speaks to `port` from now on.
+    /// `autopilot`, if there is one, talks to `port` from now on.
     ///
     /// # Panics
     /// If there is no port for it.

@@ -1,4 +1,4 @@
-//! Programs of others beside a jink: each kind in a Python environment of its own with pinned versions, told what to do
+//! Programs of others beside a jink: each kind in a Python environment of its own with pinned versions, commanded
 //! line by line.
 //!
 //! | peer | is |
@@ -27,7 +27,7 @@ pub struct Kit {
     pub folder: &'static str,
     /// Statement that works once they are installed.
     pub proof: &'static str,
-    /// What pip is told, command by command.
+    /// What pip is called with, command by command.
     pub installs: &'static [&'static str],
 }
 
@@ -170,7 +170,7 @@ impl Station {
         self.ask(&json!({"do": "open", "line": line, "port": port}));
     }
 
-    /// Sends one message; everything heard until all that was to be said about it has been said.
+    /// Sends one message; everything received until all that was to be said about it has been said.
     pub fn send(&mut self, line: &str, kind: &str, fields: &Value, until: &Value) -> Vec<Value> {
         let order = json!({"do": "send", "line": line, "kind": kind, "fields": fields, "until": until});
         received(&self.ask(&order))
@@ -298,7 +298,7 @@ impl Drop for Terminal {
     }
 }
 
-/// Waits for a child that has been told to end, and ends it if it does not.
+/// Waits for a child that has been asked to end, and ends it if it does not.
 fn end(child: &mut Child) {
     let begin = Instant::now();
     while matches!(child.try_wait(), Ok(None)) && begin.elapsed() < Duration::from_secs(10) {

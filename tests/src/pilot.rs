@@ -77,7 +77,7 @@ pub struct Tablet {
 }
 
 impl Tablet {
-    /// Listens on `socket`, to which the autopilot speaks, sets its integer `parameter` and flies `plan`.
+    /// Listens on `socket`, to which the autopilot sends, sets its integer `parameter` and flies `plan`.
     ///
     /// # Panics
     /// If the socket cannot be read without waiting.

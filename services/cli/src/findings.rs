@@ -40,7 +40,7 @@ pub struct Findings {
     pub seconds: f64,
 }
 
-/// What of `events` is about one of `about` (their ids), told again with what to do.
+/// Those of `events` that are about one of `about` (their ids), as findings with what to do.
 pub fn of_events<'a>(events: &'a [EventSample], about: &'a [u16]) -> impl Iterator<Item = Finding> + 'a {
     events
         .iter()

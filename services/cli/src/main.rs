@@ -27,7 +27,7 @@ enum Command {
     Down(cmd::down::Args),
     /// Show every service, the health of the whole and the link
     Status(cmd::status::Args),
-    /// Show all that live: services, hops, rates, news
+    /// Show all that live: services, hops, rates, events
     Top(cmd::top::Args),
     /// Show what the guard sees around the vehicle, or have it plotted
     Ring(cmd::ring::Args),

@@ -6,7 +6,7 @@ use jink_shared_types::topics::{self, TABLE, TopicRow};
 /// One topic.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TopicNeed {
-    /// Its name; of a topic on which every process speaks, or has its own, the row's.
+    /// Its name; of a topic on which every process publishes, or has its own, the row's.
     pub topic: String,
     /// Processes that publish it at once.
     pub publishers: usize,

@@ -19,7 +19,7 @@ pub struct Seen<'a> {
     pub seconds: f64,
     /// Vehicle states in that time.
     pub states: u64,
-    /// What was told in that time.
+    /// What was reported in that time.
     pub events: &'a [EventSample],
 }
 
@@ -57,7 +57,7 @@ pub fn judge(seen: &Seen<'_>) -> Vec<Finding> {
     findings
 }
 
-/// Whether the autopilot is heard, and if not, why.
+/// Whether the autopilot is seen, and if not, why.
 fn traffic(before: &LinkStatus, after: &LinkStatus, seconds: f64, findings: &mut Vec<Finding>) {
     let garbage = after.garbage_bytes.saturating_sub(before.garbage_bytes);
     let refused = |count: fn(&LinkTraffic) -> u64| after.links.iter().map(count).sum::<u64>();

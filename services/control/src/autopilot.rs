@@ -117,7 +117,7 @@ pub struct Args {
     wind: Option<Wind>,
 }
 
-/// The key that says how setpoints are spoken.
+/// The key that says how setpoints are sent.
 const PROFILE_KEY: &str = "link.profile=";
 
 impl Args {

@@ -1,9 +1,9 @@
-//! What happens in a running system, one line per piece of news, for whoever watches it.
+//! What happens in a running system, one line per event, for whoever watches it.
 
 use crate::figures::exit_text;
 use jink_shared_types::health::{Health, ProcessStatus, ReplaceReason, ServiceState, SystemStatus};
 
-/// Remembers what has been told.
+/// Remembers what has been reported.
 #[derive(Clone, Debug, Default)]
 pub struct Narrator {
     reported: Vec<Reported>,
@@ -28,7 +28,7 @@ impl Narrator {
         for (reported, process) in self.reported.iter_mut().zip(processes) {
             report_process(reported, process, &mut lines);
         }
-        // Who is to blame may change many times a second; that the health has changed is the news.
+        // Who is to blame may change many times a second; only a change of the health is reported.
         let health = (status.health.get(), is_standing_by(status));
         if self.health != Some(health) {
             self.health = Some(health);

@@ -1,4 +1,4 @@
-//! Why a command cannot do what it was asked for, and the exit codes that tell it to scripts.
+//! Why a command cannot do what it was asked for, and the exit codes that report it to scripts.
 
 use std::fmt;
 
@@ -37,7 +37,7 @@ impl Problem {
         |cause| Self::Io { what, cause }
     }
 
-    /// The exit code that tells it to scripts.
+    /// The exit code that reports it to scripts.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::NotUp { code, .. } => *code,

@@ -165,11 +165,11 @@ pub enum CommandAction {
     Say(Answerable),
     /// Its interval is changed.
     Set(Answerable, MessageInterval),
-    /// Its interval is told; `None`: it never comes by itself.
+    /// Its interval is reported; `None`: it never comes by itself.
     ReportInterval(u32, Option<Answerable>),
     /// The gateway is started anew.
     Restart,
-    /// Whoever asked is told why there is no restart.
+    /// Whoever asked is informed why there is no restart.
     ExplainRefusal,
 }
 

@@ -11,11 +11,11 @@ pub const UNKNOWN_U32: u32 = u32::MAX;
 pub const UNKNOWN_SHARE: u8 = u8::MAX;
 /// Unknown temperature.
 pub const UNKNOWN_TEMPERATURE: i8 = i8::MAX;
-/// Processors that can be told apart.
+/// Processors that can be distinguished.
 pub const CORES: usize = 8;
 /// Slices of 100 ms in a second.
 pub const SLICES: usize = 10;
-/// Links that can be told apart.
+/// Links that can be distinguished.
 pub const LINKS: usize = 6;
 
 /// Traffic of one network interface.

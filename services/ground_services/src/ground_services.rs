@@ -20,7 +20,7 @@ use mavlink::dialects::ardupilotmega::{
     FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage, MavResult,
 };
 
-/// The process that speaks to the autopilot, as it stands in its events.
+/// The process that talks to the autopilot, as it stands in its events.
 const GATEWAY: &str = "mavlink_gateway";
 /// Rate of ONBOARD_COMPUTER_STATUS (Hz): 250 bytes that an autopilot may pass on to a radio, of figures that change slowly.
 const COMPUTER_RATE_HZ: f64 = 0.2;
@@ -37,7 +37,7 @@ const EVENTS: usize = 4;
 pub struct Inputs<'a> {
     /// Messages for our components since the last step, oldest first.
     pub requests: &'a [GroundRequest],
-    /// What has happened since the last step, with the names of the processes that tell it.
+    /// What has happened since the last step, with the names of the processes that report it.
     pub events: &'a [EventSample],
     /// The values that the parameter server has in force, if it has published since the last step.
     pub parameters: Option<&'a ParameterValues>,
@@ -148,7 +148,7 @@ pub struct GroundServices {
 }
 
 impl GroundServices {
-    /// With these parameters in force, and a number that tells this board from others (0 = unknown).
+    /// With these parameters in force, and a number that distinguishes this board from others (0 = unknown).
     pub fn new(params: &ParamSet, board_id: u64) -> Self {
         Self {
             parameters: Parameters::new(params),
@@ -179,7 +179,7 @@ impl GroundServices {
             reply(Reply { error: None, value }, outputs);
         }
         for event in inputs.events {
-            // Of a goal that is out of reach the planner tells the gateway, which knows whether it is still flown to.
+            // The planner reports a goal out of reach to the gateway, which knows whether it is still flown to.
             if event.id != GOAL_BLOCKED.id || event.process == Name::new(GATEWAY) {
                 self.texts.push(now, event);
             }

@@ -41,12 +41,12 @@ pub struct Reply {
     pub value: Option<PARAM_VALUE_DATA>,
 }
 
-/// The parameters, and what has to be told about them.
+/// The parameters, and what has to be reported of them.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     set: ParamSet,
     encoding: Encoding,
-    /// One bit per row that somebody is to be told without having asked for it alone.
+    /// One bit per row that is to be sent without having been asked for alone.
     untold: u64,
     pace: Ticker,
     /// What ground stations want changed, oldest first. The first is with the parameter server, if `asked` says so.
@@ -219,7 +219,7 @@ impl Parameters {
         }
     }
 
-    /// The next value that is due to be told without having been asked for alone.
+    /// The next value that is due to be sent without having been asked for alone.
     pub fn next(&mut self, now: Timestamp) -> Option<PARAM_VALUE_DATA> {
         if self.untold == 0 || now < self.pace.due() {
             return None;
@@ -335,7 +335,7 @@ mod tests {
         let reported = parameters.take_values(&answered(&parameters, &change)).unwrap();
         assert_eq!(reported.param_value, 4.5);
         assert_eq!(parameters.set().get(&OA_SPD_MAX), 4.5);
-        // Told once, and the repetition of the values is no news.
+        // Reported once: the repetition of the values is no change.
         assert!(parameters.take_values(&answered(&parameters, &change)).is_none());
         assert!(parameters.next(at(1.0)).is_none() && parameters.next_wake().is_none());
     }

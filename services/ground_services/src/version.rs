@@ -28,7 +28,7 @@ pub fn version(component: Component, encoding: Encoding, board_id: u64) -> MavMe
     })
 }
 
-/// PROTOCOL_VERSION: both versions are understood, the second is spoken.
+/// PROTOCOL_VERSION: both versions are understood, the second is sent.
 pub fn protocol() -> MavMessage {
     MavMessage::PROTOCOL_VERSION(PROTOCOL_VERSION_DATA {
         version: 200,

@@ -13,7 +13,7 @@ use std::process::ExitCode;
 /// Processes that are only victims where they are named: the world, and the supervisor, which can be killed and nothing else.
 const NOT_OURS: [&str; 2] = ["simulator", SUPERVISOR];
 
-/// Faults that are closer than this cannot be told apart (s).
+/// Faults that are closer than this cannot be distinguished (s).
 const SOONEST_S: f64 = 0.2;
 
 /// How many flights, with which faults.

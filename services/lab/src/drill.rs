@@ -161,7 +161,7 @@ impl FromStr for Drill {
 
 /// Faults are made between these times after arming (s): take-off, mission and landing of a demonstration.
 const WINDOW_S: [f64; 2] = [1.0, 36.0];
-/// Two faults are at least so far apart (s) unless told otherwise: each is to be seen alone.
+/// Two faults are at least so far apart (s) unless set otherwise: each is to be seen alone.
 pub const APART_S: f64 = 3.5;
 /// A process is left alone for this long after a fault (s), where there are others: a swap takes some seconds.
 const SPARED_S: f64 = 10.0;

@@ -99,9 +99,9 @@ pub struct FaultRecord {
     pub at_s: f64,
     /// In which mode of the autopilot.
     pub phase: String,
-    /// The process works (again): of a kill or a stop that its replacement was heard, of a swap that it was made.
+    /// The process works (again): of a kill or a stop that its replacement was seen, of a swap that it was made.
     pub survived: bool,
-    /// Of a hang: from its begin until it was seen (ms), as far as looking fifty times a second can tell.
+    /// Of a hang: from its begin until it was seen (ms), as far as looking fifty times a second can show.
     pub detection_ms: Option<f64>,
     /// Until the first heartbeat of the replacement's loop (ms): of a kill from the signal on, of a hang from its detection.
     pub recovery_ms: Option<f64>,
@@ -152,7 +152,7 @@ struct Stream {
     gap_s: f64,
 }
 
-/// What was heard of the flight so far.
+/// What is known of the flight so far.
 #[derive(Clone, Debug, Default)]
 pub struct FlightLog {
     course: Vec<CoursePoint>,
@@ -204,7 +204,7 @@ impl FlightLog {
         Some(self.truth.as_ref()?.time_s - self.armed_s?)
     }
 
-    /// Takes the gateway's figures; `generation` tells its starts apart.
+    /// Takes the gateway's figures; `generation` distinguishes its starts.
     pub fn see_link(&mut self, generation: u32, link: &LinkStatus) {
         self.links.insert(generation, *link);
     }

@@ -126,7 +126,7 @@ impl Velodyne {
         }
     }
 
-    /// Whether the packet is one of this sensor and sound as far as can be told; the angle between its firings (0.01
+    /// Whether the packet is one of this sensor and sound as far as can be checked; the angle between its firings (0.01
     /// deg).
     fn check(&self, bytes: &[u8]) -> Result<f64, Fault> {
         if bytes.len() != PACKET_BYTES {

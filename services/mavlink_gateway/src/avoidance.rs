@@ -8,7 +8,7 @@
 //! | CRITICAL | degraded or stopping, the system status is stale, or something that flowed has stopped |
 //! | FLIGHT TERMINATION | an essential service has been given up |
 //!
-//! PX4 lets the vehicle arm only while it hears ACTIVE. It is said here and nowhere else, from what is known in this
+//! PX4 lets the vehicle arm only while it receives ACTIVE. It is said here and nowhere else, from what is known in this
 //! very step. What follows ACTIVE is said when it has lasted for [`DEBOUNCE_S`]; meanwhile nothing is said at all.
 
 use jink_mavlink_link::ticker::Ticker;
@@ -135,7 +135,7 @@ impl Heartbeats {
         self.debounce_until.map_or(due, |until| due.max(until))
     }
 
-    /// Somebody wants to hear the avoidance heartbeat, or that of the computer, now.
+    /// Somebody asks for the avoidance heartbeat, or that of the computer, now.
     pub fn ask(&mut self, now: Timestamp, of_computer: bool) {
         if of_computer {
             self.computer.schedule_early(now);

@@ -3,8 +3,8 @@
 //!
 //! | the planner says | done, by OA_BLOCKED |
 //! |---|---|
-//! | the item that is flown to has been out of reach for OA_BLOCKED_T | 0: told; 1: the next item is made current, or the mission stopped at the last one; 2: the mission is stopped (hold) |
-//! | the same of a goal that is no item | told |
+//! | the item that is flown to has been out of reach for OA_BLOCKED_T | 0: the pilot is notified; 1: the next item is made current, or the mission stopped at the last one; 2: the mission is stopped (hold) |
+//! | the same of a goal that is no item | the pilot is notified |
 //!
 //! The planner alone knows whether the way becomes shorter; the vehicle rests meanwhile.
 
@@ -17,7 +17,7 @@ const SAME_GOAL_M: f64 = 0.1;
 /// What is to be done about an item that cannot be reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Remedy {
-    /// The pilot is told, nothing else.
+    /// The pilot is notified, nothing else.
     Wait,
     /// The next item is made current.
     Skip,
@@ -35,7 +35,7 @@ impl Remedy {
         }
     }
 
-    /// How the pilot is told.
+    /// The word for it in the text to the pilot.
     pub fn word(self) -> &'static str {
         match self {
             Remedy::Wait => "waiting",
@@ -49,9 +49,9 @@ impl Remedy {
 #[derive(Clone, Copy, Debug)]
 pub struct Blockage {
     remedy: Remedy,
-    /// The item that was told of last.
+    /// The item that was reported last.
     reported: Option<u16>,
-    /// The goal that is no item and was told of last.
+    /// The goal that is no item and was reported last.
     reported_goal: Option<Point<LocalNed>>,
 }
 
@@ -65,15 +65,15 @@ impl Blockage {
         }
     }
 
-    /// What to do about `item`, which is out of reach, or still is. Waiting is told once per item; a remedy that has not helped
-    /// is due again.
+    /// What to do about `item`, which is out of reach, or still is. Waiting is reported once per item; a remedy that
+    /// has not helped is due again.
     pub fn remedy(&mut self, item: u16) -> Option<Remedy> {
         let before = self.reported.replace(item);
         let repeats = before == Some(item) && self.remedy == Remedy::Wait;
         (!repeats).then_some(self.remedy)
     }
 
-    /// Whether the pilot is to be told that `goal`, which is no item, is out of reach: once.
+    /// Whether the pilot is to be notified that `goal`, which is no item, is out of reach: once.
     pub fn is_new(&mut self, goal: Point<LocalNed>) -> bool {
         let before = self.reported_goal.replace(goal);
         before.is_none_or(|before| (before.vector() - goal.vector()).norm() > SAME_GOAL_M)

@@ -1,4 +1,4 @@
-//! What the gateway is told at its start.
+//! What the gateway is given at its start.
 
 use crate::blockage::Remedy;
 use crate::profile::{self, Profile};
@@ -21,11 +21,11 @@ pub struct GatewayConfig {
     /// avoidance only while some on-board controller is not lost: with 196 as the only one, its silence goes
     /// unnoticed.
     pub computer_component_id: Option<u8>,
-    /// The vehicle's system id; `None` = the only autopilot heard.
+    /// The vehicle's system id; `None` = the only autopilot seen.
     pub system_id: Option<u8>,
     /// Links on which no autopilot is looked for, whoever says there that it is one.
     pub ground_station_links: LinkSet,
-    /// How setpoints are spoken; until one is chosen it means nothing where the gateway chooses it.
+    /// How setpoints are sent; until one is chosen it means nothing where the gateway chooses it.
     pub profile: ProfileName,
     /// The profile is chosen by what the autopilot is.
     pub chooses_profile: bool,

@@ -1,4 +1,4 @@
-//! What one gateway tells the next when it passes the link on: where its numbering and its beat are.
+//! What one gateway sends to the next when it passes the link on: where its numbering and its beat are.
 
 use crate::gateway::Gateway;
 use jink_mavlink_link::encoder::{
@@ -7,7 +7,7 @@ use jink_mavlink_link::encoder::{
 use jink_mavlink_link::signing::stamps::Stamps;
 use jink_shared_types::Timestamp;
 
-/// Bytes of a baton.
+/// Bytes of a hand-over state.
 const BYTES: usize = 8 + 16 + SEQUENCES_BYTES;
 
 /// The state that only the speaker has: everything else a listener has learned as well.
@@ -22,7 +22,7 @@ pub struct HandoverState {
 }
 
 impl HandoverState {
-    /// Of the gateway that has spoken so far.
+    /// Of the gateway that has sent so far.
     pub fn of(gateway: &Gateway, encoder: &Encoder, stamps: Stamps) -> Self {
         Self {
             last_setpoint: gateway.last_setpoint(),
@@ -31,9 +31,9 @@ impl HandoverState {
         }
     }
 
-    /// Handed to the gateway that speaks from `now` on; the stamps are for its links.
+    /// Handed to the gateway that sends from `now` on; the stamps are for its links.
     pub fn hand_to(self, now: Timestamp, gateway: &mut Gateway, encoder: &mut Encoder) -> Stamps {
-        // The time of a damaged baton would keep the next one silent until then.
+        // The time of a damaged hand-over state would keep the next one silent until then.
         gateway.resume_from(self.last_setpoint.min(now));
         encoder.resume_from(self.sequences);
         self.stamps

@@ -62,9 +62,9 @@ pub struct Outputs {
     pub reported: Option<SampleHeader>,
     /// The vehicle's state with its time of validity, if there is a new one.
     pub vehicle_state: Option<(VehicleState, Timestamp)>,
-    /// What the autopilot wants, with its time of validity, if it was told anew.
+    /// What the autopilot wants, with its time of validity, if it was reported anew.
     pub desired_path: Option<(DesiredPath, Timestamp)>,
-    /// What the pilot wants, with its time of validity, when that is due to be told.
+    /// What the pilot wants, with its time of validity, when that is due to be reported.
     pub pilot_demand: Option<(PilotDemand, Timestamp)>,
     /// The counters, when they are due for publication.
     pub link_status: Option<LinkStatus>,
@@ -101,7 +101,7 @@ impl Outputs {
         &self.scans
     }
 
-    /// What the gateway itself has to tell.
+    /// What the gateway itself has to report.
     pub fn events(&self) -> &[EventSample] {
         &self.events
     }

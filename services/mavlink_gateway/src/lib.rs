@@ -1,4 +1,4 @@
-//! The only service that speaks to the autopilot: it keeps it in setpoints, whatever dies behind it.
+//! The only service that talks to the autopilot: it keeps it in setpoints, whatever dies behind it.
 //!
 //! | in | out |
 //! |---|---|

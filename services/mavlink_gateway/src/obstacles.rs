@@ -9,17 +9,19 @@
 //!
 //! Autopilots take every distance up to `max_distance` for an obstacle: PX4 steers and brakes for it. So the last row is for directions
 //! in which the sensor really sees less far. Single sectors end sooner only because no beam happens to run level there: beams that
-//! rise or fall leave the height band. A gap of one or two sectors between two that look farther is told as those.
+//! rise or fall leave the height band. A gap of one or two sectors between two that look farther is reported like them.
 //!
 //! `max_distance` stays the same from message to message, as stations and PX4 expect of a sensor (PX4 lets nothing clear an obstacle
-//! that was told with another `max_distance`): the reach of the farthest-seeing sector, less a twentieth, in steps of half a metre.
+//! that was reported with another `max_distance`): the reach of the farthest-seeing sector, less a twentieth, in steps
+//! of half a metre.
 //!
-//! The message is sent in any case: to PX4 every bin that is told "unknown" blocks motion at once, while silence does so only
-//! after half a second. (To ArduPilot "unknown" is free; it stops at neither.)
+//! The message is sent in any case: to PX4 every bin that is reported "unknown" blocks motion at once, while silence
+//! does so only after half a second. (To ArduPilot "unknown" is free; it stops at neither.)
 //!
-//! ArduPilot keeps the nearest obstacle of each eighth of the circle, and takes for the eighth ahead whatever is told of it last.
-//! To it the sectors are told from the border of that eighth on (`angle_offset`), so that each eighth is told in one piece. It reads
-//! OBSTACLE_DISTANCE as fixed to the body whatever its `frame` says; so it is, here.
+//! ArduPilot keeps the nearest obstacle of each eighth of the circle, and takes for the eighth ahead whatever is
+//! reported of it last. To it the sectors are reported from the border of that eighth on (`angle_offset`), so that each
+//! eighth is reported in one piece. It reads OBSTACLE_DISTANCE as fixed to the body whatever its `frame` says; so it
+//! is, here.
 
 use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::ring::{SECTORS, SectorRing};
@@ -30,7 +32,7 @@ use mavlink::dialects::ardupilotmega::{MavDistanceSensor, MavFrame, MavMessage, 
 const UNKNOWN_CM: u16 = u16::MAX;
 /// Largest `max_distance` that leaves room for "max + 1" below "unknown" (cm).
 const LONGEST_CM: u16 = u16::MAX - 2;
-/// No obstacle is told nearer than this (m): ArduPilot takes zero for "nothing there".
+/// No obstacle is reported nearer than this (m): ArduPilot takes zero for "nothing there".
 const LEAST_M: f32 = 0.01;
 /// `min_distance` and `max_distance` while nothing is known (cm): a range that no receiver takes for nonsense.
 const SILENT_RANGE_CM: [u16; 2] = [20, 1200];
@@ -69,7 +71,7 @@ fn fill(data: &mut OBSTACLE_DISTANCE_DATA, ring: &SectorRing) {
     let reaches_m = without_gaps(ring);
     let longest_cm = reaches_m.iter().map(|reach_m| centimetres(*reach_m)).max();
     let Some(longest_cm) = longest_cm.filter(|longest_cm| *longest_cm > 1) else {
-        return; // Every sector unknown, or known no farther than it can be told.
+        return; // Every sector unknown, or known no farther than it can be reported.
     };
     let steady_cm = (longest_cm - longest_cm / 20) / REACH_STEP_CM * REACH_STEP_CM;
     data.max_distance = if steady_cm > REACH_STEP_CM {

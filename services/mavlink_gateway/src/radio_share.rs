@@ -1,6 +1,6 @@
 //! What of jink's stream goes out over a ground station's radio, and how it is kept small.
 //!
-//! An autopilot that passes messages on does so in both directions: a ground station that is heard on the autopilot's
+//! An autopilot that passes messages on does so in both directions: a ground station that is seen on the autopilot's
 //! link has a radio that carries what jink says to nobody in particular. Setpoints to OFFBOARD and GUIDED have an addressee and stay off it; curves have
 //! none. So while such a station is there
 //!

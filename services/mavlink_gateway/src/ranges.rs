@@ -6,7 +6,8 @@
 //! | OBSTACLE_DISTANCE of anybody on the vehicle | `kind = "obstacle_distance"`, by its `component` | a row of level distances |
 //!
 //! What is made of each reading is in [`jink_shared_types::beams`]. Ranges are dated to their arrival: DISTANCE_SENSOR has the autopilot's
-//! boot time, but the measurement is as old as the sensor behind it, which nobody tells; CP_DELAY and GD_DELAY allow for it.
+//! boot time, but the measurement is as old as the sensor behind it, which nobody reports; CP_DELAY and GD_DELAY allow
+//! for it.
 
 use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_shared_types::beams::{BeamReading, BeamRefused, ObstacleDistance};
@@ -193,7 +194,7 @@ impl RangeSources {
         self.sources.iter().map(|source| source.name.as_str())
     }
 
-    /// How often the autopilot is to tell of its rangefinders (Hz), if one of them is ours.
+    /// How often the autopilot is to report its rangefinders (Hz), if one of them is ours.
     pub fn rate_hz(&self) -> Option<f64> {
         let is_beam = |source: &Source| matches!(source.from, From::Rangefinder(_));
         self.sources.iter().any(is_beam).then_some(RATE_HZ)
@@ -207,7 +208,7 @@ impl RangeSources {
     /// Takes a reading of one of the autopilot's rangefinders; `None` if it is not configured.
     ///
     /// # Errors
-    /// [`BeamRefused`] if nobody can tell where it looks, or how far.
+    /// [`BeamRefused`] if it is not known where it looks, or how far.
     pub fn take_beam(
         &self,
         message: &DISTANCE_SENSOR_DATA,

@@ -165,17 +165,17 @@ impl Default for VehicleTracker {
 }
 
 impl VehicleTracker {
-    /// Notes that the autopilot was heard.
+    /// Notes that the autopilot was seen.
     pub fn received(&mut self, received: Timestamp) {
         self.received = self.received.max(received);
     }
 
-    /// Whether the autopilot was heard within the last 1.5 s.
+    /// Whether the autopilot was seen within the last 1.5 s.
     pub fn is_alive(&self, now: Timestamp) -> bool {
         self.received.is_set() && now.seconds_since(self.received) <= ALIVE_S
     }
 
-    /// When it stops being alive, if it is heard no more.
+    /// When it stops being alive, if it is seen no more.
     pub fn alive_until(&self) -> Timestamp {
         self.received.plus_seconds(ALIVE_S)
     }
@@ -185,7 +185,7 @@ impl VehicleTracker {
         self.mode
     }
 
-    /// The number under which the autopilot has told its mode last.
+    /// The number under which the autopilot has reported its mode last.
     pub fn custom_mode(&self) -> u32 {
         self.custom_mode
     }
@@ -216,7 +216,7 @@ impl VehicleTracker {
             .is_some_and(|fix| now.seconds_since(fix.time) <= POSITION_VALID_S)
     }
 
-    /// Whose firmware it is; `None` not heard yet, or not known here.
+    /// Whose firmware it is; `None` not seen yet, or not known here.
     pub fn make(&self) -> Option<AutopilotType> {
         self.make
     }
@@ -231,12 +231,12 @@ impl VehicleTracker {
         self.heartbeat_received.then_some(self.armed)
     }
 
-    /// Neither on the ground nor on its way up from it; not before that was told.
+    /// Neither on the ground nor on its way up from it; not before that was reported.
     pub fn has_taken_off(&self) -> bool {
         self.landed_state == LandedState::InAir
     }
 
-    /// On the ground or not, as it was told last.
+    /// On the ground or not, as it was reported last.
     pub fn landed_state(&self) -> LandedState {
         self.landed_state
     }
@@ -258,7 +258,7 @@ impl VehicleTracker {
             .contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED);
     }
 
-    /// Takes a mode as it is numbered by the make that was heard.
+    /// Takes a mode as it is numbered by the make that was seen.
     pub fn take_mode(&mut self, custom_mode: u32) {
         self.custom_mode = custom_mode;
         // Another make's numbers mean something else.
@@ -269,7 +269,7 @@ impl VehicleTracker {
         self.heartbeat_mode = (self.mode, self.mode != NavMode::Unknown || !unnamed);
     }
 
-    /// Takes the height of home as it follows from local and global position: sooner than the autopilot tells it.
+    /// Takes the height of home as it follows from local and global position: sooner than the autopilot reports it.
     pub fn infer_home(&mut self, home_down_m: f64) {
         self.home_down_m = home_down_m;
     }

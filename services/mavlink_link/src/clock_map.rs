@@ -65,7 +65,7 @@ struct Estimate {
     /// Board time at which the offset is `offset_ns`.
     at: Timestamp,
     offset_ns: i64,
-    /// Growth of the offset (ns per ns); zero where the rates are equal as far as can be told.
+    /// Growth of the offset (ns per ns); zero where the rates are equal as far as can be measured.
     rate_error: f64,
     round_trip_ns: u64,
 }

@@ -137,7 +137,7 @@ mod tests {
         let mut sensors = Contributions::new(2);
         contribute(&mut sensors, 0, 0.0, true);
         assert_eq!(sensors.live(at(0.1)), 1);
-        assert!(!sensors.fresh(at(0.1)), "the other one has never spoken");
+        assert!(!sensors.fresh(at(0.1)), "the other one has never published");
         contribute(&mut sensors, 1, 0.0, false);
         assert!(sensors.fresh(at(0.1)));
         contribute(&mut sensors, 0, 0.3, true);

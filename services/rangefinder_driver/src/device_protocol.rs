@@ -15,7 +15,7 @@ use crate::devices::WireFormat;
 use jink_shared_types::Timestamp;
 
 /// Requests per second for a text device, which measures 20 times a second and answers with its latest result: each
-/// result comes twice, so that a value damaged on the line can be told from a measured one.
+/// result comes twice, so that a value damaged on the line can be distinguished from a measured one.
 const REQUESTS_HZ: u32 = 40;
 /// Silence after which a text device is woken again (s).
 const TEXT_SILENCE_S: f64 = 1.0;

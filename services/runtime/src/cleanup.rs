@@ -2,7 +2,7 @@
 //!
 //! A process killed within its first milliseconds leaves a node that is dead and has no details yet: its clean-up
 //! reports for ever that somebody else has done it (iceoryx2 0.10, issues 1252, 1702, 1967), its files stay, and every
-//! later start looks at them. Such nodes, and folders of nodes without anything that would tell whether they live, are
+//! later start looks at them. Such nodes, and folders of nodes without anything that would show whether they live, are
 //! removed here by their files' names.
 
 use crate::instance::Instance;

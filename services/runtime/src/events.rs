@@ -1,4 +1,4 @@
-//! News for the pilot: one line per change of state, in the log and on the event topic.
+//! Events for the pilot: one line per change of state, in the log and on the event topic.
 
 use crate::output::Output;
 use jink_shared_types::coded::Wire;
@@ -35,7 +35,7 @@ impl EventSender {
         }
     }
 
-    /// Tells everybody that `event` happened at `now`, about `name`, with `numbers`.
+    /// Publishes that `event` happened at `now`, about `name`, with `numbers`.
     pub fn raise(&mut self, now: Timestamp, event: &Event, name: &str, numbers: [f64; 2]) {
         self.publish(now, &EventSample::new(event, name, numbers));
     }

@@ -31,7 +31,7 @@ pub(crate) struct InputHealth {
     producer: String,
     refused: Cell<u64>,
     refused_at: Cell<Timestamp>,
-    /// Refusals that the pilot has been told of.
+    /// Refusals that the pilot has been notified of.
     reported: Cell<u64>,
     reported_at: Cell<Timestamp>,
 }
@@ -48,7 +48,7 @@ impl InputHealth {
         self.has_come() && !is_refused && self.newest.get().is_fresh(now, self.deadline_ms)
     }
 
-    /// Samples refused so far and whose they were, if that is news: at most once in [`REPORT_PERIOD_S`].
+    /// Samples refused so far and whose they were, if that is new: at most once in [`REPORT_PERIOD_S`].
     pub(crate) fn new_refusals(&self, now: Timestamp) -> Option<(u64, &str)> {
         let refused = self.refused.get();
         let reported_at = self.reported_at.get();
@@ -181,14 +181,14 @@ impl<T: Layout> Input<T> {
         }
     }
 
-    /// Tells `ownership` of every sample taken.
+    /// Reports every sample taken to `ownership`.
     pub(crate) fn with_ownership(mut self, ownership: &Rc<Ownership>) -> Self {
         self.ownership = Some(Rc::clone(ownership));
         self
     }
 
     /// Hands out the samples of every producer, not only those of the newest one: for topics on which an instance and
-    /// its shadow both speak.
+    /// its shadow both publish.
     pub fn of_all_producers(mut self) -> Self {
         self.of_all = true;
         self
@@ -211,7 +211,7 @@ impl<T: Layout> Input<T> {
         &self.name
     }
 
-    /// Samples that were overwritten before they could be read; not counted where several producers speak at once.
+    /// Samples that were overwritten before they could be read; not counted where several producers publish at once.
     pub fn lost(&self) -> u64 {
         self.lost
     }
@@ -250,7 +250,7 @@ impl<T: Layout> Input<T> {
 
     /// Moves to the next unread sample that can be used. Samples of a producer that has been replaced may arrive after those of
     /// its successor: what does not advance the sequence is dropped, as long as the newest sample is fresh. After that whoever
-    /// speaks counts, so that a sequence number from nowhere silences nobody for longer.
+    /// publishes counts, so that a sequence number from nowhere silences nobody for longer.
     fn receive(&mut self) -> Option<()> {
         loop {
             let sample = self.subscriber.receive()?;

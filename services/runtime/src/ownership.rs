@@ -2,7 +2,7 @@
 //!
 //! A cycle belongs to the publication time of the newest trigger sample it took, or, if it took none, to the time at
 //! which it began. The control record says who owns that time ([`jink_shared_types::control`]). An instance the record
-//! says nothing about goes by how it was started: a shadow is silent, any other speaks, so that a restart does not
+//! says nothing about goes by how it was started: a shadow is silent, any other publishes, so that a restart does not
 //! have to wait for the record.
 //!
 //! Where only one instance can have a thing at a time (a socket, a serial port), the service passes it on by itself when

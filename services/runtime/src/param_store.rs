@@ -7,8 +7,8 @@
 //!
 //! The file holds only what differs from the configuration. It is written beside its place, synchronised and renamed, so
 //! that a reader finds the old file or the new one and never half of one; and by a thread of its own, because a memory card
-//! may take longer for that than a setpoint may wait. A file that cannot be read is moved aside and told once: no stored
-//! value is worth a vehicle that does not start.
+//! may take longer for that than a setpoint may wait. A file that cannot be read is moved aside and reported once: no
+//! stored value is worth a vehicle that does not start.
 
 use crate::config::Config;
 use crate::instance::Instance;
@@ -128,7 +128,7 @@ impl ParamStore {
         (set, refused)
     }
 
-    /// `None` if another process was faster: it has told already.
+    /// `None` if another process was faster: it has reported already.
     fn move_aside(&self, cause: String) -> Option<StoreError> {
         let aside = self.file.with_extension(ASIDE);
         std::fs::rename(&self.file, &aside).ok()?;
@@ -197,7 +197,7 @@ pub struct StoreWriter {
 }
 
 impl StoreWriter {
-    /// Has `set` written. What could not be written is told by [`Self::failure`].
+    /// Has `set` written. What could not be written is reported by [`Self::failure`].
     ///
     /// # Errors
     /// If the thread cannot be started, or the disk hangs behind as many changes as may wait.

@@ -211,8 +211,8 @@ impl Ports {
         }
     }
 
-    /// Alive and blind is told from alive and well: a needed input that is stale degrades, one that never came is a
-    /// reason to stand by, and so is what the service lacks besides.
+    /// Alive and blind is distinguished from alive and well: a needed input that is stale degrades, one that never came
+    /// is a reason to stand by, and so is what the service lacks besides.
     pub(crate) fn state(&self, now: Timestamp) -> ServiceState {
         let needed = || self.inputs.iter().filter(|input| input.needed.get());
         if self.ownership.stands_by() || needed().any(|input| !input.has_come()) {

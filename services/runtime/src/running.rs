@@ -172,7 +172,7 @@ struct HeartbeatPublisher {
     output: Output<Heartbeat>,
     clock: Clock,
     due: Timestamp,
-    /// As it was told last.
+    /// As it was reported last.
     role: Role,
     /// Needed inputs that are late.
     late: u32,
@@ -243,7 +243,7 @@ mod tests {
         let mut started_with = ParamSet::default();
         started_with.set("OA_GOAL_RAD", 0.7).unwrap();
         let mut param_messages = LiveParams::open(&planner, &started_with).unwrap();
-        assert!(param_messages.update(now()).is_none(), "nobody has spoken yet");
+        assert!(param_messages.update(now()).is_none(), "nobody has published yet");
 
         let mut reported = started_with.clone();
         output.send(SampleHeader::at(now()), &ParameterValues::of(&reported));

@@ -46,7 +46,7 @@ impl Wake {
     }
 
     /// At `time`. For what is put out at a fixed rate: [`Timestamp::next_beat`], so that a second instance of the service keeps
-    /// the same time and its takeover is not heard.
+    /// the same time and its takeover is not noticed.
     pub fn at(time: Timestamp) -> Self {
         Self {
             at: time,
@@ -68,7 +68,7 @@ impl Wake {
 pub struct Cycle<'a> {
     /// When it was woken.
     pub now: Timestamp,
-    /// News for the pilot.
+    /// Events for the pilot.
     pub events: &'a mut EventSender,
 }
 

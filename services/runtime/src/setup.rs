@@ -8,7 +8,7 @@ use std::ffi::OsString;
 use std::fmt;
 use std::path::PathBuf;
 
-/// What the supervisor tells a process when it starts it.
+/// What the supervisor passes to a process when it starts it.
 #[derive(Clone, Debug, Parser)]
 #[command(
     about = "A jink service. It is started by jink-supervisor; by hand only for tests.",

@@ -177,7 +177,7 @@ mod tests {
         assert_eq!(report(6.1, Health::Healthy), None);
         assert_eq!(report(7.0, Health::Degraded), None);
         assert_eq!(report(7.6, Health::Degraded), Some(events::AVOIDANCE_DEGRADED.id));
-        assert_eq!(report(9.0, Health::Degraded), None, "told already");
+        assert_eq!(report(9.0, Health::Degraded), None, "reported already");
         assert_eq!(report(9.5, Health::Healthy), Some(events::AVOIDANCE_READY.id));
     }
 }

@@ -53,7 +53,7 @@ pub(crate) enum RunState {
     Waiting,
     /// Started, as far as known alive.
     Running,
-    /// Told to end; the kernel reports its death later.
+    /// Asked to end; the kernel reports its death later.
     Ending {
         /// When asking becomes killing; `None`: has been killed.
         kill_at: Option<Timestamp>,

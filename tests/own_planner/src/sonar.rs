@@ -11,7 +11,7 @@ use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::f64::consts::FRAC_1_SQRT_2;
 
 jink_shared_types::sample! {
-    /// What the sonar heard.
+    /// What the sonar received.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct Echo: 16 {
         /// Where the echo came from (m).

@@ -74,7 +74,7 @@ pub struct Means {
     pub config: PathBuf,
     /// Folder for the flight's files.
     pub folder: PathBuf,
-    /// Tells flights side by side apart.
+    /// Distinguishes flights side by side.
     pub instance: u16,
     /// Keep what the processes wrote.
     pub keeps_logs: bool,
@@ -223,7 +223,7 @@ impl Flight {
         let (autopilot, make) = (setup.autopilot(), setup.autopilot().make());
         let relay = Relay::start(ports.companion(autopilot), ports.jink(), make, record.clone())
             .map_err(|error| text(&error))?;
-        // PX4's own simulator leaves the station's port to PX4, which answers the first that speaks to it.
+        // PX4's own simulator leaves the station's port to PX4, which answers the first that talks to it.
         let wire = match autopilot {
             Autopilot::ArduCopter | Autopilot::Px4Of2021 => Wire::listen(ports.station()),
             Autopilot::Px4 => Wire::towards(ports.station(), 18570 + ports.instance),
@@ -568,7 +568,7 @@ impl Flight {
         self.jink.down();
     }
 
-    /// Whose commands are spoken.
+    /// Whose commands are sent.
     pub fn make(&self) -> Make {
         self.setup.autopilot().make()
     }

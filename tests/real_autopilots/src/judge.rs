@@ -40,7 +40,7 @@ pub enum Expectation {
     Arrives,
     /// Lands at the aim.
     Lands,
-    /// Tells one of the texts within so many seconds of the mark, and rests in the air.
+    /// Sends one of the texts within so many seconds of the mark, and rests in the air.
     Holds(&'static [&'static str], f64),
     /// Rests where it is, with or without a word.
     Rests,
@@ -48,7 +48,7 @@ pub enum Expectation {
     ArrivesOrHolds(&'static [&'static str], f64),
     /// Either [`Expectation::Goal`] or [`Expectation::Holds`].
     GoalOrHolds(&'static [&'static str], f64),
-    /// Never leaves the ground, and one of the texts is told.
+    /// Never leaves the ground, and one of the texts is sent.
     StaysDown(&'static [&'static str], f64),
     /// Nothing but what the script itself has asked for: the script's end is the flight's.
     AsTheScriptSays,
@@ -80,7 +80,7 @@ pub struct Aim {
     pub through: Vec<Place>,
     /// Places that must not be come to after the mark.
     pub never: Vec<Place>,
-    /// Words that must not be told.
+    /// Words that must not be sent.
     pub unsaid: Vec<&'static str>,
     /// When the event came that the expectation is about (s).
     pub marked_s: f64,
@@ -216,7 +216,7 @@ fn hits_ground(truth: &[Truth]) -> bool {
 pub struct Verdict {
     /// Autopilot and profile.
     pub setup: &'static str,
-    /// Firmware of the autopilot, as it tells it.
+    /// Firmware of the autopilot, as it reports it.
     pub version: String,
     /// Flight.
     pub flight: String,
@@ -352,7 +352,7 @@ pub fn verdict(
     verdict
 }
 
-/// A place that it should not have come to, a text that should not have been told.
+/// A place that it should not have come to, a text that should not have been sent.
 fn broken_rule(record: &Record, aim: &Aim) -> Option<String> {
     let flown = since(record, aim.marked_s);
     let came = aim
@@ -482,7 +482,7 @@ fn unwanted_modes(record: &Record, aim: &Aim, setup: Setup) -> Vec<String> {
         let is_at_end = truth.is_some_and(|truth| aim.end.level_distance_m(truth.place) < 3.0);
         let is_natural = match (from.mode, to.mode) {
             (NavMode::Takeoff, NavMode::Hold) => true,
-            // Given back at its last item, it is over before a heartbeat has told it.
+            // Given back at its last item, it is over before a heartbeat has reported it.
             (NavMode::Offboard, NavMode::Hold) => is_at_end && was_asked(NavMode::Mission),
             // PX4 ends a mission in Hold.
             (NavMode::Mission, NavMode::Hold) => {

@@ -97,7 +97,7 @@ pub struct Record {
     pub radio_time_s: f64,
     /// Acknowledgements at the station.
     pub acks: Vec<(f64, MavCmd, MavResult)>,
-    /// Parameters as the autopilot tells them.
+    /// Parameters as the autopilot reports them.
     pub parameters: BTreeMap<String, f32>,
     /// The current mission item, one for each change.
     pub current: Vec<(f64, u16)>,

@@ -43,7 +43,7 @@ pub struct Relay {
 }
 
 impl Relay {
-    /// The autopilot speaks to `autopilot_port`, jink waits at `jink_port`.
+    /// The autopilot talks to `autopilot_port`, jink waits at `jink_port`.
     ///
     /// # Errors
     /// If a port is taken.

@@ -91,7 +91,7 @@ const fn row(
 const ALL: &[Setup] = &Setup::ALL;
 /// PX4 flies, jink's trajectories lead.
 const TRAJECTORY: &[Setup] = &[Bezier, Waypoints];
-/// One of the two: what differs between them is how a curve is spoken, not what is planned.
+/// One of the two: what differs between them is how a curve is sent, not what is planned.
 const CURVES: &[Setup] = &[Bezier];
 /// One of each profile.
 const EACH: &[Setup] = &[Bezier, Offboard2021, Offboard, Guided];
@@ -113,11 +113,11 @@ const F34: World = ("forest", 900_034);
 const GAP: World = ("gap", 900_031);
 const EMPTY: World = ("empty", 1);
 
-/// What is told before a motion that cannot be guarded.
+/// What is reported before a motion that cannot be guarded.
 const HELD: &[&str] = &["unguarded", "held", "holding"];
-/// What is told when there is nothing to fly to.
+/// What is reported when there is nothing to fly to.
 const WAITS: &[&str] = &["waits for mission or go-to"];
-/// What is told about a place out of reach.
+/// What is reported about a place out of reach.
 const BLOCKED: &[&str] = &["blocked", "no path", "impossible", "out of reach"];
 /// So that a flight need not wait half a minute.
 const SOON: &[&str] = &["params.OA_BLOCKED_T=8"];

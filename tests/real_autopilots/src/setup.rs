@@ -28,7 +28,7 @@ impl Autopilot {
         }
     }
 
-    /// Whose modes and commands it speaks.
+    /// Whose modes and commands it uses.
     pub fn make(self) -> Make {
         match self {
             Self::ArduCopter => Make::ArduCopter,
@@ -37,7 +37,7 @@ impl Autopilot {
     }
 }
 
-/// An autopilot and the profile that jink speaks with it.
+/// An autopilot and the profile that jink uses with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Setup {
     /// PX4 of 2021, curves.

@@ -1,4 +1,4 @@
-//! A ground station without a person: what it is told to send, it sends, and says whether it worked.
+//! A ground station without a person: it sends what it is commanded to send, and says whether it worked.
 #![allow(deprecated)] // MISSION_SET_CURRENT is superseded, PX4 of 2021 knows nothing else.
 
 use crate::mission::{Anchor, Item, Place};
@@ -23,7 +23,7 @@ pub const STATION: u8 = 255;
 const COMPONENT: u8 = 190;
 /// A question is repeated after this.
 const REPEAT: Duration = Duration::from_millis(1200);
-/// The sticks are told this often.
+/// The sticks are sent this often.
 const STICKS_PERIOD: Duration = Duration::from_millis(50);
 /// So often at most.
 const ATTEMPTS: u32 = 4;
@@ -49,7 +49,7 @@ struct Remote {
 }
 
 impl Remote {
-    /// What it tells the autopilot of this make with the system id `target`.
+    /// What it sends to the autopilot of this make with the system id `target`.
     fn message(&self, make: Make, target: u8) -> Option<MavMessage> {
         let [forward, right, up, turn] = self.sticks?;
         let thousandths = |share: f64| (1000.0 * share) as i16;
@@ -422,7 +422,7 @@ impl Station {
         );
     }
 
-    /// The remote control: from now on the sticks are told twenty times a second; `None`: it falls silent.
+    /// The remote control: from now on the sticks are sent twenty times a second; `None`: it falls silent.
     pub fn steer(&self, sticks: Option<Sticks>) {
         self.remote().sticks = sticks;
     }

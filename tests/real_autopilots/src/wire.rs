@@ -22,7 +22,7 @@ use std::time::Duration;
 /// How long a reader waits before it looks whether the flight is over.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// A UDP port on loopback and who speaks to it.
+/// A UDP port on loopback and who sends to it.
 #[derive(Debug)]
 pub struct Wire {
     socket: UdpSocket,
@@ -31,7 +31,7 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// Waits at `port` for whoever speaks.
+    /// Waits at `port` for whoever sends.
     ///
     /// # Errors
     /// If the port is taken.
@@ -39,7 +39,7 @@ impl Wire {
         Self::bound(port, None)
     }
 
-    /// At `port`, speaking to `to`.
+    /// At `port`, sending to `to`.
     ///
     /// # Errors
     /// If the port is taken.
@@ -58,7 +58,7 @@ impl Wire {
         })
     }
 
-    /// The next datagram; `None` if none came in a while. Whoever sent it is spoken to from now on.
+    /// The next datagram; `None` if none came in a while. Whoever sent it is answered from now on.
     pub fn receive(&self, buffer: &mut [u8]) -> Option<usize> {
         let (length, from) = self.socket.recv_from(buffer).ok()?;
         *self.peer.lock().unwrap_or_else(PoisonError::into_inner) = Some(from);
@@ -129,7 +129,7 @@ pub fn frames(
     }
 }
 
-/// Notes what any link tells about the flight.
+/// Notes what any link reports about the flight.
 pub fn note(record: &mut Record, make: Make, seen: &Seen) {
     let Some(message) = &seen.message else { return };
     match message {

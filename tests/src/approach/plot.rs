@@ -329,7 +329,7 @@ fn solid(out: &mut String, frame: &Frame, scale: f64, obstacle: &Obstacle) {
             circle(out, frame, [post.north_m, post.east_m], radius, SOLID, 1.0);
         }
         Obstacle::Box(wall) => {
-            // What a box is made of is told by its drawing only.
+            // What a box is made of is shown by its drawing only.
             let Ok(Value::Object(wall)) = serde_json::to_value(wall) else {
                 return;
             };

@@ -88,7 +88,7 @@ pub fn forest_flights() -> Flights {
 
 fn fly(whose: Pairing, name: &str, faults: LinkFaults, must_arrive: bool) {
     let mut setup = whose.forest(3).unwrap();
-    // Who is told that jink holds does not let the mission go on blindly, again and again.
+    // Whoever is notified that jink holds does not let the mission go on blindly, again and again.
     setup.plan.resume = whose == PX4_TRAJECTORY;
     setup.link_faults = Some(faults);
     let report = fly_as(setup, &Cell::forest().unwrap()).unwrap();

@@ -106,7 +106,7 @@ fn no_mission_any_more() {
             let away_m = (flight.truth().position.vector() - place).norm();
             assert!(away_m < 0.5, "{whose:?} {:?}", flight.truth());
         }
-        // PX4 tells it once a second, and the vehicle stops as gently as it flies.
+        // PX4 reports it once a second, and the vehicle stops as gently as it flies.
         assert!(place.x < ACTS_AT_M + 16.0, "{whose:?} {place}");
         assert_eq!(flight.truth().collisions, 0, "{whose:?}");
     }

@@ -45,7 +45,7 @@ fn the_mission_stays_the_autopilots_and_so_does_the_landing() {
             assert_eq!(sent, 0, "a take-off is the autopilot's own");
         }
         if mode == NavMode::Land && flight.truth().time_s > 1.0 {
-            // The change of mode is heard of within half a second.
+            // The change of mode is known within half a second.
             assert!(sent <= sent_before + 60, "a landing, too");
         } else {
             sent_before = sent;

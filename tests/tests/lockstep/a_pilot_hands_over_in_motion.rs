@@ -1,5 +1,5 @@
 //! A pilot who has flown by hand may switch to the mission at speed. The first plan then departs from the motion that the
-//! vehicle has: told to be at rest it would overshoot the place that was certified for it.
+//! vehicle has: with a plan from rest it would overshoot the place that was certified for it.
 
 use jink_emulated_ground_station::{Make, Outcome, Phase};
 use jink_shared_types::vehicle::NavMode;

@@ -38,7 +38,7 @@ pub fn forest_flights() -> Flights {
                 flight.count(&events::PREVENTION_ACTS)
             );
             assert_eq!(truth.collisions, 0, "seed {seed}");
-            // Told is the distance of the centre, and clearance counts from the hull.
+            // Reported is the distance of the centre, and clearance counts from the hull.
             assert!(nearest_m > CP_DIST_M - 0.3 - LOST_M, "seed {seed}: {nearest_m} m");
             assert!(flight.count(&events::PREVENTION_ACTS) > 0, "seed {seed}");
         });
@@ -57,7 +57,7 @@ fn switched_off_it_says_nothing() {
     let mut counts = Vec::new();
     // Back to where nothing stands.
     by_hand(&mut flight, 8.0, |flight, t| {
-        // The change of mode is heard of within half a second.
+        // The change of mode is known within half a second.
         if t > 1.0 {
             counts.push(flight.autopilot().setpoint_statistics().count);
         }

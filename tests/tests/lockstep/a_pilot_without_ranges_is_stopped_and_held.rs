@@ -1,5 +1,6 @@
-//! No ranges, no motion: half a second after the last one the pilot's sticks move nothing, and he is told; after five the autopilot is
-//! asked for Hold. Of several sensors a dead one leaves directions that nobody covers, and nobody flies there.
+//! No ranges, no motion: half a second after the last one the pilot's sticks move nothing, and he is notified; after
+//! five the autopilot is asked for Hold. Of several sensors a dead one leaves directions that nobody covers, and nobody
+//! flies there.
 
 use jink_shared_types::events::{self, Event};
 use jink_shared_types::vehicle::NavMode;
@@ -83,7 +84,7 @@ fn falls_silent(looking_deg: &[f64], reported_within_s: RangeInclusive<f64>) {
     assert!(reported_within_s.contains(&reported_s), "{reported_s}");
     assert!((4.85..=5.15).contains(&asked_s), "{asked_s}");
     assert!(stopped_s < 3.5 && held_s < 6.0, "{stopped_s} {held_s}");
-    assert_eq!(flight.count(&events::PREVENTION_BLIND), 1, "told once");
+    assert_eq!(flight.count(&events::PREVENTION_BLIND), 1, "reported once");
 }
 
 #[test]

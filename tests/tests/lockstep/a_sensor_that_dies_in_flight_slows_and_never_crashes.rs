@@ -1,5 +1,5 @@
 //! One of several range sensors falls silent in the middle of a forest: the flight goes on in what the others see,
-//! slower, and the pilot is told. Without any sensor the vehicle comes to rest, and goes on when one is back.
+//! slower, and the pilot is notified. Without any sensor the vehicle comes to rest, and goes on when one is back.
 
 use jink_emulated_ground_station::Outcome;
 use jink_shared_types::events::{self, Event};

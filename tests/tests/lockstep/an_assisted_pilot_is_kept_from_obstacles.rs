@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 
 /// Distance that collision prevention keeps (m).
 const CP_DIST_M: f64 = 1.5;
-/// Told is the distance of the centre, and clearance counts from the hull (m).
+/// Reported is the distance of the centre, and clearance counts from the hull (m).
 const HULL_M: f64 = 0.3;
 /// What of it may be lost: the sensor's noise, a trunk between two rays, the autopilot's overshoot (m).
 const LOST_M: f64 = 0.3;
@@ -34,7 +34,7 @@ fn speed_mps(flight: &LockStep) -> f64 {
     flight.truth().velocity.vector().norm()
 }
 
-/// What the pilot was told last of assisted flight.
+/// What was reported to the pilot last about assisted flight.
 fn reported(flight: &LockStep) -> String {
     let ours = [
         &events::ASSIST_ON,

@@ -28,7 +28,7 @@ fn a_clock_that_is_slower_by_a_hundredth_leads_to_the_goal() {
     }
 }
 
-/// A vehicle on the ground that says nothing for a moment is no reason to tell anybody.
+/// A vehicle on the ground that says nothing for a moment is no reason to notify anybody.
 #[test]
 fn a_moment_of_silence_at_arming_is_not_told() {
     let pace = Pace {

@@ -77,7 +77,7 @@ fn after_a_take_off_in_guided_the_place_is_held_with_a_mission_on_board_and_with
     hold_flights().fly_some();
 }
 
-/// The autopilot has just told its position, and whether it stands or flies is not known yet.
+/// The autopilot has just reported its position, and whether it stands or flies is not known yet.
 pub fn early_flights() -> Flights {
     let mut flights = Flights::new();
     for after_s in [5.2, 5.6, 6.0, 6.5, 7.5] {
@@ -121,7 +121,7 @@ fn a_gateway_that_is_restarted_on_the_ground_or_in_the_climb_does_not_break_it_o
     restart_flights().fly_some();
 }
 
-/// In GUIDED on the ground ArduCopter tells a target that nobody has sent, and nothing is wrong with it.
+/// In GUIDED on the ground ArduCopter reports a target that nobody has sent, and nothing is wrong with it.
 #[test]
 fn guided_on_the_ground_is_no_alarm() {
     let mut flight = LockStep::new(COPTER.forest(1).unwrap()).unwrap();

@@ -180,7 +180,7 @@ fn ranges_are_dated_from_sensor_to_wire() {
     println!("capture to wire: p50 {p50_ms}, p99 {p99_ms} ms of the board's clock");
     // Six hops of a step each, and the wait for a beat: what is computed takes no time.
     assert!((16.0..40.0).contains(&p50_ms), "{p50_ms}");
-    // A budget of 100 ms, most of which a lidar of 10 Hz needs for itself. The supervisor speaks of three late outputs,
+    // A budget of 100 ms, most of which a lidar of 10 Hz needs for itself. The supervisor reports three late outputs,
     // which are fewer than one in a hundred of a flight.
     let is_late = flight.count(&events::OUTPUT_LATE) > 0;
     let max_ms = f64::from(link.capture_to_wire.max_us) * 1e-3;

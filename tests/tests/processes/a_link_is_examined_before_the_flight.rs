@@ -1,5 +1,5 @@
-//! `jink check link` as a user runs it, against emulated autopilots over UDP: each fault is told by its own sentence and exit
-//! code, and where there is none, jink is ready.
+//! `jink check link` as a user runs it, against emulated autopilots over UDP: each fault is reported by its own
+//! sentence and exit code, and where there is none, jink is ready.
 
 use jink_emulated_arducopter::{ArduCopter, ArduCopterConfig};
 use jink_emulated_autopilot::Autopilot;
@@ -88,7 +88,7 @@ fn check(port: u16, settings: &[&str], further: &[&str]) -> Answer {
     answer(command.args(further))
 }
 
-/// What is told beside `pilot`, with `faults` and `settings`: in words, and the exit code.
+/// What is reported beside `pilot`, with `faults` and `settings`: in words, and the exit code.
 fn reported(pilot: Pilot, faults: Faults, settings: &[&str]) -> Answer {
     let port = free_udp_port();
     let _speaks = OnUdp::begin(port, pilot, faults);
@@ -97,7 +97,7 @@ fn reported(pilot: Pilot, faults: Faults, settings: &[&str]) -> Answer {
     reported
 }
 
-/// Asserts that `sentence` is told with `grade`, and the exit code that follows from it.
+/// Asserts that `sentence` is reported with `grade`, and the exit code that follows from it.
 fn assert_reported(reported: &Answer, grade: &str, sentence: &str) {
     let line = reported
         .stdout

@@ -84,7 +84,7 @@ impl Seen {
     }
 }
 
-/// Watches both topics until it is told to end.
+/// Watches both topics until it is asked to end.
 struct Observer {
     seen: Arc<Mutex<Seen>>,
     end: Arc<AtomicBool>,

@@ -127,7 +127,7 @@ fn its_clouds_arrive_and_silence_is_reported_and_survived() {
         (&before["pid"], &0.into()),
         "{after:#}"
     );
-    assert_eq!(log(role).matches("lidar top lost").count(), 1, "told once");
+    assert_eq!(log(role).matches("lidar top lost").count(), 1, "reported once");
 }
 
 #[test]

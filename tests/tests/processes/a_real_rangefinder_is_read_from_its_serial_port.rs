@@ -130,7 +130,7 @@ fn its_scans_arrive_and_a_loose_plug_is_told_and_survived() {
     assert_eq!(
         log(role).matches("rangefinder front lost").count(),
         1,
-        "told once"
+        "reported once"
     );
 }
 

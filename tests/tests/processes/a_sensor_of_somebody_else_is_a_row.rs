@@ -109,7 +109,7 @@ fn what_its_row_does_not_grant_it_does_not_get() {
             .contains("user_sonar may not publish range/scan/*: neither the topic's row nor"),
         "{up:?}"
     );
-    // What is wrong with the table itself is told with file and line.
+    // What is wrong with the table itself is reported with file and line.
     let folder = config("sonar_refused", &ROWS.replace("user/echo\"]", "plan/route\"]"));
     let table = std::fs::read_to_string(folder.path().join("services.toml")).unwrap();
     let line = 1 + table

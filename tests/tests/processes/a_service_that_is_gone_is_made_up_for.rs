@@ -1,5 +1,5 @@
 //! Services end in flight and do not come back by themselves: the vehicle comes to rest in space that was known to be
-//! free, the autopilot is told the truth, and the flight goes on when they are back.
+//! free, the autopilot receives the true state, and the flight goes on when they are back.
 
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{Flight, System, program, until};

@@ -1,5 +1,6 @@
-//! MAVProxy on the gateway's link for ground stations: it lists, reads and sets the parameters of component 196, hears all
-//! components, and its telemetry log and ours can be read by its makers' tools without a bad byte.
+//! MAVProxy on the gateway's link for ground stations: it lists, reads and sets the parameters of component 196,
+//! receives messages of all components, and its telemetry log and ours can be read by its makers' tools without a bad
+//! byte.
 
 use jink_tests::peers::{GATEWAY_ONLY, MAVPROXY, Network, Terminal, python_or_say};
 use jink_tests::processes::{TempFolder, answer, until, workspace};

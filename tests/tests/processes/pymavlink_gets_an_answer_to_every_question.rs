@@ -1,5 +1,5 @@
 //! pymavlink asks the gateway over a link for ground stations whatever docs/mavlink.md says can be asked: parameters, commands,
-//! files. Every question gets its one answer, every refusal its reason, and what is told agrees with `jink param`.
+//! files. Every question gets its one answer, every refusal its reason, and what is reported agrees with `jink param`.
 
 use jink_tests::peers::{GATEWAY_ONLY, Network, PYMAVLINK, Station, of, python_or_say, received};
 use jink_tests::processes::{answer, until, workspace};
@@ -40,7 +40,7 @@ fn acquainted(role: &str) -> Option<(Network, Station)> {
     Some((network, station))
 }
 
-/// What was told to a link of 32-bit floats.
+/// What was sent to a link of 32-bit floats.
 fn as_f32(value: &Value) -> Value {
     json!(f64::from(value.as_f64().unwrap() as f32))
 }
@@ -138,7 +138,7 @@ fn parameters_are_listed_read_and_set_as_the_board_knows_them() {
         assert!((on_board - in_force).abs() < 1e-6, "{}: {on_board}", case.name);
     }
 
-    // A change made on the board is told to ground stations without being asked for.
+    // A change made on the board is sent to ground stations without being asked for.
     let waits = json!({"do": "wait", "line": "ground", "kind": "PARAM_VALUE", "count": 1});
     let set = std::thread::scope(|scope| {
         let set = scope.spawn(|| network.jink(&["param", "set", "OA_SPD_MAX", "2.25"]));
@@ -159,7 +159,7 @@ struct Set {
     value: f64,
     kind: u64,
     refused: Option<u64>,
-    /// The value that is told, and that the board has; `None` = there is no such parameter.
+    /// The value that is reported, and that the board has; `None` = there is no such parameter.
     in_force: Option<f64>,
 }
 
@@ -184,7 +184,7 @@ const SETS: [Set; 7] = [
     set("NOT_THERE", 1.0, REAL32, Some(DOES_NOT_EXIST), None),
 ];
 
-/// A question and what is to be heard: the result of its one COMMAND_ACK, and the message that comes with it.
+/// A question and what is to be received: the result of its one COMMAND_ACK, and the message that comes with it.
 struct Question {
     component: u8,
     command: u64,

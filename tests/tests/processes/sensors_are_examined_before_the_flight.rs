@@ -165,7 +165,7 @@ fn a_rangefinder_that_repeats_itself_is_stuck_and_one_that_is_unplugged_is_silen
     let jink = System::up("lies", &["--config", folder.text(), "--link", &link]);
 
     let mut json = Value::Null;
-    until("both to speak", || {
+    until("both to send", || {
         json = examined(&jink, "3").0;
         let has_blocker = |name: &str| !reported(&json, "blocker", name).is_empty();
         has_blocker("lies") && !has_blocker("speaks")

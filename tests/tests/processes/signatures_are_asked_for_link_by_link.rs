@@ -149,7 +149,7 @@ fn stamps_only_grow_whatever_becomes_of_the_gateway() {
         let before = LINES.map(|line| tally(&mut station, line));
         change();
         for (line, before) in LINES.into_iter().zip(&before).skip(1) {
-            // The new one does not know where its peers are before they speak.
+            // The new one does not know where its peers are before they send.
             until("an answer", || is_answered(&mut station, line, "right"));
             let after = tally(&mut station, line);
             println!(

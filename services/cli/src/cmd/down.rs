@@ -100,7 +100,7 @@ fn leave_the_vehicle(instance: &Instance) -> Result<bool, Problem> {
     let begin = Instant::now();
     while begin.elapsed() < REST_PATIENCE {
         std::thread::sleep(Duration::from_millis(20));
-        // A vehicle that is not heard any more cannot be stopped.
+        // A vehicle whose state is not received any more cannot be stopped.
         let Some(state) = newest(&mut states) else {
             return Ok(true);
         };

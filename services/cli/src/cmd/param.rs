@@ -1,7 +1,7 @@
 //! `jink param`: the parameters in force, and changing them while jink runs.
 //!
 //! A change is asked of the parameter server, which owns them: it decides, keeps the value and publishes it to every service; the
-//! gateway tells ground stations. This command waits for its answer.
+//! gateway sends it to ground stations. This command waits for its answer.
 
 use jink_cli::view::params::{Listed, table};
 use jink_control::watch::{PROGRAM, Watch};

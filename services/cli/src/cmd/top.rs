@@ -129,7 +129,7 @@ impl Live {
         let watch = Watch::open(instance)?;
         let members = Members::of_instance(instance);
         let mut meters = Vec::new();
-        // Signs of life are in the table of services, events are news.
+        // Heartbeats are in the table of services, events in a list of their own.
         let measured = TABLE
             .iter()
             .filter(|row| row.name != HEALTH.row.name && row.name != EVENT.row.name);

@@ -55,7 +55,7 @@ pub struct Args {
     autopilot: autopilot::Args,
 }
 
-/// How often there may be news.
+/// How often the system's status is read.
 const LOOK: Duration = Duration::from_millis(20);
 /// A system that is not up by then has a reason that a person must see; a good one takes a second or two.
 const READY_PATIENCE: Duration = Duration::from_secs(30);

@@ -1,4 +1,4 @@
-//! Parts of the horizon: sets of the ring's sectors, and how people are told of them.
+//! Parts of the horizon: sets of the ring's sectors, and how they are described to people.
 
 use jink_shared_types::ring::{SECTOR_WIDTH_RAD, SECTORS};
 use serde::Serialize;

@@ -1,6 +1,6 @@
 //! One sample of a sensor, cut down to what an examination asks of it.
 //!
-//! Directions are those of a level vehicle. A ray of a point cloud tells of the horizon if it is nearly level
+//! Directions are those of a level vehicle. A ray of a point cloud counts for the horizon if it is nearly level
 //! ([`HORIZON_RAD`]); a beam of a scan if it is mounted to look around at all, and then all its width, as in the guard's ring.
 
 use super::circle::Sectors;
@@ -8,8 +8,8 @@ use jink_shared_types::ranges::{PointCloud, RangeScan, RayKind, ScanFrame};
 use jink_shared_types::ring::{SECTORS, sector_of, sectors_of_arc};
 use nalgebra::Vector3;
 
-/// Rays of a cloud up to this far above or below the vehicle's horizon tell of it (rad): 10 degrees. A steeper one leaves the guard's
-/// band of half a metre within 3 m, and the ground under a vehicle that stands is not the horizon.
+/// Rays of a cloud up to this far above or below the vehicle's horizon count for it (rad): 10 degrees. A steeper one
+/// leaves the guard's band of half a metre within 3 m, and the ground under a vehicle that stands is not the horizon.
 const HORIZON_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 /// Readings up to this far above the shortest range (m) are at it: what lies in front of a sensor reads as that, with its noise.
 const NEAR_M: f64 = 0.02;

@@ -231,7 +231,7 @@ fn times(sensor: &SensorSeen, params: &ParamSet, findings: &mut Vec<Finding>) {
     }
 }
 
-/// Whether it speaks as often as it is to.
+/// Whether it sends samples as often as it is to.
 fn pace(sensor: &SensorSeen, seconds: f64, findings: &mut Vec<Finding>) {
     let what = samples(sensor);
     let mut say = |grade: Grade, is: String, remedy: &str| {
@@ -454,7 +454,7 @@ fn sight(sensor: &SensorSeen) -> Finding {
 
 /// Sensors that look into the same directions and see another world there.
 fn contradictions(sensors: &[SensorSeen], findings: &mut Vec<Finding>) {
-    // What is covered up is told as that.
+    // What is covered up is reported as that.
     let open = |sensor: &&SensorSeen| sensor.too_near < sensor.hits || sensor.hits == 0;
     let open: Vec<&SensorSeen> = sensors.iter().filter(open).collect();
     for (number, one) in open.iter().enumerate() {
@@ -470,7 +470,7 @@ fn contradiction(one: &SensorSeen, other: &SensorSeen) -> Option<Finding> {
         .collect();
     let nearest =
         |distance: fn(&(usize, f64, f64)) -> f64| common.iter().map(distance).fold(f64::INFINITY, f64::min);
-    // A beam tells the nearest of all that it is wide: only the nearest of the other can be compared with it.
+    // A beam reports the nearest obstacle in all its width: only the nearest of the other can be compared with it.
     let is_beam = one.sort == SensorType::Beam || other.sort == SensorType::Beam;
     let differ =
         |one_m: f64, other_m: f64| are_far_apart((one_m, one.reach_m[1]), (other_m, other.reach_m[1]));

@@ -2,11 +2,11 @@
 //!
 //! | in | out |
 //! |---|---|
-//! | `range/scan/*`, `range/cloud/*` of every configured sensor ([`SensorSeen`]) | whether it speaks, in time, and credibly |
+//! | `range/scan/*`, `range/cloud/*` of every configured sensor ([`SensorSeen`]) | whether it sends data, in time, and credibly |
 //! | `guard/ring` ([`RingSeen`]) | which directions nobody sees, and what that means with these parameters |
 //! | `map/local`, `plan/route` ([`KnownSpace`]) | what is declared, and which directions are missing |
 //! | `map/local` | faults of sensors that showed in flight |
-//! | `vehicle/state`, events | whether ranges can be placed, what the pilot was told |
+//! | `vehicle/state`, events | whether ranges can be placed, what was reported to the pilot |
 //!
 //! Coverage is counted as the guard counts it: in sectors of five degrees, each as a whole as soon as it is looked into.
 
@@ -45,7 +45,7 @@ pub struct Seen {
     pub states: u64,
     /// What map and planner said last of all sensors together.
     pub space: Option<KnownSpace>,
-    /// What the pilot was told.
+    /// What was reported to the pilot.
     pub events: Vec<EventSample>,
     /// What the newest map says of each sensor, in the order of the configuration.
     pub faults: [SensorFault; SENSORS],

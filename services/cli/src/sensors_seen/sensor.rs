@@ -41,7 +41,7 @@ pub enum OrientationKey {
     Named(String),
 }
 
-/// How often a sensor is to speak.
+/// How often a sensor is to send samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rate {
     /// So often (Hz).
@@ -51,7 +51,7 @@ pub enum Rate {
 }
 
 impl SensorTable {
-    /// Whether straight ahead lies within its field of view, as its table says that it is mounted. A single beam has none to speak of.
+    /// Whether straight ahead lies within its field of view, mounted as its table says. A single beam has hardly any.
     pub fn looks_ahead(&self) -> bool {
         // Half of the narrowest field of view of its kind (deg): 87 of a RealSense D435, 70 of a Livox Avia, 320 of an SF45.
         let half_deg = match (self.kind.as_str(), self.model.as_deref()) {
@@ -212,8 +212,8 @@ impl SensorSeen {
         (self.changes == 0).then_some(self.reported)
     }
 
-    /// How often a second it comes back to a direction: the usual one of all directions. The same as its rate, unless it tells
-    /// a part of its sweep at a time.
+    /// How often a second it comes back to a direction: the usual one of all directions. The same as its rate, unless
+    /// it reports a part of its sweep at a time.
     pub fn sweeps_hz(&self) -> Option<f64> {
         let span_s = self.timing.span_s();
         let counts: Vec<f64> = self.looks_into().map(|looks| looks.count as f64).collect();
@@ -221,7 +221,7 @@ impl SensorSeen {
         (span_s > 0.0).then(|| (usual - 1.0) / span_s)
     }
 
-    /// Whether it tells a part of its sweep at a time.
+    /// Whether it reports a part of its sweep at a time.
     pub fn is_in_parts(&self) -> bool {
         let most = self.looks_into().map(|looks| looks.count).max().unwrap_or(0);
         self.sort == SensorType::Scan && 4 * most < 3 * self.timing.samples()

@@ -121,7 +121,7 @@ impl Rig {
     }
 }
 
-/// Which sectors are unknown, parameters, and what is told of it.
+/// Which sectors are unknown, parameters, and what is reported of it.
 type Blind = (
     fn(usize) -> bool,
     &'static [(&'static str, f64)],

@@ -6,7 +6,7 @@ use jink_shared_types::{SampleHeader, Timestamp};
 /// A capture this much later than its publication (s) is no rounding: both come from one clock.
 const FUTURE_S: f64 = 1e-3;
 
-/// What the headers of one producer's samples tell, in the order in which they came.
+/// What the headers of one producer's samples say, in the order in which they came.
 #[derive(Clone, Debug, Default)]
 pub struct Timing {
     first: Timestamp,

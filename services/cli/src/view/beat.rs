@@ -1,4 +1,4 @@
-//! The rate of a topic as its samples tell it.
+//! The rate of a topic as measured on its samples.
 
 use jink_control::figures::round;
 use jink_shared_types::quantile::quantile;
@@ -6,7 +6,7 @@ use jink_shared_types::topics::TopicRow;
 use jink_shared_types::{SampleHeader, Timestamp};
 use serde_json::json;
 
-/// What the headers of successive samples tell.
+/// What the headers of successive samples say.
 #[derive(Clone, Debug, Default)]
 pub struct Beat {
     first: Timestamp,

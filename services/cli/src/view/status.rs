@@ -107,7 +107,7 @@ pub struct Service {
     pub state: String,
     /// The system cannot fly without it.
     pub essential: bool,
-    /// Which start of it this is; 0 = never heard.
+    /// Which start of it this is; 0 = never seen.
     pub generation: u32,
     /// Time since this start (s); `None` if it does not run.
     pub uptime_s: Option<f64>,
@@ -154,13 +154,13 @@ pub struct Service {
 pub struct Link {
     /// Age of these figures (ms).
     pub age_ms: f64,
-    /// The autopilot has been heard within 1.5 s.
+    /// The autopilot has been seen within 1.5 s.
     pub autopilot_alive: bool,
     /// Its MAVLink system id; 0 = not known.
     pub system_id: u8,
     /// What the avoidance heartbeat says.
     pub avoidance: String,
-    /// How setpoints are spoken; empty = not chosen yet.
+    /// How setpoints are sent; empty = not chosen yet.
     pub profile: String,
     /// Whether that fits the autopilot.
     pub profile_fit: String,
@@ -431,7 +431,7 @@ impl Link {
         }
     }
 
-    /// For people: who is heard, the clock, the setpoints, and the way from capture to wire.
+    /// For people: which autopilot is seen, the clock, the setpoints, and the way from capture to wire.
     pub fn line(&self) -> String {
         if !self.autopilot_alive {
             return format!(

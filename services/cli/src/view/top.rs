@@ -1,4 +1,4 @@
-//! The live screen: services, hops, rates, news.
+//! The live screen: services, hops, rates, events.
 
 use crate::view::beat::Beat;
 use crate::view::status::Report;
@@ -12,7 +12,7 @@ use ratatui::widgets::{Cell, Paragraph, Row, Table, Widget};
 
 /// A rate below this share of the declared one is marked.
 const SLOW_SHARE: f64 = 0.8;
-/// News that are kept.
+/// Events that are kept.
 const UPDATE: usize = 8;
 /// From this width on the services are shown in all columns.
 const WIDE: u16 = 140;
@@ -35,7 +35,7 @@ pub struct Screen {
     pub report: Report,
     /// Rates of topics.
     pub rates: Vec<Rate>,
-    /// News, newest last.
+    /// Events, newest last.
     pub update: Vec<String>,
     /// How many topics are scrolled away above the first that is shown.
     pub scrolled: usize,
@@ -87,7 +87,7 @@ impl Areas {
 }
 
 impl Screen {
-    /// Adds a piece of news; the oldest goes.
+    /// Adds an event; the oldest goes.
     pub fn report(&mut self, line: String) {
         if self.update.len() == UPDATE {
             self.update.remove(0);
@@ -335,7 +335,7 @@ mod tests {
         assert!(!text.contains("news 11\n"), "{text}");
     }
 
-    /// Eight services with long names and process ids, thirty topics, news.
+    /// Eight services with long names and process ids, thirty topics, events.
     fn crowded() -> Screen {
         let mut status = SystemStatus {
             len: 8,

@@ -106,8 +106,8 @@ proptest! {
             let reported_m = f64::from(seen.distance_m[sector_of(now_rad)]);
             // The beam is that wide: anywhere in it may be what it met.
             let aside_m = 0.5 * THIN_RAD * moved_m;
-            prop_assert!(reported_m <= now_m + 1e-3 + aside_m, "{} m is told for {}", reported_m, now_m);
-            prop_assert!(reported_m >= now_m - 1e-3 - 0.15 * moved_m, "{} m is told for {}", reported_m, now_m);
+            prop_assert!(reported_m <= now_m + 1e-3 + aside_m, "{} m seen for {}", reported_m, now_m);
+            prop_assert!(reported_m >= now_m - 1e-3 - 0.15 * moved_m, "{} m seen for {}", reported_m, now_m);
         }
         // The rim of the sector that the vehicle had there when it looked.
         let heading_rad = Attitude::from_rotation(attitude).yaw_rad();
@@ -120,7 +120,7 @@ proptest! {
             let reach_rad = wrap_pi(left - now_rad).abs().max(wrap_pi(right - now_rad).abs()) + 0.02;
             let may_show = off_rad <= reach_rad.max(0.5 * SECTOR_WIDTH_RAD + 0.5 * THIN_RAD + 1e-3)
                 || is_on_border(bearing_rad - heading_rad);
-            prop_assert!(!is_finite || may_show, "sector {} tells {}", sector, seen.distance_m[sector]);
+            prop_assert!(!is_finite || may_show, "sector {} reports {}", sector, seen.distance_m[sector]);
         }
     }
 

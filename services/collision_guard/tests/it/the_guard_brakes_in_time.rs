@@ -143,7 +143,7 @@ fn an_obstacle_that_appears_within_the_stopping_distance_is_braked_for_in_one_st
     );
     assert!((event.numbers[0] - out.free_way_m).abs() < 1e-9);
 
-    // Told once, and not braked again.
+    // Reported once, and not braked again.
     let (again, step_events) = step(&mut guard, t + 0.03, None, &ring, place);
     assert_eq!(again.trajectory, out.trajectory);
     assert!(step_events.events().is_empty());

@@ -54,7 +54,7 @@ fn a_clear_ray_makes_its_sector_free_as_far_as_the_sensor_reaches() {
     let seen = view(&ring, NOW_S);
     assert_eq!(seen.distance_m[18], f32::INFINITY);
     assert!((seen.range_max_m[18] - 15.0).abs() < 1e-3);
-    assert!(seen.distance_m[36].is_nan(), "an unknown ray tells nothing");
+    assert!(seen.distance_m[36].is_nan(), "an unknown ray reports nothing");
 }
 
 #[test]
@@ -328,7 +328,7 @@ proptest! {
             let to_border = (((bearing - yaw) / SECTOR_WIDTH_RAD).rem_euclid(1.0) - 0.5).abs();
             if to_border > 1e-3 {
                 let reported = f64::from(seen.distance_m[sector_of(bearing - yaw)]);
-                prop_assert!(reported <= range + 1e-3, "{} told for {}", reported, range);
+                prop_assert!(reported <= range + 1e-3, "{} reported for {}", reported, range);
             }
         }
     }

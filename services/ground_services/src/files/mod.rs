@@ -6,9 +6,9 @@
 //! | whatever would write | NAK, FileProtected |
 //! | anything else | NAK, UnknownCommand |
 //!
-//! Whoever hears no answer asks again with the same number: the last answer to each client is kept and said again, so that
-//! nothing is done twice. Pieces of a burst leave at [`PACE_HZ`], in turn for all clients, and a burst ends after
-//! [`BURST_PIECES`]: a client that has lost some asks for them before it goes on. A session that is not used for
+//! Whoever receives no answer asks again with the same number: the last answer to each client is kept and said again,
+//! so that nothing is done twice. Pieces of a burst leave at [`PACE_HZ`], in turn for all clients, and a burst ends
+//! after [`BURST_PIECES`]: a client that has lost some asks for them before it goes on. A session that is not used for
 //! [`SESSION_S`] is over. Session numbers are not used again soon, so a late copy of an old request ends nobody's session;
 //! a client that names session 0, which nobody has, means the one it has used last.
 

@@ -31,7 +31,7 @@ const AFTERMATH_S: f64 = 1.5;
 const PATIENCE_S: f64 = 20.0;
 /// The process that publishes for all simulated sensors.
 const SENSORS: &str = "sensors";
-/// The process that speaks to the autopilot.
+/// The process that talks to the autopilot.
 const GATEWAY: &str = "mavlink_gateway";
 /// Garbage datagrams, and their size (bytes).
 const GARBAGE: [usize; 2] = [2_000, 700];
@@ -108,7 +108,7 @@ impl Drills {
         }
     }
 
-    /// Makes what is due and notices what has ended; answers what to tell of it.
+    /// Makes what is due and notices what has ended; answers what to report of it.
     pub fn step(&mut self, view: &View<'_>) -> Vec<String> {
         let mut update = Vec::new();
         let is_due = |drill: &Drill| {
@@ -268,7 +268,7 @@ impl Open {
                 }
                 self.record.survived = works;
                 let recovery_ms = |now: ProcessStatus| match (now.recovery_us, self.record.fault) {
-                    // Nobody measures it: as far as looking fifty times a second can tell.
+                    // Nobody measures it: as far as looking fifty times a second can show.
                     (0, _) => round((time_s - self.begin_s) * 1e3),
                     (_, Fault::Kill) => round(now.back.seconds_since(self.begin) * 1e3),
                     (us, _) => f64::from(us) * 1e-3,

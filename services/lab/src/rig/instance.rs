@@ -7,7 +7,7 @@ use std::time::SystemTime;
 /// What their names begin with.
 const PREFIX: &str = "demo_";
 
-/// An instance that no other flight has; `suffix` tells those of one process apart.
+/// An instance that no other flight has; `suffix` distinguishes those of one process.
 ///
 /// # Errors
 /// The name is too long.

@@ -60,12 +60,12 @@ pub struct Plan {
     pub keeps_sensed: bool,
 }
 
-/// Longest time for one leg unless told otherwise (s).
+/// Longest time for one leg unless set otherwise (s).
 const LEG_LIMIT_S: f64 = 180.0;
 /// What a real autopilot takes besides until it has found its position and lets itself be armed (s).
 const SITL_BOOT_S: f64 = 90.0;
 
-/// Longest flight of so many legs unless told otherwise (s).
+/// Longest flight of so many legs unless set otherwise (s).
 pub fn usual_limit_s(legs: u32, is_sitl: bool) -> f64 {
     LEG_LIMIT_S * f64::from(legs) + if is_sitl { SITL_BOOT_S } else { 0.0 }
 }

@@ -48,7 +48,7 @@ impl Pilot {
         })
     }
 
-    /// What it said since the last call, one piece of news per line.
+    /// What it said since the last call, one event per line.
     pub fn update(&mut self) -> Vec<String> {
         let lines: Vec<String> = self.lines.try_iter().map(|line| plain(&line)).collect();
         if let Some(last) = lines.last() {

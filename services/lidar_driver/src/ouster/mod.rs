@@ -18,8 +18,8 @@
 //! y left, z up.
 //!
 //! **What can be detected.** With the CRC-64 any damage. Without it (LEGACY, FUSA, firmware before 2.5): another
-//! length, columns that do not follow each other, stamps that run backwards; a damaged range cannot be told from a
-//! sound one.
+//! length, columns that do not follow each other, stamps that run backwards; a damaged range cannot be distinguished
+//! from a sound one.
 
 pub mod crc64;
 pub mod http;
@@ -167,7 +167,7 @@ impl Ouster {
         status & 1 == 1
     }
 
-    /// Frame id of a packet of the right kind, sound as far as can be told.
+    /// Frame id of a packet of the right kind, sound as far as can be checked.
     fn check(&self, bytes: &[u8]) -> Result<u32, Fault> {
         let header = self.metadata.header;
         if bytes.len() != self.packet_bytes {

@@ -166,7 +166,7 @@ fn of_a_stream_with_one_byte_in_a_hundred_damaged_checksums_let_nothing_wrong_th
         for (index, packet) in packets.iter().enumerate() {
             let expected: BTreeSet<[i64; 3]> = rays_of(&mut sound, packet).into_iter().collect();
             let mut bytes = packet.clone();
-            // The first packets tell that the checksum is one. One of three is then damaged, in one byte of a hundred.
+            // The first packets show that the checksum is one. One of three is then damaged, in one byte of a hundred.
             if index > 40 && random.random_ratio(1, 3) {
                 damaged += 1;
                 for byte in &mut bytes {

@@ -1,5 +1,5 @@
-//! Scanners as their manuals describe them: every range comes back in its beam, RPLIDARs are told to scan, and what is
-//! damaged is dropped.
+//! Scanners as their manuals describe them: every range comes back in its beam, RPLIDARs are commanded to scan, and
+//! what is damaged is dropped.
 
 use crate::encoder::{ldrobot, rplidar_capsule, rplidar_dense, rplidar_descriptor, rplidar_sample, spec};
 use jink_lidar_driver::models::{self, Connection};

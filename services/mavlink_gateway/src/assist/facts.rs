@@ -39,7 +39,7 @@ pub struct AutopilotFacts {
 }
 
 impl AutopilotFacts {
-    /// Takes what the autopilot tells of a parameter.
+    /// Takes what the autopilot reports of a parameter.
     pub fn take(&mut self, autopilot: MavAutopilot, reported: &PARAM_VALUE_DATA) {
         let (Ok(name), Ok(value)) = (
             reported.param_id.to_str(),

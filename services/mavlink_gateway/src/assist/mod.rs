@@ -5,9 +5,9 @@
 //!
 //! | seen | asked of the autopilot | sent meanwhile |
 //! |---|---|---|
-//! | chosen, and nothing speaks against it | the mode that follows setpoints, `STREAM_S` after the stream has begun | what the guard allows of the sticks, as later on |
-//! | chosen, and something does | nothing; the pilot is told what | nothing |
-//! | the autopilot does not change for `ENGAGE_S`, or refuses | nothing more; the pilot is told | nothing |
+//! | chosen, and nothing prevents it | the mode that follows setpoints, `STREAM_S` after the stream has begun | what the guard allows of the sticks, as later on |
+//! | chosen, and something does | nothing; the reason is sent to the pilot | nothing |
+//! | the autopilot does not change for `ENGAGE_S`, or refuses | nothing more; the pilot is notified | nothing |
 //! | switched off | the pilot's mode: the one in which he chose it | what the guard allows of the sticks |
 //! | the mode changes, by whomever | nothing: he has it | nothing |
 //! | it comes back by itself within `RETURN_S`, as PX4 does after a lost stream | the pilot's mode | a stop, then the place |
@@ -98,9 +98,9 @@ pub struct AssistScene {
     pub fits: bool,
     /// CP_DIST is above zero.
     pub keeps_distance: bool,
-    /// What of the autopilot's parameters speaks against it.
+    /// Which of the autopilot's parameters prevents it.
     pub hindrance: Option<&'static str>,
-    /// Time since the sticks were heard (s); `None`: never.
+    /// Time since the sticks were received (s); `None`: never.
     pub sticks_age_s: Option<f64>,
     /// The throttle stick is at its centre, so that choosing this neither climbs nor descends.
     pub is_level: bool,
@@ -115,7 +115,7 @@ pub struct AssistScene {
 }
 
 impl AssistScene {
-    /// What speaks against it, in words for the text that says so.
+    /// What prevents it, in words for the text that says so.
     fn refusal(&self) -> Option<&'static str> {
         let has_sticks = self
             .sticks_age_s
@@ -141,7 +141,7 @@ impl AssistScene {
 pub struct AssistIntent {
     /// The mode to be asked for now.
     pub request: Option<ModeRequest>,
-    /// What the pilot is to be told now.
+    /// What is to be sent to the pilot now.
     pub text: Option<PilotText>,
 }
 
@@ -160,7 +160,7 @@ pub struct Assist {
     ended: Timestamp,
     /// Without ranges since then.
     blind_since: Option<Timestamp>,
-    /// Resumed then: sticks and guard have not been heard since.
+    /// Resumed then: neither sticks nor samples of the guard have been received since.
     resumed: Timestamp,
     holds: Option<&'static str>,
     /// What spoke against it at the last step.
@@ -200,10 +200,10 @@ impl Assist {
         matches!(self.phase, Phase::Assisting | Phase::Leaving { .. }).then_some(self.pilots_mode)
     }
 
-    /// Somebody chooses it, or switches it off. What speaks against it, as far as is known now.
+    /// Somebody chooses it, or switches it off. What prevents it, as far as is known now.
     ///
     /// # Errors
-    /// A word for what speaks against it.
+    /// A word for what prevents it.
     pub fn choose(&mut self, on: bool) -> Result<(), &'static str> {
         self.choice = Some(on);
         match self.refusal.filter(|_| on && self.phase == Phase::Off) {

@@ -13,7 +13,8 @@ const AXIS: usize = 8;
 pub struct AssistRecord {
     /// The mode that the pilot is given back, by the autopilot's own number.
     pub pilots_mode: u32,
-    /// What the autopilot's channels mean, where that had to be read: reading it again takes longer than a pilot may be unheard.
+    /// What the autopilot's channels mean, where that had to be read: reading it again takes longer than a pilot's
+    /// sticks may be missing.
     pub calibration: Option<RcCalibration>,
 }
 

@@ -1,4 +1,4 @@
-//! The pilot's sticks, as the autopilot tells them: MANUAL_CONTROL (PX4) or RC_CHANNELS (ArduPilot).
+//! The pilot's sticks, as the autopilot reports them: MANUAL_CONTROL (PX4) or RC_CHANNELS (ArduPilot).
 //!
 //! | stick | MANUAL_CONTROL | RC_CHANNELS, channel by RCMAP_* |
 //! |---|---|---|
@@ -11,7 +11,7 @@ use jink_shared_types::Timestamp;
 use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, RC_CHANNELS_DATA};
 use nalgebra::{Rotation2, Vector2};
 
-/// Sticks that are heard of less recently than this (s) are lost: the autopilot's own limit for a lost remote control.
+/// Sticks that were received longer ago than this (s) are lost: the autopilot's own limit for a lost remote control.
 pub const STICKS_KEPT_S: f64 = 0.5;
 /// A stick this near to its centre is there (share of its way): PX4's MAN_DEADZONE.
 const DEAD_ZONE: f64 = 0.1;
@@ -44,7 +44,7 @@ impl Default for PilotSticks {
 }
 
 impl PilotSticks {
-    /// Takes the sticks as PX4 tells them; an axis that it does not know leaves everything as it was.
+    /// Takes the sticks as PX4 reports them; an axis that it does not know leaves everything as it was.
     pub fn take(&mut self, control: &MANUAL_CONTROL_DATA, received: Timestamp) {
         let share = |stick: i16| (stick != i16::MAX).then(|| f64::from(stick) / 1000.0);
         if let (Some(forward), Some(right)) = (share(control.x), share(control.y)) {
@@ -53,7 +53,7 @@ impl PilotSticks {
         }
     }
 
-    /// Takes the channels as ArduPilot tells them; one that is not there leaves everything as it was.
+    /// Takes the channels as ArduPilot reports them; one that is not there leaves everything as it was.
     pub fn take_channels(
         &mut self,
         channels: &RC_CHANNELS_DATA,
@@ -80,17 +80,17 @@ impl PilotSticks {
         self.received = received;
     }
 
-    /// Time since they were heard (s); `None`: never.
+    /// Time since they were received (s); `None`: never.
     pub fn age_s(&self, now: Timestamp) -> Option<f64> {
         self.received.is_set().then(|| now.seconds_since(self.received))
     }
 
-    /// Whether they are heard.
+    /// Whether they are received.
     pub fn is_fresh(&self, now: Timestamp) -> bool {
         self.age_s(now).is_some_and(|age_s| age_s <= STICKS_KEPT_S)
     }
 
-    /// Where the pilot wants to go (north, east, m/s), with `full_mps` at full stick; nowhere, if they are not heard.
+    /// Where the pilot wants to go (north, east, m/s), with `full_mps` at full stick; nowhere if they are not received.
     pub fn velocity(&self, now: Timestamp, yaw_rad: f64, full_mps: f64) -> Vector2<f64> {
         if !self.is_fresh(now) {
             return Vector2::zeros();
@@ -98,12 +98,12 @@ impl PilotSticks {
         Rotation2::new(yaw_rad) * self.level * full_mps
     }
 
-    /// Share of the climb that is wanted, -1 to 1; 0 if they are not heard.
+    /// Share of the climb that is wanted, -1 to 1; 0 if they are not received.
     pub fn up(&self, now: Timestamp) -> f64 {
         if self.is_fresh(now) { self.up } else { 0.0 }
     }
 
-    /// Share of the turn to the right that is wanted, -1 to 1; 0 if they are not heard.
+    /// Share of the turn to the right that is wanted, -1 to 1; 0 if they are not received.
     pub fn turn(&self, now: Timestamp) -> f64 {
         if self.is_fresh(now) { self.turn } else { 0.0 }
     }
@@ -253,7 +253,7 @@ mod tests {
             "the throttle rests in the middle of its range"
         );
         assert_eq!(sticks.turn(NOW), -1.0, "the channel is reversed");
-        // No signal on one of them: nothing was heard.
+        // No signal on one of them: nothing was received.
         channels.chan2_raw = 0;
         let later = NOW.plus_seconds(1.0);
         sticks.take_channels(&channels, &calibration(), later);

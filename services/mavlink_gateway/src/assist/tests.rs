@@ -10,7 +10,7 @@ const POSITION: u32 = 3 << 16;
 const OFFBOARD: u32 = 6 << 16;
 const HOLD: u32 = 4 << 16 | 3 << 24;
 
-/// A pilot flies in Position, and nothing speaks against assisting him.
+/// A pilot flies in Position, and nothing prevents assisting him.
 fn scene(time_s: f64) -> AssistScene {
     AssistScene {
         now: Timestamp::from_seconds(time_s),
@@ -45,7 +45,7 @@ fn in_mode(scene: AssistScene, mode: NavMode) -> AssistScene {
     }
 }
 
-/// An autopilot that does what it is asked for, and all that was asked and told, with the times (s).
+/// An autopilot that does what it is asked for, and all that was asked and reported, with the times (s).
 struct Flight {
     assist: Assist,
     mode: NavMode,
@@ -215,7 +215,7 @@ fn a_guard_that_does_not_answer_is_never_flown_with() {
 fn every_exit_leads_to_the_pilots_mode_or_to_hold() {
     type Change = fn(AssistScene) -> AssistScene;
     let pilots = ModeRequest::Pilots(POSITION);
-    // What happens, how long it lasts until something is asked for (s), what is asked for, what is told.
+    // What happens, how long it lasts until something is asked for (s), what is asked for, what is reported.
     let cases: [(Change, f64, ModeRequest, &[&str]); 6] = [
         (
             |scene| AssistScene {
@@ -378,7 +378,7 @@ fn a_gateway_that_is_started_again_goes_on_and_gives_the_mode_back() {
         .assist
         .resume(Timestamp::from_seconds(flight.time_s), POSITION);
     flight.mode = NavMode::Offboard;
-    // For a moment it has heard neither sticks nor guard.
+    // For a moment it has received neither sticks nor samples of the guard.
     flight.run(0.3, |scene| AssistScene {
         sticks_age_s: None,
         guard: None,

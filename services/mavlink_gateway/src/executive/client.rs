@@ -1,11 +1,11 @@
 //! The autopilot's mission, read over MAVLink's mission protocol: for the profiles in which jink flies it itself.
 //!
-//! | told | done |
+//! | in | done |
 //! |---|---|
 //! | [`MissionClient::begin`], [`MissionClient::refresh`] | MISSION_REQUEST_LIST, then MISSION_REQUEST_INT for each item, MISSION_ACK at the end |
 //! | an answer that does not come | the request is repeated, five times, then the whole is tried again later |
-//! | MISSION_CURRENT tells another length or identity than before; MISSION_ACK for somebody else; "Flight plan received" | the mission is read anew |
-//! | nothing, in flight, from an autopilot that gives missions no identity ([`MissionClient::watch`]) | the mission is read anew again and again: ArduPilot tells only the uploader of a new one |
+//! | MISSION_CURRENT reports another length or identity than before; MISSION_ACK for somebody else; "Flight plan received" | the mission is read anew |
+//! | nothing, in flight, from an autopilot that gives missions no identity ([`MissionClient::watch`]) | the mission is read anew again and again: ArduPilot notifies only the uploader of a new one |
 //!
 //! Source: MAVLink developer guide, "Mission Protocol", with its time-outs.
 
@@ -99,7 +99,8 @@ pub struct MissionClient {
     begun: Timestamp,
     /// When the last one that was ended began.
     read_at: Timestamp,
-    /// Number of items and identity of the mission, as MISSION_CURRENT told them last; what it counts differs from make to make.
+    /// Number of items and identity of the mission, as MISSION_CURRENT reported them last; what it counts differs from
+    /// make to make.
     reported: (Option<u16>, Option<u32>),
     note: Option<Note>,
 }
@@ -220,7 +221,7 @@ impl MissionClient {
         self.ask_for(now, item.seq + 1);
     }
 
-    /// Another length or another identity than was told before: another mission.
+    /// Another length or another identity than was reported before: another mission.
     fn take_current(&mut self, now: Timestamp, current: &MISSION_CURRENT_DATA) {
         // MAVLink: 0 is not supported, the greatest number is no mission.
         let total = match current.total {
@@ -326,8 +327,8 @@ impl MissionClient {
     }
 }
 
-/// Whether two readings are of the same mission; a number that is not given (NaN) equals itself. What ArduPilot tells as item 0
-/// is home, and moves by itself.
+/// Whether two readings are of the same mission; a number that is not given (NaN) equals itself. What ArduPilot reports
+/// as item 0 is home, and moves by itself.
 fn is_same(a: &[Item], b: &[Item]) -> bool {
     let bits = |item: &Item| (item.params.map(f32::to_bits), item.z_m.to_bits());
     let same = |(a, b): (&Item, &Item)| {

@@ -1,4 +1,4 @@
-//! Where the local frame lies on the globe, learned from the two positions that the autopilot tells: local and global.
+//! Where the local frame lies on the globe, learned from the autopilot's two positions, local and global.
 //!
 //! | in | out |
 //! |---|---|
@@ -123,7 +123,7 @@ impl Georeference {
         self.reported.map(|(fix, _)| fix.home_down_m)
     }
 
-    /// Whether places on the globe can be told.
+    /// Whether places on the globe can be converted to the local frame.
     pub fn is_known(&self) -> bool {
         self.reported.is_some()
     }
@@ -135,7 +135,7 @@ impl Georeference {
     }
 
     /// The same for a place in the numbers of a mission item.
-    #[allow(deprecated)] // Frames whose names tell how a number is sent mean the same as those without.
+    #[allow(deprecated)] // Frames whose names say how a number is sent mean the same as those without.
     pub fn locate(&self, frame: MavFrame, (x, y): (i32, i32), z_m: f32) -> Option<Vector3<f64>> {
         const METRES_PER_UNIT: f64 = 1e-4;
         let height_m = f64::from(z_m);
@@ -184,7 +184,7 @@ mod tests {
         }
     }
 
-    /// Flies along a line and tells both positions, the global one 33 ms after the local one.
+    /// Flies along a line and reports both positions, the global one 33 ms after the local one.
     fn flown(origin: GlobalPoint, home_down_m: f64, velocity: Vector3<f64>, pairs: u32) -> Georeference {
         let projection = Projection::new(origin);
         let mut georeference = Georeference::default();

@@ -5,7 +5,7 @@
 //! | at rest where the rest is the autopilot's | the mission is read anew first: it may have been changed by somebody |
 //! | it is the same | the item is made current, then the mode of missions is asked for. PX4 shows the current item in that mode only, so a request that does not show is not waited for |
 //! | the autopilot flies its mission, from an earlier item (ArduPilot's MIS_RESTART, or a request that was lost) | the item is made current again |
-//! | that has no effect | hold, and the pilot is told |
+//! | that has no effect | hold, and the pilot is notified |
 
 use super::client::Item;
 use super::items::navigates;

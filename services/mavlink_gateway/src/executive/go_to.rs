@@ -23,15 +23,16 @@ use nalgebra::Vector3;
 const SAME_M: f64 = 0.3;
 /// The same target after this long (s) was asked for once more.
 const AGAIN_S: f64 = 2.0;
-/// A vehicle that is told to hold comes back to a place that is not farther than this from it (m) ...
+/// A vehicle that is commanded to hold comes back to a place that is not farther than this from it (m) ...
 const HOLDS_WITHIN_M: f64 = 4.0;
 /// ... and, while it moves, than the way of a stop with this deceleration (m/s2).
 const STOP_MPS2: f64 = 1.0;
 /// A target that still shows after this long in Hold (s) is not that of the mode before ...
 const SETTLED_S: f64 = 0.4;
-/// ... and after this long where every change of mode is told at once: meanwhile the autopilot flies there itself, unguarded.
+/// ... and after this long where every change of mode is reported at once: meanwhile the autopilot flies there itself,
+/// unguarded.
 const SETTLED_AT_ONCE_S: f64 = 0.2;
-/// There the mode that a target belongs to is told within this time after it was seen first (s).
+/// There the mode that a target belongs to is reported within this time after it was seen first (s).
 const REPORTED_AT_ONCE_S: f64 = 0.1;
 /// A vehicle that is this near (m) has arrived.
 const ARRIVED_M: f64 = 1.0;
@@ -67,9 +68,9 @@ pub struct GoToWatch {
     entered: Option<(Vector3<f64>, f64)>,
     /// A far target in Hold, and when it was seen first.
     candidate: Option<Echo>,
-    /// The autopilot has told its mode last.
+    /// The autopilot has reported its mode last.
     mode_reported: Timestamp,
-    /// It tells every change of its mode at once.
+    /// It reports every change of its mode at once.
     reports_at_once: bool,
     /// A target of jink's own, at rest.
     resting: Option<Echo>,
@@ -151,12 +152,12 @@ impl GoToWatch {
         }
     }
 
-    /// The autopilot has told its mode.
+    /// The autopilot has reported its mode.
     pub fn receive_mode(&mut self, now: Timestamp) {
         self.mode_reported = now;
     }
 
-    /// Whether every change of the mode is told at once.
+    /// Whether every change of the mode is reported at once.
     pub fn reports_at_once(&self) -> bool {
         self.reports_at_once
     }
@@ -168,7 +169,7 @@ impl GoToWatch {
     }
 
     /// Where PX4 says that it flies to in Hold, and where the vehicle is. A target shows before the mode that it belongs to, which
-    /// an older PX4 tells once a second: there it counts once Hold was told after it.
+    /// an older PX4 reports once a second: there it counts once Hold was reported after it.
     pub fn take_target(
         &mut self,
         now: Timestamp,
@@ -317,7 +318,7 @@ mod tests {
     use jink_shared_types::vehicle::NavMode;
     use nalgebra::Vector3;
 
-    /// Hovers in Hold; from 20 s on another target shows. `reported_s` is when the mode is told, and which one.
+    /// Hovers in Hold; from 20 s on another target shows. `reported_s` is when the mode is reported, and which one.
     fn seen(reported: &[(f64, NavMode)]) -> bool {
         let mut watch = GoToWatch::default();
         let mut mode = NavMode::Hold;

@@ -51,7 +51,7 @@ pub enum Task {
 
 impl Task {
     /// Of an item that navigates.
-    #[allow(deprecated)] // Frames whose names tell how a number is sent mean the same as those without.
+    #[allow(deprecated)] // Frames whose names say how a number is sent mean the same as those without.
     pub fn of(item: &Item) -> Self {
         let is_above_terrain = matches!(
             item.frame,

@@ -17,7 +17,8 @@ const PREPARATION_S: f64 = 1.5;
 const SLOW_MPS: f64 = 1.0;
 /// The same for one that climbs at its take-off: above it nothing was looked for by the autopilot either.
 const CLIMBING_MPS: f64 = 2.0;
-/// A mission that is flown without jink for so long is told to the pilot (s): longer than taking over takes with a lost message.
+/// A mission that is flown without jink for so long is reported to the pilot (s): longer than a takeover with a lost
+/// message.
 const UNGUARDED_S: f64 = 3.0;
 /// Pause in which the old plan is dropped (s): the wish is said every 0.2 s, and route, trajectory and approval count as silent
 /// after 0.15 s each, so everybody has noticed that nothing is wanted before the next plan is.
@@ -145,7 +146,7 @@ impl Executive {
         self.halt(scene)
     }
 
-    /// Tells once that the autopilot flies the mission on its own for too long now, until it is in another mode.
+    /// Reports once that the autopilot flies the mission on its own for too long now, until it is in another mode.
     fn notice_unguarded(&mut self, scene: &Scene<'_>) {
         let item = scene.items.zip(scene.current).and_then(|(items, current)| {
             let index = self

@@ -5,15 +5,15 @@
 //! |---|---|
 //! | flies its mission in the air, at an item that jink can fly; the mission is read; jink is ready | has the way planned from the vehicle's own motion; asks for the mode in which setpoints are followed as soon as they lie where the vehicle is, at once if it hardly moves |
 //! | flies on while that does not succeed: a slow link, a vehicle that gathers speed; or at once if jink is not ready | asks it to hold, since nobody looks for obstacles, and takes over from rest once it can |
-//! | begins an item that nobody could guard ([`items`]) | asks it to hold and tells the pilot, unless OA_UNGUARDED lets it fly |
-//! | still flies its mission after a while | tells the pilot |
-//! | follows setpoints, and its mission was taken over | wants the current item and the next one, counts them as reached, tells the autopilot which is current |
+//! | begins an item that nobody could guard ([`items`]) | asks it to hold and notifies the pilot, unless OA_UNGUARDED lets it fly |
+//! | still flies its mission after a while | notifies the pilot |
+//! | follows setpoints, and its mission was taken over | wants the current item and the next one, counts them as reached, sends the autopilot which one is current |
 //! | the next item ends on the ground | comes to rest above its place, makes it current, gives the mission back for the descent ([`give_back`]) |
 //! | the last item is reached | comes to rest, gives the mission back: the autopilot finishes it |
-//! | is told to go to a place ([`go_to`]) | has the way there planned instead of the mission |
+//! | is commanded to go to a place ([`go_to`]) | has the way there planned instead of the mission |
 //! | follows setpoints, and nobody asked for a flight | holds, and says what it waits for |
 //! | leaves that mode otherwise: the pilot, a failsafe | nothing, until somebody lets it fly the mission again |
-//! | is let fly its mission again out of that mode | takes it over again; if that is repeated within seconds, leaves it alone, and tells so |
+//! | is let fly its mission again out of that mode | takes it over again; if that is repeated within seconds, leaves it alone, and reports that |
 //!
 //! The stream is there before the mode is asked for, so entering is never refused and begins without a jump. A mission that was
 //! taken over goes on when the mode is entered again, as PX4 does by itself after a lost stream. A gateway that was started again
@@ -137,7 +137,7 @@ pub struct Scene<'a> {
     pub first_item: u16,
     /// Home in the local frame (m); `None` not known.
     pub home: Option<Vector3<f64>>,
-    /// Places of items can be told.
+    /// Places of items can be converted to the local frame.
     pub is_located: bool,
     /// The place that a station has asked for last.
     pub go_to: Option<GoTo>,
@@ -167,7 +167,7 @@ pub struct Intent {
     pub path: Option<DesiredPath>,
     /// What is to be asked of the autopilot now.
     pub demand: Option<Demand>,
-    /// What the pilot is to be told now.
+    /// What is to be sent to the pilot now.
     pub update: Option<PilotText>,
     /// What is to be said in the log.
     pub note: Option<Note>,
@@ -216,7 +216,7 @@ pub struct Executive {
     halted: bool,
     /// Somebody let the autopilot fly its mission out of the mode that follows setpoints.
     left: Timestamp,
-    /// Since when the mission is flown without jink; `None`: it is not; [`Timestamp::NEVER`]: that was told.
+    /// Since when the mission is flown without jink; `None`: it is not; [`Timestamp::NEVER`]: that was reported.
     unguarded: Option<Timestamp>,
     asked: Option<(Demand, Timestamp, u32)>,
     current: Option<u16>,
@@ -225,7 +225,7 @@ pub struct Executive {
     reads_again: bool,
     is_reading: bool,
     go_to_serial: u32,
-    /// What was told last: it is not repeated while nothing changes.
+    /// What was reported last: it is not repeated while nothing changes.
     reported: Option<PilotText>,
     update: Vec<PilotText>,
 }
@@ -270,7 +270,7 @@ impl Executive {
         self.flight_goal
     }
 
-    /// One step. `place` tells where an item lies in the local frame (m); `None` if that cannot be said.
+    /// One step. `place` gives where an item lies in the local frame (m); `None` if that cannot be said.
     pub fn step(&mut self, scene: &Scene<'_>, place: impl Fn(&Item) -> Option<Vector3<f64>>) -> Intent {
         self.is_reading = scene.is_reading;
         self.notice_arming(scene);
@@ -312,7 +312,7 @@ impl Executive {
         self.reported = None;
     }
 
-    /// Has it told to the pilot, unless that was the last thing he heard and nothing has changed.
+    /// Has it sent to the pilot, unless it was the last that was sent to him and nothing has changed.
     fn report(&mut self, event: &'static Event, name: &'static str, number: f64) {
         let update = PilotText { event, name, number };
         if self.reported.replace(update) != Some(update) && self.update.len() < UPDATES_MAX {

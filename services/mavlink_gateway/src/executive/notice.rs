@@ -139,7 +139,7 @@ impl Executive {
             return;
         }
         self.requested = [None; REQUESTED_MAX];
-        // An autopilot that changes its mode tells its own item again.
+        // An autopilot that changes its mode reports its own item again.
         let is_leaving = self
             .asked
             .is_some_and(|(asked, ..)| matches!(asked, Demand::Mission | Demand::Land | Demand::Hold));

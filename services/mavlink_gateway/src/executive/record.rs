@@ -9,7 +9,7 @@ use jink_shared_types::coded::Wire;
 use jink_shared_types::vehicle::NavMode;
 use nalgebra::Vector3;
 
-/// A record that is older than this (s) tells of another flight: it is written every second at least.
+/// A record that is older than this (s) belongs to another flight: it is written every second at least.
 const VALID_S: f64 = 5.0;
 /// First byte: the layout.
 const LAYOUT: u8 = 2;
@@ -62,7 +62,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Whether it tells of the flight that is going on.
+    /// Whether it belongs to the flight that is going on.
     pub fn is_valid(&self, now: Timestamp) -> bool {
         self.written <= now && now.seconds_since(self.written) <= VALID_S
     }

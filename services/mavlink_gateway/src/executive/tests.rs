@@ -47,7 +47,7 @@ fn taken_over(items: &[Item]) -> (Executive, Scene<'_>) {
     (executive, seen)
 }
 
-/// Goes on for so long and notes what is asked for and told on the way.
+/// Goes on for so long and notes what is asked for and reported on the way.
 fn go_on(
     executive: &mut Executive,
     seen: &mut Scene<'_>,
@@ -238,7 +238,7 @@ fn waypoint_by_waypoint_to_the_landing_which_is_the_autopilots() {
     assert!(wanted.mission_speed_mps.is_nan());
     assert!(wanted.points[0].position.is_finite());
 
-    // Reached: the next one is wanted in the same step, and the autopilot is told.
+    // Reached: the next one is wanted in the same step, and the autopilot is notified.
     seen.position = at(19.5);
     let intent = executive.step(&seen, place);
     assert_eq!(intent.path.unwrap().points[1].position.x_m, 40.0);

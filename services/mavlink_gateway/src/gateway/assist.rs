@@ -48,7 +48,7 @@ impl AssistedFlight {
     /// Somebody chooses it, or switches it off.
     ///
     /// # Errors
-    /// A word for what speaks against it.
+    /// A word for what prevents it.
     pub(super) fn choose(&mut self, on: bool) -> Result<(), &'static str> {
         self.assist.choose(on)
     }
@@ -83,7 +83,7 @@ impl AssistedFlight {
         self.facts = AutopilotFacts::with_calibration(record.calibration);
     }
 
-    /// Takes what the autopilot tells of a parameter.
+    /// Takes what the autopilot reports of a parameter.
     pub(super) fn take_parameter(&mut self, autopilot: MavAutopilot, reported: &PARAM_VALUE_DATA) {
         self.facts.take(autopilot, reported);
     }
@@ -109,7 +109,7 @@ impl Gateway {
             .checked_sub(1)
             .and_then(|index| channels_us(channels).get(index).copied().flatten());
         if let Some(on) = self.assist.switch.take(raw_us) {
-            // What speaks against it is told in the next step.
+            // What prevents it is reported in the next step.
             let _reported = self.assist.choose(on);
         }
     }

@@ -29,7 +29,8 @@ use nalgebra::Vector3;
 
 /// Rate at which the wish is repeated (Hz), as the topic table says.
 const WISH_RATE_HZ: f64 = 5.0;
-/// An autopilot that does not tell changes of its mode at once is asked for it this often (Hz): within that time it may fly a metre.
+/// An autopilot that does not report changes of its mode at once is asked for it this often (Hz): within that time it
+/// may fly a metre.
 const MODE_QUESTIONS_HZ: f64 = 5.0;
 
 /// A mission of ten items over a slow link is read within this time (s); a trajectory that is committed ends at rest about as soon.
@@ -42,7 +43,7 @@ pub(super) struct MissionFlight {
     executive: Executive,
     georeference: Georeference,
     go_to: GoToWatch,
-    /// Latitude and longitude of home (1e-7 deg), where the autopilot tells them.
+    /// Latitude and longitude of home (1e-7 deg), where the autopilot reports them.
     home: Option<(i32, i32)>,
     /// The last wish, and when it is due again.
     wish: Option<DesiredPath>,
@@ -98,7 +99,7 @@ impl MissionFlight {
         self.client.take(now, message);
     }
 
-    /// The autopilot is heard for the first time, or again.
+    /// The autopilot is seen for the first time, or again.
     pub(super) fn read_anew(&mut self, now: Timestamp) {
         self.client.begin(now);
     }
@@ -282,8 +283,8 @@ impl Gateway {
         self
     }
 
-    /// An older PX4 tells its mode once a second, and flies to a station's place itself until it is known that it does: in flight its
-    /// heartbeat is asked for.
+    /// An older PX4 reports its mode once a second, and flies to a station's place itself until it is known that it
+    /// does: in flight its heartbeat is asked for.
     fn ask_for_mode(&mut self, now: Timestamp, target: (u8, u8), outputs: &mut Outputs) {
         let is_px4 = self.vehicle.make() == Some(AutopilotType::Px4);
         let is_followed = matches!(self.vehicle.mode(), NavMode::Offboard | NavMode::Hold);
@@ -376,7 +377,7 @@ impl Gateway {
         }
     }
 
-    /// The answer to a demand; a refusal is told once.
+    /// The answer to a demand; a refusal is reported once.
     pub(super) fn take_mode_answer(&mut self, ack: &COMMAND_ACK_DATA, outputs: &mut Outputs) {
         let Some(flight) = &mut self.mission else { return };
         if ack.command != MavCmd::MAV_CMD_DO_SET_MODE {

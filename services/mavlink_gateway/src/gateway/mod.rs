@@ -50,7 +50,7 @@ use unguarded_mode::UnguardedMode;
 
 /// Whether the vehicle stands on the ground is asked for this often while it is not known (s).
 const LANDED_STATE_EVERY_S: f64 = 0.3;
-/// After so many requests without an answer the pilot is told.
+/// After so many requests without an answer the pilot is notified.
 const LANDED_STATE_TRIES: u32 = 15;
 /// Rate of OBSTACLE_DISTANCE (Hz): ArduPilot and PX4 stop believing a map after half a second, and two may get lost. ArduCopter's
 /// LOITER stops 0.1 m later than with ten. Each message is 179 bytes, which an autopilot may pass on to the ground station's radio.
@@ -96,7 +96,7 @@ pub struct Gateway {
     /// When that was asked for last, and how often.
     footing_asked: (Timestamp, u32),
     was_alive: bool,
-    /// The autopilot has heard what comes before the first setpoint.
+    /// The autopilot was sent what comes before the first setpoint.
     was_announced: bool,
     ignored: u64,
     last_setpoint: Timestamp,
@@ -121,7 +121,7 @@ pub struct Gateway {
 }
 
 impl Gateway {
-    /// A gateway that has heard nothing yet.
+    /// A gateway that has received nothing yet.
     pub fn new(config: GatewayConfig) -> Self {
         Self {
             profile: config.build_profile(),
@@ -174,7 +174,7 @@ impl Gateway {
         self
     }
 
-    /// What the autopilot has to tell for us to work, nothing of it heard yet.
+    /// What the autopilot has to report for us to work, nothing of it received yet.
     fn needed_streams(&self) -> Streams {
         let mut streams = Streams::new(self.config.profile);
         if self.config.has_fast_link {
@@ -258,12 +258,12 @@ impl Gateway {
         self.selector.rival(now)
     }
 
-    /// Whether another gateway speaks on this link: its time synchronisation is learned from as well.
+    /// Whether another gateway sends on this link: its time synchronisation is learned from as well.
     pub fn listen_only(&mut self, only: bool) {
         self.clock.accept_foreign_answers(only);
     }
 
-    /// The link on which our autopilot is heard; the first one before it was.
+    /// The link on which our autopilot is seen; the first one as long as it is not.
     pub fn autopilot_link(&self) -> u8 {
         self.selector.link()
     }
@@ -307,14 +307,14 @@ impl Gateway {
         self.last_setpoint
     }
 
-    /// Speaks from now on, after another gateway whose last setpoint was sent then.
+    /// Sends from now on, after another gateway whose last setpoint was sent then.
     pub(crate) fn resume_from(&mut self, last_setpoint: Timestamp) {
         self.last_setpoint = last_setpoint;
         self.setpoints.resume_from(last_setpoint);
         self.wire.resume_from(last_setpoint);
     }
 
-    /// Speaks from now on, after another gateway that has died: the next setpoint goes out at once.
+    /// Sends from now on, after another gateway that has died: the next setpoint goes out at once.
     pub fn resume_now(&mut self, now: Timestamp) {
         self.setpoints.schedule_early(now);
     }
@@ -324,7 +324,7 @@ impl Gateway {
         self.vehicle.state(now, system_id)
     }
 
-    /// Tells when the autopilot is heard for the first time, is lost, and is back; at a loss consumers get one last
+    /// Reports when the autopilot is seen for the first time, is lost, and is back; at a loss consumers get one last
     /// state that says so.
     fn notice_life(&mut self, now: Timestamp, outputs: &mut Outputs) {
         let alive = self.vehicle.is_alive(now) && self.selector.system_id(now).is_some();

@@ -23,7 +23,7 @@ use jink_shared_types::events::{
 use jink_shared_types::link::ProfileFit;
 use jink_shared_types::params::GW_RATE;
 
-/// How long the right profile may be unknown before that is told (s): every question has been asked ten times.
+/// How long the right profile may be unknown before that is reported (s): every question has been asked ten times.
 const PATIENCE_S: f64 = 5.0;
 
 /// What is known of the profile and the autopilot.
@@ -39,7 +39,7 @@ pub(super) struct ProfileCheck {
     found: ProfileFit,
     /// For the heartbeat.
     pub(super) input: Input,
-    /// Since when the autopilot is heard and nothing is known.
+    /// Since when the autopilot is seen and nothing is known.
     open_since: Option<Timestamp>,
     reported: Option<(u16, &'static str)>,
 }
@@ -95,7 +95,7 @@ impl ProfileCheck {
         self.input.notice(self.is_proven);
     }
 
-    /// What there is to tell at `now`, if anything.
+    /// What there is to report at `now`, if anything.
     fn update(&mut self, now: Timestamp, profile: ProfileName) -> Option<(&'static Event, &'static str)> {
         let matching_profile = self.fit.matching_profile();
         let is_open = self.found == ProfileFit::Unknown

@@ -3,7 +3,7 @@
 //! | | |
 //! |---|---|
 //! | a command, a request for parameters or files, addressed to one of us | published for the ground services, with what the answer depends on |
-//! | their answer | sent as the component that was asked, if it is one of [`ANSWERED`]: they never speak a setpoint |
+//! | their answer | sent as the component that was asked, if it is one of [`ANSWERED`]: they never send a setpoint |
 //! | MAV_CMD_USER_1 | answered here ([`crate::assist`]) |
 
 #![allow(deprecated)] // Ground stations still ask for PROTOCOL_VERSION.

@@ -29,7 +29,7 @@ use nalgebra::Vector2;
 
 /// Slower than this the vehicle counts as being at rest (m/s).
 const AT_REST_MPS: f64 = 0.3;
-/// The guard is told this often (Hz), as the topic table says.
+/// The pilot's wish is sent to the guard this often (Hz), as the topic table says.
 const DEMAND_RATE_HZ: f64 = 20.0;
 /// A hold is asked for this often while it is needed (s).
 const HOLD_EVERY_S: f64 = 1.0;
@@ -61,7 +61,8 @@ impl Default for Steering {
 }
 
 impl Steering {
-    /// Tells the guard what the pilot wants (north, east, m/s), when that is due, and answers what it allows of it; `None`: it is silent.
+    /// Sends the guard what the pilot wants (north, east, m/s), when that is due, and answers what it allows of it;
+    /// `None`: it is silent.
     pub(super) fn ask_guard(
         &mut self,
         now: Timestamp,
@@ -89,7 +90,7 @@ impl Gateway {
             && self.vehicle.has_taken_off()
     }
 
-    /// Tells the guard what the pilot wants, and the autopilot what of it may be flown.
+    /// Sends the guard what the pilot wants, and the autopilot what of it may be flown.
     pub(super) fn steer(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
         let (Some(system_id), Some(vehicle)) = (self.selector.system_id(now), self.vehicle.present(now))
         else {

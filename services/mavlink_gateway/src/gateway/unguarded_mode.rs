@@ -2,9 +2,9 @@
 //!
 //! | chosen in flight | jink |
 //! |---|---|
-//! | a circle, follow me, once | asks for Hold, and tells the pilot |
-//! | again within ten seconds, or with OA_UNGUARDED | lets it fly, and tells that |
-//! | return: the pilot's way out, or the autopilot's own | lets it fly, and tells that |
+//! | a circle, follow me, once | asks for Hold, and notifies the pilot |
+//! | again within ten seconds, or with OA_UNGUARDED | lets it fly, and reports that |
+//! | return: the pilot's way out, or the autopilot's own | lets it fly, and reports that |
 //! | with `link.takes_missions` switched off; follow me and return of a PX4 that asks its companion for the way | nothing |
 
 use super::Gateway;
@@ -127,7 +127,7 @@ mod tests {
             }
         }
 
-        /// How often Hold was asked for, and what was told.
+        /// How often Hold was asked for, and what was reported.
         fn fly(&mut self, mode: NavMode, seconds: f64) -> (usize, Vec<&'static Event>) {
             let (mut asked, mut reported) = (0, Vec::new());
             let end_s = self.s + seconds;

@@ -36,7 +36,7 @@ pub(super) struct Echoes {
 }
 
 impl Echoes {
-    /// One more; what there is to tell, if that has changed.
+    /// One more; what there is to report, if that has changed.
     fn count(&mut self, now: Timestamp, is_empty: bool) -> Option<&'static Event> {
         if !is_empty {
             self.empty = 0;

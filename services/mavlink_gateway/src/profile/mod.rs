@@ -1,4 +1,4 @@
-//! How setpoints are spoken: one trait, chosen by configuration, never mixed within one flight.
+//! How setpoints are sent: one trait, chosen by configuration, never mixed within one flight.
 
 pub mod curve;
 pub mod lead;
@@ -54,7 +54,7 @@ pub struct Setpoint {
     pub first_of: Option<SampleHeader>,
 }
 
-/// A way of speaking to an autopilot.
+/// A way of sending setpoints to an autopilot.
 pub trait Profile: fmt::Debug + Send {
     /// Whether the autopilot flies in this mode what it is sent. It may in one that is not known yet, or has no name here.
     fn listens(&self, mode: NavMode) -> bool;
@@ -69,7 +69,8 @@ pub trait Profile: fmt::Debug + Send {
     }
 
     /// The setpoint for now; `None` only while no position was ever known, for a moment after the start in which the
-    /// guard may yet be heard, and before the vehicle is in the air if it [waits for that](Profile::waits_for_air).
+    /// guard's samples may yet arrive, and before the vehicle is in the air if it
+    /// [waits for that](Profile::waits_for_air).
     fn setpoint(&mut self, situation: &Situation<'_>) -> Option<Setpoint>;
 
     /// Whether nothing is sent before the vehicle is in the air: the first setpoint would break its take-off off.
@@ -82,7 +83,7 @@ pub trait Profile: fmt::Debug + Send {
         Nearness::Apart
     }
 
-    /// What an autopilot must hear once before the first setpoint.
+    /// What must be sent to an autopilot once before the first setpoint.
     fn announcement(&self) -> Option<MavMessage> {
         None
     }
@@ -91,7 +92,7 @@ pub trait Profile: fmt::Debug + Send {
     fn reset(&mut self);
 }
 
-/// The profile of that name; where it speaks in curves, these last `horizon_s`, or down to `shortest_s`.
+/// The profile of that name; where it sends curves, these last `horizon_s`, or down to `shortest_s`.
 pub fn build(
     profile: ProfileName,
     representation: Representation,

@@ -43,7 +43,7 @@ const GROUND_SHARE: f64 = 0.3;
 /// Then the curve lies so far below the vehicle (m): PX4 takes the way back to a curve from its own setpoint, which has gone on
 /// into the ground, off the descent, and counts only nine tenths of a descent as one that ends on the ground.
 const INTO_GROUND_M: f64 = 2.0;
-/// What is flown until then (s) must have been told: longer than four beats of the slowest stream.
+/// What is flown until then (s) must have been sent: longer than four beats of the slowest stream.
 const REPORTED_AHEAD_S: f64 = 0.4;
 /// A trajectory longer than this (s) is none.
 const LONGEST_TRAJECTORY_S: f64 = 1e4;
@@ -181,7 +181,7 @@ impl Pilot {
         self.is_astray
     }
 
-    /// Forgets everything that is told in coordinates.
+    /// Forgets everything that is given in coordinates.
     pub fn reset(&mut self) {
         self.forget_flight();
         self.barred = Some(self.flown.id);
@@ -241,7 +241,7 @@ impl Pilot {
     }
 
     /// What to fly from `start` (shortly before now) on; `None` before the first position, and for a moment after the
-    /// start while nothing was heard of the guard.
+    /// start while nothing was received from the guard.
     pub fn decide(&mut self, situation: &Situation<'_>, start: Timestamp) -> Option<Decision> {
         let decision = self.choose(situation, start);
         self.has_spoken |= decision.is_some();

@@ -10,7 +10,7 @@
 //! | field of WAYPOINTS | value | why |
 //! |---|---|---|
 //! | `time_usec` | board clock | PX4 does not read it |
-//! | `valid_points` | 1 | PX4 reads only point 0, and writes past its memory if told of more than 5 |
+//! | `valid_points` | 1 | PX4 reads only point 0, and writes past its memory if more than 5 are sent |
 //! | point 0 | position, velocity, heading and its rate at this moment; acceleration NaN | the velocity is added ahead of PX4's own smoothing; acceleration is not read |
 //! | point 0, mirrored | the autopilot's own, bit by bit | an axis for which it gives neither position nor velocity stays where it is: all NaN would be accepted, and the vehicle drift |
 //! | points 1 to 4, `command` | NaN, 65535 | unused |

@@ -35,7 +35,7 @@ use std::os::fd::BorrowedFd;
 const FAST_LINK_BPS: f64 = 46_000.0;
 /// Messages handled per cycle; a link that floods is read on in the next one, after the setpoint.
 const MESSAGES_MAX: usize = 256;
-/// How often an instance that hears nobody any more looks whether the link is its own now (s).
+/// How often an instance that receives nothing any more looks whether the link is its own now (s).
 const ORPHAN_LOOKS_S: f64 = 0.002;
 /// Events handled per cycle, and answers of the ground services.
 const INPUTS_MAX: usize = 32;
@@ -263,7 +263,7 @@ impl GatewayService {
     }
 
     /// Goes on where the former holder of the links has stopped, if it has passed them on or died. Returns whether this
-    /// instance speaks from now on.
+    /// instance sends from now on.
     fn take_over(&mut self, now: Timestamp) -> bool {
         if let Some(handover) = self.links.take_handover_state() {
             match (HandoverState::of_bytes(&handover), self.links.encoder()) {

@@ -1,5 +1,5 @@
-//! Whether the profile is for the autopilot on the link: found out before the first setpoint, told with the right one, and
-//! chosen by jink where that is left to it.
+//! Whether the profile is for the autopilot on the link: found out before the first setpoint, reported with the right
+//! one, and chosen by jink where that is left to it.
 
 use crate::support::*;
 use jink_mavlink_gateway::{GatewayConfig, ProfileName};
@@ -270,7 +270,7 @@ fn a_switch_that_is_set_on_the_ground_makes_it_ready_and_one_that_is_cleared_end
     );
     let seen = play(&mut bench, PX4_2021, 4.0);
     assert_eq!(seen.states.last(), Some(&MavState::MAV_STATE_ACTIVE));
-    // PX4 tells everybody of a parameter that somebody has set.
+    // PX4 notifies everybody of a parameter that somebody has set.
     bench.receive(answer(off, "COM_OBS_AVOID").unwrap());
     let seen = play(&mut bench, off, 2.0);
     assert_eq!(seen.states.last(), Some(&MavState::MAV_STATE_CRITICAL));

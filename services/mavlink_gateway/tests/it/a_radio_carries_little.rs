@@ -1,5 +1,5 @@
-//! What jink says to nobody in particular is passed on by an autopilot that passes messages on: where a ground station is heard behind
-//! it, that is kept below 1.5 kB/s, and nothing that is new waits for it.
+//! What jink says to nobody in particular is passed on by an autopilot that passes messages on: where a ground station
+//! is seen behind it, that is kept below 1.5 kB/s, and nothing that is new waits for it.
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; the profile is for the versions before.
 
 use crate::support::*;
@@ -48,8 +48,8 @@ fn answer(bench: &mut Bench, now_ns: i64) {
     }
 }
 
-/// A mission is flown along `way`; the same trajectory comes anew ten times a second, as from the planner. A station is heard for
-/// `stays_s`.
+/// A mission is flown along `way`; the same trajectory comes anew ten times a second, as from the planner. A station is
+/// seen for `stays_s`.
 fn flown(config: GatewayConfig, way: Vector3<f64>, stays_s: f64) -> Bench {
     let mut bench = Bench::with(config);
     bench.ground.board = Some(BoardReading::default());

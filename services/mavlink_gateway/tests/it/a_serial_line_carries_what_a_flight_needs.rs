@@ -99,7 +99,7 @@ fn setpoints() -> [Stream; 3] {
     ]
 }
 
-/// Rates that get through (Hz), after a second of warming up, and what is told.
+/// Rates that get through (Hz), after a second of warming up, and what is reported.
 fn carried(rate_bps: f64, streams: &[Stream]) -> (Vec<f64>, Vec<CapacityChange>) {
     let mut budget = Budget::new(rate_bps);
     let mut due_s: Vec<_> = streams.iter().map(|_| 0.0).collect();

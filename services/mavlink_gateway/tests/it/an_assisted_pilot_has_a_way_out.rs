@@ -328,7 +328,7 @@ fn what_is_sent_is_what_the_guard_allows_and_climb_is_the_pilots() {
         let place_ignored = if profile == ProfileName::Px4Offboard { 3 } else { 7 };
         assert_eq!(target.type_mask.bits() & 0x1ff, place_ignored);
         let (demand, _) = flight.bench.outputs.pilot_demand.unwrap_or_else(|| {
-            // It is told twenty times a second.
+            // It is reported twenty times a second.
             flight.run(0.05);
             flight.bench.outputs.pilot_demand.unwrap_or_default()
         });

@@ -184,7 +184,7 @@ fn a_mode_that_is_entered_in_motion_without_a_plan_begins_with_a_smooth_stop() {
             0.0
         };
         bench.fly(3.0 + waits_s, |bench, t| {
-            // The vehicle does as it is told, from the moment on in which the mode is told.
+            // The vehicle follows its commands from the moment in which the mode is reported.
             let custom_mode = if t < 1.0 {
                 if profile == ProfileName::Px4Offboard {
                     MODE_POSITION
@@ -273,7 +273,7 @@ fn a_plan_that_lies_far_from_the_vehicle_is_not_flown_and_a_new_one_is_wanted() 
         assert_rules(&target);
         assert!((vectors(&target)[0] - HERE).norm() < 0.1);
     }
-    let wish = bench.paths.last().expect("the planner is told").0;
+    let wish = bench.paths.last().expect("the planner is notified").0;
     assert!(!wish.wants_planning());
     // From here it is flown again.
     let begin = bench.now;

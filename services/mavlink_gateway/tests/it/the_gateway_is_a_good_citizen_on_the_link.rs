@@ -444,7 +444,7 @@ fn a_px4_that_tells_changes_of_its_mode_late_is_asked_for_it_in_flight() {
         "{}",
         questions(false, true)
     );
-    assert!(questions(true, true) <= 1, "only until the first is heard");
+    assert!(questions(true, true) <= 1, "only until the first is received");
     assert_eq!(questions(false, false), 0);
 }
 

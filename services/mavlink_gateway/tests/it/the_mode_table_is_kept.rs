@@ -131,7 +131,7 @@ fn approve_mirror(bench: &mut Bench) {
     bench.approve(Verdict::Passed, mirror());
 }
 
-/// Point 0, and for points 1 and 2 another place, so that they are told apart.
+/// Point 0, and for points 1 and 2 another place, so that they can be distinguished.
 fn wanted(target: Vector3<f64>, command: u16) -> Waypoints {
     waypoints([(target, command), (FAR, COMMAND_NONE), (FAR * 2.0, COMMAND_NONE)])
 }
@@ -260,7 +260,7 @@ fn where_nobody_listens_the_stream_stays_at_the_vehicle() {
             let all = answered(representation, mode, None, 2.0, |bench| {
                 bench.approve(Verdict::Passed, plan);
             });
-            // Until the first heartbeat is heard the mode is not known; it is heard with the first position.
+            // Until the first heartbeat is received the mode is not known; it comes with the first position.
             assert!(
                 all.iter().all(|one| (one.position - HERE).norm() <= 0.5),
                 "{mode:#x}"

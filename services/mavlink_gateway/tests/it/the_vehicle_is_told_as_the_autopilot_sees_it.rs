@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 
 fn newest(bench: &Bench) -> VehicleState {
-    bench.states.last().expect("a state was told").0
+    bench.states.last().expect("a state was published").0
 }
 
 fn receive_all(bench: &mut Bench) {

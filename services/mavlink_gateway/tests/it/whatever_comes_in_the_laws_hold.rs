@@ -1,7 +1,7 @@
 //! The laws of [`harness`] under bytes of a seeded generator: the same stories at every run, some seconds of them.
 //!
-//! `JINK_FUZZ_SECONDS` tells further stories for so many seconds per book of laws. Targets that look for new stories by themselves
-//! are in `fuzz/`.
+//! `JINK_FUZZ_SECONDS` runs further stories for so many seconds per book of laws. Targets that look for new stories by
+//! themselves are in `fuzz/`.
 
 use crate::harness;
 use rand::{Rng, RngExt, SeedableRng};
@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// Bytes of the longest story.
 const LONGEST: usize = 6000;
 
-/// Tells stories by lot.
+/// Generates stories: random sequences of bytes.
 struct Generator(Xoshiro256PlusPlus);
 
 impl Generator {
@@ -24,7 +24,7 @@ impl Generator {
         story
     }
 
-    /// A story like `before`, with some bytes changed, left out or told twice.
+    /// A story like `before`, with some bytes changed, left out or repeated.
     fn variation(&mut self, before: &[u8]) -> Vec<u8> {
         let mut story = before.to_vec();
         for _ in 0..self.0.random_range(1..=8) {
@@ -43,7 +43,7 @@ impl Generator {
     }
 }
 
-/// Tells `stories` stories, or as many as there is time for, and names the one that breaks a law.
+/// Runs `stories` random sequences, or as many as there is time for, and names the one that breaks a law.
 fn report(book: &str, stories: u64, longest: usize, laws: fn(&[u8])) {
     let began = Instant::now();
     let reported = std::env::var("JINK_FUZZ_SECONDS").ok();
@@ -92,7 +92,7 @@ fn what_comes_in_goes_where_the_rules_say_and_nowhere_else() {
 
 #[test]
 fn whatever_is_asked_is_answered_once_and_changes_nothing_it_should_not() {
-    report("desk", 3000, 2000, harness::desk::laws);
+    report("requests", 3000, 2000, harness::requests::laws);
 }
 
 #[test]

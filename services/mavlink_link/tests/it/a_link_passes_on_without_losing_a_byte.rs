@@ -121,7 +121,7 @@ impl AutopilotEnd {
 struct LinkProcess {
     link: Link,
     messages: Vec<Received>,
-    /// Heard while holding the link, and in all.
+    /// Received while holding the link, and in all.
     handled: Vec<u32>,
     received: Vec<u32>,
 }
@@ -192,7 +192,7 @@ proptest! {
         link.share(&handover_socket).unwrap();
         let standby = Link::join("udpin:1".parse().unwrap(), &handover_socket).unwrap();
         let mut processes = [LinkProcess::new(link), LinkProcess::new(standby)];
-        // The autopilot is known before anything else happens: it has spoken.
+        // The autopilot is known before anything else happens: it has sent a frame.
         autopilot.write(&frame(1, 0));
         let started = Instant::now();
         while processes[0].received.is_empty() {
@@ -256,7 +256,7 @@ fn a_standby_takes_over_when_the_owner_dies_and_the_next_one_can_join_it() {
     let mut standby = LinkProcess::new(Link::join("udpin:1".parse().unwrap(), &handover_socket).unwrap());
     autopilot.write(&frame(1, 0));
     let mut owner = LinkProcess::new(link);
-    until("both hear", || {
+    until("both receive", || {
         owner.poll();
         standby.poll();
         standby.received == [0]
@@ -282,7 +282,7 @@ fn a_standby_takes_over_when_the_owner_dies_and_the_next_one_can_join_it() {
     assert_eq!(answer, frame(196, 5));
     let mut next = LinkProcess::new(Link::join("udpin:1".parse().unwrap(), &handover_socket).unwrap());
     autopilot.write(&frame(1, 2));
-    until("the next one hears", || {
+    until("the next one receives", || {
         standby.poll();
         next.poll();
         next.received == [2]

@@ -136,7 +136,7 @@ impl NetworkBench {
         }
     }
 
-    /// Everybody has spoken once: the autopilot 1/1, a station 255/190, a camera 1/100.
+    /// Everybody has sent one frame: the autopilot 1/1, a station 255/190, a camera 1/100.
     fn introduced(change: impl FnOnce(&mut Vec<LinkSetup>)) -> Self {
         let mut bench = Self::new(change);
         // The extra links open at the first reception.
@@ -506,7 +506,7 @@ fn all_links_pass_on_together_and_their_numbers_go_on() {
         let _ = standby.receive(jink_runtime::now, US, &mut received);
         received.len() == 1
     });
-    bench.until("the camera hears it", |bench| bench.peers[2].receive().len() >= 2);
+    bench.until("the camera gets it", |bench| bench.peers[2].receive().len() >= 2);
     bench.peers.iter().for_each(|peer| drop(peer.receive()));
     assert!(bench.links.release(b"a state") && !bench.links.is_owner());
     let started = Instant::now();

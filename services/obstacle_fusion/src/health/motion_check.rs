@@ -223,7 +223,7 @@ pub(super) struct MotionCheck {
     image: RangeImage,
     causes: Vec<(FaultCause, Matrix3<f64>)>,
     search: Option<CauseSearch>,
-    /// Comparisons that speak for each kind of cause.
+    /// Comparisons that support each kind of cause.
     evidence: [u32; 4],
     /// Comparisons in a row without contradiction.
     agreed: u32,

@@ -120,7 +120,7 @@ fn a_vehicle_that_nobody_has_planned_for_is_taken_over_as_it_moves() {
     assert_eq!(stopped.mode.get(), RouteMode::Stop);
     assert!(
         reported,
-        "too fast to stop in what is known: the pilot hears of it"
+        "too fast to stop in what is known: the pilot is notified"
     );
 
     let (slow, _) = taken_over(0.3, &to(8.0, 0.0));

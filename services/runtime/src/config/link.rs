@@ -1,4 +1,4 @@
-//! `[link]` and `[[link.also]]`: where the autopilot is, and who else hears and is heard.
+//! `[link]` and `[[link.also]]`: where the autopilot is, and who else is connected.
 //!
 //! | table | link | its name |
 //! |---|---|---|
@@ -23,10 +23,10 @@ const NAME_MAX: usize = 15;
 pub struct Link {
     /// `udpin:ADDRESS:PORT`, `udpout:ADDRESS:PORT`, `tcpin:...`, `tcpout:...`, `serial:DEVICE:BAUD` or `unix:PATH`.
     pub address: String,
-    /// How setpoints are spoken: `px4_trajectory`, `px4_offboard`, `px4_deviation` or `ardupilot_guided`; `auto` = the one that
-    /// is for the autopilot on the link.
+    /// How setpoints are sent: `px4_trajectory`, `px4_offboard`, `px4_deviation` or `ardupilot_guided`; `auto` = the
+    /// one that is for the autopilot on the link.
     pub profile: String,
-    /// In which message `px4_trajectory` speaks: `bezier` or `waypoints`.
+    /// The message that `px4_trajectory` sends: `bezier` or `waypoints`.
     pub output: String,
     /// Missions that the autopilot flies are taken over, where it only follows setpoints.
     pub takes_missions: bool,
@@ -34,7 +34,7 @@ pub struct Link {
     pub tlog: String,
     /// Folder for what must outlive a restart (the stamps of signatures); empty = the instance's own, in memory.
     pub state: String,
-    /// The vehicle's system id; 0 = that of the only autopilot heard.
+    /// The vehicle's system id; 0 = that of the only autopilot seen.
     pub system_id: u8,
     /// What is asked of the signatures of messages.
     pub signing: Signing,
@@ -42,7 +42,7 @@ pub struct Link {
     pub key_file: String,
     /// The number of this link in its signatures.
     pub link_id: u8,
-    /// Who is heard on a listening link; empty = everybody.
+    /// From whom messages are accepted on a listening link; empty = everybody.
     pub peers: Vec<IpAddr>,
     /// What the link carries (bytes/s); 0 = a serial port's speed, or no limit.
     pub bytes_per_s: u32,
@@ -102,10 +102,10 @@ pub struct AlsoLink {
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "snake_case")]
 pub enum Purpose {
-    /// Ground stations and other components: whoever speaks there is never taken for our autopilot.
+    /// Ground stations and other components: whoever sends there is never taken for our autopilot.
     #[default]
     GroundStation,
-    /// The autopilot, too: heard there when it is silent on the link where it was heard before.
+    /// The autopilot, too: accepted there when it is silent on the link where it was seen before.
     Autopilot,
 }
 
@@ -139,9 +139,9 @@ pub struct LinkRow {
     pub key_file: String,
     /// Its number in signatures.
     pub link_id: u8,
-    /// Who is heard.
+    /// From whom messages are accepted.
     pub peers: Vec<IpAddr>,
-    /// What it carries (bytes/s); 0 = not told.
+    /// What it carries (bytes/s); 0 = not given.
     pub bytes_per_s: u32,
 }
 

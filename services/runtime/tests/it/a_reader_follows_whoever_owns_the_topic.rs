@@ -60,8 +60,8 @@ proptest! {
         prop_assert_eq!(handed_out + input.lost(), sent - before);
     }
 
-    /// Whoever has the highest sequence number is followed while he is fresh; when he falls silent it is whoever speaks. Nothing old is
-    /// handed out after something new, unless the new one was stale.
+    /// Whoever has the highest sequence number is followed while he is fresh; when he falls silent it is whoever
+    /// publishes. Nothing old is handed out after something new, unless the new one was stale.
     #[test]
     fn the_newest_producer_is_followed_while_it_is_fresh(
         steps in prop::collection::vec((0..PRODUCERS, 0..30_u64), 1..80)
@@ -128,7 +128,7 @@ fn the_newest_outlives_its_producer_and_its_freshness() {
     bus.set_clock(at(60_000));
     assert!(!input.latest(bus.now()).is_fresh());
     assert_eq!(input.newest().map(|route| route.id), Some(7));
-    // Its successor counts from the beginning, and is heard at once.
+    // Its successor counts from the beginning, and is read at once.
     let mut successor = planner(&bus, 1);
     send(&mut successor, &bus, 8);
     assert_eq!(input.latest(bus.now()).fresh().map(|route| route.id), Some(8));

@@ -67,7 +67,7 @@ fn a_folder_without_a_configuration_is_named() {
         "{reported}"
     );
     assert!(reported.contains("cannot be read: "), "{reported}");
-    // Whoever asks only for names of processes is told of none.
+    // Whoever asks only for names of processes gets none.
     assert!(config::process_names(&folder).is_empty());
 }
 

@@ -373,7 +373,7 @@ impl<S: Watched> World<S> {
             .or_else(|| self.other());
         self.switched_ms = None;
         match left {
-            // Whoever is left may have to follow one who has spoken: it goes on in a newer epoch.
+            // Whoever is left may have to follow one that has published: it goes on in a newer epoch.
             Some(left) => {
                 self.entry = ControlEntry {
                     active: left,
@@ -566,7 +566,7 @@ proptest! {
         prop_assert_eq!(world.said, world.taken);
     }
 
-    /// However often ownership changes, each beat is heard once.
+    /// However often ownership changes, each beat is received once.
     #[test]
     fn swaps_leave_out_no_beat(events in planned(), lot: u64) {
         let world = World::<Beating>::new(lot).live(&events);

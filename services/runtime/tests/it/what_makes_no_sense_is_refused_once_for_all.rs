@@ -1,5 +1,5 @@
 //! What comes over a topic is looked at before a service gets it: stamps in the future, numbers that make no sense, sequence numbers
-//! from nowhere. The service goes on with what it has, counts as degraded, and the pilot is told whose samples they are.
+//! from nowhere. The service goes on with what it has, counts as degraded, and the pilot is informed whose they are.
 
 use clap::Parser;
 use jink_runtime::config::Config;
@@ -190,7 +190,7 @@ fn a_service_is_degraded_for_a_second_and_the_pilot_is_told_by_whom() {
     );
     for (time_s, state) in states.into_iter().filter(|(time_s, _)| *time_s > 0.2) {
         let expected = match time_s {
-            // Heartbeats tell it within their period.
+            // Heartbeats report it within their period.
             t if (1.1..2.9).contains(&t) => ServiceState::Degraded,
             t if !(1.0..3.1).contains(&t) => ServiceState::Active,
             _ => continue,

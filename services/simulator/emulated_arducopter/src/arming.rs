@@ -38,7 +38,7 @@ impl ArduCopter {
         MavResult::MAV_RESULT_ACCEPTED
     }
 
-    /// What speaks against arming.
+    /// What prevents arming.
     fn arming_obstacle(&self) -> Option<&'static str> {
         if !self.is_ready() {
             return Some("Arm: Need Position Estimate");

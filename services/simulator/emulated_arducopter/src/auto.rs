@@ -1,7 +1,7 @@
 //! AUTO: the mission, item by item. Item 0 is home and is never flown; leaving the mode and coming back goes on at the item
 //! that was flown last, from wherever the vehicle is then, or with MIS_RESTART at the first one.
 //!
-//! Before the mission has ever begun no item is current, which is told as 0.
+//! Before the mission has ever begun no item is current, which is reported as 0.
 
 use super::land::{Return, descend};
 use super::leg::Leg;

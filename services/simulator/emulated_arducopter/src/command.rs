@@ -87,7 +87,7 @@ impl ArduCopter {
         }
     }
 
-    /// Anybody may change the mode. The heartbeat that tells it goes out at once.
+    /// Anybody may change the mode. The heartbeat that reports it goes out at once.
     pub(super) fn change_mode(&mut self, mode: Mode, outbox: &mut Vec<Packet>) -> MavResult {
         if mode == self.mode {
             return MavResult::MAV_RESULT_ACCEPTED;

@@ -1,6 +1,6 @@
 //! The lost ground station: FS_GCS_ENABLE.
 //!
-//! Only heartbeats of the system MAV_GCS_SYSID count; a companion's do not. A station that was never heard is not missed.
+//! Only heartbeats of the system MAV_GCS_SYSID count; a companion's do not. A station never seen is not missed.
 //! When it comes back the mode stays as it is.
 
 /// What a step of the watch found.

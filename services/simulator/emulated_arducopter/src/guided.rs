@@ -32,7 +32,7 @@ pub enum Submode {
 }
 
 impl Submode {
-    /// `type_mask` with which POSITION_TARGET_LOCAL_NED tells it: the only way to notice that a setpoint was not taken.
+    /// `type_mask` with which POSITION_TARGET_LOCAL_NED reports it: the only sign that a setpoint was not taken.
     pub fn mask(self) -> Mask {
         yaw_bits()
             | match self {
@@ -164,7 +164,7 @@ impl Guided {
         self.submode
     }
 
-    /// The target as extrapolated, with only what the submode tells. A take-off tells a position of zeros.
+    /// The target as extrapolated, with only what the submode reports. A take-off reports a position of zeros.
     pub fn target(&self) -> Motion {
         let t = self.target;
         match self.submode {

@@ -12,7 +12,7 @@
 //! |---|---|
 //! | `receive`, `command`, `setpoint` | messages in, acknowledgements, what a setpoint asks for |
 //! | `parameters`, `parameter_protocol`, `sticks` | what is set: values, overrides of the sticks |
-//! | `arming`, `failsafe`, `proximity` | who may arm, the lost ground station, obstacles told by a companion |
+//! | `arming`, `failsafe`, `proximity` | who may arm, the lost ground station, obstacles reported by a companion |
 //! | `guided`, `takeoff`, `auto`, `leg`, `land`, `loiter`, `avoid` | what a mode makes of the reference |
 //! | `shaping`, `position_control`, `auto_yaw`, `flight` | the reference to attitude and thrust |
 //! | `streams`, `telemetry` | messages out |
@@ -69,7 +69,7 @@ use std::collections::VecDeque;
 use sticks::Sticks;
 use streams::Streams;
 
-/// What an autopilot is told at its start.
+/// What an autopilot is given at its start.
 #[derive(Clone, Debug)]
 pub struct ArduCopterConfig {
     /// MAVLink system id.

@@ -161,7 +161,7 @@ impl PositionControl {
         &self.desired
     }
 
-    /// Puts the reference's horizontal part where it is told.
+    /// Sets the reference's horizontal part.
     pub fn set_horizontal(
         &mut self,
         position: Vector2<f64>,

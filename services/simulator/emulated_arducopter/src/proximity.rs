@@ -18,7 +18,7 @@ const HEALTHY_US: u64 = 500_000;
 const FORGET_US: u64 = 1_500_000;
 /// A filter that was not fed for longer starts anew (us).
 const FILTER_RESTART_US: u64 = 500_000;
-/// Width of a bin where the message tells none (deg).
+/// Width of a bin where the message gives none (deg).
 const BIN_DEG: f64 = 5.0;
 /// PRX1_TYPE of MAVLink.
 const TYPE_MAVLINK: f64 = 2.0;

@@ -189,7 +189,7 @@ impl ArduCopter {
             MissionChange::None => {}
             MissionChange::Replaced(link) => {
                 self.store_mission();
-                // Only who has sent it is told.
+                // Only whoever has sent it is notified.
                 let text = MavMessage::STATUSTEXT(STATUSTEXT_DATA {
                     severity: MavSeverity::MAV_SEVERITY_INFO,
                     text: "Flight plan received".into(),

@@ -60,7 +60,8 @@ pub fn limit_length(v: Vector2<f64>, limit: f64) -> Vector2<f64> {
     if size > limit { v * (limit / size) } else { v }
 }
 
-/// `acceleration` limited to `limit`, what turns the velocity before what changes its size. Tells whether it was too long.
+/// `acceleration` limited to `limit`, what turns the velocity before what changes its size. Returns whether it was too
+/// long.
 pub fn limit_turning_first(
     velocity: Vector2<f64>,
     acceleration: Vector2<f64>,

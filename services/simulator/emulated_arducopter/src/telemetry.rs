@@ -107,7 +107,7 @@ impl ArduCopter {
         })
     }
 
-    /// Without an identity: who did not upload a mission cannot tell it from another of the same length.
+    /// Without an identity: who did not upload a mission cannot distinguish it from another of the same length.
     pub(super) fn mission_current(&self) -> m::MISSION_CURRENT_DATA {
         use m::MissionState as S;
         let total = self.mission().total.saturating_sub(1);
@@ -245,7 +245,7 @@ impl ArduCopter {
         })
     }
 
-    /// What GUIDED follows, told by submode; nothing in other modes.
+    /// What GUIDED follows, reported by submode; nothing in other modes.
     fn position_target(&self) -> Option<MavMessage> {
         if self.mode != Mode::Guided {
             return None;

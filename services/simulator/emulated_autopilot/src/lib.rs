@@ -12,7 +12,7 @@
 //! | [`statistics`], [`truth`] | setpoints, autopilot, world | ground truth of the flight |
 //! | [`reference`](mod@reference) | | the motions on which tracking is measured |
 //!
-//! Processes, lock-step flights and the [`Observer`](truth::Observer) speak to an [`Autopilot`] and need not know the make.
+//! Processes, lock-step flights and the [`Observer`](truth::Observer) use an [`Autopilot`] and need not know the make.
 
 pub mod attitude;
 pub mod command_place;

@@ -82,12 +82,12 @@ impl Wire {
         }
     }
 
-    /// Tells everybody.
+    /// Sends a text to everybody.
     pub fn say(&mut self, outbox: &mut Vec<Packet>, severity: MavSeverity, text: &str) {
         self.say_with(outbox, severity, format_args!("{text}"));
     }
 
-    /// Tells everybody something with numbers in it. A text that does not fit one message is sent in chunks with a common
+    /// Sends everybody a text with numbers in it. A text that does not fit one message is sent in chunks with a common
     /// id. Texts are put together on the stack: they are said in flight.
     pub fn say_with(&mut self, outbox: &mut Vec<Packet>, severity: MavSeverity, text: std::fmt::Arguments) {
         let mut buffer = TextBuffer::default();

@@ -1,4 +1,4 @@
-//! Mission upload and download, as PX4 speaks it: MISSION_COUNT, one request per item, MISSION_ACK.
+//! Mission upload and download, as PX4 implements them: MISSION_COUNT, one request per item, MISSION_ACK.
 
 // Ground stations still send MISSION_REQUEST and MISSION_SET_CURRENT.
 #![allow(deprecated)]

@@ -248,7 +248,7 @@ impl GroundStation {
             MavMessage::COMMAND_ACK(ack) if self.is_answer(ack.command) => {
                 self.acting.answered |= ack.result == MavResult::MAV_RESULT_ACCEPTED;
             }
-            // The autopilot flies it from now on; a heartbeat may tell of that only a second later.
+            // The autopilot flies it from now on; a heartbeat may report that only a second later.
             MavMessage::COMMAND_ACK(ack) if self.starts_mission(ack) => self.note_mode(NavMode::Mission),
             MavMessage::MISSION_CURRENT(current) if self.is_chosen(current.seq) => {
                 self.acting.answered = true;

@@ -15,7 +15,7 @@ use mavlink::dialects::ardupilotmega::MavSeverity;
 const COMMAND_DELAY_US: u64 = 20_000;
 /// Arming again this soon after disarming skips all checks (us).
 const QUICK_REARM_US: u64 = 5_000_000;
-/// Sticks not heard for this long are no sticks (us).
+/// Sticks not received for this long are no sticks (us).
 const STICK_TIMEOUT_US: u64 = 500_000;
 /// Falls to Hold that are remembered one by one; all are counted.
 pub const HOLD_FALLS_KEPT: usize = 64;
@@ -135,18 +135,18 @@ impl Commander {
         self.fall_count
     }
 
-    /// Whether sticks are heard.
+    /// Whether sticks are received.
     pub fn has_sticks(&self, now_us: u64) -> bool {
         self.sticks_us
             .is_some_and(|at_us| now_us - at_us < STICK_TIMEOUT_US)
     }
 
-    /// Sticks were heard.
+    /// Sticks were received.
     pub fn receive_sticks(&mut self, now_us: u64) {
         self.sticks_us = Some(now_us);
     }
 
-    /// A heartbeat of somebody else was heard.
+    /// A heartbeat of somebody else was received.
     pub fn receive_heartbeat(&mut self, now_us: u64, own_system_id: u8, heartbeat: &ForeignHeartbeat) {
         self.companion.receive(now_us, own_system_id, heartbeat);
     }

@@ -69,7 +69,7 @@ pub struct CompanionHealth {
 }
 
 impl CompanionHealth {
-    /// Nobody heard yet.
+    /// Nobody seen yet.
     pub fn new(firmware: Firmware) -> Self {
         Self {
             firmware,

@@ -1,4 +1,4 @@
-//! What an autopilot is told at its start.
+//! What an autopilot is given at its start.
 
 use super::firmware::Firmware;
 use super::pace::Pace;
@@ -6,7 +6,7 @@ use jink_shared_types::geo::GlobalPoint;
 use jink_simulated_world::vehicle::VehicleConfig;
 use jink_simulated_world::vehicle::estimator::EstimatorConfig;
 
-/// What an autopilot is told at its start.
+/// What an autopilot is given at its start.
 #[derive(Clone, Debug)]
 pub struct Px4Config {
     /// MAVLink system id. PX4's own demand for Hold reaches system 1 only.

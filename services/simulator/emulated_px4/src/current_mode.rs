@@ -1,8 +1,8 @@
 //! CURRENT_MODE: the mode in force and the one that was asked for.
 //!
 //! PX4 sends it only when its commander has published its status since the last time: twice a second, and after every
-//! change. So somebody who asks for it at a high rate sees changes at once and hears little in between, and somebody who
-//! does not ask sees them up to two seconds late.
+//! change. So somebody who asks for it at a high rate sees changes at once and receives little in between, and somebody
+//! who does not ask sees them up to two seconds late.
 
 use jink_emulated_autopilot::link::Link;
 use jink_emulated_autopilot::modes::px4::custom_mode;
@@ -19,7 +19,7 @@ const PUBLISH_US: u64 = 20_000;
 pub struct ModeNews {
     reported: Option<(NavMode, NavMode)>,
     published_us: u64,
-    /// From when on there is news.
+    /// From when on a change is to be sent.
     update_us: [Option<u64>; 2],
 }
 
@@ -36,12 +36,12 @@ impl ModeNews {
         }
     }
 
-    /// Whether `link` has not heard the latest.
+    /// Whether `link` has not received the latest.
     pub fn is_due(&self, now_us: u64, link: Link) -> bool {
         self.update_us[link as usize].is_some_and(|from_us| now_us >= from_us)
     }
 
-    /// `link` has heard it.
+    /// `link` has received it.
     pub fn reported(&mut self, link: Link) {
         self.update_us[link as usize] = None;
     }

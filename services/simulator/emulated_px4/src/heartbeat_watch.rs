@@ -18,7 +18,7 @@ pub enum Change {
     Back,
 }
 
-/// One peer. Nobody is missed before he was heard.
+/// One peer. Nobody is missed before he was seen.
 #[derive(Clone, Debug, Default)]
 pub struct HeartbeatWatch {
     received_us: Option<u64>,

@@ -34,7 +34,7 @@ pub struct NavigatorEvents {
     pub takeoff_finished: bool,
     /// The mission asks for a return.
     pub wants_return: bool,
-    /// A return begins, at this height above home (m), and somebody wants to hear of it.
+    /// A return begins, at this height above home (m), and somebody is to be notified of it.
     pub return_started: Option<f64>,
 }
 

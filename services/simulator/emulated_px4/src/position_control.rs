@@ -19,7 +19,7 @@ use nalgebra::{Vector2, Vector3};
 
 /// One percent less than the truth: PX4 was seen to sink with nearly 0.1 m/s^2 when nothing commands its vertical axis.
 const BELIEVED_HOVER_THRUST: f64 = 0.99 * HOVER_THRUST;
-/// Smallest thrust that still tells a direction.
+/// Smallest thrust that still has a direction.
 const THRUST_FLOOR: f64 = 10e-4;
 
 /// What is allowed in this cycle.

@@ -2,7 +2,7 @@
 //!
 //! PX4 makes a new one whenever the mode is entered: what was seen before is forgotten, and its time without data
 //! begins then. It says nothing to anybody of missing data, but switches to Hold after five seconds of it; a frame that
-//! it does not understand is told at every message. The command for Hold goes to system 1, whatever its own number.
+//! it does not understand is reported at every message. The command for Hold goes to system 1, whatever its own number.
 
 use super::Px4;
 use super::avoidance::HoldCause;

@@ -123,7 +123,8 @@ impl Axis {
         }
     }
 
-    /// Towards which side jerk has to start: where the velocity would end if the acceleration were taken back now tells.
+    /// Towards which side jerk has to start: it depends on the velocity that is left once the acceleration is
+    /// brought back to zero.
     fn direction(&self, target_mps: f64, jerk_max: f64) -> f64 {
         let a0 = self.acceleration_mps2;
         let mut coasting_mps = self.velocity_mps;

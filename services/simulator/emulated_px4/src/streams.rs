@@ -1,7 +1,7 @@
 //! Which messages leave on which link, and how often.
 //!
 //! Rates are those measured on PX4's links. A stream without anything to say (the trajectory outside automatic modes)
-//! waits and speaks [`WAKE_US`] after it has something again.
+//! waits, and sends [`WAKE_US`] after it has something again.
 
 use super::firmware::Firmware;
 use jink_emulated_autopilot::link::Link;

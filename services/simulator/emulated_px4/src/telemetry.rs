@@ -106,7 +106,7 @@ impl Px4 {
         })
     }
 
-    /// The avoidance bit: present if required or heard of, enabled in automatic modes, healthy as the heartbeat says.
+    /// The avoidance bit: present if required or seen, enabled in automatic modes, healthy as the heartbeat says.
     fn sys_status(&self) -> MavMessage {
         use MavSysStatusSensor as S;
         let always = S::MAV_SYS_STATUS_SENSOR_3D_GYRO

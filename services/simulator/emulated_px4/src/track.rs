@@ -101,7 +101,7 @@ impl Track {
         self.leg.map_or(self.target, |leg| leg.next)
     }
 
-    /// A target without horizontal place is where the vehicle was when it first heard of it.
+    /// A target without horizontal place is where the vehicle was when it first received it.
     fn resolve(&mut self, current: &CurrentPoint, position: &Vector3<f64>) -> Vector3<f64> {
         let given = current.position;
         if given.x.is_finite() && given.y.is_finite() {

@@ -3,7 +3,7 @@
 //! | `link.address` | companion | ground station |
 //! |---|---|---|
 //! | `udpin:ADDRESS:PORT` | UDP, to that address | UDP, to `simulation.ground_station_port` |
-//! | `unix:PATH` | binds PATH, speaks to PATH`.jink` | binds PATH`.ground`, speaks to PATH`.station` |
+//! | `unix:PATH` | binds PATH, talks to PATH`.jink` | binds PATH`.ground`, talks to PATH`.station` |
 
 use super::local::{LocalSocket, MavLocal};
 use super::settings;
@@ -66,7 +66,7 @@ impl Wires {
     /// Opens them as the configuration says.
     ///
     /// # Errors
-    /// The port or path is taken, or the link is of a kind that a simulated autopilot does not speak on.
+    /// The port or path is taken, or the link is of a kind that a simulated autopilot does not support.
     pub fn open(ports: &Ports) -> Result<Self, StartError> {
         let config = ports.config();
         if let Some(path) = config.link.address.strip_prefix("unix:") {

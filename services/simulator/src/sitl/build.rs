@@ -183,13 +183,14 @@ const PX4_BUILD: &str = "px4_sitl_default";
 const COPTER_PROGRAMS: [&str; 3] = ["build/sitl/bin/arducopter", "bin/arducopter", "arducopter"];
 /// Where the default parameters lie below ArduPilot's source folder.
 const COPTER_PARAMETERS: &str = "Tools/autotest/default_params/copter.parm";
-/// PX4's models that this simulator can be the vehicle of, newest name first, and the modules that speak its interface.
+/// PX4's models that this simulator can be the vehicle of, newest name first, and the modules that implement its
+/// interface.
 const HIL_MODELS: [&str; 2] = ["none_iris", "iris"];
 const HIL_MODULES: [&str; 2] = ["px4-simulator_mavlink", "px4-simulator"];
 /// PX4's built-in quadrotor, and the modules that simulate it.
 const SIH_MODELS: [&str; 1] = ["sihsim_quadx"];
 const SIH_MODULES: [&str; 2] = ["px4-simulator_sih", "px4-sih"];
-/// The parameter that tells a firmware with the trajectory interface: 1.16 has dropped both.
+/// The parameter that identifies a firmware with the trajectory interface: 1.16 has dropped both.
 const TRAJECTORY_PARAMETER: &[u8] = b"COM_OBS_AVOID";
 /// The parameter of PX4 that the delay of the GPS has moved to; its start-up scripts set it to 10 ms for this interface.
 const GPS_DELAY_PARAMETER: &[u8] = b"SENS_GPS0_DELAY";

@@ -39,7 +39,7 @@ const GPS_FIX_3D: u8 = 3;
 const COURSE_UNKNOWN: u16 = 65_535;
 /// Below this speed a course means nothing (m/s).
 const COURSE_SPEED_MPS: f64 = 0.1;
-/// Who speaks: what PX4's other simulators use.
+/// Ids of the sender: those that PX4's other simulators use.
 const HEADER: MavHeader = MavHeader {
     system_id: 1,
     component_id: 51,

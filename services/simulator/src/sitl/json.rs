@@ -27,7 +27,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Keeps the noise apart from other random streams of the same seed.
 const NOISE_STREAM: u64 = 0x6a73_6f6e;
 
-/// What the servos are told.
+/// What the autopilot sends to the servos.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ServoPacket {
     /// Counts up by one with each answer taken; the same again asks for the same answer.
@@ -64,7 +64,7 @@ impl ServoPacket {
     }
 }
 
-/// What the autopilot is told.
+/// What is sent to the autopilot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JsonState {
     /// Simulated time (s).

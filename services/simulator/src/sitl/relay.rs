@@ -23,7 +23,7 @@ const LOOK: Timespec = Timespec {
 /// One link: the end at the autopilot and the end at the companion or station.
 pub struct RelayLink {
     autopilot: UdpSocket,
-    /// Where the autopilot speaks from, once it has spoken.
+    /// The address from which the autopilot sends, once it has sent anything.
     autopilot_at: Option<SocketAddr>,
     other: UdpSocket,
     other_at: SocketAddr,

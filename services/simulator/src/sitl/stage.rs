@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-/// Longest time until an autopilot has spoken to its simulator: it needs a few seconds on a busy machine.
+/// Longest time until an autopilot sends to its simulator: it needs a few seconds on a busy machine.
 pub(super) const CONNECT_PATIENCE: Duration = Duration::from_secs(30);
 /// Samples kept for a reader that does not come (4 s).
 const SAMPLES_MAX: usize = 1_000;

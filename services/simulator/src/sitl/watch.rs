@@ -20,7 +20,7 @@ const ROUNDING_M: f64 = 0.1;
 /// What is known of the autopilot.
 #[derive(Clone, Copy, Debug)]
 pub struct AutopilotState {
-    /// It has been heard.
+    /// It has been seen.
     pub received: bool,
     /// Mode.
     pub mode: NavMode,

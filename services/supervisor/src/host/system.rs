@@ -27,8 +27,8 @@ use std::process::{Command, Stdio};
 
 /// How often the logs are measured (s); in that time even a chatty process writes little against their limit.
 const LOGS_PERIOD_S: f64 = 1.0;
-/// After a death the memory is swept a second time (s): what is left of a start that was cut short cannot be told from
-/// a start under way before that.
+/// After a death the memory is swept a second time (s): what is left of a start that was cut short cannot be
+/// distinguished from a start under way before that.
 const SWEEP_AGAIN_S: f64 = 15.0;
 
 /// The signal, both instances of every process, and the clients.

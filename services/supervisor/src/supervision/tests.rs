@@ -233,7 +233,7 @@ fn processes_start_in_order_and_an_essential_one_is_waited_for() {
     };
     let mut host = SimulatedHost::new(vec![rules("a"), extra, rules("c")]);
     host.pass(0.01);
-    assert_eq!(host.spawns.len(), 1, "a is not heard yet");
+    assert_eq!(host.spawns.len(), 1, "a is not seen yet");
     host.children[0] = Child::Alive(1, Some(ServiceState::Starting));
     host.pass(0.01);
     let order: Vec<usize> = host.spawns.iter().map(|(process, _)| *process).collect();
@@ -816,7 +816,7 @@ fn a_candidate_that_dies_in_the_moment_of_the_switch_leaves_an_owner_in_a_new_ep
     );
     let entry = control(&host);
     assert_eq!((entry.active, entry.next), (1, 0));
-    assert!(entry.epoch > 2, "the candidate may have spoken already");
+    assert!(entry.epoch > 2, "the candidate may have published already");
     assert!(host.signals.is_empty());
 }
 

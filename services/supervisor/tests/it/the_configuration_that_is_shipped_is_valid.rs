@@ -32,7 +32,7 @@ fn every_profile_resolves_and_every_row_is_understood() {
     let table = ProcessTable::load(&config()).unwrap();
     assert!(
         table.rows.iter().any(|row| row.rules.is_output),
-        "somebody speaks to the autopilot"
+        "somebody talks to the autopilot"
     );
 }
 

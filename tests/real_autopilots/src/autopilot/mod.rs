@@ -66,7 +66,7 @@ pub struct Ports {
 }
 
 impl Ports {
-    /// Where the autopilot speaks to its companion.
+    /// Where the autopilot talks to its companion.
     pub fn companion(self, autopilot: Autopilot) -> u16 {
         match autopilot {
             // Our simulator holds PX4's own number, and passes on to this one.

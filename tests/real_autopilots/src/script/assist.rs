@@ -7,7 +7,7 @@ use jink_shared_types::vehicle::NavMode;
 
 type Done = Result<(), Trouble>;
 
-/// The sticks are told this often (s).
+/// The sticks are sent this often (s).
 const PERIOD_S: f64 = 0.05;
 /// CP_DIST of these flights (m).
 const DISTANCE_M: f64 = 1.5;

@@ -35,7 +35,7 @@ pub fn go_to(flight: &mut Flight) -> Done {
 }
 
 /// The same while jink flies something else. ArduCopter shows it until the next setpoint only, so it may be overlooked; then the pilot
-/// clicks again, as docs/missions.md tells him.
+/// clicks again, as docs/missions.md says.
 fn go_to_hidden_in_motion(flight: &mut Flight, near_m: f64, far_m: f64) -> Done {
     const CLICKS: u32 = 5;
     go_to_hidden(flight, near_m, far_m)?;

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 /// How long a running gateway is looked at: three heartbeats of an autopilot, fifteen figures of the gateway.
 const LOOK_AT_RUNNING: Duration = Duration::from_secs(3);
-/// How often there may be news of it; its queue of states holds sixteen, 320 ms.
+/// How often its new samples are read; its queue of states holds sixteen, 320 ms.
 const LOOK: Duration = Duration::from_millis(20);
 
 /// Which link, and for how long.

@@ -49,7 +49,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<Outcome, Problem> {
         Ok(resolved) => resolved.config,
         Err(problem) => return Ok(Outcome::Refused(problem.to_string())),
     };
-    // The supervisor speaks, too.
+    // The supervisor publishes, too.
     let needs = of_topics(process_names(&folder).len() + 1, &config.sensors);
     let needed: usize = needs.iter().map(|need| need.bytes).sum();
     let largest = needs.first().map_or(0, |need| need.bytes);

@@ -42,7 +42,7 @@ instead.
 
 Exit codes: 0 ready (there may be warnings); 1 something keeps jink from flying; 2 wrong usage or configuration.")]
     Link(link::Args),
-    /// The sensors of a running jink: whether each speaks, in time and credibly, and which directions nobody sees
+    /// The sensors of a running jink: whether each sends data, in time and credibly, and which directions nobody sees
     #[command(after_help = "\
 Listens to what every configured sensor says and to what the guard makes of it, and changes nothing. It works on a running
 instance (`jink up`), real or simulated: on the ground before the take-off, with people and things at a distance.

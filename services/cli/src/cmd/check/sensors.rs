@@ -19,7 +19,7 @@ use jink_shared_types::vehicle::VehicleState;
 use serde_json::{Map, Value};
 use std::time::{Duration, Instant};
 
-/// How often there may be news: the queue of a scan holds four, 20 ms of the fastest sensor.
+/// How often new samples are read: the queue of a scan holds four, 20 ms of the fastest sensor.
 const LOOK: Duration = Duration::from_millis(2);
 /// How often progress is shown.
 const SHOW: Duration = Duration::from_millis(500);

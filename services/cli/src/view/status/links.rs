@@ -34,7 +34,7 @@ pub struct LinkFigures {
 pub struct Refused {
     /// The signature does not fit the key.
     pub wrong_signature: u64,
-    /// Signed, but not newer than what was heard.
+    /// Signed, but not newer than what was received.
     pub replayed: u64,
     /// Not signed where that is asked for.
     pub unsigned: u64,

@@ -34,7 +34,7 @@ use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
 
-/// Steps of a story, so that none is told for ever.
+/// Steps of a story, so that none lasts for ever.
 const STEPS_MAX: usize = 3000;
 /// Whose autopilot it is, unless another one was there before.
 const SYSTEM: u8 = 1;
@@ -54,7 +54,7 @@ fn reading<T>(sample: &Sample<T>, now: Timestamp, deadline_ms: f64) -> Reading<'
     Reading::judge(stamped, now, deadline_ms)
 }
 
-/// The gateway, what it hears, and what it has said.
+/// The gateway, what it receives, and what it has said.
 struct Story {
     config: GatewayConfig,
     gateway: Gateway,

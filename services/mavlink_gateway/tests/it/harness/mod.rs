@@ -5,8 +5,8 @@
 //! | [`decoder`] | a stream of frames, damaged frames and garbage, in pieces of any size |
 //! | [`flight`] | a story: messages of any kind, trajectories, losses and pauses, in every profile |
 //! | [`network`] | frames from several links, signed well, badly, twice or not at all |
-//! | [`desk`] | requests for files and parameters |
-//! | [`storage`] | the content of files, and what one gateway tells the next |
+//! | [`requests`] | requests for files and parameters |
+//! | [`storage`] | the content of files, and what one gateway sends to the next |
 //!
 //! The same functions are run by a bounded test with bytes of a seeded generator, and by the targets of `fuzz/`, which look for
 //! bytes that lead somewhere new.
@@ -15,7 +15,7 @@
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; a profile is for the versions before.
 
 pub mod decoder;
-pub mod desk;
+pub mod requests;
 pub mod dice;
 pub mod flight;
 pub mod ground;

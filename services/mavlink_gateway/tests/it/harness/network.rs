@@ -1,7 +1,7 @@
 //! Several links: what comes in goes where a plain model of MAVLink's rules says, byte by byte, and nowhere else.
 //!
-//! The model is the rules in their simplest form: who was heard where, which stamps each signer has used. So nothing goes back where
-//! it came from, no key travels, no frame of ours is passed on, and who is refused is not heard.
+//! The model is the rules in their simplest form: which sender was seen where, which stamps each signer has used. So
+//! nothing goes back where it came from, no key travels, no frame of ours is passed on, and refused frames are ignored.
 
 use super::dice::Dice;
 use super::messages;
@@ -45,7 +45,7 @@ pub fn laws(data: &[u8]) {
     }
 }
 
-/// What the rules make of what was heard so far.
+/// What the rules make of what was received so far.
 #[derive(Default)]
 struct Model {
     routes: BTreeMap<(u32, u8), BTreeSet<usize>>,
@@ -297,7 +297,7 @@ impl Network {
         }
     }
 
-    /// What the model expects of `datagram`: what each peer hears, and who is heard by us.
+    /// What the model expects of `datagram`: what each peer receives, and whose messages we receive.
     #[allow(clippy::type_complexity)]
     fn account(&mut self, from: usize, datagram: &[u8]) -> ([Vec<Vec<u8>>; LINKS], Vec<(u32, u8, usize)>) {
         let mut received = [(); LINKS].map(|()| Vec::new());

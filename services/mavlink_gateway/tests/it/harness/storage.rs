@@ -1,4 +1,4 @@
-//! What lies in files and what one gateway tells the next: damaged, it is refused or made the best of, and never a crash.
+//! What lies in files and what one gateway sends to the next: damaged, it is refused or used in part, without a crash.
 
 use super::dice::Dice;
 use jink_mavlink_gateway::{Encoder, Gateway, GatewayConfig, HandoverState};

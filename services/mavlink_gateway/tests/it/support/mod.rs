@@ -1,4 +1,4 @@
-//! A gateway on a test bench: an autopilot that speaks real bytes, a guard, a supervisor, and a log of what is sent.
+//! A gateway on a test bench: an autopilot that sends real bytes, a guard, a supervisor, and a log of what is sent.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 #![allow(dead_code)] // Every test file uses its own part of the bench.
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
@@ -81,7 +81,7 @@ pub struct Bench {
     pub paths: Vec<(DesiredPath, Timestamp)>,
     pub status: Option<LinkStatus>,
     pub boot_ms_at_zero: u32,
-    /// The link on which what is heard comes in.
+    /// The link on which messages are received.
     pub link: u8,
     /// The owner of the parameters; `None` = it is dead.
     pub server: Option<ParameterServer>,

@@ -11,7 +11,7 @@ const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
 const DENIED: MavResult = MavResult::MAV_RESULT_DENIED;
 const FAILED: MavResult = MavResult::MAV_RESULT_FAILED;
 
-/// Ids heard on a link in `seconds`.
+/// Ids received on a link in `seconds`.
 fn ids(flight: &mut CopterFlight, link: Link, seconds: f64) -> Vec<u32> {
     flight.collect(seconds, |packet| {
         (packet.link == link && packet.header.component_id == 1).then(|| packet.message.message_id())
@@ -103,7 +103,7 @@ fn a_message_can_be_asked_for_once() {
     ] {
         assert_eq!(ask(id), (ACCEPTED, true), "{id}");
     }
-    // Accepted although there is no sector to tell.
+    // Accepted although there is no sector to report.
     assert_eq!(ask(132), (ACCEPTED, false));
     for id in [230, 253, 331, 332, 333, 340, 410, 436] {
         assert_eq!(ask(id), (FAILED, false), "{id}");

@@ -1,4 +1,5 @@
-//! What the mission is to ArduCopter: which item is current, what others hear of it, and items that are no plain waypoints.
+//! What the mission is to ArduCopter: which item is current, what others receive of it, and items that are no plain
+//! waypoints.
 
 #![allow(deprecated)]
 
@@ -16,7 +17,7 @@ fn first(param: f32) -> [f32; 7] {
     [param, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 }
 
-/// MISSION_CURRENT as the companion hears it: item, items, state.
+/// MISSION_CURRENT as the companion receives it: item, items, state.
 fn current(flight: &mut CopterFlight) -> (u16, u16, MissionState) {
     flight.ask(MavCmd::MAV_CMD_REQUEST_MESSAGE, first(42.0));
     let reported = flight.received.iter().find_map(|packet| match &packet.message {
@@ -24,7 +25,7 @@ fn current(flight: &mut CopterFlight) -> (u16, u16, MissionState) {
         _ => None,
     });
     let reported = reported.expect("MISSION_CURRENT");
-    assert_eq!(reported.mission_id, 0, "it never tells which mission");
+    assert_eq!(reported.mission_id, 0, "it never reports which mission");
     (reported.seq, reported.total, reported.mission_state)
 }
 
@@ -216,7 +217,7 @@ fn splines_and_turns_are_items_that_lead_somewhere() {
     }
 }
 
-/// A click on the map: others on the link see nothing of it but the target that is told.
+/// A click on the map: others on the link see nothing of it but the target that is reported.
 #[test]
 fn a_place_to_go_to_is_taken_in_guided_and_shows_in_the_reported_target_only() {
     let mut flight = in_guided();

@@ -1,4 +1,4 @@
-//! Obstacles told over MAVLink, and what ArduCopter makes of them.
+//! Obstacles reported over MAVLink, and what ArduCopter makes of them.
 
 use crate::support::copter::{CopterFlight, POSITION_VELOCITY, PVA, VELOCITY, at, level, setpoint};
 use jink_emulated_autopilot::Link;
@@ -67,7 +67,7 @@ fn airborne(parameters: &[(&str, f64)]) -> CopterFlight {
     flight
 }
 
-/// How near to the wall it came while `report` told of it at `rate_hz` and `act` flew (m); negative = through it.
+/// How near to the wall it came while `report` reported it at `rate_hz` and `act` flew (m); negative = through it.
 fn closest(
     flight: &mut CopterFlight,
     seconds: f64,

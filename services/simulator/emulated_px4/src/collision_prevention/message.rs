@@ -2,7 +2,7 @@
 
 use super::map::{BINS, UNKNOWN_CM};
 
-/// Rangefinders that can be told apart.
+/// Rangefinders that can be distinguished.
 pub const INSTANCES: usize = 10;
 
 /// Frames of [`ObstacleDistance`], by MAVLink's numbers.

@@ -23,7 +23,7 @@
 //!
 //! | file | idea |
 //! |---|---|
-//! | `settings`, `message` | what it is told |
+//! | `settings`, `message` | what it is given |
 //! | `rangefinder`, `scan` | readings into bins |
 //! | `map`, `angle` | which reading a bin keeps, when it forgets |
 //! | `guidance` | a little to the side, where it is freer |

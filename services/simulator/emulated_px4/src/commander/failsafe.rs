@@ -8,7 +8,7 @@
 //! | event | change | ends |
 //! |---|---|---|
 //! | OFFBOARD setpoints older than COM_OF_LOSS_T | what COM_OBL_RC_ACT says, at once | by itself when setpoints come again |
-//! | sticks heard since arming fall silent | Hold, a return COM_FAIL_ACT_T later, whatever setpoints do | with a new wish |
+//! | sticks received since arming fall silent | Hold, a return COM_FAIL_ACT_T later, whatever setpoints do | with a new wish |
 //! | sticks move fast in a mode without them | Position | is a wish itself |
 
 use super::{Commander, Failsafe, Situation, Text};
@@ -25,7 +25,7 @@ const RE_ENTRY_US: u64 = 20_000;
 /// From the last stick message to the change of mode (us): COM_RC_LOSS_T of 0.5 s and the time PX4 took; 0.67 s were seen
 /// on the link.
 const STICK_LOSS_US: u64 = 650_000;
-/// Sticks heard this long before arming count as heard at arming (us).
+/// Sticks received this long before arming count as received at arming (us).
 const STICKS_AT_ARMING_US: u64 = 500_000;
 
 impl Commander {
@@ -83,7 +83,7 @@ impl Commander {
         }
     }
 
-    /// Sticks never heard while armed are not missed.
+    /// Sticks never received while armed are not missed.
     fn sticks_fell_silent(&self, now_us: u64) -> bool {
         self.sticks_us.is_some_and(|at_us| {
             at_us + STICKS_AT_ARMING_US >= self.changed_us && now_us - at_us >= STICK_LOSS_US

@@ -45,7 +45,7 @@ fn current(flight: &mut Flight) -> MISSION_CURRENT_DATA {
     reported.expect("MISSION_CURRENT at 1 Hz")
 }
 
-/// The waypoint being flown as POSITION_TARGET_GLOBAL_INT tells it, north and east (m).
+/// The waypoint being flown as POSITION_TARGET_GLOBAL_INT reports it, north and east (m).
 fn reported_target(flight: &mut Flight) -> Option<(f64, f64)> {
     let origin = Projection::new(Px4Config::default().origin);
     last(flight, |message| match message {

@@ -34,7 +34,7 @@ fn without_data_it_does_not_move_and_holds_after_five_seconds() {
     assert_eq!(flight.autopilot.holds()[0].cause, HoldCause::NoObstacleData);
     assert!(
         flight.texts.iter().all(|text| !text.contains("obstacle")),
-        "nobody is told"
+        "nobody is notified"
     );
     push(&mut flight, 3.0, RELEASED, Some((0.1, &open_air)), |_| {});
     assert_eq!(

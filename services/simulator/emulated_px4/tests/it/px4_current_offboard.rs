@@ -18,7 +18,7 @@ const CURRENT_MODE: u32 = 436;
 const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
 const REJECTED: MavResult = MavResult::MAV_RESULT_TEMPORARILY_REJECTED;
 
-/// Runs until CURRENT_MODE tells of a mode other than `before`: how long that took (s), and which.
+/// Runs until CURRENT_MODE reports a mode other than `before`: how long that took (s), and which.
 fn until_reported(flight: &mut Flight, before: NavMode, sticks: bool) -> (f64, NavMode) {
     let from_s = flight.now_s();
     let mut reported = None;

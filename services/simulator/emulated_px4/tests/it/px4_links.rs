@@ -78,7 +78,7 @@ fn a_board_passes_no_stations_heartbeat_to_its_companion() {
     assert_eq!(forwarded(&[]), [false, true]);
 }
 
-/// Whether the companion hears the station, and the station the companion.
+/// Whether the companion receives what the station sends, and the station what the companion sends.
 fn forwarded(parameters: &[(&'static str, f64)]) -> [bool; 2] {
     let mut flight = Flight::with(parameters);
     flight.run(0.1);

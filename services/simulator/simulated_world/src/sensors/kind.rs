@@ -24,7 +24,7 @@ pub enum SensorKind {
     /// One wide beam; renders a range scan with one beam.
     #[serde(rename = "rangefinder")]
     Rangefinder,
-    /// Nothing that is rendered: the gateway hears it.
+    /// Nothing that is rendered: the gateway receives it.
     #[serde(rename = "autopilot_rangefinder")]
     AutopilotRangefinder,
     /// As [`Self::AutopilotRangefinder`].

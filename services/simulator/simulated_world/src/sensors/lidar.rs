@@ -49,7 +49,7 @@ impl Lidar3d {
         })
     }
 
-    /// One sweep from `begin` to `end`. Rays are spread evenly over it, each from the pose at its own time as told
+    /// One sweep from `begin` to `end`. Rays are spread evenly over it, each from the pose at its own time as given
     /// by its offset.
     pub fn render(
         &mut self,

@@ -29,7 +29,7 @@ pub struct SensorSpec {
     pub rate_hz: Option<f64>,
     /// From the capture of a frame to its publication, at most (ms). The service's affair; nothing is rendered later for it.
     pub delay_ms: Option<f64>,
-    /// Added to the rig's seed: tells sensors of one rig apart beyond their names.
+    /// Added to the rig's seed: distinguishes sensors of one rig beyond their names.
     #[serde(default)]
     pub seed: u64,
     /// Mounting position in the body, forward (m).
@@ -169,7 +169,7 @@ pub struct SensorSpec {
     /// As [`Self::device`].
     #[serde(skip_serializing)]
     pub blind_deg: Option<IgnoredAny>,
-    /// As [`Self::device`]: for what the gateway hears.
+    /// As [`Self::device`]: for what the gateway receives.
     #[serde(skip_serializing)]
     pub id: Option<IgnoredAny>,
     /// As [`Self::id`].

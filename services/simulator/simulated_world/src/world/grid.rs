@@ -1,4 +1,4 @@
-//! A uniform grid seen from above that tells which obstacles a ray may meet, in the order it may meet them.
+//! A uniform grid seen from above that gives which obstacles a ray may meet, in the order it may meet them.
 //!
 //! Source: J. Amanatides, A. Woo, "A Fast Voxel Traversal Algorithm for Ray Tracing", Eurographics 1987, in two
 //! dimensions: the worlds are flat, their obstacles tall, so a third axis would only cost steps.

@@ -31,7 +31,7 @@ pub struct CopterFlight {
     pub received: Vec<Packet>,
     /// Sent to it in the next step.
     pub inbox: Vec<Packet>,
-    /// Texts heard on the ground station's link.
+    /// Texts received on the ground station's link.
     pub texts: Vec<String>,
 }
 
@@ -272,7 +272,7 @@ impl CopterFlight {
         None
     }
 
-    /// Messages heard in `seconds`, as `pick` picks them.
+    /// Messages received in `seconds`, as `pick` picks them.
     pub fn collect<T>(&mut self, seconds: f64, mut pick: impl FnMut(&Packet) -> Option<T>) -> Vec<T> {
         let mut picked = Vec::new();
         for _ in 0..(seconds * STEPS_PER_S).round() as usize {

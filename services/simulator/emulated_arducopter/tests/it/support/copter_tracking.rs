@@ -468,7 +468,7 @@ pub fn halts() -> Vec<Halt> {
     ]
 }
 
-/// What the emulator does when told to halt at 4.5 m/s.
+/// What the emulator does when commanded to halt at 4.5 m/s.
 pub fn come_to_rest(halt: &Halt) -> After {
     let mut flight = at_cruise(PVA, DEFAULT);
     let x = flight.position().x;

@@ -118,7 +118,7 @@ pub fn enter_offboard(flight: &mut Flight) {
     assert_eq!(flight.autopilot.mode(), NavMode::Offboard);
 }
 
-/// How a moving companion speaks.
+/// What a moving companion sends.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Speech {
     /// Position, velocity and acceleration.
@@ -207,7 +207,7 @@ pub fn ask_for(flight: &mut Flight, id: u32, interval_s: f64) -> MavResult {
     panic!("no acknowledgement");
 }
 
-/// The modes that the companion's link tells in this step: in force and intended.
+/// The modes that the companion's link reports in this step: in force and intended.
 pub fn reported_modes(flight: &Flight) -> Option<(NavMode, NavMode)> {
     let mode =
         |custom| jink_emulated_autopilot::modes::px4::mode_of_custom(custom).unwrap_or(NavMode::Unknown);

@@ -71,11 +71,11 @@ pub struct Flight {
     pub answer: Answer,
     /// Companion answers TIMESYNC with its clock this far ahead of boot time (us).
     pub clock_ahead_us: Option<i64>,
-    /// Texts heard on the ground station's link.
+    /// Texts received on the ground station's link.
     pub texts: Vec<String>,
     /// Last desired path with its time (s).
     pub desired: Option<(f64, TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA)>,
-    /// Desired paths heard.
+    /// Desired paths received.
     pub questions: usize,
     next_answer_s: f64,
 }

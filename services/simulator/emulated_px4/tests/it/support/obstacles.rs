@@ -1,4 +1,4 @@
-//! A pilot in Position mode among obstacles that OBSTACLE_DISTANCE tells of.
+//! A pilot in Position mode among obstacles that OBSTACLE_DISTANCE reports.
 
 use super::current::{holding, lift, with_drag};
 use super::{Flight, STEPS_PER_S};
@@ -110,7 +110,7 @@ pub fn scan(flight: &Flight, world: World, frame: MavFrame) -> OBSTACLE_DISTANCE
     }
 }
 
-/// Tells the autopilot.
+/// Sends it to the autopilot.
 pub fn report(flight: &mut Flight, scan: OBSTACLE_DISTANCE_DATA) {
     flight.companion(196, MavMessage::OBSTACLE_DISTANCE(scan));
 }

@@ -79,7 +79,7 @@ fn the_pose_at_each_points_own_time_removes_the_distortion() {
             .unwrap();
         for point in hits(&cloud) {
             let own = track.at(time_of(&cloud, point)).unwrap().to_local(body(point));
-            // The ground looks the same from everywhere: only trees tell.
+            // The ground looks the same from everywhere: only trees show the distortion.
             if world.height_above_ground_m(own) < 0.3 {
                 continue;
             }
