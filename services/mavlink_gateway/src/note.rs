@@ -1,6 +1,6 @@
 //! What a step has to say to who reads the log afterwards. The step itself writes none: it says it beside its outputs.
 
-use crate::executive::Demand;
+use crate::demand::Demand;
 use jink_shared_types::beams::BeamRefused;
 use std::fmt;
 

@@ -10,7 +10,7 @@
 //! vehicle has not moved, its coordinates have. The sum of these jumps ([`Present::shift`]) lets a held point keep
 //! its place in the world.
 
-use crate::executive::record::{LandedState, Record};
+use crate::landed_state::LandedState;
 use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::frames::{AngularRate, Attitude, unit_quaternion};
 use jink_shared_types::vehicle::{NavMode, VehicleState};
@@ -242,10 +242,10 @@ impl VehicleTracker {
     }
 
     /// Goes on with what the gateway before has known, until the autopilot says otherwise.
-    pub fn resume(&mut self, record: &Record) {
-        self.mode = record.mode;
-        self.armed = record.armed;
-        self.landed_state = record.landed_state;
+    pub fn resume(&mut self, mode: NavMode, armed: bool, landed_state: LandedState) {
+        self.mode = mode;
+        self.armed = armed;
+        self.landed_state = landed_state;
     }
 
     /// Takes the mode and the arming state.

@@ -9,7 +9,8 @@
 
 use super::client::Item;
 use super::items::navigates;
-use super::{Demand, Executive, FlightGoal, Intent, Scene};
+use super::{Executive, FlightGoal, Intent, Scene};
+use crate::demand::Demand;
 use crate::note::Note;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{NO_GOAL, NOT_GIVEN_BACK};

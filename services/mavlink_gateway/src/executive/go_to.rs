@@ -11,7 +11,8 @@
 //! the target that shows may be an old one, until another kind was seen.
 
 use super::items;
-use super::{Demand, ENTERED_S, Executive, FlightGoal, Intent, Part, Scene};
+use super::{ENTERED_S, Executive, FlightGoal, Intent, Part, Scene};
+use crate::demand::Demand;
 use crate::vehicle::MAX_COORDINATE_M;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{GO_TO, MISSION_CLEARED, NO_GOAL, UNGUARDED};

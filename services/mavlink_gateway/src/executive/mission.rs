@@ -2,7 +2,8 @@
 
 use super::client::Item;
 use super::items::{Task, navigates, path_to_item, radius_m};
-use super::{Demand, Executive, FlightGoal, Intent, Part, Scene};
+use super::{Executive, FlightGoal, Intent, Part, Scene};
+use crate::demand::Demand;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{ITEM_HELD, ITEM_STRAIGHT, ITEM_UNGUARDED, NO_GOAL, UNGUARDED};
 use jink_shared_types::vehicle::NavMode;

@@ -32,6 +32,7 @@ pub mod notice;
 pub mod record;
 
 use crate::config::GatewayConfig;
+use crate::demand::Demand;
 use crate::note::Note;
 use client::Item;
 use give_back::GivenBack;
@@ -77,21 +78,6 @@ impl Part {
             (false, false) => Self::None,
         }
     }
-}
-
-/// What the autopilot is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Demand {
-    /// To follow setpoints.
-    Follow,
-    /// To fly its mission again.
-    Mission,
-    /// To hold its place.
-    Hold,
-    /// To land where it is.
-    Land,
-    /// To count this item as the current one.
-    Current(u16),
 }
 
 /// What is flown while the autopilot follows setpoints.

@@ -1,7 +1,8 @@
 //! What has changed since the last step: arming, mode, mission, current item; and whose wish it was.
 
 use super::items::Jumps;
-use super::{Demand, ENTERED_S, Executive, FlightGoal, Intent, Part, REQUESTED_MAX, Scene, items};
+use super::{ENTERED_S, Executive, FlightGoal, Intent, Part, REQUESTED_MAX, Scene, items};
+use crate::demand::Demand;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{ITEM_CHOSEN, LEFT_ALONE, MISSION_CHANGED, MISSION_CLEARED, TAKEN_AGAIN};
 use jink_shared_types::vehicle::NavMode;

@@ -4,6 +4,7 @@
 use super::items::Jumps;
 use super::{Executive, FlightGoal};
 use crate::assist::record::{self as assist, AssistRecord, BYTES as ASSIST_BYTES};
+use crate::landed_state::LandedState;
 use jink_shared_types::Timestamp;
 use jink_shared_types::coded::Wire;
 use jink_shared_types::vehicle::NavMode;
@@ -19,24 +20,6 @@ const HEAD: usize = ASSIST_AT + ASSIST_BYTES + 1;
 const ASSIST_AT: usize = 1 + 8 + 1 + 1 + 1 + 1 + 24 + 2;
 /// Flag in the flight_goal's byte: armed.
 const ARMED: u8 = 0x80;
-
-/// Whether the vehicle is on the ground.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum LandedState {
-    /// Nobody has said.
-    #[default]
-    Unknown,
-    /// It stands.
-    OnGround,
-    /// It is on its way up from there.
-    TakingOff,
-    /// It flies.
-    InAir,
-}
-
-impl LandedState {
-    const ALL: [Self; 4] = [Self::Unknown, Self::OnGround, Self::TakingOff, Self::InAir];
-}
 
 /// The record.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,9 @@
 use super::client::Item;
 use super::go_to::GoTo;
-use super::record::{LandedState, Record};
-use super::{Demand, Executive, FlightGoal, Intent, Part, Scene};
+use super::record::Record;
+use super::{Executive, FlightGoal, Intent, Part, Scene};
+use crate::demand::Demand;
+use crate::landed_state::LandedState;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, Event};
 use jink_shared_types::vehicle::NavMode;

@@ -7,7 +7,7 @@
 //! | the pilot's own | nothing: he flies |
 
 use super::Gateway;
-use crate::executive::Demand;
+use crate::demand::Demand;
 use crate::io::Outputs;
 use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::Timestamp;

@@ -2,11 +2,12 @@
 
 use super::Gateway;
 use super::watch::Echoes;
+use crate::demand::Demand;
 use crate::executive::client::MissionClient;
 use crate::executive::georeference::Georeference;
 use crate::executive::go_to::GoToWatch;
 use crate::executive::record::Record;
-use crate::executive::{Demand, Executive, FlightGoal, Intent, Part, PilotText, Scene};
+use crate::executive::{Executive, FlightGoal, Intent, Part, PilotText, Scene};
 use crate::io::Outputs;
 use crate::note::Note;
 use crate::profile::pilot::Nearness;
@@ -274,7 +275,8 @@ impl Gateway {
         let record = record.filter(|record| record.is_valid(now));
         if let Some((flight, record)) = self.mission.as_mut().zip(record) {
             flight.resume(now, &record);
-            self.vehicle.resume(&record);
+            self.vehicle
+                .resume(record.mode, record.armed, record.landed_state);
             if let Some(assist) = &record.assist {
                 self.vehicle.infer_mode(NavMode::Offboard);
                 self.assist.resume(now, assist);

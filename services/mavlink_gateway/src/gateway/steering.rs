@@ -12,7 +12,7 @@
 
 use super::Gateway;
 use crate::assist::sticks::PilotSticks;
-use crate::executive::Demand;
+use crate::demand::Demand;
 use crate::io::{Inputs, Outputs};
 use crate::profile::position_target::NO_PLACE_NOR_HEADING;
 use crate::vehicle::Present;

@@ -8,8 +8,9 @@
 //! | with `link.takes_missions` switched off; follow me and return of a PX4 that asks its companion for the way | nothing |
 
 use super::Gateway;
+use crate::demand::Demand;
 use crate::executive::notice::MEANT_S;
-use crate::executive::{Demand, PilotText, REPEAT_S, TRIES};
+use crate::executive::{PilotText, REPEAT_S, TRIES};
 use crate::io::Outputs;
 use jink_mavlink_link::profile_name::ProfileName;
 use jink_shared_types::Timestamp;
@@ -105,7 +106,7 @@ impl Gateway {
 #[cfg(test)]
 mod tests {
     use super::UnguardedMode;
-    use crate::executive::Demand;
+    use crate::demand::Demand;
     use jink_shared_types::Timestamp;
     use jink_shared_types::events::{Event, MODE_HELD, MODE_UNGUARDED};
     use jink_shared_types::vehicle::NavMode;

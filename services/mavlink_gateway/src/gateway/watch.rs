@@ -9,7 +9,7 @@
 use super::Gateway;
 use super::mission::MissionFlight;
 use crate::blockage::Remedy;
-use crate::executive::Demand;
+use crate::demand::Demand;
 use crate::io::Outputs;
 use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::Timestamp;

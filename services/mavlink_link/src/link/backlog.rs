@@ -1,6 +1,6 @@
 //! Whole frames over a byte stream that takes only what fits: the rest of a frame waits, later ones are dropped whole.
 
-use super::transport::{Sent, write_now};
+use super::write::{Sent, write_now};
 use std::io::{self, Write};
 
 /// Bytes that may wait. Small on purpose: what waits is old when it arrives. 1024 bytes are eight setpoints, 90 ms at
@@ -61,7 +61,7 @@ impl Backlog {
 #[cfg(test)]
 mod tests {
     use super::{BACKLOG_BYTES, Backlog};
-    use crate::link::transport::Sent;
+    use crate::link::write::Sent;
     use proptest::prelude::*;
     use std::io;
 

@@ -19,10 +19,11 @@ mod endpoint;
 mod error;
 mod handover;
 mod transport;
+mod write;
 
 pub use endpoint::{ACCEPTED_FORMS, Endpoint, EndpointError};
 pub use error::LinkError;
-pub use transport::Sent;
+pub use write::Sent;
 
 use crate::frame::{MavlinkFrame, Splitter};
 use crate::message::{COMPONENT_AUTOPILOT, Content, Received};

@@ -3,6 +3,7 @@
 use super::backlog::Backlog;
 use super::endpoint::{Endpoint, UNIX_ANSWER};
 use super::error::LinkError;
+use super::write::{Sent, write_now};
 use jink_runtime::serial;
 use rustix::net::{AddressFamily, SocketFlags, SocketType};
 use std::fs::File;
@@ -15,17 +16,6 @@ use std::path::PathBuf;
 /// How long a peer may leave bytes unacknowledged before the connection counts as lost (ms). The system's own
 /// limit is a quarter of an hour, in which a restarted peer could not get in.
 const UNACKNOWLEDGED_MS: u32 = 5000;
-
-/// What became of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sent {
-    /// The kernel has its bytes, or will get them before any later frame's.
-    Yes,
-    /// Nobody to send it to yet.
-    NoPeer,
-    /// The link is slower than what it is given; the frame was dropped whole.
-    Busy,
-}
 
 /// An open transport.
 #[derive(Debug)]
@@ -455,13 +445,5 @@ fn stream_read(stream: &mut (impl Read + ?Sized), chunk: &mut [u8]) -> io::Resul
             Ok(Chunk::Nothing)
         }
         Err(error) => Err(error),
-    }
-}
-
-/// Writes like [`Write::write`], but "not now" is zero bytes and no error.
-pub(super) fn write_now(stream: &mut (impl Write + ?Sized), bytes: &[u8]) -> io::Result<usize> {
-    match stream.write(bytes) {
-        Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => Ok(0),
-        written => written,
     }
 }
