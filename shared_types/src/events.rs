@@ -169,7 +169,7 @@ events! {
     /// Somebody chose the mission mode from the mode that follows setpoints; it is taken over again.
     TAKEN_AGAIN = 60, Notice, "jink: takes over again; repeat to fly alone", "Choose the mission mode once more to fly without jink.";
     /// No setpoint is sent, because the autopilot does not say whether the vehicle stands on the ground.
-    LANDED_UNKNOWN = 61, Warning, "jink: landed state not told, no setpoints", "Let the autopilot send EXTENDED_SYS_STATE.";
+    LANDED_UNKNOWN = 61, Warning, "jink: landed state not known, no setpoints", "Let the autopilot send EXTENDED_SYS_STATE.";
     /// Somebody chose a mode of the autopilot's whose motion cannot be guarded, in flight; the name says which.
     MODE_HELD = 62, Warning, "jink: {name}: unguarded, held", "Fly it by hand, choose it once more to mean it, or set OA_UNGUARDED.";
     /// The same, and it is let fly.

@@ -69,7 +69,7 @@ class Process:
             self._send_beat()
 
     def stop(self):
-        """The last word: it ends because it was told to."""
+        """The last word: it ends because it was asked to."""
         self._beat.state = jink.ServiceState.STOPPING
         self._send_beat()
 
@@ -77,7 +77,7 @@ class Process:
         self._beat.outputs += 1
 
     def _send_beat(self):
-        # With it the supervisor tells a process that hangs from one that is given no CPU.
+        # With it the supervisor distinguishes a process that hangs from one that is given no CPU.
         self._beat.cpu_ms = int(time.process_time() * 1e3)
         self._health.send(self._beat)
         self._beat_due = time.monotonic() + HEARTBEAT_PERIOD_S

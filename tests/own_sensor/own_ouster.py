@@ -2,7 +2,7 @@
 """An Ouster lidar through ouster-sdk as a process: a row of the process table with publishes = ["range/cloud/NAME"] and two arguments,
 a recording (or the host name of a sensor: ouster.sdk.open_source takes both) and the sensor's name.
 
-A recording is repeated at the pace at which it was made, until the process is told to end.
+A recording is repeated at the pace at which it was made, until the process is asked to end.
 """
 
 import sys

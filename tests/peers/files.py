@@ -1,7 +1,7 @@
 """Reads all files of component 196 with pymavlink's own client of the file transfer protocol.
 
 The last line on standard output is one JSON object: `listed` = names and sizes, `files` = path, text, size and the checksum
-that pymavlink's side computes, `refused` = what the client was told about a file that does not exist.
+that pymavlink's side computes, `refused` = what the client is answered about a file that does not exist.
 """
 
 import json

@@ -80,32 +80,32 @@ class Flight:
         # The binding takes every answer of this call for a refusal, also where the component is selected.
         await refusal(param.select_component(AVOIDANCE, ProtocolVersion.V1))
         every = await param.get_all_params()
-        told = {
+        answers = {
             "all": {p.name: p.value for p in every.float_params + every.int_params},
             "integers": sorted(p.name for p in every.int_params),
             "before": await param.get_param_float("OA_SPD_MAX"),
         }
         await param.set_param_float("OA_SPD_MAX", 2.5)
-        told["after"] = await param.get_param_float("OA_SPD_MAX")
+        answers["after"] = await param.get_param_float("OA_SPD_MAX")
         await param.set_param_int("OA_BLOCKED", 2)
-        told["integer_after"] = await param.get_param_int("OA_BLOCKED")
-        told["out_of_range"] = await refusal(param.set_param_float("OA_SPD_MAX", 99.0))
-        told["unknown"] = await refusal(param.get_param_float("NOT_THERE"))
-        told["at_last"] = await param.get_param_float("OA_SPD_MAX")
-        return told
+        answers["integer_after"] = await param.get_param_int("OA_BLOCKED")
+        answers["out_of_range"] = await refusal(param.set_param_float("OA_SPD_MAX", 99.0))
+        answers["unknown"] = await refusal(param.get_param_float("NOT_THERE"))
+        answers["at_last"] = await param.get_param_float("OA_SPD_MAX")
+        return answers
 
     async def reads_our_files(self):
         ftp = FtpAsync(self.vehicle)
         await ftp.set_target_compid(AVOIDANCE)
         listed = await ftp.list_directory("/")
-        told = {"listed": sorted(entry.name for entry in listed.entries)}
+        answers = {"listed": sorted(entry.name for entry in listed.entries)}
         for burst in (False, True):
             with tempfile.TemporaryDirectory() as folder:
                 async for _ in ftp.download("/parameters.json", folder, burst):
                     pass
                 with open(os.path.join(folder, "parameters.json"), encoding="utf-8") as file:
-                    told["burst" if burst else "piece by piece"] = json.load(file)
-        return told
+                    answers["burst" if burst else "piece by piece"] = json.load(file)
+        return answers
 
     async def reads_our_metadata(self):
         metadata = ComponentMetadataAsync(self.vehicle)
@@ -131,7 +131,7 @@ class Flight:
         ]
         await mission.upload_mission(MissionPlan(items))
         back = await mission.download_mission()
-        told = {"up": len(items), "down": len(back.mission_items)}
+        answers = {"up": len(items), "down": len(back.mission_items)}
         await self.action.arm()
         await first(self.telemetry.subscribe_armed(), bool)
         await self.action.takeoff()
@@ -139,12 +139,12 @@ class Flight:
         await first(self.telemetry.subscribe_flight_mode(), lambda mode: mode.name == "HOLD")
         await mission.start_mission()
         progress = await first(mission.subscribe_mission_progress(), lambda p: p.current == p.total > 0)
-        told["flown"] = [progress.current, progress.total]
+        answers["flown"] = [progress.current, progress.total]
         there = await first(self.telemetry.subscribe_position())
-        told["north_m"] = (there.latitude_deg - here.latitude_deg) * 111_195.0
+        answers["north_m"] = (there.latitude_deg - here.latitude_deg) * 111_195.0
         await self.action.land()
         await first(self.telemetry.subscribe_armed(), lambda armed: not armed)
-        return told
+        return answers
 
 
 async def main():

@@ -1,17 +1,17 @@
-"""A ground station that says what it is told to say, with pymavlink as its encoder and decoder.
+"""A ground station that says what it is asked to send, with pymavlink as its encoder and decoder.
 
 Reads one JSON object a line from standard input and answers each with one line:
 
 | order | answer |
 |---|---|
 | {"do": "open", "line", "port", "system", "component", "passphrase", "link_id"} | {} |
-| {"do": "send", "line", "kind", "fields", "signed", "until", "from"} | {"heard": messages} |
-| {"do": "set", "line", "name", "value", "type"}, a PARAM_SET to 196 | {"heard": messages} |
-| {"do": "wait", "line", "kind", "count"} | {"heard": messages} |
+| {"do": "send", "line", "kind", "fields", "signed", "until", "from"} | {"received": messages} |
+| {"do": "set", "line", "name", "value", "type"}, a PARAM_SET to 196 | {"received": messages} |
+| {"do": "wait", "line", "kind", "count"} | {"received": messages} |
 | {"do": "tally", "line"} | {"bad", "kinds", component: count, gaps, stamps that did not grow, first and last stamp} |
 | {"do": "verify", "line", "passphrase"} | {"taken", "taken_again", "of"}: frames that the key fits, and when played back |
 
-`send` returns everything heard until as many messages of each kind in `until` have come and a question asked afterwards was
+`send` returns everything received until as many messages of each kind in `until` have come and a question asked afterwards was
 answered: what was to be said before has been said by then. A kind may name its component ("HEARTBEAT 196"). `signed` is no, right, wrong (another key), old (a stamp
 of two hours ago) or again (the last one that was right, byte for byte); `from` is another sender's [system, component]. A failure is answered with {"error": text}.
 """
@@ -147,30 +147,30 @@ class Line:
         self.udp.bind(("127.0.0.1", 0))
         self.decoder = mavlink.MAVLink(None)
         self.decoder.robust_parsing = True
-        self.heard = deque()
+        self.received = deque()
         self.frames = deque(maxlen=300)
         self.tallies = {}
         self.bad = 0
         self.kinds = Counter()
         self.last_right = None
         self.questions = 0
-        self.news = threading.Condition()
+        self.arrived = threading.Condition()
         threading.Thread(target=self.listen, daemon=True).start()
 
     def listen(self):
         while True:
             data = self.udp.recv(65536)
-            with self.news:
+            with self.arrived:
                 for message in self.decoder.parse_buffer(data) or []:
                     if message.get_type() == "BAD_DATA":
                         self.bad += 1
                         continue
-                    self.heard.append(message)
+                    self.received.append(message)
                     self.kinds[message.get_type()] += 1
                     if message.get_srcComponent() in (191, 196):
                         self.frames.append(bytes(message.get_msgbuf()))
                         self.tallies.setdefault(message.get_srcComponent(), Tally()).take(message)
-                self.news.notify_all()
+                self.arrived.notify_all()
 
     def send(self, message, signed="no", sender=None):
         if signed == "again":
@@ -193,22 +193,22 @@ class Line:
         self.udp.sendto(frame, self.peer)
 
     def forget(self):
-        with self.news:
-            self.heard.clear()
+        with self.arrived:
+            self.received.clear()
 
     def until(self, is_enough, what, patience_s=PATIENCE_S):
-        """Everything heard since `forget`, once that is enough."""
+        """Everything received since `forget`, once that is enough."""
         end = time.monotonic() + patience_s
-        with self.news:
-            while not is_enough(self.heard):
+        with self.arrived:
+            while not is_enough(self.received):
                 left = end - time.monotonic()
-                if left <= 0 or not self.news.wait(left):
-                    kinds = Counter(f"{m.get_type()} of {m.get_srcComponent()}" for m in self.heard)
-                    raise TimeoutError(f"{what} never came; heard {dict(kinds)}")
-            return list(self.heard)
+                if left <= 0 or not self.arrived.wait(left):
+                    kinds = Counter(f"{m.get_type()} of {m.get_srcComponent()}" for m in self.received)
+                    raise TimeoutError(f"{what} never came; received {dict(kinds)}")
+            return list(self.received)
 
     def settle(self, signed):
-        """Asks something that was never asked before, again and again, and returns everything heard until the answer."""
+        """Asks something that was never asked before, again and again, and returns everything received until the answer."""
         sender = (self.sender[0], LAST_WORD)
         self.questions += 1
         about = QUESTIONS_FROM + self.questions
@@ -221,7 +221,7 @@ class Line:
             self.send(question, signed, sender)
             try:
                 patience_s = min(ASK_AGAIN_S, end - time.monotonic())
-                everything = self.until(lambda heard: any(map(is_it, heard)), "the last answer", patience_s)
+                everything = self.until(lambda received: any(map(is_it, received)), "the last answer", patience_s)
                 break
             except TimeoutError:
                 if time.monotonic() > end:
@@ -259,9 +259,9 @@ class Station:
         line.forget()
         line.send(message_of(order["kind"], order["fields"]), signed, order.get("from"))
         if wanted:
-            line.until(lambda heard: not Counter(wanted) - Counter(names(heard)), f"{wanted}")
-        heard = line.settle(order.get("settle", "right" if line.passphrase else "no"))
-        return {"heard": [facts(message) for message in heard]}
+            line.until(lambda received: not Counter(wanted) - Counter(names(received)), f"{wanted}")
+        received = line.settle(order.get("settle", "right" if line.passphrase else "no"))
+        return {"received": [facts(message) for message in received]}
 
     def set(self, order):
         bits = struct.pack("<" + FORMATS[order["type"]], order["value"]).ljust(4, b"\0")
@@ -277,25 +277,25 @@ class Station:
         line.send(message_of("PARAM_SET", fields))
         # The owner of the parameters is another process: what is asked behind it may be answered before it.
         is_answer = lambda m: m.get_type() in ("PARAM_VALUE", "PARAM_ERROR") and m.get_srcComponent() == AVOIDANCE
-        line.until(lambda heard: any(map(is_answer, heard)), "an answer to PARAM_SET")
-        return {"heard": [facts(message) for message in line.settle("no")]}
+        line.until(lambda received: any(map(is_answer, received)), "an answer to PARAM_SET")
+        return {"received": [facts(message) for message in line.settle("no")]}
 
     def wait(self, order):
         line = self.lines[order["line"]]
         kind, count = order["kind"], order.get("count", 1)
         line.forget()
-        heard = line.until(lambda heard: sum(m.get_type() == kind for m in heard) >= count, f"{count} {kind}")
-        return {"heard": [facts(message) for message in heard]}
+        received = line.until(lambda received: sum(m.get_type() == kind for m in received) >= count, f"{count} {kind}")
+        return {"received": [facts(message) for message in received]}
 
     def tally(self, order):
         line = self.lines[order["line"]]
-        with line.news:
+        with line.arrived:
             tallies = {component: vars(tally) for component, tally in line.tallies.items()}
             return {"bad": line.bad, "kinds": line.kinds, **tallies}
 
     def verify(self, order):
         line = self.lines[order["line"]]
-        with line.news:
+        with line.arrived:
             frames = list(line.frames)
         receiver = mavlink.MAVLink(None)
         receiver.robust_parsing = True

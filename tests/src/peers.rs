@@ -186,7 +186,7 @@ impl Drop for Station {
 
 /// The messages in an answer.
 pub fn received(answer: &Value) -> Vec<Value> {
-    answer["heard"].as_array().cloned().unwrap_or_default()
+    answer["received"].as_array().cloned().unwrap_or_default()
 }
 
 /// Those of one kind from one component.

@@ -39,7 +39,7 @@ pub fn judge(seen: &Seen<'_>) -> Vec<Finding> {
             Grade::Blocker,
             "gateway",
             "the gateway gives no figures".to_owned(),
-            "`jink status` tells what it does; its log stands beside the others (`jink status` names the folder)",
+            "`jink status` shows what it does; its log stands beside the others (`jink status` names the folder)",
         )];
     };
     let mut findings = Vec::new();
@@ -86,7 +86,7 @@ fn traffic(before: &LinkStatus, after: &LinkStatus, seconds: f64, findings: &mut
             Grade::Blocker,
             "autopilot",
             "messages come, but not of one autopilot that is ours".to_owned(),
-            "`jink down` and `jink check link` tell who speaks there; two autopilots need link.system_id",
+            "`jink down` and `jink check link` show who speaks there; two autopilots need link.system_id",
         ));
     } else if after.system_id == 0 || !after.autopilot_alive.is_set() {
         findings.push(finding(

@@ -62,7 +62,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
             return Ok(ExitCode::SUCCESS);
         }
     }
-    eprintln!("jink {instance}: the guard says nothing; `jink status` tells how it is");
+    eprintln!("jink {instance}: the guard says nothing; `jink status` shows how it is");
     Ok(ExitCode::from(if shown > 0 { 0 } else { EXIT_SILENT }))
 }
 

@@ -178,7 +178,7 @@ fn silent(sensor: &SensorSeen, seconds: f64) -> Finding {
         "obstacle_row" => {
             "nobody sends OBSTACLE_DISTANCE as this `component`: start who does, or correct `component`"
         }
-        _ => "`jink status` tells whether its driver runs; look at its plug and its power",
+        _ => "`jink status` shows whether its driver runs; look at its plug and its power",
     };
     finding(
         Grade::Blocker,
@@ -526,8 +526,11 @@ fn of_ring(seen: &Seen, findings: &mut Vec<Finding>) {
         findings.push(finding(
             Grade::Blocker,
             "ring",
-            format!("the guard tells nothing of what it sees in {:.0} s", seen.seconds),
-            "`jink status` tells what collision_guard does; its log stands beside the others",
+            format!(
+                "the guard reports nothing of what it sees in {:.0} s",
+                seen.seconds
+            ),
+            "`jink status` shows what collision_guard does; its log stands beside the others",
         ));
         return;
     };
@@ -537,7 +540,7 @@ fn of_ring(seen: &Seen, findings: &mut Vec<Finding>) {
             Grade::Blocker,
             "vehicle/state",
             "the vehicle's position is not known, so no range has a place".to_owned(),
-            "wait for the autopilot's position; `jink check link` tells what is missing",
+            "wait for the autopilot's position; `jink check link` shows what is missing",
         ));
         return;
     }
@@ -564,7 +567,7 @@ fn ring_pace(ring: &RingSeen, rate_hz: f64) -> Finding {
     };
     let remedy = match grade {
         Grade::Good => "",
-        Grade::Warning | Grade::Blocker => "the board is too busy: `jink top` tells who takes the time",
+        Grade::Warning | Grade::Blocker => "the board is too busy: `jink top` shows who takes the time",
     };
     finding(grade, "ring", is, remedy)
 }

@@ -587,7 +587,7 @@ fn a_guard_that_is_silent_or_has_no_position_is_told_before_what_follows_from_it
     assert_only(
         &silent,
         Grade::Blocker,
-        "the guard tells nothing of what it sees in 5 s",
+        "the guard reports nothing of what it sees in 5 s",
     );
     let mut lost = feed(Rig::new(&[("it", "rangefinder")], |_| true));
     lost.0.states = 0;

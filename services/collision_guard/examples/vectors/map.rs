@@ -117,21 +117,21 @@ impl MapComparison<'_> {
                 (SectorReading::Clear(a), SectorReading::Clear(b)) => (a - b).abs() <= SAME_CM,
                 _ => is_same(ours, reported),
             };
-            return (!same).then(|| format!("{ours:?}, and told was {reported:?}"));
+            return (!same).then(|| format!("{ours:?}, and reported was {reported:?}"));
         }
         if let SectorReading::Hit(reported_cm) = reported {
             let is_there = around(bin)
                 .into_iter()
                 .any(|bin| matches!(said(&self.replayed.ring, bin), SectorReading::Hit(cm) if cm <= reported_cm + SAME_CM));
             if !is_there && !self.is_seen_again_beside(bin, reported) {
-                return Some(format!("turned: {ours:?}, and told was {reported:?}"));
+                return Some(format!("turned: {ours:?}, and reported was {reported:?}"));
             }
         }
         let is_known = ours != SectorReading::Silent;
         let was_reported = around(bin)
             .into_iter()
             .any(|bin| self.reported(bin) != SectorReading::Silent);
-        (is_known && !was_reported).then(|| format!("turned: {ours:?}, and nothing was told"))
+        (is_known && !was_reported).then(|| format!("turned: {ours:?}, and nothing was reported"))
     }
 
     /// Whether the source of `reported` has since reported a bin beside it. Of two messages of one time the one that
@@ -170,7 +170,7 @@ impl MapComparison<'_> {
             return Some(if is_too_near {
                 "a reading below the minimum, or at a true direction, is an obstacle"
             } else {
-                "the nearest of all that is told counts"
+                "the nearest of all that is reported counts"
             });
         }
         if px4 == SectorReading::Silent {

@@ -283,7 +283,7 @@ pub(super) fn answers(check: &LinkCheck, probe: &ActiveProbe, findings: &mut Vec
     } else if probe.answers() > 0 && !probe.reads_parameters() {
         findings.push(Finding::warning(
             "parameters",
-            "the autopilot tells no parameter: they could not be judged",
+            "the autopilot reports no parameter: they could not be judged",
             "compare them with the page of this autopilot (docs/connect_*.md) in the ground station",
         ));
     }

@@ -96,7 +96,7 @@ pub(super) fn judge(probe: &ActiveProbe, findings: &mut Vec<Finding>) {
 fn missing(probe: &ActiveProbe, rate: &StreamRate) -> Finding {
     let name = name(rate.message_id);
     let is = format!(
-        "{name} does not come, and not when asked for; it tells {}",
+        "{name} does not come, and not when asked for; it reports {}",
         purpose(rate.message_id)
     );
     let remedy = if rate.message_id == LOCAL_POSITION_NED_DATA::ID {
@@ -104,7 +104,7 @@ fn missing(probe: &ActiveProbe, rate: &StreamRate) -> Finding {
     } else if rate.message_id == HOME_POSITION_DATA::ID {
         "home is set with the first position: wait for it, then look again"
     } else if rate.message_id == CURRENT_MODE_DATA::ID {
-        "PX4 before 1.15 does not know it, and tells its mode once a second: update the firmware, or give changes of mode that second"
+        "PX4 before 1.15 does not know it, and reports its mode once a second: update the firmware, or give changes of mode that second"
     } else if probe.autopilot_type() == Some(AutopilotType::Px4) {
         // In Onboard mode all these come; a network's port is in that mode by itself.
         "set the MAVLink mode of this port to Onboard (MAV_1_MODE = 2) and restart the autopilot"
@@ -120,7 +120,7 @@ fn missing(probe: &ActiveProbe, rate: &StreamRate) -> Finding {
 fn slow(probe: &ActiveProbe, rate: &StreamRate) -> Finding {
     let name = name(rate.message_id);
     let is = format!(
-        "{name} comes {:.1} times a second, and {:.0} are needed; it tells {}",
+        "{name} comes {:.1} times a second, and {:.0} are needed; it reports {}",
         rate.came_hz,
         rate.needed_hz,
         purpose(rate.message_id)

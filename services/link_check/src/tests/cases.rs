@@ -301,7 +301,7 @@ pub(super) fn cases() -> Vec<Case> {
             Blocker,
         ),
         (
-            "the autopilot tells no parameter",
+            "the autopilot reports no parameter",
             Guided,
             |script| script.parameters.clear(),
             Warning,

@@ -6,7 +6,8 @@ use allocation_counter::measure;
 use jink_mavlink_gateway::assist::record::AssistRecord;
 use jink_mavlink_gateway::executive::FlightGoal;
 use jink_mavlink_gateway::executive::items::Jumps;
-use jink_mavlink_gateway::executive::record::{LandedState, Record};
+use jink_mavlink_gateway::executive::record::Record;
+use jink_mavlink_gateway::landed_state::LandedState;
 use jink_mavlink_gateway::{
     Body, Content, Destination, Encoder, Gateway, GatewayConfig, Inputs, Outgoing, Outputs, ProfileName,
     Receipt, Received,

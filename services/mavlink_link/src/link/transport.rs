@@ -3,11 +3,11 @@
 use super::backlog::Backlog;
 use super::endpoint::{Endpoint, UNIX_ANSWER};
 use super::error::LinkError;
-use super::write::{Sent, write_now};
+use super::write::Sent;
 use jink_runtime::serial;
 use rustix::net::{AddressFamily, SocketFlags, SocketType};
 use std::fs::File;
-use std::io::{self, ErrorKind, Read, Write};
+use std::io::{self, ErrorKind, Read};
 use std::net::{IpAddr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::net::UnixDatagram;

@@ -19,11 +19,11 @@ pub fn unfit(status: &LinkStatus) -> Option<[String; 2]> {
     let (is, remedy) = match status.profile_fit.get() {
         ProfileFit::Fits => return None,
         ProfileFit::Unknown if profile.is_empty() => (
-            "the autopilot has not told yet which profile is for it".to_owned(),
+            "the autopilot has not reported yet which profile is for it".to_owned(),
             "wait; if it stays so, check the wire to the autopilot, and signing".to_owned(),
         ),
         ProfileFit::Unknown => (
-            format!("the autopilot has not told yet whether \"{profile}\" is for it"),
+            format!("the autopilot has not reported yet whether \"{profile}\" is for it"),
             "wait; if it stays so, check the wire to the autopilot, and signing".to_owned(),
         ),
         ProfileFit::OtherAutopilot => (

@@ -15,10 +15,10 @@
 #![allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; a profile is for the versions before.
 
 pub mod decoder;
-pub mod requests;
 pub mod dice;
 pub mod flight;
 pub mod ground;
 pub mod messages;
 pub mod network;
+pub mod requests;
 pub mod storage;
