@@ -8,8 +8,10 @@
 //! | [`drill`] | `planner@8s`, or a seed | which fault to make to which process when |
 //! | [`handover`] | headers around a change of the producer | what was missing, doubled, out of order |
 //! | [`fault_matrix`] | the faults of many flights | figures by process, fault and phase |
+//! | [`drawing`] | shapes, words, values | pictures and plots as SVG, for whoever draws |
 //! | [`picture`] | world, course, sensed points | the flight from above and over time as SVG |
 
+pub mod drawing;
 pub mod drill;
 pub mod fault_matrix;
 pub mod flight_log;

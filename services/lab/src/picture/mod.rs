@@ -1,13 +1,13 @@
-//! A flight as SVG: from above, north to the right and east downwards, as a map that was turned by a quarter; below it height,
-//! clearance and speed over time. Only what SVG 1.1 has is used, so that every program that draws SVG draws the same.
+//! A flight as SVG: from above, north to the right and east downwards, as a map that was turned by a quarter; below it
+//! height, clearance and speed over time.
 
 mod chart;
 mod world;
 
 pub use world::{Bounds, Cylinder, Place, Sphere, World, YawedBox};
 
+use crate::drawing::{Area, Colour, Document, Frame, Group, Letters, Style};
 use crate::flight_log::{CoursePoint, FaultRecord};
-use std::fmt::Write;
 
 /// Pixels per metre.
 const SCALE: f64 = 16.0;
@@ -21,10 +21,23 @@ const HEADER: f64 = 30.0;
 const FOOTER: f64 = 64.0;
 /// Height of a line of text (pixels).
 const LINE: f64 = 18.0;
+/// Distance between lines of the grid, and length of the scale bar (m).
+const GRID_M: f64 = 10.0;
+/// Letters (pixels): of the title, of everything that does not say otherwise, of the marks of time.
+const TITLE: f64 = 15.0;
+const LETTERS: f64 = 13.0;
+const SMALL: f64 = 10.0;
 /// Marks of time are at least this far apart (m).
 const MARKS_APART_M: f64 = 4.0;
 /// Edge of a sensed cell (m).
 const CELL_M: f64 = jink_shared_types::map::CELL_M;
+
+const PAPER: Colour = Colour::hex(0xfcfcfa);
+const INK: Colour = Colour::hex(0x333333);
+const SENSED: Style = Style::filled(Colour::hex(0xf2a65a));
+const OBSTACLE: Style = Style::filled(Colour::hex(0x6b705c)).stroke(Colour::hex(0x3f4238));
+const START: Colour = Colour::hex(0x2a9d8f);
+const GOAL: Colour = Colour::hex(0xd62828);
 
 /// Everything that is drawn.
 #[derive(Clone, Copy, Debug)]
@@ -43,194 +56,98 @@ pub struct Scene<'a> {
 
 /// The picture.
 pub fn svg(scene: &Scene<'_>) -> String {
-    let frame = Frame::around(scene.world);
+    let frame = frame_around(scene.world);
+    let width_px = frame.area.width + 2.0 * frame.area.left;
     let is_flown = scene.course.len() > 1;
     let chart_height = if is_flown { chart::HEIGHT } else { 0.0 };
-    let below = frame.top + frame.height;
-    let list_top = below + FOOTER + chart_height;
-    let mut out = String::with_capacity(1 << 16);
-    put(
-        &mut out,
-        format_args!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {w:.0} {h:.0}\" width=\"{w:.0}\" height=\"{h:.0}\" \
-             font-family=\"sans-serif\" font-size=\"13\">",
-            w = frame.picture_width,
-            h = list_top + LINE * scene.faults.len() as f64 + 10.0
-        ),
-    );
-    out.push_str("<rect width=\"100%\" height=\"100%\" fill=\"#fcfcfa\"/>\n");
-    grid(&mut out, &frame);
-    sensed(&mut out, &frame, scene.sensed);
-    obstacles(&mut out, &frame, scene.world);
+    let chart_top = frame.area.bottom() + FOOTER;
+    let list_top = chart_top + chart_height;
+    let mut content = Group::default();
+    frame.lines_along(&mut content, GRID_M);
+    frame.lines_across(&mut content, GRID_M);
+    content.add(sensed(&frame, scene.sensed));
+    content.add(obstacles(&frame, scene.world));
     let fastest_mps = scene
         .course
         .iter()
         .map(|point| point.speed_mps)
         .fold(0.0, f64::max);
-    course(&mut out, &frame, scene.course, fastest_mps);
-    time_marks(&mut out, &frame, scene.course);
-    ends(&mut out, &frame, scene.world);
-    faults(&mut out, &frame, scene.faults, list_top);
-    legend(&mut out, &frame, fastest_mps);
+    content.add(course(&frame, scene.course, fastest_mps));
+    time_marks(&mut content, &frame, scene.course);
+    ends(&mut content, &frame, scene.world);
+    faults(&mut content, &frame, scene.faults, list_top);
+    legend(&mut content, frame.area.bottom() + 24.0, fastest_mps);
     if is_flown {
-        chart::draw(
-            &mut out,
-            below + FOOTER,
-            frame.picture_width,
-            scene.course,
-            scene.faults,
-        );
+        chart::draw(&mut content, chart_top, width_px, scene.course, scene.faults);
     }
-    put(
-        &mut out,
-        format_args!(
-            "<text x=\"12\" y=\"20\" font-size=\"15\">{}</text>",
-            escaped(scene.title)
-        ),
-    );
-    out.push_str("</svg>\n");
-    out
-}
-
-/// From metres to pixels.
-struct Frame {
-    north_min_m: f64,
-    east_min_m: f64,
-    /// Left and upper border of the world.
-    left: f64,
-    top: f64,
-    /// Of the world.
-    width: f64,
-    height: f64,
-    picture_width: f64,
-}
-
-impl Frame {
-    fn around(world: &World) -> Self {
-        let bounds = &world.bounds;
-        let north_min_m = bounds.north_min_m - MARGIN_M;
-        let east_min_m = bounds.east_min_m - MARGIN_M;
-        let width = (bounds.north_max_m + MARGIN_M - north_min_m) * SCALE;
-        let picture_width = width.max(WIDTH_MIN);
-        Self {
-            north_min_m,
-            east_min_m,
-            left: (picture_width - width) / 2.0,
-            top: HEADER,
-            width,
-            height: (bounds.east_max_m + MARGIN_M - east_min_m) * SCALE,
-            picture_width,
-        }
-    }
-
-    fn at(&self, north_m: f64, east_m: f64) -> (f64, f64) {
-        (
-            self.left + (north_m - self.north_min_m) * SCALE,
-            self.top + (east_m - self.east_min_m) * SCALE,
-        )
-    }
-}
-
-fn put(out: &mut String, line: std::fmt::Arguments<'_>) {
-    // Writing into a string cannot fail.
-    let _infallible = out.write_fmt(line);
-    out.push('\n');
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-}
-
-/// A line every ten metres.
-fn grid(out: &mut String, frame: &Frame) {
-    const STEP: f64 = 10.0;
-    let line = |out: &mut String, x1: f64, y1: f64, x2: f64, y2: f64| {
-        put(
-            out,
-            format_args!("<path d=\"M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}\" stroke=\"#e4e4de\"/>"),
-        );
+    content.text((12.0, 20.0), Letters::START.size(TITLE), scene.title);
+    let document = Document {
+        width_px,
+        height_px: list_top + LINE * scene.faults.len() as f64 + 10.0,
+        background: PAPER,
+        letters_px: LETTERS,
+        content,
     };
-    let (right, bottom) = (frame.left + frame.width, frame.top + frame.height);
-    let mut north_m = (frame.north_min_m / STEP).ceil() * STEP;
-    loop {
-        let (x, _) = frame.at(north_m, 0.0);
-        if x >= right {
-            break;
-        }
-        line(out, x, frame.top, x, bottom);
-        north_m += STEP;
-    }
-    let mut east_m = (frame.east_min_m / STEP).ceil() * STEP;
-    loop {
-        let (_, y) = frame.at(0.0, east_m);
-        if y >= bottom {
-            break;
-        }
-        line(out, frame.left, y, right, y);
-        east_m += STEP;
-    }
+    document.into_svg()
 }
 
-fn sensed(out: &mut String, frame: &Frame, cells: &[(f64, f64)]) {
-    out.push_str("<g fill=\"#f2a65a\" fill-opacity=\"0.7\">\n");
+/// North to the right, east downwards; in the middle of a picture that is wide enough.
+fn frame_around(world: &World) -> Frame {
+    let bounds = &world.bounds;
+    let x = [bounds.north_min_m - MARGIN_M, bounds.north_max_m + MARGIN_M];
+    let y = [bounds.east_max_m + MARGIN_M, bounds.east_min_m - MARGIN_M];
+    let width = (x[1] - x[0]) * SCALE;
+    let area = Area {
+        left: (width.max(WIDTH_MIN) - width) / 2.0,
+        top: HEADER,
+        width,
+        height: (y[0] - y[1]) * SCALE,
+    };
+    Frame { area, x, y }
+}
+
+fn sensed(frame: &Frame, cells: &[(f64, f64)]) -> Group {
+    let mut group = Group::new(SENSED.opacity(0.7));
     for (north_m, east_m) in cells {
-        let (x, y) = frame.at(north_m - CELL_M / 2.0, east_m - CELL_M / 2.0);
-        let edge = CELL_M * SCALE;
-        put(
-            out,
-            format_args!("<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{edge:.1}\" height=\"{edge:.1}\"/>"),
-        );
+        let (left, top) = frame.at(north_m - CELL_M / 2.0, east_m - CELL_M / 2.0);
+        let area = Area {
+            left,
+            top,
+            width: CELL_M * SCALE,
+            height: CELL_M * SCALE,
+        };
+        group.rect(area, Style::INHERITED);
     }
-    out.push_str("</g>\n");
+    group
 }
 
-fn obstacles(out: &mut String, frame: &Frame, world: &World) {
-    out.push_str("<g fill=\"#6b705c\" fill-opacity=\"0.75\" stroke=\"#3f4238\">\n");
+fn obstacles(frame: &Frame, world: &World) -> Group {
+    let mut group = Group::new(OBSTACLE.opacity(0.75));
     let circles = world.cylinders.iter().map(|c| (c.north_m, c.east_m, c.radius_m));
     let spheres = world.spheres.iter().map(|s| (s.north_m, s.east_m, s.radius_m));
     for (north_m, east_m, radius_m) in circles.chain(spheres) {
-        let (x, y) = frame.at(north_m, east_m);
-        put(
-            out,
-            format_args!(
-                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\"/>",
-                radius_m * SCALE
-            ),
-        );
+        group.circle(frame.at(north_m, east_m), radius_m * SCALE, Style::INHERITED);
     }
     for solid in &world.boxes {
-        let (x, y) = frame.at(solid.north_m, solid.east_m);
-        let (length, width) = (solid.length_m * SCALE, solid.width_m * SCALE);
-        put(
-            out,
-            format_args!(
-                "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{length:.1}\" height=\"{width:.1}\" transform=\"rotate({:.2} {x:.1} {y:.1})\"/>",
-                x - length / 2.0,
-                y - width / 2.0,
-                solid.yaw_rad.to_degrees()
-            ),
-        );
+        let centre = frame.at(solid.north_m, solid.east_m);
+        let size_px = [solid.length_m * SCALE, solid.width_m * SCALE];
+        group.turned_rect(centre, size_px, solid.yaw_rad.to_degrees(), Style::INHERITED);
     }
-    out.push_str("</g>\n");
+    group
 }
 
-fn course(out: &mut String, frame: &Frame, course: &[CoursePoint], fastest_mps: f64) {
-    out.push_str("<g fill=\"none\" stroke-width=\"3\" stroke-linecap=\"round\">\n");
+fn course(frame: &Frame, course: &[CoursePoint], fastest_mps: f64) -> Group {
+    let mut group = Group::new(Style::hollow().width(3.0).round_ends());
     for pair in course.windows(2) {
-        let (x1, y1) = frame.at(pair[0].north_m, pair[0].east_m);
-        let (x2, y2) = frame.at(pair[1].north_m, pair[1].east_m);
+        let [from, to] = [&pair[0], &pair[1]].map(|point| frame.at(point.north_m, point.east_m));
         let colour = speed_colour(pair[1].speed_mps, fastest_mps);
-        put(
-            out,
-            format_args!("<path d=\"M{x1:.1} {y1:.1}L{x2:.1} {y2:.1}\" stroke=\"{colour}\"/>"),
-        );
+        group.line(from, to, Style::INHERITED.stroke(colour));
     }
-    out.push_str("</g>\n");
+    group
 }
 
-/// Dark blue (standing), green, yellow (the fastest): matplotlib's viridis, which is read in grey and by eyes without red or green, too.
+/// Dark blue (standing), green, yellow (the fastest): matplotlib's viridis, which is read in grey and by eyes without red or
+/// green, too.
 const SPEED_COLOURS: [[f64; 3]; 6] = [
     [68.0, 1.0, 84.0],
     [65.0, 68.0, 135.0],
@@ -240,7 +157,7 @@ const SPEED_COLOURS: [[f64; 3]; 6] = [
     [253.0, 231.0, 37.0],
 ];
 
-fn speed_colour(speed_mps: f64, fastest_mps: f64) -> String {
+fn speed_colour(speed_mps: f64, fastest_mps: f64) -> Colour {
     let share = if fastest_mps > 0.0 {
         (speed_mps / fastest_mps).clamp(0.0, 1.0)
     } else {
@@ -248,15 +165,14 @@ fn speed_colour(speed_mps: f64, fastest_mps: f64) -> String {
     };
     let at = share * (SPEED_COLOURS.len() - 1) as f64;
     let before = (at as usize).min(SPEED_COLOURS.len() - 2);
-    let [red, green, blue] = std::array::from_fn(|part| {
+    Colour::rgb(std::array::from_fn(|part| {
         let [from, to] = [SPEED_COLOURS[before][part], SPEED_COLOURS[before + 1][part]];
         (from + (to - from) * (at - before as f64)).round() as u8
-    });
-    format!("#{red:02x}{green:02x}{blue:02x}")
+    }))
 }
 
 /// A dot with the time and the height every so many seconds; fewer where the vehicle is slow, so that they can be read.
-fn time_marks(out: &mut String, frame: &Frame, course: &[CoursePoint]) {
+fn time_marks(group: &mut Group, frame: &Frame, course: &[CoursePoint]) {
     let (Some(first), Some(last)) = (course.first(), course.last()) else {
         return;
     };
@@ -272,119 +188,93 @@ fn time_marks(out: &mut String, frame: &Frame, course: &[CoursePoint]) {
         }
         marked = Some(point);
         let (x, y) = frame.at(point.north_m, point.east_m);
-        put(
-            out,
-            format_args!(
-                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"3.5\" fill=\"#fff\" stroke=\"#222\"/>\
-                 <text x=\"{:.1}\" y=\"{:.1}\" font-size=\"10\">{:.0} s, {:.1} m up</text>",
-                x + 5.0,
-                y + 13.0,
-                point.time_s,
-                point.up_m
-            ),
-        );
+        let dot = Style::filled(Colour::WHITE).stroke(Colour::hex(0x222222));
+        group.circle((x, y), 3.5, dot);
+        let words = format!("{:.0} s, {:.1} m up", point.time_s, point.up_m);
+        group.text((x + 5.0, y + 13.0), Letters::START.size(SMALL), &words);
         due_s = ((point.time_s / step_s).floor() + 1.0) * step_s;
     }
 }
 
-fn ends(out: &mut String, frame: &Frame, world: &World) {
+fn ends(group: &mut Group, frame: &Frame, world: &World) {
     let (x, y) = frame.at(world.start.north_m, world.start.east_m);
-    put(
-        out,
-        format_args!(
-            "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"7\" fill=\"#2a9d8f\" stroke=\"#fff\"/><text x=\"{:.1}\" y=\"{:.1}\">start</text>",
-            x + 10.0,
-            y - 8.0
-        ),
-    );
+    group.circle((x, y), 7.0, Style::filled(START).stroke(Colour::WHITE));
+    group.text((x + 10.0, y - 8.0), Letters::START, "start");
     for (index, goal) in world.goals.iter().enumerate() {
         let (x, y) = frame.at(goal.north_m, goal.east_m);
-        let number = if world.goals.len() > 1 {
-            format!(" {}", index + 1)
+        group.circle((x, y), 8.0, Style::line(GOAL, 2.5));
+        group.circle((x, y), 2.5, Style::filled(GOAL));
+        let words = if world.goals.len() > 1 {
+            format!("goal {}", index + 1)
         } else {
-            String::new()
+            "goal".to_owned()
         };
-        put(
-            out,
-            format_args!(
-                "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"8\" fill=\"none\" stroke=\"#d62828\" stroke-width=\"2.5\"/><circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"2.5\" fill=\"#d62828\"/><text x=\"{:.1}\" y=\"{:.1}\">goal{number}</text>",
-                x + 11.0,
-                y - 8.0
-            ),
-        );
+        group.text((x + 11.0, y - 8.0), Letters::START, &words);
     }
 }
 
 /// A numbered cross where a fault was made; what became of it is listed below the picture.
-fn faults(out: &mut String, frame: &Frame, faults: &[FaultRecord], list_top: f64) {
+fn faults(group: &mut Group, frame: &Frame, faults: &[FaultRecord], list_top: f64) {
+    const ARM: f64 = 6.0;
     for (index, fault) in faults.iter().enumerate() {
-        let number = index + 1;
+        let number = (index + 1).to_string();
         let (x, y) = frame.at(fault.north_m, fault.east_m);
-        put(
-            out,
-            format_args!(
-                "<path d=\"M{:.1} {:.1}l12 12m0 -12l-12 12\" stroke=\"#000\" stroke-width=\"2.5\"/>\
-                 <text x=\"{:.1}\" y=\"{:.1}\" font-weight=\"bold\">{number}</text>",
-                x - 6.0,
-                y - 6.0,
-                x + 8.0,
-                y + 18.0,
-            ),
-        );
-        put(
-            out,
-            format_args!(
-                "<text x=\"12\" y=\"{:.1}\"><tspan font-weight=\"bold\">{number}</tspan> {}</text>",
-                list_top + LINE * index as f64 + 10.0,
-                escaped(&fault.line()),
-            ),
-        );
+        for arm in [ARM, -ARM] {
+            let (from, to) = ((x - ARM, y - arm), (x + ARM, y + arm));
+            group.line(from, to, Style::line(Colour::BLACK, 2.5));
+        }
+        group.text((x + 8.0, y + 18.0), Letters::START.bold(), &number);
+        let place = (12.0, list_top + LINE * index as f64 + 10.0);
+        group.text_with_lead(place, Letters::START, &number, &fault.line());
     }
 }
 
-fn legend(out: &mut String, frame: &Frame, fastest_mps: f64) {
-    let y = frame.top + frame.height + 24.0;
-    let bar = 10.0 * SCALE;
-    put(
-        out,
-        format_args!(
-            "<path d=\"M12 {y:.1}v-6v12v-6h{bar:.1}v-6v12\" stroke=\"#333\" stroke-width=\"2\" fill=\"none\"/><text x=\"12\" y=\"{:.1}\">10 m</text>",
-            y + 22.0
-        ),
-    );
-    let left = bar + 60.0;
+/// `y`: the height of its middle (pixels).
+fn legend(group: &mut Group, y: f64, fastest_mps: f64) {
+    const LEFT: f64 = 12.0;
     const STEPS: u32 = 24;
+    const STEP: f64 = 6.0;
+    /// From the middle down to words beside and words below.
+    const BESIDE: f64 = 5.0;
+    const BELOW: f64 = 22.0;
+    let line = Style::line(INK, 2.0);
+    let bar = GRID_M * SCALE;
+    let ends = [LEFT, LEFT + bar].map(|x| [(x, y), (x, y - 6.0), (x, y + 6.0), (x, y)]);
+    group.polyline(ends.concat(), line);
+    group.text((LEFT, y + BELOW), Letters::START, &format!("{GRID_M} m"));
+    let left = bar + 60.0;
     for step in 0..STEPS {
+        let area = Area {
+            left: left + STEP * f64::from(step),
+            top: y - 5.0,
+            // They overlap a little, so that no gaps are seen between them.
+            width: STEP + 0.5,
+            height: 10.0,
+        };
         let colour = speed_colour(f64::from(step), f64::from(STEPS - 1));
-        put(
-            out,
-            format_args!(
-                "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"6.5\" height=\"10\" fill=\"{colour}\"/>",
-                left + 6.0 * f64::from(step),
-                y - 5.0
-            ),
-        );
+        group.rect(area, Style::filled(colour));
     }
-    let right = left + 6.0 * f64::from(STEPS) + 24.0;
-    put(
-        out,
-        format_args!(
-            "<text x=\"{left:.1}\" y=\"{below:.1}\">speed 0 to {fastest_mps:.1} m/s (middle: {:.1})</text>\
-             <circle cx=\"{:.1}\" cy=\"{y:.1}\" r=\"6\" fill=\"#6b705c\" stroke=\"#3f4238\"/><text x=\"{:.1}\" y=\"{text:.1}\">obstacle</text>\
-             <rect x=\"{:.1}\" y=\"{:.1}\" width=\"10\" height=\"10\" fill=\"#f2a65a\"/><text x=\"{:.1}\" y=\"{text:.1}\">sensed occupied</text>\
-             <path d=\"M{:.1} {y:.1}h30m-8 -5l8 5l-8 5\" stroke=\"#333\" stroke-width=\"2\" fill=\"none\"/><text x=\"{:.1}\" y=\"{text:.1}\">north</text>",
-            fastest_mps / 2.0,
-            right + 6.0,
-            right + 18.0,
-            right + 92.0,
-            y - 5.0,
-            right + 108.0,
-            right + 226.0,
-            right + 262.0,
-            below = y + 22.0,
-            text = y + 5.0,
-        ),
+    let speeds = format!(
+        "speed 0 to {fastest_mps:.1} m/s (middle: {:.1})",
+        fastest_mps / 2.0
     );
+    group.text((left, y + BELOW), Letters::START, &speeds);
+    let right = left + STEP * f64::from(STEPS) + 24.0;
+    let mut beside = |x: f64, words: &str| group.text((right + x, y + BESIDE), Letters::START, words);
+    beside(18.0, "obstacle");
+    beside(108.0, "sensed occupied");
+    beside(262.0, "north");
+    group.circle((right + 6.0, y), 6.0, OBSTACLE);
+    let cell = Area {
+        left: right + 92.0,
+        top: y - 5.0,
+        width: 10.0,
+        height: 10.0,
+    };
+    group.rect(cell, SENSED);
+    let (tail, tip) = (right + 226.0, right + 256.0);
+    group.line((tail, y), (tip, y), line);
+    group.polyline([(tip - 8.0, y - 5.0), (tip, y), (tip - 8.0, y + 5.0)], line);
 }
 
 #[cfg(test)]
@@ -414,6 +304,18 @@ mod tests {
         }
     }
 
+    /// Whether there is an element of this name with these attributes, in whatever order.
+    fn has(picture: &str, name: &str, attributes: &[(&str, &str)]) -> bool {
+        let start = format!("<{name} ");
+        let elements = picture.split(&start).skip(1);
+        let mut tags = elements.filter_map(|rest| rest.split('>').next());
+        tags.any(|tag| {
+            let tag = format!(" {tag}");
+            let holds = |(name, value): &(&str, &str)| tag.contains(&format!(" {name}=\"{value}\""));
+            attributes.iter().all(holds)
+        })
+    }
+
     #[test]
     fn everything_that_happened_is_in_the_picture() {
         let world: World = serde_json::from_str(WORLD).unwrap();
@@ -441,17 +343,25 @@ mod tests {
             title: "forest <7>",
         });
         // 3 m of margin beyond the bounds, 16 pixels per metre: the tree's centre and radius.
-        assert!(picture.contains("<circle cx=\"288.0\" cy=\"254.0\" r=\"8.0\"/>"));
+        assert!(has(
+            &picture,
+            "circle",
+            &[("cx", "288.0"), ("cy", "254.0"), ("r", "8.0")]
+        ));
         assert!(
-            picture.contains("rotate(28.65 448.0 206.0)"),
+            has(&picture, "rect", &[("transform", "rotate(28.65 448.0 206.0)")]),
             "a box turns clockwise from north"
         );
         let speeds = ["#269089", "#fde725"];
-        assert!(speeds.iter().all(|colour| picture.contains(colour)));
+        assert!(
+            speeds
+                .iter()
+                .all(|colour| has(&picture, "line", &[("stroke", colour)]))
+        );
         for text in [
             "start",
             "goal",
-            "kill of planner at 3.0 s: back after 58 ms, largest gap 52 ms",
+            ">1</tspan> kill of planner at 3.0 s: back after 58 ms, largest gap 52 ms",
             "10 m",
             "speed 0 to 3.0 m/s (middle: 1.5)",
             "height above the start (m)",
@@ -463,7 +373,8 @@ mod tests {
         }
         // What a newer standard has is drawn black by many programs.
         assert!(!picture.contains("hsl(") && !picture.contains("rgba("));
-        assert_eq!(picture.matches("<g ").count(), picture.matches("</g>").count());
+        let groups = picture.matches("<g ").count();
+        assert!(groups == 3 && groups == picture.matches("</g>").count());
         assert!(picture.trim_end().ends_with("</svg>"));
     }
 
