@@ -155,12 +155,12 @@ fn question(number: u64) -> MavMessage {
             OBSTACLE_DISTANCE_DATA::ID as f32,
             100_000.0 - (turn % 3) as f32 * 200_000.0,
         ),
-        // A vehicle that flies refuses it.
+        // We have no motors.
         9 => command(
             COMPONENT_AVOIDANCE,
-            MavCmd::MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN,
-            1.0,
+            MavCmd::MAV_CMD_COMPONENT_ARM_DISARM,
             0.0,
+            21_196.0,
         ),
         10 => MavMessage::MISSION_REQUEST_LIST(MISSION_REQUEST_LIST_DATA {
             target_system,
