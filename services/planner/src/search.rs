@@ -8,7 +8,6 @@ use crate::bit_layer::BitLayer;
 use crate::configuration_space::ConfigurationSpace;
 use crate::detours::DetourMap;
 use crate::speed_tiers::TIERS;
-use crate::viewpoints::ReachableCell;
 use jink_shared_types::map::{CELL_M, Cell, SIZE_X, SIZE_Y, SIZE_Z};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -56,6 +55,15 @@ pub enum PathEnd {
     Window,
     /// At the reachable cell nearest to the goal.
     NearestPoint,
+}
+
+/// A cell that the vehicle can reach, and the path to it.
+#[derive(Clone, Copy, Debug)]
+pub struct ReachableCell {
+    /// The cell.
+    pub cell: Cell,
+    /// Length of the path to it (m).
+    pub path_m: f32,
 }
 
 /// A path from cell to cell.

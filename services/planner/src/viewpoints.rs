@@ -8,7 +8,7 @@
 //! Every viewpoint is tried once in 20 s: what does not come into view from there will not do so at a second try.
 
 use crate::configuration_space::ConfigurationSpace;
-use crate::search::Path;
+use crate::search::{Path, ReachableCell};
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::map::{Cell, center_of};
@@ -49,15 +49,6 @@ pub struct Viewpoint {
     pub cell: Cell,
     /// The heading there (rad).
     pub yaw_rad: f64,
-}
-
-/// A cell that the vehicle can reach, and the path to it.
-#[derive(Clone, Copy, Debug)]
-pub struct ReachableCell {
-    /// The cell.
-    pub cell: Cell,
-    /// Length of the path to it (m).
-    pub path_m: f32,
 }
 
 /// Earlier viewpoints and the one in progress.
@@ -234,9 +225,9 @@ fn touched(a: Cell, b: Cell) -> impl Iterator<Item = Cell> {
 
 #[cfg(test)]
 mod tests {
-    use super::{HISTORY, ReachableCell, Viewpoint, Viewpoints};
+    use super::{HISTORY, Viewpoint, Viewpoints};
     use crate::configuration_space::tests::{known_map, space_of};
-    use crate::search::Path;
+    use crate::search::{Path, ReachableCell};
     use crate::speed_tiers::SLOW_TIER;
     use jink_shared_types::Timestamp;
     use jink_shared_types::map::{Cell, LocalMap, clear, set};

@@ -10,8 +10,8 @@
 //! The SF45/B forgets its stream when it is reset, so silence is all that has to be watched.
 
 use crate::crc::xmodem;
+use crate::decode::WireFormat;
 use crate::decode::sf45;
-use crate::devices::WireFormat;
 use jink_shared_types::Timestamp;
 
 /// Requests per second for a text device, which measures 20 times a second and answers with its latest result: each
@@ -269,7 +269,7 @@ impl SetUpSequence {
 #[cfg(test)]
 mod tests {
     use super::{DeviceProtocol, ScanSetup};
-    use crate::devices::WireFormat;
+    use crate::decode::WireFormat;
     use jink_shared_types::Timestamp;
 
     const SCAN: ScanSetup = ScanSetup {

@@ -29,20 +29,7 @@
 //!
 //! Sources: those of [`crate::decode`]; 6 m for the Lanbao is ArduPilot's figure (the data sheet says 8 m).
 
-use crate::decode::{RangeReading, benewake};
-
-/// The format in which a device sends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum WireFormat {
-    /// [`crate::decode::sf45`].
-    Sf45,
-    /// [`crate::decode::cm8jl65`].
-    Cm8jl65,
-    /// [`crate::decode::benewake`].
-    Benewake(benewake::SignalLimits),
-    /// [`crate::decode::lightware_text`].
-    LightwareText,
-}
+use crate::decode::{RangeReading, WireFormat, benewake};
 
 /// One model.
 #[derive(Clone, Copy, Debug, PartialEq)]

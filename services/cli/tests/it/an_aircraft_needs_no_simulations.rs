@@ -1,7 +1,6 @@
 //! `jink` operates an aircraft; what flies simulations is a program beside it, which may be absent.
 
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -13,9 +12,11 @@ struct Alone(PathBuf);
 
 impl Alone {
     fn new(role: &str) -> Self {
-        let folder = std::env::temp_dir().join(format!("jink_alone_{role}_{}", std::process::id()));
+        let folder =
+            Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("alone_{role}_{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
-        fs::copy(env!("CARGO_BIN_EXE_jink"), folder.join("jink")).unwrap();
+        // A link, not a copy: a file that was just written cannot be executed while a child of another test still has it open.
+        fs::hard_link(env!("CARGO_BIN_EXE_jink"), folder.join("jink")).unwrap();
         Self(folder)
     }
 
@@ -66,9 +67,13 @@ fn the_help_lists_simulations_all_the_same() {
     }
 }
 
+/// Written by a shell, for the same reason.
 fn script(path: &Path, text: &str) {
-    fs::write(path, text).unwrap();
-    fs::set_permissions(path, fs::Permissions::from_mode(0o755)).unwrap();
+    let written = Command::new("sh")
+        .args(["-c", "printf %s \"$2\" > \"$1\" && chmod +x \"$1\"", "sh"])
+        .args([path.as_os_str(), text.as_ref()])
+        .status();
+    assert!(written.unwrap().success());
 }
 
 #[test]

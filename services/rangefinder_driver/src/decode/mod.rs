@@ -14,8 +14,6 @@ pub mod cm8jl65;
 pub mod lightware_text;
 pub mod sf45;
 
-use crate::devices::WireFormat;
-
 /// Longest frame of a binary format.
 const FRAME_BYTES: usize = 16;
 
@@ -134,6 +132,19 @@ enum FormatDecoder {
     Cm8jl65(SlidingBuffer),
     Benewake(SlidingBuffer, benewake::SignalLimits),
     LightwareText(lightware_text::TextLine),
+}
+
+/// The format in which a device sends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WireFormat {
+    /// [`self::sf45`].
+    Sf45,
+    /// [`self::cm8jl65`].
+    Cm8jl65,
+    /// [`self::benewake`].
+    Benewake(benewake::SignalLimits),
+    /// [`self::lightware_text`].
+    LightwareText,
 }
 
 /// The decoder of one device.
