@@ -308,7 +308,7 @@ fn streams_and_times_that_do_not_come_are_told_one_by_one() {
     assert_reported(
         &slow,
         "BLOCKER",
-        "times a second, and 50 are needed; it tells how it is turned",
+        "times a second, and 50 are needed; it reports how it is turned",
     );
 
     let timeless = reported(px4(1, &[]), lost(TIMESYNC), &[]);

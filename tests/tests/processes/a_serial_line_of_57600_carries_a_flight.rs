@@ -2,6 +2,7 @@
 //! heartbeats, trajectories and obstacle maps arrive at the rates that docs/links.md promises.
 
 use jink_tests::peers::{AUTOPILOT_ONLY, PYMAVLINK, Terminal, python_or_say};
+use jink_tests::permit;
 use jink_tests::ports::free_udp_ports;
 use jink_tests::processes::{System, TempFolder, answer, program, until, workspace};
 use serde_json::Value;
@@ -11,6 +12,8 @@ const BYTES_PER_S: f64 = 5760.0;
 
 #[test]
 fn at_the_rates_that_are_promised() {
+    // Two systems, a relay and a listener, and what is judged is when something comes.
+    let _alone = permit::alone();
     let Some(python) = python_or_say(&PYMAVLINK) else {
         return;
     };
