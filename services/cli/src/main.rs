@@ -19,6 +19,8 @@ struct Cli {
     command: Command,
 }
 
+// Made once per process.
+#[allow(clippy::large_enum_variant)]
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Start the system

@@ -332,11 +332,11 @@ impl ActiveProbe {
         let granted = ack.result == MavResult::MAV_RESULT_ACCEPTED;
         match ack.command {
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL if granted => {
-                self.settle(ProbeItem::DesiredPath, ProbeResult::Accepted)
+                self.settle(ProbeItem::DesiredPath, ProbeResult::Accepted);
             }
             MavCmd::MAV_CMD_SET_MESSAGE_INTERVAL => self.settle(ProbeItem::DesiredPath, ProbeResult::Denied),
             MavCmd::MAV_CMD_REQUEST_MESSAGE if !granted => {
-                self.settle(ProbeItem::Version, ProbeResult::Denied)
+                self.settle(ProbeItem::Version, ProbeResult::Denied);
             }
             _ => {}
         }

@@ -45,7 +45,7 @@ fn skipped_where_the_autopilot_flies_the_mission() {
 pub fn skip_flights() -> Flights {
     let mut flights = Flights::new();
     for whose in [PX4_CURRENT, COPTER] {
-        flights.add(&format!("{}", whose.name()), whose == COPTER, move || {
+        flights.add(whose.name(), whose == COPTER, move || {
             skips(whose);
         });
     }
@@ -60,7 +60,7 @@ fn skipped_where_jink_flies_it() {
 pub fn stop_flights() -> Flights {
     let mut flights = Flights::new();
     for whose in [PX4_CURRENT, COPTER] {
-        flights.add(&format!("{}", whose.name()), whose == PX4_CURRENT, move || {
+        flights.add(whose.name(), whose == PX4_CURRENT, move || {
             let mut flight = flight(whose, 2.0);
             while flight.count(&ITEM_BLOCKED) == 0 {
                 flight.step();

@@ -51,7 +51,7 @@ fn lands_at(flight: &mut LockStep, whose: Pairing, x_m: f64, y_m: f64) {
 pub fn same_length_flights() -> Flights {
     let mut flights = Flights::new();
     for whose in ALL {
-        flights.add(&format!("{}", whose.name()), whose == PX4_CURRENT, move || {
+        flights.add(whose.name(), whose == PX4_CURRENT, move || {
             let other = Action::Upload {
                 waypoints: vec![place(20.0, 12.0)],
                 tail: Vec::new(),
@@ -71,7 +71,7 @@ fn another_mission_of_the_same_length() {
 pub fn other_length_flights() -> Flights {
     let mut flights = Flights::new();
     for whose in ALL {
-        flights.add(&format!("{}", whose.name()), whose == COPTER, move || {
+        flights.add(whose.name(), whose == COPTER, move || {
             let other = Action::Upload {
                 waypoints: vec![place(20.0, 12.0), place(8.0, 16.0)],
                 tail: Vec::new(),
@@ -118,7 +118,7 @@ pub fn item_flights() -> Flights {
     let aside = place(22.0, 10.0);
     for whose in ALL {
         flights.add(
-            &format!("{}", whose.name()),
+            whose.name(),
             whose == COPTER || whose == PX4_TRAJECTORY,
             move || {
                 // Home and the take-off come before the waypoints.
@@ -176,25 +176,21 @@ fn another_item_by_command() {
 pub fn chosen_flights() -> Flights {
     let mut flights = Flights::new();
     for whose in FOLLOWERS {
-        flights.add(
-            &format!("{}", whose.name()),
-            whose == PX4_2021_OFFBOARD,
-            move || {
-                let mut flight = LockStep::new(whose.forest(1).unwrap()).unwrap();
-                assert!(flight.run_until(60.0, |f| f.truth().position.x_m > ACTS_AT_M));
-                assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
-                whose.command_mode(&mut flight, NavMode::Mission);
-                assert!(
-                    flight.run_until(1.0, |f| f.truth().mode.get() == NavMode::Mission),
-                    "{whose:?}"
-                );
-                assert!(
-                    flight.run_until(5.0, |f| f.truth().mode.get() == NavMode::Offboard),
-                    "{whose:?}"
-                );
-                lands_at(&mut flight, whose, 60.0, 0.0);
-            },
-        );
+        flights.add(whose.name(), whose == PX4_2021_OFFBOARD, move || {
+            let mut flight = LockStep::new(whose.forest(1).unwrap()).unwrap();
+            assert!(flight.run_until(60.0, |f| f.truth().position.x_m > ACTS_AT_M));
+            assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
+            whose.command_mode(&mut flight, NavMode::Mission);
+            assert!(
+                flight.run_until(1.0, |f| f.truth().mode.get() == NavMode::Mission),
+                "{whose:?}"
+            );
+            assert!(
+                flight.run_until(5.0, |f| f.truth().mode.get() == NavMode::Offboard),
+                "{whose:?}"
+            );
+            lands_at(&mut flight, whose, 60.0, 0.0);
+        });
     }
     flights
 }

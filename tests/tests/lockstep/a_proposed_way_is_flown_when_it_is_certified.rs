@@ -119,7 +119,7 @@ fn around(speed_mps: f64) -> Option<Plan> {
 pub fn detour_flights() -> Flights {
     let mut flights = Flights::new();
     for pairing in [PX4_TRAJECTORY, PX4_CURRENT, COPTER] {
-        flights.add(&format!("{}", pairing.name()), pairing == COPTER, move || {
+        flights.add(pairing.name(), pairing == COPTER, move || {
             let own = fly(pairing, 3, None, |_, _| {});
             assert!(own.east_max_m < 10.0);
             assert_eq!(own.proposed, 0);

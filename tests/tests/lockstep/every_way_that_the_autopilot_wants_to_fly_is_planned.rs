@@ -119,7 +119,7 @@ pub fn landing_flights() -> Flights {
     let down = Point::new(40.0, 2.0, 0.0);
     for whose in [PX4_TRAJECTORY, PX4_DEVIATION].into_iter().chain(FOLLOWERS) {
         flights.add(
-            &format!("{}", whose.name()),
+            whose.name(),
             whose == PX4_TRAJECTORY || whose == PX4_CURRENT,
             move || {
                 let mut setup = whose.forest(3).unwrap();
@@ -155,7 +155,7 @@ pub fn circle_flights() -> Flights {
     let mut flights = Flights::new();
     let centre = place(22.0, 0.0);
     for whose in [PX4_TRAJECTORY, PX4_CURRENT, PX4_2021_OFFBOARD] {
-        flights.add(&format!("{}", whose.name()), whose == PX4_CURRENT, move || {
+        flights.add(whose.name(), whose == PX4_CURRENT, move || {
             let orbit = |when| (when, Action::Orbit(centre));
             let actions = vec![orbit(When::North(8.0)), orbit(When::After(9.0))];
             let mut flight = LockStep::new(forest(whose, 1, actions)).unwrap();

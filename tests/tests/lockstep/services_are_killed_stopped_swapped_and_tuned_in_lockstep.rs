@@ -56,7 +56,7 @@ fn fly(
 pub fn kill_flights() -> Flights {
     let mut flights = Flights::new();
     for (number, service) in SERVICES.into_iter().enumerate() {
-        flights.add(&format!("{service}"), ["collision_guard", "planner"].contains(&service), move || {
+        flights.add(service, ["collision_guard", "planner"].contains(&service), move || {
         let pairing = [PX4_TRAJECTORY, PX4_CURRENT, COPTER][number % 3];
         let (flight, _) = fly(pairing, 3, |flight, _| {
             assert_eq!(
@@ -112,7 +112,7 @@ pub fn swap_flights() -> Flights {
     let mut flights = Flights::new();
     for service in SERVICES {
         flights.add(
-            &format!("{service}"),
+            service,
             ["mavlink_gateway", "bezier_generator"].contains(&service),
             move || {
                 let (mut flight, _) = fly(PX4_TRAJECTORY, 9, |flight, times| {

@@ -68,7 +68,7 @@ fn through_a_forest() {
 pub fn restart_flights() -> Flights {
     let mut flights = Flights::new();
     for whose in FOLLOWERS {
-        flights.add(&format!("{}", whose.name()), whose == COPTER, move || {
+        flights.add(whose.name(), whose == COPTER, move || {
             let mut flight = under_way(whose.forest(1).unwrap());
             for _ in 0..3 {
                 flight.board().kill("mavlink_gateway");
@@ -89,7 +89,7 @@ fn a_gateway_that_is_restarted_in_flight_goes_on_at_the_current_item() {
 pub fn takeover_flights() -> Flights {
     let mut flights = Flights::new();
     for whose in FOLLOWERS {
-        flights.add(&format!("{}", whose.name()), whose == PX4_CURRENT, move || {
+        flights.add(whose.name(), whose == PX4_CURRENT, move || {
             let mut setup = whose.forest(1).unwrap();
             setup.plan.resume = false;
             let mut flight = under_way(setup);

@@ -164,7 +164,7 @@ impl Supervision {
         let ownerless = process.run_state != RunState::Running;
         match &mut shadow.role {
             ShadowRole::Candidate(_) if ownerless => {
-                refuse(process, second, index, SwapRefusal::OwnerDied, actions)
+                refuse(process, second, index, SwapRefusal::OwnerDied, actions);
             }
             ShadowRole::Hot if silent => end(second, index, actions),
             ShadowRole::Hot => {}
@@ -177,7 +177,7 @@ impl Supervision {
                 }
             }
             ShadowRole::Candidate(_) if silent => {
-                refuse(process, second, index, SwapRefusal::Silent, actions)
+                refuse(process, second, index, SwapRefusal::Silent, actions);
             }
             ShadowRole::Candidate(swap) => match swap.phase {
                 SwapPhase::Starting => {
@@ -286,7 +286,7 @@ impl Supervision {
         match shadow.role {
             ShadowRole::Hot => {}
             ShadowRole::Candidate(swap) => {
-                turn_down(process, &swap, index, SwapRefusal::Ended(exit), actions)
+                turn_down(process, &swap, index, SwapRefusal::Ended(exit), actions);
             }
             ShadowRole::Former { .. } => {
                 actions.push(Action::Commit { process: index });
