@@ -6,7 +6,7 @@
 //! | autopilot: TRAJECTORY_REPRESENTATION_WAYPOINTS, or its mission | `vehicle/desired_path` |
 //! | `guard/approved` | TRAJECTORY_REPRESENTATION_BEZIER or _WAYPOINTS, 20 Hz (curves 10.8 Hz where a radio carries them), or SET_POSITION_TARGET_LOCAL_NED, 50 Hz, in every mode |
 //! | where jink flies the mission: its items | changes of mode and of the current item ([`executive`]) |
-//! | `guard/ring` | OBSTACLE_DISTANCE, 15 Hz |
+//! | `guard/ring` | OBSTACLE_DISTANCE, 5 Hz; 10 Hz while PX4's own collision prevention is on |
 //! | `system/status` | HEARTBEAT of component 196, honest |
 //! | TIMESYNC | answers; the autopilot's clock mapped to the board's |
 //! | where a pilot chooses assisted flight: his sticks, `guard/prevented` | `pilot/demand`, SET_POSITION_TARGET_LOCAL_NED ([`assist`]) |

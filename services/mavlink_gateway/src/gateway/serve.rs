@@ -39,7 +39,8 @@ const ANSWERED: [u32; 10] = [
     COMPONENT_METADATA_DATA::ID,
     MESSAGE_INTERVAL_DATA::ID,
 ];
-/// Periods of OBSTACLE_DISTANCE that may be asked for (us).
+/// Limits of the period of OBSTACLE_DISTANCE (us). Wider than what the ground services grant (33 to 200 ms): whatever they ask for,
+/// it neither crowds a serial line for long nor falls below what an autopilot believes in.
 const OBSTACLE_PERIODS_US: [u32; 2] = [20_000, (1e6 / super::OBSTACLES_LEAST_HZ) as u32];
 
 /// Whether `content` is a message that is answered by whom it is addressed to.

@@ -44,11 +44,11 @@ impl Generator {
 }
 
 /// Runs `stories` random sequences, or as many as there is time for, and names the one that breaks a law.
-fn report(book: &str, stories: u64, longest: usize, laws: fn(&[u8])) {
+fn run_stories(book: &str, stories: u64, longest: usize, laws: fn(&[u8])) {
     let began = Instant::now();
-    let reported = std::env::var("JINK_FUZZ_SECONDS").ok();
+    let seconds_given = std::env::var("JINK_FUZZ_SECONDS").ok();
     let patience =
-        reported.map(|seconds| Duration::from_secs_f64(seconds.parse().expect("a number of seconds")));
+        seconds_given.map(|seconds| Duration::from_secs_f64(seconds.parse().expect("a number of seconds")));
     let mut generator = Generator(Xoshiro256PlusPlus::seed_from_u64(1));
     let (mut count, mut bytes) = (0, 0);
     let mut story = Vec::new();
@@ -77,26 +77,26 @@ fn report(book: &str, stories: u64, longest: usize, laws: fn(&[u8])) {
 
 #[test]
 fn every_intact_frame_comes_out_however_the_bytes_are_cut() {
-    report("decoder", 30_000, LONGEST, harness::decoder::laws);
+    run_stories("decoder", 30_000, LONGEST, harness::decoder::laws);
 }
 
 #[test]
 fn what_is_sent_may_be_flown_and_it_never_falls_silent() {
-    report("flight", 8000, LONGEST, harness::flight::laws);
+    run_stories("flight", 8000, LONGEST, harness::flight::laws);
 }
 
 #[test]
 fn what_comes_in_goes_where_the_rules_say_and_nowhere_else() {
-    report("network", 8000, 2000, harness::network::laws);
+    run_stories("network", 8000, 2000, harness::network::laws);
 }
 
 #[test]
 fn whatever_is_asked_is_answered_once_and_changes_nothing_it_should_not() {
-    report("requests", 3000, 2000, harness::requests::laws);
+    run_stories("requests", 3000, 2000, harness::requests::laws);
 }
 
 #[test]
 fn damaged_batons_keys_and_stamps_are_refused_or_made_the_best_of() {
-    report("storage", 100_000, 600, harness::storage::laws);
-    report("files", 500, 2000, harness::storage::laws_of_files);
+    run_stories("storage", 100_000, 600, harness::storage::laws);
+    run_stories("files", 500, 2000, harness::storage::laws_of_files);
 }
