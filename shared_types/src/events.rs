@@ -79,9 +79,9 @@ events! {
     /// The estimator's position jumped.
     ESTIMATOR_RESET = 14, Warning, "jink: position reset, map dropped", "Watch the estimator.";
     /// The autopilot is not seen any more.
-    AUTOPILOT_LOST = 15, Critical, "jink: autopilot not heard", "Check the link.";
+    AUTOPILOT_LOST = 15, Critical, "jink: autopilot lost", "Check the link.";
     /// The autopilot is seen.
-    AUTOPILOT_FOUND = 16, Info, "jink: autopilot heard, system {0}", "None.";
+    AUTOPILOT_FOUND = 16, Info, "jink: autopilot connected, system {0}", "None.";
     /// Cycles of a process are over budget.
     PROCESS_SLOW = 17, Warning, "jink: {name} slow, {0} late in {1} s", "Reduce the load; look at its log.";
     /// A process was replaced because it was too slow for too long.

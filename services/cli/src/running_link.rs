@@ -92,7 +92,7 @@ fn traffic(before: &LinkStatus, after: &LinkStatus, seconds: f64, findings: &mut
         findings.push(finding(
             Grade::Blocker,
             "autopilot",
-            "the autopilot is not heard".to_owned(),
+            "the autopilot is not connected".to_owned(),
             "check its power and the line; `jink down` and `jink check link` look closer",
         ));
     } else {
@@ -100,7 +100,7 @@ fn traffic(before: &LinkStatus, after: &LinkStatus, seconds: f64, findings: &mut
             Grade::Good,
             "autopilot",
             format!(
-                "system {} is heard, {:.0} messages a second",
+                "system {} is connected, {:.0} messages a second",
                 after.system_id,
                 received as f64 / seconds.max(0.1)
             ),
@@ -258,8 +258,8 @@ mod tests {
         };
         for (after, states, grade, words) in [
             (unfit, 150, Grade::Blocker, "lacks the interface of profile"),
-            (silent, 0, Grade::Blocker, "the autopilot is not heard"),
-            (lost, 0, Grade::Blocker, "the autopilot is not heard"),
+            (silent, 0, Grade::Blocker, "the autopilot is not connected"),
+            (lost, 0, Grade::Blocker, "the autopilot is not connected"),
             (noise, 0, Grade::Blocker, "4000 bytes came, but no message"),
             (
                 unknown_peers,

@@ -8,6 +8,7 @@ use crate::clock::Clock;
 use crate::ownership::Ownership;
 use crate::transport::{Sample, Subscriber};
 use jink_shared_types::layout::Layout;
+use jink_shared_types::topics::TopicRow;
 use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
 use std::cell::Cell;
 use std::fmt;
@@ -142,6 +143,8 @@ pub struct Input<T: Layout> {
     ownership: Option<Rc<Ownership>>,
     /// Samples of all producers are handed out, whichever is the newest.
     of_all: bool,
+    /// Samples that can be waiting: no more are taken at once, so that a producer without end keeps no reader from its cycle.
+    waiting_max: usize,
 }
 
 impl<T: Layout> fmt::Debug for Input<T> {
@@ -155,7 +158,7 @@ impl<T: Layout> Input<T> {
         subscriber: Subscriber<T>,
         clock: Clock,
         name: String,
-        deadline_ms: f64,
+        row: &TopicRow,
         producer: String,
     ) -> Self {
         Self {
@@ -168,7 +171,7 @@ impl<T: Layout> Input<T> {
             lost: 0,
             health: Rc::new(InputHealth {
                 newest: Cell::default(),
-                deadline_ms,
+                deadline_ms: row.deadline_ms,
                 needed: Cell::new(false),
                 producer,
                 refused: Cell::new(0),
@@ -177,7 +180,8 @@ impl<T: Layout> Input<T> {
                 reported_at: Cell::new(Timestamp::NEVER),
             }),
             ownership: None,
-            of_all: false,
+            of_all: row.is_shared(),
+            waiting_max: row.buffer * row.max_publishers(),
         }
     }
 
@@ -227,13 +231,15 @@ impl<T: Layout> Input<T> {
 
     /// Takes all waiting samples and returns the newest one ever received, judged against the topic's deadline.
     pub fn latest(&mut self, now: Timestamp) -> Reading<'_, T> {
-        while self.receive().is_some() {}
+        let mut left = self.waiting_max;
+        while self.receive(&mut left).is_some() {}
         Reading::judge(self.newest(), now, self.health.deadline_ms)
     }
 
-    /// Hands every unread sample to `visit`, oldest first.
+    /// Hands every sample that waits to `visit`, oldest first. What is published meanwhile is for the next call.
     pub fn each(&mut self, mut visit: impl FnMut(Stamped<'_, T>)) {
-        while self.receive().is_some() {
+        let mut left = self.waiting_max;
+        while self.receive(&mut left).is_some() {
             if let Some(stamped) = self.newest() {
                 visit(stamped);
             }
@@ -248,11 +254,12 @@ impl<T: Layout> Input<T> {
         })
     }
 
-    /// Moves to the next unread sample that can be used. Samples of a producer that has been replaced may arrive after those of
-    /// its successor: what does not advance the sequence is dropped, as long as the newest sample is fresh. After that whoever
-    /// publishes counts, so that a sequence number from nowhere silences nobody for longer.
-    fn receive(&mut self) -> Option<()> {
+    /// Moves to the next unread sample that can be used, of `left` that may be taken. Samples of a producer that has been replaced
+    /// may arrive after those of its successor: what does not advance the sequence is dropped, as long as the newest sample is
+    /// fresh. After that whoever publishes counts, so that a sequence number from nowhere silences nobody for longer.
+    fn receive(&mut self, left: &mut usize) -> Option<()> {
         loop {
+            *left = left.checked_sub(1)?;
             let sample = self.subscriber.receive()?;
             let now = self.clock.now();
             let header = sample.header();

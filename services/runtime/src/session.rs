@@ -230,12 +230,7 @@ impl Session {
             [only] if *only != "*" => (*only).to_owned(),
             _ => name.clone(),
         };
-        let input = Input::new(subscriber, self.clock(), name, topic.row.deadline_ms, producer);
-        Ok(if topic.row.is_shared() {
-            input.of_all_producers()
-        } else {
-            input
-        })
+        Ok(Input::new(subscriber, self.clock(), name, &topic.row, producer))
     }
 
     /// Opens the wake-ups of a topic. The table says which have any.

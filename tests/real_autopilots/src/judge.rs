@@ -61,11 +61,13 @@ impl fmt::Display for Expectation {
             Self::Goal => write!(f, "goal"),
             Self::Arrives => write!(f, "arrives"),
             Self::Lands => write!(f, "lands there"),
-            Self::Holds(words, within_s) => write!(f, "holds, tells \"{}\" in {within_s:.0} s", texts(words)),
+            Self::Holds(words, within_s) => {
+                write!(f, "holds, reports \"{}\" in {within_s:.0} s", texts(words))
+            }
             Self::Rests => write!(f, "holds"),
-            Self::ArrivesOrHolds(words, _) => write!(f, "arrives, or holds and tells \"{}\"", texts(words)),
-            Self::GoalOrHolds(words, _) => write!(f, "goal, or holds and tells \"{}\"", texts(words)),
-            Self::StaysDown(words, _) => write!(f, "stays down, tells \"{}\"", texts(words)),
+            Self::ArrivesOrHolds(words, _) => write!(f, "arrives, or holds and reports \"{}\"", texts(words)),
+            Self::GoalOrHolds(words, _) => write!(f, "goal, or holds and reports \"{}\"", texts(words)),
+            Self::StaysDown(words, _) => write!(f, "stays down, reports \"{}\"", texts(words)),
             Self::AsTheScriptSays => write!(f, "as the script says"),
         }
     }
@@ -369,7 +371,7 @@ fn broken_rule(record: &Record, aim: &Aim) -> Option<String> {
             place.north_m, place.east_m
         )
     })
-    .or_else(|| said.map(|text| format!("told \"{}\"", text.text)))
+    .or_else(|| said.map(|text| format!("reported \"{}\"", text.text)))
 }
 
 /// What it does at the end.

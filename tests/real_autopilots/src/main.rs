@@ -15,7 +15,7 @@ use std::process::ExitCode;
     name = "jink-real-autopilots",
     version,
     after_help = "\
-Builds that are not named are taken from tests/real_autopilots/builds.toml, if it is there; what is not found is told as
+Builds that are not named are taken from tests/real_autopilots/builds.toml, if it is there; what is not found is reported as
 NOT TESTED.
 
 Exit codes: 0 every flight passed; 1 one did not; 2 there was nothing to fly."

@@ -34,7 +34,7 @@ pub fn forest_flights() -> Flights {
             let truth = flight.truth();
             let way_m = truth.position.x_m.hypot(truth.position.y_m);
             println!(
-                "seed {seed}: nearest {nearest_m:.2} m, {way_m:.1} m away, {} times told",
+                "seed {seed}: nearest {nearest_m:.2} m, {way_m:.1} m away, {} reports",
                 flight.count(&events::PREVENTION_ACTS)
             );
             assert_eq!(truth.collisions, 0, "seed {seed}");

@@ -79,7 +79,7 @@ fn falls_silent(looking_deg: &[f64], reported_within_s: RangeInclusive<f64>) {
     let asked_s = after(&flight, &events::PREVENTION_HOLDS, silent_s).unwrap();
     let (stopped_s, held_s) = (stopped_s.unwrap(), held_s.unwrap());
     println!(
-        "told after {reported_s:.2} s, at rest after {stopped_s:.2} s, Hold asked for after {asked_s:.2} s, in Hold after {held_s:.2} s"
+        "reported after {reported_s:.2} s, at rest after {stopped_s:.2} s, Hold asked for after {asked_s:.2} s, in Hold after {held_s:.2} s"
     );
     assert!(reported_within_s.contains(&reported_s), "{reported_s}");
     assert!((4.85..=5.15).contains(&asked_s), "{asked_s}");

@@ -62,7 +62,7 @@ pub fn forest_flights() -> Flights {
             });
             let way_m = position(&flight).xy().norm();
             println!(
-                "{} seed {seed}: nearest {nearest_m:.2} m, {way_m:.1} m away, up to {fastest_mps:.1} m/s, {} times told",
+                "{} seed {seed}: nearest {nearest_m:.2} m, {way_m:.1} m away, up to {fastest_mps:.1} m/s, {} reports",
                 pairing.autopilot,
                 flight.count(&events::PREVENTION_ACTS)
             );

@@ -193,7 +193,7 @@ fn a_line_that_brings_nothing_or_something_else_is_told_from_one_that_brings_mav
     assert_reported(
         &reported(px4(1, &[]), deaf, &[]),
         "BLOCKER",
-        "the autopilot is heard, but answers nothing",
+        "the autopilot sends, but answers nothing",
     );
 }
 
@@ -215,7 +215,7 @@ fn whoever_is_not_the_one_autopilot_that_is_meant_is_named() {
     assert_reported(
         &unknown_peer,
         "BLOCKER",
-        "link.system_id = 7, and the autopilot that is heard has system id 3",
+        "link.system_id = 7, and the autopilot that is connected has system id 3",
     );
 
     let rival = heartbeat(MavType::MAV_TYPE_QUADROTOR, MavAutopilot::MAV_AUTOPILOT_PX4);
@@ -223,7 +223,7 @@ fn whoever_is_not_the_one_autopilot_that_is_meant_is_named() {
     assert_reported(
         &two,
         "BLOCKER",
-        "are heard, and link.system_id = 0 does not say which one is meant",
+        "are connected, and link.system_id = 0 does not say which one is meant",
     );
 
     let companion = heartbeat(
@@ -420,6 +420,6 @@ fn while_jink_runs_its_gateways_own_figures_are_shown() {
         println!("{}exit code {:?}\n", reported.stdout, reported.code);
         let held = format!("runs and holds udpin:127.0.0.1:{port}: this is what its gateway sees");
         assert_reported(&reported, "good", &held);
-        assert_reported(&reported, "good", "system 1 is heard");
+        assert_reported(&reported, "good", "system 1 is connected");
     }
 }

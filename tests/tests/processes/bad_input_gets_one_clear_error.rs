@@ -237,7 +237,7 @@ fn without_an_autopilot_it_stands_by_and_garbage_on_the_link_changes_nothing() {
     }
     let text = jink.jink(&["status"]);
     assert!(
-        text.stdout.contains("the autopilot is not heard ("),
+        text.stdout.contains("the autopilot is not connected ("),
         "{}",
         text.stdout
     );

@@ -1,8 +1,8 @@
 //! `jink top`.
 
-use jink_cli::view::beat::Beat;
 use jink_cli::view::status::Report;
 use jink_cli::view::top::{Rate, Screen};
+use jink_cli::view::topic_statistics::TopicStatistics;
 use jink_control::members::Members;
 use jink_control::meter::Meter;
 use jink_control::say;
@@ -118,9 +118,9 @@ fn show(live: &mut Live, interrupt: &Interrupt) -> Result<ExitCode, Problem> {
 struct Live {
     name: String,
     watch: Watch,
-    meters: Vec<(Meter, Beat)>,
+    meters: Vec<(Meter, TopicStatistics)>,
     events: Input<EventSample>,
-    update: Vec<String>,
+    events: Vec<String>,
     screen: Option<Screen>,
 }
 
@@ -141,12 +141,15 @@ impl Live {
                 &one[..]
             };
             for member in names {
-                meters.push((Meter::open(watch.session(), row, member)?, Beat::default()));
+                meters.push((
+                    Meter::open(watch.session(), row, member)?,
+                    TopicStatistics::default(),
+                ));
             }
         }
         for row in super::topic::declared(instance) {
             let meter = Meter::open_declared(watch.session(), &row)?;
-            meters.extend(meter.map(|meter| (meter, Beat::default())));
+            meters.extend(meter.map(|meter| (meter, TopicStatistics::default())));
         }
         let events = watch.session().input(EVENT, "")?;
         Ok(Self {
@@ -154,19 +157,19 @@ impl Live {
             watch,
             meters,
             events,
-            update: Vec::new(),
+            events: Vec::new(),
             screen: None,
         })
     }
 
     /// Takes what has come.
     fn look(&mut self) {
-        for (meter, beat) in &mut self.meters {
-            meter.look(|header| beat.take(header));
+        for (meter, statistics) in &mut self.meters {
+            meter.look(|header| statistics.take(header));
         }
         self.events.each(|event| {
             let EventSample { process, .. } = event.sample;
-            self.update
+            self.events
                 .push(format!("{}: {}", process.as_str(), event.sample.text()));
         });
     }
@@ -186,24 +189,24 @@ impl Live {
         let rates = self
             .meters
             .iter_mut()
-            .map(|(meter, beat)| Rate {
+            .map(|(meter, statistics)| Rate {
                 name: meter.name.clone(),
                 row: meter.row,
-                beat: std::mem::take(beat),
+                statistics: std::mem::take(statistics),
             })
             .collect();
-        let (update, scrolled) = self
+        let (events, scrolled) = self
             .screen
             .take()
-            .map(|screen| (screen.update, screen.scrolled))
+            .map(|screen| (screen.events, screen.scrolled))
             .unwrap_or_default();
         let mut screen = Screen {
             report,
             rates,
-            update,
+            events,
             scrolled,
         };
-        self.update.drain(..).for_each(|line| screen.report(line));
+        self.events.drain(..).for_each(|line| screen.push_event(line));
         self.screen = Some(screen);
     }
 }

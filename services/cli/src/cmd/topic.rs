@@ -1,8 +1,8 @@
 //! `jink topic`: which topics there are, how fast they come, what they say.
 
-use jink_cli::view::beat::Beat;
 use jink_cli::view::digest::{Digest, header_line};
 use jink_cli::view::sample_json;
+use jink_cli::view::topic_statistics::TopicStatistics;
 use jink_cli::view::topics::Listed;
 use jink_control::members::Members;
 use jink_control::meter::Meter;
@@ -80,13 +80,13 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
                 Found::InTable(row, member) => (*row, Some(Meter::open(&session, row, &member)?)),
                 Found::Declared(row) => (row, Meter::open_declared(&session, &row)?),
             };
-            let beat = measure(meter.ok_or_else(|| unused(topic))?, *seconds)?;
+            let statistics = measure(meter.ok_or_else(|| unused(topic))?, *seconds)?;
             if *json {
-                sayln!("{}", beat.json(topic, &row));
+                sayln!("{}", statistics.json(topic, &row));
             } else {
-                sayln!("{}", beat.line(topic, &row));
+                sayln!("{}", statistics.line(topic, &row));
             }
-            Ok(came(beat.samples()))
+            Ok(came(statistics.samples()))
         }
         Doing::Echo {
             topic,
@@ -210,17 +210,17 @@ fn unknown(instance: &Instance, name: &str) -> Problem {
 }
 
 /// Listens to one topic for so long.
-fn measure(mut meter: Meter, seconds: f64) -> Result<Beat, Problem> {
+fn measure(mut meter: Meter, seconds: f64) -> Result<TopicStatistics, Problem> {
     let span = Duration::try_from_secs_f64(seconds)
         .map_err(|error| Problem::Other(format!("--for {seconds}: {error}")))?;
     let interrupt = Interrupt::listen()?;
     let begin = Instant::now();
-    let mut beat = Beat::default();
+    let mut statistics = TopicStatistics::default();
     while begin.elapsed() < span && !interrupt.has_come() {
-        meter.look(|header| beat.take(header));
+        meter.look(|header| statistics.take(header));
         std::thread::sleep(LOOK);
     }
-    Ok(beat)
+    Ok(statistics)
 }
 
 /// What ends an echo, and how much of a sample it shows.

@@ -1,6 +1,5 @@
 //! What the commands show, as functions of what they have read.
 
-pub mod beat;
 pub mod digest;
 pub mod params;
 pub mod ring;
@@ -8,4 +7,5 @@ pub mod sample_json;
 pub mod schema;
 pub mod status;
 pub mod top;
+pub mod topic_statistics;
 pub mod topics;

@@ -435,7 +435,7 @@ impl Link {
     pub fn line(&self) -> String {
         if !self.autopilot_alive {
             return format!(
-                "link: the autopilot is not heard ({} bytes that are no MAVLink, {} messages of others)\n",
+                "link: the autopilot is not connected ({} bytes that are no MAVLink, {} messages of others)\n",
                 self.garbage_bytes, self.ignored
             );
         }
@@ -463,7 +463,7 @@ impl Link {
             assist => format!("      assisted flight {assist}\n"),
         };
         format!(
-            "link: autopilot {} heard, {clock}, avoidance {}\n{profile}{assist}      {} setpoints, largest gap {:.0} ms; capture to \
+            "link: autopilot {} connected, {clock}, avoidance {}\n{profile}{assist}      {} setpoints, largest gap {:.0} ms; capture to \
              wire {}\n{stages}",
             self.system_id,
             self.avoidance,

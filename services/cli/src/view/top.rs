@@ -1,7 +1,7 @@
 //! The live screen: services, hops, rates, events.
 
-use crate::view::beat::Beat;
 use crate::view::status::Report;
+use crate::view::topic_statistics::TopicStatistics;
 use jink_shared_types::topics::TopicRow;
 use ratatui::Frame;
 use ratatui::buffer::Buffer;
@@ -13,7 +13,7 @@ use ratatui::widgets::{Cell, Paragraph, Row, Table, Widget};
 /// A rate below this share of the declared one is marked.
 const SLOW_SHARE: f64 = 0.8;
 /// Events that are kept.
-const UPDATE: usize = 8;
+const EVENTS: usize = 8;
 /// From this width on the services are shown in all columns.
 const WIDE: u16 = 140;
 
@@ -25,7 +25,7 @@ pub struct Rate {
     /// Its row of the table.
     pub row: TopicRow,
     /// What came in the last second.
-    pub beat: Beat,
+    pub statistics: TopicStatistics,
 }
 
 /// Everything on the screen.
@@ -36,7 +36,7 @@ pub struct Screen {
     /// Rates of topics.
     pub rates: Vec<Rate>,
     /// Events, newest last.
-    pub update: Vec<String>,
+    pub events: Vec<String>,
     /// How many topics are scrolled away above the first that is shown.
     pub scrolled: usize,
 }
@@ -48,7 +48,7 @@ struct Areas {
     services: Rect,
     link: Rect,
     rates: Rect,
-    update: Rect,
+    events: Rect,
     foot: Rect,
 }
 
@@ -58,14 +58,14 @@ impl Areas {
         let services = lines(screen.report.services.len() + 1);
         let link = lines(screen.hops(area.width).len());
         let rates = lines(screen.rates.len() + 1);
-        let update = lines(screen.update.len()).max(1);
+        let events = lines(screen.events.len()).max(1);
         let spared = area.height.saturating_sub(2 + services + link);
-        let update = update.min(spared.saturating_sub(rates).max(1));
-        let [head, services, link, rates, update, foot] = Layout::vertical([
+        let events = events.min(spared.saturating_sub(rates).max(1));
+        let [head, services, link, rates, events, foot] = Layout::vertical([
             Constraint::Length(1),
             Constraint::Length(services),
             Constraint::Length(link.min(area.height.saturating_sub(services + 6))),
-            Constraint::Length(rates.min(spared.saturating_sub(update))),
+            Constraint::Length(rates.min(spared.saturating_sub(events))),
             Constraint::Min(0),
             Constraint::Length(1),
         ])
@@ -75,7 +75,7 @@ impl Areas {
             services,
             link,
             rates,
-            update,
+            events,
             foot,
         }
     }
@@ -88,11 +88,11 @@ impl Areas {
 
 impl Screen {
     /// Adds an event; the oldest goes.
-    pub fn report(&mut self, line: String) {
-        if self.update.len() == UPDATE {
-            self.update.remove(0);
+    pub fn push_event(&mut self, line: String) {
+        if self.events.len() == EVENTS {
+            self.events.remove(0);
         }
-        self.update.push(line);
+        self.events.push(line);
     }
 
     /// Scrolls the topics by so many lines, as far as there are any.
@@ -129,7 +129,7 @@ impl Screen {
     }
 
     fn height(&self, width: u16) -> u16 {
-        let lines = 4 + self.report.services.len() + self.rates.len() + self.hops(width).len() + UPDATE;
+        let lines = 4 + self.report.services.len() + self.rates.len() + self.hops(width).len() + EVENTS;
         u16::try_from(lines).unwrap_or(u16::MAX)
     }
 
@@ -143,12 +143,12 @@ impl Screen {
         let hops: Vec<Line<'_>> = self.hops(area.width).into_iter().map(Line::from).collect();
         Paragraph::new(hops).render(areas.link, buffer);
         self.rates().render(areas.rates, buffer);
-        let newest = self.update.len().saturating_sub(usize::from(areas.update.height));
-        let lines: Vec<Line<'_>> = self.update[newest..]
+        let newest = self.events.len().saturating_sub(usize::from(areas.events.height));
+        let lines: Vec<Line<'_>> = self.events[newest..]
             .iter()
             .map(|line| Line::from(line.as_str()))
             .collect();
-        Paragraph::new(lines).render(areas.update, buffer);
+        Paragraph::new(lines).render(areas.events, buffer);
         self.foot(areas.topics()).render(areas.foot, buffer);
     }
 
@@ -260,10 +260,10 @@ fn services<const N: usize>(report: &Report, mut rows: Vec<[String; N]>) -> Tabl
 
 impl Rate {
     fn line(&self) -> Row<'_> {
-        let rate_hz = self.beat.rate_hz();
+        let rate_hz = self.statistics.rate_hz();
         let slow = self.row.rate_hz > 0.0 && rate_hz.is_none_or(|hz| hz < SLOW_SHARE * self.row.rate_hz);
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.1}"));
-        let age = match (self.beat.age_s(0.5), self.beat.age_s(0.99)) {
+        let age = match (self.statistics.age_s(0.5), self.statistics.age_s(0.99)) {
             (Some(p50), Some(p99)) => format!("{:.1} / {:.1}", p50 * 1e3, p99 * 1e3),
             _ => "-".to_owned(),
         };
@@ -271,8 +271,8 @@ impl Rate {
             self.name.clone(),
             number(rate_hz),
             number(Some(self.row.rate_hz).filter(|hz| *hz > 0.0)),
-            number(self.beat.longest_s().map(|s| s * 1e3)),
-            self.beat.lost().to_string(),
+            number(self.statistics.longest_s().map(|s| s * 1e3)),
+            self.statistics.lost().to_string(),
             age,
         ];
         let style = if slow {
@@ -291,8 +291,8 @@ fn heading<const N: usize>(cells: [Cell<'_>; N]) -> Row<'_> {
 #[cfg(test)]
 mod tests {
     use super::{Rate, Screen, wrapped};
-    use crate::view::beat::Beat;
     use crate::view::status::Report;
+    use crate::view::topic_statistics::TopicStatistics;
     use jink_shared_types::coded::{Coded, Flag};
     use jink_shared_types::health::{Name, ServiceState, SystemStatus};
     use jink_shared_types::topics::LOCAL_MAP;
@@ -301,9 +301,9 @@ mod tests {
     #[test]
     fn the_screen_shows_health_rates_and_news() {
         let status = SystemStatus::default();
-        let mut beat = Beat::default();
+        let mut statistics = TopicStatistics::default();
         for n in 0..11u64 {
-            beat.take(&SampleHeader {
+            statistics.take(&SampleHeader {
                 sequence: n,
                 publish: Timestamp::from_seconds(1.0 + n as f64 * 0.1),
                 ..SampleHeader::default()
@@ -314,25 +314,25 @@ mod tests {
             rates: vec![Rate {
                 name: "map/local".to_owned(),
                 row: LOCAL_MAP.row,
-                beat,
+                statistics,
             }],
-            update: Vec::new(),
+            events: Vec::new(),
             scrolled: 0,
         };
         for n in 0..20 {
-            screen.report(format!("news {n}"));
+            screen.push_event(format!("event {n}"));
         }
         let text = screen.text(120);
         for part in [
             "jink default: ",
             "map/local  10.0",
-            "news 19",
+            "event 19",
             "service",
             "nothing yet",
         ] {
             assert!(text.contains(part), "{part:?} is not in\n{text}");
         }
-        assert!(!text.contains("news 11\n"), "{text}");
+        assert!(!text.contains("event 11\n"), "{text}");
     }
 
     /// Eight services with long names and process ids, thirty topics, events.
@@ -350,12 +350,12 @@ mod tests {
         let rates = (0..30).map(|n| Rate {
             name: format!("range/scan/number_{n}"),
             row: LOCAL_MAP.row,
-            beat: Beat::default(),
+            statistics: TopicStatistics::default(),
         });
         Screen {
             report: Report::new("default", Timestamp::from_seconds(5.0), &status, None, Vec::new()),
             rates: rates.collect(),
-            update: vec!["planner: restarted".to_owned()],
+            events: vec!["planner: restarted".to_owned()],
             scrolled: 0,
         }
     }

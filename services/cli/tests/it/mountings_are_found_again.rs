@@ -195,12 +195,7 @@ fn found(
     Ok((correction, deg, m))
 }
 
-fn found_again(
-    world: &World,
-    names: [&str; 2],
-    error: ([f64; 3], f64, [f64; 3]),
-    seed: u64,
-) {
+fn found_again(world: &World, names: [&str; 2], error: ([f64; 3], f64, [f64; 3]), seed: u64) {
     let (correction, deg, m) =
         found(world, names, error, seed).unwrap_or_else(|problem| panic!("{names:?}, {error:?}: {problem}"));
     let is_right = deg < ANGLE_MAX_DEG && m < DISTANCE_MAX_M;

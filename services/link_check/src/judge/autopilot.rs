@@ -28,7 +28,7 @@ pub(super) fn judge<'a>(
         findings.push(Finding::blocker(
             "autopilot",
             format!(
-                "the autopilot (system {}) was heard and is silent for {:.0} s",
+                "the autopilot (system {}) was connected and is silent for {:.0} s",
                 probe.system_id(),
                 now.seconds_since(probe.last)
             ),
@@ -38,7 +38,7 @@ pub(super) fn judge<'a>(
     }
     findings.push(Finding::good(
         "autopilot",
-        format!("{} is heard", check.subject()),
+        format!("{} is connected", check.subject()),
     ));
     let profile = profile(check, probe, findings);
     vehicle(probe, findings);
@@ -60,11 +60,11 @@ fn missing_autopilot(check: &LinkCheck, systems: &[u32]) -> Option<Finding> {
         return Some(Finding::blocker(
             "system id",
             format!(
-                "link.system_id = {wanted}, and the autopilot that is heard has system id {}",
+                "link.system_id = {wanted}, and the autopilot that is connected has system id {}",
                 list(systems)
             ),
             format!(
-                "set link.system_id to {first} (or to 0: the only one heard), or the autopilot's own to {wanted} (PX4 MAV_SYS_ID, ArduPilot \
+                "set link.system_id to {first} (or to 0: the only one connected), or the autopilot's own to {wanted} (PX4 MAV_SYS_ID, ArduPilot \
                  MAV_SYSID or SYSID_THISMAV)"
             ),
         ));
@@ -73,7 +73,7 @@ fn missing_autopilot(check: &LinkCheck, systems: &[u32]) -> Option<Finding> {
         return Some(Finding::blocker(
             "system id",
             format!(
-                "autopilots of systems {} are heard, and link.system_id = 0 does not say which one is meant",
+                "autopilots of systems {} are connected, and link.system_id = 0 does not say which one is meant",
                 list(systems)
             ),
             "set link.system_id to that of this vehicle; every vehicle needs a system id of its own",
@@ -276,7 +276,7 @@ pub(super) fn answers(check: &LinkCheck, probe: &ActiveProbe, findings: &mut Vec
     if probe.answers() == 0 && !signs {
         findings.push(Finding::blocker(
             "answers",
-            "the autopilot is heard, but answers nothing: it does not hear us",
+            "the autopilot sends, but answers nothing: it does not receive us",
             "check the wire from the board's TX to the autopilot's RX, and routers on the way; if the autopilot requires signatures, set \
              link.signing and link.key_file",
         ));

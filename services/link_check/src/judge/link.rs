@@ -92,7 +92,7 @@ fn silent(about: String, setup: &LinkSetup, counts: &Counts) -> Finding {
              0.0.0.0 for the host"
         }
         Endpoint::UdpOut { .. } | Endpoint::TcpOut { .. } => {
-            "check that something listens there and answers to where it hears us: PX4 in simulation listens on 14580"
+            "check that something listens there and answers to the address that we send from: PX4 in simulation listens on 14580"
         }
         Endpoint::Unix { .. } => {
             "check that the program at the other end sends to the path with \".jink\" behind it"
@@ -195,7 +195,7 @@ fn signatures(signing: Signing, counts: &Counts, answers: u32, findings: &mut Ve
         findings.push(Finding::warning(
             about,
             format!(
-                "{} signed messages were refused as not newer than what was heard",
+                "{} signed messages were refused as not newer than what was received",
                 counts.replayed
             ),
             "look for a line that delivers twice; if a clock was wrong once, set up the key anew",

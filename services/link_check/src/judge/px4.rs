@@ -190,7 +190,7 @@ fn loss_action_without_sticks(action: f64) -> Finding {
         1 => {
             return Finding::good(
                 about,
-                "COM_OBL_ACT = 1: if the board dies and no sticks are heard, PX4 holds",
+                "COM_OBL_ACT = 1: if the board dies and no sticks are received, PX4 holds",
             );
         }
         2 => "the vehicle climbs to RTL_RETURN_ALT and flies home unguarded",
@@ -198,7 +198,7 @@ fn loss_action_without_sticks(action: f64) -> Finding {
             return Finding::blocker(
                 about,
                 format!(
-                    "COM_OBL_ACT = {action:.0}: if the board dies and no sticks are heard, PX4 stops the motors in the air"
+                    "COM_OBL_ACT = {action:.0}: if the board dies and no sticks are received, PX4 stops the motors in the air"
                 ),
                 "set COM_OBL_ACT to 1 (Hold)",
             );
@@ -206,7 +206,7 @@ fn loss_action_without_sticks(action: f64) -> Finding {
     };
     Finding::warning(
         about,
-        format!("COM_OBL_ACT = {action:.0}: if the board dies and no sticks are heard, {then}"),
+        format!("COM_OBL_ACT = {action:.0}: if the board dies and no sticks are received, {then}"),
         "set COM_OBL_ACT to 1 (Hold), unless that is what you want",
     )
 }

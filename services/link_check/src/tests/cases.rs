@@ -172,13 +172,13 @@ pub(super) fn cases() -> Vec<Case> {
             Blocker,
         ),
         (
-            "the autopilot (system 1) was heard and is silent for",
+            "the autopilot (system 1) was connected and is silent for",
             Trajectory,
             |script| script.silent_from_s = 3.0,
             Blocker,
         ),
         (
-            "link.system_id = 7, and the autopilot that is heard has system id 1",
+            "link.system_id = 7, and the autopilot that is connected has system id 1",
             Trajectory,
             |script| {
                 script.link("system_id = 7\n");
@@ -186,7 +186,7 @@ pub(super) fn cases() -> Vec<Case> {
             Blocker,
         ),
         (
-            "autopilots of systems 1 and 9 are heard, and link.system_id = 0",
+            "autopilots of systems 1 and 9 are connected, and link.system_id = 0",
             Trajectory,
             |script| {
                 let rival = quadrotor(MavAutopilot::MAV_AUTOPILOT_PX4).unwrap();
@@ -295,7 +295,7 @@ pub(super) fn cases() -> Vec<Case> {
             Warning,
         ),
         (
-            "the autopilot is heard, but answers nothing",
+            "the autopilot sends, but answers nothing",
             Guided,
             |script| script.answers = false,
             Blocker,

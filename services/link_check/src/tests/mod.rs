@@ -108,7 +108,11 @@ fn it_never_sends_a_setpoint_changes_a_mode_or_poses_as_avoidance() {
     }
     let mut alone = good(ProfileName::Px4Trajectory);
     alone.remove_autopilot();
-    assert_eq!(heartbeats_of(&alone), 16, "once a second while nobody is heard");
+    assert_eq!(
+        heartbeats_of(&alone),
+        16,
+        "once a second while nobody is connected"
+    );
     assert!(
         heartbeats_of(&good(ProfileName::Px4Trajectory)) <= 2,
         "and not once somebody is"

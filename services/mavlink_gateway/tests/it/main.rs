@@ -15,6 +15,6 @@ mod support;
 mod the_gateway_is_a_good_citizen_on_the_link;
 mod the_mode_table_is_kept;
 mod the_setpoint_stream_never_falls_silent;
-mod the_vehicle_is_told_as_the_autopilot_sees_it;
+mod the_vehicle_is_reported_as_the_autopilot_sees_it;
 mod waypoints_fly_what_was_approved;
 mod whatever_comes_in_the_laws_hold;

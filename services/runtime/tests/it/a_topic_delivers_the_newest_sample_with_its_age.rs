@@ -50,6 +50,32 @@ fn status(setpoints: u64) -> LinkStatus {
 }
 
 #[test]
+fn a_producer_without_end_keeps_no_reader_busy() {
+    in_both("flood", |place| {
+        let gateway = place.open("mavlink_gateway");
+        let mut input = place.open("supervisor").input(topics::LINK_STATUS, "").unwrap();
+        let mut output = gateway.output(topics::LINK_STATUS, "", 1).unwrap();
+        let mut sent = 1;
+        assert!(output.send(SampleHeader::at(now()), &status(sent)));
+        for _ in 0..2 {
+            let before = sent;
+            // Whoever reads one finds the next one.
+            input.each(|_| {
+                sent += 1;
+                output.send(SampleHeader::at(now()), &status(sent));
+            });
+            let row = topics::LINK_STATUS.row;
+            assert!(sent > before && sent <= before + (row.buffer * row.max_publishers()) as u64);
+        }
+        input.latest(now());
+        let Reading::Fresh(newest) = input.latest(now()) else {
+            panic!("nothing arrived");
+        };
+        assert_eq!(newest.setpoints, sent);
+    });
+}
+
+#[test]
 fn a_reader_gets_the_newest_and_the_sequence_grows_over_restarts() {
     in_both("newest", |place| {
         let gateway = place.open("mavlink_gateway");

@@ -16,14 +16,14 @@ const PUBLISH_US: u64 = 20_000;
 
 /// Whether there is something new to say, for each link.
 #[derive(Clone, Debug, Default)]
-pub struct ModeNews {
+pub struct ModeUpdates {
     reported: Option<(NavMode, NavMode)>,
     published_us: u64,
     /// From when on a change is to be sent.
     update_us: [Option<u64>; 2],
 }
 
-impl ModeNews {
+impl ModeUpdates {
     /// Looks at the modes once a step.
     pub fn step(&mut self, now_us: u64, mode: NavMode, intended: NavMode) {
         let changed = self.reported.replace((mode, intended)) != Some((mode, intended));
@@ -76,8 +76,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn there_is_news_twice_a_second_and_shortly_after_a_change() {
-        let mut update = ModeNews::default();
+    fn an_update_is_sent_twice_a_second_and_shortly_after_a_change() {
+        let mut update = ModeUpdates::default();
         let mut received_us = Vec::new();
         for now_us in (0..2_000_000u64).step_by(4_000) {
             let mode = if now_us < 700_000 {

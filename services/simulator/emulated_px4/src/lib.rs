@@ -74,7 +74,7 @@ use auto_task::AutoTask;
 use avoidance::AvoidanceConsumer;
 use collision_prevention::{CollisionPrevention, Settings};
 use commander::{Commander, Situation};
-use current_mode::ModeNews;
+use current_mode::ModeUpdates;
 use flight_task::{CONTROL_STEPS, FlightTask};
 use jink_emulated_autopilot::land_detector::LandDetector;
 use jink_emulated_autopilot::link::Wire;
@@ -141,7 +141,7 @@ pub struct Px4 {
     command: Option<ActuatorCommand>,
     wire: Wire,
     streams: Streams,
-    mode_update: ModeNews,
+    mode_update: ModeUpdates,
     timesync: [Timesync; 2],
     mission_protocol: MissionProtocol,
     parameter_protocol: ParameterProtocol,
@@ -207,7 +207,7 @@ impl Px4 {
             command: None,
             wire: Wire::new(config.system_id),
             streams: Streams::new(config.firmware),
-            mode_update: ModeNews::default(),
+            mode_update: ModeUpdates::default(),
             timesync: [Timesync::default(), Timesync::default()],
             mission_protocol: MissionProtocol::default(),
             parameter_protocol: ParameterProtocol::default(),

@@ -108,7 +108,8 @@ fn the_link_says_whether_the_autopilot_is_heard_and_how_fast_the_chain_is() {
         ignored: 3,
         ..LinkStatus::default()
     };
-    let silent = "link: the autopilot is not heard (512 bytes that are no MAVLink, 3 messages of others)\n";
+    let silent =
+        "link: the autopilot is not connected (512 bytes that are no MAVLink, 3 messages of others)\n";
     assert!(report(Some(&link)).text(1_000.0).ends_with(silent));
     link.autopilot_alive = Flag::YES;
     link.system_id = 1;
@@ -116,7 +117,10 @@ fn the_link_says_whether_the_autopilot_is_heard_and_how_fast_the_chain_is() {
     link.capture_to_wire.record_us(12_000);
     link.stages[Stage::Fusion as usize].record_us(5_000);
     let text = report(Some(&link)).text(1_000.0);
-    assert!(text.contains("autopilot 1 heard, clock not mapped yet"), "{text}");
+    assert!(
+        text.contains("autopilot 1 connected, clock not mapped yet"),
+        "{text}"
+    );
     assert!(
         text.contains("largest gap 61 ms; capture to wire 12.0 / 12.0 / 12.0 ms"),
         "{text}"

@@ -8,7 +8,7 @@ use serde_json::json;
 
 /// What the headers of successive samples say.
 #[derive(Clone, Debug, Default)]
-pub struct Beat {
+pub struct TopicStatistics {
     first: Timestamp,
     last: Option<SampleHeader>,
     samples: u64,
@@ -20,7 +20,7 @@ pub struct Beat {
     ages_s: Vec<f64>,
 }
 
-impl Beat {
+impl TopicStatistics {
     /// Takes the next sample.
     pub fn take(&mut self, header: &SampleHeader) {
         self.samples += 1;
@@ -134,7 +134,7 @@ impl Beat {
 
 #[cfg(test)]
 mod tests {
-    use super::Beat;
+    use super::TopicStatistics;
     use jink_shared_types::topics::{EVENT, LOCAL_MAP};
     use jink_shared_types::{SampleHeader, Timestamp};
 
@@ -149,13 +149,13 @@ mod tests {
 
     #[test]
     fn rate_losses_and_changes_of_the_producer_are_told() {
-        let mut beat = Beat::default();
-        assert_eq!(beat.rate_hz(), None);
+        let mut statistics = TopicStatistics::default();
+        assert_eq!(statistics.rate_hz(), None);
         assert_eq!(
-            beat.line("event", &EVENT.row),
+            statistics.line("event", &EVENT.row),
             "event: 0 samples (declared on change)"
         );
-        let (mut all, mut together) = (beat.clone(), header(1 << 32, 1.0));
+        let (mut all, mut together) = (statistics.clone(), header(1 << 32, 1.0));
         for time in [1.0, 1.5, 2.0] {
             together.publish = Timestamp::from_seconds(time);
             all.take(&together);
@@ -165,15 +165,15 @@ mod tests {
             "event: 2.0 Hz (declared on change), 3 samples 500.0 to 500.0 ms apart"
         );
         for (sequence, time) in [(1 << 32, 1.0), (1 << 32 | 3, 1.1), (2 << 32, 1.3)] {
-            beat.take(&header(sequence, time));
+            statistics.take(&header(sequence, time));
         }
-        let line = beat.line("map/local", &LOCAL_MAP.row);
+        let line = statistics.line("map/local", &LOCAL_MAP.row);
         assert_eq!(
             line,
             "map/local: 6.7 Hz (declared at least 10 Hz), 3 samples 100.0 to 200.0 ms apart, 2 lost, producer replaced once, \
              age at publication 4.0 / 4.0 ms p50/p99"
         );
-        let json = beat.json("map/local", &LOCAL_MAP.row);
+        let json = statistics.json("map/local", &LOCAL_MAP.row);
         assert_eq!((&json["lost"], &json["producer_changes"]), (&2.into(), &1.into()));
     }
 }

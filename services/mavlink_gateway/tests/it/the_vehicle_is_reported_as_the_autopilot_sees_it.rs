@@ -186,9 +186,9 @@ fn the_loss_of_the_autopilot_is_told_once_and_its_return_too() {
     assert_eq!(
         lines,
         [
-            "jink: autopilot heard, system 1",
-            "jink: autopilot not heard",
-            "jink: autopilot heard, system 1"
+            "jink: autopilot connected, system 1",
+            "jink: autopilot lost",
+            "jink: autopilot connected, system 1"
         ]
     );
 }
