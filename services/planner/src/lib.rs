@@ -23,14 +23,21 @@
 //! The guide may also be one that another program proposes ([`proposed_path`]).
 
 pub mod bit_layer;
+mod certified_route;
+mod committed_trajectory;
 pub mod configuration_space;
 pub mod corridor;
+mod departure;
 mod detours;
+mod goal;
 pub mod guide;
+mod map_inputs;
 mod path_choice;
+mod planning;
 pub mod progress;
 mod proposals;
 pub mod proposed_path;
+mod reports;
 pub mod search;
 mod sensor_coverage;
 mod service;
@@ -40,65 +47,34 @@ pub mod stops;
 mod viewpoint_moves;
 pub mod viewpoints;
 
+pub use departure::SPLICE_LEAD_S;
 pub use service::PlannerService;
 
 use crate::configuration_space::{Clearance, ConfigurationSpace};
 use crate::corridor::CorridorBuilder;
+use crate::departure::{departure, is_at};
 use crate::guide::Guide;
-use crate::path_choice::{DEAD_END_S, PathChoice, is_near_enough};
 use crate::progress::{GoalProgress, Obstruction};
 use crate::proposals::Proposals;
-use crate::search::{Path, PathEnd, Search, SearchResult};
+use crate::search::{Path, Search};
 use crate::sensor_coverage::SensorCoverage;
-use crate::speed_tiers::{CRAWL_TIER, LAST_TIER, SLOW_TIER, TIERS, creep, speed_tiers};
+use crate::speed_tiers::{CRAWL_TIER, TIERS, creep, speed_tiers};
 use crate::stopping::is_stop;
-use crate::viewpoint_moves::HeadingCheck;
 use crate::viewpoints::Viewpoints;
-use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::events::EventSample;
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{LocalNed, Point};
-use jink_shared_types::map::{LocalMap, cell_of};
-use jink_shared_types::motion::{
-    ApprovedTrajectory, MotionLimits, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
-};
+use jink_shared_types::map::LocalMap;
+use jink_shared_types::motion::{ApprovedTrajectory, MotionLimits, Route, RouteMode};
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::proposal::{Proposal, ProposalAnswer};
-use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
+use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::view::FieldOfView;
-use jink_shared_types::{Coded, Flag, Reading, Stamped, Timestamp};
-use nalgebra::Vector3;
+use jink_shared_types::{Coded, Flag, Reading, Timestamp};
 
-/// How far ahead a new plan departs from the committed one (s): planner, generator, guard and the transport between
-/// them take some 10 ms; 100 ms leave time for a restart of any of them.
-pub const SPLICE_LEAD_S: f64 = 0.10;
-/// Longest guide (m): three seconds of flight and the stop behind them at the speeds the tubes allow; more would be
-/// re-planned before it is flown.
-const GUIDE_MAX_M: f64 = 11.0;
-/// Highest speed tier while a range sensor is silent: half the speed.
-const DEGRADED_TIER: usize = 1;
-
-// A plan that gains less than this is not worth committing (m).
-const PROGRESS_MIN_M: f64 = 0.25;
-/// Lower speed tiers are tried when the path in the higher one costs this much more than the straight line.
-const DETOUR_WORTH_A_TIER: f32 = 1.25;
-/// Time that a path in a lower speed tier must save to slow down for it, rather than take another one at once (s).
-const SLOWING_S: f64 = 2.0;
-/// Viewpoints, and turns toward the paths to them, that are tried per minute for a path in a higher speed tier before a
-/// path in the lowest tiers is taken.
-const VIEWPOINTS_BEFORE_CRAWLING: usize = 2;
-/// How long planning must fail while the vehicle stands before the pilot is notified (s).
-const NO_PATH_AFTER_S: f64 = 1.5;
-/// A vehicle without a plan that is faster than this is in motion (m/s): below, its stopping distance stays within the
-/// tube.
-const MOVING_MPS: f64 = 0.5;
-/// Time between two checked points of the committed trajectory (s).
-const RECHECK_STEP_S: f64 = 0.03;
 /// Where no path is known, the search is repeated at this period (s): every search that fails expands as much as it
 /// may.
 const RETRY_S: f64 = 0.5;
-/// A vehicle that is to rest, in a place that is narrow only because its surroundings are not known, stays where it is
-/// if the place to rest at is no farther than this (m): a take-off that ends below its height, a hold in a gust.
-const NEAR_REST_M: f64 = 1.0;
 /// A height that differs by this from the requested one is another one (m): PX4 accepts up to 0.8 m (NAV_MC_ALT_RAD).
 const HEIGHT_OFF_M: f64 = 0.7;
 
@@ -168,26 +144,6 @@ pub struct Planner {
     follows_setpoints: bool,
     proposals: Proposals,
     events: Vec<EventSample>,
-}
-
-/// Where the next plan departs from: a committed motion, or the vehicle as it moves or rests.
-#[derive(Clone, Copy, Debug)]
-struct Departure {
-    base_id: u64,
-    splice: Timestamp,
-    state: MotionState,
-}
-
-impl Departure {
-    /// Whether the vehicle moves without a plan, as when a pilot switches to the mission in flight: if none is found it
-    /// must be stopped.
-    fn is_unplanned_motion(&self) -> bool {
-        self.base_id == 0 && self.state.velocity.vector().norm() > 0.0
-    }
-
-    fn is_at_rest(&self) -> bool {
-        self.state.velocity.vector().norm() < RESTING_MPS
-    }
 }
 
 impl Planner {
@@ -365,560 +321,5 @@ impl Planner {
         route.must_leave = Flag::from(must_leave);
         self.report_blocked(blocked);
         planning
-    }
-
-    /// Whether the last plan on this map is being flown: the near part of it may still be too close to the obstacle
-    /// that is to be left.
-    fn is_planned_on_this_map(&self, committed: Option<&Trajectory>) -> bool {
-        self.planned_id != 0 && committed.is_some_and(|committed| committed.route_id == self.planned_id)
-    }
-
-    fn load_map(&mut self, inputs: &PlannerInputs<'_>) -> bool {
-        let Some(map) = inputs.map.fresh() else {
-            return false;
-        };
-        if map.header.publish == self.map_publish {
-            return false;
-        }
-        self.map_publish = map.header.publish;
-        self.planned_id = 0;
-        self.space.load(map.sample);
-        self.view = map.view;
-        true
-    }
-
-    /// Updates the detours to `goal` from the far map, if there is one of the same epoch as the map.
-    fn update_detours(&mut self, inputs: &PlannerInputs<'_>, departure: &Departure, goal: &Point<LocalNed>) {
-        let epoch = inputs.map.fresh().map(|map| map.sample.epoch);
-        match inputs.far.fresh().filter(|far| Some(far.sample.epoch) == epoch) {
-            Some(far) => {
-                let here = &departure.state.position;
-                let sees_all_around = self.view.is_all_around();
-                self.search.detours_mut().make(
-                    far.sample,
-                    far.header.publish.ns,
-                    goal,
-                    here,
-                    sees_all_around,
-                );
-            }
-            None => self.search.detours_mut().reset(),
-        }
-    }
-
-    /// What only one sensor has seen becomes old sooner where it does not look, so there is less time to stop.
-    fn update_top_tier(&mut self, live: u16) {
-        let top_tier = if live < self.sensors { DEGRADED_TIER } else { 0 };
-        if top_tier == self.top_tier {
-            return;
-        }
-        self.top_tier = top_tier;
-        let event = if top_tier > 0 {
-            &events::SENSOR_LOST
-        } else {
-            &events::SENSOR_BACK
-        };
-        let numbers = [f64::from(live), f64::from(self.sensors)];
-        self.events.push(EventSample::new(event, "planner", numbers));
-    }
-
-    /// `None`: mirror. `Some(None)`: plan, but the desired path is stale. `Some(Some(_))`: plan.
-    fn desired_path(
-        &mut self,
-        state: &VehicleState,
-        inputs: &PlannerInputs<'_>,
-    ) -> Option<Option<DesiredPath>> {
-        let desired = inputs.desired.fresh();
-        if let Some(desired) = &desired {
-            self.follows_setpoints = desired.mode.get() == NavMode::Offboard;
-        }
-        let planned_mode = match state.mode.get() {
-            // Setpoints of another program may be followed as well.
-            NavMode::Offboard => self.follows_setpoints,
-            mode => mode.is_automatic(),
-        };
-        if !planned_mode || !state.armed.is_set() {
-            return None;
-        }
-        match desired {
-            // It belongs to the mode before; that of this mode comes next.
-            Some(desired) if desired.mode.get().is_automatic() && desired.mode != state.mode => Some(None),
-            Some(desired) => desired.wants_planning().then_some(Some(*desired.sample)),
-            None => Some(None),
-        }
-    }
-
-    /// The waypoint, kept between the heights allowed.
-    fn clamped_goal(&self, desired: &DesiredPath, state: &VehicleState) -> Point<LocalNed> {
-        let waypoint = desired.points[1].position;
-        let (highest_m, lowest_m) = self.down_range_m(state);
-        Point::new(
-            waypoint.x_m,
-            waypoint.y_m,
-            waypoint.z_m.clamp(highest_m, lowest_m),
-        )
-    }
-
-    /// Smallest and largest down coordinate allowed (m). Never empty: two parameters that contradict each other leave
-    /// the greatest height.
-    fn down_range_m(&self, state: &VehicleState) -> (f64, f64) {
-        let home_m = if state.home_down_m.is_finite() {
-            state.home_down_m
-        } else {
-            0.0
-        };
-        let (highest_m, lowest_m) = (home_m - self.height_range_m.1, home_m - self.height_range_m.0);
-        (highest_m, lowest_m.max(state.position.z_m).max(highest_m))
-    }
-
-    /// Whether an obstacle has come into the tube of the committed trajectory from `now` on.
-    fn is_blocked(&mut self, now: Timestamp, committed: Option<&Trajectory>) -> bool {
-        let Some(committed) = committed.filter(|trajectory| is_flown(trajectory)) else {
-            return false;
-        };
-        if !self.space.is_loaded() {
-            return false;
-        }
-        let end = committed.end();
-        // At rest there is no tracking error.
-        let tier = if now < end {
-            self.tier_of(committed.limits.tube_m)
-        } else {
-            LAST_TIER
-        };
-        let mut time = now;
-        loop {
-            let Some(state) = committed.at(time) else {
-                return false;
-            };
-            if self.is_hit(tier, &state.position.vector()) {
-                return true;
-            }
-            if time >= end {
-                return false;
-            }
-            time = time.plus_seconds(RECHECK_STEP_S).min(end);
-        }
-    }
-
-    /// Whether an obstacle is known too near to `place` for `tier`. Half cells are checked only where whole ones do not
-    /// suffice.
-    fn is_hit(&mut self, tier: usize, place: &Vector3<f64>) -> bool {
-        (tier.min(CRAWL_TIER)..=tier).all(|tier| {
-            self.space.prepare(tier);
-            self.space.is_hit_at(tier, place)
-        })
-    }
-
-    /// The widest speed tier whose tube is not wider than `tube_m`.
-    fn tier_of(&self, tube_m: f64) -> usize {
-        self.limits
-            .iter()
-            .position(|limits| limits.tube_m <= tube_m + 1e-9)
-            .unwrap_or(LAST_TIER)
-    }
-
-    /// Finds the best path over the speed tiers and writes a plan along it into `route`; `false` if there is none.
-    ///
-    /// A path may need a low speed tier somewhere (a gap) and still be flown in a higher one up to there: for each
-    /// tier's path the guide is cut where the flown tier stops being safe, and the lower tier takes over when the
-    /// vehicle is slow enough. A vehicle that is not slow enough yet slows down first, rather than take another path
-    /// that is much longer.
-    fn plan(
-        &mut self,
-        departure: &Departure,
-        desired: &DesiredPath,
-        goal: &Point<LocalNed>,
-        committed: Option<&Trajectory>,
-        must_leave: bool,
-        route: &mut Route,
-    ) -> bool {
-        let start = departure.state.position.vector();
-        let speed_mps = departure.state.velocity.vector().norm();
-        let is_creeping = departure.is_at_rest()
-            || self.space.is_narrow() && speed_mps <= MotionLimits::allowed(self.creep.speed_mps);
-        let has_plan = departure.base_id != 0;
-        self.space.set_departure(&start, SLOW_TIER, is_creeping, has_plan);
-        if self.space.is_narrow() {
-            if desired.is_to_rest()
-                && (goal.vector() - start).norm() < NEAR_REST_M
-                && !self.space.is_narrowed_by_obstacle()
-            {
-                // It may as well rest where it is: it comes no nearer to the unknown around it.
-                return true;
-            }
-            self.proposals.on_evading();
-            self.proposals.use_own_path();
-            if self.plan_escape(departure, desired, route) {
-                return true;
-            }
-            let Some(PathChoice { flown, found, .. }) = self.choose_crawling(departure, goal) else {
-                if self.move_to_viewpoint_crawling(departure, desired, goal, committed, route) {
-                    return true;
-                }
-                self.space.set_departure(&start, LAST_TIER, is_creeping, has_plan);
-                return self.plan_escape(departure, desired, route);
-            };
-            self.search.swap_path(&mut self.crawl_path);
-            let target_is_goal = self.build_guide(flown, departure, goal, &found);
-            return self.write_plan(flown, departure, desired, target_is_goal, route);
-        }
-        let straight_m = (goal.vector() - start).norm()
-            + f64::from(self.search.detour_m(cell_of(departure.state.position)));
-        let mut best: Option<PathChoice> = None;
-        // The time (s) and the speed tier of a path that the vehicle is too fast for.
-        let mut too_fast_for: Option<(f64, usize)> = None;
-        let mut seen: Option<SearchResult> = None;
-        let mut next = Some(self.top_tier);
-        while let Some(tier) = next {
-            next = (tier < SLOW_TIER).then_some(tier + 1);
-            self.space.prepare(tier);
-            let Some(found) = self.find(tier, departure, goal) else {
-                continue;
-            };
-            let is_short = found.end == PathEnd::NearestPoint;
-            if seen.is_none_or(|before| before.end == PathEnd::NearestPoint) {
-                seen = Some(found);
-            }
-            let time_s = self.time_s(tier, &found);
-            if best.is_none_or(|best| time_s < best.time_s)
-                && !(is_short && is_near_enough(departure, goal, &found))
-            {
-                if let Some(flown) = self.flown_tier(tier, departure, goal, &found) {
-                    best = Some(PathChoice {
-                        time_s,
-                        way: tier,
-                        flown,
-                        found,
-                    });
-                    self.search.swap_path(&mut self.best_path);
-                } else if !self.can_begin(tier, departure) && self.space.is_safe_at(tier, &start) {
-                    too_fast_for = Some((time_s, tier));
-                }
-            }
-            let direct = !is_short && found.cost_m <= DETOUR_WORTH_A_TIER * straight_m as f32;
-            if best.is_some() && direct {
-                break;
-            }
-            // Where the lowest of these speed tiers finds no path, none between does.
-            if is_short && tier == self.top_tier {
-                next = next.map(|_| SLOW_TIER);
-            }
-        }
-        let crawls = committed.is_some_and(|committed| self.tier_of(committed.limits.tube_m) >= CRAWL_TIER);
-        let is_detour =
-            |best: PathChoice| f64::from(best.found.cost_m) > f64::from(DETOUR_WORTH_A_TIER) * straight_m;
-        let mut last = None;
-        if best.is_none_or(is_detour) && (departure.is_at_rest() || crawls) {
-            last = self.choose_crawling(departure, goal);
-        }
-        let seen_s = seen.map_or(DEAD_END_S, |seen| self.time_s(self.top_tier, &seen));
-        if let (Some(other), Some(crawling)) = (best, last) {
-            if crawling.time_s + SLOWING_S < other.time_s {
-                best = None;
-            } else {
-                last = None;
-            }
-        }
-        if let Some(last) = last
-            && last.found.end != PathEnd::NearestPoint
-        {
-            seen = Some(last.found);
-        }
-        self.remaining_m = seen.map(|found| f64::from(found.cost_m));
-        let is_planned = best.is_some() || last.is_some();
-        let falls_short = seen.is_none_or(|found| found.end == PathEnd::NearestPoint) || !is_planned;
-        self.obstruction = falls_short.then(|| Obstruction::of(seen.as_ref()));
-        if self.plan_proposed(departure, desired, goal, route) {
-            return true;
-        }
-        if self.proposals.use_own_path() && self.progress.is_blocked() {
-            // The vehicle is somewhere else now, and progress is measured anew from there.
-            self.progress.reset();
-        }
-        let viewpoints_max = match last {
-            // A viewpoint could only reveal a longer path.
-            Some(last) if last.time_s + SLOWING_S < seen_s => 0,
-            Some(_) => VIEWPOINTS_BEFORE_CRAWLING,
-            None => usize::MAX,
-        };
-        if best.is_none()
-            && self.move_to_viewpoint(
-                SLOW_TIER,
-                viewpoints_max,
-                departure,
-                desired,
-                goal,
-                committed,
-                route,
-            )
-        {
-            return true;
-        }
-        let Some(chosen) = best.or(last) else {
-            return self.move_to_viewpoint_crawling(departure, desired, goal, committed, route);
-        };
-        let PathChoice { flown, found, .. } = chosen;
-        if best.is_none() {
-            self.search.swap_path(&mut self.crawl_path);
-        } else {
-            self.search.swap_path(&mut self.best_path);
-        }
-        let target_is_goal = self.build_guide(flown, departure, goal, &found);
-        if self.progress.is_blocked() && !target_is_goal && !departure.is_unplanned_motion() {
-            // Once the goal counts as out of reach, the vehicle departs only for a path that is known to its end, or
-            // where there was none before.
-            let is_open_now = found.end != PathEnd::NearestPoint
-                && matches!(
-                    self.blocked_by,
-                    Some(Obstruction::Occupied | Obstruction::Enclosed)
-                );
-            if !is_open_now {
-                return false;
-            }
-            self.progress.reset();
-        }
-        self.search.prefer_path(&self.space);
-        if let Some((slow_s, way)) = too_fast_for
-            && chosen.time_s < DEAD_END_S
-            && slow_s + SLOWING_S < chosen.time_s
-            && !must_leave
-            && !departure.is_unplanned_motion()
-        {
-            // The committed trajectory along the same path ends where that becomes narrow.
-            if self.path_tier != way && !committed.is_some_and(is_stop) {
-                self.stop_certified(departure, route);
-            }
-            return true;
-        }
-        self.path_tier = chosen.way;
-        match self.check_heading(departure) {
-            HeadingCheck::Aligned => self.write_plan(flown, departure, desired, target_is_goal, route),
-            HeadingCheck::Turn(heading_rad) => {
-                self.turn_first(departure, heading_rad, committed, route);
-                true
-            }
-            HeadingCheck::Stop => {
-                if !committed.is_some_and(is_stop) {
-                    self.stop_certified(departure, route);
-                }
-                true
-            }
-        }
-    }
-
-    /// Plans out of a place that is too narrow for a speed tier, to the nearest that is not; from there planning
-    /// continues as usual. `false` if there is no such path, or the place is not too narrow.
-    fn plan_escape(&mut self, departure: &Departure, desired: &DesiredPath, route: &mut Route) -> bool {
-        let Some(tier) = self.space.narrow_tier() else {
-            return false;
-        };
-        let start = departure.state.position.vector();
-        let here = self.space.cell_of(tier, &start);
-        if !self.search.escape_path(&self.space, tier, here) {
-            return false;
-        }
-        let Some(end) = self.search.path().cells.last().copied() else {
-            return false;
-        };
-        self.guide.build(
-            &self.space,
-            tier,
-            &start,
-            self.search.path(),
-            Some(&self.space.center_of(tier, end)),
-            GUIDE_MAX_M,
-            self.creep.overshoot_m,
-        );
-        self.write_plan(tier, departure, desired, false, route)
-    }
-
-    fn build_guide(
-        &mut self,
-        tier: usize,
-        departure: &Departure,
-        goal: &Point<LocalNed>,
-        found: &SearchResult,
-    ) -> bool {
-        let goal = goal.vector();
-        let start = departure.state.position.vector();
-        self.guide.build(
-            &self.space,
-            tier,
-            &start,
-            self.search.path(),
-            (found.end == PathEnd::Goal).then_some(&goal),
-            GUIDE_MAX_M,
-            self.limits[tier].overshoot_m,
-        )
-    }
-
-    fn write_plan(
-        &mut self,
-        tier: usize,
-        departure: &Departure,
-        desired: &DesiredPath,
-        target_is_goal: bool,
-        route: &mut Route,
-    ) -> bool {
-        let down_range_m = {
-            let heights = self.guide.vertices().iter().map(|v| v.z);
-            let (low, high) = heights.fold((f64::MAX, f64::MIN), |(a, b), z| (a.min(z), b.max(z)));
-            (low - 1.0, high + 0.3)
-        };
-        route.guide_len = 0;
-        route.corridor_len = 0;
-        for (index, vertex) in self.guide.vertices().iter().enumerate() {
-            route.guide[index] = Point::from_vector(*vertex);
-            route.guide_len += 1;
-        }
-        for index in 1..self.guide.vertices().len() {
-            let (a, b) = (self.guide.vertices()[index - 1], self.guide.vertices()[index]);
-            // Where a leg has no polytope the plan ends before it: the vehicle rests there, and the next plan sees
-            // more.
-            let Some(polytope) = self.corridor.polytope(&self.space, tier, &a, &b, down_range_m) else {
-                route.guide_len = index as u32;
-                break;
-            };
-            route.corridor[index - 1] = polytope;
-            route.corridor_len += 1;
-        }
-        if route.corridor_len == 0 {
-            return false;
-        }
-        route.declarations = self
-            .space
-            .declarations(tier, &self.guide.vertices()[..route.guide_len as usize]);
-        route.base_id = departure.base_id;
-        route.splice = departure.splice;
-        route.start = departure.state;
-        route.limits = if self.space.narrow_tier() == Some(tier) {
-            self.creep
-        } else {
-            self.limits[tier]
-        };
-        if desired.mission_speed_mps.is_finite() {
-            route.limits.speed_mps = route.limits.speed_mps.min(desired.mission_speed_mps.max(0.3));
-        }
-        route.target = route.guide[route.guide_len as usize - 1];
-        let whole = route.corridor_len as usize + 1 == self.guide.vertices().len();
-        route.target_is_goal = Flag::from(target_is_goal && whole);
-        // Sensors that do not see all around have to face the motion, whatever the mission asks.
-        let faces_ahead = self.yaw_along_path || !self.view.is_all_around() && !self.view.is_empty();
-        route.goal_yaw_rad = if faces_ahead {
-            f64::NAN
-        } else {
-            f64::from(desired.points[1].yaw_rad)
-        };
-        route.mode = Coded::new(RouteMode::Plan);
-        if let Some(stop) = stops::certified(&self.space, tier, &departure.state) {
-            route.stop = stop;
-            route.has_stop = Flag::YES;
-        }
-        true
-    }
-
-    fn report_path(&mut self, now: Timestamp, planned: bool, state: &VehicleState, goal: &Point<LocalNed>) {
-        let at_goal = (state.position.vector() - goal.vector()).norm() <= self.goal_radius_m;
-        if planned || at_goal {
-            self.planned_goal = Some(*goal);
-            self.failing_since = None;
-            if self.no_path_reported {
-                self.no_path_reported = false;
-                self.report_event(&events::PATH_FOUND);
-            }
-            return;
-        }
-        self.planned_goal = Some(*goal);
-        let since = *self.failing_since.get_or_insert(now);
-        let standing = state.velocity.vector().norm() < 0.3;
-        if standing && !self.no_path_reported && now.seconds_since(since) > NO_PATH_AFTER_S {
-            self.no_path_reported = true;
-            self.report_event(&events::NO_PATH);
-        }
-    }
-
-    /// Reports that the goal has been out of reach for too long, and repeats it after the same time.
-    fn check_progress(
-        &mut self,
-        now: Timestamp,
-        state: &VehicleState,
-        goal: &Point<LocalNed>,
-        requested: &Point<LocalNed>,
-    ) {
-        let away_m = (state.position.vector() - goal.vector()).norm();
-        if away_m <= self.goal_radius_m && self.obstruction != Some(Obstruction::Height) {
-            self.progress.reset();
-            return;
-        }
-        let has_detour = self.obstruction.is_none();
-        let detour_mps = if has_detour {
-            self.limits[DEGRADED_TIER].speed_mps
-        } else {
-            0.0
-        };
-        if self.proposals.is_flown() {
-            self.progress.pause(now);
-        }
-        if self.progress.step(now, goal, self.remaining_m, detour_mps) {
-            let why = self.obstruction.unwrap_or(Obstruction::Unseen);
-            self.blocked_by = Some(why);
-            let away_m = (state.position.vector() - requested.vector()).norm();
-            let event = EventSample::new(&events::GOAL_BLOCKED, why.text(), [away_m, 0.0]);
-            self.events.push(event);
-        }
-    }
-
-    fn report_blocked(&mut self, blocked: bool) {
-        if blocked && !self.blocked_reported {
-            self.report_event(&events::COMMITMENT_CHANGED);
-        }
-        self.blocked_reported = blocked;
-    }
-
-    fn report_event(&mut self, event: &events::Event) {
-        self.events.push(EventSample::new(event, "planner", [0.0, 0.0]));
-    }
-}
-
-/// A reference slower than this rests (m/s).
-const RESTING_MPS: f64 = 0.05;
-
-/// Whether the reference rests at `goal` already.
-fn is_at(reference: &MotionState, goal: &Point<LocalNed>) -> bool {
-    const HERE_M: f64 = 0.05;
-    (reference.position.vector() - goal.vector()).norm() < HERE_M
-        && reference.velocity.vector().norm() < RESTING_MPS
-}
-
-/// Whether a trajectory is one the vehicle flies (not a mirrored or an empty one).
-fn is_flown(trajectory: &Trajectory) -> bool {
-    trajectory.mode.get() != TrajectoryMode::Mirror && trajectory.is_sound()
-}
-
-/// Where the next plan departs from: the committed trajectory a little ahead, or the vehicle at its extrapolated
-/// position; at rest where it stands if it hardly moves.
-fn departure(now: Timestamp, committed: Option<&Trajectory>, state: &Stamped<'_, VehicleState>) -> Departure {
-    let splice = now.plus_seconds(SPLICE_LEAD_S);
-    if let Some(committed) = committed.filter(|trajectory| is_flown(trajectory))
-        && let Some(reference) = committed.at(splice)
-    {
-        return Departure {
-            base_id: committed.id,
-            splice,
-            state: reference,
-        };
-    }
-    let mut start = MotionState::at_rest(state.position, state.attitude.yaw_rad());
-    let velocity = state.velocity.vector();
-    if velocity.norm() > MOVING_MPS {
-        let ahead_s = splice.seconds_since(state.header.capture);
-        start.position = Point::from_vector(state.position.vector() + velocity * ahead_s);
-        start.velocity = state.velocity;
-    }
-    Departure {
-        base_id: 0,
-        splice,
-        state: start,
     }
 }

@@ -1,6 +1,8 @@
 //! Paths to the goal: for which speed tier one is found, in which it can be begun, and how long it is expected to take.
 
-use super::{Departure, PROGRESS_MIN_M, Planner};
+use super::Planner;
+use crate::certified_route::PROGRESS_MIN_M;
+use crate::departure::Departure;
 use crate::search::{PathEnd, SearchQuery, SearchResult};
 use crate::speed_tiers::{CRAWL_TIER, LAST_TIER};
 use jink_shared_types::frames::{LocalNed, Point};

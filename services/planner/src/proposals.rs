@@ -9,11 +9,13 @@
 //! nearer by the own search's measure; else only paths of the own search are flown for [`PAUSE_S`], and twice as long
 //! each next time. So the time without proposals grows until it is long enough, whatever is proposed.
 
+use super::Planner;
+use crate::certified_route::{GUIDE_MAX_M, PROGRESS_MIN_M};
 use crate::configuration_space::ConfigurationSpace;
+use crate::departure::Departure;
 use crate::path_choice::HIGHER_TIER_MIN_M;
 use crate::proposed_path::{ProposalFailure, ProposedPath};
 use crate::speed_tiers::CRAWL_TIER;
-use crate::{Departure, GUIDE_MAX_M, PROGRESS_MIN_M, Planner};
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::layout::Layout;

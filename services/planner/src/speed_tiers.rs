@@ -23,6 +23,8 @@ pub const CRAWL_TIER: usize = TIERS - 2;
 /// The lowest speed tier that paths are planned in before those. A vehicle that rests without clearance for it first
 /// moves to where it has that.
 pub const SLOW_TIER: usize = TIERS - 3;
+/// Highest speed tier while a range sensor is silent: half the speed.
+pub(crate) const DEGRADED_TIER: usize = 1;
 
 /// Tracking error on a straight (m): 0.02 to 0.03 m measured, doubled for wind and for other airframes.
 const TUBE_BASE_M: f64 = 0.06;

@@ -1,7 +1,8 @@
 //! How the committed trajectory is replaced by a stop: because the vehicle is to rest before it could come to its goal,
 //! or because of an obstacle on the path (rule I3).
 
-use super::{Departure, MOVING_MPS, Planner};
+use super::Planner;
+use crate::departure::{Departure, MOVING_MPS};
 use crate::speed_tiers::{LAST_TIER, TIERS};
 use crate::stops;
 use jink_shared_types::events;

@@ -1,6 +1,8 @@
 //! Motions to viewpoints, where no plan is found because the path has not been seen.
 
-use super::{Departure, GUIDE_MAX_M, Planner};
+use super::Planner;
+use crate::certified_route::GUIDE_MAX_M;
+use crate::departure::Departure;
 use crate::speed_tiers::{CRAWL_TIER, LAST_TIER};
 use crate::viewpoints::{DWELL_S, REACH_M, Viewpoint};
 use jink_shared_types::Coded;

@@ -10,48 +10,31 @@
 //!   for a heartbeat.
 //! * Stop: in reverse order, one at a time, SIGTERM and after a second SIGKILL.
 
+mod deadlines;
 mod exchange;
 mod second_instance;
+mod silence;
+mod status;
+mod stopping;
 
-use crate::health::{Announcer, judge};
+use crate::health::Announcer;
 use crate::policy::RestartDecision;
 use crate::process::{Process, RunState};
-use crate::shadow::{Shadow, SwapRefusal};
-use crate::slowness::{SlownessLevel, WINDOW_S};
+use crate::shadow::SwapRefusal;
 use crate::table::{OnFailure, ProcessRules};
 use jink_runtime::heartbeat::HEARTBEAT_PERIOD_S;
 use jink_runtime::service::EXIT_CANNOT_START;
-use jink_shared_types::coded::Coded;
+use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, Event, EventSample};
-use jink_shared_types::health::{
-    Health, Heartbeat, PROCESSES, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
-};
-use jink_shared_types::{STAGE_NAMES, Timestamp};
+use jink_shared_types::health::{Health, PROCESSES, ReplaceReason, ServiceState, SwapPhase};
 use second_instance::SecondInstance;
+use stopping::{end_to_start_again, terminate};
 
 pub use crate::process::{Adopted, Exit};
 pub use exchange::{Action, End, Observation, ProcessActivity};
 
-/// From SIGTERM to SIGKILL (s): a service leaves its loop within a cycle, which is two orders of magnitude less.
-const PATIENCE_S: f64 = 1.0;
 /// How often a process that is starting is checked (s): bounds how late the next one starts and a recovery is seen.
 const LOOK_S: f64 = 0.01;
-/// A silent process that could run is starved if it has used less than this share of the time it may be silent: an
-/// endless loop uses nearly all of it.
-const STARVED_SHARE: f64 = 0.5;
-/// Starvation is accepted as the cause for this many times the silence allowed: at 100 ms a second and a half, within
-/// which a committed trajectory is still far from its end. Then the process is replaced after all.
-const STARVED_TIMES: f64 = 15.0;
-/// A late timer is accepted as the cause of a sleeping process's silence for this many times the silence allowed: on a
-/// virtual machine one processor may stand still for 200 ms and every timer on it with it.
-const SLEEPING_TIMES: f64 = 2.5;
-/// How long one inspection of a silent process excuses its silence (s): it may have been stopped right after, and the
-/// first one finds out nothing yet about its core.
-const EXCUSE_S: f64 = 0.005;
-/// Late outputs are reported when so many are over their end-to-end budget since the last report.
-const LATE_MIN: u64 = 3;
-/// Least time between two reports of late outputs of one process (s).
-const LATE_REPORTED_AGAIN_S: f64 = 5.0;
 /// How long an adopted process is waited for before the status reports it missing (s): three heartbeats.
 const SETTLING_S: f64 = 0.15;
 /// A wake-up this much later than planned means that the whole machine stood still, not that a process hangs (s).
@@ -178,49 +161,6 @@ impl Supervision {
             .unwrap_or(never)
     }
 
-    /// Every essential process has reached its loop at least once: the system is started, healthy or not.
-    pub fn is_up(&self) -> bool {
-        self.up
-    }
-
-    /// Health of the whole.
-    pub fn health(&self) -> Health {
-        self.health
-    }
-
-    /// Name of a process, and how long it has been up at `now` (s).
-    pub fn describe(&self, process: usize, now: Timestamp) -> Option<(&str, f64)> {
-        let process = self.processes.get(process)?;
-        Some((&process.rules.name, now.seconds_since(process.started)))
-    }
-
-    /// The last heartbeat of a process.
-    pub fn heartbeat(&self, process: usize) -> Option<Heartbeat> {
-        self.processes.get(process).map(Process::heartbeat)
-    }
-
-    /// Writes the whole status.
-    pub fn write_status(&self, status: &mut SystemStatus) {
-        status.started = self.started;
-        status.health = Coded::new(self.health);
-        status.len = self.processes.len() as u32;
-        status.pid = self.pid;
-        status.restarts = 0;
-        let slots = status
-            .processes
-            .iter_mut()
-            .zip(&self.processes)
-            .zip(&self.second_instances);
-        for ((slot, process), second) in slots {
-            *slot = process.status(self.stopping.is_some());
-            if let Some(shadow) = &second.shadow {
-                slot.shadow_pid = shadow.pid;
-                slot.swap = Coded::new(shadow.phase());
-            }
-            status.restarts += slot.restarts;
-        }
-    }
-
     fn observe(&mut self, now: Timestamp, observation: &Observation, actions: &mut Vec<Action>) {
         match *observation {
             Observation::StopRequested => self.begin_stop(End::Stopped),
@@ -276,12 +216,6 @@ impl Supervision {
             Observation::RestartRequested { process } => self.restart_requested(now, process, actions),
             Observation::EndRequested { process } => self.end_requested(now, process, actions),
         }
-    }
-
-    /// Whether process `index` is down for good: stopped on request, or given up.
-    pub fn is_down(&self, index: usize) -> bool {
-        let process = self.processes.get(index);
-        process.is_some_and(|process| matches!(process.run_state, RunState::Down | RunState::Failed))
     }
 
     fn restart_requested(&mut self, now: Timestamp, index: usize, actions: &mut Vec<Action>) {
@@ -372,180 +306,6 @@ impl Supervision {
         }
     }
 
-    fn begin_stop(&mut self, end: End) {
-        if self.stopping.is_some() {
-            return;
-        }
-        self.stopping = Some(end);
-        self.ending_seconds = true;
-        for process in &mut self.processes {
-            if matches!(process.run_state, RunState::Waiting | RunState::Resting { .. }) {
-                process.run_state = RunState::Down;
-            }
-        }
-    }
-
-    fn stop_output(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
-        for index in 0..self.processes.len() {
-            let process = &mut self.processes[index];
-            if !process.rules.is_output {
-                continue;
-            }
-            match process.run_state {
-                RunState::Running => terminate(process, index, now, actions),
-                RunState::Ending { kill_at, .. } => {
-                    process.run_state = RunState::Ending {
-                        kill_at,
-                        for_good: true,
-                    };
-                }
-                RunState::Waiting | RunState::Resting { .. } => process.run_state = RunState::Down,
-                RunState::Down | RunState::Failed => {}
-            }
-        }
-    }
-
-    fn kill_unresponsive(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
-        for (index, process) in self.processes.iter_mut().enumerate() {
-            if let RunState::Ending {
-                kill_at: Some(at),
-                for_good,
-            } = process.run_state
-                && now >= at
-            {
-                process.run_state = RunState::Ending {
-                    kill_at: None,
-                    for_good,
-                };
-                actions.push(Action::Kill { process: index });
-            }
-        }
-    }
-
-    /// Reverse order: the last one started that is still alive goes first, then the one before it.
-    fn stop_next(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
-        let last_alive = self.processes.iter().rposition(Process::is_alive);
-        match (last_alive, self.stopping) {
-            (Some(index), _) => {
-                let process = &mut self.processes[index];
-                if process.run_state == RunState::Running {
-                    terminate(process, index, now, actions);
-                }
-            }
-            // Second instances have been killed: their deaths come by themselves.
-            (None, Some(_)) if self.second_instances.iter().any(|second| second.shadow.is_some()) => {}
-            (None, Some(end)) => {
-                self.ended = true;
-                actions.push(Action::End(end));
-            }
-            (None, None) => {}
-        }
-    }
-
-    /// Cycles over budget, graded by the process's own rule.
-    fn judge_slowness(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
-        for (index, process) in self.processes.iter_mut().enumerate() {
-            if process.run_state != RunState::Running || !process.in_loop() {
-                continue;
-            }
-            let misses = process.slowness.misses();
-            let Some(grade) = process.slowness.judge(&process.rules.slow) else {
-                continue;
-            };
-            let numbers = [f64::from(misses), WINDOW_S];
-            match grade {
-                SlownessLevel::Fine => {}
-                SlownessLevel::Event | SlownessLevel::Degraded => actions.push(Action::PublishEvent(
-                    EventSample::new(&events::PROCESS_SLOW, &process.rules.name, numbers),
-                )),
-                SlownessLevel::Replace => {
-                    raise(actions, &events::PROCESS_TOO_SLOW, process, 0.0);
-                    kill_for_replacement(now, index, process, ReplaceReason::Slow, actions);
-                }
-            }
-        }
-    }
-
-    /// Outputs older than their end-to-end budget: reported with the stage that took most, at most once in a while.
-    fn judge_lateness(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
-        for process in &mut self.processes {
-            let beat = process.heartbeat();
-            let Some(late) = process.lateness(&beat) else {
-                continue;
-            };
-            if now.seconds_since(process.late_reported) < LATE_REPORTED_AGAIN_S || late < LATE_MIN {
-                continue;
-            }
-            process.late_reported(now, beat.late_outputs);
-            let stage = STAGE_NAMES.get(usize::from(beat.late_stage)).unwrap_or(&"");
-            let numbers = [beat.late_stage_us, beat.late_us].map(|us| (f64::from(us) * 1e-3).round());
-            actions.push(Action::PublishEvent(EventSample::new(
-                &events::OUTPUT_LATE,
-                stage,
-                numbers,
-            )));
-        }
-    }
-
-    fn suspect_silence(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
-        if now < self.judge_from {
-            return;
-        }
-        let silent =
-            |process: &Process| process.run_state == RunState::Running && now > process.suspicious_from();
-        let in_loops = self.processes.iter().filter(|process| process.in_loop()).count();
-        let silent_in_loops = self
-            .processes
-            .iter()
-            .filter(|one| one.in_loop() && silent(one))
-            .count();
-        // Most of them at once: it is the machine.
-        let machine = silent_in_loops > 1 && 2 * silent_in_loops > in_loops;
-        for (index, process) in self.processes.iter_mut().enumerate() {
-            if !silent(process) {
-                continue;
-            }
-            let silence_s = now.seconds_since(process.silent_since());
-            if machine && process.in_loop() && silence_s < STARVED_TIMES * process.silence_limit_s() {
-                process.excused_until = now.plus_seconds(EXCUSE_S);
-            } else {
-                actions.push(Action::Inspect { process: index });
-            }
-        }
-    }
-
-    fn inspected(
-        &mut self,
-        now: Timestamp,
-        index: usize,
-        activity: Option<ProcessActivity>,
-        cpu_s: f64,
-        actions: &mut Vec<Action>,
-    ) {
-        let Some(process) = self.processes.get_mut(index) else {
-            return;
-        };
-        // A heartbeat, or its death, may have come before the answer.
-        if process.run_state != RunState::Running || now <= process.suspicious_from() {
-            return;
-        }
-        let limit_s = process.silence_limit_s();
-        let silence_s = now.seconds_since(process.silent_since());
-        let idle = process.cpu_since_heartbeat_s(cpu_s) < STARVED_SHARE * limit_s;
-        let excused_s = match activity {
-            None => STARVED_TIMES * limit_s,
-            Some(ProcessActivity::Runnable) if idle => STARVED_TIMES * limit_s,
-            Some(ProcessActivity::Sleeping) => SLEEPING_TIMES * limit_s,
-            Some(ProcessActivity::Runnable | ProcessActivity::Stopped) => 0.0,
-        };
-        if silence_s < excused_s {
-            process.excused_until = now.plus_seconds(EXCUSE_S);
-            return;
-        }
-        raise(actions, &events::PROCESS_HUNG, process, silence_s);
-        kill_for_replacement(now, index, process, ReplaceReason::Hung, actions);
-    }
-
     fn start_due(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
         let mut before_lets_start = true;
         for (index, process) in self.processes.iter_mut().enumerate() {
@@ -586,86 +346,6 @@ impl Supervision {
             actions.push(Action::CleanUp);
         }
     }
-
-    fn refresh(&mut self, now: Timestamp, actions: &mut Vec<Action>) -> bool {
-        let stopping = self.stopping.is_some();
-        let essential = || self.processes.iter().filter(|process| process.rules.essential);
-        self.up |= essential().all(|process| process.was_up)
-            && self
-                .processes
-                .iter()
-                .all(|process| process.run_state != RunState::Waiting);
-        let health = if stopping {
-            Health::Stopping
-        } else {
-            judge(
-                self.processes.iter().map(|process| process.view(false)),
-                self.was_healthy,
-            )
-        };
-        let culprit = essential()
-            .map(|process| process.view(stopping))
-            .find(|view| view.state != ServiceState::Active)
-            .map_or("", |view| view.name);
-        if let Some(event) = self.announcer.update(now, health, culprit) {
-            actions.push(Action::PublishEvent(event));
-        }
-        let mut changed = health != self.health;
-        self.health = health;
-        self.was_healthy |= health == Health::Healthy;
-        for (index, (process, second)) in self.processes.iter().zip(&self.second_instances).enumerate() {
-            let shadow = second.shadow.as_ref();
-            let shown = (
-                process.state(stopping),
-                process.pid,
-                process.generation,
-                shadow.map_or(0, |shadow| shadow.pid),
-                shadow.map_or(SwapPhase::Idle, Shadow::phase),
-            );
-            match self.shown.get_mut(index) {
-                Some(before) => {
-                    changed |= *before != shown;
-                    *before = shown;
-                }
-                None => self.shown.push(shown),
-            }
-        }
-        changed
-    }
-}
-
-fn terminate(process: &mut Process, index: usize, now: Timestamp, actions: &mut Vec<Action>) {
-    process.run_state = RunState::Ending {
-        kill_at: Some(now.plus_seconds(PATIENCE_S)),
-        for_good: true,
-    };
-    actions.push(Action::Terminate { process: index });
-}
-
-/// Asks a process to end, and starts it again at once when it has.
-fn end_to_start_again(process: &mut Process, index: usize, now: Timestamp, actions: &mut Vec<Action>) {
-    process.run_state = RunState::Ending {
-        kill_at: Some(now.plus_seconds(PATIENCE_S)),
-        for_good: false,
-    };
-    actions.push(Action::Terminate { process: index });
-}
-
-/// Kills a process so that it is started anew when its death is seen; what it does not do counts as missing from now.
-fn kill_for_replacement(
-    now: Timestamp,
-    index: usize,
-    process: &mut Process,
-    reason: ReplaceReason,
-    actions: &mut Vec<Action>,
-) {
-    process.reason = reason;
-    process.missing_since.get_or_insert(now);
-    process.run_state = RunState::Ending {
-        kill_at: None,
-        for_good: false,
-    };
-    actions.push(Action::Kill { process: index });
 }
 
 /// An event about a process with a duration in milliseconds.

@@ -1,7 +1,8 @@
 //! Second instances in the state machine: swaps, hot shadows, and which instance takes over when an owner dies. The
 //! rules are in [`crate::shadow`].
 
-use super::{Action, Exit, LOOK_S, Supervision, end_to_start_again, raise};
+use super::stopping::end_to_start_again;
+use super::{Action, Exit, LOOK_S, Supervision, raise};
 use crate::process::{Process, RunState};
 use crate::shadow::{
     SETTLE_S, SWITCH_LEAD_S, Shadow, ShadowRole, Swap, SwapProgress, SwapRefusal, TrialVerdict, WATCH_S,

@@ -1,0 +1,105 @@
+//! Writes a plan into the route: the guide along the path found, certified space around it, the limits, and a stop.
+
+use super::Planner;
+use crate::departure::Departure;
+use crate::search::{PathEnd, SearchResult};
+use crate::stops;
+use jink_shared_types::frames::{LocalNed, Point};
+use jink_shared_types::motion::{Route, RouteMode};
+use jink_shared_types::vehicle::DesiredPath;
+use jink_shared_types::{Coded, Flag};
+
+/// Longest guide (m): three seconds of flight and the stop behind them at the speeds the tubes allow; more would be
+/// re-planned before it is flown.
+pub(super) const GUIDE_MAX_M: f64 = 11.0;
+/// A plan that gains less than this is not worth committing (m).
+pub(super) const PROGRESS_MIN_M: f64 = 0.25;
+
+impl Planner {
+    /// Builds the guide along the path that was found last. Returns whether it ends at the goal.
+    pub(super) fn build_guide(
+        &mut self,
+        tier: usize,
+        departure: &Departure,
+        goal: &Point<LocalNed>,
+        found: &SearchResult,
+    ) -> bool {
+        let goal = goal.vector();
+        let start = departure.state.position.vector();
+        self.guide.build(
+            &self.space,
+            tier,
+            &start,
+            self.search.path(),
+            (found.end == PathEnd::Goal).then_some(&goal),
+            GUIDE_MAX_M,
+            self.limits[tier].overshoot_m,
+        )
+    }
+
+    /// Writes a plan along the guide into `route`; `false` if not even its first leg has certified space around it.
+    pub(super) fn write_plan(
+        &mut self,
+        tier: usize,
+        departure: &Departure,
+        desired: &DesiredPath,
+        target_is_goal: bool,
+        route: &mut Route,
+    ) -> bool {
+        let down_range_m = {
+            let heights = self.guide.vertices().iter().map(|v| v.z);
+            let (low, high) = heights.fold((f64::MAX, f64::MIN), |(a, b), z| (a.min(z), b.max(z)));
+            (low - 1.0, high + 0.3)
+        };
+        route.guide_len = 0;
+        route.corridor_len = 0;
+        for (index, vertex) in self.guide.vertices().iter().enumerate() {
+            route.guide[index] = Point::from_vector(*vertex);
+            route.guide_len += 1;
+        }
+        for index in 1..self.guide.vertices().len() {
+            let (a, b) = (self.guide.vertices()[index - 1], self.guide.vertices()[index]);
+            // Where a leg has no polytope the plan ends before it: the vehicle rests there, and the next plan sees
+            // more.
+            let Some(polytope) = self.corridor.polytope(&self.space, tier, &a, &b, down_range_m) else {
+                route.guide_len = index as u32;
+                break;
+            };
+            route.corridor[index - 1] = polytope;
+            route.corridor_len += 1;
+        }
+        if route.corridor_len == 0 {
+            return false;
+        }
+        route.declarations = self
+            .space
+            .declarations(tier, &self.guide.vertices()[..route.guide_len as usize]);
+        route.base_id = departure.base_id;
+        route.splice = departure.splice;
+        route.start = departure.state;
+        route.limits = if self.space.narrow_tier() == Some(tier) {
+            self.creep
+        } else {
+            self.limits[tier]
+        };
+        if desired.mission_speed_mps.is_finite() {
+            route.limits.speed_mps = route.limits.speed_mps.min(desired.mission_speed_mps.max(0.3));
+        }
+        route.target = route.guide[route.guide_len as usize - 1];
+        let whole = route.corridor_len as usize + 1 == self.guide.vertices().len();
+        route.target_is_goal = Flag::from(target_is_goal && whole);
+        // Sensors that do not see all around have to face the motion, whatever the mission asks.
+        let faces_ahead = self.yaw_along_path || !self.view.is_all_around() && !self.view.is_empty();
+        route.goal_yaw_rad = if faces_ahead {
+            f64::NAN
+        } else {
+            f64::from(desired.points[1].yaw_rad)
+        };
+        route.mode = Coded::new(RouteMode::Plan);
+        if let Some(stop) = stops::certified(&self.space, tier, &departure.state) {
+            route.stop = stop;
+            route.has_stop = Flag::YES;
+        }
+        true
+    }
+}

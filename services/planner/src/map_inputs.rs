@@ -1,0 +1,64 @@
+//! What the planner takes from the maps: known space, the field of view, detours, and how many sensors contribute.
+
+use super::{Planner, PlannerInputs};
+use crate::departure::Departure;
+use crate::speed_tiers::DEGRADED_TIER;
+use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::frames::{LocalNed, Point};
+
+impl Planner {
+    /// Loads the map if it is new. Returns whether it is.
+    pub(super) fn load_map(&mut self, inputs: &PlannerInputs<'_>) -> bool {
+        let Some(map) = inputs.map.fresh() else {
+            return false;
+        };
+        if map.header.publish == self.map_publish {
+            return false;
+        }
+        self.map_publish = map.header.publish;
+        self.planned_id = 0;
+        self.space.load(map.sample);
+        self.view = map.view;
+        true
+    }
+
+    /// Updates the detours to `goal` from the far map, if there is one of the same epoch as the map.
+    pub(super) fn update_detours(
+        &mut self,
+        inputs: &PlannerInputs<'_>,
+        departure: &Departure,
+        goal: &Point<LocalNed>,
+    ) {
+        let epoch = inputs.map.fresh().map(|map| map.sample.epoch);
+        match inputs.far.fresh().filter(|far| Some(far.sample.epoch) == epoch) {
+            Some(far) => {
+                let here = &departure.state.position;
+                let sees_all_around = self.view.is_all_around();
+                self.search.detours_mut().make(
+                    far.sample,
+                    far.header.publish.ns,
+                    goal,
+                    here,
+                    sees_all_around,
+                );
+            }
+            None => self.search.detours_mut().reset(),
+        }
+    }
+
+    /// What only one sensor has seen becomes old sooner where it does not look, so there is less time to stop.
+    pub(super) fn update_top_tier(&mut self, live: u16) {
+        let top_tier = if live < self.sensors { DEGRADED_TIER } else { 0 };
+        if top_tier == self.top_tier {
+            return;
+        }
+        self.top_tier = top_tier;
+        let event = if top_tier > 0 {
+            &events::SENSOR_LOST
+        } else {
+            &events::SENSOR_BACK
+        };
+        let numbers = [f64::from(live), f64::from(self.sensors)];
+        self.events.push(EventSample::new(event, "planner", numbers));
+    }
+}

@@ -1,0 +1,83 @@
+//! What is reported to the pilot and the gateway: no path, a goal that stays out of reach, a blocked trajectory.
+
+use super::Planner;
+use crate::progress::Obstruction;
+use crate::speed_tiers::DEGRADED_TIER;
+use jink_shared_types::Timestamp;
+use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::frames::{LocalNed, Point};
+use jink_shared_types::vehicle::VehicleState;
+
+/// How long planning must fail while the vehicle stands before the pilot is notified (s).
+const NO_PATH_AFTER_S: f64 = 1.5;
+
+impl Planner {
+    /// Remembers the goal of a planning, and reports when none has succeeded for too long and when one does again.
+    pub(super) fn report_path(
+        &mut self,
+        now: Timestamp,
+        planned: bool,
+        state: &VehicleState,
+        goal: &Point<LocalNed>,
+    ) {
+        let at_goal = (state.position.vector() - goal.vector()).norm() <= self.goal_radius_m;
+        if planned || at_goal {
+            self.planned_goal = Some(*goal);
+            self.failing_since = None;
+            if self.no_path_reported {
+                self.no_path_reported = false;
+                self.report_event(&events::PATH_FOUND);
+            }
+            return;
+        }
+        self.planned_goal = Some(*goal);
+        let since = *self.failing_since.get_or_insert(now);
+        let standing = state.velocity.vector().norm() < 0.3;
+        if standing && !self.no_path_reported && now.seconds_since(since) > NO_PATH_AFTER_S {
+            self.no_path_reported = true;
+            self.report_event(&events::NO_PATH);
+        }
+    }
+
+    /// Reports that the goal has been out of reach for too long, and repeats it after the same time.
+    pub(super) fn check_progress(
+        &mut self,
+        now: Timestamp,
+        state: &VehicleState,
+        goal: &Point<LocalNed>,
+        requested: &Point<LocalNed>,
+    ) {
+        let away_m = (state.position.vector() - goal.vector()).norm();
+        if away_m <= self.goal_radius_m && self.obstruction != Some(Obstruction::Height) {
+            self.progress.reset();
+            return;
+        }
+        let has_detour = self.obstruction.is_none();
+        let detour_mps = if has_detour {
+            self.limits[DEGRADED_TIER].speed_mps
+        } else {
+            0.0
+        };
+        if self.proposals.is_flown() {
+            self.progress.pause(now);
+        }
+        if self.progress.step(now, goal, self.remaining_m, detour_mps) {
+            let why = self.obstruction.unwrap_or(Obstruction::Unseen);
+            self.blocked_by = Some(why);
+            let away_m = (state.position.vector() - requested.vector()).norm();
+            let event = EventSample::new(&events::GOAL_BLOCKED, why.text(), [away_m, 0.0]);
+            self.events.push(event);
+        }
+    }
+
+    pub(super) fn report_blocked(&mut self, blocked: bool) {
+        if blocked && !self.blocked_reported {
+            self.report_event(&events::COMMITMENT_CHANGED);
+        }
+        self.blocked_reported = blocked;
+    }
+
+    pub(super) fn report_event(&mut self, event: &events::Event) {
+        self.events.push(EventSample::new(event, "planner", [0.0, 0.0]));
+    }
+}
