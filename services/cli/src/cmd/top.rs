@@ -120,7 +120,7 @@ struct Live {
     watch: Watch,
     meters: Vec<(Meter, TopicStatistics)>,
     events: Input<EventSample>,
-    events: Vec<String>,
+    new_events: Vec<String>,
     screen: Option<Screen>,
 }
 
@@ -157,7 +157,7 @@ impl Live {
             watch,
             meters,
             events,
-            events: Vec::new(),
+            new_events: Vec::new(),
             screen: None,
         })
     }
@@ -169,7 +169,7 @@ impl Live {
         }
         self.events.each(|event| {
             let EventSample { process, .. } = event.sample;
-            self.events
+            self.new_events
                 .push(format!("{}: {}", process.as_str(), event.sample.text()));
         });
     }
@@ -206,7 +206,7 @@ impl Live {
             events,
             scrolled,
         };
-        self.events.drain(..).for_each(|line| screen.push_event(line));
+        self.new_events.drain(..).for_each(|line| screen.push_event(line));
         self.screen = Some(screen);
     }
 }
