@@ -11,46 +11,46 @@
 //! next step, so that a range needs some steps to become a setpoint, as it does between processes. The board's clock and the
 //! autopilot's clock differ. What a service computes takes no time.
 
-use crate::board::{Board, Rig};
-use crate::lossy::{LinkFaults, Lossy};
+mod folder;
+mod observation;
+mod radio;
+mod rig;
+mod setup;
+mod spectator;
+
+pub use jink_simulator::service::ScanDelay;
+pub use setup::FlightSetup;
+
+use crate::board::Board;
 use crate::proposer::{Plan, ProposerService};
+use folder::{Folder, address};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::truth::Observer;
-use jink_emulated_ground_station::{FlightPlan, GroundStation, Outcome};
-use jink_mavlink_link::profile_name::{ProfileName, Representation};
-use jink_runtime::config::{CONFIG_FILE, Config};
-use jink_runtime::lockstep::{LocalBus, Member};
-use jink_runtime::{Clock, Input, Instance, OpenError, Output, Session};
-use jink_shared_types::coded::Wire as _;
-use jink_shared_types::events::{self, EventSample};
-use jink_shared_types::health::Health;
-use jink_shared_types::link::{AssistState, LinkStatus};
+use jink_emulated_ground_station::GroundStation;
+use jink_runtime::Clock;
+use jink_runtime::lockstep::LocalBus;
+use jink_shared_types::events::EventSample;
 use jink_shared_types::map::LocalMap;
-use jink_shared_types::motion::{ApprovedTrajectory, MotionState, Route, RouteMode, TrajectoryMode, Verdict};
+use jink_shared_types::motion::{RouteMode, Verdict};
 use jink_shared_types::param_messages::ParameterChange;
-use jink_shared_types::params::{OA_VEH_RADIUS, ParamSet};
+use jink_shared_types::params::OA_VEH_RADIUS;
 use jink_shared_types::prevention::PreventedDemand;
-use jink_shared_types::topics;
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Timestamp};
-use jink_simulated_world::sensors::SensorSpec;
 use jink_simulated_world::vehicle::STEP_US;
 use jink_simulated_world::world::World;
-use jink_simulator::autopilot::AutopilotConfig;
 use jink_simulator::service::local::{LocalSocket, MavLocal};
 use jink_simulator::service::{SensorService, VehicleService};
 use mavlink::dialects::ardupilotmega::MavMessage;
 use mavlink::{MavHeader, Message};
-use serde::Serialize;
-use std::any::Any;
+use radio::Radio;
+use rig::{FlightRig, Flown};
+use setup::configuration;
+use spectator::{Nothing, Spectator};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use std::sync::atomic::{AtomicU32, Ordering};
-
-pub use jink_simulator::service::ScanDelay;
 
 /// Where the board's clock stands when the autopilot boots: any number but zero.
 const BOARD_START_S: f64 = 1_000.0;
@@ -70,37 +70,6 @@ program = "jink-proposer"
 essential = false
 on_failure = "ignore"
 "#;
-/// Message ids of the sticks: RC_CHANNELS, MANUAL_CONTROL.
-const STICKS: [u32; 2] = [65, 69];
-/// Longest datagram.
-const DATAGRAM_BYTES: usize = 2048;
-
-/// One flight's set-up.
-#[derive(Clone, Debug)]
-pub struct FlightSetup {
-    /// The world.
-    pub world: World,
-    /// Seed of sensors and wind.
-    pub seed: u64,
-    /// Parameters of all services.
-    pub params: ParamSet,
-    /// The sensors.
-    pub sensors: Vec<SensorSpec>,
-    /// The autopilot.
-    pub autopilot: AutopilotConfig,
-    /// How the gateway talks to it.
-    pub profile: ProfileName,
-    /// In which message.
-    pub representation: Representation,
-    /// Whether the gateway takes missions over.
-    pub takes_missions: bool,
-    /// What happens to what they say to each other.
-    pub link_faults: Option<LinkFaults>,
-    /// What the ground station flies.
-    pub plan: FlightPlan,
-    /// How the planner that a user brings plans; `None` where there is none.
-    pub proposer: Option<Plan>,
-}
 
 /// What a flight cost in time.
 #[derive(Clone, Debug, Default)]
@@ -120,162 +89,6 @@ pub struct Traffic {
     pub messages: u64,
     /// Bytes on the wire.
     pub bytes: u64,
-}
-
-/// The folder of an instance that is removed at the end.
-struct Folder(Instance);
-
-impl Folder {
-    /// A new one with its configuration.
-    fn new(config: &str) -> Result<Self, String> {
-        static FLIGHTS: AtomicU32 = AtomicU32::new(0);
-        let number = FLIGHTS.fetch_add(1, Ordering::Relaxed);
-        let name = format!("ls{}_{number}", std::process::id());
-        let folder = Self(name.parse().map_err(|error| format!("{error}"))?);
-        let run_config = folder.0.run_config();
-        std::fs::create_dir_all(&run_config)
-            .and_then(|()| std::fs::write(run_config.join(CONFIG_FILE), config))
-            .map_err(|error| format!("{}: {error}", run_config.display()))?;
-        Ok(folder)
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.0.folder().join(name)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // What is left is reported by whoever looks for left-overs.
-        let _left = std::fs::remove_dir_all(self.0.folder());
-    }
-}
-
-/// The link between autopilot and gateway.
-struct Radio {
-    autopilot: LocalSocket,
-    gateway: LocalSocket,
-    /// The way to the autopilot, and from it.
-    ways: [Lossy; 2],
-}
-
-impl Radio {
-    fn new(folder: &Folder, faults: LinkFaults, seed: u64) -> std::io::Result<Self> {
-        let pair = |own: &str, peer: &str| LocalSocket::bind(&folder.path(own), &folder.path(peer));
-        Ok(Self {
-            autopilot: pair("autopilot.jink", "autopilot")?,
-            gateway: pair("wire", "wire.jink")?,
-            ways: [0, 1].map(|way| Lossy::new(faults, 2 * seed + way)),
-        })
-    }
-
-    fn down(&mut self, now_s: f64, mute_sticks: bool) {
-        let mut buffer = [0; DATAGRAM_BYTES];
-        while let Some(frame) = self.autopilot.receive(&mut buffer) {
-            if !(mute_sticks && STICKS.contains(&message_id(frame))) {
-                self.ways[1].send(now_s, frame);
-            }
-        }
-        for frame in self.ways[1].arrived(now_s) {
-            self.gateway.send(&frame);
-        }
-    }
-
-    fn up(&mut self, now_s: f64) {
-        let mut buffer = [0; DATAGRAM_BYTES];
-        while let Some(frame) = self.gateway.receive(&mut buffer) {
-            self.ways[0].send(now_s, frame);
-        }
-        for frame in self.ways[0].arrived(now_s) {
-            self.autopilot.send(&frame);
-        }
-    }
-}
-
-/// Of a frame of MAVLink 2: bytes 7 to 9, little-endian.
-fn message_id(frame: &[u8]) -> u32 {
-    match frame {
-        [_, _, _, _, _, _, _, low, middle, high, ..] => u32::from_le_bytes([*low, *middle, *high, 0]),
-        _ => u32::MAX,
-    }
-}
-
-/// What is flown, and where: no configuration can say it as exactly.
-struct Flown {
-    autopilot: AutopilotConfig,
-    world: World,
-    proposer: Plan,
-}
-
-/// Sets the processes of a flight up.
-struct FlightRig {
-    wire: String,
-    vehicle: String,
-    flown: Rc<RefCell<Flown>>,
-}
-
-impl Rig for FlightRig {
-    /// The vehicle and the gateway are at the two ends of the radio.
-    fn configure(&self, process: &str, config: &mut Config) {
-        let side = if process == VEHICLE {
-            &self.vehicle
-        } else {
-            &self.wire
-        };
-        config.link.address.clone_from(side);
-    }
-
-    fn fit(&self, process: &mut dyn Any) {
-        let flown = self.flown.borrow();
-        if let Some(member) = process.downcast_mut::<Member<VehicleService>>()
-            && let Ok(autopilot) = flown.autopilot.clone().build()
-        {
-            member.service_mut().replace(autopilot, flown.world.clone());
-        }
-        if let Some(member) = process.downcast_mut::<Member<SensorService>>() {
-            member.service_mut().move_world(flown.world.clone());
-        }
-        if let Some(member) = process.downcast_mut::<Member<ProposerService>>() {
-            member.service_mut().plan = flown.proposer;
-        }
-    }
-}
-
-/// What a spectator reads.
-struct Spectator {
-    map: Input<LocalMap>,
-    route: Input<Route>,
-    approved: Input<ApprovedTrajectory>,
-    prevented: Input<PreventedDemand>,
-    state: Input<VehicleState>,
-    link: Input<LinkStatus>,
-    events: Input<EventSample>,
-    change: Output<ParameterChange>,
-}
-
-impl Spectator {
-    fn new(bus: &LocalBus) -> Result<Self, OpenError> {
-        let session = Session::local(bus, "cli");
-        Ok(Self {
-            map: session.input(topics::LOCAL_MAP, "")?,
-            route: session.input(topics::ROUTE, "")?,
-            approved: session.input(topics::APPROVED, "")?,
-            prevented: session.input(topics::PREVENTED, "")?,
-            state: session.input(topics::VEHICLE_STATE, "")?,
-            link: session.input(topics::LINK_STATUS, "")?,
-            events: session.input(topics::EVENT, "")?,
-            change: session.output(topics::PARAMETER_CHANGE, "", 1)?,
-        })
-    }
-}
-
-/// What is read before anything has been said.
-struct Nothing {
-    map: Box<LocalMap>,
-    route: Box<Route>,
-    approved: Box<ApprovedTrajectory>,
-    prevented: PreventedDemand,
-    state: VehicleState,
 }
 
 /// A flight under way.
@@ -411,82 +224,12 @@ impl LockStep {
         self.station_link.send(&header, &message);
     }
 
-    /// Where the vehicle should be now, and how fast; `None` while the autopilot's own setpoints are mirrored.
-    pub fn reference(&self) -> Option<MotionState> {
-        let trajectory = &self.approved().trajectory;
-        let flown = trajectory.mode != TrajectoryMode::Mirror && trajectory.is_sound();
-        flown.then(|| trajectory.at(self.now()))?
-    }
-
-    /// The truth after the last step.
-    pub fn truth(&self) -> &SimTruth {
-        &self.truth
-    }
-
-    /// The autopilot; before its process runs, one that has just booted.
-    pub fn autopilot(&self) -> &dyn Autopilot {
-        let vehicle = self.board.service::<VehicleService>(VEHICLE);
-        vehicle.map_or(self.boots.as_ref(), VehicleService::autopilot)
-    }
-
-    /// What is approved now.
-    pub fn approved(&self) -> &ApprovedTrajectory {
-        let newest = self.spectator.approved.newest();
-        newest.map_or(&*self.nothing.approved, |approved| approved.sample)
-    }
-
-    /// The planner's newest answer.
-    pub fn route(&self) -> &Route {
-        let newest = self.spectator.route.newest();
-        newest.map_or(&*self.nothing.route, |route| route.sample)
-    }
-
-    /// The planner that a user brings, while it runs.
-    pub fn proposer(&self) -> Option<&ProposerService> {
-        self.board.service(PROPOSER)
-    }
-
     /// It proposes nothing any more, nor does whoever is started in its place.
     pub fn silence_proposer(&mut self) {
         self.flown.borrow_mut().proposer = Plan::Silent;
         if let Some(proposer) = self.board.service_mut::<ProposerService>(PROPOSER) {
             proposer.plan = Plan::Silent;
         }
-    }
-
-    /// What of the pilot's wish was allowed last.
-    pub fn prevented(&self) -> &PreventedDemand {
-        let newest = self.spectator.prevented.newest();
-        newest.map_or(&self.nothing.prevented, |prevented| prevented.sample)
-    }
-
-    /// The newest map.
-    pub fn map(&self) -> &LocalMap {
-        let newest = self.spectator.map.newest();
-        newest.map_or(&*self.nothing.map, |map| map.sample)
-    }
-
-    /// The newest vehicle state, as the board knows it.
-    pub fn state(&self) -> &VehicleState {
-        let newest = self.spectator.state.newest();
-        newest.map_or(&self.nothing.state, |state| state.sample)
-    }
-
-    /// Whether a pilot is assisted, as the gateway said last.
-    pub fn assist(&self) -> AssistState {
-        let newest = self.spectator.link.newest();
-        newest.map_or(AssistState::UNKNOWN, |link| link.assist.get())
-    }
-
-    /// The gateway's figures, as it said last.
-    pub fn link_status(&self) -> LinkStatus {
-        let newest = self.spectator.link.newest();
-        newest.map_or_else(LinkStatus::default, |link| *link.sample)
-    }
-
-    /// Health of the whole, as the supervisor judges.
-    pub fn health(&self) -> Health {
-        self.board.health()
     }
 
     /// Puts another world in the place of the one there is: something in it has moved.
@@ -503,16 +246,6 @@ impl LockStep {
     /// The board's clock.
     pub fn now(&self) -> Timestamp {
         self.bus.now()
-    }
-
-    /// How the ground station sees the flight; the outcome is set when it is over.
-    pub fn outcome(&self) -> Option<&Outcome> {
-        self.station.progress().outcome.as_ref()
-    }
-
-    /// The ground station.
-    pub fn station(&self) -> &GroundStation {
-        &self.station
     }
 
     /// Goes on for `seconds` of the board's clock.
@@ -653,64 +386,10 @@ impl LockStep {
         let plan = newest.filter(|route| route.mode == RouteMode::Plan);
         plan.map_or(self.curved_plan, |plan| plan.header.sequence)
     }
-
-    /// How often an event was raised.
-    pub fn count(&self, event: &events::Event) -> usize {
-        self.events
-            .iter()
-            .filter(|(_, sample)| sample.id == event.id)
-            .count()
-    }
 }
 
 impl std::fmt::Debug for LockStep {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(f, "LockStep(step {})", self.step)
     }
-}
-
-/// The address of a socket in the instance's folder.
-fn address(path: &Path) -> String {
-    format!("unix:{}", path.display())
-}
-
-/// `jink.toml` for a set-up.
-fn configuration(setup: &FlightSetup) -> Result<String, String> {
-    #[derive(Serialize)]
-    struct File<'a> {
-        params: BTreeMap<&'static str, f64>,
-        link: Link<'a>,
-        simulation: Simulation,
-        sensor: &'a [SensorSpec],
-    }
-    #[derive(Serialize)]
-    struct Link<'a> {
-        profile: &'a str,
-        output: &'a str,
-        takes_missions: bool,
-    }
-    #[derive(Serialize)]
-    struct Simulation {
-        world: &'static str,
-        seed: u64,
-    }
-    toml::to_string(&File {
-        params: setup
-            .params
-            .rows()
-            .map(|(row, value)| (row.name, value))
-            .collect(),
-        link: Link {
-            profile: setup.profile.name(),
-            output: setup.representation.name(),
-            takes_missions: setup.takes_missions,
-        },
-        // The flight's own world takes its place.
-        simulation: Simulation {
-            world: "empty",
-            seed: setup.seed,
-        },
-        sensor: &setup.sensors,
-    })
-    .map_err(|error| error.to_string())
 }
