@@ -6,16 +6,11 @@ use crate::config::{DepthCameraSpec, SensorTable};
 use crate::driver::DepthCameraDriver;
 use crate::v4l2::Wanted;
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Clock, Cycle, ExclusiveOwnership, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Clock, Cycle, DeviceOwnership, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::PointCloud;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::fmt;
 use std::os::fd::BorrowedFd;
-
-/// Changes are looked for at least this often.
-const CHECK_HZ: u32 = 10;
-/// The counters go to the log this often (s).
-const REPORT_S: f64 = 60.0;
 
 /// The service: see [`crate`].
 pub struct DepthCameraService {
@@ -23,9 +18,7 @@ pub struct DepthCameraService {
     clock: Clock,
     camera: Camera,
     clouds: Output<PointCloud>,
-    exclusive_ownership: ExclusiveOwnership,
-    standby_due: Timestamp,
-    report_due: Timestamp,
+    ownership: DeviceOwnership,
 }
 
 impl fmt::Debug for DepthCameraService {
@@ -56,28 +49,18 @@ impl Service for DepthCameraService {
         Ok(Self {
             camera: Camera::new(&spec.device, wanted),
             clouds: ports.range_output(topics::RANGE_CLOUD, &spec.name, spec.rate_hz)?,
-            exclusive_ownership: ports.exclusive_ownership(),
+            ownership: DeviceOwnership::new(ports),
             clock: ports.clock(),
             driver: DepthCameraDriver::new(spec),
-            standby_due: Timestamp::NEVER,
-            report_due: Timestamp::NEVER,
         })
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        let look = now.next_beat(CHECK_HZ);
-        // A stream has one reader: the next owner opens it when it owns the sensor.
-        let is_ours = self.exclusive_ownership.is_due(now);
-        self.exclusive_ownership.declare(is_ours);
-        if !is_ours {
+        if !self.ownership.owns(now) {
             self.camera.close();
             self.run_as_standby(now);
-            let change = self
-                .exclusive_ownership
-                .changes_at()
-                .filter(|change| *change > now);
-            return Wake::at(change.map_or(self.standby_due, |change| change.min(self.standby_due)));
+            return self.ownership.standby_wake(now);
         }
         if self.camera.open_if_due(now) {
             self.driver.connected();
@@ -87,7 +70,7 @@ impl Service for DepthCameraService {
             cycle.events.publish(now, &change.event(&self.driver.spec().name));
         }
         self.report(now);
-        Wake::at(look.min(self.camera.due()))
+        Wake::at(DeviceOwnership::owner_due(now).min(self.camera.due()))
     }
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
@@ -122,11 +105,10 @@ impl DepthCameraService {
     /// What a second instance can show without the device: that it runs, and can write clouds. None of them is
     /// published.
     fn run_as_standby(&mut self, now: Timestamp) {
-        if now < self.standby_due {
+        let spec = self.driver.spec();
+        if !self.ownership.is_standby_due(now, spec.rate_hz as u32) {
             return;
         }
-        let spec = self.driver.spec();
-        self.standby_due = now.next_beat(spec.rate_hz as u32);
         let view = CloudView {
             spec,
             capture: now,
@@ -137,24 +119,21 @@ impl DepthCameraService {
     }
 
     fn report(&mut self, now: Timestamp) {
-        if now < self.report_due {
+        if !self.ownership.is_report_due(now) {
             return;
         }
         let counters = self.driver.counters(now);
-        if self.report_due.is_set() {
-            tracing::info!(
-                good = counters.good,
-                damaged = counters.damaged,
-                short = counters.short,
-                repeated = counters.repeated,
-                missed = counters.missed,
-                undated = counters.undated,
-                flying_pixels = counters.flying_pixels,
-                rate_hz = counters.rate_hz,
-                "{}",
-                self.driver.spec().name
-            );
-        }
-        self.report_due = now.plus_seconds(REPORT_S);
+        tracing::info!(
+            good = counters.good,
+            damaged = counters.damaged,
+            short = counters.short,
+            repeated = counters.repeated,
+            missed = counters.missed,
+            undated = counters.undated,
+            flying_pixels = counters.flying_pixels,
+            rate_hz = counters.rate_hz,
+            "{}",
+            self.driver.spec().name
+        );
     }
 }

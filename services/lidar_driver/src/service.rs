@@ -9,7 +9,7 @@ use crate::scanner::driver::ScannerDriver;
 use crate::scanner::turn::Turn;
 use jink_runtime::serial::{Port, Read};
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Clock, Cycle, ExclusiveOwnership, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Clock, Cycle, DeviceOwnership, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::fmt;
@@ -19,10 +19,6 @@ use std::os::fd::BorrowedFd;
 const READ_BYTES: usize = 1024;
 /// Reads per cycle at most: a port that never ends must not keep the heartbeat waiting.
 const READS: usize = 16;
-/// Changes are looked for at least this often.
-const CHECK_HZ: u32 = 10;
-/// The counters go to the log this often (s).
-const REPORT_S: f64 = 60.0;
 
 /// A network lidar or a scanner, with its topic.
 #[allow(
@@ -49,9 +45,7 @@ pub struct LidarService {
     rate_hz: f64,
     interface: LidarInterface,
     clock: Clock,
-    exclusive_ownership: ExclusiveOwnership,
-    standby_due: Timestamp,
-    report_due: Timestamp,
+    ownership: DeviceOwnership,
 }
 
 impl fmt::Debug for LidarService {
@@ -96,34 +90,24 @@ impl Service for LidarService {
             name,
             rate_hz,
             interface,
-            exclusive_ownership: ports.exclusive_ownership(),
+            ownership: DeviceOwnership::new(ports),
             clock: ports.clock(),
-            standby_due: Timestamp::NEVER,
-            report_due: Timestamp::NEVER,
         })
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        let look = now.next_beat(CHECK_HZ);
-        // A port has one reader: the next owner opens it when it owns the sensor.
-        let is_ours = self.exclusive_ownership.is_due(now);
-        self.exclusive_ownership.declare(is_ours);
-        if !is_ours {
+        if !self.ownership.owns(now) {
             self.interface.close();
             self.run_as_standby(now);
-            let change = self
-                .exclusive_ownership
-                .changes_at()
-                .filter(|change| *change > now);
-            return Wake::at(change.map_or(self.standby_due, |change| change.min(self.standby_due)));
+            return self.ownership.standby_wake(now);
         }
         let due = self.interface.run(&self.clock, now);
         if let Some(change) = self.interface.take_change(now) {
             cycle.events.publish(now, &change.event(&self.name));
         }
         self.report(now);
-        Wake::at(look.min(due))
+        Wake::at(DeviceOwnership::owner_due(now).min(due))
     }
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
@@ -144,35 +128,30 @@ impl LidarService {
     /// What a second instance can show without the sensor: that it runs, and can write its samples. None of them is
     /// published.
     fn run_as_standby(&mut self, now: Timestamp) {
-        if now < self.standby_due {
-            return;
+        if self.ownership.is_standby_due(now, self.rate_hz.round() as u32) {
+            self.interface.run_as_standby(now);
         }
-        self.standby_due = now.next_beat(self.rate_hz.round() as u32);
-        self.interface.run_as_standby(now);
     }
 
     fn report(&mut self, now: Timestamp) {
-        if now < self.report_due {
+        if !self.ownership.is_report_due(now) {
             return;
         }
         let counters = self.interface.counters(now);
-        if self.report_due.is_set() {
-            tracing::info!(
-                published = counters.published,
-                good = counters.good,
-                lost = counters.lost,
-                foreign = counters.foreign,
-                damaged = counters.damaged,
-                doubled = counters.doubled,
-                late = counters.late,
-                other = counters.other,
-                overflow = counters.overflow,
-                rate_hz = counters.rate_hz,
-                "{}",
-                self.name
-            );
-        }
-        self.report_due = now.plus_seconds(REPORT_S);
+        tracing::info!(
+            published = counters.published,
+            good = counters.good,
+            lost = counters.lost,
+            foreign = counters.foreign,
+            damaged = counters.damaged,
+            doubled = counters.doubled,
+            late = counters.late,
+            other = counters.other,
+            overflow = counters.overflow,
+            rate_hz = counters.rate_hz,
+            "{}",
+            self.name
+        );
     }
 }
 

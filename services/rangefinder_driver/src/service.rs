@@ -5,7 +5,7 @@ use crate::config::{RangefinderSpec, SensorTable};
 use crate::driver::RangefinderDriver;
 use jink_runtime::serial::{Port, Read};
 use jink_runtime::service::WATCHED_FDS;
-use jink_runtime::{Clock, Cycle, ExclusiveOwnership, Output, Ports, Service, StartError, Wake};
+use jink_runtime::{Clock, Cycle, DeviceOwnership, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, topics};
 use std::fmt;
@@ -15,13 +15,9 @@ use std::os::fd::BorrowedFd;
 const READ_BYTES: usize = 1024;
 /// Reads per cycle at most: a port that never ends must not keep the heartbeat waiting.
 const READS: usize = 16;
-/// Changes are looked for at least this often.
-const CHECK_HZ: u32 = 10;
 /// The standby of a scanning device's driver writes scans this often (Hz). The supervisor requires of a candidate that
 /// it puts out half to twice as much as the owner, which publishes an eighth of a turn at a time.
 const PARTS_HZ: f64 = 30.0;
-/// The counters go to the log this often (s).
-const REPORT_S: f64 = 60.0;
 
 /// The service: see [`crate`].
 pub struct RangefinderService {
@@ -29,9 +25,7 @@ pub struct RangefinderService {
     clock: Clock,
     port: Port,
     scans: Output<RangeScan>,
-    exclusive_ownership: ExclusiveOwnership,
-    standby_due: Timestamp,
-    report_due: Timestamp,
+    ownership: DeviceOwnership,
 }
 
 impl fmt::Debug for RangefinderService {
@@ -53,28 +47,18 @@ impl Service for RangefinderService {
         Ok(Self {
             port: Port::new(&spec.device, spec.baud),
             scans: ports.range_output(topics::RANGE_SCAN, &spec.name, spec.rate_hz)?,
-            exclusive_ownership: ports.exclusive_ownership(),
+            ownership: DeviceOwnership::new(ports),
             clock: ports.clock(),
             driver: RangefinderDriver::new(spec),
-            standby_due: Timestamp::NEVER,
-            report_due: Timestamp::NEVER,
         })
     }
 
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
-        let check_due = now.next_beat(CHECK_HZ);
-        // A port has one reader: the next owner opens it when it owns the sensor.
-        let is_ours = self.exclusive_ownership.is_due(now);
-        self.exclusive_ownership.declare(is_ours);
-        if !is_ours {
+        if !self.ownership.owns(now) {
             self.port.close();
             self.run_as_standby(now);
-            let change = self
-                .exclusive_ownership
-                .changes_at()
-                .filter(|change| *change > now);
-            return Wake::at(change.map_or(self.standby_due, |change| change.min(self.standby_due)));
+            return self.ownership.standby_wake(now);
         }
         if self.port.open_if_due(now) {
             self.driver.connected(now);
@@ -87,7 +71,11 @@ impl Service for RangefinderService {
             cycle.events.publish(now, &change.event(&self.driver.spec().name));
         }
         self.report(now);
-        Wake::at(check_due.min(self.port.due()).min(self.driver.due(now)))
+        Wake::at(
+            DeviceOwnership::owner_due(now)
+                .min(self.port.due())
+                .min(self.driver.due(now)),
+        )
     }
 
     fn watched(&self) -> [Option<BorrowedFd<'_>>; WATCHED_FDS] {
@@ -133,12 +121,11 @@ impl RangefinderService {
 
     /// Shows without the port that a standby runs and can write scans. None of them is published.
     fn run_as_standby(&mut self, now: Timestamp) {
-        if now < self.standby_due {
-            return;
-        }
         let spec = self.driver.spec();
         let rate_hz = if spec.model.scans { PARTS_HZ } else { spec.rate_hz };
-        self.standby_due = now.next_beat(rate_hz as u32);
+        if !self.ownership.is_standby_due(now, rate_hz as u32) {
+            return;
+        }
         let view = ScanView {
             spec,
             first_beam: now,
@@ -151,20 +138,17 @@ impl RangefinderService {
     }
 
     fn report(&mut self, now: Timestamp) {
-        if now < self.report_due {
+        if !self.ownership.is_report_due(now) {
             return;
         }
         let counters = self.driver.counters(now);
-        if self.report_due.is_set() {
-            tracing::info!(
-                good = counters.good,
-                damaged = counters.damaged,
-                skipped_bytes = counters.skipped_bytes,
-                rate_hz = counters.rate_hz,
-                "{}",
-                self.driver.spec().name
-            );
-        }
-        self.report_due = now.plus_seconds(REPORT_S);
+        tracing::info!(
+            good = counters.good,
+            damaged = counters.damaged,
+            skipped_bytes = counters.skipped_bytes,
+            rate_hz = counters.rate_hz,
+            "{}",
+            self.driver.spec().name
+        );
     }
 }

@@ -60,6 +60,7 @@ pub mod cleanup;
 pub mod clock;
 pub mod config;
 pub mod descriptors;
+pub mod device;
 pub mod events;
 pub mod heartbeat;
 pub mod input;
@@ -83,6 +84,7 @@ pub mod setup;
 mod transport;
 
 pub use clock::Clock;
+pub use device::DeviceOwnership;
 pub use events::EventSender;
 pub use input::{Checks, Input};
 pub use instance::Instance;
