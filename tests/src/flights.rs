@@ -37,6 +37,13 @@ impl Flights {
         Self::default()
     }
 
+    /// One that no test run flies, only `cargo campaigns`.
+    pub fn of_one(name: &str, fly: impl Fn() + Send + 'static) -> Self {
+        let mut flights = Self::new();
+        flights.add(name, false, fly);
+        flights
+    }
+
     /// One more, called `name` with an underscore for whatever is neither letter nor digit.
     pub fn add(&mut self, name: &str, in_every_run: bool, fly: impl Fn() + Send + 'static) {
         let word = |part: &str| part.to_lowercase();

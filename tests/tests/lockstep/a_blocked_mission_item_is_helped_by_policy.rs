@@ -81,13 +81,14 @@ fn stopped_and_the_autopilot_holds() {
     stop_flights().fly_some();
 }
 
-#[test]
-fn told_once_and_waited_for() {
-    let mut flight = flight(PX4_TRAJECTORY, 0.0);
-    while flight.truth().time_s < 60.0 {
-        flight.step();
-    }
-    assert_eq!(flight.count(&ITEM_BLOCKED), 1);
-    assert_eq!(flight.truth().mode.get(), NavMode::Mission);
-    assert_eq!(flight.truth().collisions, 0);
+pub fn told_once_and_waited_for() -> Flights {
+    Flights::of_one("told_once_and_waited_for", || {
+        let mut flight = flight(PX4_TRAJECTORY, 0.0);
+        while flight.truth().time_s < 60.0 {
+            flight.step();
+        }
+        assert_eq!(flight.count(&ITEM_BLOCKED), 1);
+        assert_eq!(flight.truth().mode.get(), NavMode::Mission);
+        assert_eq!(flight.truth().collisions, 0);
+    })
 }

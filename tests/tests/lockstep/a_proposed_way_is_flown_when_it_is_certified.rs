@@ -138,15 +138,16 @@ fn a_detour_around_the_forest_is_flown_as_proposed() {
     detour_flights().fly_some();
 }
 
-#[test]
-fn a_speed_wished_is_not_exceeded() {
-    let flown = fly(PX4_TRAJECTORY, 3, around(1.5), |_, _| {});
-    assert!(flown.share() > 0.8, "{}", flown.share());
-    assert!(
-        (1.2..1.65).contains(&flown.top_speed_mps),
-        "{}",
-        flown.top_speed_mps
-    );
+pub fn a_speed_wished_is_not_exceeded() -> Flights {
+    Flights::of_one("a_speed_wished_is_not_exceeded", || {
+        let flown = fly(PX4_TRAJECTORY, 3, around(1.5), |_, _| {});
+        assert!(flown.share() > 0.8, "{}", flown.share());
+        assert!(
+            (1.2..1.65).contains(&flown.top_speed_mps),
+            "{}",
+            flown.top_speed_mps
+        );
+    })
 }
 
 pub fn tree_flights() -> Flights {
@@ -167,14 +168,15 @@ fn ways_through_trees_are_refused_and_the_goal_is_reached() {
     tree_flights().fly_some();
 }
 
-#[test]
-fn a_way_that_leads_nowhere_ends_at_the_goal_all_the_same() {
-    let nowhere = Plan::Nowhere {
-        east_m: -OUTSIDE_EAST_M,
-    };
-    let flown = fly(PX4_TRAJECTORY, 3, Some(nowhere), |_, _| {});
-    assert!(flown.count(ProposalVerdict::Accepted) + flown.count(ProposalVerdict::Shortened) >= 1);
-    assert_eq!(flown.flight.count(&events::GOAL_BLOCKED), 0);
+pub fn a_way_that_leads_nowhere_ends_at_the_goal_all_the_same() -> Flights {
+    Flights::of_one("a_way_that_leads_nowhere_ends_at_the_goal_all_the_same", || {
+        let nowhere = Plan::Nowhere {
+            east_m: -OUTSIDE_EAST_M,
+        };
+        let flown = fly(PX4_TRAJECTORY, 3, Some(nowhere), |_, _| {});
+        assert!(flown.count(ProposalVerdict::Accepted) + flown.count(ProposalVerdict::Shortened) >= 1);
+        assert_eq!(flown.flight.count(&events::GOAL_BLOCKED), 0);
+    })
 }
 
 #[test]
@@ -192,26 +194,31 @@ fn a_proposer_that_is_killed_in_flight_leaves_no_gap_and_is_heard_again() {
     assert!(flown.share() > 0.6, "{}", flown.share());
 }
 
-#[test]
-fn a_proposer_that_stays_silent_half_way_leaves_the_rest_to_the_planner() {
-    let flown = fly(PX4_TRAJECTORY, 3, around(0.0), |flight, times| {
-        if times == 4 {
-            flight.silence_proposer();
-        }
-    });
-    assert!((0.1..0.9).contains(&flown.share()), "{}", flown.share());
-    assert!(flown.flight.count(&events::PROPOSAL_ENDED) >= 1);
+pub fn a_proposer_that_stays_silent_half_way_leaves_the_rest_to_the_planner() -> Flights {
+    Flights::of_one(
+        "a_proposer_that_stays_silent_half_way_leaves_the_rest_to_the_planner",
+        || {
+            let flown = fly(PX4_TRAJECTORY, 3, around(0.0), |flight, times| {
+                if times == 4 {
+                    flight.silence_proposer();
+                }
+            });
+            assert!((0.1..0.9).contains(&flown.share()), "{}", flown.share());
+            assert!(flown.flight.count(&events::PROPOSAL_ENDED) >= 1);
+        },
+    )
 }
 
-#[test]
-fn the_same_proposals_give_the_same_flight() {
-    let track = || {
-        let mut track = Vec::new();
-        fly(PX4_TRAJECTORY, 5, around(0.0), |flight, _| {
-            let place = flight.truth().position;
-            track.push([place.x_m, place.y_m, place.z_m].map(f64::to_bits));
-        });
-        track
-    };
-    assert_eq!(track(), track());
+pub fn the_same_proposals_give_the_same_flight() -> Flights {
+    Flights::of_one("the_same_proposals_give_the_same_flight", || {
+        let track = || {
+            let mut track = Vec::new();
+            fly(PX4_TRAJECTORY, 5, around(0.0), |flight, _| {
+                let place = flight.truth().position;
+                track.push([place.x_m, place.y_m, place.z_m].map(f64::to_bits));
+            });
+            track
+        };
+        assert_eq!(track(), track());
+    })
 }

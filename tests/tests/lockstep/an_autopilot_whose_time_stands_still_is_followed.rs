@@ -5,6 +5,7 @@ use jink_emulated_px4::Pace;
 use jink_shared_types::events;
 use jink_simulator::autopilot::AutopilotConfig;
 use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
+use jink_tests::flights::Flights;
 use jink_tests::lockstep::{FlightSetup, LockStep};
 use jink_tests::pairing::{PX4_CURRENT, PX4_TRAJECTORY};
 
@@ -15,17 +16,18 @@ fn paced(mut setup: FlightSetup, pace: Pace) -> FlightSetup {
     setup
 }
 
-#[test]
-fn a_clock_that_is_slower_by_a_hundredth_leads_to_the_goal() {
-    let pace = Pace {
-        rate: 0.988,
-        ..Pace::default()
-    };
-    for whose in [PX4_CURRENT, PX4_TRAJECTORY] {
-        let report = fly_as(paced(whose.forest(1).unwrap(), pace), &Cell::forest().unwrap()).unwrap();
-        assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
-        assert_eq!((report.collisions, report.hold_count), (0, 0), "{whose:?}");
-    }
+pub fn a_clock_that_is_slower_by_a_hundredth_leads_to_the_goal() -> Flights {
+    Flights::of_one("a_clock_that_is_slower_by_a_hundredth_leads_to_the_goal", || {
+        let pace = Pace {
+            rate: 0.988,
+            ..Pace::default()
+        };
+        for whose in [PX4_CURRENT, PX4_TRAJECTORY] {
+            let report = fly_as(paced(whose.forest(1).unwrap(), pace), &Cell::forest().unwrap()).unwrap();
+            assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
+            assert_eq!((report.collisions, report.hold_count), (0, 0), "{whose:?}");
+        }
+    })
 }
 
 /// A vehicle on the ground that says nothing for a moment is no reason to notify anybody.

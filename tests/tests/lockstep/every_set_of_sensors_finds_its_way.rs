@@ -24,13 +24,13 @@ pub fn flights() -> Flights {
         });
     };
     // The way past the end of the wall looked nearer whenever the vehicle was too fast for the gap.
-    add(true, "rplidar", "gap", 6);
+    add(false, "rplidar", "gap", 6);
     // The way led along a diagonal past the corner of a cell that is not known to be free.
     add(false, "mid360", "corridor", 6);
     // The lamps, the furniture and the walls leave 1.3 m here and there.
     add(false, "mid360", "building", 3);
     // The vehicle looked again and again for a faster way than the one that it had.
-    add(true, "mid360", "corridor", 1);
+    add(false, "mid360", "corridor", 1);
     // It turned to one side and to the other for ever: half a turn takes longer than a look is remembered, and a turn toward the way
     // to a look did not count as one.
     add(true, "d435", "forest", 39);

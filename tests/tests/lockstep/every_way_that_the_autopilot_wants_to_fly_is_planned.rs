@@ -93,24 +93,25 @@ fn the_last_metres_of_a_mission() {
 }
 
 /// It stops in space known to be free, and comes back to the place that PX4 holds.
-#[test]
-fn hold_at_speed() {
-    let actions = vec![(When::North(10.0), Action::Mode(NavMode::Hold))];
-    let mut flight = LockStep::new(forest(PX4_TRAJECTORY, 1, actions)).unwrap();
-    assert!(flight.run_until(60.0, |f| f.truth().mode.get() == NavMode::Hold
-        && f.truth().position.x_m > 9.0));
-    assert!(flight.truth().velocity.vector().norm() > 2.0);
-    let begun_m = flight.truth().position.x_m;
-    let mut furthest_m = 0.0f64;
-    for _ in 0..6_000 {
-        flight.step();
-        furthest_m = furthest_m.max(flight.truth().position.x_m);
-    }
-    let truth = flight.truth();
-    assert!(furthest_m - begun_m < 12.0, "{furthest_m} {truth:?}");
-    assert!(truth.position.x_m - begun_m < 4.0, "{furthest_m} {truth:?}");
-    assert!(truth.velocity.vector().norm() < 0.2, "{truth:?}");
-    assert_eq!(truth.collisions, 0, "{truth:?}");
+pub fn hold_at_speed() -> Flights {
+    Flights::of_one("hold_at_speed", || {
+        let actions = vec![(When::North(10.0), Action::Mode(NavMode::Hold))];
+        let mut flight = LockStep::new(forest(PX4_TRAJECTORY, 1, actions)).unwrap();
+        assert!(flight.run_until(60.0, |f| f.truth().mode.get() == NavMode::Hold
+            && f.truth().position.x_m > 9.0));
+        assert!(flight.truth().velocity.vector().norm() > 2.0);
+        let begun_m = flight.truth().position.x_m;
+        let mut furthest_m = 0.0f64;
+        for _ in 0..6_000 {
+            flight.step();
+            furthest_m = furthest_m.max(flight.truth().position.x_m);
+        }
+        let truth = flight.truth();
+        assert!(furthest_m - begun_m < 12.0, "{furthest_m} {truth:?}");
+        assert!(truth.position.x_m - begun_m < 4.0, "{furthest_m} {truth:?}");
+        assert!(truth.velocity.vector().norm() < 0.2, "{truth:?}");
+        assert_eq!(truth.collisions, 0, "{truth:?}");
+    })
 }
 
 /// An ordinary plan ends with a landing at another place than its last waypoint.
@@ -186,25 +187,26 @@ fn a_circle() {
 }
 
 /// Up, home, and down: home is behind trees.
-#[test]
-fn a_return() {
-    let mut setup = forest(
-        PX4_TRAJECTORY,
-        1,
-        vec![(When::North(25.0), Action::Mode(NavMode::Return))],
-    );
-    setup.autopilot = setup
-        .autopilot
-        .with_parameter("RTL_RETURN_ALT", 3.0)
-        .with_parameter("RTL_DESCEND_ALT", 3.0);
-    let mut flight = LockStep::new(setup).unwrap();
-    assert!(flight.run_until(60.0, |f| f.truth().mode.get() == NavMode::Return));
-    assert!(
-        flight.run_until(90.0, |f| !f.truth().armed.is_set()),
-        "{:?}",
-        flight.truth()
-    );
-    let truth = flight.truth();
-    assert_eq!(truth.collisions, 0, "{truth:?}");
-    assert!(away_m(&flight, place(0.0, 0.0)) < 2.0, "{truth:?}");
+pub fn a_return() -> Flights {
+    Flights::of_one("a_return", || {
+        let mut setup = forest(
+            PX4_TRAJECTORY,
+            1,
+            vec![(When::North(25.0), Action::Mode(NavMode::Return))],
+        );
+        setup.autopilot = setup
+            .autopilot
+            .with_parameter("RTL_RETURN_ALT", 3.0)
+            .with_parameter("RTL_DESCEND_ALT", 3.0);
+        let mut flight = LockStep::new(setup).unwrap();
+        assert!(flight.run_until(60.0, |f| f.truth().mode.get() == NavMode::Return));
+        assert!(
+            flight.run_until(90.0, |f| !f.truth().armed.is_set()),
+            "{:?}",
+            flight.truth()
+        );
+        let truth = flight.truth();
+        assert_eq!(truth.collisions, 0, "{truth:?}");
+        assert!(away_m(&flight, place(0.0, 0.0)) < 2.0, "{truth:?}");
+    })
 }

@@ -1,5 +1,7 @@
 //! Flights of the whole chain in one process: as fast as the machine computes.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+// Some flights are flown by `cargo campaigns` only.
+#![allow(dead_code)]
 
 mod a_bad_link_slows_and_never_crashes;
 mod a_blocked_mission_item_is_helped_by_policy;

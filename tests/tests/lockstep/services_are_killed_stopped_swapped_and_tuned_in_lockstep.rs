@@ -56,7 +56,7 @@ fn fly(
 pub fn kill_flights() -> Flights {
     let mut flights = Flights::new();
     for (number, service) in SERVICES.into_iter().enumerate() {
-        flights.add(service, ["collision_guard", "planner"].contains(&service), move || {
+        flights.add(service, service == "collision_guard", move || {
         let pairing = [PX4_TRAJECTORY, PX4_CURRENT, COPTER][number % 3];
         let (flight, _) = fly(pairing, 3, |flight, _| {
             assert_eq!(
@@ -111,36 +111,32 @@ fn a_service_that_hangs_is_seen_and_replaced() {
 pub fn swap_flights() -> Flights {
     let mut flights = Flights::new();
     for service in SERVICES {
-        flights.add(
-            service,
-            ["mavlink_gateway", "bezier_generator"].contains(&service),
-            move || {
-                let (mut flight, _) = fly(PX4_TRAJECTORY, 9, |flight, times| {
-                    if times == 0 || times == 2 {
-                        flight.board().swap(service);
-                    }
-                });
-                let progress: Vec<_> = flight
-                    .board()
-                    .swap_progress
-                    .iter()
-                    .map(|(_, progress)| *progress)
-                    .collect();
-                let done = progress
-                    .iter()
-                    .filter(|step| **step == SwapProgress::Done)
-                    .count();
-                println!(
-                    "{service}: {done} swaps, largest gap between setpoints {:.0} ms",
-                    flight.truth().setpoint_gap_max_s * 1e3
-                );
-                assert_eq!(done, 2, "{service}: {progress:?}");
-                assert_eq!(flight.count(&events::PROCESS_SWAPPED), 2, "{service}");
-                assert_eq!(flight.count(&events::PROCESS_RESTARTED), 0, "{service}");
-                // No more than without.
-                assert!(flight.truth().setpoint_gap_max_s < 0.1, "{service}");
-            },
-        );
+        flights.add(service, service == "mavlink_gateway", move || {
+            let (mut flight, _) = fly(PX4_TRAJECTORY, 9, |flight, times| {
+                if times == 0 || times == 2 {
+                    flight.board().swap(service);
+                }
+            });
+            let progress: Vec<_> = flight
+                .board()
+                .swap_progress
+                .iter()
+                .map(|(_, progress)| *progress)
+                .collect();
+            let done = progress
+                .iter()
+                .filter(|step| **step == SwapProgress::Done)
+                .count();
+            println!(
+                "{service}: {done} swaps, largest gap between setpoints {:.0} ms",
+                flight.truth().setpoint_gap_max_s * 1e3
+            );
+            assert_eq!(done, 2, "{service}: {progress:?}");
+            assert_eq!(flight.count(&events::PROCESS_SWAPPED), 2, "{service}");
+            assert_eq!(flight.count(&events::PROCESS_RESTARTED), 0, "{service}");
+            // No more than without.
+            assert!(flight.truth().setpoint_gap_max_s < 0.1, "{service}");
+        });
     }
     flights
 }
@@ -150,26 +146,27 @@ fn every_service_is_replaced_in_flight_by_a_second_instance() {
     swap_flights().fly_some();
 }
 
-#[test]
-fn a_speed_that_is_lowered_on_the_way_is_kept_from_then_on() {
-    let mut set_s = f64::NAN;
-    let mut fastest_mps = 0.0f64;
-    let mut flight = LockStep::new(PX4_TRAJECTORY.forest(11).unwrap()).unwrap();
-    while flight.outcome().is_none() {
-        flight.step();
-        let truth = *flight.truth();
-        if set_s.is_nan() && truth.mode == NavMode::Mission && truth.velocity.vector().norm() > 2.0 {
-            set_s = truth.time_s;
-            flight.set_param("OA_SPD_MAX", 1.0);
+pub fn a_speed_that_is_lowered_on_the_way_is_kept_from_then_on() -> Flights {
+    Flights::of_one("a_speed_that_is_lowered_on_the_way_is_kept_from_then_on", || {
+        let mut set_s = f64::NAN;
+        let mut fastest_mps = 0.0f64;
+        let mut flight = LockStep::new(PX4_TRAJECTORY.forest(11).unwrap()).unwrap();
+        while flight.outcome().is_none() {
+            flight.step();
+            let truth = *flight.truth();
+            if set_s.is_nan() && truth.mode == NavMode::Mission && truth.velocity.vector().norm() > 2.0 {
+                set_s = truth.time_s;
+                flight.set_param("OA_SPD_MAX", 1.0);
+            }
+            // What is committed is flown first.
+            if truth.time_s > set_s + 8.0 && truth.mode == NavMode::Mission {
+                fastest_mps = fastest_mps.max(truth.velocity.vector().norm());
+            }
         }
-        // What is committed is flown first.
-        if truth.time_s > set_s + 8.0 && truth.mode == NavMode::Mission {
-            fastest_mps = fastest_mps.max(truth.velocity.vector().norm());
-        }
-    }
-    assert_eq!(flight.outcome(), Some(&Outcome::Done));
-    println!("{fastest_mps:.2} m/s after OA_SPD_MAX was set to 1");
-    assert!((0.6..1.1).contains(&fastest_mps), "{fastest_mps} m/s");
+        assert_eq!(flight.outcome(), Some(&Outcome::Done));
+        println!("{fastest_mps:.2} m/s after OA_SPD_MAX was set to 1");
+        assert!((0.6..1.1).contains(&fastest_mps), "{fastest_mps} m/s");
+    })
 }
 
 #[test]

@@ -43,17 +43,21 @@ pub fn forest_flights() -> Flights {
     let mut flights = Flights::new();
     for whose in FOLLOWERS {
         for seed in [1, 2, 3, 4] {
-            flights.add(&format!("{} seed {seed}", whose.name()), seed == 1, move || {
-                let report = fly_as(whose.forest(seed).unwrap(), &Cell::forest().unwrap()).unwrap();
-                println!("{} {report:?}", whose.autopilot);
-                assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
-                assert_eq!(
-                    (report.collisions, report.hold_count),
-                    (0, 0),
-                    "{whose:?} {report:?}"
-                );
-                assert!(report.setpoint_gap_ms <= 100.0, "{whose:?} {report:?}");
-            });
+            flights.add(
+                &format!("{} seed {seed}", whose.name()),
+                (whose, seed) == (PX4_CURRENT, 1),
+                move || {
+                    let report = fly_as(whose.forest(seed).unwrap(), &Cell::forest().unwrap()).unwrap();
+                    println!("{} {report:?}", whose.autopilot);
+                    assert_eq!(report.outcome, FlightOutcome::Goal, "{whose:?} {report:?}");
+                    assert_eq!(
+                        (report.collisions, report.hold_count),
+                        (0, 0),
+                        "{whose:?} {report:?}"
+                    );
+                    assert!(report.setpoint_gap_ms <= 100.0, "{whose:?} {report:?}");
+                },
+            );
         }
     }
     flights
@@ -115,31 +119,35 @@ fn a_pilot_who_takes_over_is_left_alone_until_he_lets_the_mission_be_flown_again
 
 /// Somebody chooses the mode himself, hovering: where missions are not taken over it is flown from its current item on, and else
 /// the place is held, since nobody has asked for a flight.
-#[test]
-fn whoever_chooses_the_mode_himself_gets_the_mission_flown_only_where_none_is_taken_over() {
-    for whose in [PX4_CURRENT, PX4_2021_OFFBOARD] {
-        for takes_missions in [false, true] {
-            let mut setup = whose.forest(2).unwrap();
-            setup.takes_missions = takes_missions;
-            let mut flight = LockStep::new(setup).unwrap();
-            while flight.truth().mode.get() != NavMode::Hold || flight.truth().position.z_m > -1.5 {
-                flight.step();
+pub fn whoever_chooses_the_mode_himself_gets_the_mission_flown_only_where_none_is_taken_over() -> Flights {
+    Flights::of_one(
+        "whoever_chooses_the_mode_himself_gets_the_mission_flown_only_where_none_is_taken_over",
+        || {
+            for whose in [PX4_CURRENT, PX4_2021_OFFBOARD] {
+                for takes_missions in [false, true] {
+                    let mut setup = whose.forest(2).unwrap();
+                    setup.takes_missions = takes_missions;
+                    let mut flight = LockStep::new(setup).unwrap();
+                    while flight.truth().mode.get() != NavMode::Hold || flight.truth().position.z_m > -1.5 {
+                        flight.step();
+                    }
+                    flight.silent_station = takes_missions;
+                    whose.command_mode(&mut flight, NavMode::Offboard);
+                    let end_s = flight.truth().time_s + 20.0;
+                    while flight.truth().position.x_m < 5.0 && flight.truth().time_s < end_s {
+                        flight.step();
+                    }
+                    assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
+                    assert_eq!(flight.truth().position.x_m < 1.0, takes_missions, "{whose:?}");
+                    assert_eq!(
+                        flight.count(&events::NO_GOAL),
+                        usize::from(takes_missions),
+                        "{whose:?}"
+                    );
+                }
             }
-            flight.silent_station = takes_missions;
-            whose.command_mode(&mut flight, NavMode::Offboard);
-            let end_s = flight.truth().time_s + 20.0;
-            while flight.truth().position.x_m < 5.0 && flight.truth().time_s < end_s {
-                flight.step();
-            }
-            assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
-            assert_eq!(flight.truth().position.x_m < 1.0, takes_missions, "{whose:?}");
-            assert_eq!(
-                flight.count(&events::NO_GOAL),
-                usize::from(takes_missions),
-                "{whose:?}"
-            );
-        }
-    }
+        },
+    )
 }
 
 fn command(command: MavCmd, param1: f32, param7: f32) -> MavMessage {
