@@ -70,9 +70,9 @@ pub fn alone() -> Permit {
     Permit { _held: held }
 }
 
-/// One more than there are cores: while one waits for its take-off, the others compute.
+/// Twice as many as there are cores, and one: a system that flies computes for a third of its time, and waits for the rest.
 fn sharing_at_most() -> usize {
-    1 + std::thread::available_parallelism().map_or(1, usize::from)
+    1 + 2 * std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 fn running() -> MutexGuard<'static, Running> {

@@ -225,8 +225,8 @@ proptest! {
     ) {
         let config = PreventionConfig { guide_rad: 0.0, ..config };
         let answer = step(config, &ring(seen_walls(&[(bearing, distance_m)])), HorizontalSetpoint::Velocity(desired), velocity).setpoint;
-        // Along a wall its direction is known from its sectors to a tenth of a degree.
-        let v = answer.dot(&polar(1.0, bearing)) - 2e-3 * answer.norm();
+        // The direction of a wall that is grazed is known from its sectors to half a degree.
+        let v = answer.dot(&polar(1.0, bearing)) - 0.5f64.to_radians() * answer.norm();
         let way = (distance_m - config.distance_m).max(0.0);
         let delay_s = config.delay_s + 1.0 / config.velocity_gain_per_s;
         let needed = v * delay_s + v * 2.0 * config.acceleration_mps2 / config.jerk_mps3 + v * v / (2.0 * config.acceleration_mps2);
