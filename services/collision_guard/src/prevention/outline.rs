@@ -22,7 +22,8 @@ use nalgebra::{Rotation2, Vector2};
 
 /// What is joined and not longer than this (m) may be a person, an animal, a vehicle: something that moves.
 const SMALL_M: f64 = 1.5;
-/// Hits of neighbouring sectors are joined up to so many times the width of a sector there: a wall seen at 10 degrees.
+/// Hits of neighbouring sectors are joined up to so many times the width of a sector there: a wall seen at 15 degrees, and at 10 where its
+/// sectors lie well.
 const STEEP: f64 = 6.0;
 /// A part of a unit vector shorter than this has no direction.
 const NONE: f64 = 1e-6;
