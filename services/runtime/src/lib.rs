@@ -42,7 +42,8 @@
 //! | [`session`] | one program's connection to its topics; [`Input`] and [`Output`] |
 //! | [`ports`] | the topics of a service with its configuration, clock and ownership |
 //! | [`setup`] | what a service is started with |
-//! | [`service`] | what a service is, and the loop of its process |
+//! | [`service`] | what a service is |
+//! | [`process_loop`] | the loop of its process |
 //! | [`lockstep`] | services in one process on a virtual clock, for campaigns and tests |
 //! | [`clock`] | the board's clock, or a simulated one |
 //! | [`heartbeat`] | cycle statistics |
@@ -67,11 +68,13 @@ pub mod input;
 pub mod instance;
 pub mod lockstep;
 pub mod logging;
+mod open_error;
 pub mod output;
 mod ownership;
 pub mod param_store;
 pub mod ports;
 mod prefault;
+pub mod process_loop;
 pub mod procfs;
 pub mod ranges;
 pub mod realtime;
@@ -88,11 +91,13 @@ pub use device::DeviceOwnership;
 pub use events::EventSender;
 pub use input::{Checks, Input};
 pub use instance::Instance;
+pub use open_error::OpenError;
 pub use output::Output;
 pub use param_store::{ParamStore, StoreWriter};
 pub use ports::{ExclusiveOwnership, Latency, Ports};
+pub use process_loop::run;
 pub use ranges::{RangeInputs, RangeSample};
 pub use realtime::now;
-pub use service::{Cycle, Service, Wake, run};
-pub use session::{OpenError, Session};
+pub use service::{Cycle, Service, Wake};
+pub use session::Session;
 pub use setup::{Setup, StartError};

@@ -2,8 +2,8 @@
 
 use crate::config::SensorOutput;
 use crate::input::Input;
+use crate::open_error::OpenError;
 use crate::ports::Ports;
-use crate::session::OpenError;
 use jink_shared_types::ranges::{PointCloud, RangeScan};
 use jink_shared_types::{Stamped, topics};
 

@@ -1,19 +1,20 @@
 //! A service with everything that goes on around its cycles: parameters that change, ownership, heartbeats, events.
 //!
 //! One [`Running::turn`] is one cycle and what belongs to it. Whoever calls it decides when: the loop of a process, which sleeps
-//! in between ([`crate::service`]), or a scheduler that has all services in one process ([`crate::lockstep`]).
+//! in between ([`crate::process_loop`]), or a scheduler that has all services in one process ([`crate::lockstep`]).
 
 use crate::clock::Clock;
 use crate::config::Config;
 use crate::events::EventSender;
 use crate::heartbeat::{CycleMeter, HEARTBEAT_PERIOD_S};
 use crate::input::Input;
+use crate::open_error::OpenError;
 use crate::output::Output;
 use crate::ownership::Ownership;
 use crate::param_store::ParamStore;
 use crate::ports::Ports;
 use crate::service::{Cycle, Service, Wake};
-use crate::session::{OpenError, Session};
+use crate::session::Session;
 use crate::setup::{Setup, StartError};
 use crate::transport::Wakeup;
 use jink_shared_types::control::Control;

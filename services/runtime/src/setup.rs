@@ -2,7 +2,7 @@
 
 use crate::config::ConfigError;
 use crate::instance::Instance;
-use crate::session::OpenError;
+use crate::open_error::OpenError;
 use clap::{CommandFactory, FromArgMatches, Parser};
 use std::ffi::OsString;
 use std::fmt;

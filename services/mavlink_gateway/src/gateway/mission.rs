@@ -1,7 +1,7 @@
 //! The mission, where jink flies it in the autopilot's stead: what the executive sees and what becomes of its intents.
 
 use super::Gateway;
-use super::watch::Echoes;
+use super::echoes::Echoes;
 use crate::demand::Demand;
 use crate::executive::client::MissionClient;
 use crate::executive::georeference::Georeference;

@@ -2,6 +2,7 @@
 
 mod assist;
 mod controlled_stop;
+mod echoes;
 mod intake;
 mod mission;
 mod profile_check;

@@ -3,7 +3,7 @@
 //!
 //! | seen | said | done |
 //! |---|---|---|
-//! | ArduCopter follows no position in the air, while it is sent some, for [`EMPTY_S`] | once, and once more when it does again | nothing |
+//! | ArduCopter follows no position in the air, while it is sent some, for [`super::echoes::EMPTY_S`] | once, and once more when it does again | nothing |
 //! | the planner says that what is flown to is out of reach | as [`Blockage`](crate::blockage::Blockage) decides | waits, goes on to the next item, or stops |
 
 use super::Gateway;
@@ -13,43 +13,15 @@ use crate::demand::Demand;
 use crate::io::Outputs;
 use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::Timestamp;
-use jink_shared_types::events::{Event, EventSample, ITEM_BLOCKED, SETPOINTS_FOLLOWED, SETPOINTS_IGNORED};
+use jink_shared_types::events::{EventSample, ITEM_BLOCKED};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::dialects::ardupilotmega::{POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask};
 
-/// So many echoes in a row that show no position ...
-const ECHOES_TO_REPORT: u32 = 3;
-/// ... for so long (s) count as a refusal: a mode has been entered by then.
-const EMPTY_S: f64 = 0.6;
 /// A setpoint this long ago (s) may be refused now; an older one is not what the autopilot flies.
 const SENT_S: f64 = 0.2;
 
 /// The planner's distance to what is out of reach and ours may differ by so much (m): what the vehicle moves in between.
 const SAME_AWAY_M: f64 = 1.0;
-
-/// Counts the echoes in a row in which the autopilot followed no position.
-#[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Echoes {
-    empty: u32,
-    since: Timestamp,
-    is_reported: bool,
-}
-
-impl Echoes {
-    /// One more; what there is to report, if that has changed.
-    fn count(&mut self, now: Timestamp, is_empty: bool) -> Option<&'static Event> {
-        if !is_empty {
-            self.empty = 0;
-            return std::mem::take(&mut self.is_reported).then_some(&SETPOINTS_FOLLOWED);
-        }
-        if self.empty == 0 {
-            self.since = now;
-        }
-        self.empty = self.empty.saturating_add(1);
-        let is_due = self.empty >= ECHOES_TO_REPORT && now.seconds_since(self.since) >= EMPTY_S;
-        (is_due && !std::mem::replace(&mut self.is_reported, is_due)).then_some(&SETPOINTS_IGNORED)
-    }
-}
 
 impl Gateway {
     /// What the autopilot says it follows. ArduCopter refuses a setpoint without a word: only here it shows, as a target without a

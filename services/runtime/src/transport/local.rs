@@ -1,6 +1,6 @@
 //! Within one process: topics as slots, time as it is set. Nothing here waits, and nothing depends on the machine.
 
-use crate::session::OpenError;
+use crate::open_error::OpenError;
 use jink_shared_types::layout::{Layout, type_name};
 use jink_shared_types::sample::zeroed_box;
 use jink_shared_types::topics::Topic;

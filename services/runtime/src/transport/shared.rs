@@ -6,7 +6,7 @@
 
 use crate::cleanup::{self, Swept};
 use crate::instance::Instance;
-use crate::session::OpenError;
+use crate::open_error::OpenError;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
