@@ -70,9 +70,9 @@ pub fn alone() -> Permit {
     Permit { _held: held }
 }
 
-/// Twice as many as there are cores, and one: a system that flies computes for a third of its time, and waits for the rest.
+/// Twice as many as there are cores: a system that flies computes for a third of its time, and waits for the rest.
 fn sharing_at_most() -> usize {
-    1 + 2 * std::thread::available_parallelism().map_or(1, usize::from)
+    2 * std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 fn running() -> MutexGuard<'static, Running> {

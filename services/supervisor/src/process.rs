@@ -106,6 +106,8 @@ pub(crate) struct Process {
     pub(crate) pid: u32,
     pub(crate) reason: ReplaceReason,
     pub(crate) slowness: Slowness,
+    /// When it was last replaced because it was slow.
+    pub(crate) slow_replaced: Timestamp,
     /// When late outputs were reported last, and how many there had been.
     pub(crate) late_reported: Timestamp,
     late_before: u64,
@@ -144,6 +146,7 @@ impl Process {
             pid: 0,
             reason: ReplaceReason::Never,
             slowness: Slowness::default(),
+            slow_replaced: Timestamp::NEVER,
             late_reported: Timestamp::NEVER,
             late_before: 0,
             started: Timestamp::NEVER,

@@ -12,6 +12,9 @@ use jink_shared_types::{STAGE_NAMES, Timestamp};
 const LATE_MIN: u64 = 3;
 /// Least time between two reports of late outputs of one process (s).
 const LATE_REPORTED_AGAIN_S: f64 = 5.0;
+/// A process that is slow again within this time (s) after it was replaced for that is slow because of what it has to do, or of the
+/// board: it stays, degraded. Another replacement would be as slow, and the last one would be given up.
+const SLOW_REPLACED_AGAIN_S: f64 = 60.0;
 
 impl Supervision {
     /// Cycles over budget, graded by the process's own rule.
@@ -25,14 +28,21 @@ impl Supervision {
                 continue;
             };
             let numbers = [f64::from(misses), WINDOW_S];
+            let was_replaced = process.slow_replaced.is_set()
+                && now.seconds_since(process.slow_replaced) < SLOW_REPLACED_AGAIN_S;
             match grade {
                 SlownessLevel::Fine => {}
-                SlownessLevel::Event | SlownessLevel::Degraded => actions.push(Action::PublishEvent(
-                    EventSample::new(&events::PROCESS_SLOW, &process.rules.name, numbers),
-                )),
-                SlownessLevel::Replace => {
+                SlownessLevel::Replace if !was_replaced => {
+                    process.slow_replaced = now;
                     raise(actions, &events::PROCESS_TOO_SLOW, process, 0.0);
                     kill_for_replacement(now, index, process, ReplaceReason::Slow, actions);
+                }
+                SlownessLevel::Event | SlownessLevel::Degraded | SlownessLevel::Replace => {
+                    actions.push(Action::PublishEvent(EventSample::new(
+                        &events::PROCESS_SLOW,
+                        &process.rules.name,
+                        numbers,
+                    )));
                 }
             }
         }

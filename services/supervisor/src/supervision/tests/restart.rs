@@ -4,8 +4,10 @@ use super::{CANNOT_START, Child, SimulatedHost, rules};
 use crate::policy::RestartRule;
 use crate::supervision::{Action, End, Exit, Observation};
 use crate::table::OnFailure;
+use jink_shared_types::Timestamp;
+use jink_shared_types::coded::Coded;
 use jink_shared_types::events;
-use jink_shared_types::health::{Health, ServiceState};
+use jink_shared_types::health::{Health, Heartbeat, ServiceState};
 
 #[test]
 fn a_dead_process_is_replaced_in_the_same_step_and_its_resources_are_removed_afterwards() {
@@ -129,4 +131,56 @@ fn a_process_that_is_given_up_stays_down_and_its_row_says_what_follows() {
         given_up(OnFailure::Shutdown).end,
         Some(End::GaveUp { process: 1 })
     );
+}
+
+/// A second at 20 Hz in which every cycle is over its budget and the process computes all the time.
+fn slow_second(host: &mut SimulatedHost) {
+    let Child::Alive(generation, Some(_)) = host.children[0] else {
+        panic!("{:?}", host.children);
+    };
+    for _ in 0..20 {
+        host.now = host.now.plus_seconds(0.05);
+        let beat = (host.now.seconds_since(Timestamp::NEVER) * 20.0).round() as u32;
+        let heartbeat = Heartbeat {
+            generation,
+            state: Coded::new(ServiceState::Active),
+            budget_misses: u64::from(beat),
+            cpu_ms: 50 * beat,
+            ..Heartbeat::default()
+        };
+        let time = host.now;
+        host.observe(&[Observation::Heartbeat {
+            process: 0,
+            heartbeat,
+            time,
+        }]);
+        if host.children[0] != Child::Alive(generation, Some(ServiceState::Active)) {
+            return;
+        }
+    }
+}
+
+#[test]
+fn who_is_slow_is_replaced_once_and_a_successor_that_is_as_slow_stays() {
+    let mut host = SimulatedHost::running(vec![rules("a")]);
+    let too_slow = |host: &SimulatedHost| {
+        let events = host.events.iter();
+        events.filter(|id| **id == events::PROCESS_TOO_SLOW.id).count()
+    };
+    slow_second(&mut host);
+    assert_eq!((too_slow(&host), host.spawns.len()), (1, 2));
+    for _ in 0..30 {
+        host.let_all_work();
+        slow_second(&mut host);
+    }
+    assert_eq!((too_slow(&host), host.spawns.len()), (1, 2));
+    assert_eq!(host.state(0), ServiceState::Degraded);
+    assert!(!host.events.contains(&events::PROCESS_FAILED.id));
+    // After a minute it may be worth it again.
+    for _ in 0..40 {
+        host.let_all_work();
+        host.pass(0.05);
+        slow_second(&mut host);
+    }
+    assert_eq!((too_slow(&host), host.spawns.len()), (2, 3));
 }
