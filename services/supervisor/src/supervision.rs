@@ -28,7 +28,7 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, Event, EventSample};
 use jink_shared_types::health::{Health, PROCESSES, ReplaceReason, ServiceState, SwapPhase};
 use second_instance::SecondInstance;
-use stopping::{end_to_start_again, terminate};
+use stopping::{end_for_good, end_to_start_again};
 
 pub use crate::process::{Adopted, Exit};
 pub use exchange::{Action, End, Observation, ProcessActivity};
@@ -239,17 +239,7 @@ impl Supervision {
         self.end_second_of(index, SwapRefusal::Stopping, actions);
         let process = &mut self.processes[index];
         process.reason = ReplaceReason::Asked;
-        match process.run_state {
-            RunState::Running => terminate(process, index, now, actions),
-            RunState::Ending { kill_at, .. } => {
-                process.run_state = RunState::Ending {
-                    kill_at,
-                    for_good: true,
-                };
-            }
-            RunState::Waiting | RunState::Resting { .. } => process.run_state = RunState::Down,
-            RunState::Down | RunState::Failed => {}
-        }
+        end_for_good(process, index, now, actions);
     }
 
     fn died(&mut self, now: Timestamp, index: usize, exit: Exit, actions: &mut Vec<Action>) {

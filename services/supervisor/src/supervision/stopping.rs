@@ -26,19 +26,8 @@ impl Supervision {
     pub(super) fn stop_output(&mut self, now: Timestamp, actions: &mut Vec<Action>) {
         for index in 0..self.processes.len() {
             let process = &mut self.processes[index];
-            if !process.rules.is_output {
-                continue;
-            }
-            match process.run_state {
-                RunState::Running => terminate(process, index, now, actions),
-                RunState::Ending { kill_at, .. } => {
-                    process.run_state = RunState::Ending {
-                        kill_at,
-                        for_good: true,
-                    };
-                }
-                RunState::Waiting | RunState::Resting { .. } => process.run_state = RunState::Down,
-                RunState::Down | RunState::Failed => {}
+            if process.rules.is_output {
+                end_for_good(process, index, now, actions);
             }
         }
     }
@@ -104,6 +93,21 @@ pub(super) fn end_to_start_again(
 }
 
 /// Kills a process so that it is started anew when its death is seen; what it does not do counts as missing from now.
+/// Ends `process`, and starts it no more.
+pub(super) fn end_for_good(process: &mut Process, index: usize, now: Timestamp, actions: &mut Vec<Action>) {
+    match process.run_state {
+        RunState::Running => terminate(process, index, now, actions),
+        RunState::Ending { kill_at, .. } => {
+            process.run_state = RunState::Ending {
+                kill_at,
+                for_good: true,
+            };
+        }
+        RunState::Waiting | RunState::Resting { .. } => process.run_state = RunState::Down,
+        RunState::Down | RunState::Failed => {}
+    }
+}
+
 pub(super) fn kill_for_replacement(
     now: Timestamp,
     index: usize,
