@@ -1,8 +1,8 @@
 //! What tests of real processes may use of the machine: several run at once, and those that judge time on a machine with nothing
 //! else to do run alone.
 //!
-//! A system that flies waits most of its time, so a few of them side by side do not disturb each other: three demonstrations at once
-//! on two cores keep the gaps between setpoints at 52 to 56 ms. More of them would be a test of the machine.
+//! A system that flies waits most of its time, so a few of them side by side do not disturb each other: all tests of real processes,
+//! five at a time on two cores, compute for a third of these cores' time.
 // A harness for tests: the locks hold counters that no panic leaves half written.
 
 use std::cell::RefCell;

@@ -13,7 +13,7 @@ const NEAR_RATIO: f64 = 0.05;
 const NEAR_MAX_M: f64 = 2.0 * CUBE_M;
 /// Points of which a plane is made at least.
 const POINTS_MIN: usize = 8;
-/// A neighbourhood is a plane if its variance across is below this share of the middle one ...
+/// A neighbourhood is a plane if its variance across is below this share of the middle one: across an edge it is tilted ...
 const FLAT: f64 = 0.1;
 /// ... and no line: the middle one is above this share of the largest.
 const WIDE: f64 = 0.03;
