@@ -206,7 +206,11 @@ impl ConfigurationSpace {
 
     /// The map's cell that a cell of `tier` lies in.
     pub fn map_cell(&self, tier: usize, cell: Cell) -> Cell {
-        cell.map(|index| index.div_euclid(self.per_cell(tier)))
+        if self.per_cell(tier) == 1 {
+            cell
+        } else {
+            cell.map(|index| index >> 1)
+        }
     }
 
     /// The map's cells that are nearer than the radius of `tier` to the one that its cell `cell` lies in.

@@ -9,15 +9,13 @@
 //! path. Unknown cells count as free. The fine search uses the detour, not the path itself: where there is no obstacle
 //! the detour is zero, and the search is what it would be without a far map.
 
-use jink_shared_types::far_map::{FAR_CELL_M, FAR_X, FAR_Y, FAR_Z, FarMap, test};
+use jink_shared_types::far_map::{FAR_CELL_M, FAR_X, FAR_Y, FAR_Z, FarMap, far_row_of};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::map::{CELL_M, Cell};
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
 
-/// Costs are whole numbers: a straight step of one cell.
-const STRAIGHT: u32 = 1000;
-const DIAGONAL: u32 = 1414;
+/// Costs are whole numbers: a straight step of one cell, and a diagonal one, 0.2 % longer than the square root of two.
+const STRAIGHT: u32 = 12;
+const DIAGONAL: u32 = 17;
 /// Cost of a step through an occupied cell, relative to a free one: 40 m per cell. A dead end as deep as the fine
 /// window reaches is left for a path round it.
 const OCCUPIED_FACTOR: u32 = 100;
@@ -28,8 +26,16 @@ const NARROW_FACTOR: u32 = 10;
 /// round a trunk. When every trunk 40 m ahead counted, a camera was led aside at its start, into what it had not seen.
 /// With scanners, gaps are passed better when every detour counts.
 const FINE_DETOUR: u32 = 5 * STRAIGHT;
-const CELLS: usize = FAR_X * FAR_Y;
-const NOT_REACHED: u32 = u32::MAX;
+/// The window and one more cell to each side, which no path enters: its cells cost nothing already.
+const WIDTH: usize = FAR_X + 2;
+const CELLS: usize = WIDTH * (FAR_Y + 2);
+/// The first cell of the window.
+const FIRST: usize = WIDTH + 1;
+/// Above every cost, and a step more is no overflow.
+const NOT_REACHED: u32 = u32::MAX / 2;
+/// Cells that wait to be expanded, by their cost modulo this: more than the longest step costs (Dial 1969).
+const BUCKETS: usize = 2048;
+const _: () = assert!(BUCKETS > (DIAGONAL * OCCUPIED_FACTOR) as usize);
 
 /// The detours to one goal.
 #[derive(Debug)]
@@ -38,7 +44,9 @@ pub struct DetourMap {
     detour_m: Vec<f32>,
     left: Vec<u32>,
     factor: Vec<u32>,
-    open: BinaryHeap<Reverse<u64>>,
+    buckets: Vec<Vec<u32>>,
+    /// Where paths begin, with the cost there.
+    seeds: Vec<(u32, u32)>,
     /// What the detours were computed for: map, goal, layers.
     made_for: Option<(u64, [i32; 2], [i32; 2])>,
 }
@@ -50,7 +58,8 @@ impl Default for DetourMap {
             detour_m: vec![0.0; CELLS],
             left: vec![0; CELLS],
             factor: vec![0; CELLS],
-            open: BinaryHeap::with_capacity(4 * CELLS),
+            buckets: vec![Vec::new(); BUCKETS],
+            seeds: Vec::with_capacity(2 * (FAR_X + FAR_Y)),
             made_for: None,
         }
     }
@@ -94,7 +103,7 @@ impl DetourMap {
         let y = cell[1].div_euclid(2).wrapping_sub(self.min_cell[1]);
         let is_inside = (0..FAR_X as i32).contains(&x) && (0..FAR_Y as i32).contains(&y);
         if self.made_for.is_some() && is_inside {
-            self.detour_m[y as usize * FAR_X + x as usize]
+            self.detour_m[FIRST + y as usize * WIDTH + x as usize]
         } else {
             0.0
         }
@@ -102,23 +111,27 @@ impl DetourMap {
 
     fn cost(&mut self, map: &FarMap, layers: [i32; 2]) {
         let [low, high] = layers.map(|z| z.clamp(map.min_cell[2], map.min_cell[2] + FAR_Z as i32 - 1));
-        for (y, row) in self.factor.chunks_exact_mut(FAR_X).enumerate() {
-            for (x, factor) in row.iter_mut().enumerate() {
-                let [x, y] = [map.min_cell[0] + x as i32, map.min_cell[1] + y as i32];
-                let is_occupied = (low..=high).any(|z| test(&map.occupied, [x, y, z]));
+        for y in 0..FAR_Y {
+            let mut occupied = [0u64; FAR_X / 64];
+            for z in low..=high {
+                let row = &map.occupied[far_row_of([0, map.min_cell[1] + y as i32, z])];
+                for (all, one) in occupied.iter_mut().zip(row) {
+                    *all |= one;
+                }
+            }
+            let factors = &mut self.factor[FIRST + y * WIDTH..][..FAR_X];
+            for (x, factor) in factors.iter_mut().enumerate() {
+                let bit = map.min_cell[0].wrapping_add(x as i32) as usize & (FAR_X - 1);
+                let is_occupied = occupied[bit >> 6] >> (bit & 63) & 1 == 1;
                 *factor = if is_occupied { OCCUPIED_FACTOR } else { 1 };
             }
         }
         // A square of two by two cells has clearance if all of them are free; it counts for its corner.
         for y in 0..FAR_Y - 1 {
-            for x in 0..FAR_X - 1 {
-                let at = y * FAR_X + x;
-                let other_occupied = [at + 1, at + FAR_X, at + FAR_X + 1];
-                if self.factor[at] == 1
-                    && other_occupied
-                        .iter()
-                        .any(|at| self.factor[*at] == OCCUPIED_FACTOR)
-                {
+            for at in FIRST + y * WIDTH..FIRST + y * WIDTH + FAR_X - 1 {
+                let others = [at + 1, at + WIDTH, at + WIDTH + 1];
+                let beside_occupied = others.iter().any(|at| self.factor[*at] == OCCUPIED_FACTOR);
+                if self.factor[at] == 1 && beside_occupied {
                     self.factor[at] = NARROW_FACTOR;
                 }
             }
@@ -127,85 +140,119 @@ impl DetourMap {
 
     /// Computes the cost of the remaining path from every cell.
     fn expand_dijkstra(&mut self, goal: [i32; 2]) {
-        self.left.fill(NOT_REACHED);
-        self.open.clear();
+        self.left.fill(0);
+        for y in 0..FAR_Y {
+            self.left[FIRST + y * WIDTH..][..FAR_X].fill(NOT_REACHED);
+        }
+        self.seeds.clear();
         let [x, y] = [goal[0] - self.min_cell[0], goal[1] - self.min_cell[1]];
         if (0..FAR_X as i32).contains(&x) && (0..FAR_Y as i32).contains(&y) {
-            self.reach(y as usize * FAR_X + x as usize, 0);
+            self.seeds
+                .push((0, (FIRST + y as usize * WIDTH + x as usize) as u32));
         } else {
             // Beyond the border nothing is known.
-            for at in (0..CELLS).filter(|at| on_border(*at)) {
-                self.reach(at, self.open_cost(at, goal));
+            for (at, x, y) in cells().filter(|(_, x, y)| is_on_border(*x, *y)) {
+                self.seeds.push((open_cost(self.min_cell, x, y, goal), at as u32));
             }
         }
-        while let Some(Reverse(key)) = self.open.pop() {
-            let (cost, at) = ((key >> 32) as u32, key as u32 as usize);
-            if cost > self.left[at] {
-                continue;
+        self.seeds.sort_unstable();
+        let (mut next_seed, mut waiting) = (0, 0);
+        let mut cost = self.seeds.first().map_or(0, |seed| seed.0);
+        while waiting > 0 || next_seed < self.seeds.len() {
+            while let Some((_, at)) = self.seeds.get(next_seed).filter(|seed| seed.0 == cost) {
+                waiting += usize::from(self.reach(*at as usize, cost));
+                next_seed += 1;
             }
-            for (to, length) in neighbours(at) {
-                self.reach(to, cost.saturating_add(length * self.factor[to]));
+            // A step costs something, so none leads back into this bucket.
+            let mut bucket = std::mem::take(&mut self.buckets[cost as usize % BUCKETS]);
+            waiting -= bucket.len();
+            for at in bucket.drain(..) {
+                let at = at as usize;
+                if self.left[at] != cost {
+                    continue;
+                }
+                for (to, length) in neighbours(at) {
+                    waiting += usize::from(self.reach(to, cost + length * self.factor[to]));
+                }
             }
+            self.buckets[cost as usize % BUCKETS] = bucket;
+            cost += 1;
         }
     }
 
+    /// Lowers the cost of a cell to `cost`; returns whether it was higher, and the cell is to be expanded.
     #[inline]
-    fn reach(&mut self, at: usize, cost: u32) {
-        if cost < self.left[at] {
+    fn reach(&mut self, at: usize, cost: u32) -> bool {
+        let is_lower = cost < self.left[at];
+        if is_lower {
             self.left[at] = cost;
-            self.open.push(Reverse(u64::from(cost) << 32 | at as u64));
+            self.buckets[cost as usize % BUCKETS].push(at as u32);
         }
-    }
-
-    /// The cost of the path from a cell to `goal` without obstacles, in steps to eight sides.
-    fn open_cost(&self, at: usize, goal: [i32; 2]) -> u32 {
-        let along = |axis: usize, offset: usize| goal[axis].abs_diff(self.min_cell[axis] + offset as i32);
-        let (x, y) = (along(0, at % FAR_X), along(1, at / FAR_X));
-        let (short, long) = (x.min(y).min(1 << 20), x.max(y).min(1 << 20));
-        short * DIAGONAL + (long - short) * STRAIGHT
+        is_lower
     }
 
     /// Computes the detours, of which the cost `ignored` is subtracted.
     fn compare(&mut self, goal: [i32; 2], ignored: u32) {
-        for at in 0..CELLS {
-            // The fine map knows better whether the cell itself is occupied.
-            let beside = neighbours(at).map(|(to, length)| self.left[to].saturating_add(length));
-            let left = beside.fold(self.left[at], u32::min);
-            let detour = left.saturating_sub(self.open_cost(at, goal) + ignored);
-            self.detour_m[at] = detour as f32 * (FAR_CELL_M as f32 / STRAIGHT as f32);
+        // No path leads from outside the window.
+        for y in 0..FAR_Y + 2 {
+            self.left[y * WIDTH] = NOT_REACHED;
+            self.left[y * WIDTH + WIDTH - 1] = NOT_REACHED;
+        }
+        self.left[..WIDTH].fill(NOT_REACHED);
+        self.left[CELLS - WIDTH..].fill(NOT_REACHED);
+        for y in 0..FAR_Y {
+            let row = |y: usize| &self.left[y * WIDTH..(y + 1) * WIDTH];
+            let (before, here, after) = (row(y), row(y + 1), row(y + 2));
+            let detours = &mut self.detour_m[FIRST + y * WIDTH..][..FAR_X];
+            for (x, detour_m) in detours.iter_mut().enumerate() {
+                // The fine map knows better whether the cell itself is occupied.
+                let straight = before[x + 1].min(after[x + 1]).min(here[x]).min(here[x + 2]);
+                let diagonal = before[x].min(before[x + 2]).min(after[x]).min(after[x + 2]);
+                let left = here[x + 1].min(straight + STRAIGHT).min(diagonal + DIAGONAL);
+                let open = open_cost(self.min_cell, x, y, goal);
+                let detour = left.saturating_sub(open + ignored);
+                *detour_m = detour as f32 * (FAR_CELL_M as f32 / STRAIGHT as f32);
+            }
         }
     }
 }
 
-fn on_border(at: usize) -> bool {
-    let (x, y) = (at % FAR_X, at / FAR_X);
+/// The cost of the path from a cell of the window that begins at `min_cell` to `goal` without obstacles, in steps to
+/// eight sides.
+fn open_cost(min_cell: Cell, x: usize, y: usize, goal: [i32; 2]) -> u32 {
+    let along = |axis: usize, offset: usize| goal[axis].abs_diff(min_cell[axis] + offset as i32);
+    let (x, y) = (along(0, x), along(1, y));
+    let (short, long) = (x.min(y).min(1 << 20), x.max(y).min(1 << 20));
+    short * DIAGONAL + (long - short) * STRAIGHT
+}
+
+/// The cells of the window: their place in memory, x and y.
+fn cells() -> impl Iterator<Item = (usize, usize, usize)> {
+    (0..FAR_Y).flat_map(|y| (0..FAR_X).map(move |x| (FIRST + y * WIDTH + x, x, y)))
+}
+
+fn is_on_border(x: usize, y: usize) -> bool {
     x == 0 || y == 0 || x == FAR_X - 1 || y == FAR_Y - 1
 }
 
-/// The eight neighbours of a cell inside the window, and the cost of a step to each through what is free.
+/// The eight neighbours of a cell of the window, and the cost of a step to each through what is free.
 #[inline]
-fn neighbours(at: usize) -> impl Iterator<Item = (usize, u32)> {
-    const BY: [(i32, i32, u32); 8] = [
-        (-1, 0, STRAIGHT),
-        (1, 0, STRAIGHT),
-        (0, -1, STRAIGHT),
-        (0, 1, STRAIGHT),
-        (-1, -1, DIAGONAL),
-        (1, -1, DIAGONAL),
-        (-1, 1, DIAGONAL),
-        (1, 1, DIAGONAL),
-    ];
-    let (x, y) = ((at % FAR_X) as i32, (at / FAR_X) as i32);
-    BY.into_iter().filter_map(move |(by_x, by_y, length)| {
-        let (x, y) = (x + by_x, y + by_y);
-        let is_inside = (0..FAR_X as i32).contains(&x) && (0..FAR_Y as i32).contains(&y);
-        is_inside.then(|| (y as usize * FAR_X + x as usize, length))
-    })
+fn neighbours(at: usize) -> [(usize, u32); 8] {
+    [
+        (at - 1, STRAIGHT),
+        (at + 1, STRAIGHT),
+        (at - WIDTH, STRAIGHT),
+        (at + WIDTH, STRAIGHT),
+        (at - WIDTH - 1, DIAGONAL),
+        (at - WIDTH + 1, DIAGONAL),
+        (at + WIDTH - 1, DIAGONAL),
+        (at + WIDTH + 1, DIAGONAL),
+    ]
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{CELLS, DetourMap};
+    use super::{DetourMap, cells};
     use jink_shared_types::far_map::{FAR_CELL_M, FAR_X, FarMap, set};
     use jink_shared_types::frames::Point;
     use jink_shared_types::map::cell_of;
@@ -215,8 +262,8 @@ mod tests {
     fn map(is_occupied: impl Fn(f64, f64) -> bool) -> Box<FarMap> {
         let mut map = FarMap::boxed();
         map.min_cell = [-(FAR_X as i32) / 2, -(FAR_X as i32) / 2, -16];
-        for at in 0..CELLS {
-            let cell = [0, 1].map(|axis| map.min_cell[axis] + [at % FAR_X, at / FAR_X][axis] as i32);
+        for (_, x, y) in cells() {
+            let cell = [0, 1].map(|axis| map.min_cell[axis] + [x, y][axis] as i32);
             let [x_m, y_m] = cell.map(|cell| (f64::from(cell) + 0.5) * FAR_CELL_M);
             if is_occupied(x_m, y_m) {
                 set(&mut map.occupied, [cell[0], cell[1], -7]);

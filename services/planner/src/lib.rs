@@ -54,6 +54,7 @@ use crate::configuration_space::{Clearance, ConfigurationSpace};
 use crate::corridor::CorridorBuilder;
 use crate::departure::{departure, is_at};
 use crate::guide::Guide;
+use crate::path_choice::FoundPaths;
 use crate::progress::{GoalProgress, Obstruction};
 use crate::proposals::Proposals;
 use crate::search::{Path, Search};
@@ -106,6 +107,7 @@ pub struct Planner {
     yaw_along_path: bool,
     space: ConfigurationSpace,
     search: Search,
+    found: FoundPaths,
     best_path: Path,
     /// The same in the lowest speed tiers.
     crawl_path: Path,
@@ -160,6 +162,7 @@ impl Planner {
             yaw_along_path: params.get(&params::OA_YAW_MODE) == 1.0,
             space: ConfigurationSpace::new(&limits, clearance),
             search: Search::default(),
+            found: FoundPaths::default(),
             best_path: Path::default(),
             crawl_path: Path::default(),
             guide: Guide::default(),

@@ -3,8 +3,8 @@
 use super::Planner;
 use crate::certified_route::PROGRESS_MIN_M;
 use crate::departure::Departure;
-use crate::search::{PathEnd, SearchQuery, SearchResult};
-use crate::speed_tiers::{CRAWL_TIER, LAST_TIER};
+use crate::search::{Path, PathEnd, SearchQuery, SearchResult};
+use crate::speed_tiers::{CRAWL_TIER, LAST_TIER, TIERS};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::motion::MotionLimits;
 use nalgebra::Vector3;
@@ -36,6 +36,20 @@ pub(super) struct PathChoice {
     pub flown: usize,
     /// The path.
     pub found: SearchResult,
+}
+
+/// The paths that were found for each speed tier from one departure to one goal.
+#[derive(Debug, Default)]
+pub(super) struct FoundPaths {
+    results: [Option<SearchResult>; TIERS],
+    paths: [Path; TIERS],
+}
+
+impl FoundPaths {
+    /// Forgets them: there is another departure, goal or map.
+    pub(super) fn clear(&mut self) {
+        self.results = [None; TIERS];
+    }
 }
 
 impl Planner {
@@ -113,12 +127,17 @@ impl Planner {
         speed_mps <= MotionLimits::allowed(self.limits[tier].speed_mps)
     }
 
+    /// Searches for a path in `tier`, once per plan; afterwards it is the search's path.
     pub(super) fn find(
         &mut self,
         tier: usize,
         departure: &Departure,
         goal: &Point<LocalNed>,
     ) -> Option<SearchResult> {
+        if let Some(found) = self.found.results[tier] {
+            self.search.set_path(&self.found.paths[tier]);
+            return Some(found);
+        }
         let query = SearchQuery {
             tier,
             start: self.space.cell_of(tier, &departure.state.position.vector()),
@@ -126,7 +145,10 @@ impl Planner {
             z_range: self.heights(tier, departure, goal),
             height_cost: HEIGHT_COSTS[usize::from(self.view.is_high())],
         };
-        self.search.run(&self.space, &query)
+        let found = self.search.run(&self.space, &query)?;
+        self.found.results[tier] = Some(found);
+        self.found.paths[tier].copy(self.search.path());
+        Some(found)
     }
 
     /// Lowest and highest z of the cells that a path to `goal` may lead through: it may climb over obstacles, but not

@@ -47,6 +47,7 @@ impl Planner {
             || self.space.is_narrow() && speed_mps <= MotionLimits::allowed(self.creep.speed_mps);
         let has_plan = departure.base_id != 0;
         self.space.set_departure(&start, SLOW_TIER, is_creeping, has_plan);
+        self.found.clear();
         if self.space.is_narrow() {
             if desired.is_to_rest()
                 && (goal.vector() - start).norm() < NEAR_REST_M

@@ -3,9 +3,14 @@
 //! 26-connected on the cells of the speed tier; a diagonal step needs every cell it touches. The search ends at the
 //! goal, at the window's border (where the straight line to the goal, and the detour of the far map, are the best
 //! estimate of the rest), or, if neither can be reached, at the cell nearest to the goal.
+//!
+//! The straight line is a good estimate where little is in the way. A search that has not ended after
+//! [`EXPANSIONS_SOON`] cells is in a dead end, or before one; it is begun again with the distances round what is in the
+//! way ([`goal_distances`]). They also show at once whether goal and border can be reached at all.
 
 mod dijkstra;
 mod free_goal;
+mod goal_distances;
 mod neighbours;
 mod window;
 
@@ -16,6 +21,7 @@ use crate::configuration_space::ConfigurationSpace;
 use crate::detours::DetourMap;
 use crate::speed_tiers::TIERS;
 use free_goal::nearest_free_goal;
+use goal_distances::GoalDistances;
 use jink_shared_types::map::{CELL_M, Cell};
 use neighbours::{NeighbourStep, neighbours_outside, steps};
 use std::cmp::Reverse;
@@ -35,9 +41,13 @@ const PREFERRED_FACTOR: f32 = 0.85;
 /// goal instead of expanding everything known; a path costs at most this over [`PREFERRED_FACTOR`] more than the best.
 /// (Weighted A*, Pohl 1970.) In forests 1.3 expands a tenth of the cells of 0.85 for paths 2 % longer.
 const HEURISTIC_WEIGHT: f32 = 1.3;
-/// Most cells expanded in one search: bounds its time to some 10 ms; what was found by then is used. A dead end of 10 m
-/// by 10 m in the search's height band has about as many cells.
+/// The same for the distances round what is in the way.
+const WEIGHT_OF_DISTANCES: f32 = 1.6;
+/// Most cells expanded in one search; what was found by then is used.
 const EXPANSIONS_MAX: usize = 24_000;
+/// A search with the straight line as estimate that has not ended after this many cells takes the distances round
+/// what is in the way instead: they cost about as much as these cells.
+const EXPANSIONS_SOON: usize = 1_500;
 /// The end of a path that does not reach its goal stays the same as long as no other place is nearer to the goal by
 /// more than this (cells): the map's noise would move it from side to side of a trunk, and the vehicle after it.
 const SAME_END_CELLS: f32 = 3.0;
@@ -57,12 +67,20 @@ pub enum PathEnd {
 }
 
 /// A path from cell to cell.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Path {
     /// The speed tier whose cells they are.
     pub tier: usize,
     /// The cells, the start first.
     pub cells: Vec<Cell>,
+}
+
+impl Path {
+    /// Becomes a copy of another one, in the memory that it has.
+    pub fn copy(&mut self, other: &Self) {
+        self.tier = other.tier;
+        self.cells.clone_from(&other.cells);
+    }
 }
 
 impl Default for Path {
@@ -103,9 +121,38 @@ pub struct Search {
     preferred: BitLayer,
     /// For each speed tier the last goal that was not reached, and where the path ended instead.
     ends: [Option<(Cell, Cell)>; TIERS],
+    /// For each speed tier whether the last search did not end soon: the next will not either.
+    is_long: [bool; TIERS],
     expansions: usize,
     /// The detours beyond the window.
     detours: DetourMap,
+    /// The distances round what is in the way.
+    distances: Option<GoalDistances>,
+}
+
+/// What a search is drawn to.
+#[derive(Clone, Copy, Debug)]
+struct Aim {
+    /// The goal, or the place that replaces it.
+    goal: Cell,
+    goal_is_occupied: bool,
+    /// The far map estimates the path beyond the window.
+    use_detours: bool,
+    /// The distances round what is in the way estimate the path, not the straight line.
+    use_distances: bool,
+}
+
+/// How the expansion of cells ended.
+#[derive(Clone, Copy, Debug)]
+enum Expanded {
+    /// The goal was closed.
+    Goal,
+    /// This cell beside the window's border was closed.
+    Border(Cell),
+    /// No cell is left; the nearest one to the goal, and how far it is (m).
+    Enclosed((f32, Cell)),
+    /// As many cells as allowed were expanded; the same.
+    Unfinished((f32, Cell)),
 }
 
 impl Default for Search {
@@ -121,8 +168,10 @@ impl Default for Search {
             cell_m: CELL_M,
             preferred: BitLayer::default(),
             ends: [None; TIERS],
+            is_long: [false; TIERS],
             expansions: 0,
             detours: DetourMap::default(),
+            distances: Some(GoalDistances::default()),
         }
     }
 }
@@ -148,6 +197,11 @@ impl Search {
         &self.path
     }
 
+    /// Makes `path`, which was found before, the last path found.
+    pub fn set_path(&mut self, path: &Path) {
+        self.path.copy(path);
+    }
+
     /// Exchanges the path with `other`: keeps a good one while others are searched for.
     pub fn swap_path(&mut self, other: &mut Path) {
         std::mem::swap(&mut self.path, other);
@@ -157,6 +211,7 @@ impl Search {
     pub fn reset(&mut self) {
         self.preferred.clear();
         self.ends = [None; TIERS];
+        self.is_long = [false; TIERS];
     }
 
     /// Makes the last path found, one cell to each side, the preferred path of the next searches.
@@ -209,38 +264,140 @@ impl Search {
             .filter(|(goal, _)| *goal == query.goal)
             .map(|(_, end)| end);
         let goal = nearest_free_goal(space, query, before);
-        let is_occupied = goal != query.goal;
+        let mut aim = Aim {
+            goal,
+            goal_is_occupied: goal != query.goal,
+            use_detours,
+            use_distances: false,
+        };
+        let soon = if self.is_long[query.tier] {
+            EXPANSIONS_SOON / 4
+        } else {
+            EXPANSIONS_SOON
+        };
+        let mut expanded = self.expand_to(space, query, &aim, soon);
+        self.is_long[query.tier] = matches!(expanded, Expanded::Unfinished(_));
+        if matches!(expanded, Expanded::Unfinished(_)) {
+            aim = self.aim_round_obstacles(space, query, aim, before);
+            expanded = self.expand_to(space, query, &aim, EXPANSIONS_MAX);
+        }
+        match expanded {
+            Expanded::Goal if aim.goal == query.goal => {
+                self.ends[query.tier] = None;
+                self.finish(space, aim.goal, PathEnd::Goal, 0.0, 0.0)
+            }
+            Expanded::Goal => self.finish_short(space, query, aim.goal, aim.goal_is_occupied),
+            Expanded::Border(cell) => {
+                let remaining_m = self.remaining_m(space, cell, goal, use_detours);
+                self.finish(space, cell, PathEnd::Window, remaining_m, BEYOND_FACTOR)
+            }
+            Expanded::Enclosed(nearest) | Expanded::Unfinished(nearest) => {
+                let end = before
+                    .filter(|cell| {
+                        space.holds(query.tier, *cell) && self.visit[index_of(*cell)] == self.round + 1
+                    })
+                    .filter(|cell| {
+                        self.remaining_m(space, *cell, goal, use_detours) <= self.same_end_m(nearest.0)
+                    })
+                    .unwrap_or(nearest.1);
+                self.finish_short(space, query, end, aim.goal_is_occupied)
+            }
+        }
+    }
+
+    /// Makes the distances for `aim`. If neither its goal nor, with the far map, the window's border can be reached, the
+    /// nearest place to the goal becomes the aim, or `before` if that is about as near.
+    fn aim_round_obstacles(
+        &mut self,
+        space: &ConfigurationSpace,
+        query: &SearchQuery,
+        aim: Aim,
+        before: Option<Cell>,
+    ) -> Aim {
+        let mut distances = self.distances.take().unwrap_or_default();
+        distances.load(space, query.tier, query.z_range, query.height_cost);
+        distances.add_seed(aim.goal, 0.0);
+        let remaining_m = |cell: Cell| self.remaining_m(space, cell, aim.goal, aim.use_detours);
+        // Without the far map a path beyond the border would be a guess.
+        if aim.use_detours {
+            distances.add_border(remaining_m);
+        }
+        let mut goal = aim.goal;
+        if !distances.propagate(Some(query.start)) {
+            distances.restart_at(query.start, 0.0);
+            distances.propagate(None);
+            let is_open = |cell: &Cell| {
+                space.holds(query.tier, *cell)
+                    && !space.is_hit(query.tier, *cell)
+                    && (query.z_range.0..=query.z_range.1).contains(&cell[2])
+            };
+            let mut nearest = (f32::INFINITY, query.start);
+            for cell in distances.reached_cells() {
+                let remaining_m = remaining_m(cell);
+                if remaining_m < nearest.0 && is_open(&cell) {
+                    nearest = (remaining_m, cell);
+                }
+            }
+            let is_as_near = |cell: &Cell| remaining_m(*cell) <= self.same_end_m(nearest.0);
+            goal = before
+                .filter(|cell| distances.is_reached(*cell) && is_open(cell) && is_as_near(cell))
+                .unwrap_or(nearest.1);
+            distances.restart_at(goal, 0.0);
+            distances.propagate(Some(query.start));
+        }
+        self.distances = Some(distances);
+        Aim {
+            goal,
+            use_distances: true,
+            ..aim
+        }
+    }
+
+    /// How far from the goal the last end of a path may be, to stay its end, if the nearest place is `nearest_m` away
+    /// (m).
+    fn same_end_m(&self, nearest_m: f32) -> f32 {
+        nearest_m + SAME_END_CELLS * self.cell_m as f32
+    }
+
+    /// Expands cells from the start until the goal or the window's border is closed.
+    fn expand_to(
+        &mut self,
+        space: &ConfigurationSpace,
+        query: &SearchQuery,
+        aim: &Aim,
+        expansions_max: usize,
+    ) -> Expanded {
         self.begin(space, query.tier, query.start);
         let mut nearest = (f32::INFINITY, query.start);
         while let Some((cell, index)) = self.close_next(space) {
-            let remaining_m = self.remaining_m(space, cell, goal, use_detours);
+            let remaining_m = self.remaining_m(space, cell, aim.goal, aim.use_detours);
             if remaining_m < nearest.0 {
                 nearest = (remaining_m, cell);
             }
-            if cell == goal && is_occupied {
-                return self.finish_short(space, query, cell, true);
-            }
-            if cell == goal {
-                self.ends[query.tier] = None;
-                return self.finish(space, cell, PathEnd::Goal, 0.0, 0.0);
+            if cell == aim.goal {
+                return Expanded::Goal;
             }
             if on_shell(space, query.tier, cell) && cell != query.start {
-                return self.finish(space, cell, PathEnd::Window, remaining_m, BEYOND_FACTOR);
+                return Expanded::Border(cell);
             }
             self.expansions += 1;
-            if self.expansions >= EXPANSIONS_MAX {
-                break;
+            if self.expansions >= expansions_max {
+                return Expanded::Unfinished(nearest);
             }
-            self.expand(space, query, &goal, use_detours, cell, index);
+            self.expand(space, query, aim, cell, index);
         }
-        let end = before
-            .filter(|cell| space.holds(query.tier, *cell) && self.visit[index_of(*cell)] == self.round + 1)
-            .filter(|cell| {
-                self.remaining_m(space, *cell, goal, use_detours)
-                    <= nearest.0 + SAME_END_CELLS * self.cell_m as f32
-            })
-            .unwrap_or(nearest.1);
-        self.finish_short(space, query, end, is_occupied)
+        Expanded::Enclosed(nearest)
+    }
+
+    /// The estimated rest of a path from `cell` (m).
+    #[inline]
+    fn estimate_m(&self, space: &ConfigurationSpace, cell: Cell, aim: &Aim) -> f32 {
+        match &self.distances {
+            Some(distances) if aim.use_distances => {
+                distances.remaining_m(cell).max(self.straight_m(cell, aim.goal))
+            }
+            _ => self.remaining_m(space, cell, aim.goal, aim.use_detours),
+        }
     }
 
     /// The estimated rest from `cell` to `goal` (m): the straight line, and, with `use_detours`, the far map's detour.
@@ -324,8 +481,7 @@ impl Search {
         &mut self,
         space: &ConfigurationSpace,
         query: &SearchQuery,
-        goal: &Cell,
-        use_detours: bool,
+        aim: &Aim,
         cell: Cell,
         index: usize,
     ) {
@@ -351,8 +507,13 @@ impl Search {
                 self.visit[next_index] = self.round;
                 self.cost_m[next_index] = cost_m;
                 self.came_from_step[next_index] = number as u8;
-                let remaining_m = self.remaining_m(space, next, *goal, use_detours);
-                self.push(cost_m + HEURISTIC_WEIGHT * remaining_m, next);
+                let estimate_m = self.estimate_m(space, next, aim);
+                let weight = if aim.use_distances {
+                    WEIGHT_OF_DISTANCES
+                } else {
+                    HEURISTIC_WEIGHT
+                };
+                self.push(cost_m + weight * estimate_m, next);
             }
         }
     }
