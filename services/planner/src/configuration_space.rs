@@ -295,6 +295,11 @@ impl ConfigurationSpace {
         &self.blocked[tier]
     }
 
+    /// The layer of the map's cells that are nearer to an obstacle than is comfortable.
+    pub fn near(&self) -> &BitLayer {
+        &self.near
+    }
+
     /// The layer of a speed tier that holds everything too near to a known obstacle.
     pub fn hit(&self, tier: usize) -> &BitLayer {
         &self.hit[tier]

@@ -41,8 +41,6 @@ const PREFERRED_FACTOR: f32 = 0.85;
 /// goal instead of expanding everything known; a path costs at most this over [`PREFERRED_FACTOR`] more than the best.
 /// (Weighted A*, Pohl 1970.) In forests 1.3 expands a tenth of the cells of 0.85 for paths 2 % longer.
 const HEURISTIC_WEIGHT: f32 = 1.3;
-/// The same for the distances round what is in the way.
-const WEIGHT_OF_DISTANCES: f32 = 1.6;
 /// Most cells expanded in one search; what was found by then is used.
 const EXPANSIONS_MAX: usize = 24_000;
 /// A search with the straight line as estimate that has not ended after this many cells takes the distances round
@@ -508,12 +506,7 @@ impl Search {
                 self.cost_m[next_index] = cost_m;
                 self.came_from_step[next_index] = number as u8;
                 let estimate_m = self.estimate_m(space, next, aim);
-                let weight = if aim.use_distances {
-                    WEIGHT_OF_DISTANCES
-                } else {
-                    HEURISTIC_WEIGHT
-                };
-                self.push(cost_m + weight * estimate_m, next);
+                self.push(cost_m + HEURISTIC_WEIGHT * estimate_m, next);
             }
         }
     }
