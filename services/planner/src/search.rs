@@ -99,6 +99,10 @@ pub struct SearchResult {
     pub cost_m: f32,
     /// Straight distance from its end to the goal (m).
     pub remaining_m: f32,
+    /// Straight distance from its start to the goal (m).
+    pub straight_m: f32,
+    /// The straight line did not lead there soon: something large is in the way, and how far it reaches is a guess.
+    pub is_round: bool,
     /// The goal is occupied.
     pub goal_is_occupied: bool,
 }
@@ -279,7 +283,7 @@ impl Search {
             aim = self.aim_round_obstacles(space, query, aim, before);
             expanded = self.expand_to(space, query, &aim, EXPANSIONS_MAX);
         }
-        match expanded {
+        let found = match expanded {
             Expanded::Goal if aim.goal == query.goal => {
                 self.ends[query.tier] = None;
                 self.finish(space, aim.goal, PathEnd::Goal, 0.0, 0.0)
@@ -300,6 +304,11 @@ impl Search {
                     .unwrap_or(nearest.1);
                 self.finish_short(space, query, end, aim.goal_is_occupied)
             }
+        };
+        SearchResult {
+            straight_m: self.straight_m(query.start, query.goal),
+            is_round: aim.use_distances,
+            ..found
         }
     }
 
@@ -559,6 +568,8 @@ impl Search {
             end: kind,
             cost_m,
             remaining_m,
+            straight_m: 0.0,
+            is_round: false,
             goal_is_occupied: false,
         }
     }
