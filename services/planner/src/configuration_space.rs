@@ -25,6 +25,7 @@ mod departure;
 mod inflation;
 mod segments;
 
+pub(crate) use cells::distance_squared_cells;
 pub use clearance::Clearance;
 
 use crate::bit_layer::{BitLayer, StructuringElement};
@@ -75,6 +76,8 @@ pub struct ConfigurationSpace {
     blocked: [BitLayer; TIERS],
     hit: [BitLayer; TIERS],
     near: BitLayer,
+    /// `near` is of this map.
+    near_ready: bool,
     declared: BitLayer,
     /// What the user declares, bits of [`declared_as`].
     declarations: u8,
@@ -107,6 +110,7 @@ impl ConfigurationSpace {
             blocked: std::array::from_fn(|_| BitLayer::default()),
             hit: std::array::from_fn(|_| BitLayer::default()),
             near: BitLayer::default(),
+            near_ready: false,
             declared: BitLayer::default(),
             declarations: 0,
             loaded: false,
@@ -119,8 +123,14 @@ impl ConfigurationSpace {
             self.clearance.standoff_m = clearance.standoff_m;
             self.standoff_elements =
                 std::array::from_fn(|tier| self.clearance.standoff_element(speed_tiers[tier].tube_m));
-            self.ready = [false; TIERS];
+            self.discard_tiers();
         }
+    }
+
+    /// Every speed tier has to be inflated again.
+    fn discard_tiers(&mut self) {
+        self.ready = [false; TIERS];
+        self.near_ready = false;
     }
 
     /// Whether a speed tier plans with less clearance than it needs, to leave a place too narrow for it.
@@ -137,7 +147,7 @@ impl ConfigurationSpace {
     pub fn load(&mut self, map: &LocalMap) {
         self.min_cell = map.min_cell;
         self.loaded = true;
-        self.ready = [false; TIERS];
+        self.discard_tiers();
         self.not_free.load_unsafe(map);
         self.occupied.load_occupied(map);
         self.declarations = map.declarations;
@@ -285,9 +295,10 @@ impl ConfigurationSpace {
         self.contains(cell) && self.occupied.test(cell)
     }
 
-    /// Whether `cell` of the map is nearer to an obstacle than is comfortable.
+    /// Whether `cell` of the map is nearer to an obstacle than is comfortable; not known unless the highest speed tier
+    /// is prepared.
     pub fn is_near(&self, cell: Cell) -> bool {
-        self.contains(cell) && self.near.test(cell)
+        self.near_ready && self.contains(cell) && self.near.test(cell)
     }
 
     /// The layer of a speed tier that holds everything unsafe.
@@ -295,9 +306,10 @@ impl ConfigurationSpace {
         &self.blocked[tier]
     }
 
-    /// The layer of the map's cells that are nearer to an obstacle than is comfortable.
-    pub fn near(&self) -> &BitLayer {
-        &self.near
+    /// The layer of the map's cells that are nearer to an obstacle than is comfortable, if the highest speed tier is
+    /// prepared.
+    pub fn near(&self) -> Option<&BitLayer> {
+        self.near_ready.then_some(&self.near)
     }
 
     /// The layer of a speed tier that holds everything too near to a known obstacle.

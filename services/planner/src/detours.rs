@@ -35,6 +35,8 @@ const FIRST: usize = WIDTH + 1;
 const NOT_REACHED: u32 = u32::MAX / 2;
 /// Cells that wait to be expanded, by their cost modulo this: more than the longest step costs (Dial 1969).
 const BUCKETS: usize = 2048;
+/// Room for cells of the same cost: more than wait in a forest.
+const BUCKET_CELLS: usize = 256;
 const _: () = assert!(BUCKETS > (DIAGONAL * OCCUPIED_FACTOR) as usize);
 
 /// The detours to one goal.
@@ -58,7 +60,7 @@ impl Default for DetourMap {
             detour_m: vec![0.0; CELLS],
             left: vec![0; CELLS],
             factor: vec![0; CELLS],
-            buckets: vec![Vec::new(); BUCKETS],
+            buckets: (0..BUCKETS).map(|_| Vec::with_capacity(BUCKET_CELLS)).collect(),
             seeds: Vec::with_capacity(2 * (FAR_X + FAR_Y)),
             made_for: None,
         }
@@ -110,11 +112,12 @@ impl DetourMap {
     }
 
     fn cost(&mut self, map: &FarMap, layers: [i32; 2]) {
-        let [low, high] = layers.map(|z| z.clamp(map.min_cell[2], map.min_cell[2] + FAR_Z as i32 - 1));
+        let [low, high] =
+            layers.map(|z| z.clamp(map.min_cell[2], map.min_cell[2].saturating_add(FAR_Z as i32 - 1)));
         for y in 0..FAR_Y {
             let mut occupied = [0u64; FAR_X / 64];
             for z in low..=high {
-                let row = &map.occupied[far_row_of([0, map.min_cell[1] + y as i32, z])];
+                let row = &map.occupied[far_row_of([0, map.min_cell[1].wrapping_add(y as i32), z])];
                 for (all, one) in occupied.iter_mut().zip(row) {
                     *all |= one;
                 }
@@ -145,7 +148,7 @@ impl DetourMap {
             self.left[FIRST + y * WIDTH..][..FAR_X].fill(NOT_REACHED);
         }
         self.seeds.clear();
-        let [x, y] = [goal[0] - self.min_cell[0], goal[1] - self.min_cell[1]];
+        let [x, y] = [0, 1].map(|axis| goal[axis].wrapping_sub(self.min_cell[axis]));
         if (0..FAR_X as i32).contains(&x) && (0..FAR_Y as i32).contains(&y) {
             self.seeds
                 .push((0, (FIRST + y as usize * WIDTH + x as usize) as u32));
@@ -220,7 +223,8 @@ impl DetourMap {
 /// The cost of the path from a cell of the window that begins at `min_cell` to `goal` without obstacles, in steps to
 /// eight sides.
 fn open_cost(min_cell: Cell, x: usize, y: usize, goal: [i32; 2]) -> u32 {
-    let along = |axis: usize, offset: usize| goal[axis].abs_diff(min_cell[axis] + offset as i32);
+    let along =
+        |axis: usize, offset: usize| goal[axis].abs_diff(min_cell[axis].saturating_add(offset as i32));
     let (x, y) = (along(0, x), along(1, y));
     let (short, long) = (x.min(y).min(1 << 20), x.max(y).min(1 << 20));
     short * DIAGONAL + (long - short) * STRAIGHT

@@ -14,10 +14,10 @@ use nalgebra::Vector3;
 pub(super) const HIGHER_TIER_MIN_M: f64 = 1.5;
 /// Time that slowing down for one speed tier is expected to cost (s): some metres at half the speed.
 const TIER_COST_S: f64 = 2.0;
-/// How much more a metre counts that a path round something large is longer than the straight line: nobody has seen how
+/// Additional cost of a metre that a path round something large is longer than the straight line: nobody has seen how
 /// far that reaches, and a vehicle that goes there looks around. A gap that a lower speed tier fits through is tried
 /// first.
-const ROUND_FACTOR: f32 = 3.0;
+const ROUND_COST: f32 = 2.0;
 /// A path that ends nowhere near the goal is the last choice: it counts as if it took so much longer (s).
 pub(super) const DEAD_END_S: f64 = 1e3;
 /// Additional cost of a metre of height, for sensors that do not see where a climb leads, and for those that do. Flying
@@ -96,9 +96,7 @@ impl Planner {
         } else {
             0.0
         };
-        let more_m = (found.cost_m - found.straight_m).max(0.0);
-        let factor = if found.is_round { ROUND_FACTOR } else { 1.0 };
-        let counted_m = f64::from(found.cost_m + (factor - 1.0) * more_m);
+        let counted_m = f64::from(found.cost_m + ROUND_COST * found.round_m);
         counted_m / self.limits[0].speed_mps + TIER_COST_S * tier as f64 + dead_end_s
     }
 
@@ -134,7 +132,7 @@ impl Planner {
         speed_mps <= MotionLimits::allowed(self.limits[tier].speed_mps)
     }
 
-    /// Searches for a path in `tier`, once per plan; afterwards it is the search's path.
+    /// Searches for a path in `tier`, unless it was found in this plan already; afterwards it is the search's path.
     pub(super) fn find(
         &mut self,
         tier: usize,

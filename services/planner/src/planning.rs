@@ -66,6 +66,7 @@ impl Planner {
                     return true;
                 }
                 self.space.set_departure(&start, LAST_TIER, is_creeping, has_plan);
+                self.found.clear();
                 return self.plan_escape(departure, desired, route);
             };
             self.search.swap_path(&mut self.crawl_path);
@@ -146,7 +147,7 @@ impl Planner {
             self.progress.reset();
         }
         let viewpoints_max = match last {
-            // A viewpoint could only reveal a longer path.
+            // A viewpoint could hardly reveal a faster path.
             Some(last) if last.time_s + SLOWING_S < seen_s => 0,
             Some(_) => VIEWPOINTS_BEFORE_CRAWLING,
             None => usize::MAX,

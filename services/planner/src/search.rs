@@ -21,7 +21,7 @@ use crate::configuration_space::ConfigurationSpace;
 use crate::detours::DetourMap;
 use crate::speed_tiers::TIERS;
 use free_goal::nearest_free_goal;
-use goal_distances::GoalDistances;
+use goal_distances::{CUBE_CELLS, GoalDistances, cells_of};
 use jink_shared_types::map::{CELL_M, Cell};
 use neighbours::{NeighbourStep, neighbours_outside, steps};
 use std::cmp::Reverse;
@@ -37,11 +37,11 @@ const BEYOND_FACTOR: f32 = 1.3;
 const NEAR_FACTOR: f32 = 1.6;
 /// Cost of a metre along the previous guide: keeps the choice of side between two equal paths.
 const PREFERRED_FACTOR: f32 = 0.85;
-/// Weight of the remaining straight distance: above the cheapest cost of a metre, so that the search is drawn to the
-/// goal instead of expanding everything known; a path costs at most this over [`PREFERRED_FACTOR`] more than the best.
-/// (Weighted A*, Pohl 1970.) In forests 1.3 expands a tenth of the cells of 0.85 for paths 2 % longer.
+/// Weight of the estimated rest: above the cheapest cost of a metre, so that the search is drawn to the goal instead of
+/// expanding everything known. With the straight distance a path costs at most this over [`PREFERRED_FACTOR`] more than
+/// the best (weighted A*, Pohl 1970). In forests 1.3 expands a tenth of the cells of 0.85 for paths 2 % longer.
 const HEURISTIC_WEIGHT: f32 = 1.3;
-/// Most cells expanded in one search; what was found by then is used.
+/// Most cells expanded at a time; what was found by then is used.
 const EXPANSIONS_MAX: usize = 24_000;
 /// A search with the straight line as estimate that has not ended after this many cells takes the distances round
 /// what is in the way instead: they cost about as much as these cells.
@@ -52,6 +52,12 @@ const SAME_END_CELLS: f32 = 3.0;
 
 /// The far map is used for a goal in the window if no path was found and its detour is longer than this (m).
 const DEAD_END_M: f32 = 2.0;
+/// How much nearer to a goal that cannot be reached a path must lead for each metre that it is longer (m).
+const PATH_WORTH: f32 = 0.1;
+/// A path through the window's border to a goal in the window is taken if it is at most this much longer (m) than the
+/// far map knows a path to be: out of a dead end it is about as long. Round an obstacle that encloses the goal it is
+/// longer by the path to the border and back, and leads nowhere.
+const ROUND_MARGIN_M: f32 = 6.0;
 
 /// Where a search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,12 +103,11 @@ pub struct SearchResult {
     pub end: PathEnd,
     /// Estimated cost of the whole path to the goal (m, weighted).
     pub cost_m: f32,
-    /// Straight distance from its end to the goal (m).
+    /// Straight distance from its end to the goal, at the window's border with the far map's detour (m).
     pub remaining_m: f32,
-    /// Straight distance from its start to the goal (m).
-    pub straight_m: f32,
-    /// The straight line did not lead there soon: something large is in the way, and how far it reaches is a guess.
-    pub is_round: bool,
+    /// How much longer it is than the straight line (m), if that did not lead there soon: something large is in the
+    /// way, and how far it reaches is a guess. Else 0.
+    pub round_m: f32,
     /// The goal is occupied.
     pub goal_is_occupied: bool,
 }
@@ -123,8 +128,10 @@ pub struct Search {
     preferred: BitLayer,
     /// For each speed tier the last goal that was not reached, and where the path ended instead.
     ends: [Option<(Cell, Cell)>; TIERS],
-    /// For each speed tier whether the last search did not end soon: the next will not either.
-    is_long: [bool; TIERS],
+    /// For each speed tier the goal of the last search, if it did not end soon: the next will not either.
+    long: [Option<Cell>; TIERS],
+    /// The path into a dead end, while one out of it is searched for.
+    dead_end_path: Path,
     expansions: usize,
     /// The detours beyond the window.
     detours: DetourMap,
@@ -135,7 +142,9 @@ pub struct Search {
 /// What a search is drawn to.
 #[derive(Clone, Copy, Debug)]
 struct Aim {
-    /// The goal, or the place that replaces it.
+    /// Where the path is to end.
+    end: Cell,
+    /// The goal, or the free cell in its place; another than `end` if it cannot be reached.
     goal: Cell,
     goal_is_occupied: bool,
     /// The far map estimates the path beyond the window.
@@ -147,8 +156,8 @@ struct Aim {
 /// How the expansion of cells ended.
 #[derive(Clone, Copy, Debug)]
 enum Expanded {
-    /// The goal was closed.
-    Goal,
+    /// The end was closed.
+    End,
     /// This cell beside the window's border was closed.
     Border(Cell),
     /// No cell is left; the nearest one to the goal, and how far it is (m).
@@ -170,7 +179,8 @@ impl Default for Search {
             cell_m: CELL_M,
             preferred: BitLayer::default(),
             ends: [None; TIERS],
-            is_long: [false; TIERS],
+            long: [None; TIERS],
+            dead_end_path: Path::default(),
             expansions: 0,
             detours: DetourMap::default(),
             distances: Some(GoalDistances::default()),
@@ -213,7 +223,7 @@ impl Search {
     pub fn reset(&mut self) {
         self.preferred.clear();
         self.ends = [None; TIERS];
-        self.is_long = [false; TIERS];
+        self.long = [None; TIERS];
     }
 
     /// Makes the last path found, one cell to each side, the preferred path of the next searches.
@@ -249,9 +259,21 @@ impl Search {
         let found = self.run_guided(space, query, is_beyond);
         // Within the window the fine map knows best, unless all that it knows is a dead end.
         let is_dead_end = !is_beyond && found.end == PathEnd::NearestPoint && !found.goal_is_occupied;
-        if is_dead_end && self.detours.detour_m(space.map_cell(tier, query.start)) > DEAD_END_M {
-            return Some(self.run_guided(space, query, true));
+        let detour_m = self.detours.detour_m(space.map_cell(tier, query.start));
+        if !is_dead_end || detour_m <= DEAD_END_M {
+            return Some(found);
         }
+        let ends = self.ends[tier];
+        std::mem::swap(&mut self.path, &mut self.dead_end_path);
+        let round = self.run_guided(space, query, true);
+        let known_m = self.straight_m(query.start, query.goal) + detour_m;
+        let is_out = round.end != PathEnd::NearestPoint
+            && self.path_m() + round.remaining_m <= known_m + ROUND_MARGIN_M;
+        if is_out {
+            return Some(round);
+        }
+        std::mem::swap(&mut self.path, &mut self.dead_end_path);
+        self.ends[tier] = ends;
         Some(found)
     }
 
@@ -267,28 +289,30 @@ impl Search {
             .map(|(_, end)| end);
         let goal = nearest_free_goal(space, query, before);
         let mut aim = Aim {
+            end: goal,
             goal,
             goal_is_occupied: goal != query.goal,
             use_detours,
             use_distances: false,
         };
-        let soon = if self.is_long[query.tier] {
+        let soon = if self.long[query.tier] == Some(query.goal) {
             EXPANSIONS_SOON / 4
         } else {
             EXPANSIONS_SOON
         };
         let mut expanded = self.expand_to(space, query, &aim, soon);
-        self.is_long[query.tier] = matches!(expanded, Expanded::Unfinished(_));
-        if matches!(expanded, Expanded::Unfinished(_)) {
+        let is_long = matches!(expanded, Expanded::Unfinished(_));
+        self.long[query.tier] = is_long.then_some(query.goal);
+        if is_long {
             aim = self.aim_round_obstacles(space, query, aim, before);
             expanded = self.expand_to(space, query, &aim, EXPANSIONS_MAX);
         }
         let found = match expanded {
-            Expanded::Goal if aim.goal == query.goal => {
+            Expanded::End if aim.end == query.goal => {
                 self.ends[query.tier] = None;
-                self.finish(space, aim.goal, PathEnd::Goal, 0.0, 0.0)
+                self.finish(space, aim.end, PathEnd::Goal, 0.0, 0.0)
             }
-            Expanded::Goal => self.finish_short(space, query, aim.goal, aim.goal_is_occupied),
+            Expanded::End => self.finish_short(space, query, aim.end, aim.goal_is_occupied),
             Expanded::Border(cell) => {
                 let remaining_m = self.remaining_m(space, cell, goal, use_detours);
                 self.finish(space, cell, PathEnd::Window, remaining_m, BEYOND_FACTOR)
@@ -305,11 +329,12 @@ impl Search {
                 self.finish_short(space, query, end, aim.goal_is_occupied)
             }
         };
-        SearchResult {
-            straight_m: self.straight_m(query.start, query.goal),
-            is_round: aim.use_distances,
-            ..found
-        }
+        let round_m = if is_long {
+            (self.path_m() + found.remaining_m - self.straight_m(query.start, query.goal)).max(0.0)
+        } else {
+            0.0
+        };
+        SearchResult { round_m, ..found }
     }
 
     /// Makes the distances for `aim`. If neither its goal nor, with the far map, the window's border can be reached, the
@@ -323,13 +348,13 @@ impl Search {
     ) -> Aim {
         let mut distances = self.distances.take().unwrap_or_default();
         distances.load(space, query.tier, query.z_range, query.height_cost);
-        distances.add_seed(aim.goal, 0.0);
+        distances.add_seed(aim.end, 0.0);
         let remaining_m = |cell: Cell| self.remaining_m(space, cell, aim.goal, aim.use_detours);
-        // Without the far map a path beyond the border would be a guess.
+        // Without the far map a path beyond the border is a guess, taken only if it is found soon.
         if aim.use_detours {
             distances.add_border(remaining_m);
         }
-        let mut goal = aim.goal;
+        let mut end = aim.end;
         if !distances.propagate(Some(query.start)) {
             distances.restart_at(query.start, 0.0);
             distances.propagate(None);
@@ -339,22 +364,29 @@ impl Search {
                     && (query.z_range.0..=query.z_range.1).contains(&cell[2])
             };
             let mut nearest = (f32::INFINITY, query.start);
-            for cell in distances.reached_cells() {
-                let remaining_m = remaining_m(cell);
-                if remaining_m < nearest.0 && is_open(&cell) {
-                    nearest = (remaining_m, cell);
+            for cube in distances.reached_cubes() {
+                // The detour is the same in the whole cube, or nearly.
+                let path_m = PATH_WORTH * distances.remaining_m(cube);
+                if remaining_m(cube) + path_m > nearest.0 + 2.0 * CUBE_CELLS * self.cell_m as f32 {
+                    continue;
+                }
+                for cell in cells_of(cube) {
+                    let away_m = remaining_m(cell) + path_m;
+                    if away_m < nearest.0 && is_open(&cell) {
+                        nearest = (away_m, cell);
+                    }
                 }
             }
             let is_as_near = |cell: &Cell| remaining_m(*cell) <= self.same_end_m(nearest.0);
-            goal = before
+            end = before
                 .filter(|cell| distances.is_reached(*cell) && is_open(cell) && is_as_near(cell))
                 .unwrap_or(nearest.1);
-            distances.restart_at(goal, 0.0);
+            distances.restart_at(end, 0.0);
             distances.propagate(Some(query.start));
         }
         self.distances = Some(distances);
         Aim {
-            goal,
+            end,
             use_distances: true,
             ..aim
         }
@@ -366,7 +398,7 @@ impl Search {
         nearest_m + SAME_END_CELLS * self.cell_m as f32
     }
 
-    /// Expands cells from the start until the goal or the window's border is closed.
+    /// Expands cells from the start until the end or the window's border is closed.
     fn expand_to(
         &mut self,
         space: &ConfigurationSpace,
@@ -381,8 +413,8 @@ impl Search {
             if remaining_m < nearest.0 {
                 nearest = (remaining_m, cell);
             }
-            if cell == aim.goal {
-                return Expanded::Goal;
+            if cell == aim.end {
+                return Expanded::End;
             }
             if on_shell(space, query.tier, cell) && cell != query.start {
                 return Expanded::Border(cell);
@@ -401,7 +433,7 @@ impl Search {
     fn estimate_m(&self, space: &ConfigurationSpace, cell: Cell, aim: &Aim) -> f32 {
         match &self.distances {
             Some(distances) if aim.use_distances => {
-                distances.remaining_m(cell).max(self.straight_m(cell, aim.goal))
+                distances.remaining_m(cell).max(self.straight_m(cell, aim.end))
             }
             _ => self.remaining_m(space, cell, aim.goal, aim.use_detours),
         }
@@ -425,6 +457,12 @@ impl Search {
             .map(|axis| (f64::from(a[axis]) - f64::from(b[axis])).powi(2))
             .sum();
         (square.sqrt() * self.cell_m) as f32
+    }
+
+    /// Length of the last path found (m).
+    fn path_m(&self) -> f32 {
+        let steps = self.path.cells.windows(2);
+        steps.map(|step| self.straight_m(step[0], step[1])).sum()
     }
 
     /// Ends a path short of its goal; the next one ends at the same place.
@@ -568,8 +606,7 @@ impl Search {
             end: kind,
             cost_m,
             remaining_m,
-            straight_m: 0.0,
-            is_round: false,
+            round_m: 0.0,
             goal_is_occupied: false,
         }
     }

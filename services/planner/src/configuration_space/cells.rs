@@ -44,6 +44,8 @@ pub(super) fn cells_within(cell: Cell, radius_m: f64) -> impl Iterator<Item = (C
 }
 
 /// Square of the distance between the centres of two cells (cells squared).
-pub(super) fn distance_squared_cells(a: Cell, b: Cell) -> i32 {
-    (0..3).map(|axis| (a[axis] - b[axis]).pow(2)).sum()
+pub(crate) fn distance_squared_cells(a: Cell, b: Cell) -> i64 {
+    (0..3)
+        .map(|axis| (i64::from(a[axis]) - i64::from(b[axis])).pow(2))
+        .sum()
 }

@@ -4,7 +4,7 @@
 use super::cells::{cell_holding, cells_within};
 use super::{ConfigurationSpace, NarrowPlace};
 use crate::bit_layer::StructuringElement;
-use crate::speed_tiers::{LAST_TIER, TIERS};
+use crate::speed_tiers::LAST_TIER;
 use jink_shared_types::map::Cell;
 use nalgebra::Vector3;
 
@@ -85,7 +85,7 @@ impl ConfigurationSpace {
     fn set_inside_standoff(&mut self, is_inside_standoff: bool) {
         if is_inside_standoff != self.is_inside_standoff {
             self.is_inside_standoff = is_inside_standoff;
-            self.ready = [false; TIERS];
+            self.discard_tiers();
         }
     }
 }

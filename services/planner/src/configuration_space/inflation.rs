@@ -32,6 +32,7 @@ impl ConfigurationSpace {
         if tier == 0 {
             self.comfort
                 .dilate(&self.hit[0], &mut self.scratch, &mut self.near);
+            self.near_ready = true;
         }
     }
 

@@ -1,7 +1,7 @@
 //! The free cell that replaces an occupied goal.
 
 use super::{SAME_END_CELLS, SearchQuery};
-use crate::configuration_space::ConfigurationSpace;
+use crate::configuration_space::{ConfigurationSpace, distance_squared_cells};
 use jink_shared_types::map::Cell;
 
 /// An occupied goal (a waypoint in a tree) is replaced by the nearest free place, searched this many cells around:
@@ -35,13 +35,13 @@ pub(super) fn nearest_free_goal(
         return goal;
     }
     let within = |more_cells: f64| (f64::from(nearest).sqrt() + more_cells).powi(2) as i32;
-    let same = within(f64::from(SAME_END_CELLS));
+    let same = i64::from(within(f64::from(SAME_END_CELLS)));
     if let Some(before) = before.filter(|cell| distance_squared_cells(*cell, goal) <= same && is_open(*cell))
     {
         return before;
     }
     let limit = within(1.0);
-    let mut best = (i32::MAX, goal);
+    let mut best = (i64::MAX, goal);
     visit_cubes(goal, |cell, square| {
         let away = distance_squared_cells(cell, query.start);
         if square <= limit && away < best.0 && is_open(cell) {
@@ -71,8 +71,4 @@ fn visit_cubes(centre: Cell, mut visit: impl FnMut(Cell, i32) -> i32) {
             }
         }
     }
-}
-
-fn distance_squared_cells(a: Cell, b: Cell) -> i32 {
-    (0..3).map(|axis| (a[axis] - b[axis]).pow(2)).sum()
 }

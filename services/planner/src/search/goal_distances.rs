@@ -5,8 +5,8 @@
 //! |---|---|
 //! | the cells of a speed tier that are not hit, seeds with their remaining distance | per cube of two by two by two cells: the distance (m) to the nearest seed and from there on |
 //!
-//! A cube is free if any of its cells is: what a tier keeps its distance from is thicker than a cube, so that no way
-//! leads through it, and no gap closes. A wave front moves through the free cubes, a row of 64 at a time: alternately to
+//! A cube is free if any of its cells is, so that no gap closes. What a tier keeps its distance from is thicker than a
+//! cube, so that no path leads through it but where two of them touch. A wave front moves through the free cubes, a row of 64 at a time: alternately to
 //! the four and to the eight neighbours on the same height, so that its distances are those of an octagon (Rosenfeld
 //! and Pfaltz 1968), and later to the heights above and below. A diagonal step needs every cube it touches. The front is
 //! slower where a path costs more: in cubes none of whose cells is safe and comfortable.
@@ -19,9 +19,11 @@ const CUBES_X: usize = SIZE_X / 2;
 const CUBES_Y: usize = SIZE_Y / 2;
 const CUBES_Z: usize = SIZE_Z / 2;
 const _: () = assert!(CUBES_X == u64::BITS as usize);
-/// One more row to each side, and one more height, are never free.
-const HEIGHT: usize = CUBES_Y + 2;
-const ROWS: usize = HEIGHT * (CUBES_Z + 2);
+/// Rows on each height: one more to each side, as one more height above and below, is never free.
+const LEVEL_ROWS: usize = CUBES_Y + 2;
+const ROWS: usize = LEVEL_ROWS * (CUBES_Z + 2);
+/// Edge of a cube (cells).
+pub(super) const CUBE_CELLS: f32 = 2.0;
 /// Waves that a step takes, and how many more into a cube that costs more: half as much again.
 const STEP_WAVES: usize = 2;
 const COSTLY_WAVES: usize = 1;
@@ -29,9 +31,10 @@ const COSTLY_WAVES: usize = 1;
 const VERTICAL_MAX: usize = 4;
 /// Waves that are remembered: more than a step takes.
 const REMEMBERED: usize = STEP_WAVES * VERTICAL_MAX + COSTLY_WAVES + 1;
-/// Seeds farther away than the nearest one by this many cubes are left out: no path ends there.
+/// Seeds farther away than the nearest one by more than this many waves count as if they were not.
 const SEED_WAVES_MAX: f32 = 2_000.0;
-const NOT_REACHED: u16 = u16::MAX;
+/// More waves than a front can take through the window.
+const WAVES_MAX: u16 = u16::MAX;
 
 /// A row of cubes of the wave front.
 type FrontRow = (usize, u64);
@@ -70,8 +73,8 @@ impl Default for GoalDistances {
             pending: vec![0; ROWS],
             touched: Vec::with_capacity(ROWS),
             fronts: std::array::from_fn(|_| Vec::with_capacity(ROWS)),
-            waves: vec![NOT_REACHED; ROWS * CUBES_X],
-            seeds: Vec::with_capacity(4 * CUBES_X * CUBES_Z),
+            waves: vec![WAVES_MAX; ROWS * CUBES_X],
+            seeds: Vec::with_capacity(CUBES_X * CUBES_Y * CUBES_Z / 8),
             nearest_seed_m: 0.0,
             end_wave: 0,
         }
@@ -89,11 +92,12 @@ impl GoalDistances {
         height_cost: f32,
     ) {
         self.min_cell = space.min_cell(tier);
-        self.cube_m = 2.0 * space.cell_m(tier) as f32;
-        self.vertical_waves = STEP_WAVES * (1 + height_cost as usize).min(VERTICAL_MAX);
+        self.cube_m = CUBE_CELLS * space.cell_m(tier) as f32;
+        let vertical_waves = (STEP_WAVES as f32 * (1.0 + height_cost)).round() as usize;
+        self.vertical_waves = vertical_waves.min(STEP_WAVES * VERTICAL_MAX);
         let (hit, blocked) = (space.hit(tier), space.blocked(tier));
         // The layer for comfort is one of the map's cells.
-        let near = (space.per_cell(tier) == 1).then(|| space.near());
+        let near = space.near().filter(|_| space.per_cell(tier) == 1);
         let [_, min_y, min_z] = self.min_cell;
         let shift = bit_of(self.min_cell);
         self.free.fill(0);
@@ -154,13 +158,14 @@ impl GoalDistances {
         let nearest_m = self.seeds.iter().fold(f32::INFINITY, |min, seed| min.min(seed.0));
         self.nearest_seed_m = nearest_m;
         for seed in &mut self.seeds {
-            seed.0 = ((seed.0 - nearest_m) / self.cube_m * STEP_WAVES as f32).round();
+            seed.0 = ((seed.0 - nearest_m) / self.cube_m * STEP_WAVES as f32)
+                .round()
+                .min(SEED_WAVES_MAX);
         }
-        self.seeds.retain(|seed| seed.0 < SEED_WAVES_MAX);
         self.seeds
             .sort_unstable_by_key(|(wave, row, x)| (*wave as u32, *row, *x));
         let (mut next_seed, mut idle) = (0, 0);
-        for wave in 0..NOT_REACHED {
+        for wave in 0..WAVES_MAX {
             self.advance(usize::from(wave));
             while let Some((when, row, x)) = self.seeds.get(next_seed).copied()
                 && when as u16 <= wave
@@ -226,7 +231,7 @@ impl GoalDistances {
     fn advance_vertically(&mut self, from: usize, is_cheap: bool) {
         let front = std::mem::take(&mut self.fronts[from % REMEMBERED]);
         for (row, bits) in front.iter().copied() {
-            for beside in [row - HEIGHT, row + HEIGHT] {
+            for beside in [row - LEVEL_ROWS, row + LEVEL_ROWS] {
                 self.touch(beside, bits & self.entered(beside, is_cheap));
             }
         }
@@ -280,11 +285,10 @@ impl GoalDistances {
             .is_some_and(|(row, x)| self.reached[row] >> x & 1 == 1)
     }
 
-    /// Every cell of the cubes where the front has been.
-    pub(super) fn reached_cells(&self) -> impl Iterator<Item = Cell> {
+    /// The first cell of every cube where the front has been.
+    pub(super) fn reached_cubes(&self) -> impl Iterator<Item = Cell> {
         let rows = self.reached.iter().enumerate();
-        let cubes = rows.flat_map(move |(row, reached)| bits(*reached).map(move |x| self.cell_at(row, x)));
-        cubes.flat_map(|[x, y, z]| (0..8).map(move |at| [x + (at & 1), y + (at >> 1 & 1), z + (at >> 2)]))
+        rows.flat_map(move |(row, reached)| bits(*reached).map(move |x| self.cell_at(row, x)))
     }
 
     /// The row, and the place in it, of the cube of a cell; `None` outside of the window.
@@ -301,15 +305,20 @@ impl GoalDistances {
     fn cell_at(&self, row: usize, x: u32) -> Cell {
         [
             self.min_cell[0] + 2 * x as i32,
-            self.min_cell[1] + 2 * (row % HEIGHT) as i32 - 2,
-            self.min_cell[2] + 2 * (row / HEIGHT) as i32 - 2,
+            self.min_cell[1] + 2 * (row % LEVEL_ROWS) as i32 - 2,
+            self.min_cell[2] + 2 * (row / LEVEL_ROWS) as i32 - 2,
         ]
     }
 }
 
+/// The cells of the cube that begins with one.
+pub(super) fn cells_of([x, y, z]: Cell) -> impl Iterator<Item = Cell> {
+    (0..8).map(move |at| [x + (at & 1), y + (at >> 1 & 1), z + (at >> 2)])
+}
+
 /// The row of cubes of the cells at `y` and `z`, counted from the window's first one.
 fn row_of(y: usize, z: usize) -> usize {
-    (z / 2 + 1) * HEIGHT + y / 2 + 1
+    (z / 2 + 1) * LEVEL_ROWS + y / 2 + 1
 }
 
 /// One bit for every two: whether any of them is set.
@@ -343,7 +352,7 @@ fn bits(mut row: u64) -> impl Iterator<Item = u32> {
 
 #[cfg(test)]
 mod tests {
-    use super::GoalDistances;
+    use super::{GoalDistances, cells_of};
     use crate::configuration_space::ConfigurationSpace;
     use crate::configuration_space::tests::{known_map, space_of};
     use crate::search::neighbours::{neighbours_outside, steps};
@@ -396,7 +405,7 @@ mod tests {
             let lengths = path_lengths(&space, tier, start);
             let free = |cell: &Cell| space.holds(tier, *cell) && !space.is_hit(tier, *cell);
             let inside = |cell: &Cell| (HEIGHTS.0..=HEIGHTS.1).contains(&cell[2]);
-            let reached: BTreeSet<Cell> = distances.reached_cells().filter(|cell| free(cell) && inside(cell)).collect();
+            let reached: BTreeSet<Cell> = distances.reached_cubes().flat_map(cells_of).filter(|cell| free(cell) && inside(cell)).collect();
             prop_assert!(lengths.keys().all(|cell| reached.contains(cell)));
             // Where two trees leave a corner between cells free, a cube leads through it.
             prop_assert!(reached.len() <= lengths.len() + lengths.len() / 10 + 16);
@@ -436,7 +445,8 @@ mod tests {
         distances.restart_at([0; 3], 0.0);
         distances.propagate(None);
         let far = distances
-            .reached_cells()
+            .reached_cubes()
+            .flat_map(cells_of)
             .map(|cell| cell[0].pow(2) + cell[1].pow(2))
             .max();
         assert!(far.is_some_and(|square| (200..625).contains(&square)), "{far:?}");

@@ -3,6 +3,10 @@
 use super::window::{cell_at, index_of};
 use super::{PathEnd, Search, SearchQuery};
 use crate::configuration_space::tests::{known_map, space_of};
+use jink_shared_types::far_map::{FAR_CELL_M, FarMap, set};
+use jink_shared_types::frames::Point;
+use jink_shared_types::map::cell_of;
+use nalgebra::Vector3;
 use proptest::prelude::*;
 
 fn query(tier: usize, goal: [i32; 3]) -> SearchQuery {
@@ -109,6 +113,64 @@ fn where_a_path_ends_short_of_its_goal_stays_the_same_while_the_map_wobbles() {
         let end = *search.path().cells.last().unwrap();
         assert_eq!(end, *first.get_or_insert(end));
     }
+}
+
+/// The walls of a house of 6 m by 6 m north of the start, of which the farthest one is left out if it is open.
+fn is_wall(p: Vector3<f64>, is_open: bool) -> bool {
+    let (x, y) = (p.x - 6.5, p.y);
+    let side = |across: f64, along: f64| (across.abs() - 3.0).abs() < 0.3 && along.abs() < 3.3;
+    side(x, y) && !(is_open && x > 0.0) || side(y, x)
+}
+
+fn far_house(is_open: bool) -> Box<FarMap> {
+    let mut far = FarMap::boxed();
+    far.min_cell = [-128, -128, -16];
+    for x in 0..40 {
+        for y in -20..20 {
+            let centre = Vector3::new(f64::from(x) + 0.5, f64::from(y) + 0.5, 0.0) * FAR_CELL_M;
+            if is_wall(centre, is_open) {
+                (-16..16).for_each(|z| set(&mut far.occupied, [x, y, z]));
+            }
+        }
+    }
+    far
+}
+
+#[test]
+fn a_goal_in_a_closed_house_is_waited_for_at_its_wall_and_one_in_an_open_house_is_reached() {
+    for is_open in [false, true] {
+        let space = space_of(&known_map(|p| is_wall(p, is_open)));
+        let mut search = Search::default();
+        let goal = Point::new(6.5, 0.1, 0.1);
+        let far = far_house(is_open);
+        let here = Point::new(0.1, 0.1, 0.1);
+        search.detours_mut().make(&far, 1, &goal, &here, true);
+        assert!(search.detour_m([0; 3]) > 2.0);
+        for tier in 0..3 {
+            let found = search.run(&space, &query(tier, cell_of(goal))).unwrap();
+            let end = *search.path().cells.last().unwrap();
+            if is_open {
+                assert_eq!(found.end, PathEnd::Goal, "{tier} {end:?}");
+                assert!((6.0..20.0).contains(&found.round_m), "{}", found.round_m);
+            } else {
+                // Round the border it would be no nearer.
+                assert_eq!(found.end, PathEnd::NearestPoint, "{tier} {end:?}");
+                assert!((5..18).contains(&end[0]) && end[1].abs() < 8, "{tier} {end:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_goal_beyond_any_map_is_no_overflow() {
+    let space = space_of(&known_map(|_| false));
+    let mut search = Search::default();
+    let goal = Point::new(1e9, -1e9, 0.1);
+    search
+        .detours_mut()
+        .make(&far_house(false), 1, &goal, &Point::ZERO, true);
+    let found = search.run(&space, &query(0, cell_of(goal))).unwrap();
+    assert_eq!(found.end, PathEnd::Window);
 }
 
 #[test]
