@@ -151,8 +151,7 @@ fn a_landing_elsewhere() {
 }
 
 /// Nobody looks for obstacles on a circle that PX4 flies by itself: it holds instead, after a stop out of 4 m/s around whatever stands
-/// in its way. Chosen once more it is flown. In the trajectory interface PX4 does not follow such a stop (docs/connect_px4_trajectory.md):
-/// what stands within 6 m may be touched there, and only the holding is a promise.
+/// in its way. Chosen once more it is flown.
 pub fn circle_flights() -> Flights {
     let mut flights = Flights::new();
     let centre = place(22.0, 0.0);
@@ -173,9 +172,7 @@ pub fn circle_flights() -> Flights {
             let truth = flight.truth();
             assert_eq!(truth.mode.get(), NavMode::Hold, "{whose:?} {truth:?}");
             assert!(away_m(&flight, held) < 12.0, "{whose:?} {truth:?}");
-            if whose != PX4_TRAJECTORY {
-                assert_eq!(truth.collisions, 0, "{whose:?} {truth:?}");
-            }
+            assert_eq!(truth.collisions, 0, "{whose:?} {truth:?}");
             assert!(flight.run_until(6.0, is(NavMode::Orbit)), "{whose:?}");
             flight.run(3.0);
             assert_eq!(flight.truth().mode.get(), NavMode::Orbit, "{whose:?}");
