@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn active_is_said_only_while_everything_is_healthy_and_flows() {
+    fn active_is_reported_only_while_everything_is_healthy_and_flows() {
         let flowing = [Input::Flowing; 3];
         assert_eq!(judged(Health::Healthy, &flowing), AvoidanceState::Active);
         for health in [
@@ -321,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stall_of_a_moment_is_not_told_as_critical_and_one_that_lasts_is() {
+    fn a_stall_of_a_moment_is_not_reported_as_critical_and_one_that_lasts_is() {
         use AvoidanceState::{Active, Critical, Termination};
         let short = said(&[(0.0, Active), (1.05, Critical), (1.21, Active)]);
         assert!(short.iter().all(|(_, state)| *state == Active as u8), "{short:?}");
@@ -342,7 +342,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_change_is_said_soon_and_never_more_than_five_times_a_second(
+        fn a_change_is_reported_soon_and_never_more_than_five_times_a_second(
             states in proptest::collection::vec((0u8..3, 1u64..60), 1..300),
         ) {
             let mut heartbeats = Heartbeats::default();

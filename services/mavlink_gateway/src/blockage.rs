@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn an_item_out_of_reach_is_helped_by_policy_and_waiting_is_told_once() {
+    fn an_item_out_of_reach_is_helped_by_policy_and_waiting_is_reported_once() {
         let [wait, skip, stop] = [Remedy::Wait, Remedy::Skip, Remedy::Stop].map(Some);
         assert_eq!(remedies(0.0, [3, 3, 4]), [wait, None, wait]);
         assert_eq!(remedies(1.0, [3, 3, 4]), [skip; 3]);
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_goal_that_is_no_item_is_told_once() {
+    fn a_goal_that_is_no_item_is_reported_once() {
         let mut blockage = Blockage::new(Remedy::Skip);
         let goals = [1.0, 1.0, 5.0, 5.05, 1.0].map(|x| Point::new(x, 0.0, -3.0));
         let reported = goals.map(|goal| blockage.is_new(goal));

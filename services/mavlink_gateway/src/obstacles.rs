@@ -216,13 +216,13 @@ mod tests {
     }
 
     #[test]
-    fn the_reach_told_stays_while_the_ring_wavers() {
+    fn the_reach_reported_stays_while_the_ring_wavers() {
         let reported = |reach_m| sent(&ring(reach_m)).max_distance;
         assert_eq!([11.95, 11.99, 12.0, 12.05].map(reported), [1100; 4]);
     }
 
     #[test]
-    fn an_obstacle_nearer_than_the_sensor_sees_is_told_as_near_as_can_be() {
+    fn an_obstacle_nearer_than_the_sensor_sees_is_reported_as_near_as_can_be() {
         let mut ring = ring(15.0);
         ring.distance_m[0] = 0.05;
         ring.distance_m[1] = 0.0;
@@ -232,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn to_ardupilot_each_eighth_is_told_in_one_piece() {
+    fn to_ardupilot_each_eighth_is_reported_in_one_piece() {
         let mut ring = ring(15.0);
         for sector in 0..SECTORS {
             ring.distance_m[sector] = 1.0 + sector as f32 * 0.1;
@@ -277,7 +277,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn no_sector_is_ever_told_farther_than_it_or_both_beside_it_were_seen(
+        fn no_sector_is_ever_reported_farther_than_it_or_both_beside_it_were_seen(
             distances in proptest::collection::vec(any::<f32>(), SECTORS),
             reaches in proptest::collection::vec(any::<f32>(), SECTORS),
         ) {

@@ -35,6 +35,8 @@ const GROUND_VALID_S: f64 = 1.0;
 const JUMP_FLOOR_M: f64 = 0.3;
 /// And up to what an acceleration of this size could add in between (m/s^2), which matters after lost messages.
 const JUMP_ACCELERATION_MPS2: f64 = 10.0;
+/// A report of the circle is on its way for this long at most (s): PX4 sends it five times a second.
+const ORBIT_REPORT_LATE_S: f64 = 0.5;
 /// A stamp this much older than the one before (ms) comes from a new start of the autopilot, not from a late packet.
 const REBOOT_BACK_MS: i32 = 1000;
 /// A stamp that runs ahead of the board's clock by this much (s) does, too (the counter has wrapped or was reset).
@@ -128,6 +130,8 @@ pub struct VehicleTracker {
     received: Timestamp,
     make: Option<AutopilotType>,
     mode: NavMode,
+    /// When the last circle was left.
+    orbit_left: Timestamp,
     custom_mode: u32,
     heartbeat_mode: (NavMode, bool),
     heartbeat_received: bool,
@@ -151,6 +155,7 @@ impl Default for VehicleTracker {
             received: Timestamp::NEVER,
             make: None,
             mode: NavMode::Unknown,
+            orbit_left: Timestamp::NEVER,
             custom_mode: 0,
             heartbeat_mode: (NavMode::Unknown, true),
             heartbeat_received: false,
@@ -197,6 +202,23 @@ impl VehicleTracker {
 
     /// Takes over a mode that was inferred from the desired path; stands until the next heartbeat.
     pub fn infer_mode(&mut self, mode: NavMode) {
+        self.change_mode(mode);
+    }
+
+    /// Takes a report of the circle that PX4 flies: it comes five times a second, the mode only once. Stands until the
+    /// next heartbeat. A report that was on its way when PX4 left the circle says nothing.
+    pub fn infer_orbit(&mut self) {
+        let has_left =
+            self.orbit_left.is_set() && self.received.seconds_since(self.orbit_left) <= ORBIT_REPORT_LATE_S;
+        if !has_left {
+            self.change_mode(NavMode::Orbit);
+        }
+    }
+
+    fn change_mode(&mut self, mode: NavMode) {
+        if self.mode == NavMode::Orbit && mode != NavMode::Orbit {
+            self.orbit_left = self.received;
+        }
         self.mode = mode;
     }
 
@@ -262,9 +284,10 @@ impl VehicleTracker {
     pub fn take_mode(&mut self, custom_mode: u32) {
         self.custom_mode = custom_mode;
         // Another make's numbers mean something else.
-        self.mode = self
+        let mode = self
             .make
             .map_or(NavMode::Unknown, |make| make.nav_mode(custom_mode));
+        self.change_mode(mode);
         let unnamed = self.make.is_some_and(|make| make.is_unnamed_auto(custom_mode));
         self.heartbeat_mode = (self.mode, self.mode != NavMode::Unknown || !unnamed);
     }

@@ -130,7 +130,7 @@ fn the_stream_is_there_before_the_mode_is_asked_for() {
 }
 
 #[test]
-fn what_speaks_against_it_is_told_once_and_nothing_is_asked_for() {
+fn what_speaks_against_it_is_reported_once_and_nothing_is_asked_for() {
     type Change = fn(AssistScene) -> AssistScene;
     let cases: [(&str, Change); 10] = [
         ("profile", |scene| AssistScene { fits: false, ..scene }),

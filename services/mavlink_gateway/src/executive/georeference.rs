@@ -234,7 +234,7 @@ mod tests {
         }
 
         #[test]
-        fn whatever_is_told_a_place_is_finite(
+        fn whatever_the_message_a_place_is_finite(
             boot_ms: u32, lat: i32, lon: i32, alt: i32, numbers in prop::array::uniform6(any::<f32>()), x: i32, y: i32, z_m: f32,
         ) {
             let mut georeference = flown(GlobalPoint { latitude_deg: 47.0, longitude_deg: 8.0 }, 0.0, Vector3::zeros(), 4);
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_before_a_few_pairs_and_small_changes_do_not_move_a_place() {
+    fn nothing_is_reported_before_a_few_pairs_and_small_changes_do_not_move_a_place() {
         let origin = GlobalPoint {
             latitude_deg: 47.4,
             longitude_deg: 8.5,

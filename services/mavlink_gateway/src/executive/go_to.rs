@@ -364,13 +364,13 @@ mod tests {
     }
 
     #[test]
-    fn who_tells_changes_of_mode_at_once_is_taken_over_from_at_once() {
+    fn who_reports_changes_of_mode_at_once_is_taken_over_from_at_once() {
         assert!(known_s(true) < 0.35, "{}", known_s(true));
         assert!((0.9..1.2).contains(&known_s(false)), "{}", known_s(false));
     }
 
     #[test]
-    fn the_target_of_a_mission_that_is_told_later_is_no_go_to() {
+    fn the_target_of_a_mission_that_is_reported_later_is_no_go_to() {
         assert!(!seen(&[(15.0, NavMode::Hold)]), "not known yet whose it is");
         assert!(!seen(&[(15.0, NavMode::Hold), (20.8, NavMode::Mission)]));
         assert!(seen(&[(15.0, NavMode::Hold), (20.8, NavMode::Hold)]));

@@ -201,7 +201,7 @@ fn a_mission_that_cannot_be_taken_over_in_motion_is_taken_over_from_rest() {
 }
 
 #[test]
-fn a_mission_that_is_flown_while_jink_is_not_ready_is_told_once() {
+fn a_mission_that_is_flown_while_jink_is_not_ready_is_reported_once() {
     let items = mission();
     let mut executive = Executive::new(Part::TakesOver);
     let mut seen = scene(&items);
@@ -516,7 +516,7 @@ fn a_landing_elsewhere_is_flown_to_at_this_height_and_given_back_above() {
 }
 
 #[test]
-fn what_nobody_could_guard_is_held_and_told_unless_it_is_allowed() {
+fn what_nobody_could_guard_is_held_and_reported_unless_it_is_allowed() {
     let mut above_terrain = item(3, MavCmd::MAV_CMD_NAV_WAYPOINT, 40);
     above_terrain.frame = MavFrame::MAV_FRAME_GLOBAL_TERRAIN_ALT;
     let others = [

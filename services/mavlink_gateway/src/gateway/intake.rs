@@ -145,6 +145,7 @@ impl Gateway {
                 }
             }
             MavMessage::CURRENT_MODE(current) => self.vehicle.take_mode(current.custom_mode),
+            MavMessage::ORBIT_EXECUTION_STATUS(_) => self.vehicle.infer_orbit(),
             MavMessage::COMMAND_ACK(ack) => {
                 self.streams.answered(now, ack);
                 self.take_mode_answer(ack, outputs);

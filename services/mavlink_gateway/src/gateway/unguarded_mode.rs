@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_circle_is_held_and_told_unless_it_is_chosen_again() {
+    fn a_circle_is_held_and_reported_unless_it_is_chosen_again() {
         let mut bench = Bench::new(true, false);
         assert_eq!(bench.fly(NavMode::Mission, 1.0), (0, vec![]));
         assert_eq!(bench.fly(NavMode::Orbit, 0.3), (1, vec![&MODE_HELD]));
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_return_is_told_and_never_held() {
+    fn a_return_is_reported_and_never_held() {
         let mut bench = Bench::new(true, false);
         assert_eq!(bench.fly(NavMode::Return, 5.0), (0, vec![&MODE_UNGUARDED]));
         assert_eq!(bench.fly(NavMode::Hold, 1.0), (0, vec![]));

@@ -83,7 +83,7 @@ fn slow_messages_fill_in_the_rest() {
 }
 
 #[test]
-fn an_old_ground_distance_is_not_told() {
+fn an_old_ground_distance_is_not_reported() {
     let mut bench = Bench::new();
     bench.receive(MavMessage::ALTITUDE(ALTITUDE_DATA {
         bottom_clearance: 4.5,
@@ -159,7 +159,7 @@ fn an_old_position_is_no_longer_valid() {
 }
 
 #[test]
-fn the_loss_of_the_autopilot_is_told_once_and_its_return_too() {
+fn the_loss_of_the_autopilot_is_reported_once_and_its_return_too() {
     let mut bench = Bench::new();
     receive_all(&mut bench);
     bench.step();
@@ -312,7 +312,7 @@ fn a_landing_has_no_goal_far_below_the_ground() {
 }
 
 #[test]
-fn a_mode_is_known_before_the_heartbeat_tells() {
+fn a_mode_is_known_before_the_heartbeat() {
     for (heartbeat, command, mode) in [
         (MODE_HOLD, COMMAND_NONE, NavMode::Mission),
         (MODE_HOLD, COMMAND_TAKEOFF, NavMode::Takeoff),
@@ -335,6 +335,28 @@ fn a_mode_is_known_before_the_heartbeat_tells() {
         bench.step();
         assert_eq!(newest(&bench).mode, jink_mode(heartbeat));
     }
+}
+
+/// PX4 reports a circle five times a second while it flies it, and its mode once a second.
+#[test]
+fn a_circle_is_known_by_its_report_and_a_late_report_does_not_bring_it_back() {
+    let mut bench = Bench::new();
+    let mut mode = |bench: &mut Bench, message: MavMessage| {
+        bench.receive(message);
+        bench.receive_position(Vector3::zeros(), Vector3::zeros());
+        bench.receive_attitude(0.0);
+        bench.step();
+        newest(bench).mode
+    };
+    let report = || MavMessage::ORBIT_EXECUTION_STATUS(ORBIT_EXECUTION_STATUS_DATA::default());
+    let hold = || heartbeat(MODE_HOLD, true);
+    assert_eq!(mode(&mut bench, hold()), NavMode::Hold);
+    assert_eq!(mode(&mut bench, report()), NavMode::Orbit);
+    assert_eq!(mode(&mut bench, hold()), NavMode::Hold, "the heartbeat has the last word");
+    bench.idle_until(at(0.2));
+    assert_eq!(mode(&mut bench, report()), NavMode::Hold, "it was on its way");
+    bench.idle_until(at(1.0));
+    assert_eq!(mode(&mut bench, report()), NavMode::Orbit);
 }
 
 fn jink_mode(custom_mode: u32) -> NavMode {

@@ -4,7 +4,9 @@ use super::setpoint::MotionSetpoint;
 use jink_emulated_autopilot::command_place::CommandPlace;
 use jink_emulated_autopilot::mission::MissionFrame;
 use jink_shared_types::{LocalNed, Point};
-use mavlink::dialects::ardupilotmega::COMMAND_LONG_DATA;
+use mavlink::dialects::ardupilotmega::{
+    COMMAND_LONG_DATA, MavFrame, MavMessage, ORBIT_EXECUTION_STATUS_DATA,
+};
 use nalgebra::{Vector2, Vector3};
 
 /// Speed towards the circle for each metre that is missing (1/s).
@@ -46,6 +48,19 @@ impl Orbit {
             speed_mps: speed_mps.copysign(radius_m),
             down_m: place.down_m(frame).unwrap_or(here.z),
         }
+    }
+
+    /// The report of the circle.
+    pub(super) fn status(&self, now_us: u64, frame: &MissionFrame) -> MavMessage {
+        let (x, y) = frame.projection.to_global(self.centre).to_e7();
+        MavMessage::ORBIT_EXECUTION_STATUS(ORBIT_EXECUTION_STATUS_DATA {
+            time_usec: now_us,
+            radius: self.radius_m.copysign(self.speed_mps) as f32,
+            x,
+            y,
+            z: (frame.origin_altitude_m - self.down_m) as f32,
+            frame: MavFrame::MAV_FRAME_GLOBAL,
+        })
     }
 
     /// What the controller follows at `position`; the approach at up to `cruise_mps`.

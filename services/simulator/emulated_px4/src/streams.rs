@@ -49,6 +49,8 @@ pub enum Stream {
     Odometry = 331,
     /// TRAJECTORY_REPRESENTATION_WAYPOINTS.
     Trajectory = 332,
+    /// ORBIT_EXECUTION_STATUS: the circle, while it is flown.
+    OrbitStatus = 360,
     /// CURRENT_MODE.
     CurrentMode = 436,
 }
@@ -67,7 +69,7 @@ impl Stream {
 }
 
 /// Stream, rate to the companion, rate to the ground station (Hz); 0 = off.
-const RATES_HZ: [(Stream, f64, f64); 19] = [
+const RATES_HZ: [(Stream, f64, f64); 20] = [
     (S::Heartbeat, 1.0, 1.0),
     (S::SysStatus, 5.0, 1.0),
     (S::SystemTime, 1.0, 1.0),
@@ -86,6 +88,7 @@ const RATES_HZ: [(Stream, f64, f64); 19] = [
     (S::ObstacleDistance, 10.0, 1.0),
     (S::Odometry, 30.0, 0.0),
     (S::Trajectory, 5.0, 0.0),
+    (S::OrbitStatus, 5.0, 2.0),
     (S::CurrentMode, 0.5, 0.5),
 ];
 

@@ -77,6 +77,7 @@ impl Px4 {
                 landed_state: self.landed_state(),
             })),
             Stream::MissionCurrent => self.mission_current(),
+            Stream::OrbitStatus => self.orbit_status(),
             Stream::CurrentMode => Some(current_mode::message(
                 self.commander.mode(),
                 self.commander.intended(),
@@ -86,6 +87,12 @@ impl Px4 {
             Stream::Trajectory => self.trajectory(),
             _ => None,
         }
+    }
+
+    /// The circle that is flown.
+    fn orbit_status(&self) -> Option<MavMessage> {
+        let orbit = self.orbit.filter(|_| self.commander.mode() == NavMode::Orbit)?;
+        Some(orbit.status(self.now_us, &self.frame))
     }
 
     fn heartbeat(&self) -> MavMessage {
