@@ -303,7 +303,7 @@ mod tests {
         }
 
         #[test]
-        fn nothing_is_said_out_of_reach(
+        fn nothing_is_reported_out_of_reach(
             steps_s in proptest::collection::vec(0.001..0.5f64, 1..200), asked_s in -0.5..120.0f64,
             state_s in 0.0..0.3f64, gap_s in 0.0..0.6f64,
         ) {

@@ -356,7 +356,7 @@ mod tests {
     use std::fmt::Debug;
 
     #[test]
-    fn every_row_can_be_visited_and_tells_its_members() {
+    fn every_row_can_be_visited_and_reports_its_members() {
         struct NameOf;
         impl Visitor for NameOf {
             type Output = &'static str;

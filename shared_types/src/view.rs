@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_set_that_cannot_fly_is_said_with_what_it_lacks() {
+    fn a_sensor_set_that_cannot_fly_is_reported_with_what_it_lacks() {
         let of = |aside, low, high| looking(aside, low, high).missing(&NEEDS);
         assert_eq!(FieldOfView::default().missing(&NEEDS), Some(Missing::Everything));
         for (low, high) in [(-7.0, 52.0), (-45.0, 45.0), (-22.5, 22.5), (-15.0, 15.0)] {

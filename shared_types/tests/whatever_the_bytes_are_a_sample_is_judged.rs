@@ -103,7 +103,7 @@ proptest! {
 }
 
 #[test]
-fn every_payload_is_a_sample_that_can_be_told_from_garbage() {
+fn every_payload_is_a_sample_that_can_be_distinguished_from_garbage() {
     struct IsSample;
     impl Visitor for IsSample {
         type Output = bool;

@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn each_fault_is_told_by_its_own_sentence() {
+    fn each_fault_is_reported_by_its_own_sentence() {
         let silent = LinkStatus::default();
         let noise = LinkStatus {
             garbage_bytes: 4000,
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_pilot_was_told_of_the_link_is_told_again_with_what_to_do() {
+    fn what_the_pilot_has_read_of_the_link_is_reported_again_with_what_to_do() {
         let event = EventSample::new(&MODE_REFUSED, "", [4.0, 0.0]);
         let found = found(&flying(), 150, &[event]);
         assert!(found.contains(&(Grade::Warning, "jink: autopilot refused the mode, 4".to_owned())));

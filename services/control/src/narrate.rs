@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn every_piece_of_news_is_told_once() {
+    fn every_piece_of_news_is_reported_once() {
         let mut narrator = Narrator::default();
         let mut now = status(Health::Starting, &[("planner", ServiceState::Starting)]);
         assert_eq!(narrator.update(&now), ["planner started, process id 7"]);

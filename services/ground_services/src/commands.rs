@@ -416,7 +416,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_that_is_said_can_be_asked_for_and_its_rhythm_told() {
+    fn everything_that_is_reported_can_be_asked_for_and_its_rhythm_reported() {
         for (component, id, message, policy) in MESSAGES {
             let context = CommandContext {
                 component: *component,

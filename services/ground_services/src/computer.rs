@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_not_said_to_be_zero() {
+    fn what_is_not_known_is_not_reported_as_zero() {
         let data = said(&BoardReading::default());
         assert_eq!((data.cpu_cores, data.cpu_combined), ([255; 8], [255; 10]));
         assert_eq!((data.gpu_cores, data.gpu_combined), ([255; 4], [255; 10]));
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_known_is_said() {
+    fn what_is_known_is_reported() {
         let mut board = BoardReading {
             uptime_ms: 5,
             temperature_c: 61,

@@ -521,7 +521,7 @@ mod tests {
     }
 
     #[test]
-    fn a_change_from_the_board_is_told_to_ground_stations() {
+    fn a_change_from_the_board_is_reported_to_ground_stations() {
         let mut parameters = parameters();
         let mut values = ParameterValues::of(parameters.set());
         let row = TABLE.iter().position(|row| row.name == "OA_SPD_MAX").unwrap();

@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_pilot_waits_for_is_said_three_times_unless_it_is_over() {
+    fn what_a_pilot_waits_for_is_reported_three_times_unless_it_is_over() {
         let times = |happens: &[(f64, &events::Event)], text: &str| -> Vec<f64> {
             let lines = lines(happens).into_iter();
             lines

@@ -595,7 +595,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_is_plugged_in_is_told_from_one_that_is_not() {
+    fn a_sensor_that_is_plugged_in_is_distinguished_from_one_that_is_not() {
         let text = "[[sensor]]\nname = \"a\"\nkind = \"rangefinder\"\ndevice = \"/dev/ttyS4\"\n\
                     [[sensor]]\nname = \"b\"\nkind = \"rangefinder\"\n\
                     [[sensor]]\nname = \"c\"\nkind = \"lidar_2d\"\ndevice = \"/dev/ttyS5\"\n";

@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_file_is_told_once_moved_aside_and_never_fatal() {
+    fn a_broken_file_is_reported_once_moved_aside_and_never_fatal() {
         let folder = Folder::new("broken");
         for bytes in [&b"OA_SPD_MAX = "[..], &b"\xff\xfe\x00"[..], &b"[a]\nb = 1"[..]] {
             let store = folder.write(bytes);
@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_written_is_told() {
+    fn what_cannot_be_written_is_reported() {
         let folder = Folder::new("failure");
         let store = folder.write(b"");
         let in_the_way = ParamStore {

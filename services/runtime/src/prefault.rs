@@ -58,7 +58,7 @@ mod tests {
     use super::{Prefault, private};
 
     #[test]
-    fn memory_of_ones_own_is_told_from_files_shared_memory_and_code() {
+    fn memory_of_ones_own_is_distinguished_from_files_shared_memory_and_code() {
         let heap = "55d0c8a00000-55d0c8a21000 rw-p 00000000 00:00 0                          [heap]";
         assert_eq!(private(heap), Some((0x55d0_c8a0_0000, 0x21000)));
         assert_eq!(private("7f00-7fff rw-p 00000000 00:00 0 "), Some((0x7f00, 0xff)));

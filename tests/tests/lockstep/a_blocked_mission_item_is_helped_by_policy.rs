@@ -81,8 +81,8 @@ fn stopped_and_the_autopilot_holds() {
     stop_flights().fly_some();
 }
 
-pub fn told_once_and_waited_for() -> Flights {
-    Flights::of_one("told_once_and_waited_for", || {
+pub fn reported_once_and_waited_for() -> Flights {
+    Flights::of_one("reported_once_and_waited_for", || {
         let mut flight = flight(PX4_TRAJECTORY, 0.0);
         while flight.truth().time_s < 60.0 {
             flight.step();

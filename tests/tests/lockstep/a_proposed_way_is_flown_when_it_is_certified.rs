@@ -180,7 +180,7 @@ pub fn a_way_that_leads_nowhere_ends_at_the_goal_all_the_same() -> Flights {
 }
 
 #[test]
-fn a_proposer_that_is_killed_in_flight_leaves_no_gap_and_is_heard_again() {
+fn a_proposer_that_is_killed_in_flight_leaves_no_gap_and_is_received_again() {
     let mut kills = 0;
     let flown = fly(PX4_TRAJECTORY, 3, around(0.0), |flight, times| {
         if times.is_multiple_of(2) {

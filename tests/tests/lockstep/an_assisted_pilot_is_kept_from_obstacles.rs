@@ -241,7 +241,7 @@ fn a_gateway_that_is_started_again_goes_on_without_a_jump() {
 }
 
 #[test]
-fn what_speaks_against_it_is_told_and_nothing_changes() {
+fn what_speaks_against_it_is_reported_and_nothing_changes() {
     for pairing in BOTH {
         let (mut flight, mut pilot) =
             AssistedPilot::take_off(pairing, 1, |setup| setup.params.set("CP_DIST", -1.0).unwrap());

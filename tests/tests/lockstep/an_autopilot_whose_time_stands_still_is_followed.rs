@@ -32,7 +32,7 @@ pub fn a_clock_that_is_slower_by_a_hundredth_leads_to_the_goal() -> Flights {
 
 /// A vehicle on the ground that says nothing for a moment is no reason to notify anybody.
 #[test]
-fn a_moment_of_silence_at_arming_is_not_told() {
+fn a_moment_of_silence_at_arming_is_not_reported() {
     let pace = Pace {
         arming_stall_s: 0.16,
         ..Pace::default()

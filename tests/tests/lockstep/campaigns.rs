@@ -58,7 +58,7 @@ fn main() -> ExitCode {
     let arguments = Arguments::from_iter(arguments);
     let promises = campaigns! {
         a_bad_link_slows_and_never_crashes: forest_flights;
-        a_blocked_mission_item_is_helped_by_policy: skip_flights, stop_flights, told_once_and_waited_for;
+        a_blocked_mission_item_is_helped_by_policy: skip_flights, stop_flights, reported_once_and_waited_for;
         a_distance_to_keep_is_kept_by_every_motion: forest_flights;
         a_forest_is_crossed_without_a_scratch: forest_flights, trap_flights, world_flights, the_same_seed_gives_the_same_flight_to_the_bit;
         a_mission_changed_in_flight_is_flown_as_changed:

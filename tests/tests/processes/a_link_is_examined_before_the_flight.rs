@@ -160,7 +160,7 @@ fn where_nothing_is_wrong_each_profile_is_ready() {
 }
 
 #[test]
-fn a_line_that_brings_nothing_or_something_else_is_told_from_one_that_brings_mavlink() {
+fn a_line_that_brings_nothing_or_something_else_is_distinguished_from_one_that_brings_mavlink() {
     let port = free_udp_port();
     let silent = check(port, &[], &["--seconds", "2"]);
     println!("{}", silent.stdout);
@@ -239,7 +239,7 @@ fn whoever_is_not_the_one_autopilot_that_is_meant_is_named() {
 }
 
 #[test]
-fn a_profile_that_does_not_fit_make_or_version_is_told_with_the_one_that_does() {
+fn a_profile_that_does_not_fit_make_or_version_is_reported_with_the_one_that_does() {
     let make = reported(arducopter(&[]), Faults::default(), &[]);
     assert_reported(
         &make,
@@ -261,7 +261,7 @@ fn a_profile_that_does_not_fit_make_or_version_is_told_with_the_one_that_does() 
 }
 
 #[test]
-fn parameters_that_keep_jink_from_flying_or_make_its_loss_dangerous_are_told() {
+fn parameters_that_keep_jink_from_flying_or_make_its_loss_dangerous_are_reported() {
     let off = reported(px4(1, &[("COM_OBS_AVOID", 0.0)]), Faults::default(), &[]);
     assert_reported(
         &off,
@@ -288,7 +288,7 @@ fn parameters_that_keep_jink_from_flying_or_make_its_loss_dangerous_are_told() {
 }
 
 #[test]
-fn streams_and_times_that_do_not_come_are_told_one_by_one() {
+fn streams_and_times_that_do_not_come_are_reported_one_by_one() {
     let lost = |id| Faults {
         lost: vec![id],
         ..Faults::default()
@@ -316,7 +316,7 @@ fn streams_and_times_that_do_not_come_are_told_one_by_one() {
 }
 
 #[test]
-fn signatures_that_are_missing_or_of_another_key_are_told() {
+fn signatures_that_are_missing_or_of_another_key_are_reported() {
     let folder = TempFolder::new("check_signing");
     let ours = b"passphrase:correct horse battery staple\n";
     let file = folder.write("our.key", std::str::from_utf8(ours).unwrap());

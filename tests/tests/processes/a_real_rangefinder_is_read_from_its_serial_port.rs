@@ -82,7 +82,7 @@ fn log(role: &str) -> String {
 }
 
 #[test]
-fn its_scans_arrive_and_a_loose_plug_is_told_and_survived() {
+fn its_scans_arrive_and_a_loose_plug_is_reported_and_survived() {
     let role = "luna";
     let place = TempFolder::new("luna_line");
     let device = place.path().join("ttyLUNA");

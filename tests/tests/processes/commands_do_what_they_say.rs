@@ -275,7 +275,7 @@ fn instances_are_listed_and_what_ended_ones_left_is_removed() {
 }
 
 #[test]
-fn another_user_is_told_at_once_whose_it_is() {
+fn another_user_reads_at_once_whose_it_is() {
     if !rustix::process::geteuid().is_root() {
         eprintln!("NOT TESTED: only root can become another user");
         return;

@@ -39,7 +39,7 @@ fn figures<'a>(json: &'a Value, name: &str) -> &'a Value {
 }
 
 #[test]
-fn rates_coverage_and_what_nobody_sees_are_told_of_a_vehicle_with_a_gap() {
+fn rates_coverage_and_what_nobody_sees_are_reported_of_a_vehicle_with_a_gap() {
     // Ahead 182 degrees, behind 82, so sectors of 185 and 85: 45 degrees are missing to each side.
     let sensors = "[[sensor]]\nname = \"front\"\nkind = \"lidar_2d\"\nfov_horizontal_deg = 182\nbeams = 182\nrate_hz = 12\n\
                    [[sensor]]\nname = \"rear\"\nkind = \"lidar_2d\"\nfov_horizontal_deg = 82\nbeams = 82\nyaw_deg = 180\n";

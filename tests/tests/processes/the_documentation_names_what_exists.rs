@@ -83,7 +83,7 @@ fn every_file_that_a_document_links_to_is_there() {
 }
 
 #[test]
-fn every_program_of_the_process_table_is_one_that_an_aircraft_is_said_to_need_or_not() {
+fn every_program_of_the_process_table_is_one_that_an_aircraft_needs_or_not() {
     let table = std::fs::read_to_string(workspace().join("config/services.toml")).unwrap();
     let page = std::fs::read_to_string(workspace().join("docs/programs.md")).unwrap();
     let programs = table.lines().filter_map(|line| line.strip_prefix("program = \""));

@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn an_interval_is_told_by_its_ends_and_sides() {
+    fn an_interval_is_classified_by_its_ends_and_sides() {
         assert_eq!(Sectors::NONE.text(), "nothing");
         assert_eq!(sectors(0..SECTORS).text(), "all around");
         assert_eq!(sectors(20..30).text(), "97.5 to 147.5 deg (right, behind)");

@@ -247,7 +247,7 @@ mod tests {
         }
 
         #[test]
-        fn a_ray_of_a_cloud_tells_of_its_sector_if_it_is_level(
+        fn a_ray_of_a_cloud_counts_for_its_sector_if_it_is_level(
             bearing_rad in -3.1..3.1f64, elevation_deg in -89.0..89.0f64, range_m in 0.6..9.0f64,
         ) {
             let (sin, cos) = elevation_deg.to_radians().sin_cos();

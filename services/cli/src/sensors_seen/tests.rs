@@ -169,7 +169,7 @@ fn assert_only(rig: &Rig, grade: Grade, words: &str) {
 }
 
 #[test]
-fn a_good_rig_has_nothing_to_mend_and_is_told_with_its_figures() {
+fn a_good_rig_has_nothing_to_mend_and_is_reported_with_its_figures() {
     let rig = Rig::new(&[("front", "rangefinder"), ("lidar", "lidar_2d")], |_| false)
         .scans(0, Pace::of(20.0), |i| beam(noisy(3.0, i)))
         .scans(1, Pace::of(10.0), |i| beams(0.0, &[noisy(3.0, i); 360]));
@@ -194,7 +194,7 @@ fn a_good_rig_has_nothing_to_mend_and_is_told_with_its_figures() {
 }
 
 #[test]
-fn each_fault_of_one_sensor_is_told_by_its_own_sentence() {
+fn each_fault_of_one_sensor_is_reported_by_its_own_sentence() {
     let of = |pace: Pace, scan: &dyn Fn(usize) -> RangeScan| Rig::one("rangefinder").scans(0, pace, scan);
     let usual = Pace::of(20.0);
     let seen = |i: usize| beam(noisy(3.0, i));
@@ -265,7 +265,7 @@ fn each_fault_of_one_sensor_is_told_by_its_own_sentence() {
 }
 
 #[test]
-fn a_capture_that_is_never_told_is_a_fault_of_its_own() {
+fn a_capture_that_is_never_reported_is_a_fault_of_its_own() {
     let mut rig = Rig::one("rangefinder");
     for mut header in Pace::of(20.0).headers() {
         header.capture = Timestamp::NEVER;
@@ -375,7 +375,7 @@ proptest! {
 }
 
 #[test]
-fn a_cloud_that_stands_still_is_stuck_and_one_that_lives_is_told_with_its_height() {
+fn a_cloud_that_stands_still_is_stuck_and_one_that_lives_is_reported_with_its_height() {
     let fill = |i: usize, cloud: &mut PointCloud| {
         for step in 0..360_u16 {
             let (sin, cos) = f32::from(step).to_radians().sin_cos();
@@ -423,7 +423,7 @@ fn what_is_always_as_near_as_the_vehicle_is_the_vehicle() {
 }
 
 #[test]
-fn a_sweep_in_parts_is_counted_in_sweeps_and_what_it_comes_back_to_too_late_is_told() {
+fn a_sweep_in_parts_is_counted_in_sweeps_and_what_it_comes_back_to_too_late_is_reported() {
     // Eight parts of 20 degrees, there and back.
     let part = |i: usize| {
         let place = i % 16;
@@ -479,7 +479,7 @@ fn two_that_see_different_worlds_in_one_direction_contradict_each_other() {
 }
 
 #[test]
-fn what_nobody_sees_is_told_and_weighs_as_much_as_it_hinders() {
+fn what_nobody_sees_is_reported_and_weighs_as_much_as_it_hinders() {
     const ON: (&str, f64) = ("CP_DIST", 5.0);
     let behind = |sector: usize| (20..30).contains(&sector);
     let ahead = |sector: usize| !(5..67).contains(&sector);
@@ -546,7 +546,7 @@ fn what_nobody_sees_is_told_and_weighs_as_much_as_it_hinders() {
 }
 
 #[test]
-fn a_direction_that_comes_and_goes_is_told_as_that() {
+fn a_direction_that_comes_and_goes_is_reported_as_that() {
     let mut rig = Rig::one("rangefinder").scans(0, Pace::of(20.0), |i| beam(noisy(3.0, i)));
     for (i, header) in Pace::of(15.0).headers().enumerate() {
         let mut ring = SectorRing {
@@ -580,7 +580,7 @@ fn a_direction_that_comes_and_goes_is_told_as_that() {
 }
 
 #[test]
-fn a_guard_that_is_silent_or_has_no_position_is_told_before_what_follows_from_it() {
+fn a_guard_that_is_silent_or_has_no_position_is_reported_before_what_follows_from_it() {
     let feed = |rig: Rig| rig.scans(0, Pace::of(20.0), |i| beam(noisy(3.0, i)));
     let mut silent = feed(Rig::one("rangefinder"));
     silent.0.ring = super::RingSeen::default();
@@ -626,7 +626,7 @@ fn sensors_with_which_nothing_can_be_planned_keep_it_on_the_ground_and_declarati
 }
 
 #[test]
-fn what_the_pilot_was_told_of_sensors_is_told_again_with_what_to_do() {
+fn what_the_pilot_has_read_of_sensors_is_reported_again_with_what_to_do() {
     let mut rig = Rig::one("rangefinder").scans(0, Pace::of(20.0), |i| beam(noisy(3.0, i)));
     rig.0
         .events

@@ -183,7 +183,7 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_obstacle_and_what_is_known_are_told() {
+    fn the_nearest_obstacle_and_what_is_known_are_reported() {
         let view = seen();
         assert_eq!((view.nearest_m, view.nearest_deg), (Some(4.0), Some(0.0)));
         assert_eq!(view.known_deg, 270.0);

@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn what_json_has_no_number_for_is_said_otherwise() {
+    fn what_json_has_no_number_for_is_written_otherwise() {
         let mut ring = SectorRing::default();
         ring.distance_m[..3].copy_from_slice(&[f32::NAN, f32::INFINITY, 0.3]);
         let json = sample("guard/ring", &header(), &ring);

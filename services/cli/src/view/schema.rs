@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_type_that_is_not_is_told_with_the_nearest() {
+    fn a_type_that_is_not_is_reported_with_the_nearest() {
         let unknown = Schema::of(&["VehicleStat".to_owned()]).unwrap_err();
         assert_eq!(unknown.nearest, Some("VehicleState"));
     }

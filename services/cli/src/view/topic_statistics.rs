@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn rate_losses_and_changes_of_the_producer_are_told() {
+    fn rate_losses_and_changes_of_the_producer_are_reported() {
         let mut statistics = TopicStatistics::default();
         assert_eq!(statistics.rate_hz(), None);
         assert_eq!(

@@ -39,7 +39,7 @@ fn what_cannot_be_understood_is_two_and_says_how_to_write_it() {
 }
 
 #[test]
-fn what_cannot_be_done_is_said_in_one_line() {
+fn what_cannot_be_done_is_an_error_of_one_line() {
     let up = jink(&["up", "--detach", "--config", "/nowhere"]);
     assert!(!up.status.success());
     let said = words(&up.stderr);

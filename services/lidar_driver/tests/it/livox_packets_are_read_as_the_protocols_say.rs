@@ -201,7 +201,7 @@ fn addresses(sensor: Option<Ipv4Addr>) -> Addresses {
 }
 
 #[test]
-fn a_mid360_is_found_and_told_where_to_send_until_points_come() {
+fn a_mid360_is_found_and_asked_to_send_until_points_come() {
     let host = Ipv4Addr::new(192, 168, 1, 50);
     let sensor = Ipv4Addr::new(192, 168, 1, 112);
     let mut control = Control::new(SdkVersion::Second, addresses(None));

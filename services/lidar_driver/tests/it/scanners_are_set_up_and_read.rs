@@ -114,7 +114,7 @@ fn ldrobot_scanners_show_what_stands_around_them() {
 }
 
 #[test]
-fn rplidars_are_told_to_scan_and_every_kind_of_answer_is_read() {
+fn rplidars_are_asked_to_scan_and_every_kind_of_answer_is_read() {
     for model in [
         "rplidar_a1",
         "rplidar_a2",

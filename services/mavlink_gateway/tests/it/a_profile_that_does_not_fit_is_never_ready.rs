@@ -219,7 +219,7 @@ fn only_what_fits_becomes_active_and_sends_setpoints() {
 }
 
 #[test]
-fn the_right_profile_is_chosen_and_told() {
+fn the_right_profile_is_chosen_and_reported() {
     for (firmware, right) in pairs() {
         let mut bench = auto();
         let seen = play(&mut bench, firmware, 5.0);

@@ -118,7 +118,7 @@ fn gaps_s(bench: &Bench, from: Timestamp) -> impl Iterator<Item = f64> {
 }
 
 #[test]
-fn of_curves_while_a_station_is_heard() {
+fn of_curves_while_a_station_is_received() {
     let bench = flown(GatewayConfig::default(), WAY, DURATION_S);
     let settled = at(SETTLED_S);
     let bps = carried_bps(&bench, settled, at(DURATION_S));
@@ -128,7 +128,7 @@ fn of_curves_while_a_station_is_heard() {
 }
 
 #[test]
-fn everything_goes_out_at_its_rate_while_none_is_heard_and_again_when_it_is_gone() {
+fn everything_goes_out_at_its_rate_while_none_is_received_and_again_when_it_is_gone() {
     let alone = flown(GatewayConfig::default(), WAY, 0.0);
     let left = flown(GatewayConfig::default(), WAY, 5.0);
     for (bench, from) in [(&alone, at(SETTLED_S)), (&left, at(16.0))] {

@@ -358,7 +358,7 @@ fn a_switch_chooses_it_and_must_be_down_first() {
 }
 
 #[test]
-fn what_speaks_against_it_is_answered_and_told() {
+fn what_speaks_against_it_is_answered_and_reported() {
     type Change = fn(&mut Flight);
     let cases: [(&str, Change); 5] = [
         ("set CP_DIST", |flight| flight.set_parameter("CP_DIST", -1.0)),

@@ -119,7 +119,7 @@ fn every_message_that_can_be_asked_for_comes_at_once() {
 }
 
 #[test]
-fn a_board_that_nobody_has_read_yet_is_told_later() {
+fn a_board_that_nobody_has_read_yet_is_reported_later() {
     let mut bench = acquainted(false);
     let asked = [ONBOARD_COMPUTER_STATUS_DATA::ID as f32, 0.0];
     let ask_for_it = || command(MavCmd::MAV_CMD_REQUEST_MESSAGE, asked, COMPONENT_ONBOARD_COMPUTER);
@@ -300,7 +300,7 @@ fn all_parameters_are_listed_for_whoever_asks_all_components() {
 }
 
 #[test]
-fn a_changed_parameter_is_told_to_everybody() {
+fn a_changed_parameter_is_reported_to_everybody() {
     let mut bench = acquainted(false);
     ask(
         &mut bench,

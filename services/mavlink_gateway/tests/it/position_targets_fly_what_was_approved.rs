@@ -289,7 +289,7 @@ fn a_plan_that_lies_far_from_the_vehicle_is_not_flown_and_a_new_one_is_wanted() 
 
 /// ArduCopter refuses a setpoint without a word; that it follows no position is all that shows.
 #[test]
-fn setpoints_that_the_autopilot_ignores_are_told_once_and_their_return_once() {
+fn setpoints_that_the_autopilot_ignores_are_reported_once_and_their_return_once() {
     let (profile, mode) = BOTH[1];
     let mut bench = bench(profile);
     let mut texts = Vec::new();

@@ -92,7 +92,7 @@ fn before_the_first_curve_an_old_waypoint_is_taken_back_and_none_is_ever_sent() 
 }
 
 #[test]
-fn a_restarted_autopilot_is_told_again_that_no_old_waypoint_counts() {
+fn a_restarted_autopilot_is_sent_again_that_no_old_waypoint_counts() {
     let mut bench = Bench::new();
     bench.boot_ms_at_zero = 3_600_000;
     let telemetry = |bench: &mut Bench, t: f64| bench.telemetry(t, MODE_HOLD, HERE, still());

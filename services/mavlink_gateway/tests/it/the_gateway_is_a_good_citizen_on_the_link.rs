@@ -406,7 +406,7 @@ fn missing_streams_are_asked_for_and_what_comes_is_not() {
 
 /// A station's go-to is flown by PX4 itself until the change of mode is known.
 #[test]
-fn a_px4_that_tells_changes_of_its_mode_late_is_asked_for_it_in_flight() {
+fn a_px4_that_reports_changes_of_its_mode_late_is_asked_for_it_in_flight() {
     const MODE_OFFBOARD: u32 = 6 << 16;
     let questions = |has_current_mode: bool, is_up: bool| {
         let mut bench = Bench::with(GatewayConfig::from_params(
@@ -480,7 +480,7 @@ fn who_speaks_as_an_autopilot_on_a_ground_stations_link_is_nobodys_autopilot() {
 
 #[test]
 #[allow(deprecated)] // The trajectory messages are gone from PX4 1.16 on; this profile is for the versions before.
-fn the_autopilot_is_spoken_to_where_it_is_heard_and_whoever_asks_where_he_asked() {
+fn the_autopilot_is_spoken_to_where_it_is_received_and_whoever_asks_where_he_asked() {
     let mut bench = Bench::new();
     bench.ground.board = Some(BoardReading::default());
     bench.link = 1;

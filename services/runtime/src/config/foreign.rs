@@ -500,7 +500,7 @@ mod tests {
     }
 
     #[test]
-    fn a_range_topic_without_a_sensor_is_told_with_the_nearest() {
+    fn a_range_topic_without_a_sensor_is_reported_with_the_nearest() {
         let grants = Grants {
             publishes: vec!["range/cloud/frnt".to_owned()],
             ..Grants::default()

@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_row_is_told_with_its_line() {
+    fn what_is_wrong_with_a_row_is_reported_with_its_line() {
         let with = |from: &str, to: &str| error_of(&ROW.replace(from, to));
         assert!(
             with("USR_WIND_MAX", "WIND_MAX")

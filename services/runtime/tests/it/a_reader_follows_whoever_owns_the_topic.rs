@@ -99,7 +99,7 @@ proptest! {
 
     /// Who asks for all producers gets each sample of each, in the order in which they were sent.
     #[test]
-    fn all_producers_are_heard_where_that_is_asked_for(
+    fn all_producers_are_received_where_that_is_asked_for(
         steps in prop::collection::vec((0..PRODUCERS, 0..400_u64), 1..60)
     ) {
         let bus = LocalBus::new(at(0));

@@ -157,7 +157,7 @@ fn setup() -> Setup {
 }
 
 #[test]
-fn a_service_is_degraded_for_a_second_and_the_pilot_is_told_by_whom() {
+fn a_service_is_degraded_for_a_second_and_the_pilot_reads_by_whom() {
     let bus = bus();
     let mut output = planner(&bus, 1);
     let mut service = Member::<Consumer>::start(&bus, setup(), Config::default()).unwrap();

@@ -114,7 +114,7 @@ mod tests {
     use mavlink::dialects::ardupilotmega::MavMessage;
 
     #[test]
-    fn the_mode_that_is_asked_for_is_the_one_that_is_heard() {
+    fn the_mode_that_is_asked_for_is_the_one_that_is_received() {
         for make in [Make::Px4, Make::ArduCopter] {
             for mode in [
                 NavMode::Mission,

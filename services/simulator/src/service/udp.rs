@@ -192,7 +192,7 @@ mod tests {
     use std::time::Duration;
 
     #[test]
-    fn a_message_read_late_still_tells_when_it_came() {
+    fn a_message_read_late_still_has_the_time_when_it_came() {
         let anywhere = SocketAddr::from((Ipv4Addr::LOCALHOST, 0));
         let mut receiver = MavUdp::open(anywhere, None).unwrap();
         let address = receiver.socket.local_addr().unwrap();

@@ -6,7 +6,7 @@ use jink_emulated_px4::{Px4, Px4Config};
 use jink_shared_types::vehicle::NavMode;
 
 #[test]
-fn both_makes_step_by_4_ms_and_stand_until_they_are_told_otherwise() {
+fn both_makes_step_by_4_ms_and_stand_until_they_are_asked_to_move() {
     let px4 = Px4::new(Px4Config::default()).unwrap();
     let copter = ArduCopter::new(ArduCopterConfig::default()).unwrap();
     let autopilots: [Box<dyn Autopilot>; 2] = [Box::new(px4), Box::new(copter)];

@@ -102,7 +102,7 @@ fn the_json_has_null_where_nothing_is_known() {
 }
 
 #[test]
-fn the_link_says_whether_the_autopilot_is_heard_and_how_fast_the_chain_is() {
+fn the_link_says_whether_the_autopilot_is_received_and_how_fast_the_chain_is() {
     let mut link = LinkStatus {
         garbage_bytes: 512,
         ignored: 3,

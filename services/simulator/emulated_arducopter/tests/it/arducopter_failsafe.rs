@@ -50,7 +50,7 @@ fn with_fs_gcs_enable_a_lost_ground_station_is_a_return_although_the_companion_l
 }
 
 #[test]
-fn a_station_that_was_never_heard_is_not_missed_and_another_system_is_none() {
+fn a_station_that_was_never_received_is_not_missed_and_another_system_is_none() {
     let mut flight = CopterFlight::airborne(&[("FS_GCS_ENABLE", 1.0)]);
     flight.from(Link::GroundStation, 254, 190, heartbeat());
     flight.run(10.0);

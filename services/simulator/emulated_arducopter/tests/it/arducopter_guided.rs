@@ -25,7 +25,7 @@ fn go(mask: u16) -> MavMessage {
 }
 
 #[test]
-fn every_whole_mask_is_flown_with_every_heading_and_told_by_its_submode() {
+fn every_whole_mask_is_flown_with_every_heading_and_reported_by_its_submode() {
     let rows = [
         (PVA, 3_072),
         (POSITION_VELOCITY, 3_072),

@@ -17,7 +17,7 @@ fn world() -> World {
 }
 
 #[test]
-fn the_truth_of_a_flight_in_guided_tells_mode_way_and_setpoints() {
+fn the_truth_of_a_flight_in_guided_reports_mode_way_and_setpoints() {
     let world = world();
     let mut observer = Observer::new(0.3);
     let mut flight = CopterFlight::airborne(&[]);

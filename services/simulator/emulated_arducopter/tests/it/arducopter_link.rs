@@ -276,7 +276,7 @@ fn a_mission_comes_back_with_home_in_front_and_relative_heights_in_frame_3() {
 }
 
 #[test]
-fn each_link_hears_the_heartbeats_of_the_other() {
+fn each_link_receives_the_heartbeats_of_the_other() {
     let mut flight = CopterFlight::with(&[]);
     flight.companion(MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()));
     flight.station(MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()));

@@ -85,7 +85,7 @@ fn mis_restart_begins_at_the_first_item_whenever_auto_is_entered() {
 
 /// What the link of who has not sent it carries is the same before and after.
 #[test]
-fn another_mission_of_the_same_length_is_told_to_its_sender_only() {
+fn another_mission_of_the_same_length_is_reported_to_its_sender_only() {
     let mut flight = in_guided();
     flight.ask(SET_CURRENT, first(3.0));
     let before = current(&mut flight);
@@ -279,7 +279,7 @@ fn a_setpoint_of_a_station_passes_to_other_links_only_if_no_component_is_named()
 }
 
 #[test]
-fn a_take_off_tells_a_target_of_zeros_and_goes_on_telling_it_at_its_height() {
+fn a_take_off_reports_a_target_of_zeros_and_goes_on_reporting_it_at_its_height() {
     let mut flight = in_guided();
     let target = flight.target();
     assert_eq!(target.type_mask.bits(), 3_576);
@@ -290,7 +290,7 @@ fn a_take_off_tells_a_target_of_zeros_and_goes_on_telling_it_at_its_height() {
 }
 
 #[test]
-fn the_landed_state_is_told_through_a_take_off_in_guided() {
+fn the_landed_state_is_reported_through_a_take_off_in_guided() {
     let mut flight = CopterFlight::with(&[]);
     flight.run(6.0);
     let state = |flight: &mut CopterFlight| {

@@ -23,7 +23,7 @@ fn on_mission(parameters: &[(&str, f64)]) -> CopterFlight {
 }
 
 #[test]
-fn a_companion_may_set_every_mode_and_the_heartbeat_tells_it_at_once() {
+fn a_companion_may_set_every_mode_and_the_heartbeat_reports_it_at_once() {
     let mut flight = CopterFlight::airborne(&[]);
     flight.upload(&square());
     for mode in [Mode::Loiter, Mode::Brake, Mode::Auto, Mode::Guided] {

@@ -122,7 +122,7 @@ fn without_data_arming_is_refused() {
 }
 
 #[test]
-fn the_health_bit_follows_the_data_within_half_a_second_and_nothing_is_said() {
+fn the_health_bit_follows_the_data_within_half_a_second_and_nothing_is_reported() {
     let proximity = MavSysStatusSensor::MAV_SYS_STATUS_SENSOR_PROXIMITY;
     let mut flight = airborne(&[]);
     flight.want(Link::Companion, 1, 100.0);
@@ -222,7 +222,7 @@ fn setpoints_with_a_position_fly_straight_through_the_wall() {
 }
 
 #[test]
-fn switched_off_or_told_nothing_it_does_not_stop() {
+fn switched_off_or_without_messages_it_does_not_stop() {
     let off = closest(
         &mut loiter(&[UNFILTERED, ("AVOID_ENABLE", 0.0)]),
         8.0,
@@ -245,7 +245,7 @@ fn points_in_the_bodys_frame_stop_loiter_and_others_are_alive_and_unseen() {
 }
 
 #[test]
-fn a_wall_no_longer_told_of_is_forgotten_after_two_seconds() {
+fn a_wall_no_longer_reported_is_forgotten_after_two_seconds() {
     let mut flight = loiter(&[UNFILTERED]);
     closest(&mut flight, 12.0, 10.0, scan, push);
     let held = flight.position().x;

@@ -86,7 +86,7 @@ fn the_sample_has_every_oddity() {
 }
 
 #[test]
-fn an_answer_that_differs_is_told() {
+fn an_answer_that_differs_is_reported() {
     let text = std::fs::read_to_string(sample().join("setpoint_constraint.jsonl")).unwrap();
     let line = text.lines().find(|line| line.contains("\"plain\"")).unwrap();
     let mut vector: serde_json::Value = serde_json::from_str(line).unwrap();

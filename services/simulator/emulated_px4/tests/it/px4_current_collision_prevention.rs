@@ -206,7 +206,7 @@ fn body_and_north_frames_are_both_right_whatever_the_heading() {
 }
 
 #[test]
-fn an_unsupported_frame_is_told_at_every_message_and_moves_nothing() {
+fn an_unsupported_frame_is_reported_at_every_message_and_moves_nothing() {
     let mut flight = in_position(&[KEEP_4_M]);
     let start = north_east(&flight);
     let reported = |f: &Flight| {

@@ -163,7 +163,7 @@ fn hold_begins_where_a_gentle_stop_ends_and_does_not_come_back() {
 }
 
 #[test]
-fn a_flight_that_never_hears_setpoints_is_never_a_failsafe() {
+fn a_flight_that_never_receives_setpoints_is_never_a_failsafe() {
     let mut flight = on_ground(&[]);
     lift(&mut flight);
     flight.run(20.0);

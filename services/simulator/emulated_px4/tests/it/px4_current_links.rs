@@ -83,7 +83,7 @@ fn odometry_says_what_local_position_says() {
 }
 
 #[test]
-fn current_mode_tells_changes_at_once_only_to_those_who_ask_for_it() {
+fn current_mode_reports_changes_at_once_only_to_those_who_ask_for_it() {
     let mut flight = holding(&[]);
     assert_eq!(ask_for(&mut flight, 436, 0.02), MavResult::MAV_RESULT_ACCEPTED);
     let counts = counted(&mut flight, 8.0);

@@ -63,7 +63,7 @@ fn fast_sticks_take_over_from_a_mission_too() {
 }
 
 #[test]
-fn sticks_heard_and_then_lost_are_hold_for_five_seconds_and_a_return_although_setpoints_go_on() {
+fn sticks_received_and_then_lost_are_hold_for_five_seconds_and_a_return_although_setpoints_go_on() {
     let mut flight = with_sticks();
     let stay = here(&flight);
     let from_s = flight.now_s();
@@ -96,7 +96,7 @@ fn sticks_heard_and_then_lost_are_hold_for_five_seconds_and_a_return_although_se
 }
 
 #[test]
-fn sticks_never_heard_are_not_missed_and_neither_are_those_of_before_arming() {
+fn sticks_never_received_are_not_missed_and_neither_are_those_of_before_arming() {
     let mut flight = staying(&[]);
     let stay = here(&flight);
     stream(&mut flight, &stay, 0.05, 10.0);

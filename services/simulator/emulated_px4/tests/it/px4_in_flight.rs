@@ -161,7 +161,7 @@ fn a_landing_elsewhere_is_a_waypoint_at_the_present_height_first() {
 }
 
 #[test]
-fn without_a_mission_no_item_is_told_and_only_the_message_chooses_one() {
+fn without_a_mission_no_item_is_reported_and_only_the_message_chooses_one() {
     let mut flight = holding();
     assert_eq!(current(&mut flight), None);
     flight.upload(&[[30.0, 0.0, -2.5], [40.0, 0.0, -2.5]]);

@@ -174,7 +174,7 @@ fn the_lidar_pattern_covers_its_field_evenly_and_never_repeats() {
 }
 
 #[test]
-fn a_thin_pole_is_missed_as_often_as_told_and_then_the_wall_behind_is_seen() {
+fn a_thin_pole_is_missed_as_often_as_reported_and_then_the_wall_behind_is_seen() {
     // At 10 m a beam of 1 deg is 17.5 cm wide; a pole of 4 cm fills 23 % of it.
     let world = scene(vec![pole(10.0, 0.0, 0.02), wall(11.0)]);
     let mut spec = lidar();

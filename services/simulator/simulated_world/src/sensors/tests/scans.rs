@@ -17,7 +17,7 @@ fn direction(scan: &RangeScan, beam: usize) -> Vector3<f64> {
 }
 
 #[test]
-fn every_beam_of_a_turn_tells_the_range_in_its_direction_at_its_time() {
+fn every_beam_of_a_turn_reports_the_range_in_its_direction_at_its_time() {
     let (world, track) = (forest(7), swerving());
     let mut spec = lidar();
     spec.forward_m = 0.2;
@@ -66,7 +66,7 @@ fn beams_run_clockwise_from_behind_the_left_shoulder_round_to_it() {
 }
 
 #[test]
-fn something_nearer_than_the_shortest_range_is_still_told() {
+fn something_nearer_than_the_shortest_range_is_still_reported() {
     let mut spec = lidar();
     spec.range_min_m = Some(1.0);
     let scan = scans(&spec, 1, &scene(vec![wall(0.5)]), &hover(5.0), 0.1)[0];
