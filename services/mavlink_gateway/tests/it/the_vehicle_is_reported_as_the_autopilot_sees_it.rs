@@ -352,7 +352,11 @@ fn a_circle_is_known_by_its_report_and_a_late_report_does_not_bring_it_back() {
     let hold = || heartbeat(MODE_HOLD, true);
     assert_eq!(mode(&mut bench, hold()), NavMode::Hold);
     assert_eq!(mode(&mut bench, report()), NavMode::Orbit);
-    assert_eq!(mode(&mut bench, hold()), NavMode::Hold, "the heartbeat has the last word");
+    assert_eq!(
+        mode(&mut bench, hold()),
+        NavMode::Hold,
+        "the heartbeat has the last word"
+    );
     bench.idle_until(at(0.2));
     assert_eq!(mode(&mut bench, report()), NavMode::Hold, "it was on its way");
     bench.idle_until(at(1.0));
