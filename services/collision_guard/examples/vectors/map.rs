@@ -4,7 +4,7 @@
 //! reason: one of a list, confirmed by the messages themselves.
 
 use super::oracle::{ReceivedMessage, SectorReading, fused};
-use super::replay::{Message, ReplayedStep};
+use super::replay::ReplayedStep;
 use super::report::ScenarioResult;
 use super::schema::{BINS, Fragile, Node, Unreadable};
 use jink_shared_types::ring::SectorRing;
@@ -221,37 +221,6 @@ impl MapComparison<'_> {
             "an element of a row is not where PX4 puts it"
         } else {
             "older than half a second by its own time"
-        })
-    }
-}
-
-/// The distances of a row.
-#[derive(Clone, Copy, Debug)]
-pub struct Row {
-    distances_cm: [u16; BINS],
-    max_cm: u16,
-}
-
-impl Row {
-    /// Of a message, if it is one.
-    pub fn of(message: &Message) -> Option<Self> {
-        match message {
-            Message::Row { row, .. } => Some(Self {
-                distances_cm: row.distances_cm,
-                max_cm: row.max_cm,
-            }),
-            Message::Beam { .. } => None,
-        }
-    }
-
-    fn holds(&self, reading_of: SectorReading) -> bool {
-        self.distances_cm.iter().any(|cm| {
-            let cm = f64::from(*cm);
-            match reading_of {
-                SectorReading::Silent => false,
-                SectorReading::Hit(px4) => (cm - px4).abs() < 0.5,
-                SectorReading::Clear(px4) => (cm - px4).abs() < 0.5 || cm > f64::from(self.max_cm),
-            }
         })
     }
 }

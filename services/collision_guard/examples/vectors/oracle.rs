@@ -6,7 +6,6 @@
 //! | rangefinder | its opening angle, edges included, has an angle in common with the bin: PX4's rule |
 //! | row | the element and the bin overlap by more than an edge, around the circle |
 
-use super::map::Row;
 use super::replay::{AcceptedMessage, Message};
 use super::schema::BINS;
 use jink_shared_types::Timestamp;
@@ -29,6 +28,38 @@ pub enum SectorReading {
     Clear(f64),
     /// An obstacle (cm).
     Hit(f64),
+}
+
+/// The distances of a row.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    distances_cm: [u16; BINS],
+    max_cm: u16,
+}
+
+impl Row {
+    /// Of a message, if it is one.
+    pub fn of(message: &Message) -> Option<Self> {
+        match message {
+            Message::Row { row, .. } => Some(Self {
+                distances_cm: row.distances_cm,
+                max_cm: row.max_cm,
+            }),
+            Message::Beam { .. } => None,
+        }
+    }
+
+    /// Whether it has an element that reads so.
+    pub fn holds(&self, reading_of: SectorReading) -> bool {
+        self.distances_cm.iter().any(|cm| {
+            let cm = f64::from(*cm);
+            match reading_of {
+                SectorReading::Silent => false,
+                SectorReading::Hit(px4) => (cm - px4).abs() < 0.5,
+                SectorReading::Clear(px4) => (cm - px4).abs() < 0.5 || cm > f64::from(self.max_cm),
+            }
+        })
+    }
 }
 
 /// A message with its readings.
