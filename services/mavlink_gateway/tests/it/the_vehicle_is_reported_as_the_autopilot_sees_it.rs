@@ -341,7 +341,7 @@ fn a_mode_is_known_before_the_heartbeat() {
 #[test]
 fn a_circle_is_known_by_its_report_and_a_late_report_does_not_bring_it_back() {
     let mut bench = Bench::new();
-    let mut mode = |bench: &mut Bench, message: MavMessage| {
+    let mode = |bench: &mut Bench, message: MavMessage| {
         bench.receive(message);
         bench.receive_position(Vector3::zeros(), Vector3::zeros());
         bench.receive_attitude(0.0);
