@@ -24,6 +24,8 @@ const LANDED_M: f64 = 2.5;
 const REST_M: f64 = 0.5;
 /// ... for this long (s).
 const REST_S: f64 = 4.0;
+/// Slower than this it rests while no setpoint comes (m/s).
+const RESTS_MPS: f64 = 0.3;
 /// Height below which a vehicle is on the ground or about to be (m).
 const GROUND_M: f64 = 0.3;
 /// Sinking faster than this onto the ground is a crash (m/s).
@@ -431,7 +433,8 @@ fn armed_time_s(record: &Record) -> f64 {
         .sum()
 }
 
-/// Longest time between two setpoints in one stay in the mode that follows them.
+/// Longest time between two setpoints in one stay in the mode that follows them. An ArduCopter that rests where jink has
+/// brought it is sent none, so that a station's go-to shows.
 fn longest_gap_s(record: &Record, setup: Setup) -> f64 {
     let followed = if setup.has_setpoint_mode() {
         NavMode::Offboard
@@ -454,9 +457,10 @@ fn longest_gap_s(record: &Record, setup: Setup) -> f64 {
                 .is_some_and(|mode| mode.mode == followed && mode.is_armed)
         };
         let stays = !record.modes.iter().any(|(at_s, _)| (from_s..to_s).contains(at_s));
+        let rests = |truth: &Truth| setup == Setup::Guided && truth.speed_mps() < RESTS_MPS;
         let is_up = since(record, from_s)
             .first()
-            .is_some_and(|truth| -truth.place.z_m > 1.0);
+            .is_some_and(|truth| -truth.place.z_m > 1.0 && !rests(truth));
         if !is_silence && stays && is_followed(from_s) && is_followed(to_s) && is_up {
             longest_s = to_s - from_s;
         }

@@ -168,6 +168,8 @@ pub fn land_here(flight: &mut Flight) -> Done {
 pub fn setpoint_mode_on_the_ground(flight: &mut Flight) -> Done {
     flight.wait_active()?;
     flight.aim.unsaid = vec!["ignores setpoints"];
+    // Nobody chooses a mode in the moment in which it becomes possible: the stream begins with ACTIVE, and PX4 needs some of it.
+    flight.watch(0.5)?;
     flight.mark();
     flight.mode(NavMode::Offboard)
 }
