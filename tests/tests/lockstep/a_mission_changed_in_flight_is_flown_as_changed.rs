@@ -51,7 +51,7 @@ fn lands_at(flight: &mut LockStep, whose: Pairing, x_m: f64, y_m: f64) {
 pub fn same_length_flights() -> Flights {
     let mut flights = Flights::new();
     for whose in ALL {
-        flights.add(whose.name(), whose == PX4_CURRENT, move || {
+        flights.add(whose.name(), false, move || {
             let other = Action::Upload {
                 waypoints: vec![place(20.0, 12.0)],
                 tail: Vec::new(),
@@ -61,11 +61,6 @@ pub fn same_length_flights() -> Flights {
         });
     }
     flights
-}
-
-#[test]
-fn another_mission_of_the_same_length() {
-    same_length_flights().fly_some();
 }
 
 pub fn other_length_flights() -> Flights {
@@ -89,27 +84,28 @@ fn another_mission_of_another_length() {
 }
 
 /// Without a mission there is nothing to fly: the place is held.
-#[test]
-fn no_mission_any_more() {
-    for whose in [COPTER, PX4_CURRENT] {
-        let mut flight = flight(whose, vec![place(60.0, 0.0)], Action::ClearMission);
-        assert!(flight.run_until(60.0, |f| f.truth().position.x_m > ACTS_AT_M));
-        assert_eq!(
-            flight.truth().mode.get(),
-            NavMode::Offboard,
-            "AUTO keeps its mission"
-        );
-        flight.run(10.0);
-        let place = flight.truth().position.vector();
-        for _ in 0..1_250 {
-            flight.step();
-            let away_m = (flight.truth().position.vector() - place).norm();
-            assert!(away_m < 0.5, "{whose:?} {:?}", flight.truth());
+pub fn no_mission_any_more() -> Flights {
+    Flights::of_one("no_mission_any_more", || {
+        for whose in [COPTER, PX4_CURRENT] {
+            let mut flight = flight(whose, vec![place(60.0, 0.0)], Action::ClearMission);
+            assert!(flight.run_until(60.0, |f| f.truth().position.x_m > ACTS_AT_M));
+            assert_eq!(
+                flight.truth().mode.get(),
+                NavMode::Offboard,
+                "AUTO keeps its mission"
+            );
+            flight.run(10.0);
+            let place = flight.truth().position.vector();
+            for _ in 0..1_250 {
+                flight.step();
+                let away_m = (flight.truth().position.vector() - place).norm();
+                assert!(away_m < 0.5, "{whose:?} {:?}", flight.truth());
+            }
+            // PX4 reports it once a second, and the vehicle stops as gently as it flies.
+            assert!(place.x < ACTS_AT_M + 16.0, "{whose:?} {place}");
+            assert_eq!(flight.truth().collisions, 0, "{whose:?}");
         }
-        // PX4 reports it once a second, and the vehicle stops as gently as it flies.
-        assert!(place.x < ACTS_AT_M + 16.0, "{whose:?} {place}");
-        assert_eq!(flight.truth().collisions, 0, "{whose:?}");
-    }
+    })
 }
 
 /// The item that is left out lies aside: it is not flown past.
@@ -117,27 +113,23 @@ pub fn item_flights() -> Flights {
     let mut flights = Flights::new();
     let aside = place(22.0, 10.0);
     for whose in ALL {
-        flights.add(
-            whose.name(),
-            whose == COPTER || whose == PX4_TRAJECTORY,
-            move || {
-                // Home and the take-off come before the waypoints.
-                let before = if whose.make == Make::ArduCopter { 2 } else { 0 };
-                let mut flight = flight(
-                    whose,
-                    vec![place(16.0, 0.0), aside, place(30.0, -4.0)],
-                    Action::SetCurrent { item: before + 2 },
-                );
-                let mut nearest_m = f64::INFINITY;
-                while flight.outcome().is_none() {
-                    flight.step();
-                    let away = flight.truth().position.vector() - aside.vector();
-                    nearest_m = nearest_m.min(away.norm());
-                }
-                assert!(nearest_m > 6.0, "{whose:?} {nearest_m}");
-                lands_at(&mut flight, whose, 30.0, -4.0);
-            },
-        );
+        flights.add(whose.name(), whose == COPTER, move || {
+            // Home and the take-off come before the waypoints.
+            let before = if whose.make == Make::ArduCopter { 2 } else { 0 };
+            let mut flight = flight(
+                whose,
+                vec![place(16.0, 0.0), aside, place(30.0, -4.0)],
+                Action::SetCurrent { item: before + 2 },
+            );
+            let mut nearest_m = f64::INFINITY;
+            while flight.outcome().is_none() {
+                flight.step();
+                let away = flight.truth().position.vector() - aside.vector();
+                nearest_m = nearest_m.min(away.norm());
+            }
+            assert!(nearest_m > 6.0, "{whose:?} {nearest_m}");
+            lands_at(&mut flight, whose, 30.0, -4.0);
+        });
     }
     flights
 }
@@ -176,7 +168,7 @@ fn another_item_by_command() {
 pub fn chosen_flights() -> Flights {
     let mut flights = Flights::new();
     for whose in FOLLOWERS {
-        flights.add(whose.name(), whose == PX4_2021_OFFBOARD, move || {
+        flights.add(whose.name(), false, move || {
             let mut flight = LockStep::new(whose.forest(1).unwrap()).unwrap();
             assert!(flight.run_until(60.0, |f| f.truth().position.x_m > ACTS_AT_M));
             assert_eq!(flight.truth().mode.get(), NavMode::Offboard, "{whose:?}");
@@ -193,9 +185,4 @@ pub fn chosen_flights() -> Flights {
         });
     }
     flights
-}
-
-#[test]
-fn the_mission_chosen_while_it_is_flown() {
-    chosen_flights().fly_some();
 }

@@ -57,17 +57,18 @@ fn the_mission_stays_the_autopilots_and_so_does_the_landing() {
     assert_eq!(flight.count(&events::UNGUARDED), 0);
 }
 
-#[test]
-fn a_gateway_that_is_restarted_leads_on() {
-    let mut flight = LockStep::new(PX4_DEVIATION.forest(1).unwrap()).unwrap();
-    let mut restarts = 0;
-    while flight.outcome().is_none() {
-        flight.step();
-        if restarts < 3 && flight.truth().position.x_m > 10.0 * f64::from(restarts + 1) {
-            flight.board().kill("mavlink_gateway");
-            restarts += 1;
+pub fn a_gateway_that_is_restarted_leads_on() -> Flights {
+    Flights::of_one("a_gateway_that_is_restarted_leads_on", || {
+        let mut flight = LockStep::new(PX4_DEVIATION.forest(1).unwrap()).unwrap();
+        let mut restarts = 0;
+        while flight.outcome().is_none() {
+            flight.step();
+            if restarts < 3 && flight.truth().position.x_m > 10.0 * f64::from(restarts + 1) {
+                flight.board().kill("mavlink_gateway");
+                restarts += 1;
+            }
         }
-    }
-    assert_eq!(flight.outcome(), Some(&Outcome::Done));
-    assert_eq!((restarts, flight.truth().collisions), (3, 0));
+        assert_eq!(flight.outcome(), Some(&Outcome::Done));
+        assert_eq!((restarts, flight.truth().collisions), (3, 0));
+    })
 }

@@ -119,7 +119,7 @@ fn around(speed_mps: f64) -> Option<Plan> {
 pub fn detour_flights() -> Flights {
     let mut flights = Flights::new();
     for pairing in [PX4_TRAJECTORY, PX4_CURRENT, COPTER] {
-        flights.add(pairing.name(), pairing == COPTER, move || {
+        flights.add(pairing.name(), false, move || {
             let own = fly(pairing, 3, None, |_, _| {});
             assert!(own.east_max_m < 10.0);
             assert_eq!(own.proposed, 0);
@@ -131,11 +131,6 @@ pub fn detour_flights() -> Flights {
         });
     }
     flights
-}
-
-#[test]
-fn a_detour_around_the_forest_is_flown_as_proposed() {
-    detour_flights().fly_some();
 }
 
 pub fn a_speed_wished_is_not_exceeded() -> Flights {
@@ -153,7 +148,7 @@ pub fn a_speed_wished_is_not_exceeded() -> Flights {
 pub fn tree_flights() -> Flights {
     let mut flights = Flights::new();
     for seed in [3, 5, 7, 9] {
-        flights.add(&format!("seed {seed}"), seed == 3, move || {
+        flights.add(&format!("seed {seed}"), false, move || {
             let flown = fly(PX4_TRAJECTORY, seed, Some(Plan::Straight), |_, _| {});
             let refused = flown.count(ProposalVerdict::Occupied) + flown.count(ProposalVerdict::TooNarrow);
             assert!(refused >= 1, "{:?}", flown.verdicts);
@@ -161,11 +156,6 @@ pub fn tree_flights() -> Flights {
         });
     }
     flights
-}
-
-#[test]
-fn ways_through_trees_are_refused_and_the_goal_is_reached() {
-    tree_flights().fly_some();
 }
 
 pub fn a_way_that_leads_nowhere_ends_at_the_goal_all_the_same() -> Flights {
@@ -179,19 +169,23 @@ pub fn a_way_that_leads_nowhere_ends_at_the_goal_all_the_same() -> Flights {
     })
 }
 
-#[test]
-fn a_proposer_that_is_killed_in_flight_leaves_no_gap_and_is_received_again() {
-    let mut kills = 0;
-    let flown = fly(PX4_TRAJECTORY, 3, around(0.0), |flight, times| {
-        if times.is_multiple_of(2) {
-            flight.board().kill("proposer");
-            kills += 1;
-        }
-    });
-    assert!(kills >= 3, "{kills}");
-    assert_eq!(flown.flight.count(&events::PROCESS_RESTARTED), kills);
-    assert!(flown.east_max_m > OUTSIDE_EAST_M - 2.5, "{}", flown.east_max_m);
-    assert!(flown.share() > 0.6, "{}", flown.share());
+pub fn a_proposer_that_is_killed_in_flight_leaves_no_gap_and_is_received_again() -> Flights {
+    Flights::of_one(
+        "a_proposer_that_is_killed_in_flight_leaves_no_gap_and_is_received_again",
+        || {
+            let mut kills = 0;
+            let flown = fly(PX4_TRAJECTORY, 3, around(0.0), |flight, times| {
+                if times.is_multiple_of(2) {
+                    flight.board().kill("proposer");
+                    kills += 1;
+                }
+            });
+            assert!(kills >= 3, "{kills}");
+            assert_eq!(flown.flight.count(&events::PROCESS_RESTARTED), kills);
+            assert!(flown.east_max_m > OUTSIDE_EAST_M - 2.5, "{}", flown.east_max_m);
+            assert!(flown.share() > 0.6, "{}", flown.share());
+        },
+    )
 }
 
 pub fn a_proposer_that_stays_silent_half_way_leaves_the_rest_to_the_planner() -> Flights {

@@ -81,7 +81,7 @@ fn of_two_sensors_one_dies_and_comes_back() {
 pub fn all_around_flights() -> Flights {
     let mut flights = Flights::new();
     for seed in 1..=4 {
-        flights.add(&format!("seed {seed}"), seed == 2, move || {
+        flights.add(&format!("seed {seed}"), false, move || {
             let mut flight = flight(seed);
             reach_the_mission(&mut flight);
             flight.silent_sensors = BTreeSet::from([0]);
@@ -95,15 +95,10 @@ pub fn all_around_flights() -> Flights {
     flights
 }
 
-#[test]
-fn without_the_sensor_that_sees_all_around_nothing_is_touched() {
-    all_around_flights().fly_some();
-}
-
 pub fn without_any_flights() -> Flights {
     let mut flights = Flights::new();
     for seed in 1..=4 {
-        flights.add(&format!("seed {seed}"), seed == 3, move || {
+        flights.add(&format!("seed {seed}"), false, move || {
             let mut flight = flight(seed);
             reach_the_mission(&mut flight);
             flight.silent_sensors = BTreeSet::from([0, 1]);
@@ -117,9 +112,4 @@ pub fn without_any_flights() -> Flights {
         });
     }
     flights
-}
-
-#[test]
-fn without_any_sensor_the_vehicle_comes_to_rest_and_goes_on_when_one_is_back() {
-    without_any_flights().fly_some();
 }

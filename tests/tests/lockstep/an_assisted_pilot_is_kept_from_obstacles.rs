@@ -86,35 +86,40 @@ fn pushed_into_forests_at_full_stick_it_touches_nothing() {
     forest_flights().fly_some();
 }
 
-#[test]
-fn what_is_steered_is_flown_and_released_sticks_hold_the_place() {
-    for pairing in BOTH {
-        let (mut flight, mut pilot) = assisted(pairing, 1);
-        let yaw_rad = flight.truth().attitude.yaw_rad();
-        let begin = position(&flight);
-        // Back to where nothing stands, up, and round.
-        pilot.fly(&mut flight, 4.0, |_, _| [-0.4, 0.0, 0.5, 0.0]);
-        pilot.fly(&mut flight, 2.0, |_, _| [0.0, 0.0, 0.0, 0.5]);
-        pilot.fly(&mut flight, 3.0, |_, _| CENTRED);
-        let moved = position(&flight) - begin;
-        let turned_rad = jink_shared_types::frames::wrap_pi(flight.truth().attitude.yaw_rad() - yaw_rad);
-        assert!(moved.x < -3.0 && moved.z < -1.0, "{pairing:?}: {moved}");
-        assert!((0.5..1.6).contains(&turned_rad), "{pairing:?}: {turned_rad}");
-        let place = position(&flight);
-        let mut farthest_m: f64 = 0.0;
-        pilot.fly(&mut flight, 30.0, |flight, _| {
-            farthest_m = farthest_m.max((position(flight) - place).norm());
-            CENTRED
-        });
-        println!("{}: held within {farthest_m:.2} m", pairing.autopilot);
-        assert!(farthest_m < 0.3, "{pairing:?}: {farthest_m} m");
-        assert_eq!(flight.assist(), AssistState::On, "centred sticks are no way out");
-        // Down: as far as it goes, which is not the ground.
-        pilot.fly(&mut flight, 20.0, |_, _| [0.0, 0.0, -1.0, 0.0]);
-        let height_m = -position(&flight).z;
-        assert!((0.8..1.4).contains(&height_m), "{pairing:?}: {height_m} m");
-        assert!(!flight.autopilot().is_landed());
-    }
+pub fn what_is_steered_is_flown_and_released_sticks_hold_the_place() -> Flights {
+    Flights::of_one(
+        "what_is_steered_is_flown_and_released_sticks_hold_the_place",
+        || {
+            for pairing in BOTH {
+                let (mut flight, mut pilot) = assisted(pairing, 1);
+                let yaw_rad = flight.truth().attitude.yaw_rad();
+                let begin = position(&flight);
+                // Back to where nothing stands, up, and round.
+                pilot.fly(&mut flight, 4.0, |_, _| [-0.4, 0.0, 0.5, 0.0]);
+                pilot.fly(&mut flight, 2.0, |_, _| [0.0, 0.0, 0.0, 0.5]);
+                pilot.fly(&mut flight, 3.0, |_, _| CENTRED);
+                let moved = position(&flight) - begin;
+                let turned_rad =
+                    jink_shared_types::frames::wrap_pi(flight.truth().attitude.yaw_rad() - yaw_rad);
+                assert!(moved.x < -3.0 && moved.z < -1.0, "{pairing:?}: {moved}");
+                assert!((0.5..1.6).contains(&turned_rad), "{pairing:?}: {turned_rad}");
+                let place = position(&flight);
+                let mut farthest_m: f64 = 0.0;
+                pilot.fly(&mut flight, 30.0, |flight, _| {
+                    farthest_m = farthest_m.max((position(flight) - place).norm());
+                    CENTRED
+                });
+                println!("{}: held within {farthest_m:.2} m", pairing.autopilot);
+                assert!(farthest_m < 0.3, "{pairing:?}: {farthest_m} m");
+                assert_eq!(flight.assist(), AssistState::On, "centred sticks are no way out");
+                // Down: as far as it goes, which is not the ground.
+                pilot.fly(&mut flight, 20.0, |_, _| [0.0, 0.0, -1.0, 0.0]);
+                let height_m = -position(&flight).z;
+                assert!((0.8..1.4).contains(&height_m), "{pairing:?}: {height_m} m");
+                assert!(!flight.autopilot().is_landed());
+            }
+        },
+    )
 }
 
 #[test]

@@ -62,24 +62,24 @@ fn main() -> ExitCode {
         a_distance_to_keep_is_kept_by_every_motion: forest_flights;
         a_forest_is_crossed_without_a_scratch: forest_flights, trap_flights, world_flights, the_same_seed_gives_the_same_flight_to_the_bit;
         a_mission_changed_in_flight_is_flown_as_changed:
-            same_length_flights, other_length_flights, item_flights, chosen_flights;
-        a_mission_that_the_autopilot_flies_is_led_around: forest_flights;
+            same_length_flights, other_length_flights, item_flights, chosen_flights, no_mission_any_more;
+        a_mission_that_the_autopilot_flies_is_led_around: forest_flights, a_gateway_that_is_restarted_leads_on;
         a_narrow_place_is_left_again: wall_flights, at_arms_length_it_rests;
         a_pilot_hands_over_in_motion: forest_flights;
         a_pilot_is_kept_from_obstacles: forest_flights;
-        a_proposed_way_is_flown_when_it_is_certified: detour_flights, tree_flights, a_speed_wished_is_not_exceeded, the_same_proposals_give_the_same_flight, a_proposer_that_stays_silent_half_way_leaves_the_rest_to_the_planner, a_way_that_leads_nowhere_ends_at_the_goal_all_the_same;
+        a_proposed_way_is_flown_when_it_is_certified: detour_flights, tree_flights, a_speed_wished_is_not_exceeded, the_same_proposals_give_the_same_flight, a_proposer_that_stays_silent_half_way_leaves_the_rest_to_the_planner, a_way_that_leads_nowhere_ends_at_the_goal_all_the_same, a_proposer_that_is_killed_in_flight_leaves_no_gap_and_is_received_again;
         a_restarted_gateway_leaves_the_plan_alone: forest_flights;
         a_sensor_that_dies_in_flight_slows_and_never_crashes:
             one_of_two_flights, all_around_flights, without_any_flights;
         an_approach_ends_at_the_distance_kept:
             speed_flights, heading_flights, corner_flights, slide_flights, passage_flights;
-        an_assisted_pilot_is_kept_from_obstacles: forest_flights, a_mode_that_the_pilot_changes_is_never_asked_for_back;
+        an_assisted_pilot_is_kept_from_obstacles: forest_flights, a_mode_that_the_pilot_changes_is_never_asked_for_back, what_is_steered_is_flown_and_released_sticks_hold_the_place;
         an_autopilot_whose_time_stands_still_is_followed: a_clock_that_is_slower_by_a_hundredth_leads_to_the_goal;
         both_representations_fly_on_both_firmwares: radio_flights, forest_flights;
         every_set_of_sensors_finds_its_way: flights;
         every_way_that_the_autopilot_wants_to_fly_is_planned: go_to_flights, landing_flights, circle_flights, a_return, hold_at_speed;
-        nothing_that_nobody_asked_for_is_flown: hold_flights, early_flights, restart_flights;
-        services_are_killed_stopped_swapped_and_tuned_in_lockstep: kill_flights, swap_flights, a_speed_that_is_lowered_on_the_way_is_kept_from_then_on;
+        nothing_that_nobody_asked_for_is_flown: hold_flights, early_flights, restart_flights, a_mission_that_begins_anew_in_auto_is_flown_once;
+        services_are_killed_stopped_swapped_and_tuned_in_lockstep: kill_flights, swap_flights, a_speed_that_is_lowered_on_the_way_is_kept_from_then_on, a_flight_whose_planner_is_killed_is_the_same_to_the_bit_the_second_time, ranges_are_dated_from_sensor_to_wire;
         the_mission_is_flown_in_the_autopilots_stead: forest_flights, restart_flights, takeover_flights, whoever_chooses_the_mode_himself_gets_the_mission_flown_only_where_none_is_taken_over;
     };
     let mut trials = Vec::new();

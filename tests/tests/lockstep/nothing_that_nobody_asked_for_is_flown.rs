@@ -135,19 +135,20 @@ fn guided_on_the_ground_is_no_alarm() {
 }
 
 /// The autopilot begins at the first item whenever it is given the mission back; all the same it is flown once, and landed.
-#[test]
-fn a_mission_that_begins_anew_in_auto_is_flown_once() {
-    let mut setup = COPTER.forest(2).unwrap();
-    setup.autopilot = setup.autopilot.with_parameter("MIS_RESTART", 1.0);
-    let mut flight = LockStep::new(setup).unwrap();
-    let (mut changes, mut before) = (0, NavMode::Unknown);
-    while flight.outcome().is_none() {
-        flight.step();
-        let mode = flight.truth().mode.get();
-        changes += u32::from(mode != before);
-        before = mode;
-    }
-    assert_eq!(flight.outcome(), Some(&Outcome::Done));
-    assert_eq!(flight.truth().collisions, 0);
-    assert!(changes < 12, "{changes} changes of mode");
+pub fn a_mission_that_begins_anew_in_auto_is_flown_once() -> Flights {
+    Flights::of_one("a_mission_that_begins_anew_in_auto_is_flown_once", || {
+        let mut setup = COPTER.forest(2).unwrap();
+        setup.autopilot = setup.autopilot.with_parameter("MIS_RESTART", 1.0);
+        let mut flight = LockStep::new(setup).unwrap();
+        let (mut changes, mut before) = (0, NavMode::Unknown);
+        while flight.outcome().is_none() {
+            flight.step();
+            let mode = flight.truth().mode.get();
+            changes += u32::from(mode != before);
+            before = mode;
+        }
+        assert_eq!(flight.outcome(), Some(&Outcome::Done));
+        assert_eq!(flight.truth().collisions, 0);
+        assert!(changes < 12, "{changes} changes of mode");
+    })
 }

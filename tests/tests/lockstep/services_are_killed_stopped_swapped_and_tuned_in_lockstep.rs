@@ -88,13 +88,17 @@ fn each_service_is_killed_on_the_way_and_comes_back() {
     kill_flights().fly_some();
 }
 
-#[test]
-fn a_flight_whose_planner_is_killed_is_the_same_to_the_bit_the_second_time() {
-    let killed = || fly(PX4_TRAJECTORY, 5, |flight, _| flight.board().kill("planner")).1;
-    let left_alone = fly(PX4_TRAJECTORY, 5, |_, _| {}).1;
-    let once = killed();
-    assert_eq!(once, killed());
-    assert_ne!(once, left_alone);
+pub fn a_flight_whose_planner_is_killed_is_the_same_to_the_bit_the_second_time() -> Flights {
+    Flights::of_one(
+        "a_flight_whose_planner_is_killed_is_the_same_to_the_bit_the_second_time",
+        || {
+            let killed = || fly(PX4_TRAJECTORY, 5, |flight, _| flight.board().kill("planner")).1;
+            let left_alone = fly(PX4_TRAJECTORY, 5, |_, _| {}).1;
+            let once = killed();
+            assert_eq!(once, killed());
+            assert_ne!(once, left_alone);
+        },
+    )
 }
 
 #[test]
@@ -169,21 +173,22 @@ pub fn a_speed_that_is_lowered_on_the_way_is_kept_from_then_on() -> Flights {
     })
 }
 
-#[test]
-fn ranges_are_dated_from_sensor_to_wire() {
-    let (flight, _) = fly(PX4_TRAJECTORY, 2, |_, _| {});
-    let link = flight.link_status();
-    let [p50_ms, p99_ms] = [0.5, 0.99].map(|part| link.capture_to_wire.quantile_us(part) * 1e-3);
-    println!("capture to wire: p50 {p50_ms}, p99 {p99_ms} ms of the board's clock");
-    // Six hops of a step each, and the wait for a beat: what is computed takes no time.
-    assert!((16.0..40.0).contains(&p50_ms), "{p50_ms}");
-    // A budget of 100 ms, most of which a lidar of 10 Hz needs for itself. The supervisor reports three late outputs,
-    // which are fewer than one in a hundred of a flight.
-    let is_late = flight.count(&events::OUTPUT_LATE) > 0;
-    let max_ms = f64::from(link.capture_to_wire.max_us) * 1e-3;
-    assert!(
-        !is_late || max_ms > 100.0,
-        "said to be late, but {max_ms} ms at most"
-    );
-    assert!(is_late || p99_ms <= 100.0, "{p99_ms} ms and nothing said");
+pub fn ranges_are_dated_from_sensor_to_wire() -> Flights {
+    Flights::of_one("ranges_are_dated_from_sensor_to_wire", || {
+        let (flight, _) = fly(PX4_TRAJECTORY, 2, |_, _| {});
+        let link = flight.link_status();
+        let [p50_ms, p99_ms] = [0.5, 0.99].map(|part| link.capture_to_wire.quantile_us(part) * 1e-3);
+        println!("capture to wire: p50 {p50_ms}, p99 {p99_ms} ms of the board's clock");
+        // Six hops of a step each, and the wait for a beat: what is computed takes no time.
+        assert!((16.0..40.0).contains(&p50_ms), "{p50_ms}");
+        // A budget of 100 ms, most of which a lidar of 10 Hz needs for itself. The supervisor reports three late outputs,
+        // which are fewer than one in a hundred of a flight.
+        let is_late = flight.count(&events::OUTPUT_LATE) > 0;
+        let max_ms = f64::from(link.capture_to_wire.max_us) * 1e-3;
+        assert!(
+            !is_late || max_ms > 100.0,
+            "said to be late, but {max_ms} ms at most"
+        );
+        assert!(is_late || p99_ms <= 100.0, "{p99_ms} ms and nothing said");
+    })
 }

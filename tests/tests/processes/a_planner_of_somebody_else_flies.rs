@@ -198,6 +198,7 @@ fn fly(folder: &TempFolder, replacement: &str) {
 }
 
 #[test]
+#[ignore = "takes its time: cargo process-campaigns"]
 fn one_in_rust_is_killed_and_swapped_in_flight() {
     let folder = with_row(
         "own_planner",
@@ -209,6 +210,7 @@ fn one_in_rust_is_killed_and_swapped_in_flight() {
 }
 
 #[test]
+#[ignore = "takes its time: cargo process-campaigns"]
 fn one_in_python_is_killed_and_replaced_in_flight() {
     let Some(python) = python_or_say(&ICEORYX2) else {
         return;

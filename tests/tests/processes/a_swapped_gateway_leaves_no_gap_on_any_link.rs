@@ -11,6 +11,7 @@ const PASSPHRASE: &str = "two links and one key";
 const SWAPS: u64 = 3;
 
 #[test]
+#[ignore = "takes its time: cargo process-campaigns"]
 fn three_times() {
     let Some(python) = python_or_say(&PYMAVLINK) else {
         return;

@@ -8,6 +8,7 @@ use serde_json::Value;
 use std::process::Command;
 
 #[test]
+#[ignore = "takes its time: cargo process-campaigns"]
 fn an_external_autopilot_is_flown_through_a_virtual_world_and_pymavlink_finds_no_fault() {
     // There and half the way back: long enough for PX4's rule on time stamps to change when the clocks are synchronised.
     let Some((figures, text)) = listen("bezier", &["60,0", "30,0"], None) else {
@@ -22,6 +23,7 @@ fn an_external_autopilot_is_flown_through_a_virtual_world_and_pymavlink_finds_no
 }
 
 #[test]
+#[ignore = "takes its time: cargo process-campaigns"]
 fn in_waypoints_too_and_the_telemetry_log_can_be_read_back() {
     let folder = TempFolder::new("tlog");
     let Some((figures, text)) = listen("waypoints", &["30,0"], Some(folder.text())) else {

@@ -99,6 +99,18 @@ pub fn fly(
     specs: &[SensorSpec],
     path: &FlightPath,
     duration_s: f64,
+    corrupt: impl FnMut(u64, SensorSample<'_>, &mut SampleHeader) -> u32,
+) -> FlightResult {
+    fly_until(world, specs, path, duration_s, |_| false, corrupt)
+}
+
+/// The same, and it ends as soon as the findings are what `is_enough` says.
+pub fn fly_until(
+    world: &World,
+    specs: &[SensorSpec],
+    path: &FlightPath,
+    duration_s: f64,
+    is_enough: impl Fn(&[(u64, SensorFinding)]) -> bool,
     mut corrupt: impl FnMut(u64, SensorSample<'_>, &mut SampleHeader) -> u32,
 ) -> FlightResult {
     let mut config = FusionConfig::from_params(&ParamSet::default(), specs.len());
@@ -115,6 +127,9 @@ pub fn fly(
     let steps = (duration_s / 0.004) as u64;
     let mut now = Timestamp::NEVER;
     for step in 0..steps {
+        if is_enough(&findings) {
+            break;
+        }
         let t_s = step as f64 * 0.004;
         now = Timestamp::from_seconds(START_S + t_s);
         track.push(now, path.pose(t_s));
