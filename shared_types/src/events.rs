@@ -174,6 +174,8 @@ events! {
     MODE_HELD = 62, Warning, "jink: {name}: unguarded, held", "Fly it by hand, choose it once more to mean it, or set OA_UNGUARDED.";
     /// The same, and it is let fly.
     MODE_UNGUARDED = 63, Warning, "jink: {name} flown unguarded", "Watch it; hold if something is in the way.";
+    /// Plans do not reach the highest speed that is allowed (m/s): they end at rest in known space, braking no harder than the autopilot follows.
+    SPEED_CUT = 64, Info, "jink: {0} m/s at most, not {1}", "None; a profile that is followed more closely allows more.";
     /// Routes are made of what another program proposes, from now on or again.
     PROPOSAL_FLOWN = 70, Info, "jink: flies a proposed way", "None.";
     /// What another program proposes is not flown; the name says why. The planner's own way is.

@@ -51,6 +51,7 @@ pub mod sample;
 pub mod shape;
 pub mod suggestion;
 pub mod topics;
+pub mod tracking;
 pub mod truth;
 pub mod vehicle;
 pub mod view;

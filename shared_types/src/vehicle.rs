@@ -4,6 +4,7 @@ use crate::clock::Timestamp;
 use crate::coded::{Coded, Flag};
 use crate::frames::{AngularRate, Attitude, BodyFrd, LocalNed, Point, Velocity};
 use crate::reserved::Reserved;
+use crate::tracking::Tracking;
 
 crate::wire_enum! {
     /// What the autopilot is doing, independent of its make.
@@ -80,8 +81,10 @@ crate::sample! {
         pub reserved: Reserved<5>,
         /// Time of the position measurement, before any propagation to `capture`.
         pub position_time: Timestamp,
+        /// How closely the autopilot follows what jink sends in the profile that is flown.
+        pub tracking: Tracking,
         /// Room for later fields, zero.
-        pub reserved_tail: Reserved<32>,
+        pub reserved_tail: Reserved<16>,
     }
     plausible if Self::is_consistent
 }

@@ -93,6 +93,8 @@ pub struct FlightReport {
     pub mean_speed_mps: f64,
     /// Top speed (m/s).
     pub top_speed_mps: f64,
+    /// The speed that plans reach (m/s), if that is less than what is allowed.
+    pub speed_cut_mps: Option<f64>,
     /// Way flown in the mission (m).
     pub path_m: f64,
     /// Way flown over the straight line (1).
@@ -280,6 +282,7 @@ pub fn fly_as(setup: FlightSetup, cell: &Cell) -> Result<FlightReport, String> {
         min_clearance_m: truth.min_clearance_m,
         mean_speed_mps: truth.cruise_m / truth.cruise_s.max(1e-9),
         top_speed_mps,
+        speed_cut_mps: speed_cut_mps(&flight),
         path_m: truth.cruise_m,
         path_ratio: truth.cruise_m / straight_m,
         time_s: truth.cruise_s,
@@ -294,6 +297,13 @@ pub fn fly_as(setup: FlightSetup, cell: &Cell) -> Result<FlightReport, String> {
         speed_up: truth.time_s / begin.elapsed().as_secs_f64(),
         hash: hash.text(),
     })
+}
+
+/// The speed that plans reach (m/s), as it was reported.
+fn speed_cut_mps(flight: &LockStep) -> Option<f64> {
+    let mut events = flight.events.iter().rev().map(|(_, event)| event);
+    let cut = events.find(|event| event.id == events::SPEED_CUT.id)?;
+    Some(cut.numbers[0])
 }
 
 /// The last thing that was said in a flight about why it does not go on.

@@ -4,11 +4,9 @@
 //! the start (a forward and a backward pass); between two vertices the profile is a trapezoid. The curve that is fitted
 //! afterwards needs a margin, so the profile uses only a share of the acceleration.
 
+use jink_shared_types::motion::PROFILE_ACCELERATION_SHARE;
 use nalgebra::Vector3;
 
-/// Share of the acceleration limit that the profile assumes. A polynomial piece peaks at 1.5 to 1.9 times its mean
-/// acceleration.
-const ACCELERATION_SHARE: f64 = 0.6;
 /// Shortest piece (s): shorter ones only amplify rounding in the derivatives.
 pub const PIECE_MIN_S: f64 = 0.25;
 /// Turns below this do not limit the speed (rad).
@@ -23,7 +21,7 @@ pub fn durations(
     acceleration_mps2: f64,
     durations_s: &mut [f64],
 ) {
-    let a = ACCELERATION_SHARE * acceleration_mps2;
+    let a = PROFILE_ACCELERATION_SHARE * acceleration_mps2;
     let legs = vertices.len().saturating_sub(1);
     let leg = |i: usize| vertices[i + 1] - vertices[i];
     let mut speed = [0.0; 64];

@@ -13,6 +13,7 @@
 use crate::landed_state::LandedState;
 use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::frames::{AngularRate, Attitude, unit_quaternion};
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, LocalNed, Point, Timestamp, Velocity};
 use mavlink::dialects::ardupilotmega::{
@@ -417,7 +418,12 @@ impl VehicleTracker {
     }
 
     /// The state at the time of the last attitude, with that time; `None` before the first position and attitude.
-    pub fn state(&self, now: Timestamp, system_id: u8) -> Option<(VehicleState, Timestamp)> {
+    pub fn state(
+        &self,
+        now: Timestamp,
+        system_id: u8,
+        tracking: Tracking,
+    ) -> Option<(VehicleState, Timestamp)> {
         let fix = self.fix?;
         if !self.attitude_time.is_set() {
             return None;
@@ -440,6 +446,7 @@ impl VehicleTracker {
             autopilot_alive: Flag::from(alive),
             mode_pending: Flag::from(!self.heartbeat_received),
             position_time: fix.time,
+            tracking,
             ..VehicleState::default()
         };
         Some((state, self.attitude_time))

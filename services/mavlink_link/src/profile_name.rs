@@ -1,6 +1,7 @@
 //! The profiles: ways to command an autopilot, by their names in the configuration.
 
 use crate::autopilot_type::AutopilotType;
+use jink_shared_types::tracking::Tracking;
 use std::fmt;
 use std::str::FromStr;
 
@@ -161,6 +162,15 @@ impl ProfileName {
     /// Whether jink reads the mission to know the path: the autopilot does not report it.
     pub fn reads_the_mission(self) -> bool {
         self != ProfileName::Px4Trajectory
+    }
+
+    /// How closely the autopilot follows what is sent. Nobody has measured it for the deviation interface.
+    pub fn tracking(self) -> Tracking {
+        match self {
+            ProfileName::Px4Trajectory | ProfileName::Px4Deviation => Tracking::PX4_TRAJECTORY,
+            ProfileName::Px4Offboard => Tracking::PX4_OFFBOARD,
+            ProfileName::ArdupilotGuided => Tracking::ARDUPILOT_GUIDED,
+        }
     }
 
     /// Rate of the setpoint stream (Hz); `chosen_hz` where the profile leaves the choice.

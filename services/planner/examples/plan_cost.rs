@@ -11,6 +11,7 @@ use jink_shared_types::map::{LocalMap, center_of, set};
 use jink_shared_types::motion::{Route, RouteMode};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::quantile::quantiles;
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, Reading, SampleHeader, Stamped, Timestamp};
 use rand::{RngExt, SeedableRng};
@@ -73,7 +74,10 @@ fn main() {
     for point in &mut desired.points {
         point.position = Point::new(60.0, 0.0, -2.5);
     }
-    let mut space = ConfigurationSpace::new(&speed_tiers(&params), Clearance::from_params(&params));
+    let mut space = ConfigurationSpace::new(
+        &speed_tiers(&params, &Tracking::PX4_TRAJECTORY),
+        Clearance::from_params(&params),
+    );
     let mut planner = Planner::new(&params, 1);
     let (mut inflate, mut cycle, mut planned) = (Vec::new(), Vec::new(), 0);
     for seed in 0..FORESTS {

@@ -228,7 +228,9 @@ impl StructuringElement {
                 if slice.iter().all(|row| *row == 0) {
                     continue;
                 }
-                for (dy, dz) in offsets {
+                // What is nowhere known fills whatever it reaches: the ground under the vehicle is half of the window.
+                let is_full = slice.iter().all(|row| *row == u128::MAX);
+                for (dy, dz) in offsets.iter().filter(|(dy, _)| !is_full || *dy == 0) {
                     let start = index_of(0, z + dz);
                     or_shifted(slice, *dy, &mut out.rows[start..start + SIZE_Y]);
                 }
@@ -267,6 +269,7 @@ mod tests {
         #[test]
         fn dilation_sets_exactly_the_cells_within_the_radius(
             cells in proptest::collection::vec((-50..50i32, -50..50i32, -20..20i32), 1..6),
+            full_slices in proptest::collection::vec(-20..20i32, 0..2),
             radius in 0.1..1.1f64,
             cell_m in prop_oneof![Just(CELL_M), Just(0.5 * CELL_M)],
         ) {
@@ -274,13 +277,18 @@ mod tests {
             for (x, y, z) in &cells {
                 source.set([*x, *y, *z]);
             }
+            for z in &full_slices {
+                (-64..64).for_each(|x| (-64..64).for_each(|y| source.set([x, y, *z])));
+            }
             let (mut scratch, mut out) = (BitLayer::default(), BitLayer::default());
             StructuringElement::of_cells(radius, cell_m).dilate(&source, &mut scratch, &mut out);
             for x in -60..60 {
                 for y in -60..60 {
                     for z in -28..28 {
                         let away_m = |(cx, cy, cz): &(i32, i32, i32)| nearest_m([x, y, z], [*cx, *cy, *cz], cell_m);
-                        let near = cells.iter().any(|cell| away_m(cell) < radius);
+                        let above_m = |slice: &i32| nearest_m([0, 0, z], [0, 0, *slice], cell_m);
+                        let near = cells.iter().any(|cell| away_m(cell) < radius)
+                            || full_slices.iter().any(|slice| above_m(slice) < radius);
                         prop_assert_eq!(out.test([x, y, z]), near, "{} {} {}", x, y, z);
                     }
                 }

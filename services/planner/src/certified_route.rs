@@ -96,7 +96,7 @@ impl Planner {
             f64::from(desired.points[1].yaw_rad)
         };
         route.mode = Coded::new(RouteMode::Plan);
-        if let Some(stop) = stops::certified(&self.space, tier, &departure.state) {
+        if let Some(stop) = stops::certified(&self.space, &self.tracking, tier, &departure.state) {
             route.stop = stop;
             route.has_stop = Flag::YES;
         }

@@ -39,6 +39,15 @@ const BUCKETS: usize = 2048;
 const BUCKET_CELLS: usize = 256;
 const _: () = assert!(BUCKETS > (DIAGONAL * OCCUPIED_FACTOR) as usize);
 
+/// What detours were computed for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct MadeFor {
+    map_number: u64,
+    epoch: u32,
+    goal_cell: [i32; 2],
+    layers: [i32; 2],
+}
+
 /// The detours to one goal.
 #[derive(Debug)]
 pub struct DetourMap {
@@ -49,8 +58,7 @@ pub struct DetourMap {
     buckets: Vec<Vec<u32>>,
     /// Where paths begin, with the cost there.
     seeds: Vec<(u32, u32)>,
-    /// What the detours were computed for: map, goal, layers.
-    made_for: Option<(u64, [i32; 2], [i32; 2])>,
+    made_for: Option<MadeFor>,
 }
 
 impl Default for DetourMap {
@@ -67,10 +75,25 @@ impl Default for DetourMap {
     }
 }
 
+/// The index along an axis of the far map's cell that holds the coordinate `m` (m).
+fn far_index(m: f64) -> i32 {
+    (m / FAR_CELL_M).floor() as i32
+}
+
+fn goal_cell(goal: &Point<LocalNed>) -> [i32; 2] {
+    [goal.x_m, goal.y_m].map(far_index)
+}
+
 impl DetourMap {
     /// There is no far map: no detour is known.
     pub fn reset(&mut self) {
         self.made_for = None;
+    }
+
+    /// Whether detours to `goal` are known, by whatever map of the `epoch`.
+    pub fn is_of(&self, epoch: u32, goal: &Point<LocalNed>) -> bool {
+        self.made_for
+            .is_some_and(|made_for| (made_for.epoch, made_for.goal_cell) == (epoch, goal_cell(goal)))
     }
 
     /// Computes the detours to `goal` at heights from `goal` to `here`, by `map`, which has the number `map_number`;
@@ -83,11 +106,15 @@ impl DetourMap {
         here: &Point<LocalNed>,
         sees_all_around: bool,
     ) {
-        let cell = |m: f64| (m / FAR_CELL_M).floor() as i32;
-        let goal_cell = [cell(goal.x_m), cell(goal.y_m)];
+        let goal_cell = goal_cell(goal);
         let (top_m, bottom_m) = (goal.z_m.min(here.z_m), goal.z_m.max(here.z_m));
-        let layers = [cell(top_m - CELL_M), cell(bottom_m + CELL_M)];
-        let made_for = Some((map_number, goal_cell, layers));
+        let layers = [top_m - CELL_M, bottom_m + CELL_M].map(far_index);
+        let made_for = Some(MadeFor {
+            map_number,
+            epoch: map.epoch,
+            goal_cell,
+            layers,
+        });
         if self.made_for == made_for {
             return;
         }

@@ -69,6 +69,7 @@ use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, MotionLimits, Route, RouteMode};
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::proposal::{Proposal, ProposalAnswer};
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
 use jink_shared_types::view::FieldOfView;
 use jink_shared_types::{Coded, Flag, Reading, Timestamp};
@@ -99,6 +100,11 @@ pub struct PlannerInputs<'a> {
 /// The planner.
 #[derive(Debug)]
 pub struct Planner {
+    params: ParamSet,
+    /// How closely the autopilot follows; the loosest before that is known.
+    tracking: Tracking,
+    /// The speed that plans reach, and the one that is allowed, as reported (m/s).
+    speed_reported: Option<[f64; 2]>,
     limits: [MotionLimits; TIERS],
     /// The limits on the way out of a place that is too narrow for every speed tier.
     creep: MotionLimits,
@@ -151,12 +157,16 @@ pub struct Planner {
 impl Planner {
     /// A planner with the given parameters; `generation` keeps its route ids apart from those of earlier starts.
     pub fn new(params: &ParamSet, generation: u32) -> Self {
-        let limits = speed_tiers(params);
+        let tracking = Tracking::PX4_TRAJECTORY;
+        let limits = speed_tiers(params, &tracking);
         let clearance = Clearance::from_params(params);
         Self {
             coverage: SensorCoverage::new(params, clearance.footprint_m + limits[CRAWL_TIER].tube_m),
+            params: params.clone(),
+            tracking,
+            speed_reported: None,
             limits,
-            creep: creep(params),
+            creep: creep(params, &tracking),
             goal_radius_m: params.get(&params::OA_GOAL_RAD),
             height_range_m: (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX)),
             yaw_along_path: params.get(&params::OA_YAW_MODE) == 1.0,
@@ -196,8 +206,8 @@ impl Planner {
     /// the committed trajectory stays: it was certified within the limits that it carries. A vehicle that is faster
     /// than a new limit allows flies its committed trajectory to its end, at rest, and continues from there.
     pub fn on_params_changed(&mut self, params: &ParamSet) {
-        self.limits = speed_tiers(params);
-        self.creep = creep(params);
+        self.params.clone_from(params);
+        self.update_limits();
         self.space
             .set_standoff(&self.limits, Clearance::from_params(params));
         self.goal_radius_m = params.get(&params::OA_GOAL_RAD);
@@ -205,6 +215,25 @@ impl Planner {
         self.yaw_along_path = params.get(&params::OA_YAW_MODE) == 1.0;
         // A refusal on this map may have been due to the old values.
         self.map_publish = Timestamp::NEVER;
+    }
+
+    fn update_limits(&mut self) {
+        self.limits = speed_tiers(&self.params, &self.tracking);
+        self.creep = creep(&self.params, &self.tracking);
+    }
+
+    /// Plans as hard as the autopilot follows. The tubes stay the same, and with them what is inflated and what is
+    /// committed.
+    fn take_tracking(&mut self, state: &VehicleState) {
+        if let Some(tracking) = state.tracking.known()
+            && tracking != self.tracking
+        {
+            self.tracking = tracking;
+            self.update_limits();
+        }
+        if state.tracking.known().is_some() {
+            self.report_speed();
+        }
     }
 
     /// Sets the number of range sensors of the vehicle: while only some of them contribute to the map, it flies in what
@@ -250,6 +279,7 @@ impl Planner {
         if state.mode_pending.is_set() {
             return false; // The gateway has just been restarted: the committed trajectory continues.
         }
+        self.take_tracking(&state);
         self.watch_sensors(now, &state, inputs.map.fresh().map(|map| map.sample));
         let Some(desired) = self.desired_path(&state, inputs) else {
             route.mode = Coded::new(RouteMode::Mirror);
@@ -307,7 +337,7 @@ impl Planner {
             let requested = &desired.points[1].position;
             let heights_m = self.down_range_m(&state);
             self.proposals.admit(now, must_leave, requested, heights_m);
-            self.update_detours(inputs, &departure, &goal);
+            self.update_detours(inputs, &departure, &goal, false);
             let planned = self.plan(&departure, &desired, &goal, committed, must_leave, route);
             if !planned && departure.is_at_rest() {
                 self.retry = now.plus_seconds(RETRY_S);
@@ -319,6 +349,9 @@ impl Planner {
             if !planned && must_leave {
                 self.stop_or_brake(now, &departure, route);
             }
+        } else {
+            // Between two maps there is time for it.
+            self.update_detours(inputs, &departure, &goal, true);
         }
         self.check_progress(now, &state, &goal, &desired.points[1].position);
         route.must_leave = Flag::from(must_leave);

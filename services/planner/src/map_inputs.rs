@@ -22,15 +22,18 @@ impl Planner {
         true
     }
 
-    /// Updates the detours to `goal` from the far map, if there is one of the same epoch as the map.
+    /// Updates the detours to `goal` from the far map, if there is one of the same epoch as the map: before a plan that
+    /// cannot do without them, or in a cycle in which nothing else is to be done.
     pub(super) fn update_detours(
         &mut self,
         inputs: &PlannerInputs<'_>,
         departure: &Departure,
         goal: &Point<LocalNed>,
+        is_due: bool,
     ) {
         let epoch = inputs.map.fresh().map(|map| map.sample.epoch);
         match inputs.far.fresh().filter(|far| Some(far.sample.epoch) == epoch) {
+            Some(far) if !is_due && self.search.detours_mut().is_of(far.sample.epoch, goal) => {}
             Some(far) => {
                 let here = &departure.state.position;
                 let sees_all_around = self.view.is_all_around();

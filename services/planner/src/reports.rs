@@ -1,8 +1,9 @@
 //! What is reported to the pilot and the gateway: no path, a goal that stays out of reach, a blocked trajectory.
 
 use super::Planner;
+use crate::certified_route::GUIDE_MAX_M;
 use crate::progress::Obstruction;
-use crate::speed_tiers::DEGRADED_TIER;
+use crate::speed_tiers::{DEGRADED_TIER, reached_mps};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
@@ -67,6 +68,22 @@ impl Planner {
             let away_m = (state.position.vector() - requested.vector()).norm();
             let event = EventSample::new(&events::GOAL_BLOCKED, why.text(), [away_m, 0.0]);
             self.events.push(event);
+        }
+    }
+
+    /// Reports once by how much plans stay below the highest speed that is allowed.
+    pub(super) fn report_speed(&mut self) {
+        let speeds = [
+            reached_mps(&self.limits[0], GUIDE_MAX_M),
+            self.limits[0].speed_mps,
+        ];
+        if self.speed_reported == Some(speeds) {
+            return;
+        }
+        self.speed_reported = Some(speeds);
+        if speeds[0] < speeds[1] {
+            self.events
+                .push(EventSample::new(&events::SPEED_CUT, "planner", speeds));
         }
     }
 

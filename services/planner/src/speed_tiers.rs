@@ -2,16 +2,14 @@
 //! exactly, so it needs a wider tube, so it fits through fewer gaps. The planner takes the highest speed tier in which
 //! there is a path worth its time.
 //!
-//! The tube follows what was measured on a real PX4 with its trajectory interface, which smooths every curve once more
-//! with its own limits (acceleration 3 m/s2, jerk 4 m/s3) and has the largest tracking error of all autopilots: in
-//! waves with 1.8 m/s2 of lateral acceleration at 3 m/s it cut the corners by up to 0.60 m, in jink's own turns in a
-//! forest, planned with 1.2 m/s2 at 2 m/s, by 0.50 m; on a straight at 2 m/s by 0.02 m. In OFFBOARD it was 0.16 m.
-//! Stops from 4.5 m/s ran 0.93 m past their end at 2 m/s2. Corner cutting grows with the commanded acceleration and
-//! hardly with the speed alone, hence `tube = BASE + PER_ACCELERATION * a`, not smaller than any of these; below half
-//! of PX4's own acceleration limit the linear law holds.
+//! The tubes are the same whatever autopilot follows; how hard a tier may accelerate within its tube depends on how
+//! closely that autopilot follows ([`Tracking`]). With the loosest, PX4's trajectory interface, they are those of the
+//! table.
 
-use jink_shared_types::motion::MotionLimits;
+use crate::departure::SPLICE_LEAD_S;
+use jink_shared_types::motion::{MotionLimits, PROFILE_ACCELERATION_SHARE};
 use jink_shared_types::params::{self, ParamSet};
+use jink_shared_types::tracking::Tracking;
 
 /// Number of speed tiers.
 pub const TIERS: usize = 5;
@@ -26,20 +24,12 @@ pub const SLOW_TIER: usize = TIERS - 3;
 /// Highest speed tier while a range sensor is silent: half the speed.
 pub(crate) const DEGRADED_TIER: usize = 1;
 
-/// Tracking error on a straight (m): 0.02 to 0.03 m measured, doubled for wind and for other airframes.
-const TUBE_BASE_M: f64 = 0.06;
-/// Corner cutting per commanded acceleration (m per m/s2): 0.50 m at 1.2 m/s2, and a tenth for airframes that follow
-/// less well.
-const TUBE_PER_ACCELERATION: f64 = 0.41;
-/// Overshoot of a stop per commanded deceleration (m per m/s2): 0.93 m at 2 m/s2, 1.37 m at 3 m/s2.
-pub const OVERSHOOT_PER_DECELERATION: f64 = 0.47;
-
-/// Share of the highest speed, acceleration (m/s2) and jerk (m/s3) of each speed tier. The highest acceleration stays
-/// below half of PX4's MPC_ACC_HOR, the jerk below its MPC_JERK_AUTO: beyond, PX4 flies another path than the one
-/// certified. The acceleration of a tier decides how much clearance it needs: with these values the third one fits
-/// through a gap of 1.3 m, and the last ones take 0.16 and 0.18 m less: half a metre to each side is five half cells.
-/// With a tube of 0.51 m in the highest tier two gaps of 2 m out of twelve were not passed, with this one of 0.49 m all
-/// 36 that were tried.
+/// Share of the highest speed, acceleration (m/s2) and jerk (m/s3) of each speed tier where the autopilot follows
+/// loosely. The highest acceleration stays below half of PX4's MPC_ACC_HOR, the jerk below its MPC_JERK_AUTO: beyond,
+/// PX4 flies another path than the one certified. The acceleration of a tier decides how much clearance it needs: with
+/// these values the third one fits through a gap of 1.3 m, and the last ones take 0.16 and 0.18 m less: half a metre to
+/// each side is five half cells. With a tube of 0.51 m in the highest tier two gaps of 2 m out of twelve were not
+/// passed, with this one of 0.49 m all 36 that were tried.
 const TABLE: [(f64, f64, f64); TIERS] = [
     (1.0, 1.04, 2.5),
     (0.5, 0.6, 2.0),
@@ -48,64 +38,133 @@ const TABLE: [(f64, f64, f64); TIERS] = [
     (0.13, 0.095, 1.0),
 ];
 
+/// The hardest acceleration of a plan (m/s2), however closely the autopilot follows: ArduCopter corrects with 2.5 at
+/// most (WPNAV_ACCEL), PX4 with 3 (MPC_ACC_HOR).
+const ACCELERATION_MAX_MPS2: f64 = 2.4;
+/// The greatest jerk of a plan (m/s3), the same: ArduCopter's PSC_JERK_XY is 5.
+const JERK_MAX_MPS3: f64 = 5.0;
+
+/// From one plan to the next that is flown (s): the period of maps, and the time by which a plan departs ahead.
+const REPLANNED_S: f64 = 0.1 + SPLICE_LEAD_S;
+
 /// Speed (m/s), acceleration (m/s2) and jerk (m/s3) on the way out of a place that is too narrow for a speed tier: by
 /// the law above the tracking error is 0.10 m at that acceleration, half of that in [`SLOW_TIER`].
 const CREEP: (f64, f64, f64) = (0.4, 0.1, 1.0);
 
 /// The limits on the way out of a place that is too narrow for a speed tier.
-pub fn creep(params: &ParamSet) -> MotionLimits {
+pub fn creep(params: &ParamSet, tracking: &Tracking) -> MotionLimits {
     let (speed_mps, acceleration_mps2, jerk_mps3) = CREEP;
-    limits(params, speed_mps, acceleration_mps2, jerk_mps3)
+    limits(params, tracking, speed_mps, (acceleration_mps2, jerk_mps3))
 }
 
-/// The limits of every speed tier, fastest first.
-pub fn speed_tiers(params: &ParamSet) -> [MotionLimits; TIERS] {
+/// The limits of every speed tier, fastest first, of an autopilot that follows as `tracking` says.
+pub fn speed_tiers(params: &ParamSet, tracking: &Tracking) -> [MotionLimits; TIERS] {
     let speed_max_mps = params.get(&params::OA_SPD_MAX);
     TABLE.map(|(share, acceleration_mps2, jerk_mps3)| {
-        limits(params, share * speed_max_mps, acceleration_mps2, jerk_mps3)
+        limits(
+            params,
+            tracking,
+            share * speed_max_mps,
+            (acceleration_mps2, jerk_mps3),
+        )
     })
 }
 
-fn limits(params: &ParamSet, speed_mps: f64, acceleration_mps2: f64, jerk_mps3: f64) -> MotionLimits {
+/// The speed (m/s) that plans of `length_m` (m) within `limits` reach. Each ends at rest, its overshoot included, and
+/// before the next one is flown the vehicle has moved on for [`REPLANNED_S`].
+pub fn reached_mps(limits: &MotionLimits, length_m: f64) -> f64 {
+    let braking_mps2 = PROFILE_ACCELERATION_SHARE * limits.acceleration_mps2;
+    let path_m = (length_m - limits.overshoot_m).max(0.0);
+    let delay_mps = braking_mps2 * REPLANNED_S;
+    // v REPLANNED_S + v^2 / (2 braking) = path
+    let speed_mps = (delay_mps * delay_mps + 2.0 * braking_mps2 * path_m).sqrt() - delay_mps;
+    speed_mps.min(limits.speed_mps)
+}
+
+/// The limits within the tube that the loosest autopilot needs for `loose`: acceleration (m/s2) and jerk (m/s3).
+fn limits(params: &ParamSet, tracking: &Tracking, speed_mps: f64, loose: (f64, f64)) -> MotionLimits {
+    let (loose_mps2, loose_mps3) = loose;
+    let tube_m = Tracking::PX4_TRAJECTORY.tube_m(loose_mps2);
+    let acceleration_mps2 = tracking.acceleration_mps2(tube_m).min(ACCELERATION_MAX_MPS2);
     MotionLimits {
         speed_mps,
         climb_mps: params.get(&params::OA_SPD_CLIMB).min(speed_mps),
         descent_mps: params.get(&params::OA_SPD_DESC).min(speed_mps),
         acceleration_mps2,
-        jerk_mps3,
+        jerk_mps3: (loose_mps3 * acceleration_mps2 / loose_mps2).min(JERK_MAX_MPS3),
         // PX4's MPC_YAWRAUTO_MAX is 45 deg/s; two thirds of it leave the vehicle a margin to follow.
         yaw_rate_radps: 0.5,
-        tube_m: TUBE_BASE_M + TUBE_PER_ACCELERATION * acceleration_mps2,
-        overshoot_m: OVERSHOOT_PER_DECELERATION * acceleration_mps2,
+        tube_m,
+        overshoot_m: tracking.overshoot_m(acceleration_mps2),
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::speed_tiers;
+    use super::{JERK_MAX_MPS3, REPLANNED_S, TABLE, reached_mps, speed_tiers};
+    use jink_shared_types::motion::PROFILE_ACCELERATION_SHARE;
     use jink_shared_types::params::ParamSet;
+    use jink_shared_types::tracking::Tracking;
+
+    const ALL: [Tracking; 3] = [
+        Tracking::PX4_TRAJECTORY,
+        Tracking::PX4_OFFBOARD,
+        Tracking::ARDUPILOT_GUIDED,
+    ];
 
     #[test]
-    fn no_tube_is_smaller_than_what_was_measured() {
-        for limits in speed_tiers(&ParamSet::default()) {
-            // Acceleration asked for (m/s2) and corner cut (m), real PX4, trajectory interface.
-            for (acceleration_mps2, cut_m) in [(1.2, 0.50), (1.8, 0.60), (0.0, 0.03)] {
-                let scaled_m = cut_m * (limits.acceleration_mps2 / acceleration_mps2).min(1.0);
-                assert!(
-                    limits.tube_m > scaled_m,
-                    "{limits:?}: {cut_m} m at {acceleration_mps2} m/s2"
-                );
+    fn every_tier_stays_in_its_tube_whoever_follows() {
+        for tracking in ALL {
+            for limits in speed_tiers(&ParamSet::default(), &tracking) {
+                assert!(limits.tube_m >= tracking.tube_m(limits.acceleration_mps2) - 1e-9);
+                assert!(limits.overshoot_m >= tracking.overshoot_m(limits.acceleration_mps2) - 1e-9);
+                assert!(limits.jerk_mps3 <= JERK_MAX_MPS3);
             }
         }
     }
 
     #[test]
+    fn who_follows_closely_may_accelerate_harder_in_the_same_tube() {
+        let [loose, offboard, guided] = ALL.map(|tracking| speed_tiers(&ParamSet::default(), &tracking));
+        for tier in 0..TABLE.len() {
+            let (_, acceleration_mps2, jerk_mps3) = TABLE[tier];
+            assert!((loose[tier].acceleration_mps2 - acceleration_mps2).abs() < 1e-9);
+            assert!((loose[tier].jerk_mps3 - jerk_mps3).abs() < 1e-9);
+            assert!(offboard[tier].acceleration_mps2 > 1.9 * acceleration_mps2);
+            assert!(guided[tier].acceleration_mps2 >= offboard[tier].acceleration_mps2);
+            assert_eq!(loose[tier].tube_m, offboard[tier].tube_m);
+            assert_eq!(loose[tier].tube_m, guided[tier].tube_m);
+        }
+    }
+
+    #[test]
+    fn the_speed_that_plans_reach_is_the_one_from_which_they_stop_in_time() {
+        let mut params = ParamSet::default();
+        params.set("OA_SPD_MAX", 8.0).unwrap();
+        let [loose, offboard, guided] = ALL.map(|tracking| {
+            let limits = speed_tiers(&params, &tracking)[0];
+            let speed_mps = reached_mps(&limits, 11.0);
+            let braking_mps2 = PROFILE_ACCELERATION_SHARE * limits.acceleration_mps2;
+            let stop_m = speed_mps * REPLANNED_S + speed_mps * speed_mps / (2.0 * braking_mps2);
+            assert!((stop_m + limits.overshoot_m - 11.0).abs() < 1e-9, "{speed_mps}");
+            speed_mps
+        });
+        assert!(
+            loose < offboard && (offboard - guided).abs() < 0.2,
+            "{loose} {offboard} {guided}"
+        );
+        assert_eq!(reached_mps(&speed_tiers(&params, &ALL[0])[3], 11.0), 0.13 * 8.0);
+    }
+
+    #[test]
     fn a_slower_tier_needs_less_clearance() {
-        let speed_tiers = speed_tiers(&ParamSet::default());
-        for pair in speed_tiers.windows(2) {
-            assert!(pair[1].speed_mps <= pair[0].speed_mps);
-            assert!(pair[1].tube_m < pair[0].tube_m);
-            assert!(pair[1].overshoot_m < pair[0].overshoot_m);
+        for tracking in ALL {
+            let speed_tiers = speed_tiers(&ParamSet::default(), &tracking);
+            for pair in speed_tiers.windows(2) {
+                assert!(pair[1].speed_mps <= pair[0].speed_mps);
+                assert!(pair[1].tube_m < pair[0].tube_m);
+                assert!(pair[1].overshoot_m < pair[0].overshoot_m);
+            }
         }
     }
 }

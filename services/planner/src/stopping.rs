@@ -39,7 +39,7 @@ impl Planner {
     pub(super) fn stop_certified(&mut self, departure: &Departure, route: &mut Route) {
         let stop = (0..TIERS).find_map(|tier| {
             self.space.prepare(tier);
-            stops::brisk(&self.space, tier, &departure.state).map(|stop| (tier, stop))
+            stops::brisk(&self.space, &self.tracking, tier, &departure.state).map(|stop| (tier, stop))
         });
         if let Some((tier, stop)) = stop {
             self.write_stop(departure, self.limits[tier], stop, route);
@@ -54,7 +54,7 @@ impl Planner {
         }
         let tier = (0..TIERS).find_map(|tier| {
             self.space.prepare(tier);
-            stops::certified(&self.space, tier, &departure.state).map(|stop| (tier, stop))
+            stops::certified(&self.space, &self.tracking, tier, &departure.state).map(|stop| (tier, stop))
         });
         let (limits, stop) = match tier {
             Some((tier, stop)) => (self.limits[tier], stop),

@@ -5,9 +5,9 @@
 //! ends, which gives the shortest duration for given limits.
 
 use crate::configuration_space::ConfigurationSpace;
-use crate::speed_tiers::OVERSHOOT_PER_DECELERATION;
 use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::motion::{BezierPiece, MotionState, STOP_JERK_MPS3};
+use jink_shared_types::tracking::Tracking;
 use nalgebra::{Rotation3, Vector3};
 
 /// Jerk that braking may use (m/s3): PX4's MPC_JERK_MAX is 8.
@@ -68,26 +68,49 @@ fn yaw_state(yaw_rad: f64, rate_radps: f64) -> End {
     }
 }
 
-/// The first stop of the family, gentle and straight first, all of whose cells are safe in `tier`.
-pub fn certified(space: &ConfigurationSpace, tier: usize, start: &MotionState) -> Option<BezierPiece> {
+/// The first stop of the family, gentle and straight first, all of whose cells are safe in `tier`, and those that the
+/// vehicle runs past its end; if there is none, the first that is safe up to its end.
+pub fn certified(
+    space: &ConfigurationSpace,
+    tracking: &Tracking,
+    tier: usize,
+    start: &MotionState,
+) -> Option<BezierPiece> {
+    let mut without_overshoot = None;
     for deceleration_mps2 in DECELERATIONS_MPS2 {
         for turn_deg in TURNS_DEG {
             let piece = stop(start, deceleration_mps2, turn_deg.to_radians());
-            if is_safe(space, tier, &piece) {
+            if !is_safe(space, tier, &piece) {
+                continue;
+            }
+            if has_room_behind(space, tier, &piece, tracking.overshoot_m(deceleration_mps2)) {
                 return Some(piece);
             }
+            without_overshoot.get_or_insert(piece);
         }
     }
-    None
+    without_overshoot
 }
 
 /// A stop that is to be short: straight and harder, where its overshoot is safe as well; else one of the family.
-pub fn brisk(space: &ConfigurationSpace, tier: usize, start: &MotionState) -> Option<BezierPiece> {
+pub fn brisk(
+    space: &ConfigurationSpace,
+    tracking: &Tracking,
+    tier: usize,
+    start: &MotionState,
+) -> Option<BezierPiece> {
     let piece = stop(start, BRISK_MPS2, 0.0);
+    let fits = is_safe(space, tier, &piece)
+        && has_room_behind(space, tier, &piece, tracking.overshoot_m(BRISK_MPS2));
+    fits.then_some(piece)
+        .or_else(|| certified(space, tracking, tier, start))
+}
+
+/// Whether `overshoot_m` past the end of `piece` are safe in `tier`, in the direction from its start to its end.
+fn has_room_behind(space: &ConfigurationSpace, tier: usize, piece: &BezierPiece, overshoot_m: f64) -> bool {
     let end = piece.at(piece.duration_s).position.vector();
-    let ahead = start.velocity.vector().normalize() * (OVERSHOOT_PER_DECELERATION * BRISK_MPS2);
-    let fits = is_safe(space, tier, &piece) && space.segment_is_safe(tier, &end, &(end + ahead));
-    fits.then_some(piece).or_else(|| certified(space, tier, start))
+    let ahead = (end - piece.at(0.0).position.vector()).try_normalize(1e-6);
+    ahead.is_none_or(|ahead| space.segment_is_safe(tier, &end, &(end + ahead * overshoot_m)))
 }
 
 /// Whether every cell that `piece` passes is safe in `tier`.
@@ -113,6 +136,7 @@ mod tests {
     use jink_shared_types::frames::{Acceleration, Point, Velocity};
     use jink_shared_types::motion::{MotionLimits, MotionState};
     use jink_shared_types::params::ParamSet;
+    use jink_shared_types::tracking::Tracking;
     use nalgebra::Vector3;
     use proptest::prelude::*;
 
@@ -134,7 +158,7 @@ mod tests {
                 acceleration: Acceleration::new(a[0], a[1], a[2]),
                 ..MotionState::default()
             };
-            let limits = speed_tiers(&ParamSet::default())[0].of_a_stop(Vector3::from(v).norm());
+            let limits = speed_tiers(&ParamSet::default(), &Tracking::PX4_TRAJECTORY)[0].of_a_stop(Vector3::from(v).norm());
             let piece = stop(&start, deceleration, turn_deg.to_radians());
             let velocity: [_; 5] = derivative(&piece.points(), piece.duration_s);
             let acceleration: [_; 4] = derivative(&velocity, piece.duration_s);
@@ -174,11 +198,11 @@ mod tests {
     #[test]
     fn a_post_ahead_is_met_by_braking_harder_or_aside() {
         let space = space_of(&known_map(|p| (p.x - 4.6).hypot(p.y) < 0.3));
-        let piece = certified(&space, 1, &moving(3.0)).unwrap();
+        let piece = certified(&space, &Tracking::PX4_TRAJECTORY, 1, &moving(3.0)).unwrap();
         let end = piece.at(piece.duration_s).position;
         assert!(end.x_m < 4.0 || end.y_m.abs() > 0.5, "{end:?}");
         assert!(
-            certified(&space, 1, &moving(12.0)).is_none(),
+            certified(&space, &Tracking::PX4_TRAJECTORY, 1, &moving(12.0)).is_none(),
             "too fast for anything"
         );
     }
@@ -187,12 +211,30 @@ mod tests {
     fn a_brisk_stop_needs_clearance_for_its_overshoot_else_the_gentle_family_is_tried() {
         let path_m = |wall_m: f64| {
             let space = space_of(&known_map(|p| p.x > wall_m));
-            brisk(&space, 1, &moving(3.0)).map(|piece| piece.at(piece.duration_s).position)
+            brisk(&space, &Tracking::PX4_TRAJECTORY, 1, &moving(3.0))
+                .map(|piece| piece.at(piece.duration_s).position)
         };
         let open = path_m(11.0).unwrap();
         assert!(open.x_m < 4.0 && open.y_m == 0.0, "{open:?}");
         let near = path_m(5.0).unwrap();
         assert!(near != open, "{near:?}");
+    }
+
+    #[test]
+    fn a_stop_with_room_behind_its_end_is_taken_before_a_gentler_one_without() {
+        let end_m = |tracking: &Tracking, wall_m: f64| {
+            let space = space_of(&known_map(|p| p.x > wall_m));
+            let piece = certified(&space, tracking, 1, &moving(3.0))?;
+            Some(piece.at(piece.duration_s).position.x_m)
+        };
+        let (loose, close) = (Tracking::PX4_TRAJECTORY, Tracking::ARDUPILOT_GUIDED);
+        // With 1.2 m/s2 a stop from 3 m/s ends 5.6 m ahead.
+        let wall_m = (12..40)
+            .map(|i| 0.2 * f64::from(i))
+            .find(|wall_m| end_m(&close, *wall_m).is_some_and(|end_m| end_m > 5.0))
+            .unwrap();
+        assert!(end_m(&loose, wall_m).unwrap() < 5.0);
+        assert!(end_m(&loose, wall_m + 0.8).unwrap() > 5.0);
     }
 
     #[test]

@@ -7,6 +7,7 @@ use jink_planner::configuration_space::{Clearance, ConfigurationSpace};
 use jink_planner::speed_tiers::{TIERS, speed_tiers};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::{SampleHeader, Timestamp};
 use rustix::time::{ClockId, clock_gettime};
 use std::time::Instant;
@@ -72,7 +73,7 @@ pub fn run(series: &Series, params: &ParamSet, repeats: u32) -> Run {
         map: LocalMap::boxed(),
         windows: Vec::new(),
     };
-    let limits = speed_tiers(params);
+    let limits = speed_tiers(params, &Tracking::PX4_TRAJECTORY);
     for _ in 0..repeats {
         let mut fusion = Fusion::new(FusionConfig::from_params(params, 1));
         let mut space = ConfigurationSpace::new(&limits, Clearance::from_params(params));

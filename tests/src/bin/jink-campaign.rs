@@ -225,6 +225,13 @@ fn summary(arguments: &Arguments, reports: &[FlightReport], wall_s: f64) {
     };
     row("clearance", of(|r| r.min_clearance_m), "m");
     row("mean speed", of(|r| r.mean_speed_mps), "m/s");
+    row("top speed", of(|r| r.top_speed_mps), "m/s");
+    if let Some(reached_mps) = reports.iter().find_map(|report| report.speed_cut_mps) {
+        println!(
+            "  speed            plans reach {reached_mps:.1} m/s of the {:.1} allowed",
+            arguments.speed
+        );
+    }
     row("path ratio", of(|r| r.path_ratio), "");
     row("setpoint gap", of(|r| r.setpoint_gap_ms), "ms");
     row("plan, p50", of(|r| r.plan_ms[0]), "ms");

@@ -38,6 +38,7 @@ use jink_shared_types::events::{AUTOPILOT_FOUND, AUTOPILOT_LOST, EventSample, GO
 use jink_shared_types::health::Name;
 use jink_shared_types::link::{AvoidanceState, LinkStatus};
 use jink_shared_types::params::{GW_OBST_RATE, MPC_XY_P, ParamSet};
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::MessageData;
@@ -322,7 +323,13 @@ impl Gateway {
 
     fn vehicle_state(&self, now: Timestamp) -> Option<(jink_shared_types::vehicle::VehicleState, Timestamp)> {
         let system_id = self.selector.system_id(now).unwrap_or(0);
-        self.vehicle.state(now, system_id)
+        // Who does not know its profile yet says nothing of how closely it is followed.
+        let tracking = if self.profile_check.speaks() {
+            self.config.profile.tracking()
+        } else {
+            Tracking::default()
+        };
+        self.vehicle.state(now, system_id, tracking)
     }
 
     /// Reports when the autopilot is seen for the first time, is lost, and is back; at a loss consumers get one last

@@ -5,6 +5,7 @@ use crate::speed_tiers::{SLOW_TIER, TIERS, speed_tiers};
 use jink_shared_types::frames::Point;
 use jink_shared_types::map::{LocalMap, cell_of, center_of, set};
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::tracking::Tracking;
 use nalgebra::Vector3;
 
 /// A map whose cells are all known free except where `occupied` says so.
@@ -30,7 +31,10 @@ pub(crate) fn space_of(map: &LocalMap) -> ConfigurationSpace {
 }
 
 fn space_with(params: &ParamSet, map: &LocalMap) -> ConfigurationSpace {
-    let mut space = ConfigurationSpace::new(&speed_tiers(params), Clearance::from_params(params));
+    let mut space = ConfigurationSpace::new(
+        &speed_tiers(params, &Tracking::PX4_TRAJECTORY),
+        Clearance::from_params(params),
+    );
     space.load(map);
     (0..TIERS).for_each(|tier| space.prepare(tier));
     space
@@ -67,7 +71,10 @@ fn with_collision_prevention_a_post_is_kept_away_from_and_who_is_too_near_may_le
     assert!(space.is_safe(2, at(1.5)) && !space.is_safe(2, at(0.5)));
     // Without CP_DIST there is no standoff.
     params.set("CP_DIST", -1.0).unwrap();
-    space.set_standoff(&speed_tiers(&params), Clearance::from_params(&params));
+    space.set_standoff(
+        &speed_tiers(&params, &Tracking::PX4_TRAJECTORY),
+        Clearance::from_params(&params),
+    );
     space.set_departure(&center_of(at(3.0)).vector(), SLOW_TIER, false, true);
     space.prepare(2);
     assert!(space.is_safe(2, at(1.2)));

@@ -12,6 +12,7 @@ use jink_shared_types::motion::{
 };
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::proposal::{PROPOSAL_WAYPOINTS, Proposal, ProposalAnswer, ProposalVerdict};
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{DesiredPath, NavMode, VehicleState};
 use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp};
 use nalgebra::Vector3;
@@ -475,7 +476,7 @@ proptest! {
                 continue;
             }
             // No limit is raised.
-            let own = jink_planner::speed_tiers::speed_tiers(&ParamSet::default());
+            let own = jink_planner::speed_tiers::speed_tiers(&ParamSet::default(), &Tracking::PX4_TRAJECTORY);
             let tier = own.iter().find(|tier| tier.tube_m == route.limits.tube_m).unwrap();
             prop_assert!(route.limits.speed_mps <= tier.speed_mps);
             prop_assert_eq!(MotionLimits { speed_mps: 0.0, ..route.limits }, MotionLimits { speed_mps: 0.0, ..*tier });

@@ -10,6 +10,7 @@ use jink_shared_types::motion::{
     ApprovedTrajectory, BezierPiece, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
 };
 use jink_shared_types::params::ParamSet;
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{
     COMMAND_LAND, COMMAND_LOITER, COMMAND_TAKEOFF, DesiredPath, NavMode, VehicleState,
 };
@@ -58,7 +59,7 @@ fn flying_north(length_m: f64) -> ApprovedTrajectory {
         id: 77,
         start: now().plus_seconds(-0.05),
         mode: Coded::new(TrajectoryMode::Plan),
-        limits: jink_planner::speed_tiers::speed_tiers(&ParamSet::default())[0],
+        limits: jink_planner::speed_tiers::speed_tiers(&ParamSet::default(), &Tracking::PX4_TRAJECTORY)[0],
         ..Trajectory::default()
     };
     assert!(trajectory.push(BezierPiece::new(&points, [0.0; 6], duration_s)));
