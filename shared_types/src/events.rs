@@ -176,6 +176,8 @@ events! {
     MODE_UNGUARDED = 63, Warning, "jink: {name} flown unguarded", "Watch it; hold if something is in the way.";
     /// Plans do not reach the highest speed that is allowed (m/s): they end at rest in known space, braking no harder than the autopilot follows.
     SPEED_CUT = 64, Info, "jink: {0} m/s at most, not {1}", "None; a profile that is followed more closely allows more.";
+    /// The vehicle strays farther from what it is sent than was known (cm per m/s2): plans accelerate and brake less from now on.
+    TRACKING_LEARNED = 65, Warning, "jink: strays {0}, overruns {1} cm per m/s2", "Look at gains, weight and wind; OA_TRK_CUT and OA_TRK_OVER keep it.";
     /// Routes are made of what another program proposes, from now on or again.
     PROPOSAL_FLOWN = 70, Info, "jink: flies a proposed way", "None.";
     /// What another program proposes is not flown; the name says why. The planner's own way is.

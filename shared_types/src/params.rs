@@ -73,6 +73,8 @@ params! {
     OA_SPD_MAX = Float, 3.0, 0.3 .. 20.0, "m/s", Live, "Highest speed of a planned motion";
     OA_SPD_CLIMB = Float, 1.5, 0.2 .. 5.0, "m/s", Live, "Highest speed upwards";
     OA_SPD_DESC = Float, 1.0, 0.2 .. 5.0, "m/s", Live, "Highest speed downwards";
+    OA_TRK_CUT = Float, 0.0, 0.0 .. 2.0, "s2", Live, "Corners that the vehicle cuts, in metres per m/s2 of acceleration: learned in flight where it is more than what is known of the profile; 0 forgets it";
+    OA_TRK_OVER = Float, 0.0, 0.0 .. 2.0, "s2", Live, "Overshoot of stops, in metres per m/s2 of deceleration: learned in flight where it is more than what is known of the profile; 0 forgets it";
     OA_ALT_MIN = Float, 1.0, 0.0 .. 100.0, "m", Live, "Lowest height above home that a planned motion may use";
     OA_ALT_MAX = Float, 120.0, 1.0 .. 1000.0, "m", Live, "Greatest height above home that a planned motion may use";
     OA_GOAL_RAD = Float, 0.3, 0.05 .. 5.0, "m", Live, "Distance at which a goal counts as reached";

@@ -336,9 +336,9 @@ topics! {
     PARAMETERS: ParameterValues = "parameters",
         from ["parameter_server"], to ["*"],
         1.0 Hz, stale after 2500.0 ms, buffer 2, logged true, wakes true;
-    /// A value that the command line or a ground station wants changed; the answer is in `parameters`.
+    /// A value that the command line or a ground station wants changed, or that the planner has learned; the answer is in `parameters`.
     PARAMETER_CHANGE: ParameterChange = "parameters/change",
-        from ["cli", "ground_services"], to ["parameter_server"],
+        from ["cli", "ground_services", "planner"], to ["parameter_server"],
         0.0 Hz, stale after 5000.0 ms, buffer 4, logged true, wakes true;
     /// Somebody is about to end jink in flight: the vehicle is to be brought to rest and left to the autopilot.
     STOP_REQUEST: StopRequest = "vehicle/stop_request",

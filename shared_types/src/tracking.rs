@@ -54,6 +54,14 @@ impl Tracking {
         (is_known(self.cut_s2) && is_known(self.overshoot_s2)).then_some(self)
     }
 
+    /// Of both the looser figures.
+    pub fn looser(self, other: Self) -> Self {
+        Self {
+            cut_s2: self.cut_s2.max(other.cut_s2),
+            overshoot_s2: self.overshoot_s2.max(other.overshoot_s2),
+        }
+    }
+
     /// The tube (m) of a motion that accelerates by `acceleration_mps2` at most (m/s^2).
     pub fn tube_m(&self, acceleration_mps2: f64) -> f64 {
         TUBE_BASE_M + self.cut_s2 * acceleration_mps2

@@ -39,6 +39,7 @@ pub mod members;
 pub mod meter;
 pub mod narrate;
 pub mod places;
+pub mod planned_speed;
 pub mod ports;
 mod problem;
 pub mod request;

@@ -2,6 +2,7 @@
 
 use crate::Problem;
 use crate::known_space::KnownSpace;
+use crate::planned_speed::PlannedSpeed;
 use jink_runtime::config::Foreign;
 use jink_runtime::{Input, Instance, OpenError, Session};
 use jink_shared_types::health::SystemStatus;
@@ -85,6 +86,12 @@ impl SpaceWatch {
         let unseen = self.unseen()?;
         let declarations = self.map.latest(now).fresh()?.sample.declarations;
         Some(KnownSpace::new(declarations, unseen))
+    }
+
+    /// How fast plans get and what they allow for; `None` while the planner does not know.
+    pub fn speed(&mut self) -> Option<PlannedSpeed> {
+        let route = self.route.latest(jink_runtime::now()).fresh()?;
+        PlannedSpeed::of(route.sample)
     }
 
     /// What the planner misses; `None` while it says nothing.

@@ -477,7 +477,8 @@ mod tests {
         let mut reported = Vec::new();
         parameters.request_list();
         let mut now = at(0.0);
-        for tick in 0..4000u32 {
+        // Ten a second, and some that are sent twice.
+        for tick in 0..(TABLE.len() as u32 + 10) * 100 {
             now = at(f64::from(tick) / 1e3);
             if tick == 500 {
                 parameters.request_list();

@@ -29,6 +29,7 @@ pub mod configuration_space;
 pub mod corridor;
 mod departure;
 mod detours;
+pub mod following;
 mod goal;
 pub mod guide;
 mod map_inputs;
@@ -44,6 +45,7 @@ mod service;
 pub mod speed_tiers;
 mod stopping;
 pub mod stops;
+mod tracking;
 mod viewpoint_moves;
 pub mod viewpoints;
 
@@ -53,6 +55,7 @@ pub use service::PlannerService;
 use crate::configuration_space::{Clearance, ConfigurationSpace};
 use crate::corridor::CorridorBuilder;
 use crate::departure::{departure, is_at};
+use crate::following::Following;
 use crate::guide::Guide;
 use crate::path_choice::FoundPaths;
 use crate::progress::{GoalProgress, Obstruction};
@@ -103,6 +106,11 @@ pub struct Planner {
     params: ParamSet,
     /// How closely the autopilot follows; the loosest before that is known.
     tracking: Tracking,
+    /// What is known of the profile that is flown; `None` before that is known.
+    profile_tracking: Option<Tracking>,
+    following: Following,
+    /// When what is learned may be told again.
+    learned_after: Timestamp,
     /// The speed that plans reach, and the one that is allowed, as reported (m/s).
     speed_reported: Option<[f64; 2]>,
     limits: [MotionLimits; TIERS],
@@ -164,6 +172,9 @@ impl Planner {
             coverage: SensorCoverage::new(params, clearance.footprint_m + limits[CRAWL_TIER].tube_m),
             params: params.clone(),
             tracking,
+            profile_tracking: None,
+            following: Following::default(),
+            learned_after: Timestamp::NEVER,
             speed_reported: None,
             limits,
             creep: creep(params, &tracking),
@@ -222,20 +233,6 @@ impl Planner {
         self.creep = creep(&self.params, &self.tracking);
     }
 
-    /// Plans as hard as the autopilot follows. The tubes stay the same, and with them what is inflated and what is
-    /// committed.
-    fn take_tracking(&mut self, state: &VehicleState) {
-        if let Some(tracking) = state.tracking.known()
-            && tracking != self.tracking
-        {
-            self.tracking = tracking;
-            self.update_limits();
-        }
-        if state.tracking.known().is_some() {
-            self.report_speed();
-        }
-    }
-
     /// Sets the number of range sensors of the vehicle: while only some of them contribute to the map, it flies in what
     /// they see, and slower.
     pub fn with_sensors(mut self, sensors: u16) -> Self {
@@ -262,6 +259,10 @@ impl Planner {
             self.proposals.on_not_planning();
         }
         route.unseen = Coded::new(self.coverage.unseen());
+        if self.profile_tracking.is_some() {
+            route.tracking = self.tracking;
+            [route.reached_mps, route.allowed_mps] = self.speeds_mps().map(|speed_mps| speed_mps as f32);
+        }
         self.proposals.end_cycle(now, self.remaining_m, &mut self.events);
     }
 
@@ -280,6 +281,7 @@ impl Planner {
             return false; // The gateway has just been restarted: the committed trajectory continues.
         }
         self.take_tracking(&state);
+        self.learn(&state, inputs.approved);
         self.watch_sensors(now, &state, inputs.map.fresh().map(|map| map.sample));
         let Some(desired) = self.desired_path(&state, inputs) else {
             route.mode = Coded::new(RouteMode::Mirror);

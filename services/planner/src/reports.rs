@@ -71,12 +71,15 @@ impl Planner {
         }
     }
 
+    /// The speed that plans reach, and the one that is allowed (m/s).
+    pub(super) fn speeds_mps(&self) -> [f64; 2] {
+        let limits = &self.limits[0];
+        [reached_mps(limits, GUIDE_MAX_M), limits.speed_mps]
+    }
+
     /// Reports once by how much plans stay below the highest speed that is allowed.
     pub(super) fn report_speed(&mut self) {
-        let speeds = [
-            reached_mps(&self.limits[0], GUIDE_MAX_M),
-            self.limits[0].speed_mps,
-        ];
+        let speeds = self.speeds_mps();
         if self.speed_reported == Some(speeds) {
             return;
         }

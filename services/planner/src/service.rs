@@ -2,13 +2,16 @@
 
 use crate::{Planner, PlannerInputs};
 use jink_runtime::{Checks, Cycle, Input, Output, Ports, Service, StartError, Wake};
+use jink_shared_types::events::{EventSample, TRACKING_LEARNED};
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, Route};
-use jink_shared_types::params::ParamSet;
+use jink_shared_types::param_messages::{ParameterChange, table_of};
+use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::proposal::{Proposal, ProposalAnswer};
+use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
-use jink_shared_types::{SampleHeader, Stage, topics};
+use jink_shared_types::{Reserved, SampleHeader, Stage, Timestamp, topics};
 use std::fmt;
 
 /// Routes are published at this rate even when nothing is new, so that a silent planner can be distinguished from one
@@ -27,6 +30,8 @@ pub struct PlannerService {
     proposal: Input<Proposal>,
     answer: Output<ProposalAnswer>,
     output: Output<Route>,
+    changes: Output<ParameterChange>,
+    params: ParamSet,
 }
 
 impl fmt::Debug for PlannerService {
@@ -55,6 +60,8 @@ impl Service for PlannerService {
                 .with_checks(Checks::Stamps),
             answer: ports.output(topics::PROPOSAL_ANSWER)?,
             output: ports.output(topics::ROUTE)?,
+            changes: ports.output(topics::PARAMETER_CHANGE)?,
+            params: ports.config().params.clone(),
         })
     }
 
@@ -83,10 +90,46 @@ impl Service for PlannerService {
         for event in self.planner.events() {
             cycle.events.publish(now, event);
         }
+        if let Some(learned) = self.planner.learned(now) {
+            tracing::info!(
+                "follows less closely than was known: cuts corners {:.3} s2, overshoots {:.3} s2",
+                learned.cut_s2,
+                learned.overshoot_s2
+            );
+            self.keep(now, &learned);
+            let event = EventSample::new(
+                &TRACKING_LEARNED,
+                "",
+                [100.0 * learned.cut_s2, 100.0 * learned.overshoot_s2],
+            );
+            cycle.events.publish(now, &event);
+        }
         Wake::at(now.next_beat(RATE_HZ))
     }
 
     fn on_params_changed(&mut self, params: &ParamSet) {
         self.planner.on_params_changed(params);
+    }
+}
+
+impl PlannerService {
+    /// Asks the parameter server to keep what was learned; it comes back as a change of parameters.
+    fn keep(&mut self, now: Timestamp, learned: &Tracking) {
+        let values = [
+            (&params::OA_TRK_CUT, learned.cut_s2),
+            (&params::OA_TRK_OVER, learned.overshoot_s2),
+        ];
+        for (id, (param, value)) in (now.ns..).zip(values) {
+            if let Some(row) = self.params.number_of(param.name) {
+                let change = ParameterChange {
+                    table: table_of(&self.params),
+                    id: id.max(1),
+                    value,
+                    row: row as u32,
+                    reserved: Reserved::ZERO,
+                };
+                self.changes.send(SampleHeader::at(now), &change);
+            }
+        }
     }
 }

@@ -5,6 +5,7 @@ use crate::clock::Timestamp;
 use crate::coded::{Coded, Flag};
 use crate::frames::{LocalNed, Point};
 use crate::reserved::{Added, Reserved};
+use crate::tracking::Tracking;
 use crate::view::Missing;
 
 crate::wire_enum! {
@@ -65,8 +66,12 @@ crate::sample! {
         pub reserved: Reserved<2>,
         /// The proposal that the guide follows; absent of the planner's own.
         pub proposal_id: Added<u64>,
-        /// Room for later fields, zero.
-        pub reserved_tail: Reserved<24>,
+        /// How closely the vehicle follows, as plans allow for it; zeros before that is known.
+        pub tracking: Tracking,
+        /// The highest speed that plans reach (m/s); 0 before that is known.
+        pub reached_mps: f32,
+        /// The highest speed that is allowed (m/s); 0 before the other is known.
+        pub allowed_mps: f32,
         /// The guide.
         pub guide: [Point<LocalNed>; GUIDE_POINTS],
         /// The corridor.
@@ -97,7 +102,9 @@ impl Default for Route {
             unseen: Coded::new(Missing::Nothing),
             reserved: Reserved::ZERO,
             proposal_id: Added::default(),
-            reserved_tail: Reserved::ZERO,
+            tracking: Tracking::default(),
+            reached_mps: 0.0,
+            allowed_mps: 0.0,
             guide: [Point::ZERO; GUIDE_POINTS],
             corridor: [Polytope::default(); CORRIDOR_POLYTOPES],
         }

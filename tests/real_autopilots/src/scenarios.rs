@@ -349,6 +349,7 @@ pub const TABLE: &[Scenario] = &[
     row("utrap", ALL, ("utrap", 900_031), missions::plain, Goal),
     row("speed_2", EACH, F33, missions::plain, Goal).settings(&["params.OA_SPD_MAX=2"]),
     row("speed_5", EACH, F33, missions::plain, Goal).settings(&["params.OA_SPD_MAX=5"]),
+    row("speed_8", EACH, F33, missions::plain, Goal).settings(&["params.OA_SPD_MAX=8"]),
     row("wind", &[Offboard, Guided], F33, missions::plain, Goal).wind([3.0, 3.0]),
     // Seeds; the waypoints' own row of everything that differs there is among them.
     row("seed_32", EACH, F32, missions::plain, Goal),

@@ -56,7 +56,7 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     };
     wait(LINK_PATIENCE, || watch.link().map(|_| ()));
     let mut space = SpaceWatch::open(watch.session())?;
-    let space = wait(SPACE_PATIENCE, || space.look());
+    let known = wait(SPACE_PATIENCE, || space.look());
     // Newer by the time spent waiting.
     let status = watch.status().unwrap_or(status);
     let ends = post_mortems(instance, &status);
@@ -67,7 +67,8 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         watch.link(),
         ends,
     )
-    .with_space(space);
+    .with_space(known)
+    .with_speed(space.speed());
     if args.json {
         let json = serde_json::to_string(&report).map_err(|error| Problem::Other(error.to_string()))?;
         sayln!("{json}");

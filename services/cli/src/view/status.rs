@@ -8,6 +8,7 @@ pub use profile::unfit;
 
 use jink_control::figures::{StageLatency, exit_text, latency_ms, latency_text, round};
 use jink_control::known_space::KnownSpace;
+use jink_control::planned_speed::PlannedSpeed;
 use jink_shared_types::health::{
     Health, ProcessStatus, ReplaceReason, ServiceState, SwapPhase, SystemStatus,
 };
@@ -34,6 +35,8 @@ pub struct Report {
     pub link: Option<Link>,
     /// What it flies through, and whether its sensors suffice; `None` if map or planner say nothing.
     pub space: Option<KnownSpace>,
+    /// How fast plans get; `None` if the planner does not say.
+    pub speed: Option<PlannedSpeed>,
     /// How processes ended that ended.
     pub ends: Vec<PostMortem>,
 }
@@ -206,6 +209,7 @@ impl Report {
         Self {
             ends,
             space: None,
+            speed: None,
             instance: instance.to_owned(),
             health: status.health.get().to_string(),
             uptime_s: round(now.seconds_since(status.started)),
@@ -222,6 +226,12 @@ impl Report {
     /// The same with what map and planner say.
     pub fn with_space(mut self, space: Option<KnownSpace>) -> Self {
         self.space = space;
+        self
+    }
+
+    /// The same with how fast plans get.
+    pub fn with_speed(mut self, speed: Option<PlannedSpeed>) -> Self {
+        self.speed = speed;
         self
     }
 
@@ -254,6 +264,9 @@ impl Report {
         ));
         if let Some(space) = &self.space {
             out.push_str(&space.lines());
+        }
+        if let Some(speed) = &self.speed {
+            out.push_str(&speed.line());
         }
         if !self.ends.is_empty() {
             out.push('\n');

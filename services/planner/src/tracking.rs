@@ -1,0 +1,77 @@
+//! How closely plans assume that the vehicle follows: what is known of the profile that is flown, or what was learned in flight where
+//! that is less closely. What is learned is kept as parameters, across flights.
+
+use super::Planner;
+use crate::committed_trajectory::is_flown;
+use jink_shared_types::motion::{ApprovedTrajectory, Verdict};
+use jink_shared_types::params;
+use jink_shared_types::tracking::Tracking;
+use jink_shared_types::vehicle::{NavMode, VehicleState};
+use jink_shared_types::{Stamped, Timestamp};
+
+/// What was learned is kept where it is more than what is known by this factor: less is noise.
+const LEARNED_BEYOND: f64 = 1.15;
+/// It is kept at most once in this time (s).
+const LEARNED_EVERY_S: f64 = 10.0;
+
+impl Planner {
+    /// Plans as hard as the autopilot follows: as is known of the profile, or as was learned if that is less closely. The
+    /// tubes stay the same, and with them what is inflated and what is committed.
+    pub(super) fn take_tracking(&mut self, state: &VehicleState) {
+        self.profile_tracking = state.tracking.known().or(self.profile_tracking);
+        let Some(profile) = self.profile_tracking else {
+            return;
+        };
+        let tracking = profile.looser(Tracking {
+            cut_s2: self.params.get(&params::OA_TRK_CUT),
+            overshoot_s2: self.params.get(&params::OA_TRK_OVER),
+        });
+        if tracking != self.tracking {
+            self.tracking = tracking;
+            self.update_limits();
+        }
+        self.report_speed();
+    }
+
+    /// Learns from where the vehicle is while it should be on what is approved.
+    pub(super) fn learn(&mut self, state: &Stamped<'_, VehicleState>, approved: Option<&ApprovedTrajectory>) {
+        let is_led = match state.mode.get() {
+            NavMode::Offboard => self.follows_setpoints,
+            NavMode::Mission => !self.follows_setpoints,
+            _ => false,
+        };
+        let time = state.header.capture;
+        let reference = approved
+            .filter(|approved| is_led && matches!(approved.verdict.get(), Verdict::Passed | Verdict::Kept))
+            .map(|approved| &approved.trajectory)
+            .filter(|trajectory| is_flown(trajectory) && time >= trajectory.start)
+            .and_then(|trajectory| trajectory.at(time));
+        match reference {
+            Some(reference) => self.following.add(time, &state.position, &reference),
+            None => self.following.pause(),
+        }
+    }
+
+    /// What is to be kept of how closely the vehicle follows, if it was learned that this is less closely than is known.
+    pub fn learned(&mut self, now: Timestamp) -> Option<Tracking> {
+        let learned = self.following.learned();
+        let is_news = learned.cut_s2 > LEARNED_BEYOND * self.tracking.cut_s2
+            || learned.overshoot_s2 > LEARNED_BEYOND * self.tracking.overshoot_s2;
+        if self.profile_tracking.is_none() || !is_news || now < self.learned_after {
+            return None;
+        }
+        self.learned_after = now.plus_seconds(LEARNED_EVERY_S);
+        // Upwards to the hundredth, and never less than is known: what follows is not learned again at once.
+        let kept = |learned_s2: f64, known_s2: f64, most_s2: f64| {
+            ((learned_s2.max(known_s2) * 100.0).ceil() / 100.0).min(most_s2)
+        };
+        Some(Tracking {
+            cut_s2: kept(learned.cut_s2, self.tracking.cut_s2, params::OA_TRK_CUT.max),
+            overshoot_s2: kept(
+                learned.overshoot_s2,
+                self.tracking.overshoot_s2,
+                params::OA_TRK_OVER.max,
+            ),
+        })
+    }
+}
