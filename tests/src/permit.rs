@@ -1,7 +1,7 @@
 //! What tests of real processes may use of the machine: several run at once, and those that judge time only beside few others.
 //!
 //! A system that flies waits most of its time, so some of them side by side do not disturb each other: all tests of real processes,
-//! four at a time on two cores, compute for a quarter of these cores' time.
+//! five at a time on two cores, compute for a third of these cores' time.
 // A harness for tests: the locks hold counters that no panic leaves half written.
 
 use std::cell::RefCell;

@@ -15,7 +15,7 @@
 //! numbers are a least-squares fit over the last minute or so, the horizontal axes together, by the normal equations of two
 //! unknowns.
 //!
-//! A stop is over when the reference has rested for [`SETTLED_S`]; how far the vehicle went beyond its end, per greatest deceleration
+//! A stop is over when the reference has rested for two seconds; how far the vehicle went beyond its end, per greatest deceleration
 //! before it, is its overshoot. Of all stops the second worst counts: one may be a leap of the estimator.
 
 use jink_shared_types::motion::MotionState;

@@ -109,7 +109,7 @@ pub struct Planner {
     /// What is known of the profile that is flown; `None` before that is known.
     profile_tracking: Option<Tracking>,
     following: Following,
-    /// When what is learned may be told again.
+    /// When what is learned may be reported again.
     learned_after: Timestamp,
     /// The speed that plans reach, and the one that is allowed, as reported (m/s).
     speed_reported: Option<[f64; 2]>,

@@ -71,7 +71,7 @@ pub fn speed_tiers(params: &ParamSet, tracking: &Tracking) -> [MotionLimits; TIE
 }
 
 /// The speed (m/s) that plans of `length_m` (m) within `limits` reach. Each ends at rest, its overshoot included, and
-/// before the next one is flown the vehicle has moved on for [`REPLANNED_S`].
+/// before the next one is flown the vehicle has moved on for a fifth of a second.
 pub fn reached_mps(limits: &MotionLimits, length_m: f64) -> f64 {
     let braking_mps2 = PROFILE_ACCELERATION_SHARE * limits.acceleration_mps2;
     let path_m = (length_m - limits.overshoot_m).max(0.0);
