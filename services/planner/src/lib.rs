@@ -245,6 +245,11 @@ impl Planner {
         &self.events
     }
 
+    /// How closely plans assume that the vehicle follows.
+    pub fn tracking(&self) -> Tracking {
+        self.tracking
+    }
+
     /// The answer to the proposed path, if one is due after the last step.
     pub fn proposal_answer(&self) -> Option<&ProposalAnswer> {
         self.proposals.answer()

@@ -90,17 +90,18 @@ impl Service for PlannerService {
         for event in self.planner.events() {
             cycle.events.publish(now, event);
         }
-        if let Some(learned) = self.planner.learned(now) {
+        if let Some(news) = self.planner.learned(now) {
+            self.keep(now, &news);
+            let tracking = self.planner.tracking().looser(news);
             tracing::info!(
                 "follows less closely than was known: cuts corners {:.3} s2, overshoots {:.3} s2",
-                learned.cut_s2,
-                learned.overshoot_s2
+                tracking.cut_s2,
+                tracking.overshoot_s2
             );
-            self.keep(now, &learned);
             let event = EventSample::new(
                 &TRACKING_LEARNED,
                 "",
-                [100.0 * learned.cut_s2, 100.0 * learned.overshoot_s2],
+                [100.0 * tracking.cut_s2, 100.0 * tracking.overshoot_s2],
             );
             cycle.events.publish(now, &event);
         }
@@ -113,13 +114,14 @@ impl Service for PlannerService {
 }
 
 impl PlannerService {
-    /// Asks the parameter server to keep what was learned; it comes back as a change of parameters.
-    fn keep(&mut self, now: Timestamp, learned: &Tracking) {
+    /// Asks the parameter server to keep the figures of `news` that are not zero; they come back as a change of parameters.
+    fn keep(&mut self, now: Timestamp, news: &Tracking) {
         let values = [
-            (&params::OA_TRK_CUT, learned.cut_s2),
-            (&params::OA_TRK_OVER, learned.overshoot_s2),
+            (&params::OA_TRK_CUT, news.cut_s2),
+            (&params::OA_TRK_OVER, news.overshoot_s2),
         ];
-        for (id, (param, value)) in (now.ns..).zip(values) {
+        let kept = values.into_iter().filter(|(_, value)| *value > 0.0);
+        for (id, (param, value)) in (now.ns..).zip(kept) {
             if let Some(row) = self.params.number_of(param.name) {
                 let change = ParameterChange {
                     table: table_of(&self.params),
