@@ -17,6 +17,7 @@ const STEPS: [&str; 7] = [
 ];
 
 #[test]
+#[ignore = "takes its time: cargo process-campaigns"]
 fn it_finds_reads_tunes_and_flies() {
     let Some(python) = python_or_say(&MAVSDK) else {
         return;
