@@ -123,10 +123,6 @@ crate::sample! {
     }
 }
 
-/// Share of its acceleration limit that a plan's speed profile uses: a polynomial piece peaks at 1.5 to 1.9 times its
-/// mean acceleration.
-pub const PROFILE_ACCELERATION_SHARE: f64 = 0.6;
-
 /// Acceleration (m/s^2) that a stop may reach: the hardest braking, PX4's MPC_ACC_HOR of 3, and half of it for what the
 /// vehicle accelerates when it begins to stop.
 const STOP_ACCELERATION_MPS2: f64 = 4.5;

@@ -19,7 +19,7 @@ mod service;
 pub use service::GeneratorService;
 
 use crate::problem::{Infeasible, PieceSpec, solve};
-use crate::profile::{PIECE_MIN_S, durations};
+use crate::profile::{LegPiece, cut};
 use jink_shared_types::bezier::{QUINTIC, derivative, derivative_scalar, hull_keeps};
 use jink_shared_types::motion::{
     BezierPiece, CORRIDOR_POLYTOPES, MotionLimits, Polytope, Route, RouteMode, Trajectory, TrajectoryMode,
@@ -29,9 +29,7 @@ use nalgebra::Vector3;
 
 /// Time scales of the profile that are tried one after the other: a slower curve is farther from its limits, a shorter
 /// first piece fits a moving start into a narrow corridor.
-const STRETCHES: [f64; 4] = [1.0, 1.25, 1.6, 0.8];
-/// A first piece longer than this is cut in two (s), so that a moving start need not keep its polynomial for long.
-const FIRST_PIECE_MAX_S: f64 = 0.7;
+const STRETCHES: [f64; 5] = [1.0, 1.15, 1.4, 1.8, 0.8];
 /// How much of its base a trajectory repeats before now (s): the gateway dates its curves back by 10 ms, and a reader
 /// that lags still finds the present time in it.
 const PREFIX_S: f64 = 0.15;
@@ -43,8 +41,8 @@ const CORRIDOR_TOLERANCE_M: f64 = 1e-4;
 /// control point is 2.7 times as fast as the turn. Position needs none: the solver keeps its control points themselves
 /// within the limits.
 const HEADING_HALVINGS: u32 = 2;
-/// Most pieces of a plan: one per polytope and one for a cut first piece.
-const PIECES_MAX: usize = CORRIDOR_POLYTOPES + 1;
+/// Most pieces of a plan.
+const PIECES_MAX: usize = CORRIDOR_POLYTOPES + 4;
 
 /// Why no trajectory was made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -297,40 +295,22 @@ fn append_turn(route: &Route, out: &mut Trajectory) -> Result<(), NoTrajectory> 
     }
 }
 
-/// Pieces for the route's legs, the first one cut in two if it is long.
+/// Pieces for the route's legs.
 fn specify<'a>(route: &'a Route, stretch: f64, specs: &mut [PieceSpec<'a>; PIECES_MAX]) -> usize {
     let legs = route.corridor().len();
     let mut vertices = [Vector3::zeros(); CORRIDOR_POLYTOPES + 1];
     for (vertex, point) in vertices.iter_mut().zip(route.guide()) {
         *vertex = point.vector();
     }
-    let mut times_s = [PIECE_MIN_S; CORRIDOR_POLYTOPES];
-    durations(
-        &vertices[..=legs],
-        &route.start.velocity.vector(),
-        route.limits.speed_mps,
-        route.limits.acceleration_mps2,
-        &mut times_s,
-    );
-    let mut count = 0;
-    for (leg, polytope) in route.corridor().iter().enumerate() {
-        let (from, to) = (vertices[leg], vertices[leg + 1]);
-        let time_s = times_s[leg] * stretch;
-        let cut = leg == 0 && time_s > FIRST_PIECE_MAX_S;
-        if cut {
-            specs[count] = PieceSpec {
-                duration_s: 0.5 * time_s,
-                polytope,
-                guide: from + (to - from) * 0.4,
-            };
-            count += 1;
-        }
-        specs[count] = PieceSpec {
-            duration_s: if cut { 0.5 * time_s } else { time_s },
-            polytope,
-            guide: to,
+    let mut pieces = [LegPiece::default(); PIECES_MAX];
+    let velocity = route.start.velocity.vector();
+    let count = cut(&vertices[..=legs], &velocity, &route.limits, stretch, &mut pieces);
+    for (spec, piece) in specs.iter_mut().zip(&pieces[..count]) {
+        *spec = PieceSpec {
+            duration_s: piece.duration_s,
+            polytope: &route.corridor[piece.leg],
+            guide: piece.end,
         };
-        count += 1;
     }
     count
 }

@@ -30,7 +30,7 @@ use nalgebra::Vector3;
 /// Weight of the squared distance between end and target.
 const TARGET_WEIGHT: f64 = 10.0;
 /// Weight of the squared jerk.
-const JERK_WEIGHT: f64 = 0.05;
+const JERK_WEIGHT: f64 = 0.01;
 /// Weight of the squared distance of a joint from its guide vertex.
 const GUIDE_WEIGHT: f64 = 0.05;
 /// Kept from every bound, so that the solver's tolerance never breaks it (metres, and share of a limit).

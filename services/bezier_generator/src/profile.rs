@@ -1,33 +1,150 @@
-//! How long each piece should take: a speed profile along the guide.
+//! How the guide is cut into pieces of time: a speed profile along it.
 //!
 //! Speeds at the vertices are limited by the turn there, by braking to rest at the end and by what can be reached from
-//! the start (a forward and a backward pass); between two vertices the profile is a trapezoid. The curve that is fitted
-//! afterwards needs a margin, so the profile uses only a share of the acceleration.
+//! the start (a forward and a backward pass); between two vertices the profile is a trapezoid. Its acceleration is the
+//! mean one that acceleration and jerk allow; a curve that needs more ends a little short of the guide. Every leg is cut
+//! into pieces of equal and not too long time: one polynomial of fifth degree cannot brake evenly for long.
 
-use jink_shared_types::motion::PROFILE_ACCELERATION_SHARE;
+use jink_shared_types::motion::{MotionLimits, stopping_distance_m};
 use nalgebra::Vector3;
 
 /// Shortest piece (s): shorter ones only amplify rounding in the derivatives.
 pub const PIECE_MIN_S: f64 = 0.25;
+/// Longest piece (s), as long as there are not too many of them.
+const PIECE_MAX_S: f64 = 0.7;
 /// Turns below this do not limit the speed (rad).
 const TURN_FREE_RAD: f64 = 0.05;
+/// A profile whose top is below this is made as if it were this (m/s).
+const TOP_MIN_MPS: f64 = 0.3;
+/// Most legs of a guide.
+const LEGS_MAX: usize = 63;
 
-/// Writes the duration (s) of every leg of the guide `vertices` into `durations_s` (one less than vertices), for a
-/// start with `start_velocity` (m/s) and an end at rest, within `speed_mps` and `acceleration_mps2`.
-pub fn durations(
+/// A piece of a leg.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LegPiece {
+    /// Number of the leg.
+    pub leg: usize,
+    /// Duration (s).
+    pub duration_s: f64,
+    /// Where the profile is at its end.
+    pub end: Vector3<f64>,
+}
+
+/// A leg of the profile: with the same acceleration it speeds up from one speed to the peak and brakes to the other.
+#[derive(Clone, Copy, Debug, Default)]
+struct LegProfile {
+    length_m: f64,
+    from_mps: f64,
+    peak_mps: f64,
+    to_mps: f64,
+    acceleration_mps2: f64,
+}
+
+impl LegProfile {
+    fn speeding_s(&self) -> f64 {
+        (self.peak_mps - self.from_mps) / self.acceleration_mps2
+    }
+
+    fn braking_s(&self) -> f64 {
+        (self.peak_mps - self.to_mps) / self.acceleration_mps2
+    }
+
+    fn cruising_s(&self) -> f64 {
+        let speeding_m = 0.5 * (self.peak_mps + self.from_mps) * self.speeding_s();
+        let braking_m = 0.5 * (self.peak_mps + self.to_mps) * self.braking_s();
+        (self.length_m - speeding_m - braking_m).max(0.0) / self.peak_mps
+    }
+
+    fn duration_s(&self) -> f64 {
+        self.speeding_s() + self.cruising_s() + self.braking_s()
+    }
+
+    /// How far (m) along the leg the profile is after `time_s` of it.
+    fn at_m(&self, time_s: f64) -> f64 {
+        let [speeding_s, cruising_s, braking_s] = [self.speeding_s(), self.cruising_s(), self.braking_s()];
+        let speeding_t = time_s.min(speeding_s);
+        let cruising_t = (time_s - speeding_s).clamp(0.0, cruising_s);
+        let braking_t = (time_s - speeding_s - cruising_s).clamp(0.0, braking_s);
+        (self.from_mps + 0.5 * self.acceleration_mps2 * speeding_t) * speeding_t
+            + self.peak_mps * cruising_t
+            + (self.peak_mps - 0.5 * self.acceleration_mps2 * braking_t) * braking_t
+    }
+}
+
+/// Cuts the guide `vertices` into pieces, for a start with `start_velocity` (m/s) and an end at rest within `limits`; the
+/// times of the profile are multiplied by `stretch`. Returns how many of `pieces` were written: as many as there are legs
+/// at least, none if there is no room for those.
+pub fn cut(
+    vertices: &[Vector3<f64>],
+    start_velocity: &Vector3<f64>,
+    limits: &MotionLimits,
+    stretch: f64,
+    pieces: &mut [LegPiece],
+) -> usize {
+    let legs = vertices.len().saturating_sub(1);
+    if legs == 0 || legs > LEGS_MAX || legs > pieces.len() {
+        return 0;
+    }
+    let mut profile = [LegProfile::default(); LEGS_MAX];
+    let profile = &mut profile[..legs];
+    let mut top_mps = limits.speed_mps;
+    for _ in 0..2 {
+        let acceleration_mps2 = mean_acceleration_mps2(top_mps.max(TOP_MIN_MPS), limits);
+        make(
+            vertices,
+            start_velocity,
+            limits.speed_mps,
+            acceleration_mps2,
+            profile,
+        );
+        top_mps = profile.iter().map(|leg| leg.peak_mps).fold(0.0, f64::max);
+    }
+    let mut piece_max_s = PIECE_MAX_S;
+    let parts = |leg: &LegProfile, piece_max_s: f64| {
+        ((stretch * leg.duration_s() / piece_max_s).ceil() as usize).max(1)
+    };
+    while profile.iter().map(|leg| parts(leg, piece_max_s)).sum::<usize>() > pieces.len() {
+        piece_max_s *= 1.2;
+    }
+    let mut count = 0;
+    for (index, leg) in profile.iter().enumerate() {
+        let parts = parts(leg, piece_max_s);
+        let (from, to) = (vertices[index], vertices[index + 1]);
+        for part in 1..=parts {
+            let share = part as f64 / parts as f64;
+            let along = leg.at_m(leg.duration_s() * share) / leg.length_m.max(1e-9);
+            pieces[count] = LegPiece {
+                leg: index,
+                duration_s: (stretch * leg.duration_s() / parts as f64).max(PIECE_MIN_S),
+                end: if part == parts {
+                    to
+                } else {
+                    from + (to - from) * along.min(1.0)
+                },
+            };
+            count += 1;
+        }
+    }
+    count
+}
+
+/// The mean acceleration (m/s2) of a stop from `speed_mps` within acceleration and jerk.
+fn mean_acceleration_mps2(speed_mps: f64, limits: &MotionLimits) -> f64 {
+    let stop_m = stopping_distance_m(speed_mps, 0.0, limits.acceleration_mps2, limits.jerk_mps3);
+    speed_mps * speed_mps / (2.0 * stop_m)
+}
+
+/// Makes the profile, not faster than `speed_mps`, with the acceleration `a` (m/s2).
+fn make(
     vertices: &[Vector3<f64>],
     start_velocity: &Vector3<f64>,
     speed_mps: f64,
-    acceleration_mps2: f64,
-    durations_s: &mut [f64],
+    a: f64,
+    profile: &mut [LegProfile],
 ) {
-    let a = PROFILE_ACCELERATION_SHARE * acceleration_mps2;
-    let legs = vertices.len().saturating_sub(1);
+    let legs = profile.len();
     let leg = |i: usize| vertices[i + 1] - vertices[i];
-    let mut speed = [0.0; 64];
-    if legs == 0 || legs >= speed.len() || durations_s.len() < legs {
-        return;
-    }
+    let mut speed = [0.0; LEGS_MAX + 1];
     let first = leg(0);
     speed[0] = if first.norm() > 1e-6 {
         (start_velocity.dot(&first) / first.norm()).clamp(0.0, speed_mps)
@@ -43,8 +160,16 @@ pub fn durations(
     for i in 1..=legs {
         speed[i] = speed[i].min((speed[i - 1].powi(2) + 2.0 * a * leg(i - 1).norm()).sqrt());
     }
-    for i in 0..legs {
-        durations_s[i] = leg_time_s(leg(i).norm(), speed[i], speed[i + 1], speed_mps, a).max(PIECE_MIN_S);
+    for (i, out) in profile.iter_mut().enumerate() {
+        let (length_m, from_mps, to_mps) = (leg(i).norm(), speed[i], speed[i + 1]);
+        let peak_mps = (0.5 * (from_mps * from_mps + to_mps * to_mps) + a * length_m).sqrt();
+        *out = LegProfile {
+            length_m,
+            from_mps,
+            peak_mps: peak_mps.min(speed_mps).max(from_mps).max(to_mps).max(1e-3),
+            to_mps,
+            acceleration_mps2: a,
+        };
     }
 }
 
@@ -59,55 +184,87 @@ fn turning_speed_mps(before: &Vector3<f64>, after: &Vector3<f64>, a: f64) -> f64
     (a * available_m / turn_rad).sqrt()
 }
 
-/// Time for `length_m` from speed `from` to speed `to`, not faster than `top`, with acceleration `a` at most.
-fn leg_time_s(length_m: f64, from: f64, to: f64, top: f64, a: f64) -> f64 {
-    let peak = ((from * from + to * to) / 2.0 + a * length_m)
-        .sqrt()
-        .min(top)
-        .max(from)
-        .max(to)
-        .max(1e-3);
-    let speeding_m = (peak * peak - from * from) / (2.0 * a);
-    let braking_m = (peak * peak - to * to) / (2.0 * a);
-    let cruising_m = (length_m - speeding_m - braking_m).max(0.0);
-    (peak - from) / a + (peak - to) / a + cruising_m / peak
-}
-
 #[cfg(test)]
 mod tests {
-    use super::durations;
+    use super::{LegPiece, PIECE_MAX_S, PIECE_MIN_S, cut};
+    use jink_shared_types::motion::MotionLimits;
     use nalgebra::Vector3;
 
-    #[test]
-    fn a_long_straight_is_flown_at_top_speed() {
-        let vertices: Vec<_> = (0..6)
+    const LIMITS: MotionLimits = MotionLimits {
+        speed_mps: 3.0,
+        climb_mps: 2.0,
+        descent_mps: 1.0,
+        acceleration_mps2: 1.2,
+        jerk_mps3: 2.5,
+        yaw_rate_radps: 0.5,
+        tube_m: 0.5,
+        overshoot_m: 0.5,
+    };
+
+    fn straight(legs: u32) -> Vec<Vector3<f64>> {
+        (0..=legs)
             .map(|i| Vector3::new(f64::from(i) * 3.0, 0.0, 0.0))
-            .collect();
-        let mut times = [0.0; 5];
-        durations(&vertices, &Vector3::new(3.0, 0.0, 0.0), 3.0, 1.2, &mut times);
+            .collect()
+    }
+
+    /// Pieces of `vertices` from 3 m/s along the first leg.
+    fn pieces(vertices: &[Vector3<f64>], most: usize) -> Vec<LegPiece> {
+        let mut pieces = vec![LegPiece::default(); most];
+        let start = Vector3::new(3.0, 0.0, 0.0);
+        let count = cut(vertices, &start, &LIMITS, 1.0, &mut pieces);
+        pieces.truncate(count);
+        pieces
+    }
+
+    fn time_s(pieces: &[LegPiece], leg: usize) -> f64 {
+        pieces
+            .iter()
+            .filter(|piece| piece.leg == leg)
+            .map(|piece| piece.duration_s)
+            .sum()
+    }
+
+    #[test]
+    fn a_long_straight_is_flown_at_top_speed_and_the_end_brakes_in_short_pieces() {
+        let pieces = pieces(&straight(5), 12);
         assert!(
-            (times[0] - 1.0).abs() < 1e-6 && (times[1] - 1.0).abs() < 1e-6,
-            "{times:?}"
+            (time_s(&pieces, 0) - 1.0).abs() < 1e-6 && (time_s(&pieces, 1) - 1.0).abs() < 1e-6,
+            "{pieces:?}"
         );
-        assert!(times[4] > 1.8, "the last leg brakes: {times:?}");
+        assert!(time_s(&pieces, 4) > 1.8, "the last leg brakes: {pieces:?}");
+        for pair in pieces.windows(2) {
+            assert!(
+                pair[1].end.x > pair[0].end.x && pair[1].leg >= pair[0].leg,
+                "{pieces:?}"
+            );
+            assert!(
+                (PIECE_MIN_S..=PIECE_MAX_S).contains(&pair[1].duration_s),
+                "{pieces:?}"
+            );
+        }
+        assert_eq!(pieces.last().unwrap().end, Vector3::new(15.0, 0.0, 0.0));
     }
 
     #[test]
     fn a_corner_is_taken_slowly() {
-        let turn = [
+        let corner = [
             Vector3::zeros(),
             Vector3::new(3.0, 0.0, 0.0),
             Vector3::new(3.0, 3.0, 0.0),
         ];
-        let straight = [
-            Vector3::zeros(),
-            Vector3::new(3.0, 0.0, 0.0),
-            Vector3::new(6.0, 0.0, 0.0),
-        ];
-        let (mut slow, mut fast) = ([0.0; 2], [0.0; 2]);
-        let start = Vector3::new(3.0, 0.0, 0.0);
-        durations(&turn, &start, 3.0, 1.2, &mut slow);
-        durations(&straight, &start, 3.0, 1.2, &mut fast);
-        assert!(slow[0] > fast[0]);
+        assert!(time_s(&pieces(&corner, 12), 0) > time_s(&pieces(&straight(2), 12), 0));
+    }
+
+    #[test]
+    fn where_there_is_little_room_pieces_are_longer_and_every_leg_has_one() {
+        for most in 5..12 {
+            let pieces = pieces(&straight(5), most);
+            assert!(
+                (0..5).all(|leg| pieces.iter().any(|piece| piece.leg == leg)),
+                "{pieces:?}"
+            );
+            assert!(pieces.len() <= most);
+        }
+        assert_eq!(pieces(&straight(5), 4), []);
     }
 }

@@ -7,7 +7,7 @@
 //! table.
 
 use crate::departure::SPLICE_LEAD_S;
-use jink_shared_types::motion::{MotionLimits, PROFILE_ACCELERATION_SHARE};
+use jink_shared_types::motion::{MotionLimits, stoppable_speed_mps};
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::tracking::Tracking;
 
@@ -73,11 +73,8 @@ pub fn speed_tiers(params: &ParamSet, tracking: &Tracking) -> [MotionLimits; TIE
 /// The speed (m/s) that plans of `length_m` (m) within `limits` reach. Each ends at rest, its overshoot included, and
 /// before the next one is flown the vehicle has moved on for a fifth of a second.
 pub fn reached_mps(limits: &MotionLimits, length_m: f64) -> f64 {
-    let braking_mps2 = PROFILE_ACCELERATION_SHARE * limits.acceleration_mps2;
-    let path_m = (length_m - limits.overshoot_m).max(0.0);
-    let delay_mps = braking_mps2 * REPLANNED_S;
-    // v REPLANNED_S + v^2 / (2 braking) = path
-    let speed_mps = (delay_mps * delay_mps + 2.0 * braking_mps2 * path_m).sqrt() - delay_mps;
+    let path_m = length_m - limits.overshoot_m;
+    let speed_mps = stoppable_speed_mps(path_m, REPLANNED_S, limits.acceleration_mps2, limits.jerk_mps3);
     speed_mps.min(limits.speed_mps)
 }
 
@@ -102,7 +99,7 @@ fn limits(params: &ParamSet, tracking: &Tracking, speed_mps: f64, loose: (f64, f
 #[cfg(test)]
 mod tests {
     use super::{JERK_MAX_MPS3, REPLANNED_S, TABLE, reached_mps, speed_tiers};
-    use jink_shared_types::motion::PROFILE_ACCELERATION_SHARE;
+    use jink_shared_types::motion::stopping_distance_m;
     use jink_shared_types::params::ParamSet;
     use jink_shared_types::tracking::Tracking;
 
@@ -144,8 +141,8 @@ mod tests {
         let [loose, offboard, guided] = ALL.map(|tracking| {
             let limits = speed_tiers(&params, &tracking)[0];
             let speed_mps = reached_mps(&limits, 11.0);
-            let braking_mps2 = PROFILE_ACCELERATION_SHARE * limits.acceleration_mps2;
-            let stop_m = speed_mps * REPLANNED_S + speed_mps * speed_mps / (2.0 * braking_mps2);
+            let (a, j) = (limits.acceleration_mps2, limits.jerk_mps3);
+            let stop_m = stopping_distance_m(speed_mps, REPLANNED_S, a, j);
             assert!((stop_m + limits.overshoot_m - 11.0).abs() < 1e-9, "{speed_mps}");
             speed_mps
         });

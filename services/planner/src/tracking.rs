@@ -91,7 +91,11 @@ mod tests {
     fn only_what_is_much_more_than_was_known_is_kept_and_then_no_longer_news() {
         for (learned_s2, kept_s2) in [(0.0, 0.0), (0.16, 0.0), (0.19, 0.0), (0.201, 0.21), (7.0, 2.0)] {
             assert_eq!(news_s2(learned_s2, 0.17, 2.0), kept_s2, "{learned_s2}");
-            assert_eq!(news_s2(learned_s2.min(2.0), kept_s2.max(0.17), 2.0), 0.0, "{learned_s2}");
+            assert_eq!(
+                news_s2(learned_s2.min(2.0), kept_s2.max(0.17), 2.0),
+                0.0,
+                "{learned_s2}"
+            );
         }
     }
 }
