@@ -4,6 +4,7 @@ use jink_emulated_arducopter::{ArduCopter, ArduCopterConfig};
 use jink_emulated_autopilot::{Autopilot, UnknownParameter};
 use jink_emulated_px4::{Px4, Px4Config};
 use jink_simulated_world::vehicle::VehicleConfig;
+use jink_simulated_world::vehicle::estimator::EstimatorConfig;
 
 /// Which autopilot, and how it is set.
 #[derive(Clone, Debug)]
@@ -57,6 +58,14 @@ impl AutopilotConfig {
         match self {
             Self::Px4(config) => &mut config.vehicle,
             Self::ArduCopter(config) => &mut config.vehicle,
+        }
+    }
+
+    /// Its estimator.
+    pub fn estimator_mut(&mut self) -> &mut EstimatorConfig {
+        match self {
+            Self::Px4(config) => &mut config.estimator,
+            Self::ArduCopter(config) => &mut config.estimator,
         }
     }
 

@@ -7,5 +7,5 @@ pub mod udp;
 mod vehicle;
 pub mod wire;
 
-pub use sensors::{ScanDelay, SensorService};
+pub use sensors::{FrameDelay, SensorService};
 pub use vehicle::VehicleService;

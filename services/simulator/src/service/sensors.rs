@@ -36,25 +36,31 @@ pub struct SensorService {
     sinks: Vec<Sink>,
     newest: Timestamp,
     silent: BTreeSet<usize>,
-    delay: ScanDelay,
-    under_way: VecDeque<LateScan>,
+    delay: FrameDelay,
+    under_way: VecDeque<LateFrame>,
 }
 
-/// A slow driver of scans. Clouds are not delayed.
+/// A slow driver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ScanDelay {
-    /// From the end of a scan until it is published (s).
+pub struct FrameDelay {
+    /// From the end of a frame until it is published (s).
     pub delay_s: f64,
     /// It is stamped as if it had been taken when it is published: what a driver does that does not know better.
     pub is_stamped_on_arrival: bool,
 }
 
-/// A scan that is not published yet.
-struct LateScan {
+/// A frame that is not published yet.
+struct LateFrame {
     arrives: Timestamp,
     sensor: usize,
     header: SampleHeader,
-    scan: Box<RangeScan>,
+    ranges: Ranges,
+}
+
+/// What is in a frame.
+enum Ranges {
+    Cloud(Box<PointCloud>),
+    Scan(Box<RangeScan>),
 }
 
 impl fmt::Debug for SensorService {
@@ -106,7 +112,7 @@ impl Service for SensorService {
             sinks,
             newest: Timestamp::NEVER,
             silent: BTreeSet::new(),
-            delay: ScanDelay::default(),
+            delay: FrameDelay::default(),
             under_way: VecDeque::new(),
         })
     }
@@ -136,28 +142,38 @@ impl Service for SensorService {
                 ..
             } = self;
             let mut rendered = Ok(());
-            match sinks.get_mut(frame.sensor) {
-                Some(Sink::Cloud(output)) => {
-                    output.write(header, |cloud| {
-                        rendered = rig.render_cloud(&frame, world, track, cloud);
-                    });
+            let late = match sinks.get_mut(frame.sensor) {
+                Some(Sink::Cloud(_)) if delay.delay_s > 0.0 => {
+                    let mut cloud = PointCloud::boxed();
+                    rendered = rig.render_cloud(&frame, world, track, &mut cloud);
+                    Some(Ranges::Cloud(cloud))
                 }
                 Some(Sink::Scan(_)) if delay.delay_s > 0.0 => {
                     let mut scan = Box::<RangeScan>::default();
                     rendered = rig.render_scan(&frame, world, track, &mut scan);
-                    under_way.push_back(LateScan {
-                        arrives: frame.end.plus_seconds(delay.delay_s),
-                        sensor: frame.sensor,
-                        header,
-                        scan,
+                    Some(Ranges::Scan(scan))
+                }
+                Some(Sink::Cloud(output)) => {
+                    output.write(header, |cloud| {
+                        rendered = rig.render_cloud(&frame, world, track, cloud);
                     });
+                    None
                 }
                 Some(Sink::Scan(output)) => {
                     output.write(header, |scan| {
                         rendered = rig.render_scan(&frame, world, track, scan);
                     });
+                    None
                 }
-                None => {}
+                None => None,
+            };
+            if let Some(ranges) = late {
+                under_way.push_back(LateFrame {
+                    arrives: frame.end.plus_seconds(delay.delay_s),
+                    sensor: frame.sensor,
+                    header,
+                    ranges,
+                });
             }
             if let Err(error) = rendered {
                 tracing::error!("a frame was not rendered: {error}");
@@ -173,6 +189,18 @@ impl Service for SensorService {
     }
 }
 
+/// Copies what counts of a cloud.
+fn copy(from: &PointCloud, to: &mut PointCloud) {
+    to.origin = from.origin;
+    to.first_point = from.first_point;
+    to.range_min_m = from.range_min_m;
+    to.range_max_m = from.range_max_m;
+    to.range_sigma_m = from.range_sigma_m;
+    to.len = from.len;
+    let points = &from.points[..from.len as usize];
+    to.points[..points.len()].clone_from_slice(points);
+}
+
 impl SensorService {
     /// Puts another world in the place of the one there is: something in it has moved.
     pub fn move_world(&mut self, world: World) {
@@ -184,8 +212,8 @@ impl SensorService {
         self.silent.clone_from(sensors);
     }
 
-    /// Lets the drivers of scans be slow from now on.
-    pub fn delay_scans(&mut self, delay: ScanDelay) {
+    /// Lets the drivers be slow from now on.
+    pub fn delay_frames(&mut self, delay: FrameDelay) {
         self.delay = delay;
     }
 
@@ -193,12 +221,22 @@ impl SensorService {
         while self.under_way.front().is_some_and(|late| late.arrives <= now)
             && let Some(mut late) = self.under_way.pop_front()
         {
-            if self.delay.is_stamped_on_arrival {
-                late.header.capture = late.header.capture.plus_seconds(self.delay.delay_s);
-                late.scan.first_beam = late.scan.first_beam.plus_seconds(self.delay.delay_s);
-            }
-            if let Some(Sink::Scan(output)) = self.sinks.get_mut(late.sensor) {
-                output.send(late.header, &late.scan);
+            let shift_s = if self.delay.is_stamped_on_arrival {
+                self.delay.delay_s
+            } else {
+                0.0
+            };
+            late.header.capture = late.header.capture.plus_seconds(shift_s);
+            match (self.sinks.get_mut(late.sensor), late.ranges) {
+                (Some(Sink::Cloud(output)), Ranges::Cloud(mut cloud)) => {
+                    cloud.first_point = cloud.first_point.plus_seconds(shift_s);
+                    output.write(late.header, |slot| copy(&cloud, slot));
+                }
+                (Some(Sink::Scan(output)), Ranges::Scan(mut scan)) => {
+                    scan.first_beam = scan.first_beam.plus_seconds(shift_s);
+                    output.send(late.header, &scan);
+                }
+                _ => {}
             }
         }
     }

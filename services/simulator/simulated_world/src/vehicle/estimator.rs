@@ -11,6 +11,7 @@ use nalgebra::Vector3;
 
 /// Keeps the noise apart from other random streams of the same seed.
 const NOISE_STREAM: u64 = 0x65_6b66;
+const DRIFT_STREAM: u64 = 0x64_7266;
 
 /// Longest delay that can be configured (s).
 pub const LATENCY_MAX_S: f64 = 0.2;
@@ -24,6 +25,10 @@ pub struct EstimatorConfig {
     pub velocity_sigma_mps: f64,
     /// Delay of position and velocity (s), at most [`LATENCY_MAX_S`].
     pub latency_s: f64,
+    /// How far the estimated position drifts per way flown (1), level, in a direction that the seed draws.
+    pub drift_ratio: f64,
+    /// A drift of this length (m) is taken back at once, as when a place is recognised: a reset; infinity for never.
+    pub corrected_at_m: f64,
     /// Seed of the noise.
     pub seed: u64,
 }
@@ -34,6 +39,8 @@ impl Default for EstimatorConfig {
             position_sigma_m: 0.002,
             velocity_sigma_mps: 0.005,
             latency_s: 0.0,
+            drift_ratio: 0.0,
+            corrected_at_m: f64::INFINITY,
             seed: 0,
         }
     }
@@ -62,6 +69,9 @@ pub struct Estimator {
     history: Vec<(Vector3<f64>, Vector3<f64>)>,
     newest: usize,
     offset: Vector3<f64>,
+    drift: Vector3<f64>,
+    /// Direction of the drift (unit, level).
+    adrift: Vector3<f64>,
     resets: u32,
 }
 
@@ -69,8 +79,13 @@ impl Estimator {
     /// Knows the vehicle at rest at `truth` for as long as its delay.
     pub fn new(config: &EstimatorConfig, truth: &VehicleTruth) -> Self {
         let steps = (config.latency_s.clamp(0.0, LATENCY_MAX_S) / STEP_S).round() as usize;
+        let (sin, cos) = Random::new(config.seed, DRIFT_STREAM)
+            .between(0.0, std::f64::consts::TAU)
+            .sin_cos();
         Self {
             random: Random::new(config.seed, NOISE_STREAM),
+            drift: Vector3::zeros(),
+            adrift: Vector3::new(cos, sin, 0.0),
             history: vec![(truth.position.vector(), truth.velocity.vector()); steps + 1],
             newest: 0,
             offset: Vector3::zeros(),
@@ -87,6 +102,12 @@ impl Estimator {
 
     /// The estimate after one more step.
     pub fn step(&mut self, truth: &VehicleTruth) -> Estimate {
+        let before = self.history[self.newest].0;
+        self.drift += self.adrift * (self.config.drift_ratio * (truth.position.vector() - before).norm());
+        if self.drift.norm() > self.config.corrected_at_m {
+            self.drift = Vector3::zeros();
+            self.resets += 1;
+        }
         self.newest = (self.newest + 1) % self.history.len();
         self.history[self.newest] = (truth.position.vector(), truth.velocity.vector());
         let (position, velocity) = self.history[(self.newest + 1) % self.history.len()];
@@ -94,7 +115,7 @@ impl Estimator {
         let position_noise = Vector3::from_fn(|_, _| random.normal()) * self.config.position_sigma_m;
         let velocity_noise = Vector3::from_fn(|_, _| random.normal()) * self.config.velocity_sigma_mps;
         Estimate {
-            position: Point::from_vector(position + self.offset + position_noise),
+            position: Point::from_vector(position + self.offset + self.drift + position_noise),
             velocity: Velocity::from_vector(velocity + velocity_noise),
             attitude: truth.attitude,
             rates: truth.rates,
@@ -120,7 +141,7 @@ mod tests {
             position_sigma_m: 0.0,
             velocity_sigma_mps: 0.0,
             latency_s: 0.02,
-            seed: 1,
+            ..EstimatorConfig::default()
         };
         let mut estimator = Estimator::new(&config, &truth_at(0.0));
         for step in 1..100 {
@@ -141,5 +162,24 @@ mod tests {
         let second = estimator.step(&truth_at(1.0));
         assert_eq!((first.position.y_m, first.resets), (2.0, 1));
         assert_eq!((second.position.y_m, second.resets), (2.0, 1));
+    }
+
+    #[test]
+    fn a_drift_grows_with_the_way_and_is_taken_back_at_once() {
+        let config = EstimatorConfig {
+            position_sigma_m: 0.0,
+            drift_ratio: 0.01,
+            corrected_at_m: 0.3,
+            ..EstimatorConfig::default()
+        };
+        let mut estimator = Estimator::new(&config, &truth_at(0.0));
+        for step in 1..=100 {
+            let way_m = f64::from(step);
+            let estimate = estimator.step(&truth_at(way_m));
+            let off_m = (estimate.position.vector() - Vector3::new(way_m, 0.0, 0.0)).norm();
+            let since_m = way_m - 31.0 * f64::from(estimate.resets);
+            assert!((off_m - 0.01 * since_m).abs() < 1e-9, "{off_m} after {way_m} m");
+            assert_eq!(estimate.resets, step / 31);
+        }
     }
 }

@@ -7,16 +7,16 @@ use super::octomap::Octomap;
 use super::solids::{Cylinder, Obstacle, YawedBox};
 use super::spec::{MAX_DENSITY_PER_M2, WorldError, WorldKind};
 use super::structure::{BUILDING, Placement, Structure};
-use super::{Bounds, FLIGHT_HEIGHT_M, Scene, World, file};
+use super::{Bounds, FLIGHT_HEIGHT_M, Scene, World, benchmark, file};
 use crate::random::Random;
 use jink_shared_types::{LocalNed, Point};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Height of trees and walls (m): well above the flight height, so that going over them is no short cut.
-const TALL_M: f64 = 6.0;
+pub(super) const TALL_M: f64 = 6.0;
 
 /// Thickness of a wall (m).
-const WALL_M: f64 = 0.3;
+pub(super) const WALL_M: f64 = 0.3;
 
 const FOREST_LENGTH_M: f64 = 60.0;
 const FOREST_WIDTH_M: f64 = 30.0;
@@ -30,7 +30,7 @@ const CLEAR_DISC_M: f64 = 2.5;
 const PASSABLE_M: f64 = 0.9;
 
 /// Forests drawn before giving up. Of the densest ones offered half are passable, of those up to 1/12 all.
-const MAX_DRAWS: u32 = 100;
+pub(super) const MAX_DRAWS: u32 = 100;
 
 const GAP_WALL_NORTH_M: f64 = 15.0;
 const GAP_WALL_LENGTH_M: f64 = 30.0;
@@ -63,10 +63,11 @@ pub(super) fn generate(kind: WorldKind, seed: u64) -> Result<World, WorldError> 
     let mut random = Random::new(seed, purpose(&kind));
     let (goal_north_m, half_width_m, obstacles) = match &kind {
         WorldKind::Forest { density_per_m2 } => {
-            return forest(*density_per_m2, seed, &mut random, MAX_DRAWS);
+            return forest(*density_per_m2, seed, &mut random, PASSABLE_M, MAX_DRAWS);
         }
         WorldKind::Building => return building(seed, &mut random),
         WorldKind::File(file) => return file::read(file, seed),
+        WorldKind::Benchmark(kind) => return benchmark::generate(*kind, seed),
         WorldKind::Gap => (30.0, 0.5 * GAP_WALL_LENGTH_M, gap(&mut random)),
         WorldKind::Corridor => (40.0, 5.0, corridor(&mut random)),
         WorldKind::UTrap => (30.0, 15.0, u_trap(&mut random)),
@@ -128,6 +129,7 @@ fn purpose(kind: &WorldKind) -> u64 {
         WorldKind::Empty => 5,
         WorldKind::Building => 6,
         WorldKind::File(_) => 7,
+        WorldKind::Benchmark(_) => 8,
     }
 }
 
@@ -146,14 +148,21 @@ fn bounds(goal_north_m: f64, half_width_m: f64) -> Bounds {
     }
 }
 
-fn forest(density_per_m2: f64, seed: u64, random: &mut Random, max_draws: u32) -> Result<World, WorldError> {
+/// A forest that a disc of radius `passable_m` (m) can pass: of those that are drawn the first one.
+pub(super) fn forest(
+    density_per_m2: f64,
+    seed: u64,
+    random: &mut Random,
+    passable_m: f64,
+    max_draws: u32,
+) -> Result<World, WorldError> {
     let offered = density_per_m2 > 0.0 && density_per_m2 <= MAX_DENSITY_PER_M2;
     if !offered {
         return Err(WorldError::DensityOutOfRange { density_per_m2 });
     }
     for discarded in 0..max_draws {
         let mut world = draw_forest(density_per_m2, seed, random);
-        if world.way(PASSABLE_M).is_some() {
+        if world.way(passable_m).is_some() {
             world.discarded = discarded;
             return Ok(world);
         }
@@ -336,7 +345,7 @@ mod tests {
             discarded += world.discarded_maps();
             let mut random = Random::new(seed, 1);
             if world.discarded_maps() > 0 {
-                let error = forest(density_per_m2, seed, &mut random.clone(), 1).unwrap_err();
+                let error = forest(density_per_m2, seed, &mut random.clone(), PASSABLE_M, 1).unwrap_err();
                 assert_eq!(
                     error,
                     WorldError::NoWayThrough {

@@ -10,6 +10,7 @@
 //! All answers are exact (closed forms over cylinders, boxes, spheres and flat ground at down = 0; cells and triangles of
 //! structures), so that a collision is a fact. Rays are sped up by a grid that is walked cell by cell.
 
+mod benchmark;
 mod cells;
 pub mod file;
 mod generate;
@@ -25,7 +26,7 @@ mod way;
 mod tests;
 
 pub use solids::{Contact, Cylinder, Obstacle, Sphere, YawedBox};
-pub use spec::{DEFAULT_DENSITY_PER_M2, MAX_DENSITY_PER_M2, WorldError, WorldKind, WorldSpec};
+pub use spec::{Benchmark, DEFAULT_DENSITY_PER_M2, MAX_DENSITY_PER_M2, WorldError, WorldKind, WorldSpec};
 pub use structure::{Placement, Structure};
 
 use crate::random::Random;

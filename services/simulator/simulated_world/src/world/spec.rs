@@ -31,6 +31,57 @@ pub enum WorldKind {
     Empty,
     /// A file of the user's own ([`super::file`]).
     File(PathBuf),
+    /// One that planners are compared in.
+    Benchmark(Benchmark),
+}
+
+/// Worlds that follow those of published comparisons of planners: as closed as there, and as narrow.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Benchmark {
+    /// A forest like [`WorldKind::Forest`] that a disc of 0.35 m can pass, however narrow that is for a larger one.
+    Forest {
+        /// Trees per square metre, as there.
+        density_per_m2: f64,
+    },
+    /// A U-shaped wall across the way, 6 to 10 m wide.
+    Trap {
+        /// Its depth (m).
+        depth_m: f64,
+    },
+    /// A maze of 20 m by 20 m, divided again and again, from one corner to the opposite one; its corridors are 2 m wide.
+    Maze,
+    /// A trap 12 m deep and wide whose mouth is half as wide.
+    Bugtrap,
+    /// 40 m by 20 m of rooms of 4 to 6 m with doors of 0.9 m, under a ceiling.
+    Office,
+    /// A wall across the way with one gap.
+    Gap {
+        /// Width of the gap (m).
+        width_m: f64,
+    },
+    /// A wall across the way with one horizontal slot of 1.2 m.
+    Slot,
+    /// A corridor around a corner, with a box right behind it.
+    Corner,
+    /// A clearing of 20 m before a forest of 1/36 trees/m2 and 20 m more: what moves in it is added by whoever flies.
+    Glade,
+}
+
+impl Benchmark {
+    /// Its name in JSON.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Forest { .. } => "forest",
+            Self::Trap { .. } => "trap",
+            Self::Maze => "maze",
+            Self::Bugtrap => "bugtrap",
+            Self::Office => "office",
+            Self::Gap { .. } => "gap",
+            Self::Slot => "slot",
+            Self::Corner => "corner",
+            Self::Glade => "glade",
+        }
+    }
 }
 
 impl WorldKind {
@@ -38,12 +89,23 @@ impl WorldKind {
     pub fn name(&self) -> &str {
         match self {
             Self::File(file) => file.to_str().unwrap_or("file"),
+            Self::Benchmark(benchmark) => benchmark.name(),
             Self::Forest { .. } => "forest",
             Self::Gap => "gap",
             Self::Corridor => "corridor",
             Self::UTrap => "utrap",
             Self::Building => "building",
             Self::Empty => "empty",
+        }
+    }
+
+    /// Trees per square metre, of a forest.
+    pub fn density_per_m2(&self) -> Option<f64> {
+        match self {
+            Self::Forest { density_per_m2 } | Self::Benchmark(Benchmark::Forest { density_per_m2 }) => {
+                Some(*density_per_m2)
+            }
+            _ => None,
         }
     }
 
