@@ -1,13 +1,23 @@
 //! Flights by the hundred: one line per flight, one table at the end.
 
+pub mod recorded;
+pub mod table;
+
 use crate::lockstep::{FlightSetup, LockStep};
+use crate::suite;
+use crate::suite::difficulty::Difficulty;
+use crate::suite::hindrance::{Degraded, Hindrance};
+use crate::suite::judge::Judge;
+use crate::suite::picture::Course;
 use jink_emulated_ground_station::{Ending, FlightPlan, Outcome};
 use jink_emulated_px4::Px4Config;
 use jink_mavlink_link::profile_name::{ProfileName, Representation};
-use jink_runtime::config::sensor_sets::{self, SensorSet};
+use jink_runtime::config::sensor_sets::SensorSet;
 use jink_runtime::config::{Config, parse_toml};
+use jink_shared_types::Flag;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::map::declared_as;
+use jink_shared_types::motion::Verdict;
 use jink_shared_types::quantile::quantiles;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::sensors::SensorSpec;
@@ -20,6 +30,8 @@ use std::time::Instant;
 /// What to fly.
 #[derive(Clone, Debug)]
 pub struct Cell {
+    /// Suite and cell in it, if it is one of a suite.
+    pub suite: Option<(&'static str, &'static str)>,
     /// Kind of world.
     pub kind: WorldKind,
     /// Trees per square metre, if not the world's own.
@@ -30,6 +42,10 @@ pub struct Cell {
     pub limit_s: f64,
     /// What it sees with.
     pub sensors: SensorSet,
+    /// Radius of the vehicle (m), if not that of its parameters.
+    pub radius_m: Option<f64>,
+    /// What happens in flight.
+    pub hindrance: Hindrance,
 }
 
 impl Cell {
@@ -47,6 +63,9 @@ impl Cell {
     /// A text naming what cannot be built.
     pub fn of(kind: WorldKind) -> Result<Self, String> {
         Ok(Self {
+            suite: None,
+            radius_m: None,
+            hindrance: Hindrance::None,
             kind,
             density_per_m2: None,
             speed_mps: 3.0,
@@ -57,37 +76,56 @@ impl Cell {
 }
 
 /// How a flight ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FlightOutcome {
     /// The last waypoint was reached without a contact, and the vehicle landed.
     Goal,
     /// It touched an obstacle.
     CollisionStatic,
+    /// It touched something that moves, or was touched by it.
+    CollisionDynamic,
     /// It flew faster than the limit allows.
     LimitViolation,
     /// It stood still until the time was over.
     Stuck,
     /// The time was over.
     Timeout,
+    /// It came to rest without a contact where it could not go on: sensors or companion had died.
+    Stopped,
     /// It was said before the take-off that no motion can be certified with these sensors.
     Refused,
 }
 
 /// One flight.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct FlightReport {
+    /// Suite; empty if it is none.
+    pub suite: String,
+    /// Cell of the suite, or kind of world.
+    pub cell: String,
+    /// Autopilot and profile.
+    pub profile: String,
+    /// Highest speed allowed (m/s).
+    pub speed_mps: f64,
     /// Set of sensors.
     pub sensor: String,
     /// World.
     pub world: String,
+    /// Trees per square metre, of a forest.
+    pub density_per_m2: Option<f64>,
+    /// Worlds drawn before this one that had no way through.
+    pub discarded: u32,
+    /// How hard the world is; `None` where nothing has a way at flight height.
+    pub difficulty: Option<Difficulty>,
     /// Seed.
     pub seed: u64,
     /// Outcome.
     pub outcome: FlightOutcome,
     /// Contacts with obstacles.
     pub collisions: u32,
-    /// Smallest distance between hull and obstacles (m).
+    /// Smallest distance between hull and obstacles (m); infinity where there are none, `null` in JSON.
+    #[serde(deserialize_with = "infinite_if_null")]
     pub min_clearance_m: f64,
     /// Mean speed of the mission (m/s).
     pub mean_speed_mps: f64,
@@ -99,6 +137,16 @@ pub struct FlightReport {
     pub path_m: f64,
     /// Way flown over the straight line (1).
     pub path_ratio: f64,
+    /// Way flown over the shortest one in the known map (1), where there is one.
+    pub path_over_shortest: Option<f64>,
+    /// Mean jerk of what was flown (m/s3).
+    pub mean_jerk_mps3: f64,
+    /// Contacts with something that stands still while a certificate was held.
+    pub collisions_certified: u32,
+    /// Commitments that were laid into the true world.
+    pub commitments: u32,
+    /// Those along which the hull would touch something that stands still.
+    pub commitments_touching: u32,
     /// Time of the mission (s).
     pub time_s: f64,
     /// Falls to Hold because of the companion.
@@ -127,12 +175,16 @@ pub struct FlightReport {
     pub hash: String,
 }
 
+fn infinite_if_null<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(deserializer)?.unwrap_or(f64::INFINITY))
+}
+
 /// The set of sensors called `name`, or in that file.
 ///
 /// # Errors
 /// A text naming file and line.
 pub fn sensor_set(name: &str) -> Result<SensorSet, String> {
-    sensor_sets::named(name).map_err(|error| error.to_string())
+    suite::sensor_set(name)
 }
 
 /// The `[[sensor]]` tables of a set.
@@ -177,9 +229,13 @@ pub fn setup(cell: &Cell, seed: u64) -> Result<FlightSetup, String> {
     let world = World::from_spec(&spec).map_err(|error| error.to_string())?;
     let config = Config::parse(&cell.sensors.file, &cell.sensors.text).map_err(|error| error.to_string())?;
     let mut params = config.params;
-    params
-        .set("OA_SPD_MAX", cell.speed_mps)
-        .map_err(|error| error.to_string())?;
+    let set = [
+        ("OA_SPD_MAX", Some(cell.speed_mps)),
+        ("OA_VEH_RADIUS", cell.radius_m),
+    ];
+    for (name, value) in set.into_iter().filter_map(|(name, value)| Some((name, value?))) {
+        params.set(name, value).map_err(|error| error.to_string())?;
+    }
     let plan = FlightPlan {
         takeoff_height_m: world.flight_height_m(),
         waypoints: world.goals().to_vec(),
@@ -213,54 +269,55 @@ pub fn fly(cell: &Cell, seed: u64) -> Result<FlightReport, String> {
     fly_as(setup(cell, seed)?, cell)
 }
 
+/// A flight that was flown.
+#[derive(Debug)]
+pub struct FlownFlight {
+    /// What is said of it.
+    pub report: FlightReport,
+    /// Where it led.
+    pub course: Course,
+    /// The world it was flown in.
+    pub world: World,
+}
+
 /// Flies one flight of `cell` as it is set up.
 ///
 /// # Errors
 /// A text naming what cannot be built.
 pub fn fly_as(setup: FlightSetup, cell: &Cell) -> Result<FlightReport, String> {
-    let allowed_mps = cell.speed_mps;
+    Ok(fly_drawn(setup, cell)?.report)
+}
+
+/// As [`fly_as`], with what a picture of it needs.
+///
+/// # Errors
+/// A text naming what cannot be built.
+pub fn fly_drawn(mut setup: FlightSetup, cell: &Cell) -> Result<FlownFlight, String> {
+    cell.hindrance.prepare(&mut setup);
     let seed = setup.seed;
-    let world = setup.world.name().to_owned();
+    let profile = setup.profile;
+    let world = setup.world.clone();
+    let mut hindrance = cell.hindrance.in_flight(&world, seed, setup.sensors.len());
     let straight_m = setup
         .plan
         .waypoints
         .last()
         .map_or(1.0, |goal| (goal.x_m.powi(2) + goal.y_m.powi(2)).sqrt());
     // In its own mission mode an autopilot that only follows setpoints flies as fast as it likes.
-    let flown: &[NavMode] = match setup.profile.flies_the_mission() {
+    let flown: &[NavMode] = match profile.flies_the_mission() {
         true => &[NavMode::Offboard],
         false => &[NavMode::Mission],
     };
     let mut flight = LockStep::new(setup)?;
     let begin = Instant::now();
-    let (mut hash, mut top_speed_mps, mut still_s, mut steps) = (Hash::new(), 0.0f64, 0.0, 0u64);
-    let mut is_refused = false;
-    while flight.outcome().is_none() && !is_refused {
+    let mut watched = Watched::new();
+    while flight.outcome().is_none() && !watched.is_over(cell) {
+        hindrance.step(&mut flight);
         flight.step();
-        is_refused = flight.count(&events::SENSORS_UNFIT) > 0 && flight.truth().cruise_s == 0.0;
-        steps += 1;
-        let truth = flight.truth();
-        let speed_mps = truth.velocity.vector().norm();
-        if steps.is_multiple_of(5) {
-            let p = truth.position;
-            [p.x_m, p.y_m, p.z_m].iter().for_each(|x| hash.add(x.to_bits()));
-        }
-        if flown.contains(&truth.mode.get()) {
-            top_speed_mps = top_speed_mps.max(speed_mps);
-            still_s = if speed_mps < 0.1 { still_s + 0.004 } else { 0.0 };
-        }
+        watched.look(&flight, &world, flown);
     }
     let truth = flight.truth();
-    let reached = flight.outcome() == Some(&Outcome::Done);
-    // The vehicle overshoots a reference a little; a tenth is what PX4 itself does.
-    let outcome = match (truth.collisions, reached) {
-        (1.., _) => FlightOutcome::CollisionStatic,
-        _ if is_refused => FlightOutcome::Refused,
-        (0, _) if top_speed_mps > allowed_mps * 1.1 => FlightOutcome::LimitViolation,
-        (0, true) => FlightOutcome::Goal,
-        (0, false) if still_s > 10.0 => FlightOutcome::Stuck,
-        (0, false) => FlightOutcome::Timeout,
-    };
+    let outcome = watched.outcome(&flight, cell);
     let declarations = declared_as::NAMES
         .iter()
         .filter(|(bit, _)| flight.map().declarations & bit != 0)
@@ -271,20 +328,34 @@ pub fn fly_as(setup: FlightSetup, cell: &Cell) -> Result<FlightReport, String> {
     } else {
         reason(&flight)
     };
-    Ok(FlightReport {
+    let difficulty = cell.suite.and_then(|_| Difficulty::of(&world));
+    let (suite, name) = cell.suite.unwrap_or(("", cell.kind.name()));
+    let report = FlightReport {
+        suite: suite.to_owned(),
+        cell: name.to_owned(),
+        profile: profile.name().to_owned(),
+        speed_mps: cell.speed_mps,
         sensor: cell.sensors.name.clone(),
+        density_per_m2: cell.density_per_m2.or(cell.kind.density_per_m2()),
+        discarded: world.discarded_maps(),
         declarations,
         reason,
-        world,
+        world: world.name().to_owned(),
         seed,
         outcome,
         collisions: truth.collisions,
+        collisions_certified: watched.certified,
         min_clearance_m: truth.min_clearance_m,
         mean_speed_mps: truth.cruise_m / truth.cruise_s.max(1e-9),
-        top_speed_mps,
+        top_speed_mps: watched.top_speed_mps,
         speed_cut_mps: speed_cut_mps(&flight),
         path_m: truth.cruise_m,
         path_ratio: truth.cruise_m / straight_m,
+        path_over_shortest: difficulty.map(|difficulty| truth.cruise_m / difficulty.way_m),
+        difficulty,
+        mean_jerk_mps3: watched.judge.mean_jerk_mps3(),
+        commitments: watched.judge.commitments,
+        commitments_touching: watched.judge.touching,
         time_s: truth.cruise_s,
         hold_count: truth.hold_count,
         setpoint_gap_ms: truth.setpoint_gap_max_s * 1e3,
@@ -295,8 +366,123 @@ pub fn fly_as(setup: FlightSetup, cell: &Cell) -> Result<FlightReport, String> {
         curve_ms: percentiles(&flight.costs.curve_ms),
         map_ms: percentiles(&flight.costs.map_ms),
         speed_up: truth.time_s / begin.elapsed().as_secs_f64(),
-        hash: hash.text(),
+        hash: watched.hash.text(),
+    };
+    Ok(FlownFlight {
+        report,
+        course: watched.course,
+        world,
     })
+}
+
+/// Contacts this soon after a certificate was lost, or the guard braked, do not count as certified (s).
+const UNCERTIFIED_FOR_S: f64 = 5.0;
+/// A vehicle at rest for this long does not go on (s).
+const STANDS_S: f64 = 10.0;
+/// In a suite nobody waits for it longer than this (s).
+const AWAITED_S: f64 = 60.0;
+
+/// What is watched of a flight, step by step.
+struct Watched {
+    hash: Hash,
+    judge: Judge,
+    course: Course,
+    top_speed_mps: f64,
+    still_s: f64,
+    steps: u64,
+    is_refused: bool,
+    contacts: u32,
+    /// Contacts with what stands still.
+    still_contacts: u32,
+    certified: u32,
+}
+
+impl Watched {
+    fn new() -> Self {
+        Self {
+            hash: Hash::new(),
+            judge: Judge::new(),
+            course: Course::default(),
+            top_speed_mps: 0.0,
+            still_s: 0.0,
+            steps: 0,
+            is_refused: false,
+            contacts: 0,
+            still_contacts: 0,
+            certified: 0,
+        }
+    }
+
+    fn look(&mut self, flight: &LockStep, world: &World, flown: &[NavMode]) {
+        self.is_refused = flight.count(&events::SENSORS_UNFIT) > 0 && flight.truth().cruise_s == 0.0;
+        self.steps += 1;
+        self.judge.look(flight, world);
+        self.course.look(flight);
+        let truth = flight.truth();
+        let speed_mps = truth.velocity.vector().norm();
+        if self.steps.is_multiple_of(5) {
+            let p = truth.position;
+            [p.x_m, p.y_m, p.z_m]
+                .iter()
+                .for_each(|x| self.hash.add(x.to_bits()));
+        }
+        if flown.contains(&truth.mode.get()) {
+            self.top_speed_mps = self.top_speed_mps.max(speed_mps);
+        }
+        let is_under_way = truth.cruise_s > 0.0 && truth.landed != Flag::YES;
+        self.still_s = if is_under_way && speed_mps < 0.1 {
+            self.still_s + 0.004
+        } else {
+            0.0
+        };
+        let new = truth.collisions - self.contacts;
+        if new == 0 {
+            return;
+        }
+        self.contacts = truth.collisions;
+        if world.clearance_to_obstacles_m(truth.position) > truth.hull_radius_m {
+            return; // What it touched moves.
+        }
+        self.still_contacts += new;
+        let since_s = truth.time_s - UNCERTIFIED_FOR_S;
+        let is_lost = flight
+            .events
+            .iter()
+            .any(|(time_s, event)| *time_s > since_s && event.id == events::CERTIFICATE_LOST.id);
+        let is_braked = flight.approved().verdict == Verdict::Braked;
+        if !is_lost && !is_braked && !flight.dead_companion {
+            self.certified += new;
+        }
+    }
+
+    /// Nothing more can happen: it was refused, or stands where it was to come to rest, or has stood for long.
+    fn is_over(&self, cell: &Cell) -> bool {
+        let longest_s = match cell.suite {
+            Some(_) if ends_half_way(cell.hindrance) => STANDS_S,
+            Some(_) => AWAITED_S,
+            None => f64::INFINITY,
+        };
+        self.is_refused || self.still_s > longest_s
+    }
+
+    fn outcome(&self, flight: &LockStep, cell: &Cell) -> FlightOutcome {
+        let reached = flight.outcome() == Some(&Outcome::Done);
+        // The vehicle overshoots a reference a little; a tenth is what PX4 itself does.
+        match (self.contacts, reached) {
+            (1.., _) if self.still_contacts == 0 => FlightOutcome::CollisionDynamic,
+            (1.., _) => FlightOutcome::CollisionStatic,
+            _ if self.is_refused => FlightOutcome::Refused,
+            (0, _) if self.top_speed_mps > cell.speed_mps * 1.1 => FlightOutcome::LimitViolation,
+            (0, true) => FlightOutcome::Goal,
+            (0, false) if ends_half_way(cell.hindrance) && self.still_s > STANDS_S => FlightOutcome::Stopped,
+            (0, false) if self.still_s > STANDS_S => FlightOutcome::Stuck,
+            (0, false) => FlightOutcome::Timeout,
+        }
+    }
+}
+
+fn ends_half_way(hindrance: Hindrance) -> bool {
+    matches!(hindrance, Hindrance::Degraded(how) if Degraded::ends_half_way(how))
 }
 
 /// The speed that plans reach (m/s), as it was reported.
@@ -332,6 +518,7 @@ pub fn percentiles(values: &[f64]) -> [f64; 3] {
 }
 
 /// FNV-1a over numbers.
+#[derive(Debug)]
 struct Hash(u64);
 
 impl Hash {

@@ -17,3 +17,4 @@ pub mod ports;
 pub mod processes;
 pub mod proposer;
 pub mod station;
+pub mod suite;

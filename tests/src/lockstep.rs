@@ -18,7 +18,7 @@ mod rig;
 mod setup;
 mod spectator;
 
-pub use jink_simulator::service::ScanDelay;
+pub use jink_simulator::service::FrameDelay;
 pub use setup::FlightSetup;
 
 use crate::board::Board;
@@ -119,8 +119,10 @@ pub struct LockStep {
     pub silent_station: bool,
     /// The companion receives no sticks.
     pub mute_sticks: bool,
-    /// How long scans are under way from their sensor, and what their stamps say.
-    pub scan_delay: ScanDelay,
+    /// The companion has no power: none of its processes runs.
+    pub dead_companion: bool,
+    /// How long frames are under way from their sensor, and what their stamps say.
+    pub frame_delay: FrameDelay,
     /// What of the companion's came over the ground station's link, through the autopilot's forwarding, by message id.
     pub companion_traffic: BTreeMap<u32, Traffic>,
     /// The last to go: everything above may still use it.
@@ -187,7 +189,8 @@ impl LockStep {
             silent_sensors: BTreeSet::new(),
             silent_station: false,
             mute_sticks: false,
-            scan_delay: ScanDelay::default(),
+            dead_companion: false,
+            frame_delay: FrameDelay::default(),
             companion_traffic: BTreeMap::new(),
             _folder: folder,
         })
@@ -273,21 +276,23 @@ impl LockStep {
         let now = self.now();
         let now_s = now.ns as f64 * 1e-9;
         let (map, route) = (self.newest_map(), self.newest_plan());
-        self.board.supervise();
-        self.radio.down(now_s, self.mute_sticks);
-        self.set_sensors_up();
-        self.board.run([
-            "mavlink_gateway",
-            "collision_guard",
-            "bezier_generator",
-            "planner",
-            PROPOSER,
-            "obstacle_fusion",
-            SENSORS,
-            "parameter_server",
-            "ground_services",
-        ]);
-        self.radio.up(now_s);
+        if !self.dead_companion {
+            self.board.supervise();
+            self.radio.down(now_s, self.mute_sticks);
+            self.set_sensors_up();
+            self.board.run([
+                "mavlink_gateway",
+                "collision_guard",
+                "bezier_generator",
+                "planner",
+                PROPOSER,
+                "obstacle_fusion",
+                SENSORS,
+                "parameter_server",
+                "ground_services",
+            ]);
+            self.radio.up(now_s);
+        }
         self.board.run([VEHICLE]);
         self.run_station();
         self.look(map, route);
@@ -300,7 +305,7 @@ impl LockStep {
     fn set_sensors_up(&mut self) {
         if let Some(sensors) = self.board.service_mut::<SensorService>(SENSORS) {
             sensors.silence(&self.silent_sensors);
-            sensors.delay_scans(self.scan_delay);
+            sensors.delay_frames(self.frame_delay);
         }
     }
 

@@ -3,7 +3,7 @@
 use super::measure::Measure;
 use super::scene::Place;
 use super::{Approach, CP_DIST_M, Cell, Moment, Variant, Who};
-use crate::lockstep::{FlightSetup, LockStep, ScanDelay};
+use crate::lockstep::{FlightSetup, FrameDelay, LockStep};
 use jink_emulated_ground_station::{Ending as PlanEnding, FlightPlan, Make, Phase};
 use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_shared_types::params::ParamSet;
@@ -37,7 +37,7 @@ const WALK_STEPS: u64 = 5;
 /// A text naming what cannot be built, or that it never hovered.
 pub fn fly(cell: &Cell) -> Result<(Approach, Vec<Moment>), String> {
     let mut flight = LockStep::new(setup(cell)?)?;
-    flight.scan_delay = ScanDelay {
+    flight.frame_delay = FrameDelay {
         delay_s: cell.delay_s,
         is_stamped_on_arrival: cell.variant == Variant::StampedOnArrival,
     };

@@ -3,38 +3,48 @@
 use clap::Parser;
 use jink_simulated_world::world::WorldKind;
 use jink_tests::campaign::{
-    Cell, FlightOutcome, FlightReport, SPHERE, fly_as, percentiles, sensor_set, sensors_of, setup,
+    Cell, FlightOutcome, FlightReport, FlownFlight, SPHERE, fly_drawn, recorded, sensor_set, sensors_of,
+    setup, table,
 };
-use jink_tests::pairing::Pairing;
+use jink_tests::pairing::{PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 use jink_tests::station::StationColumn;
-use std::io::Write;
-use std::path::PathBuf;
+use jink_tests::suite::hindrance::Hindrance;
+use jink_tests::suite::{self, Choice, Suite};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::mpsc;
 use std::time::Instant;
 
-/// Flies the whole chain in lock-step, one flight per seed; prints one table and, on request, one JSON line per flight
+/// Flies the whole chain in lock-step, one flight per cell and seed; prints a table and, on request, one JSON line per flight
+///
+/// Suites compare planners: S1 forests, S2 dead ends, S3 narrow places, S4 moving obstacles, S5 degraded sensing. Their vehicle is
+/// half a metre wide; each has cells (--cell). A world is flown as it is.
 ///
 /// Exit codes: 0 no collision; 1 a collision; 2 wrong arguments.
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
-    /// World: forest, gap, corridor, utrap, building, empty, or FILE.toml
+    /// Suite: S1 to S5; or a world: forest, gap, corridor, utrap, building, empty, or FILE.toml
     #[arg(long, visible_alias = "world", default_value = "forest")]
     suite: String,
+    /// Cells of the suite, with commas between them; without it all that count
+    #[arg(long, value_delimiter = ',')]
+    cell: Vec<String>,
     /// Sensors: sphere, mid360, os0, os1, vlp16, d435, d435x3, sf45, rplidar (the last two with a rangefinder down), several with
-    /// a plus between them, or FILE.toml with `sensor` tables, and declarations under `params`
-    #[arg(long, default_value = SPHERE)]
-    sensor: String,
-    /// Trees per square metre (forest only; default 1/25)
+    /// a plus between them, or FILE.toml with `sensor` tables, and declarations under `params`; lidar8, lidar40 and depth4 are those
+    /// of published comparisons. Default: that of the cell, sphere in a world
+    #[arg(long)]
+    sensor: Option<String>,
+    /// Trees per square metre (forests only; default 1/25)
     #[arg(long)]
     density: Option<f64>,
-    /// Highest speed (m/s)
-    #[arg(long, default_value_t = 3.0)]
-    speed: f64,
-    /// Autopilot and profile: px4_trajectory, px4_offboard, px4_2021_offboard, px4_deviation, ardupilot_guided
-    #[arg(long, default_value = "px4_trajectory", value_parser = pairing)]
-    profile: Pairing,
+    /// Highest speed (m/s); default: that of the cell, 3 in a world
+    #[arg(long)]
+    speed: Option<f64>,
+    /// Autopilot and profile: px4_trajectory, px4_offboard, px4_2021_offboard, px4_deviation, ardupilot_guided. Default:
+    /// px4_offboard in suites, px4_trajectory in worlds
+    #[arg(long, value_parser = pairing)]
+    profile: Option<Pairing>,
     /// What the ground station does in flight
     #[arg(long, value_enum, default_value_t)]
     station: StationColumn,
@@ -47,12 +57,18 @@ struct Arguments {
     /// Part of the campaign to fly, I/N, for several machines
     #[arg(long, default_value = "1/1", value_parser = shard)]
     shard: (u64, u64),
-    /// Longest mission (s)
-    #[arg(long, default_value_t = 120.0)]
-    timeout: f64,
+    /// Longest mission (s); default 180 in suites, 120 in worlds
+    #[arg(long)]
+    timeout: Option<f64>,
     /// File for one JSON object per flight
     #[arg(long)]
     json: Option<PathBuf>,
+    /// Go on behind the flights that stand in the file of --json already
+    #[arg(long, requires = "json")]
+    resume: bool,
+    /// Folder for a picture of every flight that neither reached its goal nor stopped where it had to
+    #[arg(long)]
+    svg: Option<PathBuf>,
     /// Print a line per flight
     #[arg(long, short)]
     verbose: bool,
@@ -82,33 +98,8 @@ fn shard(text: &str) -> Result<(u64, u64), String> {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    let kind: WorldKind = match arguments.suite.parse() {
-        Ok(kind) => kind,
-        Err(error) => {
-            eprintln!("jink-campaign: {error}");
-            return ExitCode::from(2);
-        }
-    };
-    let sensors = match sensor_set(&arguments.sensor).and_then(|set| sensors_of(&set).map(|_| set)) {
-        Ok(set) => set,
-        Err(error) => {
-            eprintln!("jink-campaign: {error}");
-            return ExitCode::from(2);
-        }
-    };
-    let cell = Cell {
-        sensors,
-        kind,
-        density_per_m2: arguments.density,
-        speed_mps: arguments.speed,
-        limit_s: arguments.timeout,
-    };
-    let begin = Instant::now();
-    match run(&arguments, &cell) {
-        Ok(reports) => {
-            summary(&arguments, &reports, begin.elapsed().as_secs_f64());
-            ExitCode::from(u8::from(reports.iter().any(|report| report.collisions > 0)))
-        }
+    match fly_all(&arguments) {
+        Ok(is_without_collision) => ExitCode::from(u8::from(!is_without_collision)),
         Err(error) => {
             eprintln!("jink-campaign: {error}");
             ExitCode::from(2)
@@ -116,26 +107,86 @@ fn main() -> ExitCode {
     }
 }
 
-/// Flies all seeds of this shard on `jobs` threads; reports come back in order of seed.
-fn run(arguments: &Arguments, cell: &Cell) -> Result<Vec<FlightReport>, String> {
+/// Flies and prints everything. Returns whether nothing was touched.
+fn fly_all(arguments: &Arguments) -> Result<bool, String> {
+    let cells = cells(arguments)?;
+    for cell in &cells {
+        sensors_of(&cell.sensors)?;
+    }
+    if let Some(folder) = &arguments.svg {
+        std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    }
+    let begin = Instant::now();
+    let reports = run(arguments, &cells)?;
+    print(arguments, &cells, &reports, begin.elapsed().as_secs_f64());
+    Ok(reports.iter().all(|report| report.collisions == 0))
+}
+
+/// What is to be flown.
+fn cells(arguments: &Arguments) -> Result<Vec<Cell>, String> {
+    if let Some(suite) = Suite::named(&arguments.suite) {
+        return suite.cells(&Choice {
+            cells: arguments.cell.clone(),
+            density_per_m2: arguments.density,
+            speed_mps: arguments.speed,
+            sensor: arguments.sensor.clone(),
+            limit_s: arguments.timeout,
+        });
+    }
+    if !arguments.cell.is_empty() {
+        return Err(format!(
+            "--cell: {} is no suite, it has no cells",
+            arguments.suite
+        ));
+    }
+    let kind: WorldKind = arguments
+        .suite
+        .parse()
+        .map_err(|error| format!("{error}; suites are S1 to S5"))?;
+    Ok(vec![Cell {
+        suite: None,
+        sensors: sensor_set(arguments.sensor.as_deref().unwrap_or(SPHERE))?,
+        kind,
+        density_per_m2: arguments.density,
+        speed_mps: arguments.speed.unwrap_or(3.0),
+        limit_s: arguments.timeout.unwrap_or(120.0),
+        radius_m: None,
+        hindrance: Hindrance::None,
+    }])
+}
+
+fn profile(arguments: &Arguments) -> Pairing {
+    let of_suite = Suite::named(&arguments.suite).map(|_| PX4_CURRENT);
+    arguments.profile.or(of_suite).unwrap_or(PX4_TRAJECTORY)
+}
+
+/// Flies all seeds of this shard in all cells on `jobs` threads; reports come back in order of cell and seed.
+fn run(arguments: &Arguments, cells: &[Cell]) -> Result<Vec<FlightReport>, String> {
     let (shard, shards) = arguments.shard;
-    let mine: Vec<u64> = (arguments.seeds.0..=arguments.seeds.1)
-        .filter(|seed| seed % shards == shard - 1)
-        .collect();
-    let mut file = match &arguments.json {
-        Some(path) => {
-            Some(std::fs::File::create(path).map_err(|error| format!("{}: {error}", path.display()))?)
-        }
-        None => None,
+    let (mut file, mut reports) = match &arguments.json {
+        Some(path) => recorded::open(path, arguments.resume).map(|(file, reports)| (Some(file), reports))?,
+        None => (None, Vec::new()),
     };
+    let seeds = (arguments.seeds.0..=arguments.seeds.1).filter(|seed| seed % shards == shard - 1);
+    let is_flown = |cell: &Cell, seed: u64| {
+        let mut flown = reports.iter();
+        flown.any(|report| report.seed == seed && is_of(report, arguments, cell))
+    };
+    let open: Vec<(&Cell, u64)> = seeds
+        .flat_map(|seed| cells.iter().map(move |cell| (cell, seed)))
+        .filter(|(cell, seed)| !is_flown(cell, *seed))
+        .collect();
+    let (resumed, all) = (reports.len(), reports.len() + open.len());
+    let begin = Instant::now();
     let (sender, receiver) = mpsc::channel();
     let next = std::sync::atomic::AtomicUsize::new(0);
-    let mut reports = Vec::with_capacity(mine.len());
     std::thread::scope(|scope| {
         for _ in 0..arguments.jobs.max(1) {
-            let (sender, next, mine) = (sender.clone(), &next, &mine);
+            let (sender, next, open) = (sender.clone(), &next, &open);
             scope.spawn(move || {
-                while let Some(seed) = mine.get(next.fetch_add(1, std::sync::atomic::Ordering::Relaxed)) {
+                while let Some((cell, seed)) =
+                    open.get(next.fetch_add(1, std::sync::atomic::Ordering::Relaxed))
+                {
                     if sender.send(fly(arguments, cell, *seed)).is_err() {
                         return;
                     }
@@ -144,124 +195,103 @@ fn run(arguments: &Arguments, cell: &Cell) -> Result<Vec<FlightReport>, String> 
         }
         drop(sender);
         for answer in receiver {
-            let report = answer?;
+            let flown = answer?;
+            if let Some(folder) = &arguments.svg {
+                draw(folder, &flown)?;
+            }
             if let Some(file) = &mut file {
-                let line = serde_json::to_string(&report).map_err(|error| error.to_string())?;
-                writeln!(file, "{line}").map_err(|error| error.to_string())?;
+                recorded::write(file, &flown.report)?;
             }
             if arguments.verbose {
-                println!("{}", line(&report));
-            } else {
-                eprint!("\r{} of {} flights", reports.len() + 1, mine.len());
+                println!("{}", table::line(&flown.report));
             }
-            reports.push(report);
+            reports.push(flown.report);
+            if !arguments.verbose {
+                let done = reports.len() - resumed;
+                let left_s = begin.elapsed().as_secs_f64() / done as f64 * (open.len() - done) as f64;
+                eprint!("\r{} of {all} flights, {left_s:.0} s left   ", reports.len());
+            }
         }
         Ok::<(), String>(())
     })?;
     if !arguments.verbose {
         eprintln!();
     }
-    reports.sort_by_key(|report| report.seed);
+    let place = |report: &FlightReport| cells.iter().position(|cell| is_of(report, arguments, cell));
+    reports.sort_by_key(|report| (place(report), report.seed));
     Ok(reports)
 }
 
-fn fly(arguments: &Arguments, cell: &Cell, seed: u64) -> Result<FlightReport, String> {
-    let mut setup = arguments.profile.fly(setup(cell, seed)?)?;
+/// Whether a report is of a flight of `cell` as the arguments have it.
+fn is_of(report: &FlightReport, arguments: &Arguments, cell: &Cell) -> bool {
+    let (suite, name) = cell.suite.unwrap_or(("", cell.kind.name()));
+    report.suite == suite
+        && report.cell == name
+        && report.profile == profile(arguments).name()
+        && report.sensor == cell.sensors.name
+        && report.speed_mps == cell.speed_mps
+        && report.density_per_m2 == cell.density_per_m2.or(cell.kind.density_per_m2())
+}
+
+fn fly(arguments: &Arguments, cell: &Cell, seed: u64) -> Result<FlownFlight, String> {
+    let profile = profile(arguments);
+    let mut setup = profile.fly(setup(cell, seed)?)?;
     arguments.station.plan(&mut setup.plan);
-    fly_as(setup, cell)
+    let mut flown = fly_drawn(setup, cell)?;
+    profile.name().clone_into(&mut flown.report.profile);
+    Ok(flown)
 }
 
-fn line(report: &FlightReport) -> String {
-    format!(
-        "seed {:4} {:?}: {}{:.1} s, {:.2} m/s mean, {:.2} top, clearance {:.2} m, ratio {:.2}, brakes {}, changed {}, lost {}, hold {}, gap {:.0} ms, plan {:.1}/{:.1} ms, {:.1}x",
-        report.seed,
-        report.outcome,
-        if report.reason.is_empty() {
-            String::new()
-        } else {
-            format!("\"{}\" ", report.reason)
-        },
-        report.time_s,
-        report.mean_speed_mps,
-        report.top_speed_mps,
-        report.min_clearance_m,
-        report.path_ratio,
-        report.guard_brakes,
-        report.commitments_changed,
-        report.certificates_lost,
-        report.hold_count,
-        report.setpoint_gap_ms,
-        report.plan_ms[0],
-        report.plan_ms[1],
-        report.speed_up,
-    )
+/// A picture of a flight that did not do what it should.
+fn draw(folder: &Path, flown: &FlownFlight) -> Result<(), String> {
+    let report = &flown.report;
+    if matches!(report.outcome, FlightOutcome::Goal | FlightOutcome::Stopped) {
+        return Ok(());
+    }
+    let title = format!(
+        "{} seed {}: {:?} after {:.0} s {}",
+        report.cell, report.seed, report.outcome, report.time_s, report.reason
+    );
+    let file = folder.join(format!("{}_{}_{}.svg", report.cell, report.sensor, report.seed));
+    let svg = flown.course.svg(&flown.world, &title)?;
+    std::fs::write(&file, svg).map_err(|error| format!("{}: {error}", file.display()))
 }
 
-fn summary(arguments: &Arguments, reports: &[FlightReport], wall_s: f64) {
-    let n = reports.len();
-    let count = |outcome: FlightOutcome| reports.iter().filter(|report| report.outcome == outcome).count();
-    let goals = count(FlightOutcome::Goal);
-    let (low, high) = wilson(goals, n);
-    println!(
-        "{} with {} at {} m/s, {:?}, station {:?}, {n} flights",
-        arguments.suite, arguments.sensor, arguments.speed, arguments.profile.profile, arguments.station
-    );
-    println!(
-        "  goal             {goals} ({:.1} %, 95 % interval {:.1} to {:.1} %)",
-        percent(goals, n),
-        low,
-        high
-    );
-    println!("  collision        {}", count(FlightOutcome::CollisionStatic));
-    println!("  limit violation  {}", count(FlightOutcome::LimitViolation));
-    println!("  stuck            {}", count(FlightOutcome::Stuck));
-    println!("  timeout          {}", count(FlightOutcome::Timeout));
-    println!("  refused          {}", count(FlightOutcome::Refused));
-    let of = |value: fn(&FlightReport) -> f64| -> Vec<f64> { reports.iter().map(value).collect() };
-    let row = |what: &str, values: Vec<f64>, unit: &str| {
-        let smallest = values.iter().copied().fold(f64::INFINITY, f64::min);
-        let [p50, _, max] = percentiles(&values);
-        println!("  {what:<16} min {smallest:.2}, median {p50:.2}, max {max:.2} {unit}");
+fn print(arguments: &Arguments, cells: &[Cell], reports: &[FlightReport], wall_s: f64) {
+    let flown = table::by_cell(reports);
+    let sensors: Vec<_> = cells.iter().map(|cell| cell.sensors.name.as_str()).collect();
+    let sensor = if sensors.windows(2).all(|pair| pair[0] == pair[1]) {
+        sensors[0]
+    } else {
+        "several sensors"
     };
-    row("clearance", of(|r| r.min_clearance_m), "m");
-    row("mean speed", of(|r| r.mean_speed_mps), "m/s");
-    row("top speed", of(|r| r.top_speed_mps), "m/s");
-    if let Some(reached_mps) = reports.iter().find_map(|report| report.speed_cut_mps) {
+    let speed = match cells {
+        [cell] => format!("{} m/s", cell.speed_mps),
+        _ => arguments.speed.map_or_else(
+            || "the speed of each cell".to_owned(),
+            |speed| format!("{speed} m/s"),
+        ),
+    };
+    println!(
+        "{} with {sensor} at {speed}, {:?}, station {:?}, {} flights",
+        arguments.suite,
+        profile(arguments).profile,
+        arguments.station,
+        reports.len()
+    );
+    if let [only] = &flown[..] {
+        print!("{}", table::summary(only, wall_s));
+        return;
+    }
+    print!("{}", table::table(&flown));
+    let all: Vec<&FlightReport> = reports.iter().collect();
+    let certified: u32 = reports.iter().map(|report| report.collisions_certified).sum();
+    println!("static collisions under a certificate: {certified}");
+    println!("hash {:016x}, wall time {wall_s:.1} s", table::hash(&all));
+    if Suite::named(&arguments.suite).is_some() {
         println!(
-            "  speed            plans reach {reached_mps:.1} m/s of the {:.1} allowed",
-            arguments.speed
+            "radius of the vehicle {} m; targets and published figures: docs/campaigns.md",
+            suite::RADIUS_M
         );
     }
-    row("path ratio", of(|r| r.path_ratio), "");
-    row("setpoint gap", of(|r| r.setpoint_gap_ms), "ms");
-    row("plan, p50", of(|r| r.plan_ms[0]), "ms");
-    row("plan, p99", of(|r| r.plan_ms[1]), "ms");
-    row("curve, p50", of(|r| r.curve_ms[0]), "ms");
-    row("map, p50", of(|r| r.map_ms[0]), "ms");
-    row("speed-up", of(|r| r.speed_up), "x real time per core");
-    let sum = |value: fn(&FlightReport) -> usize| reports.iter().map(value).sum::<usize>();
-    println!("  guard brakes     {}", sum(|r| r.guard_brakes as usize));
-    println!("  ways blocked     {}", sum(|r| r.commitments_changed));
-    println!("  certificates lost {}", sum(|r| r.certificates_lost));
-    println!("  falls to Hold    {}", sum(|r| r.hold_count as usize));
-    let hash = reports.iter().fold(0u64, |hash, report| {
-        jink_shared_types::hash::text(hash ^ report.seed, &report.hash)
-    });
-    println!("  hash             {hash:016x}");
-    println!("  wall time        {wall_s:.1} s");
-}
-
-fn percent(part: usize, whole: usize) -> f64 {
-    100.0 * part as f64 / whole.max(1) as f64
-}
-
-/// Wilson's score interval for a proportion at 95 % (percent). Source: E. B. Wilson, JASA 22 (1927).
-fn wilson(successes: usize, trials: usize) -> (f64, f64) {
-    const Z: f64 = 1.959_964;
-    let n = trials.max(1) as f64;
-    let p = successes as f64 / n;
-    let middle = p + Z * Z / (2.0 * n);
-    let half = Z * (p * (1.0 - p) / n + Z * Z / (4.0 * n * n)).sqrt();
-    let scale = 100.0 / (1.0 + Z * Z / n);
-    ((middle - half) * scale, (middle + half) * scale)
 }

@@ -29,6 +29,7 @@ mod an_approach_ends_at_the_distance_kept;
 mod an_assisted_pilot_is_kept_from_obstacles;
 mod an_autopilot_whose_time_stands_still_is_followed;
 mod both_representations_fly_on_both_firmwares;
+mod every_cell_of_a_suite_is_flown;
 mod every_set_of_sensors_finds_its_way;
 mod every_way_that_the_autopilot_wants_to_fly_is_planned;
 mod nothing_that_nobody_asked_for_is_flown;
@@ -76,6 +77,7 @@ fn main() -> ExitCode {
         an_assisted_pilot_is_kept_from_obstacles: forest_flights, a_mode_that_the_pilot_changes_is_never_asked_for_back, what_is_steered_is_flown_and_released_sticks_hold_the_place;
         an_autopilot_whose_time_stands_still_is_followed: a_clock_that_is_slower_by_a_hundredth_leads_to_the_goal;
         both_representations_fly_on_both_firmwares: radio_flights, forest_flights;
+        every_cell_of_a_suite_is_flown: cell_flights;
         every_set_of_sensors_finds_its_way: flights;
         every_way_that_the_autopilot_wants_to_fly_is_planned: go_to_flights, landing_flights, circle_flights, a_return, hold_at_speed;
         nothing_that_nobody_asked_for_is_flown: hold_flights, early_flights, restart_flights, a_mission_that_begins_anew_in_auto_is_flown_once;

@@ -20,6 +20,7 @@ mod an_approach_ends_at_the_distance_kept;
 mod an_assisted_pilot_is_kept_from_obstacles;
 mod an_autopilot_whose_time_stands_still_is_followed;
 mod both_representations_fly_on_both_firmwares;
+mod every_cell_of_a_suite_is_flown;
 mod every_set_of_sensors_finds_its_way;
 mod every_way_that_the_autopilot_wants_to_fly_is_planned;
 mod nothing_that_nobody_asked_for_is_flown;

@@ -1,0 +1,93 @@
+//! The suites in which planners are compared: a flight of each cell, judged by the true world.
+
+use jink_simulated_world::world::WorldKind;
+use jink_tests::campaign::{FlightOutcome, FlightReport, fly_drawn, recorded, setup};
+use jink_tests::flights::Flights;
+use jink_tests::pairing::PX4_CURRENT;
+use jink_tests::suite::{Choice, Suite};
+
+/// Flies one cell of a suite.
+fn flown(suite: Suite, cell: &str, seed: u64) -> FlightReport {
+    let choice = Choice {
+        cells: vec![cell.to_owned()],
+        ..Choice::default()
+    };
+    let cell = suite.cells(&choice).unwrap().remove(0);
+    assert!(matches!(cell.kind, WorldKind::Benchmark(_)));
+    let setup = PX4_CURRENT.fly(setup(&cell, seed).unwrap()).unwrap();
+    fly_drawn(setup, &cell).unwrap().report
+}
+
+/// Cells whose goal is not reached by every seed.
+const NOT_YET: [&str; 12] = [
+    "flightbench",
+    "office",
+    "gap_1.2",
+    "gap_1.0",
+    "gap_0.8",
+    "gap_0.7",
+    "slot",
+    "fast_20",
+    "fast_40",
+    "fast_60",
+    "movers_60",
+    "thrown",
+];
+
+/// Every cell once. What stands still is never touched, and no commitment leads into it.
+pub fn cell_flights() -> Flights {
+    let mut flights = Flights::new();
+    for suite in Suite::ALL {
+        for cell in suite.cell_names() {
+            let name = format!("{} {cell}", suite.name());
+            flights.add(&name, cell == "corner", move || {
+                let flight = flown(suite, cell, 101);
+                println!("{flight:?}");
+                assert_eq!(flight.collisions_certified, 0, "{flight:?}");
+                assert_eq!(flight.commitments_touching, 0, "{flight:?}");
+                assert_ne!(flight.outcome, FlightOutcome::CollisionStatic, "{flight:?}");
+                assert_ne!(flight.outcome, FlightOutcome::LimitViolation, "{flight:?}");
+                let is_done = matches!(flight.outcome, FlightOutcome::Goal | FlightOutcome::Stopped);
+                assert!(
+                    is_done || NOT_YET.contains(&cell) || suite == Suite::S4,
+                    "{flight:?}"
+                );
+                assert!(flight.commitments > 10, "nothing was judged: {flight:?}");
+            });
+        }
+    }
+    flights
+}
+
+#[test]
+fn and_nothing_that_stands_still_is_touched() {
+    cell_flights().fly_some();
+}
+
+#[test]
+fn what_is_recorded_is_read_back_and_a_line_that_was_cut_off_is_flown_again() {
+    let folder = std::env::temp_dir().join(format!("jink_recorded_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let path = folder.join("flights.jsonl");
+    let flight = flown(Suite::S3, "corner", 7);
+    let (mut file, before) = recorded::open(&path, true).unwrap();
+    assert!(before.is_empty());
+    recorded::write(&mut file, &flight).unwrap();
+    let whole = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, format!("{whole}{}", &whole[..whole.len() / 2])).unwrap();
+    let (mut file, before) = recorded::open(&path, true).unwrap();
+    assert_eq!(before.len(), 1);
+    assert_eq!((before[0].seed, &before[0].hash), (7, &flight.hash));
+    // Flown again it is the same flight.
+    let again = flown(Suite::S3, "corner", 7);
+    assert_eq!(again.hash, flight.hash);
+    recorded::write(&mut file, &again).unwrap();
+    assert_eq!(std::fs::read_to_string(&path).unwrap().lines().count(), 2);
+    std::fs::write(&path, format!("{whole}{{\"seed\": 1}}\n")).unwrap();
+    let error = recorded::open(&path, true).unwrap_err();
+    assert!(
+        error.contains("flights.jsonl:2: not the report of a flight"),
+        "{error}"
+    );
+    std::fs::remove_dir_all(&folder).unwrap();
+}
