@@ -12,13 +12,14 @@
 //! left is answered with its stop, which the planner has certified.
 
 pub mod heading;
+pub mod interior_point;
 pub mod problem;
 pub mod profile;
 mod service;
 
 pub use service::GeneratorService;
 
-use crate::problem::{Infeasible, PieceSpec, solve};
+use crate::problem::{CurveSolver, Infeasible, PieceSpec};
 use crate::profile::{LegPiece, cut};
 use jink_shared_types::bezier::{QUINTIC, derivative, derivative_scalar, hull_keeps};
 use jink_shared_types::motion::{
@@ -75,6 +76,7 @@ pub enum NoTrajectory {
 #[derive(Debug)]
 pub struct Generator {
     next_id: u64,
+    solver: CurveSolver,
     curves: Vec<[Vector3<f64>; QUINTIC]>,
 }
 
@@ -83,6 +85,7 @@ impl Generator {
     pub fn new(generation: u32) -> Self {
         Self {
             next_id: u64::from(generation) << 32 | 1,
+            solver: CurveSolver::with_capacity(PIECES_MAX),
             curves: Vec::with_capacity(PIECES_MAX),
         }
     }
@@ -148,7 +151,7 @@ impl Generator {
                 guide: Vector3::zeros(),
             }; PIECES_MAX];
             let count = specify(route, stretch, &mut specs);
-            match solve(
+            match self.solver.solve(
                 &route.start,
                 &specs[..count],
                 &route.target.vector(),

@@ -18,13 +18,10 @@
 //! the quadratic Bernstein polynomials, plus the squared distance of the end from the target and a light pull of the
 //! joints towards the guide.
 
-use clarabel::algebra::CscMatrix;
-use clarabel::solver::{
-    DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SecondOrderConeT, SolverStatus,
-    SupportedConeT,
-};
+use crate::interior_point::InteriorPoint;
+use crate::interior_point::chain::{Chain, Factors, HalfSpaceRow, Joint};
 use jink_shared_types::bezier::QUINTIC;
-use jink_shared_types::motion::{MotionLimits, MotionState, Polytope};
+use jink_shared_types::motion::{MotionLimits, MotionState, POLYTOPE_PLANES, Polytope};
 use nalgebra::Vector3;
 
 /// Weight of the squared distance between end and target.
@@ -37,8 +34,13 @@ const GUIDE_WEIGHT: f64 = 0.05;
 const MARGIN: f64 = 1e-3;
 /// The start may lie on a plane of its polytope, up to rounding (m).
 const ON_THE_PLANE_M: f64 = 1e-5;
-/// Iterations after which a problem counts as infeasible: feasible ones need 8 to 20.
-const ITERATIONS_MAX: u32 = 40;
+/// Bounds are posed as shares of their limits, so that all have the size of one; of smaller limits than this as shares
+/// of it.
+const UNIT_MIN: f64 = 1e-3;
+/// Forms of a piece that are kept somewhere: control points of position, velocity, acceleration and jerk.
+const FORMS: usize = 6 + 5 + 4 + 3;
+/// Most half-spaces of a piece: of its polytope for the control points, of climb and descent for those of the velocity.
+const ROWS: usize = 6 * POLYTOPE_PLANES + 2 * 5;
 
 /// Gram matrix of the quadratic Bernstein polynomials on [0, 1].
 const GRAM: [[f64; 3]; 3] = [
@@ -67,377 +69,225 @@ pub enum Infeasible {
     Solver,
 }
 
-/// An affine function of the variables, the same for all three axes: variable `index + axis` with its factor, and a
-/// constant vector.
-#[derive(Clone, Copy, Debug, Default)]
-struct Affine {
-    terms: [(usize, f64); 6],
-    used: usize,
-    constant: Vector3<f64>,
+/// Finds curves; owns the memory for it.
+#[derive(Debug)]
+pub struct CurveSolver {
+    chain: Chain,
+    solver: InteriorPoint,
 }
 
-impl Affine {
-    fn add(&mut self, other: &Self, factor: f64) {
-        for (index, coefficient) in &other.terms[..other.used] {
-            match self.terms[..self.used].iter_mut().find(|(have, _)| have == index) {
-                Some((_, sum)) => *sum += coefficient * factor,
-                None => {
-                    self.terms[self.used] = (*index, coefficient * factor);
-                    self.used += 1;
+impl CurveSolver {
+    /// A solver with memory for so many pieces.
+    pub fn with_capacity(pieces: usize) -> Self {
+        Self {
+            chain: Chain::with_capacity(pieces, FORMS, ROWS),
+            solver: InteriorPoint::with_capacity(pieces, FORMS, ROWS),
+        }
+    }
+
+    /// Finds the pieces, relative to the start's position, and writes their control points into `curves` (absolute).
+    ///
+    /// # Errors
+    /// [`Infeasible`].
+    pub fn solve(
+        &mut self,
+        start: &MotionState,
+        pieces: &[PieceSpec<'_>],
+        target: &Vector3<f64>,
+        limits: &MotionLimits,
+        curves: &mut Vec<[Vector3<f64>; QUINTIC]>,
+    ) -> Result<(), Infeasible> {
+        let origin = start.position.vector();
+        self.pose(start, pieces, target, limits)?;
+        let joints = self.solver.solve(&self.chain).map_err(|_| Infeasible::Solver)?;
+        curves.clear();
+        for (piece, ends) in pieces.iter().zip(joints.windows(2)) {
+            let vector = |k: usize| Vector3::from_column_slice(&ends[k / 3][3 * (k % 3)..][..3]);
+            let point = |factors: Factors| {
+                let parts = factors.iter().enumerate().map(|(k, factor)| vector(k) * *factor);
+                parts.sum::<Vector3<f64>>() + origin
+            };
+            curves.push(control_points(piece.duration_s).map(point));
+        }
+        Ok(())
+    }
+
+    /// Poses the problem.
+    fn pose(
+        &mut self,
+        start: &MotionState,
+        pieces: &[PieceSpec<'_>],
+        target: &Vector3<f64>,
+        limits: &MotionLimits,
+    ) -> Result<(), Infeasible> {
+        let origin = start.position.vector();
+        let speed_mps = MotionLimits::allowed(limits.speed_mps);
+        let acceleration_mps2 = MotionLimits::allowed(limits.acceleration_mps2);
+        self.chain.restart(first_joint(start));
+        let (mut before_s, mut before) = (0.0, None);
+        for (index, piece) in pieces.iter().enumerate() {
+            let is_last = index + 1 == pieces.len();
+            let t = piece.duration_s;
+            let controls = control_points(t);
+            let velocity: [Factors; 5] = differences(&controls, 5.0 / t);
+            let acceleration: [Factors; 4] = differences(&velocity, 4.0 / t);
+            let jerk: [Factors; 3] = differences(&acceleration, 3.0 / t);
+            let place = if is_last { *target } else { piece.guide } - origin;
+            let end = Joint {
+                free: if is_last { 3 } else { 9 },
+                value: [0.0; 9],
+                reach: [speed_mps * (before_s + t), speed_mps, acceleration_mps2],
+                pull: if is_last { TARGET_WEIGHT } else { GUIDE_WEIGHT },
+                place: place.into(),
+            };
+            self.chain.append(&jerk_cost(&jerk, t), end);
+            // What the piece before has kept at their joint is not repeated, nor what is equal because the end rests.
+            let is_first = index == 0;
+            let first = usize::from(before == Some(piece.polytope));
+            for (n, control) in controls.iter().enumerate().skip(first) {
+                if !is_last || n != 3 && n != 4 {
+                    let reach_m = speed_mps * (before_s + t * n as f64 / 5.0);
+                    self.keep_inside(control, piece.polytope, &origin, reach_m)?;
                 }
             }
-        }
-        self.constant += other.constant * factor;
-    }
-
-    fn combine(parts: &[(&Self, f64)]) -> Self {
-        let mut sum = Self::default();
-        for (part, factor) in parts {
-            sum.add(part, *factor);
-        }
-        sum
-    }
-
-    fn is_constant(&self) -> bool {
-        self.terms[..self.used].iter().all(|(_, factor)| *factor == 0.0)
-    }
-
-    fn value(&self, x: &[f64]) -> Vector3<f64> {
-        let mut value = self.constant;
-        for (index, factor) in &self.terms[..self.used] {
-            for axis in 0..3 {
-                value[axis] += factor * x[index + axis];
+            let skipped = usize::from(!is_first);
+            for v in velocity.iter().skip(skipped) {
+                self.keep_slow(v, limits)?;
             }
-        }
-        value
-    }
-}
-
-/// Position, velocity and acceleration at a joint.
-#[derive(Clone, Copy, Debug)]
-struct Joint {
-    position: Affine,
-    velocity: Affine,
-    acceleration: Affine,
-}
-
-fn constant(value: Vector3<f64>) -> Affine {
-    Affine {
-        constant: value,
-        ..Affine::default()
-    }
-}
-
-fn variable(index: usize) -> Affine {
-    let mut affine = Affine {
-        used: 1,
-        ..Affine::default()
-    };
-    affine.terms[0] = (index, 1.0);
-    affine
-}
-
-/// The constraint rows under construction: inequalities first, cones behind them.
-#[derive(Debug, Default)]
-struct ConstraintRows {
-    triplets: Vec<(usize, usize, f64)>,
-    right: Vec<f64>,
-}
-
-impl ConstraintRows {
-    fn clear(&mut self) {
-        self.triplets.clear();
-        self.right.clear();
-    }
-
-    /// `normal . expression <= bound`.
-    fn below(&mut self, expression: &Affine, normal: &Vector3<f64>, bound: f64) {
-        let row = self.right.len();
-        for (index, factor) in &expression.terms[..expression.used] {
-            for axis in 0..3 {
-                let entry = factor * normal[axis];
-                if entry != 0.0 {
-                    self.triplets.push((row, index + axis, entry));
-                }
+            for a in acceleration.iter().skip(skipped) {
+                self.keep_within(a, limits.acceleration_mps2)?;
             }
-        }
-        self.right.push(bound - normal.dot(&expression.constant));
-    }
-
-    /// `|expression| <= bound`, as four rows of a second-order cone.
-    fn within(&mut self, expression: &Affine, bound: f64) {
-        self.right.push(bound);
-        for axis in 0..3 {
-            let row = self.right.len();
-            for (index, factor) in &expression.terms[..expression.used] {
-                self.triplets.push((row, index + axis, -factor));
+            for j in &jerk {
+                self.keep_within(j, limits.jerk_mps3)?;
             }
-            self.right.push(expression.constant[axis]);
+            (before_s, before) = (before_s + t, Some(piece.polytope));
         }
+        Ok(())
     }
 
-    fn matrix(&self, columns: usize) -> CscMatrix<f64> {
-        let (mut i, mut j, mut v) = (Vec::new(), Vec::new(), Vec::new());
-        for (row, column, value) in &self.triplets {
-            i.push(*row);
-            j.push(*column);
-            v.push(*value);
-        }
-        CscMatrix::new_from_triplets(self.right.len(), columns, i, j, v)
-    }
-}
-
-/// Finds the pieces, relative to the start's position, and writes their control points into `curves` (absolute).
-///
-/// # Errors
-/// [`Infeasible`].
-pub fn solve(
-    start: &MotionState,
-    pieces: &[PieceSpec<'_>],
-    target: &Vector3<f64>,
-    limits: &MotionLimits,
-    curves: &mut Vec<[Vector3<f64>; QUINTIC]>,
-) -> Result<(), Infeasible> {
-    let origin = start.position.vector();
-    let joints = joints(start, pieces.len());
-    let count = 9 * (pieces.len() - 1) + 3;
-    let mut cost = QuadraticCost::new(count);
-    let mut inequalities = ConstraintRows::default();
-    let mut cones = ConstraintRows::default();
-    let mut points = Vec::with_capacity(pieces.len());
-    for (index, piece) in pieces.iter().enumerate() {
-        let controls = control_points(&joints[index], &joints[index + 1], piece.duration_s);
-        let t = piece.duration_s;
-        let velocity: [Affine; 5] = differences(&controls, 5.0 / t);
-        let acceleration: [Affine; 4] = differences(&velocity, 4.0 / t);
-        let jerk: [Affine; 3] = differences(&acceleration, 3.0 / t);
-        for control in &controls {
-            keep_inside(control, piece.polytope, &origin, &mut inequalities)?;
-        }
-        for v in &velocity {
-            keep_within(v, limits.speed_mps, &mut cones)?;
-            keep_below(v, -Vector3::z(), limits.climb_mps, &mut inequalities)?;
-            keep_below(v, Vector3::z(), limits.descent_mps, &mut inequalities)?;
-        }
-        for a in &acceleration {
-            keep_within(a, limits.acceleration_mps2, &mut cones)?;
-        }
-        for j in &jerk {
-            keep_within(j, limits.jerk_mps3, &mut cones)?;
-        }
-        for (k, row) in GRAM.iter().enumerate() {
-            for (l, weight) in row.iter().enumerate() {
-                cost.add(&jerk[k], &jerk[l], JERK_WEIGHT * t * weight);
-            }
-        }
-        if index + 1 < pieces.len() {
-            cost.pull(&joints[index + 1].position, &(piece.guide - origin), GUIDE_WEIGHT);
-        }
-        points.push(controls);
-    }
-    cost.pull(&joints[pieces.len()].position, &(target - origin), TARGET_WEIGHT);
-    let x = run(&cost, &inequalities, &cones)?;
-    curves.clear();
-    for controls in &points {
-        curves.push(controls.map(|control| control.value(&x) + origin));
-    }
-    Ok(())
-}
-
-/// The joints: the start is given, the end rests, everything between is variable.
-fn joints(start: &MotionState, pieces: usize) -> Vec<Joint> {
-    let mut joints = vec![Joint {
-        position: constant(Vector3::zeros()),
-        velocity: constant(start.velocity.vector()),
-        acceleration: constant(start.acceleration.vector()),
-    }];
-    for k in 0..pieces - 1 {
-        joints.push(Joint {
-            position: variable(9 * k),
-            velocity: variable(9 * k + 3),
-            acceleration: variable(9 * k + 6),
+    /// Inside all planes that it may reach; a control point that the start fixes must already be.
+    fn keep_inside(
+        &mut self,
+        control: &Factors,
+        polytope: &Polytope,
+        origin: &Vector3<f64>,
+        reach_m: f64,
+    ) -> Result<(), Infeasible> {
+        let (value, is_fixed) = self.chain.fixed_part(control);
+        let rows = polytope.planes().iter().map(|plane| {
+            let [x, y, z] = plane.normal;
+            [x, y, z, plane.offset_m - Vector3::from(plane.normal).dot(origin)]
         });
+        if is_fixed {
+            let mut rows = rows;
+            let is_inside = |[x, y, z, bound]: HalfSpaceRow| {
+                x * value[0] + y * value[1] + z * value[2] <= bound + ON_THE_PLANE_M
+            };
+            return if rows.all(is_inside) {
+                Ok(())
+            } else {
+                Err(Infeasible::Start)
+            };
+        }
+        let rows = rows.map(|[x, y, z, bound]| [x, y, z, bound - MARGIN]);
+        // What is not a number is kept, and then nothing is found.
+        let is_reached = |[x, y, z, bound]: &HalfSpaceRow| {
+            bound.is_nan() || (x * x + y * y + z * z).sqrt() * reach_m > *bound
+        };
+        self.chain.keep(control, rows.filter(is_reached), None);
+        Ok(())
     }
-    joints.push(Joint {
-        position: variable(9 * (pieces - 1)),
-        velocity: constant(Vector3::zeros()),
-        acceleration: constant(Vector3::zeros()),
-    });
-    joints
+
+    /// Within the limits of speed, climb and descent.
+    fn keep_slow(&mut self, velocity: &Factors, limits: &MotionLimits) -> Result<(), Infeasible> {
+        let vertical = [(-1.0, limits.climb_mps), (1.0, limits.descent_mps)];
+        let (value, is_fixed) = self.chain.fixed_part(velocity);
+        if is_fixed {
+            let is_kept = |(sign, limit): (f64, f64)| sign * value[2] <= MotionLimits::allowed(limit);
+            if !vertical.into_iter().all(is_kept) {
+                return Err(Infeasible::Start);
+            }
+            return keeps(&value, limits.speed_mps);
+        }
+        let unit = limits.speed_mps.max(UNIT_MIN);
+        let rows = vertical
+            .into_iter()
+            .filter(|(_, limit)| *limit < limits.speed_mps)
+            .map(|(sign, limit)| [0.0, 0.0, sign, limit * (1.0 - MARGIN) / unit]);
+        let bound = limits.speed_mps * (1.0 - MARGIN) / unit;
+        self.chain
+            .keep(&velocity.map(|factor| factor / unit), rows, Some(bound));
+        Ok(())
+    }
+
+    /// Within a norm ball; what the start fixes may exceed the limit by its tolerance.
+    fn keep_within(&mut self, form: &Factors, limit: f64) -> Result<(), Infeasible> {
+        let (value, is_fixed) = self.chain.fixed_part(form);
+        if is_fixed {
+            return keeps(&value, limit);
+        }
+        let unit = limit.max(UNIT_MIN);
+        let bound = limit * (1.0 - MARGIN) / unit;
+        self.chain
+            .keep(&form.map(|factor| factor / unit), std::iter::empty(), Some(bound));
+        Ok(())
+    }
+
+    /// Iterations that the last problem took; zero if its start was infeasible.
+    pub fn iterations(&self) -> u32 {
+        self.solver.iterations()
+    }
 }
 
-fn control_points(from: &Joint, to: &Joint, t: f64) -> [Affine; QUINTIC] {
+/// The start is given.
+fn first_joint(start: &MotionState) -> Joint {
+    let (v, a) = (start.velocity.vector(), start.acceleration.vector());
+    Joint {
+        free: 0,
+        value: [0.0, 0.0, 0.0, v.x, v.y, v.z, a.x, a.y, a.z],
+        reach: [0.0; 3],
+        pull: 0.0,
+        place: [0.0; 3],
+    }
+}
+
+fn keeps(value: &[f64; 3], limit: f64) -> Result<(), Infeasible> {
+    if Vector3::from(*value).norm() <= MotionLimits::allowed(limit) {
+        Ok(())
+    } else {
+        Err(Infeasible::Start)
+    }
+}
+
+/// The control points of a piece of duration `t` (s) in terms of its joints (see the module's comment).
+fn control_points(t: f64) -> [Factors; QUINTIC] {
     let (h, k) = (t / 5.0, t * t / 20.0);
     [
-        from.position,
-        Affine::combine(&[(&from.position, 1.0), (&from.velocity, h)]),
-        Affine::combine(&[
-            (&from.position, 1.0),
-            (&from.velocity, 2.0 * h),
-            (&from.acceleration, k),
-        ]),
-        Affine::combine(&[
-            (&to.position, 1.0),
-            (&to.velocity, -2.0 * h),
-            (&to.acceleration, k),
-        ]),
-        Affine::combine(&[(&to.position, 1.0), (&to.velocity, -h)]),
-        to.position,
+        [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [1.0, h, 0.0, 0.0, 0.0, 0.0],
+        [1.0, 2.0 * h, k, 0.0, 0.0, 0.0],
+        [0.0, 0.0, 0.0, 1.0, -2.0 * h, k],
+        [0.0, 0.0, 0.0, 1.0, -h, 0.0],
+        [0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
     ]
 }
 
-fn differences<const N: usize, const M: usize>(points: &[Affine; N], factor: f64) -> [Affine; M] {
+fn differences<const N: usize, const M: usize>(points: &[Factors; N], factor: f64) -> [Factors; M] {
     const { assert!(M + 1 == N, "a derivative has one control point less") };
-    std::array::from_fn(|i| Affine::combine(&[(&points[i + 1], factor), (&points[i], -factor)]))
+    std::array::from_fn(|i| std::array::from_fn(|k| (points[i + 1][k] - points[i][k]) * factor))
 }
 
-/// Inside all planes; a control point that the start fixes must already be.
-fn keep_inside(
-    control: &Affine,
-    polytope: &Polytope,
-    origin: &Vector3<f64>,
-    rows: &mut ConstraintRows,
-) -> Result<(), Infeasible> {
-    for plane in polytope.planes() {
-        let normal = Vector3::from(plane.normal);
-        let bound = plane.offset_m - normal.dot(origin);
-        if control.is_constant() {
-            if normal.dot(&control.constant) > bound + ON_THE_PLANE_M {
-                return Err(Infeasible::Start);
-            }
-        } else {
-            rows.below(control, &normal, bound - MARGIN);
-        }
-    }
-    Ok(())
-}
-
-/// Within a norm ball; what the start fixes may exceed the limit by its tolerance.
-fn keep_within(expression: &Affine, limit: f64, rows: &mut ConstraintRows) -> Result<(), Infeasible> {
-    if expression.is_constant() {
-        if expression.constant.norm() > MotionLimits::allowed(limit) {
-            return Err(Infeasible::Start);
-        }
-    } else {
-        rows.within(expression, limit * (1.0 - MARGIN));
-    }
-    Ok(())
-}
-
-/// The same for one direction.
-fn keep_below(
-    expression: &Affine,
-    normal: Vector3<f64>,
-    limit: f64,
-    rows: &mut ConstraintRows,
-) -> Result<(), Infeasible> {
-    if expression.is_constant() {
-        if normal.dot(&expression.constant) > MotionLimits::allowed(limit) {
-            return Err(Infeasible::Start);
-        }
-    } else {
-        rows.below(expression, &normal, limit * (1.0 - MARGIN));
-    }
-    Ok(())
-}
-
-/// The quadratic objective `x' P x / 2 + q' x`, `P` dense.
-#[derive(Debug)]
-struct QuadraticCost {
-    size: usize,
-    p: Vec<f64>,
-    q: Vec<f64>,
-}
-
-impl QuadraticCost {
-    fn new(size: usize) -> Self {
-        Self {
-            size,
-            p: vec![0.0; size * size],
-            q: vec![0.0; size],
-        }
-    }
-
-    /// Adds `weight * a . b`; over all ordered pairs of a form this gives the symmetric matrix.
-    fn add(&mut self, a: &Affine, b: &Affine, weight: f64) {
-        for axis in 0..3 {
-            for (i, fi) in &a.terms[..a.used] {
-                for (j, fj) in &b.terms[..b.used] {
-                    // Half goes to each triangle; the objective has a factor of one half in front of P.
-                    self.p[(i + axis) * self.size + j + axis] += weight * fi * fj;
-                    self.p[(j + axis) * self.size + i + axis] += weight * fi * fj;
-                }
-                self.q[i + axis] += weight * fi * b.constant[axis];
-            }
-            for (j, fj) in &b.terms[..b.used] {
-                self.q[j + axis] += weight * fj * a.constant[axis];
-            }
-        }
-    }
-
-    /// Adds `weight * |expression - place|^2`.
-    fn pull(&mut self, expression: &Affine, place: &Vector3<f64>, weight: f64) {
-        let mut difference = *expression;
-        difference.constant -= place;
-        self.add(&difference, &difference, weight);
-    }
-
-    fn matrix(&self) -> CscMatrix<f64> {
-        let (mut i, mut j, mut v) = (Vec::new(), Vec::new(), Vec::new());
-        for column in 0..self.size {
-            for row in 0..=column {
-                let value = self.p[row * self.size + column];
-                if value != 0.0 {
-                    i.push(row);
-                    j.push(column);
-                    v.push(value);
+/// The matrix of the weighted integral of the squared jerk over a piece of duration `t` (s), for `x' P x / 2`.
+fn jerk_cost(jerk: &[Factors; 3], t: f64) -> [Factors; 6] {
+    let mut cost = [[0.0; 6]; 6];
+    for (first, weights) in jerk.iter().zip(GRAM) {
+        for (second, weight) in jerk.iter().zip(weights) {
+            for (row, a) in cost.iter_mut().zip(first) {
+                for (entry, b) in row.iter_mut().zip(second) {
+                    *entry += 2.0 * JERK_WEIGHT * t * weight * a * b;
                 }
             }
         }
-        CscMatrix::new_from_triplets(self.size, self.size, i, j, v)
     }
-}
-
-fn run(
-    cost: &QuadraticCost,
-    inequalities: &ConstraintRows,
-    cones: &ConstraintRows,
-) -> Result<Vec<f64>, Infeasible> {
-    let mut rows = ConstraintRows::default();
-    rows.clear();
-    rows.triplets.extend_from_slice(&inequalities.triplets);
-    rows.right.extend_from_slice(&inequalities.right);
-    let below = inequalities.right.len();
-    rows.triplets.extend(
-        cones
-            .triplets
-            .iter()
-            .map(|(row, column, value)| (row + below, *column, *value)),
-    );
-    rows.right.extend_from_slice(&cones.right);
-    let mut kinds: Vec<SupportedConeT<f64>> = vec![NonnegativeConeT(below)];
-    kinds.extend((0..cones.right.len() / 4).map(|_| SecondOrderConeT(4)));
-    let settings = DefaultSettings {
-        verbose: false,
-        max_iter: ITERATIONS_MAX,
-        tol_gap_abs: 1e-5,
-        tol_gap_rel: 1e-5,
-        tol_feas: 1e-6,
-        presolve_enable: false,
-        ..DefaultSettings::default()
-    };
-    let mut solver = DefaultSolver::new(
-        &cost.matrix(),
-        &cost.q,
-        &rows.matrix(cost.size),
-        &rows.right,
-        &kinds,
-        settings,
-    )
-    .map_err(|_| Infeasible::Solver)?;
-    solver.solve();
-    match solver.solution.status {
-        SolverStatus::Solved | SolverStatus::AlmostSolved => Ok(solver.solution.x.clone()),
-        _ => Err(Infeasible::Solver),
-    }
+    cost
 }

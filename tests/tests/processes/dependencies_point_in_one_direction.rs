@@ -95,7 +95,7 @@ fn a_package_is_named_after_its_folder() {
 
 #[test]
 fn heavy_crates_stay_behind_one_door() {
-    let doors: [(&str, &[&str]); 5] = [
+    let doors: [(&str, &[&str]); 4] = [
         (
             "mavlink",
             &[
@@ -113,7 +113,6 @@ fn heavy_crates_stay_behind_one_door() {
             ],
         ),
         ("iceoryx2", &["jink-runtime"]),
-        ("clarabel", &["jink-bezier-generator"]),
         ("svg", &["jink-lab"]),
         ("iceoryx2-bb-elementary-traits", &["jink-shared-types"]),
     ];
