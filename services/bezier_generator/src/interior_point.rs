@@ -8,7 +8,7 @@
 //! With `x` the joints' position, velocity and acceleration, the problem is `min x' P x / 2 + q' x` with `G x + s = h`,
 //! `s` in a product of half-lines (half-spaces) and second-order cones of dimension four (balls). The method is
 //! Mehrotra's predictor and corrector with the scaling of Nesterov and Todd, as in L. Vandenberghe, "The CVXOPT linear
-//! and quadratic cone program solvers", 2010, sections 5 to 7. Slack and dual are eliminated from each Newton system:
+//! and quadratic cone program solvers", 2010 (its path-following method for quadratic cone programs). Slack and dual are eliminated from each Newton system:
 //!
 //! ```text
 //! (P + G' W^-2 G) dx = -(P x + q + G' z) + G' W^-2 t
@@ -24,6 +24,9 @@
 //! Infeasibility is proven by the duals: for `x` that keeps all constraints and `z` in the cone `z' (h - G x) >= 0`.
 //! Where `h' z` is more negative than `|G' z|` times how far a joint may be from zero ([`chain::Joint::reach`]), there is no
 //! such `x`. That happens long before the duals converge to a ray.
+//!
+//! Rounding: the equations' condition grows as slacks vanish, so that in a corridor of a few centimetres the residual of
+//! the gradient falls to some `1e-6` and grows again. What is reached then is taken if it is nearly as good.
 //!
 //! All memory is reserved by [`InteriorPoint::with_capacity`].
 
@@ -41,6 +44,9 @@ const ITERATIONS_MAX: u32 = 40;
 const STEP_SHARE: f64 = 0.99;
 /// Steps below this are no progress.
 const STEP_MIN: f64 = 1e-7;
+/// Costs below this are as good as this.
+const COST_MIN: f64 = 0.1;
+
 /// How close is close enough.
 #[derive(Clone, Copy, Debug)]
 struct Accuracy {
@@ -52,10 +58,7 @@ struct Accuracy {
     gap: f64,
 }
 
-/// Costs below this are as good as this.
-const COST_MIN: f64 = 0.1;
-
-/// What a solution has.
+/// What a solution has. The cost is within 0.01 %; a bound is missed by a thousandth of the margin that is kept from it.
 const WANTED: Accuracy = Accuracy {
     primal: 1e-6,
     dual: 1e-6,
@@ -94,20 +97,25 @@ impl Progress {
     }
 }
 
-/// The method's memory.
+/// The method's memory. One block per joint, names as in the module's comment.
 #[derive(Debug, Default)]
 pub struct InteriorPoint {
     x: Vec<Block>,
     dx: Vec<Block>,
+    /// `P x + q`.
     cost_gradient: Vec<Block>,
+    /// `G' z`.
     dual_force: Vec<Block>,
     s: ConeVector,
     z: ConeVector,
     ds: ConeVector,
     dz: ConeVector,
+    /// `G x + s - h`.
     excess: ConeVector,
     t: ConeVector,
+    /// `W^-2` of the half-lines.
     weights: Vec<f64>,
+    /// `W` of the cones.
     scalings: Vec<Scaling>,
     matrix: Tridiagonal,
     iterations: u32,
@@ -204,8 +212,8 @@ impl InteriorPoint {
             .resize(chain.balls.len(), Scaling::new(&unit, &unit));
     }
 
-    /// The start: the solution of the Newton system without scaling, slack and dual moved into the cone (section 7.3 of
-    /// the source).
+    /// The start: the solution of the Newton system without scaling, slack and dual moved into the cone, as in the
+    /// source.
     fn begin(&mut self, chain: &Chain) {
         self.set_slack_to_room(chain);
         std::mem::swap(&mut self.t, &mut self.s);
@@ -305,7 +313,7 @@ impl InteriorPoint {
         self.direction(chain);
         let step = self.step_to_surface().min(1.0);
         let gap = self.s.dot(&self.z);
-        // Section 7.1 of the source: the share of the gap that the predictor would leave, cubed.
+        // As in the source: the share of the gap that the predictor would leave, cubed.
         let left = 1.0 - step + step * step * self.ds.dot(&self.dz) / gap;
         let target = left.clamp(0.0, 1.0).powi(3) * gap / chain.degree();
         self.correct(target);

@@ -233,7 +233,7 @@ impl CurveSolver {
         Ok(())
     }
 
-    /// Iterations that the last problem took; zero if its start was infeasible.
+    /// Iterations that the last problem took whose start was feasible.
     pub fn iterations(&self) -> u32 {
         self.solver.iterations()
     }

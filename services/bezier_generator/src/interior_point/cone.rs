@@ -1,8 +1,8 @@
 //! The second-order cone `u0 >= |(u1, u2, u3)|` of dimension four: its product and its Nesterov-Todd scaling; and products
 //! of half-lines and such cones.
 //!
-//! All formulas: L. Vandenberghe, "The CVXOPT linear and quadratic cone program solvers", 2010, sections 2 and 4, here
-//! for dimension four. `J` is the diagonal matrix `(1, -1, -1, -1)`.
+//! All formulas: L. Vandenberghe, "The CVXOPT linear and quadratic cone program solvers", 2010, here for dimension four.
+//! `J` is the diagonal matrix `(1, -1, -1, -1)`.
 
 /// A member of the cone's space: the bound first, then the vector.
 pub type Lorentz = [f64; 4];
