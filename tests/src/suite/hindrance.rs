@@ -121,14 +121,16 @@ impl Hindrance {
                 estimator.seed = setup.seed;
             }
             Degraded::Gusts => setup.autopilot.vehicle_mut().wind.gust_sigma_mps = GUST_SIGMA_MPS,
-            Degraded::Dropped | Degraded::Latency | Degraded::SensorDeath | Degraded::CompanionDeath => {}
+            // Who sends an aircraft on its way again whose companion is dead flies it without one.
+            Degraded::CompanionDeath => setup.plan.resume = false,
+            Degraded::Dropped | Degraded::Latency | Degraded::SensorDeath => {}
         }
     }
 
     /// What of it happens in flight.
     pub fn in_flight(self, world: &World, seed: u64, sensors: usize) -> InFlight {
         let kind = match self {
-            Self::Movers(movers) => Kind::Moving(Moving::new(movers, world, seed)),
+            Self::Movers(movers) => Kind::Moving(Box::new(Moving::new(movers, world, seed))),
             Self::Degraded(how) => Kind::Failing(how, Random::new(seed, FRAMES_STREAM)),
             Self::None => Kind::Nothing,
         };
@@ -165,7 +167,7 @@ pub struct InFlight {
 #[derive(Debug)]
 enum Kind {
     Nothing,
-    Moving(Moving),
+    Moving(Box<Moving>),
     Failing(Degraded, Random),
 }
 

@@ -1,18 +1,11 @@
 //! Lock-step flights through forests: the goal is reached, nothing is touched, no limit is broken, and the same seed gives
 //! the same flight to the bit.
 
-use jink_simulated_world::world::WorldKind;
-use jink_tests::campaign::{Cell, FlightOutcome, SPHERE, fly, sensor_set};
+use jink_tests::campaign::{Cell, FlightOutcome, fly, sensor_set};
 use jink_tests::flights::Flights;
 
 fn forest() -> Cell {
-    Cell {
-        kind: "forest".parse::<WorldKind>().unwrap(),
-        density_per_m2: None,
-        speed_mps: 3.0,
-        limit_s: 120.0,
-        sensors: sensor_set(SPHERE).unwrap(),
-    }
+    Cell::forest().unwrap()
 }
 
 /// Twenty of them.

@@ -5,7 +5,7 @@ use jink_emulated_ground_station::{Action, Ending, InFlight, When};
 use jink_shared_types::Point;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::world::{Obstacle, Scene, World, YawedBox};
-use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
+use jink_tests::campaign::{Cell, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{COPTER, PX4_CURRENT, PX4_TRAJECTORY, Pairing};
@@ -30,13 +30,7 @@ struct Left {
 
 /// Flies ahead, holds, and finds walls `left_m` and `right_m` beside it; then it is sent on.
 fn walled_in(whose: Pairing, left_m: f64, right_m: f64) -> Left {
-    let cell = Cell {
-        kind: "empty".parse().unwrap(),
-        density_per_m2: None,
-        speed_mps: 3.0,
-        limit_s: 120.0,
-        sensors: sensor_set(SPHERE).unwrap(),
-    };
+    let cell = Cell::of("empty".parse().unwrap()).unwrap();
     let mut setup = whose.fly(setup(&cell, 1).unwrap()).unwrap();
     setup.plan.waypoints = vec![Point::new(30.0, 0.0, -2.5)];
     setup.plan.ending = Ending::Hold;

@@ -3,7 +3,7 @@
 
 use jink_emulated_ground_station::{Make, Outcome, Phase};
 use jink_shared_types::vehicle::NavMode;
-use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
+use jink_tests::campaign::{Cell, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavMessage};
@@ -33,11 +33,8 @@ pub fn forest_flights() -> Flights {
         flights.add(&format!("seed {seed}"), seed == 2, move || {
             // Faster than any plan it is stopped; the autopilot brakes too hard by itself by then to be met exactly.
             let cell = Cell {
-                kind: "forest".parse().unwrap(),
-                density_per_m2: None,
-                speed_mps: 3.0,
                 limit_s: 180.0,
-                sensors: sensor_set(SPHERE).unwrap(),
+                ..Cell::forest().unwrap()
             };
             let mut flight = LockStep::new(setup(&cell, seed).unwrap()).unwrap();
             let (mut from_s, mut next_s) = (None, 0.0);

@@ -4,7 +4,7 @@
 use jink_emulated_ground_station::Outcome;
 use jink_shared_types::motion::MotionState;
 use jink_shared_types::vehicle::NavMode;
-use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
+use jink_tests::campaign::{Cell, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 
@@ -18,11 +18,8 @@ pub fn forest_flights() -> Flights {
     for seed in [3, 102] {
         flights.add(&format!("seed {seed}"), seed == 3, move || {
             let cell = Cell {
-                kind: "forest".parse().unwrap(),
-                density_per_m2: None,
-                speed_mps: 3.0,
                 limit_s: 180.0,
-                sensors: sensor_set(SPHERE).unwrap(),
+                ..Cell::forest().unwrap()
             };
             let setup = setup(&cell, seed).unwrap();
             let mut flight = LockStep::new(setup).unwrap();

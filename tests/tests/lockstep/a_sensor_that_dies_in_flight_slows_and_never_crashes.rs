@@ -5,18 +5,15 @@ use jink_emulated_ground_station::Outcome;
 use jink_shared_types::events::{self, Event};
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::sensors::{SensorKind, SensorSpec};
-use jink_tests::campaign::{Cell, SPHERE, default_sensors, sensor_set, setup};
+use jink_tests::campaign::{Cell, default_sensors, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use std::collections::BTreeSet;
 
 fn flight(seed: u64) -> LockStep {
     let cell = Cell {
-        kind: "forest".parse().unwrap(),
-        density_per_m2: None,
-        speed_mps: 3.0,
         limit_s: 240.0,
-        sensors: sensor_set(SPHERE).unwrap(),
+        ..Cell::forest().unwrap()
     };
     let mut setup = setup(&cell, seed).unwrap();
     setup.sensors = default_sensors();

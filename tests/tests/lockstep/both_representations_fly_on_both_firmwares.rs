@@ -4,19 +4,13 @@ use jink_emulated_ground_station::{Ending, Outcome};
 use jink_emulated_px4::{Firmware, Px4Config, Variant};
 use jink_mavlink_link::profile_name::Representation;
 use jink_simulator::autopilot::AutopilotConfig;
-use jink_tests::campaign::{Cell, FlightOutcome, SPHERE, fly_as, sensor_set, setup};
+use jink_tests::campaign::{Cell, FlightOutcome, fly_as, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::PX4_TRAJECTORY;
 
 fn forest() -> Cell {
-    Cell {
-        kind: "forest".parse().unwrap(),
-        density_per_m2: None,
-        speed_mps: 3.0,
-        limit_s: 120.0,
-        sensors: sensor_set(SPHERE).unwrap(),
-    }
+    Cell::forest().unwrap()
 }
 
 /// A ground station behind an autopilot that passes messages on: its radio carries the curves, so fewer of them are sent.

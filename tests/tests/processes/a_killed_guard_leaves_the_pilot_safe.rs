@@ -1,7 +1,7 @@
 //! A pilot steers through jink, between trees, and the guard that keeps him from them is killed: the gateway stops the vehicle until the
 //! next guard is there, and nothing is touched.
 
-use jink_tests::campaign::{Cell, SPHERE, sensor_set, setup};
+use jink_tests::campaign::{Cell, setup};
 use jink_tests::pilot::Tablet;
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{System, TempFolder, until};
@@ -14,11 +14,8 @@ const KILLS: u32 = 5;
 #[test]
 fn killed_again_and_again_at_full_stick_nothing_is_touched() {
     let cell = Cell {
-        kind: "forest".parse().unwrap(),
-        density_per_m2: None,
-        speed_mps: 3.0,
         limit_s: 600.0,
-        sensors: sensor_set(SPHERE).unwrap(),
+        ..Cell::forest().unwrap()
     };
     let mut plan = setup(&cell, 3).unwrap().plan;
     plan.resume = false;
