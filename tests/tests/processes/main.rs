@@ -17,6 +17,7 @@ mod a_storm_of_questions_is_not_felt;
 mod a_swap_and_a_dead_supervisor_are_not_felt;
 mod a_swapped_gateway_leaves_no_gap_on_any_link;
 mod bad_input_gets_one_clear_error;
+mod campaigns_of_many_machines_are_merged;
 mod clouds_of_other_programs_reach_the_map;
 mod commands_do_what_they_say;
 mod dependencies_point_in_one_direction;
