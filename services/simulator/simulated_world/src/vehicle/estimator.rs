@@ -169,7 +169,7 @@ mod tests {
         let config = EstimatorConfig {
             position_sigma_m: 0.0,
             drift_ratio: 0.01,
-            corrected_at_m: 0.3,
+            corrected_at_m: 0.305,
             ..EstimatorConfig::default()
         };
         let mut estimator = Estimator::new(&config, &truth_at(0.0));
