@@ -14,7 +14,6 @@ use jink_emulated_px4::Px4Config;
 use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_runtime::config::sensor_sets::SensorSet;
 use jink_runtime::config::{Config, parse_toml};
-use jink_shared_types::Flag;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::map::declared_as;
 use jink_shared_types::motion::Verdict;
@@ -429,8 +428,8 @@ impl Watched {
         if flown.contains(&truth.mode.get()) {
             self.top_speed_mps = self.top_speed_mps.max(speed_mps);
         }
-        let is_under_way = truth.cruise_s > 0.0 && truth.landed != Flag::YES;
-        self.still_s = if is_under_way && speed_mps < 0.1 {
+        // In the air or landed where it was not to.
+        self.still_s = if truth.cruise_s > 0.0 && speed_mps < 0.1 {
             self.still_s + 0.004
         } else {
             0.0

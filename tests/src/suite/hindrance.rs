@@ -121,9 +121,7 @@ impl Hindrance {
                 estimator.seed = setup.seed;
             }
             Degraded::Gusts => setup.autopilot.vehicle_mut().wind.gust_sigma_mps = GUST_SIGMA_MPS,
-            // Who sends an aircraft on its way again whose companion is dead flies it without one.
-            Degraded::CompanionDeath => setup.plan.resume = false,
-            Degraded::Dropped | Degraded::Latency | Degraded::SensorDeath => {}
+            Degraded::Dropped | Degraded::Latency | Degraded::SensorDeath | Degraded::CompanionDeath => {}
         }
     }
 
@@ -199,6 +197,8 @@ impl InFlight {
             }
             Kind::Failing(Degraded::CompanionDeath, _) if north_m > DEATH_NORTH_M => {
                 flight.dead_companion = true;
+                // Who sends it on its way again flies it without a companion.
+                flight.silent_station = true;
             }
             Kind::Failing(..) => {}
         }
