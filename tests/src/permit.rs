@@ -1,4 +1,4 @@
-//! What tests of real processes may use of the machine: several run at once, and those that judge time only beside few others.
+//! What tests of real processes may use of the machine: several run at once, and those that judge time alone.
 //!
 //! A system that flies waits most of its time, so some of them side by side do not disturb each other: all tests of real processes,
 //! five at a time on two cores, compute for a third of these cores' time.
@@ -50,16 +50,15 @@ pub fn share() -> Permit {
     Permit { _held: held }
 }
 
-/// Waits until only tests that judge time run real processes, fewer than there are cores; none of those that share begins before this
-/// is dropped. Nobody is kept waiting for it: who shares goes first, so the machine is not idle while the last of several ends.
+/// Waits until no other test runs real processes; none begins before this is dropped: beside a campaign of faults a line of 57600 bit/s
+/// once had a gap of 0.8 s. Nobody is kept waiting for it: who shares goes first, so the machine is not idle while the last of several ends.
 ///
 /// # Panics
 /// If the calling thread shares already: it would wait for itself.
 pub fn for_judging_time() -> Permit {
     let mine = MINE.with_borrow(Weak::upgrade);
     let held = mine.unwrap_or_else(|| {
-        let most = std::thread::available_parallelism().map_or(1, usize::from);
-        let may_run = |running: &Running| running.sharing == 0 && running.judging_time < most;
+        let may_run = |running: &Running| running.sharing == 0 && running.judging_time == 0;
         wait_until(may_run).judging_time += 1;
         hold(true)
     });
@@ -106,9 +105,8 @@ mod tests {
 
     /// In one test, since all permits of a process are of one machine.
     #[test]
-    fn many_share_or_few_judge_time() {
+    fn many_share_or_one_judges_time() {
         let (sharing, judging) = (AtomicUsize::new(0), AtomicUsize::new(0));
-        let cores = std::thread::available_parallelism().map_or(1, usize::from);
         std::thread::scope(|scope| {
             for thread in 0..12 {
                 let (sharing, judging) = (&sharing, &judging);
@@ -117,7 +115,7 @@ mod tests {
                         if (thread + turn) % 6 == 0 {
                             let _permit = for_judging_time();
                             let _second = share();
-                            assert!(judging.fetch_add(1, Ordering::SeqCst) < cores);
+                            assert_eq!(judging.fetch_add(1, Ordering::SeqCst), 0);
                             assert_eq!(sharing.load(Ordering::SeqCst), 0);
                             std::thread::yield_now();
                             judging.fetch_sub(1, Ordering::SeqCst);
