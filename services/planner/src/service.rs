@@ -90,9 +90,9 @@ impl Service for PlannerService {
         for event in self.planner.events() {
             cycle.events.publish(now, event);
         }
-        if let Some(news) = self.planner.learned(now) {
-            self.keep(now, &news);
-            let tracking = self.planner.tracking().looser(news);
+        if let Some(learned) = self.planner.learned(now) {
+            self.keep(now, &learned);
+            let tracking = self.planner.tracking().looser(learned);
             tracing::info!(
                 "follows less closely than was known: cuts corners {:.3} s2, overshoots {:.3} s2",
                 tracking.cut_s2,
@@ -114,11 +114,11 @@ impl Service for PlannerService {
 }
 
 impl PlannerService {
-    /// Asks the parameter server to keep the figures of `news` that are not zero; they come back as a change of parameters.
-    fn keep(&mut self, now: Timestamp, news: &Tracking) {
+    /// Asks the parameter server to keep the figures of `learned` that are not zero; they come back as a change of parameters.
+    fn keep(&mut self, now: Timestamp, learned: &Tracking) {
         let values = [
-            (&params::OA_TRK_CUT, news.cut_s2),
-            (&params::OA_TRK_OVER, news.overshoot_s2),
+            (&params::OA_TRK_CUT, learned.cut_s2),
+            (&params::OA_TRK_OVER, learned.overshoot_s2),
         ];
         let kept = values.into_iter().filter(|(_, value)| *value > 0.0);
         for (id, (param, value)) in (now.ns..).zip(kept) {

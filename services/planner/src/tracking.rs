@@ -53,29 +53,29 @@ impl Planner {
     }
 
     /// What is to be kept of how closely the vehicle follows, if it was learned that this is less closely than is known: only the
-    /// figures that are news, zero for the others. What is known of this profile would bind one that follows more closely.
+    /// figures that are, zero for the others. What is known of this profile would bind one that follows more closely.
     pub fn learned(&mut self, now: Timestamp) -> Option<Tracking> {
         if self.profile_tracking.is_none() || now < self.learned_after {
             return None;
         }
         let learned = self.following.learned();
-        let news = Tracking {
-            cut_s2: news_s2(learned.cut_s2, self.tracking.cut_s2, params::OA_TRK_CUT.max),
-            overshoot_s2: news_s2(
+        let kept = Tracking {
+            cut_s2: kept_s2(learned.cut_s2, self.tracking.cut_s2, params::OA_TRK_CUT.max),
+            overshoot_s2: kept_s2(
                 learned.overshoot_s2,
                 self.tracking.overshoot_s2,
                 params::OA_TRK_OVER.max,
             ),
         };
-        (news != Tracking::default()).then(|| {
+        (kept != Tracking::default()).then(|| {
             self.learned_after = now.plus_seconds(LEARNED_EVERY_S);
-            news
+            kept
         })
     }
 }
 
-/// What is kept of a figure (s2): upwards to the hundredth, so that the same is not learned again at once; zero if it is no news.
-fn news_s2(learned_s2: f64, known_s2: f64, most_s2: f64) -> f64 {
+/// What is kept of a figure (s2): upwards to the hundredth, so that the same is not learned again at once; zero if it is hardly more than is known.
+fn kept_s2(learned_s2: f64, known_s2: f64, most_s2: f64) -> f64 {
     if learned_s2 > LEARNED_BEYOND * known_s2 {
         ((learned_s2 * 100.0).ceil() / 100.0).min(most_s2)
     } else {
@@ -85,14 +85,14 @@ fn news_s2(learned_s2: f64, known_s2: f64, most_s2: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::news_s2;
+    use super::kept_s2;
 
     #[test]
-    fn only_what_is_much_more_than_was_known_is_kept_and_then_no_longer_news() {
-        for (learned_s2, kept_s2) in [(0.0, 0.0), (0.16, 0.0), (0.19, 0.0), (0.201, 0.21), (7.0, 2.0)] {
-            assert_eq!(news_s2(learned_s2, 0.17, 2.0), kept_s2, "{learned_s2}");
+    fn only_what_is_much_more_than_was_known_is_kept_and_then_it_is_known() {
+        for (learned_s2, expected_s2) in [(0.0, 0.0), (0.16, 0.0), (0.19, 0.0), (0.201, 0.21), (7.0, 2.0)] {
+            assert_eq!(kept_s2(learned_s2, 0.17, 2.0), expected_s2, "{learned_s2}");
             assert_eq!(
-                news_s2(learned_s2.min(2.0), kept_s2.max(0.17), 2.0),
+                kept_s2(learned_s2.min(2.0), expected_s2.max(0.17), 2.0),
                 0.0,
                 "{learned_s2}"
             );
