@@ -42,7 +42,8 @@ const CORRIDOR_TOLERANCE_M: f64 = 1e-4;
 /// control point is 2.7 times as fast as the turn. Position needs none: the solver keeps its control points themselves
 /// within the limits.
 const HEADING_HALVINGS: u32 = 2;
-/// Most pieces of a plan.
+/// Most pieces of a plan: one per polytope, and four more for legs that take long. What it repeats of its base fits beside them into a
+/// trajectory.
 const PIECES_MAX: usize = CORRIDOR_POLYTOPES + 4;
 
 /// Why no trajectory was made.

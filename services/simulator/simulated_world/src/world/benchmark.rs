@@ -67,13 +67,12 @@ struct Plan {
 /// Builds the world of `kind` and `seed`.
 pub(super) fn generate(kind: Benchmark, seed: u64) -> Result<World, WorldError> {
     let mut random = Random::new(seed, STREAM);
-    if let Benchmark::Forest { density_per_m2 } = kind {
-        return forest(density_per_m2, seed, &mut random, PASSABLE_M, MAX_DRAWS);
-    }
-    let mut world = None;
     for discarded in 0..MAX_DRAWS {
         let plan = match kind {
-            Benchmark::Forest { .. } | Benchmark::Glade => glade(&mut random),
+            Benchmark::Forest { density_per_m2 } => {
+                return forest(density_per_m2, seed, &mut random, PASSABLE_M, MAX_DRAWS);
+            }
+            Benchmark::Glade => glade(&mut random),
             Benchmark::Trap { depth_m } => trap(depth_m, &mut random),
             Benchmark::Maze => maze(&mut random),
             Benchmark::Bugtrap => bugtrap(&mut random),
@@ -82,7 +81,7 @@ pub(super) fn generate(kind: Benchmark, seed: u64) -> Result<World, WorldError> 
             Benchmark::Slot => slot(&mut random),
             Benchmark::Corner => corner(&mut random),
         };
-        let mut drawn = World::new(Scene {
+        let mut world = World::new(Scene {
             name: kind.name().to_owned(),
             seed,
             goals: vec![Point::new(plan.goal[0], plan.goal[1], -plan.flight_height_m)],
@@ -91,17 +90,15 @@ pub(super) fn generate(kind: Benchmark, seed: u64) -> Result<World, WorldError> 
             obstacles: plan.obstacles,
             structures: Vec::new(),
         });
-        drawn.discarded = discarded;
+        world.discarded = discarded;
         // A slot is passed at another height than that of the flight, and a gap may be narrower than the disc.
         let is_checked = !matches!(kind, Benchmark::Slot | Benchmark::Gap { .. });
-        let is_open = !is_checked || drawn.way(PASSABLE_M).is_some();
-        world = Some(drawn);
-        if is_open {
-            break;
+        if !is_checked || world.way(PASSABLE_M).is_some() {
+            return Ok(world);
         }
     }
-    world.ok_or(WorldError::NoWayThrough {
-        density_per_m2: 0.0,
+    Err(WorldError::Closed {
+        kind: kind.name().to_owned(),
         draws: MAX_DRAWS,
     })
 }
@@ -129,34 +126,28 @@ fn wall([n0, e0]: [f64; 2], [n1, e1]: [f64; 2], thick_m: f64, top_m: f64) -> Obs
 fn trap(depth_m: f64, random: &mut Random) -> Plan {
     let axis_m = random.between(-TRAP_OFFSET_M, TRAP_OFFSET_M);
     let mouth_m = random.between(TRAP_MOUTH_M[0], TRAP_MOUTH_M[1]);
-    let half_m = 0.5 * random.between(TRAP_WIDTH_M[0], TRAP_WIDTH_M[1]);
-    let end_m = mouth_m + depth_m;
-    let [west_m, east_m] = [axis_m - half_m, axis_m + half_m];
-    let goal_m = end_m + TRAP_GOAL_BEHIND_M;
-    Plan {
-        goal: [goal_m, 0.0],
-        bounds: bounds([-5.0, goal_m + 5.0], [-20.0, 20.0]),
-        flight_height_m: FLIGHT_HEIGHT_M,
-        obstacles: vec![
-            wall([mouth_m, west_m], [end_m, west_m], WALL_M, TALL_M),
-            wall([mouth_m, east_m], [end_m, east_m], WALL_M, TALL_M),
-            wall(
-                [end_m, west_m - 0.5 * WALL_M],
-                [end_m, east_m + 0.5 * WALL_M],
-                WALL_M,
-                TALL_M,
-            ),
-        ],
-    }
+    let width_m = random.between(TRAP_WIDTH_M[0], TRAP_WIDTH_M[1]);
+    u(mouth_m, depth_m, axis_m, width_m)
 }
 
 /// A trap whose arms turn in at the mouth by a quarter of its width each.
 fn bugtrap(random: &mut Random) -> Plan {
     let axis_m = random.between(-TRAP_OFFSET_M, TRAP_OFFSET_M);
     let mouth_m = random.between(TRAP_MOUTH_M[0], TRAP_MOUTH_M[1]);
-    let (end_m, half_m) = (mouth_m + BUGTRAP_M, 0.5 * BUGTRAP_M);
-    let [west_m, east_m] = [axis_m - half_m, axis_m + half_m];
-    let goal_m = end_m + TRAP_GOAL_BEHIND_M;
+    let mut plan = u(mouth_m, BUGTRAP_M, axis_m, BUGTRAP_M);
+    for side in [-1.0, 1.0] {
+        let arm_m = axis_m + side * 0.5 * BUGTRAP_M;
+        let tip_m = arm_m - side * 0.25 * BUGTRAP_M;
+        plan.obstacles
+            .push(wall([mouth_m, arm_m], [mouth_m, tip_m], WALL_M, TALL_M));
+    }
+    plan
+}
+
+/// A U across the way, open towards the start.
+fn u(mouth_m: f64, depth_m: f64, axis_m: f64, width_m: f64) -> Plan {
+    let (end_m, goal_m) = (mouth_m + depth_m, mouth_m + depth_m + TRAP_GOAL_BEHIND_M);
+    let [west_m, east_m] = [axis_m - 0.5 * width_m, axis_m + 0.5 * width_m];
     let thick = |from: [f64; 2], to: [f64; 2]| wall(from, to, WALL_M, TALL_M);
     Plan {
         goal: [goal_m, 0.0],
@@ -166,8 +157,6 @@ fn bugtrap(random: &mut Random) -> Plan {
             thick([mouth_m, west_m], [end_m, west_m]),
             thick([mouth_m, east_m], [end_m, east_m]),
             thick([end_m, west_m - 0.5 * WALL_M], [end_m, east_m + 0.5 * WALL_M]),
-            thick([mouth_m, west_m], [mouth_m, west_m + 0.5 * half_m]),
-            thick([mouth_m, east_m - 0.5 * half_m], [mouth_m, east_m]),
         ],
     }
 }

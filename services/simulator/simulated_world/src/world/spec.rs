@@ -63,7 +63,7 @@ pub enum Benchmark {
     Slot,
     /// A corridor around a corner, with a box right behind it.
     Corner,
-    /// A clearing of 20 m before a forest of 1/36 trees/m2 and 20 m more: what moves in it is added by whoever flies.
+    /// A forest of 40 m by 20 m with 1/36 trees/m2: what moves in it is added by whoever flies.
     Glade,
 }
 
@@ -190,6 +190,13 @@ pub enum WorldError {
         /// Why.
         message: String,
     },
+    /// Every world of this kind that was drawn was closed.
+    Closed {
+        /// Name of the kind.
+        kind: String,
+        /// Worlds drawn.
+        draws: u32,
+    },
     /// Every forest drawn was closed.
     NoWayThrough {
         /// The density asked for (trees/m2).
@@ -218,6 +225,7 @@ impl fmt::Display for WorldError {
             }
             Self::File { file, message } if file.is_empty() => f.write_str(message),
             Self::File { file, message } => write!(f, "{file}: {message}"),
+            Self::Closed { kind, draws } => write!(f, "none of {draws} worlds \"{kind}\" has a way through"),
             Self::NoWayThrough {
                 density_per_m2,
                 draws,
