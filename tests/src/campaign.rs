@@ -6,7 +6,7 @@ pub mod table;
 use crate::lockstep::{FlightSetup, LockStep};
 use crate::suite;
 use crate::suite::difficulty::Difficulty;
-use crate::suite::hindrance::{Degraded, Hindrance};
+use crate::suite::hindrance::Hindrance;
 use crate::suite::judge::Judge;
 use crate::suite::picture::Course;
 use jink_emulated_ground_station::{Ending, FlightPlan, Outcome};
@@ -374,7 +374,7 @@ pub fn fly_drawn(mut setup: FlightSetup, cell: &Cell) -> Result<FlownFlight, Str
     })
 }
 
-/// Contacts this soon after a certificate was lost, or the guard braked, do not count as certified (s).
+/// Contacts this soon after a certificate was lost do not count as certified (s), nor do those while the guard brakes.
 const UNCERTIFIED_FOR_S: f64 = 5.0;
 /// A vehicle at rest for this long does not go on (s).
 const STANDS_S: f64 = 10.0;
@@ -457,7 +457,7 @@ impl Watched {
     /// Nothing more can happen: it was refused, or stands where it was to come to rest, or has stood for long.
     fn is_over(&self, cell: &Cell) -> bool {
         let longest_s = match cell.suite {
-            Some(_) if ends_half_way(cell.hindrance) => STANDS_S,
+            Some(_) if cell.hindrance.ends_half_way() => STANDS_S,
             Some(_) => AWAITED_S,
             None => f64::INFINITY,
         };
@@ -473,15 +473,11 @@ impl Watched {
             _ if self.is_refused => FlightOutcome::Refused,
             (0, _) if self.top_speed_mps > cell.speed_mps * 1.1 => FlightOutcome::LimitViolation,
             (0, true) => FlightOutcome::Goal,
-            (0, false) if ends_half_way(cell.hindrance) && self.still_s > STANDS_S => FlightOutcome::Stopped,
+            (0, false) if cell.hindrance.ends_half_way() && self.still_s > STANDS_S => FlightOutcome::Stopped,
             (0, false) if self.still_s > STANDS_S => FlightOutcome::Stuck,
             (0, false) => FlightOutcome::Timeout,
         }
     }
-}
-
-fn ends_half_way(hindrance: Hindrance) -> bool {
-    matches!(hindrance, Hindrance::Degraded(how) if Degraded::ends_half_way(how))
 }
 
 /// The speed that plans reach (m/s), as it was reported.
@@ -517,7 +513,6 @@ pub fn percentiles(values: &[f64]) -> [f64; 3] {
 }
 
 /// FNV-1a over numbers.
-#[derive(Debug)]
 struct Hash(u64);
 
 impl Hash {

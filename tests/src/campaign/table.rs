@@ -127,7 +127,7 @@ pub fn summary(reports: &[&FlightReport], wall_s: f64) -> String {
         line(words);
     }
     if let Some(anchor) = anchor_of(first) {
-        line(format!("target           {}", against(&anchor, goals, n)));
+        line(format!("goal target      {}", against(&anchor, goals, n)));
         line(format!("published        {}", anchor.published));
     }
     line(format!("hash             {:016x}", hash(reports)));
@@ -177,7 +177,7 @@ pub fn table(cells: &[Vec<&FlightReport>]) -> String {
         "/shortest",
         "plan 50/99",
         "touching",
-        "target"
+        "goal target"
     );
     for reports in cells {
         let Some(first) = reports.first() else {

@@ -20,8 +20,9 @@ const MOVER_RADIUS_M: f64 = 0.3;
 const MOVER_TOP_M: f64 = 6.0;
 const MOVER_SLOWEST_MPS: f64 = 0.5;
 
-/// A thing that is thrown crosses the way this far ahead of the vehicle (m), and starts this far beside it.
-const THROWN_AHEAD_M: f64 = 8.0;
+/// A thing that is thrown crosses the way this far ahead of where the vehicle is then (m), and starts this far beside it:
+/// at 3 m/s both come there at about the same time.
+const THROWN_AHEAD_M: f64 = 4.0;
 const THROWN_BESIDE_M: f64 = 12.0;
 const THROWN_RADIUS_M: f64 = 0.15;
 const THROWN_MPS: [f64; 2] = [6.0, 8.0];
@@ -30,7 +31,7 @@ const THROWN_AT_M: f64 = 15.0;
 
 /// Where the sensors die, and where the companion (m north).
 const DEATH_NORTH_M: f64 = 20.0;
-/// Share of the frames that are dropped, and how long a frame is (s).
+/// Share of the frames that are dropped, and for how many steps (4 ms) it is drawn whether: about a frame at 30 Hz.
 const DROPPED: f64 = 0.2;
 const FRAME_STEPS: u64 = 8;
 /// From capture to publication (s).
@@ -100,14 +101,15 @@ pub enum Degraded {
     CompanionDeath,
 }
 
-impl Degraded {
+impl Hindrance {
     /// Whether a vehicle that comes to rest half-way and touches nothing has done what it could.
     pub fn ends_half_way(self) -> bool {
-        matches!(self, Self::SensorDeath | Self::CompanionDeath)
+        matches!(
+            self,
+            Self::Degraded(Degraded::SensorDeath | Degraded::CompanionDeath)
+        )
     }
-}
 
-impl Hindrance {
     /// What of it is part of the set-up.
     pub fn prepare(self, setup: &mut FlightSetup) {
         let Self::Degraded(how) = self else {
@@ -140,7 +142,8 @@ impl Hindrance {
     }
 }
 
-/// The noise that a sensor has by default, doubled (`simulated_world::sensors::SensorKind`).
+/// The noise that a sensor has, doubled; without any written that of its kind (`simulated_world::sensors::SensorKind`), which for one
+/// with a `model` may not be its own.
 fn twice_the_noise(spec: &mut SensorSpec) {
     let double = |written: &mut Option<f64>, default: f64| *written = Some(2.0 * written.unwrap_or(default));
     match spec.kind {
@@ -223,9 +226,11 @@ struct Mover {
 struct Moving {
     still: Scene,
     movers: Vec<Mover>,
-    /// How high a ball flies, and how fast (m, m/s); `None` before it is thrown.
+    /// The ball; `None` before it is thrown.
     ball: Option<Mover>,
+    /// How fast it is thrown (m/s); `None` where none is.
     thrown_mps: Option<f64>,
+    /// How high it flies (m).
     up_m: f64,
     time_s: f64,
 }
@@ -262,7 +267,7 @@ impl Moving {
             && vehicle_north_m > THROWN_AT_M
         {
             self.ball = Some(Mover {
-                north_m: vehicle_north_m + THROWN_AHEAD_M * 0.5,
+                north_m: vehicle_north_m + THROWN_AHEAD_M,
                 east_m: -THROWN_BESIDE_M,
                 north_mps: 0.0,
                 east_mps: speed_mps,

@@ -22,7 +22,8 @@ pub struct Judge {
     pub touching: u32,
     /// Smallest distance between the hull on a committed curve and what stands still (m); infinity before the first.
     pub least_m: f64,
-    accelerations: Option<(Timestamp, Vector3<f64>)>,
+    /// The reference's acceleration at the last look (m/s2).
+    last_acceleration: Option<(Timestamp, Vector3<f64>)>,
     jerk_sum_mps3: f64,
     jerks: u32,
 }
@@ -74,19 +75,19 @@ impl Judge {
 
     fn feel_jerk(&mut self, flight: &LockStep) {
         let Some(reference) = flight.reference() else {
-            self.accelerations = None;
+            self.last_acceleration = None;
             return;
         };
         let (now, acceleration) = (flight.now(), reference.acceleration.vector());
-        let Some((before, last)) = self.accelerations else {
-            self.accelerations = Some((now, acceleration));
+        let Some((before, last)) = self.last_acceleration else {
+            self.last_acceleration = Some((now, acceleration));
             return;
         };
         let passed_s = now.seconds_since(before);
         if passed_s >= EVERY_S {
             self.jerk_sum_mps3 += (acceleration - last).norm() / passed_s;
             self.jerks += 1;
-            self.accelerations = Some((now, acceleration));
+            self.last_acceleration = Some((now, acceleration));
         }
     }
 }

@@ -22,7 +22,7 @@ pub const RADIUS_M: f64 = 0.25;
 pub const SENSOR: &str = "lidar8";
 /// Density of the forests where nobody says otherwise (1/m2).
 const DENSITY_PER_M2: f64 = 1.0 / 25.0;
-/// A forest whose metrics of difficulty are those of the hardest one of FlightBench.
+/// A forest that obstructs the view like those of FlightBench: 0.47 on average over eight seeds; its forests have 0.30, 0.44 and 0.60.
 const MATCHED_DENSITY_PER_M2: f64 = 1.0 / 12.0;
 /// Longest mission (s).
 const LIMIT_S: f64 = 180.0;
@@ -47,7 +47,7 @@ pub fn sensor_set(name: &str) -> Result<SensorSet, String> {
         }),
         None => sensor_sets::named(name).map_err(|error| {
             let known = SENSORS.map(|(name, _)| name).join(", ");
-            format!("{error}; in suites {known} too")
+            format!("{error}; in campaigns {known} too")
         }),
     }
 }

@@ -18,8 +18,8 @@ fn flown(suite: Suite, cell: &str, seed: u64) -> FlightReport {
     fly_drawn(setup, &cell).unwrap().report
 }
 
-/// Cells whose goal is not reached by every seed.
-const NOT_YET: [&str; 12] = [
+/// Cells whose goal is not reached by every seed; nor is that of any cell of S4.
+const NOT_YET: [&str; 7] = [
     "flightbench",
     "office",
     "gap_1.2",
@@ -27,11 +27,6 @@ const NOT_YET: [&str; 12] = [
     "gap_0.8",
     "gap_0.7",
     "slot",
-    "fast_20",
-    "fast_40",
-    "fast_60",
-    "movers_60",
-    "thrown",
 ];
 
 /// Every cell once. What stands still is never touched, and no commitment leads into it.
