@@ -53,6 +53,7 @@ impl Rig {
     /// Opens the camera, however long the pauses have become.
     fn open(&mut self) {
         for _ in 0..3 {
+            self.device.wait_until_released();
             let due = self.camera.due().max(now());
             if self.camera.open_if_due(due) {
                 self.driver.connected();
@@ -64,6 +65,7 @@ impl Rig {
 
     /// Why it does not open.
     fn refusal(&mut self) -> String {
+        self.device.wait_until_released();
         assert!(!self.camera.open_if_due(now()));
         let error = self.camera.error().unwrap().to_string();
         error.replace(&self.device.path(), "PATH")

@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use std::ffi::OsStr;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard};
-use std::time::{Duration, UNIX_EPOCH};
+use std::time::{Duration, Instant, UNIX_EPOCH};
 
 /// Name of the file in the folder.
 const NAME: &str = "video0";
@@ -160,6 +160,15 @@ impl VideoDevice {
     /// Looks at it, or changes it.
     pub fn with<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
         change(&mut lock(&self.state))
+    }
+
+    /// Waits until nobody streams from it: the kernel reports that a file was closed to FUSE without waiting for it.
+    pub fn wait_until_released(&self) {
+        let begin = Instant::now();
+        while self.with(|state| state.owner.is_some()) {
+            assert!(begin.elapsed().as_secs() < 60, "somebody still streams");
+            std::thread::sleep(Duration::from_millis(1));
+        }
     }
 
     /// It captures an image. Returns whether there was a buffer for it.
