@@ -220,6 +220,8 @@ events! {
     SENSOR_CREDIBLE = 97, Notice, "jink: {name} is credible again", "None.";
     /// Something hangs from above where it is declared that nothing does; the declaration has ended.
     OVERHANG_SEEN = 98, Warning, "jink: overhang seen, undeclared from now on", "Set OA_DCL_HANG_HI to 0 where something hangs from above.";
+    /// A vehicle at rest moves out of the way of something that comes to it.
+    GIVES_WAY = 99, Notice, "jink: something comes, giving way", "None.";
 }
 
 /// The event with identity `id`.

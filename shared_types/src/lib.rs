@@ -7,7 +7,7 @@
 //! | [`params`] | the parameter table: name, type, default, range, unit, help |
 //! | [`events`] | the event table: what is reported to pilots and logs |
 //! | [`mod@sample`] | the header every sample carries, and `Fresh / Stale / Never` |
-//! | [`vehicle`], [`ranges`], [`view`], [`map`], [`far_map`], [`ring`], [`motion`], [`proposal`], [`prevention`], [`health`], [`link`], [`param_messages`], [`truth`] | the payloads |
+//! | [`vehicle`], [`ranges`], [`view`], [`map`], [`far_map`], [`ring`], [`motion`], [`moving`], [`proposal`], [`prevention`], [`health`], [`link`], [`param_messages`], [`truth`] | the payloads |
 //! | [`beams`] | range messages of other makers, as scans |
 //! | [`bezier`] | the mathematics of the curves that several services evaluate |
 //! | [`pose_history`] | where the vehicle was at a moment between two of its states |
@@ -37,6 +37,7 @@ pub mod layout;
 pub mod link;
 pub mod map;
 pub mod motion;
+pub mod moving;
 pub mod orientation;
 pub mod param_messages;
 pub mod params;

@@ -17,6 +17,7 @@ use crate::layout::Layout;
 use crate::link::{LinkStatus, StopRequest};
 use crate::map::LocalMap;
 use crate::motion::{ApprovedTrajectory, Route, Trajectory};
+use crate::moving::MovingObstacles;
 use crate::param_messages::{ParameterChange, ParameterValues};
 use crate::prevention::{PilotDemand, PreventedDemand};
 use crate::proposal::{Proposal, ProposalAnswer};
@@ -272,6 +273,10 @@ topics! {
     FAR_MAP: FarMap = "map/far",
         from ["obstacle_fusion"], to ["planner", "proposer"],
         2.0 Hz, stale after 2000.0 ms, buffer 1, logged true, wakes false;
+    /// What moves in the map.
+    MOVING_OBSTACLES: MovingObstacles = "map/moving",
+        from ["obstacle_fusion"], to ["planner", "collision_guard"],
+        10.0 Hz, stale after 250.0 ms, buffer 2, logged true, wakes false;
     /// The planner's answer.
     ROUTE: Route = "plan/route",
         from ["planner"], to ["bezier_generator"],

@@ -9,6 +9,7 @@
 //! |---|---|
 //! | [`VehicleState`]: where the sensors were at each time | [`LocalMap`]: bit planes `occupied` and `known` |
 //! | [`PointCloud`], [`RangeScan`]: hits, "nothing there", "unknown" | live sensors, whether ranges are fresh |
+//! | | [`MovingObstacles`]: what moves, and how fast |
 //!
 //! The steps for a frame: every ray is placed with the vehicle's pose at the time it was measured (`poses`), checked
 //! against its sensor's limits (`rays`, `cloud`, `scan`), and entered into two bit planes, cells hit and cells passed
@@ -22,10 +23,9 @@
 //! Beside the map, each sensor is checked for faults that its frames show ([`SensorFinding`]): `health`.
 //!
 //! Moving obstacles: a cell that something has left is free again when rays have passed through it often enough, twelve
-//! frames at most. Until then it stays occupied: that costs clearance, not safety. The reverse is the limit of this
-//! map: free is what was free when it was last seen. A mover may since have entered; the map has it with the next ray
-//! that hits it, the guard reads raw ranges, and free cells do not age. Letting free evidence near tracked movers
-//! expire needs tracks first, and is not part of this map.
+//! frames at most. Until then it stays occupied: that costs clearance, not safety. Free is what was free when it was
+//! last seen, and free cells do not age: what comes is in the map with the next ray that hits it. Where it is going to
+//! be is said by its track (`moving`, [`MovingObstacles`]).
 //!
 //! [`Fusion`] is deterministic to the bit and allocates nothing after [`Fusion::new`].
 
@@ -37,6 +37,7 @@ mod far_window;
 mod field_of_view;
 mod frame_bits;
 mod health;
+mod moving;
 mod overhang;
 mod poses;
 mod rays;
@@ -61,6 +62,7 @@ use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{BodyFrd, Point};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::map::{CELL_M, LocalMap, cell_of, declared_as};
+use jink_shared_types::moving::MovingObstacles;
 use jink_shared_types::params::{
     OA_CARVE_RNG, OA_DCL_HANG_HI, OA_DCL_HANG_LO, OA_DCL_START, OA_VEH_RADIUS, ParamSet,
 };
@@ -69,6 +71,7 @@ use jink_shared_types::ranges::{PointCloud, RangeScan, SENSORS};
 use jink_shared_types::topics::{RANGE_CLOUD, RANGE_SCAN};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Added, Flag, Reserved, SampleHeader, Timestamp};
+use moving::Moving;
 use nalgebra::Vector3;
 use poses::{Pose, SweepPoses};
 use rays::{RayTracer, SensorLimits};
@@ -157,6 +160,7 @@ pub struct Fusion {
     armed: bool,
     view: FieldOfViewEstimator,
     transient_hits: TransientHits,
+    moving: Moving,
     counters: RejectedCounts,
     /// Down coordinate of home (m); NaN unknown.
     home_down_m: f64,
@@ -186,6 +190,7 @@ impl Fusion {
             armed: false,
             view: FieldOfViewEstimator::new(),
             transient_hits: TransientHits::new(config.sensor_count),
+            moving: Moving::new(),
             home_down_m: f64::NAN,
             overhang_seen: false,
             start: StartBubble::default(),
@@ -222,6 +227,7 @@ impl Fusion {
                     self.far.shift(&jump_m);
                     self.window.shift(&FrameShift::by(&jump_m));
                     self.transient_hits.clear();
+                    self.moving.clear();
                     self.start.shift(&jump_m);
                     self.history.shift(&jump_m);
                 }
@@ -268,6 +274,7 @@ impl Fusion {
         self.window.clear();
         self.far.clear();
         self.transient_hits.clear();
+        self.moving.clear();
         self.history.clear();
         self.sensors.forget_contributions();
         self.health.forget_poses();
@@ -416,6 +423,7 @@ impl Fusion {
                 self.transient_hits.look(&looking, &self.frame, &mut self.window);
             }
         }
+        self.moving.look(capture, &self.frame, &self.window);
         self.window.apply(&self.frame);
         has_information
     }
@@ -444,6 +452,13 @@ impl Fusion {
         self.far.absorb(&self.window);
         self.far.write(out);
         out.epoch = self.epoch;
+    }
+
+    /// Writes what moves around the vehicle, every field of it.
+    pub fn write_moving(&mut self, out: &mut MovingObstacles) {
+        let vehicle = self.history.newest_estimate();
+        let place_m = vehicle.map_or(Vector3::zeros(), |(_, estimate)| estimate.position_m);
+        self.moving.write(&place_m, self.epoch, out);
     }
 
     /// The layers of cells in which nothing hangs from above, if that is declared.

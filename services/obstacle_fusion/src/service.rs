@@ -4,6 +4,7 @@ use crate::{DeclaredOfSensor, Fusion, FusionConfig};
 use jink_runtime::{Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake};
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::map::LocalMap;
+use jink_shared_types::moving::MovingObstacles;
 use jink_shared_types::ranges::SENSORS;
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{SampleHeader, Stage, Timestamp, events, topics};
@@ -27,6 +28,7 @@ pub struct FusionService {
     ranges: RangeInputs,
     state: Input<VehicleState>,
     output: Output<LocalMap>,
+    moving: Output<MovingObstacles>,
     far: Output<FarMap>,
     far_sent: Timestamp,
     epoch: u32,
@@ -73,6 +75,7 @@ impl Service for FusionService {
             ranges,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             output: ports.output(topics::LOCAL_MAP)?,
+            moving: ports.output(topics::MOVING_OBSTACLES)?,
             far: ports.output(topics::FAR_MAP)?,
             far_sent: Timestamp::NEVER,
             epoch: config.first_epoch,
@@ -139,6 +142,11 @@ impl Service for FusionService {
             self.output.write(self.header.derived(Stage::Fusion, now), |map| {
                 fusion.write(now, map);
             });
+            let fusion = &mut self.fusion;
+            self.moving
+                .write(self.header.derived(Stage::Fusion, now), |moving| {
+                    fusion.write_moving(moving);
+                });
             if !self.far_sent.is_set() || now.seconds_since(self.far_sent) >= FAR_PERIOD_S {
                 self.far_sent = now;
                 let fusion = &mut self.fusion;

@@ -11,4 +11,5 @@ mod sensors_expire_and_resets_drop_the_map;
 mod single_beams_are_conservative;
 mod thin_things_stay_and_gone_things_go;
 mod two_runs_agree_to_the_bit;
+mod what_moves_is_tracked;
 mod world;

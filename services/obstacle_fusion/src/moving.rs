@@ -1,0 +1,64 @@
+//! Obstacles that move: hits in space that was open, grouped and tracked.
+//!
+//! | in | out |
+//! |---|---|
+//! | every frame of hits, before it counts as evidence; the window | [`MovingObstacles`]: position, velocity, size, uncertainty |
+//!
+//! What is hit where nothing was, with nothing beside it either, has come there (`open_space`; L. Schmid et al.,
+//! "Dynablox: Real-time Detection of Diverse Dynamic Objects in Complex Environments", RA-L 2023, section IV, on this
+//! map's bit planes). Such hits are grouped by columns (`clusters`), and the groups tracked from frame to frame with a
+//! constant velocity (`tracks`). A track is reported once it has moved for a while, as far as its uncertainty allows to
+//! say so: what only flickers, and what the map's own errors shift, is not.
+//!
+//! What moves is in the map as well, like everything that is hit; a track says where it is going to be.
+
+mod clusters;
+mod open_space;
+mod tracks;
+
+use crate::frame_bits::FrameBits;
+use crate::window::MapWindow;
+use clusters::Clusters;
+use jink_shared_types::Timestamp;
+use jink_shared_types::moving::MovingObstacles;
+use nalgebra::Vector3;
+use open_space::OpenSpace;
+use tracks::Tracks;
+
+/// What moves around the vehicle.
+pub(crate) struct Moving {
+    open: OpenSpace,
+    clusters: Clusters,
+    tracks: Tracks,
+}
+
+impl Moving {
+    pub fn new() -> Self {
+        Self {
+            open: OpenSpace::new(),
+            clusters: Clusters::new(),
+            tracks: Tracks::new(),
+        }
+    }
+
+    /// The map was cleared or moved: cells have other numbers now.
+    pub fn clear(&mut self) {
+        self.open.clear();
+        self.tracks.clear();
+    }
+
+    /// Takes a frame captured at `capture` that is not applied to `window` yet.
+    pub fn look(&mut self, capture: Timestamp, frame: &FrameBits, window: &MapWindow) {
+        self.open.update(capture, window);
+        self.clusters.clear();
+        self.open.hits(frame, window, |cell| self.clusters.add(cell));
+        self.tracks
+            .update(capture, self.clusters.groups(window.min_cell()));
+    }
+
+    /// Writes what moves, the nearest to `vehicle_m` (local) first.
+    pub fn write(&mut self, vehicle_m: &Vector3<f64>, epoch: u32, out: &mut MovingObstacles) {
+        self.tracks.write(vehicle_m, out);
+        out.epoch = epoch;
+    }
+}

@@ -1,0 +1,256 @@
+//! Tracks: groups of hits followed from frame to frame.
+//!
+//! Each axis is filtered on its own, with a constant velocity and white acceleration (Y. Bar-Shalom, X. Li and T.
+//! Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 6.2.2, discretised as in
+//! 6.3.2). The centre of a group jumps by parts of a cell, and shows only the side that the sensor sees: both last for
+//! several frames, so that the noise assumed is larger than that of one frame.
+
+use super::clusters::Group;
+use jink_shared_types::Timestamp;
+use jink_shared_types::frames::{Point, Velocity};
+use jink_shared_types::moving::{MOVING_OBSTACLES, MovingObstacle, MovingObstacles};
+use nalgebra::Vector3;
+
+/// Noise of a group's centre on an axis (m, one standard deviation).
+const CENTRE_SD_M: f64 = 0.15;
+/// Accelerations of what moves (m/s2, one standard deviation): a walking person turns within a step.
+const ACCELERATION_SD_MPS2: f64 = 1.5;
+/// Speed of something that has just been seen (m/s, one standard deviation).
+const FIRST_SD_MPS: f64 = 2.0;
+/// A group belongs to a track if it is no farther from where that should be than this (m), and the uncertainty allows.
+const GATE_M: f64 = 0.6;
+/// The same in standard deviations.
+const GATE_SD: f64 = 3.0;
+/// A track that was not seen for this long is given up (s): a second person hides one for about that.
+const LOST_S: f64 = 0.7;
+/// A track moves when it was seen in so many frames ...
+const FRAMES_MIN: u32 = 4;
+/// ... has moved by this (m) ...
+const MOVED_M: f64 = 0.3;
+/// ... and its speed is at least this (m/s) ...
+const MOVING_MPS: f64 = 0.35;
+/// ... and so many times its uncertainty.
+const MOVING_SD: f64 = 2.0;
+/// A track that moved, does so as long as it is faster than this (m/s).
+const STILL_MOVING_MPS: f64 = 0.2;
+/// How soon a size follows one that is seen smaller: the share of the difference per frame. Larger ones count at once
+/// by half.
+const SHRINK: f64 = 0.05;
+/// Most tracks.
+const TRACKS_MAX: usize = 2 * MOVING_OBSTACLES;
+
+/// Position and velocity on an axis, and their covariance.
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    position_m: f64,
+    velocity_mps: f64,
+    /// Of position, of position with velocity, of velocity.
+    covariance: [f64; 3],
+}
+
+impl Axis {
+    fn new(position_m: f64) -> Self {
+        Self {
+            position_m,
+            velocity_mps: 0.0,
+            covariance: [CENTRE_SD_M.powi(2), 0.0, FIRST_SD_MPS.powi(2)],
+        }
+    }
+
+    fn predict(&mut self, passed_s: f64) {
+        let [pp, pv, vv] = self.covariance;
+        let q = ACCELERATION_SD_MPS2.powi(2);
+        let t = passed_s;
+        self.position_m += self.velocity_mps * t;
+        self.covariance = [
+            pp + 2.0 * t * pv + t * t * vv + 0.25 * t.powi(4) * q,
+            pv + t * vv + 0.5 * t.powi(3) * q,
+            vv + t * t * q,
+        ];
+    }
+
+    fn correct(&mut self, position_m: f64) {
+        let [pp, pv, vv] = self.covariance;
+        let innovation_m = position_m - self.position_m;
+        let variance = pp + CENTRE_SD_M.powi(2);
+        let (gain, gain_v) = (pp / variance, pv / variance);
+        self.position_m += gain * innovation_m;
+        self.velocity_mps += gain_v * innovation_m;
+        self.covariance = [(1.0 - gain) * pp, (1.0 - gain) * pv, vv - gain_v * pv];
+    }
+}
+
+/// A group followed over frames.
+#[derive(Clone, Copy, Debug)]
+struct Track {
+    id: u32,
+    axes: [Axis; 3],
+    radius_m: f64,
+    half_height_m: f64,
+    first_m: Vector3<f64>,
+    seen: Timestamp,
+    frames: u32,
+    moves: bool,
+    is_matched: bool,
+}
+
+impl Track {
+    fn new(id: u32, now: Timestamp, group: &Group) -> Self {
+        Self {
+            id,
+            axes: [0, 1, 2].map(|axis| Axis::new(group.centre_m[axis])),
+            radius_m: group.radius_m,
+            half_height_m: group.half_height_m,
+            first_m: group.centre_m,
+            seen: now,
+            frames: 1,
+            moves: false,
+            is_matched: true,
+        }
+    }
+
+    fn position_m(&self) -> Vector3<f64> {
+        Vector3::from(self.axes.map(|axis| axis.position_m))
+    }
+
+    fn velocity_mps(&self) -> Vector3<f64> {
+        Vector3::from(self.axes.map(|axis| axis.velocity_mps))
+    }
+
+    /// Horizontal distance to `group` (m), if it may be this one's.
+    fn distance_m(&self, group: &Group) -> Option<f64> {
+        let away_m = (group.centre_m - self.position_m()).xy().norm();
+        let sd_m = self.axes[0].covariance[0].sqrt();
+        (away_m <= GATE_M + GATE_SD * sd_m).then_some(away_m)
+    }
+
+    fn correct(&mut self, now: Timestamp, group: &Group) {
+        for (axis, place_m) in self.axes.iter_mut().zip(group.centre_m.iter()) {
+            axis.correct(*place_m);
+        }
+        for (size, seen) in [
+            (&mut self.radius_m, group.radius_m),
+            (&mut self.half_height_m, group.half_height_m),
+        ] {
+            *size += (seen - *size) * if seen > *size { 0.5 } else { SHRINK };
+        }
+        self.seen = now;
+        self.frames += 1;
+        let speed_mps = self.velocity_mps().xy().norm();
+        let moved_m = (self.position_m() - self.first_m).xy().norm();
+        let certain_mps = MOVING_SD * self.axes[0].covariance[2].sqrt();
+        self.moves = if self.moves {
+            speed_mps >= STILL_MOVING_MPS
+        } else {
+            self.frames >= FRAMES_MIN && moved_m >= MOVED_M && speed_mps >= MOVING_MPS.max(certain_mps)
+        };
+    }
+
+    fn report(&self) -> MovingObstacle {
+        let [position, _, velocity] = self.axes[0].covariance;
+        MovingObstacle {
+            position: Point::from_vector(self.position_m()),
+            velocity: Velocity::from_vector(self.velocity_mps()),
+            radius_m: self.radius_m,
+            half_height_m: self.half_height_m,
+            position_sd_m: position.sqrt(),
+            velocity_sd_mps: velocity.sqrt(),
+            id: self.id,
+            frames: self.frames,
+        }
+    }
+}
+
+/// All tracks.
+pub(crate) struct Tracks {
+    tracks: Vec<Track>,
+    last_id: u32,
+    /// Time of the newest frame.
+    now: Timestamp,
+    /// Distance, track and group of the pairs that may belong together.
+    pairs: Vec<(f64, usize, usize)>,
+    used: Vec<bool>,
+    order: Vec<(f64, usize)>,
+}
+
+impl Tracks {
+    pub fn new() -> Self {
+        Self {
+            tracks: Vec::with_capacity(TRACKS_MAX),
+            last_id: 0,
+            now: Timestamp::NEVER,
+            pairs: Vec::with_capacity(TRACKS_MAX * TRACKS_MAX),
+            used: Vec::with_capacity(TRACKS_MAX),
+            order: Vec::with_capacity(TRACKS_MAX),
+        }
+    }
+
+    pub fn clear(&mut self) {
+        self.tracks.clear();
+        self.now = Timestamp::NEVER;
+    }
+
+    /// Takes the groups of a frame captured at `capture`: the nearest pairs of track and group first.
+    pub fn update(&mut self, capture: Timestamp, groups: &[Group]) {
+        let groups = &groups[..groups.len().min(TRACKS_MAX)];
+        let passed_s = if self.now.is_set() {
+            capture.seconds_since(self.now)
+        } else {
+            0.0
+        };
+        if passed_s < -LOST_S {
+            self.tracks.clear();
+        }
+        if passed_s > 0.0 || passed_s < -LOST_S || !self.now.is_set() {
+            self.now = capture;
+        }
+        let now = self.now;
+        for track in &mut self.tracks {
+            track
+                .axes
+                .iter_mut()
+                .for_each(|axis| axis.predict(passed_s.max(0.0)));
+            track.is_matched = false;
+        }
+        self.pairs.clear();
+        for (index, track) in self.tracks.iter().enumerate() {
+            let near = groups.iter().enumerate();
+            self.pairs.extend(
+                near.filter_map(|(group, seen)| track.distance_m(seen).map(|away_m| (away_m, index, group))),
+            );
+        }
+        self.pairs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        self.used.clear();
+        self.used.resize(groups.len(), false);
+        for (_, track, group) in &self.pairs {
+            let track = &mut self.tracks[*track];
+            if !track.is_matched && !self.used[*group] {
+                track.is_matched = true;
+                self.used[*group] = true;
+                track.correct(now, &groups[*group]);
+            }
+        }
+        self.tracks
+            .retain(|track| now.seconds_since(track.seen) <= LOST_S);
+        for (group, is_used) in groups.iter().zip(&self.used) {
+            if !is_used && self.tracks.len() < TRACKS_MAX {
+                self.last_id = self.last_id.wrapping_add(1).max(1);
+                self.tracks.push(Track::new(self.last_id, now, group));
+            }
+        }
+    }
+
+    /// Writes what moves, the nearest to `vehicle_m` (local) first.
+    pub fn write(&mut self, vehicle_m: &Vector3<f64>, out: &mut MovingObstacles) {
+        *out = MovingObstacles::default();
+        self.order.clear();
+        let moving = self.tracks.iter().enumerate().filter(|(_, track)| track.moves);
+        self.order.extend(
+            moving.map(|(index, track)| ((track.position_m() - vehicle_m).norm() - track.radius_m, index)),
+        );
+        self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        for (_, index) in &self.order {
+            out.push(self.tracks[*index].report());
+        }
+    }
+}

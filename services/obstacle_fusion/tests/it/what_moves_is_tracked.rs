@@ -1,0 +1,122 @@
+//! What moves is reported with its place and its velocity, and nothing else is, whatever the vehicle does itself.
+
+use crate::world::{Lidar, VehicleMotion, WorldShape, forest, header};
+use jink_obstacle_fusion::{Fusion, FusionConfig};
+use jink_shared_types::moving::MovingObstacles;
+use jink_shared_types::params::ParamSet;
+use jink_shared_types::ranges::PointCloud;
+use nalgebra::{UnitQuaternion, Vector3};
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_xoshiro::SplitMix64;
+
+const RATE_HZ: f64 = 15.0;
+const RADIUS_M: f64 = 0.3;
+
+/// A person who passes the origin.
+#[derive(Clone, Copy, Debug)]
+struct Walker {
+    velocity_mps: Vector3<f64>,
+    /// Where it is at `middle_s`.
+    place_m: Vector3<f64>,
+    middle_s: f64,
+}
+
+impl Walker {
+    fn at(&self, t_s: f64) -> Vector3<f64> {
+        self.place_m + self.velocity_mps * (t_s - self.middle_s)
+    }
+}
+
+/// Flies at `speed_mps` through a forest for `duration_s` with noise in ranges and poses; what moves, with the time, after each frame.
+fn fly(seed: u64, speed_mps: f64, walker: Option<Walker>, duration_s: f64) -> Vec<(f64, MovingObstacles)> {
+    let forest = forest(40.0, seed);
+    let mut random = SplitMix64::seed_from_u64(seed);
+    let motion = |t_s: f64| VehicleMotion {
+        position_m: Vector3::new(speed_mps * t_s, 0.2 * t_s.sin(), -2.0),
+        velocity_mps: Vector3::new(speed_mps, 0.2 * t_s.cos(), 0.0),
+        attitude: UnitQuaternion::from_euler_angles(0.05 * t_s.sin(), -0.05, 0.1 * t_s),
+        rates_radps: Vector3::new(0.05 * t_s.cos(), 0.0, 0.1),
+    };
+    let lidar = Lidar {
+        rays: 12_000,
+        sweep_s: 1.0 / RATE_HZ,
+        ..Lidar::default()
+    };
+    let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));
+    let mut cloud = PointCloud::boxed();
+    let mut seen = Vec::new();
+    for sweep in 1..=(duration_s * RATE_HZ) as usize {
+        let t_s = sweep as f64 / RATE_HZ;
+        for i in (0..3).rev() {
+            let state_s = t_s - 0.02 * f64::from(i);
+            let mut state = motion(state_s);
+            state.position_m += Vector3::from_fn(|_, _| random.random_range(-0.03..0.03));
+            fusion.vehicle(&state.state(), &header(state_s));
+        }
+        let mut world = forest.clone();
+        world.extend(walker.map(|walker| {
+            let place_m = walker.at(t_s);
+            WorldShape::Block {
+                center_m: Vector3::new(place_m.x, place_m.y, -1.0),
+                half_m: Vector3::new(RADIUS_M, RADIUS_M, 2.0),
+            }
+        }));
+        lidar.sweep(&world, motion, t_s, sweep, &mut cloud);
+        let rays = cloud.len as usize;
+        for point in &mut cloud.points[..rays] {
+            point.forward_m += random.random_range(-0.04..0.04) as f32;
+        }
+        fusion.cloud(0, &cloud, &header(t_s));
+        let mut moving = MovingObstacles::default();
+        fusion.write_moving(&mut moving);
+        assert!(moving.is_consistent());
+        seen.push((t_s, moving));
+    }
+    seen
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(8))]
+    // Who walks away enters no space that was seen to be open: it lies behind.
+    #[test]
+    fn a_person_in_a_forest_is_reported_with_place_and_velocity(
+        seed in 1..1_000u64, walks_mps in 0.6..2.5f64, heading_rad in 1.5..4.8f64,
+        ahead_m in 3.0..6.0f64, flies_mps in 0.0..2.0f64,
+    ) {
+        let middle_s = 3.0;
+        let walker = Walker {
+            velocity_mps: Vector3::new(heading_rad.cos(), heading_rad.sin(), 0.0) * walks_mps,
+            place_m: Vector3::new(flies_mps * middle_s + ahead_m, 0.0, -2.0),
+            middle_s,
+        };
+        let near = |t_s: f64| {
+            let away_m = (walker.at(t_s) - Vector3::new(flies_mps * t_s, 0.0, -2.0)).norm();
+            (1.5..7.0).contains(&away_m)
+        };
+        let (mut frames, mut found, mut others) = (0, 0, 0);
+        for (t_s, moving) in fly(seed, flies_mps, Some(walker), middle_s + 1.0) {
+            let place_m = walker.at(t_s);
+            let is_walker = |away: Vector3<f64>| away.xy().norm() < 0.7;
+            let its = moving.obstacles().iter().find(|one| is_walker(one.position.vector() - place_m));
+            others += moving.obstacles().iter().filter(|one| !is_walker(one.position.vector() - place_m)).count();
+            if t_s > 2.0 && near(t_s) {
+                frames += 1;
+                found += usize::from(its.is_some_and(|one| {
+                    (one.velocity.vector() - walker.velocity_mps).xy().norm() < 0.6
+                        && (0.2..0.9).contains(&one.radius_m)
+                }));
+            }
+        }
+        // A tree may hide it.
+        prop_assert!(frames == 0 || found * 10 >= frames * 6, "{found} of {frames} frames");
+        prop_assert!(others <= 3, "{others} others");
+    }
+
+    #[test]
+    fn nothing_moves_in_a_forest_that_is_flown_through(seed in 1..1_000u64, flies_mps in 0.0..6.0f64) {
+        for (t_s, moving) in fly(seed, flies_mps, None, 4.0) {
+            prop_assert!(moving.obstacles().is_empty(), "at {t_s}: {:?}", moving.obstacles());
+        }
+    }
+}
