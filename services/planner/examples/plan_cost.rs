@@ -92,6 +92,7 @@ fn main() {
             let mut route = Route::default();
             let inputs = PlannerInputs {
                 far: Reading::Never,
+                moving: Reading::Never,
                 map: Reading::Fresh(Stamped {
                     sample: &map,
                     header: &header,

@@ -56,6 +56,11 @@ impl BitLayer {
         self.rows[row_of(cell)] &= !(1 << bit_of(cell));
     }
 
+    /// Sets the bits of `row` in the row of cells with the `y` and `z` of `cell`.
+    pub fn add_row(&mut self, cell: Cell, row: u128) {
+        self.rows[row_of(cell)] |= row;
+    }
+
     /// Unsets all bits.
     pub fn clear(&mut self) {
         self.rows.fill(0);

@@ -23,16 +23,19 @@ mod cells;
 mod clearance;
 mod departure;
 mod inflation;
+mod moving;
 mod segments;
 
 pub(crate) use cells::distance_squared_cells;
 pub use clearance::Clearance;
+pub(crate) use moving::Meeting;
 
 use crate::bit_layer::{BitLayer, StructuringElement};
 use crate::speed_tiers::TIERS;
 use cells::{cell_holding, cell_m, cells_within, is_within, per_cell};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, center_of, declared_as};
 use jink_shared_types::motion::MotionLimits;
+use moving::Meetings;
 use nalgebra::Vector3;
 
 /// Additional clearance whose absence has a cost in the search (m).
@@ -82,6 +85,8 @@ pub struct ConfigurationSpace {
     /// What the user declares, bits of [`declared_as`].
     declarations: u8,
     loaded: bool,
+    /// What moves, where the vehicle could meet it.
+    meetings: Meetings,
 }
 
 impl ConfigurationSpace {
@@ -114,6 +119,7 @@ impl ConfigurationSpace {
             declared: BitLayer::default(),
             declarations: 0,
             loaded: false,
+            meetings: Meetings::default(),
         }
     }
 
@@ -147,6 +153,7 @@ impl ConfigurationSpace {
     pub fn load(&mut self, map: &LocalMap) {
         self.min_cell = map.min_cell;
         self.loaded = true;
+        self.unpaint();
         self.discard_tiers();
         self.not_free.load_unsafe(map);
         self.occupied.load_occupied(map);
@@ -278,6 +285,11 @@ impl ConfigurationSpace {
         let reach = [level_m, level_m, height_m].map(|reach_m| (reach_m / cell_m).ceil() as i32 + 1);
         let ends = [-1, 1].map(|side| std::array::from_fn(|axis| cell[axis] + side * reach[axis]));
         self.is_hit(tier, cell) && ends.into_iter().all(|end| self.holds(tier, end))
+    }
+
+    /// Radius that holds the whole vehicle, with the errors of the map (m).
+    pub fn footprint_m(&self) -> f64 {
+        self.clearance.footprint_m
     }
 
     /// Distance that a speed tier keeps from what is not known to be free (m).

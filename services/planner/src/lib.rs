@@ -3,7 +3,7 @@
 //!
 //! | in | out |
 //! |---|---|
-//! | local map, vehicle state, desired path, the trajectory being flown | [`Route`], events |
+//! | local map, what moves in it, vehicle state, desired path, the trajectory being flown | [`Route`], events |
 //! | a path that another program proposes | its answer |
 //!
 //! In every cycle the planner checks the committed trajectory. If the newest map shows an obstacle in its tube (rule
@@ -18,6 +18,10 @@
 //! far as that is safe; there the vehicle rests, and after OA_BLOCKED_T without [`progress`] the reason is reported to
 //! the gateway and the pilot.
 //!
+//! What moves is kept out of the way of by its prediction: a plan leads past the places where the vehicle could meet
+//! it, a committed trajectory that would is left like a blocked one, and a vehicle at rest gives way
+//! (`giving_way`). That is no part of the certificate, whose obstacles stand still: who moves may turn.
+//!
 //! A plan is a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
 //! pieces of certified space around it ([`corridor`]), in the highest [speed tier](mod@speed_tiers) that is worth it.
 //! The guide may also be one that another program proposes ([`proposed_path`]).
@@ -30,9 +34,11 @@ pub mod corridor;
 mod departure;
 mod detours;
 pub mod following;
+mod giving_way;
 mod goal;
 pub mod guide;
 mod map_inputs;
+mod moving;
 mod path_choice;
 mod planning;
 pub mod progress;
@@ -57,6 +63,7 @@ use crate::corridor::CorridorBuilder;
 use crate::departure::{departure, is_at};
 use crate::following::Following;
 use crate::guide::Guide;
+use crate::moving::Predictions;
 use crate::path_choice::FoundPaths;
 use crate::progress::{GoalProgress, Obstruction};
 use crate::proposals::Proposals;
@@ -70,6 +77,7 @@ use jink_shared_types::far_map::FarMap;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, MotionLimits, Route, RouteMode};
+use jink_shared_types::moving::MovingObstacles;
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::proposal::{Proposal, ProposalAnswer};
 use jink_shared_types::tracking::Tracking;
@@ -90,6 +98,8 @@ pub struct PlannerInputs<'a> {
     pub map: Reading<'a, LocalMap>,
     /// Obstacles farther away, and what was seen before.
     pub far: Reading<'a, FarMap>,
+    /// What moves in the map.
+    pub moving: Reading<'a, MovingObstacles>,
     /// The vehicle.
     pub state: Reading<'a, VehicleState>,
     /// The path that the autopilot wants.
@@ -120,6 +130,11 @@ pub struct Planner {
     height_range_m: (f64, f64),
     yaw_along_path: bool,
     space: ConfigurationSpace,
+    moving: Predictions,
+    /// The last route out of the way of something; 0 = none yet.
+    gave_way_id: u64,
+    /// When that was reported.
+    gave_way_reported: Timestamp,
     search: Search,
     found: FoundPaths,
     best_path: Path,
@@ -182,6 +197,9 @@ impl Planner {
             height_range_m: (params.get(&params::OA_ALT_MIN), params.get(&params::OA_ALT_MAX)),
             yaw_along_path: params.get(&params::OA_YAW_MODE) == 1.0,
             space: ConfigurationSpace::new(&limits, clearance),
+            moving: Predictions::new(),
+            gave_way_id: 0,
+            gave_way_reported: Timestamp::NEVER,
             search: Search::default(),
             found: FoundPaths::default(),
             best_path: Path::default(),
@@ -278,6 +296,8 @@ impl Planner {
             id: self.route_id,
             ..Route::default()
         };
+        self.space.unpaint();
+        self.moving.load(inputs.moving.fresh());
         let new_map = self.load_map(inputs);
         let Some(state) = inputs.state.fresh() else {
             return false; // I4: without a state nothing new is committed; Keep.
@@ -303,7 +323,10 @@ impl Planner {
         let committed = inputs.approved.map(|approved| &approved.trajectory);
         let departure = departure(now, committed, &state);
         let blocked = self.is_blocked(now, committed);
-        let must_leave = blocked || departure.is_unplanned_motion();
+        let gives_way = self.is_giving_way(now, committed);
+        let meets = !gives_way && self.meets_something(now, committed);
+        let must_stop = blocked || departure.is_unplanned_motion();
+        let must_leave = must_stop || meets;
         route.goal = goal;
         if inputs.map.fresh().is_none_or(|map| !map.ranges_fresh.is_set()) || !state.position_valid.is_set() {
             self.progress.pause(now);
@@ -325,7 +348,12 @@ impl Planner {
             self.viewpoints.reset();
         }
         let mut planning = true;
-        if is_at(&departure.state, &goal) {
+        let evades =
+            self.evades_first(now, &departure, committed) && self.evade(now, &departure, committed, route);
+        if evades || gives_way && !must_leave {
+            planning = false;
+            self.progress.pause(now);
+        } else if is_at(&departure.state, &goal) {
             planning = false;
             let off_m = (desired.points[1].position.z_m - goal.z_m).abs();
             self.obstruction = (off_m > HEIGHT_OFF_M).then_some(Obstruction::Height);
@@ -353,7 +381,7 @@ impl Planner {
             if planned {
                 self.planned_id = route.id;
             }
-            if !planned && must_leave {
+            if !planned && must_leave && !self.evade(now, &departure, committed, route) && must_stop {
                 self.stop_or_brake(now, &departure, route);
             }
         } else {
@@ -362,7 +390,7 @@ impl Planner {
         }
         self.check_progress(now, &state, &goal, &desired.points[1].position);
         route.must_leave = Flag::from(must_leave);
-        self.report_blocked(blocked);
+        self.report_blocked(blocked || meets);
         planning
     }
 }

@@ -6,8 +6,11 @@ use crate::speed_tiers::DEGRADED_TIER;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
 
+/// What is occupied so near beside a moving obstacle belongs to it (m): a cell, and what it has just left.
+const MOVING_BESIDE_M: f64 = 0.2;
+
 impl Planner {
-    /// Loads the map if it is new. Returns whether it is.
+    /// Loads the map if it is new, without what moves. Returns whether it is.
     pub(super) fn load_map(&mut self, inputs: &PlannerInputs<'_>) -> bool {
         let Some(map) = inputs.map.fresh() else {
             return false;
@@ -18,6 +21,8 @@ impl Planner {
         self.map_publish = map.header.publish;
         self.planned_id = 0;
         self.space.load(map.sample);
+        self.space
+            .remove_moving(self.moving.at(map.header.capture), MOVING_BESIDE_M);
         self.view = map.view;
         true
     }

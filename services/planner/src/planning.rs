@@ -73,6 +73,7 @@ impl Planner {
             let target_is_goal = self.build_guide(flown, departure, goal, &found);
             return self.write_plan(flown, departure, desired, target_is_goal, route);
         }
+        self.paint_moving(departure);
         let straight_m = (goal.vector() - start).norm()
             + f64::from(self.search.detour_m(cell_of(departure.state.position)));
         let mut best: Option<PathChoice> = None;

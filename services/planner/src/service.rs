@@ -6,6 +6,7 @@ use jink_shared_types::events::{EventSample, TRACKING_LEARNED};
 use jink_shared_types::far_map::FarMap;
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, Route};
+use jink_shared_types::moving::MovingObstacles;
 use jink_shared_types::param_messages::{ParameterChange, table_of};
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::proposal::{Proposal, ProposalAnswer};
@@ -24,6 +25,7 @@ pub struct PlannerService {
     route: Route,
     map: Input<LocalMap>,
     far: Input<FarMap>,
+    moving: Input<MovingObstacles>,
     state: Input<VehicleState>,
     desired: Input<DesiredPath>,
     approved: Input<ApprovedTrajectory>,
@@ -50,6 +52,7 @@ impl Service for PlannerService {
             route: Route::default(),
             map: ports.trigger(topics::LOCAL_MAP)?.needed(),
             far: ports.input(topics::FAR_MAP)?,
+            moving: ports.input(topics::MOVING_OBSTACLES)?,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
             desired: ports.input(topics::DESIRED_PATH)?,
             approved: ports.input(topics::APPROVED)?,
@@ -75,6 +78,7 @@ impl Service for PlannerService {
         let inputs = PlannerInputs {
             map,
             far: self.far.latest(now),
+            moving: self.moving.latest(now),
             state: self.state.latest(now),
             desired: self.desired.latest(now),
             approved: self.approved.newest().map(|approved| approved.sample),

@@ -37,6 +37,7 @@ impl Planner {
 
     /// Plans the certified stop, if there is one; else the committed trajectory runs to its own stop.
     pub(super) fn stop_certified(&mut self, departure: &Departure, route: &mut Route) {
+        self.space.unpaint();
         let stop = (0..TIERS).find_map(|tier| {
             self.space.prepare(tier);
             stops::brisk(&self.space, &self.tracking, tier, &departure.state).map(|stop| (tier, stop))
@@ -46,12 +47,12 @@ impl Planner {
         }
     }
 
-    /// I3: a certified stop if there is one, else the hardest braking allowed, with an event. At rest there is nothing
-    /// to brake.
+    /// I3: a certified stop if there is one, else the hardest braking allowed, with an event. At rest there is nothing to brake.
     pub(super) fn stop_or_brake(&mut self, now: Timestamp, departure: &Departure, route: &mut Route) {
         if departure.is_at_rest() {
             return;
         }
+        self.space.unpaint();
         let tier = (0..TIERS).find_map(|tier| {
             self.space.prepare(tier);
             stops::certified(&self.space, &self.tracking, tier, &departure.state).map(|stop| (tier, stop))
@@ -75,7 +76,7 @@ impl Planner {
         route.must_leave = Flag::YES;
     }
 
-    fn write_stop(
+    pub(super) fn write_stop(
         &mut self,
         departure: &Departure,
         limits: MotionLimits,

@@ -5,7 +5,7 @@
 //! ends, which gives the shortest duration for given limits.
 
 use crate::configuration_space::ConfigurationSpace;
-use jink_shared_types::bezier::{End, quintic_between};
+use jink_shared_types::bezier::{End, QUINTIC, derivative, evaluate, quintic_between};
 use jink_shared_types::motion::{BezierPiece, MotionState, STOP_JERK_MPS3};
 use jink_shared_types::tracking::Tracking;
 use nalgebra::{Rotation3, Vector3};
@@ -22,6 +22,14 @@ pub const BRISK_MPS2: f64 = 1.8;
 const TURNS_DEG: [f64; 7] = [0.0, 15.0, -15.0, 30.0, -30.0, 50.0, -50.0];
 /// Points checked along a stop.
 const SAMPLES: usize = 40;
+/// Durations tried for a motion aside (s): from the shortest, each longer by this factor, to the longest.
+const ASIDE_MIN_S: f64 = 0.6;
+const ASIDE_STEP: f64 = 1.12;
+const ASIDE_MAX_S: f64 = 4.0;
+/// Share of the jerk that such a motion uses.
+const ASIDE_SHARE: f64 = 0.95;
+/// Points at which it is compared with its limits.
+const SAMPLES_OF_LIMITS: u32 = 12;
 
 /// The stop from `start` with peak deceleration `deceleration_mps2`, its end turned by `turn_rad` about the vertical.
 pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> BezierPiece {
@@ -51,13 +59,16 @@ pub fn stop(start: &MotionState, deceleration_mps2: f64, turn_rad: f64) -> Bezie
     let points = quintic_between(&start.end(), &end, duration_s);
     // The yaw rate decays as the speed does.
     let yaw_end = start.yaw_rad + 0.5 * start.yaw_rate_radps * duration_s;
-    let yaw = jink_shared_types::bezier::quintic_between(
-        &yaw_state(start.yaw_rad, start.yaw_rate_radps),
-        &yaw_state(yaw_end, 0.0),
-        duration_s,
-    )
-    .map(|point| point.x);
-    BezierPiece::new(&points, yaw, duration_s)
+    BezierPiece::new(&points, yaw_between(start, yaw_end, duration_s), duration_s)
+}
+
+/// The heading from that of `start` to rest at `end_rad`.
+fn yaw_between(start: &MotionState, end_rad: f64, duration_s: f64) -> [f64; QUINTIC] {
+    let (from, to) = (
+        yaw_state(start.yaw_rad, start.yaw_rate_radps),
+        yaw_state(end_rad, 0.0),
+    );
+    quintic_between(&from, &to, duration_s).map(|point| point.x)
 }
 
 fn yaw_state(yaw_rad: f64, rate_radps: f64) -> End {
@@ -92,6 +103,41 @@ pub fn certified(
     without_overshoot
 }
 
+/// The shortest quintic from `start` to rest at `place` (local, m) that keeps the limits of a stop out of a motion with
+/// at most `fastest_mps`; `None` if it takes longer than [`ASIDE_MAX_S`].
+pub fn to_rest_at(start: &MotionState, place: &Vector3<f64>, fastest_mps: f64) -> Option<BezierPiece> {
+    let end = End {
+        position: *place,
+        velocity: Vector3::zeros(),
+        acceleration: Vector3::zeros(),
+    };
+    let fastest_mps = fastest_mps.max(start.velocity.vector().norm());
+    let mut duration_s = ASIDE_MIN_S;
+    while duration_s <= ASIDE_MAX_S {
+        let points = quintic_between(&start.end(), &end, duration_s);
+        let velocity: [_; 5] = derivative(&points, duration_s);
+        let acceleration: [_; 4] = derivative(&velocity, duration_s);
+        let jerk: [_; 3] = derivative(&acceleration, duration_s);
+        let within = |value: Vector3<f64>, most: f64| value.norm() <= most;
+        let keeps = (0..=SAMPLES_OF_LIMITS).all(|i| {
+            let u = f64::from(i) / f64::from(SAMPLES_OF_LIMITS);
+            within(evaluate(&jerk, u), ASIDE_SHARE * STOP_JERK_MPS3)
+                && within(evaluate(&acceleration, u), HARDEST_MPS2)
+                && within(evaluate(&velocity, u), fastest_mps)
+        });
+        if keeps {
+            let yaw_end = start.yaw_rad + 0.5 * start.yaw_rate_radps * duration_s;
+            return Some(BezierPiece::new(
+                &points,
+                yaw_between(start, yaw_end, duration_s),
+                duration_s,
+            ));
+        }
+        duration_s *= ASIDE_STEP;
+    }
+    None
+}
+
 /// A stop that is to be short: straight and harder, where its overshoot is safe as well; else one of the family.
 pub fn brisk(
     space: &ConfigurationSpace,
@@ -114,7 +160,7 @@ fn has_room_behind(space: &ConfigurationSpace, tier: usize, piece: &BezierPiece,
 }
 
 /// Whether every cell that `piece` passes is safe in `tier`.
-fn is_safe(space: &ConfigurationSpace, tier: usize, piece: &BezierPiece) -> bool {
+pub fn is_safe(space: &ConfigurationSpace, tier: usize, piece: &BezierPiece) -> bool {
     let mut last = piece.at(0.0).position.vector();
     (1..=SAMPLES).all(|i| {
         let next = piece

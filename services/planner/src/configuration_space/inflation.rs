@@ -5,12 +5,18 @@ use super::cells::{cells_within, distance_squared_cells, per_cell};
 use crate::bit_layer::StructuringElement;
 
 impl ConfigurationSpace {
-    /// Inflates the map for `tier`, once per map. Before that nothing is safe in the tier and everything is a hit.
+    /// Inflates the map for `tier`, once per map, and adds what moves. Before that nothing is safe in the tier and
+    /// everything is a hit.
     pub fn prepare(&mut self, tier: usize) {
         if self.ready[tier] || !self.loaded {
             return;
         }
         self.ready[tier] = true;
+        self.inflate(tier);
+        self.paint_tier(tier);
+    }
+
+    fn inflate(&mut self, tier: usize) {
         if self.narrow_tier() == Some(tier) {
             self.prepare_narrow(tier);
             return;

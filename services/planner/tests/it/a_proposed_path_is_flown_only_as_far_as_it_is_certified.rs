@@ -50,6 +50,7 @@ impl TestPlanner {
         }
         let inputs = PlannerInputs {
             far: Reading::Never,
+            moving: Reading::Never,
             map: fresh(&*self.map, &header),
             state: fresh(&self.state, &header),
             desired: fresh(&self.desired, &header),

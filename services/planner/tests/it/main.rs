@@ -4,3 +4,4 @@
 mod a_proposed_path_is_flown_only_as_far_as_it_is_certified;
 mod common;
 mod nothing_is_planned_that_does_not_end_in_known_free_space;
+mod what_comes_is_evaded;

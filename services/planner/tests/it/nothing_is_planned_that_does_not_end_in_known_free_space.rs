@@ -34,6 +34,7 @@ fn answer(
     }
     let inputs = PlannerInputs {
         far: Reading::Never,
+        moving: Reading::Never,
         map: fresh(map, &header),
         state: fresh(state, &header),
         desired: fresh(Some(desired), &header),
@@ -288,6 +289,7 @@ fn with_a_silent_sensor_it_goes_on_slower_and_reports_once() {
         let (state, desired) = (hovering(), to(4.0, 1.0));
         let inputs = PlannerInputs {
             far: Reading::Never,
+            moving: Reading::Never,
             map: Reading::Fresh(Stamped {
                 sample: map,
                 header: &header,
