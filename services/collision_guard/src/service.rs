@@ -8,6 +8,7 @@ use jink_runtime::{
     Checks, Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake,
 };
 use jink_shared_types::motion::{ApprovedTrajectory, Trajectory};
+use jink_shared_types::moving::MovingObstacles;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ring::SectorRing;
@@ -29,6 +30,7 @@ pub struct GuardService {
     ring: Ring,
     ranges: RangeInputs,
     state: Input<VehicleState>,
+    moving: Input<MovingObstacles>,
     trajectory: Input<Trajectory>,
     demand: Input<PilotDemand>,
     approved: Output<ApprovedTrajectory>,
@@ -60,6 +62,7 @@ impl Service for GuardService {
             ring: Ring::from_params(&params),
             ranges: RangeInputs::open(ports)?,
             state: ports.input(topics::VEHICLE_STATE)?.needed(),
+            moving: ports.input(topics::MOVING_OBSTACLES)?,
             trajectory: ports.trigger(topics::TRAJECTORY)?,
             // Collision prevention answers a demand that is not a number, too: no motion, at once.
             demand: ports.input(topics::PILOT_DEMAND)?.with_checks(Checks::Stamps),
@@ -90,6 +93,7 @@ impl Service for GuardService {
                 trajectory: new.map(|trajectory| trajectory.sample),
                 state: self.state.latest(now),
                 ring: &self.ring,
+                moving: self.moving.latest(now),
             };
             let step_events = self.guard.step(now, &inputs, &mut self.answer);
             let answer = &self.answer;

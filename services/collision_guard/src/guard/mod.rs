@@ -9,7 +9,7 @@
 //! # What is approved
 //! A new trajectory passes if it is sound and within its own limits (`admission.rs`); departs from what is flown and
 //! joins it without a jump; comes before its splice; ranges and vehicle state are fresh; and its path is free for the
-//! distance that the guard would need to stop (`lookahead.rs`). Otherwise the one before continues: it ends at rest, so
+//! distance that the guard would need to stop, also of what moves (`lookahead.rs`). Otherwise the one before continues: it ends at rest, so
 //! refusing is always safe. A [`TrajectoryMode::Mirror`] always passes and ends what is flown. A stop (or brake) passes
 //! without fresh data: it is what is needed then.
 //!
@@ -46,10 +46,11 @@ use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::motion::{
     ApprovedTrajectory, GuardReason, MotionState, Trajectory, TrajectoryMode, Verdict,
 };
+use jink_shared_types::moving::MovingObstacles;
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Reading, Timestamp};
-use lookahead::{Lookahead, LookaheadDemand, LookaheadResult};
+use lookahead::{Lookahead, LookaheadDemand, LookaheadResult, MovingNow};
 
 /// How far from the measured position a motion without a base may start (m): an estimator's jump, a gust.
 const START_ERROR_M: f64 = 1.0;
@@ -113,6 +114,8 @@ pub struct GuardInputs<'a> {
     pub state: Reading<'a, VehicleState>,
     /// The obstacles around.
     pub ring: &'a Ring,
+    /// What of them moves.
+    pub moving: Reading<'a, MovingObstacles>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -193,7 +196,7 @@ impl Guard {
             }
         }
         if self.flown == FlownMotion::Active && has_ranges && lookahead.is_none() {
-            let seen = self.look(now, None, inputs.ring);
+            let seen = self.look(now, None, inputs);
             if seen.is_blocked() {
                 self.brake(now, &seen, &mut step_events);
             }
@@ -242,7 +245,7 @@ impl Guard {
         if !has_ranges {
             return Ok(None);
         }
-        let seen = self.look(now, Some(candidate), inputs.ring);
+        let seen = self.look(now, Some(candidate), inputs);
         if seen.is_blocked() {
             Err(seen.conflict)
         } else {
@@ -287,7 +290,12 @@ impl Guard {
     }
 
     /// Follows `candidate`, or the active trajectory, through the ring.
-    fn look(&mut self, now: Timestamp, candidate: Option<&Trajectory>, ring: &Ring) -> LookaheadResult {
+    fn look(
+        &mut self,
+        now: Timestamp,
+        candidate: Option<&Trajectory>,
+        inputs: &GuardInputs<'_>,
+    ) -> LookaheadResult {
         let clearance_m = self.config.vehicle_radius_m + self.config.margin_m;
         let demand = LookaheadDemand {
             clearance_m,
@@ -298,7 +306,15 @@ impl Guard {
             loss_counts: candidate.is_some(),
         };
         let trajectory = candidate.unwrap_or(&self.active);
-        self.lookahead.follow(now, trajectory, &ring.query(now), &demand)
+        let moving = inputs
+            .moving
+            .fresh()
+            .map_or_else(MovingNow::default, |moving| MovingNow {
+                obstacles: moving.sample.obstacles(),
+                age_s: now.seconds_since(moving.header.capture).max(0.0),
+            });
+        self.lookahead
+            .follow(now, trajectory, &inputs.ring.query(now), &moving, &demand)
     }
 
     fn take(&mut self, candidate: &Trajectory, step_events: &mut StepEvents) {

@@ -111,6 +111,7 @@ proptest! {
             trajectory: Some(&start),
             state: jink_shared_types::Reading::Fresh(jink_shared_types::Stamped { sample: &state, header: &header }),
             ring: &ring,
+            moving: jink_shared_types::Reading::Never,
         };
         let mut out = jink_shared_types::motion::ApprovedTrajectory::default();
         common::guard().step(time(NOW_S), &inputs, &mut out);

@@ -13,4 +13,5 @@ mod the_guard_passes_only_what_fits;
 mod the_reference_vectors_are_met;
 mod the_ring_shows_what_stands_around;
 mod the_same_inputs_give_the_same_outputs;
+mod what_moves_is_braked_for;
 mod what_nobody_sees_is_not_free;

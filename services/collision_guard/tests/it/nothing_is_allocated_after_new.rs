@@ -54,6 +54,7 @@ fn a_flight_with_everything_in_it_allocates_nothing() {
                     header: &state_header,
                 }),
                 ring: &ring,
+                moving: Reading::Never,
             };
             guard.step(time(t), &inputs, &mut out);
             ring.ring(time(t), &mut sectors);

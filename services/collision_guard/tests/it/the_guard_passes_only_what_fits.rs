@@ -47,6 +47,7 @@ fn blind_step(
         trajectory: candidate,
         state: Reading::Stale { age_s: 0.2 },
         ring,
+        moving: Reading::Never,
     };
     guard.step(time(at_s), &inputs, &mut out);
     out

@@ -12,6 +12,7 @@ use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::frames::{AngularRate, Attitude, Mounting};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, MotionLimits, Trajectory, TrajectoryMode};
+use jink_shared_types::moving::MovingObstacles;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RangeScan, RayKind};
 use jink_shared_types::ring::SectorRing;
@@ -353,13 +354,25 @@ pub fn guard() -> Guard {
     Guard::new(GuardConfig::from_params(&ParamSet::default()), 3)
 }
 
-/// One step of `guard` with a fresh state of a vehicle at `place`.
+/// One step of `guard` with a fresh state of a vehicle at `place`, where nothing moves.
 pub fn step(
     guard: &mut Guard,
     at_s: f64,
     trajectory: Option<&Trajectory>,
     ring: &Ring,
     place: VehiclePose,
+) -> (ApprovedTrajectory, StepEvents) {
+    step_among(guard, at_s, trajectory, ring, place, &MovingObstacles::default())
+}
+
+/// The same where `moving` moves.
+pub fn step_among(
+    guard: &mut Guard,
+    at_s: f64,
+    trajectory: Option<&Trajectory>,
+    ring: &Ring,
+    place: VehiclePose,
+    moving: &MovingObstacles,
 ) -> (ApprovedTrajectory, StepEvents) {
     let (state, header) = (place.state(), SampleHeader::at(time(at_s)));
     let mut out = ApprovedTrajectory::default();
@@ -370,6 +383,10 @@ pub fn step(
             header: &header,
         }),
         ring,
+        moving: Reading::Fresh(Stamped {
+            sample: moving,
+            header: &header,
+        }),
     };
     let step_events = guard.step(time(at_s), &inputs, &mut out);
     assert!(out.is_plausible(), "{out:?}");
