@@ -1,4 +1,4 @@
-//! Open space: cells that were free for a while, and all their neighbours with them. Noise of the sensor and of the
+//! Open space: cells that were free for a while, with nothing beside, above and below them. Noise of the sensor and of the
 //! vehicle's pose moves hits by a cell, so a cell beside an obstacle is never open.
 //!
 //! A cell ceases to be open when it is not known any more, or when something has stayed in it: what has stopped is an
@@ -24,7 +24,7 @@ pub(crate) struct OpenSpace {
     was_free: Box<BitPlane>,
     /// Occupied at the last looks, the newest first.
     was_occupied: [Box<BitPlane>; STAYED - 1],
-    scratch: [Box<BitPlane>; 2],
+    scratch: [Box<BitPlane>; 3],
     checked: Timestamp,
     stayed: Timestamp,
 }
@@ -35,7 +35,7 @@ impl OpenSpace {
             open: plane(),
             was_free: plane(),
             was_occupied: std::array::from_fn(|_| plane()),
-            scratch: [plane(), plane()],
+            scratch: std::array::from_fn(|_| plane()),
             checked: Timestamp::NEVER,
             stayed: Timestamp::NEVER,
         }
@@ -57,7 +57,7 @@ impl OpenSpace {
         }
         if is_due(&mut self.checked, now, CHECK_S) {
             self.free_with_neighbours(window);
-            let [free, _] = &self.scratch;
+            let [free, ..] = &self.scratch;
             for ((open, was_free), free) in self.open.iter_mut().zip(&mut *self.was_free).zip(&**free) {
                 *open |= *was_free & free;
                 *was_free = *free;
@@ -93,35 +93,46 @@ impl OpenSpace {
         }
     }
 
-    /// Writes the cells that are free by measurement, like all 26 around them, into the first scratch plane. The
+    /// Writes the cells that are free by measurement, like those beside them in their layer, with nothing above and below
+    /// them, into the first scratch plane. The layers above and below need not be known: a planar scan sees but its own. The
     /// window's opposite faces count as neighbours: what is free at a face is free at most to be lost again.
     fn free_with_neighbours(&mut self, window: &MapWindow) {
-        let [first, second] = &mut self.scratch;
+        let [out, free, clear] = &mut self.scratch;
         let words = window.known.iter().zip(&*window.occupied).zip(&*window.declared);
-        for (pair, ((known, occupied), declared)) in first.iter_mut().zip(words) {
-            *pair = known & !occupied & !declared;
+        for ((free, clear), ((known, occupied), declared)) in free.iter_mut().zip(clear.iter_mut()).zip(words)
+        {
+            *free = known & !occupied & !declared;
+            *clear = !occupied;
         }
-        for pair in first.chunks_exact_mut(2) {
-            let row = u128::from(pair[0]) | u128::from(pair[1]) << 64;
-            let row = row & row.rotate_left(1) & row.rotate_right(1);
-            [pair[0], pair[1]] = [row as u64, (row >> 64) as u64];
-        }
-        const ROW: usize = SIZE_X / 64;
-        const SLICE: usize = ROW * SIZE_Y;
-        for (slice, out) in first.chunks_exact(SLICE).zip(second.chunks_exact_mut(SLICE)) {
-            for (word, out) in out.iter_mut().enumerate() {
-                let (before, after) = ((word + SLICE - ROW) % SLICE, (word + ROW) % SLICE);
-                *out = slice[word] & slice[before] & slice[after];
-            }
-        }
+        erode_in_layers(free, out);
+        erode_in_layers(clear, out);
+        const SLICE: usize = SIZE_X / 64 * SIZE_Y;
         for z in 0..SIZE_Z {
-            let (before, after) = ((z + SIZE_Z - 1) % SIZE_Z, (z + 1) % SIZE_Z);
+            let (above, below) = ((z + SIZE_Z - 1) % SIZE_Z * SLICE, (z + 1) % SIZE_Z * SLICE);
             for word in 0..SLICE {
-                first[z * SLICE + word] =
-                    second[z * SLICE + word] & second[before * SLICE + word] & second[after * SLICE + word];
+                let here = z * SLICE + word;
+                out[here] = free[here] & clear[above + word] & clear[below + word];
             }
         }
     }
+}
+
+/// Unsets the cells of `plane` that have an unset one beside them in their layer; `scratch` is overwritten.
+fn erode_in_layers(plane: &mut BitPlane, scratch: &mut BitPlane) {
+    const ROW: usize = SIZE_X / 64;
+    const SLICE: usize = ROW * SIZE_Y;
+    for pair in plane.chunks_exact_mut(ROW) {
+        let row = u128::from(pair[0]) | u128::from(pair[1]) << 64;
+        let row = row & row.rotate_left(1) & row.rotate_right(1);
+        [pair[0], pair[1]] = [row as u64, (row >> 64) as u64];
+    }
+    for (slice, out) in plane.chunks_exact(SLICE).zip(scratch.chunks_exact_mut(SLICE)) {
+        for (word, out) in out.iter_mut().enumerate() {
+            let (before, after) = ((word + SLICE - ROW) % SLICE, (word + ROW) % SLICE);
+            *out = slice[word] & slice[before] & slice[after];
+        }
+    }
+    plane.copy_from_slice(scratch);
 }
 
 /// Whether `period_s` has passed since `last`, which then becomes `now`. A clock that went back begins anew.

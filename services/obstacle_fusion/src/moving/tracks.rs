@@ -198,10 +198,12 @@ impl Tracks {
         } else {
             0.0
         };
+        // A frame may come a little late; a clock that went back begins anew.
+        let is_late = (-LOST_S..=0.0).contains(&passed_s);
         if passed_s < -LOST_S {
             self.tracks.clear();
         }
-        if passed_s > 0.0 || passed_s < -LOST_S || !self.now.is_set() {
+        if !is_late || !self.now.is_set() {
             self.now = capture;
         }
         let now = self.now;
