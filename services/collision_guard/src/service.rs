@@ -2,6 +2,7 @@
 //! trajectory, and each demand of a pilot.
 
 use crate::guard::{Guard, GuardConfig, GuardInputs};
+use crate::prevention::expected::add_expected;
 use crate::prevention::{PilotGuard, PreventionConfig};
 use crate::ring::Ring;
 use jink_runtime::{
@@ -137,6 +138,20 @@ impl GuardService {
         self.pilot_due = now.next_beat(PILOT_RATE_HZ);
         self.ring.ring(now, &mut self.ring_sample);
         let state = self.state.latest(now);
+        if let Some(moving) = self.moving.latest(now).fresh() {
+            let speed_mps = state
+                .fresh()
+                .map_or(0.0, |state| state.velocity.vector().xy().norm());
+            let age_s = now.seconds_since(moving.header.capture).max(0.0);
+            let config = self.pilot_guard.config();
+            add_expected(
+                &mut self.ring_sample,
+                moving.obstacles(),
+                age_s,
+                speed_mps,
+                config,
+            );
+        }
         if let Some((prevented, step_events)) = self.pilot_guard.step(now, demand, state, &self.ring_sample) {
             self.prevented.send(SampleHeader::at(now), &prevented);
             for event in step_events.events() {

@@ -41,12 +41,16 @@
 //!    CP_DIST: it may be a person who takes another step.
 //! 4. With the stick pushed, the vehicle retreats from what has come nearer than CP_DIST.
 //!
+//! What moves, as far as obstacle fusion tracks it, stands in the ring where it is going to be as well (`expected.rs`): the
+//! distances above are kept from there.
+//!
 //! The differences to PX4, and their reasons, are one table in docs/collision_prevention.md. Nothing here allocates,
 //! and every result is a number: a setpoint that is NaN counts as a centred stick, and with a velocity that is NaN
 //! nothing moves.
 
 mod config;
 mod data_loss;
+pub(crate) mod expected;
 mod guidance;
 mod half_planes;
 mod laws;
@@ -131,6 +135,11 @@ impl Prevention {
             rate_limiter: RateLimiter::default(),
             ever_seen: [false; SECTORS],
         }
+    }
+
+    /// The parameters in force.
+    pub fn config(&self) -> &PreventionConfig {
+        &self.config
     }
 
     /// Uses new parameters from now on.

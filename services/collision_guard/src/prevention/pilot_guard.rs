@@ -49,6 +49,11 @@ impl PilotGuard {
         self.prevention.configure(config);
     }
 
+    /// The parameters in force.
+    pub fn config(&self) -> &PreventionConfig {
+        self.prevention.config()
+    }
+
     /// What of `demand` may be flown, with `ring` around the vehicle; `None` if no pilot steers.
     pub fn step(
         &mut self,
