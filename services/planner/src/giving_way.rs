@@ -106,7 +106,7 @@ impl Planner {
         if going_on_m >= enough_m {
             return false;
         }
-        self.space.unpaint();
+        self.hide_moving();
         let fastest_mps = self.limits[self.top_tier].speed_mps;
         let mut best: Option<(f64, usize, BezierPiece)> = None;
         for piece in evasions(&departure.state, fastest_mps) {

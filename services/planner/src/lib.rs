@@ -131,6 +131,8 @@ pub struct Planner {
     yaw_along_path: bool,
     space: ConfigurationSpace,
     moving: Predictions,
+    /// What moves is taken out of the map.
+    moving_hidden: bool,
     /// The last route out of the way of something; 0 = none yet.
     gave_way_id: u64,
     /// When that was reported.
@@ -198,6 +200,7 @@ impl Planner {
             yaw_along_path: params.get(&params::OA_YAW_MODE) == 1.0,
             space: ConfigurationSpace::new(&limits, clearance),
             moving: Predictions::new(),
+            moving_hidden: false,
             gave_way_id: 0,
             gave_way_reported: Timestamp::NEVER,
             search: Search::default(),
@@ -296,9 +299,9 @@ impl Planner {
             id: self.route_id,
             ..Route::default()
         };
-        self.space.unpaint();
         self.moving.load(inputs.moving.fresh());
         let new_map = self.load_map(inputs);
+        self.hide_moving();
         let Some(state) = inputs.state.fresh() else {
             return false; // I4: without a state nothing new is committed; Keep.
         };
@@ -373,6 +376,7 @@ impl Planner {
             let heights_m = self.down_range_m(&state);
             self.proposals.admit(now, must_leave, requested, heights_m);
             self.update_detours(inputs, &departure, &goal, false);
+            self.show_moving(inputs);
             let planned = self.plan(&departure, &desired, &goal, committed, must_leave, route);
             if !planned && departure.is_at_rest() {
                 self.retry = now.plus_seconds(RETRY_S);

@@ -10,7 +10,7 @@ use jink_shared_types::frames::{LocalNed, Point};
 const MOVING_BESIDE_M: f64 = 0.2;
 
 impl Planner {
-    /// Loads the map if it is new, without what moves. Returns whether it is.
+    /// Loads the map if it is new. Returns whether it is.
     pub(super) fn load_map(&mut self, inputs: &PlannerInputs<'_>) -> bool {
         let Some(map) = inputs.map.fresh() else {
             return false;
@@ -21,10 +21,28 @@ impl Planner {
         self.map_publish = map.header.publish;
         self.planned_id = 0;
         self.space.load(map.sample);
-        self.space
-            .remove_moving(self.moving.at(map.header.capture), MOVING_BESIDE_M);
+        self.moving_hidden = false;
         self.view = map.view;
         true
+    }
+
+    /// Takes what moves out of the map, for those who predict it: a committed trajectory is blocked by what stands still,
+    /// and who evades something must not be held by it.
+    pub(super) fn hide_moving(&mut self) {
+        self.space.unpaint();
+        if !self.moving_hidden && !self.moving.is_empty() {
+            self.moving_hidden = true;
+            let now = self.moving.captured();
+            self.space.remove_moving(self.moving.at(now), MOVING_BESIDE_M);
+        }
+    }
+
+    /// The map as it is, for plans: a track may be wrong, and what it takes for moving stand still.
+    pub(super) fn show_moving(&mut self, inputs: &PlannerInputs<'_>) {
+        if let Some(map) = inputs.map.fresh().filter(|_| self.moving_hidden) {
+            self.space.load(map.sample);
+            self.moving_hidden = false;
+        }
     }
 
     /// Updates the detours to `goal` from the far map, if there is one of the same epoch as the map: before a plan that

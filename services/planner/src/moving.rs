@@ -71,6 +71,11 @@ impl Predictions {
         }
     }
 
+    /// When it was seen.
+    pub fn captured(&self) -> Timestamp {
+        self.captured
+    }
+
     /// Whether nothing moves.
     pub fn is_empty(&self) -> bool {
         self.obstacles.is_empty()

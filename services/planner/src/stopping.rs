@@ -37,7 +37,7 @@ impl Planner {
 
     /// Plans the certified stop, if there is one; else the committed trajectory runs to its own stop.
     pub(super) fn stop_certified(&mut self, departure: &Departure, route: &mut Route) {
-        self.space.unpaint();
+        self.hide_moving();
         let stop = (0..TIERS).find_map(|tier| {
             self.space.prepare(tier);
             stops::brisk(&self.space, &self.tracking, tier, &departure.state).map(|stop| (tier, stop))
@@ -52,7 +52,7 @@ impl Planner {
         if departure.is_at_rest() {
             return;
         }
-        self.space.unpaint();
+        self.hide_moving();
         let tier = (0..TIERS).find_map(|tier| {
             self.space.prepare(tier);
             stops::certified(&self.space, &self.tracking, tier, &departure.state).map(|stop| (tier, stop))

@@ -35,13 +35,13 @@ impl ConfigurationSpace {
         }
     }
 
-    /// Takes what moves out of the map: what is occupied within `beside_m` of these cylinders. Where it is and is going
-    /// to be is painted instead.
+    /// Takes what moves out of the map, until it is loaded again: what is occupied within `beside_m` of these cylinders.
     pub(crate) fn remove_moving(
         &mut self,
         cylinders: impl Iterator<Item = PredictedCylinder>,
         beside_m: f64,
     ) {
+        self.discard_tiers();
         for cylinder in cylinders {
             let reach_m = cylinder.radius_m + beside_m;
             let reach = Vector3::new(reach_m, reach_m, cylinder.half_height_m + beside_m);
