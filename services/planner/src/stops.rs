@@ -104,7 +104,7 @@ pub fn certified(
 }
 
 /// The shortest quintic from `start` to rest at `place` (local, m) that keeps the limits of a stop out of a motion with
-/// at most `fastest_mps`; `None` if it takes longer than [`ASIDE_MAX_S`].
+/// at most `fastest_mps`; `None` if it takes longer than four seconds.
 pub fn to_rest_at(start: &MotionState, place: &Vector3<f64>, fastest_mps: f64) -> Option<BezierPiece> {
     let end = End {
         position: *place,

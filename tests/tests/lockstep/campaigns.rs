@@ -35,6 +35,7 @@ mod every_way_that_the_autopilot_wants_to_fly_is_planned;
 mod nothing_that_nobody_asked_for_is_flown;
 mod services_are_killed_stopped_swapped_and_tuned_in_lockstep;
 mod the_mission_is_flown_in_the_autopilots_stead;
+mod who_walks_across_a_mission_is_let_pass;
 
 use jink_tests::flights::Flights;
 use libtest_mimic::{Arguments, Trial};
@@ -83,6 +84,7 @@ fn main() -> ExitCode {
         nothing_that_nobody_asked_for_is_flown: hold_flights, early_flights, restart_flights, a_mission_that_begins_anew_in_auto_is_flown_once;
         services_are_killed_stopped_swapped_and_tuned_in_lockstep: kill_flights, swap_flights, a_speed_that_is_lowered_on_the_way_is_kept_from_then_on, a_flight_whose_planner_is_killed_is_the_same_to_the_bit_the_second_time, ranges_are_dated_from_sensor_to_wire;
         the_mission_is_flown_in_the_autopilots_stead: forest_flights, restart_flights, takeover_flights, whoever_chooses_the_mode_himself_gets_the_mission_flown_only_where_none_is_taken_over;
+        who_walks_across_a_mission_is_let_pass: walk_flights;
     };
     let mut trials = Vec::new();
     let mut names = BTreeSet::new();

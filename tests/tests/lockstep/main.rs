@@ -26,3 +26,4 @@ mod every_way_that_the_autopilot_wants_to_fly_is_planned;
 mod nothing_that_nobody_asked_for_is_flown;
 mod services_are_killed_stopped_swapped_and_tuned_in_lockstep;
 mod the_mission_is_flown_in_the_autopilots_stead;
+mod who_walks_across_a_mission_is_let_pass;
