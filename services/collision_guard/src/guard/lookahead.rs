@@ -6,17 +6,15 @@
 //!   points, not the arcs of its sectors, so that sectors that are wide far away do no harm), or
 //! * that was not seen to be free.
 //!
-//! A trajectory on which the vehicle would meet something that moves is in conflict at once, but only where the vehicle
-//! is better off if it brakes now: what moves may come too near to one that stands as well, and who gives way must not be
-//! braked for it.
+//! A trajectory on which the vehicle would meet something that moves is in conflict at once ([`MovingNow`]).
 //!
 //! A vehicle that is already nearer to something than it should be may leave: as long as it is too near, its path must
 //! not bring it nearer.
 
+use super::moving::MovingNow;
 use crate::ring::{RingQuery, SENSORS, SLOTS, Visibility};
 use jink_shared_types::bezier::{self, derivative};
 use jink_shared_types::motion::{BezierPiece, GuardReason, Trajectory, stopping_distance_m};
-use jink_shared_types::moving::MovingObstacle;
 use jink_shared_types::{Timestamp, motion::MotionState};
 use nalgebra::Vector3;
 
@@ -30,78 +28,6 @@ const FARTHEST_M: f64 = 60.0;
 const STEPS: usize = 4_000;
 /// How much nearer a vehicle that is too near already may come (m): the noise of a lidar from one sweep to the next.
 const LEAVING_SLACK_M: f64 = 0.05;
-
-/// How far ahead what moves is predicted (s): the longest stop and the reaction before it.
-const MOVING_S: f64 = 2.0;
-/// Time between two predictions (s).
-const MOVING_STEP_S: f64 = 0.1;
-/// By how much a vehicle must be better off braking (m): more than the error of a track.
-const BETTER_M: f64 = 0.1;
-
-/// What moves, as of now.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct MovingNow<'a> {
-    /// The obstacles.
-    pub obstacles: &'a [MovingObstacle],
-    /// Their age (s).
-    pub age_s: f64,
-}
-
-impl MovingNow<'_> {
-    /// Horizontal distance from the vehicle's centre at `place` to the surface of the nearest after `ahead_s` (m).
-    fn distance_m(&self, ahead_s: f64, place: &Vector3<f64>, clearance_m: f64) -> f64 {
-        let distances = self.obstacles.iter().map(|obstacle| {
-            let away = place - obstacle.after(self.age_s + ahead_s);
-            let is_beside = away.z.abs() <= obstacle.half_height_m + clearance_m;
-            if is_beside {
-                away.xy().norm() - obstacle.radius_m
-            } else {
-                f64::INFINITY
-            }
-        });
-        distances.fold(f64::INFINITY, f64::min)
-    }
-
-    /// The smallest such distance until [`MOVING_S`] (m), of a vehicle that moves as `place_at` says.
-    fn nearest_m(&self, clearance_m: f64, place_at: impl Fn(f64) -> Vector3<f64>) -> f64 {
-        let steps = (MOVING_S / MOVING_STEP_S) as u32;
-        let distances = (0..=steps).map(|step| {
-            let ahead_s = f64::from(step) * MOVING_STEP_S;
-            self.distance_m(ahead_s, &place_at(ahead_s), clearance_m)
-        });
-        distances.fold(f64::INFINITY, f64::min)
-    }
-
-    /// Whether a vehicle that follows `trajectory` comes nearer to something than `demand` allows, and than it would
-    /// if it braked now.
-    fn is_met(
-        &self,
-        now: Timestamp,
-        trajectory: &Trajectory,
-        start: &MotionState,
-        demand: &LookaheadDemand,
-    ) -> bool {
-        if self.obstacles.is_empty() {
-            return false;
-        }
-        let last = trajectory.end();
-        let following_m = self.nearest_m(demand.clearance_m, |ahead_s| {
-            let state = trajectory.at(now.plus_seconds(ahead_s).min(last));
-            state.unwrap_or(*start).position.vector()
-        });
-        if following_m >= demand.clearance_m {
-            return false;
-        }
-        let (from, velocity) = (start.position.vector(), start.velocity.vector());
-        let stop_s = velocity.norm() / demand.brake_mps2;
-        let braking_m = self.nearest_m(demand.clearance_m, |ahead_s| {
-            let braked_s = (ahead_s - demand.delay_s).clamp(0.0, stop_s);
-            let moved_s = ahead_s.min(demand.delay_s) + braked_s * (1.0 - 0.5 * braked_s / stop_s.max(1e-9));
-            from + velocity * moved_s
-        });
-        following_m + BETTER_M < braking_m
-    }
-}
 
 /// What the guard requires of a path.
 #[derive(Clone, Copy, Debug)]

@@ -8,9 +8,9 @@
 //!
 //! # What is approved
 //! A new trajectory passes if it is sound and within its own limits (`admission.rs`); departs from what is flown and
-//! joins it without a jump; comes before its splice; ranges and vehicle state are fresh; and its path is free for the
-//! distance that the guard would need to stop, also of what moves (`lookahead.rs`). Otherwise the one before continues: it ends at rest, so
-//! refusing is always safe. A [`TrajectoryMode::Mirror`] always passes and ends what is flown. A stop (or brake) passes
+//! joins it without a jump; comes before its splice; ranges and vehicle state are fresh; its path is free for the distance
+//! that the guard would need to stop (`lookahead.rs`); and it meets nothing that moves (`moving.rs`). Otherwise the one
+//! before continues: it ends at rest, so refusing is always safe. A [`TrajectoryMode::Mirror`] always passes and ends what is flown. A stop (or brake) passes
 //! without fresh data: it is what is needed then.
 //!
 //! # What is watched
@@ -36,6 +36,7 @@
 mod admission;
 mod brake;
 mod lookahead;
+mod moving;
 
 use crate::prevention::PreventionConfig;
 use crate::ring::Ring;
@@ -50,7 +51,8 @@ use jink_shared_types::moving::MovingObstacles;
 use jink_shared_types::params::{self, ParamSet};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::{Coded, Reading, Timestamp};
-use lookahead::{Lookahead, LookaheadDemand, LookaheadResult, MovingNow};
+use lookahead::{Lookahead, LookaheadDemand, LookaheadResult};
+use moving::MovingNow;
 
 /// How far from the measured position a motion without a base may start (m): an estimator's jump, a gust.
 const START_ERROR_M: f64 = 1.0;
