@@ -23,7 +23,7 @@ pub(crate) fn add_expected(
     speed_mps: f64,
     config: &PreventionConfig,
 ) {
-    let stop_s = config.delay_s + speed_mps / config.acceleration_mps2.max(0.1);
+    let stop_s = config.delay_s + speed_mps / config.acceleration_mps2;
     let steps = ((stop_s + NOTICED_S).min(LONGEST_S) / STEP_S).ceil() as u32;
     let band_m = f64::from(ring.band_half_m);
     for obstacle in moving {
@@ -68,6 +68,9 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
     use proptest::prelude::*;
 
+    /// Distance of the walls (m).
+    const WALL_M: f32 = 5.0;
+
     proptest! {
         #[test]
         fn it_only_ever_comes_nearer_and_where_something_comes_it_does(
@@ -77,7 +80,8 @@ mod tests {
             let mut ring = SectorRing {
                 position: Point::new(5.0, -3.0, -2.0),
                 attitude: Attitude::from_rotation(UnitQuaternion::from_euler_angles(0.0, 0.0, yaw_rad)),
-                distance_m: [f32::INFINITY; SECTORS],
+                // Every other sector has a wall.
+                distance_m: std::array::from_fn(|sector| if sector % 2 == 0 { WALL_M } else { f32::INFINITY }),
                 range_max_m: [40.0; SECTORS],
                 band_half_m: 0.5,
                 ..SectorRing::default()
@@ -95,16 +99,18 @@ mod tests {
             let config = PreventionConfig::from_params(&ParamSet::default());
             add_expected(&mut ring, &[person], 0.0, vehicle_mps, &config);
             for sector in 0..SECTORS {
-                prop_assert!(before.distance_m[sector].is_nan() == ring.distance_m[sector].is_nan());
+                let (was_m, is_m) = (before.distance_m[sector], ring.distance_m[sector]);
+                prop_assert!(was_m.is_nan() == is_m.is_nan() && (was_m.is_nan() || is_m <= was_m));
             }
             let ahead = sector_of(bearing_rad);
             let there_m = f64::from(ring.distance_m[ahead]);
             if ahead != unknown {
                 prop_assert!(there_m < (away_m - 0.3 - 0.5 * comes_mps).max(0.3 + 0.2 * comes_mps) + 0.01);
-                prop_assert!(there_m >= (away_m - 0.3 - comes_mps * (LONGEST_S + 0.2)).max(0.3) - 0.01);
+                let nearest_m = (away_m - 0.3 - comes_mps * (LONGEST_S + 0.2)).max(0.3) - 0.01;
+                prop_assert!(there_m >= nearest_m.min(f64::from(before.distance_m[ahead])));
             }
             let behind = sector_of(bearing_rad + std::f64::consts::PI);
-            prop_assert!(behind == unknown || ring.distance_m[behind].is_infinite());
+            prop_assert!(behind == unknown || ring.distance_m[behind] == before.distance_m[behind]);
         }
     }
 }
