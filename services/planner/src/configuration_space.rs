@@ -119,7 +119,7 @@ impl ConfigurationSpace {
             declared: BitLayer::default(),
             declarations: 0,
             loaded: false,
-            meetings: Meetings::default(),
+            meetings: Meetings::new(),
         }
     }
 

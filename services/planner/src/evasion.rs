@@ -39,9 +39,9 @@ impl Planner {
     }
 
     /// Whether the vehicle flies out of the way of something.
-    pub(super) fn is_giving_way(&self, now: Timestamp, committed: Option<&Trajectory>) -> bool {
-        let gave_way = committed.filter(|committed| committed.route_id == self.gave_way_id);
-        self.gave_way_id != 0 && gave_way.is_some_and(|committed| now < committed.end())
+    pub(super) fn is_evading(&self, now: Timestamp, committed: Option<&Trajectory>) -> bool {
+        let evasion = committed.filter(|committed| committed.route_id == self.evasion_id);
+        self.evasion_id != 0 && evasion.is_some_and(|committed| now < committed.end())
     }
 
     /// Whether the vehicle would meet something that moves on the committed trajectory.
@@ -84,7 +84,7 @@ impl Planner {
         departure: &Departure,
         committed: Option<&Trajectory>,
     ) -> bool {
-        departure.state.velocity.vector().norm() <= SLOW_MPS || self.is_giving_way(now, committed)
+        departure.state.velocity.vector().norm() <= SLOW_MPS || self.is_evading(now, committed)
     }
 
     /// Evades what comes, if that is worth it: a motion to rest beside the place where the vehicle would stop, the
@@ -134,11 +134,11 @@ impl Planner {
             ..self.limits[tier]
         };
         self.write_stop(departure, limits, piece, route);
-        self.gave_way_id = route.id;
-        if !self.gave_way_reported.is_set() || now.seconds_since(self.gave_way_reported) > REPORT_PERIOD_S {
+        self.evasion_id = route.id;
+        if !self.evasion_reported.is_set() || now.seconds_since(self.evasion_reported) > REPORT_PERIOD_S {
             self.report_event(&events::GIVES_WAY);
         }
-        self.gave_way_reported = now;
+        self.evasion_reported = now;
         true
     }
 

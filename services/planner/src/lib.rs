@@ -20,7 +20,7 @@
 //!
 //! What moves is kept out of the way of by its prediction: a plan leads past the places where the vehicle could meet
 //! it, a committed trajectory that would is left like a blocked one, and a vehicle at rest gives way
-//! (`giving_way`). That is no part of the certificate, whose obstacles stand still: who moves may turn.
+//! (`evasion`). That is no part of the certificate, whose obstacles stand still: who moves may turn.
 //!
 //! A plan is a guide through the inflated map ([`search`]), cut where known-free space ends ([`guide`]), and convex
 //! pieces of certified space around it ([`corridor`]), in the highest [speed tier](mod@speed_tiers) that is worth it.
@@ -33,8 +33,8 @@ pub mod configuration_space;
 pub mod corridor;
 mod departure;
 mod detours;
+mod evasion;
 pub mod following;
-mod giving_way;
 mod goal;
 pub mod guide;
 mod map_inputs;
@@ -134,9 +134,9 @@ pub struct Planner {
     /// What moves is taken out of the map.
     moving_hidden: bool,
     /// The last route out of the way of something; 0 = none yet.
-    gave_way_id: u64,
+    evasion_id: u64,
     /// When that was reported.
-    gave_way_reported: Timestamp,
+    evasion_reported: Timestamp,
     search: Search,
     found: FoundPaths,
     best_path: Path,
@@ -201,8 +201,8 @@ impl Planner {
             space: ConfigurationSpace::new(&limits, clearance),
             moving: Predictions::new(),
             moving_hidden: false,
-            gave_way_id: 0,
-            gave_way_reported: Timestamp::NEVER,
+            evasion_id: 0,
+            evasion_reported: Timestamp::NEVER,
             search: Search::default(),
             found: FoundPaths::default(),
             best_path: Path::default(),
@@ -326,8 +326,8 @@ impl Planner {
         let committed = inputs.approved.map(|approved| &approved.trajectory);
         let departure = departure(now, committed, &state);
         let blocked = self.is_blocked(now, committed);
-        let gives_way = self.is_giving_way(now, committed);
-        let meets = !gives_way && self.meets_something(now, committed);
+        let is_evading = self.is_evading(now, committed);
+        let meets = !is_evading && self.meets_something(now, committed);
         let must_stop = blocked || departure.is_unplanned_motion();
         let must_leave = must_stop || meets;
         route.goal = goal;
@@ -353,7 +353,7 @@ impl Planner {
         let mut planning = true;
         let evades =
             self.evades_first(now, &departure, committed) && self.evade(now, &departure, committed, route);
-        if evades || gives_way && !must_leave {
+        if evades || is_evading && !must_leave {
             planning = false;
             self.progress.pause(now);
         } else if is_at(&departure.state, &goal) {

@@ -91,7 +91,7 @@ impl Predictions {
 
     /// Distance of a vehicle that is at `place` (local, m) at `time` from the surface of the nearest (m); infinite for
     /// those that stay `above_m` or more above or below it.
-    pub fn distance_m(&self, time: Timestamp, place: &Vector3<f64>, above_m: f64) -> f64 {
+    fn distance_m(&self, time: Timestamp, place: &Vector3<f64>, above_m: f64) -> f64 {
         let distances = self.at(time).map(|cylinder| cylinder.distance_m(place, above_m));
         distances.fold(f64::INFINITY, f64::min)
     }

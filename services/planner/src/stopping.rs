@@ -47,7 +47,8 @@ impl Planner {
         }
     }
 
-    /// I3: a certified stop if there is one, else the hardest braking allowed, with an event. At rest there is nothing to brake.
+    /// I3: a certified stop if there is one, else the hardest braking allowed, with an event. At rest there is nothing
+    /// to brake.
     pub(super) fn stop_or_brake(&mut self, now: Timestamp, departure: &Departure, route: &mut Route) {
         if departure.is_at_rest() {
             return;

@@ -22,11 +22,12 @@ pub const BRISK_MPS2: f64 = 1.8;
 const TURNS_DEG: [f64; 7] = [0.0, 15.0, -15.0, 30.0, -30.0, 50.0, -50.0];
 /// Points checked along a stop.
 const SAMPLES: usize = 40;
-/// Durations tried for a motion aside (s): from the shortest, each longer by this factor, to the longest.
+/// Durations tried for a motion aside (s): from the shortest, each longer by this factor, to the longest. What takes
+/// longer comes too late for a person who is predicted for three seconds.
 const ASIDE_MIN_S: f64 = 0.6;
 const ASIDE_STEP: f64 = 1.12;
 const ASIDE_MAX_S: f64 = 4.0;
-/// Share of the jerk that such a motion uses.
+/// Share of the jerk that such a motion uses: between two of the points compared it may be a little greater.
 const ASIDE_SHARE: f64 = 0.95;
 /// Points at which it is compared with its limits.
 const SAMPLES_OF_LIMITS: u32 = 12;

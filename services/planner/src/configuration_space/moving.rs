@@ -5,7 +5,11 @@ use super::cells::{cell_holding, is_within};
 use crate::moving::PredictedCylinder;
 use crate::speed_tiers::TIERS;
 use jink_shared_types::map::{SIZE_X, SIZE_Z, bit_of, center_of};
+use jink_shared_types::moving::MOVING_OBSTACLES;
 use nalgebra::Vector3;
+
+/// Room for so many moments of each obstacle: three seconds in quarters.
+const MEETINGS_EACH: usize = 16;
 
 /// A cylinder as of a moment, and where the vehicle can be then: between two distances from where it departs (m).
 #[derive(Clone, Copy, Debug)]
@@ -19,6 +23,16 @@ pub(crate) struct Meeting {
 pub(super) struct Meetings {
     from_m: Vector3<f64>,
     all: Vec<Meeting>,
+}
+
+impl Meetings {
+    /// None yet, with room for every obstacle at every moment that a plan looks at.
+    pub fn new() -> Self {
+        Self {
+            from_m: Vector3::zeros(),
+            all: Vec::with_capacity(MOVING_OBSTACLES * MEETINGS_EACH),
+        }
+    }
 }
 
 impl ConfigurationSpace {
