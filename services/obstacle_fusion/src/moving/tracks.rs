@@ -1,8 +1,7 @@
 //! Tracks: groups of hits followed from frame to frame.
 //!
 //! Each axis is filtered on its own, with a constant velocity and white acceleration (Y. Bar-Shalom, X. Li and T.
-//! Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 6.2.2, discretised as in
-//! 6.3.2). The centre of a group jumps by parts of a cell, and shows only the side that the sensor sees: both last for
+//! Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 6.3.2). The centre of a group jumps by parts of a cell, and shows only the side that the sensor sees: both last for
 //! several frames, so that the noise assumed is larger than that of one frame.
 
 use super::clusters::Group;
