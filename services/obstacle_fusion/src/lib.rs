@@ -313,6 +313,7 @@ impl Fusion {
                 .cloud(sensor, cloud, header.capture, self.frames, reach_m);
             let deadline_ms = header.deadline_ms(RANGE_CLOUD.row.deadline_ms);
             self.sensors.contributed(sensor, false, deadline_ms);
+            self.moving.sees_height();
         }
         let (sweep, history) = (&mut self.sweep, &self.history);
         self.health.cloud(sensor, cloud, header.capture, sweep, history);

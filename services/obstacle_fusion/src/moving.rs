@@ -30,6 +30,8 @@ pub(crate) struct Moving {
     open: OpenSpace,
     clusters: Clusters,
     tracks: Tracks,
+    /// A sensor that sees height contributes: not only planar scans.
+    sees_height: bool,
 }
 
 impl Moving {
@@ -38,6 +40,7 @@ impl Moving {
             open: OpenSpace::new(),
             clusters: Clusters::new(),
             tracks: Tracks::new(),
+            sees_height: false,
         }
     }
 
@@ -47,9 +50,14 @@ impl Moving {
         self.tracks.clear();
     }
 
+    /// A sensor that sees height contributes.
+    pub fn sees_height(&mut self) {
+        self.sees_height = true;
+    }
+
     /// Takes a frame captured at `capture` that is not applied to `window` yet.
     pub fn look(&mut self, capture: Timestamp, frame: &FrameBits, window: &MapWindow) {
-        self.open.update(capture, window);
+        self.open.update(capture, window, self.sees_height);
         self.clusters.clear();
         self.open.hits(frame, window, |cell| self.clusters.add(cell));
         self.tracks

@@ -48,15 +48,16 @@ impl OpenSpace {
         self.was_occupied.iter_mut().for_each(|plane| plane.fill(0));
     }
 
-    /// Looks at `window` as it is at `now`.
-    pub fn update(&mut self, now: Timestamp, window: &MapWindow) {
+    /// Looks at `window` as it is at `now`. What sensors that see `height` do not know above and below is not open;
+    /// planar scans know but their own layer.
+    pub fn update(&mut self, now: Timestamp, window: &MapWindow, height: bool) {
         // The window may have moved: what is a cell's number now was another cell's before.
         for ((open, free), known) in self.open.iter_mut().zip(&mut *self.was_free).zip(&*window.known) {
             *open &= known;
             *free &= known;
         }
         if is_due(&mut self.checked, now, CHECK_S) {
-            self.free_with_neighbours(window);
+            self.free_with_neighbours(window, height);
             let [free, ..] = &self.scratch;
             for ((open, was_free), free) in self.open.iter_mut().zip(&mut *self.was_free).zip(&**free) {
                 *open |= *was_free & free;
@@ -94,25 +95,31 @@ impl OpenSpace {
     }
 
     /// Writes the cells that are free by measurement, like those beside them in their layer, with nothing above and below
-    /// them, into the first scratch plane. The layers above and below need not be known: a planar scan sees but its own. The
-    /// window's opposite faces count as neighbours: what is free at a face is free at most to be lost again.
-    fn free_with_neighbours(&mut self, window: &MapWindow) {
+    /// them, into the first scratch plane. For sensors that see `height`, the layers above and below have to be known as
+    /// well: before the ground is seen, the layer above it is, and then noise puts hits of the ground there. The window's
+    /// opposite faces count as neighbours: what is free at a face is free at most to be lost again.
+    fn free_with_neighbours(&mut self, window: &MapWindow, height: bool) {
         let [out, free, clear] = &mut self.scratch;
         let words = window.known.iter().zip(&*window.occupied).zip(&*window.declared);
         for ((free, clear), ((known, occupied), declared)) in free.iter_mut().zip(clear.iter_mut()).zip(words)
         {
             *free = known & !occupied & !declared;
-            *clear = !occupied;
+            *clear = if height { *free } else { !occupied };
         }
         erode_in_layers(free, out);
         erode_in_layers(clear, out);
-        const SLICE: usize = SIZE_X / 64 * SIZE_Y;
-        for z in 0..SIZE_Z {
-            let (above, below) = ((z + SIZE_Z - 1) % SIZE_Z * SLICE, (z + 1) % SIZE_Z * SLICE);
-            for word in 0..SLICE {
-                let here = z * SLICE + word;
-                out[here] = free[here] & clear[above + word] & clear[below + word];
-            }
+        out.copy_from_slice(&**free);
+        erode_by_layers(clear, out);
+    }
+}
+
+/// Unsets the cells of `out` that have an unset one of `clear` above or below them.
+fn erode_by_layers(clear: &BitPlane, out: &mut BitPlane) {
+    const SLICE: usize = SIZE_X / 64 * SIZE_Y;
+    for (z, out) in out.chunks_exact_mut(SLICE).enumerate() {
+        let [above, below] = [z + SIZE_Z - 1, z + 1].map(|beside| &clear[beside % SIZE_Z * SLICE..][..SLICE]);
+        for (out, (above, below)) in out.iter_mut().zip(above.iter().zip(below)) {
+            *out &= above & below;
         }
     }
 }

@@ -24,14 +24,25 @@ const GATE_SD: f64 = 3.0;
 const LOST_S: f64 = 0.7;
 /// A track moves when it was seen in so many frames ...
 const FRAMES_MIN: u32 = 4;
+/// ... over so long (s): several cameras make many frames ...
+const AGE_MIN_S: f64 = 0.2;
 /// ... has moved by this (m) ...
 const MOVED_M: f64 = 0.3;
 /// ... and its speed is at least this (m/s) ...
 const MOVING_MPS: f64 = 0.35;
 /// ... and so many times its uncertainty.
 const MOVING_SD: f64 = 2.0;
+/// ... while its groups were where it expected them, but for this on an axis (m, root mean square): what noise puts along
+/// the ground and round trunks jumps.
+const EXPECTED_M: f64 = 0.25;
+/// Share of the newest frame in that mean.
+const NEWEST: f64 = 0.25;
 /// A track that moved, does so as long as it is faster than this (m/s).
 const STILL_MOVING_MPS: f64 = 0.2;
+/// What is no higher than this (m, half of it) ...
+const FLAT_M: f64 = 0.25;
+/// ... and lower than the vehicle by this (m) is the ground, whose hits run along with the vehicle.
+const BELOW_M: f64 = 0.8;
 /// How soon a size follows one that is seen smaller: the share of the difference per frame. Larger ones count at once
 /// by half.
 const SHRINK: f64 = 0.05;
@@ -87,8 +98,11 @@ struct Track {
     radius_m: f64,
     half_height_m: f64,
     first_m: Vector3<f64>,
+    first_seen: Timestamp,
     seen: Timestamp,
     frames: u32,
+    /// Mean square of how far its groups were from where it expected them, on an axis (m2).
+    unexpected_m2: f64,
     moves: bool,
     is_matched: bool,
 }
@@ -101,8 +115,10 @@ impl Track {
             radius_m: group.radius_m,
             half_height_m: group.half_height_m,
             first_m: group.centre_m,
+            first_seen: now,
             seen: now,
             frames: 1,
+            unexpected_m2: 0.0,
             moves: false,
             is_matched: true,
         }
@@ -124,6 +140,11 @@ impl Track {
     }
 
     fn correct(&mut self, now: Timestamp, group: &Group) {
+        let unexpected_m2 = 0.5 * (group.centre_m - self.position_m()).xy().norm_squared();
+        // Of the first frames, in which it has no velocity yet, nothing is expected.
+        if self.frames >= FRAMES_MIN {
+            self.unexpected_m2 += NEWEST * (unexpected_m2 - self.unexpected_m2);
+        }
         for (axis, place_m) in self.axes.iter_mut().zip(group.centre_m.iter()) {
             axis.correct(*place_m);
         }
@@ -138,11 +159,15 @@ impl Track {
         let speed_mps = self.velocity_mps().xy().norm();
         let moved_m = (self.position_m() - self.first_m).xy().norm();
         let certain_mps = MOVING_SD * self.axes[0].covariance[2].sqrt();
-        self.moves = if self.moves {
-            speed_mps >= STILL_MOVING_MPS
-        } else {
-            self.frames >= FRAMES_MIN && moved_m >= MOVED_M && speed_mps >= MOVING_MPS.max(certain_mps)
-        };
+        self.moves = self.unexpected_m2 <= EXPECTED_M.powi(2)
+            && if self.moves {
+                speed_mps >= STILL_MOVING_MPS
+            } else {
+                self.frames >= FRAMES_MIN
+                    && now.seconds_since(self.first_seen) >= AGE_MIN_S
+                    && moved_m >= MOVED_M
+                    && speed_mps >= MOVING_MPS.max(certain_mps)
+            };
     }
 
     fn report(&self) -> MovingObstacle {
@@ -245,7 +270,13 @@ impl Tracks {
     pub fn write(&mut self, vehicle_m: &Vector3<f64>, out: &mut MovingObstacles) {
         *out = MovingObstacles::default();
         self.order.clear();
-        let moving = self.tracks.iter().enumerate().filter(|(_, track)| track.moves);
+        let is_ground =
+            |track: &Track| track.half_height_m <= FLAT_M && track.axes[2].position_m > vehicle_m.z + BELOW_M;
+        let moving = self
+            .tracks
+            .iter()
+            .enumerate()
+            .filter(|(_, track)| track.moves && !is_ground(track));
         self.order.extend(
             moving.map(|(index, track)| ((track.position_m() - vehicle_m).norm() - track.radius_m, index)),
         );

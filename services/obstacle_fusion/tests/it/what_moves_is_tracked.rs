@@ -28,8 +28,32 @@ impl Walker {
     }
 }
 
+/// Rays all around, and few; rings, few and many; what the other laws see with.
+fn lidars() -> impl Strategy<Value = Lidar> {
+    let lidar = |rays: usize, rings: usize, elevation_rad: f64, range_max_m: f64| Lidar {
+        rays,
+        rings,
+        elevation_rad: (-elevation_rad, elevation_rad),
+        range_max_m,
+        sweep_s: 1.0 / RATE_HZ,
+        ..Lidar::default()
+    };
+    prop_oneof![
+        Just(lidar(12_000, 0, 0.9, 40.0)),
+        Just(lidar(6_000, 0, std::f64::consts::FRAC_PI_2, 8.0)),
+        Just(lidar(14_400, 16, 0.26, 40.0)),
+        Just(lidar(32_768, 64, 0.79, 40.0)),
+    ]
+}
+
 /// Flies at `speed_mps` through a forest for `duration_s` with noise in ranges and poses; what moves, with the time, after each frame.
-fn fly(seed: u64, speed_mps: f64, walker: Option<Walker>, duration_s: f64) -> Vec<(f64, MovingObstacles)> {
+fn fly(
+    seed: u64,
+    lidar: &Lidar,
+    speed_mps: f64,
+    walker: Option<Walker>,
+    duration_s: f64,
+) -> Vec<(f64, MovingObstacles)> {
     let forest = forest(40.0, seed);
     let mut random = SplitMix64::seed_from_u64(seed);
     let motion = |t_s: f64| VehicleMotion {
@@ -37,11 +61,6 @@ fn fly(seed: u64, speed_mps: f64, walker: Option<Walker>, duration_s: f64) -> Ve
         velocity_mps: Vector3::new(speed_mps, 0.2 * t_s.cos(), 0.0),
         attitude: UnitQuaternion::from_euler_angles(0.05 * t_s.sin(), -0.05, 0.1 * t_s),
         rates_radps: Vector3::new(0.05 * t_s.cos(), 0.0, 0.1),
-    };
-    let lidar = Lidar {
-        rays: 12_000,
-        sweep_s: 1.0 / RATE_HZ,
-        ..Lidar::default()
     };
     let mut fusion = Fusion::new(FusionConfig::from_params(&ParamSet::default(), 1));
     let mut cloud = PointCloud::boxed();
@@ -52,6 +71,8 @@ fn fly(seed: u64, speed_mps: f64, walker: Option<Walker>, duration_s: f64) -> Ve
             let state_s = t_s - 0.02 * f64::from(i);
             let mut state = motion(state_s);
             state.position_m += Vector3::from_fn(|_, _| random.random_range(-0.03..0.03));
+            let tilt_rad = Vector3::from_fn(|_, _| random.random_range(-0.01..0.01));
+            state.attitude *= UnitQuaternion::from_scaled_axis(tilt_rad);
             fusion.vehicle(&state.state(), &header(state_s));
         }
         let mut world = forest.clone();
@@ -77,14 +98,17 @@ fn fly(seed: u64, speed_mps: f64, walker: Option<Walker>, duration_s: f64) -> Ve
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(8))]
+    #![proptest_config(ProptestConfig::with_cases(24))]
     // Who walks away enters no space that was seen to be open: it lies behind.
     #[test]
     fn a_person_in_a_forest_is_reported_with_place_and_velocity(
         seed in 1..1_000u64, walks_mps in 0.6..2.5f64, heading_rad in 1.5..4.8f64,
-        ahead_m in 3.0..6.0f64, flies_mps in 0.0..2.0f64,
+        ahead_m in 3.0..6.0f64, flies_mps in 0.0..2.0f64, lidar in lidars(),
     ) {
         let middle_s = 3.0;
+        // With few rays, who is slow or far is found when he is near: space opens later, and hits are few.
+        let (walks_mps, ahead_m) =
+            if lidar.range_max_m < 10.0 { (walks_mps.max(1.2), ahead_m.min(4.5)) } else { (walks_mps, ahead_m) };
         let walker = Walker {
             velocity_mps: Vector3::new(heading_rad.cos(), heading_rad.sin(), 0.0) * walks_mps,
             place_m: Vector3::new(flies_mps * middle_s + ahead_m, 0.0, -2.0),
@@ -95,7 +119,7 @@ proptest! {
             (1.5..7.0).contains(&away_m)
         };
         let (mut frames, mut found, mut others) = (0, 0, 0);
-        for (t_s, moving) in fly(seed, flies_mps, Some(walker), middle_s + 1.0) {
+        for (t_s, moving) in fly(seed, &lidar, flies_mps, Some(walker), middle_s + 1.0) {
             let place_m = walker.at(t_s);
             let is_walker = |away: Vector3<f64>| away.xy().norm() < 0.7;
             let its = moving.obstacles().iter().find(|one| is_walker(one.position.vector() - place_m));
@@ -110,12 +134,15 @@ proptest! {
         }
         // A tree may hide it.
         prop_assert!(frames == 0 || found * 10 >= frames * 6, "{found} of {frames} frames");
-        prop_assert!(others <= 3, "{others} others");
+        // Who is hidden by one is expected for 0.7 s where he no longer is.
+        prop_assert!(others <= 10, "{others} others");
     }
 
     #[test]
-    fn nothing_moves_in_a_forest_that_is_flown_through(seed in 1..1_000u64, flies_mps in 0.0..6.0f64) {
-        for (t_s, moving) in fly(seed, flies_mps, None, 4.0) {
+    fn nothing_moves_in_a_forest_that_is_flown_through(
+        seed in 1..1_000u64, flies_mps in 0.0..6.0f64, lidar in lidars(),
+    ) {
+        for (t_s, moving) in fly(seed, &lidar, flies_mps, None, 4.0) {
             prop_assert!(moving.obstacles().is_empty(), "at {t_s}: {:?}", moving.obstacles());
         }
     }

@@ -171,6 +171,8 @@ pub struct Lidar {
     pub elevation_rad: (f64, f64),
     /// Rays of a sweep.
     pub rays: usize,
+    /// Rings that the rays lie on; 0: everywhere.
+    pub rings: usize,
     /// Duration of a sweep (s).
     pub sweep_s: f64,
 }
@@ -182,18 +184,23 @@ impl Default for Lidar {
             range_max_m: 40.0,
             elevation_rad: (-0.9, 0.9),
             rays: 20_000,
+            rings: 0,
             sweep_s: 0.0,
         }
     }
 }
 
 impl Lidar {
-    /// Direction of ray `ray` in the body. The azimuth turns 20 times a sweep; elevations fill by the golden ratio, and
+    /// Direction of ray `ray` in the body. The azimuth turns 20 times a sweep; without rings, elevations fill by the golden ratio, and
     /// `sweep` shifts them, so that no two sweeps see the same (as rosette lidars do).
     fn along_body(&self, ray: usize, sweep: usize) -> Vector3<f64> {
         const GOLDEN: f64 = 0.618_033_988_749_894_9;
-        let azimuth = (ray as f64 / self.rays as f64 * 20.0 + sweep as f64 * 0.013) * std::f64::consts::TAU;
-        let fill = (ray as f64 * GOLDEN + sweep as f64 * 0.287).fract();
+        let (turns, shift) = if self.rings > 0 { (1.0, 0.0) } else { (20.0, 0.013) };
+        let azimuth = (ray as f64 / self.rays as f64 * turns + sweep as f64 * shift) * std::f64::consts::TAU;
+        let fill = match self.rings {
+            0 => (ray as f64 * GOLDEN + sweep as f64 * 0.287).fract(),
+            rings => ((ray % rings) as f64 + 0.5) / rings as f64,
+        };
         let (low, high) = self.elevation_rad;
         let elevation = low + (high - low) * fill;
         let (sin, cos) = elevation.sin_cos();
