@@ -28,11 +28,6 @@ fn row(plane: &Plane, index: usize) -> u128 {
     u128::from(plane[index][0]) | u128::from(plane[index][1]) << 64
 }
 
-/// The rows' index for local coordinates `y`, `z` (taken modulo the size).
-fn index_of(y: usize, z: usize) -> usize {
-    (z & (SIZE_Z - 1)) * SIZE_Y + (y & (SIZE_Y - 1))
-}
-
 impl BitLayer {
     /// Adds the cells of another.
     pub fn add(&mut self, other: &Self) {
@@ -165,11 +160,26 @@ fn gap_cells(offset: i32) -> f64 {
     f64::from((offset.abs() - 1).max(0))
 }
 
-/// A structuring element, a sphere or a sphere and a cylinder, as the widths of its rows, for bit-parallel dilation.
+/// Rows that are dilated together: what the vector registers hold.
+const BLOCK: usize = 16;
+/// Words of a row.
+const WORDS: usize = SIZE_X / 64;
+
+/// A structuring element, a sphere or a sphere and a cylinder, as the half widths of its rows, for bit-parallel dilation.
+/// It is the same to both sides along every axis.
 #[derive(Clone, Debug)]
 pub struct StructuringElement {
-    /// Per half width (index): the row offsets `(dy, dz)` at which the element is that wide.
-    offsets: Vec<Vec<(usize, usize)>>,
+    /// Per height (index): the half widths of the rows at that height, by their offset to the side (index), never wider
+    /// the farther out.
+    discs: Vec<Vec<usize>>,
+}
+
+/// Memory that a dilation works in.
+#[derive(Clone, Debug, Default)]
+pub struct DilationScratch {
+    /// Per half width: a slice, dilated by that along x, first the low words of all rows and then the high ones, each with
+    /// the rows that a disc reaches beyond both ends.
+    widened: Vec<u64>,
 }
 
 impl StructuringElement {
@@ -198,67 +208,143 @@ impl StructuringElement {
     fn within(reach_m: f64, cell_m: f64, is_inside: impl Fn(f64, f64) -> bool) -> Self {
         let gap_m = |offset: i32| gap_cells(offset) * cell_m;
         let reach = (reach_m / cell_m).ceil() as i32 + 1;
-        let mut offsets = Vec::new();
-        for dz in -reach..=reach {
-            for dy in -reach..=reach {
-                let width = (0..=reach)
-                    .rev()
-                    .find(|dx| is_inside(gap_m(*dx).powi(2) + gap_m(dy).powi(2), gap_m(dz)));
-                if let Some(width) = width {
-                    let width = width as usize;
-                    if offsets.len() <= width {
-                        offsets.resize(width + 1, Vec::new());
-                    }
-                    let wrap = |d: i32, size: usize| d.rem_euclid(size as i32) as usize;
-                    offsets[width].push((wrap(dy, SIZE_Y), wrap(dz, SIZE_Z)));
-                }
-            }
+        let half_width = |dy: i32, dz: i32| {
+            let is_reached = |dx: &i32| is_inside(gap_m(*dx).powi(2) + gap_m(dy).powi(2), gap_m(dz));
+            (0..=reach).rev().find(is_reached).map(|width| width as usize)
+        };
+        let disc = |dz: i32| -> Vec<usize> { (0..=reach).map_while(|dy| half_width(dy, dz)).collect() };
+        Self {
+            discs: (0..=reach)
+                .map(disc)
+                .take_while(|disc| !disc.is_empty())
+                .collect(),
         }
-        Self { offsets }
     }
 
     /// Writes into `out` all cells that the element around a cell of `source` reaches; `scratch` is overwritten.
-    pub fn dilate(&self, source: &BitLayer, scratch: &mut BitLayer, out: &mut BitLayer) {
-        scratch.rows.copy_from_slice(&source.rows);
+    pub fn dilate(&self, source: &BitLayer, scratch: &mut DilationScratch, out: &mut BitLayer) {
         out.rows.fill(0);
-        for (width, offsets) in self.offsets.iter().enumerate() {
-            if width > 0 {
-                let shift = width as u32;
-                for (wide, narrow) in scratch.rows.iter_mut().zip(&source.rows) {
-                    *wide |= narrow.rotate_left(shift) | narrow.rotate_right(shift);
-                }
+        let Some(widest) = self.discs.first() else {
+            return;
+        };
+        let (reach, width) = (widest.len() - 1, widest[0]);
+        let mut dilated = [[0; SIZE_Y]; WORDS];
+        for (z, slice) in source.rows.chunks_exact(SIZE_Y).enumerate() {
+            if slice.iter().all(|row| *row == 0) {
+                continue;
             }
-            // Slice by slice: one slice and those around it stay in the nearest cache.
-            for (z, slice) in scratch.rows.chunks_exact(SIZE_Y).enumerate() {
-                if slice.iter().all(|row| *row == 0) {
-                    continue;
+            // What is nowhere known fills whatever it reaches: the ground under the vehicle is half of the window.
+            let is_full = slice.iter().all(|row| *row == u128::MAX);
+            let widened = (!is_full).then(|| scratch.widen(slice, width, reach));
+            for (dz, disc) in self.discs.iter().enumerate() {
+                match &widened {
+                    Some(widened) => widened.dilate(disc, &mut dilated),
+                    None => dilated = [[u64::MAX; SIZE_Y]; WORDS],
                 }
-                // What is nowhere known fills whatever it reaches: the ground under the vehicle is half of the window.
-                let is_full = slice.iter().all(|row| *row == u128::MAX);
-                for (dy, dz) in offsets.iter().filter(|(dy, _)| !is_full || *dy == 0) {
-                    let start = index_of(0, z + dz);
-                    or_shifted(slice, *dy, &mut out.rows[start..start + SIZE_Y]);
+                let [low, high] = &dilated;
+                let sides = [z + dz, z + SIZE_Z - dz % SIZE_Z];
+                for side in &sides[..if dz == 0 { 1 } else { 2 }] {
+                    let out = &mut out.rows[side % SIZE_Z * SIZE_Y..][..SIZE_Y];
+                    for (out, (low, high)) in out.iter_mut().zip(low.iter().zip(high)) {
+                        *out |= u128::from(*low) | u128::from(*high) << 64;
+                    }
                 }
             }
         }
     }
 }
 
-/// `out[y + dy] |= slice[y]`, in two parts so that the inner loops are straight.
-fn or_shifted(slice: &[u128], dy: usize, out: &mut [u128]) {
-    let (head, tail) = out.split_at_mut(dy);
-    let (low, high) = slice.split_at(SIZE_Y - dy);
-    for (a, b) in tail.iter_mut().zip(low) {
-        *a |= b;
+impl DilationScratch {
+    /// The rows of `slice` dilated along x by every half width up to `width`, for discs of `reach` rows to each side.
+    fn widen(&mut self, slice: &[u128], width: usize, reach: usize) -> Widened<'_> {
+        let rows = SIZE_Y + 2 * reach;
+        self.widened.resize((width + 1) * WORDS * rows, 0);
+        let (low, high) = self.widened[..WORDS * rows].split_at_mut(rows);
+        let mut set_rows = 0;
+        for y in 0..rows {
+            // The window's opposite faces are neighbours; see the module.
+            let row = slice[(y + SIZE_Y - reach % SIZE_Y) % SIZE_Y];
+            [low[y], high[y]] = [row as u64, (row >> 64) as u64];
+        }
+        for (y, row) in slice.iter().enumerate() {
+            set_rows |= u128::from(*row != 0) << y;
+        }
+        for level in 0..width {
+            let (narrow, wide) =
+                self.widened[level * WORDS * rows..][..2 * WORDS * rows].split_at_mut(WORDS * rows);
+            let (low, high) = narrow.split_at(rows);
+            let (wide_low, wide_high) = wide.split_at_mut(rows);
+            for ((low, high), (wide_low, wide_high)) in
+                low.iter().zip(high).zip(wide_low.iter_mut().zip(wide_high))
+            {
+                *wide_low = low | low << 1 | high >> 63 | low >> 1 | high << 63;
+                *wide_high = high | high << 1 | low >> 63 | high >> 1 | low << 63;
+            }
+        }
+        Widened {
+            words: &self.widened,
+            rows,
+            reach,
+            set_rows,
+        }
     }
-    for (a, b) in head.iter_mut().zip(high) {
-        *a |= b;
+}
+
+/// A slice, dilated along x by every half width.
+struct Widened<'a> {
+    words: &'a [u64],
+    /// Rows with those beyond both ends.
+    rows: usize,
+    /// Rows beyond one end.
+    reach: usize,
+    /// A bit for each row of the slice that is not empty.
+    set_rows: u128,
+}
+
+impl Widened<'_> {
+    /// Writes the slice dilated by `disc` into `out`: the low words of all rows, then the high ones.
+    fn dilate(&self, disc: &[usize], out: &mut [[u64; SIZE_Y]; WORDS]) {
+        let reached = (BLOCK + 2 * (disc.len() - 1)).min(SIZE_Y) as u32;
+        let mask = u128::MAX >> (SIZE_Y as u32 - reached);
+        for y in (0..SIZE_Y).step_by(BLOCK) {
+            let first = (y + SIZE_Y - (disc.len() - 1) % SIZE_Y) % SIZE_Y;
+            let is_empty = self.set_rows.rotate_right(first as u32) & mask == 0;
+            for (word, out) in out.iter_mut().enumerate() {
+                let block = if is_empty {
+                    [0; BLOCK]
+                } else {
+                    self.block(disc, word, y)
+                };
+                out[y..y + BLOCK].copy_from_slice(&block);
+            }
+        }
+    }
+
+    /// One word of the rows from `y` on of the slice dilated by `disc`.
+    #[inline]
+    fn block(&self, disc: &[usize], word: usize, y: usize) -> [u64; BLOCK] {
+        let rows = |width: usize, row: usize| -> &[u64; BLOCK] {
+            let at = (width * WORDS + word) * self.rows + row;
+            self.words[at..].first_chunk().unwrap_or(&[0; BLOCK])
+        };
+        let here = self.reach + y;
+        let mut block = *rows(disc[0], here);
+        if block.iter().all(|word| *word == u64::MAX) {
+            return block;
+        }
+        for (dy, width) in disc.iter().enumerate().skip(1) {
+            let (before, after) = (rows(*width, here - dy), rows(*width, here + dy));
+            for (word, (before, after)) in block.iter_mut().zip(before.iter().zip(after)) {
+                *word |= before | after;
+            }
+        }
+        block
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{BitLayer, StructuringElement};
+    use super::{BitLayer, DilationScratch, StructuringElement};
     use jink_shared_types::map::{CELL_M, Cell, LocalMap, set};
     use proptest::prelude::*;
 
@@ -285,7 +371,7 @@ mod tests {
             for z in &full_slices {
                 (-64..64).for_each(|x| (-64..64).for_each(|y| source.set([x, y, *z])));
             }
-            let (mut scratch, mut out) = (BitLayer::default(), BitLayer::default());
+            let (mut scratch, mut out) = (DilationScratch::default(), BitLayer::default());
             StructuringElement::of_cells(radius, cell_m).dilate(&source, &mut scratch, &mut out);
             for x in -60..60 {
                 for y in -60..60 {
@@ -331,7 +417,7 @@ mod tests {
     fn a_cylinder_reaches_farther_to_the_sides_and_no_higher() {
         let mut source = BitLayer::default();
         source.set([0, 0, 0]);
-        let (mut scratch, mut out) = (BitLayer::default(), BitLayer::default());
+        let (mut scratch, mut out) = (DilationScratch::default(), BitLayer::default());
         StructuringElement::in_cylinder(0.5, 2.0, 0.5).dilate(&source, &mut scratch, &mut out);
         for x in -15..=15 {
             for y in -15..=15 {

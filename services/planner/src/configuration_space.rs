@@ -30,7 +30,7 @@ pub(crate) use cells::distance_squared_cells;
 pub use clearance::Clearance;
 pub(crate) use moving::Meeting;
 
-use crate::bit_layer::{BitLayer, StructuringElement};
+use crate::bit_layer::{BitLayer, DilationScratch, StructuringElement};
 use crate::speed_tiers::TIERS;
 use cells::{cell_holding, cell_m, cells_within, is_within, per_cell};
 use jink_shared_types::map::{CELL_M, Cell, LocalMap, SIZE_X, SIZE_Y, SIZE_Z, center_of, declared_as};
@@ -67,7 +67,7 @@ pub struct ConfigurationSpace {
     comfort: StructuringElement,
     not_free: BitLayer,
     occupied: BitLayer,
-    scratch: BitLayer,
+    scratch: DilationScratch,
     halves: BitLayer,
     unknown: BitLayer,
     /// The occupied cells farther than the vehicle's radius from a narrow place.
@@ -106,7 +106,7 @@ impl ConfigurationSpace {
             comfort: StructuringElement::new(COMFORT_M),
             not_free: BitLayer::default(),
             occupied: BitLayer::default(),
-            scratch: BitLayer::default(),
+            scratch: DilationScratch::default(),
             halves: BitLayer::default(),
             unknown: BitLayer::default(),
             other_occupied: BitLayer::default(),
