@@ -25,7 +25,7 @@ const LOST_S: f64 = 0.7;
 /// A track moves when it was seen in so many frames ...
 const FRAMES_MIN: u32 = 4;
 /// ... over so long (s): several cameras make many frames ...
-const AGE_MIN_S: f64 = 0.2;
+const AGE_MIN_S: f64 = 0.13;
 /// ... has moved by this (m) ...
 const MOVED_M: f64 = 0.3;
 /// ... and its speed is at least this (m/s) ...
@@ -159,15 +159,15 @@ impl Track {
         let speed_mps = self.velocity_mps().xy().norm();
         let moved_m = (self.position_m() - self.first_m).xy().norm();
         let certain_mps = MOVING_SD * self.axes[0].covariance[2].sqrt();
-        self.moves = self.unexpected_m2 <= EXPECTED_M.powi(2)
-            && if self.moves {
-                speed_mps >= STILL_MOVING_MPS
-            } else {
-                self.frames >= FRAMES_MIN
-                    && now.seconds_since(self.first_seen) >= AGE_MIN_S
-                    && moved_m >= MOVED_M
-                    && speed_mps >= MOVING_MPS.max(certain_mps)
-            };
+        self.moves = if self.moves {
+            speed_mps >= STILL_MOVING_MPS
+        } else {
+            self.frames >= FRAMES_MIN
+                && now.seconds_since(self.first_seen) >= AGE_MIN_S
+                && self.unexpected_m2 <= EXPECTED_M.powi(2)
+                && moved_m >= MOVED_M
+                && speed_mps >= MOVING_MPS.max(certain_mps)
+        };
     }
 
     fn report(&self) -> MovingObstacle {
