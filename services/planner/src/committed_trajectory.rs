@@ -17,14 +17,24 @@ impl Planner {
         self.planned_id != 0 && committed.is_some_and(|committed| committed.route_id == self.planned_id)
     }
 
-    /// Whether an obstacle has come into the tube of the committed trajectory from `now` on.
+    /// Whether an obstacle that stands still has come into the tube of the committed trajectory from `now` on.
     pub(super) fn is_blocked(&mut self, now: Timestamp, committed: Option<&Trajectory>) -> bool {
         let Some(committed) = committed.filter(|trajectory| is_flown(trajectory)) else {
             return false;
         };
-        if !self.space.is_loaded() {
+        if !self.space.is_loaded() || !self.hits(now, committed) {
             return false;
         }
+        // Without what moves the map has to be inflated again: only where something is hit.
+        if self.moving.is_empty() || self.moving_hidden {
+            return true;
+        }
+        self.hide_moving();
+        self.hits(now, committed)
+    }
+
+    /// Whether anything in the map is in the tube of `committed` from `now` on.
+    fn hits(&mut self, now: Timestamp, committed: &Trajectory) -> bool {
         let end = committed.end();
         // At rest there is no tracking error.
         let tier = if now < end {

@@ -87,6 +87,10 @@ pub struct ConfigurationSpace {
     loaded: bool,
     /// What moves, where the vehicle could meet it.
     meetings: Meetings,
+    /// The tiers that hold it, and what they held before.
+    painted: [bool; TIERS],
+    unpainted_hit: [BitLayer; TIERS],
+    unpainted_blocked: [BitLayer; TIERS],
 }
 
 impl ConfigurationSpace {
@@ -120,6 +124,9 @@ impl ConfigurationSpace {
             declarations: 0,
             loaded: false,
             meetings: Meetings::new(),
+            painted: [false; TIERS],
+            unpainted_hit: std::array::from_fn(|_| BitLayer::default()),
+            unpainted_blocked: std::array::from_fn(|_| BitLayer::default()),
         }
     }
 

@@ -301,7 +301,7 @@ impl Planner {
         };
         self.moving.load(inputs.moving.fresh());
         let new_map = self.load_map(inputs);
-        self.hide_moving();
+        self.space.unpaint();
         let Some(state) = inputs.state.fresh() else {
             return false; // I4: without a state nothing new is committed; Keep.
         };

@@ -76,14 +76,23 @@ impl ConfigurationSpace {
 
     /// Every tier holds only what the map does.
     pub(crate) fn unpaint(&mut self) {
-        if !self.meetings.all.is_empty() {
-            self.meetings.all.clear();
-            self.discard_tiers();
+        self.meetings.all.clear();
+        for tier in 0..TIERS {
+            if std::mem::take(&mut self.painted[tier]) {
+                self.hit[tier].copy(&self.unpainted_hit[tier]);
+                self.blocked[tier].copy(&self.unpainted_blocked[tier]);
+            }
         }
     }
 
-    /// Paints one tier.
+    /// Paints one tier, which has just been inflated or unpainted.
     pub(super) fn paint_tier(&mut self, tier: usize) {
+        self.painted[tier] = !self.meetings.all.is_empty();
+        if !self.painted[tier] {
+            return;
+        }
+        self.unpainted_hit[tier].copy(&self.hit[tier]);
+        self.unpainted_blocked[tier].copy(&self.blocked[tier]);
         let meetings = std::mem::take(&mut self.meetings);
         for meeting in &meetings.all {
             self.paint_meeting(tier, &meetings.from_m, meeting);

@@ -1,6 +1,7 @@
 //! The configuration space of maps with posts, walls and narrow places.
 
-use super::{Clearance, ConfigurationSpace};
+use super::{Clearance, ConfigurationSpace, Meeting};
+use crate::moving::PredictedCylinder;
 use crate::speed_tiers::{SLOW_TIER, TIERS, speed_tiers};
 use jink_shared_types::frames::Point;
 use jink_shared_types::map::{LocalMap, cell_of, center_of, set};
@@ -129,4 +130,37 @@ fn nothing_outside_the_window_is_safe() {
     assert!(space.is_safe(0, [0, 0, 0]));
     assert!(!space.is_safe(0, [64, 0, 0]));
     assert!(!space.is_safe(0, [63, 0, 0]), "one cell from the unknown");
+}
+
+#[test]
+fn what_moves_is_painted_where_it_is_met_and_leaves_nothing_behind() {
+    let map = known_map(|p| (p.x - 5.0).hypot(p.y) < 0.3);
+    let loaded = space_of(&map);
+    let mut space = space_of(&map);
+    let meeting = |north_m: f64, between_m: [f64; 2]| Meeting {
+        cylinder: PredictedCylinder {
+            centre_m: Vector3::new(north_m, 0.0, 0.0),
+            radius_m: 0.3,
+            half_height_m: 1.0,
+        },
+        between_m,
+    };
+    let here = Vector3::zeros();
+    let is_safe =
+        |space: &ConfigurationSpace, north_m: f64| space.is_safe_at(0, &Vector3::new(north_m, 0.1, 0.1));
+    // One that is met where it is, and one that has passed by then.
+    let met = [meeting(-4.0, [2.0, 6.0]), meeting(-8.0, [1.0, 3.0])];
+    space.paint(&here, met.into_iter());
+    assert!(!is_safe(&space, -4.0) && is_safe(&space, -8.0));
+    // Painted again, in other places, and inflated again while it is.
+    space.paint(&here, [meeting(-8.0, [6.0, 9.0])].into_iter());
+    space.discard_tiers();
+    (0..TIERS).for_each(|tier| space.prepare(tier));
+    assert!(is_safe(&space, -4.0) && !is_safe(&space, -8.0));
+    space.unpaint();
+    for tier in 0..TIERS {
+        assert!(space.ready[tier], "it need not be inflated again");
+        assert_eq!(space.hit[tier], loaded.hit[tier]);
+        assert_eq!(space.blocked[tier], loaded.blocked[tier]);
+    }
 }
