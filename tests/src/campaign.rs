@@ -4,6 +4,7 @@ pub mod recorded;
 pub mod table;
 
 use crate::lockstep::{FlightSetup, LockStep};
+use crate::station::StationColumn;
 use crate::suite;
 use crate::suite::difficulty::Difficulty;
 use crate::suite::hindrance::Hindrance;
@@ -109,6 +110,10 @@ pub struct FlightReport {
     pub speed_mps: f64,
     /// Set of sensors.
     pub sensor: String,
+    /// What the ground station does in flight.
+    pub station: StationColumn,
+    /// Longest mission (s).
+    pub limit_s: f64,
     /// World.
     pub world: String,
     /// Trees per square metre, of a forest.
@@ -335,6 +340,8 @@ pub fn fly_drawn(mut setup: FlightSetup, cell: &Cell) -> Result<FlownFlight, Str
         profile: profile.name().to_owned(),
         speed_mps: cell.speed_mps,
         sensor: cell.sensors.name.clone(),
+        station: StationColumn::default(),
+        limit_s: cell.limit_s,
         density_per_m2: cell.density_per_m2.or(cell.kind.density_per_m2()),
         discarded: world.discarded_maps(),
         declarations,

@@ -4,7 +4,7 @@ use jink_emulated_ground_station::{Action, FlightPlan, InFlight, When};
 use jink_shared_types::Point;
 use jink_shared_types::frames::LocalNed;
 use jink_shared_types::vehicle::NavMode;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// North of the start where the station acts (m): at full speed, and before most of what stands in the way.
 const ACTS_AT_M: f64 = 8.0;
@@ -14,7 +14,7 @@ const PAUSE_S: f64 = 8.0;
 const ASIDE_M: f64 = 8.0;
 
 /// What it does.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, clap::ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub enum StationColumn {
     /// Nothing.

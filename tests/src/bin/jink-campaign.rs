@@ -24,6 +24,9 @@ use std::time::Instant;
 #[derive(Parser)]
 #[command(version)]
 struct Arguments {
+    /// Print all suites and their cells, and fly nothing
+    #[arg(long)]
+    list: bool,
     /// Suite: S1 to S5; or a world: forest, gap, corridor, utrap, building, empty, or FILE.toml
     #[arg(long, visible_alias = "world", default_value = "forest")]
     suite: String,
@@ -98,6 +101,10 @@ fn shard(text: &str) -> Result<(u64, u64), String> {
 
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    if arguments.list {
+        print!("{}", suite::list());
+        return ExitCode::SUCCESS;
+    }
     match fly_all(&arguments) {
         Ok(is_without_collision) => ExitCode::from(u8::from(!is_without_collision)),
         Err(error) => {
@@ -229,6 +236,8 @@ fn is_of(report: &FlightReport, arguments: &Arguments, cell: &Cell) -> bool {
         && report.cell == name
         && report.profile == profile(arguments).name()
         && report.sensor == cell.sensors.name
+        && report.station == arguments.station
+        && report.limit_s == cell.limit_s
         && report.speed_mps == cell.speed_mps
         && report.density_per_m2 == cell.density_per_m2.or(cell.kind.density_per_m2())
 }
@@ -239,6 +248,7 @@ fn fly(arguments: &Arguments, cell: &Cell, seed: u64) -> Result<FlownFlight, Str
     arguments.station.plan(&mut setup.plan);
     let mut flown = fly_drawn(setup, cell)?;
     profile.name().clone_into(&mut flown.report.profile);
+    flown.report.station = arguments.station;
     Ok(flown)
 }
 

@@ -282,9 +282,53 @@ impl Suite {
     }
 }
 
+/// All cells of all suites as a table: what is flown, and what it should reach. Those flown only by name have a star.
+pub fn list() -> String {
+    let mut text = format!(
+        "{:<6}{:<18}{:>6}  {:<9}{:>7}  published\n",
+        "suite", "cell", "m/s", "sensor", "target"
+    );
+    for suite in Suite::ALL {
+        for row in suite.rows() {
+            let name = format!("{}{}", row.name, if row.is_apart { "*" } else { "" });
+            let density_per_m2 = WorldKind::Benchmark(row.kind).density_per_m2();
+            let anchor = anchors::of(suite.name(), row.name, density_per_m2);
+            let target = anchor.map_or("-".to_owned(), |anchor| format!("{} %", anchor.goal_percent));
+            let line = format!(
+                "{:<6}{name:<18}{:>6}  {:<9}{target:>7}  {}",
+                suite.name(),
+                row.speed_mps,
+                row.sensor,
+                anchor.map_or("", |anchor| anchor.published)
+            );
+            text.push_str(line.trim_end());
+            text.push('\n');
+        }
+    }
+    text.push_str("* flown only where --cell names it\n");
+    text
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_list_has_every_cell() {
+        let list = list();
+        for suite in Suite::ALL {
+            for name in suite.cell_names() {
+                let is_its = |line: &str| {
+                    let mut words = line.split_whitespace();
+                    words.next() == Some(suite.name())
+                        && words
+                            .next()
+                            .is_some_and(|cell| cell.trim_end_matches('*') == name)
+                };
+                assert!(list.lines().any(is_its), "{name}: {list}");
+            }
+        }
+    }
 
     #[test]
     fn every_cell_can_be_chosen_by_its_name_and_a_wrong_one_is_named() {
