@@ -99,6 +99,17 @@ impl Handle {
         Instance::from_str(&self.instance).map_or_else(|_| PathBuf::new(), |instance| instance.log_folder())
     }
 
+    /// Shows the last lines of every log of it.
+    fn show_logs(&self) {
+        let files = std::fs::read_dir(self.log_folder());
+        for file in files.into_iter().flatten().flatten() {
+            let text = std::fs::read_to_string(file.path()).unwrap_or_default();
+            let lines: Vec<&str> = text.lines().collect();
+            let last = &lines[lines.len().saturating_sub(LAST_LINES)..];
+            eprintln!("{}:\n{}", file.path().display(), last.join("\n"));
+        }
+    }
+
     /// The jink command for this instance.
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = program("jink", &["--instance", &self.instance]);
@@ -202,11 +213,19 @@ impl Deref for System {
     }
 }
 
+/// A test that has failed shows what the services have said, and where the vehicle was.
 impl Drop for System {
     fn drop(&mut self) {
+        let failed = std::thread::panicking();
+        if failed {
+            eprintln!("{}\n{}", self.truth(), self.jink(&["status"]).stdout);
+        }
         let down = self.jink(&["down", "--now"]);
         if down.code != Some(0) {
             eprintln!("{}: {down:?}", self.handle.instance);
+        }
+        if failed {
+            self.handle.show_logs();
         }
     }
 }
@@ -383,16 +402,7 @@ impl Drop for Flight {
             }
             let down = self.jink(&["down", "--now"]);
             eprintln!("{}: {}", self.handle.instance, down.stdout.trim());
-            for file in std::fs::read_dir(self.handle.log_folder())
-                .into_iter()
-                .flatten()
-                .flatten()
-            {
-                let text = std::fs::read_to_string(file.path()).unwrap_or_default();
-                let lines: Vec<&str> = text.lines().collect();
-                let last = &lines[lines.len().saturating_sub(LAST_LINES)..];
-                eprintln!("{}:\n{}", file.path().display(), last.join("\n"));
-            }
+            self.handle.show_logs();
         }
     }
 }
