@@ -16,7 +16,7 @@
 //! A vehicle that is to rest at a place (a hold, a landing) and is too fast to stop there stops first and comes back
 //! from rest. A goal that cannot be reached (an obstacle, a closed wall, a height that is not allowed) is approached as
 //! far as that is safe; there the vehicle rests, and after OA_BLOCKED_T without [`progress`] the reason is reported to
-//! the gateway and the pilot.
+//! the gateway and the pilot. Time in which nobody answers its plans does not count: the guard or the generator is gone.
 //!
 //! What moves is kept out of the way of by its prediction: a plan leads past the places where the vehicle could meet
 //! it, a committed trajectory that would is left like a blocked one, and a vehicle at rest gives way
@@ -52,6 +52,7 @@ pub mod speed_tiers;
 mod stopping;
 pub mod stops;
 mod tracking;
+mod unflown;
 mod viewpoint_moves;
 pub mod viewpoints;
 
@@ -71,6 +72,7 @@ use crate::search::{Path, Search};
 use crate::sensor_coverage::SensorCoverage;
 use crate::speed_tiers::{CRAWL_TIER, TIERS, creep, speed_tiers};
 use crate::stopping::is_stop;
+use crate::unflown::UnflownPlans;
 use crate::viewpoints::Viewpoints;
 use jink_shared_types::events::EventSample;
 use jink_shared_types::far_map::FarMap;
@@ -159,6 +161,7 @@ pub struct Planner {
     blocked_reported: bool,
     loss_reported_at: Timestamp,
     progress: GoalProgress,
+    unflown: UnflownPlans,
     /// Why the last plan did not reach the goal.
     obstruction: Option<Obstruction>,
     /// The reason that was reported when the goal counted as out of reach.
@@ -220,6 +223,7 @@ impl Planner {
             blocked_reported: false,
             loss_reported_at: Timestamp::NEVER,
             progress: GoalProgress::new(params.get(&params::OA_BLOCKED_T)),
+            unflown: UnflownPlans::default(),
             obstruction: None,
             blocked_by: None,
             remaining_m: None,
@@ -316,6 +320,7 @@ impl Planner {
             self.planned_goal = None;
             self.search.reset();
             self.progress.reset();
+            self.unflown.reset();
             self.failing_since = None;
             return false;
         };
@@ -384,6 +389,9 @@ impl Planner {
             self.report_path(now, planned, &state, &goal);
             if planned {
                 self.planned_id = route.id;
+                if route.mode != RouteMode::Keep {
+                    self.unflown.give_out(route.id, now);
+                }
             }
             if !planned && must_leave && !self.evade(now, &departure, committed, route) && must_stop {
                 self.stop_or_brake(now, &departure, route);
@@ -392,7 +400,8 @@ impl Planner {
             // Between two maps there is time for it.
             self.update_detours(inputs, &departure, &goal, true);
         }
-        self.check_progress(now, &state, &goal, &desired.points[1].position);
+        let unflown = self.unflown.check(now, inputs.approved);
+        self.check_progress(now, &state, &goal, &desired.points[1].position, unflown);
         route.must_leave = Flag::from(must_leave);
         self.report_blocked(blocked || meets);
         planning

@@ -178,11 +178,11 @@ impl Planner {
         let target_is_goal = self.build_guide(flown, departure, goal, &found);
         if self.progress.is_blocked() && !target_is_goal && !departure.is_unplanned_motion() {
             // Once the goal counts as out of reach, the vehicle departs only for a path that is known to its end, or
-            // where there was none before.
+            // where there was none before, or none that was flown.
             let is_open_now = found.end != PathEnd::NearestPoint
                 && matches!(
                     self.blocked_by,
-                    Some(Obstruction::Occupied | Obstruction::Enclosed)
+                    Some(Obstruction::Occupied | Obstruction::Enclosed | Obstruction::Refused)
                 );
             if !is_open_now {
                 return false;

@@ -13,6 +13,9 @@ use jink_shared_types::frames::{LocalNed, Point};
 const PROGRESS_M: f64 = 0.5;
 /// A goal that has moved by less is the same (m).
 const SAME_GOAL_M: f64 = 0.1;
+/// Nobody watches for longer than this (s) only while planning pauses, or the planner has been stopped: that time does not
+/// count.
+const WATCHED_S: f64 = 1.0;
 /// Most time added for a detour (s): one along all four sides of the map's window takes it.
 const DETOUR_MAX_S: f64 = 60.0;
 
@@ -27,6 +30,8 @@ pub enum Obstruction {
     Height,
     /// No path is known that ends in known-free space.
     Unseen,
+    /// There are plans, but the guard refuses them.
+    Refused,
 }
 
 impl Obstruction {
@@ -46,6 +51,7 @@ impl Obstruction {
             Obstruction::Enclosed => "no way round",
             Obstruction::Height => "height not allowed",
             Obstruction::Unseen => "way not seen",
+            Obstruction::Refused => "guard refuses",
         }
     }
 }
@@ -62,6 +68,8 @@ pub struct GoalProgress {
     max_m: f64,
     is_blocked: bool,
     due: Timestamp,
+    /// The last step.
+    watched: Timestamp,
 }
 
 impl GoalProgress {
@@ -75,6 +83,7 @@ impl GoalProgress {
             max_m: 0.0,
             is_blocked: false,
             due: Timestamp::NEVER,
+            watched: Timestamp::NEVER,
         }
     }
 
@@ -108,6 +117,14 @@ impl GoalProgress {
                 ..Self::new(self.timeout_s)
             };
         }
+        let unwatched_s = now.seconds_since(self.watched);
+        if self.watched.is_set() && unwatched_s > WATCHED_S {
+            self.since = self.since.plus_seconds(unwatched_s);
+            if self.is_blocked {
+                self.due = self.due.plus_seconds(unwatched_s);
+            }
+        }
+        self.watched = now;
         if let Some(remaining_m) = remaining_m {
             if remaining_m < self.min_m - PROGRESS_M {
                 self.min_m = remaining_m;
@@ -184,6 +201,19 @@ mod tests {
         let remaining_m = |s: f64| Some(if s < 5.0 { 10.0 - s } else { 45.0 - 1.5 * (s - 5.0) }.max(4.0));
         let due = blocked(1.5, remaining_m);
         assert!(due[0] > 35.0, "{due:?}");
+    }
+
+    #[test]
+    fn time_in_which_nobody_watches_does_not_count() {
+        let mut progress = GoalProgress::new(10.0);
+        let goal = Point::new(1.0, 2.0, 3.0);
+        let mut is_blocked = |s: f64| progress.step(Timestamp::from_seconds(50.0 + s), &goal, Some(3.0), 0.0);
+        for second in 0..8 {
+            assert!(!is_blocked(f64::from(second)));
+        }
+        assert!(!is_blocked(300.0));
+        let due = (301..400).find(|second| is_blocked(f64::from(*second)));
+        assert!(due.is_some_and(|second| (302..305).contains(&second)), "{due:?}");
     }
 
     #[test]

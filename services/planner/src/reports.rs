@@ -4,6 +4,7 @@ use super::Planner;
 use crate::certified_route::GUIDE_MAX_M;
 use crate::progress::Obstruction;
 use crate::speed_tiers::{DEGRADED_TIER, reached_mps};
+use crate::unflown::Unflown;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
@@ -40,13 +41,15 @@ impl Planner {
         }
     }
 
-    /// Reports that the goal has been out of reach for too long, and repeats it after the same time.
+    /// Reports that the goal has been out of reach for too long, and repeats it after the same time. While nobody answers
+    /// plans, that time does not count.
     pub(super) fn check_progress(
         &mut self,
         now: Timestamp,
         state: &VehicleState,
         goal: &Point<LocalNed>,
         requested: &Point<LocalNed>,
+        unflown: Option<Unflown>,
     ) {
         let away_m = (state.position.vector() - goal.vector()).norm();
         if away_m <= self.goal_radius_m && self.obstruction != Some(Obstruction::Height) {
@@ -59,11 +62,14 @@ impl Planner {
         } else {
             0.0
         };
-        if self.proposals.is_flown() {
+        if self.proposals.is_flown() || unflown == Some(Unflown::Unanswered) {
             self.progress.pause(now);
         }
         if self.progress.step(now, goal, self.remaining_m, detour_mps) {
-            let why = self.obstruction.unwrap_or(Obstruction::Unseen);
+            let why = match unflown {
+                Some(Unflown::Refused) => Obstruction::Refused,
+                _ => self.obstruction.unwrap_or(Obstruction::Unseen),
+            };
             self.blocked_by = Some(why);
             let away_m = (state.position.vector() - requested.vector()).norm();
             let event = EventSample::new(&events::GOAL_BLOCKED, why.text(), [away_m, 0.0]);
