@@ -4,6 +4,11 @@
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{Flight, System, program, until};
 use std::process::Stdio;
+use std::time::Duration;
+
+/// How long a vehicle may stand before its goal counts as out of reach (s), and how long the guard is gone.
+const BLOCKED_S: u64 = 8;
+const GUARD_GONE: Duration = Duration::from_secs(BLOCKED_S + 2);
 
 #[test]
 fn planner_fusion_and_guard_one_after_the_other() {
@@ -19,6 +24,8 @@ fn planner_fusion_and_guard_one_after_the_other() {
             &format!("link.address=udpin:127.0.0.1:{link}"),
             "--set",
             &format!("simulation.ground_station_port={station}"),
+            "--set",
+            &format!("params.OA_BLOCKED_T={BLOCKED_S}"),
         ],
     );
     let port = station.to_string();
@@ -38,6 +45,9 @@ fn planner_fusion_and_guard_one_after_the_other() {
         let said = status["link"]["avoidance"].as_str().unwrap_or_default();
         assert!(!said.is_empty() && said != "active", "{service}: {status}");
         assert_ne!(status["health"], "healthy", "{service}: {status}");
+        if service == "collision_guard" {
+            std::thread::sleep(GUARD_GONE);
+        }
         let restart = jink.jink(&["restart", "--hard", service]);
         assert_eq!(restart.code, Some(0), "{service}: {restart:?}");
         until("good health", || jink.status()["link"]["avoidance"] == "active");
