@@ -106,6 +106,7 @@ fn main() {
                     header: &header,
                 }),
                 approved: None,
+                is_guard_silent: false,
                 proposal: Reading::Never,
             };
             let begin = Instant::now();

@@ -16,7 +16,7 @@
 //! A vehicle that is to rest at a place (a hold, a landing) and is too fast to stop there stops first and comes back
 //! from rest. A goal that cannot be reached (an obstacle, a closed wall, a height that is not allowed) is approached as
 //! far as that is safe; there the vehicle rests, and after OA_BLOCKED_T without [`progress`] the reason is reported to
-//! the gateway and the pilot. Time in which nobody answers its plans does not count: the guard or the generator is gone.
+//! the gateway and the pilot. Time in which the guard is silent does not count.
 //!
 //! What moves is kept out of the way of by its prediction: a plan leads past the places where the vehicle could meet
 //! it, a committed trajectory that would is left like a blocked one, and a vehicle at rest gives way
@@ -108,6 +108,8 @@ pub struct PlannerInputs<'a> {
     pub desired: Reading<'a, DesiredPath>,
     /// The trajectory being flown, however old: it outlives its producer.
     pub approved: Option<&'a ApprovedTrajectory>,
+    /// The guard has not approved anything for longer than it may: nothing that is planned is flown.
+    pub is_guard_silent: bool,
     /// A path that another program proposes.
     pub proposal: Reading<'a, Proposal>,
 }
@@ -400,8 +402,11 @@ impl Planner {
             // Between two maps there is time for it.
             self.update_detours(inputs, &departure, &goal, true);
         }
-        let unflown = self.unflown.check(now, inputs.approved);
-        self.check_progress(now, &state, &goal, &desired.points[1].position, unflown);
+        if inputs.is_guard_silent {
+            self.progress.pause(now);
+        }
+        let is_unflown = self.unflown.are_there(now, committed);
+        self.check_progress(now, &state, &goal, &desired.points[1].position, is_unflown);
         route.must_leave = Flag::from(must_leave);
         self.report_blocked(blocked || meets);
         planning

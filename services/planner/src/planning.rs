@@ -182,7 +182,7 @@ impl Planner {
             let is_open_now = found.end != PathEnd::NearestPoint
                 && matches!(
                     self.blocked_by,
-                    Some(Obstruction::Occupied | Obstruction::Enclosed | Obstruction::Refused)
+                    Some(Obstruction::Occupied | Obstruction::Enclosed | Obstruction::Unflown)
                 );
             if !is_open_now {
                 return false;

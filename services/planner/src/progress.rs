@@ -30,8 +30,8 @@ pub enum Obstruction {
     Height,
     /// No path is known that ends in known-free space.
     Unseen,
-    /// There are plans, but the guard refuses them.
-    Refused,
+    /// A path is known, but plans along it are not flown: the guard refuses them, or the generator makes no curve.
+    Unflown,
 }
 
 impl Obstruction {
@@ -51,7 +51,7 @@ impl Obstruction {
             Obstruction::Enclosed => "no way round",
             Obstruction::Height => "height not allowed",
             Obstruction::Unseen => "way not seen",
-            Obstruction::Refused => "guard refuses",
+            Obstruction::Unflown => "plans not flown",
         }
     }
 }
@@ -148,7 +148,7 @@ impl GoalProgress {
         true
     }
 
-    /// No ranges until `now`: that time does not count.
+    /// No ranges, or no guard, until `now`: that time does not count.
     pub fn pause(&mut self, now: Timestamp) {
         if self.goal.is_some() && !self.is_blocked {
             self.since = now;

@@ -4,7 +4,6 @@ use super::Planner;
 use crate::certified_route::GUIDE_MAX_M;
 use crate::progress::Obstruction;
 use crate::speed_tiers::{DEGRADED_TIER, reached_mps};
-use crate::unflown::Unflown;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
@@ -41,15 +40,14 @@ impl Planner {
         }
     }
 
-    /// Reports that the goal has been out of reach for too long, and repeats it after the same time. While nobody answers
-    /// plans, that time does not count.
+    /// Reports that the goal has been out of reach for too long, and repeats it after the same time.
     pub(super) fn check_progress(
         &mut self,
         now: Timestamp,
         state: &VehicleState,
         goal: &Point<LocalNed>,
         requested: &Point<LocalNed>,
-        unflown: Option<Unflown>,
+        is_unflown: bool,
     ) {
         let away_m = (state.position.vector() - goal.vector()).norm();
         if away_m <= self.goal_radius_m && self.obstruction != Some(Obstruction::Height) {
@@ -62,14 +60,16 @@ impl Planner {
         } else {
             0.0
         };
-        if self.proposals.is_flown() || unflown == Some(Unflown::Unanswered) {
+        if self.proposals.is_flown() {
             self.progress.pause(now);
         }
         if self.progress.step(now, goal, self.remaining_m, detour_mps) {
-            let why = match unflown {
-                Some(Unflown::Refused) => Obstruction::Refused,
-                _ => self.obstruction.unwrap_or(Obstruction::Unseen),
+            let unknown = if is_unflown {
+                Obstruction::Unflown
+            } else {
+                Obstruction::Unseen
             };
+            let why = self.obstruction.unwrap_or(unknown);
             self.blocked_by = Some(why);
             let away_m = (state.position.vector() - requested.vector()).norm();
             let event = EventSample::new(&events::GOAL_BLOCKED, why.text(), [away_m, 0.0]);

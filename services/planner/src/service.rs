@@ -71,7 +71,7 @@ impl Service for PlannerService {
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let now = cycle.now;
         // Fetched first: the approved trajectory counts however old it is, because it outlives its producer.
-        self.approved.latest(now);
+        let is_guard_silent = !self.approved.latest(now).is_fresh();
         let map = self.map.latest(now);
         // A route made without a map has the header of no measurement.
         let header = map.fresh().map_or_else(SampleHeader::default, |map| *map.header);
@@ -81,6 +81,7 @@ impl Service for PlannerService {
             moving: self.moving.latest(now),
             state: self.state.latest(now),
             desired: self.desired.latest(now),
+            is_guard_silent,
             approved: self.approved.newest().map(|approved| approved.sample),
             proposal: self.proposal.latest(now),
         };

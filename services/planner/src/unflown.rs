@@ -1,20 +1,11 @@
-//! Plans that are not flown: the generator makes no curve of them, the guard refuses them, or one of the two is gone.
+//! Plans that are not flown: the generator makes no curve of them, or the guard refuses them.
 
 use jink_shared_types::Timestamp;
-use jink_shared_types::motion::{ApprovedTrajectory, GuardReason, Verdict};
+use jink_shared_types::motion::Trajectory;
 
 /// A plan that is not flown after this time is not flown (s): generator and guard take some 10 ms, a restart of one of
 /// them some 100.
 const UNFLOWN_S: f64 = 1.0;
-
-/// Why plans are not flown.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Unflown {
-    /// Nobody answers them.
-    Unanswered,
-    /// The guard refuses them.
-    Refused,
-}
 
 /// The first plan of those that are not flown.
 #[derive(Clone, Copy, Debug, Default)]
@@ -33,25 +24,14 @@ impl UnflownPlans {
         self.first.get_or_insert((route_id, now));
     }
 
-    /// Whether plans have not been flown for too long by what is `approved`, and why. Any later plan that is flown
-    /// counts.
-    pub fn check(&mut self, now: Timestamp, approved: Option<&ApprovedTrajectory>) -> Option<Unflown> {
-        let (route_id, since) = self.first?;
-        if approved.is_some_and(|approved| approved.trajectory.route_id >= route_id) {
+    /// Whether plans have not been flown for too long, by what is `committed`; any later plan that is flown counts.
+    pub fn are_there(&mut self, now: Timestamp, committed: Option<&Trajectory>) -> bool {
+        let Some((route_id, since)) = self.first else {
+            return false;
+        };
+        if committed.is_some_and(|committed| committed.route_id >= route_id) {
             self.first = None;
-            return None;
         }
-        if now.seconds_since(since) < UNFLOWN_S {
-            return None;
-        }
-        let is_refused = approved.is_some_and(|approved| {
-            matches!(approved.verdict.get(), Verdict::Kept | Verdict::Hold)
-                && approved.reason != GuardReason::None
-        });
-        Some(if is_refused {
-            Unflown::Refused
-        } else {
-            Unflown::Unanswered
-        })
+        self.first.is_some() && now.seconds_since(since) > UNFLOWN_S
     }
 }

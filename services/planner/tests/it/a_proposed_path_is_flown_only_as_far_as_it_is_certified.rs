@@ -55,6 +55,7 @@ impl TestPlanner {
             state: fresh(&self.state, &header),
             desired: fresh(&self.desired, &header),
             approved: self.approved.as_ref(),
+            is_guard_silent: false,
             proposal: proposal.map_or(Reading::Never, |proposal| fresh(proposal, &header)),
         };
         let mut route = Route::default();

@@ -39,6 +39,7 @@ fn answer(
         state: fresh(state, &header),
         desired: fresh(Some(desired), &header),
         approved,
+        is_guard_silent: false,
         proposal: Reading::Never,
     };
     let mut route = Route::default();
@@ -303,6 +304,7 @@ fn with_a_silent_sensor_it_goes_on_slower_and_reports_once() {
                 header: &header,
             }),
             approved: None,
+            is_guard_silent: false,
             proposal: Reading::Never,
         };
         let mut route = Route::default();

@@ -42,6 +42,7 @@ fn answer(planner: &mut Planner, map: &LocalMap, desired: &DesiredPath, walkers:
         state: fresh(&state, &header),
         desired: fresh(desired, &header),
         approved: None,
+        is_guard_silent: false,
         proposal: Reading::Never,
     };
     let mut route = Route::default();
