@@ -15,7 +15,16 @@ use crate::reserved::{Added, Reserved};
 use crate::view::FieldOfView;
 
 /// Edge of a cell (m). Half a vehicle radius resolves gaps of vehicle size; half of it again costs eight times the work.
-pub const CELL_M: f64 = 0.2;
+/// For comparisons of resolutions a build may have another: `JINK_CELL_MM`, in whole millimetres from 50 to 500, set while it is
+/// compiled. The window keeps its number of cells, so its size changes with them. Processes of builds that differ refuse
+/// to meet.
+pub const CELL_M: f64 = match option_env!("JINK_CELL_MM") {
+    None => 0.2,
+    Some(text) => match u32::from_str_radix(text, 10) {
+        Ok(millimetres @ 50..=500) => millimetres as f64 / 1e3,
+        _ => panic!("JINK_CELL_MM: not a whole number from 50 to 500"),
+    },
+};
 /// Cells along north.
 pub const SIZE_X: usize = 128;
 /// Cells along east.

@@ -1,7 +1,9 @@
 //! Flights by the hundred: one line per flight, one table at the end.
 
+pub mod plot;
 pub mod recorded;
 pub mod table;
+pub mod variation;
 
 use crate::lockstep::{FlightSetup, LockStep};
 use crate::station::StationColumn;
@@ -26,6 +28,7 @@ use jink_simulator::autopilot::AutopilotConfig;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
+use variation::Variation;
 
 /// What to fly.
 #[derive(Clone, Debug)]
@@ -46,6 +49,8 @@ pub struct Cell {
     pub radius_m: Option<f64>,
     /// What happens in flight.
     pub hindrance: Hindrance,
+    /// What differs from other flights of the cell.
+    pub variation: Option<Variation>,
 }
 
 impl Cell {
@@ -66,6 +71,7 @@ impl Cell {
             suite: None,
             radius_m: None,
             hindrance: Hindrance::None,
+            variation: None,
             kind,
             density_per_m2: None,
             speed_mps: 3.0,
@@ -114,6 +120,9 @@ pub struct FlightReport {
     pub station: StationColumn,
     /// Longest mission (s).
     pub limit_s: f64,
+    /// What differs from other flights of the cell.
+    #[serde(default)]
+    pub variation: Option<Variation>,
     /// World.
     pub world: String,
     /// Trees per square metre, of a forest.
@@ -298,6 +307,9 @@ pub fn fly_as(setup: FlightSetup, cell: &Cell) -> Result<FlightReport, String> {
 /// A text naming what cannot be built.
 pub fn fly_drawn(mut setup: FlightSetup, cell: &Cell) -> Result<FlownFlight, String> {
     cell.hindrance.prepare(&mut setup);
+    if let Some(variation) = cell.variation {
+        variation.prepare(&mut setup)?;
+    }
     let seed = setup.seed;
     let profile = setup.profile;
     let world = setup.world.clone();
@@ -313,6 +325,9 @@ pub fn fly_drawn(mut setup: FlightSetup, cell: &Cell) -> Result<FlownFlight, Str
         false => &[NavMode::Mission],
     };
     let mut flight = LockStep::new(setup)?;
+    if let Some(delay) = cell.variation.and_then(Variation::frame_delay) {
+        flight.frame_delay = delay;
+    }
     let begin = Instant::now();
     let mut watched = Watched::new();
     while flight.outcome().is_none() && !watched.is_over(cell) {
@@ -342,6 +357,7 @@ pub fn fly_drawn(mut setup: FlightSetup, cell: &Cell) -> Result<FlownFlight, Str
         sensor: cell.sensors.name.clone(),
         station: StationColumn::default(),
         limit_s: cell.limit_s,
+        variation: cell.variation,
         density_per_m2: cell.density_per_m2.or(cell.kind.density_per_m2()),
         discarded: world.discarded_maps(),
         declarations,

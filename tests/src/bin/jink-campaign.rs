@@ -2,9 +2,10 @@
 
 use clap::Parser;
 use jink_simulated_world::world::WorldKind;
+use jink_tests::campaign::variation::Variations;
 use jink_tests::campaign::{
-    Cell, FlightOutcome, FlightReport, FlownFlight, SPHERE, fly_drawn, recorded, sensor_set, sensors_of,
-    setup, table,
+    Cell, FlightOutcome, FlightReport, FlownFlight, SPHERE, fly_drawn, plot, recorded, sensor_set,
+    sensors_of, setup, table,
 };
 use jink_tests::pairing::{PX4_CURRENT, PX4_TRAJECTORY, Pairing};
 use jink_tests::station::StationColumn;
@@ -72,6 +73,13 @@ struct Arguments {
     /// Folder for a picture of every flight that neither reached its goal nor stopped where it had to
     #[arg(long)]
     svg: Option<PathBuf>,
+    /// Fly everything once with each of these values: speed=3,5,7 (m/s), range=2,4,8 (of every sensor, m), latency=0,50,150 (of
+    /// every frame, ms), or tube=1,1.5,2 (tracking error that plans assume, over that of the profile)
+    #[arg(long, value_name = "NAME=VALUE,...")]
+    vary: Option<Variations>,
+    /// File for a plot over the values of --vary
+    #[arg(long, requires = "vary", value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
     /// Print a line per flight
     #[arg(long, short)]
     verbose: bool,
@@ -116,7 +124,10 @@ fn main() -> ExitCode {
 
 /// Flies and prints everything. Returns whether nothing was touched.
 fn fly_all(arguments: &Arguments) -> Result<bool, String> {
-    let cells = cells(arguments)?;
+    let cells = match &arguments.vary {
+        Some(variations) => variations.of(&cells(arguments)?),
+        None => cells(arguments)?,
+    };
     for cell in &cells {
         sensors_of(&cell.sensors)?;
     }
@@ -126,6 +137,11 @@ fn fly_all(arguments: &Arguments) -> Result<bool, String> {
     let begin = Instant::now();
     let reports = run(arguments, &cells)?;
     print(arguments, &cells, &reports, begin.elapsed().as_secs_f64());
+    if let Some((file, variations)) = arguments.plot.as_ref().zip(arguments.vary.as_ref())
+        && let Some(svg) = plot::svg(variations.quantity, &reports)
+    {
+        std::fs::write(file, svg).map_err(|error| format!("{}: {error}", file.display()))?;
+    }
     Ok(reports.iter().all(|report| report.collisions == 0))
 }
 
@@ -159,6 +175,7 @@ fn cells(arguments: &Arguments) -> Result<Vec<Cell>, String> {
         limit_s: arguments.timeout.unwrap_or(120.0),
         radius_m: None,
         hindrance: Hindrance::None,
+        variation: None,
     }])
 }
 
@@ -239,6 +256,7 @@ fn is_of(report: &FlightReport, arguments: &Arguments, cell: &Cell) -> bool {
         && report.station == arguments.station
         && report.limit_s == cell.limit_s
         && report.speed_mps == cell.speed_mps
+        && report.variation == cell.variation
         && report.density_per_m2 == cell.density_per_m2.or(cell.kind.density_per_m2())
 }
 
@@ -262,7 +280,13 @@ fn draw(folder: &Path, flown: &FlownFlight) -> Result<(), String> {
         "{} seed {}: {:?} after {:.0} s {}",
         report.cell, report.seed, report.outcome, report.time_s, report.reason
     );
-    let file = folder.join(format!("{}_{}_{}.svg", report.cell, report.sensor, report.seed));
+    let varied = report.variation.map_or(String::new(), |variation| {
+        format!("_{}_{}", variation.quantity.name(), variation.value)
+    });
+    let file = folder.join(format!(
+        "{}_{}{varied}_{}.svg",
+        report.cell, report.sensor, report.seed
+    ));
     let svg = flown.course.svg(&flown.world, &title)?;
     std::fs::write(&file, svg).map_err(|error| format!("{}: {error}", file.display()))
 }

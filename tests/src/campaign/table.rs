@@ -10,11 +10,11 @@ fn count(reports: &[&FlightReport], outcome: FlightOutcome) -> usize {
 }
 
 /// Flights that did what they could: reached the goal, or stopped where their sensors or their companion died.
-fn successes(reports: &[&FlightReport]) -> usize {
+pub(super) fn successes(reports: &[&FlightReport]) -> usize {
     count(reports, FlightOutcome::Goal) + count(reports, FlightOutcome::Stopped)
 }
 
-fn percent(part: usize, whole: usize) -> f64 {
+pub(super) fn percent(part: usize, whole: usize) -> f64 {
     100.0 * part as f64 / whole.max(1) as f64
 }
 
@@ -42,16 +42,20 @@ pub fn hash(reports: &[&FlightReport]) -> u64 {
     })
 }
 
-/// The reports of each cell, in the order in which cells first come.
+/// The reports of each cell, and of each value of what is varied in it, in the order in which they first come.
 pub fn by_cell(reports: &[FlightReport]) -> Vec<Vec<&FlightReport>> {
     let mut cells: Vec<Vec<&FlightReport>> = Vec::new();
     for report in reports {
-        match cells.iter_mut().find(|cell| cell[0].cell == report.cell) {
+        match cells.iter_mut().find(|cell| is_alike(cell[0], report)) {
             Some(cell) => cell.push(report),
             None => cells.push(vec![report]),
         }
     }
     cells
+}
+
+fn is_alike(a: &FlightReport, b: &FlightReport) -> bool {
+    a.cell == b.cell && a.variation == b.variation
 }
 
 /// The figures of the flights of one cell, a line each.
@@ -159,10 +163,23 @@ fn against(anchor: &Anchor, successes: usize, flights: usize) -> String {
     format!("{:.1} % {words}", anchor.goal_percent)
 }
 
+/// Least width of a cell's name in the table.
+const NAME_WIDTH: usize = 16;
+
+/// Its cell, and the value of what is varied.
+fn name(report: &FlightReport) -> String {
+    match report.variation {
+        Some(variation) => format!("{} {variation}", report.cell),
+        None => report.cell.clone(),
+    }
+}
+
 /// A row per cell.
 pub fn table(cells: &[Vec<&FlightReport>]) -> String {
+    let names = cells.iter().filter_map(|reports| reports.first());
+    let width = names.map(|first| name(first).len()).fold(NAME_WIDTH, usize::max);
     let mut text = format!(
-        "{:<16} {:>7} {:>7} {:>15} {:>6} {:>6} {:>5} {:>7} {:>7} {:>6} {:>5} {:>8} {:>12} {:>9} {:>16}\n",
+        "{:<width$} {:>7} {:>7} {:>15} {:>6} {:>6} {:>5} {:>7} {:>7} {:>6} {:>5} {:>8} {:>12} {:>9} {:>16}\n",
         "cell",
         "flights",
         "goal %",
@@ -194,8 +211,8 @@ pub fn table(cells: &[Vec<&FlightReport>]) -> String {
         // Writing into a string does not fail.
         let _written = writeln!(
             text,
-            "{:<16} {n:>7} {:>7.1} {:>15} {:>6} {:>6} {:>5} {:>7} {least_m:>7.2} {:>6.2} {:>5.2} {:>8.2} {:>12} {touching:>9} {target:>16}",
-            first.cell,
+            "{:<width$} {n:>7} {:>7.1} {:>15} {:>6} {:>6} {:>5} {:>7} {least_m:>7.2} {:>6.2} {:>5.2} {:>8.2} {:>12} {touching:>9} {target:>16}",
+            name(first),
             percent(goals, n),
             format!("{low:.1}..{high:.1}"),
             count(reports, FlightOutcome::CollisionStatic),
@@ -222,7 +239,7 @@ pub fn line(report: &FlightReport) -> String {
         if report.suite.is_empty() {
             String::new()
         } else {
-            format!("{} ", report.cell)
+            format!("{} ", name(report))
         },
         report.seed,
         report.outcome,

@@ -278,6 +278,7 @@ impl Suite {
             sensors: sensor_set(choice.sensor.as_deref().unwrap_or(row.sensor))?,
             radius_m: Some(RADIUS_M),
             hindrance: row.hindrance,
+            variation: None,
         })
     }
 }
