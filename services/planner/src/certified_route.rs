@@ -3,6 +3,7 @@
 use super::Planner;
 use crate::departure::Departure;
 use crate::search::{PathEnd, SearchResult};
+use crate::speed_tiers::planned_mps;
 use crate::stops;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::motion::{Route, RouteMode};
@@ -83,7 +84,10 @@ impl Planner {
             self.limits[tier]
         };
         if desired.mission_speed_mps.is_finite() {
-            route.limits.speed_mps = route.limits.speed_mps.min(desired.mission_speed_mps.max(0.3));
+            route.limits.speed_mps = route
+                .limits
+                .speed_mps
+                .min(planned_mps(desired.mission_speed_mps.max(0.3)));
         }
         route.target = route.guide[route.guide_len as usize - 1];
         let whole = route.corridor_len as usize + 1 == self.guide.vertices().len();

@@ -7,6 +7,7 @@ use crate::speed_tiers::{DEGRADED_TIER, reached_mps};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::frames::{LocalNed, Point};
+use jink_shared_types::params;
 use jink_shared_types::vehicle::VehicleState;
 
 /// How long planning must fail while the vehicle stands before the pilot is notified (s).
@@ -79,18 +80,21 @@ impl Planner {
 
     /// The speed that plans reach, and the one that is allowed (m/s).
     pub(super) fn speeds_mps(&self) -> [f64; 2] {
-        let limits = &self.limits[0];
-        [reached_mps(limits, GUIDE_MAX_M), limits.speed_mps]
+        [
+            reached_mps(&self.limits[0], GUIDE_MAX_M),
+            self.params.get(&params::OA_SPD_MAX),
+        ]
     }
 
-    /// Reports once by how much plans stay below the highest speed that is allowed.
+    /// Reports once by how much plans stay below the highest speed that is allowed, where that is more than what a vehicle
+    /// needs to catch up with them.
     pub(super) fn report_speed(&mut self) {
         let speeds = self.speeds_mps();
         if self.speed_reported == Some(speeds) {
             return;
         }
         self.speed_reported = Some(speeds);
-        if speeds[0] < speeds[1] {
+        if speeds[0] < self.limits[0].speed_mps {
             self.events
                 .push(EventSample::new(&events::SPEED_CUT, "planner", speeds));
         }

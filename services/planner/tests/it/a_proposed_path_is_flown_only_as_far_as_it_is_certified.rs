@@ -2,6 +2,7 @@
 //! path and reports why.
 
 use crate::common::{HEIGHT_M, hovering, map, now, to};
+use jink_planner::speed_tiers::planned_mps;
 use jink_planner::{Planner, PlannerInputs};
 use jink_shared_types::events::{PROPOSAL_ENDED, PROPOSAL_FLOWN, PROPOSAL_REFUSED};
 use jink_shared_types::frames::{LocalNed, Point, Velocity};
@@ -272,7 +273,7 @@ fn a_requested_speed_slows_and_never_speeds_up() {
         assert!(answer.unwrap().verdict.get().is_flown(), "{answer:?}");
         route
     };
-    let top_mps = 3.0;
+    let top_mps = planned_mps(3.0);
     assert_eq!(fly(0.0, 0.0).limits.speed_mps, top_mps);
     assert_eq!(fly(50.0, 0.0).limits.speed_mps, top_mps);
     assert_eq!(fly(1.2, 0.0).limits.speed_mps, 1.2);

@@ -1,6 +1,7 @@
 //! The planner's promises at its border: what it answers to which inputs.
 
 use crate::common::{HEIGHT_M, hovering, map, now, to};
+use jink_planner::speed_tiers::planned_mps;
 use jink_planner::{Planner, PlannerInputs};
 use jink_shared_types::events;
 use jink_shared_types::frames::{LocalNed, Point, Velocity};
@@ -9,7 +10,7 @@ use jink_shared_types::map::{CELL_M, LocalMap, cell_of, declared_as};
 use jink_shared_types::motion::{
     ApprovedTrajectory, BezierPiece, MotionState, Route, RouteMode, Trajectory, TrajectoryMode,
 };
-use jink_shared_types::params::ParamSet;
+use jink_shared_types::params::{OA_SPD_MAX, ParamSet};
 use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{
     COMMAND_LAND, COMMAND_LOITER, COMMAND_TAKEOFF, DesiredPath, NavMode, VehicleState,
@@ -319,7 +320,8 @@ fn with_a_silent_sensor_it_goes_on_slower_and_reports_once() {
     map.live_sensors = 1;
     let (slow_mps, reported) = speed_and_events(&map, 0.1);
     assert_eq!(reported, [events::SENSOR_LOST.id]);
-    assert!(slow_mps <= 0.5 * full_mps);
+    let allowed_mps = ParamSet::default().get(&OA_SPD_MAX);
+    assert!(slow_mps <= 0.5 * allowed_mps && full_mps > 0.9 * allowed_mps);
     assert!(speed_and_events(&map, 0.2).1.is_empty());
     map.live_sensors = 2;
     let (again_mps, reported) = speed_and_events(&map, 0.3);
@@ -397,7 +399,8 @@ fn a_parameter_changed_in_flight_counts_from_the_next_plan_and_nothing_is_forgot
     planner.on_params_changed(&params);
     let next = answer(&mut planner, Some(&map), Some(&hovering()), &to(8.0, 0.0), None);
     assert_eq!(next.mode.get(), RouteMode::Plan);
-    assert_eq!((first.limits.speed_mps, next.limits.speed_mps), (3.0, 1.5));
+    let speeds_mps = (first.limits.speed_mps, next.limits.speed_mps);
+    assert_eq!(speeds_mps, (planned_mps(3.0), planned_mps(1.5)));
     assert_eq!((first.goal.z_m, next.goal.z_m), (-HEIGHT_M, -2.0));
     assert_eq!(next.id, first.id + 1, "the routes are numbered on");
 }
