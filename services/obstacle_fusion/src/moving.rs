@@ -59,7 +59,8 @@ impl Moving {
     pub fn look(&mut self, capture: Timestamp, frame: &FrameBits, window: &MapWindow) {
         self.open.update(capture, window, self.sees_height);
         self.clusters.clear();
-        self.open.hits(frame, window, |cell| self.clusters.add(cell));
+        self.open
+            .hits(frame, window, |cell, is_open| self.clusters.add(cell, is_open));
         self.tracks
             .update(capture, self.clusters.groups(window.min_cell()));
     }

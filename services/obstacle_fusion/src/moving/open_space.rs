@@ -75,8 +75,10 @@ impl OpenSpace {
         }
     }
 
-    /// Gives the offset from the window's smallest cell of each open cell that `frame` hits.
-    pub fn hits(&self, frame: &FrameBits, window: &MapWindow, mut found: impl FnMut([i32; 3])) {
+    /// Gives the offset from the window's smallest cell of each cell that `frame` hits and that is open (`true`), or at
+    /// least was not occupied a second ago: there, what has come may continue.
+    pub fn hits(&self, frame: &FrameBits, window: &MapWindow, mut found: impl FnMut([i32; 3], bool)) {
+        let [.., settled] = &self.was_occupied;
         let [turn_x, first_y, first_z] = [0, 1, 2].map(|axis| window.min_cell[axis] & (SIZE[axis] - 1));
         for z in 0..SIZE[2] {
             for y in 0..SIZE[1] {
@@ -86,9 +88,11 @@ impl OpenSpace {
                 }
                 let there = [0, (y + first_y) & (SIZE[1] - 1), (z + first_z) & (SIZE[2] - 1)];
                 let open = row(&self.open, number(there) >> 6).rotate_right(turn_x as u32);
-                let come = hit & open;
-                for (word, first) in [(come as u64, 0), ((come >> 64) as u64, 64)] {
-                    bits(word).for_each(|bit| found([first + bit as i32, y, z]));
+                let settled = row(settled, number(there) >> 6).rotate_right(turn_x as u32);
+                for (cells, is_open) in [(hit & open, true), (hit & !open & !settled, false)] {
+                    for (word, first) in [(cells as u64, 0), ((cells >> 64) as u64, 64)] {
+                        bits(word).for_each(|bit| found([first + bit as i32, y, z], is_open));
+                    }
                 }
             }
         }

@@ -43,6 +43,8 @@ const STILL_MOVING_MPS: f64 = 0.2;
 const FLAT_M: f64 = 0.25;
 /// ... and lower than the vehicle by this (m) is the ground, whose hits run along with the vehicle.
 const BELOW_M: f64 = 0.8;
+/// What is higher than this (m, half of it) stands on the ground.
+const UPRIGHT_M: f64 = 0.6;
 /// How soon a size follows one that is seen smaller: the share of the difference per frame. Larger ones count at once
 /// by half.
 const SHRINK: f64 = 0.05;
@@ -98,6 +100,7 @@ struct Track {
     radius_m: f64,
     half_height_m: f64,
     first_m: Vector3<f64>,
+    first_radius_m: f64,
     first_seen: Timestamp,
     seen: Timestamp,
     frames: u32,
@@ -115,6 +118,7 @@ impl Track {
             radius_m: group.radius_m,
             half_height_m: group.half_height_m,
             first_m: group.centre_m,
+            first_radius_m: group.radius_m,
             first_seen: now,
             seen: now,
             frames: 1,
@@ -154,10 +158,16 @@ impl Track {
         ] {
             *size += (seen - *size) * if seen > *size { 0.5 } else { SHRINK };
         }
+        // Who stands on the ground does not rise: more of him comes into view.
+        if self.half_height_m >= UPRIGHT_M {
+            self.axes[2].velocity_mps = 0.0;
+        }
         self.seen = now;
         self.frames += 1;
         let speed_mps = self.velocity_mps().xy().norm();
         let moved_m = (self.position_m() - self.first_m).xy().norm();
+        // What comes into view grows, and its centre moves with that.
+        let grown_m = (self.radius_m - self.first_radius_m).abs();
         let certain_mps = MOVING_SD * self.axes[0].covariance[2].sqrt();
         self.moves = if self.moves {
             speed_mps >= STILL_MOVING_MPS
@@ -165,7 +175,7 @@ impl Track {
             self.frames >= FRAMES_MIN
                 && now.seconds_since(self.first_seen) >= AGE_MIN_S
                 && self.unexpected_m2 <= EXPECTED_M.powi(2)
-                && moved_m >= MOVED_M
+                && moved_m >= MOVED_M + grown_m
                 && speed_mps >= MOVING_MPS.max(certain_mps)
         };
     }
@@ -284,5 +294,60 @@ impl Tracks {
         for (_, index) in &self.order {
             out.push(self.tracks[*index].report());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Group, Tracks};
+    use jink_shared_types::Timestamp;
+    use jink_shared_types::moving::MovingObstacles;
+    use nalgebra::Vector3;
+
+    /// What is reported of one group as it is at each of 20 frames a second, after two seconds.
+    fn seen(group_at: impl Fn(f64) -> Group) -> MovingObstacles {
+        let mut tracks = Tracks::new();
+        for frame in 0..=40 {
+            let t_s = 0.05 * f64::from(frame);
+            tracks.update(Timestamp::from_seconds(100.0 + t_s), &[group_at(t_s)]);
+        }
+        let mut moving = MovingObstacles::default();
+        tracks.write(&Vector3::new(0.0, 0.0, -2.0), &mut moving);
+        moving
+    }
+
+    #[test]
+    fn what_comes_into_view_from_one_side_does_not_move() {
+        let grows = |t_s: f64| {
+            let half_m = 0.2 + 0.5 * t_s;
+            Group {
+                centre_m: Vector3::new(5.0 + half_m, 1.0, -1.0),
+                radius_m: half_m,
+                half_height_m: 1.0,
+            }
+        };
+        assert!(seen(grows).obstacles().is_empty());
+    }
+
+    #[test]
+    fn who_stands_on_the_ground_does_not_rise_as_more_of_him_is_seen() {
+        let walks = |t_s: f64| Group {
+            centre_m: Vector3::new(5.0, t_s, -0.5 - 0.4 * t_s),
+            radius_m: 0.3,
+            half_height_m: 0.7 + 0.4 * t_s,
+        };
+        let moving = seen(walks);
+        let [walker] = moving.obstacles() else {
+            panic!("{moving:?}");
+        };
+        assert!((walker.velocity.y_mps - 1.0).abs() < 0.2, "{walker:?}");
+        assert_eq!(walker.velocity.z_mps, 0.0);
+        assert!((walker.position.z_m + 1.3).abs() < 0.2, "{walker:?}");
+        // What is small may fly up.
+        let flies = |t_s: f64| Group {
+            half_height_m: 0.2,
+            ..walks(t_s)
+        };
+        assert!(seen(flies).obstacles()[0].velocity.z_mps < -0.2);
     }
 }
