@@ -9,22 +9,28 @@ use nalgebra::Vector3;
 const REACH: i32 = 2;
 /// Fewer hits in open space are no group: a drop of rain, the edge of a leaf.
 const CELLS_MIN: u32 = 3;
-/// A group continues in columns beside it that are not open, if those have so many hits: more than the ground.
+/// A group continues in columns beside it that are not open, if those have so many hits: the ground, with noise, is two
+/// cells thick.
 const CONTINUED_MIN: u32 = 3;
-/// A group that is larger than this (m) with them has a wall beside it, and ends where the open space does.
+/// A group that is larger than this (m) with them, an arm's length, has a wall beside it, and ends where the
+/// open space does.
 const CONTINUED_MAX_M: f64 = 0.8;
 /// A larger one is none that moves, but a wall in a map that has shifted (m).
 const RADIUS_MAX_M: f64 = 2.5;
 /// Most columns of a frame: twenty people at arm's length.
 const COLUMNS_MAX: usize = 4096;
-/// A group with more columns than this is larger than [`CONTINUED_MAX_M`].
-const CONTINUED_COLUMNS_MAX: usize = 64;
+/// A group with more columns than the square around a circle of [`CONTINUED_MAX_M`] is larger than that.
+const CONTINUED_COLUMNS_MAX: usize = {
+    let across = (2.0 * CONTINUED_MAX_M / CELL_M) as usize;
+    across * across
+};
 
 /// The hit cells above each other.
 #[derive(Clone, Copy, Default)]
 struct Column {
-    /// Those in open space.
+    /// How many of them are in open space.
     open: u32,
+    /// How many there are.
     cells: u32,
     low: i32,
     high: i32,
