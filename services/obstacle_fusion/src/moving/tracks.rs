@@ -24,7 +24,7 @@ const GATE_SD: f64 = 3.0;
 const LOST_S: f64 = 0.7;
 /// A track moves when it was seen in so many frames ...
 const FRAMES_MIN: u32 = 4;
-/// ... over so long (s): several cameras make many frames ...
+/// ... over so long (s), which is four frames at 30 Hz: several cameras make as many in less ...
 const AGE_MIN_S: f64 = 0.13;
 /// ... has moved by this (m) ...
 const MOVED_M: f64 = 0.3;
@@ -41,7 +41,8 @@ const NEWEST: f64 = 0.25;
 const STILL_MOVING_MPS: f64 = 0.2;
 /// What is no higher than this (m, half of it) ...
 const FLAT_M: f64 = 0.25;
-/// ... and lower than the vehicle by this (m) is the ground, whose hits run along with the vehicle.
+/// ... and lower than the vehicle by this (m) is the ground, whose hits run along with the vehicle. Who walks is higher, and
+/// what is flat and may meet the vehicle is nearer to its height than that.
 const BELOW_M: f64 = 0.8;
 /// What is higher than this (m, half of it) stands on the ground.
 const UPRIGHT_M: f64 = 0.6;
