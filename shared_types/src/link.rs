@@ -103,7 +103,7 @@ crate::sample! {
 crate::sample! {
     /// The gateway's counters since its start.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
-    pub struct LinkStatus: 6816 {
+    pub struct LinkStatus: 12064 {
         /// Messages received from the autopilot.
         pub received: u64,
         /// Messages that could not be decoded, or came from somebody who does not concern us.
@@ -157,6 +157,8 @@ crate::sample! {
         pub capture_to_wire: Histogram,
         /// What each stage added to that, waiting included: from the end of the stage before it to its own end.
         pub stages: [Histogram; STAGE_ROOM],
+        /// How much of that was before its begin: the wake-up, and what it was still busy with.
+        pub hops: [Histogram; STAGE_ROOM],
     }
     means { CLASSES: texts }
     plausible if Self::is_consistent
@@ -168,6 +170,27 @@ impl LinkStatus {
         self.profile.is_text()
             && self.matching_profile.is_text()
             && self.links.iter().all(|link| link.name.is_text())
+    }
+}
+
+crate::sample! {
+    /// The autopilot knows what a new trajectory says. The header holds the history of that trajectory, the gateway included.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    pub struct Delivery: 16 {
+        /// Setpoints sent so far.
+        pub setpoints: u64,
+        /// A setpoint was sent for it; otherwise the autopilot was sent the same before.
+        pub was_sent: Flag,
+        /// Explicit padding, zero.
+        pub reserved: Reserved<7>,
+    }
+    plausible if Self::is_counted
+}
+
+impl Delivery {
+    /// Whether so many setpoints can have been sent: a thousand a second for thirty years are 2^40.
+    pub fn is_counted(&self) -> bool {
+        self.setpoints < 1 << 40
     }
 }
 

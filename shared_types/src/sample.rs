@@ -5,7 +5,6 @@
 
 use crate::clock::Timestamp;
 use crate::layout::Layout;
-use crate::reserved::Reserved;
 
 /// The stages between a sensor and the wire, in order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,8 +62,9 @@ crate::sample! {
         /// History of the measurement this sample was made from: sensor, fusion, planner, generator, guard, gateway
         /// ([`Stage`]). The rest is unset.
         pub stages: [StageTime; STAGE_ROOM],
-        /// Room for later fields, zero.
-        pub reserved: Reserved<32>,
+        /// How long each stage was still busy with something else when its input was published, or kept it for a later cycle (us): a part
+        /// of the time from the end of the stage before to its begin. The rest of that is the wake-up.
+        pub busy_us: [u32; STAGE_ROOM],
     }
 }
 
@@ -109,7 +109,19 @@ impl SampleHeader {
             begin,
             end: Timestamp::NEVER,
         };
+        header.busy_us[stage as usize] = 0;
         header
+    }
+
+    /// The time from the end of the stage before `stage`, or from the capture, to its begin (us), and how much of that the stage was busy
+    /// with something else or kept its input; `None` if the sample did not pass it.
+    pub fn hop_us(&self, stage: Stage) -> Option<[u64; 2]> {
+        let index = stage as usize;
+        let begin = Some(self.stages[index].begin).filter(|begin| begin.is_set())?;
+        let mut ends = self.stages[..index].iter().rev().map(|stage| stage.end);
+        let before = ends.find(|end| end.is_set()).unwrap_or(self.capture);
+        let hop_us = begin.ns_since(before) / 1_000;
+        Some([hop_us, u64::from(self.busy_us[index]).min(hop_us)])
     }
 }
 
@@ -245,5 +257,22 @@ mod tests {
         assert_eq!(fused.capture, Timestamp::from_ns(5));
         assert_eq!(fused.stages[Stage::Sensor as usize].end, Timestamp::from_ns(7));
         assert_eq!(fused.stages[Stage::Fusion as usize].begin, Timestamp::from_ns(9));
+    }
+
+    #[test]
+    fn the_way_into_a_stage_is_what_lies_between_it_and_the_one_before() {
+        let us = |us: u64| Timestamp::from_ns(1_000 * us);
+        let mut header = SampleHeader::at(us(100));
+        header.stages[Stage::Sensor as usize].end = us(140);
+        header.stages[Stage::Planner as usize].begin = us(190);
+        header.busy_us[Stage::Planner as usize] = 30;
+        assert_eq!(header.hop_us(Stage::Planner), Some([50, 30]));
+        assert_eq!(header.hop_us(Stage::Fusion), None);
+        header.busy_us[Stage::Planner as usize] = 70;
+        assert_eq!(
+            header.hop_us(Stage::Planner),
+            Some([50, 50]),
+            "never more than all"
+        );
     }
 }

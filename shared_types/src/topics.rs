@@ -14,7 +14,7 @@ use crate::ground::{GroundAnswer, GroundRequest};
 use crate::hash;
 use crate::health::{Heartbeat, SystemStatus};
 use crate::layout::Layout;
-use crate::link::{LinkStatus, StopRequest};
+use crate::link::{Delivery, LinkStatus, StopRequest};
 use crate::map::LocalMap;
 use crate::motion::{ApprovedTrajectory, Route, Trajectory};
 use crate::moving::MovingObstacles;
@@ -329,6 +329,10 @@ topics! {
     LINK_STATUS: LinkStatus = "link/status",
         from ["mavlink_gateway"], to ["supervisor", "ground_services"],
         5.0 Hz, stale after 600.0 ms, buffer 2, logged true, wakes false;
+    /// The way of each new trajectory from the capture of a range to the wire.
+    DELIVERY: Delivery = "link/delivery",
+        from ["mavlink_gateway"], to ["cli"],
+        0.0 Hz, stale after 600.0 ms, buffer 32, logged true, wakes false;
     /// What ground stations ask of our components, apart from flying.
     GROUND_REQUEST: GroundRequest = "mavlink/requests",
         from ["mavlink_gateway"], to ["ground_services"],

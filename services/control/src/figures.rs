@@ -38,28 +38,42 @@ pub struct StageLatency {
     pub p50_ms: f64,
     /// 99th percentile (ms).
     pub p99_ms: f64,
+    /// How much of that was before its begin: the wake-up, and what it was still busy with. Median (ms).
+    pub hop_p50_ms: f64,
+    /// 99th percentile (ms).
+    pub hop_p99_ms: f64,
 }
 
 impl StageLatency {
     /// Of all stages that were passed at all, in their order.
-    pub fn of(stages: &[Histogram]) -> Vec<Self> {
+    pub fn of(stages: &[Histogram], hops: &[Histogram]) -> Vec<Self> {
+        let ms = |histogram: &Histogram, quantile: f64| round(histogram.quantile_us(quantile) * 1e-3);
         STAGE_NAMES
             .into_iter()
-            .zip(stages)
-            .filter(|(_, histogram)| histogram.count > 0)
-            .map(|(stage, histogram)| Self {
+            .zip(stages.iter().zip(hops))
+            .filter(|(_, (whole, _))| whole.count > 0)
+            .map(|(stage, (whole, hop))| Self {
                 stage,
-                p50_ms: round(histogram.quantile_us(0.5) * 1e-3),
-                p99_ms: round(histogram.quantile_us(0.99) * 1e-3),
+                p50_ms: ms(whole, 0.5),
+                p99_ms: ms(whole, 0.99),
+                hop_p50_ms: ms(hop, 0.5),
+                hop_p99_ms: ms(hop, 0.99),
             })
             .collect()
     }
 
-    /// `sensor 4.1/9.0, fusion 6.2/12.0`; p50/p99 in ms.
+    /// `sensor 4.1/9.0, fusion 6.2/12.0 (begun after 0.1/0.3)`; p50/p99 in ms.
     pub fn line(stages: &[Self]) -> String {
-        let words = stages
-            .iter()
-            .map(|stage| format!("{} {:.1}/{:.1}", stage.stage, stage.p50_ms, stage.p99_ms));
+        let words = stages.iter().map(|stage| {
+            let whole = format!("{} {:.1}/{:.1}", stage.stage, stage.p50_ms, stage.p99_ms);
+            match stage.stage == STAGE_NAMES[0] {
+                true => whole,
+                false => format!(
+                    "{whole} (begun after {:.1}/{:.1})",
+                    stage.hop_p50_ms, stage.hop_p99_ms
+                ),
+            }
+        });
         words.collect::<Vec<_>>().join(", ")
     }
 }

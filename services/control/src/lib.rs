@@ -42,6 +42,7 @@ pub mod places;
 pub mod planned_speed;
 pub mod ports;
 mod problem;
+pub mod provenance;
 pub mod request;
 pub mod running;
 pub mod supervisor;

@@ -1,6 +1,8 @@
-//! `jink bench`: parts of jink measured beside what others have, by programs of their own.
+//! `jink bench`: how long it takes from the sensor to the wire on this board, and parts of jink measured beside what others have.
 
+use crate::bench_latency;
 use jink_control::{Problem, beside};
+use std::process::ExitCode;
 
 /// What to measure.
 #[derive(Clone, Debug, clap::Args)]
@@ -11,13 +13,20 @@ pub struct Args {
 
 #[derive(Clone, Debug, clap::Subcommand)]
 enum Subcommand {
+    /// From the capture of a range to the bytes of a setpoint, stage by stage, on the real processes
+    Latency(Box<bench_latency::Args>),
     /// The map beside OctoMap: time per cloud and stage, and both compared cell by cell
     Map(beside::Args),
 }
 
-/// Becomes the program that measures it.
-pub fn run(args: Args) -> Problem {
-    match args.command {
-        Subcommand::Map(args) => beside::become_program("jink bench map", "jink-map-bench", args.arguments),
+/// Measures it, or becomes the program that does.
+pub fn run(args: &Args) -> Result<ExitCode, Problem> {
+    match &args.command {
+        Subcommand::Latency(args) => bench_latency::run(args),
+        Subcommand::Map(args) => Err(beside::become_program(
+            "jink bench map",
+            "jink-map-bench",
+            &args.arguments,
+        )),
     }
 }

@@ -63,6 +63,8 @@ pub enum Outcome {
     Collision,
     /// The time was over first.
     Timeout,
+    /// Whoever looked on has seen enough.
+    Enough,
     /// With what the sensors see no motion can be certified: said before anything moved.
     Refused {
         /// What is not seen, and what would help.
@@ -82,6 +84,7 @@ impl Outcome {
             Self::Goal => "goal",
             Self::Collision => "collision",
             Self::Timeout => "timeout",
+            Self::Enough => "enough",
             Self::Refused { .. } => "refused",
             Self::Failed { .. } => "failed",
         }
@@ -274,10 +277,14 @@ impl FlightLog {
     ) -> Summary {
         let mut latency = Histogram::default();
         let mut stages = [Histogram::default(); STAGE_ROOM];
+        let mut hops = [Histogram::default(); STAGE_ROOM];
         for link in self.links.values() {
             latency.merge(&link.capture_to_wire);
             for (sum, stage) in stages.iter_mut().zip(&link.stages) {
                 sum.merge(stage);
+            }
+            for (sum, hop) in hops.iter_mut().zip(&link.hops) {
+                sum.merge(hop);
             }
         }
         let [p50_ms, p99_ms, max_ms] = latency_ms(&latency);
@@ -304,7 +311,7 @@ impl FlightLog {
             latency_p50_ms: p50_ms,
             latency_p99_ms: p99_ms,
             latency_max_ms: max_ms,
-            latency_stages: StageLatency::of(&stages),
+            latency_stages: StageLatency::of(&stages, &hops),
             restarts,
             faults,
             simulator_late_max_ms: round(truth.late_max_s * 1e3),

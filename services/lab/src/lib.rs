@@ -7,6 +7,7 @@
 //! | [`flight_log`] | `sim/truth`, `link/status` | the course of a flight and its summary |
 //! | [`drill`] | `planner@8s`, or a seed | which fault to make to which process when |
 //! | [`handover`] | headers around a change of the producer | what was missing, doubled, out of order |
+//! | [`latency`] | loads | the way from the capture of a range to the wire, stage by stage |
 //! | [`fault_matrix`] | the faults of many flights | figures by process, fault and phase |
 //! | [`drawing`] | shapes, words, values | pictures and plots as SVG, for whoever draws |
 //! | [`picture`] | world, course, sensed points | the flight from above and over time as SVG |
@@ -16,5 +17,6 @@ pub mod drill;
 pub mod fault_matrix;
 pub mod flight_log;
 pub mod handover;
+pub mod latency;
 pub mod picture;
 pub mod rig;

@@ -1,6 +1,7 @@
 //! `jink-lab`: simulated flights. `jink demo` is this program's `demo`, and so on.
 
 mod bench;
+mod bench_latency;
 mod chaos;
 mod demo;
 
@@ -36,7 +37,7 @@ enum Command {
     Campaign(beside::Args),
     /// Drive a simulated pilot at walls, and plot how near he comes
     Approach(beside::Args),
-    /// Measure parts of jink beside what others have
+    /// Measure this board: how long the way from the sensor to the wire takes, and parts of jink beside what others have
     Bench(bench::Args),
 }
 
@@ -59,7 +60,7 @@ fn main() -> ExitCode {
             "jink-approach",
             args.arguments,
         )),
-        Command::Bench(args) => Err(bench::run(args)),
+        Command::Bench(args) => bench::run(&args),
     };
     outcome.unwrap_or_else(|problem| {
         eprintln!("jink: {problem}");

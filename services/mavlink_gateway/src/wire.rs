@@ -2,7 +2,7 @@
 
 use jink_mavlink_link::message::Receipt;
 use jink_shared_types::link::LinkStatus;
-use jink_shared_types::{SampleHeader, Stage, Timestamp};
+use jink_shared_types::{SampleHeader, Stage, StageTime, Timestamp};
 
 /// Counts what was really sent.
 #[derive(Clone, Debug, Default)]
@@ -10,9 +10,16 @@ pub struct Wire {
     /// The counters; what is not about sending is filled in by the gateway.
     pub status: LinkStatus,
     last_setpoint: Timestamp,
+    /// When the gateway was woken last.
+    woken: Timestamp,
 }
 
 impl Wire {
+    /// The gateway is woken at `now`.
+    pub fn wake(&mut self, now: Timestamp) {
+        self.woken = now;
+    }
+
     /// The bytes of a message were handed to the kernel at `now`.
     pub fn sent(&mut self, now: Timestamp, receipt: Receipt) {
         self.status.sent += 1;
@@ -43,15 +50,19 @@ impl Wire {
             .capture_to_wire
             .record_us(microseconds(now, header.capture));
         let mut before = header.capture;
-        let stages = header.stages.iter().zip(&mut self.status.stages);
-        for (index, (stage, histogram)) in stages.enumerate() {
-            let end = if index == Stage::Gateway as usize {
-                now
-            } else {
-                stage.end
+        let LinkStatus { stages, hops, .. } = &mut self.status;
+        let histograms = stages.iter_mut().zip(hops);
+        for (index, (stage, (whole, hop))) in header.stages.iter().zip(histograms).enumerate() {
+            let StageTime { begin, end } = match index == Stage::Gateway as usize {
+                true => StageTime {
+                    begin: self.woken,
+                    end: now,
+                },
+                false => *stage,
             };
             if end.is_set() {
-                histogram.record_us(microseconds(end, before));
+                whole.record_us(microseconds(end, before));
+                hop.record_us(microseconds(begin, before));
                 before = end;
             }
         }
@@ -100,6 +111,7 @@ mod tests {
         let planned = Receipt::Setpoint {
             first_of: Some(header),
         };
+        wire.wake(at(99));
         for (ms, receipt) in [
             (0, plain),
             (50, plain),
@@ -120,13 +132,20 @@ mod tests {
             (status.capture_to_wire.count, status.capture_to_wire.max_us),
             (1, 20_000)
         );
-        let stages = status.stages.map(|stage| (stage.count, stage.max_us));
-        let stages = &stages[..STAGES];
         let silent = (0, 0);
-        assert_eq!(
-            stages,
-            [(1, 5_000), silent, silent, silent, (1, 12_000), (1, 3_000)]
-        );
+        for (histograms, expected) in [
+            (
+                &status.stages,
+                [(1, 5_000), silent, silent, silent, (1, 12_000), (1, 3_000)],
+            ),
+            (
+                &status.hops,
+                [(1, 0), silent, silent, silent, (1, 11_000), (1, 2_000)],
+            ),
+        ] {
+            let counted = histograms.map(|histogram| (histogram.count, histogram.max_us));
+            assert_eq!(&counted[..STAGES], expected);
+        }
     }
 
     #[test]

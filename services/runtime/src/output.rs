@@ -83,13 +83,16 @@ impl<T: Layout> Output<T> {
             let epoch = ownership
                 .as_ref()
                 .map_or(*generation, |ownership| ownership.epoch());
+            let busy_us = ownership
+                .as_ref()
+                .map_or(0, |ownership| ownership.busy_us(header.publish));
             let header = SampleHeader {
                 sequence: u64::from(epoch) << 32 | u64::from(*count),
                 generation: *generation,
                 deadline_us: *deadline_us,
                 ..header
             };
-            Some(published(header, publish))
+            Some(published(header, publish, busy_us))
         })
     }
 
@@ -99,12 +102,14 @@ impl<T: Layout> Output<T> {
     }
 }
 
-/// `header` with its publication, and the end of the stage that made the sample.
-fn published(mut header: SampleHeader, publish: Timestamp) -> SampleHeader {
+/// `header` with its publication, and the end of the stage that made the sample, which was busy with something else for `busy_us` when
+/// its input was published.
+pub(crate) fn published(mut header: SampleHeader, publish: Timestamp, busy_us: u32) -> SampleHeader {
     header.publish = publish;
-    for stage in &mut header.stages {
+    for (stage, busy) in header.stages.iter_mut().zip(&mut header.busy_us) {
         if stage.begin.is_set() && !stage.end.is_set() {
             stage.end = publish;
+            *busy = busy_us;
         }
     }
     header

@@ -23,6 +23,10 @@ pub(crate) struct Ownership {
     declared: Cell<Option<bool>>,
     stands_by: Cell<bool>,
     began: Cell<Timestamp>,
+    /// When the cycle before this one began.
+    began_before: Cell<Timestamp>,
+    /// When the cycle before this one was over.
+    rested: Cell<Timestamp>,
     newest_trigger: Cell<Timestamp>,
     outputs: Cell<u64>,
     late: Cell<u64>,
@@ -49,6 +53,8 @@ impl Ownership {
             declared: Cell::new(None),
             stands_by: Cell::new(false),
             began: Cell::new(Timestamp::NEVER),
+            began_before: Cell::new(Timestamp::NEVER),
+            rested: Cell::new(Timestamp::NEVER),
             newest_trigger: Cell::new(Timestamp::NEVER),
             outputs: Cell::new(0),
             late: Cell::new(0),
@@ -66,8 +72,23 @@ impl Ownership {
 
     /// A cycle begins at `now`.
     pub(crate) fn begin(&self, now: Timestamp) {
-        self.began.set(now);
+        self.began_before.set(self.began.replace(now));
         self.newest_trigger.set(Timestamp::NEVER);
+    }
+
+    /// A cycle is over at `now`.
+    pub(crate) fn rest(&self, now: Timestamp) {
+        self.rested.set(now);
+    }
+
+    /// How long (us) what was published at `time` had to wait for this cycle although the process knew of it or was busy: until the end
+    /// of the cycle before; until now if that had it already and something is made of it once more.
+    pub(crate) fn busy_us(&self, time: Timestamp) -> u32 {
+        let (before, rested) = (self.began_before.get(), self.rested.get());
+        if !(time.is_set() && rested.is_set()) {
+            return 0;
+        }
+        microseconds(if before >= time { self.began.get() } else { rested }, time)
     }
 
     /// A trigger sample published at `time` was taken.
@@ -293,6 +314,23 @@ mod tests {
         }));
         assert!(former.owns(at(6)));
         assert_eq!(former.epoch(), 3);
+    }
+
+    #[test]
+    fn an_input_waits_for_the_cycle_before_or_is_made_use_of_once_more() {
+        let ownership = Ownership::new(1, false, 0);
+        ownership.begin(at(10));
+        assert_eq!(ownership.busy_us(at(9)), 0, "there was no cycle before");
+        ownership.rest(at(14));
+        ownership.begin(at(15));
+        assert_eq!(
+            ownership.busy_us(at(12)),
+            2_000,
+            "published while the cycle before ran"
+        );
+        assert_eq!(ownership.busy_us(at(14)), 0, "published while it slept");
+        assert_eq!(ownership.busy_us(at(9)), 6_000, "the cycle before had it");
+        assert_eq!(ownership.busy_us(Timestamp::NEVER), 0);
     }
 
     #[test]

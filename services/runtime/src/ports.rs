@@ -5,7 +5,7 @@ use crate::config::Config;
 use crate::events::EventSender;
 use crate::input::{Input, InputHealth};
 use crate::open_error::OpenError;
-use crate::output::Output;
+use crate::output::{Output, published};
 use crate::ownership::Ownership;
 use crate::param_store::ParamStore;
 use crate::session::Session;
@@ -14,7 +14,7 @@ use crate::transport::Wakeup;
 use jink_shared_types::health::ServiceState;
 use jink_shared_types::layout::Layout;
 use jink_shared_types::topics::Topic;
-use jink_shared_types::{SampleHeader, Timestamp, events};
+use jink_shared_types::{SampleHeader, Stage, Timestamp, events};
 use std::fmt;
 use std::rc::Rc;
 
@@ -244,9 +244,18 @@ pub struct Latency {
 }
 
 impl Latency {
-    /// Something made from the sample with this header left at `time`.
-    pub fn left(&self, header: &SampleHeader, time: Timestamp) {
+    /// Something that `stage` began to make at `begin` from the sample with this header left at `time`; that sample's history, with
+    /// this stage in it.
+    pub fn left(
+        &self,
+        header: &SampleHeader,
+        stage: Stage,
+        begin: Timestamp,
+        time: Timestamp,
+    ) -> SampleHeader {
         self.ownership.judge_age(header, time);
+        let busy_us = self.ownership.busy_us(header.publish);
+        published(header.derived(stage, begin), time, busy_us)
     }
 }
 

@@ -7,6 +7,7 @@
 //! | `/proc/meminfo` | [`Memory`] |
 //! | `/proc/net/dev` | [`Interface`] |
 //! | `/proc/<pid>/stat` | [`ProcessStat`] |
+//! | `/proc/<pid>/stat`, `/proc/<pid>/status` | [`Disturbances`] |
 //! | `/proc/<pid>/status` | [`resident_kib`] |
 //!
 //! What is missing or not understood is `None`; what stands beside it is read all the same.
@@ -190,6 +191,51 @@ impl ProcessStat {
     }
 }
 
+/// How often a process has been kept from computing since its start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Disturbances {
+    /// Times it gave up its core to wait for something.
+    pub waits: u64,
+    /// Times its core was taken away.
+    pub preemptions: u64,
+    /// Pages that were found in memory when they were touched.
+    pub minor_faults: u64,
+    /// Pages that had to be read from a disk.
+    pub major_faults: u64,
+}
+
+impl Disturbances {
+    /// Those of process `pid`; `None` if it has gone.
+    pub fn now(pid: u32) -> Option<Self> {
+        Self::of(
+            &text(&format!("/proc/{pid}/stat")),
+            &text(&format!("/proc/{pid}/status")),
+        )
+    }
+
+    /// Out of the texts of the two files: of the first, behind the name in parentheses, the 8th and the 10th field.
+    pub fn of(stat: &str, status: &str) -> Option<Self> {
+        let (_, fields) = stat.rsplit_once(") ")?;
+        let mut fields = fields.split_whitespace().skip(7);
+        Some(Self {
+            minor_faults: fields.next()?.parse().ok()?,
+            major_faults: fields.nth(1)?.parse().ok()?,
+            waits: number_behind("voluntary_ctxt_switches:", status)?,
+            preemptions: number_behind("nonvoluntary_ctxt_switches:", status)?,
+        })
+    }
+
+    /// What has been added since `before`.
+    pub fn since(self, before: Self) -> Self {
+        Self {
+            waits: self.waits.saturating_sub(before.waits),
+            preemptions: self.preemptions.saturating_sub(before.preemptions),
+            minor_faults: self.minor_faults.saturating_sub(before.minor_faults),
+            major_faults: self.major_faults.saturating_sub(before.major_faults),
+        }
+    }
+}
+
 /// Resident memory of process `pid`, shared memory it has touched included (KiB); `None` if it has gone.
 pub fn resident_kib(pid: u32) -> Option<u64> {
     number_behind("VmRSS:", &text(&format!("/proc/{pid}/status")))
@@ -197,7 +243,7 @@ pub fn resident_kib(pid: u32) -> Option<u64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{CpuTicks, CpuTimes, Interface, Memory, ProcessStat, Uptime, resident_kib};
+    use super::{CpuTicks, CpuTimes, Disturbances, Interface, Memory, ProcessStat, Uptime, resident_kib};
     use proptest::prelude::*;
 
     #[test]
@@ -245,6 +291,17 @@ mod tests {
                 core: 3,
             };
             assert_eq!(ProcessStat::of(&format!("7 ({name}) S {rest}")), Some(seen));
+            let status = "voluntary_ctxt_switches:\t40\nnonvoluntary_ctxt_switches:\t2\n";
+            let disturbed = Disturbances {
+                waits: 40,
+                preemptions: 2,
+                minor_faults: 100,
+                major_faults: 0,
+            };
+            assert_eq!(
+                Disturbances::of(&format!("7 ({name}) S {rest}"), status),
+                Some(disturbed)
+            );
         }
     }
 
@@ -253,6 +310,7 @@ mod tests {
         let own = std::process::id();
         assert!(ProcessStat::now(own).is_some_and(|stat| (0.0..1e6).contains(&stat.cpu_s)));
         assert!(resident_kib(own).unwrap() > 100);
+        assert!(Disturbances::now(own).is_some_and(|disturbed| disturbed.minor_faults > 10));
         assert!(
             CpuTimes::now().is_some_and(|times| !times.cores.is_empty() && times.all.busy <= times.all.all)
         );

@@ -89,6 +89,7 @@ impl<S: Service> Running<S> {
         let end = self.clock.now();
         self.beat.meter.cycle(now, end);
         self.beat.send_if_due(end, &self.ports);
+        self.ports.ownership.rest(self.clock.now());
         wake
     }
 

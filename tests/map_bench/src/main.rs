@@ -21,11 +21,12 @@ mod report;
 
 use clap::Parser;
 use clouds::{SOURCES, Series};
+use jink_control::provenance;
 use jink_shared_types::params::ParamSet;
 use octomap::OctoMap;
 use report::{Head, Row};
-use std::path::PathBuf;
-use std::process::{Command, ExitCode};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
 
 /// Measure the map beside OctoMap
 #[derive(Debug, Parser)]
@@ -94,8 +95,8 @@ fn run(args: &Args) -> Result<String, String> {
         seed: args.seed,
         seconds: args.seconds,
         repeats: args.repeats,
-        commit: commit(),
-        cpu: cpu(),
+        commit: provenance::commit(Path::new(env!("CARGO_MANIFEST_DIR"))),
+        cpu: provenance::cpu(),
         no_octomap: octomap.as_ref().err().cloned(),
     };
     let mut rows = Vec::new();
@@ -142,31 +143,4 @@ fn measured(
         there.as_ref(),
         agreement,
     ))
-}
-
-/// The commit of the checkout that this program was built from, with a plus if it was changed since.
-fn commit() -> Option<String> {
-    let git = |arguments: &[&str]| {
-        let output = Command::new("git")
-            .args(["-C", env!("CARGO_MANIFEST_DIR")])
-            .args(arguments)
-            .output()
-            .ok()?;
-        let text = String::from_utf8(output.stdout).ok()?;
-        output.status.success().then(|| text.trim().to_owned())
-    };
-    let commit = git(&["rev-parse", "--short=12", "HEAD"])?;
-    let changed = git(&["status", "--porcelain", "--untracked-files=no"])?;
-    Some(if changed.is_empty() { commit } else { commit + "+" })
-}
-
-/// Name of the CPU, as the kernel gives it.
-fn cpu() -> String {
-    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let line = text.lines().find(|line| line.starts_with("model name"));
-    let name = line.and_then(|line| line.split(':').nth(1));
-    name.map_or_else(
-        || std::env::consts::ARCH.to_owned(),
-        |name| name.trim().to_owned(),
-    )
 }

@@ -29,4 +29,5 @@ mod pymavlink_trusts_our_signatures_and_we_trust_its;
 mod sensors_are_examined_before_the_flight;
 mod signatures_are_asked_for_link_by_link;
 mod the_documentation_names_what_exists;
+mod the_way_to_the_wire_is_measured;
 mod what_is_learned_in_flight_is_kept;

@@ -439,7 +439,7 @@ impl Link {
             capture_to_wire_p50_ms: p50_ms,
             capture_to_wire_p99_ms: p99_ms,
             capture_to_wire_max_ms: max_ms,
-            stages: StageLatency::of(&link.sample.stages),
+            stages: StageLatency::of(&link.sample.stages, &link.sample.hops),
             links: LinkFigures::of(link.sample, uptime_s),
         }
     }

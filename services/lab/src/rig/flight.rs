@@ -1,5 +1,6 @@
 //! The flight from the outside: look at shared memory fifty times a second until it is over.
 
+use super::Observer;
 use super::drills::{Drills, View};
 use super::machine::MachineTimes;
 use super::memory::Memory;
@@ -13,7 +14,7 @@ use jink_control::narrate::{Narrator, health_line};
 use jink_control::supervisor::Supervisor;
 use jink_control::watch::{SpaceWatch, Watch};
 use jink_control::{Interrupt, Problem};
-use jink_runtime::Input;
+use jink_runtime::{Input, Session};
 use jink_shared_types::health::{Health, SystemStatus};
 use jink_shared_types::topics;
 use jink_shared_types::truth::SimTruth;
@@ -89,6 +90,11 @@ impl Flight {
         })
     }
 
+    /// The connection to the system, for further topics.
+    pub fn session(&self) -> &Session {
+        self.watch.session()
+    }
+
     /// Waits until every service is active; an outcome if that does not happen.
     pub fn wait_until_ready(
         &mut self,
@@ -132,10 +138,14 @@ impl Flight {
         show: &mut Show,
         interrupt: &Interrupt,
         limit: Duration,
+        observer: &mut dyn Observer,
     ) -> Result<Outcome, Problem> {
         let begin = Instant::now();
         loop {
             self.look(show);
+            if observer.look(self.status.as_ref()) {
+                return Ok(Outcome::Enough);
+            }
             for line in pilot.update() {
                 show.update(&line);
             }

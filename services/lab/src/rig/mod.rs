@@ -23,7 +23,8 @@ use drills::Drills;
 use flight::Flight;
 use jink_control::supervisor::{StartOptions, Supervisor};
 use jink_control::{Interrupt, Problem, autopilot, ports, worlds};
-use jink_runtime::Instance;
+use jink_runtime::{Instance, Session};
+use jink_shared_types::health::SystemStatus;
 use machine::Machine;
 use pilot::Pilot;
 use show::Show;
@@ -70,6 +71,36 @@ pub fn usual_limit_s(legs: u32, is_sitl: bool) -> f64 {
     LEG_LIMIT_S * f64::from(legs) + if is_sitl { SITL_BOOT_S } else { 0.0 }
 }
 
+/// Somebody who looks at a flight, for figures of his own.
+pub trait Observer {
+    /// Every service is active: topics can be opened.
+    ///
+    /// # Errors
+    /// One cannot.
+    fn begin(&mut self, session: &Session) -> Result<(), Problem>;
+
+    /// Fifty times a second during the mission; whether enough was seen, which ends the flight.
+    fn look(&mut self, status: Option<&SystemStatus>) -> bool;
+
+    /// Lets go of the topics: the system is going to be taken down.
+    fn end(&mut self);
+}
+
+/// Nobody.
+struct NoObserver;
+
+impl Observer for NoObserver {
+    fn begin(&mut self, _session: &Session) -> Result<(), Problem> {
+        Ok(())
+    }
+
+    fn look(&mut self, _status: Option<&SystemStatus>) -> bool {
+        false
+    }
+
+    fn end(&mut self) {}
+}
+
 impl Plan {
     /// One flight with `drills`, in `instance`, from start to stop; its figures, and how the stop went.
     ///
@@ -82,11 +113,34 @@ impl Plan {
         show: &mut Show,
         interrupt: &Interrupt,
     ) -> Result<(Flown, Result<ExitStatus, Problem>), Problem> {
+        self.fly_observed(instance, drills, show, interrupt, &mut NoObserver)
+    }
+
+    /// The same, looked at by `observer`.
+    ///
+    /// # Errors
+    /// The same, and what the observer says.
+    pub fn fly_observed(
+        &self,
+        instance: &Instance,
+        drills: Vec<Drill>,
+        show: &mut Show,
+        interrupt: &Interrupt,
+        observer: &mut dyn Observer,
+    ) -> Result<(Flown, Result<ExitStatus, Problem>), Problem> {
         let [gateway, ground_station] = ports::free()?;
         let options = self.options(gateway, ground_station, show)?;
         let mut supervisor = Supervisor::start(instance, &options)?;
         let drills = Drills::new(drills, instance.clone(), gateway);
-        let flown = self.fly_with(&mut supervisor, ground_station, drills, show, interrupt);
+        let flown = self.fly_with(
+            &mut supervisor,
+            ground_station,
+            drills,
+            show,
+            interrupt,
+            &mut *observer,
+        );
+        observer.end();
         show.finish();
         // Whatever happened, the system is taken down before anything is said about it.
         let stopped = supervisor.stop();
@@ -130,6 +184,7 @@ impl Plan {
         drills: Drills,
         show: &mut Show,
         interrupt: &Interrupt,
+        observer: &mut dyn Observer,
     ) -> Result<Flown, Problem> {
         let watch = supervisor.watch(interrupt)?;
         let mut flight = Flight::new(watch, self.keeps_sensed, self.autopilot.is_sitl(), drills)?;
@@ -137,11 +192,12 @@ impl Plan {
         let outcome = match flight.wait_until_ready(supervisor, show, interrupt)? {
             Some(outcome) => outcome,
             None => {
+                observer.begin(flight.session())?;
                 let mut pilot = Pilot::start(self, ground_station)?;
                 let limit_s = self.limit_s;
                 let limit = Duration::try_from_secs_f64(limit_s)
                     .map_err(|error| Problem::Other(format!("--timeout {limit_s}: {error}")))?;
-                flight.fly(supervisor, &mut pilot, show, interrupt, limit)?
+                flight.fly(supervisor, &mut pilot, show, interrupt, limit, observer)?
             }
         };
         Ok(flight.end(outcome, &self.world, self.seed, machine.times()))

@@ -192,6 +192,7 @@ impl Gateway {
     /// latest at [`Self::next_wake`].
     pub fn step(&mut self, now: Timestamp, inputs: &Inputs<'_>, outputs: &mut Outputs) {
         outputs.clear();
+        self.wire.wake(now);
         if let Some(values) = inputs.parameters {
             values.apply_live(&mut self.params);
         }
@@ -253,6 +254,11 @@ impl Gateway {
     /// Reports that the bytes of a message were handed to the kernel at `now`.
     pub fn wire(&mut self, now: Timestamp, receipt: Receipt) {
         self.wire.sent(now, receipt);
+    }
+
+    /// How many setpoints were sent so far.
+    pub fn setpoints_sent(&self) -> u64 {
+        self.wire.status.setpoints
     }
 
     /// A second autopilot on the link, while it is not clear which one is ours: the configuration must name one.

@@ -18,14 +18,14 @@ use jink_shared_types::events::EventSample;
 use jink_shared_types::ground::{GroundAnswer, GroundRequest};
 use jink_shared_types::health::Name;
 use jink_shared_types::health::SystemStatus;
-use jink_shared_types::link::{LinkStatus, StopRequest};
+use jink_shared_types::link::{Delivery, LinkStatus, StopRequest};
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::prevention::{PilotDemand, PreventedDemand};
 use jink_shared_types::ranges::RangeScan;
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::{DesiredPath, VehicleState};
-use jink_shared_types::{SampleHeader, Timestamp, topics};
+use jink_shared_types::{Flag, SampleHeader, Stage, Timestamp, topics};
 use kept::{FlightFile, ProvenProfile};
 use opening::open_links;
 use std::fmt::{self, Display};
@@ -61,6 +61,7 @@ pub struct GatewayService {
     /// One for each sensor that comes over MAVLink.
     scans: Vec<Output<RangeScan>>,
     status: Output<LinkStatus>,
+    delivery: Output<Delivery>,
     parameters: Input<ParameterValues>,
     /// Sequence number of the parameters taken last.
     parameters_taken: Option<u64>,
@@ -146,6 +147,7 @@ impl Service for GatewayService {
             pilot: ports.output(topics::PILOT_DEMAND)?,
             scans,
             status: ports.output(topics::LINK_STATUS)?,
+            delivery: ports.output(topics::DELIVERY)?,
             parameters: ports.input(topics::PARAMETERS)?,
             parameters_taken: None,
             requests: ports.output(topics::GROUND_REQUEST)?,
@@ -211,7 +213,7 @@ impl Service for GatewayService {
         };
         self.gateway.step(now, &inputs, &mut self.outputs);
         if speaks {
-            self.send();
+            self.send(now);
             self.flight.keep(now, self.gateway.record(now));
         }
         self.exclusive_ownership.stand_by(!self.gateway.profile_fits());
@@ -292,10 +294,12 @@ impl GatewayService {
         self.links.receive(|| clock.now(), us, &mut self.received)
     }
 
-    fn send(&mut self) {
-        if let Some(header) = &self.outputs.reported {
-            self.latency.left(header, self.clock.now());
+    /// Sends what the cycle that began at `begin` has made.
+    fn send(&mut self, begin: Timestamp) {
+        if let Some(header) = self.outputs.reported {
+            self.deliver(&header, begin, self.clock.now(), false);
         }
+        let mut sent_first: Option<(SampleHeader, Timestamp)> = None;
         for message in self.outputs.messages() {
             let sent = self.links.send(self.clock.now(), message);
             // What is for everybody counts when the autopilot has it.
@@ -310,10 +314,28 @@ impl GatewayService {
                     first_of: Some(header),
                 } = message.receipt
                 {
-                    self.latency.left(&header, now);
+                    sent_first = Some((header, now));
                 }
             }
         }
+        if let Some((header, at)) = sent_first {
+            self.deliver(&header, begin, at, true);
+        }
+    }
+
+    /// The autopilot knows at `at` what the trajectory with this header says. One that was made of no measurement says nothing of how long
+    /// measurements take.
+    fn deliver(&mut self, header: &SampleHeader, begin: Timestamp, at: Timestamp, was_sent: bool) {
+        if !header.capture.is_set() {
+            return;
+        }
+        let header = self.latency.left(header, Stage::Gateway, begin, at);
+        let delivery = Delivery {
+            setpoints: self.gateway.setpoints_sent(),
+            was_sent: Flag::from(was_sent),
+            ..Delivery::default()
+        };
+        self.delivery.send(header, &delivery);
     }
 
     fn publish(&mut self) {

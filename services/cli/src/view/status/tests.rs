@@ -116,6 +116,7 @@ fn the_link_says_whether_the_autopilot_is_received_and_how_fast_the_chain_is() {
     link.setpoint_gap_max_us = 61_000;
     link.capture_to_wire.record_us(12_000);
     link.stages[Stage::Fusion as usize].record_us(5_000);
+    link.hops[Stage::Fusion as usize].record_us(1_000);
     let text = report(Some(&link)).text(1_000.0);
     assert!(
         text.contains("autopilot 1 connected, clock not mapped yet"),
@@ -125,7 +126,10 @@ fn the_link_says_whether_the_autopilot_is_received_and_how_fast_the_chain_is() {
         text.contains("largest gap 61 ms; capture to wire 12.0 / 12.0 / 12.0 ms"),
         "{text}"
     );
-    assert!(text.ends_with("of that p50/p99: fusion 5.0/5.0\n"), "{text}");
+    assert!(
+        text.ends_with("of that p50/p99: fusion 5.0/5.0 (begun after 1.0/1.0)\n"),
+        "{text}"
+    );
     assert!(!text.contains("assisted flight"), "{text}");
     link.assist = Coded::new(AssistState::Holds);
     let text = report(Some(&link)).text(1_000.0);
