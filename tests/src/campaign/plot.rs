@@ -16,15 +16,6 @@ const LETTERS: f64 = 12.0;
 const STEPS: f64 = 6.0;
 /// Beside the outermost values, as a share of what lies between them.
 const MARGIN: f64 = 0.06;
-/// Of the Okabe-Ito palette, one after the other.
-const COLOURS: [Colour; 6] = [
-    Colour::BLUE,
-    Colour::VERMILION,
-    Colour::hex(0x009e73),
-    Colour::hex(0xcc79a7),
-    Colour::hex(0xe69f00),
-    Colour::hex(0x56b4e9),
-];
 
 /// What one cell does at one value.
 struct Point {
@@ -107,7 +98,7 @@ pub fn svg(quantity: Quantity, reports: &[FlightReport]) -> Option<String> {
     out.text((LEFT, 20.0), Letters::START.bold(), &title);
     let names: Vec<(Style, &str)> = curves
         .iter()
-        .zip(COLOURS.iter().cycle())
+        .zip(Colour::SEVERAL.iter().cycle())
         .map(|((cell, _), colour)| (Style::line(*colour, 2.0), *cell))
         .collect();
     legend(&mut out, (LEFT, 40.0), &names);
@@ -149,7 +140,7 @@ pub fn svg(quantity: Quantity, reports: &[FlightReport]) -> Option<String> {
         frame.border(&mut out);
         frame.ticks_below(&mut out, step(x[1] - x[0], STEPS));
         frame.numbers_left(&mut out, step(highest, STEPS));
-        for ((_, points), colour) in curves.iter().zip(COLOURS.iter().cycle()) {
+        for ((_, points), colour) in curves.iter().zip(Colour::SEVERAL.iter().cycle()) {
             let style = Style::line(*colour, 2.0);
             frame.curve(
                 &mut out,

@@ -35,6 +35,16 @@ impl Colour {
     /// Black.
     pub const BLACK: Self = Self(0);
 
+    /// For several curves, one after the other: of the same palette.
+    pub const SEVERAL: [Self; 6] = [
+        Self::BLUE,
+        Self::VERMILION,
+        Self::hex(0x009e73),
+        Self::hex(0xcc79a7),
+        Self::hex(0xe69f00),
+        Self::hex(0x56b4e9),
+    ];
+
     /// As it stands in style sheets: `0xrrggbb`.
     pub const fn hex(rgb: u32) -> Self {
         Self(rgb & 0xffffff)

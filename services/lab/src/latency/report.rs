@@ -162,17 +162,6 @@ const BAR_APART: f64 = 30.0;
 const LETTERS: f64 = 12.0;
 /// Numbers along an axis, at most.
 const STEPS: f64 = 8.0;
-/// Of the Okabe-Ito palette.
-const COLOURS: [Colour; 8] = [
-    Colour::BLUE,
-    Colour::VERMILION,
-    Colour::hex(0x009e73),
-    Colour::hex(0xcc79a7),
-    Colour::hex(0xe69f00),
-    Colour::hex(0x56b4e9),
-    Colour::hex(0x000000),
-    Colour::hex(0x999999),
-];
 
 /// A page that stands by itself: where the figures come from, the distribution under every load, where the time goes, all tables.
 pub fn html(bench: &Bench) -> String {
@@ -202,13 +191,23 @@ fn escaped(text: &str) -> String {
         .replace('>', "&gt;")
 }
 
+/// Colours come back with dashes, and once more with longer ones: there are sixteen loads.
+fn curve_style(n: usize) -> Style {
+    let colours = Colour::SEVERAL;
+    let line = Style::line(colours[n % colours.len()], 2.0);
+    match n / colours.len() {
+        0 => line,
+        round => line.dashed([3.0 * round as f64, 2.0]),
+    }
+}
+
 /// Which share of all trajectories is on the wire by then, under each load.
 fn distribution(loads: &[Measured]) -> String {
     let names: Vec<String> = loads.iter().map(|measured| measured.load.to_string()).collect();
     let entries: Vec<(Style, &str)> = names
         .iter()
-        .zip(COLOURS.iter().cycle())
-        .map(|(name, colour)| (Style::line(*colour, 2.0), name.as_str()))
+        .enumerate()
+        .map(|(n, name)| (curve_style(n), name.as_str()))
         .collect();
     // A few that are much longer would press all others to the edge; they stand in the tables.
     let longest = loads.iter().map(|measured| measured.after_sensor.p99_ms);
@@ -269,7 +268,7 @@ fn stages(loads: &[Measured]) -> String {
     let names = ["fusion", "planner", "generator", "guard", "gateway"];
     let colour = |name: &str| {
         let index = names.iter().position(|known| *known == name).unwrap_or(0);
-        COLOURS[index % COLOURS.len()]
+        Colour::SEVERAL[index]
     };
     let mut out = Group::default();
     out.text(
