@@ -24,6 +24,18 @@ pub enum Stage {
     Gateway = 5,
 }
 
+impl Stage {
+    /// All of them, in order.
+    pub const ALL: [Self; STAGES] = [
+        Self::Sensor,
+        Self::Fusion,
+        Self::Planner,
+        Self::Generator,
+        Self::Guard,
+        Self::Gateway,
+    ];
+}
+
 /// Number of [`Stage`]s.
 pub const STAGES: usize = 6;
 

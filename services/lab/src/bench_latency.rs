@@ -178,6 +178,13 @@ impl Args {
                 own.log_folder().display()
             ))
         })?;
+        if load.realtime && !recorder.is_realtime() {
+            return Err(Problem::Other(format!(
+                "{load}: not every process was given SCHED_FIFO and locked memory; run with the rights to it (CAP_SYS_NICE, \
+                 CAP_IPC_LOCK), or with --realtime off; logs: {}",
+                own.log_folder().display()
+            )));
+        }
         // Nothing went wrong: nobody needs its logs.
         let _stays = std::fs::remove_dir_all(own.folder());
         Ok(measured)

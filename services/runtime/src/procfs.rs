@@ -8,7 +8,7 @@
 //! | `/proc/net/dev` | [`Interface`] |
 //! | `/proc/<pid>/stat` | [`ProcessStat`] |
 //! | `/proc/<pid>/stat`, `/proc/<pid>/status` | [`Disturbances`] |
-//! | `/proc/<pid>/status` | [`resident_kib`] |
+//! | `/proc/<pid>/status` | [`resident_kib`], [`locked_kib`] |
 //!
 //! What is missing or not understood is `None`; what stands beside it is read all the same.
 
@@ -170,6 +170,8 @@ pub struct ProcessStat {
     pub cpu_s: f64,
     /// The core it runs on, or ran on last.
     pub core: usize,
+    /// Its priority under SCHED_FIFO or SCHED_RR; 0 under ordinary scheduling.
+    pub fifo_priority: u8,
 }
 
 impl ProcessStat {
@@ -179,7 +181,7 @@ impl ProcessStat {
     }
 
     /// Out of the text of the file: behind the name in parentheses, which may contain anything, the state is the first field, user and
-    /// system time are the 12th and 13th, the core is the 37th.
+    /// system time are the 12th and 13th, the core is the 37th, the real-time priority comes behind that.
     pub fn of(stat: &str) -> Option<Self> {
         let (_, fields) = stat.rsplit_once(") ")?;
         let mut fields = fields.split_whitespace();
@@ -187,7 +189,13 @@ impl ProcessStat {
         let mut ticks = |skipped: usize| fields.nth(skipped)?.parse::<f64>().ok();
         let cpu_s = (ticks(10)? + ticks(0)?) / TICKS_PER_S;
         let core = fields.nth(23)?.parse().ok()?;
-        Some(Self { state, cpu_s, core })
+        let fifo_priority = fields.next()?.parse().ok()?;
+        Some(Self {
+            state,
+            cpu_s,
+            core,
+            fifo_priority,
+        })
     }
 }
 
@@ -241,6 +249,11 @@ pub fn resident_kib(pid: u32) -> Option<u64> {
     number_behind("VmRSS:", &text(&format!("/proc/{pid}/status")))
 }
 
+/// Memory of process `pid` that stays where it is once touched (KiB); `None` if it has gone.
+pub fn locked_kib(pid: u32) -> Option<u64> {
+    number_behind("VmLck:", &text(&format!("/proc/{pid}/status")))
+}
+
 #[cfg(test)]
 mod tests {
     use super::{CpuTicks, CpuTimes, Disturbances, Interface, Memory, ProcessStat, Uptime, resident_kib};
@@ -283,12 +296,13 @@ mod tests {
     #[test]
     fn a_process_is_understood_whatever_its_name() {
         let rest = "1 2 2 0 -1 4194304 100 0 0 0 12 30 0 0 20 0 1 0 100 1000 10 \
-                    0 0 0 0 0 0 0 0 0 0 0 0 0 17 3 0 0 0 0 0";
+                    0 0 0 0 0 0 0 0 0 0 0 0 0 17 3 7 1 0 0 0";
         for name in ["x", "a (b) c", ") R 1", ""] {
             let seen = ProcessStat {
                 state: 'S',
                 cpu_s: 0.42,
                 core: 3,
+                fifo_priority: 7,
             };
             assert_eq!(ProcessStat::of(&format!("7 ({name}) S {rest}")), Some(seen));
             let status = "voluntary_ctxt_switches:\t40\nnonvoluntary_ctxt_switches:\t2\n";

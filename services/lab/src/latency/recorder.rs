@@ -5,11 +5,11 @@ use super::load::Load;
 use crate::rig::Observer;
 use jink_control::Problem;
 use jink_control::figures::round;
-use jink_runtime::procfs::{Disturbances, ProcessStat};
+use jink_runtime::procfs::{Disturbances, ProcessStat, locked_kib};
 use jink_runtime::{Input, Session};
 use jink_shared_types::health::SystemStatus;
 use jink_shared_types::link::Delivery;
-use jink_shared_types::{STAGE_NAMES, STAGES, SampleHeader, Stage, topics};
+use jink_shared_types::{STAGE_NAMES, SampleHeader, Stage, Timestamp, topics};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -98,6 +98,8 @@ pub struct Recorder {
     processes: Vec<ProcessFigures>,
     seconds: f64,
     restarts: u32,
+    /// Every process had SCHED_FIFO and kept its memory.
+    is_realtime: bool,
 }
 
 impl std::fmt::Debug for Recorder {
@@ -118,7 +120,13 @@ impl Recorder {
             processes: Vec::new(),
             seconds: 0.0,
             restarts: 0,
+            is_realtime: false,
         }
+    }
+
+    /// Whether every process had SCHED_FIFO and kept its memory: who asks for it may be refused.
+    pub fn is_realtime(&self) -> bool {
+        self.is_realtime
     }
 
     /// What was seen under `load`; `None` if no trajectory has reached the autopilot.
@@ -128,7 +136,7 @@ impl Recorder {
         }
         let ms = |us: u64| us as f64 * 1e-3;
         let gateway_end = |header: &SampleHeader| header.stages[Stage::Gateway as usize].end;
-        let between = |of: fn(&SampleHeader) -> jink_shared_types::Timestamp| -> Vec<f64> {
+        let between = |of: fn(&SampleHeader) -> Timestamp| -> Vec<f64> {
             let times = self.headers.iter();
             times
                 .map(|header| ms(gateway_end(header).ns_since(of(header)) / 1_000))
@@ -136,7 +144,10 @@ impl Recorder {
         };
         let total_ms = between(|header| header.capture);
         let after_sensor_ms = between(|header| header.stages[Stage::Sensor as usize].end);
-        let stages = (0..STAGES).filter_map(|index| self.stage(index)).collect();
+        let stages = Stage::ALL
+            .into_iter()
+            .filter_map(|stage| self.stage(stage))
+            .collect();
         Some(Measured {
             load,
             seconds: round(self.seconds),
@@ -150,8 +161,8 @@ impl Recorder {
         })
     }
 
-    fn stage(&self, index: usize) -> Option<StageFigures> {
-        let stage = STAGE_OF[index];
+    fn stage(&self, stage: Stage) -> Option<StageFigures> {
+        let index = stage as usize;
         let (mut busy, mut wake_up, mut compute) = (Vec::new(), Vec::new(), Vec::new());
         for header in &self.headers {
             let time = header.stages[index];
@@ -186,15 +197,6 @@ impl Recorder {
         }
     }
 }
-
-const STAGE_OF: [Stage; STAGES] = [
-    Stage::Sensor,
-    Stage::Fusion,
-    Stage::Planner,
-    Stage::Generator,
-    Stage::Guard,
-    Stage::Gateway,
-];
 
 fn sorted(mut times: Vec<f64>) -> Vec<f64> {
     times.sort_by(f64::total_cmp);
@@ -234,6 +236,10 @@ impl Observer for Recorder {
         }
         self.seconds = since.elapsed().as_secs_f64();
         self.restarts = status.restarts;
+        self.is_realtime = status.processes().iter().all(|process| {
+            let priority = ProcessStat::now(process.pid).map_or(0, |stat| stat.fifo_priority);
+            priority > 0 && locked_kib(process.pid).unwrap_or(0) > 0
+        });
         let now = used(status);
         let names = status
             .processes()

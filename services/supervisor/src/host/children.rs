@@ -295,7 +295,9 @@ impl Children {
     /// What process `index` is doing, as the kernel reports it.
     pub fn inspect(&mut self, index: usize) -> Option<Observation> {
         let slot = self.slots.get(index)?;
-        let ProcessStat { state, cpu_s, core } = ProcessStat::now(slot.running.as_ref()?.pid)?;
+        let ProcessStat {
+            state, cpu_s, core, ..
+        } = ProcessStat::now(slot.running.as_ref()?.pid)?;
         let activity = activity_of(state);
         let core_runs = self.cores.runs(core, jink_runtime::now());
         tracing::debug!(
