@@ -15,6 +15,8 @@ pub struct Args {
 enum Subcommand {
     /// From the capture of a range to the bytes of a setpoint, stage by stage, on the real processes
     Latency(Box<bench_latency::Args>),
+    /// The transport beside bare iceoryx2, shared memory, sockets and others: what handing samples on costs
+    Transport(beside::Args),
     /// The map beside OctoMap: time per cloud and stage, and both compared cell by cell
     Map(beside::Args),
 }
@@ -26,6 +28,11 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
         Subcommand::Map(args) => Err(beside::become_program(
             "jink bench map",
             "jink-map-bench",
+            &args.arguments,
+        )),
+        Subcommand::Transport(args) => Err(beside::become_program(
+            "jink bench transport",
+            "jink-transport-bench",
             &args.arguments,
         )),
     }
