@@ -1,9 +1,11 @@
 //! `jink bench latency`: flies the real processes under several loads and says how long the way from the sensor to the wire takes.
 
 use jink_control::{EXIT_PROBLEM, Interrupt, Problem, autopilot, places, provenance, say, sayln};
-use jink_lab::latency::{Bench, Hog, Load, Measured, Provenance, Recorder, html};
+use jink_lab::latency::{Bench, Disturbance, Disturber, Load, Measured, Provenance, Recorder, html};
 use jink_lab::rig::show::Show;
-use jink_lab::rig::{Plan, instance};
+use jink_lab::rig::{Observer, Plan, instance};
+use jink_runtime::{Instance, Session};
+use jink_shared_types::health::SystemStatus;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -16,9 +18,11 @@ const LEGS: u32 = 400;
 /// Which loads.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
-Every combination of --points, --rates, --hog and --realtime is a flight of its own: take-off, 3 s to settle, then --seconds that count.
+Every combination of --points, --rates, --beside and --realtime is a flight of its own: take-off, 3 s to settle, then --seconds that count.
 A trajectory counts when the autopilot has been sent it, or was sent the same before.
 
+first plan  \"sensor..wire\" of those trajectories that were the first of their map: a second one is made when the goal changes, or
+         when no plan was found at first
 busy     from the publication of a stage's input until the stage was free for it, or made something of it once more
 wake-up  from then until it began
 compute  from its begin to its own publication
@@ -34,9 +38,9 @@ pub struct Args {
     /// Frames per second
     #[arg(long, value_delimiter = ',', default_values_t = [10.0, 30.0], value_parser = rate, value_name = "HZ")]
     rates: Vec<f64>,
-    /// With a program beside that does nothing but compute
-    #[arg(long, value_delimiter = ',', default_values_t = [Switch::Off, Switch::On], value_name = "off|on")]
-    hog: Vec<Switch>,
+    /// What disturbs the processes
+    #[arg(long, value_delimiter = ',', default_value = "none,hog")]
+    beside: Vec<Disturbance>,
     /// With SCHED_FIFO and locked memory for every process; needs the rights to it
     #[arg(long, value_delimiter = ',', default_values_t = [Switch::Off, Switch::On], value_name = "off|on")]
     realtime: Vec<Switch>,
@@ -114,17 +118,41 @@ impl Drop for Folder {
     }
 }
 
+/// Looks on while something disturbs the flight.
+struct Disturbed {
+    recorder: Recorder,
+    beside: Disturbance,
+    instance: Instance,
+    disturber: Option<Disturber>,
+}
+
+impl Observer for Disturbed {
+    fn begin(&mut self, session: &Session) -> Result<(), Problem> {
+        self.disturber = self.beside.start(&self.instance)?;
+        self.recorder.begin(session)
+    }
+
+    fn look(&mut self, status: Option<&SystemStatus>) -> bool {
+        self.recorder.look(status)
+    }
+
+    fn end(&mut self) {
+        self.disturber = None;
+        self.recorder.end();
+    }
+}
+
 impl Args {
     fn loads(&self) -> Vec<Load> {
         let mut loads = Vec::new();
         for realtime in &self.realtime {
-            for hog in &self.hog {
+            for beside in &self.beside {
                 for points in &self.points {
                     for rate_hz in &self.rates {
                         loads.push(Load {
                             points: *points,
                             rate_hz: *rate_hz,
-                            hog: *hog == Switch::On,
+                            beside: *beside,
                             realtime: *realtime == Switch::On,
                         });
                     }
@@ -163,10 +191,15 @@ impl Args {
         let sensors = load.write_sensors(&folder.0)?;
         let plan = self.plan(programs, &folder.0, &sensors);
         let own = instance::own("")?;
-        let _hog = load.hog.then(Hog::start);
-        let mut recorder = Recorder::new(Duration::from_secs_f64(self.seconds));
+        let mut disturbed = Disturbed {
+            recorder: Recorder::new(Duration::from_secs_f64(self.seconds)),
+            beside: load.beside,
+            instance: own.clone(),
+            disturber: None,
+        };
         let (flown, stopped) =
-            plan.fly_observed(&own, Vec::new(), &mut Show::silent(), interrupt, &mut recorder)?;
+            plan.fly_observed(&own, Vec::new(), &mut Show::silent(), interrupt, &mut disturbed)?;
+        let recorder = disturbed.recorder;
         stopped?;
         let reason = flown.summary.reason.unwrap_or_default();
         let measured = recorder.measured(load).filter(|measured| measured.seconds > 0.0);

@@ -13,8 +13,8 @@ fn a_load_is_flown_and_its_time_is_taken_apart() {
         "2000",
         "--rates",
         "10",
-        "--hog",
-        "on",
+        "--beside",
+        "hog",
         "--realtime",
         "off",
         "--seconds",
@@ -28,6 +28,7 @@ fn a_load_is_flown_and_its_time_is_taken_apart() {
     for part in [
         "2000 points, 10 Hz, hog: ",
         "capture..wire",
+        "  first plan",
         "obstacle_fusion",
         "of the chain",
     ] {
@@ -85,7 +86,7 @@ fn what_cannot_be_measured_or_compared_is_said_before_anything_is_started() {
         ["--points", "7"],
         ["--rates", "0"],
         ["--seconds", "0"],
-        ["--hog", "perhaps"],
+        ["--beside", "perhaps"],
     ] {
         let wrong = bench(&arguments);
         assert_eq!(wrong.code, Some(2), "{wrong:?}");

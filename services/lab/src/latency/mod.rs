@@ -2,7 +2,7 @@
 //!
 //! | in | out |
 //! |---|---|
-//! | [`Load`]: points, rate, a hog beside, real-time scheduling | [`Measured`]: percentiles of the whole way, of each stage's waking up, waiting and computing; CPU, context switches and page faults of each process |
+//! | [`Load`]: points, rate, a [`Disturbance`] beside, real-time scheduling | [`Measured`]: percentiles of the whole way, of each stage's waking up, waiting and computing; CPU, context switches and page faults of each process |
 //!
 //! Nothing is measured from outside: every sample carries the begin and the end of each stage that it has passed, and the gateway
 //! publishes the history of each new trajectory that the autopilot has been sent (`link/delivery`).
@@ -10,12 +10,14 @@
 //! Simulated sensors stamp a frame and then render it; a real one has measured it by then. So the sensor's stage is shown apart, and
 //! beside the whole way stands what comes after the sensor.
 
+mod disturbance;
 mod figures;
 mod load;
 mod recorder;
 mod report;
 
+pub use disturbance::{Disturbance, Disturber};
 pub use figures::Figures;
-pub use load::{Hog, Load};
+pub use load::Load;
 pub use recorder::{Measured, ProcessFigures, Recorder, StageFigures};
 pub use report::{Bench, Provenance, html};

@@ -58,6 +58,10 @@ pub struct Measured {
     pub total: Figures,
     /// From the sensor's publication to that.
     pub after_sensor: Figures,
+    /// The same of trajectories that were the first of their map. The others are not slow: the goal changed while that map was the newest,
+    /// or no plan was found at first.
+    #[serde(default)]
+    pub first_of_map: Figures,
     /// The stages that were passed, in their order.
     pub stages: Vec<StageFigures>,
     /// The processes, in start order.
@@ -136,14 +140,15 @@ impl Recorder {
         }
         let ms = |us: u64| us as f64 * 1e-3;
         let gateway_end = |header: &SampleHeader| header.stages[Stage::Gateway as usize].end;
-        let between = |of: fn(&SampleHeader) -> Timestamp| -> Vec<f64> {
-            let times = self.headers.iter();
-            times
-                .map(|header| ms(gateway_end(header).ns_since(of(header)) / 1_000))
-                .collect()
-        };
-        let total_ms = between(|header| header.capture);
-        let after_sensor_ms = between(|header| header.stages[Stage::Sensor as usize].end);
+        let since = |header: &SampleHeader, time: Timestamp| ms(gateway_end(header).ns_since(time) / 1_000);
+        let since_sensor = |header: &SampleHeader| since(header, header.stages[Stage::Sensor as usize].end);
+        let all = || self.headers.iter();
+        let total_ms: Vec<f64> = all().map(|header| since(header, header.capture)).collect();
+        let after_sensor_ms: Vec<f64> = all().map(since_sensor).collect();
+        let first_of_map_ms: Vec<f64> = all()
+            .filter(|header| is_first_of_map(header))
+            .map(since_sensor)
+            .collect();
         let stages = Stage::ALL
             .into_iter()
             .filter_map(|stage| self.stage(stage))
@@ -153,6 +158,7 @@ impl Recorder {
             seconds: round(self.seconds),
             total: Figures::of(&total_ms),
             after_sensor: Figures::of(&after_sensor_ms),
+            first_of_map: Figures::of(&first_of_map_ms),
             stages,
             processes: self.processes.clone(),
             sorted_after_sensor_ms: sorted(after_sensor_ms),
@@ -196,6 +202,13 @@ impl Recorder {
             self.first.get_or_insert_with(Instant::now);
         }
     }
+}
+
+/// Whether the planner made the trajectory in the cycle that its map started: all of the time before any later one counts as busy.
+fn is_first_of_map(header: &SampleHeader) -> bool {
+    header
+        .hop_us(Stage::Planner)
+        .is_none_or(|[hop_us, busy_us]| busy_us < hop_us || hop_us == 0)
 }
 
 fn sorted(mut times: Vec<f64>) -> Vec<f64> {
@@ -277,6 +290,7 @@ impl ProcessFigures {
 #[cfg(test)]
 mod tests {
     use super::Recorder;
+    use crate::latency::disturbance::Disturbance;
     use crate::latency::load::Load;
     use jink_shared_types::{SampleHeader, Stage, StageTime, Timestamp};
     use std::time::Duration;
@@ -302,7 +316,7 @@ mod tests {
         let load = Load {
             points: 1,
             rate_hz: 10.0,
-            hog: false,
+            beside: Disturbance::None,
             realtime: false,
         };
         let mut recorder = Recorder::new(Duration::ZERO);
@@ -319,5 +333,34 @@ mod tests {
             [fusion.busy, fusion.wake_up, fusion.compute].map(|figures| figures.max_ms);
         assert_eq!((busy, wake_up, compute), (0.2, 0.1, 2.0));
         assert!(measured.stages.iter().all(|stage| stage.stage != "planner"));
+        assert_eq!(measured.first_of_map.n, 1);
+    }
+
+    #[test]
+    fn a_second_plan_of_a_map_is_counted_apart() {
+        let mut header = SampleHeader::at(us(0));
+        for (stage, begin, end) in [
+            (Stage::Sensor, 0, 4_000),
+            (Stage::Planner, 37_000, 38_000),
+            (Stage::Gateway, 38_100, 39_000),
+        ] {
+            header.stages[stage as usize] = StageTime {
+                begin: us(begin),
+                end: us(end),
+            };
+        }
+        let load = Load {
+            points: 1,
+            rate_hz: 10.0,
+            beside: Disturbance::None,
+            realtime: false,
+        };
+        let mut recorder = Recorder::new(Duration::ZERO);
+        header.busy_us[Stage::Planner as usize] = 32_900;
+        recorder.headers.push(header);
+        header.busy_us[Stage::Planner as usize] = 33_000;
+        recorder.headers.push(header);
+        let measured = recorder.measured(load).unwrap();
+        assert_eq!((measured.after_sensor.n, measured.first_of_map.n), (2, 1));
     }
 }

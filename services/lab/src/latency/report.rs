@@ -61,6 +61,7 @@ impl Measured {
         );
         row(&mut text, "capture..wire", &self.total);
         row(&mut text, "sensor..wire", &self.after_sensor);
+        row(&mut text, "  first plan", &self.first_of_map);
         for stage in &self.stages {
             let _written = writeln!(text, "{}", stage.stage);
             if stage.stage != "sensor" {
@@ -325,20 +326,22 @@ fn document(body: Group, height: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::{Bench, Provenance, html};
+    use crate::latency::disturbance::Disturbance;
     use crate::latency::{Figures, Load, Measured, ProcessFigures, StageFigures};
 
     fn bench(scale: f64) -> Bench {
         let figures = Figures::of(&[1.0 * scale, 2.0 * scale, 4.0 * scale]);
-        let measured = |hog| Measured {
+        let measured = |beside| Measured {
             load: Load {
                 points: 20_000,
                 rate_hz: 10.0,
-                hog,
+                beside,
                 realtime: false,
             },
             seconds: 20.0,
             total: figures,
             after_sensor: figures,
+            first_of_map: figures,
             stages: vec![StageFigures {
                 stage: "fusion".to_owned(),
                 busy: figures,
@@ -368,7 +371,7 @@ mod tests {
                 seed: 1,
                 speed_mps: 3.0,
             },
-            loads: vec![measured(false), measured(true)],
+            loads: vec![measured(Disturbance::None), measured(Disturbance::Hog)],
         }
     }
 
