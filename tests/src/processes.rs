@@ -361,7 +361,16 @@ impl Flight {
     /// # Panics
     /// If it cannot be started.
     pub fn begin(arguments: &[&str]) -> Self {
+        Self::begin_in(arguments, &[])
+    }
+
+    /// The same with further variables of the environment.
+    ///
+    /// # Panics
+    /// If it cannot be started.
+    pub fn begin_in(arguments: &[&str], environment: &[(&str, &Path)]) -> Self {
         let mut command = program("jink", &["demo", "--headless", "--json"]);
+        command.envs(environment.iter().copied());
         let permit = permit::share();
         let demo = command.args(arguments).stdout(Stdio::piped()).spawn();
         let demo = demo.expect("jink demo can be started");
@@ -392,17 +401,20 @@ impl Deref for Flight {
     }
 }
 
-/// A test that has failed leaves nothing flying, and shows what the flight has said.
+/// A test leaves nothing flying; one that has failed shows what the flight has said.
 impl Drop for Flight {
     fn drop(&mut self) {
         if let Some(mut demo) = self.demo.take() {
             let _gone_already = demo.kill();
-            if let Ok(output) = demo.wait_with_output() {
-                eprintln!("{}", String::from_utf8_lossy(&output.stdout));
-            }
+            let output = demo.wait_with_output();
             let down = self.jink(&["down", "--now"]);
-            eprintln!("{}: {}", self.handle.instance, down.stdout.trim());
-            self.handle.show_logs();
+            if std::thread::panicking() {
+                if let Ok(output) = output {
+                    eprintln!("{}", String::from_utf8_lossy(&output.stdout));
+                }
+                eprintln!("{}: {}", self.handle.instance, down.stdout.trim());
+                self.handle.show_logs();
+            }
         }
     }
 }
