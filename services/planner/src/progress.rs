@@ -3,7 +3,8 @@
 //! Neither standing nor the straight distance is the criterion: a detour leads away from the goal for a while, and a
 //! vehicle may circle round a goal that it cannot reach. The criterion is the cost of the remaining path, as the search
 //! finds it: if it does not become smaller for OA_BLOCKED_T, the goal is out of reach. A detour that is found in flight
-//! makes it greater at once; the time for flying it is added.
+//! makes it greater at once; the time for flying it is added. And whoever comes to a place where he has not been yet is still
+//! exploring: of those there are only so many.
 
 use crate::search::{PathEnd, SearchResult};
 use jink_shared_types::Timestamp;
@@ -16,8 +17,16 @@ const SAME_GOAL_M: f64 = 0.1;
 /// Nobody watches for longer than this (s) only while planning pauses, or the planner has been stopped: that time does not
 /// count.
 const WATCHED_S: f64 = 1.0;
-/// Most time added for a detour (s): one along all four sides of the map's window takes it.
-const DETOUR_MAX_S: f64 = 60.0;
+/// Most time added for a detour (s): one along three sides of the map's window in a slow speed tier, or all four in a faster one, takes it.
+const DETOUR_MAX_S: f64 = 120.0;
+
+/// Places are as large as this (m): about what is seen of a narrow way at once.
+const PLACE_M: f64 = 2.0;
+/// Places that are remembered; after so many, new ones are no progress any more.
+const PLACES: usize = 512;
+
+/// A path that was known counts as known for so long (s) after plans have failed: for a moment they do in narrow places.
+const PATH_LOST_S: f64 = 5.0;
 
 /// Why a goal is not reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +66,7 @@ impl Obstruction {
 }
 
 /// Watches the progress toward one goal.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct GoalProgress {
     timeout_s: f64,
     goal: Option<Point<LocalNed>>,
@@ -70,11 +79,21 @@ pub struct GoalProgress {
     due: Timestamp,
     /// The last step.
     watched: Timestamp,
+    /// When a path was known last, and how fast it is flown (m/s).
+    path_known: (Timestamp, f64),
+    /// Where the vehicle has been since the goal is what it is.
+    places: Vec<[i32; 3]>,
 }
 
 impl GoalProgress {
     /// A goal is out of reach after `timeout_s` without progress.
     pub fn new(timeout_s: f64) -> Self {
+        Self::with_room(timeout_s, Vec::with_capacity(PLACES))
+    }
+
+    /// The same in memory that is there already.
+    fn with_room(timeout_s: f64, mut places: Vec<[i32; 3]>) -> Self {
+        places.clear();
         Self {
             timeout_s,
             goal: None,
@@ -84,12 +103,14 @@ impl GoalProgress {
             is_blocked: false,
             due: Timestamp::NEVER,
             watched: Timestamp::NEVER,
+            path_known: (Timestamp::NEVER, 0.0),
+            places,
         }
     }
 
     /// There is no goal, or it was reached.
     pub fn reset(&mut self) {
-        *self = Self::new(self.timeout_s);
+        *self = Self::with_room(self.timeout_s, std::mem::take(&mut self.places));
     }
 
     /// Whether the goal has been out of reach, and still is.
@@ -111,11 +132,9 @@ impl GoalProgress {
             .goal
             .is_some_and(|before| (before.vector() - goal.vector()).norm() <= SAME_GOAL_M);
         if !is_same {
-            *self = Self {
-                goal: Some(*goal),
-                since: now,
-                ..Self::new(self.timeout_s)
-            };
+            self.reset();
+            self.goal = Some(*goal);
+            self.since = now;
         }
         let unwatched_s = now.seconds_since(self.watched);
         if self.watched.is_set() && unwatched_s > WATCHED_S {
@@ -134,8 +153,13 @@ impl GoalProgress {
             }
             self.max_m = self.max_m.max(remaining_m);
         }
-        let detour_s = if speed_mps > 0.0 && self.min_m.is_finite() {
-            ((self.max_m - self.min_m) / speed_mps).min(DETOUR_MAX_S)
+        if speed_mps > 0.0 {
+            self.path_known = (now, speed_mps);
+        }
+        let (known, known_mps) = self.path_known;
+        let is_known = known_mps > 0.0 && now.seconds_since(known) < PATH_LOST_S;
+        let detour_s = if is_known && self.min_m.is_finite() {
+            ((self.max_m - self.min_m) / known_mps).min(DETOUR_MAX_S)
         } else {
             0.0
         };
@@ -146,6 +170,18 @@ impl GoalProgress {
         self.is_blocked = true;
         self.due = now;
         true
+    }
+
+    /// The vehicle is at `position`, on a path that leads on to the goal as far as is known: a place where it has not been is
+    /// progress until the goal counts as out of reach.
+    pub fn explore(&mut self, now: Timestamp, position: &Point<LocalNed>) {
+        let place = [position.x_m, position.y_m, position.z_m].map(|m| (m / PLACE_M).floor() as i32);
+        if self.goal.is_some() && self.places.len() < PLACES && !self.places.contains(&place) {
+            self.places.push(place);
+            if !self.is_blocked {
+                self.since = now;
+            }
+        }
     }
 
     /// No ranges, or no guard, until `now`: that time does not count.
@@ -204,6 +240,28 @@ mod tests {
     }
 
     #[test]
+    fn plans_that_fail_for_a_moment_take_the_time_for_a_detour_from_nobody() {
+        let mut progress = GoalProgress::new(10.0);
+        let goal = Point::new(1.0, 2.0, 3.0);
+        let due = (0..1000).map(|i| f64::from(i) * 0.1).find(|s| {
+            let remaining_m = if *s < 5.0 { 10.0 - s } else { 45.0 };
+            // Every third second none is found, and after 40 s there is none at all.
+            let speed_mps = if (*s as i32) % 3 == 0 || *s > 40.0 {
+                0.0
+            } else {
+                1.5
+            };
+            progress.step(
+                Timestamp::from_seconds(50.0 + s),
+                &goal,
+                Some(remaining_m),
+                speed_mps,
+            )
+        });
+        assert!(due.is_some_and(|s| (40.0..47.0).contains(&s)), "{due:?}");
+    }
+
+    #[test]
     fn time_in_which_nobody_watches_does_not_count() {
         let mut progress = GoalProgress::new(10.0);
         let goal = Point::new(1.0, 2.0, 3.0);
@@ -214,6 +272,24 @@ mod tests {
         assert!(!is_blocked(300.0));
         let due = (301..400).find(|second| is_blocked(f64::from(*second)));
         assert!(due.is_some_and(|second| (302..305).contains(&second)), "{due:?}");
+    }
+
+    #[test]
+    fn whoever_explores_is_left_alone_until_there_is_nothing_new() {
+        let goal = Point::new(100.0, 0.0, 0.0);
+        let mut progress = GoalProgress::new(10.0);
+        let due = (0..4000).map(|i| f64::from(i) * 0.1).find(|s| {
+            let now = Timestamp::from_seconds(50.0 + s);
+            // Into dead ends and out of them, for 200 s; then about in the last one.
+            let along_m = if *s < 200.0 {
+                0.7 * s
+            } else {
+                140.0 - (0.7 * (s - 200.0)) % 4.0
+            };
+            progress.explore(now, &Point::new(along_m, 0.0, 0.0));
+            progress.step(now, &goal, Some(30.0), 0.0)
+        });
+        assert!(due.is_some_and(|s| (205.0..225.0).contains(&s)), "{due:?}");
     }
 
     #[test]

@@ -57,12 +57,17 @@ impl Planner {
         }
         let has_detour = self.obstruction.is_none();
         let detour_mps = if has_detour {
-            self.limits[DEGRADED_TIER].speed_mps
+            // As fast as the path that was planned last, where that is slow.
+            let tier = self.path_tier.max(DEGRADED_TIER);
+            self.limits[tier].speed_mps
         } else {
             0.0
         };
         if self.proposals.is_flown() {
             self.progress.pause(now);
+        }
+        if matches!(self.obstruction, None | Some(Obstruction::Unseen)) {
+            self.progress.explore(now, &state.position);
         }
         if self.progress.step(now, goal, self.remaining_m, detour_mps) {
             let unknown = if is_unflown {

@@ -61,7 +61,7 @@ struct Arguments {
     /// Part of the campaign to fly, I/N, for several machines
     #[arg(long, default_value = "1/1", value_parser = shard)]
     shard: (u64, u64),
-    /// Longest mission (s); default 180 in suites, 120 in worlds
+    /// Longest mission (s); default 180 in suites (300 in mazes), 120 in worlds
     #[arg(long)]
     timeout: Option<f64>,
     /// File for one JSON object per flight
