@@ -14,10 +14,12 @@
 //! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
 //! | [`sensors_seen`] | scans, clouds, `guard/ring`, events | findings and figures |
 //! | [`calibrate`] | clouds and attitude of a vehicle that stands | where its sensors are mounted, and how sure that is |
+//! | [`host`] | the kernel's files, measured wake-ups | findings |
 //! | [`memory_need`] | topic table, configuration | shared memory that the topics take |
 
 pub mod calibrate;
 pub mod findings;
+pub mod host;
 pub mod memory_need;
 pub mod running_link;
 pub mod sensors_seen;

@@ -30,7 +30,7 @@ use std::process::ExitCode;
 
 /// Measure the map beside OctoMap
 #[derive(Debug, Parser)]
-#[command(name = "jink bench map")]
+#[command(name = "jink bench map", bin_name = "jink bench map")]
 struct Args {
     /// One JSON object instead of the tables
     #[arg(long)]

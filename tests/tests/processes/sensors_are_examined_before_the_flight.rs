@@ -1,5 +1,5 @@
 //! `jink check sensors` as a user runs it, on a jink that runs: rates, coverage and blind directions of sensors that leave a gap, a
-//! rangefinder that lies, and one that is unplugged. And `jink check memory`, beside what such a jink really takes.
+//! rangefinder that lies, and one that is unplugged. And `jink check memory`, beside what such a jink really takes, and `jink check host`.
 
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{Answer, Handle, System, TempFolder, answer, program, until};
@@ -205,6 +205,35 @@ fn a_rangefinder_that_repeats_itself_is_stuck_and_one_that_is_unplugged_is_silen
         json["mend_first"]["about"], "lies",
         "in the order of the configuration"
     );
+}
+
+#[test]
+fn the_board_is_examined_without_anything_running() {
+    let reported = answer(&mut program(
+        "jink",
+        &["check", "host", "--seconds", "1", "--json"],
+    ));
+    assert_eq!(reported.code, Some(0), "{reported:?}");
+    let json: Value = serde_json::from_str(&reported.stdout).unwrap();
+    let late = &json["wake_up_ordinary"];
+    assert!(
+        late["n"].as_u64().unwrap() > 10 && late["max_ms"].as_f64().unwrap() > 0.0,
+        "{json:#}"
+    );
+    let about: Vec<&str> = json["findings"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|finding| finding["about"].as_str().unwrap())
+        .collect();
+    for line in [
+        "wake-up", "rights", "governor", "kernel", "cores", "clock", "throttle", "swap", "heat",
+    ] {
+        assert!(about.contains(&line), "{line} is not in {about:?}");
+    }
+    let refused = answer(&mut program("jink", &["check", "host", "--config", "/nowhere"]));
+    assert_eq!(refused.code, Some(2), "{refused:?}");
+    assert!(refused.stderr.contains("/nowhere/services.toml"), "{refused:?}");
 }
 
 #[test]

@@ -46,6 +46,7 @@ const PRIORITY: u8 = 10;
 #[derive(Debug, Parser)]
 #[command(
     name = "jink bench transport",
+    bin_name = "jink bench transport",
     args_conflicts_with_subcommands = true,
     after_help = "\
 Six processes hand samples on without computing anything: sensor, fusion, planner, generator, guard, gateway. Every process reads every

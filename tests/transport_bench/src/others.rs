@@ -71,14 +71,14 @@ impl Other {
                 .transpose()
                 .map(|_| text)
         });
-        let mut told = false;
+        let mut asked = false;
         let status = loop {
             if let Some(status) = child.try_wait()? {
                 break status;
             }
-            if is_interrupted() && !told {
+            if is_interrupted() && !asked {
                 kill_process(Pid::from_child(&child), Signal::TERM)?;
-                told = true;
+                asked = true;
             }
             std::thread::sleep(Duration::from_millis(10));
         };

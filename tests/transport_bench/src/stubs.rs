@@ -18,14 +18,14 @@ const PLACE: &str = "JINK_TRANSPORT_BENCH_PLACE";
 /// The topic of the only sensor.
 const SENSOR: &str = "lidar";
 
-/// What a process is told behind `--`.
-struct Told {
+/// The arguments behind `--`.
+struct Arguments {
     folder: PathBuf,
     points: u32,
     rate_hz: u32,
 }
 
-impl Told {
+impl Arguments {
     fn of(ports: &Ports) -> Result<Self, StartError> {
         let needs = |cause: String| StartError::Needs {
             what: "FOLDER POINTS HZ".to_owned(),
@@ -46,13 +46,13 @@ impl Told {
 /// What a process has counted; written when it ends.
 struct Counted {
     account: Account,
-    told: Told,
+    arguments: Arguments,
     place: usize,
 }
 
 impl Drop for Counted {
     fn drop(&mut self) {
-        if let Err(fault) = self.account.write(&self.told.folder, self.place) {
+        if let Err(fault) = self.account.write(&self.arguments.folder, self.place) {
             tracing::error!("{fault}");
         }
     }
@@ -72,7 +72,7 @@ impl Service for Sensor {
             output: ports.output_of(topics::RANGE_CLOUD, SENSOR)?,
             counted: Counted {
                 account: Account::default(),
-                told: Told::of(ports)?,
+                arguments: Arguments::of(ports)?,
                 place: Stage::Sensor as usize,
             },
         })
@@ -81,14 +81,16 @@ impl Service for Sensor {
     fn cycle(&mut self, _cycle: &mut Cycle<'_>) -> Wake {
         let Self {
             output,
-            counted: Counted { account, told, .. },
+            counted: Counted {
+                account, arguments, ..
+            },
         } = self;
         let mark = now();
         account.sends(mark.ns);
         let mut header = SampleHeader::at(mark);
         header.stages[Stage::Sensor as usize].begin = mark;
-        output.write(header, |cloud| cloud.fill(mark.ns, told.points));
-        Wake::at(now().next_beat(told.rate_hz))
+        output.write(header, |cloud| cloud.fill(mark.ns, arguments.points));
+        Wake::at(now().next_beat(arguments.rate_hz))
     }
 }
 
@@ -126,7 +128,7 @@ impl<B: Between> Service for Relay<B> {
             output: ports.output(B::TO)?,
             counted: Counted {
                 account: Account::default(),
-                told: Told::of(ports)?,
+                arguments: Arguments::of(ports)?,
                 place: B::STAGE as usize,
             },
             between: PhantomData,
@@ -137,17 +139,19 @@ impl<B: Between> Service for Relay<B> {
         let Self {
             input,
             output,
-            counted: Counted { account, told, .. },
+            counted: Counted {
+                account, arguments, ..
+            },
             ..
         } = self;
         let before = input.newest().map(|newest| newest.header.sequence);
         if let Some(newest) = input.latest(cycle.now).fresh()
             && Some(newest.header.sequence) != before
         {
-            let mark = read(newest.sample, newest.header, told.points);
+            let mark = read(newest.sample, newest.header, arguments.points);
             account.got(Some(mark), false);
             let header = newest.header.derived(B::STAGE, cycle.now);
-            output.write(header, |sample| sample.fill(mark, told.points));
+            output.write(header, |sample| sample.fill(mark, arguments.points));
         }
         Wake::on_data()
     }
@@ -207,7 +211,7 @@ impl Service for Gateway {
             input: ports.trigger(topics::APPROVED)?,
             counted: Counted {
                 account: Account::default(),
-                told: Told::of(ports)?,
+                arguments: Arguments::of(ports)?,
                 place: Stage::Gateway as usize,
             },
         })
@@ -216,16 +220,18 @@ impl Service for Gateway {
     fn cycle(&mut self, cycle: &mut Cycle<'_>) -> Wake {
         let Self {
             input,
-            counted: Counted { account, told, .. },
+            counted: Counted {
+                account, arguments, ..
+            },
         } = self;
         let before = input.newest().map(|newest| newest.header.sequence);
         if let Some(newest) = input.latest(cycle.now).fresh()
             && Some(newest.header.sequence) != before
         {
-            let mark = read(newest.sample, newest.header, told.points);
+            let mark = read(newest.sample, newest.header, arguments.points);
             account.got(Some(mark), true);
             if account.arrived.len() == 1
-                && let Err(fault) = stage::announce_first(&told.folder)
+                && let Err(fault) = stage::announce_first(&arguments.folder)
             {
                 tracing::error!("{fault}");
             }

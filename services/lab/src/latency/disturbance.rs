@@ -64,15 +64,15 @@ impl Disturbance {
             return Ok(None);
         }
         let stop = Arc::new(AtomicBool::new(false));
-        let (told, instance) = (Arc::clone(&stop), instance.clone());
+        let (ended, instance) = (Arc::clone(&stop), instance.clone());
         let (ready, is_ready) = channel();
         let thread = std::thread::spawn(move || {
             let disturbed = match self {
                 Self::None => Ok(()),
-                Self::Hog => hog(&told, &ready),
-                Self::Flood => flood(&instance, &told, &ready),
-                Self::SlowReader => read_slowly(&instance, &told, &ready),
-                Self::Memory => take_memory(&told, &ready),
+                Self::Hog => hog(&ended, &ready),
+                Self::Flood => flood(&instance, &ended, &ready),
+                Self::SlowReader => read_slowly(&instance, &ended, &ready),
+                Self::Memory => take_memory(&ended, &ready),
             };
             if let Err(error) = disturbed {
                 // Whoever waited for it has gone.
@@ -112,7 +112,7 @@ impl Drop for Disturber {
 type Ready = Sender<Result<(), OpenError>>;
 
 fn begins(ready: &Ready) {
-    // Whoever waited for it has gone: it is told to end as well.
+    // Whoever waited for it has gone: its stop flag is set as well.
     let _nobody_waits = ready.send(Ok(()));
 }
 

@@ -153,7 +153,7 @@ pub fn first_file(folder: &Path) -> PathBuf {
     folder.join("first")
 }
 
-/// What every process does at its start: it ends with who started it, and when it is told to by SIGTERM or SIGINT.
+/// What every process does at its start: it ends with who started it, and at SIGTERM or SIGINT.
 ///
 /// # Errors
 /// The kernel refuses.
@@ -171,7 +171,7 @@ pub fn prepare(core: Option<usize>) -> Result<Arc<AtomicBool>, Fault> {
     Ok(stop)
 }
 
-/// Runs one process until it is told to end. The first has no `incoming`, the last no `outgoing`.
+/// Runs one process until SIGTERM or SIGINT. The first has no `incoming`, the last no `outgoing`.
 ///
 /// # Errors
 /// The transport's, or the account cannot be written.

@@ -19,7 +19,7 @@ const RUNTIME: &str = "ZENOH_RUNTIME";
 /// One for everything.
 const ONE_THREAD: &str = "(rx: (handover: app), tx: (handover: app), acc: (handover: app), net: (handover: app), \
     app: (worker_threads: 1))";
-/// Dora has this long to end with all its nodes when it is told to.
+/// Dora has this long to end with all its nodes after SIGTERM.
 const END: Duration = Duration::from_secs(20);
 /// What is left of it has this long when it is killed.
 const KILL: Duration = Duration::from_secs(3);
@@ -104,7 +104,7 @@ fn dora() -> Result<OsString, Fault> {
     })
 }
 
-/// Turns this process into `dora run`. It is told to end when who started it ends.
+/// Turns this process into `dora run`. It gets SIGTERM when the process that started it ends.
 pub fn become_dora(dataflow: &Path) -> Result<(), Fault> {
     rustix::process::set_parent_process_death_signal(Some(Signal::TERM))?;
     let program = dora()?;

@@ -39,7 +39,7 @@ pub fn open(args: &StageArgs) -> Result<Ends, Fault> {
     ))
 }
 
-/// Dora says that the dataflow is to end: the same as if somebody told this process.
+/// Dora says that the dataflow is to end: the same as SIGTERM to this process.
 fn end() -> Result<(), Fault> {
     kill_process(getpid(), Signal::TERM)?;
     Ok(())

@@ -2,10 +2,12 @@
 //!
 //! | command | examines |
 //! |---|---|
+//! | `jink check host` | what the board is set up for, and how late it wakes a thread |
 //! | `jink check link` | the link to the autopilot |
 //! | `jink check memory` | whether the topics have room in shared memory; also without a word behind `check` |
 //! | `jink check sensors` | the sensors of a jink that runs, and what the guard sees with them |
 
+mod host;
 mod link;
 mod memory;
 mod sensors;
@@ -34,6 +36,13 @@ pub struct Args {
 
 #[derive(Clone, Debug, clap::Subcommand)]
 enum Doing {
+    /// The board: scheduler, rights, frequency, cores, clock, swap, heat, and how late it wakes a thread
+    #[command(after_help = "\
+Reads what the kernel says and measures for a few seconds how late a thread is woken that sleeps a millisecond, with and without
+SCHED_FIFO. Nothing has to run and nothing is changed; run it once on a quiet board and once while jink flies.
+
+Exit codes: 0 ready (there may be warnings); 1 interrupted; 2 wrong usage or configuration.")]
+    Host(host::Args),
     /// The link to the autopilot: what keeps jink from flying over it, and what to do about it
     #[command(after_help = "\
 Opens the configured links itself, listens, and asks the autopilot for its version, parameters, streams and time. It sends no
@@ -80,6 +89,7 @@ enum Outcome {
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
     let usual = Doing::usual();
     let (outcome, json) = match args.action.as_ref().unwrap_or(&usual) {
+        Doing::Host(args) => (host::run(args)?, args.json),
         Doing::Memory(args) => (memory::run(instance, args)?, args.json),
         Doing::Link(args) => (link::run(instance, args)?, args.json),
         Doing::Sensors(args) => (sensors::run(instance, args)?, args.json),
@@ -169,6 +179,7 @@ mod tests {
         };
         assert_eq!((sensors.seconds, sensors.json), (5, true));
         assert!(matches!(parse("check").unwrap(), Doing::Memory(_)));
+        assert!(matches!(parse("check host --seconds 2").unwrap(), Doing::Host(host) if host.seconds == 2));
         let Doing::Sensors(sensors) =
             parse("check sensors --calibrate --against top --height-m 0.4").unwrap()
         else {
