@@ -344,6 +344,8 @@ pub fn demo(arguments: &[&str]) -> Demo {
     }
 }
 
+/// Patience with a flight that is to end at once.
+const END: Duration = Duration::from_secs(20);
 /// Patience with a flight, take-off to landing.
 const WATCHDOG: Duration = Duration::from_secs(180);
 
@@ -405,6 +407,15 @@ impl Deref for Flight {
 impl Drop for Flight {
     fn drop(&mut self) {
         if let Some(mut demo) = self.demo.take() {
+            // Asked to end, it takes down all that it has started.
+            let asked = rustix::process::kill_process(
+                rustix::process::Pid::from_child(&demo),
+                rustix::process::Signal::TERM,
+            );
+            let begin = Instant::now();
+            while asked.is_ok() && begin.elapsed() < END && matches!(demo.try_wait(), Ok(None)) {
+                std::thread::sleep(Duration::from_millis(50));
+            }
             let _gone_already = demo.kill();
             let output = demo.wait_with_output();
             let down = self.jink(&["down", "--now"]);

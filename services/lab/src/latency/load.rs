@@ -58,7 +58,9 @@ impl Load {
             self.rate_hz, self.points
         );
         if self.beside == Disturbance::Flood {
-            text += &format!("\n[[sensor]]\nname = \"{FLOODING_SENSOR}\"\nkind = \"user/flood\"\n");
+            text += &format!(
+                "\n[[sensor]]\nname = \"{FLOODING_SENSOR}\"\nkind = \"user/flood\"\noutput = \"scan\"\n"
+            );
         }
         std::fs::write(&file, text).map_err(Problem::io(file.display().to_string()))?;
         Ok(file)
