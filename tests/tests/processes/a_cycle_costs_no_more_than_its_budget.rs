@@ -1,6 +1,6 @@
 //! What one cycle of each service costs: system calls, and requests to the allocator, in a flight of the real processes. Neither depends
-//! on how fast the machine is. The budgets are in `budgets.toml` beside this file; whoever makes a cycle dearer sees by how much, and
-//! whoever makes it cheaper lowers the budget.
+//! on how fast the machine is. The budgets are in `budgets.toml` beside this file; a cycle that costs more fails with
+//! the numbers, and a change that makes it cheaper lowers the budget.
 
 use jink_runtime::{Checks, Instance, Session, now};
 use jink_shared_types::topics;

@@ -14,7 +14,7 @@
 //! that runs already, and leaves none behind.
 //!
 //! Dora puts messages of 4096 bytes and more into shared memory, which is filled and read in place; where it is goes through a TCP
-//! connection between the two nodes. Besides, a node tells dora of each message that it sends. The processor time of the process
+//! connection between the two nodes. Besides, a node reports each message that it sends to dora. The processor time of the process
 //! that is notified, `dora run`, is that of the chain too. What dora is built on, zenoh, has one thread in each process, with which
 //! messages are faster than with the six that it has otherwise; the environment variable `ZENOH_RUNTIME` can say otherwise.
 //!
