@@ -175,6 +175,8 @@ pub struct Planner {
     viewpoints: Viewpoints,
     /// The speed tier of the path that was planned last.
     path_tier: usize,
+    /// The speed tier of the path that the last plan follows; `None` if it follows none.
+    path_followed: Option<usize>,
     /// The last route that was a turn before a motion; 0 = none yet.
     turn_id: u64,
     view: FieldOfView,
@@ -232,6 +234,7 @@ impl Planner {
             retry: Timestamp::NEVER,
             viewpoints: Viewpoints::default(),
             path_tier: 0,
+            path_followed: None,
             turn_id: 0,
             view: FieldOfView::default(),
             follows_setpoints: false,
@@ -356,6 +359,8 @@ impl Planner {
             self.remaining_m = None;
             self.retry = now;
             self.viewpoints.reset();
+            self.search.forget_failed_passages();
+            self.path_followed = None;
         }
         let mut planning = true;
         let evades =

@@ -54,6 +54,11 @@ impl FoundPaths {
     pub(super) fn clear(&mut self) {
         self.results = [None; TIERS];
     }
+
+    /// The path that was found last for `tier`, also for an earlier departure.
+    pub(super) fn last_path(&self, tier: usize) -> &Path {
+        &self.paths[tier]
+    }
 }
 
 impl Planner {

@@ -31,7 +31,7 @@ impl Planner {
     /// A path may need a low speed tier somewhere (a gap) and still be flown in a higher one up to there: for each
     /// tier's path the guide is cut where the flown tier stops being safe, and the lower tier takes over when the
     /// vehicle is slow enough. A vehicle that is not slow enough yet slows down first, rather than take another path
-    /// that is much longer.
+    /// that is much longer, or one that ends before the goal.
     pub(super) fn plan(
         &mut self,
         departure: &Departure,
@@ -72,6 +72,15 @@ impl Planner {
             self.search.swap_path(&mut self.crawl_path);
             let target_is_goal = self.build_guide(flown, departure, goal, &found);
             return self.write_plan(flown, departure, desired, target_is_goal, route);
+        }
+        if let Some(tier) = self.path_followed.take() {
+            self.space.prepare(tier);
+            self.search.record_failed_passage(
+                &self.space,
+                self.found.last_path(tier),
+                &start,
+                departure.splice,
+            );
         }
         self.paint_moving(departure);
         let straight_m = (goal.vector() - start).norm()
@@ -191,7 +200,7 @@ impl Planner {
         }
         self.search.prefer_path(&self.space);
         if let Some((slow_s, way)) = too_fast_for
-            && chosen.time_s < DEAD_END_S
+            && slow_s < DEAD_END_S
             && slow_s + SLOWING_S < chosen.time_s
             && !must_leave
             && !departure.is_unplanned_motion()
@@ -203,6 +212,7 @@ impl Planner {
             return true;
         }
         self.path_tier = chosen.way;
+        self.path_followed = Some(chosen.way);
         match self.check_heading(departure) {
             HeadingCheck::Aligned => self.write_plan(flown, departure, desired, target_is_goal, route),
             HeadingCheck::Turn(heading_rad) => {

@@ -7,9 +7,12 @@
 //! The straight line is a good estimate where little is in the way. A search that has not ended after 1,500 cells is in
 //! a dead end, or before one; it is begun again with the distances round what is in the way (`goal_distances`). They
 //! also show at once whether goal and border can be reached at all.
+//!
+//! A passage that has turned out too narrow from nearby twice costs more from then on (`failed_passages`).
 
 mod dijkstra;
 mod expansion;
+mod failed_passages;
 mod free_goal;
 mod goal_distances;
 mod neighbours;
@@ -22,9 +25,12 @@ use crate::configuration_space::ConfigurationSpace;
 use crate::detours::DetourMap;
 use crate::speed_tiers::TIERS;
 use expansion::Expanded;
+use failed_passages::FailedPassages;
 use free_goal::nearest_free_goal;
 use goal_distances::{CUBE_CELLS, GoalDistances, cells_of};
+use jink_shared_types::Timestamp;
 use jink_shared_types::map::{CELL_M, Cell};
+use nalgebra::Vector3;
 use neighbours::{NeighbourStep, steps};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -40,6 +46,9 @@ const EXPANSIONS_SOON: usize = 1_500;
 /// The end of a path that does not reach its goal stays the same as long as no other place is nearer to the goal by
 /// more than this (cells): the map's noise would move it from side to side of a trunk, and the vehicle after it.
 const SAME_END_CELLS: f32 = 3.0;
+
+/// A passage that turns out too narrow from farther away than this (m) was not tried.
+const APPROACHED_M: f64 = 4.0;
 
 /// The far map is used for a goal in the window if no path was found and its detour is longer than this (m).
 const DEAD_END_M: f32 = 2.0;
@@ -117,6 +126,8 @@ pub struct Search {
     cell_m: f64,
     /// Of the map's cells.
     preferred: BitLayer,
+    /// What turned out too narrow on the way to this goal.
+    failed: FailedPassages,
     /// For each speed tier the last goal that was not reached, and where the path ended instead.
     ends: [Option<(Cell, Cell)>; TIERS],
     /// For each speed tier the goal of the last search, if it did not end soon: the next will not either.
@@ -156,6 +167,7 @@ impl Default for Search {
             path: Path::default(),
             cell_m: CELL_M,
             preferred: BitLayer::default(),
+            failed: FailedPassages::default(),
             ends: [None; TIERS],
             long: [None; TIERS],
             dead_end_path: Path::default(),
@@ -197,9 +209,10 @@ impl Search {
         std::mem::swap(&mut self.path, other);
     }
 
-    /// Forgets the preference for earlier paths.
+    /// Forgets the preference for earlier paths, and which passages failed.
     pub fn reset(&mut self) {
         self.preferred.clear();
+        self.failed.clear();
         self.ends = [None; TIERS];
         self.long = [None; TIERS];
     }
@@ -214,6 +227,31 @@ impl Search {
                     self.preferred.set([cell[0] + dx, cell[1] + dy, cell[2]]);
                 }
             }
+        }
+    }
+
+    /// Forgets which passages failed: there is another goal.
+    pub fn forget_failed_passages(&mut self) {
+        self.failed.clear();
+    }
+
+    /// Records where `path`, which the vehicle at `position` (local, m) was to follow, leads through a passage near it
+    /// that has turned out too narrow. The tier of `path` has to be prepared, without what moves.
+    pub fn record_failed_passage(
+        &mut self,
+        space: &ConfigurationSpace,
+        path: &Path,
+        position: &Vector3<f64>,
+        now: Timestamp,
+    ) {
+        let tier = path.tier;
+        let near = path.cells.iter().find(|cell| {
+            space.holds(tier, **cell)
+                && space.is_hit(tier, **cell)
+                && (space.center_of(tier, **cell) - position).norm() < APPROACHED_M
+        });
+        if let Some(cell) = near {
+            self.failed.record(tier, space.map_cell(tier, *cell), now);
         }
     }
 

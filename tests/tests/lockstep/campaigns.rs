@@ -78,9 +78,9 @@ fn main() -> ExitCode {
         an_assisted_pilot_is_kept_from_obstacles: forest_flights, a_mode_that_the_pilot_changes_is_never_asked_for_back, what_is_steered_is_flown_and_released_sticks_hold_the_place;
         an_autopilot_whose_time_stands_still_is_followed: a_clock_that_is_slower_by_a_hundredth_leads_to_the_goal;
         both_representations_fly_on_both_firmwares: radio_flights, forest_flights;
-        every_cell_of_a_suite_is_flown: cell_flights;
+        every_cell_of_a_suite_is_flown: cell_flights, narrow_passage_flights;
         every_set_of_sensors_finds_its_way: flights;
-        every_way_that_the_autopilot_wants_to_fly_is_planned: go_to_flights, landing_flights, circle_flights, a_return, hold_at_speed;
+        every_way_that_the_autopilot_wants_to_fly_is_planned: go_to_flights, gap_aside_flights, landing_flights, circle_flights, a_return, hold_at_speed;
         nothing_that_nobody_asked_for_is_flown: hold_flights, early_flights, restart_flights, a_mission_that_begins_anew_in_auto_is_flown_once;
         services_are_killed_stopped_swapped_and_tuned_in_lockstep: kill_flights, swap_flights, a_speed_that_is_lowered_on_the_way_is_kept_from_then_on, a_flight_whose_planner_is_killed_is_the_same_to_the_bit_the_second_time, ranges_are_dated_from_sensor_to_wire;
         the_mission_is_flown_in_the_autopilots_stead: forest_flights, restart_flights, takeover_flights, whoever_chooses_the_mode_himself_gets_the_mission_flown_only_where_none_is_taken_over;

@@ -12,7 +12,12 @@ fn flown(suite: Suite, cell: &str, seed: u64) -> FlightReport {
         cells: vec![cell.to_owned()],
         ..Choice::default()
     };
-    let cell = suite.cells(&choice).unwrap().remove(0);
+    flown_as(suite, &choice, seed)
+}
+
+/// Flies the first cell of a choice.
+fn flown_as(suite: Suite, choice: &Choice, seed: u64) -> FlightReport {
+    let cell = suite.cells(choice).unwrap().remove(0);
     assert!(matches!(cell.kind, WorldKind::Benchmark(_)));
     let setup = PX4_CURRENT.fly(setup(&cell, seed).unwrap()).unwrap();
     fly_drawn(setup, &cell).unwrap().report
@@ -57,6 +62,36 @@ pub fn cell_flights() -> Flights {
 #[test]
 fn and_nothing_that_stands_still_is_touched() {
     cell_flights().fly_some();
+}
+
+/// Forests in which passages look wide enough from afar and are not from nearby: two beside each other, or one whose cells
+/// flicker in the sensor's noise. The vehicle must not go to and fro between them for good.
+pub fn narrow_passage_flights() -> Flights {
+    let mut flights = Flights::new();
+    let dense = Choice {
+        cells: vec!["forest".to_owned()],
+        density_per_m2: Some(1.0 / 12.0),
+        ..Choice::default()
+    };
+    let noisy = Choice {
+        cells: vec!["noise".to_owned()],
+        ..Choice::default()
+    };
+    let forests = [(Suite::S1, dense, 141), (Suite::S5, noisy, 162)];
+    for (suite, choice, seed) in forests {
+        let is_first = suite == Suite::S1;
+        flights.add(&format!("{} seed {seed}", suite.name()), is_first, move || {
+            let flight = flown_as(suite, &choice, seed);
+            assert_eq!(flight.outcome, FlightOutcome::Goal, "{flight:?}");
+            assert!(flight.time_s < 90.0, "{flight:?}");
+        });
+    }
+    flights
+}
+
+#[test]
+fn and_passages_that_are_too_narrow_are_given_up() {
+    narrow_passage_flights().fly_some();
 }
 
 #[test]

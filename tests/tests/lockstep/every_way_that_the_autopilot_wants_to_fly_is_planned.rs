@@ -92,6 +92,43 @@ fn the_last_metres_of_a_mission() {
     assert!(away_m(&flight, goal) < 0.5, "{truth:?}");
 }
 
+/// A wall with a gap aside of the straight line, and the goal close behind the wall: the place nearest to the goal is before
+/// the wall, and the gap is narrow enough that the vehicle has to slow down for it.
+pub fn gap_aside_flights() -> Flights {
+    let mut flights = Flights::new();
+    let gaps = [
+        (PX4_CURRENT, 2, 0.0),
+        (PX4_CURRENT, 4, 0.0),
+        (PX4_CURRENT, 900_031, 0.4),
+        (PX4_TRAJECTORY, 4, 0.4),
+    ];
+    for (whose, seed, aside_m) in gaps {
+        let is_first = seed == 2;
+        flights.add(&format!("{} seed {seed}", whose.name()), is_first, move || {
+            let cell = Cell {
+                limit_s: 60.0,
+                ..Cell::of("gap".parse().unwrap()).unwrap()
+            };
+            let goal = place(18.0, aside_m);
+            let mut setup = whose.fly(setup(&cell, seed).unwrap()).unwrap();
+            setup.autopilot = setup.autopilot.with_parameter("NAV_ACC_RAD", 10.0);
+            setup.plan.waypoints = vec![goal];
+            setup.plan.ending = Ending::Hold;
+            let mut flight = LockStep::new(setup).unwrap();
+            let arrived = flight.run_until(60.0, |f| away_m(f, goal) < 0.5);
+            let truth = flight.truth();
+            assert!(arrived, "{whose:?} {seed} {truth:?}");
+            assert_eq!(truth.collisions, 0, "{whose:?} {seed} {truth:?}");
+        });
+    }
+    flights
+}
+
+#[test]
+fn a_gap_aside_of_a_goal_behind_a_wall() {
+    gap_aside_flights().fly_some();
+}
+
 /// It stops in space known to be free, and comes back to the place that PX4 holds.
 pub fn hold_at_speed() -> Flights {
     Flights::of_one("hold_at_speed", || {

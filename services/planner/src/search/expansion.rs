@@ -170,6 +170,7 @@ impl Search {
         if self.preferred.test(map_cell) {
             factor *= PREFERRED_FACTOR;
         }
+        factor += self.failed.cost_per_metre(query.tier, map_cell);
         (step.length * self.cell_m) as f32 * factor
             + query.height_cost * self.cell_m as f32 * step.by[2].abs() as f32
     }
