@@ -39,6 +39,7 @@ mod frame_bits;
 mod health;
 mod moving;
 mod overhang;
+mod pace;
 mod poses;
 mod rays;
 mod rebase;

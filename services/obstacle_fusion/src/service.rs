@@ -1,5 +1,7 @@
-//! Obstacle fusion as a process: woken by every range sample, one map per sample of an area sensor.
+//! Obstacle fusion as a process: woken by every range sample, one map per sample of an area sensor unless it sends too many
+//! ([`crate::pace`]).
 
+use crate::pace::MapPace;
 use crate::{DeclaredOfSensor, Fusion, FusionConfig};
 use jink_runtime::{Cycle, Input, Output, Ports, RangeInputs, RangeSample, Service, StartError, Wake};
 use jink_shared_types::far_map::FarMap;
@@ -35,6 +37,7 @@ pub struct FusionService {
     /// Names of the sensors, by number.
     names: Vec<String>,
     header: SampleHeader,
+    pace: MapPace,
     sent: Timestamp,
 }
 
@@ -86,6 +89,7 @@ impl Service for FusionService {
                 .map(|sensor| sensor.name.clone())
                 .collect(),
             header: SampleHeader::default(),
+            pace: MapPace::new(&declared.map(|declared| declared.rate_hz)),
             sent: Timestamp::NEVER,
         })
     }
@@ -98,6 +102,7 @@ impl Service for FusionService {
             state,
             epoch,
             header,
+            pace,
             ..
         } = self;
         state.each(|state| {
@@ -107,7 +112,6 @@ impl Service for FusionService {
                 cycle.events.raise(now, &events::ESTIMATOR_RESET, "", [0.0; 2]);
             }
         });
-        let mut has_new_data = false;
         // The map is as young as the newest frame in it, whichever sensor was read last.
         let mut newest = |frame: &SampleHeader| {
             if frame.capture > header.capture {
@@ -118,14 +122,14 @@ impl Service for FusionService {
             RangeSample::Cloud(cloud) => {
                 fusion.cloud(number, cloud.sample, cloud.header);
                 newest(cloud.header);
-                has_new_data = true;
+                pace.on_frame(number);
             }
             RangeSample::Scan(scan) => {
                 fusion.scan(number, scan.sample, scan.header);
                 // A single beam refines the map; a scan of many beams counts as new data of its own.
                 if scan.beams > 1 {
                     newest(scan.header);
-                    has_new_data = true;
+                    pace.on_frame(number);
                 }
             }
         });
@@ -133,8 +137,10 @@ impl Service for FusionService {
             let name = self.names.get(finding.sensor).map_or("", String::as_str);
             cycle.events.publish(now, &finding.event(name));
         }
-        if has_new_data || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
+        let is_due = self.pace.due().is_some_and(|due| due <= now);
+        if is_due || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
             self.sent = now;
+            self.pace.on_map(now);
             if self.fusion.finds_overhang() {
                 cycle.events.raise(now, &events::OVERHANG_SEEN, "", [0.0; 2]);
             }
@@ -155,10 +161,10 @@ impl Service for FusionService {
                 });
             }
         }
-        Wake::at(
-            self.sent
-                .plus_seconds(IDLE_PERIOD_S)
-                .min(now.plus_seconds(STATE_PERIOD_S)),
-        )
+        let regular = self
+            .sent
+            .plus_seconds(IDLE_PERIOD_S)
+            .min(now.plus_seconds(STATE_PERIOD_S));
+        Wake::at(self.pace.due().map_or(regular, |due| due.min(regular)))
     }
 }
