@@ -1,11 +1,12 @@
 //! `jink bench latency`: flies the real processes under several loads and says how long the way from the sensor to the wire takes.
 
 use jink_control::{EXIT_PROBLEM, Interrupt, Problem, autopilot, places, provenance, say, sayln};
-use jink_lab::latency::{Bench, Disturbance, Disturber, Load, Measured, Provenance, Recorder, html};
+use jink_lab::latency::{Bench, Disturbance, Disturber, Load, Measured, Provenance, Readers, Recorder, html};
 use jink_lab::rig::show::Show;
 use jink_lab::rig::{Observer, Plan, instance};
 use jink_runtime::{Instance, Session};
 use jink_shared_types::health::SystemStatus;
+use jink_shared_types::ranges::SENSORS;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -15,10 +16,13 @@ const BEFORE_S: f64 = 90.0;
 /// There and back so often that no measurement outlasts the mission.
 const LEGS: u32 = 400;
 
+/// As many as a system may have.
+const SENSORS_MAX: i64 = SENSORS as i64;
+
 /// Which loads.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "\
-Every combination of --points, --rates, --beside and --realtime is a flight of its own: take-off, 3 s to settle, then --seconds that count.
+Every combination of --points, --rates, --sensors, --readers, --beside and --realtime is a flight of its own: take-off, 3 s to settle, then --seconds that count.
 A trajectory counts when the autopilot has been sent it, or was sent the same before.
 
 first plan  \"sensor..wire\" of those trajectories that were the first of their map: a second one is made when the goal changes, or
@@ -27,6 +31,8 @@ busy     from the publication of a stage's input until the stage was free for it
 wake-up  from then until it began
 compute  from its begin to its own publication
 jitter   mean difference between one trajectory and the next
+
+Where three or more loads differ in one thing only, lines of least squares show how the cost grows with it.
 
 Simulated sensors stamp a frame and then render it, which a real one does not: \"sensor..wire\" leaves that out.
 
@@ -38,6 +44,12 @@ pub struct Args {
     /// Frames per second
     #[arg(long, value_delimiter = ',', default_values_t = [10.0, 30.0], value_parser = rate, value_name = "HZ")]
     rates: Vec<f64>,
+    /// Lidars, each with so many points and frames
+    #[arg(long, value_delimiter = ',', default_values_t = [1], value_parser = clap::value_parser!(u32).range(1..=SENSORS_MAX), value_name = "N")]
+    sensors: Vec<u32>,
+    /// Additional readers of every large topic
+    #[arg(long, value_delimiter = ',', default_values_t = [0], value_parser = clap::value_parser!(u32).range(0..=64), value_name = "N")]
+    readers: Vec<u32>,
     /// What disturbs the processes
     #[arg(long, value_delimiter = ',', default_value = "none,hog")]
     beside: Vec<Disturbance>,
@@ -121,14 +133,16 @@ impl Drop for Folder {
 /// Looks on while something disturbs the flight.
 struct Disturbed {
     recorder: Recorder,
-    beside: Disturbance,
+    load: Load,
     instance: Instance,
     disturber: Option<Disturber>,
+    readers: Option<Readers>,
 }
 
 impl Observer for Disturbed {
     fn begin(&mut self, session: &Session) -> Result<(), Problem> {
-        self.disturber = self.beside.start(&self.instance)?;
+        self.disturber = self.load.beside.start(&self.instance)?;
+        self.readers = Some(Readers::start(&self.instance, self.load.readers)?);
         self.recorder.begin(session)
     }
 
@@ -138,6 +152,7 @@ impl Observer for Disturbed {
 
     fn end(&mut self) {
         self.disturber = None;
+        self.readers = None;
         self.recorder.end();
     }
 }
@@ -147,14 +162,18 @@ impl Args {
         let mut loads = Vec::new();
         for realtime in &self.realtime {
             for beside in &self.beside {
-                for points in &self.points {
-                    for rate_hz in &self.rates {
-                        loads.push(Load {
-                            points: *points,
-                            rate_hz: *rate_hz,
-                            beside: *beside,
-                            realtime: *realtime == Switch::On,
-                        });
+                for readers in &self.readers {
+                    for sensors in &self.sensors {
+                        for points in &self.points {
+                            loads.extend(self.rates.iter().map(|rate_hz| Load {
+                                points: *points,
+                                rate_hz: *rate_hz,
+                                sensors: *sensors,
+                                readers: *readers,
+                                beside: *beside,
+                                realtime: *realtime == Switch::On,
+                            }));
+                        }
                     }
                 }
             }
@@ -193,9 +212,10 @@ impl Args {
         let own = instance::own("")?;
         let mut disturbed = Disturbed {
             recorder: Recorder::new(Duration::from_secs_f64(self.seconds)),
-            beside: load.beside,
+            load,
             instance: own.clone(),
             disturber: None,
+            readers: None,
         };
         let (flown, stopped) =
             plan.fly_observed(&own, Vec::new(), &mut Show::silent(), interrupt, &mut disturbed)?;
@@ -265,6 +285,10 @@ pub fn run(args: &Args) -> Result<ExitCode, Problem> {
             failed = true;
             break;
         }
+    }
+    let scaling = bench.scaling();
+    if !scaling.is_empty() {
+        say!("\n{scaling}");
     }
     if let Some(before) = &before {
         say!("\n{}", bench.compared(before));

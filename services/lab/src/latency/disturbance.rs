@@ -1,6 +1,6 @@
 //! What may go wrong beside the processes that are measured.
 
-use super::load::LIDAR;
+use super::load::lidar_name;
 use jink_control::Problem;
 use jink_runtime::procfs::Memory;
 use jink_runtime::realtime::bind_to_core;
@@ -155,7 +155,7 @@ fn flood(instance: &Instance, stop: &AtomicBool, ready: &Ready) -> Result<(), Op
 
 fn read_slowly(instance: &Instance, stop: &AtomicBool, ready: &Ready) -> Result<(), OpenError> {
     let session = Session::open(instance, "cli")?;
-    let mut cloud = session.input(topics::RANGE_CLOUD, LIDAR)?;
+    let mut cloud = session.input(topics::RANGE_CLOUD, &lidar_name(0))?;
     let mut map = session.input(topics::LOCAL_MAP, "")?;
     let mut approved = session.input(topics::APPROVED, "")?;
     begins(ready);

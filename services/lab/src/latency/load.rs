@@ -11,8 +11,17 @@ const PRIORITY: u8 = 10;
 /// Range of the measured lidar (m).
 const RANGE_M: f64 = 20.0;
 
-/// Its name.
-pub(crate) const LIDAR: &str = "lidar";
+/// Name of the lidar with this number, from 0 on.
+pub(crate) fn lidar_name(number: u32) -> String {
+    match number {
+        0 => "lidar".to_owned(),
+        _ => format!("lidar_{}", number + 1),
+    }
+}
+
+fn one() -> u32 {
+    1
+}
 
 /// One load.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -21,6 +30,12 @@ pub struct Load {
     pub points: u32,
     /// Frames per second (Hz).
     pub rate_hz: f64,
+    /// Sensors, each with so many points and frames.
+    #[serde(default = "one")]
+    pub sensors: u32,
+    /// Additional readers of every large topic.
+    #[serde(default)]
+    pub readers: u32,
     /// What disturbs it.
     pub beside: Disturbance,
     /// Whether every process has SCHED_FIFO and keeps its memory.
@@ -31,9 +46,17 @@ impl fmt::Display for Load {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "{} points, {} Hz{}{}{}",
+            "{} points, {} Hz{}{}{}{}{}",
             self.points,
             self.rate_hz,
+            match self.sensors {
+                1 => String::new(),
+                sensors => format!(", {sensors} sensors"),
+            },
+            match self.readers {
+                0 => String::new(),
+                readers => format!(", {readers} readers"),
+            },
             if self.beside == Disturbance::None {
                 ""
             } else {
@@ -52,11 +75,16 @@ impl Load {
     /// The file cannot be written.
     pub fn write_sensors(&self, folder: &Path) -> Result<PathBuf, Problem> {
         let file = folder.join("sensors.toml");
-        let mut text = format!(
-            "[[sensor]]\nname = \"{LIDAR}\"\nkind = \"lidar_3d\"\nrate_hz = {}\nrays = {}\nrange_max_m = {RANGE_M}\n\
-             elevation_min_deg = -90\nelevation_max_deg = 90\n",
-            self.rate_hz, self.points
-        );
+        let lidar = |number| {
+            format!(
+                "[[sensor]]\nname = \"{}\"\nkind = \"lidar_3d\"\nrate_hz = {}\nrays = {}\nrange_max_m = {RANGE_M}\n\
+             elevation_min_deg = -90\nelevation_max_deg = 90\n\n",
+                lidar_name(number),
+                self.rate_hz,
+                self.points
+            )
+        };
+        let mut text: String = (0..self.sensors).map(lidar).collect();
         if self.beside == Disturbance::Flood {
             text += &format!(
                 "\n[[sensor]]\nname = \"{FLOODING_SENSOR}\"\nkind = \"user/flood\"\noutput = \"scan\"\n"

@@ -2,7 +2,7 @@
 //!
 //! | in | out |
 //! |---|---|
-//! | [`Load`]: points, rate, a [`Disturbance`] beside, real-time scheduling | [`Measured`]: percentiles of the whole way, of each stage's waking up, waiting and computing; CPU, context switches and page faults of each process |
+//! | [`Load`]: points, rate, sensors, readers, a [`Disturbance`] beside, real-time scheduling | [`Measured`]: percentiles of the whole way, of each stage's waking up, waiting and computing; CPU, context switches and page faults of each process; how they grow with the load |
 //!
 //! Nothing is measured from outside: every sample carries the begin and the end of each stage that it has passed, and the gateway
 //! publishes the history of each new trajectory that the autopilot has been sent (`link/delivery`).
@@ -13,11 +13,14 @@
 mod disturbance;
 mod figures;
 mod load;
+mod readers;
 mod recorder;
 mod report;
+mod scaling;
 
 pub use disturbance::{Disturbance, Disturber};
 pub use figures::Figures;
 pub use load::Load;
+pub use readers::Readers;
 pub use recorder::{Measured, ProcessFigures, Recorder, StageFigures};
 pub use report::{Bench, Provenance, html};

@@ -316,6 +316,8 @@ mod tests {
         let load = Load {
             points: 1,
             rate_hz: 10.0,
+            sensors: 1,
+            readers: 0,
             beside: Disturbance::None,
             realtime: false,
         };
@@ -352,6 +354,8 @@ mod tests {
         let load = Load {
             points: 1,
             rate_hz: 10.0,
+            sensors: 1,
+            readers: 0,
             beside: Disturbance::None,
             realtime: false,
         };

@@ -2,6 +2,7 @@
 
 use super::figures::Figures;
 use super::recorder::Measured;
+use super::scaling::{self, Cost, Fit};
 use crate::drawing::{Area, Colour, Document, Frame, Group, Letters, Style, legend, step};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -124,6 +125,11 @@ impl Bench {
         )
     }
 
+    /// How the cost grows with the load, where three or more loads differ in one thing; else empty.
+    pub fn scaling(&self) -> String {
+        scaling::text(&scaling::fits(&self.loads))
+    }
+
     /// This one over `before`, load by load: ratios of the medians and of the 99th percentiles.
     pub fn compared(&self, before: &Self) -> String {
         let mut text = format!(
@@ -178,6 +184,14 @@ pub fn html(bench: &Bench) -> String {
         distribution(&bench.loads),
         stages(&bench.loads)
     );
+    let fits = scaling::fits(&bench.loads);
+    if !fits.is_empty() {
+        page.push_str("<h2>How it grows</h2>\n");
+        for of_one in fits.chunks(Cost::ALL.len()) {
+            let _written = writeln!(page, "{}", growth(of_one));
+        }
+        let _written = writeln!(page, "<pre>{}</pre>", escaped(&scaling::text(&fits)));
+    }
     page.push_str("<h2>Figures</h2>\n");
     for measured in &bench.loads {
         let _written = writeln!(page, "<pre>{}</pre>", escaped(&measured.text()));
@@ -312,6 +326,48 @@ fn stages(loads: &[Measured]) -> String {
     document(out, 70.0 + loads.len() as f64 * (BAR_HEIGHT + BAR_APART))
 }
 
+/// Lines of one group of loads, each cost in a chart of its own beside the others.
+fn growth(fits: &[Fit]) -> String {
+    let mut out = Group::default();
+    if let Some(fit) = fits.first() {
+        let title = format!("{}, per {}", fit.title(), fit.dimension.words());
+        out.text((LEFT, 16.0), Letters::START.bold(), &title);
+    }
+    let apart = LEFT;
+    let width = (WIDTH - RIGHT) / fits.len().max(1) as f64 - apart;
+    for (n, fit) in fits.iter().enumerate() {
+        let longest = |value: fn(&(f64, f64)) -> f64| fit.points.iter().map(value).fold(0.0, f64::max);
+        let (most_x, most_y) = (longest(|point| point.0) * 1.1, longest(|point| point.1) * 1.2);
+        let frame = Frame {
+            area: Area {
+                left: apart + n as f64 * (width + apart),
+                top: 54.0,
+                width,
+                height: CHART_HEIGHT * 0.7,
+            },
+            x: [0.0, most_x.max(1e-3)],
+            y: [0.0, most_y.max(1e-3)],
+        };
+        let (across, along) = (step(frame.y[1], 5.0), step(frame.x[1], 5.0));
+        out.text((frame.area.left, 44.0), Letters::START, fit.cost.words());
+        frame.lines_across(&mut out, across);
+        frame.numbers_left(&mut out, across);
+        frame.lines_along(&mut out, along);
+        frame.ticks_below(&mut out, along);
+        let ends = [0.0, frame.x[1]].map(|x| (x, (fit.base + fit.slope * x).clamp(0.0, frame.y[1])));
+        frame.curve(
+            &mut out,
+            ends,
+            Style::line(Colour::hex(0x999999), 1.5).dashed([4.0, 3.0]),
+        );
+        for (x, y) in &fit.points {
+            out.circle(frame.at(*x, *y), 4.0, Style::filled(Colour::SEVERAL[n]));
+        }
+        frame.border(&mut out);
+    }
+    document(out, 54.0 + CHART_HEIGHT * 0.7 + 40.0)
+}
+
 fn document(body: Group, height: f64) -> String {
     Document {
         width_px: WIDTH,
@@ -324,20 +380,25 @@ fn document(body: Group, height: f64) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::{Bench, Provenance, html};
     use crate::latency::disturbance::Disturbance;
     use crate::latency::{Figures, Load, Measured, ProcessFigures, StageFigures};
 
-    fn bench(scale: f64) -> Bench {
+    /// What a load has shown, with times and CPU of this scale; `change` changes the load.
+    pub fn measured_with(scale: f64, change: impl Fn(&mut Load)) -> Measured {
         let figures = Figures::of(&[1.0 * scale, 2.0 * scale, 4.0 * scale]);
-        let measured = |beside| Measured {
-            load: Load {
-                points: 20_000,
-                rate_hz: 10.0,
-                beside,
-                realtime: false,
-            },
+        let mut load = Load {
+            points: 20_000,
+            rate_hz: 10.0,
+            sensors: 1,
+            readers: 0,
+            beside: Disturbance::None,
+            realtime: false,
+        };
+        change(&mut load);
+        Measured {
+            load,
             seconds: 20.0,
             total: figures,
             after_sensor: figures,
@@ -361,7 +422,11 @@ mod tests {
             sorted_after_sensor_ms: vec![1.0, 2.0, 4.0],
             sorted_total_ms: vec![1.0, 2.0, 4.0],
             restarts: 0,
-        };
+        }
+    }
+
+    fn bench(scale: f64) -> Bench {
+        let measured = |beside| measured_with(scale, |load| load.beside = beside);
         Bench {
             provenance: Provenance {
                 commit: Some("abc<".to_owned()),
