@@ -38,6 +38,40 @@ impl Planner {
         )
     }
 
+    /// Writes a plan along the guide to the path that was found last into `route`; from rest, if what is certified of its
+    /// straight legs is not worth flying, from cell to cell. `false` if not even the first leg has certified space around it.
+    /// In motion the committed trajectory goes on, and the next map is another try.
+    pub(super) fn write_plan_along(
+        &mut self,
+        tier: usize,
+        departure: &Departure,
+        desired: &DesiredPath,
+        goal: &Point<LocalNed>,
+        found: &SearchResult,
+        target_is_goal: bool,
+        route: &mut Route,
+    ) -> bool {
+        let is_worth_it = |route: &Route| route.target_is_goal.is_set() || length_m(route) >= PROGRESS_MIN_M;
+        let written = self.write_plan(tier, departure, desired, target_is_goal, route);
+        if !departure.is_at_rest() || written && is_worth_it(route) {
+            return written;
+        }
+        let target_is_goal = self.guide.build_in_steps(
+            &self.space,
+            tier,
+            &departure.state.position.vector(),
+            self.search.path(),
+            (found.end == PathEnd::Goal).then_some(&goal.vector()),
+            self.limits[tier].overshoot_m,
+        );
+        let written = self.write_plan(tier, departure, desired, target_is_goal, route);
+        if !written {
+            // What is left of the first try is no plan.
+            route.mode = Coded::new(RouteMode::Keep);
+        }
+        written
+    }
+
     /// Writes a plan along the guide into `route`; `false` if not even its first leg has certified space around it.
     pub(super) fn write_plan(
         &mut self,
@@ -106,4 +140,11 @@ impl Planner {
         }
         true
     }
+}
+
+/// Length of the part of the guide that has certified space around it (m).
+fn length_m(route: &Route) -> f64 {
+    let guide = &route.guide[..route.guide_len as usize];
+    let legs = guide.windows(2);
+    legs.map(|leg| (leg[1].vector() - leg[0].vector()).norm()).sum()
 }

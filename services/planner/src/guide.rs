@@ -72,6 +72,29 @@ impl Guide {
         }
     }
 
+    /// Builds the guide as [`Self::build`] does, but from cell to cell and only as far as a corridor has polytopes for that: a
+    /// straight leg past the corners of unsafe cells may be safe and have no polytope, a step between two cells has one.
+    pub fn build_in_steps(
+        &mut self,
+        space: &ConfigurationSpace,
+        tier: usize,
+        start: &Vector3<f64>,
+        path: &Path,
+        goal: Option<&Vector3<f64>>,
+        margin_m: f64,
+    ) -> bool {
+        let reaches_end = self.safe_points(space, tier, start, path, goal);
+        let at_goal = goal.is_some() && reaches_end && self.points.len() <= CORRIDOR_POLYTOPES + 1;
+        if !reaches_end {
+            let wanted_m = length_m(&self.points) - margin_m;
+            cut_to(&mut self.points, wanted_m);
+        }
+        self.vertices.clear();
+        self.vertices
+            .extend(self.points.iter().take(CORRIDOR_POLYTOPES + 1));
+        at_goal
+    }
+
     /// Builds the guide along the points of `way`, as [`Self::build`] does along cells, without shortcuts. Returns
     /// whether its end is the end of `way`.
     pub fn follow(
@@ -250,6 +273,7 @@ fn cut_to(points: &mut Vec<Vector3<f64>>, length_m: f64) {
 mod tests {
     use super::Guide;
     use crate::configuration_space::tests::{known_map, space_of};
+    use crate::corridor::CorridorBuilder;
     use crate::search::{Search, SearchQuery};
     use jink_shared_types::map::{center_of, clear};
     use nalgebra::Vector3;
@@ -291,6 +315,36 @@ mod tests {
         }
         let end = vertices.last().unwrap();
         assert!(end.x > 5.5 && end.x < 7.3, "{end}");
+    }
+
+    #[test]
+    fn every_step_of_a_guide_from_cell_to_cell_has_a_polytope() {
+        // Posts on a grid: the path winds between them, past corners of unsafe cells.
+        let map = known_map(|p| {
+            let off = |m: f64, pitch: f64| (m / pitch - (m / pitch).round()).abs() * pitch;
+            p.x > 0.8 && off(p.x, 1.7).hypot(off(p.y + 0.35 * p.x, 1.9)) < 0.15
+        });
+        let space = space_of(&map);
+        let mut search = Search::default();
+        let query = SearchQuery {
+            tier: 2,
+            start: [0, 0, 0],
+            goal: [30, 2, 0],
+            z_range: (-1, 1),
+            height_cost: 0.5,
+        };
+        search.run(&space, &query).unwrap();
+        let mut guide = Guide::default();
+        let start = center_of([0, 0, 0]).vector() + Vector3::new(0.03, -0.05, 0.02);
+        let at_goal = guide.build_in_steps(&space, 2, &start, search.path(), None, 0.1);
+        assert!(!at_goal);
+        let vertices = guide.vertices();
+        assert!(vertices.len() > 4 && vertices[0] == start, "{vertices:?}");
+        let mut corridor = CorridorBuilder::default();
+        for pair in vertices.windows(2) {
+            let polytope = corridor.polytope(&space, 2, &pair[0], &pair[1], (-1.0, 1.0));
+            assert!(polytope.is_some(), "{pair:?}");
+        }
     }
 
     #[test]

@@ -214,7 +214,9 @@ impl Planner {
         self.path_tier = chosen.way;
         self.path_followed = Some(chosen.way);
         match self.check_heading(departure) {
-            HeadingCheck::Aligned => self.write_plan(flown, departure, desired, target_is_goal, route),
+            HeadingCheck::Aligned => {
+                self.write_plan_along(flown, departure, desired, goal, &found, target_is_goal, route)
+            }
             HeadingCheck::Turn(heading_rad) => {
                 self.turn_first(departure, heading_rad, committed, route);
                 true
