@@ -6,7 +6,7 @@ use jink_lab::rig::show::Show;
 use jink_lab::rig::{Observer, Plan, instance};
 use jink_runtime::{Instance, Session};
 use jink_shared_types::health::SystemStatus;
-use jink_shared_types::ranges::SENSORS;
+use jink_shared_types::ranges::{CLOUD_POINTS, SENSORS};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
@@ -18,6 +18,8 @@ const LEGS: u32 = 400;
 
 /// As many as a system may have.
 const SENSORS_MAX: i64 = SENSORS as i64;
+/// As many as a frame holds.
+const POINTS_MAX: i64 = CLOUD_POINTS as i64;
 
 /// Which loads.
 #[derive(Clone, Debug, clap::Args)]
@@ -39,7 +41,7 @@ Simulated sensors stamp a frame and then render it, which a real one does not: \
 Exit codes: 0 every load was measured; 1 otherwise; 2 wrong arguments.")]
 pub struct Args {
     /// Points of a frame
-    #[arg(long, value_delimiter = ',', default_values_t = [20_000, 100_000], value_parser = clap::value_parser!(u32).range(100..=200_000))]
+    #[arg(long, value_delimiter = ',', default_values_t = [20_000, 100_000], value_parser = clap::value_parser!(u32).range(100..=POINTS_MAX))]
     points: Vec<u32>,
     /// Frames per second
     #[arg(long, value_delimiter = ',', default_values_t = [10.0, 30.0], value_parser = rate, value_name = "HZ")]
