@@ -73,7 +73,10 @@ impl Planner {
             let target_is_goal = self.build_guide(flown, departure, goal, &found);
             return self.write_plan(flown, departure, desired, target_is_goal, route);
         }
-        if let Some(tier) = self.path_followed.take() {
+        // A passage that flickers while the vehicle comes nearer is one; where it comes nowhere, none.
+        if let Some(tier) = self.path_followed.take()
+            && self.progress.is_stalled(departure.splice)
+        {
             self.space.prepare(tier);
             self.search.record_failed_passage(
                 &self.space,

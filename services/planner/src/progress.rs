@@ -20,6 +20,9 @@ const WATCHED_S: f64 = 1.0;
 /// Most time added for a detour (s): one along three sides of the map's window in a slow speed tier, or all four in a faster one, takes it.
 const DETOUR_MAX_S: f64 = 120.0;
 
+/// Without progress for this share of the timeout the vehicle is stalled.
+const STALLED_SHARE: f64 = 0.25;
+
 /// Places are as large as this (m): about what is seen of a narrow way at once.
 const PLACE_M: f64 = 2.0;
 /// Places that are remembered; after so many, new ones are no progress any more.
@@ -111,6 +114,11 @@ impl GoalProgress {
     /// There is no goal, or it was reached.
     pub fn reset(&mut self) {
         *self = Self::with_room(self.timeout_s, std::mem::take(&mut self.places));
+    }
+
+    /// Whether there has been no progress for a quarter of the time after which the goal counts as out of reach.
+    pub fn is_stalled(&self, now: Timestamp) -> bool {
+        self.goal.is_some() && now.seconds_since(self.since) > STALLED_SHARE * self.timeout_s
     }
 
     /// Whether the goal has been out of reach, and still is.
@@ -290,6 +298,21 @@ mod tests {
             progress.step(now, &goal, Some(30.0), 0.0)
         });
         assert!(due.is_some_and(|s| (205.0..225.0).contains(&s)), "{due:?}");
+    }
+
+    #[test]
+    fn a_vehicle_is_stalled_some_time_after_its_last_progress() {
+        let mut progress = GoalProgress::new(12.0);
+        let goal = Point::new(1.0, 2.0, 3.0);
+        let at = |s: f64| Timestamp::from_seconds(50.0 + s);
+        assert!(!progress.is_stalled(at(0.0)));
+        for i in 0..100 {
+            let s = 0.1 * f64::from(i);
+            // Nearer for four seconds, which is noticed every half metre, then not.
+            progress.step(at(s), &goal, Some(20.0 - s.min(4.0)), 0.0);
+            let is_stalled = progress.is_stalled(at(s));
+            assert!(if is_stalled { s > 6.4 } else { s < 7.1 }, "{s}");
+        }
     }
 
     #[test]

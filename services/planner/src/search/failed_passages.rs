@@ -1,9 +1,9 @@
 //! Passages that turned out too narrow when the vehicle was near: trying one again costs more every time.
 //!
 //! Between two passages that both look wide enough from afar, and from nearby are not, the vehicle would go to and fro
-//! for good: whichever it is away from is the cheaper one. A first failure costs nothing, since a path through unseen
-//! space often meets something. From the second on the passage costs as much as a detour that becomes twice as long
-//! each time, until a path round both is cheaper.
+//! for good: whichever it is away from is the cheaper one. What fails while the vehicle makes progress does not count
+//! ([`crate::progress`]), nor does a first failure. From the second on the passage costs as much as a detour that becomes
+//! twice as long each time, until a path round both is cheaper.
 
 use jink_shared_types::Timestamp;
 use jink_shared_types::map::{CELL_M, Cell, SIZE_Y, bit_of};
