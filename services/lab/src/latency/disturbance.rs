@@ -63,32 +63,15 @@ impl Disturbance {
         if self == Self::None {
             return Ok(None);
         }
-        let stop = Arc::new(AtomicBool::new(false));
-        let (ended, instance) = (Arc::clone(&stop), instance.clone());
-        let (ready, is_ready) = channel();
-        let thread = std::thread::spawn(move || {
-            let disturbed = match self {
-                Self::None => Ok(()),
-                Self::Hog => hog(&ended, &ready),
-                Self::Flood => flood(&instance, &ended, &ready),
-                Self::SlowReader => read_slowly(&instance, &ended, &ready),
-                Self::Memory => take_memory(&ended, &ready),
-            };
-            if let Err(error) = disturbed {
-                // Whoever waited for it has gone.
-                let _nobody_waits = ready.send(Err(error));
-            }
+        let instance = instance.clone();
+        let disturber = Disturber::start(self.words(), move |stop, ready| match self {
+            Self::None => Ok(()),
+            Self::Hog => hog(stop, ready),
+            Self::Flood => flood(&instance, stop, ready),
+            Self::SlowReader => read_slowly(&instance, stop, ready),
+            Self::Memory => take_memory(stop, ready),
         });
-        // Joined when it is dropped, whatever comes.
-        let disturber = Disturber {
-            stop,
-            thread: Some(thread),
-        };
-        match is_ready.recv() {
-            Ok(Ok(())) => Ok(Some(disturber)),
-            Ok(Err(error)) => Err(error.into()),
-            Err(_) => Err(Problem::Other(format!("the {} ended at once", self.words()))),
-        }
+        disturber.map(Some)
     }
 }
 
@@ -97,6 +80,37 @@ impl Disturbance {
 pub struct Disturber {
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
+}
+
+impl Disturber {
+    /// Starts `work` in a thread of its own, which says when it is ready and ends when its flag is set; `words` name it.
+    ///
+    /// # Errors
+    /// What `work` ends with before it is ready.
+    pub(super) fn start(
+        words: &str,
+        work: impl FnOnce(&AtomicBool, &Ready) -> Result<(), OpenError> + Send + 'static,
+    ) -> Result<Self, Problem> {
+        let stop = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&stop);
+        let (ready, is_ready) = channel();
+        let thread = std::thread::spawn(move || {
+            if let Err(error) = work(&ended, &ready) {
+                // Whoever waited for it has gone.
+                let _nobody_waits = ready.send(Err(error));
+            }
+        });
+        // Joined when it is dropped, whatever comes.
+        let disturber = Self {
+            stop,
+            thread: Some(thread),
+        };
+        match is_ready.recv() {
+            Ok(Ok(())) => Ok(disturber),
+            Ok(Err(error)) => Err(Problem::Other(format!("{words}: {error}"))),
+            Err(_) => Err(Problem::Other(format!("the {words} ended at once"))),
+        }
+    }
 }
 
 impl Drop for Disturber {
@@ -109,9 +123,9 @@ impl Drop for Disturber {
     }
 }
 
-type Ready = Sender<Result<(), OpenError>>;
+pub(super) type Ready = Sender<Result<(), OpenError>>;
 
-fn begins(ready: &Ready) {
+pub(super) fn begins(ready: &Ready) {
     // Whoever waited for it has gone: its stop flag is set as well.
     let _nobody_waits = ready.send(Ok(()));
 }

@@ -2,7 +2,7 @@
 
 use super::figures::Figures;
 use super::recorder::Measured;
-use super::scaling::{self, Cost, Fit};
+use super::scaling::{self, Fit};
 use crate::drawing::{Area, Colour, Document, Frame, Group, Letters, Style, legend, step};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -187,7 +187,7 @@ pub fn html(bench: &Bench) -> String {
     let fits = scaling::fits(&bench.loads);
     if !fits.is_empty() {
         page.push_str("<h2>How it grows</h2>\n");
-        for of_one in fits.chunks(Cost::ALL.len()) {
+        for of_one in fits.chunk_by(Fit::is_of_same_loads) {
             let _written = writeln!(page, "{}", growth(of_one));
         }
         let _written = writeln!(page, "<pre>{}</pre>", escaped(&scaling::text(&fits)));

@@ -180,7 +180,7 @@ pub fn text(fits: &[Fit]) -> String {
                 "scaling, lines of least squares      at zero     each more   loads    R2"
             );
         }
-        let is_first = n == 0 || fits[n - 1].dimension != fit.dimension || fits[n - 1].others != fit.others;
+        let is_first = n == 0 || !fits[n - 1].is_of_same_loads(fit);
         if is_first {
             let _written = writeln!(text, "per {}: {}", fit.dimension.words(), fit.title());
         }
@@ -198,6 +198,11 @@ pub fn text(fits: &[Fit]) -> String {
 }
 
 impl Fit {
+    /// Whether `other` is of the same loads, and of another cost at most.
+    pub fn is_of_same_loads(&self, other: &Self) -> bool {
+        self.dimension == other.dimension && self.others == other.others
+    }
+
     /// What the loads have in common.
     pub fn title(&self) -> String {
         let Load {
