@@ -20,7 +20,8 @@ const WATCHED_S: f64 = 1.0;
 /// Most time added for a detour (s): one along three sides of the map's window in a slow speed tier, or all four in a faster one, takes it.
 const DETOUR_MAX_S: f64 = 120.0;
 
-/// Without progress for this share of the timeout the vehicle is stalled.
+/// Without progress for this share of the timeout the vehicle is stalled: long enough to come through a gap that flickers, and
+/// three quarters are left to try other ways.
 const STALLED_SHARE: f64 = 0.25;
 
 /// Places are as large as this (m): about what is seen of a narrow way at once.

@@ -8,18 +8,20 @@
 use jink_shared_types::Timestamp;
 use jink_shared_types::map::{CELL_M, Cell, SIZE_Y, bit_of};
 
-/// Where a passage counts as the same, and what around its place costs more (m, horizontally; at any height).
+/// Where a passage counts as the same, and what around its place costs more (m, horizontally; at any height): about half a
+/// passage that is too narrow for the slowest tier of whole cells.
 const RADIUS_M: f64 = 0.8;
-/// What a path through a passage that has failed twice costs more (m); each further time twice as much.
+/// What a path through a passage that has failed twice costs more (m); each further time twice as much. About the way round
+/// a tree or two, so that the next passage is tried before a long detour.
 const COST_M: f32 = 15.0;
 /// A passage has failed again only if the last failure that counted was so long ago (s): a flickering cell is not another
 /// approach at once, but a passage that flickers for long is too narrow.
 const AGAIN_AFTER_S: f64 = 1.5;
-/// Failures are forgotten after this time (s).
+/// Failures are forgotten after this time (s): longer than any stay before a passage, and what stood there may have moved.
 const FORGET_AFTER_S: f64 = 120.0;
 /// Passages that are remembered; another one replaces the oldest.
 const PASSAGES: usize = 16;
-/// More failures cost no more.
+/// More failures cost no more: 240 m is longer than any detour that was flown.
 const FAILURES_MAX: u32 = 6;
 
 /// A passage that failed.
