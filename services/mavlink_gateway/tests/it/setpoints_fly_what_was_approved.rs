@@ -197,6 +197,31 @@ fn a_new_trajectory_does_not_wait_for_the_beat_and_its_latency_is_counted() {
 }
 
 #[test]
+fn trajectories_at_the_rates_of_lidars_never_meet_a_setpoint_just_sent() {
+    // 5, 10, 20 and 30 Hz; the stream's period is 50 ms. Each comes up to 2 ms sooner or later than the rate says.
+    for period_s in [0.2, 0.1, 0.05, 1.0 / 30.0] {
+        let mut bench = in_mode(MODE_MISSION, Some(path_to(FAR, COMMAND_NONE)));
+        let begin = bench.now;
+        for i in 1..40u64 {
+            let off_s = 0.001 * (i * 7 % 5) as f64 - 0.002;
+            bench.idle_until(begin.plus_seconds(i as f64 * period_s + off_s));
+            let plan = flight(100 + i, bench.now, HERE, Vector3::new(5.0, 0.0, 0.0), 4.0);
+            bench.approve(Verdict::Passed, plan);
+            let (arrived, before) = (bench.now, bench.curves().len());
+            bench.step();
+            bench.idle_until(bench.now.plus_seconds(0.003));
+            let (sent, _) = bench.curves()[before];
+            // The first meets a stream that nothing new has set off yet.
+            assert!(
+                i == 1 || sent.seconds_since(arrived) < 1e-4,
+                "{i} of every {period_s} s waited {} s",
+                sent.seconds_since(arrived)
+            );
+        }
+    }
+}
+
+#[test]
 fn trajectories_that_come_in_a_hurry_do_not_flood_the_link() {
     let mut bench = in_mode(MODE_MISSION, Some(path_to(FAR, COMMAND_NONE)));
     let before = bench.curves().len();
