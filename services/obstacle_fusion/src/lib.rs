@@ -508,8 +508,10 @@ impl Fusion {
         is_found
     }
 
-    /// The next change of a sensor's fault that was not returned before; call until there is none.
+    /// The next change of a sensor's fault that was not returned before; call until there is none. Compares the frames
+    /// that have come since the last call, which takes up to a few milliseconds: after the map is published.
     pub fn next_finding(&mut self) -> Option<SensorFinding> {
+        self.health.compare_pending();
         self.health.next_change()
     }
 

@@ -133,10 +133,6 @@ impl Service for FusionService {
                 }
             }
         });
-        while let Some(finding) = self.fusion.next_finding() {
-            let name = self.names.get(finding.sensor).map_or("", String::as_str);
-            cycle.events.publish(now, &finding.event(name));
-        }
         let is_due = self.pace.due().is_some_and(|due| due <= now);
         if is_due || now.seconds_since(self.sent) >= IDLE_PERIOD_S {
             self.sent = now;
@@ -160,6 +156,10 @@ impl Service for FusionService {
                     fusion.write_far(map);
                 });
             }
+        }
+        while let Some(finding) = self.fusion.next_finding() {
+            let name = self.names.get(finding.sensor).map_or("", String::as_str);
+            cycle.events.publish(now, &finding.event(name));
         }
         let regular = self
             .sent

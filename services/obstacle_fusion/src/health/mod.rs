@@ -160,7 +160,7 @@ impl SensorChecks {
         })
     }
 
-    /// Compares a cloud with an earlier one, if the vehicle has moved enough.
+    /// Takes a cloud to compare it with an earlier one, if the vehicle has moved enough.
     pub fn cloud(
         &mut self,
         sensor: usize,
@@ -198,7 +198,6 @@ impl SensorChecks {
     ) -> Option<(&mut MotionCheck, Pose)> {
         let pose = history.at(capture).map(Pose::from)?;
         let motion = &mut self.sensors.get_mut(sensor)?.motion;
-        motion.advance();
         motion.wants(&pose, capture).then_some((motion, pose))
     }
 
@@ -215,6 +214,13 @@ impl SensorChecks {
         self.sensors
             .iter()
             .any(|sensor| sensor.fault().0 != SensorFault::Unknown)
+    }
+
+    /// Compares the frames that have come since the last call.
+    pub fn compare_pending(&mut self) {
+        for sensor in &mut self.sensors {
+            sensor.motion.compare_pending();
+        }
     }
 
     /// The next change of a sensor's fault that was not yet reported.

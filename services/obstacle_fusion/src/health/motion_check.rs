@@ -220,6 +220,10 @@ struct CauseSearch {
 pub(super) struct MotionCheck {
     key: Snapshot,
     now: Snapshot,
+    /// What the newest frame gives to do has not been done yet.
+    is_pending: bool,
+    /// The newest frame is kept in `now`, to be compared.
+    is_taken: bool,
     image: RangeImage,
     causes: Vec<(FaultCause, Matrix3<f64>)>,
     search: Option<CauseSearch>,
@@ -235,6 +239,8 @@ impl MotionCheck {
         Self {
             key: Snapshot::new(),
             now: Snapshot::new(),
+            is_pending: false,
+            is_taken: false,
             image: RangeImage::new(),
             causes: causes(),
             search: None,
@@ -253,10 +259,18 @@ impl MotionCheck {
     pub fn clear(&mut self) {
         self.key.pose = None;
         self.search = None;
+        self.is_taken = false;
     }
 
-    /// Whether the frame that was captured at `at`, at `pose`, is to be compared, or kept for a later comparison.
-    pub fn wants(&self, pose: &Pose, at: Timestamp) -> bool {
+    /// A frame has come that was captured at `at`, at `pose`: whether it is to be compared, or kept for a later
+    /// comparison. What it gives to do is left to [`MotionCheck::compare_pending`].
+    pub fn wants(&mut self, pose: &Pose, at: Timestamp) -> bool {
+        self.compare_pending();
+        self.is_pending = true;
+        self.is_comparable_with_key(pose, at)
+    }
+
+    fn is_comparable_with_key(&self, pose: &Pose, at: Timestamp) -> bool {
         let Some(key) = self.key.pose.as_ref().filter(|_| self.search.is_none()) else {
             return self.search.is_none();
         };
@@ -289,7 +303,7 @@ impl MotionCheck {
                     .push(end_m - origin_m, share, kind == RayKind::Hit, limits_m);
             }
         }
-        self.on_frame_taken();
+        self.is_taken = true;
     }
 
     /// Takes a scan of many beams. A part of a turn has too little in common with the part before.
@@ -321,7 +335,19 @@ impl MotionCheck {
             let way_m = body_q_sensor * Vector3::new(cos, sin, 0.0) * f64::from(range_m);
             self.now.push(way_m, beam as f64 / beams, is_hit, limits_m);
         }
-        self.on_frame_taken();
+        self.is_taken = true;
+    }
+
+    /// Does what the newest frame gives to do, once: its comparison, the next part of a search. It takes up to a
+    /// few milliseconds and the map does not depend on it, so it has time until the map is published.
+    pub fn compare_pending(&mut self) {
+        if !std::mem::take(&mut self.is_pending) {
+            return;
+        }
+        if std::mem::take(&mut self.is_taken) {
+            self.on_frame_taken();
+        }
+        self.advance();
     }
 
     /// A frame was taken: compares it with the one kept, which it replaces unless a search needs both.
@@ -357,7 +383,7 @@ impl MotionCheck {
     }
 
     /// Continues a search that is in progress.
-    pub fn advance(&mut self) {
+    fn advance(&mut self) {
         let Some(mut search) = self.search.take() else {
             return;
         };
