@@ -255,10 +255,24 @@ impl StructuringElement {
 }
 
 impl DilationScratch {
+    /// With room for these elements.
+    pub fn for_elements<'a>(elements: impl IntoIterator<Item = &'a StructuringElement>) -> Self {
+        let widest = elements.into_iter().filter_map(|element| element.discs.first());
+        let room = widest.map(|disc| Self::words(disc[0], disc.len() - 1)).max();
+        Self {
+            widened: Vec::with_capacity(room.unwrap_or(0)),
+        }
+    }
+
+    /// How many words half widths up to `width` take, for discs of `reach` rows to each side.
+    fn words(width: usize, reach: usize) -> usize {
+        (width + 1) * WORDS * (SIZE_Y + 2 * reach)
+    }
+
     /// The rows of `slice` dilated along x by every half width up to `width`, for discs of `reach` rows to each side.
     fn widen(&mut self, slice: &[u128], width: usize, reach: usize) -> Widened<'_> {
         let rows = SIZE_Y + 2 * reach;
-        self.widened.resize((width + 1) * WORDS * rows, 0);
+        self.widened.resize(Self::words(width, reach), 0);
         let (low, high) = self.widened[..WORDS * rows].split_at_mut(rows);
         let mut set_rows = 0;
         for y in 0..rows {

@@ -97,20 +97,23 @@ impl ConfigurationSpace {
     /// For a vehicle that needs this clearance.
     pub fn new(speed_tiers: &[MotionLimits; TIERS], clearance: Clearance) -> Self {
         let radii_m = std::array::from_fn(|tier: usize| clearance.footprint_m + speed_tiers[tier].tube_m);
+        let elements = std::array::from_fn(|tier| StructuringElement::of_cells(radii_m[tier], cell_m(tier)));
+        let standoff_elements =
+            std::array::from_fn(|tier| clearance.standoff_element(speed_tiers[tier].tube_m));
+        let comfort = StructuringElement::new(COMFORT_M);
+        let all = [&comfort].into_iter().chain(&elements);
         Self {
+            scratch: DilationScratch::for_elements(all.chain(standoff_elements.iter().flatten())),
+            comfort,
+            elements,
+            standoff_elements,
             min_cell: [0; 3],
             clearance,
             radii_m,
-            elements: std::array::from_fn(|tier| StructuringElement::of_cells(radii_m[tier], cell_m(tier))),
-            standoff_elements: std::array::from_fn(|tier| {
-                clearance.standoff_element(speed_tiers[tier].tube_m)
-            }),
             is_inside_standoff: false,
             narrow: None,
-            comfort: StructuringElement::new(COMFORT_M),
             not_free: BitLayer::default(),
             occupied: BitLayer::default(),
-            scratch: DilationScratch::default(),
             halves: BitLayer::default(),
             unknown: BitLayer::default(),
             other_occupied: BitLayer::default(),

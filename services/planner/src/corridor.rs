@@ -56,8 +56,9 @@ impl CorridorBuilder {
             low.z = low.z.max(down_range_m.0.min(a.z.min(b.z)));
             high.z = high.z.min(down_range_m.1.max(a.z.max(b.z)));
             self.collect(space, tier, &low, &high, a, b);
-            match self.cut(space.cell_m(tier), a, b, &low, &high) {
-                CutResult::Done(polytope) => return Some(*polytope),
+            let mut polytope = box_of(&low, &high);
+            match self.cut(space.cell_m(tier), a, b, &mut polytope) {
+                CutResult::Done => return Some(polytope),
                 CutResult::TouchesSegment => return None,
                 CutResult::TooManyPlanes => reach *= 0.5,
             }
@@ -111,16 +112,8 @@ impl CorridorBuilder {
         }
     }
 
-    /// Cuts off the cells, whose edge is `cell_m`, from the box.
-    fn cut(
-        &mut self,
-        cell_m: f64,
-        a: &Vector3<f64>,
-        b: &Vector3<f64>,
-        low: &Vector3<f64>,
-        high: &Vector3<f64>,
-    ) -> CutResult {
-        let mut polytope = Box::new(box_of(low, high));
+    /// Cuts off the cells, whose edge is `cell_m`, from `polytope`, the box in which they were collected.
+    fn cut(&mut self, cell_m: f64, a: &Vector3<f64>, b: &Vector3<f64>, polytope: &mut Polytope) -> CutResult {
         while let Some(nearest) = self
             .cells
             .iter()
@@ -139,12 +132,12 @@ impl CorridorBuilder {
             self.cells
                 .retain(|(_, center)| normal.dot(center) - half_width_m < plane.offset_m - 2.0 * TOUCHING_M);
         }
-        CutResult::Done(polytope)
+        CutResult::Done
     }
 }
 
 enum CutResult {
-    Done(Box<Polytope>),
+    Done,
     TouchesSegment,
     TooManyPlanes,
 }
