@@ -33,15 +33,19 @@ fn each_service_in_one_flight() {
         arguments.push("--kill".to_owned());
         arguments.push(format!("{service}@{}s", 3 + 3 * index));
     }
+    // Its successor takes over as well.
+    arguments.push("--kill".to_owned());
+    arguments.push(format!("planner@{}s", 3 + 3 * SERVICES.len()));
     let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
     let flight = demo(&arguments);
     assert_eq!(flight.figures["outcome"], "goal", "{}", flight.text);
     assert_eq!(flight.figures["collisions"], 0, "{}", flight.text);
     assert_eq!(flight.figures["fcu_hold_count"], 0, "{}", flight.text);
     let faults = flight.figures["faults"].as_array().unwrap();
-    assert_eq!(faults.len(), SERVICES.len(), "{}", flight.text);
+    assert_eq!(faults.len(), SERVICES.len() + 1, "{}", flight.text);
     for fault in faults {
         assert_eq!(fault["survived"], true, "{fault}\n{}", flight.text);
+        assert!(fault["recovery_ms"].as_f64().unwrap() >= 0.0, "{fault}");
     }
     for service in SERVICES {
         let reported = format!("{service} ended with signal 9, its second instance took over (restart 1)");

@@ -111,9 +111,45 @@ impl Load {
             let file = folder.join("services.toml");
             let name = || file.display().to_string();
             let text = std::fs::read_to_string(&file).map_err(Problem::io(name()))?;
-            let with = format!("[defaults]\npriority = {PRIORITY}\nlock_memory = true\n\n{text}");
+            let with =
+                with_realtime(&text).map_err(|cause| Problem::Other(format!("{}: {cause}", name())))?;
             std::fs::write(&file, with).map_err(Problem::io(name()))?;
         }
         Ok(())
+    }
+}
+
+/// The process table `text` with SCHED_FIFO and locked memory for every row that does not say otherwise. Comments are lost.
+fn with_realtime(text: &str) -> Result<String, String> {
+    let mut table: toml::Table = text.parse().map_err(|error: toml::de::Error| error.to_string())?;
+    let defaults = table
+        .entry("defaults")
+        .or_insert_with(|| toml::Value::Table(toml::Table::new()));
+    let defaults = defaults.as_table_mut().ok_or("\"defaults\" is no table")?;
+    defaults.insert("priority".to_owned(), toml::Value::Integer(i64::from(PRIORITY)));
+    defaults.insert("lock_memory".to_owned(), toml::Value::Boolean(true));
+    toml::to_string(&table).map_err(|error| error.to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::with_realtime;
+
+    #[test]
+    fn realtime_joins_what_a_table_says_of_all_rows_already() {
+        let rows = "[[process]]\nname = \"planner\"\n";
+        for text in [
+            rows.to_owned(),
+            format!("[defaults]\npriority = 3\nlog = \"debug\"\n{rows}"),
+        ] {
+            let table: toml::Table = with_realtime(&text).unwrap().parse().unwrap();
+            let defaults = table["defaults"].as_table().unwrap();
+            assert_eq!(defaults["priority"].as_integer(), Some(10));
+            assert_eq!(defaults["lock_memory"].as_bool(), Some(true));
+            assert_eq!(defaults.contains_key("log"), text.contains("log"));
+            assert_eq!(table["process"][0]["name"].as_str(), Some("planner"));
+        }
+        assert!(with_realtime("defaults = 1").is_err());
+        assert!(with_realtime("[defaults").is_err());
     }
 }

@@ -257,8 +257,10 @@ impl Open {
             if self.record.process == SUPERVISOR {
                 return now.pid != self.before.pid;
             }
+            // Not that it was back after a fault before this one.
             now.restarts > self.before.restarts
                 && now.recovery_us > 0
+                && now.back >= self.begin
                 && matches!(now.state.get(), ServiceState::Active | ServiceState::Standby)
         });
         let over = match self.record.fault {
