@@ -1,6 +1,7 @@
 //! A sensor that is no part of jink, with a topic and a parameter of its own, needs rows in the configuration and nothing
 //! else: the commands know all three, and the value reaches its program.
 
+use jink_runtime::Instance;
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{System, TempFolder, answer, program, until};
 use serde_json::Value;
@@ -101,8 +102,8 @@ fn its_topic_its_sensor_and_its_parameter_are_known_to_all() {
 fn what_its_row_does_not_grant_it_does_not_get() {
     let folder = config("sonar_denied", &ROWS.replace("\"range/scan/sonar\", ", ""));
     let link = format!("link.address=udpin:127.0.0.1:{}", free_udp_port());
-    let up =
-        answer(program("jink", &["--instance", &instance("denied"), "up"]).args(arguments(&folder, &link)));
+    let denied = Own::new("denied");
+    let up = answer(program("jink", &["--instance", &denied.0, "up"]).args(arguments(&folder, &link)));
     assert_eq!(up.code, Some(78), "{up:?}");
     assert!(
         up.stderr
@@ -116,8 +117,8 @@ fn what_its_row_does_not_grant_it_does_not_get() {
         .lines()
         .position(|line| line.contains("plan/route"))
         .unwrap();
-    let up =
-        answer(program("jink", &["--instance", &instance("refused"), "up"]).args(arguments(&folder, &link)));
+    let refused = Own::new("refused");
+    let up = answer(program("jink", &["--instance", &refused.0, "up"]).args(arguments(&folder, &link)));
     let wanted = format!("services.toml:{line}: \"user_sonar\": plan/route may not be published by others");
     assert!(
         up.code == Some(78) && up.stderr.contains(&wanted),
@@ -125,6 +126,19 @@ fn what_its_row_does_not_grant_it_does_not_get() {
     );
 }
 
-fn instance(role: &str) -> String {
-    format!("t_{role}_{}", std::process::id())
+/// An instance of its own that leaves nothing behind.
+struct Own(String);
+
+impl Own {
+    fn new(role: &str) -> Self {
+        Self(format!("t_{role}_{}", std::process::id()))
+    }
+}
+
+impl Drop for Own {
+    fn drop(&mut self) {
+        let instance: Instance = self.0.parse().unwrap();
+        // There is no folder if it was refused before it had one.
+        let _none = std::fs::remove_dir_all(instance.folder());
+    }
 }
