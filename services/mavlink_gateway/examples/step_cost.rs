@@ -1,5 +1,6 @@
 //! What one cycle of the gateway costs, from received bytes to bytes ready to be sent: percentiles over a simulated
-//! flight of ten minutes in a mission. `cargo run --release -p jink-mavlink-gateway --example step_cost`
+//! flight of ten minutes in a mission; and what the figures of `jink top` and `jink status` cost beside that.
+//! `cargo run --release -p jink-mavlink-gateway --example step_cost`
 
 use jink_mavlink_gateway::{
     Body, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Receipt, Received,
@@ -7,15 +8,20 @@ use jink_mavlink_gateway::{
 use jink_mavlink_link::frame::Splitter;
 use jink_shared_types::bezier::{End, quintic_between};
 use jink_shared_types::health::Histogram;
+use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, TrajectoryMode, Verdict};
 use jink_shared_types::ring::SectorRing;
-use jink_shared_types::{Coded, Reading, SampleHeader, Stamped, Timestamp};
+use jink_shared_types::{Coded, Reading, SampleHeader, Stage, Stamped, Timestamp};
 use mavlink::dialects::ardupilotmega::*;
 use nalgebra::Vector3;
 use std::time::Instant;
 
 /// Ticks of 10 ms.
 const TICKS: u32 = 60_000;
+
+/// One takes less than the clock resolves: so many are timed together, so many times.
+const TOGETHER: u32 = 1_000;
+const TIMES: u32 = 1_000;
 
 fn main() {
     let mut gateway = Gateway::new(GatewayConfig {
@@ -104,6 +110,55 @@ fn main() {
             us(f64::from(cost.0.max_us)),
         );
     }
+    figures_of_the_flight(&mut gateway);
+}
+
+/// What `jink top` and `jink status` show of every trajectory: counting it, and handing all counts on, five times a second.
+fn figures_of_the_flight(gateway: &mut Gateway) {
+    let now = Timestamp::from_seconds(2_000.0);
+    let mut header = SampleHeader::at(now.plus_seconds(-0.006));
+    for stage in [
+        Stage::Sensor,
+        Stage::Fusion,
+        Stage::Planner,
+        Stage::Generator,
+        Stage::Guard,
+    ] {
+        header = header.derived(stage, header.capture.plus_seconds(1e-3 * f64::from(stage as u8)));
+    }
+    let counting = nanoseconds_of(|| {
+        gateway.wire(
+            now,
+            Receipt::Setpoint {
+                first_of: Some(header),
+            },
+        );
+    });
+    let from = Box::new(LinkStatus::default());
+    let mut to = Box::new(LinkStatus::default());
+    let copying = nanoseconds_of(|| std::hint::black_box(&mut *to).clone_from(std::hint::black_box(&from)));
+    let mut cycles = Histogram::default();
+    let cycle = nanoseconds_of(|| std::hint::black_box(&mut cycles).record_us(std::hint::black_box(700)));
+    println!("\nfigures of the flight [ns]");
+    println!("{:45} {counting:9.0}", "count the stages of one trajectory");
+    println!(
+        "{:45} {copying:9.0}",
+        format!("hand all counts on ({} bytes)", size_of::<LinkStatus>())
+    );
+    println!("{:45} {cycle:9.0}", "count one cycle of a service");
+}
+
+/// Median time of one call (ns).
+fn nanoseconds_of(mut work: impl FnMut()) -> f64 {
+    let mut times: Vec<f64> = (0..TIMES)
+        .map(|_| {
+            let began = Instant::now();
+            (0..TOGETHER).for_each(|_| work());
+            began.elapsed().as_nanos() as f64 / f64::from(TOGETHER)
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
 }
 
 /// A histogram of microseconds, fed with nanoseconds.
