@@ -22,6 +22,10 @@ const OCCUPIED_FACTOR: u32 = 100;
 /// The same for a cell beside an occupied one, where fewer than two cells side by side are free: too narrow for most
 /// vehicles.
 const NARROW_FACTOR: u32 = 10;
+/// The same for a cell that the fine map has shown to be too narrow for every speed tier, while the vehicle came nowhere:
+/// 12 m per cell. A gap that looks wide enough in cells of 0.4 m would draw the vehicle back as soon as it has left the
+/// fine window.
+const TOO_NARROW_FACTOR: u32 = 30;
 /// For sensors that do not see all around, a detour up to this (2 m) counts as none: the fine search finds the path
 /// round a trunk. When every trunk 40 m ahead counted, a camera was led aside at its start, into what it had not seen.
 /// With scanners, gaps are passed better when every detour counts.
@@ -59,6 +63,10 @@ pub struct DetourMap {
     /// Where paths begin, with the cost there.
     seeds: Vec<(u32, u32)>,
     made_for: Option<MadeFor>,
+    /// Cells that are too narrow, as the fine map has shown: one bit per cell, by the index modulo the size.
+    too_narrow: Vec<u64>,
+    /// The smallest cell of the map for which they are kept.
+    too_narrow_from: [i32; 2],
 }
 
 impl Default for DetourMap {
@@ -71,6 +79,8 @@ impl Default for DetourMap {
             buckets: (0..BUCKETS).map(|_| Vec::with_capacity(BUCKET_CELLS)).collect(),
             seeds: Vec::with_capacity(2 * (FAR_X + FAR_Y)),
             made_for: None,
+            too_narrow: vec![0; FAR_X * FAR_Y / 64],
+            too_narrow_from: [0; 2],
         }
     }
 }
@@ -78,6 +88,12 @@ impl Default for DetourMap {
 /// The index along an axis of the far map's cell that holds the coordinate `m` (m).
 fn far_index(m: f64) -> i32 {
     (m / FAR_CELL_M).floor() as i32
+}
+
+/// Word and bit of a cell among those that are too narrow.
+fn narrow_bit([x, y]: [i32; 2]) -> (usize, usize) {
+    let [x, y] = [x as usize & (FAR_X - 1), y as usize & (FAR_Y - 1)];
+    (y * (FAR_X / 64) + (x >> 6), x & 63)
 }
 
 fn goal_cell(goal: &Point<LocalNed>) -> [i32; 2] {
@@ -88,6 +104,33 @@ impl DetourMap {
     /// There is no far map: no detour is known.
     pub fn reset(&mut self) {
         self.made_for = None;
+        self.forget_narrow();
+    }
+
+    /// Forgets which cells are too narrow: there is another goal, or another map.
+    pub fn forget_narrow(&mut self) {
+        self.too_narrow.fill(0);
+    }
+
+    /// Takes from the fine map which cells are too narrow, for those whose `middle` (local, m) it knows: `is_too_narrow`
+    /// says so of the middles of the cells around `here`, `reach_m` to each side.
+    pub fn learn_narrow(
+        &mut self,
+        map: &FarMap,
+        here: &Point<LocalNed>,
+        reach_m: f64,
+        is_too_narrow: impl Fn(f64, f64) -> bool,
+    ) {
+        self.follow(map);
+        let [low, high] = [-reach_m, reach_m].map(|off_m| [here.x_m, here.y_m].map(|m| far_index(m + off_m)));
+        for y in low[1]..=high[1] {
+            for x in low[0]..=high[0] {
+                let middle_m = |index: i32| (f64::from(index) + 0.5) * FAR_CELL_M;
+                let (word, bit) = narrow_bit([x, y]);
+                let narrow = u64::from(is_too_narrow(middle_m(x), middle_m(y)));
+                self.too_narrow[word] = self.too_narrow[word] & !(1 << bit) | narrow << bit;
+            }
+        }
     }
 
     /// Whether detours to `goal` are known, by whatever map of the `epoch`.
@@ -121,8 +164,37 @@ impl DetourMap {
         self.made_for = made_for;
         self.min_cell = map.min_cell;
         self.cost(map, layers);
+        self.cost_narrow();
         self.expand_dijkstra(goal_cell);
         self.compare(goal_cell, if sees_all_around { 0 } else { FINE_DETOUR });
+    }
+
+    /// Forgets what is too narrow where the map has moved on: those bits belong to other cells now.
+    fn follow(&mut self, map: &FarMap) {
+        let from = [map.min_cell[0], map.min_cell[1]];
+        let before = std::mem::replace(&mut self.too_narrow_from, from);
+        for (axis, size) in [FAR_X, FAR_Y].into_iter().enumerate() {
+            let moved = from[axis].wrapping_sub(before[axis]);
+            let entering = moved.unsigned_abs().min(size as u32) as i32;
+            let first = if moved > 0 {
+                from[axis] + size as i32 - entering
+            } else {
+                from[axis]
+            };
+            for index in first..first + entering {
+                match axis {
+                    0 => {
+                        let (word, bit) = narrow_bit([index, 0]);
+                        let rows = self.too_narrow.chunks_exact_mut(FAR_X / 64);
+                        rows.for_each(|row| row[word] &= !(1 << bit));
+                    }
+                    _ => {
+                        let (word, _) = narrow_bit([0, index]);
+                        self.too_narrow[word..][..FAR_X / 64].fill(0);
+                    }
+                }
+            }
+        }
     }
 
     /// The detour (m) of a path from `cell` (of the fine map) to the goal; zero where nothing is known of one.
@@ -163,6 +235,23 @@ impl DetourMap {
                 let beside_occupied = others.iter().any(|at| self.factor[*at] == OCCUPIED_FACTOR);
                 if self.factor[at] == 1 && beside_occupied {
                     self.factor[at] = NARROW_FACTOR;
+                }
+            }
+        }
+    }
+
+    /// Marks the cells that are too narrow.
+    fn cost_narrow(&mut self) {
+        for y in 0..FAR_Y {
+            for x in 0..FAR_X {
+                let cell = [
+                    self.min_cell[0].wrapping_add(x as i32),
+                    self.min_cell[1].wrapping_add(y as i32),
+                ];
+                let (word, bit) = narrow_bit(cell);
+                let factor = &mut self.factor[FIRST + y * WIDTH + x];
+                if self.too_narrow[word] >> bit & 1 == 1 {
+                    *factor = (*factor).max(TOO_NARROW_FACTOR);
                 }
             }
         }
@@ -319,6 +408,58 @@ mod tests {
         for goal in [[30.0, 5.0], [300.0, -80.0]] {
             let far = far(&map(|_, _| false), goal);
             assert!(far.detour_m.iter().all(|detour_m| *detour_m == 0.0));
+        }
+    }
+
+    #[test]
+    fn a_gap_that_the_fine_map_has_shown_to_be_too_narrow_is_gone_round() {
+        // A wall with a gap of three cells before the goal, and an end 12 m aside.
+        let wall = |x: f64, y: f64| (19.8..20.6).contains(&x) && y > -12.0 && !(-0.6..0.6).contains(&y);
+        let (map, goal, here) = (
+            map(wall),
+            Point::new(40.0, 0.0, -2.5),
+            Point::new(14.0, 0.0, -2.5),
+        );
+        let mut far = DetourMap::default();
+        let mut number = 0;
+        let mut at_the_gap = |far: &mut DetourMap| {
+            number += 1;
+            far.make(&map, number, &goal, &here, true);
+            detour_m(far, 18.0, 0.0)
+        };
+        let before = at_the_gap(&mut far);
+        assert!(before < 4.0, "{before}");
+        let in_the_gap = |x: f64, y: f64| (19.4..21.0).contains(&x) && y.abs() < 0.6;
+        far.learn_narrow(&map, &here, 11.0, in_the_gap);
+        let learned = at_the_gap(&mut far);
+        assert!(learned > before + 4.0, "{learned}");
+        // Seen from elsewhere it is remembered, near it the newest look decides, and another goal begins anew.
+        far.learn_narrow(&map, &Point::new(14.0, 30.0, -2.5), 11.0, |_, _| false);
+        assert_eq!(at_the_gap(&mut far), learned);
+        far.learn_narrow(&map, &here, 11.0, |_, _| false);
+        assert_eq!(at_the_gap(&mut far), before);
+        far.learn_narrow(&map, &here, 11.0, in_the_gap);
+        far.forget_narrow();
+        assert_eq!(at_the_gap(&mut far), before);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+        #[test]
+        fn what_is_too_narrow_is_forgotten_where_the_map_has_moved_on(
+            by in prop::array::uniform2(-300..300i32), cell in prop::array::uniform2(-25..25i32)
+        ) {
+            let mut map = map(|_, _| false);
+            let mut far = DetourMap::default();
+            let here = Point::new(0.0, 0.0, -2.5);
+            let middle = cell.map(|index| (f64::from(index) + 0.5) * FAR_CELL_M);
+            far.learn_narrow(&map, &here, 11.0, |x, y| (x - middle[0]).abs() < 0.1 && (y - middle[1]).abs() < 0.1);
+            let set = |far: &DetourMap| far.too_narrow.iter().map(|word| word.count_ones()).sum::<u32>();
+            prop_assert_eq!(set(&far), 1);
+            map.min_cell = [map.min_cell[0] + by[0], map.min_cell[1] + by[1], map.min_cell[2]];
+            far.follow(&map);
+            let is_inside = (0..2).all(|axis| (0..FAR_X as i32).contains(&(cell[axis] - map.min_cell[axis])));
+            prop_assert_eq!(set(&far), u32::from(is_inside));
         }
     }
 

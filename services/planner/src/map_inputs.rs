@@ -2,12 +2,18 @@
 
 use super::{Planner, PlannerInputs};
 use crate::departure::Departure;
-use crate::speed_tiers::DEGRADED_TIER;
+use crate::speed_tiers::{CRAWL_TIER, DEGRADED_TIER};
 use jink_shared_types::events::{self, EventSample};
+use jink_shared_types::far_map::{FAR_CELL_M, FarMap};
 use jink_shared_types::frames::{LocalNed, Point};
+use jink_shared_types::map::CELL_M;
+use nalgebra::Vector3;
 
 /// What is occupied so near beside a moving obstacle belongs to it (m): a cell, and what it has just left.
 const MOVING_BESIDE_M: f64 = 0.2;
+/// So far from the vehicle (m, to each side) the fine map shows what is too narrow: less than half of it, which the
+/// vehicle may be four cells away from the middle of.
+const NARROW_REACH_M: f64 = 55.0 * CELL_M;
 
 impl Planner {
     /// Loads the map if it is new. Returns whether it is.
@@ -59,6 +65,9 @@ impl Planner {
             Some(far) if !is_due && self.search.detours_mut().is_of(far.sample.epoch, goal) => {}
             Some(far) => {
                 let here = &departure.state.position;
+                if self.progress.is_stalled(departure.splice) {
+                    self.learn_narrow(far.sample, here);
+                }
                 let sees_all_around = self.view.is_all_around();
                 self.search.detours_mut().make(
                     far.sample,
@@ -70,6 +79,24 @@ impl Planner {
             }
             None => self.search.detours_mut().reset(),
         }
+    }
+
+    /// Remembers for the far map which of its cells around `here` the fine one has shown to be too narrow.
+    fn learn_narrow(&mut self, far: &FarMap, here: &Point<LocalNed>) {
+        self.space.prepare(CRAWL_TIER);
+        let (space, down_m) = (&self.space, here.z_m);
+        self.search
+            .detours_mut()
+            .learn_narrow(far, here, NARROW_REACH_M, |x_m, y_m| {
+                let quarter_m = 0.25 * FAR_CELL_M;
+                let is_hit = |off_m: [f64; 2]| {
+                    let place = Vector3::new(x_m + off_m[0], y_m + off_m[1], down_m);
+                    space.is_hit_at(CRAWL_TIER, &place)
+                };
+                [-quarter_m, quarter_m]
+                    .into_iter()
+                    .all(|x_m| is_hit([x_m, -quarter_m]) && is_hit([x_m, quarter_m]))
+            });
     }
 
     /// What only one sensor has seen becomes old sooner where it does not look, so there is less time to stop.
