@@ -112,8 +112,8 @@ impl DetourMap {
         self.too_narrow.fill(0);
     }
 
-    /// Takes from the fine map which cells are too narrow, for those whose `middle` (local, m) it knows: `is_too_narrow`
-    /// says so of the middles of the cells around `here`, `reach_m` to each side.
+    /// Takes from the fine map which cells of `map` are too narrow, up to `reach_m` to each side of `here`: `is_too_narrow` gets
+    /// the middle of each (local, north and east, m).
     pub fn learn_narrow(
         &mut self,
         map: &FarMap,

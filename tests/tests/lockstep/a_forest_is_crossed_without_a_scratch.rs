@@ -40,19 +40,23 @@ pub fn the_same_seed_gives_the_same_flight_to_the_bit() -> Flights {
 }
 
 /// A VLP-16 sees the trap from afar. Without the far map these flights led 1.3 to 1.5 times as far as the straight line; with it
-/// 80 flights of 40 seeds led 1.03 times as far in the median and 1.23 times at most.
+/// 80 flights of 40 seeds led 1.03 times as far in the median and 1.23 times at most. Which one of twenty flies half into the trap
+/// changes with anything, so the median of five is what must be short.
 pub fn trap_flights() -> Flights {
-    let mut flights = Flights::new();
-    for seed in [11, 14] {
-        flights.add(&format!("seed {seed}"), false, move || {
-            let mut cell = Cell::of("utrap".parse().unwrap()).unwrap();
-            cell.sensors = sensor_set("vlp16").unwrap();
-            let report = fly(&cell, seed).unwrap();
-            assert_eq!(report.outcome, FlightOutcome::Goal, "{report:?}");
-            assert!(report.path_ratio < 1.25, "{report:?}");
-        });
-    }
-    flights
+    Flights::of_one("a_vlp_16_goes_round_the_trap", || {
+        let mut cell = Cell::of("utrap".parse().unwrap()).unwrap();
+        cell.sensors = sensor_set("vlp16").unwrap();
+        let mut ratios: Vec<f64> = (11..16)
+            .map(|seed| {
+                let report = fly(&cell, seed).unwrap();
+                assert_eq!(report.outcome, FlightOutcome::Goal, "{report:?}");
+                assert!(report.path_ratio < 1.25, "{report:?}");
+                report.path_ratio
+            })
+            .collect();
+        ratios.sort_by(f64::total_cmp);
+        assert!(ratios[2] < 1.1, "{ratios:?}");
+    })
 }
 
 pub fn world_flights() -> Flights {
