@@ -107,7 +107,7 @@ impl DetourMap {
         self.forget_narrow();
     }
 
-    /// Forgets which cells are too narrow: there is another goal, or another map.
+    /// Forgets which cells are too narrow: there is another goal, or no far map.
     pub fn forget_narrow(&mut self) {
         self.too_narrow.fill(0);
     }

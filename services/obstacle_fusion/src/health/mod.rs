@@ -198,7 +198,7 @@ impl SensorChecks {
     ) -> Option<(&mut MotionCheck, Pose)> {
         let pose = history.at(capture).map(Pose::from)?;
         let motion = &mut self.sensors.get_mut(sensor)?.motion;
-        motion.wants(&pose, capture).then_some((motion, pose))
+        motion.on_frame(&pose, capture).then_some((motion, pose))
     }
 
     /// Faults of all sensors.

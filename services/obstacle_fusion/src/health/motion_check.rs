@@ -264,13 +264,9 @@ impl MotionCheck {
 
     /// A frame has come that was captured at `at`, at `pose`: whether it is to be compared, or kept for a later
     /// comparison. What it gives to do is left to [`MotionCheck::compare_pending`].
-    pub fn wants(&mut self, pose: &Pose, at: Timestamp) -> bool {
+    pub fn on_frame(&mut self, pose: &Pose, at: Timestamp) -> bool {
         self.compare_pending();
         self.is_pending = true;
-        self.is_comparable_with_key(pose, at)
-    }
-
-    fn is_comparable_with_key(&self, pose: &Pose, at: Timestamp) -> bool {
         let Some(key) = self.key.pose.as_ref().filter(|_| self.search.is_none()) else {
             return self.search.is_none();
         };
