@@ -9,9 +9,12 @@
 //! path. Unknown cells count as free. The fine search uses the detour, not the path itself: where there is no obstacle
 //! the detour is zero, and the search is what it would be without a far map.
 
+mod too_narrow;
+
 use jink_shared_types::far_map::{FAR_CELL_M, FAR_X, FAR_Y, FAR_Z, FarMap, far_row_of};
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::map::{CELL_M, Cell};
+use too_narrow::{TOO_NARROW_FACTOR, TooNarrow};
 
 /// Costs are whole numbers: a straight step of one cell, and a diagonal one, 0.2 % longer than the square root of two.
 const STRAIGHT: u32 = 12;
@@ -22,10 +25,6 @@ const OCCUPIED_FACTOR: u32 = 100;
 /// The same for a cell beside an occupied one, where fewer than two cells side by side are free: too narrow for most
 /// vehicles.
 const NARROW_FACTOR: u32 = 10;
-/// The same for a cell that the fine map has shown to be too narrow for every speed tier, while the vehicle came nowhere:
-/// 12 m per cell. A gap that looks wide enough in cells of 0.4 m would draw the vehicle back as soon as it has left the
-/// fine window.
-const TOO_NARROW_FACTOR: u32 = 30;
 /// For sensors that do not see all around, a detour up to this (2 m) counts as none: the fine search finds the path
 /// round a trunk. When every trunk 40 m ahead counted, a camera was led aside at its start, into what it had not seen.
 /// With scanners, gaps are passed better when every detour counts.
@@ -63,10 +62,7 @@ pub struct DetourMap {
     /// Where paths begin, with the cost there.
     seeds: Vec<(u32, u32)>,
     made_for: Option<MadeFor>,
-    /// Cells that are too narrow, as the fine map has shown: one bit per cell, by the index modulo the size.
-    too_narrow: Vec<u64>,
-    /// The smallest cell of the map for which they are kept.
-    too_narrow_from: [i32; 2],
+    too_narrow: TooNarrow,
 }
 
 impl Default for DetourMap {
@@ -79,8 +75,7 @@ impl Default for DetourMap {
             buckets: (0..BUCKETS).map(|_| Vec::with_capacity(BUCKET_CELLS)).collect(),
             seeds: Vec::with_capacity(2 * (FAR_X + FAR_Y)),
             made_for: None,
-            too_narrow: vec![0; FAR_X * FAR_Y / 64],
-            too_narrow_from: [0; 2],
+            too_narrow: TooNarrow::default(),
         }
     }
 }
@@ -88,12 +83,6 @@ impl Default for DetourMap {
 /// The index along an axis of the far map's cell that holds the coordinate `m` (m).
 fn far_index(m: f64) -> i32 {
     (m / FAR_CELL_M).floor() as i32
-}
-
-/// Word and bit of a cell among those that are too narrow.
-fn narrow_bit([x, y]: [i32; 2]) -> (usize, usize) {
-    let [x, y] = [x as usize & (FAR_X - 1), y as usize & (FAR_Y - 1)];
-    (y * (FAR_X / 64) + (x >> 6), x & 63)
 }
 
 fn goal_cell(goal: &Point<LocalNed>) -> [i32; 2] {
@@ -104,33 +93,12 @@ impl DetourMap {
     /// There is no far map: no detour is known.
     pub fn reset(&mut self) {
         self.made_for = None;
-        self.forget_narrow();
+        self.too_narrow.clear();
     }
 
-    /// Forgets which cells are too narrow: there is another goal, or no far map.
-    pub fn forget_narrow(&mut self) {
-        self.too_narrow.fill(0);
-    }
-
-    /// Takes from the fine map which cells of `map` are too narrow, up to `reach_m` to each side of `here`: `is_too_narrow` gets
-    /// the middle of each (local, north and east, m).
-    pub fn learn_narrow(
-        &mut self,
-        map: &FarMap,
-        here: &Point<LocalNed>,
-        reach_m: f64,
-        is_too_narrow: impl Fn(f64, f64) -> bool,
-    ) {
-        self.follow(map);
-        let [low, high] = [-reach_m, reach_m].map(|off_m| [here.x_m, here.y_m].map(|m| far_index(m + off_m)));
-        for y in low[1]..=high[1] {
-            for x in low[0]..=high[0] {
-                let middle_m = |index: i32| (f64::from(index) + 0.5) * FAR_CELL_M;
-                let (word, bit) = narrow_bit([x, y]);
-                let narrow = u64::from(is_too_narrow(middle_m(x), middle_m(y)));
-                self.too_narrow[word] = self.too_narrow[word] & !(1 << bit) | narrow << bit;
-            }
-        }
+    /// The cells that the fine map has shown to be too narrow.
+    pub fn too_narrow_mut(&mut self) -> &mut TooNarrow {
+        &mut self.too_narrow
     }
 
     /// Whether detours to `goal` are known, by whatever map of the `epoch`.
@@ -164,37 +132,10 @@ impl DetourMap {
         self.made_for = made_for;
         self.min_cell = map.min_cell;
         self.cost(map, layers);
-        self.cost_narrow();
+        self.too_narrow.follow(map);
+        self.cost_too_narrow();
         self.expand_dijkstra(goal_cell);
         self.compare(goal_cell, if sees_all_around { 0 } else { FINE_DETOUR });
-    }
-
-    /// Forgets what is too narrow where the map has moved on: those bits belong to other cells now.
-    fn follow(&mut self, map: &FarMap) {
-        let from = [map.min_cell[0], map.min_cell[1]];
-        let before = std::mem::replace(&mut self.too_narrow_from, from);
-        for (axis, size) in [FAR_X, FAR_Y].into_iter().enumerate() {
-            let moved = from[axis].wrapping_sub(before[axis]);
-            let entering = moved.unsigned_abs().min(size as u32) as i32;
-            let first = if moved > 0 {
-                from[axis] + size as i32 - entering
-            } else {
-                from[axis]
-            };
-            for index in first..first + entering {
-                match axis {
-                    0 => {
-                        let (word, bit) = narrow_bit([index, 0]);
-                        let rows = self.too_narrow.chunks_exact_mut(FAR_X / 64);
-                        rows.for_each(|row| row[word] &= !(1 << bit));
-                    }
-                    _ => {
-                        let (word, _) = narrow_bit([0, index]);
-                        self.too_narrow[word..][..FAR_X / 64].fill(0);
-                    }
-                }
-            }
-        }
     }
 
     /// The detour (m) of a path from `cell` (of the fine map) to the goal; zero where nothing is known of one.
@@ -240,20 +181,10 @@ impl DetourMap {
         }
     }
 
-    /// Marks the cells that are too narrow.
-    fn cost_narrow(&mut self) {
-        for y in 0..FAR_Y {
-            for x in 0..FAR_X {
-                let cell = [
-                    self.min_cell[0].wrapping_add(x as i32),
-                    self.min_cell[1].wrapping_add(y as i32),
-                ];
-                let (word, bit) = narrow_bit(cell);
-                let factor = &mut self.factor[FIRST + y * WIDTH + x];
-                if self.too_narrow[word] >> bit & 1 == 1 {
-                    *factor = (*factor).max(TOO_NARROW_FACTOR);
-                }
-            }
+    fn cost_too_narrow(&mut self) {
+        for [x, y] in self.too_narrow.offsets() {
+            let factor = &mut self.factor[FIRST + y * WIDTH + x];
+            *factor = (*factor).max(TOO_NARROW_FACTOR);
         }
     }
 
@@ -430,37 +361,18 @@ mod tests {
         let before = at_the_gap(&mut far);
         assert!(before < 4.0, "{before}");
         let in_the_gap = |x: f64, y: f64| (19.4..21.0).contains(&x) && y.abs() < 0.6;
-        far.learn_narrow(&map, &here, 11.0, in_the_gap);
+        far.too_narrow_mut().learn(&map, &here, 11.0, in_the_gap);
         let learned = at_the_gap(&mut far);
         assert!(learned > before + 4.0, "{learned}");
         // Seen from elsewhere it is remembered, near it the newest look decides, and another goal begins anew.
-        far.learn_narrow(&map, &Point::new(14.0, 30.0, -2.5), 11.0, |_, _| false);
+        far.too_narrow_mut()
+            .learn(&map, &Point::new(14.0, 30.0, -2.5), 11.0, |_, _| false);
         assert_eq!(at_the_gap(&mut far), learned);
-        far.learn_narrow(&map, &here, 11.0, |_, _| false);
+        far.too_narrow_mut().learn(&map, &here, 11.0, |_, _| false);
         assert_eq!(at_the_gap(&mut far), before);
-        far.learn_narrow(&map, &here, 11.0, in_the_gap);
-        far.forget_narrow();
+        far.too_narrow_mut().learn(&map, &here, 11.0, in_the_gap);
+        far.too_narrow_mut().clear();
         assert_eq!(at_the_gap(&mut far), before);
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(32))]
-        #[test]
-        fn what_is_too_narrow_is_forgotten_where_the_map_has_moved_on(
-            by in prop::array::uniform2(-300..300i32), cell in prop::array::uniform2(-25..25i32)
-        ) {
-            let mut map = map(|_, _| false);
-            let mut far = DetourMap::default();
-            let here = Point::new(0.0, 0.0, -2.5);
-            let middle = cell.map(|index| (f64::from(index) + 0.5) * FAR_CELL_M);
-            far.learn_narrow(&map, &here, 11.0, |x, y| (x - middle[0]).abs() < 0.1 && (y - middle[1]).abs() < 0.1);
-            let set = |far: &DetourMap| far.too_narrow.iter().map(|word| word.count_ones()).sum::<u32>();
-            prop_assert_eq!(set(&far), 1);
-            map.min_cell = [map.min_cell[0] + by[0], map.min_cell[1] + by[1], map.min_cell[2]];
-            far.follow(&map);
-            let is_inside = (0..2).all(|axis| (0..FAR_X as i32).contains(&(cell[axis] - map.min_cell[axis])));
-            prop_assert_eq!(set(&far), u32::from(is_inside));
-        }
     }
 
     #[test]

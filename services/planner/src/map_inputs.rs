@@ -87,7 +87,8 @@ impl Planner {
         let (space, down_m) = (&self.space, here.z_m);
         self.search
             .detours_mut()
-            .learn_narrow(far, here, NARROW_REACH_M, |x_m, y_m| {
+            .too_narrow_mut()
+            .learn(far, here, NARROW_REACH_M, |x_m, y_m| {
                 let quarter_m = 0.25 * FAR_CELL_M;
                 let is_hit = |off_m: [f64; 2]| {
                     let place = Vector3::new(x_m + off_m[0], y_m + off_m[1], down_m);

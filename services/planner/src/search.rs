@@ -233,7 +233,7 @@ impl Search {
     /// Forgets which passages failed: there is another goal.
     pub fn forget_failed_passages(&mut self) {
         self.failed.clear();
-        self.detours.forget_narrow();
+        self.detours.too_narrow_mut().clear();
     }
 
     /// Records where `path`, which the vehicle at `position` (local, m) was to follow, leads through a passage near it
