@@ -9,6 +9,7 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{Config, FileName, Path, SemanticString, ServiceName, SignalHandlingMode, ipc};
+use iceoryx2::service::port_factory::{event, publish_subscribe};
 use jink_shared_types::map::LocalMap;
 use jink_shared_types::motion::{ApprovedTrajectory, Route, Trajectory};
 use jink_shared_types::ranges::PointCloud;
@@ -95,8 +96,25 @@ impl<T: Sample> Incoming for In<T> {
     }
 }
 
-fn service(hop: usize) -> Result<ServiceName, Fault> {
-    ServiceName::new(&format!("hop/{hop}")).map_err(fault)
+/// What a hop consists of: its samples, and the event that announces them.
+struct Hop<T: Sample + 'static> {
+    node: Node<ipc::Service>,
+    samples: publish_subscribe::PortFactory<ipc::Service, T, ()>,
+    events: event::PortFactory<ipc::Service>,
+}
+
+impl<T: Sample + 'static> Hop<T> {
+    fn open(args: &StageArgs, hop: usize) -> Result<Self, Fault> {
+        let node = node(args)?;
+        let name = ServiceName::new(&format!("hop/{hop}")).map_err(fault)?;
+        let samples = node.service_builder(&name).publish_subscribe::<T>();
+        let events = node.service_builder(&name).event();
+        Ok(Self {
+            samples: samples.open_or_create().map_err(fault)?,
+            events: events.open_or_create().map_err(fault)?,
+            node,
+        })
+    }
 }
 
 fn out<T: Sample + 'static>(
@@ -104,22 +122,12 @@ fn out<T: Sample + 'static>(
     hop: usize,
     message: usize,
 ) -> Result<Box<dyn Outgoing>, Fault> {
-    let (node, name) = (node(args)?, service(hop)?);
-    let samples = node
-        .service_builder(&name)
-        .publish_subscribe::<T>()
-        .open_or_create()
-        .map_err(fault)?;
-    let events = node
-        .service_builder(&name)
-        .event()
-        .open_or_create()
-        .map_err(fault)?;
+    let hop = Hop::<T>::open(args, hop)?;
     Ok(Box::new(Out {
-        publisher: samples.publisher_builder().create().map_err(fault)?,
-        notifier: events.notifier_builder().create().map_err(fault)?,
+        publisher: hop.samples.publisher_builder().create().map_err(fault)?,
+        notifier: hop.events.notifier_builder().create().map_err(fault)?,
         message,
-        _node: node,
+        _node: hop.node,
     }))
 }
 
@@ -128,22 +136,12 @@ fn incoming<T: Sample + 'static>(
     hop: usize,
     message: usize,
 ) -> Result<Box<dyn Incoming>, Fault> {
-    let (node, name) = (node(args)?, service(hop)?);
-    let samples = node
-        .service_builder(&name)
-        .publish_subscribe::<T>()
-        .open_or_create()
-        .map_err(fault)?;
-    let events = node
-        .service_builder(&name)
-        .event()
-        .open_or_create()
-        .map_err(fault)?;
+    let hop = Hop::<T>::open(args, hop)?;
     Ok(Box::new(In {
-        subscriber: samples.subscriber_builder().create().map_err(fault)?,
-        listener: events.listener_builder().create().map_err(fault)?,
+        subscriber: hop.samples.subscriber_builder().create().map_err(fault)?,
+        listener: hop.events.listener_builder().create().map_err(fault)?,
         message,
-        _node: node,
+        _node: hop.node,
     }))
 }
 
