@@ -12,6 +12,8 @@ pub struct Wire {
     last_setpoint: Timestamp,
     /// When the gateway was woken last.
     woken: Timestamp,
+    /// The capture of the trajectory that was counted last.
+    counted: Timestamp,
 }
 
 impl Wire {
@@ -41,11 +43,13 @@ impl Wire {
     }
 
     /// The autopilot knows at `now` what the trajectory with this header says: it was sent, or is flown already. One that was made of
-    /// no measurement says nothing of how long measurements take.
+    /// no measurement says nothing of how long measurements take, nor does another one of the same measurement: it was made
+    /// later because something else had changed, the goal as a rule.
     pub fn known(&mut self, now: Timestamp, header: &SampleHeader) {
-        if !header.capture.is_set() {
+        if !header.capture.is_set() || header.capture == self.counted {
             return;
         }
+        self.counted = header.capture;
         self.status
             .capture_to_wire
             .record_us(microseconds(now, header.capture));
@@ -146,6 +150,21 @@ mod tests {
             let counted = histograms.map(|histogram| (histogram.count, histogram.max_us));
             assert_eq!(&counted[..STAGES], expected);
         }
+    }
+
+    #[test]
+    fn of_trajectories_of_one_measurement_the_first_is_counted() {
+        let mut wire = Wire::default();
+        let of = |capture: Timestamp| SampleHeader {
+            capture,
+            ..SampleHeader::default()
+        };
+        for (capture, now) in [(at(0), at(10)), (at(0), at(90)), (at(100), at(107))] {
+            wire.known(now, &of(capture));
+        }
+        wire.known(at(120), &of(Timestamp::NEVER));
+        let counted = &wire.status.capture_to_wire;
+        assert_eq!((counted.count, counted.max_us), (2, 10_000));
     }
 
     #[test]
