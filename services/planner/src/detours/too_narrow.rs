@@ -139,8 +139,8 @@ mod tests {
             let middle = cell.map(|index| (f64::from(index) + 0.5) * FAR_CELL_M);
             let is_it = |x: f64, y: f64| (x - middle[0]).abs() < 0.1 && (y - middle[1]).abs() < 0.1;
             narrow.learn(&map, &Point::new(0.0, 0.0, -2.5), 11.0, is_it);
-            for axis in 0..2 {
-                map.min_cell[axis] += by[axis];
+            for (min, by) in map.min_cell.iter_mut().zip(by) {
+                *min += by;
             }
             narrow.follow(&map);
             let offset = [0, 1].map(|axis| cell[axis] - map.min_cell[axis]);
