@@ -11,8 +11,8 @@ use nalgebra::Vector3;
 
 /// What is occupied so near beside a moving obstacle belongs to it (m): a cell, and what it has just left.
 const MOVING_BESIDE_M: f64 = 0.2;
-/// So far from the vehicle (m, to each side) the fine map shows what is too narrow: less than half of it, which the
-/// vehicle may be four cells away from the middle of.
+/// So far from the vehicle (m, to each side) the fine map shows what is too narrow: it reaches 64 cells from its middle, off which
+/// the vehicle may be by four, and what is at its border has too little around it to be judged.
 const NARROW_REACH_M: f64 = 55.0 * CELL_M;
 
 impl Planner {

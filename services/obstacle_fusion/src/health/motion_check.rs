@@ -220,7 +220,7 @@ struct CauseSearch {
 pub(super) struct MotionCheck {
     key: Snapshot,
     now: Snapshot,
-    /// What the newest frame gives to do has not been done yet.
+    /// A frame has come since the last [`MotionCheck::compare_pending`].
     is_pending: bool,
     /// The newest frame is kept in `now`, to be compared.
     is_taken: bool,
@@ -263,7 +263,7 @@ impl MotionCheck {
     }
 
     /// A frame has come that was captured at `at`, at `pose`: whether it is to be compared, or kept for a later
-    /// comparison. What it gives to do is left to [`MotionCheck::compare_pending`].
+    /// comparison. [`MotionCheck::compare_pending`] does so.
     pub fn on_frame(&mut self, pose: &Pose, at: Timestamp) -> bool {
         self.compare_pending();
         self.is_pending = true;
@@ -334,8 +334,8 @@ impl MotionCheck {
         self.is_taken = true;
     }
 
-    /// Does what the newest frame gives to do, once: its comparison, the next part of a search. It takes up to a
-    /// few milliseconds and the map does not depend on it, so it has time until the map is published.
+    /// Once per frame: compares it, and continues a search. It takes up to a few milliseconds and the map does not depend on
+    /// it, so it has time until the map is published.
     pub fn compare_pending(&mut self) {
         if !std::mem::take(&mut self.is_pending) {
             return;
