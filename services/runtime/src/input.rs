@@ -12,6 +12,7 @@ use jink_shared_types::topics::TopicRow;
 use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
 use std::cell::Cell;
 use std::fmt;
+use std::marker::PhantomData;
 use std::rc::Rc;
 
 /// A stamp this far ahead of the clock is wrong (s): processes of one board read one clock.
@@ -112,16 +113,17 @@ impl fmt::Display for Refusal {
 }
 
 impl Refusal {
-    fn judge<T: Layout>(checks: Checks, header: &SampleHeader, payload: &T, now: Timestamp) -> Option<Self> {
+    fn judge(checks: Checks, subscriber: &Subscriber, sample: &Sample, now: Timestamp) -> Option<Self> {
         if checks == Checks::None {
             return None;
         }
+        let header = sample.header();
         let ahead_s = header.publish.max(header.capture).seconds_since(now);
         if ahead_s > FUTURE_S {
             Some(Self::Future { ahead_s })
         } else if !header.publish.is_set() {
             Some(Self::Unstamped)
-        } else if checks == Checks::All && !payload.is_plausible() {
+        } else if checks == Checks::All && !subscriber.is_plausible(sample) {
             Some(Self::Implausible)
         } else {
             None
@@ -130,11 +132,131 @@ impl Refusal {
 }
 
 /// A topic opened for reading.
-pub struct Input<T: Layout> {
-    subscriber: Subscriber<T>,
+pub struct Input<T> {
+    port: InputPort,
+    payload: PhantomData<fn() -> T>,
+}
+
+impl<T> fmt::Debug for Input<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Input({})", self.port.name)
+    }
+}
+
+impl<T: Layout> Input<T> {
+    /// `subscriber` is one of samples of `T`.
+    pub(crate) fn new(
+        subscriber: Subscriber,
+        clock: Clock,
+        name: String,
+        row: &TopicRow,
+        producer: String,
+    ) -> Self {
+        Self {
+            port: InputPort {
+                subscriber,
+                clock,
+                checks: Checks::All,
+                newest: None,
+                last_sequence: 0,
+                name,
+                lost: 0,
+                health: Rc::new(InputHealth {
+                    newest: Cell::default(),
+                    deadline_ms: row.deadline_ms,
+                    needed: Cell::new(false),
+                    producer,
+                    refused: Cell::new(0),
+                    refused_at: Cell::new(Timestamp::NEVER),
+                    reported: Cell::new(0),
+                    reported_at: Cell::new(Timestamp::NEVER),
+                }),
+                ownership: None,
+                of_all: row.is_shared(),
+                waiting_max: row.buffer * row.max_publishers(),
+            },
+            payload: PhantomData,
+        }
+    }
+
+    /// Reports every sample taken to `ownership`.
+    pub(crate) fn with_ownership(mut self, ownership: &Rc<Ownership>) -> Self {
+        self.port.ownership = Some(Rc::clone(ownership));
+        self
+    }
+
+    /// Hands out the samples of every producer, not only those of the newest one: for topics on which an instance and
+    /// its shadow both publish.
+    pub fn of_all_producers(mut self) -> Self {
+        self.port.of_all = true;
+        self
+    }
+
+    /// Looks at less before a sample is handed out.
+    pub fn with_checks(mut self, checks: Checks) -> Self {
+        self.port.checks = checks;
+        self
+    }
+
+    /// Marks the input as one the service cannot work without: while it is stale, the service is degraded.
+    pub fn needed(self) -> Self {
+        self.port.health.needed.set(true);
+        self
+    }
+
+    /// The topic's name.
+    pub fn name(&self) -> &str {
+        &self.port.name
+    }
+
+    /// Samples that were overwritten before they could be read; not counted where several producers publish at once.
+    pub fn lost(&self) -> u64 {
+        self.port.lost
+    }
+
+    /// Samples that were refused: stamps in the future, numbers that make no sense.
+    pub fn refused(&self) -> u64 {
+        self.port.health.refused.get()
+    }
+
+    pub(crate) fn health(&self) -> Rc<InputHealth> {
+        Rc::clone(&self.port.health)
+    }
+
+    /// Takes all waiting samples and returns the newest one ever received, judged against the topic's deadline.
+    pub fn latest(&mut self, now: Timestamp) -> Reading<'_, T> {
+        let mut left = self.port.waiting_max;
+        while self.port.receive(&mut left).is_some() {}
+        Reading::judge(self.newest(), now, self.port.health.deadline_ms)
+    }
+
+    /// Hands every sample that waits to `visit`, oldest first. What is published meanwhile is for the next call.
+    pub fn each(&mut self, mut visit: impl FnMut(Stamped<'_, T>)) {
+        let mut left = self.port.waiting_max;
+        while self.port.receive(&mut left).is_some() {
+            if let Some(stamped) = self.newest() {
+                visit(stamped);
+            }
+        }
+    }
+
+    /// The newest sample received so far, however old: for what must outlive its producer.
+    pub fn newest(&self) -> Option<Stamped<'_, T>> {
+        self.port.newest.as_ref().map(|sample| Stamped {
+            #[allow(unsafe_code)]
+            // SAFETY: the subscriber is one of samples of `T`.
+            sample: unsafe { sample.payload() },
+            header: sample.header(),
+        })
+    }
+}
+
+/// What is the same for every payload.
+struct InputPort {
+    subscriber: Subscriber,
     clock: Clock,
     checks: Checks,
-    newest: Option<Sample<T>>,
+    newest: Option<Sample>,
     last_sequence: u64,
     name: String,
     lost: u64,
@@ -147,113 +269,7 @@ pub struct Input<T: Layout> {
     waiting_max: usize,
 }
 
-impl<T: Layout> fmt::Debug for Input<T> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Input({})", self.name)
-    }
-}
-
-impl<T: Layout> Input<T> {
-    pub(crate) fn new(
-        subscriber: Subscriber<T>,
-        clock: Clock,
-        name: String,
-        row: &TopicRow,
-        producer: String,
-    ) -> Self {
-        Self {
-            subscriber,
-            clock,
-            checks: Checks::All,
-            newest: None,
-            last_sequence: 0,
-            name,
-            lost: 0,
-            health: Rc::new(InputHealth {
-                newest: Cell::default(),
-                deadline_ms: row.deadline_ms,
-                needed: Cell::new(false),
-                producer,
-                refused: Cell::new(0),
-                refused_at: Cell::new(Timestamp::NEVER),
-                reported: Cell::new(0),
-                reported_at: Cell::new(Timestamp::NEVER),
-            }),
-            ownership: None,
-            of_all: row.is_shared(),
-            waiting_max: row.buffer * row.max_publishers(),
-        }
-    }
-
-    /// Reports every sample taken to `ownership`.
-    pub(crate) fn with_ownership(mut self, ownership: &Rc<Ownership>) -> Self {
-        self.ownership = Some(Rc::clone(ownership));
-        self
-    }
-
-    /// Hands out the samples of every producer, not only those of the newest one: for topics on which an instance and
-    /// its shadow both publish.
-    pub fn of_all_producers(mut self) -> Self {
-        self.of_all = true;
-        self
-    }
-
-    /// Looks at less before a sample is handed out.
-    pub fn with_checks(mut self, checks: Checks) -> Self {
-        self.checks = checks;
-        self
-    }
-
-    /// Marks the input as one the service cannot work without: while it is stale, the service is degraded.
-    pub fn needed(self) -> Self {
-        self.health.needed.set(true);
-        self
-    }
-
-    /// The topic's name.
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Samples that were overwritten before they could be read; not counted where several producers publish at once.
-    pub fn lost(&self) -> u64 {
-        self.lost
-    }
-
-    /// Samples that were refused: stamps in the future, numbers that make no sense.
-    pub fn refused(&self) -> u64 {
-        self.health.refused.get()
-    }
-
-    pub(crate) fn health(&self) -> Rc<InputHealth> {
-        Rc::clone(&self.health)
-    }
-
-    /// Takes all waiting samples and returns the newest one ever received, judged against the topic's deadline.
-    pub fn latest(&mut self, now: Timestamp) -> Reading<'_, T> {
-        let mut left = self.waiting_max;
-        while self.receive(&mut left).is_some() {}
-        Reading::judge(self.newest(), now, self.health.deadline_ms)
-    }
-
-    /// Hands every sample that waits to `visit`, oldest first. What is published meanwhile is for the next call.
-    pub fn each(&mut self, mut visit: impl FnMut(Stamped<'_, T>)) {
-        let mut left = self.waiting_max;
-        while self.receive(&mut left).is_some() {
-            if let Some(stamped) = self.newest() {
-                visit(stamped);
-            }
-        }
-    }
-
-    /// The newest sample received so far, however old: for what must outlive its producer.
-    pub fn newest(&self) -> Option<Stamped<'_, T>> {
-        self.newest.as_ref().map(|sample| Stamped {
-            sample: sample.payload(),
-            header: sample.header(),
-        })
-    }
-
+impl InputPort {
     /// Moves to the next unread sample that can be used, of `left` that may be taken. Samples of a producer that has been replaced
     /// may arrive after those of its successor: what does not advance the sequence is dropped, as long as the newest sample is
     /// fresh. After that whoever publishes counts, so that a sequence number from nowhere silences nobody for longer.
@@ -263,7 +279,7 @@ impl<T: Layout> Input<T> {
             let sample = self.subscriber.receive()?;
             let now = self.clock.now();
             let header = sample.header();
-            if let Some(refusal) = Refusal::judge(self.checks, header, sample.payload(), now) {
+            if let Some(refusal) = Refusal::judge(self.checks, &self.subscriber, &sample, now) {
                 self.health.refuse(&self.name, header, refusal, now);
                 continue;
             }

@@ -10,7 +10,7 @@ use crate::output::Output;
 use crate::transport::local::LocalBus;
 use crate::transport::shared::Connection;
 pub use crate::transport::shared::RawInput;
-use crate::transport::{Publisher, Subscriber, Wakeup};
+use crate::transport::{PayloadType, Publisher, PublisherPort, Subscriber, SubscriberPort, Wakeup};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::shape::Shape;
 use jink_shared_types::suggestion::{DidYouMean, nearest};
@@ -138,13 +138,14 @@ impl Session {
         let name = topic.row.topic_name(member);
         let allowed = topic.row.may_publish(&self.program) || self.grants.may_publish(&name);
         self.check(&topic.row, allowed, "publish")?;
-        let publisher = match &self.transport {
+        let payload = PayloadType::of::<T>();
+        let port = match &self.transport {
             Transport::Shared(connection) => {
-                Publisher::Shared(Box::new(connection.publisher(&topic, &name)?))
+                PublisherPort::Shared(Box::new(connection.publisher(&topic.row, &name, payload)?))
             }
-            Transport::Local(bus) => Publisher::Local(bus.publisher(&topic, &name)?),
+            Transport::Local(bus) => PublisherPort::Local(bus.publisher(&topic.row, &name, payload)?),
         };
-        Ok(Output::new(publisher, self.clock(), generation))
+        Ok(Output::new(Publisher::new(payload, port), self.clock(), generation))
     }
 
     /// Opens `topic` for reading.
@@ -155,10 +156,14 @@ impl Session {
         let name = topic.row.topic_name(member);
         let allowed = topic.row.may_read(&self.program) || self.grants.may_read(&name);
         self.check(&topic.row, allowed, "read")?;
-        let subscriber = match &self.transport {
-            Transport::Shared(connection) => Subscriber::Shared(connection.subscriber(&topic, &name)?),
-            Transport::Local(bus) => Subscriber::Local(bus.subscriber(&topic, &name)?),
+        let payload = PayloadType::of::<T>();
+        let port = match &self.transport {
+            Transport::Shared(connection) => {
+                SubscriberPort::Shared(connection.subscriber(&topic.row, &name, payload)?)
+            }
+            Transport::Local(bus) => SubscriberPort::Local(bus.subscriber(&topic.row, &name, payload)?),
         };
+        let subscriber = Subscriber::new(payload, port);
         let producer = match topic.row.producers {
             [only] if *only != "*" => (*only).to_owned(),
             _ => name.clone(),
@@ -172,7 +177,7 @@ impl Session {
         let name = topic.row.topic_name(member);
         Ok(match &self.transport {
             Transport::Shared(connection) => Wakeup::Shared(Box::new(connection.wakeup(&name)?)),
-            Transport::Local(bus) => Wakeup::Local(bus.wakeup::<T>(&name)?),
+            Transport::Local(bus) => Wakeup::Local(bus.wakeup(&name, PayloadType::of::<T>())?),
         })
     }
 
@@ -182,10 +187,10 @@ impl Session {
     /// See [`OpenError`].
     pub fn hold<T: Layout>(&self, topic: Topic<T>, member: &str) -> Result<HeldTopic, OpenError> {
         let name = topic.row.topic_name(member);
-        let topic = Topic::<T>::of_row(self.foreign.with_readers(topic.row, &name));
+        let row = self.foreign.with_readers(topic.row, &name);
         Ok(HeldTopic {
             _held: match &self.transport {
-                Transport::Shared(connection) => Some(connection.hold(&topic, &name)?),
+                Transport::Shared(connection) => Some(connection.hold(&row, &name, PayloadType::of::<T>())?),
                 // A topic is there as long as its bus.
                 Transport::Local(_) => None,
             },

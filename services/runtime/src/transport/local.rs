@@ -1,11 +1,9 @@
 //! Within one process: topics as slots, time as it is set. Nothing here waits, and nothing depends on the machine.
 
+use super::PayloadType;
 use crate::open_error::OpenError;
-use jink_shared_types::layout::{Layout, type_name};
-use jink_shared_types::sample::zeroed_box;
-use jink_shared_types::topics::Topic;
+use jink_shared_types::topics::TopicRow;
 use jink_shared_types::{SampleHeader, Timestamp};
-use std::any::Any;
 use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, VecDeque};
 use std::fmt;
@@ -17,7 +15,7 @@ pub struct LocalBus(Rc<Inner>);
 
 struct Inner {
     now: Cell<Timestamp>,
-    topics: RefCell<BTreeMap<String, Box<dyn Any>>>,
+    topics: RefCell<BTreeMap<String, Rc<Channel>>>,
     publishers: Cell<u64>,
 }
 
@@ -47,12 +45,13 @@ impl LocalBus {
         self.0.now.set(self.now().max(now));
     }
 
-    pub(crate) fn publisher<T: Layout>(
+    pub(crate) fn publisher(
         &self,
-        topic: &Topic<T>,
+        row: &TopicRow,
         name: &str,
-    ) -> Result<Publisher<T>, OpenError> {
-        let channel = self.channel::<T>(name)?;
+        payload: PayloadType,
+    ) -> Result<Publisher, OpenError> {
+        let channel = self.channel(name, payload)?;
         let last = Rc::new(RefCell::new(None));
         channel.publishers.borrow_mut().push(Rc::downgrade(&last));
         let number = self.0.publishers.get();
@@ -62,18 +61,19 @@ impl LocalBus {
             number,
             last,
             pool: Vec::new(),
-            wakes: topic.row.wakes,
+            wakes: row.wakes,
         })
     }
 
-    pub(crate) fn subscriber<T: Layout>(
+    pub(crate) fn subscriber(
         &self,
-        topic: &Topic<T>,
+        row: &TopicRow,
         name: &str,
-    ) -> Result<Subscriber<T>, OpenError> {
-        let channel = self.channel::<T>(name)?;
+        payload: PayloadType,
+    ) -> Result<Subscriber, OpenError> {
+        let channel = self.channel(name, payload)?;
         let queue = Rc::new(Queue {
-            buffer: topic.row.buffer,
+            buffer: row.buffer,
             slots: RefCell::default(),
         });
         for last in channel.publishers.borrow().iter().filter_map(Weak::upgrade) {
@@ -85,61 +85,65 @@ impl LocalBus {
         Ok(Subscriber(queue))
     }
 
-    pub(crate) fn wakeup<T: Layout>(&self, name: &str) -> Result<Rc<Cell<bool>>, OpenError> {
+    pub(crate) fn wakeup(&self, name: &str, payload: PayloadType) -> Result<Rc<Cell<bool>>, OpenError> {
         let flag = Rc::new(Cell::new(false));
-        let channel = self.channel::<T>(name)?;
+        let channel = self.channel(name, payload)?;
         channel.flags.borrow_mut().push(Rc::downgrade(&flag));
         Ok(flag)
     }
 
-    fn channel<T: Layout>(&self, name: &str) -> Result<Rc<Channel<T>>, OpenError> {
+    fn channel(&self, name: &str, payload: PayloadType) -> Result<Rc<Channel>, OpenError> {
         let mut topics = self.0.topics.borrow_mut();
         if let Some(found) = topics.get(name) {
-            return found
-                .downcast_ref::<Rc<Channel<T>>>()
-                .cloned()
-                .ok_or_else(|| OpenError::Layout {
+            return match found.payload.name == payload.name {
+                true => Ok(Rc::clone(found)),
+                false => Err(OpenError::Layout {
                     topic: name.to_owned(),
-                    ours: type_name::<T>(),
-                });
+                    ours: payload.name,
+                }),
+            };
         }
-        let channel = Rc::new(Channel::<T> {
+        let channel = Rc::new(Channel {
+            payload,
             queues: RefCell::default(),
             publishers: RefCell::default(),
             flags: RefCell::default(),
         });
-        topics.insert(name.to_owned(), Box::new(Rc::clone(&channel)));
+        topics.insert(name.to_owned(), Rc::clone(&channel));
         Ok(channel)
     }
 }
 
 /// A sample in the memory of this process.
-pub(crate) struct Slot<T> {
+#[derive(Clone)]
+pub(crate) struct Slot {
     pub(crate) header: SampleHeader,
-    pub(crate) payload: Box<T>,
+    /// The payload, in units of the largest alignment that a payload has.
+    pub(crate) payload: Box<[u64]>,
 }
 
 /// The newest sample of a publisher, with the publisher's number.
-type Last<T> = RefCell<Option<(u64, Rc<Slot<T>>)>>;
+type Last = RefCell<Option<(u64, Rc<Slot>)>>;
 
 /// One topic.
-struct Channel<T> {
-    queues: RefCell<Vec<Weak<Queue<T>>>>,
-    publishers: RefCell<Vec<Weak<Last<T>>>>,
+struct Channel {
+    payload: PayloadType,
+    queues: RefCell<Vec<Weak<Queue>>>,
+    publishers: RefCell<Vec<Weak<Last>>>,
     flags: RefCell<Vec<Weak<Cell<bool>>>>,
 }
 
 /// What one reader has not read yet, with the publishers' numbers.
-struct Queue<T> {
+struct Queue {
     buffer: usize,
-    slots: RefCell<VecDeque<(u64, Rc<Slot<T>>)>>,
+    slots: RefCell<VecDeque<(u64, Rc<Slot>)>>,
 }
 
-impl<T> Queue<T> {
+impl Queue {
     /// The oldest unread sample of the same publisher gives way.
-    fn push(&self, publisher: u64, slot: &Rc<Slot<T>>) {
+    fn push(&self, publisher: u64, slot: &Rc<Slot>) {
         let mut slots = self.slots.borrow_mut();
-        let of_the_same = |(number, _): &&(u64, Rc<Slot<T>>)| *number == publisher;
+        let of_the_same = |(number, _): &&(u64, Rc<Slot>)| *number == publisher;
         if slots.iter().filter(of_the_same).count() >= self.buffer
             && let Some(oldest) = slots.iter().position(|(number, _)| *number == publisher)
         {
@@ -150,41 +154,37 @@ impl<T> Queue<T> {
 }
 
 /// A topic opened for publishing.
-pub(crate) struct Publisher<T> {
-    channel: Rc<Channel<T>>,
+pub(crate) struct Publisher {
+    channel: Rc<Channel>,
     number: u64,
-    last: Rc<Last<T>>,
+    last: Rc<Last>,
     /// Every sample ever made: those that nobody holds any more are used again.
-    pool: Vec<Rc<Slot<T>>>,
+    pool: Vec<Rc<Slot>>,
     wakes: bool,
 }
 
-impl<T: Layout> Publisher<T> {
-    pub(crate) fn write(
-        &mut self,
-        fill: impl FnOnce(&mut T),
-        seal: impl FnOnce(&T) -> Option<SampleHeader>,
-    ) -> bool {
-        let mut slot = match self.pool.iter().position(|slot| Rc::strong_count(slot) == 1) {
+impl Publisher {
+    /// The memory of an older sample that nobody holds any more, or new memory, zeroed.
+    pub(crate) fn loan(&mut self) -> Rc<Slot> {
+        match self.pool.iter().position(|slot| Rc::strong_count(slot) == 1) {
             Some(free) => self.pool.swap_remove(free),
             None => Rc::new(Slot {
                 header: SampleHeader::default(),
-                payload: zeroed_box(),
+                payload: vec![0; self.channel.payload.size.div_ceil(size_of::<u64>())].into_boxed_slice(),
             }),
-        };
-        let header = Rc::get_mut(&mut slot).and_then(|slot| {
-            fill(&mut slot.payload);
-            slot.header = seal(&slot.payload)?;
-            Some(slot.header)
-        });
-        if header.is_some() {
-            self.send(&slot);
         }
-        self.pool.push(slot);
-        true
     }
 
-    fn send(&self, slot: &Rc<Slot<T>>) {
+    /// Sends a loaned sample, or takes its memory back if it has no header.
+    pub(crate) fn send(&mut self, mut slot: Rc<Slot>, header: Option<SampleHeader>) {
+        if let (Some(loan), Some(header)) = (Rc::get_mut(&mut slot), header) {
+            loan.header = header;
+            self.deliver(&slot);
+        }
+        self.pool.push(slot);
+    }
+
+    fn deliver(&self, slot: &Rc<Slot>) {
         *self.last.borrow_mut() = Some((self.number, Rc::clone(slot)));
         self.channel.queues.borrow_mut().retain(|queue| {
             let queue = queue.upgrade();
@@ -206,10 +206,10 @@ impl<T: Layout> Publisher<T> {
 }
 
 /// A topic opened for reading.
-pub(crate) struct Subscriber<T>(Rc<Queue<T>>);
+pub(crate) struct Subscriber(Rc<Queue>);
 
-impl<T> Subscriber<T> {
-    pub(crate) fn receive(&mut self) -> Option<Rc<Slot<T>>> {
+impl Subscriber {
+    pub(crate) fn receive(&mut self) -> Option<Rc<Slot>> {
         self.0.slots.borrow_mut().pop_front().map(|(_, slot)| slot)
     }
 }

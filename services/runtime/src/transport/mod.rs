@@ -11,78 +11,177 @@
 //! | another layout under the same name | refused | refused |
 //! | clock | CLOCK_MONOTONIC | as it is set |
 
+//! Neither knows the type of a payload, only its [`PayloadType`]: so they are compiled once, not for each payload in each program.
+#![allow(unsafe_code)]
+
 pub(crate) mod local;
 pub(crate) mod shared;
 
 use jink_shared_types::SampleHeader;
-use jink_shared_types::layout::Layout;
+use jink_shared_types::layout::{Layout, type_name};
 use std::cell::Cell;
 use std::os::fd::BorrowedFd;
 use std::rc::Rc;
 
-/// One topic's samples, as they are sent.
-pub(crate) enum Publisher<T: Layout> {
-    Shared(Box<shared::Publisher<T>>),
-    Local(local::Publisher<T>),
+/// What a topic carries, as the transport sees it.
+#[derive(Clone, Copy)]
+pub(crate) struct PayloadType {
+    /// With its layout hash.
+    pub(crate) name: &'static str,
+    /// Bytes.
+    pub(crate) size: usize,
+    pub(crate) align: usize,
+    is_plausible: fn(&Sealed) -> bool,
 }
 
-impl<T: Layout> Publisher<T> {
-    /// Lets `fill` write the payload over that of an older sample. If `seal` then answers with a header, the sample is sent
-    /// and its readers are woken. Returns whether there was memory for it.
-    pub(crate) fn write(
-        &mut self,
-        fill: impl FnOnce(&mut T),
-        seal: impl FnOnce(&T) -> Option<SampleHeader>,
-    ) -> bool {
-        match self {
-            Self::Shared(publisher) => publisher.write(fill, seal),
-            Self::Local(publisher) => publisher.write(fill, seal),
+/// A payload of the type that its [`PayloadType`] names.
+pub(crate) struct Sealed(*const u8);
+
+impl PayloadType {
+    pub(crate) fn of<T: Layout>() -> Self {
+        const { assert!(align_of::<T>() <= align_of::<u64>(), "slots have the alignment of u64") };
+        Self {
+            name: type_name::<T>(),
+            size: size_of::<T>(),
+            align: align_of::<T>(),
+            // SAFETY: only a payload of this type is sealed with it.
+            is_plausible: |payload| unsafe { &*payload.0.cast::<T>() }.is_plausible(),
+        }
+    }
+}
+
+/// One topic's samples, as they are sent.
+pub(crate) struct Publisher {
+    payload: PayloadType,
+    port: PublisherPort,
+}
+
+pub(crate) enum PublisherPort {
+    Shared(Box<shared::Publisher>),
+    Local(local::Publisher),
+}
+
+impl Publisher {
+    pub(crate) fn new(payload: PayloadType, port: PublisherPort) -> Self {
+        Self { payload, port }
+    }
+
+    /// Memory for a sample: that of an older one, or zeros. `None` if there is none left.
+    pub(crate) fn loan(&mut self) -> Option<Loan> {
+        match &mut self.port {
+            PublisherPort::Shared(publisher) => publisher.loan().map(Loan::Shared),
+            PublisherPort::Local(publisher) => Some(Loan::Local(publisher.loan())),
+        }
+    }
+
+    /// Whether a loaned sample can be used ([`Layout::is_plausible`]).
+    pub(crate) fn is_plausible(&self, loan: &mut Loan) -> bool {
+        (self.payload.is_plausible)(&Sealed(loan.payload()))
+    }
+
+    /// Sends a loaned sample and wakes its readers, or drops it if it has no header. Returns whether that has worked.
+    pub(crate) fn send(&mut self, loan: Loan, header: Option<SampleHeader>) -> bool {
+        match (&mut self.port, loan) {
+            (PublisherPort::Shared(publisher), Loan::Shared(loan)) => {
+                header.is_none_or(|header| publisher.send(loan, header))
+            }
+            (PublisherPort::Local(publisher), Loan::Local(slot)) => {
+                publisher.send(slot, header);
+                true
+            }
+            _ => false,
         }
     }
 
     /// Connects to readers that have come since the last sample.
     pub(crate) fn connect(&self) {
-        if let Self::Shared(publisher) = self {
+        if let PublisherPort::Shared(publisher) = &self.port {
             publisher.connect();
         }
     }
 }
 
-/// One topic's samples, as they are received.
-pub(crate) enum Subscriber<T: Layout> {
-    Shared(shared::Subscriber<T>),
-    Local(local::Subscriber<T>),
+/// Memory for a sample.
+pub(crate) enum Loan {
+    Shared(shared::Loan),
+    Local(Rc<local::Slot>),
 }
 
-impl<T: Layout> Subscriber<T> {
-    /// The next unread sample.
-    pub(crate) fn receive(&mut self) -> Option<Sample<T>> {
+impl Loan {
+    fn payload(&mut self) -> *mut u8 {
         match self {
-            Self::Shared(subscriber) => subscriber.receive().map(Sample::Shared),
-            Self::Local(subscriber) => subscriber.receive().map(Sample::Local),
+            Self::Shared(loan) => loan.payload(),
+            // Nobody else holds a slot that is loaned: nothing is copied.
+            Self::Local(slot) => Rc::make_mut(slot).payload.as_mut_ptr().cast(),
         }
+    }
+
+    /// # Safety
+    /// It is a loan of a publisher of `T`.
+    pub(crate) unsafe fn payload_mut<T: Layout>(&mut self) -> &mut T {
+        // SAFETY: the memory has size and alignment of a `T`, it was initialised by zeros or by an older sample, and `Layout`
+        // promises that every bit pattern is a valid `T`.
+        unsafe { &mut *self.payload().cast::<T>() }
+    }
+}
+
+/// One topic's samples, as they are received.
+pub(crate) struct Subscriber {
+    payload: PayloadType,
+    port: SubscriberPort,
+}
+
+pub(crate) enum SubscriberPort {
+    Shared(shared::Subscriber),
+    Local(local::Subscriber),
+}
+
+impl Subscriber {
+    pub(crate) fn new(payload: PayloadType, port: SubscriberPort) -> Self {
+        Self { payload, port }
+    }
+
+    /// The next unread sample.
+    pub(crate) fn receive(&mut self) -> Option<Sample> {
+        match &mut self.port {
+            SubscriberPort::Shared(subscriber) => subscriber.receive().map(Sample::Shared),
+            SubscriberPort::Local(subscriber) => subscriber.receive().map(Sample::Local),
+        }
+    }
+
+    /// Whether a received sample can be used ([`Layout::is_plausible`]).
+    pub(crate) fn is_plausible(&self, sample: &Sample) -> bool {
+        (self.payload.is_plausible)(&Sealed(sample.bytes()))
     }
 }
 
 /// A sample that was received and stays as it is while this lives.
-pub(crate) enum Sample<T: Layout> {
-    Shared(shared::Sample<T>),
-    Local(Rc<local::Slot<T>>),
+pub(crate) enum Sample {
+    Shared(shared::Sample),
+    Local(Rc<local::Slot>),
 }
 
-impl<T: Layout> Sample<T> {
+impl Sample {
     pub(crate) fn header(&self) -> &SampleHeader {
         match self {
-            Self::Shared(sample) => sample.user_header(),
+            Self::Shared(sample) => sample.header(),
             Self::Local(slot) => &slot.header,
         }
     }
 
-    pub(crate) fn payload(&self) -> &T {
+    fn bytes(&self) -> *const u8 {
         match self {
-            Self::Shared(sample) => sample.payload(),
-            Self::Local(slot) => &slot.payload,
+            Self::Shared(sample) => sample.bytes(),
+            Self::Local(slot) => slot.payload.as_ptr().cast(),
         }
+    }
+
+    /// # Safety
+    /// It was received by a subscriber of `T`.
+    pub(crate) unsafe fn payload<T: Layout>(&self) -> &T {
+        // SAFETY: a topic opens only for a `T` of the same name, size and alignment, the sample keeps the memory, and `Layout`
+        // promises that every bit pattern is a valid `T`.
+        unsafe { &*self.bytes().cast::<T>() }
     }
 }
 

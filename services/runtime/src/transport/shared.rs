@@ -4,6 +4,7 @@
 //! loses the oldest sample, it never blocks the writer. A dead reader therefore cannot stop a flight.
 #![allow(unsafe_code)]
 
+use super::PayloadType;
 use crate::cleanup::{self, Swept};
 use crate::instance::Instance;
 use crate::open_error::OpenError;
@@ -17,14 +18,15 @@ use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventO
 use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError, PublishSubscribeOpenError, PublishSubscribeOpenOrCreateError,
 };
-use iceoryx2::service::marker::CustomPayloadMarker;
+use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
 use iceoryx2::service::messaging_pattern::MessagingPattern;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::static_config::message_type_details::{TypeDetail, TypeVariant};
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as MessagingPatternConfig;
 use jink_shared_types::SampleHeader;
-use jink_shared_types::layout::Layout;
-use jink_shared_types::topics::{MAX_BORROWED, MAX_LOANED, MAX_NODES, MAX_PUBLISHERS, Topic};
+use jink_shared_types::topics::{MAX_BORROWED, MAX_LOANED, MAX_NODES, MAX_PUBLISHERS, TopicRow};
 use std::fmt;
+use std::mem::MaybeUninit;
 use std::os::fd::BorrowedFd;
 use std::time::Duration;
 
@@ -34,11 +36,12 @@ const MAX_LISTENERS: usize = 40;
 const OPEN_ATTEMPTS: u32 = 50;
 const OPEN_RETRY: Duration = Duration::from_millis(4);
 
-type PubSubFactory<T> = publish_subscribe::PortFactory<ipc::Service, T, SampleHeader>;
+/// iceoryx2's own type for payloads that are described when they are opened: it sees bytes.
+type Bytes = [CustomPayloadMarker];
+/// The same for headers; ours is always a [`SampleHeader`].
+type Header = CustomHeaderMarker;
+type PubSubFactory = publish_subscribe::PortFactory<ipc::Service, Bytes, Header>;
 type EventFactory = event::PortFactory<ipc::Service>;
-
-/// A received sample.
-pub(crate) type Sample<T> = iceoryx2::sample::Sample<ipc::Service, T, SampleHeader>;
 
 /// A connection to one instance's shared memory.
 pub(crate) struct Connection {
@@ -68,18 +71,19 @@ impl Connection {
         })
     }
 
-    pub(crate) fn publisher<T: Layout>(
+    pub(crate) fn publisher(
         &self,
-        topic: &Topic<T>,
+        row: &TopicRow,
         name: &str,
-    ) -> Result<Publisher<T>, OpenError> {
-        let factory = self.pub_sub(topic, name)?;
+        payload: PayloadType,
+    ) -> Result<Publisher, OpenError> {
+        let factory = self.pub_sub(row, name, payload)?;
         let publisher = factory
             .publisher_builder()
             .max_loaned_samples(MAX_LOANED)
             .create()
             .map_err(|error| transport(name, &error))?;
-        let notifier = match topic.row.wakes {
+        let notifier = match row.wakes {
             true => {
                 let notifier = self.event(name)?.notifier_builder().create();
                 Some(notifier.map_err(|error| transport(name, &error))?)
@@ -91,19 +95,13 @@ impl Connection {
         Ok(Publisher { publisher, notifier })
     }
 
-    pub(crate) fn subscriber<T: Layout>(
+    pub(crate) fn subscriber(
         &self,
-        topic: &Topic<T>,
+        row: &TopicRow,
         name: &str,
-    ) -> Result<Subscriber<T>, OpenError> {
-        let factory = self.pub_sub(topic, name)?;
-        let subscriber = factory
-            .subscriber_builder()
-            .create()
-            .map_err(|error| transport(name, &error))?;
-        // Without this a publisher that is idle now would not be connected before its next sample.
-        let _not_yet = subscriber.update_connections();
-        Ok(Subscriber(subscriber))
+        payload: PayloadType,
+    ) -> Result<Subscriber, OpenError> {
+        Subscriber::of(&self.pub_sub(row, name, payload)?, name)
     }
 
     /// Opens a topic as whoever created it has described it; `None` if there is none.
@@ -119,20 +117,15 @@ impl Connection {
             return Ok(None);
         };
         let payload = quality.message_type_details().payload;
-        let builder = self
-            .node
-            .service_builder(&service)
-            .publish_subscribe::<[CustomPayloadMarker]>()
-            .user_header::<SampleHeader>();
+        let builder = self.node.service_builder(&service).publish_subscribe::<Bytes>();
+        let builder = builder.user_header::<Header>();
         // SAFETY: the payload is only looked at as that many bytes.
         let builder = unsafe { builder.__internal_set_payload_type_details(&payload) };
+        // SAFETY: a topic with another header does not open.
+        let builder = unsafe { builder.__internal_set_user_header_type_details(&header_type()) };
         let factory = builder.open().map_err(|error| transport(name, &error))?;
-        let subscriber = factory
-            .subscriber_builder()
-            .create()
-            .map_err(|error| transport(name, &error))?;
         Ok(Some(RawInput {
-            subscriber,
+            subscriber: Subscriber::of(&factory, name)?,
             type_name: payload.type_name().to_string(),
             size: payload.size(),
         }))
@@ -147,13 +140,14 @@ impl Connection {
     }
 
     /// What keeps the topic there.
-    pub(crate) fn hold<T: Layout>(
+    pub(crate) fn hold(
         &self,
-        topic: &Topic<T>,
+        row: &TopicRow,
         name: &str,
+        payload: PayloadType,
     ) -> Result<Box<dyn std::any::Any>, OpenError> {
-        let samples = self.pub_sub(topic, name)?;
-        let events = topic.row.wakes.then(|| self.event(name)).transpose()?;
+        let samples = self.pub_sub(row, name, payload)?;
+        let events = row.wakes.then(|| self.event(name)).transpose()?;
         Ok(Box::new((samples, events)))
     }
 
@@ -161,18 +155,28 @@ impl Connection {
         cleanup::sweep(&self.instance, self.node.config())
     }
 
-    fn pub_sub<T: Layout>(&self, topic: &Topic<T>, name: &str) -> Result<PubSubFactory<T>, OpenError> {
+    fn pub_sub(&self, row: &TopicRow, name: &str, payload: PayloadType) -> Result<PubSubFactory, OpenError> {
         let service = service_name(name)?;
+        let payload_type = TypeDetail::__internal_new_from_parts(
+            TypeVariant::FixedSize,
+            payload.name,
+            payload.size,
+            payload.align,
+        )
+        .map_err(|error| transport(name, &error))?;
         retry(|| {
-            self.node
-                .service_builder(&service)
-                .publish_subscribe::<T>()
-                .user_header::<SampleHeader>()
-                .max_publishers(topic.row.max_publishers())
-                .max_subscribers(topic.row.max_subscribers())
+            let builder = self.node.service_builder(&service).publish_subscribe::<Bytes>();
+            let builder = builder.user_header::<Header>();
+            // SAFETY: `Layout` promises that a payload is as `PayloadType` says, and can be exchanged between processes.
+            let builder = unsafe { builder.__internal_set_payload_type_details(&payload_type) };
+            // SAFETY: `Layout` promises the same of the header.
+            let builder = unsafe { builder.__internal_set_user_header_type_details(&header_type()) };
+            builder
+                .max_publishers(row.max_publishers())
+                .max_subscribers(row.max_subscribers())
                 .max_nodes(MAX_NODES)
                 .history_size(1)
-                .subscriber_max_buffer_size(topic.row.buffer)
+                .subscriber_max_buffer_size(row.buffer)
                 .subscriber_max_borrowed_samples(MAX_BORROWED)
                 .enable_safe_overflow(true)
                 .open_or_create()
@@ -182,7 +186,7 @@ impl Connection {
                 PublishSubscribeOpenError::IncompatibleTypes,
             ) => OpenError::Layout {
                 topic: name.to_owned(),
-                ours: jink_shared_types::layout::type_name::<T>(),
+                ours: payload.name,
             },
             other => transport(name, &other),
         })
@@ -204,30 +208,35 @@ impl Connection {
 }
 
 /// A topic opened for publishing.
-pub(crate) struct Publisher<T: Layout> {
-    publisher: iceoryx2::port::publisher::Publisher<ipc::Service, T, SampleHeader>,
+pub(crate) struct Publisher {
+    publisher: iceoryx2::port::publisher::Publisher<ipc::Service, Bytes, Header>,
     /// Of a topic that wakes its readers.
     notifier: Option<Notifier<ipc::Service>>,
 }
 
-impl<T: Layout> Publisher<T> {
-    pub(crate) fn write(
-        &mut self,
-        fill: impl FnOnce(&mut T),
-        seal: impl FnOnce(&T) -> Option<SampleHeader>,
-    ) -> bool {
-        let Ok(mut loan) = self.publisher.loan_uninit() else {
-            return false;
-        };
-        // SAFETY: the memory is mapped shared memory, initialised by the kernel or by an older sample, and `Layout`
-        // promises that every bit pattern is a valid `T`.
-        fill(unsafe { loan.payload_mut().assume_init_mut() });
-        // SAFETY: as above.
-        let mut sample = unsafe { loan.assume_init() };
-        let Some(header) = seal(sample.payload()) else {
-            return true;
-        };
-        *sample.user_header_mut() = header;
+/// Memory for a sample: mapped shared memory, initialised by the kernel or by an older sample.
+pub(crate) struct Loan(
+    iceoryx2::sample_mut_uninit::SampleMutUninit<ipc::Service, [MaybeUninit<CustomPayloadMarker>], Header>,
+);
+
+impl Loan {
+    pub(crate) fn payload(&mut self) -> *mut u8 {
+        self.0.payload_mut().as_mut_ptr().cast()
+    }
+}
+
+impl Publisher {
+    pub(crate) fn loan(&mut self) -> Option<Loan> {
+        // SAFETY: one element of the payload's fixed size.
+        unsafe { self.publisher.loan_custom_payload(1) }.ok().map(Loan)
+    }
+
+    pub(crate) fn send(&mut self, loan: Loan, header: SampleHeader) -> bool {
+        // SAFETY: see `Loan`.
+        let mut sample = unsafe { loan.0.assume_init() };
+        let place = std::ptr::from_mut(sample.user_header_mut()).cast::<SampleHeader>();
+        // SAFETY: the topic was opened with this type of its header.
+        unsafe { place.write(header) };
         let sent = sample.send().is_ok();
         if let Some(notifier) = &self.notifier {
             // A reader that is busy has not fetched its last wake-up yet: it will look anyway.
@@ -241,20 +250,42 @@ impl<T: Layout> Publisher<T> {
     }
 }
 
-/// A topic opened for reading.
-pub(crate) struct Subscriber<T: Layout>(
-    iceoryx2::port::subscriber::Subscriber<ipc::Service, T, SampleHeader>,
-);
+/// A received sample.
+pub(crate) struct Sample(iceoryx2::sample::Sample<ipc::Service, Bytes, Header>);
 
-impl<T: Layout> Subscriber<T> {
-    pub(crate) fn receive(&mut self) -> Option<Sample<T>> {
-        self.0.receive().ok().flatten()
+impl Sample {
+    pub(crate) fn header(&self) -> &SampleHeader {
+        // SAFETY: the topic was opened with this type of its header, which the sample keeps mapped.
+        unsafe { &*std::ptr::from_ref(self.0.user_header()).cast() }
+    }
+
+    pub(crate) fn bytes(&self) -> *const u8 {
+        self.0.payload().as_ptr().cast()
+    }
+}
+
+/// A topic opened for reading.
+pub(crate) struct Subscriber(iceoryx2::port::subscriber::Subscriber<ipc::Service, Bytes, Header>);
+
+impl Subscriber {
+    fn of(factory: &PubSubFactory, name: &str) -> Result<Self, OpenError> {
+        let subscriber = factory
+            .subscriber_builder()
+            .create()
+            .map_err(|error| transport(name, &error))?;
+        // Without this a publisher that is idle now would not be connected before its next sample.
+        let _not_yet = subscriber.update_connections();
+        Ok(Self(subscriber))
+    }
+
+    pub(crate) fn receive(&mut self) -> Option<Sample> {
+        self.0.receive().ok().flatten().map(Sample)
     }
 }
 
 /// A topic opened for reading by a program that does not know its payload.
 pub struct RawInput {
-    subscriber: iceoryx2::port::subscriber::Subscriber<ipc::Service, [CustomPayloadMarker], SampleHeader>,
+    subscriber: Subscriber,
     type_name: String,
     size: usize,
 }
@@ -278,12 +309,11 @@ impl RawInput {
 
     /// Hands every unread sample to `visit`, oldest first.
     pub fn each(&mut self, mut visit: impl FnMut(&SampleHeader, &[u8])) {
-        while let Ok(Some(sample)) = self.subscriber.receive() {
+        while let Some(sample) = self.subscriber.receive() {
             // SAFETY: the service was opened with this size of its payload, and the sample keeps the memory mapped. Whoever opens
             // a service with another size is refused.
-            let bytes =
-                unsafe { std::slice::from_raw_parts(sample.payload().as_ptr().cast::<u8>(), self.size) };
-            visit(sample.user_header(), bytes);
+            let bytes = unsafe { std::slice::from_raw_parts(sample.bytes(), self.size) };
+            visit(sample.header(), bytes);
         }
     }
 }
@@ -301,6 +331,10 @@ impl Wakeup {
         // An error here means a wake-up less, not data lost: samples are fetched from their own queue.
         let _signals = self.0.try_wait(|_| {});
     }
+}
+
+fn header_type() -> TypeDetail {
+    TypeDetail::new::<SampleHeader>(TypeVariant::FixedSize)
 }
 
 fn service_name(name: &str) -> Result<ServiceName, OpenError> {

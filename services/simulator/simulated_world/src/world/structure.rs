@@ -1,5 +1,5 @@
-//! Surfaces that have no formula: the cells of an OctoMap, the triangles of a mesh. Rays through cells are ours (through
-//! parry3d's voxels a sweep of an OS0 took 123 ms in the median, longer than its period), everything else is parry3d's.
+//! Surfaces that have no formula: the cells of an OctoMap, the triangles of a mesh. Rays through cells are ours ([`CellBlock`]), the
+//! nearest surface and rays through meshes are found by the crate `bvh`.
 //!
 //! Files have x, y, z with z up; where x points to the north y points to the west.
 
@@ -7,10 +7,12 @@ use super::cells::CellBlock;
 use super::octomap::Octomap;
 use super::solids::{Contact, YawedBox};
 use super::stl::Triangle;
-use nalgebra::Vector3;
-use parry3d_f64::glamx::{DVec3, I64Vec3};
-use parry3d_f64::query::{PointQuery, Ray, RayCast};
-use parry3d_f64::shape::{TriMesh, Voxels};
+use bvh::aabb::{Aabb, Bounded};
+use bvh::bounding_hierarchy::BHShape;
+use bvh::bvh::Bvh;
+use bvh::point_query::PointDistance;
+use bvh::ray::Ray;
+use nalgebra::{Point3, Vector3};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -26,12 +28,12 @@ const LINES_MAX: usize = 4_000;
 enum Shape {
     /// Solid cells: for distances, for rays, and to be drawn.
     Cells {
-        voxels: Voxels,
+        tree: Tree<Cell>,
         block: CellBlock,
         map: Octomap,
     },
     /// Surfaces without an inside.
-    Mesh { mesh: TriMesh, triangles: Vec<Triangle> },
+    Mesh { tree: Tree<Triangle> },
 }
 
 /// Where the file's origin lies in the world.
@@ -61,15 +63,13 @@ impl Structure {
         // What reaches above the ground by less than a hair is its floor.
         map.occupied
             .retain(|cell| f64::from(cell[2] + 1) * cell_m + place.up_m > 1e-6);
-        let keys = map
-            .occupied
-            .iter()
-            .map(|cell| I64Vec3::from_array(cell.map(i64::from)));
-        let keys: Vec<I64Vec3> = keys.collect();
-        let voxels = Voxels::new(DVec3::splat(cell_m), &keys);
+        let cell = |cell: &[i32; 3]| Cell {
+            low: cell.map(|index| f64::from(index) * cell_m).into(),
+            size_m: cell_m,
+        };
         Self {
             shape: Arc::new(Shape::Cells {
-                voxels,
+                tree: Tree::new(map.occupied.iter().map(cell)),
                 block: CellBlock::new(cell_m, &map.occupied),
                 map,
             }),
@@ -79,14 +79,13 @@ impl Structure {
 
     /// The triangles of a mesh; the text says why they are none.
     pub fn mesh(triangles: Vec<Triangle>, place: Placement) -> Result<Self, String> {
-        let vertices = triangles
-            .iter()
-            .flatten()
-            .map(|corner| DVec3::from_array(*corner));
-        let indices = (0..triangles.len() as u32).map(|number| [3 * number, 3 * number + 1, 3 * number + 2]);
-        let mesh = TriMesh::new(vertices.collect(), indices.collect()).map_err(|error| error.to_string())?;
+        if triangles.is_empty() {
+            return Err("the mesh has no triangles".to_owned());
+        }
         Ok(Self {
-            shape: Arc::new(Shape::Mesh { mesh, triangles }),
+            shape: Arc::new(Shape::Mesh {
+                tree: Tree::new(triangles),
+            }),
             place,
         })
     }
@@ -94,15 +93,11 @@ impl Structure {
     /// Signed distance from `point` (local NED) to the surface (m), negative inside a cell; a mesh has no inside.
     pub fn distance_m(&self, point: &Vector3<f64>) -> f64 {
         let at = self.point_in_file(point);
-        let (projection, is_solid) = match &*self.shape {
-            Shape::Cells { voxels, .. } => (voxels.project_local_point(at, false), true),
-            Shape::Mesh { mesh, .. } => (mesh.project_local_point(at, false), false),
-        };
-        let distance_m = (projection.point - at).length();
-        if is_solid && projection.is_inside {
-            -distance_m
-        } else {
-            distance_m
+        match &*self.shape {
+            Shape::Cells { tree, .. } => tree.nearest(at).map_or(f64::INFINITY, |(cell, distance_m)| {
+                distance_m - cell.depth_m(&at).max(0.0)
+            }),
+            Shape::Mesh { tree } => tree.nearest(at).map_or(f64::INFINITY, |(_, distance_m)| distance_m),
         }
     }
 
@@ -110,14 +105,8 @@ impl Structure {
     pub fn meets(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, range_m: f64) -> Option<Contact> {
         let (from, along) = (self.point_in_file(origin), self.direction_in_file(direction));
         match &*self.shape {
-            Shape::Cells { block, .. } => block.meets(from.to_array(), along.to_array(), range_m),
-            Shape::Mesh { mesh, .. } => {
-                let hit = mesh.cast_local_ray_and_get_normal(&Ray::new(from, along), range_m, false)?;
-                Some(Contact {
-                    range_m: hit.time_of_impact,
-                    incidence_cos: hit.normal.dot(along).abs().min(1.0),
-                })
-            }
+            Shape::Cells { block, .. } => block.meets(from.into(), along.into(), range_m),
+            Shape::Mesh { tree } => tree.first_met(&Ray::new(from, along), range_m),
         }
     }
 
@@ -126,8 +115,8 @@ impl Structure {
         let level_m = height_m - self.place.up_m;
         let lines = match &*self.shape {
             Shape::Cells { map, .. } => self.rows_of(map, (level_m / map.cell_m).floor() as i32),
-            Shape::Mesh { triangles, .. } => {
-                let cuts = triangles.iter().filter_map(|triangle| cut(triangle, level_m));
+            Shape::Mesh { tree } => {
+                let cuts = tree.parts.iter().filter_map(|part| cut(&part.shape, level_m));
                 cuts.map(|[a, b]| self.line(a, b, LINE_M)).collect()
             }
         };
@@ -183,18 +172,163 @@ impl Structure {
         Vector3::new(north_m, east_m, 0.0)
     }
 
-    fn point_in_file(&self, point: &Vector3<f64>) -> DVec3 {
+    fn point_in_file(&self, point: &Vector3<f64>) -> Point3<f64> {
         let place = &self.place;
         self.direction_in_file(&(point - Vector3::new(place.north_m, place.east_m, -place.up_m)))
+            .into()
     }
 
-    fn direction_in_file(&self, direction: &Vector3<f64>) -> DVec3 {
+    fn direction_in_file(&self, direction: &Vector3<f64>) -> Vector3<f64> {
         let (sin, cos) = self.place.yaw_rad.sin_cos();
-        DVec3::new(
+        Vector3::new(
             direction.x * cos + direction.y * sin,
             direction.x * sin - direction.y * cos,
             -direction.z,
         )
+    }
+}
+
+/// Parts of a surface, found by place.
+#[derive(Debug)]
+struct Tree<S> {
+    bvh: Bvh<f64, 3>,
+    parts: Vec<Part<S>>,
+}
+
+/// One part of a surface, with the place in the tree that `bvh` gives it.
+#[derive(Debug)]
+struct Part<S> {
+    shape: S,
+    node: usize,
+}
+
+/// What parts of surfaces are.
+trait Surface {
+    fn bounds(&self) -> Aabb<f64, 3>;
+    fn nearest(&self, point: &Point3<f64>) -> Point3<f64>;
+}
+
+impl<S: Surface> Tree<S> {
+    fn new(shapes: impl IntoIterator<Item = S>) -> Self {
+        let mut parts: Vec<Part<S>> = shapes.into_iter().map(|shape| Part { shape, node: 0 }).collect();
+        Self {
+            bvh: Bvh::build(&mut parts),
+            parts,
+        }
+    }
+
+    /// The part that is nearest to `point`, and how far away it is (m).
+    fn nearest(&self, point: Point3<f64>) -> Option<(&S, f64)> {
+        let (part, distance_m) = self.bvh.nearest_to(point, &self.parts)?;
+        Some((&part.shape, distance_m))
+    }
+}
+
+impl Tree<Triangle> {
+    /// Where a ray first meets a triangle from either side within `range_m`.
+    fn first_met(&self, ray: &Ray<f64, 3>, range_m: f64) -> Option<Contact> {
+        let candidates = self.bvh.traverse_iterator(ray, &self.parts);
+        let hits = candidates.map(|part| {
+            let [a, b, c] = part.shape.map(Point3::from);
+            let (front, back) = (ray.intersects_triangle(&a, &b, &c), ray.intersects_triangle(&a, &c, &b));
+            (front.distance.min(back.distance), (b - a).cross(&(c - a)))
+        });
+        let (range_m, normal) = hits
+            .filter(|(hit_m, _)| *hit_m <= range_m)
+            .min_by(|one, other| one.0.total_cmp(&other.0))?;
+        Some(Contact {
+            range_m,
+            incidence_cos: normal.normalize().dot(&ray.direction).abs().min(1.0),
+        })
+    }
+}
+
+impl<S: Surface> Bounded<f64, 3> for Part<S> {
+    fn aabb(&self) -> Aabb<f64, 3> {
+        // A hair thicker than it is: a ray along the plane of a flat part would not meet it.
+        let (bounds, hair) = (self.shape.bounds(), Vector3::repeat(1e-9));
+        Aabb::with_bounds(bounds.min - hair, bounds.max + hair)
+    }
+}
+
+impl<S: Surface> PointDistance<f64, 3> for Part<S> {
+    fn distance_squared(&self, point: Point3<f64>) -> f64 {
+        (self.shape.nearest(&point) - point).norm_squared()
+    }
+}
+
+impl<S: Surface> BHShape<f64, 3> for Part<S> {
+    fn set_bh_node_index(&mut self, node: usize) {
+        self.node = node;
+    }
+    fn bh_node_index(&self) -> usize {
+        self.node
+    }
+}
+
+/// An occupied cell.
+#[derive(Debug)]
+struct Cell {
+    low: Point3<f64>,
+    size_m: f64,
+}
+
+impl Cell {
+    fn high(&self) -> Point3<f64> {
+        self.low + Vector3::repeat(self.size_m)
+    }
+
+    /// How deep `point` lies inside (m), negative outside.
+    fn depth_m(&self, point: &Point3<f64>) -> f64 {
+        (point - self.low).inf(&(self.high() - point)).min()
+    }
+}
+
+impl Surface for Cell {
+    fn bounds(&self) -> Aabb<f64, 3> {
+        Aabb::with_bounds(self.low, self.high())
+    }
+
+    fn nearest(&self, point: &Point3<f64>) -> Point3<f64> {
+        point.sup(&self.low).inf(&self.high())
+    }
+}
+
+impl Surface for Triangle {
+    fn bounds(&self) -> Aabb<f64, 3> {
+        let [a, b, c] = self.map(Point3::from);
+        Aabb::with_bounds(a.inf(&b).inf(&c), a.sup(&b).sup(&c))
+    }
+
+    /// C. Ericson, "Real-Time Collision Detection", 2005, section 5.1.5: the region of the triangle that `point` lies over.
+    fn nearest(&self, point: &Point3<f64>) -> Point3<f64> {
+        let [a, b, c] = self.map(Point3::from);
+        let (ab, ac) = (b - a, c - a);
+        let [(ab_a, ac_a), (ab_b, ac_b), (ab_c, ac_c)] =
+            [a, b, c].map(|corner| (ab.dot(&(point - corner)), ac.dot(&(point - corner))));
+        if ab_a <= 0.0 && ac_a <= 0.0 {
+            return a;
+        }
+        if ab_b >= 0.0 && ac_b <= ab_b {
+            return b;
+        }
+        if ac_c >= 0.0 && ab_c <= ac_c {
+            return c;
+        }
+        let over_ab = ab_a * ac_b - ab_b * ac_a;
+        if over_ab <= 0.0 && ab_a >= 0.0 && ab_b <= 0.0 {
+            return a + ab * (ab_a / (ab_a - ab_b));
+        }
+        let over_ac = ab_c * ac_a - ab_a * ac_c;
+        if over_ac <= 0.0 && ac_a >= 0.0 && ac_c <= 0.0 {
+            return a + ac * (ac_a / (ac_a - ac_c));
+        }
+        let over_bc = ab_b * ac_c - ab_c * ac_b;
+        if over_bc <= 0.0 && ac_b >= ab_b && ab_c >= ac_c {
+            return b + (c - b) * ((ac_b - ab_b) / ((ac_b - ab_b) + (ab_c - ac_c)));
+        }
+        let sum = over_ab + over_ac + over_bc;
+        a + ab * (over_ac / sum) + ac * (over_ab / sum)
     }
 }
 
