@@ -10,7 +10,7 @@ use jink_emulated_ground_station::{Make, Phase};
 use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_shared_types::link::AssistState;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     COMMAND_LONG_DATA, MANUAL_CONTROL_DATA, MavCmd, MavMessage, RC_CHANNELS_OVERRIDE_DATA,
 };
 

@@ -42,7 +42,7 @@ use jink_simulated_world::vehicle::STEP_US;
 use jink_simulated_world::world::World;
 use jink_simulator::service::local::{LocalSocket, MavLocal};
 use jink_simulator::service::{SensorService, VehicleService};
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 use mavlink::{MavHeader, Message};
 use radio::Radio;
 use rig::{FlightRig, Flown};

@@ -13,7 +13,7 @@ use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::message::{Body, Content};
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign, stamps};
 use jink_simulated_world::vehicle::STEP_US;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 use mavlink::{MAVLinkV1MessageRaw, MavHeader, Message};
 use std::net::UdpSocket;
 use std::sync::Arc;

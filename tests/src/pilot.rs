@@ -9,7 +9,7 @@ use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::message::{Body, Content};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavMessage, MavParamType, PARAM_SET_DATA};
+use mavlink::dialect::{MANUAL_CONTROL_DATA, MavMessage, MavParamType, PARAM_SET_DATA};
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};

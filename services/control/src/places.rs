@@ -16,8 +16,10 @@ pub fn program(folder: &Path, name: &str) -> Result<PathBuf, Problem> {
     if path.is_file() {
         return Ok(path);
     }
-    let hint = "build it with `cargo build --release --workspace --bins`, or install the package";
-    Err(Problem::Other(format!("{} is missing: {hint}", path.display())))
+    Err(Problem::Other(format!(
+        "{} is missing: build it with `cargo build --release --bin {name}`, or install the package",
+        path.display()
+    )))
 }
 
 /// The configuration folder: the one asked for, else ./config, else /etc/jink, else the `config` folder nearest above
@@ -40,14 +42,8 @@ pub fn config_folder(asked_for: Option<&Path>) -> Result<PathBuf, Problem> {
 }
 
 /// The checkout that `folder` lies in: the nearest one above with a Cargo.lock.
-pub fn workspace(folder: &Path) -> Result<PathBuf, Problem> {
-    let found = folder
+pub fn workspace(folder: &Path) -> Option<&Path> {
+    folder
         .ancestors()
-        .find(|folder| folder.join("Cargo.lock").is_file());
-    found.map(Path::to_owned).ok_or_else(|| {
-        Problem::Other(format!(
-            "{} lies in no checkout: nothing to build",
-            folder.display()
-        ))
-    })
+        .find(|folder| folder.join("Cargo.lock").is_file())
 }

@@ -21,7 +21,7 @@
 
 use jink_mavlink_link::message::Command;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMPONENT_METADATA_DATA, HEARTBEAT_DATA, MESSAGE_INTERVAL_DATA, MavCmd,
     MavResult, OBSTACLE_DISTANCE_DATA, ONBOARD_COMPUTER_STATUS_DATA, PROTOCOL_VERSION_DATA, TIMESYNC_DATA,
 };
@@ -299,7 +299,7 @@ mod tests {
         Answerable, Command, CommandAction, CommandContext, Component, IntervalPolicy, MESSAGES,
         MessageInterval,
     };
-    use mavlink::dialects::ardupilotmega::{MavCmd, MavResult};
+    use mavlink::dialect::{MavCmd, MavResult};
     use proptest::prelude::*;
 
     const DISARMED: CommandContext = CommandContext {

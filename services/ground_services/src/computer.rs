@@ -3,7 +3,7 @@
 //! What is not known is said to be unknown, in the way of each field; zero would be a measurement.
 
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{ComputerStatusFlags, MavMessage, ONBOARD_COMPUTER_STATUS_DATA};
+use mavlink::dialect::{ComputerStatusFlags, MavMessage, ONBOARD_COMPUTER_STATUS_DATA};
 
 /// Unknown, of fields with four bytes.
 pub const UNKNOWN_U32: u32 = u32::MAX;
@@ -103,7 +103,7 @@ pub fn message(now: Timestamp, board: &BoardReading) -> MavMessage {
 mod tests {
     use super::{BoardReading, LinkLoad, UNKNOWN_U32, message};
     use jink_shared_types::Timestamp;
-    use mavlink::dialects::ardupilotmega::{MavMessage, ONBOARD_COMPUTER_STATUS_DATA};
+    use mavlink::dialect::{MavMessage, ONBOARD_COMPUTER_STATUS_DATA};
 
     fn said(board: &BoardReading) -> ONBOARD_COMPUTER_STATUS_DATA {
         match message(Timestamp::from_seconds(2.0), board) {

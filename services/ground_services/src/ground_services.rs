@@ -16,9 +16,7 @@ use jink_shared_types::health::Name;
 use jink_shared_types::param_messages::{ParameterChange, ParameterValues};
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::{Coded, Flag, Timestamp};
-use mavlink::dialects::ardupilotmega::{
-    FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage, MavResult,
-};
+use mavlink::dialect::{FILE_TRANSFER_PROTOCOL_DATA, MESSAGE_INTERVAL_DATA, MavMessage, MavResult};
 
 /// The process that talks to the autopilot, as it stands in its events.
 const GATEWAY: &str = "mavlink_gateway";

@@ -19,7 +19,7 @@ use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::param_messages::{PARAMETERS_MAX, ParameterChange, ParameterValues, table_of};
 use jink_shared_types::params::{Param, ParamSet, ParamType};
 use jink_shared_types::{Reserved, Timestamp};
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     MavParamError, MavParamType, PARAM_ERROR_DATA, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA, PARAM_VALUE_DATA,
 };
 use mavlink::types::CharArray;
@@ -285,9 +285,7 @@ mod tests {
     use jink_shared_types::Timestamp;
     use jink_shared_types::param_messages::{ParameterChange, ParameterValues};
     use jink_shared_types::params::{OA_SPD_MAX, OA_YAW_MODE, ParamSet, ParamType, TABLE};
-    use mavlink::dialects::ardupilotmega::{
-        MavParamError, MavParamType, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA,
-    };
+    use mavlink::dialect::{MavParamError, MavParamType, PARAM_REQUEST_READ_DATA, PARAM_SET_DATA};
     use mavlink::types::CharArray;
     use proptest::prelude::*;
 

@@ -18,7 +18,7 @@ use jink_shared_types::events::{
     SENSOR_LOST, SETPOINTS_FOLLOWED, SETPOINTS_IGNORED, Severity, UNGUARDED,
 };
 use jink_shared_types::health::Name;
-use mavlink::dialects::ardupilotmega::{MavMessage, MavSeverity, STATUSTEXT_DATA};
+use mavlink::dialect::{MavMessage, MavSeverity, STATUSTEXT_DATA};
 use mavlink::types::CharArray;
 
 /// Length of a message (bytes).
@@ -285,7 +285,7 @@ mod tests {
     use super::{LINE_BYTES, PARTS, Parts, QUEUE, Texts};
     use jink_shared_types::Timestamp;
     use jink_shared_types::events::{self, EventSample};
-    use mavlink::dialects::ardupilotmega::{MavMessage, MavSeverity, STATUSTEXT_DATA};
+    use mavlink::dialect::{MavMessage, MavSeverity, STATUSTEXT_DATA};
     use proptest::prelude::*;
 
     fn at(s: f64) -> Timestamp {

@@ -6,7 +6,7 @@ use crate::commands::Component;
 use crate::files::GENERAL_URI;
 use jink_mavlink_link::encoding::Encoding;
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMPONENT_METADATA_DATA, MavMessage, MavProtocolCapability, PROTOCOL_VERSION_DATA,
 };
 use mavlink::types::CharArray;

@@ -9,7 +9,7 @@ use jink_lab::rig::{Flown, Plan, instance, usual_limit_s};
 use jink_runtime::Instance;
 use jink_runtime::config::process_names;
 use std::path::PathBuf;
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
 /// What to fly.
 #[derive(Clone, Debug, clap::Args)]
@@ -18,9 +18,6 @@ Names for --kill: planner, fusion, bezier, guard, gateway, sensor, supervisor, o
 
 Exit codes: 0 the goal was reached without a collision; 1 otherwise.")]
 pub struct Args {
-    /// Build every program in release first
-    #[arg(long)]
-    build: bool,
     /// Virtual world: forest, gap, corridor, utrap, building, empty, or FILE.toml
     #[arg(long, default_value = "forest")]
     world: String,
@@ -90,11 +87,7 @@ impl Args {
 
 /// Flies the demonstration, in an instance of its own unless `instance` names one.
 pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
-    let programs = if args.build {
-        build()?
-    } else {
-        places::program_folder()?
-    };
+    let programs = places::program_folder()?;
     if let Some(file) = &args.svg {
         // A flight later it would be too late to say so. What was drawn there stays until there is a new picture.
         let opened = std::fs::File::options().create(true).append(true).open(file);
@@ -128,22 +121,6 @@ pub fn run(instance: &Instance, args: &Args) -> Result<ExitCode, Problem> {
         sayln!("{json}");
     }
     Ok(ExitCode::from(if good { 0 } else { EXIT_PROBLEM }))
-}
-
-/// Builds the checkout that this program lies in; answers where the programs are then.
-fn build() -> Result<PathBuf, Problem> {
-    let own = places::program_folder()?;
-    let workspace = places::workspace(&own)?;
-    let status = Command::new("cargo")
-        .args(["build", "--release", "--workspace", "--bins"])
-        .current_dir(&workspace)
-        .status()
-        .map_err(Problem::io("cargo"))?;
-    if !status.success() {
-        return Err(Problem::Other(format!("the build failed ({status})")));
-    }
-    // Beside the folder of this build's own profile.
-    Ok(own.with_file_name("release"))
 }
 
 fn conclude(args: &Args, world: Option<&World>, flown: &Flown) -> Result<(), Problem> {

@@ -25,8 +25,8 @@ use jink_mavlink_link::version::FirmwareVersion;
 use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::NavMode;
 #[allow(deprecated)] // Gone from PX4 1.16 on: that is what is found out with it.
-use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
+use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavCmd, MavMessage,
     MavResult, PARAM_REQUEST_READ_DATA, TIMESYNC_DATA,
 };

@@ -45,9 +45,7 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::link::ProfileFit;
 use jink_shared_types::params::{CP_DIST, MPC_ACC_HOR, MPC_JERK_MAX, OA_ASSIST_CH, OA_SPD_MAX};
 use limits::LISTEN_S;
-use mavlink::dialects::ardupilotmega::{
-    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
-};
+use mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType};
 use observations::Observations;
 use std::fmt;
 

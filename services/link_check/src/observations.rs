@@ -4,7 +4,7 @@ use jink_mavlink_link::message::{COMPONENT_AUTOPILOT, Content, Received};
 use jink_mavlink_link::vehicle_selector::is_autopilot;
 use jink_shared_types::Timestamp;
 use mavlink::Message;
-use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, MavType};
+use mavlink::dialect::{MavAutopilot, MavMessage, MavType};
 
 /// Senders remembered; later ones do not change a finding.
 const SENDERS: usize = 64;

@@ -12,7 +12,7 @@ use jink_shared_types::link::LinkStatus;
 use jink_shared_types::motion::{ApprovedTrajectory, BezierPiece, Trajectory, TrajectoryMode, Verdict};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::{Coded, Reading, SampleHeader, Stage, Stamped, Timestamp};
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 use std::time::Instant;
 

@@ -16,9 +16,7 @@ use jink_shared_types::health::{Health, ProcessStatus, ServiceState, SystemStatu
 use jink_shared_types::link::AvoidanceState;
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::{Reading, Timestamp};
-use mavlink::dialects::ardupilotmega::{
-    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
-};
+use mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType};
 
 /// Rate of the avoidance heartbeat (Hz): two to five are asked for, the hard limit is one every 1.5 s.
 pub const AVOIDANCE_RATE_HZ: f64 = 2.0;

@@ -21,7 +21,7 @@ use jink_shared_types::vehicle::{
 };
 use jink_shared_types::{Coded, Flag, Point, Reserved, Velocity};
 #[allow(deprecated)] // The interface is gone from PX4 1.16 on; this profile is for the versions before.
-use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
+use mavlink::dialect::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
 
 /// The path in `message`, asked for in the mode that follows from the last heartbeat's mode (and whether that has a
 /// name) and the message's commands, see [`px4_mode::infer`].

@@ -26,7 +26,7 @@
 use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::ring::{SECTORS, SectorRing};
 use jink_shared_types::{Reading, Timestamp};
-use mavlink::dialects::ardupilotmega::{MavDistanceSensor, MavFrame, MavMessage, OBSTACLE_DISTANCE_DATA};
+use mavlink::dialect::{MavDistanceSensor, MavFrame, MavMessage, OBSTACLE_DISTANCE_DATA};
 
 /// Distance of a sector that nothing is known about (cm).
 const UNKNOWN_CM: u16 = u16::MAX;
@@ -137,7 +137,7 @@ mod tests {
     use jink_mavlink_link::autopilot_type::AutopilotType;
     use jink_shared_types::ring::{SECTORS, SectorRing};
     use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
-    use mavlink::dialects::ardupilotmega::{MavFrame, MavMessage, OBSTACLE_DISTANCE_DATA};
+    use mavlink::dialect::{MavFrame, MavMessage, OBSTACLE_DISTANCE_DATA};
     use proptest::prelude::*;
 
     fn sent_to(make: AutopilotType, ring: &SectorRing) -> OBSTACLE_DISTANCE_DATA {

@@ -15,7 +15,7 @@
 
 use jink_mavlink_link::ticker::Ticker;
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavType};
+use mavlink::dialect::{HEARTBEAT_DATA, MavType};
 
 /// Repetitions of what is flown already (Hz): 1.3 kB/s, and less than 100 ms between two curves.
 pub const REPEATED_HZ: f64 = 10.8;

@@ -13,7 +13,7 @@ use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_shared_types::beams::{BeamReading, BeamRefused, ObstacleDistance};
 use jink_shared_types::ranges::{RangeScan, ScanFrame};
 use jink_shared_types::{BodyFrd, Point, Timestamp};
-use mavlink::dialects::ardupilotmega::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_DATA};
+use mavlink::dialect::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_DATA};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use std::collections::BTreeMap;
@@ -279,9 +279,7 @@ mod tests {
     use super::{RANGEFINDER, ROW, RangeSources, SensorTable};
     use jink_shared_types::Timestamp;
     use jink_shared_types::ranges::ScanFrame;
-    use mavlink::dialects::ardupilotmega::{
-        DISTANCE_SENSOR_DATA, MavFrame, MavSensorOrientation, OBSTACLE_DISTANCE_DATA,
-    };
+    use mavlink::dialect::{DISTANCE_SENSOR_DATA, MavFrame, MavSensorOrientation, OBSTACLE_DISTANCE_DATA};
 
     fn table(name: &str, kind: &str) -> SensorTable {
         SensorTable {

@@ -16,7 +16,7 @@ use jink_shared_types::frames::{AngularRate, Attitude, unit_quaternion};
 use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{NavMode, VehicleState};
 use jink_shared_types::{Coded, Flag, LocalNed, Point, Timestamp, Velocity};
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, EXTENDED_SYS_STATE_DATA, HEARTBEAT_DATA, HOME_POSITION_DATA,
     LOCAL_POSITION_NED_DATA, MavLandedState, MavModeFlag,
 };

@@ -7,7 +7,7 @@
 
 use crate::px4_mode;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::MavAutopilot;
+use mavlink::dialect::MavAutopilot;
 
 /// A make of autopilot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

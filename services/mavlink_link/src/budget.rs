@@ -20,16 +20,14 @@
 use jink_shared_types::Timestamp;
 use jink_shared_types::link::CLASSES;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     COMPONENT_METADATA_DATA, FILE_TRANSFER_PROTOCOL_DATA, HEARTBEAT_DATA, OBSTACLE_DISTANCE_DATA,
     ONBOARD_COMPUTER_STATUS_DATA, PARAM_ERROR_DATA, PARAM_EXT_VALUE_DATA, PARAM_VALUE_DATA,
     SET_POSITION_TARGET_GLOBAL_INT_DATA, SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,
 };
 // The trajectory messages are gone from PX4 1.16 on; some profiles are for the versions before.
 #[allow(deprecated)]
-use mavlink::dialects::ardupilotmega::{
-    TRAJECTORY_REPRESENTATION_BEZIER_DATA, TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA,
-};
+use mavlink::dialect::{TRAJECTORY_REPRESENTATION_BEZIER_DATA, TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA};
 
 /// How urgent a message is; the number is its place in the counters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

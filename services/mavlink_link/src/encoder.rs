@@ -7,7 +7,7 @@
 //! Receivers count lost packets per system and component, so each of our components numbers its own messages.
 
 use crate::message::Body;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 use mavlink::{MAV_STX_V2, Message, calculate_crc, consts};
 
 /// Components that can be numbered on one link; more than the gateway sends as.

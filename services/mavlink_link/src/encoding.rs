@@ -15,7 +15,7 @@
 
 use jink_shared_types::Flag;
 use jink_shared_types::params::ParamType;
-use mavlink::dialects::ardupilotmega::{MavAutopilot, MavParamType, MavProtocolCapability};
+use mavlink::dialect::{MavAutopilot, MavParamType, MavProtocolCapability};
 
 /// How integers travel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -114,7 +114,7 @@ fn as_written(raw: f32) -> f64 {
 mod tests {
     use super::{Encoding, TooWide, wire_type};
     use jink_shared_types::params::ParamType;
-    use mavlink::dialects::ardupilotmega::{MavAutopilot, MavParamType};
+    use mavlink::dialect::{MavAutopilot, MavParamType};
     use proptest::prelude::*;
 
     #[test]

@@ -8,7 +8,7 @@
 
 use crate::message::{Body, COMMAND_AT, CommandAck, Content};
 use jink_shared_types::ground::MavlinkMessage;
-use mavlink::dialects::ardupilotmega::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage};
+use mavlink::dialect::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage};
 use mavlink::{MavlinkVersion, Message, MessageData};
 
 /// Bytes of COMMAND_ACK.
@@ -85,9 +85,7 @@ mod tests {
     use super::{of_body, of_content, to_body, to_content};
     use crate::message::{Body, CommandAck, Content};
     use jink_shared_types::ground::MavlinkMessage;
-    use mavlink::dialects::ardupilotmega::{
-        FILE_TRANSFER_PROTOCOL_DATA, MavMessage, MavResult, PARAM_VALUE_DATA,
-    };
+    use mavlink::dialect::{FILE_TRANSFER_PROTOCOL_DATA, MavMessage, MavResult, PARAM_VALUE_DATA};
     use proptest::prelude::*;
 
     fn text(content: &Content) -> String {

@@ -23,7 +23,7 @@ use crate::version::{FirmwareVersion, is_too_old};
 use jink_shared_types::Timestamp;
 use jink_shared_types::link::ProfileFit;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, MavAutopilot, MavCmd, MavMessage, PARAM_REQUEST_READ_DATA,
 };
 

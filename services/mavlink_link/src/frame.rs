@@ -18,8 +18,10 @@
 //!
 //! Source: MAVLink developer guide, "Packet Serialization".
 
-use mavlink::dialects::ardupilotmega::MavMessage;
+use crate::router::Target;
+use mavlink::dialect::MavMessage;
 use mavlink::error::ParserError;
+use mavlink::wire::Wire;
 use mavlink::{MAV_STX, MAV_STX_V2, MavHeader, MavlinkVersion, Message, calculate_crc, consts};
 
 /// Bytes kept at most: any UDP datagram that fits an Ethernet frame several times over, and dozens of frames of a
@@ -54,6 +56,16 @@ impl MavlinkFrame<'_> {
     /// [`ParserError`] if a field holds a value that its enumeration does not know.
     pub fn decode(&self) -> Result<MavMessage, ParserError> {
         MavMessage::parse(self.version, self.message_id, self.payload)
+    }
+
+    /// The addressee, whether the message is spoken here or not; of an unknown type everybody.
+    pub fn target(&self) -> Target {
+        let (system_id, component_id) =
+            Wire::of(self.message_id).map_or((0, 0), |wire| wire.target(self.payload));
+        Target {
+            system_id: u32::from(system_id),
+            component_id,
+        }
     }
 
     /// Link id, time stamp and signature, if it is signed.
@@ -141,21 +153,18 @@ impl FrameLayout {
         }
     }
 
-    /// Whether the dialect knows the type; `bytes` hold the whole frame.
-    fn is_known(&self, bytes: &[u8]) -> bool {
-        let message_id = self.message_id(bytes);
-        MavMessage::extra_crc(message_id) != 0 || MavMessage::default_message_from_id(message_id).is_some()
+    /// What the dialect says of the type; `bytes` hold the whole frame.
+    fn wire(&self, bytes: &[u8]) -> Option<Wire> {
+        Wire::of(self.message_id(bytes))
     }
 
     /// Whether the checksum fits; `bytes` hold the whole frame.
     fn is_intact(&self, bytes: &[u8]) -> bool {
-        if !self.is_known(bytes) {
-            return false;
-        }
-        let seed = MavMessage::extra_crc(self.message_id(bytes));
-        let end = self.header_len + self.payload_len;
-        let received = u16::from_le_bytes([bytes[end], bytes[end + 1]]);
-        received == calculate_crc(&bytes[consts::STX_SIZE..end], seed)
+        self.wire(bytes).is_some_and(|wire| {
+            let end = self.header_len + self.payload_len;
+            let received = u16::from_le_bytes([bytes[end], bytes[end + 1]]);
+            received == calculate_crc(&bytes[consts::STX_SIZE..end], wire.extra_crc)
+        })
     }
 }
 
@@ -310,7 +319,7 @@ impl Splitter {
         let bytes = &self.buffer[self.start..self.end];
         let sender = layout.header(bytes);
         let has_sender = sender.system_id != 0 && sender.component_id != 0;
-        if !self.with_unknown || !self.at_border || !has_sender || layout.is_known(bytes) {
+        if !self.with_unknown || !self.at_border || !has_sender || layout.wire(bytes).is_some() {
             return Borders::DoNotFit;
         }
         // Only what lies inside as a whole: what reaches beyond may not be all there yet, and must not count once it
@@ -332,7 +341,7 @@ impl Splitter {
             match FrameLayout::of(behind) {
                 Err(NoFrame) => return Borders::DoNotFit,
                 Ok(Some(next)) if behind.len() >= next.frame_len => {
-                    if next.is_known(behind) {
+                    if next.wire(behind).is_some() {
                         return if next.is_intact(behind) {
                             Borders::Fit
                         } else {

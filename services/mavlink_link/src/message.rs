@@ -2,9 +2,7 @@
 
 use jink_shared_types::{SampleHeader, Timestamp};
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{
-    COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MavMessage, MavResult,
-};
+use mavlink::dialect::{COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MavMessage, MavResult};
 use mavlink::error::ParserError;
 use mavlink::{MavlinkVersion, Message, MessageData, consts};
 

@@ -14,7 +14,7 @@
 
 use jink_shared_types::link::LINKS;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::SETUP_SIGNING_DATA;
+use mavlink::dialect::SETUP_SIGNING_DATA;
 
 /// Senders remembered: a dozen vehicles with all their components. The one not received for longest is replaced.
 const ROUTES: usize = 64;

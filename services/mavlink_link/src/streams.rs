@@ -11,8 +11,8 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MessageData;
 #[allow(deprecated)] // Gone from PX4 1.16 on; this profile is for the versions before.
-use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
+use mavlink::dialect::{
     ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, COMMAND_ACK_DATA, COMMAND_LONG_DATA, CURRENT_MODE_DATA,
     EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA, HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA,
     MANUAL_CONTROL_DATA, MISSION_CURRENT_DATA, MavCmd, MavMessage, MavResult,
@@ -325,9 +325,7 @@ mod tests {
     use jink_shared_types::Timestamp;
     use jink_shared_types::vehicle::NavMode;
     use mavlink::MessageData;
-    use mavlink::dialects::ardupilotmega::{
-        COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult,
-    };
+    use mavlink::dialect::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavResult};
 
     fn all() -> Streams {
         Streams::new(ProfileName::Px4Trajectory)
@@ -374,7 +372,7 @@ mod tests {
 
     #[test]
     fn the_sticks_are_asked_for_before_they_are_needed_and_may_be_missing_until_then() {
-        let sticks = mavlink::dialects::ardupilotmega::MANUAL_CONTROL_DATA::ID;
+        let sticks = mavlink::dialect::MANUAL_CONTROL_DATA::ID;
         let asked_in = |mode| {
             let mut streams = Streams::new(ProfileName::Px4Deviation);
             let requests = run(&mut streams, mode, |id| id != sticks, None);
@@ -390,7 +388,7 @@ mod tests {
 
     #[test]
     fn what_comes_in_guided_only_or_with_a_mission_only_is_no_fault_elsewhere() {
-        use mavlink::dialects::ardupilotmega::{MISSION_CURRENT_DATA, POSITION_TARGET_LOCAL_NED_DATA};
+        use mavlink::dialect::{MISSION_CURRENT_DATA, POSITION_TARGET_LOCAL_NED_DATA};
         let seen_in = |mode, answer| {
             let mut streams = Streams::new(ProfileName::ArdupilotGuided);
             let silent = [MISSION_CURRENT_DATA::ID, POSITION_TARGET_LOCAL_NED_DATA::ID];
@@ -411,7 +409,7 @@ mod tests {
 
     #[test]
     fn a_place_asked_for_is_looked_for_more_often_over_a_fast_link() {
-        use mavlink::dialects::ardupilotmega::POSITION_TARGET_LOCAL_NED_DATA as Target;
+        use mavlink::dialect::POSITION_TARGET_LOCAL_NED_DATA as Target;
         let asked_us = |fast: bool| {
             let mut streams = Streams::new(ProfileName::ArdupilotGuided);
             if fast {

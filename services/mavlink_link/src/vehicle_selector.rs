@@ -9,7 +9,7 @@
 //! is silent there for `SILENT_S` and received on another. What comes on the other links is a duplicate.
 
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType};
+use mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavType};
 
 /// The autopilot counts as alive for this long after its last message (s): one lost heartbeat at 1 Hz is tolerated.
 pub const ALIVE_S: f64 = 1.5;

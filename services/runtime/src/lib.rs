@@ -60,7 +60,6 @@
 
 pub mod cleanup;
 pub mod clock;
-pub mod config;
 pub mod descriptors;
 pub mod device;
 pub mod events;
@@ -86,6 +85,8 @@ pub mod service;
 pub mod session;
 pub mod setup;
 mod transport;
+
+pub use jink_config as config;
 
 pub use clock::Clock;
 pub use device::DeviceOwnership;

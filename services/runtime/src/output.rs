@@ -17,7 +17,11 @@ pub struct Output<T> {
 
 impl<T> fmt::Debug for Output<T> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Output(generation {}, {} sent)", self.port.generation, self.port.count)
+        write!(
+            f,
+            "Output(generation {}, {} sent)",
+            self.port.generation, self.port.count
+        )
     }
 }
 
@@ -109,7 +113,8 @@ impl OutputPort {
             deadline_us: self.deadline_us,
             ..header
         };
-        self.publisher.send(loan, Some(published(header, publish, busy_us)))
+        self.publisher
+            .send(loan, Some(published(header, publish, busy_us)))
     }
 }
 

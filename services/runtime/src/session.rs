@@ -145,7 +145,11 @@ impl Session {
             }
             Transport::Local(bus) => PublisherPort::Local(bus.publisher(&topic.row, &name, payload)?),
         };
-        Ok(Output::new(Publisher::new(payload, port), self.clock(), generation))
+        Ok(Output::new(
+            Publisher::new(payload, port),
+            self.clock(),
+            generation,
+        ))
     }
 
     /// Opens `topic` for reading.
@@ -190,7 +194,9 @@ impl Session {
         let row = self.foreign.with_readers(topic.row, &name);
         Ok(HeldTopic {
             _held: match &self.transport {
-                Transport::Shared(connection) => Some(connection.hold(&row, &name, PayloadType::of::<T>())?),
+                Transport::Shared(connection) => {
+                    Some(connection.hold(&row, &name, PayloadType::of::<T>())?)
+                }
                 // A topic is there as long as its bus.
                 Transport::Local(_) => None,
             },

@@ -6,7 +6,7 @@
 use jink_emulated_ground_station::{Ending, FlightPlan, GroundStation, Outcome};
 use jink_shared_types::Point;
 use jink_simulator::sitl::{Interface, Sitl, SitlBuild, SitlOptions};
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 use mavlink::{MavHeader, MavlinkReader};
 use std::error::Error;
 use std::net::{SocketAddr, UdpSocket};

@@ -14,7 +14,7 @@ use jink_emulated_ground_station::Make;
 use jink_shared_types::coded::Wire as _;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::world::{World, WorldSpec};
-use mavlink::dialects::ardupilotmega::{MavCmd, MavResult};
+use mavlink::dialect::{MavCmd, MavResult};
 use std::fmt;
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -11,7 +11,7 @@ use crate::setup::Setup;
 use jink_shared_types::coded::Wire as _;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::Message;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;

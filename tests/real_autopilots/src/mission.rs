@@ -3,7 +3,7 @@
 use jink_emulated_ground_station::Make;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::{GlobalPoint, Projection};
-use mavlink::dialects::ardupilotmega::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
+use mavlink::dialect::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionType};
 use nalgebra::Vector2;
 
 /// North, east and up of the place where the vehicle stood at first (m), in the frame of the world.

@@ -3,7 +3,7 @@
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{MavCmd, MavResult};
+use mavlink::dialect::{MavCmd, MavResult};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};

@@ -6,7 +6,7 @@ use crate::wire::{Reader, Seen, Wire, frames, mode_of, note};
 use jink_emulated_ground_station::Make;
 use jink_mavlink_link::frame::Splitter;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA,
     LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MavCmd, MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA,
     STATUSTEXT_DATA, TRAJECTORY_REPRESENTATION_BEZIER_DATA, TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA,

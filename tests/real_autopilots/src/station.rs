@@ -8,7 +8,7 @@ use jink_emulated_ground_station::{Make, heartbeat};
 use jink_mavlink_link::frame::Splitter;
 use jink_mavlink_link::message::COMPONENT_AVOIDANCE;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     COMMAND_INT_DATA, COMMAND_LONG_DATA, MANUAL_CONTROL_DATA, MISSION_CLEAR_ALL_DATA, MISSION_COUNT_DATA,
     MISSION_ITEM_INT_DATA, MISSION_SET_CURRENT_DATA, MavCmd, MavFrame, MavMessage, MavMissionType,
     MavParamType, MavResult, PARAM_SET_DATA, PositionTargetTypemask, RC_CHANNELS_OVERRIDE_DATA,

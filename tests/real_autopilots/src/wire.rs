@@ -11,7 +11,7 @@ use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, COMPONENT_AVOIDANCE,
 use jink_shared_types::frames::Point;
 use jink_shared_types::geo::GlobalPoint;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, MavModeFlag};
+use mavlink::dialect::{MavAutopilot, MavMessage, MavModeFlag};
 use std::io;
 use std::net::{SocketAddr, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};

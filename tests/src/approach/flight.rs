@@ -11,7 +11,7 @@ use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::sensors::{SensorKind, SensorSpec};
 use jink_simulated_world::vehicle::wind::WindConfig;
 use jink_simulator::autopilot::AutopilotConfig;
-use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavMessage};
+use mavlink::dialect::{MANUAL_CONTROL_DATA, MavMessage};
 
 /// Height of the flight (m): a lidar on a vehicle that brakes looks down, and must not take the ground for what it sees.
 const HEIGHT_M: f64 = 12.0;

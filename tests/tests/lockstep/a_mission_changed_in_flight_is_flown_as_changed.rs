@@ -10,7 +10,7 @@ use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::{
     COPTER, FOLLOWERS, PX4_2021_OFFBOARD, PX4_CURRENT, PX4_DEVIATION, PX4_TRAJECTORY, Pairing,
 };
-use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
+use mavlink::dialect::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 
 const ALL: [Pairing; 5] = [
     PX4_CURRENT,

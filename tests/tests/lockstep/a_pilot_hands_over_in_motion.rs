@@ -6,7 +6,7 @@ use jink_shared_types::vehicle::NavMode;
 use jink_tests::campaign::{Cell, setup};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
-use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavMessage};
+use mavlink::dialect::{MANUAL_CONTROL_DATA, MavMessage};
 
 /// How long the pilot flies, away from the trees (s).
 const BY_HAND_S: f64 = 3.0;

@@ -7,7 +7,7 @@ use jink_shared_types::vehicle::NavMode;
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::LockStep;
 use jink_tests::pairing::COPTER;
-use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
+use mavlink::dialect::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 use nalgebra::Vector3;
 
 /// Height of the take-offs (m).

@@ -8,7 +8,7 @@ use jink_tests::campaign::{Cell, FlightOutcome, fly_as};
 use jink_tests::flights::Flights;
 use jink_tests::lockstep::{FlightSetup, LockStep};
 use jink_tests::pairing::{COPTER, FOLLOWERS, PX4_2021_OFFBOARD, PX4_CURRENT, Pairing};
-use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, MavCmd, MavMessage};
+use mavlink::dialect::{COMMAND_LONG_DATA, MavCmd, MavMessage};
 use nalgebra::Vector3;
 
 /// Following setpoints, and well on its way.

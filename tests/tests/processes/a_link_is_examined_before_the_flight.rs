@@ -8,9 +8,7 @@ use jink_mavlink_link::signing::Key;
 use jink_tests::on_udp::{Faults, OnUdp};
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{Answer, System, TempFolder, answer, program};
-use mavlink::dialects::ardupilotmega::{
-    HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
-};
+use mavlink::dialect::{HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType};
 use serde_json::Value;
 
 /// Numbers of the messages that get lost here.

@@ -12,7 +12,7 @@ use jink_tests::peers::Network;
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{program, until};
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use mavlink::types::CharArray;
 use std::collections::BTreeMap;
 use std::net::UdpSocket;

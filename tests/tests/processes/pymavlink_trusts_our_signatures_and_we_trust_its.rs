@@ -7,7 +7,7 @@ use jink_mavlink_link::message::Body;
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, SignatureRefusal, Verifier, sign};
 use jink_runtime::config::Signing;
 use jink_tests::processes::{python_with_pymavlink, workspace};
-use mavlink::dialects::ardupilotmega::{ATTITUDE_DATA, MavMessage};
+use mavlink::dialect::{ATTITUDE_DATA, MavMessage};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::process::{Command, Stdio};

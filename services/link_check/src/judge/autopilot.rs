@@ -11,7 +11,7 @@ use jink_mavlink_link::fit::{DEVIATION_SWITCH, MatchingProfile, TRAJECTORY_SWITC
 use jink_mavlink_link::profile_name::{ProfileChoice, ProfileName};
 use jink_mavlink_link::version::{fitting, is_too_old};
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{MavModeFlag, MavType};
+use mavlink::dialect::{MavModeFlag, MavType};
 
 /// Returns the probe if its results mean something: if the right autopilot was probed.
 pub(super) fn judge<'a>(

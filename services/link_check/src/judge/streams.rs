@@ -6,8 +6,8 @@ use crate::limits::{PX4_ROUND_TRIP_MAX_S, STATE_RATE_MIN_HZ};
 use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::streams::StreamRate;
 #[allow(deprecated)] // Of the trajectory interface.
-use mavlink::dialects::ardupilotmega::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
+use mavlink::dialect::{
     ALTITUDE_DATA, ATTITUDE_QUATERNION_DATA, CURRENT_MODE_DATA, EXTENDED_SYS_STATE_DATA,
     GLOBAL_POSITION_INT_DATA, HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MavMessage,
     POSITION_TARGET_GLOBAL_INT_DATA, POSITION_TARGET_LOCAL_NED_DATA,

@@ -3,9 +3,7 @@
 use super::scripted_autopilot::{ScriptedAutopilot, heartbeat, quadrotor};
 use crate::{Counts, Severity};
 use jink_mavlink_link::profile_name::ProfileName;
-use mavlink::dialects::ardupilotmega::{
-    MavAutopilot, MavMessage, MavModeFlag, MavType, SET_POSITION_TARGET_LOCAL_NED_DATA,
-};
+use mavlink::dialect::{MavAutopilot, MavMessage, MavModeFlag, MavType, SET_POSITION_TARGET_LOCAL_NED_DATA};
 
 /// A fault, its profile, and the severity of its finding.
 pub(super) type Case = (&'static str, ProfileName, fn(&mut ScriptedAutopilot), Severity);

@@ -6,7 +6,7 @@ mod scripted_autopilot;
 use super::{Finding, Severity};
 use cases::cases;
 use jink_mavlink_link::profile_name::ProfileName;
-use mavlink::dialects::ardupilotmega::{MavMessage, MavType};
+use mavlink::dialect::{MavMessage, MavType};
 use proptest::prelude::*;
 use scripted_autopilot::{ScriptedAutopilot, good};
 

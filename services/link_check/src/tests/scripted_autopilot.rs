@@ -5,7 +5,7 @@ use jink_mavlink_link::message::{Body, Content, Received};
 use jink_mavlink_link::profile_name::ProfileName;
 use jink_runtime::config::Config;
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag,
     MavParamType, MavResult, MavState, MavType, PARAM_VALUE_DATA, TIMESYNC_DATA,
 };

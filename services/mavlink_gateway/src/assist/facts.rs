@@ -10,7 +10,7 @@ use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::encoding::Encoding;
 use jink_mavlink_link::fit::{OVERRIDE_BITS, OVERRIDE_IN_OFFBOARD, OVERRIDE_SPEED};
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, PARAM_REQUEST_READ_DATA, PARAM_VALUE_DATA};
+use mavlink::dialect::{MavAutopilot, MavMessage, PARAM_REQUEST_READ_DATA, PARAM_VALUE_DATA};
 
 /// What PX4 is asked.
 const PX4: [&str; 2] = [OVERRIDE_SPEED, OVERRIDE_BITS];
@@ -190,7 +190,7 @@ mod tests {
     use super::AutopilotFacts;
     use jink_mavlink_link::autopilot_type::AutopilotType;
     use jink_shared_types::Timestamp;
-    use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage, MavParamType, PARAM_VALUE_DATA};
+    use mavlink::dialect::{MavAutopilot, MavMessage, MavParamType, PARAM_VALUE_DATA};
 
     const COPTER: MavAutopilot = MavAutopilot::MAV_AUTOPILOT_ARDUPILOTMEGA;
 

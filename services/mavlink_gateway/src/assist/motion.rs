@@ -17,7 +17,7 @@ use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_mavlink_link::message::COMPONENT_AUTOPILOT;
 use jink_shared_types::Timestamp;
 use jink_shared_types::frames::wrap_pi;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     MavFrame, MavMessage, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
 };
 use nalgebra::{Vector2, Vector3};
@@ -239,7 +239,7 @@ mod tests {
     use crate::vehicle::Present;
     use jink_mavlink_link::autopilot_type::AutopilotType;
     use jink_shared_types::Timestamp;
-    use mavlink::dialects::ardupilotmega::{MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
+    use mavlink::dialect::{MavMessage, SET_POSITION_TARGET_LOCAL_NED_DATA};
     use nalgebra::{Vector2, Vector3};
     use proptest::prelude::*;
 

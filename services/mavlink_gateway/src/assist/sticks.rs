@@ -8,7 +8,7 @@
 //! | turn right | `r` | yaw, from RCn_TRIM up to RCn_MAX |
 
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, RC_CHANNELS_DATA};
+use mavlink::dialect::{MANUAL_CONTROL_DATA, RC_CHANNELS_DATA};
 use nalgebra::{Rotation2, Vector2};
 
 /// Sticks that were received longer ago than this (s) are lost: the autopilot's own limit for a lost remote control.
@@ -196,7 +196,7 @@ pub struct RcCalibration {
 mod tests {
     use super::{PilotSticks, RcAxis, RcCalibration};
     use jink_shared_types::Timestamp;
-    use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, RC_CHANNELS_DATA};
+    use mavlink::dialect::{MANUAL_CONTROL_DATA, RC_CHANNELS_DATA};
     use nalgebra::Vector2;
     use proptest::prelude::*;
 

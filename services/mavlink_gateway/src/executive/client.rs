@@ -11,7 +11,7 @@
 
 use crate::note::Note;
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA,
     MISSION_REQUEST_INT_DATA, MISSION_REQUEST_LIST_DATA, MavCmd, MavFrame, MavMessage, MavMissionResult,
     MavMissionType, STATUSTEXT_DATA,
@@ -353,7 +353,7 @@ mod tests {
     use super::{ITEMS_MAX, MissionClient, TRIES};
     use crate::note::Note;
     use jink_shared_types::Timestamp;
-    use mavlink::dialects::ardupilotmega::{
+    use mavlink::dialect::{
         MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_CURRENT_DATA, MISSION_ITEM_INT_DATA, MavMessage,
         MavMissionResult,
     };

@@ -12,7 +12,7 @@
 use super::client::Item;
 use crate::vehicle::MAX_COORDINATE_M;
 use jink_shared_types::geo::{GlobalPoint, Projection};
-use mavlink::dialects::ardupilotmega::{GLOBAL_POSITION_INT_DATA, LOCAL_POSITION_NED_DATA, MavFrame};
+use mavlink::dialect::{GLOBAL_POSITION_INT_DATA, LOCAL_POSITION_NED_DATA, MavFrame};
 use nalgebra::{Vector2, Vector3};
 
 /// Pairs in the median.
@@ -165,9 +165,7 @@ impl Georeference {
 mod tests {
     use super::{Georeference, Item};
     use jink_shared_types::geo::{GlobalPoint, Projection};
-    use mavlink::dialects::ardupilotmega::{
-        GLOBAL_POSITION_INT_DATA, LOCAL_POSITION_NED_DATA, MavCmd, MavFrame,
-    };
+    use mavlink::dialect::{GLOBAL_POSITION_INT_DATA, LOCAL_POSITION_NED_DATA, MavCmd, MavFrame};
     use nalgebra::{Vector2, Vector3};
     use proptest::prelude::*;
 

@@ -17,7 +17,7 @@ use crate::vehicle::MAX_COORDINATE_M;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{GO_TO, MISSION_CLEARED, NO_GOAL, UNGUARDED};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask};
+use mavlink::dialect::{POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask};
 use nalgebra::Vector3;
 
 /// Targets that differ by less (m) are the same.

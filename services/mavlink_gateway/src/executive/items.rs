@@ -15,7 +15,7 @@
 use super::client::Item;
 use jink_shared_types::vehicle::{DesiredPath, DesiredPoint, NavMode};
 use jink_shared_types::{Coded, Flag, Point};
-use mavlink::dialects::ardupilotmega::{MavCmd, MavFrame};
+use mavlink::dialect::{MavCmd, MavFrame};
 use nalgebra::Vector3;
 
 /// A waypoint without a radius of its own counts as reached within this (m): a planned path passes nearer than that.

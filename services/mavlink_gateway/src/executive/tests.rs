@@ -7,7 +7,7 @@ use crate::landed_state::LandedState;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, Event};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{MavCmd, MavFrame};
+use mavlink::dialect::{MavCmd, MavFrame};
 use nalgebra::Vector3;
 
 fn item(sequence: u16, command: MavCmd, north_m: i32) -> Item {

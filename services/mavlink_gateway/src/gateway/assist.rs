@@ -22,7 +22,7 @@ use jink_shared_types::params::{
 use jink_shared_types::prevention::PreventionState;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     COMMAND_LONG_DATA, MANUAL_CONTROL_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, PARAM_VALUE_DATA,
     RC_CHANNELS_DATA,
 };

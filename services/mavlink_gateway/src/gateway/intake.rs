@@ -15,7 +15,7 @@ use jink_mavlink_link::message::{Body, COMPONENT_AUTOPILOT, Content, Destination
 use jink_mavlink_link::vehicle_selector::{is_autopilot, is_from_autopilot};
 use jink_shared_types::Timestamp;
 use mavlink::Message;
-use mavlink::dialects::ardupilotmega::{MavMessage, TIMESYNC_DATA};
+use mavlink::dialect::{MavMessage, TIMESYNC_DATA};
 
 impl Gateway {
     /// Takes in one message.

@@ -21,8 +21,8 @@ use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Timestamp};
 use mavlink::MessageData;
 #[allow(deprecated)]
-use mavlink::dialects::ardupilotmega::MISSION_SET_CURRENT_DATA;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::MISSION_SET_CURRENT_DATA;
+use mavlink::dialect::{
     COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA, MavCmd, MavFrame, MavMessage, MavModeFlag,
     MavResult, POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask,
 };

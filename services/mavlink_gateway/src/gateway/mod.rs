@@ -42,7 +42,7 @@ use jink_shared_types::tracking::Tracking;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     COMMAND_LONG_DATA, DISTANCE_SENSOR_DATA, EXTENDED_SYS_STATE_DATA, MavCmd, MavMessage, TIMESYNC_DATA,
 };
 use mission::MissionFlight;

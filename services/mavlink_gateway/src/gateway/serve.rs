@@ -20,7 +20,7 @@ use jink_shared_types::link::LINKS;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::{Coded, Flag, Timestamp};
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_ACK_DATA, COMPONENT_METADATA_DATA, FILE_TRANSFER_PROTOCOL_DATA,
     MESSAGE_INTERVAL_DATA, MavCmd, MavMessage, MavResult, ONBOARD_COMPUTER_STATUS_DATA, PARAM_ERROR_DATA,
     PARAM_VALUE_DATA, PROTOCOL_VERSION_DATA, STATUSTEXT_DATA,

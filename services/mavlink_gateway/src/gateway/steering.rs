@@ -22,9 +22,7 @@ use jink_shared_types::params::MPC_VEL_MANUAL;
 use jink_shared_types::prevention::{PilotDemand, PreventionState};
 use jink_shared_types::vehicle::NavMode;
 use jink_shared_types::{Timestamp, Velocity};
-use mavlink::dialects::ardupilotmega::{
-    MavFrame, MavMessage, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
-};
+use mavlink::dialect::{MavFrame, MavMessage, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA};
 use nalgebra::Vector2;
 
 /// Slower than this the vehicle counts as being at rest (m/s).

@@ -15,7 +15,7 @@ use jink_mavlink_link::autopilot_type::AutopilotType;
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{EventSample, ITEM_BLOCKED};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask};
+use mavlink::dialect::{POSITION_TARGET_LOCAL_NED_DATA, PositionTargetTypemask};
 
 /// A setpoint this long ago (s) may be refused now; an older one is not what the autopilot flies.
 const SENT_S: f64 = 0.2;

@@ -15,7 +15,7 @@ use jink_mavlink_link::profile_name::{ProfileName, Representation};
 use jink_shared_types::motion::ApprovedTrajectory;
 use jink_shared_types::vehicle::{DesiredPath, NavMode};
 use jink_shared_types::{Reading, SampleHeader, Timestamp};
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 use std::fmt;
 
 /// Everything a setpoint may depend on.

@@ -27,9 +27,7 @@ use super::{Profile, Setpoint, Situation};
 use jink_mavlink_link::message::COMPONENT_AUTOPILOT;
 use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{
-    MavFrame, MavMessage, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA,
-};
+use mavlink::dialect::{MavFrame, MavMessage, PositionTargetTypemask, SET_POSITION_TARGET_LOCAL_NED_DATA};
 
 /// A reference that is farther from the vehicle than this is not what the vehicle flies (m): three times the largest
 /// error measured in OFFBOARD and GUIDED within the limits that are planned with.

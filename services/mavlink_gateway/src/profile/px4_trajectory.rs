@@ -24,11 +24,9 @@ use super::{Profile, Representation, Setpoint, Situation};
 use jink_shared_types::frames::wrap_pi;
 use jink_shared_types::vehicle::{COMMAND_NONE, DesiredPoint, NavMode};
 use jink_shared_types::{SampleHeader, Timestamp};
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 #[allow(deprecated)] // Gone from PX4 1.16 on; this profile is for the versions before.
-use mavlink::dialects::ardupilotmega::{
-    TRAJECTORY_REPRESENTATION_BEZIER_DATA, TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA,
-};
+use mavlink::dialect::{TRAJECTORY_REPRESENTATION_BEZIER_DATA, TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA};
 
 /// How far in the past curves start (s): more than the error of a converged time synchronisation, which is below
 /// half of a round trip of at most 10 ms.

@@ -7,7 +7,7 @@ use jink_shared_types::health::Health;
 use jink_shared_types::link::ProfileFit;
 use jink_shared_types::motion::Verdict;
 use jink_shared_types::params::ParamSet;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use mavlink::{Message, MessageData};
 use nalgebra::Vector3;
 

@@ -7,7 +7,7 @@ use jink_ground_services::computer::BoardReading;
 use jink_mavlink_gateway::{Body, Encoder, GatewayConfig, ProfileName};
 use jink_shared_types::Timestamp;
 use jink_shared_types::motion::Verdict;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 const FROM: Vector3<f64> = Vector3::new(4.0, -2.0, -3.0);

@@ -5,7 +5,7 @@
 use jink_mavlink_gateway::{Body, Encoder};
 use jink_mavlink_link::budget::{Budget, CapacityChange, TrafficClass};
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 /// How long the line is watched (s).
 const SECONDS: u32 = 30;

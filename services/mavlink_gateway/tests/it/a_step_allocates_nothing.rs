@@ -26,7 +26,7 @@ use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::NavMode;
 use jink_shared_types::{Coded, Timestamp, Velocity};
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use mavlink::{Message, calculate_crc};
 use nalgebra::Vector3;
 use rand::{Rng, SeedableRng};

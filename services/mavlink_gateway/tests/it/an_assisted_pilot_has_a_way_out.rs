@@ -6,7 +6,7 @@ use jink_shared_types::link::AssistState;
 use jink_shared_types::params::ParamSet;
 use jink_shared_types::prevention::{PreventedDemand, PreventionState};
 use jink_shared_types::{Coded, Timestamp, Velocity};
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 const BOTH: [ProfileName; 2] = [ProfileName::Px4Offboard, ProfileName::ArdupilotGuided];

@@ -7,7 +7,7 @@ use jink_mavlink_gateway::{COMPONENT_AVOIDANCE, COMPONENT_ONBOARD_COMPUTER};
 use jink_parameter_server::ParameterServer;
 use jink_shared_types::param_messages::{ParameterChange, TABLE_HASH};
 use jink_shared_types::params::{OA_ALT_MAX, OA_SPD_MAX, OA_YAW_MODE, Param, TABLE};
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use mavlink::types::CharArray;
 use mavlink::{Message, MessageData};
 use proptest::prelude::*;

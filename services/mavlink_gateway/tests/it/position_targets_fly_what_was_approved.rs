@@ -6,7 +6,7 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::motion::Verdict;
 use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::params::ParamSet;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 

@@ -6,7 +6,7 @@ use jink_mavlink_gateway::ranges::{RANGEFINDER, ROW, RangeSources, SensorTable};
 use jink_mavlink_gateway::{Gateway, GatewayConfig};
 use jink_shared_types::ranges::RangeScan;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 fn bench() -> Bench {

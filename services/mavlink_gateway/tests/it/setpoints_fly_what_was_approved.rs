@@ -6,7 +6,7 @@ use jink_mavlink_gateway::GatewayConfig;
 use jink_shared_types::motion::{Trajectory, TrajectoryMode, Verdict};
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF};
 use jink_shared_types::{Coded, Stage};
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 const HERE: Vector3<f64> = Vector3::new(4.0, -2.0, -3.0);

@@ -10,7 +10,7 @@ use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::Health;
 use jink_shared_types::link::AvoidanceState;
 use jink_shared_types::ring::SectorRing;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use mavlink::{Message, MessageData};
 use nalgebra::Vector3;
 

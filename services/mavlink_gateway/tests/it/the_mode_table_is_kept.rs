@@ -14,7 +14,7 @@ use jink_mavlink_gateway::{GatewayConfig, Representation};
 use jink_shared_types::Timestamp;
 use jink_shared_types::motion::{Trajectory, Verdict};
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF};
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 const HERE: Vector3<f64> = Vector3::new(3.0, 4.0, -5.0);

@@ -11,7 +11,7 @@ use jink_shared_types::motion::{ApprovedTrajectory, Trajectory, Verdict};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF};
 use jink_shared_types::{Coded, Flag};
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 

@@ -5,7 +5,7 @@ use crate::support::*;
 use jink_shared_types::vehicle::{
     COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF, NavMode, VehicleState,
 };
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 

@@ -6,7 +6,7 @@ use jink_mavlink_gateway::{GatewayConfig, Representation};
 use jink_shared_types::Timestamp;
 use jink_shared_types::motion::Verdict;
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF};
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 use proptest::prelude::*;
 

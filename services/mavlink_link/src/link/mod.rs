@@ -29,6 +29,8 @@ use crate::frame::{MavlinkFrame, Splitter};
 use crate::message::{COMPONENT_AUTOPILOT, Content, Received};
 use handover::{Handover, HandoverMessage};
 use jink_shared_types::Timestamp;
+use mavlink::Message;
+use mavlink::dialect::MavMessage;
 use std::net::IpAddr;
 use std::os::fd::BorrowedFd;
 use std::path::Path;
@@ -59,7 +61,7 @@ pub enum Progress {
 pub struct LinkCounters {
     /// Bytes that belonged to no frame.
     pub garbage_bytes: u64,
-    /// Intact frames whose content could not be decoded.
+    /// Intact frames of messages that are spoken here, whose content could not be decoded.
     pub undecodable: u64,
     /// Frames that were dropped because the link was too slow or had no peer.
     pub unsent: u64,
@@ -489,7 +491,8 @@ impl Link {
                 transport.set_peer_to_last_sender();
             }
             let content = Content::of(&frame).filter(|_| frame.is_verified);
-            self.counters.undecodable += u64::from(frame.is_verified && content.is_none());
+            let is_spoken = MavMessage::extra_crc(frame.message_id) != 0;
+            self.counters.undecodable += u64::from(frame.is_verified && is_spoken && content.is_none());
             if filter.wants(&frame, content.as_ref())
                 && let Some(content) = content
             {

@@ -35,7 +35,7 @@ use jink_shared_types::Timestamp;
 use jink_shared_types::events::EventSample;
 use jink_shared_types::link::{LINKS, LinkTraffic};
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{MavMessage, SETUP_SIGNING_DATA};
+use mavlink::dialect::{MavMessage, SETUP_SIGNING_DATA};
 use member::{LinkRules, Member};
 use std::os::fd::BorrowedFd;
 use std::path::{Path, PathBuf};
@@ -432,7 +432,7 @@ impl FrameFilter for LinkFilter<'_> {
         if let Some(Content::Message(MavMessage::SYSTEM_TIME(time))) = content {
             router.on_system_time(self.origin, sender, time.time_boot_ms);
         }
-        let target = content.map(Content::target).unwrap_or_default();
+        let target = frame.target();
         if self.is_owner {
             let to = router.forwards_to(self.origin, frame.message_id, target);
             self.shared.forward_queue.add(to, frame.bytes);

@@ -22,8 +22,9 @@ pub use key::{Key, KeyError};
 
 use crate::frame::MavlinkFrame;
 use jink_runtime::config::Signing;
-use mavlink::dialects::ardupilotmega::{MavMessage, RADIO_STATUS_DATA};
-use mavlink::{MAV_STX_V2, Message, MessageData, calculate_crc, consts};
+use mavlink::dialect::RADIO_STATUS_DATA;
+use mavlink::wire::Wire;
+use mavlink::{MAV_STX_V2, MessageData, calculate_crc, consts};
 use sha2::{Digest, Sha256};
 
 /// Bytes that a signature adds to a frame.
@@ -65,7 +66,8 @@ pub fn sign<'a>(
     }
     signed[..frame.len()].copy_from_slice(frame);
     signed[consts::v2::INCOMPAT_FLAGS_OFFSET] = consts::v2::IFLAG_SIGNED;
-    let seed = MavMessage::extra_crc(u32::from_le_bytes([frame[7], frame[8], frame[9], 0]));
+    let message_id = u32::from_le_bytes([frame[7], frame[8], frame[9], 0]);
+    let seed = Wire::of(message_id).map_or(0, |wire| wire.extra_crc);
     let crc_at = frame.len() - consts::CHECKSUM_SIZE;
     let crc = calculate_crc(&signed[consts::STX_SIZE..crc_at], seed);
     signed[crc_at..frame.len()].copy_from_slice(&crc.to_le_bytes());
@@ -186,7 +188,7 @@ mod tests {
     use crate::frame::Splitter;
     use crate::message::Body;
     use jink_runtime::config::Signing;
-    use mavlink::dialects::ardupilotmega::{ATTITUDE_QUATERNION_DATA, MavMessage, RADIO_STATUS_DATA};
+    use mavlink::dialect::{ATTITUDE_QUATERNION_DATA, MavMessage, RADIO_STATUS_DATA};
     use proptest::prelude::*;
 
     fn frame(message: MavMessage) -> Vec<u8> {

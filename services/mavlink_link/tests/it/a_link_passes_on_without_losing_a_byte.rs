@@ -5,7 +5,7 @@ use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::link::{Link, Progress, Sent};
 use jink_mavlink_link::message::{Body, Content, Received};
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{ATTITUDE_QUATERNION_DATA, MavMessage};
+use mavlink::dialect::{ATTITUDE_QUATERNION_DATA, MavMessage};
 use proptest::prelude::*;
 use rustix::pty::OpenptFlags;
 use std::io::{Read, Write};

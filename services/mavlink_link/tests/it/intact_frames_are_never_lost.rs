@@ -3,7 +3,7 @@
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::frame::{SPLITTER_BYTES, Splitter};
 use jink_mavlink_link::message::{Body, CommandAck, Content};
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use mavlink::{MAVLinkV1MessageRaw, MavHeader, Message, MessageData, calculate_crc};
 use proptest::prelude::*;
 

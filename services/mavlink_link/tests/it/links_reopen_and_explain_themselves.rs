@@ -5,7 +5,7 @@ use jink_mavlink_link::link::{Endpoint, Link, LinkError, Progress, Sent};
 use jink_mavlink_link::message::{Body, Content, Received};
 use jink_runtime::serial::SerialError;
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::{ATTITUDE_QUATERNION_DATA, HEARTBEAT_DATA, MavMessage};
+use mavlink::dialect::{ATTITUDE_QUATERNION_DATA, HEARTBEAT_DATA, MavMessage};
 use rustix::pty::OpenptFlags;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};

@@ -10,7 +10,7 @@ use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign};
 use jink_mavlink_link::tlog::Tlog;
 use jink_runtime::config::{Purpose, Signing};
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use mavlink::{MAVLinkV1MessageRaw, MavHeader, Message, calculate_crc};
 use proptest::prelude::*;
 use rustix::pty::OpenptFlags;

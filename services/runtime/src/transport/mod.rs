@@ -39,7 +39,12 @@ pub(crate) struct Sealed(*const u8);
 
 impl PayloadType {
     pub(crate) fn of<T: Layout>() -> Self {
-        const { assert!(align_of::<T>() <= align_of::<u64>(), "slots have the alignment of u64") };
+        const {
+            assert!(
+                align_of::<T>() <= align_of::<u64>(),
+                "slots have the alignment of u64"
+            )
+        };
         Self {
             name: type_name::<T>(),
             size: size_of::<T>(),

@@ -5,7 +5,7 @@ use super::parameters::Parameter as P;
 use jink_emulated_autopilot::link::Packet;
 use jink_emulated_autopilot::mission::single;
 use jink_emulated_autopilot::modes::arducopter::Mode;
-use mavlink::dialects::ardupilotmega::{MavResult, MavSeverity};
+use mavlink::dialect::{MavResult, MavSeverity};
 
 /// `param2` of MAV_CMD_COMPONENT_ARM_DISARM that forces it.
 const FORCE: f32 = 21_196.0;

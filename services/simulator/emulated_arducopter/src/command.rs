@@ -12,7 +12,7 @@ use jink_emulated_autopilot::link::{Link, Packet};
 use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::modes::arducopter::Mode;
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavModeFlag, MavProtocolCapability,
     MavResult, MavSeverity, STATUSTEXT_DATA,
 };

@@ -13,7 +13,7 @@ use super::proximity::Proximity;
 use super::setpoint::{Request, acceleration_bits, position_bits, velocity_bits, yaw_bits};
 use super::takeoff::{Takeoff, TakeoffStep};
 use jink_simulated_world::vehicle::estimator::Estimate;
-use mavlink::dialects::ardupilotmega::PositionTargetTypemask as Mask;
+use mavlink::dialect::PositionTargetTypemask as Mask;
 use nalgebra::Vector3;
 
 /// What is followed.

@@ -59,7 +59,7 @@ use jink_simulated_world::vehicle::estimator::{Estimate, Estimator, EstimatorCon
 use jink_simulated_world::vehicle::{ActuatorCommand, STEP_US, Vehicle, VehicleConfig, VehicleTruth};
 use land::Return;
 use loiter::Loiter;
-use mavlink::dialects::ardupilotmega::MavSeverity;
+use mavlink::dialect::MavSeverity;
 use nalgebra::Vector3;
 use parameter_protocol::ParameterProtocol;
 use parameters::{Parameter, Parameters};

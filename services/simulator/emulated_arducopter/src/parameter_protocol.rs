@@ -3,7 +3,7 @@
 use super::parameters::{Parameter, Parameters, find};
 use jink_emulated_autopilot::link::{Link, Packet, Wire};
 use jink_emulated_autopilot::parameters::ParameterLists;
-use mavlink::dialects::ardupilotmega::{MavMessage, PARAM_VALUE_DATA};
+use mavlink::dialect::{MavMessage, PARAM_VALUE_DATA};
 
 /// `param_index` of a value that was not asked for by its index.
 const BY_NAME: u16 = u16::MAX;

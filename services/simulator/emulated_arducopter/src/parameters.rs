@@ -3,7 +3,7 @@
 //! Everything else in ArduCopter's list of a thousand has no effect here and does not exist: as on the real one, setting an
 //! unknown name is ignored without a word. Numbers travel as they are, cast to float, whatever their type.
 
-use mavlink::dialects::ardupilotmega::MavParamType;
+use mavlink::dialect::MavParamType;
 
 /// How a parameter is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,7 +7,7 @@
 //! * Healthy while the last message is younger than half a second; a sector forgets after one more second.
 
 use super::parameters::{Parameter as P, Parameters};
-use mavlink::dialects::ardupilotmega::{MavFrame, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA};
+use mavlink::dialect::{MavFrame, OBSTACLE_DISTANCE_3D_DATA, OBSTACLE_DISTANCE_DATA};
 use nalgebra::{Rotation2, Vector2};
 
 /// Number of sectors.

@@ -17,7 +17,7 @@ use jink_emulated_autopilot::mission_protocol::MissionChange;
 use jink_emulated_autopilot::modes::arducopter::Mode;
 use jink_shared_types::geo::GlobalPoint;
 use mavlink::Message;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     MavFrame, MavMessage, MavSeverity, SET_POSITION_TARGET_GLOBAL_INT_DATA,
     SET_POSITION_TARGET_LOCAL_NED_DATA, STATUSTEXT_DATA,
 };
@@ -232,7 +232,7 @@ impl ArduCopter {
         let (x, y) = self.frame.projection.to_global(self.home.xy()).to_e7();
         if let Some(item) = self.mission.get_mut(0) {
             item.frame = MavFrame::MAV_FRAME_GLOBAL;
-            item.command = mavlink::dialects::ardupilotmega::MavCmd::MAV_CMD_NAV_WAYPOINT;
+            item.command = mavlink::dialect::MavCmd::MAV_CMD_NAV_WAYPOINT;
             (item.x, item.y) = (x, y);
             item.z = (self.frame.origin_altitude_m - self.home.z) as f32;
         }

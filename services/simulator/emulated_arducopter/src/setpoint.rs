@@ -11,9 +11,7 @@
 
 use super::position_control::Motion;
 use jink_simulated_world::vehicle::estimator::Estimate;
-use mavlink::dialects::ardupilotmega::{
-    MavFrame, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
-};
+use mavlink::dialect::{MavFrame, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA};
 use nalgebra::{Rotation2, Vector3};
 
 /// What a message asks for.

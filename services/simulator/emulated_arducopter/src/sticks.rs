@@ -1,6 +1,6 @@
 //! The pilot's sticks: a simulated receiver with the throttle down, and overrides from the ground station.
 
-use mavlink::dialects::ardupilotmega::RC_CHANNELS_OVERRIDE_DATA;
+use mavlink::dialect::RC_CHANNELS_OVERRIDE_DATA;
 use nalgebra::Vector2;
 
 /// Channels that are simulated.

@@ -14,8 +14,8 @@ use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::modes::arducopter::{Mode, base_mode};
 use jink_shared_types::frames::Attitude;
 use jink_simulated_world::vehicle::GRAVITY_MPS2;
-use mavlink::dialects::ardupilotmega as m;
-use mavlink::dialects::ardupilotmega::{MavMessage, MavSensorOrientation, MavSysStatusSensor};
+use mavlink::dialect as m;
+use mavlink::dialect::{MavMessage, MavSensorOrientation, MavSysStatusSensor};
 
 /// Orientation of each sector's DISTANCE_SENSOR.
 const ORIENTATIONS: [MavSensorOrientation; SECTORS] = [

@@ -2,7 +2,7 @@
 
 use super::mission::MissionFrame;
 use jink_shared_types::geo::GlobalPoint;
-use mavlink::dialects::ardupilotmega::{COMMAND_INT_DATA, COMMAND_LONG_DATA, MavFrame};
+use mavlink::dialect::{COMMAND_INT_DATA, COMMAND_LONG_DATA, MavFrame};
 use nalgebra::Vector2;
 
 /// The place that a command names; what it does not name is `None`.

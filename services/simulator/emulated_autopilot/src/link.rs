@@ -1,6 +1,6 @@
 //! The two MAVLink links, and what passes from one to the other.
 
-use mavlink::dialects::ardupilotmega::{MavMessage, MavSeverity, STATUSTEXT_DATA};
+use mavlink::dialect::{MavMessage, MavSeverity, STATUSTEXT_DATA};
 use mavlink::{MavHeader, Message};
 use std::fmt::Write;
 
@@ -160,7 +160,7 @@ impl std::fmt::Write for TextBuffer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use mavlink::dialects::ardupilotmega::{COMMAND_LONG_DATA, HEARTBEAT_DATA};
+    use mavlink::dialect::{COMMAND_LONG_DATA, HEARTBEAT_DATA};
 
     fn packet(message: MavMessage) -> Packet {
         Packet {

@@ -5,8 +5,8 @@
 use crate::mission::MissionFrame;
 use jink_simulated_world::vehicle::estimator::Estimate;
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega as m;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect as m;
+use mavlink::dialect::MavMessage;
 use nalgebra::Vector3;
 
 /// Time since boot as most messages carry it (ms).

@@ -4,7 +4,7 @@
 #![allow(deprecated)]
 
 use jink_shared_types::geo::{GlobalPoint, Projection};
-use mavlink::dialects::ardupilotmega::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionResult};
+use mavlink::dialect::{MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavMissionResult};
 use nalgebra::Vector3;
 
 /// Time of one turn of LOITER_TURNS (s): CIRCLE_RATE, 20 degrees a second.

@@ -6,7 +6,7 @@
 use super::link::{Link, Packet, Wire};
 use super::mission::{ITEMS_MAX, Mission};
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     MISSION_ACK_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MISSION_REQUEST_INT_DATA, MavMessage,
     MavMissionResult, MavMissionType,
 };

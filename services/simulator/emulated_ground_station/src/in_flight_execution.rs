@@ -6,7 +6,7 @@ use super::item::PlanItem;
 use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::Projection;
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     COMMAND_INT_DATA, MISSION_CLEAR_ALL_DATA, MavCmd, MavFrame, MavMessage, MavMissionType,
 };
 
@@ -138,7 +138,7 @@ impl GroundStation {
 // PX4 before July 2026 has no command for it.
 #[allow(deprecated)]
 fn set_current(seq: u16, target_system: u8) -> MavMessage {
-    MavMessage::MISSION_SET_CURRENT(mavlink::dialects::ardupilotmega::MISSION_SET_CURRENT_DATA {
+    MavMessage::MISSION_SET_CURRENT(mavlink::dialect::MISSION_SET_CURRENT_DATA {
         seq,
         target_system,
         target_component: 1,

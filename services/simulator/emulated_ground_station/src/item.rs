@@ -1,7 +1,7 @@
 //! An item of a mission that is no waypoint.
 
 use jink_shared_types::frames::{LocalNed, Point};
-use mavlink::dialects::ardupilotmega::MavCmd;
+use mavlink::dialect::MavCmd;
 
 /// An item behind the waypoints.
 #[derive(Clone, Debug, PartialEq)]

@@ -30,7 +30,7 @@ use jink_shared_types::geo::GlobalPoint;
 use jink_shared_types::vehicle::NavMode;
 use make::command;
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     HEARTBEAT_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavParamType, MavState, MavType,
     PARAM_SET_DATA,
 };

@@ -12,7 +12,7 @@ use jink_emulated_autopilot::modes::arducopter::Mode;
 use jink_emulated_autopilot::modes::px4::{custom_mode, mode_of_custom};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, LOCAL_POSITION_NED_DATA, MavAutopilot, MavCmd, MavMessage,
     MavModeFlag,
 };
@@ -111,7 +111,7 @@ pub(super) fn command(command: MavCmd, [param1, param2, param3]: [f32; 3], targe
 mod tests {
     use super::Make;
     use jink_shared_types::vehicle::NavMode;
-    use mavlink::dialects::ardupilotmega::MavMessage;
+    use mavlink::dialect::MavMessage;
 
     #[test]
     fn the_mode_that_is_asked_for_is_the_one_that_is_received() {

@@ -7,9 +7,7 @@ use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::GlobalPoint;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{
-    COMMAND_ACK_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult,
-};
+use mavlink::dialect::{COMMAND_ACK_DATA, MavAutopilot, MavCmd, MavMessage, MavModeFlag, MavResult};
 
 /// A waypoint on the way, and the last one, counts as reached this near (m) when nobody says so: an autopilot that follows
 /// setpoints (OFFBOARD, GUIDED) does not announce the items of its mission.

@@ -1,8 +1,6 @@
 //! Mission upload: count, items on request, acknowledgement. Source: MAVLink mission protocol.
 
-use mavlink::dialects::ardupilotmega::{
-    MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionType,
-};
+use mavlink::dialect::{MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavMessage, MavMissionType};
 
 /// Silence after which the count is announced again (s): a lost announcement or a lost request.
 const SILENCE_S: f64 = 1.5;

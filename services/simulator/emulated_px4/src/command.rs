@@ -16,7 +16,7 @@ use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::modes::px4::{mode_of, mode_of_custom};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     AUTOPILOT_VERSION_DATA, COMMAND_LONG_DATA, MavCmd, MavMessage, MavProtocolCapability, MavResult,
     MavSeverity,
 };

@@ -9,7 +9,7 @@ use super::heartbeat_watch::Change;
 use super::parameters::{Parameter as P, Parameters};
 use super::refusal::Refusal;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::MavSeverity;
+use mavlink::dialect::MavSeverity;
 
 /// From the flight task's demand for Hold to the change of mode: one round of PX4's command queue (us).
 const COMMAND_DELAY_US: u64 = 20_000;

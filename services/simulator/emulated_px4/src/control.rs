@@ -12,7 +12,7 @@ use super::takeoff::TakeoffState;
 use jink_emulated_autopilot::link::Packet;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::vehicle::HOVER_THRUST;
-use mavlink::dialects::ardupilotmega::MavSeverity;
+use mavlink::dialect::MavSeverity;
 
 /// How fast the tilt limit may widen after take-off (rad/s).
 const TILT_LIMIT_SLEW_RADPS: f64 = 0.2;

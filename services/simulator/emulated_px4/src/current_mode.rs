@@ -7,7 +7,7 @@
 use jink_emulated_autopilot::link::Link;
 use jink_emulated_autopilot::modes::px4::custom_mode;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{CURRENT_MODE_DATA, MavMessage, MavStandardMode};
+use mavlink::dialect::{CURRENT_MODE_DATA, MavMessage, MavStandardMode};
 
 /// The status is published at least this often (us).
 const STATUS_PERIOD_US: u64 = 500_000;

@@ -6,8 +6,8 @@
 use super::Px4;
 use super::setpoint::PointKind;
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, COMMAND_TAKEOFF};
-use mavlink::dialects::ardupilotmega as m;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect as m;
+use mavlink::dialect::MavMessage;
 
 impl Px4 {
     /// What the companion is asked, in automatic modes only.

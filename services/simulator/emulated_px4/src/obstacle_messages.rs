@@ -4,7 +4,7 @@
 //! that arrive within a cycle the last one is seen.
 
 use super::collision_prevention::{CollisionPrevention, DistanceSensor, ObstacleDistance};
-use mavlink::dialects::ardupilotmega::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_DATA};
+use mavlink::dialect::{DISTANCE_SENSOR_DATA, MavFrame, OBSTACLE_DISTANCE_DATA};
 
 /// `increment_f` if it is positive, `increment` otherwise.
 pub fn scan(now_us: u64, message: &OBSTACLE_DISTANCE_DATA) -> ObstacleDistance {

@@ -7,9 +7,7 @@
 #![allow(deprecated)]
 
 use super::setpoint::{MotionSetpoint, unset};
-use mavlink::dialects::ardupilotmega::{
-    MavFrame, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA,
-};
+use mavlink::dialect::{MavFrame, PositionTargetTypemask as Mask, SET_POSITION_TARGET_LOCAL_NED_DATA};
 use nalgebra::{Rotation2, Vector3};
 
 /// Why a setpoint is not used.

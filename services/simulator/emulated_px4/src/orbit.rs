@@ -4,9 +4,7 @@ use super::setpoint::MotionSetpoint;
 use jink_emulated_autopilot::command_place::CommandPlace;
 use jink_emulated_autopilot::mission::MissionFrame;
 use jink_shared_types::{LocalNed, Point};
-use mavlink::dialects::ardupilotmega::{
-    COMMAND_LONG_DATA, MavFrame, MavMessage, ORBIT_EXECUTION_STATUS_DATA,
-};
+use mavlink::dialect::{COMMAND_LONG_DATA, MavFrame, MavMessage, ORBIT_EXECUTION_STATUS_DATA};
 use nalgebra::{Vector2, Vector3};
 
 /// Speed towards the circle for each metre that is missing (1/s).

@@ -3,7 +3,7 @@
 use super::parameters::{Kind, Parameter, Parameters, from_wire, to_wire};
 use jink_emulated_autopilot::link::{Link, Packet, Wire};
 use jink_emulated_autopilot::parameters::ParameterLists;
-use mavlink::dialects::ardupilotmega::{MavMessage, MavParamType, MavSeverity, PARAM_VALUE_DATA};
+use mavlink::dialect::{MavMessage, MavParamType, MavSeverity, PARAM_VALUE_DATA};
 
 /// The protocol's state.
 #[derive(Clone, Debug, Default)]

@@ -13,7 +13,7 @@ use super::position_task::PositionInput;
 use super::setpoint::{MotionSetpoint, SpeedCaps};
 use super::takeoff::TakeoffState;
 use jink_emulated_autopilot::link::Packet;
-use mavlink::dialects::ardupilotmega::MavSeverity;
+use mavlink::dialect::MavSeverity;
 use nalgebra::Vector2;
 
 impl Px4 {

@@ -15,7 +15,7 @@ use super::setpoint::{MotionSetpoint, SpeedCaps};
 use super::smoothing::{Axis, AxisLimits};
 use super::stick_acceleration::{StickAcceleration, StickInput};
 use jink_simulated_world::vehicle::estimator::Estimate;
-use mavlink::dialects::ardupilotmega::MANUAL_CONTROL_DATA;
+use mavlink::dialect::MANUAL_CONTROL_DATA;
 use nalgebra::{Rotation2, Vector2, Vector3};
 
 /// Deflection that counts as none.

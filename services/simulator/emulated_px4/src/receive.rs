@@ -14,7 +14,7 @@ use jink_emulated_autopilot::command_place::{CommandPlace, long_of};
 use jink_emulated_autopilot::link::{COMPONENT_AVOIDANCE, Link, Packet};
 use jink_emulated_autopilot::messages;
 use jink_emulated_autopilot::mission_protocol::MissionChange;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     MANUAL_CONTROL_DATA, MavMessage, MavSeverity, SET_POSITION_TARGET_LOCAL_NED_DATA, TIMESYNC_DATA,
     TRAJECTORY_REPRESENTATION_BEZIER_DATA, TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA,
 };

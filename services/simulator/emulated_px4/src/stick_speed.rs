@@ -4,7 +4,7 @@
 //! within two seconds was none, and neither was a jump from one message to the next. So a movement counts that is fast
 //! over several messages in a row.
 
-use mavlink::dialects::ardupilotmega::MANUAL_CONTROL_DATA;
+use mavlink::dialect::MANUAL_CONTROL_DATA;
 
 /// Fast messages in a row that make a movement: a jump is one of them, a ramp of a second at 10 Hz is ten.
 const MESSAGES: u32 = 3;

@@ -11,8 +11,8 @@ use jink_emulated_autopilot::modes::px4::{base_mode, custom_mode};
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::vehicle::STEP_US;
 use jink_simulated_world::vehicle::estimator::Estimate;
-use mavlink::dialects::ardupilotmega as m;
-use mavlink::dialects::ardupilotmega::{MavMessage, MavSysStatusSensor};
+use mavlink::dialect as m;
+use mavlink::dialect::{MavMessage, MavSysStatusSensor};
 
 /// `mission_mode` of MISSION_CURRENT: items are executed.
 const MISSION_MODE_ACTIVE: u8 = 1;

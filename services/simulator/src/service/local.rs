@@ -2,7 +2,7 @@
 
 use super::udp::{Arrival, Feed};
 use jink_runtime::Clock;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MavlinkReader};
 use std::fmt;
 use std::io::{self, ErrorKind};

@@ -1,7 +1,7 @@
 //! MAVLink over UDP on loopback, without waiting, every message with the time at which the kernel took it in.
 
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 use mavlink::{MAVLinkV2MessageRaw, MavHeader, MavlinkReader};
 use nix::cmsg_space;
 use nix::errno::Errno;
@@ -187,7 +187,7 @@ fn both_clocks() -> (Timestamp, Timespec) {
 mod tests {
     use super::MavUdp;
     use mavlink::MavHeader;
-    use mavlink::dialects::ardupilotmega::{HEARTBEAT_DATA, MavMessage};
+    use mavlink::dialect::{HEARTBEAT_DATA, MavMessage};
     use std::net::{Ipv4Addr, SocketAddr};
     use std::time::Duration;
 

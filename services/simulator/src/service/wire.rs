@@ -10,7 +10,7 @@ use super::settings;
 use super::udp::{Arrival, MavUdp};
 use jink_runtime::{Ports, StartError};
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::os::fd::BorrowedFd;
 use std::path::Path;

@@ -18,7 +18,7 @@ use super::quadrotor::{Quadrotor, QuadrotorConfig};
 use super::stage::{CONNECT_PATIENCE, Stage};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_simulated_world::vehicle::{GRAVITY_MPS2, STEP_S, STEP_US, VehicleTruth};
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     HIL_ACTUATOR_CONTROLS_DATA, HIL_GPS_DATA, HIL_SENSOR_DATA, HIL_STATE_QUATERNION_DATA,
     HilActuatorControlsFlags, HilSensorUpdatedFlags, MavMessage,
 };
@@ -354,7 +354,7 @@ mod tests {
     use crate::sitl::quadrotor::{Quadrotor, QuadrotorConfig};
     use jink_shared_types::geo::GlobalPoint;
     use jink_simulated_world::vehicle::{GRAVITY_MPS2, STEP_S};
-    use mavlink::dialects::ardupilotmega::{HilActuatorControlsFlags, MavMessage};
+    use mavlink::dialect::{HilActuatorControlsFlags, MavMessage};
     use nalgebra::Vector3;
 
     // Packed by pymavlink 2.4 (dialect ardupilotmega, system 1, component 51, sequence 0) from the same values.

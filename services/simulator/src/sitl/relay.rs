@@ -4,7 +4,7 @@
 use super::ports::PortError;
 use super::watch::AutopilotWatch;
 use mavlink::MavlinkReader;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::collections::VecDeque;
 use std::io::Read;

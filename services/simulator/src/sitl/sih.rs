@@ -11,7 +11,7 @@ use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::{Acceleration, Point, Timestamp, Velocity};
 use jink_simulated_world::vehicle::VehicleTruth;
 use mavlink::MavlinkReader;
-use mavlink::dialects::ardupilotmega::{HIL_STATE_QUATERNION_DATA, MavMessage};
+use mavlink::dialect::{HIL_STATE_QUATERNION_DATA, MavMessage};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use std::net::{Ipv4Addr, UdpSocket};
 use std::time::{Duration, Instant};
@@ -126,7 +126,7 @@ impl Sih {
 mod tests {
     use super::truth;
     use jink_shared_types::geo::{GlobalPoint, Projection};
-    use mavlink::dialects::ardupilotmega::HIL_STATE_QUATERNION_DATA;
+    use mavlink::dialect::HIL_STATE_QUATERNION_DATA;
     use nalgebra::{UnitQuaternion, Vector2};
     use proptest::prelude::*;
 

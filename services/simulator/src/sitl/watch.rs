@@ -6,7 +6,7 @@ use jink_shared_types::frames::{LocalNed, Point};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     MISSION_ITEM_INT_DATA, MavCmd, MavFrame, MavLandedState, MavMessage, MavMissionType, MavModeFlag,
 };
 
@@ -253,7 +253,7 @@ mod tests {
     use jink_shared_types::geo::{GlobalPoint, Projection};
     use jink_shared_types::vehicle::NavMode;
     use mavlink::MavHeader;
-    use mavlink::dialects::ardupilotmega::{
+    use mavlink::dialect::{
         COMMAND_LONG_DATA, HEARTBEAT_DATA, MISSION_COUNT_DATA, MISSION_ITEM_INT_DATA, MavCmd, MavFrame,
         MavMessage, MavMissionType, MavModeFlag,
     };

@@ -6,7 +6,7 @@ use jink_emulated_ground_station::Make;
 use jink_mavlink_link::frame::Splitter;
 use jink_shared_types::geo::GlobalPoint;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{
+use mavlink::dialect::{
     COMMAND_LONG_DATA, GLOBAL_POSITION_INT_DATA, LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MavCmd,
     MavMessage, MavParamType, PARAM_SET_DATA, SIM_STATE_DATA,
 };

@@ -5,7 +5,7 @@ use crate::wire::{Reader, frames};
 use jink_mavlink_link::frame::Splitter;
 use jink_shared_types::geo::GlobalPoint;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::{HIL_STATE_QUATERNION_DATA, MavMessage};
+use mavlink::dialect::{HIL_STATE_QUATERNION_DATA, MavMessage};
 use nalgebra::Vector3;
 use std::path::{Path, PathBuf};
 

@@ -99,7 +99,7 @@ pub fn begins_anew(flight: &mut Flight) -> Done {
 
 /// A second station comes in flight: it fetches the mission and asks for parameters.
 pub fn second_station(flight: &mut Flight) -> Done {
-    use mavlink::dialects::ardupilotmega::{MISSION_REQUEST_LIST_DATA, MavMessage, PARAM_REQUEST_LIST_DATA};
+    use mavlink::dialect::{MISSION_REQUEST_LIST_DATA, MavMessage, PARAM_REQUEST_LIST_DATA};
     under_way(flight)?;
     let target_system = 1;
     for message in [

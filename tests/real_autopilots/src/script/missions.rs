@@ -3,7 +3,7 @@
 use super::places::{free_near, hidden, inside};
 use crate::flight::{Flight, HEIGHT_M, Trouble, height_m};
 use crate::mission::{Item, Place};
-use mavlink::dialects::ardupilotmega::MavCmd;
+use mavlink::dialect::MavCmd;
 
 /// Where every mission begins.
 pub const START: Place = Place::new(0.0, 0.0, HEIGHT_M);

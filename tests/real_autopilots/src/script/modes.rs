@@ -6,7 +6,7 @@ use crate::flight::{Flight, HEIGHT_M, Trouble, height_m};
 use crate::mission::Place;
 use jink_emulated_ground_station::Make;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::{MavCmd, MavResult};
+use mavlink::dialect::{MavCmd, MavResult};
 
 type Done = Result<(), Trouble>;
 

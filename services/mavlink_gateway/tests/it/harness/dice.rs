@@ -1,6 +1,6 @@
 //! Bytes as decisions: every byte sequence is a valid story, and a small change of it is a small change of the story.
 
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 
 /// Numbers at which arithmetic breaks first.
 const SPECIAL: [f32; 16] = [

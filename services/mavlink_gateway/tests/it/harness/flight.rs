@@ -29,7 +29,7 @@ use jink_shared_types::params::ParamSet;
 use jink_shared_types::prevention::PreventedDemand;
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::{Reading, SampleHeader, Stamped, Timestamp};
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 
 /// Steps of a story, so that none lasts for ever.
 const STEPS_MAX: usize = 3000;

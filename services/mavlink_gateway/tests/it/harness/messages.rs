@@ -3,7 +3,7 @@
 use super::dice::Dice;
 use jink_mavlink_gateway::{COMPONENT_AUTOPILOT, Content, ProfileName};
 use jink_mavlink_link::frame::Splitter;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use mavlink::types::CharArray;
 use mavlink::{Message, calculate_crc};
 

@@ -14,7 +14,7 @@ use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign};
 use jink_runtime::config::{Purpose, Signing};
 use jink_shared_types::Timestamp;
 use mavlink::MessageData;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::UdpSocket;
 use std::path::PathBuf;

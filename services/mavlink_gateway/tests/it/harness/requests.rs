@@ -13,7 +13,7 @@ use jink_shared_types::param_messages::ParameterValues;
 use jink_shared_types::params;
 use jink_shared_types::{Reading, Timestamp};
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 /// Who asks.
 const CLIENTS: [(u8, u8); 6] = [(255, 190), (255, 191), (254, 190), (1, 100), (0, 0), (7, 196)];

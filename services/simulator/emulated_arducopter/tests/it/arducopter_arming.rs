@@ -3,7 +3,7 @@
 use crate::support::copter::{CopterFlight, VELOCITY, at, level, setpoint};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::modes::arducopter::Mode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
 const FAILED: MavResult = MavResult::MAV_RESULT_FAILED;

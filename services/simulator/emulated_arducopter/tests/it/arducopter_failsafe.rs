@@ -3,7 +3,7 @@
 use crate::support::copter::CopterFlight;
 use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::modes::arducopter::Mode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 fn heartbeat() -> MavMessage {
     MavMessage::HEARTBEAT(HEARTBEAT_DATA::default())

@@ -10,7 +10,7 @@ use crate::support::copter::{
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::modes::arducopter::Mode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 /// Puts a number that is none somewhere.

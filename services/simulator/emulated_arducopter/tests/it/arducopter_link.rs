@@ -5,7 +5,7 @@
 use crate::support::copter::CopterFlight;
 use jink_emulated_autopilot::Link;
 use mavlink::Message;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;
 const DENIED: MavResult = MavResult::MAV_RESULT_DENIED;

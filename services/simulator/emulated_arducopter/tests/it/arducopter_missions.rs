@@ -7,7 +7,7 @@ use crate::support::copter::{CopterFlight, PVA, at, item, level, setpoint, squar
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::modes::arducopter::Mode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;

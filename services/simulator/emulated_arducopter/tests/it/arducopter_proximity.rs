@@ -3,7 +3,7 @@
 use crate::support::copter::{CopterFlight, POSITION_VELOCITY, PVA, VELOCITY, at, level, setpoint};
 use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::modes::arducopter::Mode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 /// Where the wall stands (m north).

@@ -1,7 +1,7 @@
 //! ArduCopter's flight modes and their numbers on the wire.
 
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::MavModeFlag;
+use mavlink::dialect::MavModeFlag;
 
 /// A flight mode; the number is `custom_mode` of HEARTBEAT.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

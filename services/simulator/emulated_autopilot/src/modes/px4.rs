@@ -1,7 +1,7 @@
 //! PX4's modes on the wire: `custom_mode = main << 16 | sub << 24`.
 
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::MavModeFlag;
+use mavlink::dialect::MavModeFlag;
 
 const MAIN_MANUAL: u8 = 1;
 const MAIN_POSITION: u8 = 3;

@@ -15,7 +15,7 @@ use super::{Commander, Failsafe, Situation, Text};
 use crate::avoidance::HoldCause;
 use crate::parameters::{Parameter as P, Parameters};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::MavSeverity;
+use mavlink::dialect::MavSeverity;
 
 /// Current PX4 looks at the age of setpoints this often (us). It explains the observed spread of the loss, 1.02 to 1.12 s,
 /// and why setpoints at 0.95 Hz, 1.053 s apart, lose the mode in every other gap only.

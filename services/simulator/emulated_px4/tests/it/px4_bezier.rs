@@ -7,7 +7,7 @@ use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_px4::{Firmware, HoldCause, Px4Config, Variant};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 /// A curve of five points from (x0, y0) to (x1, y1) at 5 m, starting and ending at rest.
 fn curve(from: [f64; 2], to: [f64; 2], duration_s: f32, time_usec: u64) -> MavMessage {

@@ -14,7 +14,7 @@ use crate::support::{Flight, north_east, speed};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 /// Distances to a wall (m).
 struct Approach {

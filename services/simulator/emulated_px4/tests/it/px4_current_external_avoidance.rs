@@ -6,7 +6,7 @@ use crate::support::Flight;
 use crate::support::current::{NO_ACCELERATION, NO_POSITION, NO_YAW_RATE, holding, send, setpoint};
 use jink_emulated_autopilot::Autopilot;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 /// YAW_IGNORE.
 const NO_YAW: u16 = 0x400;

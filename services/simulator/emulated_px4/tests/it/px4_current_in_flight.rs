@@ -10,7 +10,7 @@ use jink_emulated_autopilot::Link;
 use jink_emulated_px4::{Pace, Px4Config};
 use jink_shared_types::geo::{GlobalPoint, Projection};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;

@@ -10,7 +10,7 @@ use jink_emulated_autopilot::Link;
 use jink_emulated_px4::{Px4, Px4Config};
 use jink_shared_types::vehicle::NavMode;
 use mavlink::Message;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use std::collections::BTreeMap;
 
 const AVOIDANCE: MavSysStatusSensor = MavSysStatusSensor::MAV_SYS_STATUS_OBSTACLE_AVOIDANCE;

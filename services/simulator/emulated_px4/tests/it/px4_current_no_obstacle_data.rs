@@ -14,7 +14,7 @@ use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::modes::px4::custom_mode;
 use jink_emulated_px4::{HoldCause, Px4Config};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 #[test]
 fn without_data_it_does_not_move_and_holds_after_five_seconds() {

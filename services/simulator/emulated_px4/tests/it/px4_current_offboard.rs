@@ -11,7 +11,7 @@ use crate::support::current::{
 };
 use jink_emulated_autopilot::Autopilot;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 /// CURRENT_MODE.
 const CURRENT_MODE: u32 = 436;

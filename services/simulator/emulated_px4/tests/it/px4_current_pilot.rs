@@ -6,7 +6,7 @@ use crate::support::Flight;
 use crate::support::current::{here, holding, lift, on_ground, send, staying, stick, stream};
 use jink_emulated_autopilot::Autopilot;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 const TAKEN: &str = "Pilot took over using sticks";
 

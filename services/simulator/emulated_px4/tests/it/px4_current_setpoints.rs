@@ -9,7 +9,7 @@ use crate::support::{Flight, north_east, speed};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 type Setpoint = SET_POSITION_TARGET_LOCAL_NED_DATA;
 

@@ -6,7 +6,7 @@ use crate::support;
 use crate::support::{Answer, Flight};
 use jink_emulated_autopilot::Autopilot;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 type Desired = TRAJECTORY_REPRESENTATION_WAYPOINTS_DATA;
 

@@ -8,7 +8,7 @@ use jink_emulated_autopilot::Link;
 use jink_emulated_px4::Px4Config;
 use jink_shared_types::vehicle::NavMode;
 use jink_simulated_world::vehicle::wind::WindConfig;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 /// Without companion.

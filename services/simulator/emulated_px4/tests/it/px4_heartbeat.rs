@@ -6,7 +6,7 @@ use crate::support::{Answer, Flight};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 const AVOIDANCE: MavSysStatusSensor = MavSysStatusSensor::MAV_SYS_STATUS_OBSTACLE_AVOIDANCE;
 const DENIED: &str = "Arming denied! Avoidance system not ready";

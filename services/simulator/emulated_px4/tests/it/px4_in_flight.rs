@@ -8,7 +8,7 @@ use jink_emulated_autopilot::Link;
 use jink_emulated_px4::{Pace, Px4Config};
 use jink_shared_types::geo::Projection;
 use jink_shared_types::vehicle::{COMMAND_LAND, COMMAND_LOITER, COMMAND_NONE, NavMode};
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::{Vector2, Vector3};
 
 const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;

@@ -8,7 +8,7 @@ use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::Message;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 /// Without companion.
 fn alone() -> Flight {

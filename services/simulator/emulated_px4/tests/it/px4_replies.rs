@@ -6,7 +6,7 @@ use crate::support::{Answer, cruising, north_east, reply, speed, waypoint};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 const UNSET: [f32; 3] = [f32::NAN; 3];
 const NO_YAW: [f32; 2] = [f32::NAN; 2];

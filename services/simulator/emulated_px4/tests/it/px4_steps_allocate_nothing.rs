@@ -7,7 +7,7 @@ use allocation_counter::measure;
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::{Link, Packet};
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{MANUAL_CONTROL_DATA, MavFrame, MavMessage};
+use mavlink::dialect::{MANUAL_CONTROL_DATA, MavFrame, MavMessage};
 
 #[test]
 fn a_step_in_flight_allocates_nothing() {

@@ -7,7 +7,7 @@ use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_px4::{Firmware, HoldCause, Px4Config, Variant};
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 const UNSET: [f32; 3] = [f32::NAN; 3];
 const NO_YAW: [f32; 2] = [f32::NAN; 2];

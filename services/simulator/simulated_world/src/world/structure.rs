@@ -97,7 +97,9 @@ impl Structure {
             Shape::Cells { tree, .. } => tree.nearest(at).map_or(f64::INFINITY, |(cell, distance_m)| {
                 distance_m - cell.depth_m(&at).max(0.0)
             }),
-            Shape::Mesh { tree } => tree.nearest(at).map_or(f64::INFINITY, |(_, distance_m)| distance_m),
+            Shape::Mesh { tree } => tree
+                .nearest(at)
+                .map_or(f64::INFINITY, |(_, distance_m)| distance_m),
         }
     }
 
@@ -230,7 +232,10 @@ impl Tree<Triangle> {
         let candidates = self.bvh.traverse_iterator(ray, &self.parts);
         let hits = candidates.map(|part| {
             let [a, b, c] = part.shape.map(Point3::from);
-            let (front, back) = (ray.intersects_triangle(&a, &b, &c), ray.intersects_triangle(&a, &c, &b));
+            let (front, back) = (
+                ray.intersects_triangle(&a, &b, &c),
+                ray.intersects_triangle(&a, &c, &b),
+            );
             (front.distance.min(back.distance), (b - a).cross(&(c - a)))
         });
         let (range_m, normal) = hits

@@ -5,7 +5,7 @@ use super::{SYSTEM, Story};
 use jink_mavlink_gateway::{Body, Receipt};
 use jink_shared_types::layout::Layout;
 use jink_shared_types::params;
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialect::MavMessage;
 
 /// For so long (s) a second autopilot may put the first in doubt.
 const DEBOUNCE_S: f64 = 3.0;

@@ -19,9 +19,7 @@ use jink_shared_types::prevention::{PreventedDemand, PreventionState};
 use jink_shared_types::ring::SectorRing;
 use jink_shared_types::{Coded, Flag, SampleHeader, Velocity};
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::{
-    LOCAL_POSITION_NED_DATA, MANUAL_CONTROL_DATA, MavMessage, MavResult, TIMESYNC_DATA,
-};
+use mavlink::dialect::{LOCAL_POSITION_NED_DATA, MANUAL_CONTROL_DATA, MavMessage, MavResult, TIMESYNC_DATA};
 use nalgebra::Vector3;
 
 impl Story {

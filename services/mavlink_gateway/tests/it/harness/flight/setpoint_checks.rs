@@ -2,7 +2,7 @@
 
 use jink_mavlink_gateway::{COMPONENT_AUTOPILOT, GatewayConfig, ProfileName, Representation};
 use jink_shared_types::Timestamp;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 /// Whether `message` is what the profile may send: a setpoint without anything that it forbids, or none.
 pub(super) fn judge_setpoint(

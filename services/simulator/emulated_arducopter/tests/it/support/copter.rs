@@ -7,7 +7,7 @@ use jink_emulated_autopilot::modes::arducopter::Mode;
 use jink_emulated_autopilot::{Link, Packet};
 use jink_simulated_world::vehicle::VehicleConfig;
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 /// All of a setpoint but its heading rate.

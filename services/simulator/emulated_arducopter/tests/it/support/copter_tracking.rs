@@ -408,7 +408,7 @@ pub struct Halt {
 /// The table of halts; `act` gets the place where it began (m north) and the time since (s).
 pub fn halts() -> Vec<Halt> {
     use jink_emulated_autopilot::modes::arducopter::Mode;
-    use mavlink::dialects::ardupilotmega::MavCmd;
+    use mavlink::dialect::MavCmd;
     let halt = |name, act, observed| Halt { name, act, observed };
     vec![
         halt(

@@ -6,7 +6,7 @@ use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_emulated_px4::Px4Config;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 
 /// Bits of the type mask: position, velocity, acceleration, heading rate are ignored.
 pub const NO_POSITION: u16 = 0x007;

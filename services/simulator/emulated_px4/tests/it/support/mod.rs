@@ -16,7 +16,7 @@ use jink_emulated_px4::{Px4, Px4Config};
 use jink_shared_types::geo::Projection;
 use jink_shared_types::vehicle::NavMode;
 use mavlink::MavHeader;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 /// Steps a second.

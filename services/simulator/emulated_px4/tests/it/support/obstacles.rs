@@ -5,7 +5,7 @@ use super::{Flight, STEPS_PER_S};
 use jink_emulated_autopilot::Autopilot;
 use jink_emulated_autopilot::Link;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector2;
 
 /// Reach of the sensor (cm).

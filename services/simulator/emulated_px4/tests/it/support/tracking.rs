@@ -9,7 +9,7 @@ use jink_emulated_autopilot::Link;
 use jink_emulated_autopilot::reference::{LEVEL_DOWN_M, Reference, wave};
 use jink_emulated_px4::Px4Config;
 use jink_shared_types::vehicle::NavMode;
-use mavlink::dialects::ardupilotmega::*;
+use mavlink::dialect::*;
 use nalgebra::Vector3;
 
 /// Errors count from here (s).

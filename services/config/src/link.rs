@@ -200,7 +200,7 @@ impl Link {
 #[cfg(test)]
 mod tests {
     use super::{Purpose, Signing};
-    use crate::config::Config;
+    use crate::Config;
     use std::path::Path;
 
     fn error_of(text: &str) -> String {

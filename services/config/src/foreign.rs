@@ -390,7 +390,7 @@ fn leaked_list<'a>(texts: impl Iterator<Item = &'a str>) -> &'static [&'static s
 #[cfg(test)]
 mod tests {
     use super::{Foreign, Grants};
-    use crate::config::{Sensor, SensorOutput};
+    use crate::{Sensor, SensorOutput};
     use std::path::Path;
 
     const TOPIC: &str = "[[topic]]\nname = \"user/wind\"\npayload = \"Wind\"\nsize_bytes = 24\n";

@@ -149,7 +149,7 @@ fn is_name(text: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use crate::config::Config;
+    use crate::Config;
     use jink_shared_types::params::{Apply, TABLE};
     use std::path::Path;
 

@@ -8,7 +8,7 @@ macro_rules! sets {
     ($( $name:literal ),* $(,)?) => {
         /// Names and texts.
         const SETS: &[(&str, &str)] = &[$(
-            ($name, include_str!(concat!("../../../../config/sensors/", $name, ".toml"))),
+            ($name, include_str!(concat!("../../../config/sensors/", $name, ".toml"))),
         )*];
     };
 }
@@ -113,7 +113,7 @@ fn joined(texts: &[&str]) -> String {
 #[cfg(test)]
 mod tests {
     use super::{named, names};
-    use crate::config::Config;
+    use crate::Config;
     use jink_shared_types::params;
 
     #[test]
