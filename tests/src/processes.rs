@@ -52,7 +52,8 @@ pub fn programs() -> &'static Path {
 
 /// One program of ours with `arguments`, started in the workspace.
 pub fn program(name: &str, arguments: &[&str]) -> Command {
-    let mut command = Command::new(programs().join(name));
+    let file = jink_runtime::programs::file_of(&programs().join(name));
+    let mut command = jink_runtime::programs::command(&file, name.as_ref());
     command.args(arguments).current_dir(workspace());
     command
 }

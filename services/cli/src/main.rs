@@ -1,10 +1,12 @@
-//! `jink`: start, stop, look at and try out an obstacle-avoidance system.
+//! `jink`: start, stop, look at and try out an obstacle-avoidance system. Started under the name of one of the programs that an
+//! aircraft needs, it is that program.
 
 mod cmd;
+mod services;
 
 use clap::{Parser, Subcommand};
 use jink_control::{DEFAULT_INSTANCE, Problem, beside};
-use jink_runtime::Instance;
+use jink_runtime::{Instance, programs};
 use std::ffi::OsString;
 use std::process::ExitCode;
 
@@ -66,6 +68,9 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    if let Some(service) = services::named(&programs::own_name()) {
+        return service();
+    }
     jink_runtime::descriptors::reserve();
     let cli = Cli::parse();
     // Also keeps the transport's own messages to what is wrong.
@@ -106,5 +111,5 @@ fn simulate(instance: &Instance, command: &str, args: beside::Args) -> Problem {
     }
     arguments.push(command.into());
     arguments.extend(args.arguments);
-    beside::become_program(&format!("jink {command}"), "jink-lab", arguments)
+    beside::become_program(&format!("jink {command}"), programs::LAB, arguments)
 }

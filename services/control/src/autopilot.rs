@@ -7,7 +7,6 @@
 use crate::{Problem, places};
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::str::FromStr;
 
 /// What `jink-simulator sitl --json` says about a build.
@@ -136,7 +135,7 @@ impl Args {
         let Some(folder) = &self.sitl else {
             return Ok(None);
         };
-        let answer = Command::new(places::program(programs, "jink-simulator")?)
+        let answer = places::program(programs, "jink-simulator")?
             .arg("sitl")
             .arg("--json")
             .arg(folder)

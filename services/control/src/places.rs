@@ -1,7 +1,9 @@
 //! Where programs and configuration lie.
 
 use crate::Problem;
+use jink_runtime::programs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// Folder of this program; the others lie beside it.
 pub fn program_folder() -> Result<PathBuf, Problem> {
@@ -10,15 +12,16 @@ pub fn program_folder() -> Result<PathBuf, Problem> {
     folder.ok_or_else(|| Problem::Other("jink's own program has no folder".to_owned()))
 }
 
-/// The program called `name` in `folder`.
-pub fn program(folder: &Path, name: &str) -> Result<PathBuf, Problem> {
-    let path = folder.join(name);
-    if path.is_file() {
-        return Ok(path);
+/// A command that starts the program called `name` in `folder`.
+pub fn program(folder: &Path, name: &str) -> Result<Command, Problem> {
+    let file = programs::file_of(&folder.join(name));
+    if file.is_file() {
+        return Ok(programs::command(&file, name.as_ref()));
     }
+    let bin = file.file_name().unwrap_or_default().display();
     Err(Problem::Other(format!(
-        "{} is missing: build it with `cargo build --release --bin {name}`, or install the package",
-        path.display()
+        "{} is missing: build it with `cargo build --release --bin {bin}`, or install the package",
+        file.display()
     )))
 }
 

@@ -6,7 +6,7 @@ use jink_runtime::Instance;
 use std::io::Read;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 /// Longest stop: every process may take a second to be killed, and the memory is removed.
@@ -156,8 +156,7 @@ impl Supervisor {
 }
 
 fn spawn(instance: &Instance, options: &StartOptions) -> Result<Child, Problem> {
-    let program = places::program(&options.programs, "jink-supervisor")?;
-    let mut command = Command::new(&program);
+    let mut command = places::program(&options.programs, "jink-supervisor")?;
     command.args([
         "--instance",
         &instance.to_string(),
@@ -185,9 +184,7 @@ fn spawn(instance: &Instance, options: &StartOptions) -> Result<Child, Problem> 
         .stdout(Stdio::null())
         .stderr(Stdio::piped())
         .process_group(0);
-    command
-        .spawn()
-        .map_err(Problem::io(program.display().to_string()))
+    command.spawn().map_err(Problem::io("jink-supervisor"))
 }
 
 /// The code of `status`; that of any problem for a supervisor that was killed.
@@ -207,12 +204,11 @@ fn last_error(log: &str) -> Option<String> {
 
 /// Ends what a killed supervisor of `instance` left running and removes its memory.
 pub fn sweep(programs: &Path, instance: &Instance) -> Result<(), Problem> {
-    let program = places::program(programs, "jink-supervisor")?;
-    let swept = Command::new(&program)
+    let swept = places::program(programs, "jink-supervisor")?
         .args(["--instance", &instance.to_string(), "--sweep"])
         .stdin(Stdio::null())
         .output()
-        .map_err(Problem::io(program.display().to_string()))?;
+        .map_err(Problem::io("jink-supervisor"))?;
     if swept.status.success() {
         return Ok(());
     }

@@ -9,7 +9,7 @@ use std::process::Command;
 /// # Errors
 /// There is no simulator in `programs`.
 pub fn describe(programs: &Path, world: &str, seed: u64, density: Option<f64>) -> Result<Command, Problem> {
-    let mut command = Command::new(places::program(programs, "jink-simulator")?);
+    let mut command = places::program(programs, "jink-simulator")?;
     command.args(["world", "--world", world, "--seed", &seed.to_string()]);
     if let Some(density) = density {
         command.args(["--density", &density.to_string()]);

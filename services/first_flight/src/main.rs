@@ -3,21 +3,8 @@
 use std::os::unix::process::CommandExt;
 use std::process::{Command, ExitCode};
 
-/// The programs of a simulated flight, and `jink` to look at it. The drivers of real sensors, campaigns and benchmarks are none.
-const PROGRAMS: [&str; 12] = [
-    "jink",
-    "jink-lab",
-    "jink-supervisor",
-    "jink-simulator",
-    "jink-obstacle-fusion",
-    "jink-planner",
-    "jink-bezier-generator",
-    "jink-collision-guard",
-    "jink-mavlink-gateway",
-    "jink-parameter-server",
-    "jink-ground-services",
-    "jink-link-check",
-];
+/// What flies, and what simulates. Campaigns, benchmarks and tests have programs of their own, built when they are called.
+const PROGRAMS: [&str; 2] = ["jink", "jink-lab"];
 
 fn main() -> ExitCode {
     let mut build = Command::new("cargo");

@@ -1,4 +1,4 @@
-//! `jink-lab`: simulated flights. `jink demo` is this program's `demo`, and so on.
+//! `jink-lab`: simulated flights. `jink demo` is this program's `demo`, and so on; started as `jink-simulator` it is the simulator.
 
 mod bench;
 mod bench_latency;
@@ -7,7 +7,7 @@ mod demo;
 
 use clap::{Parser, Subcommand};
 use jink_control::{DEFAULT_INSTANCE, beside};
-use jink_runtime::Instance;
+use jink_runtime::{Instance, programs};
 use std::process::ExitCode;
 
 /// Simulated flights of jink
@@ -42,6 +42,9 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    if programs::own_name() == programs::SIMULATOR {
+        return jink_simulator::program::main();
+    }
     jink_runtime::descriptors::reserve();
     let cli = Cli::parse();
     // Also keeps the transport's own messages to what is wrong.

@@ -1,4 +1,4 @@
-//! `jink-lidar-driver dump`, behind `jink lidar dump`: the returns in a recording as a table of text.
+//! `jink lidar dump`: the returns in a recording as a table of text.
 //!
 //! One line per return, in the order of the packets: `scan,row,column,range_m,x_m,y_m,z_m`, in the sensor frame. Rows
 //! are lasers, beams or lines, columns the measurement ids (Ouster), firings of a turn (Velodyne) or points of a line
@@ -137,10 +137,9 @@ impl From<CaptureError> for DumpError {
     }
 }
 
-/// The tool: reads `arguments`, writes the table, and reports the result on standard error.
-pub fn run(arguments: &[String]) -> ExitCode {
-    let outcome = DumpRequest::parse(arguments).and_then(|request| dump(&request, &mut report_progress()));
-    match outcome {
+/// The tool: writes the table, and reports the result on standard error.
+pub fn run(request: &DumpRequest) -> ExitCode {
+    match dump(request, &mut report_progress()) {
         Ok(summary) => {
             eprintln!("{summary}");
             ExitCode::SUCCESS
@@ -164,35 +163,6 @@ impl fmt::Display for Summary {
              {other} without ranges, {} no UDP",
             self.scans, self.returns, self.packets, self.lost, self.not_udp
         )
-    }
-}
-
-impl DumpRequest {
-    fn parse(arguments: &[String]) -> Result<Self, DumpError> {
-        let mut request = Self::default();
-        let mut rest = arguments.iter();
-        while let Some(option) = rest.next() {
-            let value = rest
-                .next()
-                .ok_or_else(|| DumpError::Usage(format!("{option} needs a value")))?;
-            match option.as_str() {
-                "--pcap" => request.pcap = value.into(),
-                "--metadata" => request.metadata = Some(value.into()),
-                "--model" => request.model = Some(value.clone()),
-                "--csv" => request.csv = value.into(),
-                _ => {
-                    return Err(DumpError::Usage(format!(
-                        "there is no option {option}; there are --pcap, --metadata, --model, --csv"
-                    )));
-                }
-            }
-        }
-        for (option, path) in [("--pcap", &request.pcap), ("--csv", &request.csv)] {
-            if path.as_os_str().is_empty() {
-                return Err(DumpError::Usage(format!("{option} FILE is missing")));
-            }
-        }
-        Ok(request)
     }
 }
 

@@ -53,6 +53,7 @@
 //! | [`cleanup`] | what the dead left behind |
 //! | [`request`] | what can be asked of a running supervisor |
 //! | [`procfs`] | what the kernel says of processes and of the board |
+//! | [`programs`] | which file holds which of jink's programs |
 //! | [`serial`] | serial ports, of devices and of links |
 //! | [`realtime`] | memory locking, scheduling, clock |
 //! | [`descriptors`] | room for open files, made before there are threads |
@@ -76,6 +77,7 @@ pub mod ports;
 mod prefault;
 pub mod process_loop;
 pub mod procfs;
+pub mod programs;
 pub mod ranges;
 pub mod realtime;
 pub mod request;

@@ -8,7 +8,7 @@
 //!
 //! This library is the policy and starts nothing: [`table`] reads and checks the process table, [`policy`] decides when
 //! a process may be restarted, [`supervision`] is the state machine, [`health`] judges the whole, [`shared`] has its
-//! topics. The program beside it (`main.rs`, `host/`) carries its decisions out.
+//! topics. The program around it ([`program`]) carries its decisions out.
 //!
 //! The shape follows Erlang/OTP's supervisors (start order, reverse stop, restart intensity within a period); detection
 //! follows Linux (a death is seen through its pidfd) and the heartbeat contract in [`jink_shared_types::health`].
@@ -16,6 +16,7 @@
 pub mod health;
 pub mod policy;
 mod process;
+pub mod program;
 pub mod shadow;
 pub mod shared;
 pub mod slowness;

@@ -32,10 +32,10 @@ mod check;
 
 use crate::policy::RestartRule;
 use crate::slowness::SlowRule;
-use jink_runtime::Instance;
 use jink_runtime::config::{
     ConfigError, Foreign, Grants, PROCESS_FILE, Sensor, line_of, of_sensor, parse_toml, plugged_in, read,
 };
+use jink_runtime::{Instance, programs};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 use std::ffi::OsString;
@@ -138,6 +138,8 @@ pub struct ProcessRow {
     pub rules: ProcessRules,
     /// Program: a name beside the supervisor's own, or an absolute path.
     pub program: PathBuf,
+    /// The name that it is started under, whichever file it is in.
+    pub program_name: OsString,
     /// Arguments of this kind of service.
     pub arguments: Vec<String>,
     /// The same where the autopilot is an external one; `None` = no difference.
@@ -237,7 +239,8 @@ impl ProcessTable {
         let mut selected: Vec<ProcessRow> = Vec::new();
         let rows = self.rows.iter().filter(|row| row.when.includes(mode));
         for mut row in rows.flat_map(|row| row.per_sensor_of(sensors)) {
-            row.program = folder.join(&row.program);
+            row.program_name = row.program.file_name().unwrap_or_default().to_owned();
+            row.program = programs::file_of(&folder.join(&row.program));
             if !check::is_executable(&row.program) {
                 return Err(ConfigError {
                     file: self.file.clone(),

@@ -155,33 +155,7 @@ pub fn programs() -> Result<PathBuf, String> {
         .find(|folder| !folder.ends_with("deps"))
         .unwrap_or(Path::new("."));
     let mut build = Command::new(env!("CARGO"));
-    build.args([
-        "build",
-        "--quiet",
-        "-p",
-        "jink-cli",
-        "-p",
-        "jink-supervisor",
-        "-p",
-        "jink-simulator",
-        "-p",
-        "jink-mavlink-gateway",
-        "-p",
-        "jink-parameter-server",
-        "-p",
-        "jink-ground-services",
-    ]);
-    build.args([
-        "-p",
-        "jink-collision-guard",
-        "-p",
-        "jink-bezier-generator",
-        "-p",
-        "jink-planner",
-        "-p",
-        "jink-obstacle-fusion",
-        "--bins",
-    ]);
+    build.args(["build", "--quiet", "--bin", "jink", "--bin", "jink-lab"]);
     if folder.ends_with("release") {
         build.arg("--release");
     }

@@ -1,10 +1,9 @@
 //! `jink lidar dump`.
-//!
-//! Formats of lidars belong to their driver: this command starts its program as a tool.
 
-use jink_control::{Problem, places};
+use jink_control::Problem;
+use jink_lidar_driver::dump::{self, DumpRequest};
 use std::path::PathBuf;
-use std::process::{Command, ExitCode};
+use std::process::ExitCode;
 
 /// What to do with recordings of lidars.
 #[derive(Debug, clap::Args)]
@@ -34,22 +33,16 @@ enum Subcommand {
 
 /// Runs the tool.
 pub fn run(args: &Args) -> Result<ExitCode, Problem> {
-    const PROGRAM: &str = "jink-lidar-driver";
     let Subcommand::Dump {
         pcap,
         metadata,
         model,
         csv,
     } = &args.command;
-    let mut command = Command::new(places::program(&places::program_folder()?, PROGRAM)?);
-    command.arg("dump").arg("--pcap").arg(pcap).arg("--csv").arg(csv);
-    if let Some(metadata) = metadata {
-        command.arg("--metadata").arg(metadata);
-    }
-    if let Some(model) = model {
-        command.args(["--model", model]);
-    }
-    let status = command.status().map_err(Problem::io(PROGRAM))?;
-    let code = status.code().and_then(|code| u8::try_from(code).ok());
-    Ok(code.map_or(ExitCode::FAILURE, ExitCode::from))
+    Ok(dump::run(&DumpRequest {
+        pcap: pcap.clone(),
+        metadata: metadata.clone(),
+        model: model.clone(),
+        csv: csv.clone(),
+    }))
 }

@@ -4,7 +4,7 @@ use super::Plan;
 use jink_control::{Problem, places};
 use std::io::{BufRead, BufReader, Read};
 use std::os::unix::process::CommandExt;
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Child, ExitStatus, Stdio};
 use std::sync::mpsc::{Receiver, Sender, channel};
 
 /// The running ground station; it ends with this.
@@ -17,7 +17,7 @@ pub struct Pilot {
 impl Pilot {
     /// Starts it on the port to which the simulated autopilot sends.
     pub fn start(plan: &Plan, port: u16) -> Result<Self, Problem> {
-        let mut command = Command::new(places::program(&plan.programs, "jink-simulator")?);
+        let mut command = places::program(&plan.programs, "jink-simulator")?;
         command.args(["fly", "--port", &port.to_string()]);
         command.args(["--world", &plan.world, "--seed", &plan.seed.to_string()]);
         command.args(["--legs", &plan.legs.to_string()]);

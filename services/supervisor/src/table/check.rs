@@ -240,6 +240,7 @@ pub(super) fn row(
                 None => OnFailure::Hold,
             },
         },
+        program_name: program.file_name().unwrap_or_default().to_owned(),
         program,
         arguments: list(&written.arguments).unwrap_or_default(),
         arguments_external: list(&written.arguments_external),

@@ -261,7 +261,7 @@ fn the_supervisor_itself_is_upgraded_and_nobody_notices() {
     };
     let refused = rig.ask(&upgrade("/bin/true"));
     assert!(refused.last().is_some_and(|answer| !answer.good), "{refused:?}");
-    let answers = rig.ask(&upgrade(env!("CARGO_BIN_EXE_jink-supervisor")));
+    let answers = rig.ask(&upgrade(&crate::rig::supervisor()));
     assert!(answers.last().is_some_and(|answer| answer.good), "{answers:?}");
     rig.reconnect();
     assert_eq!(rig.wait_active("one").pid, one);

@@ -16,7 +16,7 @@ use serde::Deserialize;
 use serde_json::Map;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 /// How long a running gateway is looked at: three heartbeats of an autopilot, fifteen figures of the gateway.
@@ -95,10 +95,9 @@ fn holder(instance: &Instance, config: &Config, args: &Args) -> Result<Option<St
 
 /// Has the examining program look, and shows what it does meanwhile.
 fn examine(text: &str, config: &Config, args: &Args) -> Result<Outcome, Problem> {
-    let program = places::program(&places::program_folder()?, "jink-link-check")?;
     let interrupt = Interrupt::listen()?;
     let stamps = Stamps::of(config);
-    let mut command = Command::new(program);
+    let mut command = places::program(&places::program_folder()?, "jink-link-check")?;
     command.args(["--seconds", &args.seconds.to_string(), "--stamps"]);
     command
         .arg(&stamps.path)

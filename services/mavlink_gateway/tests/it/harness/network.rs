@@ -60,6 +60,7 @@ struct Seen {
     sender: Sender,
     is_verified: bool,
     content: Option<Content>,
+    target: Target,
     signature: Option<[u8; 13]>,
 }
 
@@ -310,13 +311,12 @@ impl Network {
             if frame.is_verified {
                 self.model.learn(from, frame.sender);
             }
-            let target = frame.content.as_ref().map(Content::target).unwrap_or_default();
-            for peer in self.model.reaches(target) {
+            for peer in self.model.reaches(frame.target) {
                 if peer != from && frame.message_id != SETUP_SIGNING_DATA::ID {
                     received[peer].push(frame.bytes.clone());
                 }
             }
-            if frame.content.is_some() && US.accepts(target) {
+            if frame.content.is_some() && US.accepts(frame.target) {
                 ours.push((frame.sender.system_id, frame.sender.component_id, from));
             }
         }
@@ -413,6 +413,7 @@ fn frames(datagram: &[u8]) -> Vec<Seen> {
                 component_id: frame.header.component_id,
             },
             is_verified: frame.is_verified,
+            target: frame.target(),
             content: if frame.is_verified {
                 Content::of(&frame)
             } else {

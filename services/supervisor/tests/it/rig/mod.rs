@@ -25,9 +25,18 @@ pub fn row(name: &str, arguments: &str, extra: &str) -> String {
 }
 
 pub fn stand_in() -> String {
+    example("stand_in")
+}
+
+/// The supervisor's program, alone.
+pub fn supervisor() -> String {
+    example("supervisor")
+}
+
+fn example(name: &str) -> String {
     let own = std::env::current_exe().unwrap();
     let folder = own.parent().and_then(|deps| deps.parent()).unwrap();
-    folder.join("examples/stand_in").to_str().unwrap().to_owned()
+    folder.join("examples").join(name).to_str().unwrap().to_owned()
 }
 
 /// Waits until `condition` yields something.
@@ -73,7 +82,7 @@ impl Rig {
 
     /// The command that starts a supervisor on the instance.
     pub fn command(&self) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_jink-supervisor"));
+        let mut command = Command::new(supervisor());
         command
             .args(["--instance", &self.instance.to_string()])
             .arg("--config")

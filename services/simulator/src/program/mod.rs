@@ -1,4 +1,4 @@
-//! The simulator's processes and tools.
+//! The program `jink-simulator`: the simulator's processes and tools.
 //!
 //! As a service, started by the supervisor, it plays one of two roles (the argument behind `--`):
 //! `vehicle` is the world, the vehicle and its autopilot, which speaks MAVLink over UDP; `sensors` renders the
@@ -12,8 +12,8 @@ mod sitl;
 mod sitl_vehicle;
 mod world;
 
+use crate::service::{SensorService, VehicleService};
 use jink_runtime::{Cycle, Ports, Service, StartError, Wake};
-use jink_simulator::service::{SensorService, VehicleService};
 use std::os::fd::BorrowedFd;
 use std::process::ExitCode;
 
@@ -50,7 +50,8 @@ impl Service for Vehicle {
     }
 }
 
-fn main() -> ExitCode {
+/// Runs the role or the tool that the command line names.
+pub fn main() -> ExitCode {
     jink_runtime::descriptors::reserve();
     let arguments: Vec<String> = std::env::args().collect();
     match arguments.get(1).map(String::as_str) {

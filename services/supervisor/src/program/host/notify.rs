@@ -1,8 +1,8 @@
 //! What the service manager is notified, if there is one (`sd_notify(3)`): ready, alive, how it goes, stopping.
 
+use crate::supervision::Supervision;
 use jink_shared_types::Timestamp;
 use jink_shared_types::health::Health;
-use jink_supervisor::supervision::Supervision;
 use sd_notify::NotifyState;
 
 /// The service manager's notification socket.

@@ -4,17 +4,17 @@ use super::children::Children;
 use super::notify::Notifier;
 use super::post_mortem::PostMortem;
 use super::requests::{CLIENTS, Requests, refusal};
-use jink_runtime::Instance;
+use crate::shadow::{PROBATION_CYCLES, SwapProgress, SwapRefusal};
+use crate::shared::{PROGRAM, SupervisorTopics};
+use crate::supervision::{Action, End, Exit, Observation, Supervision};
 use jink_runtime::cleanup::Swept;
 use jink_runtime::request::{Answer, Request};
+use jink_runtime::{Instance, programs};
 use jink_shared_types::Timestamp;
 use jink_shared_types::events::{self, EventSample};
 use jink_shared_types::health::{Health, PROCESSES};
 use jink_shared_types::suggestion::{DidYouMean, nearest};
 use jink_shared_types::topics::FINGERPRINT;
-use jink_supervisor::shadow::{PROBATION_CYCLES, SwapProgress, SwapRefusal};
-use jink_supervisor::shared::{PROGRAM, SupervisorTopics};
-use jink_supervisor::supervision::{Action, End, Exit, Observation, Supervision};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::Access;
 use rustix::process::Signal;
@@ -288,10 +288,12 @@ impl System {
                 ..
             } => {
                 match program {
-                    Some(program) if !program.is_file() => {
+                    Some(program) if !programs::file_of(program).is_file() => {
                         return Some(refusal(format!("{} is no file", program.display())));
                     }
-                    Some(program) if rustix::fs::access(program, Access::EXEC_OK).is_err() => {
+                    Some(program)
+                        if rustix::fs::access(programs::file_of(program), Access::EXEC_OK).is_err() =>
+                    {
                         return Some(refusal(format!("{} is not executable", program.display())));
                     }
                     None if self.supervision.is_down(process) && !dry_run => {
@@ -331,7 +333,7 @@ impl System {
     }
 
     fn begin_upgrade(&mut self, program: &Path) -> Option<Answer> {
-        let asked = Command::new(program)
+        let asked = supervisor_in(program)
             .arg("--fingerprint")
             .stdin(Stdio::null())
             .output();
@@ -362,7 +364,7 @@ impl System {
     fn exec_program(&mut self, program: &Path) {
         let supervision = &self.supervision;
         self.children.write_record(|index| supervision.adoptable(index));
-        let error = Command::new(program).args(std::env::args_os().skip(1)).exec();
+        let error = supervisor_in(program).args(std::env::args_os().skip(1)).exec();
         tracing::error!("{} cannot be executed: {error}", program.display());
     }
 
@@ -408,4 +410,9 @@ fn done(text: String) -> Answer {
         last: true,
         good: true,
     }
+}
+
+/// A command that starts the supervisor in another file.
+fn supervisor_in(program: &Path) -> Command {
+    programs::command(&programs::file_of(program), "jink-supervisor".as_ref())
 }

@@ -1,8 +1,8 @@
 //! How a process ended, kept until it ends again or the system stops: exit, last log lines, last heartbeat, and where a
 //! core dump would be. `jink status` shows it.
 
+use crate::supervision::{Exit, Supervision};
 use jink_runtime::Instance;
-use jink_supervisor::supervision::{Exit, Supervision};
 use rustix::process::{Resource, getrlimit};
 use serde::Serialize;
 use std::time::{SystemTime, UNIX_EPOCH};

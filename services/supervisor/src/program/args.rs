@@ -1,8 +1,8 @@
 //! The command line.
 
+use crate::table::Mode;
 use clap::Parser;
 use jink_runtime::Instance;
-use jink_supervisor::table::Mode;
 use std::path::PathBuf;
 
 /// Starts, watches and restarts the processes of one jink instance

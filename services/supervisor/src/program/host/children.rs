@@ -7,12 +7,12 @@
 use super::cores::Cores;
 use super::log_file::LogFile;
 use super::record::{ProcessRecord, RecordEntry};
-use jink_runtime::Instance;
+use crate::supervision::{Adopted, Exit, Observation, ProcessActivity};
+use crate::table::{ProcessRow, Start};
 use jink_runtime::procfs::ProcessStat;
 use jink_runtime::realtime::{STARTING_PRIORITY, Scheduling, schedule};
+use jink_runtime::{Instance, programs};
 use jink_shared_types::Timestamp;
-use jink_supervisor::supervision::{Adopted, Exit, Observation, ProcessActivity};
-use jink_supervisor::table::{ProcessRow, Start};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, WaitOptions, pidfd_open, pidfd_send_signal, waitpid};
 use std::io;
@@ -47,7 +47,7 @@ impl Launch {
     }
 
     fn command(&self, row: &ProcessRow, program: &Path, generation: u32, shadow: bool) -> Command {
-        let mut command = Command::new(program);
+        let mut command = programs::command(&programs::file_of(program), &row.program_name);
         command.args(row.arguments_of(&Start {
             instance: &self.instance,
             config: &self.config,

@@ -4,8 +4,8 @@
 //! A number alone is no proof, process ids are used again: a process only counts as one of the instance's if its own
 //! command line has so.
 
+use crate::supervision::Adopted;
 use jink_runtime::Instance;
-use jink_supervisor::supervision::Adopted;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use serde::{Deserialize, Serialize};
@@ -40,10 +40,10 @@ pub struct SurvivingProcess {
 
 /// [`Adopted`] as the numbers it consists of.
 mod adoptable {
+    use crate::supervision::Adopted;
     use jink_shared_types::Timestamp;
     use jink_shared_types::coded::Wire;
     use jink_shared_types::health::ReplaceReason;
-    use jink_supervisor::supervision::Adopted;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     pub fn serialize<S: Serializer>(found: &Option<Adopted>, to: S) -> Result<S::Ok, S::Error> {

@@ -1,8 +1,8 @@
 //! `jink-simulator world`: what stands in a world, so that anyone can judge a flight against the ground truth.
 
+use crate::service::settings;
 use clap::Parser;
 use jink_simulated_world::world::World;
-use jink_simulator::service::settings;
 use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 

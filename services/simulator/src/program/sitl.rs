@@ -1,8 +1,8 @@
 //! `jink-simulator sitl`: what a folder offers as an autopilot in simulation.
 
+use crate::sitl::SitlBuild;
 use clap::Parser;
 use jink_emulated_ground_station::Make;
-use jink_simulator::sitl::SitlBuild;
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;

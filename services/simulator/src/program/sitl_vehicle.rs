@@ -1,13 +1,13 @@
 //! Somebody's real autopilot in simulation as a process: its truth, seen by our judge.
 
+use crate::service::settings;
+use crate::sitl::{Interface, Sitl, SitlBuild, SitlOptions, SitlSample};
 use jink_emulated_autopilot::truth::{Observed, Observer};
 use jink_runtime::config::Config;
 use jink_runtime::{Cycle, Output, Ports, Service, StartError, Wake};
 use jink_shared_types::truth::SimTruth;
 use jink_shared_types::{SampleHeader, params, topics};
 use jink_simulated_world::world::World;
-use jink_simulator::service::settings;
-use jink_simulator::sitl::{Interface, Sitl, SitlBuild, SitlOptions, SitlSample};
 use std::net::{Ipv4Addr, SocketAddr};
 use std::os::fd::BorrowedFd;
 use std::path::{Path, PathBuf};

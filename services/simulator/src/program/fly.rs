@@ -1,10 +1,10 @@
 //! `jink-simulator fly`: a ground station that uploads a mission, arms, takes off, flies it and lands.
 
+use crate::service::settings;
+use crate::service::udp::MavUdp;
 use clap::{Parser, ValueEnum};
 use jink_emulated_ground_station::{Ending, FlightPlan, GroundStation, Outcome, Progress};
 use jink_shared_types::frames::Point;
-use jink_simulator::service::settings;
-use jink_simulator::service::udp::MavUdp;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serde_json::json;
 use std::net::{Ipv4Addr, SocketAddr};

@@ -16,7 +16,8 @@ use args::Args;
 use clap::Parser;
 use std::process::ExitCode;
 
-fn main() -> ExitCode {
+/// Runs the supervisor that the command line asks for.
+pub fn main() -> ExitCode {
     let args = Args::parse();
     jink_runtime::descriptors::reserve();
     jink_runtime::logging::init("supervisor", args.log);

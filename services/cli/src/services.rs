@@ -1,0 +1,39 @@
+//! The programs that an aircraft needs, by name ([`jink_runtime::programs`]).
+
+use jink_runtime::run;
+use std::process::ExitCode;
+
+/// The `main` of the program called `name`; `None` for the command itself.
+pub fn named(name: &str) -> Option<fn() -> ExitCode> {
+    Some(match name {
+        "jink-supervisor" => jink_supervisor::program::main,
+        "jink-obstacle-fusion" => run::<jink_obstacle_fusion::FusionService>,
+        "jink-planner" => run::<jink_planner::PlannerService>,
+        "jink-bezier-generator" => run::<jink_bezier_generator::GeneratorService>,
+        "jink-collision-guard" => run::<jink_collision_guard::GuardService>,
+        "jink-mavlink-gateway" => run::<jink_mavlink_gateway::GatewayService>,
+        "jink-parameter-server" => run::<jink_parameter_server::ParameterService>,
+        "jink-ground-services" => run::<jink_ground_services::GroundServicesService>,
+        "jink-rangefinder-driver" => run::<jink_rangefinder_driver::RangefinderService>,
+        "jink-depth-driver" => run::<jink_depth_driver::DepthCameraService>,
+        "jink-lidar-driver" => run::<jink_lidar_driver::LidarService>,
+        "jink-link-check" => || jink_link_check::run(&arguments()),
+        _ => return None,
+    })
+}
+
+fn arguments() -> Vec<String> {
+    std::env::args().skip(1).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::named;
+    use jink_runtime::programs::IN_JINK;
+
+    #[test]
+    fn every_program_of_an_aircraft_is_in_it() {
+        assert!(IN_JINK.into_iter().all(|name| named(name).is_some()));
+        assert!(named("jink").is_none());
+    }
+}

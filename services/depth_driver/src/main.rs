@@ -1,7 +1,0 @@
-//! A depth camera as a process.
-
-use std::process::ExitCode;
-
-fn main() -> ExitCode {
-    jink_runtime::run::<jink_depth_driver::DepthCameraService>()
-}

@@ -1,7 +1,0 @@
-//! The planner as a process.
-
-use std::process::ExitCode;
-
-fn main() -> ExitCode {
-    jink_runtime::run::<jink_planner::PlannerService>()
-}
