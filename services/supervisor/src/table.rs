@@ -4,7 +4,7 @@
 //! | key | default | meaning |
 //! |---|---|---|
 //! | `name` | - | name in logs, status and commands; 1 to 20 lower-case letters, digits, underscores |
-//! | `program` | - | program beside the supervisor, or an absolute path |
+//! | `program` | - | one of jink's programs, a file beside jink, or an absolute path |
 //! | `arguments` | `[]` | arguments of this kind of service after `--` |
 //! | `arguments_external` | as `arguments` | the same where the autopilot is not the simulated one |
 //! | `when` | `"always"` | `"always"`, `"real"`, `"simulated_vehicle"`, `"virtual_world"` (sensors are rendered) |
