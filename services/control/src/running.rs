@@ -5,10 +5,13 @@ use jink_runtime::Instance;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use std::fs::{File, TryLockError};
-use std::io::Read;
+use std::io::{Read, Seek};
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::fs::MetadataExt;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+/// A supervisor that goes on as another binary has the lock again after so long, on a machine that is busy, too.
+const GOES_ON: Duration = Duration::from_secs(2);
 
 /// The supervisor of a running instance.
 #[derive(Debug)]
@@ -27,13 +30,45 @@ pub fn holder(instance: &Instance) -> Option<u32> {
 /// Process id of whoever holds the lock on `file`; `None` if nobody does, and for the instant between taking the lock and writing.
 fn held_by(file: &mut File) -> std::io::Result<Option<u32>> {
     match file.try_lock_shared() {
-        Ok(()) => return Ok(None),
+        Ok(()) => {
+            file.unlock()?;
+            return Ok(None);
+        }
         Err(TryLockError::Error(error)) => return Err(error),
         Err(TryLockError::WouldBlock) => {}
     }
+    written_in(file)
+}
+
+/// The process id in a lock file.
+fn written_in(file: &mut File) -> std::io::Result<Option<u32>> {
     let mut text = String::new();
+    file.rewind()?;
     file.read_to_string(&mut text)?;
     Ok(text.trim().parse().ok())
+}
+
+/// The same, but a supervisor that goes on as another binary is waited for: it lets go of the lock until that binary has taken it.
+fn held_by_or_soon(file: &mut File, instance: &Instance) -> std::io::Result<Option<u32>> {
+    let begin = Instant::now();
+    loop {
+        let holder = held_by(file)?;
+        let goes_on = holder.is_none() && written_in(file)?.is_some_and(|pid| is_of(pid, instance));
+        if !goes_on || begin.elapsed() > GOES_ON {
+            return Ok(holder);
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+/// Whether process `pid` was started for `instance`.
+fn is_of(pid: u32, instance: &Instance) -> bool {
+    let command_line = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+    let name = instance.to_string();
+    let arguments: Vec<&[u8]> = command_line.split(|byte| *byte == 0).collect();
+    arguments
+        .windows(2)
+        .any(|pair| pair == [b"--instance", name.as_bytes()])
 }
 
 /// The supervisor of `instance`, if there is one.
@@ -57,7 +92,7 @@ pub fn find(instance: &Instance) -> Result<Option<RunningSupervisor>, Problem> {
             us.as_raw()
         )));
     }
-    let held_by = held_by(&mut file).map_err(Problem::io(path.display().to_string()))?;
+    let held_by = held_by_or_soon(&mut file, instance).map_err(Problem::io(path.display().to_string()))?;
     // It may have ended meanwhile.
     let pid = held_by.and_then(|pid| Pid::from_raw(i32::try_from(pid).ok()?));
     let Some(handle) = pid.and_then(|pid| pidfd_open(pid, PidfdFlags::empty()).ok()) else {

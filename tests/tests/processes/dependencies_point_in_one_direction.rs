@@ -90,7 +90,12 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
                 "jink-lidar-driver",
                 "jink-link-check",
             ],
-            "jink-lab" => &["jink-shared-types", "jink-runtime", "jink-control", "jink-simulator"],
+            "jink-lab" => &[
+                "jink-shared-types",
+                "jink-runtime",
+                "jink-control",
+                "jink-simulator",
+            ],
             "jink-tests" | "jink-real-autopilots" | "jink-map-bench" | "jink-transport-bench" => continue,
             // Also built by programs outside of the workspace, with other transports.
             "jink-transport-chain" => &[],

@@ -2,8 +2,8 @@
 
 use jink_control::sayln;
 use jink_control::{EXIT_NOT_RUNNING, EXIT_PROBLEM, Problem, request, running};
-use jink_runtime::Instance;
 use jink_runtime::request::Request;
+use jink_runtime::{Instance, programs};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -59,8 +59,8 @@ pub struct StopArgs {
 /// Runs `jink swap`.
 pub fn swap(instance: &Instance, args: &SwapArgs) -> Result<ExitCode, Problem> {
     // The supervisor has a working folder of its own.
-    let program =
-        std::fs::canonicalize(&args.binary).map_err(Problem::io(args.binary.display().to_string()))?;
+    let program = std::fs::canonicalize(programs::file_of(&args.binary))
+        .map_err(Problem::io(args.binary.display().to_string()))?;
     if args.service == SUPERVISOR {
         if args.dry_run {
             return Err(Problem::Other(
