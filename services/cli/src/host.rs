@@ -12,7 +12,7 @@
 //! | rights | what was granted to a thread that asked |
 //! | wake-up | how late a thread was woken that slept a millisecond, again and again |
 
-use crate::findings::{Finding, Grade};
+use jink_control::findings::{Finding, Grade};
 use jink_shared_types::quantile::quantiles;
 use std::path::Path;
 
@@ -422,7 +422,7 @@ fn warning(about: &str, is: String, remedy: &str) -> Finding {
 #[cfg(test)]
 mod tests {
     use super::{Asked, Host, WakeUps};
-    use crate::findings::Grade;
+    use jink_control::findings::Grade;
     use std::path::Path;
 
     /// A board as it should be.

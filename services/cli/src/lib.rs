@@ -10,15 +10,11 @@
 //! | [`view::schema`] | topic table, shapes of samples | a table, a C header, a Python module, JSON |
 //! | [`view::params`] | parameter table, `parameters` | a table, or JSON |
 //! | [`view::ring`] | `guard/ring` | a picture of characters, or JSON |
-//! | [`findings`] | what an examination has found | verdict and table, or JSON |
 //! | [`running_link`] | `link/status`, the rate of `vehicle/state`, events | findings |
 //! | [`sensors_seen`] | scans, clouds, `guard/ring`, events | findings and figures |
-//! | [`calibrate`] | clouds and attitude of a vehicle that stands | where its sensors are mounted, and how sure that is |
 //! | [`host`] | the kernel's files, measured wake-ups | findings |
 //! | [`memory_need`] | topic table, configuration | shared memory that the topics take |
 
-pub mod calibrate;
-pub mod findings;
 pub mod host;
 pub mod memory_need;
 pub mod running_link;

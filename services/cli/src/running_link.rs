@@ -1,7 +1,7 @@
 //! The link of a jink that runs, as its gateway sees it: as far as an examination goes that asks the autopilot nothing.
 
-use crate::findings::{Finding, Grade, of_events};
 use crate::view::status::unfit;
+use jink_control::findings::{Finding, Grade, of_events};
 use jink_shared_types::events::{AUTOPILOT_LOST, EventSample, LINK_SLOW, MODE_REFUSED, SETPOINTS_IGNORED};
 use jink_shared_types::link::{AvoidanceState, LinkStatus, LinkTraffic};
 
@@ -184,7 +184,7 @@ fn flow(before: &LinkStatus, after: &LinkStatus, seen: &Seen<'_>, findings: &mut
 #[cfg(test)]
 mod tests {
     use super::{Seen, judge};
-    use crate::findings::Grade;
+    use jink_control::findings::Grade;
     use jink_shared_types::events::{EventSample, MODE_REFUSED};
     use jink_shared_types::health::Name;
     use jink_shared_types::link::{AvoidanceState, LinkStatus, ProfileFit};

@@ -7,6 +7,7 @@
 //! | [`request`] | asks its supervisor for a swap, a restart, a stop |
 //! | [`watch`], [`meter`], [`members`] | reads its topics |
 //! | [`narrate`], [`known_space`], [`figures`] | says what it does in words and figures |
+//! | [`findings`] | verdict and table of an examination, or JSON |
 //! | [`worlds`], [`autopilot`], [`ports`] | virtual worlds and simulated autopilots, as values laid over the configuration |
 //! | [`Problem`], [`Interrupt`] | why a command ends |
 
@@ -33,6 +34,7 @@ macro_rules! sayln {
 pub mod autopilot;
 pub mod beside;
 pub mod figures;
+pub mod findings;
 mod interrupt;
 pub mod known_space;
 pub mod members;

@@ -72,11 +72,13 @@ fn services_depend_on_the_runtime_and_the_contract_only() {
                 "jink-emulated-arducopter",
                 "jink-emulated-ground-station",
             ],
+            "jink-calibration" => &["jink-shared-types", "jink-control"],
             // All that an aircraft needs is one file. Simulations are never part of it.
             "jink-cli" => &[
                 "jink-shared-types",
                 "jink-runtime",
                 "jink-control",
+                "jink-calibration",
                 "jink-supervisor",
                 "jink-obstacle-fusion",
                 "jink-planner",

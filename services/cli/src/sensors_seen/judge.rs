@@ -5,7 +5,7 @@ use super::circle::Sectors;
 use super::frame::SensorType;
 use super::ring::RingSeen;
 use super::sensor::{Rate, SensorSeen};
-use crate::findings::{Finding, Grade, of_events};
+use jink_control::findings::{Finding, Grade, of_events};
 use jink_shared_types::events::{
     DEPTH_CAMERA_LOST, LIDAR_LOST, PREVENTION_BLIND, PREVENTION_HOLDS, RANGEFINDER_LOST, RANGES_LOST,
     SENSOR_LOST, SENSOR_MIRRORED, SENSOR_MOUNTING, SENSOR_RATE, SENSOR_SCALE, SENSOR_STUCK,

@@ -1,5 +1,5 @@
 use super::{OrientationKey, Seen, SensorTable, judge, subject};
-use crate::findings::{Finding, Grade};
+use jink_control::findings::{Finding, Grade};
 use jink_control::known_space::KnownSpace;
 use jink_shared_types::events::{AVOIDANCE_READY, EventSample, RANGEFINDER_LOST};
 use jink_shared_types::frames::Mounting;

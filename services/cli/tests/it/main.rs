@@ -2,6 +2,5 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod an_aircraft_needs_no_simulations;
-mod mountings_are_found_again;
 mod other_languages_read_the_same_bytes;
 mod scripts_can_rely_on_exit_codes;

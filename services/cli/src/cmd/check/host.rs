@@ -1,8 +1,8 @@
 //! `jink check host`.
 
 use super::{Outcome, Progress};
-use jink_cli::findings::Findings;
 use jink_cli::host::{Asked, Host, WakeUps};
+use jink_control::findings::Findings;
 use jink_control::{Interrupt, Problem, places};
 use jink_runtime::config::PROCESS_FILE;
 use jink_runtime::procfs::CpuTimes;

@@ -4,8 +4,8 @@
 //! that finds. While jink runs here the link is the gateway's, and is looked at through its figures instead.
 
 use super::{Outcome, Progress};
-use jink_cli::findings::{Finding, Findings, Grade};
 use jink_cli::running_link::{Seen, judge};
+use jink_control::findings::{Finding, Findings, Grade};
 use jink_control::watch::{PROGRAM, Watch};
 use jink_control::{Interrupt, Problem, places, running};
 use jink_runtime::config::Config;

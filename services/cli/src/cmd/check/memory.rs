@@ -1,8 +1,8 @@
 //! `jink check memory`.
 
 use super::Outcome;
-use jink_cli::findings::{Finding, Findings, Grade};
 use jink_cli::memory_need::{TopicNeed, of_topics};
+use jink_control::findings::{Finding, Findings, Grade};
 use jink_control::{Problem, places};
 use jink_runtime::Instance;
 use jink_runtime::config::{Config, process_names};

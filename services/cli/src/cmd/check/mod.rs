@@ -12,7 +12,7 @@ mod link;
 mod memory;
 mod sensors;
 
-use jink_cli::findings::Findings;
+use jink_control::findings::Findings;
 use jink_control::{EXIT_NOT_RUNNING, Problem};
 use jink_control::{say, sayln};
 use jink_runtime::Instance;

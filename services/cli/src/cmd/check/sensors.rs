@@ -1,9 +1,9 @@
 //! `jink check sensors`: listens to every configured sensor and to the guard, and has it judged.
 
 use super::{Outcome, Progress};
-use jink_cli::calibrate::{Collector, MountingTable, calibrate};
-use jink_cli::findings::Findings;
+use jink_calibration::{Collector, MountingTable, calibrate};
 use jink_cli::sensors_seen::{Seen, SensorTable, judge, subject};
+use jink_control::findings::Findings;
 use jink_control::watch::{PROGRAM, SpaceWatch, Watch};
 use jink_control::{Interrupt, Problem, running};
 use jink_runtime::config::{self, Config, SensorOutput};

@@ -1,7 +1,7 @@
 //! Where a sensor is mounted is found again from what it measures, to half a degree and two centimetres; and where the scene does not
 //! say it, nobody pretends to know.
 
-use jink_cli::calibrate::{
+use jink_calibration::{
     Axis, CalibrateError, Collector, Correction, MountingTable, Points, against_gravity, against_sensor,
     calibrate,
 };

@@ -2,7 +2,7 @@
 
 use super::mounting::{Mounting, MountingTable};
 use super::{Axis, CalibrateError, Correction, Ground, Points, against_gravity, against_sensor};
-use crate::findings::{Finding, Grade};
+use jink_control::findings::{Finding, Grade};
 use jink_shared_types::ranges::{PointCloud, RayKind};
 use jink_shared_types::vehicle::VehicleState;
 use jink_shared_types::view::{COLUMNS, FieldOfView, ROWS, STEP_RAD};
