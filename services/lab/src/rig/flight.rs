@@ -201,6 +201,9 @@ impl Flight {
         if let Some(known) = self.space.as_mut().and_then(SpaceWatch::look) {
             let unfit = known.cannot_plan.is_some();
             self.unfit_since = unfit.then(|| self.unfit_since.unwrap_or_else(Instant::now));
+            if known.declarations != self.known.declarations {
+                show.update(&known.declared());
+            }
             self.known = known;
         }
         // Not while taking off or landing: the map below is then the ground.

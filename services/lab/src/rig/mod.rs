@@ -131,6 +131,7 @@ impl Plan {
         let [gateway, ground_station] = ports::free()?;
         let options = self.options(gateway, ground_station, show)?;
         let mut supervisor = Supervisor::start(instance, &options)?;
+        show.update(&sensors(instance));
         let drills = Drills::new(drills, instance.clone(), gateway);
         let flown = self.fly_with(
             &mut supervisor,
@@ -265,4 +266,19 @@ fn title(summary: &Summary) -> String {
             .min_clearance_m
             .map_or("-".to_owned(), |m| format!("{m:.2} m"))
     )
+}
+
+/// What the vehicle sees with, in one line: names, with the models of those that are products.
+fn sensors(instance: &Instance) -> String {
+    #[derive(serde::Deserialize)]
+    struct Table {
+        name: String,
+        model: Option<String>,
+    }
+    let tables: Vec<Table> = jink_runtime::config::sensors(&instance.run_config()).unwrap_or_default();
+    let named = tables.into_iter().map(|table| match table.model {
+        Some(model) => format!("{} ({model})", table.name),
+        None => table.name,
+    });
+    format!("sensors: {}", named.collect::<Vec<_>>().join(", "))
 }
