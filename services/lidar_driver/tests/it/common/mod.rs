@@ -1,6 +1,5 @@
 //! What the tests share: tables of returns, scratch folders, recordings that are written, and the Python decoders to
 //! compare with.
-#![allow(dead_code, reason = "every test uses a part")]
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
