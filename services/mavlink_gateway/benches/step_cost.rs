@@ -1,6 +1,6 @@
 //! What one cycle of the gateway costs, from received bytes to bytes ready to be sent: percentiles over a simulated
 //! flight of ten minutes in a mission; and what the figures of `jink top` and `jink status` cost beside that.
-//! `cargo run --release -p jink-mavlink-gateway --example step_cost`
+//! `cargo bench -p jink-mavlink-gateway --bench step_cost`
 
 use jink_mavlink_gateway::{
     Body, Content, Encoder, Gateway, GatewayConfig, Inputs, Outputs, Receipt, Received,

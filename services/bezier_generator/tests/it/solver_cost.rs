@@ -1,4 +1,4 @@
-//! What a curve costs: `cargo run --release -p jink-bezier-generator --example solver_cost`.
+//! What a curve costs: `cargo bench -p jink-bezier-generator --bench solver_cost`.
 //!
 //! The same random problems (straight, zigzag, narrow, moving starts, hopeless ones; 3 to 11 pieces) are posed and solved
 //! with Clarabel, to a gap of 1e-5, and with our own method, one after the other. Prints for feasible and infeasible ones
@@ -10,9 +10,7 @@ use jink_shared_types::quantile::quantiles;
 use std::hint::black_box;
 use std::time::Instant;
 
-#[path = "../tests/common/cases.rs"]
 mod cases;
-#[path = "../tests/common/with_clarabel.rs"]
 mod with_clarabel;
 
 use cases::{Case, KINDS, Kind, PIECES_MAX};

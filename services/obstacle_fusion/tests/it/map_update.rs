@@ -1,12 +1,11 @@
 //! Time of one map update in a synthetic forest: a vehicle with a lidar flies along a lane at 3 m/s while it turns.
 //!
-//! `cargo run --release -p jink-obstacle-fusion --example map_update`
+//! `cargo bench -p jink-obstacle-fusion --bench map_update`
 //!
 //! An update is what the service does for one cloud: enter it and write the map. Vehicle states are not timed (they
 //! cost microseconds). Every cloud is entered into several maps that have seen the same flight: percentiles over all of
 //! them are wall times as they come; percentiles over the fastest of each cloud show the work itself where other
 //! programs take the processor away.
-#[path = "../tests/it/world/mod.rs"]
 mod world;
 
 use jink_obstacle_fusion::{Fusion, FusionConfig};

@@ -1,4 +1,4 @@
-//! What planning costs: `cargo run --release -p jink-planner --example plan_cost`.
+//! What planning costs: `cargo bench -p jink-planner --bench plan_cost`.
 //!
 //! Synthetic forests (1 tree per 25 m2), everything within 10 m known. Prints the time to inflate a map for the highest
 //! speed tier and the time of a whole cycle with a new map: p50, p99 and maximum over all forests.
