@@ -1,13 +1,10 @@
 //! A jink with a real depth camera, a file on FUSE in its device's place: a process for it is started and called by its name, its
 //! clouds arrive, it is unplugged and plugged in again without a restart, and a mistake in its table is one line.
 
-#[path = "../../../services/depth_driver/tests/it/camera/mod.rs"]
-mod camera;
-
-use camera::device::VideoDevice;
 use jink_runtime::{Instance, Session};
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use jink_shared_types::topics;
+use jink_testkit::video_device::VideoDevice;
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{System, TempFolder, answer, program, until};
 use std::path::PathBuf;

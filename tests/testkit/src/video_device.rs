@@ -2,10 +2,11 @@
 //! a camera would do is done here, with its faults. It keeps to the manual of V4L2 (Streaming I/O) as far as a driver
 //! can see.
 
+pub use fuser::Errno;
 use fuser::{
-    BackgroundSession, Config, Errno, FileAttr, FileHandle, FileType, Filesystem, FopenFlags, Generation,
-    INodeNo, IoctlFlags, LockOwner, Notifier, OpenFlags, PollEvents, PollFlags, PollNotifier, ReplyAttr,
-    ReplyData, ReplyEmpty, ReplyEntry, ReplyIoctl, ReplyOpen, ReplyPoll, Request,
+    BackgroundSession, Config, FileAttr, FileHandle, FileType, Filesystem, FopenFlags, Generation, INodeNo,
+    IoctlFlags, LockOwner, Notifier, OpenFlags, PollEvents, PollFlags, PollNotifier, ReplyAttr, ReplyData,
+    ReplyEmpty, ReplyEntry, ReplyIoctl, ReplyOpen, ReplyPoll, Request,
 };
 use std::collections::VecDeque;
 use std::ffi::OsStr;
@@ -47,20 +48,23 @@ pub struct State {
     pub plugged: bool,
     /// Whether it captures video.
     pub captures: bool,
-    /// The only size and format it has.
+    /// The only size it has.
     pub size_px: [u32; 2],
+    /// The only format.
     pub fourcc: [u8; 4],
     /// Bytes between the end of a row and the beginning of the next.
     pub padding: u32,
     /// The only rate it has (Hz); `None`: it cannot set one.
     pub rate_hz: Option<u32>,
-    /// Buffers that it grants, and whether they are too small.
+    /// Buffers that it grants.
     pub grants: u32,
+    /// Whether they are too small.
     pub small_buffers: bool,
     /// Errors for ioctls by their number.
     pub refuses: Vec<(u32, Errno)>,
-    /// Whether it streams, and how often it was started.
+    /// Whether it streams.
     pub streams: bool,
+    /// How often it was started.
     pub starts: u32,
     owner: Option<u64>,
     opened: u64,

@@ -1,5 +1,4 @@
 //! Depth images of scenes that can be computed, and the tables of cameras that look at them.
-#![allow(dead_code, reason = "each test uses a part")]
 
 use jink_depth_driver::config::SensorTable;
 use jink_depth_driver::{DepthCameraDriver, DepthCameraSpec, Image};
