@@ -3,56 +3,17 @@
 //! The ring must agree with the messages, evaluated without it (`oracle.rs`). Where PX4 differs, there must be a
 //! reason: one of a list, confirmed by the messages themselves.
 
+use super::VectorReport;
 use super::oracle::{ReceivedMessage, SectorReading, fused};
 use super::replay::ReplayedStep;
-use super::report::ScenarioResult;
-use super::schema::{BINS, Fragile, Node, Unreadable};
 use jink_shared_types::ring::SectorRing;
+use jink_testkit::vectors::{BINS, unrolled};
+use serde_json::Value;
 
 /// What PX4 calls unknown (cm).
 const UNKNOWN_CM: i64 = 65535;
 /// Whole centimetres on one side, metres on the other (cm).
 const SAME_CM: f64 = 1.01;
-
-/// Compares the ring of `replayed` with the expectation of its step, after all messages `received` so far.
-pub fn judge(
-    step: &Node<'_>,
-    replayed: &ReplayedStep,
-    received: &[ReceivedMessage],
-    fragile: &Fragile,
-    result: &mut ScenarioResult,
-) -> Result<(), Unreadable> {
-    let expect = step.get("expect")?;
-    let distances_cm = expect.get("map_cm")?.bins()?;
-    let ranges_cm = expect.get("bin_max_range_cm")?.bins()?;
-    let comparison = MapComparison { replayed, received };
-    for bin in 0..BINS {
-        if fragile.bins.contains(&bin) {
-            result.fragile += 1;
-            continue;
-        }
-        if let Some(what) = comparison.differs_from_messages(bin) {
-            result.wrong(format!("bin {bin}: {what}"));
-            continue;
-        }
-        let px4 = if distances_cm[bin] == UNKNOWN_CM {
-            SectorReading::Silent
-        } else if distances_cm[bin] >= ranges_cm[bin] {
-            SectorReading::Clear(distances_cm[bin] as f64)
-        } else {
-            SectorReading::Hit(distances_cm[bin] as f64)
-        };
-        let ours = said(&replayed.ring, bin);
-        if is_same(ours, px4) {
-            result.same();
-        } else if let Some(reason) = comparison.why(bin, ours, px4) {
-            result.differs(reason);
-        } else {
-            result.wrong(format!("bin {bin}: {ours:?}, PX4 {px4:?}, and no reason"));
-        }
-    }
-    Ok(())
-}
 
 /// The reading of a sector of the ring.
 pub fn said(ring: &SectorRing, sector: usize) -> SectorReading {
@@ -79,17 +40,40 @@ fn is_same(a: SectorReading, b: SectorReading) -> bool {
     }
 }
 
-/// Whether the vehicle has turned since something was reported that still counts.
-pub fn has_turned(replayed: &ReplayedStep, received: &[ReceivedMessage]) -> bool {
-    MapComparison { replayed, received }.has_turned()
-}
-
-struct MapComparison<'a> {
-    replayed: &'a ReplayedStep,
-    received: &'a [ReceivedMessage],
+/// The ring of `replayed`, after all messages `received` so far.
+pub struct MapComparison<'a> {
+    pub replayed: &'a ReplayedStep,
+    pub received: &'a [ReceivedMessage],
 }
 
 impl MapComparison<'_> {
+    /// Compares it with what is expected of its step.
+    pub fn judge(&self, expect: &Value, fragile_bins: &[usize], report: &mut VectorReport) {
+        let distances_cm = unrolled(&expect["map_cm"]);
+        let ranges_cm = unrolled(&expect["bin_max_range_cm"]);
+        for bin in (0..BINS).filter(|bin| !fragile_bins.contains(bin)) {
+            if let Some(what) = self.differs_from_messages(bin) {
+                report.wrong(&format!("bin {bin}: {what}"));
+                continue;
+            }
+            let px4 = if distances_cm[bin] == UNKNOWN_CM {
+                SectorReading::Silent
+            } else if distances_cm[bin] >= ranges_cm[bin] {
+                SectorReading::Clear(distances_cm[bin] as f64)
+            } else {
+                SectorReading::Hit(distances_cm[bin] as f64)
+            };
+            let ours = said(&self.replayed.ring, bin);
+            if is_same(ours, px4) {
+                continue;
+            } else if let Some(reason) = self.why(bin, ours, px4) {
+                report.differs(reason);
+            } else {
+                report.wrong(&format!("bin {bin}: {ours:?}, PX4 {px4:?}, and no reason"));
+            }
+        }
+    }
+
     fn live(&self) -> impl Iterator<Item = &ReceivedMessage> {
         self.received
             .iter()
@@ -101,7 +85,7 @@ impl MapComparison<'_> {
     }
 
     /// Whether the vehicle has turned since something was reported that still counts.
-    fn has_turned(&self) -> bool {
+    pub fn has_turned(&self) -> bool {
         !self
             .live()
             .all(|received| received.is_unturned(self.replayed.yaw_rad))
@@ -216,7 +200,7 @@ impl MapComparison<'_> {
             .received
             .iter()
             .rev()
-            .find(|received| received.row.is_some_and(|row| row.holds(px4)))?;
+            .find(|received| received.has_element(px4))?;
         Some(if by.is_live(self.replayed.now) {
             "an element of a row is not where PX4 puts it"
         } else {

@@ -8,13 +8,14 @@
 //!   since, as PX4 counts it, too; and the setpoint is the one that guidance makes of it on the map at hand, which is PX4's own
 //!   where both maps are the same.
 
+use super::VectorReport;
 use super::map::said;
 use super::oracle::SectorReading;
 use super::replay::ReplayedStep;
-use super::report::ScenarioResult;
-use super::schema::{BINS, Fragile, Node, Unreadable};
 use jink_collision_guard::prevention::PreventionConfig;
+use jink_testkit::vectors::{BINS, flag, numbers, unrolled};
 use nalgebra::Vector2;
+use serde_json::Value;
 
 /// The tolerance: relative, and absolute for small ones.
 const SAME: f64 = 1e-3;
@@ -23,62 +24,44 @@ const CENTRED: f64 = 1e-3;
 /// Cosine between the setpoint and the nearest obstacle at which PX4's rule jumps.
 const PERPENDICULAR: f64 = 0.0;
 
-/// Compares the setpoint of `answer` with the expectation of its step.
+/// Compares the setpoint of `replayed` with what is expected of its step.
 pub fn judge(
-    step: &Node<'_>,
+    expect: &Value,
     replayed: &ReplayedStep,
     config: &PreventionConfig,
     has_turned: bool,
-    fragile: &Fragile,
-    result: &mut ScenarioResult,
-) -> Result<(), Unreadable> {
-    if !fragile.bins.is_empty() || fragile.setpoint {
-        result.fragile += 1;
-        return Ok(());
-    }
-    let expect = step.get("expect")?;
-    let px4 = Vector2::from(expect.get("setpoint_out")?.numbers::<2>()?);
+    report: &mut VectorReport,
+) {
+    let px4 = Vector2::from(numbers::<2>(&expect["setpoint_out"]));
     let ours = replayed.outcome.setpoint;
-    let is_active = expect.get("active")?.flag()?;
     let is_same = (ours - px4).norm() <= SAME * (1.0 + px4.norm());
-    if !is_active {
+    if !flag(&expect["active"]) {
         let both_passed = ours == px4 || !replayed.asked.iter().all(|x| x.is_finite()) || is_same;
-        if both_passed && !config.is_active() {
-            result.same();
-        } else {
-            result.wrong(format!("switched off: {ours:?} of {px4:?}"));
+        if !both_passed || config.is_active() {
+            report.wrong(&format!("switched off: {ours:?} of {px4:?}"));
         }
-        return Ok(());
+        return;
     }
     if !ours.iter().all(|x| x.is_finite()) {
-        result.wrong(format!("{ours:?} is no number"));
-        return Ok(());
+        return report.wrong(&format!("{ours:?} is no number"));
     }
     if is_same {
-        result.same();
-        return Ok(());
+        return;
     }
-    let law = Law::new(replayed, config, expect)?;
-    if let Some(reason) = law.out_of_the_ordinary(expect, &px4)? {
-        result.differs(reason);
-        return Ok(());
+    let law = Law::new(replayed, config, expect);
+    if let Some(reason) = law.out_of_the_ordinary(expect, &px4) {
+        return report.differs(reason);
     }
     match law.closes_too_fast(&ours, &px4) {
         Some(TooFast { only_px4, .. }) if only_px4 && has_turned => {
-            result.differs("what PX4 carries along with the nose does not stand there");
-            return Ok(());
+            report.differs("what PX4 carries along with the nose does not stand there");
         }
-        Some(TooFast { what, .. }) => {
-            result.wrong(what);
-            return Ok(());
-        }
-        None => {}
+        Some(TooFast { what, .. }) => report.wrong(&what),
+        None => match law.binds(&px4) {
+            Some(reason) => report.differs(reason),
+            None => report.wrong(&format!("{ours:?}, and PX4's {px4:?} is safe")),
+        },
     }
-    match law.binds(&px4) {
-        Some(reason) => result.differs(reason),
-        None => result.wrong(format!("{ours:?}, and PX4's {px4:?} is safe")),
-    }
-    Ok(())
 }
 
 /// Something is closed on too fast.
@@ -102,24 +85,17 @@ struct Law<'a> {
 }
 
 impl<'a> Law<'a> {
-    fn new(
-        replayed: &'a ReplayedStep,
-        config: &'a PreventionConfig,
-        expect: Node<'a>,
-    ) -> Result<Self, Unreadable> {
-        let direction = |name| match expect.find(name) {
-            Some(node) => node.numbers::<2>().map(Vector2::from).map(Some),
-            None => Ok(None),
-        };
+    fn new(replayed: &'a ReplayedStep, config: &'a PreventionConfig, expect: &Value) -> Self {
+        let direction = |name| expect.get(name).map(|value| Vector2::from(numbers::<2>(value)));
         let size = replayed.asked.norm();
         let mut law = Self {
             replayed,
             config,
             keep_m: config.distance_m.max(f64::from(replayed.ring.range_min_m)),
-            demand: direction("guided_dir")?.unwrap_or_default() * size,
-            px4_cm: expect.get("map_cm")?.bins()?,
-            px4_reach_cm: expect.get("bin_max_range_cm")?.bins()?,
-            nearest: direction("closest_dir")?,
+            demand: direction("guided_dir").unwrap_or_default() * size,
+            px4_cm: unrolled(&expect["map_cm"]),
+            px4_reach_cm: unrolled(&expect["bin_max_range_cm"]),
+            nearest: direction("closest_dir"),
         };
         if law.is_other_map() {
             law.demand = match replayed.outcome.guided {
@@ -127,7 +103,7 @@ impl<'a> Law<'a> {
                 _ => replayed.asked,
             };
         }
-        Ok(law)
+        law
     }
 
     /// Whether the setpoint as it came points into `sector`, so that guidance left it as it is; the sector of a stick
@@ -192,22 +168,17 @@ impl<'a> Law<'a> {
     }
 
     /// Where what we do is not comparable.
-    fn out_of_the_ordinary(
-        &self,
-        expect: Node<'_>,
-        px4: &Vector2<f64>,
-    ) -> Result<Option<&'static str>, Unreadable> {
+    fn out_of_the_ordinary(&self, expect: &Value, px4: &Vector2<f64>) -> Option<&'static str> {
         let finite = |v: &Vector2<f64>| v.iter().all(|x| x.is_finite());
-        let reason = if !finite(&self.replayed.asked) || !finite(&self.replayed.velocity) {
+        if !finite(&self.replayed.asked) || !finite(&self.replayed.velocity) {
             Some("an input that is no number is no motion")
         } else if !finite(px4) {
             Some("PX4's answer is no number")
-        } else if !expect.get("data_present")?.flag()? {
+        } else if !flag(&expect["data_present"]) {
             Some("without data it is stopped, and does not coast")
         } else {
             None
-        };
-        Ok(reason)
+        }
     }
 
     fn closes_too_fast(&self, ours: &Vector2<f64>, px4: &Vector2<f64>) -> Option<TooFast> {

@@ -1,10 +1,11 @@
 //! Curves against PX4's evaluation of the ones it was sent.
 
-use super::report::ScenarioResult;
-use super::schema::{Node, Unreadable};
+use super::VectorReport;
 use jink_shared_types::bezier::{derivative, derivative_scalar, evaluate, evaluate_scalar};
 use jink_shared_types::frames::wrap_pi;
+use jink_testkit::vectors::{flag, list, number, numbers, whole};
 use nalgebra::Vector3;
+use serde_json::Value;
 
 /// The tolerance: relative, and absolute for small numbers.
 const SAME: f64 = 1e-4;
@@ -19,51 +20,33 @@ struct Sample {
 }
 
 /// Compares one.
-pub fn judge(scenario: &Node<'_>, result: &mut ScenarioResult) -> Result<(), Unreadable> {
-    let mut points = Vec::new();
-    for point in scenario.get("control_points")?.list()? {
-        points.push(Vector3::from(point.numbers::<3>()?));
-    }
-    let mut yaws_rad = Vec::new();
-    for yaw in scenario.get("yaws_rad")?.list()? {
-        yaws_rad.push(yaw.number()?);
-    }
-    let expect = scenario.get("expect")?;
-    let is_valid = expect.get("valid")?.flag()?;
-    let t = match scenario.find("t") {
-        Some(t) => t.number()?,
-        None => match normalised(scenario)? {
-            Some(t) => t,
-            None if is_valid => {
-                result.wrong("PX4 evaluates it".to_owned());
-                return Ok(());
-            }
-            None => {
-                result.same();
-                return Ok(());
-            }
-        },
+pub fn judge(scenario: &Value, report: &mut VectorReport) {
+    let points = list(&scenario["control_points"]).iter();
+    let points: Vec<_> = points.map(|point| Vector3::from(numbers::<3>(point))).collect();
+    let yaws_rad: Vec<f64> = list(&scenario["yaws_rad"]).iter().map(number).collect();
+    let expect = &scenario["expect"];
+    let is_valid = flag(&expect["valid"]);
+    let t = match scenario.get("t") {
+        Some(t) => Some(number(t)),
+        None => normalised(scenario),
     };
-    if t.is_nan() && is_valid {
-        result.differs("no number is no time of a curve");
-        return Ok(());
+    if t.is_some_and(f64::is_nan) && is_valid {
+        report.differs("no number is no time of a curve");
+        return;
     }
-    let sample = sample(&points, &yaws_rad, t);
-    match (sample, is_valid) {
-        (None, false) => result.same(),
-        (None, true) => result.wrong("PX4 evaluates it".to_owned()),
-        (Some(_), false) => result.wrong("PX4 does not evaluate it".to_owned()),
-        (Some(sample), true) => compare(scenario, &expect, &sample, result)?,
+    match (t.and_then(|t| sample(&points, &yaws_rad, t)), is_valid) {
+        (None, false) => {}
+        (None, true) => report.wrong("PX4 evaluates it"),
+        (Some(_), false) => report.wrong("PX4 does not evaluate it"),
+        (Some(sample), true) => compare(expect, &sample, report),
     }
-    Ok(())
 }
 
 /// The parameter from the times, if now lies between them.
-fn normalised(scenario: &Node<'_>) -> Result<Option<f64>, Unreadable> {
-    let time = |name| scenario.get(name)?.integer();
-    let (start, end, now) = (time("start_us")?, time("end_us")?, time("now_us")?);
+fn normalised(scenario: &Value) -> Option<f64> {
+    let [start, end, now] = ["start_us", "end_us", "now_us"].map(|name| whole(&scenario[name]));
     let is_inside = (start..=end).contains(&now);
-    Ok(is_inside.then(|| (now - start) as f64 / (end - start) as f64))
+    is_inside.then(|| (now - start) as f64 / (end - start) as f64)
 }
 
 fn sample(points: &[Vector3<f64>], yaws_rad: &[f64], t: f64) -> Option<Sample> {
@@ -114,18 +97,13 @@ fn sample_of<const N: usize, const M: usize, const L: usize>(
     })
 }
 
-fn compare(
-    scenario: &Node<'_>,
-    expect: &Node<'_>,
-    sample: &Sample,
-    result: &mut ScenarioResult,
-) -> Result<(), Unreadable> {
+fn compare(expect: &Value, sample: &Sample, report: &mut VectorReport) {
     for (name, ours) in [
         ("position", &sample.position),
         ("velocity_dT", &sample.velocity),
         ("acceleration_dT2", &sample.acceleration),
     ] {
-        let px4 = Vector3::from(expect.get(name)?.numbers::<3>()?);
+        let px4 = Vector3::from(numbers::<3>(&expect[name]));
         let size = px4
             .iter()
             .filter(|x| x.is_finite())
@@ -135,31 +113,21 @@ fn compare(
         });
         let is_no_number = |v: &Vector3<f64>| v.iter().any(|x| !x.is_finite());
         if is_same {
-            result.same();
+            continue;
         } else if is_no_number(&px4) && !is_no_number(ours) {
-            result.differs("PX4's answer is no number");
+            report.differs("PX4's answer is no number");
         } else {
-            result.wrong(format!("{name} {ours:?}, PX4 {px4:?}"));
+            report.wrong(&format!("{name} {ours:?}, PX4 {px4:?}"));
         }
     }
-    let is_seam = match scenario.find("fragile") {
-        Some(fragile) => fragile.find("yaw").is_some(),
-        None => false,
-    };
-    if is_seam {
-        result.fragile += 1;
-        return Ok(());
-    }
-    let (yaw, rate) = (expect.get("yaw")?.number()?, expect.get("yaw_rate_dT")?.number()?);
+    let [yaw, rate] = ["yaw", "yaw_rate_dT"].map(|name| number(&expect[name]));
     let is_yaw = wrap_pi(sample.yaw_rad - yaw).abs() <= SAME * 10.0;
     let is_rate = (sample.yaw_rate - rate).abs() <= SAME * (1.0 + rate.abs());
-    if is_yaw && is_rate || yaw.is_nan() && sample.yaw_rad.is_nan() {
-        result.same();
-    } else {
-        result.wrong(format!(
-            "heading {} at {}, PX4 {yaw} at {rate}",
-            sample.yaw_rad, sample.yaw_rate
-        ));
+    let is_same = is_yaw && is_rate || yaw.is_nan() && sample.yaw_rad.is_nan();
+    if !is_same {
+        let Sample {
+            yaw_rad, yaw_rate, ..
+        } = sample;
+        report.wrong(&format!("heading {yaw_rad} at {yaw_rate}, PX4 {yaw} at {rate}"));
     }
-    Ok(())
 }

@@ -6,10 +6,11 @@
 //! | rangefinder | its opening angle, edges included, has an angle in common with the bin: PX4's rule |
 //! | row | the element and the bin overlap by more than an edge, around the circle |
 
-use super::replay::{AcceptedMessage, Message};
-use super::schema::BINS;
+use super::replay::{AcceptedMessage, Content};
 use jink_shared_types::Timestamp;
+use jink_shared_types::beams::{BeamReading, ObstacleDistance};
 use jink_shared_types::ranges::ScanFrame;
+use jink_testkit::vectors::BINS;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// How long a message counts (s).
@@ -30,38 +31,6 @@ pub enum SectorReading {
     Hit(f64),
 }
 
-/// The distances of a row.
-#[derive(Clone, Copy, Debug)]
-pub struct Row {
-    distances_cm: [u16; BINS],
-    max_cm: u16,
-}
-
-impl Row {
-    /// Of a message, if it is one.
-    pub fn of(message: &Message) -> Option<Self> {
-        match message {
-            Message::Row { row, .. } => Some(Self {
-                distances_cm: row.distances_cm,
-                max_cm: row.max_cm,
-            }),
-            Message::Beam { .. } => None,
-        }
-    }
-
-    /// Whether it has an element that reads so.
-    pub fn holds(&self, reading_of: SectorReading) -> bool {
-        self.distances_cm.iter().any(|cm| {
-            let cm = f64::from(*cm);
-            match reading_of {
-                SectorReading::Silent => false,
-                SectorReading::Hit(px4) => (cm - px4).abs() < 0.5,
-                SectorReading::Clear(px4) => (cm - px4).abs() < 0.5 || cm > f64::from(self.max_cm),
-            }
-        })
-    }
-}
-
 /// A message with its readings.
 #[derive(Clone, Debug)]
 pub struct ReceivedMessage {
@@ -75,29 +44,41 @@ pub struct ReceivedMessage {
     pub readings: [SectorReading; BINS],
     /// The same as PX4 reads it, the side of the seam and the last element of a row aside.
     pub px4: [SectorReading; BINS],
-    /// The distances of a row.
-    pub row: Option<Row>,
+    /// It, if it is a row.
+    pub row: Option<ObstacleDistance>,
 }
 
 impl ReceivedMessage {
     /// The readings of an accepted message.
     pub fn of(accepted: &AcceptedMessage) -> Self {
         let (_, _, yaw_rad) = accepted.attitude.euler_angles();
-        let [ours, px4] = match &accepted.message {
-            Message::Beam { .. } => beam(accepted),
-            Message::Row { .. } => [row(accepted, yaw_rad); 2],
+        let ([ours, px4], row) = match &accepted.message.content {
+            Content::Beam(reading) => (beam(reading, &accepted.attitude), None),
+            Content::Row { row, .. } => ([of_row(row, yaw_rad); 2], Some(*row)),
         };
         Self {
-            layer: accepted.layer,
-            at: accepted.at,
+            layer: accepted.message.layer,
+            at: accepted.message.at,
             yaw_rad,
-            readings: match accepted.scan {
-                Some(_) => ours,
-                None => [SectorReading::Silent; BINS],
+            readings: if accepted.is_taken {
+                ours
+            } else {
+                [SectorReading::Silent; BINS]
             },
             px4,
-            row: Row::of(&accepted.message),
+            row,
         }
+    }
+
+    /// Whether it is a row with an element that reads so.
+    pub fn has_element(&self, reading_of: SectorReading) -> bool {
+        self.row.is_some_and(|row| {
+            row.distances_cm.map(f64::from).iter().any(|cm| match reading_of {
+                SectorReading::Silent => false,
+                SectorReading::Hit(px4) => (cm - px4).abs() < 0.5,
+                SectorReading::Clear(px4) => (cm - px4).abs() < 0.5 || *cm > f64::from(row.max_cm),
+            })
+        })
     }
 
     /// Whether it counts at `now`.
@@ -133,10 +114,7 @@ impl ReceivedMessage {
     }
 }
 
-fn row(accepted: &AcceptedMessage, yaw_rad: f64) -> [SectorReading; BINS] {
-    let Message::Row { row, .. } = &accepted.message else {
-        return [SectorReading::Silent; BINS];
-    };
+fn of_row(row: &ObstacleDistance, yaw_rad: f64) -> [SectorReading; BINS] {
     let mut readings = [SectorReading::Silent; BINS];
     let increment = f64::from(row.increment_deg);
     if !(increment > 0.0 && increment <= 360.0) {
@@ -169,15 +147,12 @@ fn row(accepted: &AcceptedMessage, yaw_rad: f64) -> [SectorReading; BINS] {
     readings
 }
 
-fn beam(accepted: &AcceptedMessage) -> [[SectorReading; BINS]; 2] {
-    let Message::Beam { reading, .. } = &accepted.message else {
-        return [[SectorReading::Silent; BINS]; 2];
-    };
+fn beam(reading: &BeamReading, attitude: &UnitQuaternion<f64>) -> [[SectorReading; BINS]; 2] {
     let reach_cm = 100.0 * f64::from(reading.range_max_m);
     let range_cm = 100.0 * f64::from(reading.range_m);
     let is_nothing = reading.range_m == -1.0 && reading.quality == 0;
     let is_clear = is_nothing || reading.range_m >= reading.range_max_m;
-    let flat = |v: &Vector3<f64>| (accepted.attitude * v).xy().norm();
+    let flat = |v: &Vector3<f64>| (attitude * v).xy().norm();
     let level = |yaw_deg: f64| {
         let (y, x) = yaw_deg.to_radians().sin_cos();
         Vector3::new(x, y, 0.0)
