@@ -2,9 +2,9 @@
 //! arrive, it is unplugged and plugged in again without a restart, and a mistake in its table is one line.
 
 use jink_runtime::Instance;
+use jink_testkit::pseudo_terminal::plug_in;
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{System, TempFolder, answer, program, until};
-use rustix::pty::OpenptFlags;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,15 +18,9 @@ struct Luna {
 }
 
 impl Luna {
-    /// Plugged in at a line that is reachable under `path`. No program that is started later inherits the line: it would stay open.
+    /// Plugged in at a line that is reachable under `path`.
     fn plug_in(path: &Path, distance_cm: u16) -> Self {
-        let control =
-            rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-        rustix::pty::grantpt(&control).unwrap();
-        rustix::pty::unlockpt(&control).unwrap();
-        let name = rustix::pty::ptsname(&control, Vec::new()).unwrap();
-        let _none_before = std::fs::remove_file(path);
-        std::os::unix::fs::symlink(name.to_str().unwrap(), path).unwrap();
+        let control = plug_in(path);
         // A write to a line that nobody reads must not keep the test from its end.
         rustix::fs::fcntl_setfl(&control, rustix::fs::OFlags::NONBLOCK).unwrap();
         let plugged = Arc::new(AtomicBool::new(true));

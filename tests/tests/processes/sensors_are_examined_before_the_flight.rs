@@ -1,9 +1,9 @@
 //! `jink check sensors` as a user runs it, on a jink that runs: rates, coverage and blind directions of sensors that leave a gap, a
 //! rangefinder that lies, and one that is unplugged. And `jink check memory`, beside what such a jink really takes, and `jink check host`.
 
+use jink_testkit::pseudo_terminal::plug_in;
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{Answer, Handle, System, TempFolder, answer, program, until};
-use rustix::pty::OpenptFlags;
 use serde_json::Value;
 use std::os::fd::OwnedFd;
 use std::path::Path;
@@ -103,12 +103,7 @@ struct Luna {
 impl Luna {
     /// Plugged in under `path`; what it says of its `i`th measurement is `distance_cm(i)`.
     fn plug_in(path: &Path, distance_cm: fn(u16) -> u16) -> Self {
-        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
-        let control = rustix::pty::openpt(flags).unwrap();
-        rustix::pty::grantpt(&control).unwrap();
-        rustix::pty::unlockpt(&control).unwrap();
-        let name = rustix::pty::ptsname(&control, Vec::new()).unwrap();
-        std::os::unix::fs::symlink(name.to_str().unwrap(), path).unwrap();
+        let control = plug_in(path);
         // A write to a line that nobody reads must not keep the test from its end.
         rustix::fs::fcntl_setfl(&control, rustix::fs::OFlags::NONBLOCK).unwrap();
         let stop = Arc::new(AtomicBool::new(false));

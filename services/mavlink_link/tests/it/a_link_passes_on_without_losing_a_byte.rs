@@ -5,9 +5,9 @@ use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::link::{Link, Progress, Sent};
 use jink_mavlink_link::message::{Body, Content, Received};
 use jink_shared_types::Timestamp;
+use jink_testkit::pseudo_terminal::pseudo_terminal;
 use mavlink::dialect::{ATTITUDE_QUATERNION_DATA, MavMessage};
 use proptest::prelude::*;
-use rustix::pty::OpenptFlags;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::os::fd::OwnedFd;
@@ -63,15 +63,8 @@ impl AutopilotEnd {
                 (Self::Udp(socket, port), link)
             }
             1 => {
-                let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
-                let control = rustix::pty::openpt(flags).unwrap();
+                let (control, path) = pseudo_terminal();
                 rustix::io::ioctl_fionbio(&control, true).unwrap();
-                rustix::pty::grantpt(&control).unwrap();
-                rustix::pty::unlockpt(&control).unwrap();
-                let path = rustix::pty::ptsname(&control, Vec::new())
-                    .unwrap()
-                    .into_string()
-                    .unwrap();
                 let link = Link::open(format!("serial:{path}:921600").parse().unwrap()).unwrap();
                 (Self::Serial(control), link)
             }

@@ -10,10 +10,10 @@ use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign};
 use jink_mavlink_link::tlog::Tlog;
 use jink_runtime::config::{Purpose, Signing};
+use jink_testkit::pseudo_terminal::plug_in;
 use mavlink::dialect::*;
 use mavlink::{MAVLinkV1MessageRaw, MavHeader, Message, calculate_crc};
 use proptest::prelude::*;
-use rustix::pty::OpenptFlags;
 use std::net::UdpSocket;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -338,19 +338,7 @@ fn a_lost_link_costs_the_others_nothing_and_comes_back_by_itself() {
     assert_eq!(bench.send(Destination::Everyone, attitude(1)), [0, 1]);
     assert!(bench.links.next_wake().is_some());
 
-    let plug_in = || {
-        let control = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
-        rustix::pty::grantpt(&control).unwrap();
-        rustix::pty::unlockpt(&control).unwrap();
-        let path = rustix::pty::ptsname(&control, Vec::new())
-            .unwrap()
-            .into_string()
-            .unwrap();
-        let _ = std::fs::remove_file(&device);
-        std::os::unix::fs::symlink(path, &device).unwrap();
-        control
-    };
-    let control = plug_in();
+    let control = plug_in(&device);
     bench.until("the port is found", |bench| {
         bench.send(Destination::Everyone, attitude(2)) == [0, 1, 2]
     });
@@ -362,7 +350,7 @@ fn a_lost_link_costs_the_others_nothing_and_comes_back_by_itself() {
     bench.until("the loss", |bench| {
         bench.send(Destination::Everyone, attitude(3)) == [0, 1]
     });
-    let control = plug_in();
+    let control = plug_in(&device);
     bench.until("the port again", |bench| {
         bench.links.report().links[2].reopened == 1
     });
