@@ -1,5 +1,6 @@
 //! Links: no input closes them, lost links reopen by themselves, and every error names the remedy.
 
+use crate::common::{WATCHDOG, frame, free_udp_port};
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::link::{Endpoint, Link, LinkError, Progress, Sent};
 use jink_mavlink_link::message::{Body, Content, Received};
@@ -7,23 +8,10 @@ use jink_runtime::serial::SerialError;
 use jink_shared_types::Timestamp;
 use jink_testkit::pseudo_terminal::{plug_in, pseudo_terminal};
 use jink_testkit::temp_folder::TempFolder;
-use mavlink::dialect::{ATTITUDE_QUATERNION_DATA, HEARTBEAT_DATA, MavMessage};
+use mavlink::dialect::{HEARTBEAT_DATA, MavMessage};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::time::{Duration, Instant};
-
-/// Patience with the kernel; nothing here takes anywhere near as long.
-const WATCHDOG: Duration = Duration::from_secs(20);
-
-fn frame(component: u8, n: u32) -> Vec<u8> {
-    let message = MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
-        time_boot_ms: n,
-        ..ATTITUDE_QUATERNION_DATA::default()
-    });
-    Encoder::new()
-        .encode(1, component, &Body::Message(message))
-        .to_vec()
-}
 
 fn number(received: &Received) -> Option<u32> {
     match &received.content {
@@ -80,14 +68,6 @@ impl LinkBench {
             std::thread::sleep(Duration::from_millis(2));
         }
     }
-}
-
-fn free_udp_port() -> u16 {
-    UdpSocket::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .port()
 }
 
 #[test]
