@@ -368,12 +368,7 @@ impl CertificateBounds {
 }
 
 #[cfg(test)]
-#[path = "../../../shared_types/tests/common/motions.rs"]
-mod motions;
-
-#[cfg(test)]
 mod tests {
-    use super::motions::{extremes, hop, limits_of};
     use super::{CertificateBounds, Generator, NoTrajectory};
     use jink_shared_types::bezier::{End, quintic_between};
     use jink_shared_types::frames::{Acceleration, Point, Velocity};
@@ -382,6 +377,7 @@ mod tests {
         RouteMode, Trajectory, TrajectoryMode,
     };
     use jink_shared_types::{Coded, Flag, Timestamp};
+    use jink_testkit::motions::{extremes, hop, limits_of};
     use nalgebra::Vector3;
     use proptest::prelude::*;
 

@@ -423,6 +423,7 @@ fn warning(about: &str, is: String, remedy: &str) -> Finding {
 mod tests {
     use super::{Asked, Host, WakeUps};
     use jink_control::findings::Grade;
+    use jink_testkit::temp_folder::TempFolder;
     use std::path::Path;
 
     /// A board as it should be.
@@ -509,12 +510,8 @@ mod tests {
 
     #[test]
     fn files_are_read_as_the_kernel_writes_them() {
-        let root = std::env::temp_dir().join(format!("jink_host_{}", std::process::id()));
-        let write = |file: &str, text: &str| {
-            let file = root.join(file);
-            std::fs::create_dir_all(file.parent().unwrap()).unwrap();
-            std::fs::write(file, text).unwrap();
-        };
+        let root = TempFolder::new("host");
+        let write = |file: &str, text: &str| root.write(file, text);
         write("proc/version", "Linux version 6.1.0 (x) #1 SMP PREEMPT_DYNAMIC\n");
         write("sys/devices/system/cpu/online", "0-3\n");
         write("sys/devices/system/cpu/isolated", "2-3\n");
@@ -537,7 +534,6 @@ mod tests {
         write("proc/sys/vm/swappiness", "60\n");
         write("proc/swaps", "Filename Type\n/dev/zram0 partition 1 0 100\n");
         let host = Host::read(&root);
-        std::fs::remove_dir_all(&root).unwrap();
         let expected = Host {
             version: "Linux version 6.1.0 (x) #1 SMP PREEMPT_DYNAMIC".to_owned(),
             governors: vec!["powersave".to_owned(), "performance".to_owned()],

@@ -41,10 +41,12 @@ pub fn file_of(program: &Path) -> PathBuf {
     }
 }
 
-/// A command that starts `file` under the name of a program: what is of jink then is that program, what is not takes no notice.
+/// A command that starts `file`, as the program called `name` if it is one that has many in it.
 pub fn command(file: &Path, name: &OsStr) -> Command {
     let mut command = Command::new(file);
-    command.arg0(name);
+    if [JINK, LAB].iter().any(|many| file.ends_with(many)) {
+        command.arg0(name);
+    }
     command
 }
 

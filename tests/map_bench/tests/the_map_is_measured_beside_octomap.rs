@@ -1,8 +1,9 @@
 //! `jink bench map` measures with and without OctoMap, and where both maps differ it says why.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+use jink_testkit::temp_folder::TempFolder;
 use serde_json::Value;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
 fn bench(arguments: &[&str]) -> Command {
@@ -127,34 +128,17 @@ fn a_recording_of_a_real_ouster_is_measured() {
     }
 }
 
-/// A folder that goes with its owner.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new(name: &str) -> Self {
-        let folder = std::env::temp_dir().join(format!("jink-map-bench-{name}-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        Self(folder)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _gone_already = std::fs::remove_dir_all(&self.0);
-    }
-}
-
 #[test]
 fn without_a_compiler_or_the_library_the_map_alone_is_measured_and_the_package_named() {
     use std::os::unix::fs::PermissionsExt;
-    let empty = Scratch::new("empty");
-    let fake = Scratch::new("fake");
-    let compiler = fake.0.join("c++");
+    let empty = TempFolder::new("map_bench_empty");
+    let fake = TempFolder::new("map_bench_fake");
+    let compiler = fake.join("c++");
     let script = "#!/bin/sh\necho 'insert.cpp:9:10: fatal error: octomap/OcTree.h: No such file or directory' >&2\nexit 1\n";
     std::fs::write(&compiler, script).unwrap();
     std::fs::set_permissions(&compiler, std::fs::Permissions::from_mode(0o755)).unwrap();
     for (folder, package) in [(&empty, "build-essential"), (&fake, "liboctomap-dev")] {
-        let report = parsed(&bench(&SHORT).env("PATH", &folder.0).output().unwrap());
+        let report = parsed(&bench(&SHORT).env("PATH", &**folder).output().unwrap());
         assert_measured(&report);
         for figure in [
             "octomap_ratio",

@@ -1,16 +1,13 @@
 //! A jink with a real depth camera, a file on FUSE in its device's place: a process for it is started and called by its name, its
 //! clouds arrive, it is unplugged and plugged in again without a restart, and a mistake in its table is one line.
 
-#[path = "../../../services/depth_driver/tests/it/camera/mod.rs"]
-mod camera;
-
-use camera::device::VideoDevice;
+use crate::real_sensors::{assert_rendered, log, refusal};
 use jink_runtime::{Instance, Session};
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use jink_shared_types::topics;
+use jink_testkit::video_device::VideoDevice;
 use jink_tests::ports::free_udp_port;
-use jink_tests::processes::{System, TempFolder, answer, program, until};
-use std::path::PathBuf;
+use jink_tests::processes::{System, TempFolder, until};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::Duration;
@@ -22,24 +19,6 @@ fn depth_camera(device: &str, keys: &str) -> String {
         "[[sensor]]\nname = \"front\"\nkind = \"depth_camera\"\nmodel = \"z16\"\ndevice = {device:?}\nwidth_px = 64\nheight_px = 48\n\
          fov_horizontal_deg = 87\nfov_vertical_deg = 58\nbin_px = 4\nrange_max_m = 8\n{keys}"
     )
-}
-
-/// The log of the process called "front" in the instance that `System::up` makes for `role`.
-fn log(role: &str) -> String {
-    let instance: Instance = format!("t_{role}_{}", std::process::id()).parse().unwrap();
-    let mut logs: Vec<PathBuf> = std::fs::read_dir(instance.log_folder())
-        .unwrap()
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| {
-            path.file_name()
-                .is_some_and(|name| name.to_string_lossy().starts_with("front"))
-        })
-        .collect();
-    logs.sort();
-    logs.iter()
-        .map(|path| std::fs::read_to_string(path).unwrap_or_default())
-        .collect()
 }
 
 #[test]
@@ -89,11 +68,13 @@ fn its_clouds_arrive_and_a_loose_plug_is_reported_and_survived() {
     assert!(before["pid"].as_u64().is_some_and(|pid| pid > 0), "{before:#}");
 
     device.unplug();
-    until("the loss", || log(role).contains("jink: depth camera front lost"));
+    until("the loss", || {
+        log(role, "front").contains("jink: depth camera front lost")
+    });
     distance_mm.store(4_200, Ordering::Relaxed);
     device.replug();
     until("the return", || {
-        log(role).contains("jink: depth camera front back")
+        log(role, "front").contains("jink: depth camera front back")
     });
     until("a cloud of the new stream", || is_wall_at(4.2));
 
@@ -103,7 +84,7 @@ fn its_clouds_arrive_and_a_loose_plug_is_reported_and_survived() {
         (&before["pid"], &0.into()),
         "{after:#}"
     );
-    let text = log(role);
+    let text = log(role, "front");
     assert_eq!(
         text.matches("depth camera front lost").count(),
         1,
@@ -120,53 +101,17 @@ fn its_clouds_arrive_and_a_loose_plug_is_reported_and_survived() {
 
 #[test]
 fn a_mistake_in_its_table_is_one_line_that_says_what_is_possible() {
-    let folder = TempFolder::with_sensors(
-        "depth_mistake",
-        &depth_camera("/dev/nothing", "flying_pixels = 1\n"),
-    );
-    let instance = format!("depthno_{}", std::process::id());
-    let link = format!("udpin:127.0.0.1:{}", free_udp_port());
-    let arguments = [
-        "--instance",
-        &instance,
-        "up",
-        "--detach",
-        "--config",
-        folder.text(),
-        "--link",
-        &link,
-    ];
-    let refused = answer(&mut program("jink", &arguments));
-    if refused.code == Some(0) {
-        answer(&mut program("jink", &["--instance", &instance, "down"]));
-    }
-    // The logs of a failed start are kept for the user; here nobody reads them.
-    let _none_was_made = std::fs::remove_dir_all(instance.parse::<Instance>().unwrap().folder());
-    assert_eq!(refused.code, Some(78), "{refused:?}");
-    let first = refused.stderr.lines().next().unwrap_or_default();
+    let refused = refusal("depthno", &depth_camera("/dev/nothing", "flying_pixels = 1\n"));
     let said =
         "sensor \"front\": a depth_camera has no key `flying_pixels`; did you mean `flying_pixel_per_m`?";
     assert!(
-        first.starts_with("jink: cannot start: ") && first.contains(said),
-        "{refused:?}"
+        refused.starts_with("jink: cannot start: ") && refused.contains(said),
+        "{refused}"
     );
 }
 
 #[test]
 fn in_a_virtual_world_it_is_rendered_and_no_process_is_started_for_it() {
     let keys = "depth_scale_m = 0.001\nflying_pixel_per_m = 0.1\nborder_px = 0\n";
-    let folder = TempFolder::with_sensors("depth_virtual", &depth_camera("/dev/nothing", keys));
-    let link = format!("udpin:127.0.0.1:{}", free_udp_port());
-    let jink = System::up(
-        "depthvirt",
-        &["--config", folder.text(), "--link", &link, "--world", "forest"],
-    );
-    let status = jink.status();
-    let names: Vec<&str> = (status["services"].as_array().unwrap().iter())
-        .filter_map(|service| service["name"].as_str())
-        .collect();
-    assert!(
-        names.contains(&"sensors") && !names.contains(&"front"),
-        "{names:?}"
-    );
+    assert_rendered("depthvirt", &depth_camera("/dev/nothing", keys));
 }

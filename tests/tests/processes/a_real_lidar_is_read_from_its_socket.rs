@@ -1,11 +1,10 @@
 //! A jink with a real lidar, a socket in its place: a process for it is started and called by its name, its clouds arrive, silence is
 //! reported and survived, and a mistake in its table is one line.
 
-use jink_runtime::Instance;
+use crate::real_sensors::{log, refusal};
 use jink_tests::ports::free_udp_port;
-use jink_tests::processes::{System, TempFolder, answer, program, until};
+use jink_tests::processes::{System, TempFolder, until};
 use std::net::UdpSocket;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
@@ -70,24 +69,6 @@ fn lidar(keys: &str) -> String {
     format!("[[sensor]]\nname = \"top\"\nkind = \"lidar_3d\"\n{keys}\n")
 }
 
-/// The log of the process called "top" in the instance that `System::up` makes for `role`.
-fn log(role: &str) -> String {
-    let instance: Instance = format!("t_{role}_{}", std::process::id()).parse().unwrap();
-    let entries = std::fs::read_dir(instance.log_folder()).unwrap().flatten();
-    let mut logs: Vec<PathBuf> = entries
-        .map(|entry| entry.path())
-        .filter(|path| {
-            path.file_name()
-                .and_then(|name| name.to_str())
-                .is_some_and(|name| name.starts_with("top"))
-        })
-        .collect();
-    logs.sort();
-    logs.iter()
-        .map(|path| std::fs::read_to_string(path).unwrap_or_default())
-        .collect()
-}
-
 #[test]
 fn its_clouds_arrive_and_silence_is_reported_and_survived() {
     let role = "puck";
@@ -117,9 +98,9 @@ fn its_clouds_arrive_and_silence_is_reported_and_survived() {
     let before = jink.service("top");
     assert!(before["pid"].as_u64().is_some_and(|pid| pid > 0), "{before:#}");
     drop(puck);
-    until("the loss", || log(role).contains("jink: lidar top lost"));
+    until("the loss", || log(role, "top").contains("jink: lidar top lost"));
     let _again = Puck::switch_on(port, 5.0);
-    until("the return", || log(role).contains("jink: lidar top back"));
+    until("the return", || log(role, "top").contains("jink: lidar top back"));
     until("a cloud again", || cloud().contains("range 0.5..60 m"));
     let after = jink.service("top");
     assert_eq!(
@@ -127,37 +108,22 @@ fn its_clouds_arrive_and_silence_is_reported_and_survived() {
         (&before["pid"], &0.into()),
         "{after:#}"
     );
-    assert_eq!(log(role).matches("lidar top lost").count(), 1, "reported once");
+    assert_eq!(
+        log(role, "top").matches("lidar top lost").count(),
+        1,
+        "reported once"
+    );
 }
 
 #[test]
 fn a_mistake_in_its_table_is_one_line_with_file_and_line() {
-    let folder = TempFolder::with_sensors(
+    let refused = refusal(
         "pack",
         &lidar("model = \"vlp61\"\ndevice = \"udp:127.0.0.1:2368\""),
     );
-    let instance = format!("pack_{}", std::process::id());
-    let link = format!("udpin:127.0.0.1:{}", free_udp_port());
-    let arguments = [
-        "--instance",
-        &instance,
-        "up",
-        "--detach",
-        "--config",
-        folder.text(),
-        "--link",
-        &link,
-    ];
-    let refused = answer(&mut program("jink", &arguments));
-    if refused.code == Some(0) {
-        answer(&mut program("jink", &["--instance", &instance, "down"]));
-    }
-    let _none_was_made = std::fs::remove_dir_all(instance.parse::<Instance>().unwrap().folder());
-    assert_eq!(refused.code, Some(78), "{refused:?}");
-    let first = refused.stderr.lines().next().unwrap_or_default();
     let said = "sensor \"top\": model = \"vlp61\" is not possible; possible: ouster, ";
     assert!(
-        first.contains(said) && first.contains("jink.toml:"),
-        "{refused:?}"
+        refused.contains(said) && refused.contains("jink.toml:"),
+        "{refused}"
     );
 }

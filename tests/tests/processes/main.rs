@@ -27,6 +27,7 @@ mod mavsdk_flies_and_tunes_through_the_gateway;
 mod pymavlink_finds_no_fault_on_the_link;
 mod pymavlink_gets_an_answer_to_every_question;
 mod pymavlink_trusts_our_signatures_and_we_trust_its;
+mod real_sensors;
 mod sensors_are_examined_before_the_flight;
 mod signatures_are_asked_for_link_by_link;
 mod the_documentation_names_what_exists;

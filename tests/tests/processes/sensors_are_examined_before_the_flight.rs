@@ -1,16 +1,11 @@
 //! `jink check sensors` as a user runs it, on a jink that runs: rates, coverage and blind directions of sensors that leave a gap, a
 //! rangefinder that lies, and one that is unplugged. And `jink check memory`, beside what such a jink really takes, and `jink check host`.
 
+use crate::real_sensors::Luna;
 use jink_tests::ports::free_udp_port;
 use jink_tests::processes::{Answer, Handle, System, TempFolder, answer, program, until};
-use rustix::pty::OpenptFlags;
 use serde_json::Value;
-use std::os::fd::OwnedFd;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::JoinHandle;
-use std::time::Duration;
 
 const BLOCKED: Option<i32> = Some(1);
 const WRONG_USAGE: Option<i32> = Some(2);
@@ -92,58 +87,6 @@ fn rates_coverage_and_what_nobody_sees_are_reported_of_a_vehicle_with_a_gap() {
         assert!(sensor["age_p99_ms"].as_f64().unwrap() >= sensor["age_p50_ms"].as_f64().unwrap());
     }
     assert!(json["ring"]["rate_hz"].as_f64().unwrap() > 0.0);
-}
-
-/// A TF-Luna at a pseudo-terminal, a hundred frames a second until it is dropped; the line stays.
-struct Luna {
-    stop: Arc<AtomicBool>,
-    speaker: Option<JoinHandle<OwnedFd>>,
-}
-
-impl Luna {
-    /// Plugged in under `path`; what it says of its `i`th measurement is `distance_cm(i)`.
-    fn plug_in(path: &Path, distance_cm: fn(u16) -> u16) -> Self {
-        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
-        let control = rustix::pty::openpt(flags).unwrap();
-        rustix::pty::grantpt(&control).unwrap();
-        rustix::pty::unlockpt(&control).unwrap();
-        let name = rustix::pty::ptsname(&control, Vec::new()).unwrap();
-        std::os::unix::fs::symlink(name.to_str().unwrap(), path).unwrap();
-        // A write to a line that nobody reads must not keep the test from its end.
-        rustix::fs::fcntl_setfl(&control, rustix::fs::OFlags::NONBLOCK).unwrap();
-        let stop = Arc::new(AtomicBool::new(false));
-        let is_over = Arc::clone(&stop);
-        let speaker = std::thread::spawn(move || {
-            let mut number = 0_u16;
-            while !is_over.load(Ordering::Relaxed) {
-                let [low, high] = distance_cm(number).to_le_bytes();
-                let mut frame = vec![0x59, 0x59, low, high, 0xE8, 0x03, 0xC8, 0x08];
-                frame.push(frame.iter().fold(0u8, |sum, byte| sum.wrapping_add(*byte)));
-                let _full_while_nobody_reads = rustix::io::write(&control, &frame);
-                number = number.wrapping_add(1);
-                std::thread::sleep(Duration::from_millis(10));
-            }
-            control
-        });
-        Self {
-            stop,
-            speaker: Some(speaker),
-        }
-    }
-
-    /// Says nothing any more, and is gone.
-    fn unplug(&mut self) {
-        self.stop.store(true, Ordering::Relaxed);
-        if let Some(speaker) = self.speaker.take() {
-            drop(speaker.join());
-        }
-    }
-}
-
-impl Drop for Luna {
-    fn drop(&mut self) {
-        self.unplug();
-    }
 }
 
 #[test]

@@ -4,30 +4,10 @@
 //! `cc`, `c++` and `python3` are needed; `.ci/run` installs them.
 
 use jink_cli::view::schema::Schema;
+use jink_testkit::temp_folder::TempFolder;
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
-
-/// A folder of its own that leaves nothing behind.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new(test: &str) -> Self {
-        let folder = std::env::temp_dir().join(format!("jink_schema_{test}_{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        Self(folder)
-    }
-
-    fn write(&self, name: &str, text: &str) {
-        std::fs::write(self.0.join(name), text).unwrap();
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        std::fs::remove_dir_all(&self.0).unwrap();
-    }
-}
 
 fn all() -> Schema {
     Schema::of(&[]).unwrap()
@@ -124,11 +104,11 @@ fn compile(folder: &Path, compiler: &str, arguments: &[&str]) {
 
 #[test]
 fn a_c_compiler_finds_every_field_where_rust_has_it() {
-    let folder = Folder::new("c");
+    let folder = TempFolder::new("schema_c");
     folder.write("jink.h", &printed("--c"));
     folder.write("main.c", &c_program());
     compile(
-        &folder.0,
+        &folder,
         "cc",
         &[
             "-std=c11",
@@ -141,13 +121,13 @@ fn a_c_compiler_finds_every_field_where_rust_has_it() {
             "main.c",
         ],
     );
-    let read = output(&mut Command::new(folder.0.join("main")));
+    let read = output(&mut Command::new(folder.join("main")));
     assert_same(&read, "C");
 }
 
 #[test]
 fn a_cpp_compiler_takes_the_header_and_finds_the_type_names() {
-    let folder = Folder::new("cpp");
+    let folder = TempFolder::new("schema_cpp");
     folder.write("jink.h", &printed("--c"));
     let mut program = String::from("#include \"jink.h\"\n#include <string_view>\n");
     for payload in &all().payloads {
@@ -160,7 +140,7 @@ fn a_cpp_compiler_takes_the_header_and_finds_the_type_names() {
     }
     folder.write("main.cpp", &program);
     compile(
-        &folder.0,
+        &folder,
         "c++",
         &[
             "-std=c++17",
@@ -204,16 +184,16 @@ for name in sys.argv[1:]:
         print(f"{name}.{field[0].rstrip('_')}", place.offset, place.size)
 "#;
 
-fn python(folder: &Folder) -> Command {
+fn python(folder: &TempFolder) -> Command {
     folder.write("jink.py", &printed("--python"));
     let mut command = Command::new("python3");
-    command.current_dir(&folder.0).env("PYTHONDONTWRITEBYTECODE", "1");
+    command.current_dir(&**folder).env("PYTHONDONTWRITEBYTECODE", "1");
     command
 }
 
 #[test]
 fn python_finds_every_field_where_rust_has_it() {
-    let folder = Folder::new("python");
+    let folder = TempFolder::new("schema_python");
     let schema = all();
     let names = schema.structs.iter().map(|shape| shape.name);
     let read = output(python(&folder).args(["-c", PYTHON]).args(names));
@@ -222,7 +202,7 @@ fn python_finds_every_field_where_rust_has_it() {
 
 #[test]
 fn python_knows_type_names_topics_and_codes() {
-    let folder = Folder::new("names");
+    let folder = TempFolder::new("schema_names");
     let schema = all();
     let mut checks = String::from("import jink\n");
     for payload in &schema.payloads {

@@ -171,17 +171,13 @@ impl AdmissionBounds {
 }
 
 #[cfg(test)]
-#[path = "../../../../shared_types/tests/common/motions.rs"]
-mod motions;
-
-#[cfg(test)]
 mod tests {
     use super::examine;
-    use super::motions::{extremes, hop, limits_of};
     use jink_shared_types::Timestamp;
     use jink_shared_types::motion::{
         BezierPiece, GuardReason, LIMIT_SLACK, LIMIT_TOLERANCE, MotionLimits, Trajectory,
     };
+    use jink_testkit::motions::{extremes, hop, limits_of};
     use proptest::prelude::*;
 
     fn examined(pieces: &[BezierPiece], limits: MotionLimits) -> Result<(), GuardReason> {

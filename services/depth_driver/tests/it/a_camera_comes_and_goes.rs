@@ -1,15 +1,13 @@
 //! A device file of FUSE in the camera's place: streamed from, unplugged, plugged in again, and with every fault that a
 //! camera has.
 
-use crate::camera;
-use crate::camera::device::{Fault, VideoDevice};
-use crate::camera::images::small;
-use fuser::Errno;
+use crate::images::small;
 use jink_depth_driver::camera::Camera;
 use jink_depth_driver::v4l2::Wanted;
 use jink_depth_driver::{DepthCameraChange, DepthCameraCounters, DepthCameraDriver};
 use jink_shared_types::Timestamp;
 use jink_shared_types::ranges::PointCloud;
+use jink_testkit::video_device::{Errno, Fault, State, VideoDevice};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 const SIZE_PX: [u32; 2] = [40, 30];
@@ -189,7 +187,7 @@ fn what_it_does_not_grant_is_one_sentence_and_tried_again() {
     let Some(mut rig) = Rig::new("refusals") else {
         return;
     };
-    type Change = fn(&mut camera::device::State);
+    type Change = fn(&mut State);
     let refusals: [(Change, Change, &str); 8] = [
         (
             |state| state.fourcc = *b"YUYV",

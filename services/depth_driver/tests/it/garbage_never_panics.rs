@@ -1,7 +1,7 @@
 //! Whatever a device hands over, the driver survives it, and what it publishes is plausible.
 
-use crate::camera::images;
-use crate::camera::images::small;
+use crate::images;
+use crate::images::small;
 use jink_depth_driver::config::SensorTable;
 use jink_depth_driver::{DepthCameraDriver, DepthCameraSpec, Image};
 use jink_shared_types::Timestamp;

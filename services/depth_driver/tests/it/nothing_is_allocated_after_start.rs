@@ -1,6 +1,6 @@
 //! The hot path allocates nothing: not for images, faults, clouds, counters.
 
-use crate::camera::images::{bytes, image, small};
+use crate::images::{bytes, image, small};
 use allocation_counter::measure;
 use jink_depth_driver::{DepthCameraDriver, Image};
 use jink_shared_types::Timestamp;

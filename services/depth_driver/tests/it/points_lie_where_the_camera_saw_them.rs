@@ -1,7 +1,7 @@
 //! Laws of the projection: a plane comes back as that plane for any mounting, lens and block size; what is unknown
 //! stays unknown.
 
-use crate::camera::images::{cloud_of, small, with_bins};
+use crate::images::{cloud_of, small, with_bins};
 use jink_depth_driver::projection::{Distortion, Intrinsics, Projection};
 use jink_shared_types::ranges::{CloudPoint, PointCloud, RayKind};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

@@ -1,13 +1,13 @@
 //! Request numbers, sizes and offsets agree with `linux/videodev2.h` of this machine, as its C compiler reads it.
 
 use jink_depth_driver::v4l2::{ABI, FIELDS};
+use jink_testkit::temp_folder::TempFolder;
 use std::fmt::Write as _;
 use std::process::Command;
 
 #[test]
 fn a_c_compiler_finds_every_number_and_every_field_as_this_driver_has_it() {
-    let folder = std::env::temp_dir().join(format!("jink_videodev2_{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
+    let folder = TempFolder::new("videodev2");
     let mut program =
         "#include <linux/videodev2.h>\n#include <stddef.h>\n#include <stdio.h>\nint main(void) {\n"
             .to_owned();
@@ -29,9 +29,9 @@ fn a_c_compiler_finds_every_number_and_every_field_as_this_driver_has_it() {
         writeln!(expected, "{structure}.{field} {offset}").unwrap();
     }
     program.push_str("return 0;\n}\n");
-    std::fs::write(folder.join("main.c"), program).unwrap();
+    folder.write("main.c", &program);
     let compiled = Command::new("cc")
-        .current_dir(&folder)
+        .current_dir(&*folder)
         .args(["-o", "main", "main.c"])
         .output();
     let has_header = std::path::Path::new("/usr/include/linux/videodev2.h").exists();
@@ -43,5 +43,4 @@ fn a_c_compiler_finds_every_number_and_every_field_as_this_driver_has_it() {
         Ok(compiled) if has_header => panic!("{}", String::from_utf8_lossy(&compiled.stderr)),
         _ => eprintln!("NOT TESTED: a C compiler and linux/videodev2.h (package linux-libc-dev) are needed"),
     }
-    std::fs::remove_dir_all(&folder).unwrap();
 }

@@ -1,9 +1,10 @@
 //! Packets made after the VLP-16 manual come to the points that velodyne-decoder makes of them, and to the ranges that
 //! went in.
 
-use crate::common::{Oracle, Row, Scratch, ethernet, ipv4, pcap, rows};
+use crate::common::{Oracle, Row, ethernet, ipv4, pcap, rows};
 use crate::encoder::vlp16;
 use jink_lidar_driver::dump::{DumpRequest, Summary, dump};
+use jink_testkit::temp_folder::TempFolder;
 use std::path::Path;
 
 /// Two turns and a half at 10 Hz, as a recording. Of every firing and laser another range.
@@ -35,8 +36,8 @@ fn recording(path: &Path, dual: bool, product: u8) {
     std::fs::write(path, pcap(false, false, 1, &frames)).unwrap();
 }
 
-fn dumped(folder: &Scratch, pcap: &Path, model: Option<&str>) -> (Vec<Row>, Summary) {
-    let csv = folder.path("out.csv");
+fn dumped(folder: &TempFolder, pcap: &Path, model: Option<&str>) -> (Vec<Row>, Summary) {
+    let csv = folder.join("out.csv");
     let request = DumpRequest {
         pcap: pcap.to_owned(),
         metadata: None,
@@ -57,8 +58,8 @@ fn single_and_dual_returns_of_both_models_are_where_velodyne_decoder_puts_them()
         ("dual", true, 0x22, "VLP16"),
         ("hires", false, 0x24, "PuckHiRes"),
     ] {
-        let folder = Scratch::new(&format!("vlp_{name}"));
-        let path = folder.path("in.pcap");
+        let folder = TempFolder::new(&format!("vlp_{name}"));
+        let path = folder.join("in.pcap");
         recording(&path, dual, product);
         let (ours, _) = dumped(&folder, &path, None);
         let theirs = rows(&oracle.run("with_velodyne_decoder.py", &[&path, Path::new(model)]));
@@ -111,8 +112,8 @@ fn single_and_dual_returns_of_both_models_are_where_velodyne_decoder_puts_them()
 
 #[test]
 fn every_range_that_was_sent_comes_back_and_turns_are_scans() {
-    let folder = Scratch::new("vlp_all");
-    let path = folder.path("in.pcap");
+    let folder = TempFolder::new("vlp_all");
+    let path = folder.join("in.pcap");
     recording(&path, false, 0x22);
     let (rows, summary) = dumped(&folder, &path, Some("vlp16"));
     assert_eq!((summary.scans, summary.lost, summary.passed_over), (3, 0, [0; 5]));
@@ -131,14 +132,14 @@ fn every_range_that_was_sent_comes_back_and_turns_are_scans() {
 
 #[test]
 fn another_product_a_position_packet_and_a_wrong_model_are_passed_over() {
-    let folder = Scratch::new("vlp_other");
-    let path = folder.path("in.pcap");
+    let folder = TempFolder::new("vlp_other");
+    let path = folder.join("in.pcap");
     recording(&path, false, 0x21);
     let request = DumpRequest {
         pcap: path.clone(),
         metadata: None,
         model: Some("vlp16".to_owned()),
-        csv: folder.path("out.csv"),
+        csv: folder.join("out.csv"),
     };
     let said = dump(&request, &mut |_, _| {}).unwrap_err().to_string();
     assert!(said.contains("is a packet of a vlp16; does the model"), "{said}");

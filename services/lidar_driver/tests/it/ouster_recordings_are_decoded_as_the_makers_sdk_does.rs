@@ -1,14 +1,15 @@
 //! Every return of recordings of real Ouster sensors comes out where the vendor's SDK puts it: range, direction,
 //! number.
 
-use crate::common::{Oracle, Row, Scratch, here, rows, shared};
+use crate::common::{Oracle, Row, here, rows, shared};
 use jink_lidar_driver::dump::{DumpRequest, dump};
+use jink_testkit::temp_folder::TempFolder;
 use std::path::Path;
 
 /// The table of a recording, as the dump writes it.
 fn dumped(name: &str, pcap: &Path, metadata: &Path) -> Vec<Row> {
-    let folder = Scratch::new(name);
-    let csv = folder.path("out.csv");
+    let folder = TempFolder::new(name);
+    let csv = folder.join("out.csv");
     let request = DumpRequest {
         pcap: pcap.to_owned(),
         metadata: Some(metadata.to_owned()),

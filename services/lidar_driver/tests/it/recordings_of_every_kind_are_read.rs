@@ -1,7 +1,8 @@
 //! Datagrams come out of a recording whatever wrote it: byte order, time unit, file format, link type, tags, fragments.
 
-use crate::common::{Scratch, ethernet, ipv4, pcap, pcapng};
+use crate::common::{ethernet, ipv4, pcap, pcapng};
 use jink_lidar_driver::capture::Capture;
+use jink_testkit::temp_folder::TempFolder;
 use std::path::Path;
 
 /// Times and payloads of a recording.
@@ -36,7 +37,7 @@ fn frames(link_header: Header<'_>) -> Vec<(u64, Vec<u8>)> {
 
 #[test]
 fn both_byte_orders_both_time_units_and_the_newer_format_say_the_same() {
-    let folder = Scratch::new("formats");
+    let folder = TempFolder::new("formats");
     let frames = frames(&|ip| ethernet(ip, 0));
     let expected: Vec<(u64, Vec<u8>)> = (0..5)
         .map(|number| (BEGIN_NS + number as u64 * 1_000_000, payload(number)))
@@ -49,7 +50,7 @@ fn both_byte_orders_both_time_units_and_the_newer_format_say_the_same() {
         ("ng_us", pcapng(6, 1, &frames)),
         ("ng_ns", pcapng(9, 1, &frames)),
     ] {
-        let path = folder.path(name);
+        let path = folder.join(name);
         std::fs::write(&path, bytes).unwrap();
         assert_eq!(read(&path), expected, "{name}");
     }
@@ -60,7 +61,7 @@ type Header<'a> = &'a dyn Fn(&[u8]) -> Vec<u8>;
 
 #[test]
 fn every_link_type_that_carries_ip_is_known() {
-    let folder = Scratch::new("links");
+    let folder = TempFolder::new("links");
     let sll = |ip: &[u8]| [&[0, 0, 0, 1, 0, 6, 1, 2, 3, 4, 5, 6, 0, 0, 8, 0], ip].concat();
     let sll2 = |ip: &[u8]| {
         let head: &[u8] = &[8, 0, 0, 0, 0, 0, 0, 2, 0, 1, 0, 6, 1, 2, 3, 4, 5, 6, 0, 0];
@@ -76,7 +77,7 @@ fn every_link_type_that_carries_ip_is_known() {
         (276, &sll2),
     ];
     for (link, header) in links {
-        let path = folder.path(&format!("link_{link}"));
+        let path = folder.join(format!("link_{link}"));
         std::fs::write(&path, pcap(false, false, link, &frames(header))).unwrap();
         let payloads: Vec<Vec<u8>> = read(&path).into_iter().map(|(_, payload)| payload).collect();
         assert_eq!(
@@ -89,11 +90,11 @@ fn every_link_type_that_carries_ip_is_known() {
 
 #[test]
 fn fragments_in_any_order_make_the_datagram_and_a_missing_one_makes_none() {
-    let folder = Scratch::new("fragments");
+    let folder = TempFolder::new("fragments");
     let mut frames = frames(&|ip| ethernet(ip, 0));
     frames.swap(0, 2);
     frames.remove(4);
-    let path = folder.path("swapped");
+    let path = folder.join("swapped");
     std::fs::write(&path, pcap(false, false, 1, &frames)).unwrap();
     let lengths: Vec<usize> = read(&path).iter().map(|(_, payload)| payload.len()).collect();
     assert_eq!(lengths, [3_000, 3_002, 3_003, 3_004]);
@@ -101,9 +102,9 @@ fn fragments_in_any_order_make_the_datagram_and_a_missing_one_makes_none() {
 
 #[test]
 fn a_file_that_was_cut_off_ends_where_it_was_cut_and_one_that_is_none_is_reported_as_such() {
-    let folder = Scratch::new("cut");
+    let folder = TempFolder::new("cut");
     let bytes = pcap(false, false, 1, &frames(&|ip| ethernet(ip, 0)));
-    let path = folder.path("cut");
+    let path = folder.join("cut");
     for length in [0, 1, 10, 24, 30, 100, 5_000, bytes.len() - 1] {
         std::fs::write(&path, &bytes[..length]).unwrap();
         match Capture::open(&path) {
@@ -122,8 +123,8 @@ fn a_file_that_was_cut_off_ends_where_it_was_cut_and_one_that_is_none_is_reporte
 
 #[test]
 fn damaged_files_are_read_without_a_panic() {
-    let folder = Scratch::new("damaged");
-    let path = folder.path("file");
+    let folder = TempFolder::new("damaged");
+    let path = folder.join("file");
     let mut state = 88172645463325252u64;
     let mut random = move || {
         state ^= state << 13;

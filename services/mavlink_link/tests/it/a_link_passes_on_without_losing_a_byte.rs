@@ -1,45 +1,23 @@
 //! Two processes share one link; whenever it passes from one to the other, every message of the autopilot is handled by
 //! exactly one of them, and every message to the autopilot arrives once and in order.
 
-use jink_mavlink_link::encoder::Encoder;
+use crate::common::{WATCHDOG, frame, free_udp_port, own_path};
 use jink_mavlink_link::link::{Link, Progress, Sent};
-use jink_mavlink_link::message::{Body, Content, Received};
+use jink_mavlink_link::message::{Content, Received};
 use jink_shared_types::Timestamp;
-use mavlink::dialect::{ATTITUDE_QUATERNION_DATA, MavMessage};
+use jink_testkit::pseudo_terminal::pseudo_terminal;
+use mavlink::dialect::MavMessage;
 use proptest::prelude::*;
-use rustix::pty::OpenptFlags;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
 use std::os::fd::OwnedFd;
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
-
-/// Patience with the kernel; nothing here takes anywhere near as long.
-const WATCHDOG: Duration = Duration::from_secs(20);
-
-fn frame(component: u8, n: u32) -> Vec<u8> {
-    let message = MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
-        time_boot_ms: n,
-        ..ATTITUDE_QUATERNION_DATA::default()
-    });
-    Encoder::new()
-        .encode(1, component, &Body::Message(message))
-        .to_vec()
-}
 
 fn number(received: &Received) -> u32 {
     match &received.content {
         Content::Message(MavMessage::ATTITUDE_QUATERNION(data)) => data.time_boot_ms,
         other => panic!("{other:?}"),
     }
-}
-
-/// A place of its own for each handover.
-fn handover_socket() -> PathBuf {
-    static COUNT: AtomicU32 = AtomicU32::new(0);
-    let count = COUNT.fetch_add(1, Ordering::Relaxed);
-    std::env::temp_dir().join(format!("jink-handover-{}-{count}", std::process::id()))
 }
 
 /// The autopilot's end of a link.
@@ -54,24 +32,15 @@ impl AutopilotEnd {
     fn open(kind: usize) -> (Self, Link) {
         match kind {
             0 => {
-                let free = UdpSocket::bind("127.0.0.1:0").unwrap();
-                let port = free.local_addr().unwrap().port();
-                drop(free);
+                let port = free_udp_port();
                 let link = Link::open(format!("udpin:127.0.0.1:{port}").parse().unwrap()).unwrap();
                 let socket = UdpSocket::bind("127.0.0.1:0").unwrap();
                 socket.set_nonblocking(true).unwrap();
                 (Self::Udp(socket, port), link)
             }
             1 => {
-                let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
-                let control = rustix::pty::openpt(flags).unwrap();
+                let (control, path) = pseudo_terminal();
                 rustix::io::ioctl_fionbio(&control, true).unwrap();
-                rustix::pty::grantpt(&control).unwrap();
-                rustix::pty::unlockpt(&control).unwrap();
-                let path = rustix::pty::ptsname(&control, Vec::new())
-                    .unwrap()
-                    .into_string()
-                    .unwrap();
                 let link = Link::open(format!("serial:{path}:921600").parse().unwrap()).unwrap();
                 (Self::Serial(control), link)
             }
@@ -187,7 +156,7 @@ proptest! {
         kind in 0..3usize,
         events in proptest::collection::vec(event(), 1..80),
     ) {
-        let handover_socket = handover_socket();
+        let handover_socket = own_path("handover");
         let (mut autopilot, mut link) = AutopilotEnd::open(kind);
         link.share(&handover_socket).unwrap();
         let standby = Link::join("udpin:1".parse().unwrap(), &handover_socket).unwrap();
@@ -250,7 +219,7 @@ proptest! {
 
 #[test]
 fn a_standby_takes_over_when_the_owner_dies_and_the_next_one_can_join_it() {
-    let handover_socket = handover_socket();
+    let handover_socket = own_path("handover");
     let (mut autopilot, mut link) = AutopilotEnd::open(0);
     link.share(&handover_socket).unwrap();
     let mut standby = LinkProcess::new(Link::join("udpin:1".parse().unwrap(), &handover_socket).unwrap());
@@ -291,7 +260,7 @@ fn a_standby_takes_over_when_the_owner_dies_and_the_next_one_can_join_it() {
 
 #[test]
 fn nobody_can_join_where_no_link_is_shared() {
-    let error = Link::join("udpin:1".parse().unwrap(), &handover_socket()).unwrap_err();
+    let error = Link::join("udpin:1".parse().unwrap(), &own_path("handover")).unwrap_err();
     assert!(error.to_string().contains("no handover of the link"), "{error}");
 }
 

@@ -1,29 +1,17 @@
 //! Links: no input closes them, lost links reopen by themselves, and every error names the remedy.
 
+use crate::common::{WATCHDOG, frame, free_udp_port};
 use jink_mavlink_link::encoder::Encoder;
 use jink_mavlink_link::link::{Endpoint, Link, LinkError, Progress, Sent};
 use jink_mavlink_link::message::{Body, Content, Received};
 use jink_runtime::serial::SerialError;
 use jink_shared_types::Timestamp;
-use mavlink::dialect::{ATTITUDE_QUATERNION_DATA, HEARTBEAT_DATA, MavMessage};
-use rustix::pty::OpenptFlags;
+use jink_testkit::pseudo_terminal::{plug_in, pseudo_terminal};
+use jink_testkit::temp_folder::TempFolder;
+use mavlink::dialect::{HEARTBEAT_DATA, MavMessage};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream, UdpSocket};
-use std::os::fd::OwnedFd;
 use std::time::{Duration, Instant};
-
-/// Patience with the kernel; nothing here takes anywhere near as long.
-const WATCHDOG: Duration = Duration::from_secs(20);
-
-fn frame(component: u8, n: u32) -> Vec<u8> {
-    let message = MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
-        time_boot_ms: n,
-        ..ATTITUDE_QUATERNION_DATA::default()
-    });
-    Encoder::new()
-        .encode(1, component, &Body::Message(message))
-        .to_vec()
-}
 
 fn number(received: &Received) -> Option<u32> {
     match &received.content {
@@ -80,14 +68,6 @@ impl LinkBench {
             std::thread::sleep(Duration::from_millis(2));
         }
     }
-}
-
-fn free_udp_port() -> u16 {
-    UdpSocket::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .port()
 }
 
 #[test]
@@ -236,16 +216,6 @@ fn a_tcp_listener_serves_one_client_after_the_other() {
     assert!(bench.errors.is_empty());
 }
 
-/// A pseudo-terminal: the controlling side and the path of the other, which stands in for a serial port.
-fn pseudo_terminal() -> (OwnedFd, String) {
-    let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
-    let control = rustix::pty::openpt(flags).unwrap();
-    rustix::pty::grantpt(&control).unwrap();
-    rustix::pty::unlockpt(&control).unwrap();
-    let path = rustix::pty::ptsname(&control, Vec::new()).unwrap();
-    (control, path.into_string().unwrap())
-}
-
 #[test]
 fn every_byte_passes_a_serial_port_unchanged() {
     let (control, path) = pseudo_terminal();
@@ -265,16 +235,9 @@ fn every_byte_passes_a_serial_port_unchanged() {
 
 #[test]
 fn a_serial_port_that_is_unplugged_and_plugged_in_again_goes_on() {
-    let folder = std::env::temp_dir().join(format!("jink-serial-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
+    let folder = TempFolder::new("serial");
     let device = folder.join("autopilot");
-    let plug_in = || {
-        let (control, path) = pseudo_terminal();
-        let _ = std::fs::remove_file(&device);
-        std::os::unix::fs::symlink(path, &device).unwrap();
-        control
-    };
-    let control = plug_in();
+    let control = plug_in(&device);
     let mut bench = LinkBench::open(&format!("serial:{}:57600", device.display()));
     rustix::io::write(&control, &frame(1, 1)).unwrap();
     bench.until("the first message", |_, numbers| numbers == [1]);
@@ -289,11 +252,10 @@ fn a_serial_port_that_is_unplugged_and_plugged_in_again_goes_on() {
         bench.errors[1],
         LinkError::Serial(SerialError::NoDevice { .. })
     ));
-    let control = plug_in();
+    let control = plug_in(&device);
     bench.until("the port again", |bench, _| bench.link.fd().is_some());
     rustix::io::write(&control, &frame(1, 2)).unwrap();
     bench.until("a message after it", |_, numbers| numbers == [2]);
-    std::fs::remove_dir_all(&folder).unwrap();
 }
 
 #[test]
@@ -312,34 +274,17 @@ fn a_heartbeat_with_an_unknown_value_is_counted_not_fatal() {
     assert!(bench.errors.is_empty());
 }
 
-/// A folder of its own that is removed again.
-struct Folder(std::path::PathBuf);
-
-impl Folder {
-    fn new(test: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("jink_link_{test}_{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
-
 #[test]
 fn a_socket_of_this_machine_carries_both_ways_and_is_found_again() {
-    let folder = Folder::new("unix");
-    let path = folder.0.join("autopilot");
+    let folder = TempFolder::new("link_unix");
+    let path = folder.join("autopilot");
     let endpoint = format!("unix:{}", path.display());
     let refused = Link::open(endpoint.parse().unwrap()).unwrap_err();
     assert!(matches!(refused, LinkError::Open { .. }), "{refused}");
 
     let autopilot = std::os::unix::net::UnixDatagram::bind(&path).unwrap();
     let mut bench = LinkBench::open(&endpoint);
-    let ours = folder.0.join("autopilot.jink");
+    let ours = folder.join("autopilot.jink");
     for n in 0..3 {
         autopilot.send_to(&frame(1, n), &ours).unwrap();
     }

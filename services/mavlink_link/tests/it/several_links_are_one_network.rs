@@ -2,7 +2,7 @@
 //! what is for us is received, what is ours reaches whom it is for, and a link that is lost or strange costs the others
 //! nothing.
 
-use jink_mavlink_link::encoder::Encoder;
+use crate::common::{WATCHDOG, attitude, bytes, free_udp_port, own_path};
 use jink_mavlink_link::link::{Link, Progress};
 use jink_mavlink_link::links::{LinkSetup, Links};
 use jink_mavlink_link::message::{Body, Content, Destination, Outgoing, Receipt, Received};
@@ -10,35 +10,18 @@ use jink_mavlink_link::router::OwnIds;
 use jink_mavlink_link::signing::{Key, SIGNED_FRAME_MAX, sign};
 use jink_mavlink_link::tlog::Tlog;
 use jink_runtime::config::{Purpose, Signing};
+use jink_testkit::pseudo_terminal::plug_in;
 use mavlink::dialect::*;
 use mavlink::{MAVLinkV1MessageRaw, MavHeader, Message, calculate_crc};
 use proptest::prelude::*;
-use rustix::pty::OpenptFlags;
 use std::net::UdpSocket;
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
-
-/// Patience with the kernel; nothing here takes anywhere near as long.
-const WATCHDOG: Duration = Duration::from_secs(20);
 
 const US: OwnIds = OwnIds {
     system_id: Some(1),
     components: [196, 191],
 };
-
-fn bytes(system_id: u8, component_id: u8, message: MavMessage) -> Vec<u8> {
-    Encoder::new()
-        .encode(system_id, component_id, &Body::Message(message))
-        .to_vec()
-}
-
-fn attitude(n: u32) -> MavMessage {
-    MavMessage::ATTITUDE_QUATERNION(ATTITUDE_QUATERNION_DATA {
-        time_boot_ms: n,
-        ..ATTITUDE_QUATERNION_DATA::default()
-    })
-}
 
 fn command(target_system: u8, target_component: u8) -> MavMessage {
     MavMessage::COMMAND_LONG(COMMAND_LONG_DATA {
@@ -46,20 +29,6 @@ fn command(target_system: u8, target_component: u8) -> MavMessage {
         target_component,
         ..COMMAND_LONG_DATA::default()
     })
-}
-
-fn free_udp_port() -> u16 {
-    UdpSocket::bind("127.0.0.1:0")
-        .unwrap()
-        .local_addr()
-        .unwrap()
-        .port()
-}
-
-fn own_path(what: &str) -> PathBuf {
-    static COUNT: AtomicU32 = AtomicU32::new(0);
-    let count = COUNT.fetch_add(1, Ordering::Relaxed);
-    std::env::temp_dir().join(format!("jink-{what}-{}-{count}", std::process::id()))
 }
 
 fn setup(name: &str, endpoint: &str, purpose: Purpose) -> LinkSetup {
@@ -338,19 +307,7 @@ fn a_lost_link_costs_the_others_nothing_and_comes_back_by_itself() {
     assert_eq!(bench.send(Destination::Everyone, attitude(1)), [0, 1]);
     assert!(bench.links.next_wake().is_some());
 
-    let plug_in = || {
-        let control = rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).unwrap();
-        rustix::pty::grantpt(&control).unwrap();
-        rustix::pty::unlockpt(&control).unwrap();
-        let path = rustix::pty::ptsname(&control, Vec::new())
-            .unwrap()
-            .into_string()
-            .unwrap();
-        let _ = std::fs::remove_file(&device);
-        std::os::unix::fs::symlink(path, &device).unwrap();
-        control
-    };
-    let control = plug_in();
+    let control = plug_in(&device);
     bench.until("the port is found", |bench| {
         bench.send(Destination::Everyone, attitude(2)) == [0, 1, 2]
     });
@@ -362,7 +319,7 @@ fn a_lost_link_costs_the_others_nothing_and_comes_back_by_itself() {
     bench.until("the loss", |bench| {
         bench.send(Destination::Everyone, attitude(3)) == [0, 1]
     });
-    let control = plug_in();
+    let control = plug_in(&device);
     bench.until("the port again", |bench| {
         bench.links.report().links[2].reopened == 1
     });

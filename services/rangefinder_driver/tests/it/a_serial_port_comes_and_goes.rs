@@ -5,14 +5,15 @@ use crate::encoder::{benewake, spec};
 use jink_rangefinder_driver::RangefinderDriver;
 use jink_runtime::serial::{Port, Read};
 use jink_shared_types::Timestamp;
+use jink_testkit::pseudo_terminal::plug_in;
+use jink_testkit::temp_folder::TempFolder;
 use rand::{RngExt, SeedableRng};
 use rand_xoshiro::SplitMix64;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::{AsFd, BorrowedFd, OwnedFd};
 use rustix::fs::{Mode, OFlags};
-use rustix::pty::OpenptFlags;
 use rustix::termios::OptionalActions;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// The device's end of a line.
 struct PseudoTerminal {
@@ -22,14 +23,9 @@ struct PseudoTerminal {
 impl PseudoTerminal {
     /// A new line, reachable under `link`.
     fn plug_in(link: &Path) -> Self {
-        let control =
-            rustix::pty::openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-        rustix::pty::grantpt(&control).unwrap();
-        rustix::pty::unlockpt(&control).unwrap();
-        let name = rustix::pty::ptsname(&control, Vec::new()).unwrap();
-        let _ = std::fs::remove_file(link);
-        std::os::unix::fs::symlink(name.to_str().unwrap(), link).unwrap();
-        Self { control }
+        Self {
+            control: plug_in(link),
+        }
     }
 
     /// The next `count` bytes that the driver has written.
@@ -51,21 +47,6 @@ impl PseudoTerminal {
             let count = rustix::io::write(&self.control, rest).unwrap();
             rest = &rest[count..];
         }
-    }
-}
-
-/// A path of this test's own that is removed again.
-struct TemporaryPath(PathBuf);
-
-impl TemporaryPath {
-    fn new(test: &str) -> Self {
-        Self(std::env::temp_dir().join(format!("jink_range_{test}_{}", std::process::id())))
-    }
-}
-
-impl Drop for TemporaryPath {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
     }
 }
 
@@ -121,12 +102,13 @@ fn until_lost(port: &mut Port, now: Timestamp) {
 
 #[test]
 fn unplugged_and_plugged_in_again_it_is_read_on() {
-    let link = TemporaryPath::new("replug");
+    let folder = TempFolder::new("range_replug");
+    let link = folder.join("port");
     let mut clock = TestClock(1_000_000_000);
-    let mut port = Port::new(link.0.to_str().unwrap(), 115_200);
+    let mut port = Port::new(link.to_str().unwrap(), 115_200);
     assert!(!port.open_if_due(clock.step()), "nothing is plugged in yet");
     for round in 0..3u8 {
-        let line = PseudoTerminal::plug_in(&link.0);
+        let line = PseudoTerminal::plug_in(&link);
         let mut tries = 0;
         while !port.open_if_due(clock.step()) {
             tries += 1;
@@ -146,16 +128,17 @@ fn unplugged_and_plugged_in_again_it_is_read_on() {
 
 #[test]
 fn a_scanning_device_is_set_up_again_each_time_it_is_plugged_in() {
-    let link = TemporaryPath::new("scanner");
+    let folder = TempFolder::new("range_scanner");
+    let link = folder.join("port");
     let mut clock = TestClock(1_000_000_000);
     let mut driver = RangefinderDriver::new(spec(
         "sf45b",
-        link.0.to_str().unwrap(),
+        link.to_str().unwrap(),
         "scan_low_deg = -90\nscan_high_deg = 90\n",
     ));
     let mut port = Port::new(&driver.spec().device.clone(), driver.spec().baud);
     for round in 0..3 {
-        let line = PseudoTerminal::plug_in(&link.0);
+        let line = PseudoTerminal::plug_in(&link);
         let mut device = Device::default();
         let (mut parts, mut said) = (0, 0);
         for _ in 0..2_000 {
@@ -182,8 +165,9 @@ fn a_scanning_device_is_set_up_again_each_time_it_is_plugged_in() {
 
 #[test]
 fn the_pauses_grow_to_two_seconds_and_not_further() {
-    let link = TemporaryPath::new("pauses");
-    let mut port = Port::new(link.0.to_str().unwrap(), 115_200);
+    let folder = TempFolder::new("range_pauses");
+    let link = folder.join("port");
+    let mut port = Port::new(link.to_str().unwrap(), 115_200);
     let mut now = Timestamp::from_seconds(1.0);
     let mut pauses = Vec::new();
     for _ in 0..8 {
@@ -196,18 +180,19 @@ fn the_pauses_grow_to_two_seconds_and_not_further() {
 
 #[test]
 fn what_waited_in_the_port_before_it_was_opened_is_old_and_dropped() {
-    let link = TemporaryPath::new("old");
-    let line = PseudoTerminal::plug_in(&link.0);
+    let folder = TempFolder::new("range_old");
+    let link = folder.join("port");
+    let line = PseudoTerminal::plug_in(&link);
     line.send(b"old");
     // Somebody else sees that it has come.
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::NONBLOCK | OFlags::CLOEXEC;
-    let witness = rustix::fs::open(&link.0, flags, Mode::empty()).unwrap();
+    let witness = rustix::fs::open(&link, flags, Mode::empty()).unwrap();
     let mut settings = rustix::termios::tcgetattr(&witness).unwrap();
     settings.make_raw();
     rustix::termios::tcsetattr(&witness, OptionalActions::Now, &settings).unwrap();
     wait_for(witness.as_fd());
     let mut clock = TestClock(1_000_000_000);
-    let mut port = Port::new(link.0.to_str().unwrap(), 115_200);
+    let mut port = Port::new(link.to_str().unwrap(), 115_200);
     assert!(port.open_if_due(clock.step()));
     line.send(b"new");
     assert_eq!(read(&mut port, clock.step(), 3), b"new");
@@ -222,10 +207,11 @@ fn a_file_that_is_no_serial_port_is_refused_and_tried_again() {
 
 #[test]
 fn frames_damaged_cut_and_mixed_up_on_a_line_come_out_as_what_was_sent_or_not_at_all() {
-    let link = TemporaryPath::new("frames");
-    let line = PseudoTerminal::plug_in(&link.0);
+    let folder = TempFolder::new("range_frames");
+    let link = folder.join("port");
+    let line = PseudoTerminal::plug_in(&link);
     let mut clock = TestClock(1_000_000_000);
-    let mut driver = RangefinderDriver::new(spec("tf_luna", link.0.to_str().unwrap(), ""));
+    let mut driver = RangefinderDriver::new(spec("tf_luna", link.to_str().unwrap(), ""));
     let mut port = Port::new(&driver.spec().device.clone(), driver.spec().baud);
     assert!(port.open_if_due(clock.step()));
     driver.connected(clock.step());

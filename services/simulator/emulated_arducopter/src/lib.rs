@@ -94,8 +94,8 @@ impl Default for ArduCopterConfig {
     fn default() -> Self {
         Self {
             system_id: 1,
-            // The drag with which the tracking and stopping errors measured on ArduCopter come out (example
-            // `copter_tracking_table`), of a simulated quadrotor with more drag than PX4's.
+            // The drag with which the tracking and stopping errors measured on ArduCopter come out (test
+            // `arducopter_tracking`), of a simulated quadrotor with more drag than PX4's.
             vehicle: VehicleConfig {
                 drag_linear: 0.2,
                 drag_quadratic: 0.075,

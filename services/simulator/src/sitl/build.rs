@@ -451,109 +451,85 @@ fn position(bytes: &[u8], pattern: &[u8]) -> Option<usize> {
 mod tests {
     use super::{FindError, Interface, SitlBuild};
     use jink_emulated_ground_station::Make;
-    use std::path::{Path, PathBuf};
+    use jink_testkit::temp_folder::TempFolder;
+    use std::path::Path;
 
-    /// A folder of its own that goes with the test.
-    struct Folder(PathBuf);
-
-    impl Folder {
-        fn new(name: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("jink_sitl_{}_{name}", std::process::id()));
-            let _from_an_earlier_run = std::fs::remove_dir_all(&path);
-            std::fs::create_dir_all(&path).unwrap();
-            Self(path)
-        }
-
-        fn file(&self, name: &str, content: &str) -> PathBuf {
-            let path = self.0.join(name);
-            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-            std::fs::write(&path, content).unwrap();
-            path
-        }
-    }
-
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            let _gone = std::fs::remove_dir_all(&self.0);
-        }
-    }
-
-    fn px4(folder: &Folder, build: &str, content: &str, airframes: &[&str]) {
-        folder.file(&format!("{build}/bin/px4"), content);
-        folder.file(&format!("{build}/etc/init.d-posix/rcS"), "");
-        folder.file(&format!("{build}/bin/px4-simulator_mavlink"), "");
-        folder.file(&format!("{build}/bin/px4-simulator_sih"), "");
+    fn px4(folder: &TempFolder, build: &str, content: &str, airframes: &[&str]) {
+        folder.write(&format!("{build}/bin/px4"), content);
+        folder.write(&format!("{build}/etc/init.d-posix/rcS"), "");
+        folder.write(&format!("{build}/bin/px4-simulator_mavlink"), "");
+        folder.write(&format!("{build}/bin/px4-simulator_sih"), "");
         for airframe in airframes {
-            folder.file(&format!("{build}/etc/init.d-posix/airframes/{airframe}"), "");
+            folder.write(&format!("{build}/etc/init.d-posix/airframes/{airframe}"), "");
         }
     }
 
     #[test]
     fn source_and_build_folder_lead_to_the_same_px4() {
-        let folder = Folder::new("px4");
+        let folder = TempFolder::new("sitl_px4");
         px4(
             &folder,
             "build/px4_sitl_default",
             "..COM_OBS_AVOID..",
             &["10016_iris", "10018_iris_foggy"],
         );
-        let build = SitlBuild::find(&folder.0).unwrap();
+        let build = SitlBuild::find(&folder).unwrap();
         assert_eq!(
             (build.make, build.profile, build.interfaces.as_slice()),
             (Make::Px4, "px4_trajectory", &[Interface::Px4Hil][..])
         );
         assert_eq!(build.model(Interface::Px4Hil), Some("iris"));
         assert_eq!(
-            SitlBuild::find(&folder.0.join("build/px4_sitl_default")).unwrap(),
+            SitlBuild::find(&folder.join("build/px4_sitl_default")).unwrap(),
             build
         );
         assert!(matches!(
-            SitlBuild::find_make(&folder.0, Make::ArduCopter),
+            SitlBuild::find_make(&folder, Make::ArduCopter),
             Err(FindError::OtherMake { .. })
         ));
     }
 
     #[test]
     fn a_px4_without_the_trajectory_interface_is_flown_in_offboard() {
-        let folder = Folder::new("px4_current");
+        let folder = TempFolder::new("sitl_px4_current");
         px4(
             &folder,
             "build/other",
             "COM_OBS",
             &["10016_none_iris", "10040_sihsim_quadx"],
         );
-        let build = SitlBuild::find(&folder.0).unwrap();
+        let build = SitlBuild::find(&folder).unwrap();
         assert_eq!(build.profile, "px4_offboard");
         assert_eq!(build.interfaces, [Interface::Px4Hil, Interface::Px4Sih]);
         assert_eq!(build.model(Interface::Px4Sih), Some("sihsim_quadx"));
         px4(&folder, "build/another", "", &["10016_none_iris"]);
-        let error = SitlBuild::find(&folder.0).unwrap_err();
+        let error = SitlBuild::find(&folder).unwrap_err();
         assert!(matches!(&error, FindError::Ambiguous { found } if found.len() == 2));
         assert!(error.to_string().contains("build/another/bin/px4"), "{error}");
     }
 
     #[test]
     fn source_build_and_program_folder_lead_to_the_same_copter() {
-        let folder = Folder::new("copter");
-        folder.file("build/sitl/bin/arducopter", "\0\0ArduCopter V4.7.0-dev\0x");
-        let error = SitlBuild::find(&folder.0).unwrap_err();
+        let folder = TempFolder::new("sitl_copter");
+        folder.write("build/sitl/bin/arducopter", "\0\0ArduCopter V4.7.0-dev\0x");
+        let error = SitlBuild::find(&folder).unwrap_err();
         assert!(matches!(error, FindError::NoStartup { .. }));
-        let parameters = folder.file("Tools/autotest/default_params/copter.parm", "");
-        let build = SitlBuild::find(&folder.0).unwrap();
+        let parameters = folder.write("Tools/autotest/default_params/copter.parm", "");
+        let build = SitlBuild::find(&folder).unwrap();
         assert_eq!(
             (build.make, build.version.as_str(), build.profile),
             (Make::ArduCopter, "V4.7.0-dev", "ardupilot_guided")
         );
         assert_eq!(build.startup, parameters.canonicalize().unwrap());
         for inner in ["build/sitl", "build/sitl/bin"] {
-            assert_eq!(SitlBuild::find(&folder.0.join(inner)).unwrap(), build);
+            assert_eq!(SitlBuild::find(&folder.join(inner)).unwrap(), build);
         }
     }
 
     #[test]
     fn what_was_looked_for_is_named() {
-        let folder = Folder::new("nothing");
-        let text = SitlBuild::find(&folder.0).unwrap_err().to_string();
+        let folder = TempFolder::new("sitl_nothing");
+        let text = SitlBuild::find(&folder).unwrap_err().to_string();
         for name in ["bin/px4", "build/sitl/bin/arducopter", "make px4_sitl_default"] {
             assert!(text.contains(name), "{text}");
         }

@@ -228,7 +228,7 @@ fn a_missing_program_is_named_with_the_path_that_was_tried() {
         .to_string();
     assert_eq!(
         message,
-        "services.toml:2: the program of \"planner\" is missing: /nowhere/bin/jink-planner is no executable file"
+        "services.toml:2: the program of \"planner\" is missing: /nowhere/bin/jink is no executable file"
     );
 }
 

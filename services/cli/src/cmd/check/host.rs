@@ -168,23 +168,23 @@ fn figures(host: &Host) -> Map<String, Value> {
 mod tests {
     use super::asked;
     use jink_cli::host::Asked;
+    use jink_testkit::temp_folder::TempFolder;
 
     #[test]
     fn what_the_process_table_asks_for_is_counted() {
-        let folder = std::env::temp_dir().join(format!("jink_asked_{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
+        let folder = TempFolder::new("asked");
         let text = "[defaults]\nlock_memory = true\n[[process]]\nname = \"a\"\ncore = 2\npriority = 5\n\
                     [[process]]\nname = \"b\"\ncore = 2\nlock_memory = false\n[[process]]\nname = \"c\"\n";
-        std::fs::write(folder.join("services.toml"), text).unwrap();
+        folder.write("services.toml", text);
         let wanted = Asked {
             priorities: 1,
             locked: 2,
             cores: vec![2],
         };
         assert_eq!(asked(&folder), Ok(wanted));
-        std::fs::write(folder.join("services.toml"), "[[process]\n").unwrap();
+        folder.write("services.toml", "[[process]\n");
         assert!(asked(&folder).unwrap_err().contains("services.toml"));
-        std::fs::remove_dir_all(&folder).unwrap();
+        std::fs::remove_dir_all(&*folder).unwrap();
         assert!(asked(&folder).is_err());
     }
 }

@@ -1,6 +1,5 @@
 //! What the tests share: tables of returns, scratch folders, recordings that are written, and the Python decoders to
 //! compare with.
-#![allow(dead_code, reason = "every test uses a part")]
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -71,29 +70,6 @@ pub fn rows(text: &str) -> Vec<Row> {
             }
         })
         .collect()
-}
-
-/// A folder of its own that is removed again.
-pub struct Scratch(PathBuf);
-
-impl Scratch {
-    /// For the test called `name`.
-    pub fn new(name: &str) -> Self {
-        let path = std::env::temp_dir().join(format!("jink_lidar_{name}_{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Self(path)
-    }
-
-    /// A file in it.
-    pub fn path(&self, file: &str) -> PathBuf {
-        self.0.join(file)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
 }
 
 /// The decoders of others, in a Python environment in the target folder.

@@ -1,6 +1,5 @@
 //! Sensors as their manuals describe them, written without a look at the decoders: checksums by long division of
 //! polynomials, packets byte by byte.
-#![allow(dead_code, reason = "every test uses a part")]
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

@@ -1,5 +1,4 @@
 //! Rendered flights with every set of sensors, and the faults that they are flown with.
-#![allow(dead_code, reason = "each test uses a part of it")]
 
 use jink_obstacle_fusion::{Fusion, FusionConfig, SensorFinding};
 use jink_runtime::config::{Config, sensor_sets};
@@ -12,7 +11,6 @@ use jink_shared_types::{Flag, SampleHeader, Timestamp};
 use jink_simulated_world::sensors::{Output, Pose, PoseTrack, SensorRig, SensorSpec};
 use jink_simulated_world::world::World;
 use nalgebra::{UnitQuaternion, Vector3};
-use std::time::Instant;
 
 const STATE_S: f64 = 0.02;
 const SPEED_MPS: f64 = 2.5;
@@ -72,8 +70,6 @@ pub struct FlightResult {
     /// Every change of a fault: number of the frame of the sensor, and what.
     pub findings: Vec<(u64, SensorFinding)>,
     pub frames: u64,
-    /// What each frame of the first sensor took (ms).
-    pub frame_ms: Vec<f64>,
     pub fusion: Fusion,
     pub now: Timestamp,
 }
@@ -123,7 +119,6 @@ pub fn fly_until(
     let (mut cloud, mut scan) = (PointCloud::boxed(), RangeScan::default());
     let mut findings = Vec::new();
     let mut frames = 0;
-    let mut frame_ms = Vec::new();
     let steps = (duration_s / 0.004) as u64;
     let mut now = Timestamp::NEVER;
     for step in 0..steps {
@@ -151,16 +146,12 @@ pub fn fly_until(
                 };
                 times = corrupt(frames, sample, &mut header);
             }
-            let begin = Instant::now();
             for _ in 0..times {
                 match frame.output {
                     Output::Cloud => fusion.cloud(frame.sensor, &cloud, &header),
                     Output::Scan => fusion.scan(frame.sensor, &scan, &header),
                 }
                 header.capture = header.capture.plus_seconds(0.001);
-            }
-            if frame.sensor == 0 {
-                frame_ms.push(begin.elapsed().as_secs_f64() * 1e3);
             }
             while let Some(finding) = fusion.next_finding() {
                 findings.push((frames, finding));
@@ -170,7 +161,6 @@ pub fn fly_until(
     FlightResult {
         findings,
         frames,
-        frame_ms,
         fusion,
         now,
     }

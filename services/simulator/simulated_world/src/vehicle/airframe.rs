@@ -12,7 +12,7 @@ pub const GRAVITY_MPS2: f64 = 9.80665;
 pub const HOVER_THRUST: f64 = 0.5;
 
 /// Lag of the rate loop (s). With it the tilt response is of second order, 13 rad/s with damping 0.98; among 0.03 to 0.1 s
-/// the value matters little, the errors measured on PX4 in OFFBOARD (example `tracking_table`) prefer the quick end.
+/// the value matters little, the errors measured on PX4 in OFFBOARD (test `px4_current_tracking`) prefer the quick end.
 const RATE_LAG_S: f64 = 0.04;
 
 /// Time constants of the airframe (s).

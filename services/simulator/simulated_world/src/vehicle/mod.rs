@@ -51,7 +51,7 @@ pub struct VehicleConfig {
 
 impl Default for VehicleConfig {
     /// An iris-like quadrotor of 1.5 kg at the local origin, heading north, in still air. The drag is the one with which
-    /// the tracking and stopping errors measured on PX4 come out (example `tracking_table`): without it the vehicle lags
+    /// the tracking and stopping errors measured on PX4 come out (test `px4_tracking`): without it the vehicle lags
     /// too little and overshoots too little, and a purely linear one cannot fit 2, 4.5 and 8 m/s together.
     fn default() -> Self {
         Self {
@@ -72,7 +72,7 @@ impl VehicleConfig {
     /// (N/(m/s)): 1 by default, which is huge, 0.1 for a light realistic one.
     ///
     /// Its motors follow within 0.05 s (SIH_T_TAU), its tilt more slowly than the gain alone says (1/6.5 s): with 0.27 s the
-    /// errors measured on it come out for both drags (example `tracking_table`), with the gain's own the errors across are a
+    /// errors measured on it come out for both drags (test `px4_current_tracking`), with the gain's own the errors across are a
     /// third to a half too small.
     pub fn built_in(drag_linear: f64) -> Self {
         Self {

@@ -230,37 +230,15 @@ impl WrittenStructure {
 mod tests {
     use super::read;
     use crate::world::Target;
+    use jink_testkit::temp_folder::TempFolder;
     use nalgebra::Vector3;
-    use std::path::PathBuf;
-
-    struct Folder(PathBuf);
-
-    impl Folder {
-        fn new(test: &str) -> Self {
-            let path = std::env::temp_dir().join(format!("jink_world_{test}_{}", std::process::id()));
-            std::fs::create_dir_all(&path).unwrap();
-            Self(path)
-        }
-
-        fn write(&self, name: &str, text: &str) -> PathBuf {
-            let file = self.0.join(name);
-            std::fs::write(&file, text).unwrap();
-            file
-        }
-    }
-
-    impl Drop for Folder {
-        fn drop(&mut self) {
-            let _left_behind = std::fs::remove_dir_all(&self.0);
-        }
-    }
 
     const WALL: &str =
         "solid wall\nvertex 5 -2 0\nvertex 5 2 0\nvertex 5 2 4\nvertex 5 -2 0\nvertex 5 2 4\nvertex 5 -2 4\n";
 
     #[test]
     fn a_world_of_the_users_own_has_all_that_stands_in_it() {
-        let folder = Folder::new("own");
+        let folder = TempFolder::new("world_own");
         folder.write("wall.stl", WALL);
         let file = folder.write(
             "yard.toml",
@@ -292,7 +270,7 @@ mod tests {
 
     #[test]
     fn every_mistake_is_one_sentence_with_the_file() {
-        let folder = Folder::new("wrong");
+        let folder = TempFolder::new("world_wrong");
         folder.write("wall.stl", "nonsense");
         let cases = [
             ("goals = []\n", "world.toml: there are no goals in it"),

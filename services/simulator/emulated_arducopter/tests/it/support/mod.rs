@@ -1,6 +1,6 @@
-//! Flights of the emulated ArduCopter in lock-step, for tests and examples.
+//! Flights of the emulated ArduCopter in lock-step.
 
-#![allow(dead_code, deprecated)]
+#![allow(deprecated)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod copter;

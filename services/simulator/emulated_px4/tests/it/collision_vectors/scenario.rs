@@ -1,9 +1,12 @@
 //! Steps of a whole instance: publish the inputs, tick, compare everything that is not fragile.
 
-use super::read::{distances_cm, indices, number, quaternion, single, unrolled, vector, whole};
 use super::report::Report;
+use super::{single, vector};
 use jink_emulated_px4::collision_prevention::{
     CollisionPrevention, DistanceSensor, ObstacleDistance, Outcome, Settings, project,
+};
+use jink_testkit::vectors::{
+    distances_cm, flag, indices, list, list_if_any, number, numbers, unrolled, whole,
 };
 use nalgebra::Vector2;
 use serde_json::Value;
@@ -13,16 +16,15 @@ pub fn replay(scenario: &Value, report: &mut Report) {
     change(&mut settings, &scenario["params"]);
     let mut prevention = CollisionPrevention::new(settings);
     let mut attitude = [1.0, 0.0, 0.0, 0.0];
-    for step in scenario["steps"].as_array().expect("steps") {
+    for step in list(&scenario["steps"]) {
         report.step();
         change(&mut settings, &step["params"]);
         prevention.set(settings);
         if let Some(published) = step.get("attitude") {
-            attitude = quaternion(&published["q"]);
+            attitude = numbers(&published["q"]).map(|x| x as f32);
             prevention.attitude(attitude);
         }
-        let readings = step["distance_sensors"].as_array();
-        for reading in readings.map(Vec::as_slice).unwrap_or_default() {
+        for reading in list_if_any(step, "distance_sensors") {
             prevention.distance_sensor(whole(&reading["instance"]) as usize, distance_sensor(reading));
         }
         if let Some(message) = step.get("obstacle_distance") {
@@ -68,7 +70,7 @@ fn distance_sensor(reading: &Value) -> DistanceSensor {
         quality: whole(&reading["quality"]) as i8,
         orientation: whole(&reading["orientation"]) as u8,
         field_of_view_rad: single(&reading["h_fov_rad"]),
-        body_q_sensor: quaternion(&reading["q"]),
+        body_q_sensor: numbers(&reading["q"]).map(|x| x as f32),
     }
 }
 
@@ -86,7 +88,7 @@ fn obstacle_distance(message: &Value) -> ObstacleDistance {
 
 fn compare_map(prevention: &CollisionPrevention, outcome: &Outcome, step: &Value, report: &mut Report) {
     let (expect, map) = (&step["expect"], prevention.map());
-    let fragile = indices(&step["fragile"]["map_bins"]);
+    let fragile = indices(&step["fragile"], "map_bins");
     let [cm, time_us, range_cm, seen] =
         ["map_cm", "bin_time_us", "bin_max_range_cm", "bin_seen"].map(|name| unrolled(&expect[name]));
     for bin in 0..cm.len() {
@@ -112,7 +114,7 @@ fn compare_map(prevention: &CollisionPrevention, outcome: &Outcome, step: &Value
         report.exact("bin seen", (bin, i64::from(map.seen[bin])), (bin, seen[bin]));
     }
     if outcome.active {
-        let fragile = indices(&step["fragile"]["published_bins"]);
+        let fragile = indices(&step["fragile"], "published_bins");
         let published = expect.get("published_map_cm").map_or(cm, unrolled);
         for (bin, expected) in published.into_iter().enumerate() {
             if fragile.contains(&bin) {
@@ -139,10 +141,10 @@ fn compare_map(prevention: &CollisionPrevention, outcome: &Outcome, step: &Value
 
 fn compare_outcome(outcome: &Outcome, step: &Value, report: &mut Report) {
     let expect = &step["expect"];
-    let flag = |name: &str| expect[name].as_bool().expect("a boolean");
+    let flag = |name: &str| flag(&expect[name]);
     report.exact("active", outcome.active, flag("active"));
-    let bins_fragile = !indices(&step["fragile"]["map_bins"]).is_empty();
-    if bins_fragile || step["fragile"]["setpoint"].as_bool() == Some(true) {
+    let bins_fragile = !indices(&step["fragile"], "map_bins").is_empty();
+    if bins_fragile || step["fragile"]["setpoint"] == true {
         report.pass_over(1);
         return;
     }

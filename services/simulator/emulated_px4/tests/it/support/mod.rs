@@ -1,6 +1,6 @@
-//! A flight in lock-step with a scripted companion, for tests and examples.
+//! A flight in lock-step with a scripted companion.
 
-#![allow(dead_code, deprecated)]
+#![allow(deprecated)]
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod current;
