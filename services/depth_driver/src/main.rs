@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    jink_runtime::run::<jink_depth_driver::DepthCameraService>()
+    jink_runtime::device::run::<jink_depth_driver::DepthCameraService>()
 }

@@ -7,5 +7,5 @@ fn main() -> ExitCode {
     if let Some((_, rest)) = arguments.split_first().filter(|(first, _)| *first == "dump") {
         return jink_lidar_driver::dump::run(rest);
     }
-    jink_runtime::run::<jink_lidar_driver::LidarService>()
+    jink_runtime::device::run::<jink_lidar_driver::LidarService>()
 }

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    jink_runtime::run::<jink_rangefinder_driver::RangefinderService>()
+    jink_runtime::device::run::<jink_rangefinder_driver::RangefinderService>()
 }

@@ -89,7 +89,6 @@ mod transport;
 pub use jink_config as config;
 
 pub use clock::Clock;
-pub use device::DeviceOwnership;
 pub use events::EventSender;
 pub use input::{Checks, Input};
 pub use instance::Instance;
