@@ -42,8 +42,7 @@ fn the_sample_of_every_family_is_answered_as_px4_answered_it() {
 fn every_vector_at_hand_is_answered_as_px4_answered_it() {
     let folder = everything();
     if FILES.iter().all(|file| !folder.join(file).is_file()) {
-        println!("no vectors in {}: the committed sample only", folder.display());
-        assert_the_same(&replay_folder(&sample()));
+        println!("no vectors in {}", folder.display());
         return;
     }
     assert_the_same(&replay_folder(&folder));

@@ -102,11 +102,7 @@ fn quirk_disarmed_in_loiter_only_point_0_and_no_time() {
 #[test]
 fn a_take_off_says_22_and_its_next_point_is_its_own() {
     let mut flight = Flight::with(&[]);
-    flight.run(2.0);
-    flight.set_mode(NavMode::Hold);
-    flight.run(1.0);
-    flight.arm();
-    flight.set_mode(NavMode::Takeoff);
+    flight.begin_take_off();
     flight.run(5.0);
     let desired = last(&flight);
     assert_eq!(desired.valid_points, 3);

@@ -167,11 +167,7 @@ fn another_system_id_than_1_never_takes_its_own_demand_for_hold() {
 fn without_any_reply_a_take_off_turns_hold_at_once_and_still_climbs() {
     let mut flight = Flight::with(&[]);
     flight.answer = Answer::Silent;
-    flight.run(2.0);
-    flight.set_mode(NavMode::Hold);
-    flight.run(1.0);
-    flight.arm();
-    flight.set_mode(NavMode::Takeoff);
+    flight.begin_take_off();
     flight.run(0.1);
     assert_eq!(flight.autopilot.mode(), NavMode::Hold);
     flight.run(15.0);
@@ -243,11 +239,7 @@ fn variant_b_waits_in_the_mode_before_the_first_reply() {
         ..Px4Config::default()
     });
     flight.answer = Answer::Silent;
-    flight.run(2.0);
-    flight.set_mode(NavMode::Hold);
-    flight.run(1.0);
-    flight.arm();
-    flight.set_mode(NavMode::Takeoff);
+    flight.begin_take_off();
     flight.run(4.0);
     assert_eq!(flight.autopilot.mode(), NavMode::Takeoff);
     assert!(flight.autopilot.truth().on_ground);

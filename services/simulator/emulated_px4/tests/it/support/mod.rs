@@ -224,6 +224,15 @@ impl Flight {
         assert_eq!(self.set_mode(NavMode::Mission), MavResult::MAV_RESULT_ACCEPTED);
     }
 
+    /// From boot to a take-off that nobody waits for: the companion may have failed it by then.
+    pub fn begin_take_off(&mut self) {
+        self.run(2.0);
+        self.set_mode(NavMode::Hold);
+        self.run(1.0);
+        self.arm();
+        self.set_mode(NavMode::Takeoff);
+    }
+
     /// From Hold on the ground to Hold in the air. The companion's stream must run before it is asked for, so wait for it.
     pub fn take_off(&mut self) {
         self.run(1.0);
