@@ -49,7 +49,7 @@
 //! | [`heartbeat`] | cycle statistics |
 //! | [`param_store`] | changed parameters that outlive the process that changed them |
 //! | [`ranges`] | the range topics of all configured sensors |
-//! | [`device`] | a driver's device: who reads it, and when the others run |
+//! | [`device`] | drivers: who reads a device, when the others run, what no driver does differently |
 //! | [`cleanup`] | what the dead left behind |
 //! | [`request`] | what can be asked of a running supervisor |
 //! | [`procfs`] | what the kernel says of processes and of the board |
